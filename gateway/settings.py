@@ -1,0 +1,246 @@
+"""Frozen settings: one value per section, defaults from the project's behaviour table. Parsing lives in `config.py`.
+
+Every field has its unit in its name. Times are integer nanoseconds inside; the TOML file has seconds or milliseconds.
+A settings object that exists is inside the hard limits of `robot.py`: constructors refuse anything looser.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+from gateway import robot
+from gateway.values import ARM_DOF, Side, Vector
+
+__all__ = [
+    "ArmSettings",
+    "EnableSettings",
+    "LinkSettings",
+    "LocalSettings",
+    "LossSettings",
+    "RealtimeSettings",
+    "Settings",
+    "SettingsRefused",
+]
+
+MS = 1_000_000
+S = 1_000_000_000
+
+
+class SettingsRefused(ValueError):
+    """A setting is looser than the robot's hard limit, or makes no sense. The message has value, bound and unit."""
+
+
+def _within(name: str, value: float, low: float, high: float, unit: str, source: str) -> None:
+    if not (math.isfinite(value) and low <= value <= high):
+        raise SettingsRefused(f"{name} = {value} {unit} is outside [{low}, {high}] {unit} ({source})")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ArmSettings:
+    """Limits and tolerances of both arms in joint mode.
+
+    Attributes:
+        v_radps: Velocity limit of every joint [rad/s].
+        a_radps2: Acceleration limit of every joint [rad/s²].
+        j_radps3: Jerk limit of every joint [rad/s³].
+        lower_rad: Lower position limit per side, shape (7,) [rad]; inside manual §4.13.
+        upper_rad: Upper position limit per side, shape (7,) [rad]; inside manual §4.13.
+        rate_hz: Rate of the joint stream [Hz].
+        settle_rad: A move is reached when every joint is measured within this of the goal [rad] (§6.6).
+        settle_ns: ... for this long [ns].
+        settle_timeout_ns: A move that has not settled this long after its path ended is aborted [ns].
+        tracking_rad: Distance between reference and measured that aborts [rad].
+        tracking_ns: ... when it lasts this long [ns].
+        target_expiry_ns: A streamed target lives this long without a successor [ns].
+        start_margin_rad: A start this far outside a position limit is moved to the limit [rad].
+    """
+
+    v_radps: float = 1.0
+    a_radps2: float = 3.0
+    j_radps3: float = 20.0
+    lower_rad: Mapping[Side, Vector] = field(default_factory=lambda: dict(robot.JOINT_LOWER_RAD))
+    upper_rad: Mapping[Side, Vector] = field(default_factory=lambda: dict(robot.JOINT_UPPER_RAD))
+    rate_hz: float = 100.0
+    settle_rad: float = 0.05
+    settle_ns: int = 500 * MS
+    settle_timeout_ns: int = 5 * S
+    tracking_rad: float = 0.3
+    tracking_ns: int = 300 * MS
+    target_expiry_ns: int = 1500 * MS
+    start_margin_rad: float = 0.05
+
+    def __post_init__(self) -> None:
+        """Refuse limits looser than the robot's."""
+        _within("arm.v_radps", self.v_radps, 1e-3, robot.HARD_V_RADPS, "rad/s", "hard bound of the gateway")
+        _within("arm.a_radps2", self.a_radps2, 1e-3, robot.HARD_A_RADPS2, "rad/s²", "hard bound of the gateway")
+        _within("arm.j_radps3", self.j_radps3, 1e-2, robot.HARD_J_RADPS3, "rad/s³", "hard bound of the gateway")
+        _within("arm.rate_hz", self.rate_hz, 50.0, 200.0, "Hz", "manual §4.3: 50 Hz or more")
+        _within("arm.settle_rad", self.settle_rad, 1e-4, 0.2, "rad", "manual §6.6: 0.05")
+        _within("arm.settle_ns", self.settle_ns, 0, 5 * S, "ns", "ours")
+        _within("arm.settle_timeout_ns", self.settle_timeout_ns, 100 * MS, 60 * S, "ns", "ours")
+        _within("arm.tracking_rad", self.tracking_rad, 0.02, 0.5, "rad", "hard bound of the gateway")
+        _within("arm.tracking_ns", self.tracking_ns, 20 * MS, 1 * S, "ns", "ours")
+        _within("arm.target_expiry_ns", self.target_expiry_ns, 50 * MS, 3 * S, "ns", "hard bound of the gateway")
+        _within("arm.start_margin_rad", self.start_margin_rad, 0.0, 0.05, "rad", "hard bound of the gateway")
+        for side in Side:
+            self._check_positions(side)
+
+    def _check_positions(self, side: Side) -> None:
+        lower, upper = tuple(self.lower_rad[side]), tuple(self.upper_rad[side])
+        if len(lower) != ARM_DOF or len(upper) != ARM_DOF:
+            raise SettingsRefused(f"arm position limits of the {side} arm need {ARM_DOF} values each")
+        for n in range(ARM_DOF):
+            hard = (robot.JOINT_LOWER_RAD[side][n], robot.JOINT_UPPER_RAD[side][n])
+            name = f"{side} arm joint {n + 1}"
+            _within(f"{name} lower limit", lower[n], *hard, "rad", "manual §4.13")
+            _within(f"{name} upper limit", upper[n], *hard, "rad", "manual §4.13")
+            if lower[n] >= upper[n]:
+                raise SettingsRefused(f"{name}: lower limit {lower[n]} rad is not below upper limit {upper[n]} rad")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LossSettings:
+    """What happens when the owner vanishes, stage by stage.
+
+    Attributes:
+        keepalive_ns: Silence of the client library after which the owner counts as lost [ns].
+        free_after_ns: The lease is free this long after the loss [ns].
+        down_after_ns: Everything goes down this long after the loss [ns].
+    """
+
+    keepalive_ns: int = 250 * MS
+    free_after_ns: int = 10 * S
+    down_after_ns: int = 60 * S
+
+    def __post_init__(self) -> None:
+        """Refuse stages out of order."""
+        _within("loss.keepalive_ns", self.keepalive_ns, 100 * MS, 250 * MS, "ns", "hard bound of the gateway")
+        _within("loss.free_after_ns", self.free_after_ns, 1 * S, 600 * S, "ns", "ours")
+        _within("loss.down_after_ns", self.down_after_ns, self.free_after_ns, 3600 * S, "ns", "not before free_after")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class EnableSettings:
+    """Starting, staleness and continuing.
+
+    Attributes:
+        timeout_ns: ENABLING ends with ENABLE_TIMEOUT after this [ns].
+        stale_ns: No changing frame leaves while the newest state is older than this [ns].
+        hold_stale_ns: Constant hold frames at rest go on this long when stale, and a stall shorter than this is short [ns].
+        fsm_valid_ns: `/fsm_state` older than this is unknown [ns].
+        mode_valid_ns: `/api/current_mode` older than this is unknown [ns].
+        seed_ns: Duration of good samples demanded before a stream is seeded [ns].
+        seed_lag_ns: A good sample's stamp lag is at most this above its running minimum [ns].
+        zero_timeout_ns: 0.0 is repeated at most this long when FSM 0 is not seen [ns].
+        late_ns: A tick later than this is skipped [ns].
+    """
+
+    timeout_ns: int = 10 * S
+    stale_ns: int = 100 * MS
+    hold_stale_ns: int = 800 * MS
+    fsm_valid_ns: int = 500 * MS
+    mode_valid_ns: int = 3 * S
+    seed_ns: int = 300 * MS
+    seed_lag_ns: int = 100 * MS
+    zero_timeout_ns: int = 2 * S
+    late_ns: int = 50 * MS
+
+    def __post_init__(self) -> None:
+        """Refuse looser values than the behaviour table."""
+        _within("enable.timeout_ns", self.timeout_ns, 1 * S, 60 * S, "ns", "ours")
+        _within("enable.stale_ns", self.stale_ns, 20 * MS, 100 * MS, "ns", "hard bound: wire behaviour of a stalled link")
+        _within("enable.hold_stale_ns", self.hold_stale_ns, self.stale_ns, 800 * MS, "ns", "hard bound of the gateway")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LinkSettings:
+    """The robot's side.
+
+    Attributes:
+        endpoint: zenoh endpoint of the robot's router (manual §2.4), e.g. `tcp/192.168.1.20:9000`.
+        namespace: Namespace of the robot's bridge, empty for none.
+        model: `lite`, `standard` or `lift` (manual §1.2).
+        lease_ms: Lease announced to the robot's router [ms]: the fence at the robot's end.
+    """
+
+    endpoint: str = "tcp/127.0.0.1:9000"
+    namespace: str = ""
+    model: str = "standard"
+    lease_ms: int = 500
+
+    def __post_init__(self) -> None:
+        """Refuse an unknown model, a malformed endpoint or a long lease."""
+        if self.model not in robot.VARIANTS:
+            raise SettingsRefused(f"robot.model = {self.model!r} is unknown: one of {sorted(robot.VARIANTS)} (manual §1.2)")
+        if "/" not in self.endpoint or ":" not in self.endpoint:
+            raise SettingsRefused(f"robot.endpoint = {self.endpoint!r} is no endpoint: tcp/HOST:9000 is the usual form")
+        _within("robot.lease_ms", self.lease_ms, 200, 1000, "ms", "fence against stale setpoints")
+
+    @property
+    def variant(self) -> robot.Variant:
+        """Facts of the configured model."""
+        return robot.VARIANTS[self.model]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LocalSettings:
+    """The users' side.
+
+    Attributes:
+        socket: Path of the unix socket; empty for the default of this user (see `api.protocol.default_socket`).
+        socket_mode: Permission bits of the socket.
+        tcp: Further listener `HOST:PORT`, empty for none; beyond loopback it needs users or TLS.
+        users_file: zenoh user dictionary (`name:password` a line), empty for none.
+        tls_certificate: PEM file of the listener, empty for no TLS.
+        tls_private_key: PEM file (PKCS8).
+        tls_root_ca: PEM file; when given, clients must show a certificate of it.
+        snapshot_hz: Rate of published snapshots [Hz].
+    """
+
+    socket: str = ""
+    socket_mode: int = 0o660
+    tcp: str = ""
+    users_file: str = ""
+    tls_certificate: str = ""
+    tls_private_key: str = ""
+    tls_root_ca: str = ""
+    snapshot_hz: float = 50.0
+
+    def __post_init__(self) -> None:
+        """Refuse rates and modes that make no sense. Listener rules are checked when the listener opens."""
+        _within("local.snapshot_hz", self.snapshot_hz, 1.0, 100.0, "Hz", "ours")
+        if self.socket_mode & ~0o777 or self.socket_mode & 0o007:
+            raise SettingsRefused(f"local.socket_mode = {self.socket_mode:o} lets everybody in: 660 or tighter")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RealtimeSettings:
+    """Scheduling of the daemon; everything degrades with one clear line when it is not permitted.
+
+    Attributes:
+        fifo: Whether to ask for SCHED_FIFO on every thread.
+        fifo_priority: Priority of the loop thread; the others get 20 less.
+        lock_memory: Whether to lock memory on fault.
+    """
+
+    fifo: bool = True
+    fifo_priority: int = 60
+    lock_memory: bool = True
+
+    def __post_init__(self) -> None:
+        """Refuse priorities that the kernel does not have."""
+        _within("realtime.fifo_priority", self.fifo_priority, 21, 90, "", "SCHED_FIFO range")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Settings:
+    """Everything a daemon needs to know, frozen."""
+
+    arm: ArmSettings = field(default_factory=ArmSettings)
+    loss: LossSettings = field(default_factory=LossSettings)
+    enable: EnableSettings = field(default_factory=EnableSettings)
+    link: LinkSettings = field(default_factory=LinkSettings)
+    local: LocalSettings = field(default_factory=LocalSettings)
+    realtime: RealtimeSettings = field(default_factory=RealtimeSettings)
