@@ -1,0 +1,131 @@
+"""Rules of this repository that no linter knows, as functions that return what breaks them.
+
+`python -m tests.tooling.house_rules` prints every breach and exits 1 if there is one; `test_house_rules.py` shows that
+each rule bites. Reads source text only; imports nothing of the packages.
+"""
+
+from __future__ import annotations
+
+import ast
+import re
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+__all__ = [
+    "banned_names",
+    "breaches",
+    "cloud_calls",
+    "long_modules",
+    "missing_exports",
+    "readme_snippets",
+]
+
+ROOT = Path(__file__).resolve().parents[2]
+PACKAGES = ("gateway", "cdr_types")
+MAX_LINES = 400
+BANNED_NAMES = frozenset(
+    {"base", "common", "helper", "helpers", "manager", "misc", "shared", "stuff", "tools", "util", "utils"}
+)
+CLOUD_FIELD = "intermediate" + "_positions"
+"""The field of ruckig that sends a motion to somebody else's computer."""
+
+
+def _modules(root: Path, *folders: str) -> Iterator[Path]:
+    for folder in folders:
+        yield from sorted((root / folder).rglob("*.py"))
+
+
+def long_modules(root: Path) -> Iterator[str]:
+    """Modules of more than 400 lines. Tests are exempt: one file must cover one module, however much that takes."""
+    for path in _modules(root, *PACKAGES):
+        lines = len(path.read_text(encoding="utf-8").splitlines())
+        if lines > MAX_LINES:
+            yield f"{path.relative_to(root)}: {lines} lines, {MAX_LINES} are allowed: split it by concept"
+
+
+def banned_names(root: Path) -> Iterator[str]:
+    """Modules and folders whose name says nothing."""
+    for path in _modules(root, *PACKAGES, "tests"):
+        for part in path.relative_to(root).with_suffix("").parts:
+            if part.removeprefix("test_").lower() in BANNED_NAMES:
+                yield f"{path.relative_to(root)}: '{part}' says nothing: name it after the concept inside"
+
+
+def missing_exports(root: Path) -> Iterator[str]:
+    """Modules that define or import something and do not say in `__all__` what is public, or name what is not there."""
+    for path in _modules(root, *PACKAGES):
+        tree = ast.parse(path.read_text(encoding="utf-8"))
+        body = [node for node in tree.body if not _is_docstring(node)]
+        if not body or path.name == "__main__.py":
+            continue
+        exported = _exported(body)
+        if exported is None:
+            yield f"{path.relative_to(root)}: has no __all__"
+            continue
+        bound = set(_bound(body))
+        if "__getattr__" in bound:  # a lazy module may offer any name
+            continue
+        for name in sorted(exported - bound):
+            yield f"{path.relative_to(root)}: __all__ names '{name}', which the module does not define"
+
+
+def _is_docstring(node: ast.stmt) -> bool:
+    return isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant) and isinstance(node.value.value, str)
+
+
+def _exported(body: list[ast.stmt]) -> set[str] | None:
+    for node in body:
+        if isinstance(node, ast.Assign) and any(isinstance(t, ast.Name) and t.id == "__all__" for t in node.targets):
+            return set(ast.literal_eval(node.value))
+    return None
+
+
+def _bound(body: list[ast.stmt]) -> Iterator[str]:
+    """Names that a module binds at its top level, inside `if`, `try` and `with` too, but not in functions."""
+    for node in body:
+        if isinstance(node, (ast.FunctionDef, ast.AsyncFunctionDef, ast.ClassDef)):
+            yield node.name
+        elif isinstance(node, (ast.Import, ast.ImportFrom)):
+            yield from ((alias.asname or alias.name).split(".")[0] for alias in node.names)
+        elif isinstance(node, (ast.Assign, ast.AnnAssign)):
+            yield from (
+                name.id for name in ast.walk(node) if isinstance(name, ast.Name) and isinstance(name.ctx, ast.Store)
+            )
+        else:
+            for block in ("body", "orelse", "handlers", "finalbody"):
+                for child in getattr(node, block, []):
+                    yield from _bound(child.body if isinstance(child, ast.ExceptHandler) else [child])
+
+
+def cloud_calls(root: Path) -> Iterator[str]:
+    """Source that mentions ruckig's waypoint field: the community version sends such a motion to a cloud service."""
+    for path in _modules(root, *PACKAGES):
+        for number, line in enumerate(path.read_text(encoding="utf-8").splitlines(), start=1):
+            if CLOUD_FIELD in line:
+                yield f"{path.relative_to(root)}:{number}: '{CLOUD_FIELD}' would call a cloud service"
+
+
+def readme_snippets(root: Path) -> Iterator[str]:
+    """Python snippets of the README that do not compile."""
+    text = (root / "README.md").read_text(encoding="utf-8")
+    for match in re.finditer(r"^```python\n(.*?)^```", text, flags=re.DOTALL | re.MULTILINE):
+        line = text.count("\n", 0, match.start(1))
+        try:
+            ast.parse("\n" * line + match.group(1))
+        except SyntaxError as error:
+            yield f"README.md:{error.lineno}: {error.msg}"
+
+
+RULES = (long_modules, banned_names, missing_exports, cloud_calls, readme_snippets)
+
+
+def breaches(root: Path = ROOT) -> list[str]:
+    """Return every breach of every rule."""
+    return [breach for rule in RULES for breach in rule(root)]
+
+
+if __name__ == "__main__":
+    found = breaches()
+    print("\n".join(found) or "house rules: kept")
+    sys.exit(bool(found))

@@ -1,0 +1,63 @@
+"""The rules of `house_rules.py`: this checkout keeps them, and each of them bites."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+
+from tests.tooling import house_rules
+
+Rule = Callable[[Path], Iterator[str]]
+
+
+@pytest.mark.parametrize("rule", house_rules.RULES, ids=lambda rule: rule.__name__)
+def test_this_checkout_keeps_the_rule(rule: Rule) -> None:
+    """Nothing in this checkout breaks a house rule."""
+    assert list(rule(house_rules.ROOT)) == []
+
+
+BREACHES: list[tuple[Rule, str, str, str]] = [
+    (house_rules.long_modules, "gateway/long.py", "x = 1\n" * 401, "401 lines"),
+    (house_rules.banned_names, "gateway/utils.py", "", "'utils' says nothing"),
+    (house_rules.banned_names, "cdr_types/helpers/arm.py", "", "'helpers' says nothing"),
+    (house_rules.banned_names, "tests/core/test_common.py", "", "'test_common' says nothing"),
+    (house_rules.missing_exports, "gateway/arm.py", '"""Arm."""\n\nDOF = 7\n', "has no __all__"),
+    (house_rules.missing_exports, "gateway/arm.py", '__all__ = ["Arm"]\n', "names 'Arm'"),
+    (house_rules.missing_exports, "gateway/arm.py", '__all__ = ["q"]\n\ndef f():\n    q = 1\n', "names 'q'"),
+    (house_rules.cloud_calls, "gateway/core/motion.py", f"x.{house_rules.CLOUD_FIELD} = []\n", "motion.py:1:"),
+    (house_rules.readme_snippets, "README.md", "# Title\n\n```python\nx = 1\nwith :\n```\n", "README.md:5:"),
+]
+
+
+@pytest.mark.parametrize(
+    ("rule", "path", "text", "message"), BREACHES, ids=lambda value: getattr(value, "__name__", None)
+)
+def test_a_breach_is_found_and_named(rule: Rule, path: str, text: str, message: str, tmp_path: Path) -> None:
+    """Each rule finds a breach in a checkout that has nothing else, and says where it is."""
+    (tmp_path / path).parent.mkdir(parents=True, exist_ok=True)
+    (tmp_path / path).write_text(text, encoding="utf-8")
+    (breach,) = rule(tmp_path)
+    assert message in breach
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        '"""Only a docstring."""\n',
+        '__all__ = ["a", "b", "c", "D"]\nimport a\nfrom x import y as b\nif a:\n    c = 1\n\nclass D:\n    pass\n',
+        '__all__ = ["Lazy"]\n\ndef __getattr__(name):\n    return name\n',
+    ],
+    ids=["docstring only", "every kind of binding", "lazy module"],
+)
+def test_exports_that_exist_are_accepted(text: str, tmp_path: Path) -> None:
+    """The rule about `__all__` accepts docstring-only modules, every kind of binding, and lazy modules."""
+    (tmp_path / "gateway").mkdir()
+    (tmp_path / "gateway" / "arm.py").write_text(text, encoding="utf-8")
+    assert list(house_rules.missing_exports(tmp_path)) == []
+
+
+def test_the_readme_shows_python() -> None:
+    """The README has Python snippets; else the rule that they compile would pass on nothing."""
+    assert (house_rules.ROOT / "README.md").read_text(encoding="utf-8").count("```python\n") >= 1
