@@ -23,7 +23,7 @@ below (`to_exception`). Messages carry value, bound, unit and source; the hint s
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import Enum
 
 __all__ = [
@@ -106,6 +106,7 @@ class Code(str, Enum):
     FOREIGN_WRITER = "FOREIGN_WRITER"
     GATE_VIOLATION = "GATE_VIOLATION"
     JOINT_ORDER = "JOINT_ORDER"
+    STATE_LOST = "STATE_LOST"
     # notices
     STOP_NOT_EFFECTIVE = "STOP_NOT_EFFECTIVE"
     STOP_UNDELIVERED = "STOP_UNDELIVERED"
@@ -126,6 +127,8 @@ class Code(str, Enum):
     LOSS_STAGE = "LOSS_STAGE"
     MOTION_ENDED = "MOTION_ENDED"
     WALK = "WALK"
+    # the daemon's start
+    BAD_CONFIG = "BAD_CONFIG"
     # the client's side
     DISCONNECTED = "DISCONNECTED"
     TIMEOUT = "TIMEOUT"
@@ -177,6 +180,11 @@ class GatewayError(Exception):
         return self.refusal.code
 
     @property
+    def message(self) -> str:
+        """One sentence with value, bound, unit and source."""
+        return self.refusal.message
+
+    @property
     def hint(self) -> str:
         """What to do next."""
         return self.refusal.hint
@@ -196,8 +204,13 @@ class GatewayError(Exception):
         """The bound as text, or empty."""
         return self.refusal.bound
 
+    @property
+    def unit(self) -> str:
+        """Unit of value and bound, or empty."""
+        return self.refusal.unit
+
     def __str__(self) -> str:
-        """Return `CODE: message. hint`."""
+        """Return `CODE: message -> hint`."""
         text = f"{self.refusal.code}: {self.refusal.message}"
         return f"{text} -> {self.refusal.hint}" if self.refusal.hint else text
 
@@ -277,6 +290,9 @@ class CodeInfo:
     retryable: bool = False
 
 
+REBOOT = "in the robot's system configuration, save, apply, reboot (manual §2.3)"
+"""How every setting of the robot's own takes effect."""
+
 CODES: dict[Code, CodeInfo] = {
     Code.BAD_REQUEST: CodeInfo(error=Rejected, hint="see the protocol in gateway/api/protocol.py"),
     Code.UNSUPPORTED_VERSION: CodeInfo(error=ProtocolError, hint="install the same release for client and daemon"),
@@ -294,12 +310,14 @@ CODES: dict[Code, CodeInfo] = {
     Code.STATE_STALE: CodeInfo(error=Stale, hint="wait for fresh state; see `ta2 topics`", retryable=True),
     Code.PART_STALE: CodeInfo(error=Stale, hint="wait for this part's state; see `ta2 topics`", retryable=True),
     Code.MODE_UNKNOWN: CodeInfo(error=NotReady, hint="wait for /api/current_mode (about 1 Hz)", retryable=True),
-    Code.MODE_VR: CodeInfo(error=NotReady, hint="set API mode in the robot's system configuration, save, apply, reboot (manual §2.3)"),
-    Code.WRONG_CONTROL_MODE: CodeInfo(error=NotReady, hint="set the arm's control mode in the system configuration, save, apply, reboot (manual §2.3)"),
-    Code.ARM_DISABLED: CodeInfo(error=NotReady, hint="enable the arm in the robot's system configuration, save, apply, reboot (manual §2.3)"),
-    Code.NO_ARM_ENABLED: CodeInfo(error=NotReady, hint="enable an arm in the robot's system configuration, save, apply, reboot (manual §2.3)"),
+    Code.MODE_VR: CodeInfo(error=NotReady, hint=f"set API mode {REBOOT}"),
+    Code.WRONG_CONTROL_MODE: CodeInfo(error=NotReady, hint=f"set the arm's control mode {REBOOT}"),
+    Code.ARM_DISABLED: CodeInfo(error=NotReady, hint=f"enable the arm {REBOOT}"),
+    Code.NO_ARM_ENABLED: CodeInfo(error=NotReady, hint=f"enable an arm {REBOOT}"),
     Code.NOT_ENABLED: CodeInfo(error=NotReady, hint="call enable() first"),
-    Code.FSM_BUSY: CodeInfo(error=NotReady, hint="wait for FSM PAUSE (0); another program may be driving the robot", retryable=True),
+    Code.FSM_BUSY: CodeInfo(
+        error=NotReady, hint="wait for FSM PAUSE (0); somebody may be driving the robot", retryable=True
+    ),
     Code.FSM_ERROR: CodeInfo(error=NotReady, hint="clear the fault at the robot, then recover()"),
     Code.FSM_UNKNOWN: CodeInfo(error=NotReady, hint="wait for /fsm_state (20 Hz); see `ta2 topics`", retryable=True),
     Code.LATCHED: CodeInfo(error=NotReady, hint="make sure the robot is safe, then recover()"),
@@ -311,24 +329,32 @@ CODES: dict[Code, CodeInfo] = {
     Code.OTHER_GATEWAY: CodeInfo(error=NotReady, hint="stop the other gateway first (manual §3.3.2)"),
     Code.EXITING: CodeInfo(error=NotReady, hint="the daemon is going down; start it again"),
     Code.STREAM_ENDED: CodeInfo(error=Aborted, hint="open a new stream; it starts where the arm is held"),
-    Code.CANCELLED: CodeInfo(error=Cancelled),
-    Code.SUPERSEDED: CodeInfo(error=Superseded),
+    Code.CANCELLED: CodeInfo(error=Cancelled, hint="the arm holds where it braked; command a new motion"),
+    Code.SUPERSEDED: CodeInfo(error=Superseded, hint="wait for the motion that took the arm over"),
     Code.STOPPED: CodeInfo(error=Aborted, hint="stop() was called; command a new motion when it is safe"),
     Code.CLIENT_LOST: CodeInfo(error=Aborted, hint="the keepalive of the client stopped; command a new motion"),
     Code.PART_LOST: CodeInfo(error=Aborted, hint="see the notices for the part that was lost"),
-    Code.SETTLE_TIMEOUT: CodeInfo(error=Aborted, hint="the arm did not come within tolerance: load, contact or too tight a tolerance"),
+    Code.SETTLE_TIMEOUT: CodeInfo(error=Aborted, hint="look for load or contact, or ask for a wider tolerance"),
     Code.PLAN_FAILED: CodeInfo(error=Aborted, hint="please report the message"),
     Code.TARGET_EXPIRED: CodeInfo(error=Aborted, hint="send targets more often than their expiry", retryable=True),
     Code.ESTOP: CodeInfo(error=NotReady, hint="make sure the robot is safe, then recover()"),
     Code.STOPPED_BY_OTHER: CodeInfo(error=NotReady, hint="ask who stopped the robot, then recover()"),
     Code.TRACKING_ERROR: CodeInfo(error=Aborted, hint="look for contact or overload, then recover()"),
-    Code.FOREIGN_WRITER: CodeInfo(error=NotReady, hint="stop the other program that commands the robot (manual §3.3.2), then recover()"),
+    Code.FOREIGN_WRITER: CodeInfo(error=NotReady, hint="stop the robot's other commander (manual §3.3.2), recover()"),
     Code.GATE_VIOLATION: CodeInfo(error=InternalError, hint="please report the message; recover() when it is safe"),
-    Code.JOINT_ORDER: CodeInfo(error=NotReady, hint="this is not a robot we know: joint names differ from manual §4.0.3"),
-    Code.STOP_NOT_EFFECTIVE: CodeInfo(error=NotReady, hint="the robot did not reach PAUSE; use the physical emergency stop"),
-    Code.STOP_UNDELIVERED: CodeInfo(error=NotReady, hint="no transport to the robot; use the physical emergency stop"),
+    Code.JOINT_ORDER: CodeInfo(error=NotReady, hint="not a robot we know: joint names differ from manual §4.0.3"),
+    Code.STATE_LOST: CodeInfo(
+        error=NotReady, hint="see why the robot was last stopped, make sure it is safe, recover()"
+    ),
+    Code.STOP_NOT_EFFECTIVE: CodeInfo(
+        error=NotReady, hint="use the physical emergency stop: the robot is not in PAUSE"
+    ),
+    Code.STOP_UNDELIVERED: CodeInfo(error=NotReady, hint="use the physical emergency stop: the robot is out of reach"),
+    Code.BAD_CONFIG: CodeInfo(error=ConfigError, hint="correct the setting; `ta2 config --show` prints all of them"),
     Code.DISCONNECTED: CodeInfo(error=Disconnected, hint="start the daemon with `ta2 run`", retryable=True),
-    Code.TIMEOUT: CodeInfo(error=GatewayTimeout, retryable=True),
+    Code.TIMEOUT: CodeInfo(
+        error=GatewayTimeout, hint="look at the state (`ta2 status`), then wait longer", retryable=True
+    ),
     Code.OUTCOME_UNKNOWN: CodeInfo(error=OutcomeUnknown, hint="look at the state before repeating the command"),
     Code.INTERNAL: CodeInfo(error=InternalError, hint="please report the message"),
 }
@@ -345,14 +371,6 @@ def to_exception(refusal: Refusal) -> GatewayError:
         An instance, not raised. Codes without a class of their own give `InternalError`.
     """
     info = CODES.get(refusal.code, CodeInfo(error=InternalError))
-    if not refusal.hint and info.hint:
-        refusal = Refusal(
-            code=refusal.code,
-            message=refusal.message,
-            field=refusal.field,
-            value=refusal.value,
-            bound=refusal.bound,
-            unit=refusal.unit,
-            hint=info.hint,
-        )
+    if not refusal.hint:
+        refusal = replace(refusal, hint=info.hint)
     return info.error(refusal)

@@ -208,7 +208,8 @@ def _table() -> dict[str, Topic]:
         rows += [
             Topic(name=arm_state(side), type_name=JOINT_STATE, direction=Direction.STATE, rate_hz=200.0, width=7,
                   names=JOINT_NAMES[arm_state(side)], section="§4.8"),
-            Topic(name=ee_pose(side), type_name=POSE, direction=Direction.STATE, rate_hz=200.0, width=7, section="§4.8"),
+            Topic(name=ee_pose(side), type_name=POSE, direction=Direction.STATE, rate_hz=200.0, width=7,
+                  section="§4.8"),
             Topic(name=gripper_state(side), type_name=JOINT_STATE, direction=Direction.STATE, rate_hz=200.0, width=1,
                   names=JOINT_NAMES[gripper_state(side)], section="§4.8"),
         ]  # fmt: skip

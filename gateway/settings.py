@@ -6,7 +6,7 @@ A settings object that exists is inside the hard limits of `robot.py`: construct
 
 from __future__ import annotations
 
-import math
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
@@ -27,14 +27,58 @@ __all__ = [
 MS = 1_000_000
 S = 1_000_000_000
 
+OURS = "ours"
+HARD = "hard bound of the gateway"
+
+ENDPOINT = re.compile(r"(tcp|udp|tls|quic|ws)/(\[[0-9A-Fa-f:.]+(?:%[\w.-]+)?\]|[^\s\[\]/:?#]+):([0-9]{1,5})([?#]\S*)?")
+"""zenoh locator of a network address; options of zenoh may follow after `?` or `#`."""
+
+NAMESPACE = re.compile(r"/?[A-Za-z0-9_]+(/[A-Za-z0-9_]+)*")
+"""ROS namespace: no wildcard of a zenoh key can hide in it."""
+
 
 class SettingsRefused(ValueError):
-    """A setting is looser than the robot's hard limit, or makes no sense. The message has value, bound and unit."""
+    """A setting is looser than the robot's hard limit, or makes no sense. The text has value, bound and unit.
+
+    Attributes:
+        name: Section and field, e.g. `arm.v_radps`, with side and index where one number of a list is to blame.
+        value: What was asked for.
+        bound: Lowest and highest value allowed; None when the setting is no number.
+        unit: Unit of value and bound; empty where there is none.
+        rule: What is allowed instead, in words; empty when the bound says it all.
+        source: Where the rule comes from; empty when the rule speaks for itself.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        value: float | str,
+        *,
+        bound: tuple[float, float] | None = None,
+        unit: str = "",
+        rule: str = "",
+        source: str = "",
+    ) -> None:
+        super().__init__(name, value)
+        self.name = name
+        self.value = value
+        self.bound = bound
+        self.unit = unit
+        self.rule = rule
+        self.source = source
+
+    def __str__(self) -> str:
+        """Return `name = value unit is outside [low, high] unit (source)`, or the rule in place of the bound."""
+        unit = f" {self.unit}" if self.unit else ""
+        value = repr(self.value) if isinstance(self.value, str) else f"{self.value:.12g}"
+        rule = self.rule if self.bound is None else "is outside [{:.12g}, {:.12g}]".format(*self.bound) + unit
+        source = f" ({self.source})" if self.source else ""
+        return f"{self.name} = {value}{unit} {rule}{source}"
 
 
 def _within(name: str, value: float, low: float, high: float, unit: str, source: str) -> None:
-    if not (math.isfinite(value) and low <= value <= high):
-        raise SettingsRefused(f"{name} = {value} {unit} is outside [{low}, {high}] {unit} ({source})")
+    if not low <= value <= high:  # NaN compares false
+        raise SettingsRefused(name, value, bound=(low, high), unit=unit, source=source)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -73,31 +117,33 @@ class ArmSettings:
 
     def __post_init__(self) -> None:
         """Refuse limits looser than the robot's."""
-        _within("arm.v_radps", self.v_radps, 1e-3, robot.HARD_V_RADPS, "rad/s", "hard bound of the gateway")
-        _within("arm.a_radps2", self.a_radps2, 1e-3, robot.HARD_A_RADPS2, "rad/s²", "hard bound of the gateway")
-        _within("arm.j_radps3", self.j_radps3, 1e-2, robot.HARD_J_RADPS3, "rad/s³", "hard bound of the gateway")
+        _within("arm.v_radps", self.v_radps, 1e-3, robot.HARD_V_RADPS, "rad/s", HARD)
+        _within("arm.a_radps2", self.a_radps2, 1e-3, robot.HARD_A_RADPS2, "rad/s²", HARD)
+        _within("arm.j_radps3", self.j_radps3, 1e-2, robot.HARD_J_RADPS3, "rad/s³", HARD)
         _within("arm.rate_hz", self.rate_hz, 50.0, 200.0, "Hz", "manual §4.3: 50 Hz or more")
         _within("arm.settle_rad", self.settle_rad, 1e-4, 0.2, "rad", "manual §6.6: 0.05")
-        _within("arm.settle_ns", self.settle_ns, 0, 5 * S, "ns", "ours")
-        _within("arm.settle_timeout_ns", self.settle_timeout_ns, 100 * MS, 60 * S, "ns", "ours")
-        _within("arm.tracking_rad", self.tracking_rad, 0.02, 0.5, "rad", "hard bound of the gateway")
-        _within("arm.tracking_ns", self.tracking_ns, 20 * MS, 1 * S, "ns", "ours")
-        _within("arm.target_expiry_ns", self.target_expiry_ns, 50 * MS, 3 * S, "ns", "hard bound of the gateway")
-        _within("arm.start_margin_rad", self.start_margin_rad, 0.0, 0.05, "rad", "hard bound of the gateway")
+        _within("arm.settle_ns", self.settle_ns, 0, 5 * S, "ns", OURS)
+        _within("arm.settle_timeout_ns", self.settle_timeout_ns, 100 * MS, 60 * S, "ns", OURS)
+        _within("arm.tracking_rad", self.tracking_rad, 0.02, 0.5, "rad", HARD)
+        _within("arm.tracking_ns", self.tracking_ns, 20 * MS, 1 * S, "ns", OURS)
+        _within("arm.target_expiry_ns", self.target_expiry_ns, 50 * MS, 3 * S, "ns", HARD)
+        _within("arm.start_margin_rad", self.start_margin_rad, 0.0, 0.05, "rad", HARD)
         for side in Side:
             self._check_positions(side)
 
     def _check_positions(self, side: Side) -> None:
-        lower, upper = tuple(self.lower_rad[side]), tuple(self.upper_rad[side])
-        if len(lower) != ARM_DOF or len(upper) != ARM_DOF:
-            raise SettingsRefused(f"arm position limits of the {side} arm need {ARM_DOF} values each")
-        for n in range(ARM_DOF):
-            hard = (robot.JOINT_LOWER_RAD[side][n], robot.JOINT_UPPER_RAD[side][n])
-            name = f"{side} arm joint {n + 1}"
-            _within(f"{name} lower limit", lower[n], *hard, "rad", "manual §4.13")
-            _within(f"{name} upper limit", upper[n], *hard, "rad", "manual §4.13")
-            if lower[n] >= upper[n]:
-                raise SettingsRefused(f"{name}: lower limit {lower[n]} rad is not below upper limit {upper[n]} rad")
+        bounds = {"lower_rad": self.lower_rad.get(side, ()), "upper_rad": self.upper_rad.get(side, ())}
+        for name, values in bounds.items():
+            if len(values) != ARM_DOF:
+                rule = f"values: {ARM_DOF} are needed, in the order of manual §4.0.3"
+                raise SettingsRefused(f"arm.{name}.{side}", len(values), rule=rule)
+            for n, value in enumerate(values):
+                hard = (robot.JOINT_LOWER_RAD[side][n], robot.JOINT_UPPER_RAD[side][n])
+                _within(f"arm.{name}.{side}[{n}]", value, *hard, "rad", f"{side} arm joint {n + 1}, manual §4.13")
+        for n, (lower, upper) in enumerate(zip(bounds["lower_rad"], bounds["upper_rad"], strict=True)):
+            if lower >= upper:
+                rule = f"is not below the upper limit of {side} arm joint {n + 1}, {upper:g} rad"
+                raise SettingsRefused(f"arm.lower_rad.{side}[{n}]", lower, unit="rad", rule=rule)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -116,9 +162,10 @@ class LossSettings:
 
     def __post_init__(self) -> None:
         """Refuse stages out of order."""
-        _within("loss.keepalive_ns", self.keepalive_ns, 100 * MS, 250 * MS, "ns", "hard bound of the gateway")
-        _within("loss.free_after_ns", self.free_after_ns, 1 * S, 600 * S, "ns", "ours")
-        _within("loss.down_after_ns", self.down_after_ns, self.free_after_ns, 3600 * S, "ns", "not before free_after")
+        _within("loss.keepalive_ns", self.keepalive_ns, 100 * MS, 250 * MS, "ns", HARD)
+        _within("loss.free_after_ns", self.free_after_ns, 1 * S, 600 * S, "ns", OURS)
+        source = "not before the lease is free"
+        _within("loss.down_after_ns", self.down_after_ns, self.free_after_ns, 3600 * S, "ns", source)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -128,7 +175,7 @@ class EnableSettings:
     Attributes:
         timeout_ns: ENABLING ends with ENABLE_TIMEOUT after this [ns].
         stale_ns: No changing frame leaves while the newest state is older than this [ns].
-        hold_stale_ns: Constant hold frames at rest go on this long when stale, and a stall shorter than this is short [ns].
+        hold_stale_ns: Constant hold frames at rest go on this long when stale; a stall shorter than this is short [ns].
         fsm_valid_ns: `/fsm_state` older than this is unknown [ns].
         mode_valid_ns: `/api/current_mode` older than this is unknown [ns].
         seed_ns: Duration of good samples demanded before a stream is seeded [ns].
@@ -149,9 +196,17 @@ class EnableSettings:
 
     def __post_init__(self) -> None:
         """Refuse looser values than the behaviour table."""
-        _within("enable.timeout_ns", self.timeout_ns, 1 * S, 60 * S, "ns", "ours")
-        _within("enable.stale_ns", self.stale_ns, 20 * MS, 100 * MS, "ns", "hard bound: wire behaviour of a stalled link")
-        _within("enable.hold_stale_ns", self.hold_stale_ns, self.stale_ns, 800 * MS, "ns", "hard bound of the gateway")
+        _within("enable.timeout_ns", self.timeout_ns, 1 * S, 60 * S, "ns", OURS)
+        _within("enable.stale_ns", self.stale_ns, 20 * MS, 100 * MS, "ns", "hard bound: a stalled link sends bursts")
+        _within("enable.hold_stale_ns", self.hold_stale_ns, self.stale_ns, 800 * MS, "ns", HARD)
+        # /fsm_state comes at 20 Hz and /api/current_mode at 1 Hz: shorter than two periods would flicker.
+        _within("enable.fsm_valid_ns", self.fsm_valid_ns, 100 * MS, 500 * MS, "ns", "manual §4.11.1: 20 Hz")
+        _within("enable.mode_valid_ns", self.mode_valid_ns, 2 * S, 3 * S, "ns", "manual §4.11.2: about 1 Hz")
+        _within("enable.seed_ns", self.seed_ns, 300 * MS, 5 * S, "ns", HARD)
+        _within("enable.seed_lag_ns", self.seed_lag_ns, 10 * MS, 100 * MS, "ns", HARD)
+        _within("enable.zero_timeout_ns", self.zero_timeout_ns, 1 * S, 2 * S, "ns", HARD)
+        # The gap invariants hold for ticks up to 20 ms late: such a tick must not be skipped.
+        _within("enable.late_ns", self.late_ns, 20 * MS, 50 * MS, "ns", HARD)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -173,9 +228,15 @@ class LinkSettings:
     def __post_init__(self) -> None:
         """Refuse an unknown model, a malformed endpoint or a long lease."""
         if self.model not in robot.VARIANTS:
-            raise SettingsRefused(f"robot.model = {self.model!r} is unknown: one of {sorted(robot.VARIANTS)} (manual §1.2)")
-        if "/" not in self.endpoint or ":" not in self.endpoint:
-            raise SettingsRefused(f"robot.endpoint = {self.endpoint!r} is no endpoint: tcp/HOST:9000 is the usual form")
+            rule = f"is unknown: one of {', '.join(robot.VARIANTS)}"
+            raise SettingsRefused("robot.model", self.model, rule=rule, source="manual §1.2")
+        found = ENDPOINT.fullmatch(self.endpoint)
+        if found is None or not 1 <= int(found[3]) <= 65535:
+            rule = "is no endpoint: tcp/HOST:9000 is the usual form"
+            raise SettingsRefused("robot.endpoint", self.endpoint, rule=rule, source="manual §2.4")
+        if self.namespace and NAMESPACE.fullmatch(self.namespace) is None:
+            rule = "is no ROS namespace: words of letters, digits and _, joined by /"
+            raise SettingsRefused("robot.namespace", self.namespace, rule=rule)
         _within("robot.lease_ms", self.lease_ms, 200, 1000, "ms", "fence against stale setpoints")
 
     @property
@@ -210,9 +271,10 @@ class LocalSettings:
 
     def __post_init__(self) -> None:
         """Refuse rates and modes that make no sense. Listener rules are checked when the listener opens."""
-        _within("local.snapshot_hz", self.snapshot_hz, 1.0, 100.0, "Hz", "ours")
-        if self.socket_mode & ~0o777 or self.socket_mode & 0o007:
-            raise SettingsRefused(f"local.socket_mode = {self.socket_mode:o} lets everybody in: 660 or tighter")
+        _within("local.snapshot_hz", self.snapshot_hz, 1.0, 100.0, "Hz", OURS)
+        if self.socket_mode & ~0o770 or self.socket_mode & 0o600 != 0o600:
+            rule = "lets everybody in, or not even the owner: 0o660 or 0o600"
+            raise SettingsRefused("local.socket_mode", f"0o{self.socket_mode:o}", rule=rule)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
