@@ -72,10 +72,10 @@ def mirrors(root: Path = ROOT) -> Iterator[Mirror]:
             if path.name == "__init__.py":
                 if _only_exports(path):
                     continue
-                inside = inside.parent if inside.parent.name else Path(source).relative_to(Path(source).parent)
-            candidates = [root / tests / inside.parent / f"test_{inside.stem}.py"]
-            candidates += [
-                root / tests / folder.parent / f"test_{folder.name}.py" for folder in inside.parents if folder.name
+                inside = inside.parent
+            packages = [folder for folder in inside.parents if folder.name]
+            candidates = [
+                root / tests / part.parent / f"test_{part.stem or Path(source).name}.py" for part in (inside, *packages)
             ]
             test = next((candidate for candidate in candidates if candidate.exists()), candidates[0])
             yield Mirror(module=path.relative_to(root), test=test.relative_to(root))
