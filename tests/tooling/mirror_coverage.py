@@ -74,9 +74,8 @@ def mirrors(root: Path = ROOT) -> Iterator[Mirror]:
                     continue
                 inside = inside.parent
             packages = [folder for folder in inside.parents if folder.name]
-            candidates = [
-                root / tests / part.parent / f"test_{part.stem or Path(source).name}.py" for part in (inside, *packages)
-            ]
+            names = [(part.parent, part.stem or Path(source).name) for part in (inside, *packages)]
+            candidates = [root / tests / folder / f"test_{name}.py" for folder, name in names]
             test = next((candidate for candidate in candidates if candidate.exists()), candidates[0])
             yield Mirror(module=path.relative_to(root), test=test.relative_to(root))
 
