@@ -36,6 +36,9 @@ ENDPOINT = re.compile(r"(tcp|udp|tls|quic|ws)/(\[[0-9A-Fa-f:.]+(?:%[\w.-]+)?\]|[
 NAMESPACE = re.compile(r"/?[A-Za-z0-9_]+(/[A-Za-z0-9_]+)*")
 """ROS namespace: no wildcard of a zenoh key can hide in it."""
 
+SOCKET_PATH_BYTES = 107
+"""Longest path of a unix socket on Linux: `sun_path` has 108 bytes, one of them the final zero."""
+
 
 class SettingsRefused(ValueError):
     """A setting is looser than the robot's hard limit, or makes no sense. The text has value, bound and unit.
@@ -70,10 +73,22 @@ class SettingsRefused(ValueError):
     def __str__(self) -> str:
         """Return `name = value unit is outside [low, high] unit (source)`, or the rule in place of the bound."""
         unit = f" {self.unit}" if self.unit else ""
-        value = repr(self.value) if isinstance(self.value, str) else f"{self.value:.12g}"
-        rule = self.rule if self.bound is None else "is outside [{:.12g}, {:.12g}]".format(*self.bound) + unit
+        rule = self.rule if self.bound is None else f"is outside {self.bound_text}{unit}"
         source = f" ({self.source})" if self.source else ""
-        return f"{self.name} = {value}{unit} {rule}{source}"
+        return f"{self.name} = {self.value!r}{unit} {rule}{source}"
+
+    @property
+    def bound_text(self) -> str:
+        """The bound as `[low, high]`; empty when the setting is no number."""
+        return "" if self.bound is None else "[{:.12g}, {:.12g}]".format(*self.bound)
+
+    def in_unit(self, name: str, unit: str, scale: int) -> SettingsRefused:
+        """Return the same refusal as the file has it: under another name, value and bound divided by `scale`."""
+        value = self.value
+        if not isinstance(value, str):
+            value = value / scale if value % scale else value // scale
+        bound = None if self.bound is None else (self.bound[0] / scale, self.bound[1] / scale)
+        return SettingsRefused(name, value, bound=bound, unit=unit, rule=self.rule, source=self.source)
 
 
 def _within(name: str, value: float, low: float, high: float, unit: str, source: str) -> None:
@@ -272,6 +287,9 @@ class LocalSettings:
     def __post_init__(self) -> None:
         """Refuse rates and modes that make no sense. Listener rules are checked when the listener opens."""
         _within("local.snapshot_hz", self.snapshot_hz, 1.0, 100.0, "Hz", OURS)
+        if len(self.socket.encode(errors="surrogateescape")) > SOCKET_PATH_BYTES:
+            rule = f"is too long for a unix socket: at most {SOCKET_PATH_BYTES} bytes"
+            raise SettingsRefused("local.socket", self.socket, rule=rule)
         if self.socket_mode & ~0o770 or self.socket_mode & 0o600 != 0o600:
             rule = "lets everybody in, or not even the owner: 0o660 or 0o600"
             raise SettingsRefused("local.socket_mode", f"0o{self.socket_mode:o}", rule=rule)
