@@ -16,6 +16,7 @@ __all__ = [
     "banned_names",
     "breaches",
     "cloud_calls",
+    "heavy_clients",
     "long_modules",
     "missing_exports",
     "readme_snippets",
@@ -27,6 +28,7 @@ MAX_LINES = 400
 BANNED_NAMES = frozenset(
     {"base", "common", "helper", "helpers", "manager", "misc", "shared", "stuff", "tools", "util", "utils"}
 )
+CLIENT_NEEDS = frozenset({"zenoh", "msgspec", "numpy"})
 CLOUD_FIELD = "intermediate" + "_positions"
 """The field of ruckig that sends a motion to somebody else's computer."""
 
@@ -106,6 +108,49 @@ def cloud_calls(root: Path) -> Iterator[str]:
                 yield f"{path.relative_to(root)}:{number}: '{CLOUD_FIELD}' would call a cloud service"
 
 
+def heavy_clients(root: Path) -> Iterator[str]:
+    """What the client needs beyond zenoh, msgspec and numpy, at whatever depth: it must install slim in a container."""
+    reached = {path: path for path in _modules(root, "gateway/client")}
+    todo = list(reached)
+    while todo:
+        path = todo.pop()
+        for name in _imported(path):
+            if name.split(".")[0] in PACKAGES:
+                for found in _files(root, name):
+                    if found not in reached:
+                        reached[found] = path
+                        todo.append(found)
+            elif name.split(".")[0] not in sys.stdlib_module_names | CLIENT_NEEDS:
+                chain = [path]
+                while reached[chain[-1]] != chain[-1]:
+                    chain.append(reached[chain[-1]])
+                yield f"{' <- '.join(str(p.relative_to(root)) for p in chain)}: needs '{name}', the client must not"
+
+
+def _files(root: Path, name: str) -> Iterator[Path]:
+    """Files that run when a module is imported: its own and the `__init__.py` of each package above it."""
+    parts = name.split(".")
+    for end in range(1, len(parts) + 1):
+        place = root.joinpath(*parts[:end])
+        yield from (path for path in (place / "__init__.py", place.with_suffix(".py")) if path.exists())
+
+
+def _imported(path: Path) -> Iterator[str]:
+    """Dotted names that a module imports, wherever in it; `from a import b` counts as `a` and `a.b`."""
+    todo: list[ast.AST] = [ast.parse(path.read_text(encoding="utf-8"))]
+    while todo:
+        node = todo.pop()
+        if isinstance(node, ast.If) and isinstance(node.test, ast.Name) and node.test.id == "TYPE_CHECKING":
+            todo.extend(node.orelse)
+        elif isinstance(node, ast.Import):
+            yield from (alias.name for alias in node.names)
+        elif isinstance(node, ast.ImportFrom) and node.module:
+            yield node.module
+            yield from (f"{node.module}.{alias.name}" for alias in node.names if node.module.split(".")[0] in PACKAGES)
+        else:
+            todo.extend(ast.iter_child_nodes(node))
+
+
 def readme_snippets(root: Path) -> Iterator[str]:
     """Python snippets of the README that do not compile."""
     text = (root / "README.md").read_text(encoding="utf-8")
@@ -117,7 +162,7 @@ def readme_snippets(root: Path) -> Iterator[str]:
             yield f"README.md:{error.lineno}: {error.msg}"
 
 
-RULES = (long_modules, banned_names, missing_exports, cloud_calls, readme_snippets)
+RULES = (long_modules, banned_names, missing_exports, cloud_calls, heavy_clients, readme_snippets)
 
 
 def breaches(root: Path = ROOT) -> list[str]:

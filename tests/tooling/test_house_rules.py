@@ -58,6 +58,22 @@ def test_exports_that_exist_are_accepted(text: str, tmp_path: Path) -> None:
     assert list(house_rules.missing_exports(tmp_path)) == []
 
 
+def test_what_the_client_needs_is_followed_through_other_modules(tmp_path: Path) -> None:
+    """A package that the client reaches through others is found, with the way there; type checking does not count."""
+    sources = {
+        "gateway/__init__.py": "",
+        "gateway/client/__init__.py": "import json\nimport zenoh\nfrom gateway.api import protocol\n",
+        "gateway/client/view.py": "if TYPE_CHECKING:\n    import rich\n",
+        "gateway/api/__init__.py": "",
+        "gateway/api/protocol.py": "def f():\n    from ruckig import Ruckig\n",
+    }
+    for path, text in sources.items():
+        (tmp_path / path).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / path).write_text(text, encoding="utf-8")
+    (breach,) = house_rules.heavy_clients(tmp_path)
+    assert breach.startswith("gateway/api/protocol.py <- gateway/client/__init__.py: needs 'ruckig'")
+
+
 def test_the_readme_shows_python() -> None:
     """The README has Python snippets; else the rule that they compile would pass on nothing."""
     assert (house_rules.ROOT / "README.md").read_text(encoding="utf-8").count("```python\n") >= 1
