@@ -1,0 +1,105 @@
+"""Keys, sizes and rates of the local API. The number in the keys is the protocol's version.
+
+Import these names from `gateway.api.protocol`, whose docstring has the table.
+"""
+
+from __future__ import annotations
+
+from typing import Final
+
+__all__ = [
+    "ARM_DOF",
+    "CLIENT_TOKENS",
+    "COMMAND_KEY",
+    "DAEMON_TOKENS",
+    "EVENT_KEY",
+    "FSM_NAMES",
+    "INFO_KEY",
+    "JSON",
+    "KEEPALIVE_KEYS",
+    "KEEPALIVE_PERIOD_NS",
+    "MAX_PAYLOAD_BYTES",
+    "MSGPACK",
+    "PROTOCOL_VERSION",
+    "REPLY_WITHIN_NS",
+    "ROOT",
+    "SNAPSHOT_KEY",
+    "TARGET_KEYS",
+    "client_token",
+    "daemon_token",
+    "keepalive_key",
+    "target_key",
+    "token_id",
+    "token_version",
+]
+
+PROTOCOL_VERSION: Final = 1
+"""Rises when an older client or daemon could misunderstand a message."""
+
+MSGPACK: Final = "application/msgpack"
+JSON: Final = "application/json"
+
+MAX_PAYLOAD_BYTES: Final = 64 * 1024
+"""Largest request or target that is looked at; the largest legal one is far below 4 KiB."""
+
+KEEPALIVE_PERIOD_NS: Final = 50_000_000
+"""How often an owner's client library shows that it lives [ns]; it counts as lost after 250 ms."""
+
+REPLY_WITHIN_NS: Final = 2_000_000_000
+"""The daemon answers every command within this time [ns], if only to say that its outcome is unknown."""
+
+ARM_DOF: Final = 7
+"""Joints per arm (manual §4.0.3)."""
+
+FSM_NAMES: Final = {
+    -1: "ERROR",
+    0: "PAUSE",
+    1: "SLOW_START",
+    2: "READY",
+    3: "LEFT_ARM_ONLY",
+    4: "RIGHT_ARM_ONLY",
+    5: "PLAY_READY",
+    6: "PLAY",
+}
+"""Values of `/fsm_state` (manual §4.11.1)."""
+
+ROOT: Final = f"ta2/{PROTOCOL_VERSION}"
+COMMAND_KEY: Final = f"{ROOT}/command"
+INFO_KEY: Final = f"{ROOT}/info"
+SNAPSHOT_KEY: Final = f"{ROOT}/snapshot"
+EVENT_KEY: Final = f"{ROOT}/event"
+TARGET_KEYS: Final = f"{ROOT}/target/*/*"
+KEEPALIVE_KEYS: Final = f"{ROOT}/keepalive/*"
+CLIENT_TOKENS: Final = f"{ROOT}/alive/client/*"
+DAEMON_TOKENS: Final = "ta2/*/alive/daemon/*"
+"""Tokens of daemons of any version."""
+
+
+def target_key(client_id: str, stream_id: int) -> str:
+    """Return the key on which a client puts the targets of one of its streams."""
+    return f"{ROOT}/target/{client_id}/{stream_id}"
+
+
+def keepalive_key(client_id: str) -> str:
+    """Return the key on which a client shows that it lives."""
+    return f"{ROOT}/keepalive/{client_id}"
+
+
+def client_token(client_id: str) -> str:
+    """Return the liveliness token of a client."""
+    return f"{ROOT}/alive/client/{client_id}"
+
+
+def daemon_token(daemon_id: str) -> str:
+    """Return the liveliness token of a daemon."""
+    return f"{ROOT}/alive/daemon/{daemon_id}"
+
+
+def token_id(key: str) -> str:
+    """Return who a token (or a keepalive) belongs to: the last chunk of its key."""
+    return key.rpartition("/")[2]
+
+
+def token_version(key: str) -> str:
+    """Return the protocol version in a key, as text: the second chunk."""
+    return key.split("/", 2)[1]

@@ -1,0 +1,172 @@
+"""The snapshot as structs: what every viewer of the daemon gets.
+
+Field for field the classes of `core/snapshot.py`, where each is documented (tests compare them); unknown fields are
+ignored, so that a later daemon may add some. Ages are given at `at_ns` of the daemon's monotonic clock. Import these
+names from `gateway.api.protocol`.
+"""
+
+from __future__ import annotations
+
+from msgspec import Struct
+
+__all__ = [
+    "ArmView",
+    "EnableView",
+    "LeaseView",
+    "LinkView",
+    "LoopView",
+    "ModeView",
+    "MotionView",
+    "MotorView",
+    "Snapshot",
+    "StreamView",
+    "TargetView",
+    "TopicView",
+]
+
+
+class LinkView(Struct, frozen=True, kw_only=True):
+    """The robot's side: is there a transport, is the state fresh (newest fast topic at most 100 ms old)."""
+
+    up: bool
+    router_zid: str
+    fresh: bool
+    age_ns: int | None
+
+
+class ModeView(Struct, frozen=True, kw_only=True):
+    """`/api/current_mode` (manual §4.11.2), per side keyed `left`, `right`."""
+
+    api: bool
+    joint_mode: dict[str, bool]
+    arm_enabled: dict[str, bool]
+    chassis_enabled: bool
+    lift_enabled: bool
+    collision_check: bool
+    age_ns: int
+
+
+class LeaseView(Struct, frozen=True, kw_only=True):
+    """Who owns the robot, under which epoch, and which clocks run after its loss."""
+
+    owned: bool
+    name: str
+    client_id: str
+    pid: int
+    epoch: int
+    since_ns: int
+    on_loss: str
+    lost_ns: int | None
+    free_in_ns: int | None
+    down_in_ns: int | None
+
+
+class MotorView(Struct, frozen=True, kw_only=True):
+    """Measured motors: position [rad], velocity [rad/s], torque [N·m], robot stamp [ns], age [ns]."""
+
+    q_rad: tuple[float, ...]
+    dq_radps: tuple[float, ...]
+    tau_nm: tuple[float, ...]
+    stamp_ns: int
+    age_ns: int
+
+
+class ArmView(Struct, frozen=True, kw_only=True):
+    """One arm: measured joints and end-effector pose (shoulder frame, xyzw), reference, distance between them."""
+
+    measured: MotorView | None
+    p_m: tuple[float, ...]
+    quat_xyzw: tuple[float, ...]
+    pose_age_ns: int | None
+    q_ref_rad: tuple[float, ...]
+    dq_ref_radps: tuple[float, ...]
+    streaming: bool
+    tracking_rad: float | None
+
+
+class TopicView(Struct, frozen=True, kw_only=True):
+    """A state topic: age [ns], measured rate [Hz], worst gap in the last 10 s [ns], counters."""
+
+    age_ns: int | None
+    rate_hz: float
+    worst_gap_ns: int
+    count: int
+    duplicates: int
+    refused: int
+
+
+class StreamView(Struct, frozen=True, kw_only=True):
+    """A command stream to the robot: running, frames sent, measured rate [Hz], worst gap in the last 10 s [ns]."""
+
+    running: bool
+    sent: int
+    rate_hz: float
+    worst_gap_ns: int
+
+
+class TargetView(Struct, frozen=True, kw_only=True):
+    """A stream of the owner's targets: open or ended (code), last accepted seq, refusals, lagging behind limits."""
+
+    stream_id: int
+    side: str
+    open: bool
+    code: str
+    seq: int
+    refused: int
+    refusal_code: str
+    refusal_message: str
+    limited: bool
+
+
+class MotionView(Struct, frozen=True, kw_only=True):
+    """A point-to-point motion: `queued`, `executing`, `reached`, `cancelled`, `superseded` or `aborted`."""
+
+    motion_id: int
+    sides: tuple[str, ...]
+    state: str
+    progress: float
+    error_rad: float | None
+    duration_ns: int
+    code: str
+    message: str
+
+
+class EnableView(Struct, frozen=True, kw_only=True):
+    """The latest `enable`: which attempt, `none`, `running`, `ok` or `failed`, and why it failed."""
+
+    attempt: int
+    outcome: str
+    code: str
+    message: str
+
+
+class LoopView(Struct, frozen=True, kw_only=True):
+    """The control loop: ticks run, periods skipped, latest and worst lateness in the last 10 s [ns]."""
+
+    ticks: int
+    skipped: int
+    late_ns: int
+    worst_late_ns: int
+
+
+class Snapshot(Struct, frozen=True, kw_only=True):
+    """All of it at one instant; `seq` rises by one with each."""
+
+    seq: int
+    at_ns: int
+    state: str
+    shown: str
+    latches: dict[str, str]
+    link: LinkView
+    fsm: int | None
+    mode: ModeView | None
+    lease: LeaseView
+    arms: dict[str, ArmView]
+    grippers: dict[str, MotorView | None]
+    chassis: MotorView | None
+    topics: dict[str, TopicView]
+    streams: dict[str, StreamView]
+    motions: tuple[MotionView, ...]
+    targets: tuple[TargetView, ...]
+    enable: EnableView
+    loop: LoopView
