@@ -1,0 +1,262 @@
+"""The one thread that owns the engine: an absolute grid, the only sleep, and the order of things in a cycle.
+
+Rules it obeys
+    * The grid is absolute: a late cycle never moves the next one. Whole periods that were missed are skipped and
+      counted, never caught up: a burst of setpoints would compress a path in time. (Sleeping relative to now loses
+      2-6 % of the rate; measured.)
+    * Streams have grids of their own. The loop wakes at the earliest of them and of its own grid.
+    * In a cycle: stop requests first, then what came from the robot, then all other requests, so that decisions see the
+      newest state. Then one tick, and its results in this order: frames, replies and notices, what must be remembered,
+      the snapshot.
+    * The clock is read after the polls: no event is younger than the instant at which the engine receives it.
+    * An error of any part ends the loop: the engine's stop frames leave first, then the error goes on to the daemon.
+
+It knows neither zenoh nor the client protocol nor any state of the robot; those are the ports below. Real-time measures
+of its thread are taken by whoever starts it (`realtime.sharpen_timer`).
+"""
+
+from __future__ import annotations
+
+import contextlib
+import logging
+import time
+from collections.abc import Callable, Sequence
+from typing import Generic, Protocol, TypeVar
+
+from gateway.core.events import CommandRequested, Estop, Event, Frame, Level, Notice, Remembered, Reply, Stop, Suspended
+from gateway.core.snapshot import Snapshot
+from gateway.realtime import SleepWatch
+
+__all__ = ["Engine", "Link", "Loop", "Output", "Service", "Watch"]
+
+_log = logging.getLogger(__name__)
+
+MS = 1_000_000
+PERIOD_NS = 10 * MS
+"""100 Hz, the rate of the joint stream (§4.3: 50 Hz or more)."""
+
+LEVELS = {Level.INFO: logging.INFO, Level.WARNING: logging.WARNING, Level.ERROR: logging.ERROR}
+
+F = TypeVar("F", bound=Frame)
+F_co = TypeVar("F_co", bound=Frame, covariant=True)
+F_contra = TypeVar("F_contra", bound=Frame, contravariant=True)
+# The frames that the engine gives are the frames that the link takes: cleared ones, and the loop need not know them.
+
+
+class Output(Protocol[F_co]):
+    """What one tick gives."""
+
+    @property
+    def frames(self) -> Sequence[F_co]:
+        """For the robot, in this order."""
+        ...
+
+    @property
+    def replies(self) -> Sequence[Reply]:
+        """For clients."""
+        ...
+
+    @property
+    def notices(self) -> Sequence[Notice]:
+        """For clients and the log."""
+        ...
+
+    @property
+    def remembered(self) -> Remembered | None:
+        """What must survive a restart, when it changed."""
+        ...
+
+    @property
+    def snapshot(self) -> Snapshot | None:
+        """What the outside may see, when it is due."""
+        ...
+
+    @property
+    def done(self) -> bool:
+        """Whether the engine has ended and nothing more will come."""
+        ...
+
+
+class Engine(Protocol[F_co]):
+    """The brain; see `core/engine.py`."""
+
+    def receive(self, event: Event, now_ns: int) -> None:
+        """Take an event."""
+        ...
+
+    def tick(self, now_ns: int, *, late_ns: int) -> Output[F_co]:
+        """Give everything that is due at `now_ns`, `late_ns` after the instant that was meant."""
+        ...
+
+    def next_due_ns(self) -> int | None:
+        """Return when the earliest stream wants a tick; None when none runs."""
+        ...
+
+    def panic_frames(self, now_ns: int) -> Sequence[F_co]:
+        """Return stop frames for the case that the engine cannot go on."""
+        ...
+
+
+class Link(Protocol[F_contra]):
+    """The robot's side; see `link/robot_link.py`."""
+
+    def poll(self) -> Sequence[Event]:
+        """Return what came since the last call. Never waits."""
+        ...
+
+    def publish(self, frame: F_contra) -> None:
+        """Send a frame. Never waits."""
+        ...
+
+
+class Service(Protocol):
+    """The clients' side; see `api/service.py`. No call may wait."""
+
+    def poll(self) -> Sequence[Event]:
+        """Return what came since the last call."""
+        ...
+
+    def send(self, replies: Sequence[Reply], notices: Sequence[Notice]) -> None:
+        """Answer and tell."""
+        ...
+
+    def publish_snapshot(self, snapshot: Snapshot) -> None:
+        """Show the state."""
+        ...
+
+
+class Watch(Protocol):
+    """Tells when the host slept; see `realtime.SleepWatch`."""
+
+    def slept_ns(self) -> int:
+        """Return how long it slept since the last call [ns]."""
+        ...
+
+
+class Loop(Generic[F]):
+    """Runs the engine until it is done.
+
+    Args:
+        engine: The brain; nobody else may call it.
+        link: The robot's side.
+        service: The clients' side.
+        on_remembered: Takes what must survive a restart; must not wait for the disk.
+        period_ns: Period of the base grid [ns].
+        clock: Monotonic clock [ns].
+        sleep: Sleeps for a time [s]; may end early.
+        sleep_watch: Tells of suspends; None for the host's clocks.
+    """
+
+    def __init__(
+        self,
+        engine: Engine[F],
+        link: Link[F],
+        service: Service,
+        *,
+        on_remembered: Callable[[Remembered], None],
+        period_ns: int = PERIOD_NS,
+        clock: Callable[[], int] = time.monotonic_ns,
+        sleep: Callable[[float], None] = time.sleep,
+        sleep_watch: Watch | None = None,
+    ) -> None:
+        self._engine = engine
+        self._link = link
+        self._service = service
+        self._on_remembered = on_remembered
+        self._period_ns = period_ns
+        self._clock = clock
+        self._sleep = sleep
+        self._watch: Watch = SleepWatch() if sleep_watch is None else sleep_watch
+        self.ticks = 0
+        """Ticks run."""
+        self.skipped = 0
+        """Periods of the base grid that passed without a tick of their own."""
+        self.worst_late_ns = 0
+        """Worst lateness of a tick since the start [ns]."""
+
+    def run(self, stop: Callable[[], bool]) -> None:
+        """Run until the engine is done, or `stop` says so.
+
+        Args:
+            stop: Asked before every cycle; True ends the loop at once, without another tick. A clean end is an
+                `ExitRequested` event instead, after which the engine says when it is done.
+
+        Raises:
+            Exception: Whatever a part raised, after the engine's stop frames left.
+        """
+        try:
+            self._run(stop)
+        except Exception as error:  # any bug of any part: the robot must be stopped before anybody looks at it
+            _log.exception("the control loop ends by an error; its stop frames leave now")
+            try:
+                self._publish_panic_frames()
+            finally:
+                raise error  # the first error is the one to look at; a second one stays visible as its context
+
+    def _run(self, stop: Callable[[], bool]) -> None:
+        grid_ns = self._clock()
+        deadline_ns = grid_ns
+        done = False
+        while not done and not stop():
+            self._sleep_until(deadline_ns)
+            urgent, others = self._poll()
+            now_ns = self._clock()
+            if now_ns >= grid_ns:
+                missed = (now_ns - grid_ns) // self._period_ns
+                self.skipped += missed
+                grid_ns += (missed + 1) * self._period_ns
+            done = self._cycle(urgent + others, now_ns, now_ns - deadline_ns)
+            deadline_ns = self._next_deadline_ns(now_ns, grid_ns)
+
+    def _sleep_until(self, deadline_ns: int) -> None:
+        while (rest_ns := deadline_ns - self._clock()) > 0:
+            self._sleep(rest_ns / 1e9)
+
+    def _poll(self) -> tuple[list[Event], list[Event]]:
+        """Return stop requests, and everything else in the order in which it is to be received."""
+        requests = self._service.poll()
+        urgent = [event for event in requests if _is_stop(event)]
+        return urgent, [*self._link.poll(), *(event for event in requests if not _is_stop(event))]
+
+    def _cycle(self, events: Sequence[Event], now_ns: int, late_ns: int) -> bool:
+        """Receive, tick and hand out; return whether the engine is done."""
+        engine = self._engine
+        slept_ns = self._watch.slept_ns()
+        if slept_ns > 0:  # before anything else: all that was believed before is old now
+            engine.receive(Suspended(slept_ns=slept_ns, at_ns=now_ns), now_ns)
+        for event in events:
+            engine.receive(event, now_ns)
+        output = engine.tick(now_ns, late_ns=late_ns)
+        self.ticks += 1
+        self.worst_late_ns = max(self.worst_late_ns, late_ns)
+        for frame in output.frames:
+            self._link.publish(frame)
+        for notice in output.notices:
+            facts = {"code": notice.code.value, "facts": dict(notice.facts)}
+            _log.log(LEVELS[notice.level], "%s: %s", notice.code, notice.message, extra=facts)
+        if output.replies or output.notices:
+            self._service.send(output.replies, output.notices)
+        if output.remembered is not None:
+            self._on_remembered(output.remembered)
+        if output.snapshot is not None:
+            self._service.publish_snapshot(output.snapshot)
+        return output.done
+
+    def _next_deadline_ns(self, now_ns: int, grid_ns: int) -> int:
+        """Return when to tick again: at the base grid, or earlier for a stream.
+
+        An instant that this tick already covered is not waited for: the loop must not spin on a stream that stays due.
+        """
+        due_ns = self._engine.next_due_ns()
+        return grid_ns if due_ns is None or due_ns <= now_ns else min(grid_ns, due_ns)
+
+    def _publish_panic_frames(self) -> None:
+        """Send the engine's stop frames, each of them whatever happens to the others."""
+        frames = self._engine.panic_frames(self._clock())
+        with contextlib.ExitStack() as every_one:  # runs all of them, the last pushed first
+            for frame in reversed(frames):
+                every_one.callback(self._link.publish, frame)
+
+
+def _is_stop(event: Event) -> bool:
+    return isinstance(event, CommandRequested) and isinstance(event.request, (Stop, Estop))
