@@ -186,7 +186,7 @@ class Loop(Generic[F]):
         """
         try:
             self._run(stop)
-        except Exception as error:  # any bug of any part: the robot must be stopped before anybody looks at it
+        except Exception as error:  # noqa: BLE001  any bug of any part: stop the robot, then raise it again
             _log.exception("the control loop ends by an error; its stop frames leave now")
             try:
                 self._publish_panic_frames()
