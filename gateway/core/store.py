@@ -1,0 +1,398 @@
+"""What is known of the robot: the latest value of each state topic and everything that follows from arrival times.
+
+Every consumer asks here; nobody keeps timers of his own. The rules:
+
+* Ages come from the local monotonic arrival only. The robot's stamps are compared with each other, never with a clock
+  of ours: steps of either wall clock change nothing.
+* A sample that is not believed (refused by the codec, a repeated or earlier stamp, an implausible jump of a joint) is
+  counted and changes neither value nor age, so a part whose samples are all bad goes stale by itself.
+* Nothing is refused for ever: two samples in a row that are behind but go on between themselves are a robot whose
+  clock was set back; a jump that lasts, far beyond the part's death, is the new truth.
+* *Seedable* is stricter than fresh: queued states have fresh receive times, but their stamp lag gives them away.
+
+It does not know the supervisor's states, zenoh, CDR or limits of motion.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from gateway import robot
+from gateway.core.events import SampleArrived, SampleRefused, StateValue
+from gateway.core.snapshot import TopicView
+from gateway.errors import Code
+from gateway.settings import EnableSettings
+from gateway.values import ArmState, CurrentMode, EePose, MotorState, Side, Vector
+
+__all__ = ["Store"]
+
+MS = 1_000_000
+S = 1_000_000_000
+
+RATE_WINDOW_NS = 2500 * MS
+RATE_MARK_NS = 250 * MS
+"""Rates are measured over two periods of the slowest topic (1 Hz) with jitter, from one mark of the count per this."""
+LAG_BUCKET_NS = 6 * S
+"""The least lag is kept for ten of these: a clock slewed by 500 ppm moves 30 ms meanwhile, less than is allowed."""
+JUMP_RADPS = 10.0
+"""Faster than an arm of this robot moves: three times our hard limit, and about what a forearm in free fall reaches
+(sqrt(2 g h)/L with h = L = 0.25 m: 9 rad/s). The motors' 17-38 rad/s are no bound for what the links do."""
+JUMP_RAD = 0.1
+"""Margin for noise and for jitter of arrival."""
+NAMES_WRONG_NS = 1 * S
+
+
+class _Recent:
+    """The extreme of a quantity over the last ten buckets of time."""
+
+    __slots__ = ("_bucket_ns", "_buckets", "_pick")
+
+    def __init__(self, pick: Callable[[int, int], int], bucket_ns: int) -> None:
+        self._pick = pick
+        self._bucket_ns = bucket_ns
+        self._buckets: deque[tuple[int, int]] = deque(maxlen=10)  # (bucket, extreme in it)
+
+    def add(self, at_ns: int, quantity: int) -> None:
+        bucket = at_ns // self._bucket_ns
+        if self._buckets and self._buckets[-1][0] == bucket:
+            self._buckets[-1] = (bucket, self._pick(self._buckets[-1][1], quantity))
+        else:
+            self._buckets.append((bucket, quantity))
+
+    def extreme(self, now_ns: int, start: int) -> int:
+        """Return the extreme of `start` and of what was added lately."""
+        oldest = now_ns // self._bucket_ns - 10
+        for bucket, quantity in self._buckets:
+            if bucket > oldest:
+                start = self._pick(start, quantity)
+        return start
+
+
+class _Meter:
+    """Counters, rate and worst gap of one topic. Every arrival counts here, believed or not."""
+
+    __slots__ = ("_gaps", "_last_ns", "_marks", "count", "duplicates", "refused")
+
+    def __init__(self) -> None:
+        self.count = 0
+        self.duplicates = 0
+        self.refused = 0
+        self._last_ns: int | None = None
+        self._marks: deque[tuple[int, int]] = deque(maxlen=RATE_WINDOW_NS // RATE_MARK_NS)  # (arrival, count at it)
+        self._gaps = _Recent(max, 1 * S)
+
+    def add(self, event: SampleArrived, at_ns: int) -> None:
+        self.count += event.count
+        self.duplicates += event.duplicates
+        self._gaps.add(at_ns, event.worst_gap_ns or (at_ns - self._last_ns if self._last_ns is not None else 0))
+        self._last_ns = at_ns
+        if not self._marks or at_ns - self._marks[-1][0] >= RATE_MARK_NS:
+            self._marks.append((at_ns, self.count))
+
+    def rate_hz(self, now_ns: int) -> float:
+        """Return samples per second between arrivals; up to now once more than two periods are missing."""
+        for at_ns, count in self._marks:
+            if self._last_ns is not None and now_ns - RATE_WINDOW_NS <= at_ns < self._last_ns:
+                arrived, span_ns = self.count - count, self._last_ns - at_ns
+                if now_ns - self._last_ns > 2 * span_ns // arrived:
+                    span_ns = now_ns - at_ns
+                return arrived * S / span_ns
+        return 0.0
+
+    def worst_gap_ns(self, now_ns: int) -> int:
+        """Return the longest silence of the last 10 s, the present one included [ns]."""
+        return self._gaps.extreme(now_ns, 0 if self._last_ns is None else now_ns - self._last_ns)
+
+
+class _SeedWindow:
+    """Since when an arm's samples have been coming without a gap and without queueing.
+
+    Lag is arrival (our clock) minus stamp (the robot's); its offset means nothing, its distance from the least lag of
+    the last 60 s does. When a sample with much less lag shows that those before it were old, they leave the window,
+    too: a backlog that drains cannot pass for a live stream even when nothing was known before it.
+    """
+
+    __slots__ = ("_lags", "_newest_ns", "_not_before_ns", "_settings", "_since_ns", "_stamp_ns", "_worst_lag_ns")
+
+    def __init__(self, settings: EnableSettings) -> None:
+        self._settings = settings
+        self._newest_ns = self._stamp_ns = self._worst_lag_ns = self._not_before_ns = 0
+        self._since_ns: int | None = None
+        self.forget_lag()
+
+    def restart(self, not_before_ns: int) -> None:
+        """Start anew with samples that arrive from then on; what is known about the lag stays."""
+        self._since_ns, self._not_before_ns = None, not_before_ns
+
+    def forget_lag(self) -> None:
+        """Start anew: another transport, another robot, or its clock was set."""
+        self._since_ns = None
+        self._lags = _Recent(min, LAG_BUCKET_NS)
+
+    def add(self, received_ns: int, stamp_ns: int) -> None:
+        """Take a believed sample."""
+        if stamp_ns < self._stamp_ns:
+            self.forget_lag()
+        lag_ns, gap_ns = received_ns - stamp_ns, received_ns - self._newest_ns
+        self._lags.add(received_ns, lag_ns)
+        bound_ns = self._lags.extreme(received_ns, lag_ns) + self._settings.seed_lag_ns
+        if lag_ns > bound_ns or received_ns < self._not_before_ns:
+            self._since_ns = None
+        elif self._since_ns is None or gap_ns > self._settings.stale_ns or self._worst_lag_ns > bound_ns:
+            self._since_ns, self._worst_lag_ns = received_ns, lag_ns
+        else:
+            self._worst_lag_ns = max(self._worst_lag_ns, lag_ns)
+        self._newest_ns, self._stamp_ns = received_ns, stamp_ns
+
+    def is_full(self) -> bool:
+        """Return whether the window is long enough, up to the newest sample."""
+        return self._since_ns is not None and self._newest_ns - self._since_ns >= self._settings.seed_ns
+
+
+@dataclass(frozen=True, slots=True)
+class _Posture:
+    q_rad: Vector
+    received_ns: int
+    stamp_ns: int
+
+    def plausible_rad(self, later: _Posture) -> float:
+        """Return how far a joint can have moved until then; arrivals of a burst are close together, stamps are not."""
+        elapsed_ns = max(later.received_ns - self.received_ns, later.stamp_ns - self.stamp_ns)
+        return JUMP_RADPS * elapsed_ns / S + JUMP_RAD
+
+    def moved(self, later: _Posture) -> tuple[float, int]:
+        """Return the largest step of a joint and its number, from 1."""
+        return max((abs(b - a), n) for n, (a, b) in enumerate(zip(self.q_rad, later.q_rad, strict=True), start=1))
+
+
+class _JumpGuard:
+    """Refuses arm samples that no arm can have moved to.
+
+    A joint may differ from the last believed sample by `JUMP_RADPS` times the time between the two plus `JUMP_RAD`.
+    Once a sample is refused that allowance stands still: else every jump became plausible by waiting, before the part
+    is dead and anybody has noticed. A rival posture that goes on plausibly within itself for the seeding time, while
+    the part is dead, is believed: the encoder was set, or we believed the wrong one first.
+    """
+
+    __slots__ = ("_allowed_rad", "_believed", "_rival", "_rival_since_ns", "_settings")
+
+    def __init__(self, settings: EnableSettings) -> None:
+        self._settings = settings
+        self.believe(None)
+
+    def believe(self, posture: _Posture | None) -> None:
+        """Compare with this from now on; with None believe whatever comes next."""
+        self._believed, self._rival_since_ns = posture, 0
+        self._allowed_rad: float | None = None
+        self._rival: _Posture | None = None
+
+    def why_not(self, new: _Posture) -> str:
+        """Believe a posture and return nothing, or return why it is refused."""
+        old, rival = self._believed, self._rival
+        if old is None:
+            self.believe(new)
+            return ""
+        allowed_rad = self._allowed_rad or old.plausible_rad(new)
+        moved_rad, joint = old.moved(new)
+        dead_ns = new.received_ns - old.received_ns
+        if rival is None or not self._goes_on(rival, new):
+            self._rival_since_ns = new.received_ns
+        lasted = new.received_ns - self._rival_since_ns >= self._settings.seed_ns and dead_ns > self._settings.stale_ns
+        if moved_rad <= allowed_rad or lasted:
+            self.believe(new)
+            return ""
+        self._rival, self._allowed_rad = new, allowed_rad
+        return (
+            f"joint {joint} jumped by {moved_rad:.3f} rad in {dead_ns / MS:.0f} ms, at most {allowed_rad:.3f} rad "
+            f"is plausible ({JUMP_RADPS:g} rad/s and {JUMP_RAD:g} rad of noise)"
+        )
+
+    def _goes_on(self, rival: _Posture, new: _Posture) -> bool:
+        unbroken = new.received_ns - rival.received_ns <= self._settings.stale_ns
+        return unbroken and rival.moved(new)[0] <= rival.plausible_rad(new)
+
+
+class _Track:
+    """One state topic."""
+
+    __slots__ = ("_behind_ns", "_stamp_ns", "live_ns", "meter", "received_ns", "value", "why_refused")
+
+    def __init__(self) -> None:
+        self.meter = _Meter()
+        self.value: StateValue | None = None
+        self.received_ns: int | None = None  # arrival of the value
+        self.live_ns: int | None = None  # the same; None since a reset
+        self.why_refused = ""
+        self._stamp_ns: int | None = None  # newest stamp that was in order
+        self._behind_ns: int | None = None  # stamp of the sample before, when that one was behind
+
+    def forget(self) -> None:
+        """Keep the value for display; it is not fresh, and its stamp says nothing about the next one."""
+        self.live_ns = self._stamp_ns = self._behind_ns = None
+
+    def refuse(self, why: str, count: int = 1) -> None:
+        self.meter.refused += count
+        self.why_refused = why
+
+    def within(self, now_ns: int, limit_ns: int) -> bool:
+        return self.live_ns is not None and now_ns - self.live_ns <= limit_ns
+
+    def in_order(self, stamp_ns: int) -> bool:
+        """Return whether a sample may be used: a repeated or earlier stamp may not.
+
+        A late sample stands alone. A second one in a row that is behind, but ahead of the first, means that the
+        robot's clock was set back: its samples are used from then on, whatever the step.
+        """
+        last_ns, behind_ns = self._stamp_ns, self._behind_ns
+        self._behind_ns = stamp_ns if last_ns is not None and stamp_ns < last_ns else None
+        if last_ns is None or stamp_ns > last_ns or (behind_ns is not None and behind_ns < stamp_ns < last_ns):
+            self._stamp_ns, self._behind_ns = stamp_ns, None
+            return True
+        return False
+
+
+class Store:
+    """The robot as last seen. The settings say how old a state may be and what seeding takes."""
+
+    def __init__(self, settings: EnableSettings) -> None:
+        self._settings = settings
+        self._tracks = {topic: _Track() for topic in robot.STATE_TOPICS}
+        self._arms = {side: self._tracks[robot.arm_state(side)] for side in Side}
+        self._poses = {side: self._tracks[robot.ee_pose(side)] for side in Side}
+        self._fsm = self._tracks[robot.FSM_STATE]
+        self._mode = self._tracks[robot.CURRENT_MODE]
+        self._checks = {robot.arm_state(side): (_SeedWindow(settings), _JumpGuard(settings)) for side in Side}
+        self._link_ns: int | None = None  # newest fast sample on this transport
+        self._names_wrong: SampleRefused | None = None
+
+    def receive(self, event: SampleArrived | SampleRefused, now_ns: int) -> None:
+        """Take what the link says about one state topic; an arrival stamped after `now_ns` counts as now."""
+        track = self._tracks[event.topic]
+        if isinstance(event, SampleRefused):
+            track.refuse(event.message, event.count)
+            if event.code is Code.JOINT_ORDER and event.topic in self._checks:
+                self._names_wrong = event
+            return
+        received_ns = min(event.received_ns, now_ns)
+        track.meter.add(event, received_ns)
+        why = self._why_not(track, event, received_ns)
+        if why:
+            track.refuse(why)
+            return
+        track.value = event.value
+        track.received_ns = track.live_ns = received_ns
+        if event.topic in robot.MOTION_STATE_TOPICS:
+            self._link_ns = max(received_ns, self._link_ns or received_ns)
+
+    def reset(self) -> None:
+        """Forget freshness and stamp lags: the transport was lost, or the robot restarted. Values stay for display."""
+        self._link_ns = None
+        for track in self._tracks.values():
+            track.forget()
+        for seed, guard in self._checks.values():
+            seed.forget_lag()
+            guard.believe(None)
+
+    def disturb(self, now_ns: int) -> None:
+        """Start seeding anew: this process stood still until now, so what it finds waiting may be old."""
+        for seed, _ in self._checks.values():
+            seed.restart(now_ns)
+
+    def value(self, topic: str) -> StateValue | None:
+        """Return the last believed value of a topic, however old; None before the first."""
+        return self._tracks[topic].value
+
+    def arm(self, side: Side) -> ArmState | None:
+        """Return the last measured joints of an arm, however old."""
+        return value if isinstance(value := self._arms[side].value, ArmState) else None
+
+    def pose(self, side: Side) -> EePose | None:
+        """Return the last measured end-effector pose of an arm, however old."""
+        return value if isinstance(value := self._poses[side].value, EePose) else None
+
+    @property
+    def fsm_raw(self) -> int | None:
+        """The last `/fsm_state`, however old."""
+        return value if isinstance(value := self._fsm.value, int) else None
+
+    def age_ns(self, topic: str, now_ns: int) -> int | None:
+        """Return the age of a topic's value for views and messages; None before the first, a reset changes nothing.
+
+        Whether a value may be used is asked with `is_fresh`, `part_fresh`, `fsm`, `mode` and `seedable`.
+        """
+        received_ns = self._tracks[topic].received_ns
+        return None if received_ns is None else now_ns - received_ns
+
+    def link_age_ns(self, now_ns: int) -> int | None:
+        """Return the age of the newest fast state topic for views and messages; None before the first sample."""
+        return min((a for t in robot.MOTION_STATE_TOPICS if (a := self.age_ns(t, now_ns)) is not None), default=None)
+
+    def is_fresh(self, now_ns: int) -> bool:
+        """Return whether the newest fast state topic came over this transport and is young enough."""
+        return self._link_ns is not None and now_ns - self._link_ns <= self._settings.stale_ns
+
+    def part_fresh(self, side: Side, now_ns: int, needs_pose: bool) -> bool:
+        """Return whether an arm's joints, and its `current_ee_pose` where needed, are young enough."""
+        tracks = (self._arms[side], self._poses[side]) if needs_pose else (self._arms[side],)
+        return all(track.within(now_ns, self._settings.stale_ns) for track in tracks)
+
+    def fsm(self, now_ns: int) -> int | None:
+        """Return `/fsm_state` (manual §4.11.1); None when unknown: older than 0.5 s, or of before a reset."""
+        return self.fsm_raw if self._fsm.within(now_ns, self._settings.fsm_valid_ns) else None
+
+    @property
+    def fsm_received_ns(self) -> int | None:
+        """When it arrived, for those who demand one newer than an instant; None when not since a reset."""
+        return self._fsm.live_ns
+
+    def mode(self, now_ns: int) -> CurrentMode | None:
+        """Return `/api/current_mode` (manual §4.11.2); None when unknown: older than 3 s, or of before a reset."""
+        value, valid = self._mode.value, self._mode.within(now_ns, self._settings.mode_valid_ns)
+        return value if valid and isinstance(value, CurrentMode) else None
+
+    @property
+    def mode_received_ns(self) -> int | None:
+        """When it arrived, for those who demand one newer than an instant; None when not since a reset."""
+        return self._mode.live_ns
+
+    def seedable(self, side: Side, now_ns: int) -> bool:
+        """Return whether a stream may start from this arm's measured state after a stall, a reconnect or a pause.
+
+        It may after 0.3 s of samples without a gap of 100 ms whose stamp lag stayed within 100 ms of the least lag.
+        """
+        return self.part_fresh(side, now_ns, False) and self._checks[robot.arm_state(side)][0].is_full()
+
+    def name_order_wrong(self, now_ns: int) -> str | None:
+        """Return what was wrong with the joint names of an arm within the last second, or None (manual §4.0.3)."""
+        wrong = self._names_wrong
+        return wrong.message if wrong and now_ns - wrong.received_ns <= NAMES_WRONG_NS else None
+
+    def topic_view(self, topic: str, now_ns: int) -> TopicView:
+        """Return age, rate and counters of a topic; samples that were not believed are among the refused."""
+        meter = self._tracks[topic].meter
+        return TopicView(
+            age_ns=self.age_ns(topic, now_ns),
+            rate_hz=meter.rate_hz(now_ns),
+            worst_gap_ns=meter.worst_gap_ns(now_ns),
+            count=meter.count,
+            duplicates=meter.duplicates,
+            refused=meter.refused,
+        )
+
+    def why_refused(self, topic: str) -> str:
+        """Return why the latest refused sample of a topic was refused; empty when none ever was."""
+        return self._tracks[topic].why_refused
+
+    def _why_not(self, track: _Track, event: SampleArrived, received_ns: int) -> str:
+        value = event.value
+        if isinstance(value, MotorState) and not track.in_order(value.stamp_ns):
+            return f"stamp {value.stamp_ns} ns is not newer than the one before"
+        if not isinstance(value, ArmState):
+            return ""
+        seed, guard = self._checks[event.topic]
+        why = guard.why_not(_Posture(value.q_rad, received_ns, value.stamp_ns))
+        if not why:
+            seed.add(received_ns, value.stamp_ns)
+        return why
