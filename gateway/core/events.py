@@ -1,19 +1,37 @@
 """What the engine takes and gives: frozen values, no behaviour. The inbox log of these replays any incident.
 
 Going in: samples and link events from the robot plane, requests and keepalives from the local plane, and the daemon's own.
-Coming out: frames for the robot, replies, notices, a snapshot, and what must be remembered across a restart.
+The requests themselves (`requests.py`) and what comes out (`outputs.py`) are given on from here.
 Time is integer monotonic nanoseconds of this host. Topics are ROS names of `robot.TOPICS`.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
-from enum import Enum
+from dataclasses import dataclass
 from typing import Union
 
-from gateway.errors import Code, Refusal
-from gateway.values import ArmState, CurrentMode, EePose, MotorState, Side, Vector
+from gateway.core.outputs import Frame, FrameKind, Level, Notice, Remembered, Reply
+from gateway.core.requests import (
+    Abandon,
+    Acquire,
+    Cancel,
+    CloseStream,
+    Disable,
+    Enable,
+    Estop,
+    Hold,
+    Move,
+    OnLimit,
+    OnLoss,
+    OpenStream,
+    Recover,
+    Release,
+    Request,
+    Stop,
+    Take,
+)
+from gateway.errors import Code
+from gateway.values import ArmState, CurrentMode, EePose, MotorState, Vector
 
 __all__ = [
     "Abandon",
@@ -136,147 +154,6 @@ class RouteObserved:
 # ---------------------------------------------------------------------------------------------- from clients
 
 
-class OnLoss(str, Enum):
-    """What happens when the owner vanishes: keep holding, or pause the robot at once."""
-
-    HOLD = "hold"
-    PAUSE = "pause"
-
-
-class OnLimit(str, Enum):
-    """What happens to a target outside the limits: refused, or clipped and reported."""
-
-    REJECT = "reject"
-    CLIP = "clip"
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Acquire:
-    """Ask for the lease when it is free. `pid` and `name` are shown to others."""
-
-    name: str
-    pid: int
-    on_loss: OnLoss = OnLoss.HOLD
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Take:
-    """Take the lease from its owner, for people; brakes first."""
-
-    name: str
-    pid: int
-    reason: str
-    on_loss: OnLoss = OnLoss.HOLD
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Release:
-    """Give the lease back: brake, rest, heartbeat 0.0."""
-
-    epoch: int
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Abandon:
-    """Leave as if the client had vanished: brake and hold, the clocks run."""
-
-    epoch: int
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Enable:
-    """Bring the FSM to READY; the outcome is seen in the snapshot."""
-
-    epoch: int
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Disable:
-    """Brake to rest, then heartbeat 0.0; the lease stays."""
-
-    epoch: int
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Move:
-    """Point to point, all joints of all named arms ending together.
-
-    Attributes:
-        epoch: Lease epoch.
-        targets_rad: Per side seven joints [rad]; offsets from the reference when `relative`.
-        relative: Whether the targets are offsets.
-        speed: Factor on velocity, 0 < speed <= 1.
-        tolerance_rad: Settling tolerance [rad]; None for the configured one.
-        on_limit: Reject or clip.
-    """
-
-    epoch: int
-    targets_rad: Mapping[Side, Vector]
-    relative: bool = False
-    speed: float = 1.0
-    tolerance_rad: float | None = None
-    on_limit: OnLimit = OnLimit.REJECT
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class OpenStream:
-    """Open a stream of joint targets for one arm; it starts at the present reference."""
-
-    epoch: int
-    side: Side
-    speed: float = 1.0
-    on_limit: OnLimit = OnLimit.REJECT
-    expiry_ns: int | None = None
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class CloseStream:
-    """End a stream: brake to rest and hold."""
-
-    epoch: int
-    stream_id: int
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Hold:
-    """Brake the named arms and hold; ends their motions as cancelled."""
-
-    epoch: int
-    sides: tuple[Side, ...]
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Cancel:
-    """Brake and end one motion."""
-
-    epoch: int
-    motion_id: int
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Stop:
-    """Stop everything. Anybody may; latches unless the owner asks."""
-
-    reason: str = ""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Estop:
-    """Stop everything and pause the FSM. Anybody may; always latches; the grip is lost."""
-
-    reason: str = ""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Recover:
-    """Clear all latches, or none when a cause persists. Never moves, never enables."""
-
-
-Request = Union[
-    Acquire, Take, Release, Abandon, Enable, Disable, Move, OpenStream, CloseStream, Hold, Cancel, Stop, Estop, Recover
-]
-
-
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CommandRequested:
     """A request that wants exactly one reply.
@@ -362,99 +239,3 @@ Event = Union[
     Suspended,
     ExitRequested,
 ]
-
-
-# ---------------------------------------------------------------------------------------------- coming out
-
-
-class FrameKind(str, Enum):
-    """Why a frame is sent; the gate decides by it.
-
-    MOTION may change a target of the owner's; ECHO repeats the latched start while enabling; BRAKE ends a motion; HOLD
-    repeats the last reference; WALK leads a held reference back to the measured arm; BEAT is heartbeat 1.0; STOP is a
-    stop frame (chassis zeros, lift, 0.0).
-    """
-
-    MOTION = "motion"
-    ECHO = "echo"
-    BRAKE = "brake"
-    HOLD = "hold"
-    WALK = "walk"
-    BEAT = "beat"
-    STOP = "stop"
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Frame:
-    """One message for the robot.
-
-    Attributes:
-        topic: ROS name of a command topic.
-        values: Joint positions [rad], pose (p, xyzw), or the floats of the array.
-        kind: Why it is sent.
-        epoch: Lease epoch under which it was made; 0 when none.
-        due_ns: The instant of its grid for which it was made [ns].
-    """
-
-    topic: str
-    values: Vector
-    kind: FrameKind
-    epoch: int
-    due_ns: int
-
-
-class Level(str, Enum):
-    """How loud a notice is."""
-
-    INFO = "info"
-    WARNING = "warning"
-    ERROR = "error"
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Notice:
-    """Something a person or a log should see.
-
-    Attributes:
-        code: Stable code.
-        level: How loud.
-        message: One sentence.
-        at_ns: When [ns].
-        facts: Further facts as text.
-    """
-
-    code: Code
-    level: Level
-    message: str
-    at_ns: int
-    facts: Mapping[str, str] = field(default_factory=dict)
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Reply:
-    """The one answer to a request.
-
-    Attributes:
-        client_id: Who asked.
-        request_id: Which request.
-        refusal: Why not, or None when it was accepted.
-        facts: What the caller needs to go on: `epoch`, `motion_id`, `stream_id`, `q_rad`, `clipped`, ...
-    """
-
-    client_id: str
-    request_id: int
-    refusal: Refusal | None = None
-    facts: Mapping[str, object] = field(default_factory=dict)
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Remembered:
-    """What survives a restart of the daemon.
-
-    Attributes:
-        epoch: No epoch up to this one is ever given again.
-        latches: Causes with their messages.
-    """
-
-    epoch: int = 0
-    latches: Mapping[Code, str] = field(default_factory=dict)

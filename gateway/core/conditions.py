@@ -1,0 +1,137 @@
+"""What the robot is doing by itself, as triggers of the supervisor: levels, looked at on every tick.
+
+Rules
+    * Most serious first: after a trigger has moved the state, the rest is looked at again from the new state.
+    * Nothing here acts. It reads the store, the body and the supervisor.
+    * A sample decides only when it can be an answer: FSM values count for READY and for a fall only when they arrived
+      after our first heartbeat of this enabling.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from gateway.core.conductor import Conductor
+from gateway.core.supervisor import STREAMING, State, Trigger
+from gateway.values import FsmState, Side
+
+__all__ = ["Conditions"]
+
+QUIET = frozenset({State.OFFLINE, State.STALE})
+OWN_FSM = frozenset({FsmState.ERROR, FsmState.PAUSE, FsmState.SLOW_START, FsmState.READY})
+"""FSM values that an API program meets; the others belong to VR and playback (manual §4.11.1)."""
+
+
+class Conditions:
+    """Reads the robot's condition.
+
+    Args:
+        conductor: Store, body and supervisor.
+    """
+
+    def __init__(self, conductor: Conductor) -> None:
+        self._conductor = conductor
+        self._off_since_ns: dict[Side, int | None] = dict.fromkeys(Side, None)
+        self._saw_slow_start_ns: int | None = None
+        self.first_beat_ns: int | None = None
+        """When the first 1.0 of the present enabling left [ns]; None before it."""
+
+    def enabling_begins(self) -> None:
+        """A new enabling has begun: earlier FSM samples are no answers to it."""
+        self._saw_slow_start_ns = None
+        self.first_beat_ns = None
+
+    def look(self, now_ns: int) -> Iterator[tuple[Trigger, str]]:
+        """Give the triggers that hold now, most serious first, each with its reason.
+
+        Args:
+            now_ns: Monotonic time [ns].
+        """
+        conductor = self._conductor
+        store, state = conductor.store, conductor.state
+        if not conductor.transport_up:
+            yield Trigger.TRANSPORT_LOST, "no transport to the robot's router"
+            return
+        yield from self._joint_order(now_ns)
+        if not store.is_fresh(now_ns):
+            if state not in QUIET:
+                age_ns = store.link_age_ns(now_ns) or 0
+                yield Trigger.STALE, f"the newest state is {age_ns / 1e6:.0f} ms old, 100 ms is the bound"
+            return
+        if state in QUIET:
+            return  # the way back is the phases' business: it depends on how long it was gone
+        yield from self._mode(now_ns)
+        yield from self._fsm(now_ns)
+        yield from self._parts(now_ns)
+        yield from self._tracking(now_ns)
+
+    def _joint_order(self, now_ns: int) -> Iterator[tuple[Trigger, str]]:
+        wrong = self._conductor.store.name_order_wrong(now_ns)
+        if wrong is not None:
+            yield Trigger.JOINT_ORDER, wrong
+
+    def _mode(self, now_ns: int) -> Iterator[tuple[Trigger, str]]:
+        mode = self._conductor.store.mode(now_ns)
+        if mode is None:
+            yield Trigger.MODE_UNKNOWN, "/api/current_mode has not been heard for 3 s"
+            return
+        if not mode.api:
+            if self._conductor.state is not State.READ_ONLY:
+                yield Trigger.VR_MODE, "the robot was switched to VR mode"
+            return
+        if not mode.enabled_arms:
+            yield Trigger.NO_ARM, "no arm is enabled in the robot's system configuration"
+        for side, arm in self._conductor.body.arms.items():
+            if arm.running and side not in mode.enabled_arms:
+                yield Trigger.ARM_DISABLED, f"the {side} arm was disabled in the robot's system configuration"
+            elif arm.running and not mode.joint_mode[side]:
+                yield Trigger.ARM_DISABLED, f"the {side} arm was switched to end-effector mode"
+
+    def _fsm(self, now_ns: int) -> Iterator[tuple[Trigger, str]]:
+        store = self._conductor.store
+        value = store.fsm(now_ns)
+        if value is None:
+            yield Trigger.FSM_DEAD, "/fsm_state has not been heard for 0.5 s"
+            return
+        received_ns = store.fsm_received_ns or 0
+        is_answer = self.first_beat_ns is not None and received_ns > self.first_beat_ns
+        if value not in OWN_FSM:
+            yield Trigger.FSM_FOREIGN, f"the robot's FSM is {value}: VR single arm, playback or unknown (manual §4.11.1)"
+        elif value == FsmState.ERROR:
+            yield Trigger.FSM_ERROR, "the robot's FSM is ERROR (-1): control or motor fault (manual §4.11.1)"
+        elif value == FsmState.READY:
+            if is_answer or self._conductor.state is not State.ENABLING:
+                yield Trigger.FSM_READY, "the robot's FSM is READY"
+        elif value == FsmState.SLOW_START:
+            if is_answer:
+                self._saw_slow_start_ns = received_ns
+            yield Trigger.FSM_SLOW_START, "the robot's FSM fell back to SLOW_START: a pause too short to be seen"
+        else:
+            if self._saw_slow_start_ns is not None and self._conductor.state is State.ENABLING:
+                yield Trigger.FSM_FELL, "the robot's FSM fell from SLOW_START to PAUSE while enabling"
+            yield Trigger.FSM_PAUSE, "the robot's FSM is PAUSE: it paused by itself, perhaps a physical stop"
+
+    def _parts(self, now_ns: int) -> Iterator[tuple[Trigger, str]]:
+        if self._conductor.state not in STREAMING:
+            return
+        for side, arm in self._conductor.body.arms.items():
+            if arm.running and not self._conductor.store.part_fresh(side, now_ns, needs_pose=False):
+                yield Trigger.PART_DEAD, f"the state of the {side} arm is older than 100 ms"
+
+    def _tracking(self, now_ns: int) -> Iterator[tuple[Trigger, str]]:
+        settings = self._conductor.settings.arm
+        for side, arm in self._conductor.body.arms.items():
+            measured = self._conductor.store.arm(side)
+            off_rad = arm.distance_rad(measured.q_rad) if arm.running and measured is not None else 0.0
+            if off_rad <= settings.tracking_rad:
+                self._off_since_ns[side] = None
+                continue
+            since_ns = self._off_since_ns[side]
+            if since_ns is None:
+                self._off_since_ns[side] = since_ns = now_ns
+            if now_ns - since_ns >= settings.tracking_ns:
+                yield (
+                    Trigger.TRACKING,
+                    f"the {side} arm is {off_rad:.3f} rad from its setpoint for {settings.tracking_ns / 1e9:.1f} s, "
+                    f"{settings.tracking_rad} rad is the bound",
+                )

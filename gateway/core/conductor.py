@@ -1,0 +1,243 @@
+"""Fires the supervisor's triggers and carries out what its table says, on the body, the latches and the lease.
+
+Everything that moves the supervisor goes through `fire`; nothing else changes its state. What the outside should hear of
+it is collected as notices.
+"""
+
+from __future__ import annotations
+
+from gateway.core.body import Body
+from gateway.core.events import Level, Notice, Remembered
+from gateway.core.lease import Lease
+from gateway.core.motions import Motion
+from gateway.core.store import Store
+from gateway.core.streams.heartbeat import Beat
+from gateway.core.supervisor import ARMED, BASE, STREAMING, Action, Cell, State, Supervisor, Trigger
+from gateway.errors import Code, Refusal
+from gateway.settings import Settings
+
+__all__ = ["END_CODE", "LATCH_CODE", "Conductor"]
+
+LATCH_CODE: dict[Trigger, Code] = {
+    Trigger.ESTOP: Code.ESTOP,
+    Trigger.OTHER_STOP: Code.STOPPED_BY_OTHER,
+    Trigger.FSM_ERROR: Code.FSM_ERROR,
+    Trigger.TRACKING: Code.TRACKING_ERROR,
+    Trigger.FOREIGN_TOKEN: Code.FOREIGN_WRITER,
+    Trigger.FOREIGN_DATA: Code.FOREIGN_WRITER,
+    Trigger.GATE_VIOLATION: Code.GATE_VIOLATION,
+    Trigger.JOINT_ORDER: Code.JOINT_ORDER,
+}
+"""Cause under which a trigger latches."""
+
+END_CODE: dict[Trigger, Code] = {
+    **LATCH_CODE,
+    Trigger.OTHER_STOP: Code.STOPPED,
+    Trigger.OWNER_STOP: Code.STOPPED,
+    Trigger.TAKE: Code.LEASE_LOST,
+    Trigger.RELEASE: Code.STOPPED,
+    Trigger.DISABLE: Code.STOPPED,
+    Trigger.CLIENT_LOST: Code.CLIENT_LOST,
+    Trigger.CLIENT_LOST_PAUSE: Code.CLIENT_LOST,
+    Trigger.STALE: Code.STATE_STALE,
+    Trigger.TRANSPORT_LOST: Code.NO_LINK,
+    Trigger.FSM_PAUSE: Code.ROBOT_PAUSED,
+    Trigger.FSM_SLOW_START: Code.ROBOT_PAUSED,
+    Trigger.FSM_DEAD: Code.FSM_UNKNOWN,
+    Trigger.FSM_FOREIGN: Code.FSM_BUSY,
+    Trigger.VR_MODE: Code.MODE_VR,
+    Trigger.MODE_UNKNOWN: Code.MODE_UNKNOWN,
+    Trigger.ARM_DISABLED: Code.ARM_DISABLED,
+    Trigger.NO_ARM: Code.NO_ARM_ENABLED,
+    Trigger.PART_DEAD: Code.PART_LOST,
+    Trigger.OTHER_GATEWAY: Code.OTHER_GATEWAY,
+    Trigger.EXIT: Code.EXITING,
+    Trigger.SUSPENDED: Code.SUSPENDED,
+}
+"""Code with which motions and streams end when a trigger cuts them."""
+
+
+class Conductor:
+    """Supervisor, body, lease and store, moving together.
+
+    Args:
+        settings: All of them.
+        remembered: What an earlier daemon left: latches and the last epoch.
+    """
+
+    def __init__(self, settings: Settings, remembered: Remembered) -> None:
+        self.settings = settings
+        self.store = Store(settings.enable)
+        self.lease = Lease(settings.loss, remembered.epoch)
+        self.supervisor = Supervisor(remembered.latches)
+        self.body = Body(settings)
+        self.notices: list[Notice] = []
+        self.transport_up = False
+        """Whether a transport to the robot's router is open."""
+        self.router_zid = ""
+        self.resuming = False
+        """STALE only: 1.0 is sent again after a short stall, until the streams are seeded."""
+        self.stale_hold = False
+        """STALE only: constant hold frames go on."""
+        self.can_resume = False
+        """STALE only: the stall began in ACTIVE or HOLDING and nothing has ended the hold since."""
+        self.is_exiting = False
+        self.enable_outcome = "none"
+        """`none`, `running`, `ok` or `failed`: how the latest enabling went."""
+        self.enable_code: Code | None = None
+        """Why it failed; None else."""
+        self.enable_message = ""
+
+    # ------------------------------------------------------------------------------------------------ saying
+
+    def notice(self, code: Code, level: Level, message: str, now_ns: int, /, **facts: str) -> None:
+        """Say something to people and logs."""
+        self.notices.append(Notice(code=code, level=level, message=message, at_ns=now_ns, facts=facts))
+
+    def report_ended(self, motions: list[Motion], now_ns: int) -> None:
+        """Say how motions ended."""
+        for motion in motions:
+            level = Level.INFO if motion.code is None else Level.WARNING
+            text = f"motion {motion.motion_id} {motion.state.value}"
+            self.notice(
+                Code.MOTION_ENDED,
+                level,
+                f"{text}: {motion.message}" if motion.message else text,
+                now_ns,
+                motion_id=str(motion.motion_id),
+                state=motion.state.value,
+                code=motion.code.value if motion.code else "",
+            )
+
+    # ------------------------------------------------------------------------------------------------ where we are
+
+    def base(self, now_ns: int) -> State:
+        """Return where the gateway rests: OFFLINE, STALE, READ_ONLY or IDLE."""
+        if not self.transport_up or self.store.link_age_ns(now_ns) is None:
+            return State.OFFLINE
+        if not self.store.is_fresh(now_ns):
+            return State.STALE
+        mode = self.store.mode(now_ns)
+        in_vr = mode is not None and not mode.api
+        return State.READ_ONLY if in_vr or self.lease.owner is None else State.IDLE
+
+    @property
+    def state(self) -> State:
+        """The supervisor's state."""
+        return self.supervisor.state
+
+    # ------------------------------------------------------------------------------------------------ moving
+
+    def fire(self, trigger: Trigger, now_ns: int, message: str = "") -> Cell:
+        """Do what the table says for a trigger in the present state.
+
+        Args:
+            trigger: What happened.
+            now_ns: Monotonic time [ns].
+            message: Why, in words: for ended motions, latches and notices.
+
+        Returns:
+            The cell that was carried out; when it refuses, nothing was done.
+        """
+        cell = self.supervisor.cell(trigger)
+        if cell.refuse is not None:
+            return cell
+        for action in cell.do:
+            self._do(action, trigger, message or trigger.value, now_ns)
+        if cell.to == BASE:
+            self.give_up_resuming()
+            self.go(self.base(now_ns), now_ns, message or trigger.value)
+        elif isinstance(cell.to, State):
+            self.go(cell.to, now_ns, message or trigger.value)
+        return cell
+
+    def go(self, to: State, now_ns: int, why: str) -> None:
+        """Enter a state and bring the streams in line with it."""
+        came_from = self.state
+        if not self.supervisor.move(to, now_ns):
+            return
+        if came_from is State.ENABLING:
+            self._close_enabling(to, why)
+        body = self.body
+        self.resuming = False
+        self.can_resume = to is State.STALE and came_from in {State.ACTIVE, State.HOLDING}
+        self.stale_hold = (
+            to is State.STALE
+            and came_from in {State.ACTIVE, State.HOLDING, State.PAUSED}
+            and bool(body.running_arms)
+            and body.is_at_rest
+        )
+        if to not in STREAMING and not self.stale_hold:
+            body.silence_arms()
+        if to in {State.ACTIVE, State.HOLDING, State.PAUSED}:
+            for arm in body.running_arms:
+                arm.go_live()
+        if to not in ARMED and body.heartbeat.beat is Beat.ONE:
+            body.heartbeat.silence()
+        level = Level.WARNING if to in {State.PAUSED, State.STALE, State.OFFLINE} else Level.INFO
+        self.notice(
+            Code.STATE_CHANGED, level, f"{came_from} -> {to}: {why}", now_ns, came_from=came_from.value, to=to.value
+        )
+
+    def _close_enabling(self, to: State, why: str) -> None:
+        self.enable_outcome = "ok" if to is State.ACTIVE else "failed"
+        if to is not State.ACTIVE:
+            self.enable_code = self.enable_code or Code.NOT_ENABLED
+            self.enable_message = self.enable_message or why
+
+    def give_up_resuming(self) -> None:
+        """Something ended the hold for good: whatever is still sent because of a short stall falls silent."""
+        self.can_resume = False
+        if self.state is State.STALE:
+            self.stale_hold = False
+            self.body.silence_arms()
+            if self.resuming:
+                self.resuming = False
+                self.body.heartbeat.silence()
+
+    def _do(self, action: Action, trigger: Trigger, message: str, now_ns: int) -> None:
+        body = self.body
+        if action is Action.CUT:
+            code = END_CODE.get(trigger, Code.STREAM_ENDED)
+            self.report_ended(body.cut(code, message), now_ns)
+            if self.state is State.ENABLING:
+                self.enable_code = self.enable_code or code
+                self.enable_message = self.enable_message or message
+        elif action is Action.ZERO:
+            self._zero(trigger, now_ns)
+        elif action is Action.ZERO_IF_OWED:
+            if body.heartbeat.is_owed:
+                self._zero(trigger, now_ns)
+        elif action is Action.ZERO_ONCE:
+            body.heartbeat.zero_once(now_ns)
+        elif action is Action.SILENCE:
+            body.heartbeat.silence()
+        elif action is Action.LATCH:
+            self.latch(LATCH_CODE[trigger], message, now_ns)
+        elif action is Action.GROUND_STOP:
+            body.ground_stop(now_ns)
+        elif action is Action.LIFT_OFF:
+            body.lift_off(now_ns)
+        else:
+            self.lease.clear(now_ns)
+            self.notice(Code.LEASE_CHANGED, Level.WARNING, f"the lease is free: {message}", now_ns)
+
+    def _zero(self, trigger: Trigger, now_ns: int) -> None:
+        heartbeat = self.body.heartbeat
+        is_repeat = heartbeat.gave_up_at_ns is not None and heartbeat.gave_up_at_ns >= self.supervisor.since_ns
+        if trigger is Trigger.ESTOP or not is_repeat:
+            heartbeat.zeros(now_ns, is_estop=trigger is Trigger.ESTOP)
+
+    def latch(self, code: Code, message: str, now_ns: int) -> None:
+        """Add a cause to the latches."""
+        if self.supervisor.latch(code, message):
+            self.notice(Code.LATCH_CHANGED, Level.ERROR, f"latched {code}: {message}", now_ns, code=code.value)
+
+    def fail_enable(self, refusal: Refusal, now_ns: int) -> None:
+        """End ENABLING with a reason of its own."""
+        self.enable_code, self.enable_message = refusal.code, refusal.message
+        self.fire(Trigger.ENABLE_TIMEOUT, now_ns, refusal.message)
+
+    def remembered(self) -> Remembered:
+        """Return what must survive a restart of the daemon."""
+        return Remembered(epoch=self.lease.epoch, latches=dict(self.supervisor.latches))

@@ -1,0 +1,246 @@
+"""Answers requests: who may ask, whether it may pass the door, what it sets in motion, and the one reply.
+
+Order of the checks: lease, state of the gateway, latches, condition of the robot, then the input itself. `stop` and
+`estop` need no lease and are never refused. Nothing waits here: what takes time is seen in the snapshot.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from gateway.core import door
+from gateway.core.conductor import Conductor
+from gateway.core.events import (
+    Abandon,
+    Acquire,
+    Cancel,
+    CloseStream,
+    CommandRequested,
+    Disable,
+    Enable,
+    Estop,
+    Hold,
+    Level,
+    Move,
+    OpenStream,
+    Recover,
+    Release,
+    Stop,
+    Take,
+    TargetArrived,
+)
+from gateway.core.moves import Answer, Facts, Moves
+from gateway.core.permit import REFUSAL_TEXT, Permit
+from gateway.core.phases import Phases
+from gateway.core.supervisor import State, Trigger
+from gateway.errors import Code, Refusal
+from gateway.values import FsmState, Side
+
+__all__ = ["Desk"]
+
+
+class Desk:
+    """Carries out requests.
+
+    Args:
+        conductor: What is moved.
+        phases: Courses that requests begin.
+    """
+
+    def __init__(self, conductor: Conductor, phases: Phases) -> None:
+        self._conductor = conductor
+        self._phases = phases
+        self._permit = Permit(conductor)
+        self._moves = Moves(conductor, self._permit)
+        self._answers: dict[type, Callable[..., Answer]] = {
+            Acquire: self._acquire,
+            Take: self._take,
+            Release: self._release,
+            Abandon: self._abandon,
+            Enable: self._enable,
+            Disable: self._disable,
+            Move: self._moves.move,
+            OpenStream: self._moves.open_stream,
+            CloseStream: self._moves.close_stream,
+            Hold: self._moves.hold,
+            Cancel: self._moves.cancel,
+            Stop: self._stop,
+            Estop: self._estop,
+            Recover: self._recover,
+        }
+
+    def answer(self, command: CommandRequested, now_ns: int) -> Answer:
+        """Carry out one request.
+
+        Args:
+            command: Who asks for what.
+            now_ns: Monotonic time [ns].
+
+        Returns:
+            Facts for the caller, or why nothing was done.
+        """
+        return self._answers[type(command.request)](command, command.request, now_ns)
+
+    # ------------------------------------------------------------------------------------------------ the lease
+
+    def _acquire(self, command: CommandRequested, request: Acquire, now_ns: int) -> Answer:
+        if self._conductor.is_exiting:
+            return Refusal(code=Code.EXITING, message="the daemon is ending")
+        was = self._conductor.lease.epoch if self._conductor.lease.owner else 0
+        epoch = self._conductor.lease.acquire(command.client_id, request.name, request.pid, request.on_loss, now_ns)
+        if isinstance(epoch, Refusal):
+            return epoch
+        if epoch != was:
+            self._conductor.notice(
+                Code.LEASE_CHANGED, Level.INFO, f"{request.name} (pid {request.pid}) owns the robot, epoch {epoch}", now_ns
+            )
+        self._conductor.fire(Trigger.ACQUIRE, now_ns, f"{request.name} acquired the lease")
+        return {"epoch": epoch}
+
+    def _take(self, command: CommandRequested, request: Take, now_ns: int) -> Answer:
+        if self._conductor.is_exiting:
+            return Refusal(code=Code.EXITING, message="the daemon is ending")
+        lease = self._conductor.lease
+        owner = lease.owner
+        epoch = lease.take(command.client_id, request.name, request.pid, request.reason, request.on_loss, now_ns)
+        if isinstance(epoch, Refusal):
+            return epoch
+        if owner is not None and owner.client_id == command.client_id:
+            return {"epoch": epoch}
+        message = f"{request.name} (pid {request.pid}) took the robot from {owner.name if owner else 'nobody'}: {request.reason}"
+        self._conductor.notice(Code.LEASE_CHANGED, Level.WARNING, message, now_ns, epoch=str(epoch))
+        self._conductor.fire(Trigger.TAKE, now_ns, message)
+        self._permit.note_takeover(epoch)
+        return {"epoch": epoch}
+
+    def _release(self, command: CommandRequested, request: Release, now_ns: int) -> Answer:
+        refusal = self._conductor.lease.release(command.client_id, request.epoch, now_ns)
+        if refusal is not None:
+            return refusal
+        self._conductor.notice(Code.LEASE_CHANGED, Level.INFO, "the lease was released", now_ns)
+        self._conductor.fire(Trigger.RELEASE, now_ns, "the owner released the lease")
+        return {}
+
+    def _abandon(self, command: CommandRequested, request: Abandon, now_ns: int) -> Answer:
+        return self._conductor.lease.abandon(command.client_id, request.epoch, now_ns) or {}
+
+    # ------------------------------------------------------------------------------------------------ enable, disable
+
+    def _enable(self, command: CommandRequested, request: Enable, now_ns: int) -> Answer:
+        conductor = self._conductor
+        refusal = self._permit.owner(command, request.epoch) or self._permit.after_stop(command)
+        if refusal is not None:
+            return refusal
+        refusal = self._permit.state(Trigger.ENABLE, now_ns) or self._permit.latches()
+        if refusal is not None:
+            return refusal
+        if conductor.supervisor.cell(Trigger.ENABLE).to is not State.ENABLING:
+            if conductor.state is State.HOLDING and self._phases.walk(now_ns):
+                return {"attempt": self._phases.attempt, "outcome": "ok", "walking": True}
+            outcome = "running" if conductor.state is State.ENABLING else "ok"
+            return {"attempt": self._phases.attempt, "outcome": outcome}
+        sides = self._enable_sides(now_ns)
+        if isinstance(sides, Refusal):
+            return sides
+        conductor.fire(Trigger.ENABLE, now_ns, "the owner enables")
+        self._phases.begin_enabling(sides, now_ns)
+        return {"attempt": self._phases.attempt, "outcome": conductor.enable_outcome}
+
+    def _enable_sides(self, now_ns: int) -> tuple[Side, ...] | Refusal:
+        """Return the arms whose streams an enabling would start, or why it cannot begin."""
+        store = self._conductor.store
+        mode = store.mode(now_ns)
+        refusal = door.check_mode(mode)
+        if refusal is not None or mode is None:
+            return refusal or Refusal(code=Code.INTERNAL, message="a mode that is unknown passed the door")
+        if not mode.enabled_arms:
+            return Refusal(code=Code.NO_ARM_ENABLED, message="no arm is enabled in the robot's system configuration (manual §2.3)")
+        sides = tuple(side for side in mode.enabled_arms if mode.joint_mode[side])
+        if not sides:
+            return Refusal(
+                code=Code.WRONG_CONTROL_MODE,
+                message="every enabled arm is in end-effector mode; joint mode is needed (manual §2.3, §4.11.2)",
+            )
+        refusal = self._fsm_refusal(now_ns)
+        if refusal is not None:
+            return refusal
+        for side in sides:
+            measured = store.arm(side)
+            if measured is None or not store.part_fresh(side, now_ns, needs_pose=False):
+                return Refusal(code=Code.PART_STALE, message=f"the state of the {side} arm is older than 100 ms", field=f"{side}_arm")
+            start = door.check_start(side, measured.q_rad, self._conductor.settings.arm)
+            if isinstance(start, Refusal):
+                return start
+        return sides
+
+    def _fsm_refusal(self, now_ns: int) -> Refusal | None:
+        value = self._conductor.store.fsm(now_ns)
+        if value is None:
+            return Refusal(code=Code.FSM_UNKNOWN, message="/fsm_state has not been heard for 0.5 s (manual §4.11.1)")
+        if value == FsmState.ERROR:
+            return Refusal(code=Code.FSM_ERROR, message="the robot's FSM is ERROR (-1): control or motor fault (manual §4.11.1)")
+        if value != FsmState.PAUSE or self._conductor.body.heartbeat.is_ending:
+            return Refusal(
+                code=Code.FSM_BUSY,
+                message=f"the robot's FSM is {value}, PAUSE (0) is needed to begin (manual §4.11.1)",
+                field="fsm_state",
+                value=str(value),
+                bound="0",
+            )
+        return None
+
+    def _disable(self, command: CommandRequested, request: Disable, now_ns: int) -> Answer:
+        refusal = self._permit.owner(command, request.epoch)
+        if refusal is not None:
+            return refusal
+        self._conductor.fire(Trigger.DISABLE, now_ns, "the owner disables")
+        return {}
+
+    def take_target(self, target: TargetArrived, now_ns: int) -> None:
+        """Follow a streamed target if it may be followed; its stream says why not."""
+        self._moves.take_target(target, now_ns)
+
+    # ------------------------------------------------------------------------------------------------ stop, recover
+
+    def _stop(self, command: CommandRequested, request: Stop, now_ns: int) -> Answer:
+        owner = self._conductor.lease.owner
+        is_owner = owner is not None and owner.client_id == command.client_id
+        message = f"stop() by {'the owner' if is_owner else command.client_id}" + (f": {request.reason}" if request.reason else "")
+        self._permit.note_stop(command.received_ns)
+        self._conductor.fire(Trigger.OWNER_STOP if is_owner else Trigger.OTHER_STOP, now_ns, message)
+        return self._delivery(now_ns)
+
+    def _estop(self, command: CommandRequested, request: Estop, now_ns: int) -> Answer:
+        message = f"estop() by {command.client_id}" + (f": {request.reason}" if request.reason else "")
+        self._permit.note_stop(command.received_ns)
+        self._conductor.fire(Trigger.ESTOP, now_ns, message)
+        return self._delivery(now_ns)
+
+    def _delivery(self, now_ns: int) -> Facts:
+        if self._conductor.transport_up:
+            return {"stop_undelivered": False}
+        self._conductor.notice(
+            Code.STOP_UNDELIVERED,
+            Level.ERROR,
+            "there is no transport to the robot: the stop cannot be delivered; use the physical emergency stop",
+            now_ns,
+        )
+        return {"stop_undelivered": True}
+
+    def _recover(self, command: CommandRequested, request: Recover, now_ns: int) -> Answer:
+        conductor = self._conductor
+        latches = dict(conductor.supervisor.latches)
+        if conductor.state in {State.OFFLINE, State.STALE}:
+            code = Code.NO_LINK if conductor.state is State.OFFLINE else Code.STATE_STALE
+            return Refusal(code=code, message=f"recover() needs to see the robot: {REFUSAL_TEXT[code]}")
+        if Code.FSM_ERROR in latches and conductor.store.fsm(now_ns) == FsmState.ERROR:
+            return Refusal(code=Code.LATCH_PERSISTS, message="the robot's FSM is still ERROR (-1)", field=Code.FSM_ERROR.value)
+        wrong = conductor.store.name_order_wrong(now_ns)
+        if Code.JOINT_ORDER in latches and wrong is not None:
+            return Refusal(code=Code.LATCH_PERSISTS, message=wrong, field=Code.JOINT_ORDER.value)
+        conductor.supervisor.clear()
+        if latches:
+            conductor.notice(Code.LATCH_CHANGED, Level.INFO, f"recover() by {command.client_id} cleared {', '.join(latches)}", now_ns)
+        if conductor.state is State.HOLDING:
+            self._phases.walk(now_ns)
+        return {"cleared": [code.value for code in latches]}

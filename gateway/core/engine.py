@@ -1,0 +1,383 @@
+"""The brain: takes events and `now_ns`, gives frames, replies, notices and snapshots. Pure and sequential.
+
+Access must be serialised by the caller; `loop.py` is the only one. One tick is:
+
+    samples (already in the store)  ->  conditions of the robot  ->  stop and estop  ->  other requests and targets
+    ->  phases (what takes time)  ->  streams  ->  gate  ->  frames
+
+so a request is judged by the newest state, a stop comes before everything that arrived with it, and nothing leaves that
+the gate did not clear. A tick that comes too late sends stop frames only: nothing is caught up.
+"""
+
+from __future__ import annotations
+
+from collections import OrderedDict, deque
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from gateway.core.conditions import Conditions
+from gateway.core.conductor import Conductor
+from gateway.core.desk import Desk
+from gateway.core.events import (
+    ClientGone,
+    ClientSeen,
+    CommandRequested,
+    Estop,
+    Event,
+    ExitRequested,
+    Frame,
+    FrameKind,
+    Level,
+    LinkDown,
+    LinkUp,
+    Notice,
+    Remembered,
+    Reply,
+    RouteObserved,
+    SampleArrived,
+    SampleRefused,
+    Stop,
+    Suspended,
+    TargetArrived,
+)
+from gateway.core.gate import Cleared, Gate, GateContext
+from gateway.core.lease import LossStage
+from gateway.core.phases import Phases
+from gateway.core.snapshot import LoopView, Snapshot
+from gateway.core.streams.stream import Stream
+from gateway.core.supervisor import State, Trigger
+from gateway.core.view import build
+from gateway.errors import Code, Refusal
+from gateway.robot import FSM_STATE
+from gateway.settings import Settings
+from gateway.values import FsmState, Side, Vector
+
+__all__ = ["Engine", "Output"]
+
+MS = 1_000_000
+S = 1_000_000_000
+
+TICK_NS = 10 * MS
+"""The engine is ticked at least this often [ns]: 100 Hz."""
+
+REPLIES_KEPT = 256
+"""So many replies are kept to answer a repeated request with the first reply."""
+
+LATE_WINDOW_NS = 10 * S
+"""The worst lateness is the worst of this long [ns]."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Output:
+    """What one tick gives.
+
+    Attributes:
+        frames: For the robot, in the order in which they must leave.
+        replies: For clients.
+        notices: For people and logs.
+        snapshot: When one is due, else None.
+        remembered: When it changed, else None: must reach the disk.
+        done: True when the daemon may end.
+    """
+
+    frames: tuple[Cleared, ...]
+    replies: tuple[Reply, ...]
+    notices: tuple[Notice, ...]
+    snapshot: Snapshot | None
+    remembered: Remembered | None
+    done: bool
+
+
+class Engine:
+    """Joins store, lease, supervisor, door, motion, streams and gate.
+
+    Args:
+        settings: All of them.
+        remembered: What an earlier daemon left.
+    """
+
+    def __init__(self, settings: Settings, remembered: Remembered | None = None) -> None:
+        self._settings = settings
+        self._conductor = Conductor(settings, remembered or Remembered())
+        self._conditions = Conditions(self._conductor)
+        self._phases = Phases(self._conductor, self._conditions)
+        self._desk = Desk(self._conductor, self._phases)
+        self._gate = Gate(settings.arm, settings.link.variant)
+        self._commands: list[CommandRequested] = []
+        self._targets: dict[int, TargetArrived] = {}
+        self._replies: list[Reply] = []
+        self._answered: OrderedDict[tuple[str, int], Reply] = OrderedDict()
+        self._saved = self._conductor.remembered()
+        self._snapshot_period_ns = round(S / settings.local.snapshot_hz)
+        self._next_snapshot_ns = 0
+        self._snapshots = 0
+        self._ticks = 0
+        self._skipped = 0
+        self._lateness: deque[tuple[int, int]] = deque()
+
+    @property
+    def state(self) -> State:
+        """The supervisor's state."""
+        return self._conductor.state
+
+    @property
+    def knows_mode(self) -> bool:
+        """Whether `/api/current_mode` was ever heard on this link."""
+        return self._conductor.store.mode_received_ns is not None
+
+    # ------------------------------------------------------------------------------------------------ events in
+
+    def receive(self, event: Event, now_ns: int) -> None:
+        """Take one event. Samples and link events act at once; requests wait for the tick.
+
+        Args:
+            event: Any of `core.events`.
+            now_ns: Monotonic time [ns].
+        """
+        conductor = self._conductor
+        if isinstance(event, (SampleArrived, SampleRefused)):
+            conductor.store.receive(event, now_ns)
+            if isinstance(event, SampleArrived) and event.topic == FSM_STATE and event.value == FsmState.PAUSE:
+                conductor.body.heartbeat.fsm_zero_seen(event.received_ns)
+        elif isinstance(event, CommandRequested):
+            self._commands.append(event)
+        elif isinstance(event, TargetArrived):
+            latest = self._targets.get(event.stream_id)
+            if latest is None or event.seq > latest.seq or event.client_id != latest.client_id:
+                self._targets[event.stream_id] = event
+        elif isinstance(event, ClientSeen):
+            conductor.lease.seen(event.client_id, event.at_ns)
+        elif isinstance(event, ClientGone):
+            conductor.lease.gone(event.client_id, event.at_ns)
+        elif isinstance(event, LinkUp):
+            self._link_up(event, now_ns)
+        elif isinstance(event, LinkDown):
+            self._link_down(now_ns)
+        elif isinstance(event, RouteObserved):
+            if event.code is not None:
+                conductor.notice(event.code, Level.WARNING, event.message, now_ns, topic=event.topic)
+        elif isinstance(event, Suspended):
+            conductor.store.disturb(now_ns)
+            conductor.notice(Code.SUSPENDED, Level.WARNING, f"this host stood still for {event.slept_ns / S:.1f} s", now_ns)
+            conductor.fire(Trigger.SUSPENDED, now_ns, "this host was suspended")
+        else:
+            self._exit(event, now_ns)
+
+    def _exit(self, event: ExitRequested, now_ns: int) -> None:
+        self._phases.request_exit(now_ns)
+
+    def _link_up(self, event: LinkUp, now_ns: int) -> None:
+        conductor = self._conductor
+        before = conductor.router_zid
+        if conductor.transport_up and before != event.router_zid:
+            self._link_down(now_ns)
+        conductor.transport_up, conductor.router_zid = True, event.router_zid
+        conductor.store.reset()
+        conductor.notice(Code.LINK_UP, Level.INFO, f"linked to the robot's router {event.router_zid}", now_ns)
+        if before and before != event.router_zid:
+            conductor.notice(
+                Code.ROBOT_RESTARTED, Level.WARNING, f"the robot's router is another one than before ({before})", now_ns
+            )
+
+    def _link_down(self, now_ns: int) -> None:
+        conductor = self._conductor
+        if conductor.transport_up:
+            conductor.transport_up = False
+            conductor.store.reset()
+            conductor.notice(Code.LINK_DOWN, Level.WARNING, "the link to the robot's router is down", now_ns)
+            conductor.fire(Trigger.TRANSPORT_LOST, now_ns, "the link to the robot's router is down")
+
+    # ------------------------------------------------------------------------------------------------ one tick
+
+    def tick(self, now_ns: int, late_ns: int = 0) -> Output:
+        """Run one cycle.
+
+        Args:
+            now_ns: Monotonic time [ns].
+            late_ns: How late the cycle began against its grid [ns].
+
+        Returns:
+            Everything that must leave, in order.
+        """
+        self._ticks += 1
+        self._note_lateness(now_ns, late_ns)
+        is_late = late_ns > self._settings.enable.late_ns
+        if is_late:
+            self._conductor.store.disturb(now_ns)
+            self._conductor.notice(
+                Code.TICK_LATE, Level.WARNING, f"a tick came {late_ns / MS:.0f} ms late and was skipped, not caught up", now_ns
+            )
+        self._look_at_lease(now_ns, late_ns)
+        self._look_at_robot(now_ns)
+        self._answer_requests(now_ns)
+        self._move_on(now_ns)
+        frames = self._frames(now_ns, stops_only=is_late)
+        remembered = self._conductor.remembered()
+        has_changed = remembered != self._saved
+        self._saved = remembered
+        snapshot = self._snapshot(now_ns, late_ns)
+        notices, self._conductor.notices = tuple(self._conductor.notices), []
+        replies, self._replies = tuple(self._replies), []
+        return Output(
+            frames=frames,
+            replies=replies,
+            notices=notices,
+            snapshot=snapshot,
+            remembered=remembered if has_changed else None,
+            done=self._phases.is_done(now_ns),
+        )
+
+    def next_due_ns(self, now_ns: int) -> int:
+        """Return when the next tick must come [ns]: the next multiple of 10 ms, or a stream's instant before it."""
+        base_ns = (now_ns // TICK_NS + 1) * TICK_NS
+        stream_ns = self._conductor.body.next_due_ns()
+        return base_ns if stream_ns is None else min(base_ns, max(stream_ns, now_ns))
+
+    def panic_frames(self, now_ns: int) -> tuple[Cleared, ...]:
+        """Return the stop frames that must leave when the engine itself has failed: 0.0 if owed, chassis zeros.
+
+        Args:
+            now_ns: Monotonic time [ns].
+        """
+        body = self._conductor.body
+        body.silence_arms()
+        if body.heartbeat.is_owed:
+            body.heartbeat.zeros(now_ns, is_estop=True)
+        body.ground_stop(now_ns)
+        return self._frames(now_ns, stops_only=True)
+
+    def _look_at_lease(self, now_ns: int, late_ns: int) -> None:
+        conductor = self._conductor
+        for event in conductor.lease.poll(now_ns, late_ns):
+            if event.stage is LossStage.LOST:
+                self._owner_lost(now_ns)
+            elif event.stage is LossStage.BACK:
+                conductor.notice(Code.LOSS_STAGE, Level.INFO, "the owner is back; the clocks ended", now_ns, stage="back")
+            elif event.stage is LossStage.FREE:
+                conductor.notice(Code.LOSS_STAGE, Level.WARNING, "the lost owner's lease is free; the hold goes on", now_ns, stage="free")
+                conductor.fire(Trigger.LEASE_FREE, now_ns, "the lost owner's lease is free")
+            else:
+                conductor.notice(Code.LOSS_STAGE, Level.WARNING, "nobody took over: everything goes down, the grip is lost", now_ns, stage="down")
+                conductor.fire(Trigger.HOLD_OVER, now_ns, "nobody took over")
+
+    def _owner_lost(self, now_ns: int) -> None:
+        conductor = self._conductor
+        owner = conductor.lease.owner
+        name = owner.name if owner else "the owner"
+        pauses = owner is not None and owner.on_loss.value == "pause"
+        conductor.notice(Code.LOSS_STAGE, Level.WARNING, f"{name} is lost", now_ns, stage="lost")
+        conductor.fire(Trigger.CLIENT_LOST_PAUSE if pauses else Trigger.CLIENT_LOST, now_ns, f"{name} is lost")
+
+    def _look_at_robot(self, now_ns: int) -> None:
+        for _ in range(4):  # a trigger may lead to a state in which others matter
+            state = self._conductor.state
+            for trigger, message in self._conditions.look(now_ns):
+                self._conductor.fire(trigger, now_ns, message)
+                if self._conductor.state is not state:
+                    break
+            else:
+                return
+
+    def _answer_requests(self, now_ns: int) -> None:
+        commands, self._commands = self._commands, []
+        commands.sort(key=lambda c: not isinstance(c.request, (Stop, Estop)))  # stable: stops first
+        for command in commands:
+            key = (command.client_id, command.request_id)
+            reply = self._answered.get(key)
+            if reply is None:
+                answer = self._desk.answer(command, now_ns)
+                if isinstance(answer, Refusal):
+                    reply = Reply(client_id=command.client_id, request_id=command.request_id, refusal=answer)
+                else:
+                    reply = Reply(client_id=command.client_id, request_id=command.request_id, facts=dict(answer))
+                self._answered[key] = reply
+                if len(self._answered) > REPLIES_KEPT:
+                    self._answered.popitem(last=False)
+            self._replies.append(reply)
+        targets, self._targets = self._targets, {}
+        for target in targets.values():
+            self._desk.take_target(target, now_ns)
+
+    def _move_on(self, now_ns: int) -> None:
+        conductor = self._conductor
+        self._phases.step(now_ns)
+        for side in conductor.body.expire_targets(now_ns):
+            conductor.notice(
+                Code.TARGET_EXPIRED, Level.WARNING, f"no target came in time: the {side} arm brakes and holds", now_ns, side=side.value
+            )
+        for stream in conductor.body.targets.running:
+            stream.limited = conductor.body.arms[stream.side].reference.is_limited
+        conductor.report_ended(conductor.body.advance_motions(self._measured(now_ns), now_ns), now_ns)
+
+    def _measured(self, now_ns: int) -> Mapping[Side, Vector | None]:
+        store = self._conductor.store
+        measured: dict[Side, Vector | None] = {}
+        for side in Side:
+            arm = store.arm(side)
+            is_fresh = arm is not None and store.part_fresh(side, now_ns, needs_pose=False)
+            measured[side] = arm.q_rad if arm is not None and is_fresh else None
+        return measured
+
+    # ------------------------------------------------------------------------------------------------ frames out
+
+    def _frames(self, now_ns: int, *, stops_only: bool) -> tuple[Cleared, ...]:
+        cleared: list[Cleared] = []
+        for stream in self._conductor.body.streams:
+            if not stream.running:
+                self._gate.forget(stream.topic)
+                continue
+            if stops_only and not self._is_stopping(stream):
+                continue
+            frame = stream.frame(now_ns)
+            if frame is None:
+                continue
+            if frame.kind is FrameKind.ECHO and stream.log.last_ns is None:
+                self._gate.forget(stream.topic)
+            passed = self._gate.clear(frame, self._context(now_ns))
+            if isinstance(passed, Refusal):
+                return self._violation(passed, frame, now_ns)
+            stream.log.note(now_ns)
+            cleared.append(passed)
+        return tuple(cleared)
+
+    def _is_stopping(self, stream: Stream) -> bool:
+        body = self._conductor.body
+        return stream in (body.chassis, body.lift) or (stream is body.heartbeat and body.heartbeat.is_ending)
+
+    def _violation(self, refusal: Refusal, frame: Frame, now_ns: int) -> tuple[Cleared, ...]:
+        """A frame failed the last look: nothing of this tick leaves but stop frames, and the fault is latched."""
+        self._conductor.fire(Trigger.GATE_VIOLATION, now_ns, f"{frame.topic}: {refusal.message}")
+        self._conductor.body.ground_stop(now_ns)
+        return self._frames(now_ns, stops_only=True)
+
+    def _context(self, now_ns: int) -> GateContext:
+        conductor = self._conductor
+        return GateContext(
+            state=conductor.state.value,
+            epoch=conductor.lease.valid_epoch,
+            fresh=conductor.transport_up and conductor.store.is_fresh(now_ns),
+            stale_hold=conductor.stale_hold,
+            resuming=conductor.resuming,
+            latched=bool(conductor.supervisor.latches),
+        )
+
+    # ------------------------------------------------------------------------------------------------ views out
+
+    def _note_lateness(self, now_ns: int, late_ns: int) -> None:
+        if late_ns >= TICK_NS:
+            self._skipped += late_ns // TICK_NS
+        while self._lateness and self._lateness[-1][1] <= late_ns:
+            self._lateness.pop()
+        self._lateness.append((now_ns, late_ns))
+        while now_ns - self._lateness[0][0] > LATE_WINDOW_NS:
+            self._lateness.popleft()
+
+    def _snapshot(self, now_ns: int, late_ns: int) -> Snapshot | None:
+        if now_ns < self._next_snapshot_ns:
+            return None
+        self._next_snapshot_ns = (now_ns // self._snapshot_period_ns + 1) * self._snapshot_period_ns
+        self._snapshots += 1
+        loop = LoopView(
+            ticks=self._ticks, skipped=self._skipped, late_ns=late_ns, worst_late_ns=self._lateness[0][1]
+        )
+        return build(self._conductor, self._phases, loop, self._snapshots, now_ns)

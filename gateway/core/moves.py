@@ -1,0 +1,151 @@
+"""Carries out the owner's motion requests: move, stream, hold, cancel. What may pass is `permit.py`'s and `door.py`'s word."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Union
+
+from gateway.core import door
+from gateway.core.conductor import Conductor
+from gateway.core.events import Cancel, CloseStream, CommandRequested, Hold, Move, OpenStream, TargetArrived
+from gateway.core.motion import PlanFailed, plan
+from gateway.core.motions import Motion, MotionState
+from gateway.core.permit import Permit
+from gateway.core.supervisor import State, Trigger
+from gateway.errors import Code, Refusal
+from gateway.values import Side, Vector
+
+__all__ = ["Answer", "Facts", "Moves"]
+
+Facts = Mapping[str, object]
+Answer = Union[Facts, Refusal]
+"""What a request gets: facts to go on with, or why nothing was done."""
+
+
+class Moves:
+    """Motion requests of the owner.
+
+    Args:
+        conductor: What is moved.
+        permit: Who may.
+    """
+
+    def __init__(self, conductor: Conductor, permit: Permit) -> None:
+        self._conductor = conductor
+        self._permit = permit
+
+    def move(self, command: CommandRequested, request: Move, now_ns: int) -> Answer:
+        """Plan and begin a point-to-point motion of one or both arms."""
+        conductor = self._conductor
+        sides = tuple(side for side in Side if side in request.targets_rad)
+        if not sides:
+            return Refusal(code=Code.WRONG_SHAPE, message="no arm is named: left, right or both are needed", field="targets_rad")
+        refusal = (
+            self._permit.motion(command, request.epoch, sides, now_ns)
+            or door.check_speed(request.speed)
+            or door.check_tolerance(request.tolerance_rad)
+        )
+        if refusal is not None:
+            return refusal
+        goals: dict[Side, Vector] = {}
+        clipped: dict[str, list[int]] = {}
+        for side in sides:
+            values = request.targets_rad[side]
+            if request.relative and len(values) == len(conductor.body.arms[side].reference.q_rad):
+                values = tuple(a + b for a, b in zip(conductor.body.arms[side].reference.q_rad, values))
+            goal = door.check_goal(side, values, conductor.settings.arm, request.on_limit)
+            if isinstance(goal, Refusal):
+                return goal
+            goals[side] = goal.q_rad
+            if goal.clipped:
+                clipped[side.value] = list(goal.clipped)
+        try:
+            paths = plan({side: conductor.body.arms[side].reference for side in sides}, goals, request.speed)
+        except PlanFailed as failed:
+            return Refusal(code=Code.PLAN_FAILED, message=f"no path inside the limits: {failed}")
+        self._free(sides, MotionState.SUPERSEDED, Code.SUPERSEDED, "a later motion took the arm over", now_ns)
+        conductor.fire(Trigger.ARM_MOTION, now_ns, "the owner moves")
+        duration_ns = max(path.duration_ns for path in paths.values())
+        motion = conductor.body.motions.open(goals, request.tolerance_rad, duration_ns)
+        for side, path in paths.items():
+            conductor.body.arms[side].follow_path(path, request.epoch)
+        return {
+            "motion_id": motion.motion_id,
+            "duration_ns": duration_ns,
+            "q_rad": {side.value: list(goal) for side, goal in goals.items()},
+            "clipped": clipped,
+        }
+
+    def _free(self, sides: Sequence[Side], state: MotionState, code: Code, message: str, now_ns: int) -> None:
+        ended: list[Motion] = []
+        for side in sides:
+            ended += self._conductor.body.drop_driver(side, state, code, message)
+        self._conductor.report_ended(ended, now_ns)
+
+    def open_stream(self, command: CommandRequested, request: OpenStream, now_ns: int) -> Answer:
+        """Open a stream of targets for one arm; it starts at the present reference."""
+        conductor = self._conductor
+        refusal = (
+            self._permit.motion(command, request.epoch, (request.side,), now_ns)
+            or door.check_speed(request.speed)
+            or door.check_expiry(request.expiry_ns)
+        )
+        if refusal is not None:
+            return refusal
+        self._free((request.side,), MotionState.SUPERSEDED, Code.SUPERSEDED, "a stream took the arm over", now_ns)
+        conductor.fire(Trigger.ARM_MOTION, now_ns, "the owner streams")
+        stream = conductor.body.targets.open(
+            request.side, command.client_id, request.epoch, request.speed, request.on_limit, request.expiry_ns
+        )
+        return {"stream_id": stream.stream_id, "q_rad": list(conductor.body.arms[request.side].reference.q_rad)}
+
+    def take_target(self, target: TargetArrived, now_ns: int) -> None:
+        """Follow a streamed target if it may be followed; its stream says why not.
+
+        Args:
+            target: As it arrived.
+            now_ns: Monotonic time [ns].
+        """
+        conductor = self._conductor
+        if self._permit.is_before_stop(target.received_ns):
+            return
+        accepted = conductor.body.targets.accept(target)
+        if accepted is None or conductor.state is not State.ACTIVE:
+            return
+        stream, q_rad = accepted
+        conductor.body.arms[stream.side].follow_target(q_rad, stream.speed, stream.epoch)
+
+    def close_stream(self, command: CommandRequested, request: CloseStream, now_ns: int) -> Answer:
+        """End a stream of targets: the arm brakes and holds."""
+        refusal = self._permit.owner(command, request.epoch)
+        if refusal is not None:
+            return refusal
+        stream = self._conductor.body.targets.find(request.stream_id)
+        if stream is None:
+            return Refusal(code=Code.UNKNOWN_STREAM, message=f"there is no stream {request.stream_id}", field="stream_id")
+        if stream.is_open:
+            self._free((stream.side,), MotionState.CANCELLED, Code.CANCELLED, "closed", now_ns)
+        return {"code": stream.code.value if stream.code else ""}
+
+    def hold(self, command: CommandRequested, request: Hold, now_ns: int) -> Answer:
+        """End what drives the named arms; they brake and hold."""
+        refusal = self._permit.owner(command, request.epoch)
+        if refusal is not None:
+            return refusal
+        self._free(request.sides, MotionState.CANCELLED, Code.CANCELLED, "hold was asked for", now_ns)
+        for side in request.sides:
+            if self._conductor.body.arms[side].running:
+                self._conductor.body.arms[side].brake()
+        return {}
+
+    def cancel(self, command: CommandRequested, request: Cancel, now_ns: int) -> Answer:
+        """End one motion; its arms brake and hold."""
+        refusal = self._permit.owner(command, request.epoch)
+        if refusal is not None:
+            return refusal
+        motion = self._conductor.body.motions.find(request.motion_id)
+        if motion is None:
+            return Refusal(code=Code.UNKNOWN_MOTION, message=f"there is no motion {request.motion_id}", field="motion_id")
+        if motion.is_running:
+            self._free(tuple(motion.goals_rad), MotionState.CANCELLED, Code.CANCELLED, "cancelled by the owner", now_ns)
+        return {"state": motion.state.value}

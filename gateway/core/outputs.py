@@ -1,0 +1,105 @@
+"""What the engine gives besides snapshots: frames for the robot, replies, notices, and what must be remembered."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from enum import Enum
+
+from gateway.errors import Code, Refusal
+from gateway.values import Vector
+
+__all__ = ["Frame", "FrameKind", "Level", "Notice", "Remembered", "Reply"]
+
+
+class FrameKind(str, Enum):
+    """Why a frame is sent; the gate decides by it.
+
+    MOTION may change a target of the owner's; ECHO repeats the latched start while enabling; BRAKE ends a motion; HOLD
+    repeats the last reference; WALK leads a held reference back to the measured arm; BEAT is heartbeat 1.0; STOP is a
+    stop frame (chassis zeros, lift, 0.0).
+    """
+
+    MOTION = "motion"
+    ECHO = "echo"
+    BRAKE = "brake"
+    HOLD = "hold"
+    WALK = "walk"
+    BEAT = "beat"
+    STOP = "stop"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Frame:
+    """One message for the robot.
+
+    Attributes:
+        topic: ROS name of a command topic.
+        values: Joint positions [rad], pose (p, xyzw), or the floats of the array.
+        kind: Why it is sent.
+        epoch: Lease epoch under which it was made; 0 when none.
+        due_ns: The instant of its grid for which it was made [ns].
+    """
+
+    topic: str
+    values: Vector
+    kind: FrameKind
+    epoch: int
+    due_ns: int
+
+
+class Level(str, Enum):
+    """How loud a notice is."""
+
+    INFO = "info"
+    WARNING = "warning"
+    ERROR = "error"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Notice:
+    """Something a person or a log should see.
+
+    Attributes:
+        code: Stable code.
+        level: How loud.
+        message: One sentence.
+        at_ns: When [ns].
+        facts: Further facts as text.
+    """
+
+    code: Code
+    level: Level
+    message: str
+    at_ns: int
+    facts: Mapping[str, str] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Reply:
+    """The one answer to a request.
+
+    Attributes:
+        client_id: Who asked.
+        request_id: Which request.
+        refusal: Why not, or None when it was accepted.
+        facts: What the caller needs to go on: `epoch`, `motion_id`, `stream_id`, `q_rad`, `clipped`, ...
+    """
+
+    client_id: str
+    request_id: int
+    refusal: Refusal | None = None
+    facts: Mapping[str, object] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Remembered:
+    """What survives a restart of the daemon.
+
+    Attributes:
+        epoch: No epoch up to this one is ever given again.
+        latches: Causes with their messages.
+    """
+
+    epoch: int = 0
+    latches: Mapping[Code, str] = field(default_factory=dict)

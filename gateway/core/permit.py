@@ -1,0 +1,118 @@
+"""Who may do what now: lease, order of stops, takeover, state, latches and the condition of the robot.
+
+It answers; it changes nothing but its own memory of the last stop and the last takeover.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from gateway.core import door
+from gateway.core.conductor import Conductor
+from gateway.core.door import Fitness
+from gateway.core.events import CommandRequested
+from gateway.core.supervisor import State, Trigger
+from gateway.errors import Code, Refusal
+from gateway.values import Side
+
+__all__ = ["REFUSAL_TEXT", "Permit"]
+
+REFUSAL_TEXT: dict[Code, str] = {
+    Code.NOT_OWNER: "nobody owns the robot",
+    Code.NO_LINK: "there is no link to the robot, or it has not spoken yet",
+    Code.STATE_STALE: "the robot's state is older than 100 ms",
+    Code.NOT_ENABLED: "the arms are not enabled",
+    Code.ROBOT_PAUSED: "the robot paused by itself; enable() again when it is safe",
+    Code.STOPPING: "the arms are coming to rest",
+}
+"""Words for the refusals of the supervisor's table."""
+
+
+class Permit:
+    """Answers whether a request may pass.
+
+    Args:
+        conductor: What is asked about.
+    """
+
+    def __init__(self, conductor: Conductor) -> None:
+        self._conductor = conductor
+        self._last_stop_ns = -1
+        self._takeover_epoch = 0
+
+    def note_stop(self, received_ns: int) -> None:
+        """Remember a stop: requests and targets that arrived before it move nothing and never will."""
+        self._last_stop_ns = max(self._last_stop_ns, received_ns)
+
+    def note_takeover(self, epoch: int) -> None:
+        """Remember a takeover: the new owner waits until the former owner's motion has come to rest."""
+        self._takeover_epoch = epoch
+
+    def is_before_stop(self, received_ns: int) -> bool:
+        """Return whether something that arrived then came before the last stop."""
+        return received_ns <= self._last_stop_ns
+
+    def owner(self, command: CommandRequested, epoch: int) -> Refusal | None:
+        """Refuse anybody but the owner with the current epoch."""
+        if self._conductor.is_exiting:
+            return Refusal(code=Code.EXITING, message="the daemon is ending")
+        return self._conductor.lease.check(command.client_id, epoch)
+
+    def after_stop(self, command: CommandRequested) -> Refusal | None:
+        """Refuse what was sent before the last stop."""
+        if not self.is_before_stop(command.received_ns):
+            return None
+        return Refusal(code=Code.STOPPED, message="the robot was stopped after this request was sent")
+
+    def state(self, trigger: Trigger, now_ns: int) -> Refusal | None:
+        """Refuse what the supervisor's table refuses in the present state."""
+        conductor = self._conductor
+        code = conductor.supervisor.cell(trigger).refuse
+        if code is None:
+            return None
+        if conductor.state is State.READ_ONLY and conductor.lease.owner is not None:
+            refusal = door.check_mode(conductor.store.mode(now_ns))
+            if refusal is not None:
+                return refusal
+        return Refusal(code=code, message=REFUSAL_TEXT[code])
+
+    def latches(self) -> Refusal | None:
+        """Refuse while something is latched."""
+        return door.latched(self._conductor.supervisor.latches)
+
+    def motion(self, command: CommandRequested, epoch: int, sides: Sequence[Side], now_ns: int) -> Refusal | None:
+        """Refuse unless the owner may move these arms now.
+
+        Args:
+            command: Who asks, and when it arrived.
+            epoch: Lease epoch of the request.
+            sides: Arms that would move.
+            now_ns: Monotonic time [ns].
+        """
+        conductor = self._conductor
+        refusal = (
+            self.owner(command, epoch)
+            or self.after_stop(command)
+            or self.state(Trigger.ARM_MOTION, now_ns)
+            or self.latches()
+            or self._takeover(epoch)
+        )
+        if refusal is not None:
+            return refusal
+        fitness = Fitness(
+            mode=conductor.store.mode(now_ns),
+            part_fresh={side: conductor.store.part_fresh(side, now_ns, needs_pose=False) for side in sides},
+            streaming={side: conductor.body.arms[side].running for side in sides},
+        )
+        refusal = door.check_arms(fitness, sides)
+        if refusal is None and conductor.body.is_walking:
+            return Refusal(code=Code.STOPPING, message="the held reference is walking back to the arm; wait until it is there")
+        return refusal
+
+    def _takeover(self, epoch: int) -> Refusal | None:
+        if epoch != self._takeover_epoch:
+            return None
+        if not self._conductor.body.is_at_rest:
+            return Refusal(code=Code.TAKEOVER_BRAKING, message="the arms are still braking from the former owner's motion")
+        self._takeover_epoch = 0
+        return None

@@ -1,0 +1,307 @@
+"""The supervisor: which state the gateway is in, and what each event does there. A table, not a ladder of ifs.
+
+Rules it obeys
+    * The table below is the project's behaviour table, cell by cell. A cell says where to go, what to do, and whether the
+      event is refused. `SAME` means: nothing.
+    * Conditions of the robot (stale, FSM, mode, ...) are levels: the engine fires their trigger on every tick while they
+      hold, so every cell that a level can reach twice is idempotent.
+    * Latches stand beside the state. They refuse motion and `enable`; only `recover` clears them; FAULT and ESTOP are
+      merely how a latched state is shown.
+    * Nothing here knows how an action is carried out (`body.py`), what a condition looks like (`conditions.py`) or who
+      asked (`desk.py`).
+
+Words of the actions: see `Action`. `down` = CUT + BASE + ZERO: motions end, arm streams go off with the state, heartbeat
+0.0 is repeated until FSM 0 is seen. `off` = CUT + BASE + SILENCE: the same without any 0.0, because the FSM is not ours.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from enum import Enum
+
+from gateway.errors import Code
+
+__all__ = [
+    "ARMED",
+    "BASE",
+    "STREAMING",
+    "TABLE",
+    "Action",
+    "Cell",
+    "State",
+    "Supervisor",
+    "Trigger",
+]
+
+
+class State(str, Enum):
+    """Where the gateway is (DESIGN §4)."""
+
+    OFFLINE = "OFFLINE"
+    READ_ONLY = "READ_ONLY"
+    IDLE = "IDLE"
+    ENABLING = "ENABLING"
+    ACTIVE = "ACTIVE"
+    HOLDING = "HOLDING"
+    PAUSED = "PAUSED"
+    STOPPING = "STOPPING"
+    STALE = "STALE"
+
+    def __str__(self) -> str:
+        """Return the bare name."""
+        return self.value
+
+
+ARMED = frozenset({State.ENABLING, State.ACTIVE, State.HOLDING, State.STOPPING})
+"""States in which heartbeat 1.0 may be sent."""
+
+STREAMING = frozenset({State.ENABLING, State.ACTIVE, State.HOLDING, State.PAUSED, State.STOPPING})
+"""States in which arm frames are sent (STALE: constant ones at rest, for a short while)."""
+
+
+class Trigger(str, Enum):
+    """Everything that can move the supervisor: a row of the table each."""
+
+    ACQUIRE = "acquire"
+    TAKE = "take"
+    RELEASE = "release"
+    DISABLE = "disable"
+    ENABLE = "enable"
+    ARM_MOTION = "arm motion"
+    GROUND_COMMAND = "chassis, lift command"
+    OWNER_STOP = "owner's stop"
+    OTHER_STOP = "other's stop"
+    ESTOP = "estop"
+    CLIENT_LOST = "client lost"
+    CLIENT_LOST_PAUSE = "client lost, on_loss = pause"
+    LEASE_FREE = "lease free"
+    HOLD_OVER = "60 s"
+    STALE = "stale"
+    FRESH = "fresh"
+    TRANSPORT_LOST = "transport lost"
+    FSM_READY = "FSM READY"
+    FSM_PAUSE = "FSM 0"
+    FSM_SLOW_START = "FSM 1"
+    FSM_FELL = "FSM from 1 to 0"
+    FSM_ERROR = "FSM ERROR"
+    FSM_FOREIGN = "FSM 3-6, unknown value"
+    FSM_DEAD = "fsm_state dead"
+    VR_MODE = "VR mode"
+    MODE_UNKNOWN = "mode unknown"
+    ARM_DISABLED = "one arm disabled"
+    NO_ARM = "no arm enabled"
+    PART_DEAD = "one part's state dead"
+    TRACKING = "tracking error"
+    FOREIGN_TOKEN = "foreign token or publisher"
+    FOREIGN_DATA = "foreign arm or fsm data"
+    OTHER_GATEWAY = "other gateway armed"
+    GATE_VIOLATION = "gate violation"
+    JOINT_ORDER = "names in another order"
+    ENABLE_TIMEOUT = "enabling takes too long"
+    AT_REST = "at rest"
+    EXIT = "SIGTERM"
+    SUSPENDED = "suspend and resume"
+
+
+class Action(str, Enum):
+    """What a cell asks the body to do."""
+
+    CUT = "cut"
+    """End all motions and streams of targets; running arm streams brake; chassis zeros, lift [0,1] where they ran."""
+    ZERO = "zero"
+    """Repeat heartbeat 0.0 at 20 Hz until FSM 0 is seen, at most 2 s."""
+    ZERO_IF_OWED = "zero if owed"
+    """The same, only if a 1.0 of ours was out and no FSM 0 was seen since."""
+    ZERO_ONCE = "zero once"
+    """One 0.0, only if owed; ends a running repetition (not an e-stop's)."""
+    SILENCE = "silence"
+    """No heartbeat of either kind any more: the FSM is not ours."""
+    LATCH = "latch"
+    """Add the trigger's cause to the latches."""
+    GROUND_STOP = "ground stop"
+    """Chassis zeros for at least 1 s and lift [0,1], whoever drove them: an explicit stop."""
+    LIFT_OFF = "lift off"
+    """Lift [0,0]: stop, then servo off."""
+    FREE = "free"
+    """The lease becomes free."""
+
+
+BASE = "BASE"
+"""Destination: OFFLINE without transport, else STALE without fresh state, else READ_ONLY (VR or unowned), else IDLE."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Cell:
+    """One cell of the table.
+
+    Attributes:
+        to: A state, BASE, or None to stay.
+        do: Actions in order.
+        refuse: Code with which a request is refused; None when it is not.
+    """
+
+    to: State | str | None = None
+    do: tuple[Action, ...] = ()
+    refuse: Code | None = None
+
+
+A, S = Action, State
+SAME = Cell()
+DOWN = Cell(to=BASE, do=(A.CUT, A.ZERO))
+DOWN_LATCH = Cell(to=BASE, do=(A.CUT, A.ZERO, A.LATCH))
+DOWN_LIFT_OFF = Cell(to=BASE, do=(A.CUT, A.ZERO, A.LIFT_OFF))
+DOWN_FREE = Cell(to=BASE, do=(A.CUT, A.ZERO, A.FREE))
+OFF = Cell(to=BASE, do=(A.CUT, A.SILENCE))
+CUT = Cell(do=(A.CUT,))
+CUT_LATCH = Cell(do=(A.CUT, A.LATCH))
+LATCH_ONLY = Cell(do=(A.LATCH,))
+BRAKE = Cell(to=S.HOLDING, do=(A.CUT,))
+BRAKE_LATCH = Cell(to=S.HOLDING, do=(A.CUT, A.LATCH))
+STOP_FIRST = Cell(to=S.STOPPING, do=(A.CUT,))
+PAUSE = Cell(to=S.PAUSED, do=(A.CUT, A.ZERO))
+GO_BASE = Cell(to=BASE)
+OWED = Cell(to=BASE, do=(A.CUT, A.ZERO_IF_OWED))
+STOP_GROUND = Cell(do=(A.CUT, A.GROUND_STOP))
+STOP_GROUND_LATCH = Cell(do=(A.CUT, A.GROUND_STOP, A.LATCH))
+ESTOP = Cell(to=BASE, do=(A.CUT, A.GROUND_STOP, A.ZERO, A.LIFT_OFF, A.LATCH))
+
+
+def refuse(code: Code) -> Cell:
+    """Return the cell that refuses with `code`."""
+    return Cell(refuse=code)
+
+
+QUIET = (S.OFFLINE, S.STALE)
+RESTING = (S.READ_ONLY, S.IDLE)
+
+
+def _row(
+    resting: Cell,
+    enabling: Cell,
+    active: Cell,
+    holding: Cell,
+    paused: Cell,
+    stopping: Cell,
+    quiet: Cell,
+) -> Mapping[State, Cell]:
+    """Return a row in the order of the columns of the behaviour table."""
+    return {
+        **dict.fromkeys(RESTING, resting),
+        S.ENABLING: enabling,
+        S.ACTIVE: active,
+        S.HOLDING: holding,
+        S.PAUSED: paused,
+        S.STOPPING: stopping,
+        **dict.fromkeys(QUIET, quiet),
+    }
+
+
+NOT_ENABLED = refuse(Code.NOT_ENABLED)
+IS_STOPPING = refuse(Code.STOPPING)
+IS_PAUSED = refuse(Code.ROBOT_PAUSED)
+IS_STALE = refuse(Code.STATE_STALE)
+ENABLE_HERE = Cell(to=S.ENABLING)
+FOREIGN = Cell(to=BASE, do=(A.CUT, A.ZERO_ONCE, A.LATCH))
+
+# columns:                        READ_ONLY, IDLE    ENABLING      ACTIVE        HOLDING       PAUSED        STOPPING      STALE, OFFLINE
+TABLE: Mapping[Trigger, Mapping[State, Cell]] = {
+    Trigger.ACQUIRE:           _row(GO_BASE,           SAME,         SAME,         SAME,         SAME,         SAME,         SAME),
+    Trigger.TAKE:              _row(Cell(to=BASE, do=(A.CUT,)), DOWN, BRAKE,       SAME,         SAME,         SAME,         SAME),
+    Trigger.RELEASE:           _row(Cell(to=BASE, do=(A.CUT, A.LIFT_OFF)), DOWN_LIFT_OFF, STOP_FIRST, STOP_FIRST, DOWN_LIFT_OFF, SAME, OWED),
+    Trigger.DISABLE:           _row(SAME,              DOWN,         STOP_FIRST,   STOP_FIRST,   DOWN,         SAME,         OWED),
+    Trigger.ENABLE:            {**_row(ENABLE_HERE,    SAME,         SAME,         SAME,         ENABLE_HERE,  IS_STOPPING,  IS_STALE),
+                                S.READ_ONLY: refuse(Code.NOT_OWNER), S.OFFLINE: refuse(Code.NO_LINK)},
+    Trigger.ARM_MOTION:        {**_row(NOT_ENABLED,    NOT_ENABLED,  SAME,         Cell(to=S.ACTIVE), IS_PAUSED, IS_STOPPING, IS_STALE),
+                                S.OFFLINE: refuse(Code.NO_LINK)},
+    Trigger.GROUND_COMMAND:    {**_row(SAME,           SAME,         SAME,         SAME,         IS_PAUSED,    IS_STOPPING,  IS_STALE),
+                                S.READ_ONLY: refuse(Code.NOT_OWNER), S.OFFLINE: refuse(Code.NO_LINK)},
+    Trigger.OWNER_STOP:        _row(STOP_GROUND,       Cell(to=BASE, do=(A.CUT, A.GROUND_STOP, A.ZERO)),
+                                    Cell(to=S.HOLDING, do=(A.CUT, A.GROUND_STOP)), STOP_GROUND, STOP_GROUND, STOP_GROUND, STOP_GROUND),
+    Trigger.OTHER_STOP:        _row(STOP_GROUND_LATCH, Cell(to=BASE, do=(A.CUT, A.GROUND_STOP, A.ZERO, A.LATCH)),
+                                    Cell(to=S.HOLDING, do=(A.CUT, A.GROUND_STOP, A.LATCH)),
+                                    STOP_GROUND_LATCH, STOP_GROUND_LATCH, STOP_GROUND_LATCH, STOP_GROUND_LATCH),
+    Trigger.ESTOP:             _row(ESTOP,             ESTOP,        ESTOP,        ESTOP,        ESTOP,        ESTOP,        ESTOP),
+    Trigger.CLIENT_LOST:       _row(CUT,               DOWN,         BRAKE,        SAME,         SAME,         SAME,         CUT),
+    Trigger.CLIENT_LOST_PAUSE: _row(Cell(to=BASE, do=(A.CUT, A.FREE)), DOWN_FREE, DOWN_FREE, DOWN_FREE, DOWN_FREE,
+                                    Cell(do=(A.FREE,)), Cell(to=BASE, do=(A.CUT, A.ZERO_IF_OWED, A.FREE))),
+    Trigger.LEASE_FREE:        _row(Cell(to=BASE, do=(A.LIFT_OFF,)), SAME, SAME,   SAME,         SAME,         SAME,         SAME),
+    Trigger.HOLD_OVER:         _row(SAME,              SAME,         SAME,         DOWN_LIFT_OFF, DOWN_LIFT_OFF, SAME,       SAME),
+    Trigger.STALE:             {**_row(Cell(to=S.STALE, do=(A.CUT,)), Cell(to=S.STALE, do=(A.CUT, A.ZERO)), Cell(to=S.STALE, do=(A.CUT,)),
+                                    Cell(to=S.STALE, do=(A.CUT,)), Cell(to=S.STALE, do=(A.CUT, A.ZERO)),
+                                    Cell(to=S.STALE, do=(A.CUT, A.ZERO)), SAME)},
+    Trigger.FRESH:             _row(SAME,              SAME,         SAME,         SAME,         SAME,         SAME,         GO_BASE),
+    Trigger.TRANSPORT_LOST:    {**dict.fromkeys(State, Cell(to=S.OFFLINE, do=(A.CUT, A.SILENCE))), S.OFFLINE: SAME},
+    Trigger.FSM_READY:         _row(SAME,              Cell(to=S.ACTIVE), SAME,    SAME,         Cell(do=(A.ZERO,)), SAME,   SAME),
+    Trigger.FSM_PAUSE:         _row(SAME,              SAME,         PAUSE,        PAUSE,        SAME,         GO_BASE,      SAME),
+    Trigger.FSM_SLOW_START:    _row(SAME,              SAME,         PAUSE,        PAUSE,        Cell(do=(A.ZERO,)), SAME,   SAME),
+    Trigger.FSM_FELL:          _row(SAME,              DOWN,         SAME,         SAME,         SAME,         SAME,         SAME),
+    Trigger.FSM_ERROR:         _row(SAME,              DOWN_LATCH,   DOWN_LATCH,   DOWN_LATCH,   DOWN_LATCH,   DOWN_LATCH,   SAME),
+    Trigger.FSM_FOREIGN:       _row(SAME,              OFF,          OFF,          OFF,          OFF,          OFF,          SAME),
+    Trigger.FSM_DEAD:          _row(SAME,              DOWN,         PAUSE,        PAUSE,        SAME,         SAME,         SAME),
+    Trigger.VR_MODE:           _row(Cell(to=BASE, do=(A.CUT, A.SILENCE)), OFF,     OFF,          OFF,          OFF,          OFF,          SAME),
+    Trigger.MODE_UNKNOWN:      _row(SAME,              SAME,         BRAKE,        SAME,         SAME,         SAME,         SAME),
+    Trigger.ARM_DISABLED:      _row(SAME,              SAME,         BRAKE,        SAME,         SAME,         SAME,         SAME),
+    Trigger.NO_ARM:            _row(SAME,              DOWN,         DOWN,         DOWN,         DOWN,         DOWN,         SAME),
+    Trigger.PART_DEAD:         _row(SAME,              DOWN,         BRAKE,        SAME,         SAME,         SAME,         SAME),
+    Trigger.TRACKING:          _row(SAME,              SAME,         BRAKE_LATCH,  SAME,         SAME,         SAME,         SAME),
+    Trigger.FOREIGN_TOKEN:     _row(SAME,              DOWN_LATCH,   BRAKE_LATCH,  CUT_LATCH,    CUT_LATCH,    CUT_LATCH,    SAME),
+    Trigger.FOREIGN_DATA:      _row(SAME,              FOREIGN,      FOREIGN,      FOREIGN,      FOREIGN,      FOREIGN,      SAME),
+    Trigger.OTHER_GATEWAY:     _row(SAME,              OFF,          OFF,          OFF,          OFF,          OFF,          SAME),
+    Trigger.GATE_VIOLATION:    dict.fromkeys(State, DOWN_LATCH),
+    Trigger.JOINT_ORDER:       _row(LATCH_ONLY,        DOWN_LATCH,   DOWN_LATCH,   DOWN_LATCH,   DOWN_LATCH,   DOWN_LATCH,   LATCH_ONLY),
+    Trigger.ENABLE_TIMEOUT:    _row(SAME,              OWED,         SAME,         SAME,         SAME,         SAME,         SAME),
+    Trigger.AT_REST:           _row(SAME,              SAME,         SAME,         SAME,         SAME,         Cell(do=(A.ZERO,)), SAME),
+    Trigger.EXIT:              _row(Cell(to=BASE, do=(A.CUT, A.LIFT_OFF)), DOWN_LIFT_OFF, Cell(to=S.STOPPING, do=(A.CUT, A.LIFT_OFF)),
+                                    DOWN_LIFT_OFF, DOWN_LIFT_OFF, SAME, Cell(to=BASE, do=(A.CUT, A.ZERO_IF_OWED, A.LIFT_OFF))),
+    Trigger.SUSPENDED:         _row(Cell(to=BASE, do=(A.CUT, A.FREE)), DOWN_FREE, DOWN_FREE, DOWN_FREE, DOWN_FREE, DOWN_FREE,
+                                    Cell(to=BASE, do=(A.CUT, A.FREE))),
+}  # fmt: skip
+"""Row by trigger, cell by state: BEHAVIOUR, Transitions."""
+
+
+class Supervisor:
+    """Holds the state and the latches; moves only by the table.
+
+    Args:
+        latches: Causes remembered from an earlier run.
+    """
+
+    def __init__(self, latches: Mapping[Code, str]) -> None:
+        self.state = State.OFFLINE
+        self.since_ns = 0
+        """When the present state was entered [ns]."""
+        self.came_from = State.OFFLINE
+        """The state before the present one."""
+        self.latches: dict[Code, str] = dict(latches)
+
+    @property
+    def shown(self) -> str:
+        """What a person should read: ESTOP or FAULT when latched, else the state."""
+        if Code.ESTOP in self.latches:
+            return "ESTOP"
+        return "FAULT" if self.latches else self.state.value
+
+    def cell(self, trigger: Trigger) -> Cell:
+        """Return what the trigger would do now, without doing it."""
+        return TABLE[trigger][self.state]
+
+    def move(self, to: State, now_ns: int) -> bool:
+        """Enter a state; return whether it is another one than before."""
+        if to is self.state:
+            return False
+        self.came_from, self.state, self.since_ns = self.state, to, now_ns
+        return True
+
+    def latch(self, code: Code, message: str) -> bool:
+        """Add a cause; return whether it is new. The first message of a cause is kept."""
+        if code in self.latches:
+            return False
+        self.latches[code] = message
+        return True
+
+    def clear(self) -> bool:
+        """Clear all causes; return whether there were any. Only `recover` calls this."""
+        had_any = bool(self.latches)
+        self.latches.clear()
+        return had_any

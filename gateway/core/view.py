@@ -1,0 +1,103 @@
+"""Builds the snapshot: what the outside may see of store, lease, supervisor, body and loop at one instant."""
+
+from __future__ import annotations
+
+from gateway import robot
+from gateway.core.conductor import Conductor
+from gateway.core.phases import Phases
+from gateway.core.snapshot import (
+    ArmView,
+    EnableView,
+    LinkView,
+    LoopView,
+    ModeView,
+    MotorView,
+    Snapshot,
+)
+from gateway.values import MotorState, Side
+
+__all__ = ["build"]
+
+
+def build(conductor: Conductor, phases: Phases, loop: LoopView, seq: int, now_ns: int) -> Snapshot:
+    """Return the snapshot of this instant.
+
+    Args:
+        conductor: What is shown.
+        phases: For the latest enabling.
+        loop: Figures of the control loop.
+        seq: Number of the snapshot.
+        now_ns: Monotonic time [ns].
+    """
+    store, supervisor, body = conductor.store, conductor.supervisor, conductor.body
+    return Snapshot(
+        seq=seq,
+        at_ns=now_ns,
+        state=supervisor.state.value,
+        shown=supervisor.shown,
+        latches={code.value: message for code, message in supervisor.latches.items()},
+        link=LinkView(
+            up=conductor.transport_up,
+            router_zid=conductor.router_zid if conductor.transport_up else "",
+            fresh=conductor.transport_up and store.is_fresh(now_ns),
+            age_ns=store.link_age_ns(now_ns),
+        ),
+        fsm=store.fsm(now_ns),
+        mode=_mode(conductor, now_ns),
+        lease=conductor.lease.view(now_ns),
+        arms={side.value: _arm(conductor, side, now_ns) for side in Side},
+        grippers={side.value: _motors(conductor, robot.gripper_state(side), now_ns) for side in Side},
+        chassis=_motors(conductor, robot.CHASSIS_STATE, now_ns),
+        topics={topic: store.topic_view(topic, now_ns) for topic in robot.STATE_TOPICS},
+        streams={stream.topic: stream.log.view(now_ns) for stream in body.streams},
+        motions=body.motions.views(),
+        targets=body.targets.views(),
+        enable=EnableView(
+            attempt=phases.attempt,
+            outcome=conductor.enable_outcome,
+            code=conductor.enable_code.value if conductor.enable_code else "",
+            message=conductor.enable_message,
+        ),
+        loop=loop,
+    )
+
+
+def _mode(conductor: Conductor, now_ns: int) -> ModeView | None:
+    mode = conductor.store.mode(now_ns)
+    if mode is None:
+        return None
+    return ModeView(
+        api=mode.api,
+        joint_mode={side.value: mode.joint_mode[side] for side in Side},
+        arm_enabled={side.value: mode.arm_enabled[side] for side in Side},
+        chassis_enabled=mode.chassis_enabled,
+        lift_enabled=mode.lift_enabled,
+        collision_check=mode.collision_check,
+        age_ns=conductor.store.age_ns(robot.CURRENT_MODE, now_ns) or 0,
+    )
+
+
+def _motors(conductor: Conductor, topic: str, now_ns: int) -> MotorView | None:
+    value = conductor.store.value(topic)
+    age_ns = conductor.store.age_ns(topic, now_ns)
+    if not isinstance(value, MotorState) or age_ns is None:
+        return None
+    return MotorView(
+        q_rad=value.q_rad, dq_radps=value.dq_radps, tau_nm=value.tau_nm, stamp_ns=value.stamp_ns, age_ns=age_ns
+    )
+
+
+def _arm(conductor: Conductor, side: Side, now_ns: int) -> ArmView:
+    arm = conductor.body.arms[side]
+    pose = conductor.store.pose(side)
+    measured = _motors(conductor, robot.arm_state(side), now_ns)
+    return ArmView(
+        measured=measured,
+        p_m=pose.p_m if pose else (),
+        quat_xyzw=pose.quat_xyzw if pose else (),
+        pose_age_ns=conductor.store.age_ns(robot.ee_pose(side), now_ns),
+        q_ref_rad=arm.reference.q_rad if arm.running else (),
+        dq_ref_radps=arm.reference.dq_radps if arm.running else (),
+        streaming=arm.running,
+        tracking_rad=arm.distance_rad(measured.q_rad) if arm.running and measured else None,
+    )
