@@ -1,0 +1,125 @@
+"""The zenoh configuration of the robot session, as wire.md 10.1 recommends it. Pure: settings in, JSON out.
+
+What it guarantees whatever the code above does:
+
+* Client mode: the session never forwards anything, it has one link to one router (wire.md 9.1).
+* Egress firewall: everything is denied but `put` on the exact command keys of this model, the subscriptions to its
+  state, its own liveliness tokens, and the questions that discovery asks. A `delete`, which would stall a topic of the
+  robot for half a second, or a key that this model does not have never leaves the process (wire.md 3.2, 9.3).
+* Fence: the announced lease makes the robot's end forget whatever of ours is still under way after that much silence
+  (wire.md fact 2). The small send buffer bounds our own part of such a backlog.
+* Reconnecting is zenoh's, every 50 to 200 ms; the first `open` fails after 2 s and is the link's to repeat.
+"""
+
+from __future__ import annotations
+
+import json
+from typing import Final
+
+from cdr_types.keys import ALL_TOKENS, topic_to_key
+from gateway import robot
+from gateway.settings import LinkSettings
+
+__all__ = ["OPEN_TIMEOUT_MS", "session_config"]
+
+OPEN_TIMEOUT_MS = 2000
+"""How long the first `open` tries [ms]."""
+
+SEND_BUFFER_BYTES = 16_384
+MAX_PAYLOAD_BYTES = 1024
+"""No command is larger; the largest has 324 bytes."""
+
+# Chunks that begin with @ are beyond `**`: tokens and admin keys are named in full.
+_OWN_TOKENS: Final = "@/*/@ros2_lv/MS/*/*/*"
+_PRESENCE: Final = "@/*/@ros2_lv"
+_ASKED: Final = [ALL_TOKENS, "@/*/ros2/**", "@/*/router", "@/*/router/**"]
+_PRIORITIES: Final = (
+    "control",
+    "real_time",
+    "interactive_high",
+    "interactive_low",
+    "data_high",
+    "data",
+    "data_low",
+    "background",
+)
+
+
+def session_config(settings: LinkSettings) -> str:
+    """Return the configuration as JSON.
+
+    Args:
+        settings: Endpoint, namespace, model and lease.
+    """
+    api = f"{topic_to_key('/api', settings.namespace)}/**"
+    return json.dumps(
+        {
+            "mode": "client",
+            "connect": {
+                "endpoints": [_with_send_buffer(settings.endpoint)],
+                "timeout_ms": OPEN_TIMEOUT_MS,
+                "exit_on_failure": True,
+                "retry": {"period_init_ms": 50, "period_max_ms": 200, "period_increase_factor": 1.5},
+            },
+            "listen": {"endpoints": []},
+            "scouting": {"multicast": {"enabled": False}, "gossip": {"enabled": False}},
+            "timestamping": {"enabled": True},
+            "queries_default_timeout": 1000,
+            "transport": {
+                "unicast": {"open_timeout": 1500},
+                "link": {"tx": _transmission(settings.lease_ms)},
+                "shared_memory": {"enabled": False},
+            },
+            "access_control": _access_control(
+                commands=[topic_to_key(topic, settings.namespace) for topic in settings.variant.command_topics],
+                data=[*_state_keys(settings.namespace), api],
+            ),
+            "low_pass_filter": [_rule("size", "egress", ["put"], [api], size_limit=MAX_PAYLOAD_BYTES)],
+        }
+    )
+
+
+def _with_send_buffer(endpoint: str) -> str:
+    if not endpoint.startswith("tcp/") or "so_sndbuf=" in endpoint:
+        return endpoint
+    return f"{endpoint}{';' if '#' in endpoint else '#'}so_sndbuf={SEND_BUFFER_BYTES}"
+
+
+def _transmission(lease_ms: int) -> dict[str, object]:
+    sizes = dict.fromkeys(_PRIORITIES, 1) | {"data": 2}
+    congestion = {"drop": {"wait_before_drop": 500}, "block": {"wait_before_close": 500_000}}  # [µs]
+    return {"lease": lease_ms, "keep_alive": 4, "queue": {"size": sizes, "congestion_control": congestion}}
+
+
+def _state_keys(namespace: str) -> list[str]:
+    """Return one key expression per group of state topics: `left_arm/**`, `fsm_state`, ...; `api` is not among them."""
+    groups = dict.fromkeys(topic.split("/")[1] for topic in robot.STATE_TOPICS)
+    alone = {topic[1:] for topic in robot.STATE_TOPICS}
+    keys = {name: topic_to_key(f"/{name}", namespace) for name in groups if name != "api"}
+    return [key if name in alone else f"{key}/**" for name, key in keys.items()]
+
+
+def _access_control(commands: list[str], data: list[str]) -> dict[str, object]:
+    rules = [
+        _rule("out", "egress", ["put"], commands, permission="allow"),
+        _rule("sub", "egress", ["declare_subscriber"], data, permission="allow"),
+        _rule("tok", "egress", ["liveliness_token"], [_OWN_TOKENS], permission="allow"),
+        _rule("in", "ingress", ["put", "delete", "declare_subscriber"], data, permission="allow"),
+        _rule(
+            "q", "egress", ["query", "liveliness_query", "declare_liveliness_subscriber"], _ASKED, permission="allow"
+        ),
+        _rule(
+            "r", "ingress", ["reply", "liveliness_token", "declare_queryable"], [*_ASKED, _PRESENCE], permission="allow"
+        ),
+    ]
+    return {
+        "enabled": True,
+        "default_permission": "deny",
+        "rules": rules,
+        "subjects": [{"id": "all"}],
+        "policies": [{"rules": [rule["id"] for rule in rules], "subjects": ["all"]}],
+    }
+
+
+def _rule(name: str, flow: str, messages: list[str], keys: list[str], **more: object) -> dict[str, object]:
+    return {"id": name, "flows": [flow], "messages": messages, "key_exprs": keys, **more}
