@@ -17,6 +17,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from enum import Enum
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,6 +30,9 @@ from gateway.sim.settings import HANGING_RAD, SimSettings
 __all__ = ["Drive", "SimArm"]
 
 Array = NDArray[np.float64]
+
+_REST_RADPS: Final = 1e-12
+"""Slower than this an arm under a zero-velocity command counts as standing [rad/s]."""
 
 
 class Drive(Enum):
@@ -67,9 +71,11 @@ class SimArm:
         self.stream_losses = 0
         self._journal = journal
         self._geometry = arm_geometry(side)
-        self._lower, self._upper = np.array(LOWER_RAD[side]), np.array(UPPER_RAD[side])
+        self._lower, self._upper = LOWER_RAD[side], UPPER_RAD[side]
         self._sag = np.array(settings.sag(side))
         self._creep = np.sign(self._sag) * settings.creep_radps
+        self._creeps = settings.creep_radps != 0.0
+        self._is_resting = False
         self._lag_s, self._brake_s = settings.lag_s, settings.brake_s
         self._reference = self.q_rad.copy()
         self._drive = Drive.STILL
@@ -91,17 +97,17 @@ class SimArm:
             return False
         if len(position) > DOF:
             self._journal.note(now_ns, "EXTRA_VALUES", subject, f"{len(position)} values, first {DOF} read")
-        target = np.array(position[:DOF], dtype=np.float64)
-        if not np.all(np.isfinite(target)):
-            self._journal.note(now_ns, "REFUSED_NOT_FINITE", subject, f"{target.tolist()} (§4.10)")
+        target = [float(value) for value in position[:DOF]]
+        if not all(map(math.isfinite, target)):
+            self._journal.note(now_ns, "REFUSED_NOT_FINITE", subject, f"{target} (§4.10)")
             return False
-        clipped = np.clip(target, self._lower, self._upper)
-        if not np.array_equal(clipped, target):
+        clipped = [min(max(q, low), high) for q, low, high in zip(target, self._lower, self._upper, strict=True)]
+        if clipped != target:
             self.clips += 1
-            worst = int(np.argmax(np.abs(clipped - target)))
+            worst = max(range(DOF), key=lambda index: abs(clipped[index] - target[index]))
             text = f"joint {worst + 1}: {target[worst]:.4f} rad cut to {clipped[worst]:.4f} (§4.13)"
             self._journal.note(now_ns, "CLIPPED", subject, text)
-        self._accept(clipped, now_ns)
+        self._accept(np.array(clipped), now_ns)
         return True
 
     def command_pose(self, pose: EePose, now_ns: int) -> bool:
@@ -185,6 +191,7 @@ class SimArm:
         if drive is Drive.APPROACH and self._drive is Drive.STILL:
             self._reference = self.q_rad.copy()
         self._drive = drive
+        self._is_resting = self._is_resting and drive is Drive.STILL
 
     def move(self, duration_ns: int) -> None:
         """Let time pass under the present drive, exactly.
@@ -193,17 +200,23 @@ class SimArm:
             duration_ns: Length of the step [ns].
         """
         dt_s = duration_ns / S
-        if self._drive is Drive.STILL:
+        if self._drive is Drive.FOLLOW:
+            self._reference = self.target_rad
+            rest = self._reference + self._sag
+            gap = (self.q_rad - rest) * math.exp(-dt_s / self._lag_s)
+            self.q_rad = rest + gap
+            self.v_radps = gap * (-1.0 / self._lag_s)
+        elif self._drive is Drive.APPROACH:
+            rest_s = self._approach(dt_s)
+            rest = self._reference + self._sag
+            gap = (self.q_rad - rest) * np.exp(-rest_s / self._lag_s)
+            self.q_rad = rest + gap
+            self.v_radps = np.where(rest_s > 0.0, -gap / self._lag_s, self.v_radps)
+        elif not self._is_resting:
             decay = math.exp(-dt_s / self._brake_s)
             self.q_rad = self.q_rad + self.v_radps * (self._brake_s * (1.0 - decay)) + self._creep * dt_s
             self.v_radps = self.v_radps * decay
-            return
-        rest_s = dt_s if self._drive is Drive.FOLLOW else self._approach(dt_s)
-        self._reference = self.target_rad if self._drive is Drive.FOLLOW else self._reference
-        rest = self._reference + self._sag
-        gap = (self.q_rad - rest) * np.exp(-np.asarray(rest_s) / self._lag_s)
-        self.q_rad = rest + gap
-        self.v_radps = np.where(np.asarray(rest_s) > 0.0, -gap / self._lag_s, self.v_radps)
+            self._is_resting = not self._creeps and float(np.max(np.abs(self.v_radps))) < _REST_RADPS
 
     def _approach(self, dt_s: float) -> Array:
         """Follow the reference of the slow start towards the target; return the time left after it got there [s]."""

@@ -51,6 +51,7 @@ class SimGripper:
         self.angle_rad = 0.5 * OPEN_RAD
         self.v_radps = 0.0
         self.level_01: float | None = None
+        self._torque_nm = 0.0
         self.object_rad = settings.object_rad(side)
         self.is_engaged = False
         self._survives_pause = settings.grip_survives_pause
@@ -70,6 +71,7 @@ class SimGripper:
             )
             return False
         self.level_01 = level_01
+        self._torque_nm = torque_nm(level_01)
         return True
 
     def arm_commanded(self, now_ns: int) -> None:
@@ -105,7 +107,7 @@ class SimGripper:
     @property
     def effort_nm(self) -> float:
         """Motor torque now [N·m], positive opens."""
-        return torque_nm(self.level_01) if self.is_engaged and self.level_01 is not None else 0.0
+        return self._torque_nm if self.is_engaged else 0.0
 
     def move(self, duration_ns: int) -> None:
         """Let time pass: the motor turns under its torque until a stop or an object.
@@ -114,6 +116,9 @@ class SimGripper:
             duration_ns: Length of the step [ns].
         """
         speed = self.effort_nm / _DAMPING_NMSPRAD
+        if speed == 0.0:
+            self.v_radps = 0.0
+            return
         wanted = self.angle_rad + speed * duration_ns / S
         lowest = 0.0 if self.object_rad is None else min(self.object_rad, self.angle_rad)
         self.angle_rad = min(max(wanted, lowest), OPEN_RAD)

@@ -46,7 +46,7 @@ MS = 1_000_000
 S = 1_000_000_000
 
 
-class Side(Enum):
+class Side(str, Enum):
     """An arm; the topics spell it out, the joint names use its first letter (§4.0.3)."""
 
     LEFT = "left"

@@ -12,7 +12,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from gateway.sim.manual import ARM_WATCHDOG_NS, MS, S
+from gateway.sim.manual import ARM_WATCHDOG_NS, DOF, MS, S
 
 __all__ = ["MotionMeter", "SetpointMeter", "StreamMeter"]
 
@@ -23,6 +23,7 @@ ALIVE_NS: Final = 1 * S
 """A longer silence ends a stream; what follows is a new one and its interval is no gap."""
 
 _WINDOW_NS: Final = 50 * MS
+_BLOCK: Final = 512
 
 
 class StreamMeter:
@@ -84,54 +85,66 @@ class StreamMeter:
 
 
 class MotionMeter:
-    """Peak speed and acceleration of an arm, by finite differences over 50 ms of its own time line."""
+    """Peak step, speed and acceleration of an arm, by finite differences over 50 ms of its own time line.
+
+    Samples are only stored; they are evaluated in blocks, so that watching costs next to nothing.
+    """
 
     def __init__(self) -> None:
         self.reset()
 
     def reset(self) -> None:
         """Forget everything."""
-        self.peak_radps = np.zeros(7)
-        self.peak_radps2 = np.zeros(7)
-        self.break_off()
+        self._peaks = np.zeros((3, DOF))
+        self._times_ns: list[int] = []
+        self._positions: list[Array] = []
 
     def break_off(self) -> None:
         """Begin a new time line: the next sample is not compared with earlier ones."""
-        self._positions: deque[tuple[int, Array]] = deque()
-        self._velocities: deque[tuple[int, Array]] = deque()
+        self._fold()
+        self._times_ns, self._positions = [], []
 
     def add(self, time_ns: int, q_rad: Array) -> None:
         """Take the positions at a time of the time line, which must grow.
 
         Args:
             time_ns: Time [ns].
-            q_rad: Positions, shape (7,) [rad].
+            q_rad: Positions, shape (7,) [rad]; kept, so it must not be changed afterwards.
         """
-        velocity = _difference(self._positions, time_ns, q_rad)
-        if velocity is None:
+        self._times_ns.append(time_ns)
+        self._positions.append(q_rad)
+        if len(self._times_ns) >= _BLOCK:
+            self._fold()
+
+    def _fold(self) -> None:
+        """Evaluate what is stored and keep only what the next samples must be compared with."""
+        if len(self._times_ns) < 2:
             return
-        np.maximum(self.peak_radps, np.abs(velocity), out=self.peak_radps)
-        acceleration = _difference(self._velocities, time_ns, velocity)
-        if acceleration is not None:
-            np.maximum(self.peak_radps2, np.abs(acceleration), out=self.peak_radps2)
+        times_ns = np.array(self._times_ns)
+        q_rad = np.stack(self._positions)
+        steps = np.abs(np.diff(q_rad, axis=0))
+        velocities, from_ns = _slopes(times_ns, q_rad)
+        accelerations, _ = _slopes(from_ns, velocities)
+        for row, values in enumerate((steps, np.abs(velocities), np.abs(accelerations))):
+            if len(values):
+                np.maximum(self._peaks[row], values.max(axis=0), out=self._peaks[row])
+        kept = int(np.searchsorted(times_ns, times_ns[-1] - 3 * _WINDOW_NS))
+        self._times_ns, self._positions = self._times_ns[kept:], self._positions[kept:]
 
     def as_dict(self) -> dict[str, object]:
-        """Return the peaks per joint [rad/s, rad/s²]."""
-        return {
-            "peak_radps": [round(value, 4) for value in self.peak_radps.tolist()],
-            "peak_radps2": [round(value, 4) for value in self.peak_radps2.tolist()],
-        }
+        """Return the peaks per joint: step from sample to sample [rad], speed [rad/s], acceleration [rad/s²]."""
+        self._fold()
+        step, speed, acceleration = ([round(value, 6) for value in row] for row in self._peaks.tolist())
+        return {"peak_step_rad": step, "peak_radps": speed, "peak_radps2": acceleration}
 
 
-def _difference(history: deque[tuple[int, Array]], time_ns: int, value: Array) -> Array | None:
-    """Append a sample and return the mean slope over the last window [1/s], or None while it is not filled."""
-    history.append((time_ns, value))
-    while len(history) > 2 and time_ns - history[1][0] >= _WINDOW_NS:
-        history.popleft()
-    begin_ns, begin = history[0]
-    if time_ns - begin_ns < _WINDOW_NS:
-        return None
-    return np.asarray((value - begin) * (S / (time_ns - begin_ns)))
+def _slopes(times_ns: NDArray[np.int64], values: Array) -> tuple[Array, NDArray[np.int64]]:
+    """Return the mean slope over the window before each sample that has one [1/s], and those samples' times [ns]."""
+    begins = np.searchsorted(times_ns, times_ns - _WINDOW_NS, side="right") - 1
+    known = begins >= 0
+    begins = begins[known]
+    elapsed_s = (times_ns[known] - times_ns[begins]) / S
+    return (values[known] - values[begins]) / elapsed_s[:, None], times_ns[known]
 
 
 class SetpointMeter:
@@ -142,18 +155,17 @@ class SetpointMeter:
     """
 
     def __init__(self) -> None:
-        self.motion = MotionMeter()
         self.reset()
 
     def reset(self) -> None:
         """Forget everything."""
-        self.motion.reset()
-        self.max_step_rad = 0.0
+        self._motion = MotionMeter()
         self._intervals_ns: deque[int] = deque(maxlen=63)
         self._period_ns = 0
         self._time_ns = 0
-        self._last: tuple[int, Array] | None = None
+        self._last_ns: int | None = None
         self._until_median = 0
+        self._early: list[Array] = []
 
     def add(self, now_ns: int, q_rad: Array) -> None:
         """Take an accepted setpoint.
@@ -162,22 +174,25 @@ class SetpointMeter:
             now_ns: Arrival [ns].
             q_rad: Target positions, shape (7,) [rad].
         """
-        if self._last is None or now_ns - self._last[0] > ARM_WATCHDOG_NS:
-            self.motion.break_off()
+        if self._last_ns is None or now_ns - self._last_ns > ARM_WATCHDOG_NS:
+            self._motion.break_off()
             self._intervals_ns.clear()
             self._period_ns = self._until_median = 0
+            self._early = []
         else:
-            self.max_step_rad = max(self.max_step_rad, float(np.max(np.abs(q_rad - self._last[1]))))
-            self._intervals_ns.append(now_ns - self._last[0])
+            self._intervals_ns.append(max(now_ns - self._last_ns, 1))
             self._until_median -= 1
             if self._until_median <= 0 and len(self._intervals_ns) >= 15:
                 self._period_ns = sorted(self._intervals_ns)[len(self._intervals_ns) // 2]
                 self._until_median = 16
-        self._last = (now_ns, q_rad)
+        self._last_ns = now_ns
+        self._early.append(q_rad)
         if self._period_ns:
-            self._time_ns += self._period_ns
-            self.motion.add(self._time_ns, q_rad)
+            for early in self._early:
+                self._time_ns += self._period_ns
+                self._motion.add(self._time_ns, early)
+            self._early = []
 
     def as_dict(self) -> dict[str, object]:
-        """Return the largest step of one message [rad] and the peaks per joint."""
-        return {"max_step_rad": round(self.max_step_rad, 6), **self.motion.as_dict()}
+        """Return the peaks per joint, as `MotionMeter` does."""
+        return self._motion.as_dict()

@@ -10,7 +10,7 @@ control mode and only when enabled (§4.1). A refusal leaves a line in the journ
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Container, Mapping
 from typing import Protocol
 
 from pycdr2 import IdlStruct
@@ -19,7 +19,7 @@ from cdr_types.messages import geometry_msgs, sensor_msgs, std_msgs
 from cdr_types.registry import message_type
 from gateway.sim.arm import Drive, SimArm
 from gateway.sim.chassis import SimChassis
-from gateway.sim.faults import DelayLine, Fault, FaultBook, parse_fault
+from gateway.sim.faults import DelayLine, Fault, FaultBook, FaultError, parse_fault
 from gateway.sim.fsm import StateMachine
 from gateway.sim.gripper import SimGripper
 from gateway.sim.journal import Journal
@@ -29,6 +29,7 @@ from gateway.sim.manual import (
     FSM_ENABLE,
     LIFT_CMD,
     MS,
+    STATE_TOPICS,
     ArmMode,
     Fsm,
     S,
@@ -98,9 +99,17 @@ class SimRobot:
         self.meters = {topic: StreamMeter() for topic in self.commands}
         self.setpoints = {side: SetpointMeter() for side in Side}
         self.motions = {side: MotionMeter() for side in Side}
+        self._timed: list[_Timed] = [self.fsm, self.faults, self.chassis, *self.arms.values(), *self.grippers.values()]
+        if self.lift is not None:
+            self._timed.append(self.lift)
         self._telemetry = Telemetry(self.settings, start_ns)
         self._check_grid = Grid(start_ns, 50 * MS)
         self._outbox, self._inbox = DelayLine(), DelayLine()
+
+    @property
+    def next_state_ns(self) -> int:
+        """Next point of the 200 Hz grid [ns]: when it is worth to be stepped next."""
+        return self._telemetry.state_grid.next_ns
 
     # ------------------------------------------------------------------------------------------------------ messages
 
@@ -125,13 +134,16 @@ class SimRobot:
             else:
                 self._inbox.push(due_ns, topic, passed)
 
-    def advance(self, now_ns: int, *, latest_only: bool = False) -> list[tuple[str, IdlStruct]]:
+    def advance(
+        self, now_ns: int, *, latest_only: bool = False, topics: Container[str] = frozenset(STATE_TOPICS)
+    ) -> list[tuple[str, IdlStruct]]:
         """Let time pass and return everything published on the way as (topic, message), in order.
 
         Args:
             now_ns: Up to when [ns].
             latest_only: Return only the last due message of each topic: what a subscriber that looks once would keep,
                 and much cheaper over long steps.
+            topics: Publish only these: nobody listens to the others.
         """
         published: list[tuple[str, IdlStruct]] = []
         if latest_only:
@@ -145,7 +157,8 @@ class SimRobot:
             if self._telemetry.state_grid.next_ns <= due_ns:
                 for side, arm in self.arms.items():
                     self.motions[side].add(due_ns, arm.q_rad)
-            for topic, message in self._telemetry.collect(due_ns, self.arms, self.grippers, self.chassis, self._report):
+            due = self._telemetry.collect(due_ns, self.arms, self.grippers, self.chassis, self._report, topics)
+            for topic, message in due:
                 for out_ns, passed in self.faults.pass_through(topic, message, due_ns):
                     self._outbox.push(out_ns, topic, passed)
             published += self._outbox.pop_due(due_ns)
@@ -237,8 +250,7 @@ class SimRobot:
         next_ns = self._check_grid.next_ns
         if self._inbox.next_ns is not None:
             next_ns = min(next_ns, self._inbox.next_ns)
-        parts: tuple[_Timed, ...] = (self.fsm, self.faults, self.chassis, *self.arms.values(), *self.grippers.values())
-        for part in parts if self.lift is None else (*parts, self.lift):
+        for part in self._timed:
             deadline_ns = part.deadline_ns
             if deadline_ns is not None and deadline_ns < next_ns:
                 next_ns = deadline_ns
@@ -282,9 +294,11 @@ class SimRobot:
             now_ns: Time [ns].
 
         Raises:
-            FaultError: If the command is not understood.
+            FaultError: If the command is not understood, or is about a process or a bridge, which this robot has not.
         """
         fault = command if isinstance(command, Fault) else parse_fault(command)
+        if fault.scope == "node":
+            raise FaultError(f"fault {fault.name} is about the process or the bridge: only a running node has it")
         self._step_to(max(now_ns, self.now_ns))
         self.journal.note(self.now_ns, "FAULT", fault.name, str(command))
         if fault.name == "pause":

@@ -7,7 +7,7 @@ seed and on its number only, never on how the robot is stepped.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Container, Mapping
 from functools import lru_cache
 from typing import Final
 
@@ -26,6 +26,7 @@ from gateway.sim.manual import (
     DOF,
     FSM_STATE,
     MS,
+    STATE_TOPICS,
     S,
     Side,
     arm_state_topic,
@@ -42,6 +43,8 @@ Array = NDArray[np.float64]
 _ROWS: Final = 1024
 _COLUMNS: Final = 2 * (2 * DOF + 2) + 6
 _HOLDING_NM_PER_RAD: Final = 1000.0  # turns the sag into a plausible holding torque (choice)
+_SIDE_TOPICS: Final = {side: (arm_state_topic(side), ee_pose_topic(side), gripper_state_topic(side)) for side in Side}
+_ALL: Final[frozenset[str]] = frozenset(STATE_TOPICS)
 _CHASSIS_NAMES: Final = ("chassis_joint1", "chassis_joint2", "chassis_joint3")
 
 
@@ -88,7 +91,15 @@ class Telemetry:
         self._fsm_grid = Grid(start_ns, 50 * MS)
         self._mode_grid = Grid(start_ns, 1 * S)
         self.clock_offset_ns = settings.clock_offset_ns
-        self._noise = _noise_table(settings.seed)
+        noise = _noise_table(settings.seed)
+        self._arm_noise = {
+            side: (
+                noise[:, 2 * DOF * index : 2 * DOF * index + DOF] * settings.noise_rad,
+                noise[:, 2 * DOF * index + DOF : 2 * DOF * (index + 1)] * settings.noise_radps,
+            )
+            for index, side in enumerate(Side)
+        }
+        self._noise = noise[:, 4 * DOF :]
         self._noise_rad, self._noise_radps = settings.noise_rad, settings.noise_radps
         self._holding = {side: np.array(settings.sag(side)) * -_HOLDING_NM_PER_RAD for side in Side}
         self._names = {side: list(joint_names(side)) for side in Side}
@@ -110,6 +121,7 @@ class Telemetry:
         grippers: Mapping[Side, SimGripper],
         chassis: SimChassis,
         report: Callable[[], tuple[int, str]],
+        topics: Container[str] = _ALL,
     ) -> list[tuple[str, IdlStruct]]:
         """Return the messages due at a point of the grids, and pass it.
 
@@ -119,23 +131,31 @@ class Telemetry:
             grippers: Grippers by side.
             chassis: Chassis.
             report: Gives the value of `/fsm_state` and the text of `/api/current_mode`.
+            topics: Only these are built.
         """
         due: list[tuple[str, IdlStruct]] = []
         if self.state_grid.next_ns <= now_ns:
             self.state_grid.advance()
             number = now_ns // self._period_ns
             for side, arm in arms.items():
+                arm_topic, pose_topic, gripper_topic = _SIDE_TOPICS[side]
                 position, velocity = self._measured(arm, number)
-                due.append((arm_state_topic(side), self._arm(side, position, velocity, now_ns)))
-                due.append((ee_pose_topic(side), _pose(side, position)))
-                due.append((gripper_state_topic(side), self._gripper(grippers[side], number, now_ns)))
-            due.append((CHASSIS_STATE, self._chassis(chassis, number, now_ns)))
+                if arm_topic in topics:
+                    due.append((arm_topic, self._arm(side, position, velocity, now_ns)))
+                if pose_topic in topics:
+                    due.append((pose_topic, _pose(side, position)))
+                if gripper_topic in topics:
+                    due.append((gripper_topic, self._gripper(grippers[side], number, now_ns)))
+            if CHASSIS_STATE in topics:
+                due.append((CHASSIS_STATE, self._chassis(chassis, number, now_ns)))
         if self._fsm_grid.next_ns <= now_ns:
             self._fsm_grid.advance()
-            due.append((FSM_STATE, std_msgs.Int32(data=report()[0])))
+            if FSM_STATE in topics:
+                due.append((FSM_STATE, std_msgs.Int32(data=report()[0])))
         if self._mode_grid.next_ns <= now_ns:
             self._mode_grid.advance()
-            due.append((CURRENT_MODE, std_msgs.String(data=report()[1])))
+            if CURRENT_MODE in topics:
+                due.append((CURRENT_MODE, std_msgs.String(data=report()[1])))
         return due
 
     def _header(self, now_ns: int, frame_id: str) -> std_msgs.Header:
@@ -144,10 +164,9 @@ class Telemetry:
 
     def _measured(self, arm: SimArm, number: int) -> tuple[Array, Array]:
         """Return the measured positions [rad] and velocities [rad/s] of an arm at a grid point, shape (7,) each."""
-        begin = 0 if arm.side is Side.LEFT else 2 * DOF
-        noise = self._noise[number % _ROWS, begin : begin + 2 * DOF]
-        position = arm.q_rad + arm.measured_offset_rad + noise[:DOF] * self._noise_rad
-        return position, arm.v_radps + noise[DOF:] * self._noise_radps
+        positions, velocities = self._arm_noise[arm.side]
+        row = number % _ROWS
+        return arm.q_rad + arm.measured_offset_rad + positions[row], arm.v_radps + velocities[row]
 
     def _arm(self, side: Side, position: Array, velocity: Array, now_ns: int) -> sensor_msgs.JointState:
         """Return the joint state message of an arm (§4.8)."""
@@ -162,7 +181,7 @@ class Telemetry:
 
     def _gripper(self, gripper: SimGripper, number: int, now_ns: int) -> sensor_msgs.JointState:
         """Return the motor state message of a gripper (§4.8)."""
-        begin = 4 * DOF + (0 if gripper.side is Side.LEFT else 2)
+        begin = 0 if gripper.side is Side.LEFT else 2
         noise = self._noise[number % _ROWS, begin : begin + 2].tolist()
         return sensor_msgs.JointState(
             header=self._header(now_ns, f"{gripper.side.value}_gripper"),
@@ -174,7 +193,7 @@ class Telemetry:
 
     def _chassis(self, chassis: SimChassis, number: int, now_ns: int) -> sensor_msgs.JointState:
         """Return the wheel state message (§4.8)."""
-        noise = self._noise[number % _ROWS, -6:]
+        noise = self._noise[number % _ROWS, 4:]
         angles, speeds = chassis.wheels()
         return sensor_msgs.JointState(
             header=self._header(now_ns, "chassis"),
@@ -187,7 +206,7 @@ class Telemetry:
 
 def _pose(side: Side, position: Array) -> geometry_msgs.Pose:
     """Return the end-effector pose message that belongs to measured joint positions (§4.0.2)."""
-    pose: EePose = arm_geometry(side).forward(position)
+    pose: EePose = arm_geometry(side).forward(position.tolist())
     x, y, z = pose.position_m
     qx, qy, qz, qw = pose.quat_xyzw
     return geometry_msgs.Pose(
