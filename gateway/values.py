@@ -97,6 +97,8 @@ class MotorState:
     def __post_init__(self) -> None:
         """Refuse wrong shapes and non-finite numbers."""
         length = len(self.q_rad)
+        if length == 0:
+            raise ValueRefused("position has 0 values, at least 1 is needed")
         require_finite("position", self.q_rad, length)
         require_finite("velocity", self.dq_radps, length if self.dq_radps else 0)
         require_finite("effort", self.tau_nm, length if self.tau_nm else 0)
