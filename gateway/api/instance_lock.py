@@ -4,8 +4,8 @@ Rules
     * `flock` on a file that is never removed: removing it would let two holders lock two files of one name. The lock is
       what counts; the text in the file only tells people who holds it.
     * The file is opened without following links and is not passed on to programs that the daemon starts.
-    * A robot is known by its endpoint. Two names of one machine are two robots here; the token on the robot's own router
-      tells gateways apart across hosts and names.
+    * A robot is known by its endpoint. Two names of one machine are two robots here; the token on the robot's own
+      router tells gateways apart across hosts and names.
 """
 
 from __future__ import annotations

@@ -1,0 +1,219 @@
+"""What clients send, on its way to the engine: questions, streamed targets, keepalives, departures.
+
+Rules
+    * Whoever brings something in (a zenoh callback) only puts it here. One thread reads questions (`sort`); the loop
+      thread takes everything (`poll`) and is the only one that does.
+    * An emergency stop, then a stop, come first out of `poll`, whatever lies before them.
+    * Of the targets of a stream, and of the keepalives of a client, only the newest is kept: a flood costs nothing.
+    * A command whose sender was already told that it did not run is not handed to the loop any more; a stop always is.
+    * Everything is bounded. What does not fit or cannot be read is counted, told to its sender where it can be told,
+      and logged at most once a second.
+
+Does not know zenoh or the engine; arrival times are stamped by its callers.
+"""
+
+from __future__ import annotations
+
+import logging
+import queue
+import threading
+from collections import deque
+from collections.abc import Iterator
+
+from gateway.api import protocol
+from gateway.api.outbox import Outbox
+from gateway.api.question import Question
+from gateway.api.translate import to_request, to_target
+from gateway.core import events
+from gateway.errors import Code, Refusal
+
+__all__ = ["MAX_CLIENTS", "MAX_STREAMS", "MAX_WAITING", "Inbox"]
+
+MAX_WAITING = 1024
+"""Questions that may wait; more are refused with TIMEOUT. Ten a second are usual."""
+MAX_STREAMS = 64
+"""Streams whose targets are kept between two polls; two are usual."""
+MAX_CLIENTS = 256
+"""Clients whose keepalives are kept between two polls."""
+LOG_PERIOD_NS = 1_000_000_000
+
+log = logging.getLogger(__name__)
+
+_Lane = deque[events.CommandRequested]
+
+
+class Inbox:
+    """Everything on its way in. See the module for which thread may call what.
+
+    Args:
+        outbox: Where refusals go, and where questions wait for the engine's reply.
+    """
+
+    def __init__(self, outbox: Outbox) -> None:
+        self.malformed = 0
+        self.overflown = 0
+        self._outbox = outbox
+        self._unread: queue.SimpleQueue[Question | None] = queue.SimpleQueue()
+        self._lock = threading.Lock()
+        self._estops: _Lane = deque()
+        self._stops: _Lane = deque()
+        self._commands: _Lane = deque()
+        self._targets: dict[str, tuple[bytes, str, int]] = {}
+        self._seen: dict[str, int] = {}
+        self._gone: dict[str, int] = {}
+        self._next_log_ns = 0
+
+    # ------------------------------------------------------------------------------------------------ coming in
+
+    def ask(self, question: Question) -> None:
+        """Take a question; returns at once."""
+        if self._unread.qsize() < MAX_WAITING:
+            self._unread.put(question)
+            return
+        self._complain("overflow", f"{MAX_WAITING} questions wait to be read", question.received_ns)
+        self._outbox.refuse(question, 0, _too_many())
+
+    def put_target(self, key: str, payload: bytes, encoding: str, received_ns: int) -> None:
+        """Take the newest target of a stream; an older one that was not polled yet is forgotten.
+
+        Args:
+            key: Key it was put on; names client and stream.
+            payload: Untrusted bytes.
+            encoding: zenoh encoding; empty for msgpack.
+            received_ns: Local monotonic arrival [ns].
+        """
+        with self._lock:
+            if key in self._targets or len(self._targets) < MAX_STREAMS:
+                self._targets[key] = (payload, encoding, received_ns)
+                return
+        self._complain("overflow", f"{MAX_STREAMS} streams have targets waiting", received_ns)
+
+    def put_keepalive(self, client_id: str, received_ns: int) -> None:
+        """Take a sign of life of a client."""
+        with self._lock:
+            if client_id in self._seen or len(self._seen) < MAX_CLIENTS:
+                self._seen[client_id] = received_ns
+                return
+        self._complain("overflow", f"{MAX_CLIENTS} clients send keepalives", received_ns)
+
+    def put_gone(self, client_id: str, at_ns: int) -> None:
+        """Take the end of a client's liveliness token."""
+        with self._lock:
+            self._gone[client_id] = at_ns
+
+    # ------------------------------------------------------------------------------------------------ the reader
+
+    def sort(self, timeout_s: float) -> bool:
+        """Read the next question, waiting for it at most `timeout_s`, and lay it where it belongs.
+
+        Returns:
+            False when there was none.
+        """
+        try:
+            question = self._unread.get(timeout=timeout_s) if timeout_s > 0 else self._unread.get_nowait()
+        except queue.Empty:
+            return False
+        if question is not None:
+            self._read(question)
+        return True
+
+    def wake(self) -> None:
+        """Let a waiting `sort` return."""
+        self._unread.put(None)
+
+    def _read(self, question: Question) -> None:
+        if question.key == protocol.INFO_KEY:
+            self._outbox.tell_info(question)
+        elif question.key == protocol.SNAPSHOT_KEY:
+            self._outbox.tell_snapshot(question)
+        else:
+            self._read_command(question)
+
+    def _read_command(self, question: Question) -> None:
+        try:
+            command = protocol.decode_command(question.payload, question.encoding)
+        except protocol.Malformed as error:
+            self._complain("malformed", str(error), question.received_ns)
+            self._outbox.refuse(question, 0, error.refusal)
+            return
+        request = to_request(command.request)
+        if isinstance(request, Refusal):
+            self._outbox.refuse(question, command.request_id, request)
+            return
+        event = events.CommandRequested(
+            client_id=command.client_id,
+            request_id=command.request_id,
+            request=request,
+            received_ns=question.received_ns,
+        )
+        lane = self._lane(request)
+        if len(lane) >= MAX_WAITING:  # also of stops: as many of them wait for the loop already
+            self._complain("overflow", f"{MAX_WAITING} requests wait for the control loop", question.received_ns)
+            self._outbox.refuse(question, command.request_id, _too_many())
+            return
+        # First the question, then the event: the reply must find it.
+        self._outbox.expect(command.client_id, command.request_id, question)
+        lane.append(event)
+
+    def _lane(self, request: events.Request) -> _Lane:
+        if isinstance(request, events.Estop):
+            return self._estops
+        return self._stops if isinstance(request, events.Stop) else self._commands
+
+    # ------------------------------------------------------------------------------------------------ the loop
+
+    def poll(self) -> list[events.Event]:
+        """Return what arrived since the last call: stops, then signs of life, targets, other requests, departures."""
+        with self._lock:
+            targets, self._targets = self._targets, {}
+            seen, self._seen = self._seen, {}
+            gone, self._gone = self._gone, {}
+        arrived: list[events.Event] = []
+        for stop in (*_drain(self._estops), *_drain(self._stops)):
+            self._outbox.take(stop.client_id, stop.request_id)
+            arrived.append(stop)
+        arrived += [events.ClientSeen(client_id=client, at_ns=at_ns) for client, at_ns in seen.items()]
+        for key, (payload, encoding, received_ns) in targets.items():
+            target = self._read_target(key, payload, encoding, received_ns)
+            if target is not None:
+                arrived.append(target)
+        arrived += [
+            command for command in _drain(self._commands) if self._outbox.take(command.client_id, command.request_id)
+        ]
+        arrived += [events.ClientGone(client_id=client, at_ns=at_ns) for client, at_ns in gone.items()]
+        return arrived
+
+    def _read_target(self, key: str, payload: bytes, encoding: str, received_ns: int) -> events.TargetArrived | None:
+        client_id, _, stream = key.removeprefix(f"{protocol.ROOT}/target/").partition("/")
+        try:
+            target = protocol.decode_target(payload, encoding)
+            stream_id = int(stream)
+        except ValueError as error:  # `Malformed` is one too
+            self._complain("malformed", f"target on {key}: {error}", received_ns)
+            return None
+        return to_target(target, client_id, stream_id, received_ns)
+
+    def _complain(self, what: str, message: str, now_ns: int) -> None:
+        """Count something that was not taken, and log it unless something was logged within the last second."""
+        if what == "malformed":
+            self.malformed += 1
+        else:
+            self.overflown += 1
+        if now_ns >= self._next_log_ns:
+            self._next_log_ns = now_ns + LOG_PERIOD_NS
+            log.warning("%s: %s (%d malformed, %d too many)", what, message, self.malformed, self.overflown)
+
+
+def _drain(lane: _Lane) -> Iterator[events.CommandRequested]:
+    """Yield what lies in a lane now; what another thread adds meanwhile comes with the next poll."""
+    for _ in range(len(lane)):
+        yield lane.popleft()
+
+
+def _too_many() -> Refusal:
+    return Refusal(
+        code=Code.TIMEOUT,
+        message=f"{MAX_WAITING} requests wait already; this one was not run",
+        value=str(MAX_WAITING),
+        hint="send less often, and look whether the control loop runs (`ta2 status`)",
+    )

@@ -1,0 +1,155 @@
+"""How the local plane listens: zenoh configurations, and what they may not be.
+
+Rules
+    * Two sessions, never one with the robot's: router mode, explicit listeners only, no scouting, no admin space, no
+      shared memory (it leaves files behind when a client is killed).
+    * The unix socket and the network have a session each, since zenoh asks users and passwords of both or of neither:
+      who may open the socket is decided by its permission bits.
+    * Beyond this host nobody gets in unknown: users with passwords, or TLS with certificates of clients, are demanded.
+      TLS that only encrypts would let anybody who reaches the port drive the robot.
+    * What clients may do is listed, flow by flow; everything else is dropped before it reaches us. A list with both
+      flows in one rule would let a viewer inject snapshots.
+
+Pure: texts to dictionaries; only asks whether the named files exist.
+"""
+
+from __future__ import annotations
+
+import ipaddress
+import os
+from pathlib import Path
+from typing import Any
+
+from gateway.api import protocol
+from gateway.errors import CODES, Code, ConfigError, Refusal
+from gateway.settings import LocalSettings
+
+__all__ = ["access_rules", "network_configuration", "unix_configuration"]
+
+MAX_MESSAGE_BYTES = 256 * 1024
+"""A larger message ends the connection of its sender; larger than `MAX_PAYLOAD_BYTES`, so that that is answered."""
+
+CLIENT_STALL_US = 200_000
+"""A client that does not read for so long while a reply waits for it loses its connection [us]."""
+
+LEASE_MS = 2000
+"""Silence after which a client's connection counts as lost over the network [ms]; the keepalive is what decides."""
+
+
+def unix_configuration(path: Path) -> dict[str, Any]:
+    """Return the zenoh configuration of the session that listens on a unix socket."""
+    return _router(f"unixsock-stream/{path}")
+
+
+def network_configuration(local: LocalSettings) -> dict[str, Any] | None:
+    """Return the zenoh configuration of the session that listens on the network; None when none is asked for.
+
+    Raises:
+        ConfigError: BAD_CONFIG. No host and port, a file is missing, or it would listen beyond this host without
+            knowing who connects.
+    """
+    if not local.tcp:
+        return None
+    host, port = _host_and_port(local.tcp)
+    if bool(local.tls_certificate) != bool(local.tls_private_key):
+        raise _refused("tls_certificate", local.tls_certificate, "certificate and private key belong together")
+    if local.tls_root_ca and not local.tls_certificate:
+        raise _refused("tls_root_ca", local.tls_root_ca, "certificates of clients need TLS with a certificate and key")
+    for name in ("users_file", "tls_certificate", "tls_private_key", "tls_root_ca"):
+        path = getattr(local, name)
+        if path and not os.access(path, os.R_OK):
+            raise _refused(name, path, "there is no readable file of this name")
+    if not (_is_loopback(host) or local.users_file or local.tls_root_ca):
+        raise _refused(
+            "tcp",
+            local.tcp,
+            "beyond this host nobody may connect unknown: users_file, or TLS with tls_root_ca, is needed",
+            bound="127.0.0.1 or [::1]",
+        )
+    configuration = _router(f"{'tls' if local.tls_certificate else 'tcp'}/{host}:{port}")
+    if local.users_file:
+        configuration["transport/auth/usrpwd"] = {"dictionary_file": local.users_file}
+    if local.tls_certificate:
+        configuration["transport/link/tls"] = {
+            "listen_certificate": local.tls_certificate,
+            "listen_private_key": local.tls_private_key,
+            **({"root_ca_certificate": local.tls_root_ca, "enable_mtls": True} if local.tls_root_ca else {}),
+        }
+    return configuration
+
+
+def _router(endpoint: str) -> dict[str, Any]:
+    return {
+        "mode": "router",
+        "listen/endpoints": [endpoint],
+        "connect/endpoints": [],
+        "scouting/multicast/enabled": False,
+        "scouting/gossip/enabled": False,
+        "adminspace/enabled": False,
+        "transport/shared_memory/enabled": False,
+        "transport/link/rx/max_message_size": MAX_MESSAGE_BYTES,
+        "transport/link/tx/lease": LEASE_MS,
+        "transport/link/tx/queue/congestion_control/block/wait_before_close": CLIENT_STALL_US,
+        "access_control": access_rules(),
+    }
+
+
+def access_rules() -> dict[str, Any]:
+    """Return what a client may do: ask, put targets and keepalives, show its token, listen. Nothing else."""
+    questions = [protocol.COMMAND_KEY, protocol.INFO_KEY, protocol.SNAPSHOT_KEY]
+    puts = [protocol.TARGET_KEYS, protocol.KEEPALIVE_KEYS]
+    views = [protocol.SNAPSHOT_KEY, protocol.EVENT_KEY]
+    rules = [
+        _allow("ask", "ingress", ["query"], questions),
+        _allow("answer", "egress", ["reply", "declare_queryable"], questions),
+        _allow("put", "ingress", ["put"], puts),
+        _allow("take", "egress", ["declare_subscriber"], puts),
+        _allow("listen", "ingress", ["declare_subscriber"], views),
+        _allow("show", "egress", ["put"], views),
+        _allow("client_token", "ingress", ["liveliness_token"], [protocol.CLIENT_TOKENS]),
+        _allow(
+            "watch_daemon",
+            "ingress",
+            ["liveliness_query", "declare_liveliness_subscriber"],
+            [protocol.DAEMON_TOKENS],
+        ),
+        _allow("daemon_token", "egress", ["liveliness_token", "reply"], [protocol.DAEMON_TOKENS]),
+    ]
+    return {
+        "enabled": True,
+        "default_permission": "deny",
+        "rules": rules,
+        "subjects": [{"id": "everybody"}],
+        "policies": [{"rules": [rule["id"] for rule in rules], "subjects": ["everybody"]}],
+    }
+
+
+def _allow(name: str, flow: str, messages: list[str], keys: list[str]) -> dict[str, Any]:
+    return {"id": name, "permission": "allow", "flows": [flow], "messages": messages, "key_exprs": keys}
+
+
+def _host_and_port(text: str) -> tuple[str, int]:
+    host, colon, port = text.removeprefix("tcp/").removeprefix("tls/").rpartition(":")
+    if not (colon and host and port.isdecimal() and 0 < int(port) < 65536) or any(mark in text for mark in "#?;"):
+        raise _refused("tcp", text, "HOST:PORT with a port from 1 to 65535 is needed, e.g. 127.0.0.1:7448")
+    return host, int(port)
+
+
+def _is_loopback(host: str) -> bool:
+    try:
+        return host == "localhost" or ipaddress.ip_address(host.strip("[]")).is_loopback
+    except ValueError:  # a name: it may be any machine
+        return False
+
+
+def _refused(name: str, value: str, message: str, bound: str = "") -> ConfigError:
+    return ConfigError(
+        Refusal(
+            code=Code.BAD_CONFIG,
+            message=f"local.{name} = {value!r}: {message}",
+            field=f"local.{name}",
+            value=value,
+            bound=bound,
+            hint=CODES[Code.BAD_CONFIG].hint,
+        )
+    )

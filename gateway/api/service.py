@@ -1,0 +1,208 @@
+"""The local plane of a daemon: sockets, threads and locks around the inbox and the outbox.
+
+Rules
+    * The constructor takes the locks: a second daemon for the same socket or robot stops here, before it touches
+      anything. `open` opens the listeners; `close` gives everything back, in reverse.
+    * The unix socket is private until its permission bits stand; a socket file left by a dead daemon is replaced, one
+      of a living daemon never is (its lock is held).
+    * One thread reads questions, one sends. The loop thread calls `poll`, `send` and `publish_snapshot`, which never
+      wait for a client.
+"""
+
+from __future__ import annotations
+
+import logging
+import os
+import threading
+import time
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+import zenoh
+
+from gateway.api import protocol
+from gateway.api.address import is_private
+from gateway.api.inbox import Inbox
+from gateway.api.instance_lock import InstanceLock, robot_lock_path, socket_lock_path
+from gateway.api.listener import network_configuration, unix_configuration
+from gateway.api.outbox import Outbox
+from gateway.api.translate import describe
+from gateway.api.zenoh_plane import ZenohPlane
+from gateway.core import events
+from gateway.core.snapshot import Snapshot
+from gateway.errors import CODES, Code, ConfigError, Refusal
+from gateway.settings import LocalSettings, Settings
+
+__all__ = ["LocalPlane"]
+
+IDLE_S = 0.1
+"""How long a thread waits for work before it looks at its other duties [s]."""
+
+log = logging.getLogger(__name__)
+
+
+class LocalPlane:
+    """Where clients reach this daemon. Context manager.
+
+    Args:
+        settings: Effective settings; `local` says where to listen, `link.endpoint` names the robot.
+        lock_directory: Where the lock of the robot lives; by default the host's directory for locks.
+
+    Raises:
+        NotReady: OTHER_GATEWAY, another daemon has this socket or this robot; the message names its process id.
+        ConfigError: BAD_CONFIG, the socket's path or the network listener cannot be as configured.
+    """
+
+    def __init__(self, settings: Settings, lock_directory: Path | None = None) -> None:
+        local = settings.local
+        self.socket = _socket_path(local)
+        self.info = describe(settings, socket=str(self.socket), pid=os.getpid())
+        self._mode = local.socket_mode
+        self._network = network_configuration(local)
+        self._outbox = Outbox(self.info)
+        self._inbox = Inbox(self._outbox)
+        self._planes: list[ZenohPlane] = []
+        self._threads: list[threading.Thread] = []
+        self._running = False
+        _prepare_directory(self.socket, is_default=not local.socket)
+        self._locks = [InstanceLock(socket_lock_path(self.socket), f"socket {self.socket}")]
+        try:
+            endpoint = settings.link.endpoint
+            self._locks.append(InstanceLock(robot_lock_path(endpoint, lock_directory), f"robot {endpoint}"))
+        except BaseException:  # whatever it was, the socket must not stay locked by a plane that never was
+            self._locks[0].close()
+            raise
+
+    def open(self) -> None:
+        """Listen. Clients can connect and ask from now on; they are answered when the loop polls.
+
+        Raises:
+            ConfigError: BAD_CONFIG, a listener cannot be opened: port in use, directory not writable, bad certificate.
+        """
+        try:
+            self._open_unix()
+            if self._network is not None:
+                self._open(self._network, "tcp", self._network["listen/endpoints"][0])
+        except BaseException:  # half an opened plane must not stay
+            self.close()
+            raise
+        self._running = True
+        for name, work in (("ta2-api-read", self._read), ("ta2-api-send", self._send)):
+            thread = threading.Thread(target=work, name=name, daemon=True)
+            thread.start()
+            self._threads.append(thread)
+
+    def _open_unix(self) -> None:
+        before = os.umask(0o777 & ~self._mode)  # the socket is never wider than it will be
+        try:
+            self._open(unix_configuration(self.socket), "socket", str(self.socket))
+        finally:
+            os.umask(before)
+        os.chmod(self.socket, self._mode)
+
+    def _open(self, configuration: dict[str, object], name: str, value: str) -> None:
+        try:
+            plane = ZenohPlane(configuration, self._inbox)
+        except zenoh.ZError as error:
+            raise _refused(name, value, f"cannot listen there: {str(error).partition(' at /')[0]}") from None
+        self._planes.append(plane)
+        self._outbox.add_audience(plane)
+        log.info("listening on %s", value)
+
+    def close(self, timeout_s: float = 2.0) -> None:
+        """Stop listening, end the threads, give the locks back. May be called again.
+
+        Args:
+            timeout_s: How long to wait for what is still to be sent, and for each thread [s].
+        """
+        self._running = False
+        self._inbox.wake()
+        self._outbox.wake()
+        for thread in self._threads:
+            thread.join(timeout_s)
+        self._threads.clear()
+        while self._planes:
+            self._planes.pop().close()
+        for lock in reversed(self._locks):
+            lock.close()
+
+    def __enter__(self) -> LocalPlane:
+        self.open()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    # ------------------------------------------------------------------------------------------------ the loop thread
+
+    def poll(self) -> list[events.Event]:
+        """Return what clients sent since the last call: stops first. Never waits."""
+        return self._inbox.poll()
+
+    def send(self, replies: Sequence[events.Reply], notices: Sequence[events.Notice]) -> None:
+        """Pass on what a tick brought. Never waits. Call it before `publish_snapshot` of the same tick."""
+        self._outbox.send(replies, notices)
+
+    def publish_snapshot(self, snapshot: Snapshot) -> None:
+        """Pass on the newest snapshot; it is sent while somebody listens. Never waits."""
+        self._outbox.publish_snapshot(snapshot)
+
+    @property
+    def counters(self) -> dict[str, int]:
+        """What was not taken, not answered in time or not sent since the start."""
+        return {
+            "malformed": self._inbox.malformed,
+            "too_many": self._inbox.overflown,
+            "unanswered": self._outbox.unanswered,
+            "unsent": self._outbox.dropped,
+        }
+
+    # ------------------------------------------------------------------------------------------------ own threads
+
+    def _read(self) -> None:
+        while self._running:
+            self._guarded(lambda: self._inbox.sort(IDLE_S))
+
+    def _send(self) -> None:
+        while self._running or self._outbox.deliver(0):  # what lies there when we close still goes out
+            self._guarded(lambda: self._outbox.deliver(IDLE_S))
+            self._guarded(lambda: self._outbox.expire(time.monotonic_ns()))
+
+    def _guarded(self, work: Callable[[], object]) -> None:
+        try:
+            work()
+        except Exception:
+            log.exception("a request could not be served")
+
+
+def _socket_path(local: LocalSettings) -> Path:
+    try:
+        address = protocol.parse_address(local.socket or str(protocol.default_socket()))
+    except protocol.AddressRefused as error:
+        raise _refused("socket", local.socket, str(error)) from None
+    if address.path is None:
+        raise _refused("socket", local.socket, "a path is needed; the network is configured with local.tcp")
+    return address.path
+
+
+def _prepare_directory(socket: Path, *, is_default: bool) -> None:
+    """Create the socket's directory for this user (and, where one was named, its group) alone."""
+    directory = socket.parent
+    try:
+        directory.mkdir(mode=0o700 if is_default else 0o750, parents=True, exist_ok=True)
+    except OSError as error:
+        raise _refused("socket", str(socket), f"its directory cannot be created: {error.strerror}") from None
+    if is_default and not is_private(directory):
+        raise _refused("socket", str(socket), f"{directory} belongs to, or may be written by, somebody else")
+
+
+def _refused(name: str, value: str, message: str) -> ConfigError:
+    return ConfigError(
+        Refusal(
+            code=Code.BAD_CONFIG,
+            message=f"local.{name} = {value!r}: {message}",
+            field=f"local.{name}",
+            value=value,
+            hint=CODES[Code.BAD_CONFIG].hint,
+        )
+    )

@@ -1,0 +1,144 @@
+"""One zenoh session of the local plane: a listener, its keys, and what arrives there. `service.py` has one or two.
+
+Rules
+    * Callbacks run on zenoh's own threads: they stamp and put away, nothing else.
+    * Queries are answered from the sender's thread; a query that cannot be answered any more is dropped, never raised.
+    * Puts of the daemon are dropped for a client that does not read, never waited for.
+"""
+
+from __future__ import annotations
+
+import json
+import logging
+import time
+from typing import Any
+
+import zenoh
+
+from gateway.api import protocol
+from gateway.api.inbox import Inbox
+
+__all__ = ["ZenohPlane"]
+
+log = logging.getLogger(__name__)
+
+
+class _ZenohQuestion:
+    """A zenoh query that waits for its answer."""
+
+    __slots__ = ("_query", "encoding", "key", "payload", "received_ns")
+
+    def __init__(self, query: zenoh.Query, received_ns: int) -> None:
+        self._query = query
+        self.key = str(query.key_expr)
+        self.payload = b"" if query.payload is None else query.payload.to_bytes()
+        self.encoding = _plain_encoding(query.encoding)
+        self.received_ns = received_ns
+
+    def answer(self, payload: bytes, encoding: str) -> None:
+        """Reply and finish. A client that has gone meanwhile needs no reply."""
+        try:
+            with self._query as query:
+                query.reply(self.key, payload, encoding=encoding)
+        except zenoh.ZError as error:
+            log.debug("a reply on %s was not sent: %s", self.key, error)
+
+    def drop(self) -> None:
+        """Finish without a reply."""
+        self._query.drop()  # type: ignore[no-untyped-call]  # zenoh's stubs leave the return type out
+
+
+def _plain_encoding(encoding: zenoh.Encoding | None) -> str:
+    """Return the encoding as protocol text; empty when none was given (zenoh then says `zenoh/bytes`)."""
+    text = "" if encoding is None else str(encoding)
+    return "" if text.startswith("zenoh/") else text.partition(";")[0]
+
+
+class ZenohPlane:
+    """A router session with the queryables, subscribers, publishers and the token of a daemon.
+
+    Args:
+        configuration: From `listener`.
+        inbox: Where everything that arrives goes.
+
+    Raises:
+        zenoh.ZError: The listener cannot be opened.
+    """
+
+    def __init__(self, configuration: dict[str, Any], inbox: Inbox) -> None:
+        self._inbox = inbox
+        self._listened = False
+        config = zenoh.Config()
+        for key, value in configuration.items():
+            config.insert_json5(key, json.dumps(value))
+        self._session = zenoh.open(config)
+        try:
+            self._declare()
+        except zenoh.ZError:
+            self._session.close()  # type: ignore[no-untyped-call]  # as above
+            raise
+
+    def _declare(self) -> None:
+        session = self._session
+        drop = zenoh.CongestionControl.DROP
+        self._snapshots = session.declare_publisher(
+            protocol.SNAPSHOT_KEY, encoding=protocol.MSGPACK, congestion_control=drop
+        )
+        self._notices = session.declare_publisher(
+            protocol.EVENT_KEY, encoding=protocol.MSGPACK, congestion_control=drop
+        )
+        self._snapshots.declare_matching_listener(zenoh.handlers.Callback(self._on_matching, indirect=False))
+        for key in (protocol.COMMAND_KEY, protocol.INFO_KEY, protocol.SNAPSHOT_KEY):
+            session.declare_queryable(key, zenoh.handlers.Callback(self._on_query, indirect=False))
+        session.declare_subscriber(protocol.TARGET_KEYS, zenoh.handlers.Callback(self._on_target, indirect=False))
+        session.declare_subscriber(protocol.KEEPALIVE_KEYS, zenoh.handlers.Callback(self._on_keepalive, indirect=False))
+        session.liveliness().declare_subscriber(
+            protocol.CLIENT_TOKENS, zenoh.handlers.Callback(self._on_token, indirect=False)
+        )
+        # Last: who sees the token finds everything else in place.
+        self._token = session.liveliness().declare_token(protocol.daemon_token(str(session.zid())))
+
+    # ------------------------------------------------------------------------------------------------ zenoh's threads
+
+    def _on_query(self, query: zenoh.Query) -> None:
+        self._inbox.ask(_ZenohQuestion(query, time.monotonic_ns()))
+
+    def _on_target(self, sample: zenoh.Sample) -> None:
+        now_ns = time.monotonic_ns()
+        self._inbox.put_target(
+            str(sample.key_expr), sample.payload.to_bytes(), _plain_encoding(sample.encoding), now_ns
+        )
+
+    def _on_keepalive(self, sample: zenoh.Sample) -> None:
+        self._inbox.put_keepalive(protocol.token_id(str(sample.key_expr)), time.monotonic_ns())
+
+    def _on_token(self, sample: zenoh.Sample) -> None:
+        if sample.kind == zenoh.SampleKind.DELETE:
+            self._inbox.put_gone(protocol.token_id(str(sample.key_expr)), time.monotonic_ns())
+
+    def _on_matching(self, status: zenoh.MatchingStatus) -> None:
+        self._listened = status.matching
+
+    # ------------------------------------------------------------------------------------------------ the sender
+
+    def wants_snapshots(self) -> bool:
+        """Whether anybody listens to snapshots at present."""
+        return self._listened
+
+    def put_snapshot(self, payload: bytes, seq: int) -> None:
+        """Send a snapshot; its number goes along, so that a listener can count gaps without decoding."""
+        self._put(self._snapshots, payload, str(seq).encode())
+
+    def put_notice(self, payload: bytes) -> None:
+        """Send a notice."""
+        self._put(self._notices, payload, None)
+
+    def _put(self, publisher: zenoh.Publisher, payload: bytes, attachment: bytes | None) -> None:
+        try:
+            publisher.put(payload, attachment=attachment)
+        except zenoh.ZError as error:
+            log.debug("a put on %s was not sent: %s", publisher.key_expr, error)
+
+    def close(self) -> None:
+        """Close the session; the listener and everything declared go with it."""
+        self._session.close()  # type: ignore[no-untyped-call]  # as above
