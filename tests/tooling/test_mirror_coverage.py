@@ -38,6 +38,7 @@ def write(path: Path, text: str) -> None:
     path.write_text(text, encoding="utf-8")
 
 
+@pytest.mark.slow
 def test_a_branch_that_is_never_taken_is_missing(checkout: Path) -> None:
     """Every line can be reached and a branch still be missing: the `if` that was never false."""
     write(checkout / GEAR.test, "from gateway.core.gear import shift\n\ndef test():\n    assert shift(1)\n")
