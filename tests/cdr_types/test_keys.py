@@ -1,0 +1,201 @@
+from __future__ import annotations
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from cdr_types.errors import BadName
+from cdr_types.keys import (
+    ALL_TOKENS,
+    History,
+    Qos,
+    Reliability,
+    Token,
+    TokenKind,
+    format_token,
+    key_to_topic,
+    parse_token,
+    presence_key,
+    topic_to_key,
+)
+
+STATE_QOS = Qos(reliability=Reliability.RELIABLE, history=History.KEEP_LAST, depth=10)
+CHUNK = st.text("abXY_09", min_size=1, max_size=8)
+TOPIC = st.lists(CHUNK, min_size=1, max_size=4).map(lambda chunks: "/" + "/".join(chunks))
+ZID = st.text("0123456789abcdef", min_size=1, max_size=32)
+TOPIC_TOKEN = st.builds(
+    Token,
+    zid=ZID,
+    kind=st.sampled_from([TokenKind.MP, TokenKind.MS]),
+    topic=TOPIC,
+    type_name=st.just("sensor_msgs/msg/JointState"),
+    qos=st.sampled_from([Qos(), STATE_QOS, Qos(is_keyed=True, user_data="typehash=RIHS01_0;")]),
+)
+OTHER_TOKEN = st.builds(
+    Token,
+    zid=ZID,
+    kind=st.sampled_from([TokenKind.SS, TokenKind.SC, TokenKind.AS, TokenKind.AC]),
+    topic=TOPIC,
+    type_name=st.just("std_srvs/srv/Trigger"),
+)
+PRESENCE = st.builds(Token, zid=ZID, kind=st.just(TokenKind.PRESENCE))
+
+
+@pytest.mark.parametrize(
+    ("topic", "namespace", "key"),
+    [
+        ("/left_arm/joint_states", "", "left_arm/joint_states"),
+        ("/left_arm/joint_states", "/", "left_arm/joint_states"),
+        ("/fsm_state", "", "fsm_state"),
+        ("/left_arm/joint_states", "/bot1", "bot1/left_arm/joint_states"),
+        ("/api/fsm/enable", "bot1", "bot1/api/fsm/enable"),
+        ("/api/fsm/enable", "/site/bot1/", "site/bot1/api/fsm/enable"),
+    ],
+)
+def test_a_key_is_the_topic_below_the_namespace(topic, namespace, key):
+    """Without the leading slash, absolute names included (wire.md 1.1); both directions."""
+    assert topic_to_key(topic, namespace) == key
+    assert key_to_topic(key, namespace) == topic
+
+
+@given(TOPIC, st.sampled_from(["", "/", "bot1", "/a/b"]))
+def test_topics_make_the_round_trip(topic, namespace):
+    """Nothing is lost, whatever the namespace."""
+    assert key_to_topic(topic_to_key(topic, namespace), namespace) == topic
+
+
+@pytest.mark.parametrize("topic", ["", "left_arm", "/", "//a", "/a//b", "/a/", "/a/*", "/a/**", "/$*", "/a?b", "/a#b",
+                                   "/@ros2_lv", "/a§b"])  # fmt: skip
+def test_a_topic_that_is_no_concrete_name_is_refused(topic):
+    """A wildcard would command, or listen to, more than one topic."""
+    with pytest.raises(BadName):
+        topic_to_key(topic)
+
+
+@pytest.mark.parametrize("namespace", ["a//b", "*", "/bot§1", "@bot"])
+def test_a_namespace_obeys_the_rules_of_a_name(namespace):
+    """It becomes part of every key."""
+    with pytest.raises(BadName) as caught:
+        topic_to_key("/fsm_state", namespace)
+    assert caught.value.field == "namespace"
+
+
+@pytest.mark.parametrize(
+    ("key", "namespace"),
+    [("", ""), ("/fsm_state", ""), ("a/*", ""), ("fsm_state", "bot1"), ("bot12/fsm_state", "bot1"), ("bot1", "bot1")],
+)
+def test_a_key_outside_the_namespace_is_refused(key, namespace):
+    """A namespace ends at a slash: `bot1` does not own the keys of `bot12`."""
+    with pytest.raises(BadName):
+        key_to_topic(key, namespace)
+
+
+def test_the_token_of_a_state_topic():
+    """The token that keeps the robot's route alive, as wire.md 3.1 spells it."""
+    token = Token(
+        zid="1a2b",
+        kind=TokenKind.MS,
+        topic="/left_arm/joint_states",
+        type_name="sensor_msgs/msg/JointState",
+        qos=STATE_QOS,
+    )
+    text = "@/1a2b/@ros2_lv/MS/left_arm§joint_states/sensor_msgs§msg§JointState/:1::0,10"
+    assert format_token(token) == text
+    assert parse_token(text) == token
+    assert token.key == "left_arm/joint_states"
+
+
+@pytest.mark.parametrize("kind", ["SS", "SC", "AS", "AC"])
+def test_the_tokens_of_services_and_actions_have_no_quality(kind):
+    """Six parts instead of seven."""
+    text = f"@/ff/@ros2_lv/{kind}/bot1§reset/std_srvs§srv§Trigger"
+    token = parse_token(text)
+    assert token == Token(zid="ff", kind=TokenKind(kind), topic="/bot1/reset", type_name="std_srvs/srv/Trigger")
+    assert format_token(token) == text
+    assert not token.kind.has_qos
+
+
+def test_the_presence_of_a_bridge_is_a_token_too():
+    """It matches the expression of all tokens, so the parser gets it."""
+    assert presence_key("ab12") == "@/ab12/@ros2_lv"
+    assert parse_token("@/ab12/@ros2_lv") == Token(zid="ab12", kind=TokenKind.PRESENCE)
+    assert parse_token("@/ab12/@ros2_lv").key == ""
+    assert ALL_TOKENS == "@/*/@ros2_lv/**"  # `**` alone does not match verbatim chunks (wire.md 4.2)
+
+
+def test_zenoh_agrees_that_all_tokens_are_matched():
+    """The expression meets every kind of token, and no data key."""
+    zenoh = pytest.importorskip("zenoh")
+    everything = zenoh.KeyExpr(ALL_TOKENS)
+    for text in (
+        "@/ab/@ros2_lv",
+        "@/ab/@ros2_lv/MP/fsm_state/std_msgs§msg§Int32/:1::0,10",
+        "@/ab/@ros2_lv/AS/go/x§action§Go",
+    ):
+        assert everything.intersects(zenoh.KeyExpr(text))
+    assert not everything.intersects(zenoh.KeyExpr("left_arm/joint_states"))
+
+
+@given(st.one_of(TOPIC_TOKEN, OTHER_TOKEN, PRESENCE))
+def test_any_token_makes_the_round_trip(token):
+    """Every kind, every topic, several qualities."""
+    assert parse_token(format_token(token)) == token
+
+
+@given(st.text(st.sampled_from("@/§:,MPS01aros2_lv*"), max_size=40) | st.text(max_size=20))
+def test_any_text_is_a_token_or_refused(text):
+    """Tokens of strangers never raise anything but BadName."""
+    for candidate in (text, f"@/ab/@ros2_lv/{text}"):
+        try:
+            assert parse_token(format_token(parse_token(candidate))) == parse_token(candidate)
+        except BadName:
+            pass
+
+
+@pytest.mark.parametrize(
+    ("text", "field"),
+    [
+        ("", "token"),
+        ("left_arm/joint_states", "token"),
+        ("@/ab", "token"),
+        ("@/ab/router", "token"),
+        ("x/ab/@ros2_lv", "token"),
+        ("@/ab/@ros2_lv/XX/a/b", "token kind"),
+        ("@/ab/@ros2_lv/", "token kind"),
+        ("@/ab/@ros2_lv/MP/a/b§msg§C", "token"),
+        ("@/ab/@ros2_lv/MP/a/b§msg§C/:::/d", "token"),
+        ("@/ab/@ros2_lv/SS/a/b§srv§C/:::", "token"),
+        ("@/*/@ros2_lv", "zid"),
+        ("@/AB/@ros2_lv", "zid"),
+        ("@//@ros2_lv", "zid"),
+        ("@/" + "a" * 33 + "/@ros2_lv", "zid"),
+        ("@/ab/@ros2_lv/MP//b§msg§C/:::", "topic"),
+        ("@/ab/@ros2_lv/MP/§a/b§msg§C/:::", "topic"),
+        ("@/ab/@ros2_lv/MP/a*/b§msg§C/:::", "topic"),
+        ("@/ab/@ros2_lv/MP/a/§/:::", "type_name"),
+        ("@/ab/@ros2_lv/MP/a/b§msg§C/::", "qos"),
+    ],
+)
+def test_what_the_grammar_does_not_know_is_refused(text, field):
+    """The error names the part that is wrong."""
+    with pytest.raises(BadName) as caught:
+        parse_token(text)
+    assert caught.value.field == field
+
+
+@pytest.mark.parametrize(
+    "fields",
+    [
+        {"kind": TokenKind.MP, "topic": "/a", "type_name": "b/msg/C"},
+        {"kind": TokenKind.SS, "topic": "/a", "type_name": "b/srv/C", "qos": Qos()},
+        {"kind": TokenKind.MS, "topic": "a", "type_name": "b/msg/C", "qos": Qos()},
+        {"kind": TokenKind.MS, "topic": "/a", "type_name": "", "qos": Qos()},
+        {"kind": TokenKind.PRESENCE, "topic": "/a"},
+        {"kind": TokenKind.PRESENCE, "type_name": "b/msg/C"},
+        {"kind": TokenKind.PRESENCE, "qos": Qos()},
+    ],
+)
+def test_a_token_that_cannot_be_spelled_cannot_be_built(fields):
+    """The constructor refuses what the grammar has no place for."""
+    with pytest.raises(BadName):
+        Token(zid="ab", **fields)
