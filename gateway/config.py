@@ -58,7 +58,7 @@ IN_MILLISECONDS = frozenset(
 )
 """Times that the file has in milliseconds; all others are in seconds there."""
 
-TIGHTEN = "stay inside the bound: a settings file may only tighten the robot's limits"
+TIGHTEN = "stay inside the bound: limits can only be tightened"
 
 
 class Kind(str, Enum):
