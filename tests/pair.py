@@ -35,6 +35,7 @@ from gateway.core.events import (
 from gateway.core.snapshot import Snapshot
 from gateway.errors import Code, Refusal
 from gateway.link.codec import BadSample, from_message, stamp_of, to_message
+from gateway.robot import MOTION_STATE_TOPICS, STATE_TOPICS
 from gateway.settings import Settings
 from gateway.sim.model import SimRobot
 from gateway.sim.settings import SimSettings
@@ -81,11 +82,18 @@ class Pair:
         """Lateness that the next tick is told."""
         self.is_up = False
         self.is_frozen = False
+        self.zid = ""
         self.is_deaf = False
         """The state route is dead: nothing of the robot arrives, commands still do."""
         self._ids = itertools.count(1)
         self._seqs = itertools.count(1)
         self._keepalive_ns = START_NS
+        self.topics = STATE_TOPICS
+        """State topics that arrive; fewer make long runs cheaper."""
+        self.on_step: Callable[[Output], None] | None = None
+        """Called after every tick, for monitors."""
+        self.heard: dict[str, SampleArrived] = {}
+        """The latest sample of each topic that reached the engine."""
         self._to_engine: list[SampleArrived | SampleRefused] = []
         self._to_robot: list[Frame] = []
         self.sent = 0
@@ -96,7 +104,7 @@ class Pair:
 
     def up(self, zid: str = "aa") -> None:
         """Open the transport."""
-        self.is_up = True
+        self.is_up, self.zid = True, zid
         self.receive(LinkUp(router_zid=zid, at_ns=self.now_ns))
 
     def down(self) -> None:
@@ -128,14 +136,24 @@ class Pair:
 
     # ------------------------------------------------------------------------------------------------ time
 
+    @property
+    def state_age_ns(self) -> int | None:
+        """Age of the newest fast state that reached the engine on this link [ns]."""
+        times = [self.heard[topic].received_ns for topic in MOTION_STATE_TOPICS if topic in self.heard]
+        return self.now_ns - max(times) if times else None
+
     def receive(self, event: Event) -> None:
         """Hand an event to the engine."""
+        if isinstance(event, SampleArrived):
+            self.heard[event.topic] = event
+        elif isinstance(event, LinkUp):
+            self.heard.clear()
         self.engine.receive(event, self.now_ns)
 
     def step(self, to_ns: int | None = None) -> Output:
         """Go to the engine's next instant (or to `to_ns`) and run one tick."""
         self.now_ns = self.engine.next_due_ns(self.now_ns) if to_ns is None else to_ns
-        for topic, message in self.robot.advance(self.now_ns, latest_only=True):
+        for topic, message in self.robot.advance(self.now_ns, latest_only=True, topics=self.topics):
             if not self.is_up or self.is_deaf:
                 continue
             try:
@@ -168,7 +186,17 @@ class Pair:
         self.snapshot = output.snapshot or self.snapshot
         self.remembered = output.remembered or self.remembered
         self.done = self.done or output.done
+        if self.on_step is not None:
+            self.on_step(output)
         return output
+
+    def restart(self) -> None:
+        """The daemon dies without a word and another one starts with what was remembered."""
+        self.engine = Engine(self.settings, self.remembered)
+        self.done = False
+        self._to_engine.clear()
+        if self.is_up:
+            self.receive(LinkUp(router_zid=self.zid, at_ns=self.now_ns))
 
     def run(self, seconds: float) -> None:
         """Let time pass."""
@@ -221,7 +249,7 @@ class Pair:
         self.receive(
             CommandRequested(client_id=client, request_id=request_id, request=request, received_ns=self.now_ns)
         )
-        self.step(self.now_ns + 1 if self.now_ns % MS == 0 else None)
+        self.step()
         return next(reply for reply in reversed(self.replies) if reply.request_id == request_id)
 
     def granted(self, request: Request, client: str = "user") -> Mapping[str, object]:

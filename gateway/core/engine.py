@@ -121,6 +121,22 @@ class Engine:
         return self._conductor.state
 
     @property
+    def latches(self) -> Mapping[Code, str]:
+        """Causes that refuse motion, with their messages."""
+        return dict(self._conductor.supervisor.latches)
+
+    @property
+    def running_topics(self) -> tuple[str, ...]:
+        """Command topics whose streams are running."""
+        return tuple(stream.topic for stream in self._conductor.body.streams if stream.running)
+
+    @property
+    def owner_id(self) -> str | None:
+        """Client id of the owner; None when nobody owns the robot."""
+        owner = self._conductor.lease.owner
+        return owner.client_id if owner else None
+
+    @property
     def knows_mode(self) -> bool:
         """Whether `/api/current_mode` was ever heard on this link."""
         return self._conductor.store.mode_received_ns is not None

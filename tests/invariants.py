@@ -1,0 +1,192 @@
+"""The eight invariants of the design, watched from outside: a monitor that sees every tick of a `Pair` and raises.
+
+It trusts neither gate nor supervisor: it judges by the frames that left, the replies that were given, the samples that
+arrived and the state that is shown. Numbers of the invariants are the design's (section 8).
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+
+from gateway import robot
+from gateway.core.engine import Output
+from gateway.core.events import Frame, FrameKind
+from gateway.errors import Code
+from gateway.values import ArmState, Side, Vector
+from tests.pair import MS, S, Pair
+
+ARM_TOPICS = {robot.joint_command(side): side for side in Side}
+HELD_STATES = {"ACTIVE", "HOLDING", "STOPPING"}
+FRAME_STATES = {
+    FrameKind.MOTION: {"ACTIVE"},
+    FrameKind.ECHO: {"ENABLING", "HOLDING", "ACTIVE"},
+    FrameKind.BRAKE: {"ACTIVE", "HOLDING", "PAUSED", "STOPPING"},
+    FrameKind.WALK: {"ACTIVE", "HOLDING", "PAUSED", "STOPPING"},
+    FrameKind.HOLD: {"ENABLING", "ACTIVE", "HOLDING", "PAUSED", "STOPPING", "STALE"},
+    FrameKind.BEAT: {"ENABLING", "ACTIVE", "HOLDING", "STOPPING", "STALE"},
+}
+
+
+@dataclass
+class _Arm:
+    """What was sent to one arm since its last start."""
+
+    last_ns: int = -S
+    history: list[Vector] = field(default_factory=list)
+
+
+class Monitor:
+    """Watches a pair.
+
+    Args:
+        pair: The pair; its `on_step` becomes this monitor's.
+    """
+
+    def __init__(self, pair: Pair) -> None:
+        self.pair = pair
+        self.arms = {topic: _Arm() for topic in ARM_TOPICS}
+        self.state = pair.state
+        self.state_since_ns = pair.now_ns
+        self.may_move = False
+        """Whether a motion request was accepted since the gateway was last not ACTIVE."""
+        self.epoch = 0
+        self.last_beat: Frame | None = None
+        self.last_beat_ns = -S
+        self.held_since_ns: int | None = None
+        self.late_until_ns = 0
+        self.latches: set[Code] = set()
+        self.is_recovering = False
+        self.checked = 0
+        pair.on_step = self.see
+
+    # ------------------------------------------------------------------------------------------------ told by the trace
+
+    def note_late(self, late_ns: int) -> None:
+        """The next tick is late: gap invariants do not hold around it."""
+        self.late_until_ns = self.pair.now_ns + late_ns + 300 * MS
+
+    def note_restart(self) -> None:
+        """The daemon died: streams ended without a word; latches must still be there."""
+        self.arms = {topic: _Arm() for topic in ARM_TOPICS}
+        self.may_move, self.held_since_ns, self.last_beat = False, None, None
+        assert self.latches <= set(self.pair.engine.latches), "a restart cleared a latch (7)"
+
+    # ------------------------------------------------------------------------------------------------ one tick
+
+    def see(self, output: Output) -> None:
+        """Judge one tick."""
+        pair, now_ns = self.pair, self.pair.now_ns
+        state = pair.state
+        self._latches(output)
+        if state != self.state:
+            self.state_since_ns = now_ns
+        if state != "ACTIVE" or self.state != "ACTIVE":
+            self.may_move = False
+        for reply in output.replies:
+            if reply.refusal is None and ("motion_id" in reply.facts or "stream_id" in reply.facts):
+                self.may_move = True
+            epoch = reply.facts.get("epoch")
+            if isinstance(epoch, int):
+                assert epoch >= self.epoch, "an epoch was given twice (6)"
+                self.epoch = epoch
+        self.state = state
+        for frame in output.frames:
+            self.checked += 1
+            self._well_formed(frame)
+            self._permitted(frame, now_ns)
+            if frame.topic in ARM_TOPICS:
+                self._continuous(frame, now_ns)
+            elif frame.topic == robot.FSM_ENABLE:
+                self.last_beat, self.last_beat_ns = frame, now_ns
+        self._no_gap(now_ns)
+        self._stopped_at_once(output)
+        assert all(arm.clips == 0 for arm in pair.robot.arms.values()), "the robot had to clip (2)"
+
+    def _latches(self, output: Output) -> None:
+        latches = set(self.pair.engine.latches)
+        gone = self.latches - latches
+        cleared = [reply for reply in output.replies if "cleared" in reply.facts]
+        assert not gone or cleared, f"{gone} was cleared without recover (7)"
+        self.latches = latches
+
+    def _well_formed(self, frame: Frame) -> None:
+        """Invariant 2."""
+        assert frame.topic in self.pair.settings.link.variant.command_topics, f"{frame.topic} is outside the profile (2)"
+        assert len(frame.values) == robot.TOPICS[frame.topic].width, f"{frame} has a wrong length (2)"
+        assert all(math.isfinite(value) for value in frame.values), f"{frame} is not finite (2)"
+        if frame.topic in ARM_TOPICS:
+            side = ARM_TOPICS[frame.topic]
+            bounds = zip(robot.JOINT_LOWER_RAD[side], frame.values, robot.JOINT_UPPER_RAD[side])
+            assert all(low - 1e-9 <= q <= high + 1e-9 for low, q, high in bounds), f"{frame} is outside the limits (2)"
+
+    def _permitted(self, frame: Frame, now_ns: int) -> None:
+        """Invariants 3, 5, 6, 7."""
+        if frame.kind is FrameKind.STOP:
+            return
+        assert self.state in FRAME_STATES[frame.kind], f"{frame.kind} left in {self.state} (3)"
+        age_ns = self.pair.state_age_ns
+        if frame.kind is FrameKind.HOLD and self.state == "STALE":
+            assert now_ns - self.state_since_ns <= 800 * MS, "hold frames go on too long in STALE (3)"
+        else:
+            assert age_ns is not None and age_ns <= 100 * MS, f"{frame.kind} left with state {age_ns} ns old (3)"
+        if frame.kind is FrameKind.MOTION:
+            assert self.may_move, "motion without an accepted request since the last stop (5, 7)"
+            assert frame.epoch == self.epoch, f"motion of epoch {frame.epoch}, {self.epoch} owns (6)"
+            assert not self.latches, f"motion while {self.latches} is latched (3)"
+
+    def _continuous(self, frame: Frame, now_ns: int) -> None:
+        """Invariant 1."""
+        arm, settings = self.arms[frame.topic], self.pair.settings.arm
+        side, period_s = ARM_TOPICS[frame.topic], 1.0 / settings.rate_hz
+        is_start = frame.kind is FrameKind.ECHO and (not arm.history or arm.history[-1] != frame.values)
+        if is_start:
+            was_silent = now_ns - arm.last_ns > 15 * MS
+            assert was_silent or self.state == "ENABLING", "a live stream was seeded anew (1)"
+            heard = self.pair.heard[robot.arm_state(side)].value
+            assert isinstance(heard, ArmState)
+            bounds = zip(settings.lower_rad[side], settings.upper_rad[side])
+            inside = [min(max(q, low), high) for q, (low, high) in zip(heard.q_rad, bounds)]
+            worst = max(abs(a - b) for a, b in zip(frame.values, inside))
+            assert worst <= 0.01, f"the {side} stream starts {worst} rad from the arm (1)"
+            arm.history = []
+        arm.history = [*arm.history[-3:], frame.values]
+        arm.last_ns = now_ns
+        for joint in zip(*arm.history):
+            q = list(joint)
+            d1 = [b - a for a, b in zip(q, q[1:])]
+            d2 = [b - a for a, b in zip(d1, d1[1:])]
+            d3 = [b - a for a, b in zip(d2, d2[1:])]
+            assert all(abs(x) <= settings.v_radps * period_s + 1e-6 for x in d1), f"velocity limit broken: {q} (1)"
+            assert all(abs(x) <= settings.a_radps2 * period_s**2 + 2e-6 for x in d2), f"acceleration broken: {q} (1)"
+            assert all(abs(x) <= settings.j_radps3 * period_s**3 + 4e-6 for x in d3), f"jerk broken: {q} (1)"
+
+    def _no_gap(self, now_ns: int) -> None:
+        """Invariants 4 and 8."""
+        is_held = self.state in HELD_STATES and self.pair.is_up
+        if not is_held:
+            self.held_since_ns = None
+        elif self.held_since_ns is None:
+            self.held_since_ns = now_ns
+        if self.held_since_ns is not None and now_ns > self.late_until_ns:
+            for topic in ARM_TOPICS.keys() & set(self.pair.engine.running_topics):
+                start_ns = max(self.arms[topic].last_ns, self.held_since_ns)
+                assert now_ns - start_ns < 100 * MS, f"gap of {(now_ns - start_ns) / MS} ms on {topic} in {self.state} (4)"
+            start_ns = max(self.last_beat_ns, self.held_since_ns)
+            assert now_ns - start_ns < 250 * MS, f"heartbeat gap of {(now_ns - start_ns) / MS} ms in {self.state} (4)"
+        is_ours = self.state in {"IDLE", "READ_ONLY"} and self.pair.robot.api_mode
+        went_silent = now_ns - max(self.last_beat_ns, self.state_since_ns) > 300 * MS
+        if is_ours and went_silent and self.last_beat is not None and self.last_beat.values == (1.0,):
+            fsm = self.pair.robot.fsm.published
+            assert fsm not in (1, 2) or now_ns - self.state_since_ns < 4 * S or self.pair.is_deaf or self.pair.is_frozen, (
+                "the heartbeat ended without 0.0 (8)"
+            )
+
+    def _stopped_at_once(self, output: Output) -> None:
+        """Invariant 5: a stop's frames leave within the tick that answers it."""
+        stops = [reply for reply in output.replies if "stop_undelivered" in reply.facts]
+        if stops:
+            left = {frame.topic for frame in output.frames if frame.kind is FrameKind.STOP}
+            assert robot.CHASSIS_VELOCITY in left, "a stop was answered and no chassis zeros left (5)"
+            assert not any(frame.kind is FrameKind.MOTION for frame in output.frames), "motion beside a stop (5)"
+
