@@ -283,7 +283,9 @@ class StateWriter:
             if self._save(wanted):
                 continue
             with self._change:
-                self._wanted = self._wanted or wanted
+                if self._wanted is not None:
+                    continue  # a newer state came meanwhile
+                self._wanted = wanted
                 if self._closing:
                     return
                 self._change.wait(RETRY_S)
