@@ -12,6 +12,8 @@
 
 # A sourced ROS workspace puts its packages and its pytest plugins on this path; none of them belongs in here.
 unset PYTHONPATH PYTHONHOME
+# Compiled code is kept: without it each test process spends three seconds on compiling its tools.
+unset PYTHONDONTWRITEBYTECODE
 
 say() {
     printf '%s: %s\n' "${0##*/}" "$*" >&2
