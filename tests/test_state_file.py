@@ -1,4 +1,4 @@
-"""What survives a restart: a crash loses nothing, the unreadable is not believed, no epoch comes twice, no one waits."""
+"""What survives a restart: a crash loses nothing, no epoch comes twice, the unreadable is a latch, nobody waits."""
 
 from __future__ import annotations
 
