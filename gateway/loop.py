@@ -4,7 +4,8 @@ Rules it obeys
     * The grid is absolute: a late cycle never moves the next one. Whole periods that were missed are skipped and
       counted, never caught up: a burst of setpoints would compress a path in time. (Sleeping relative to now loses
       2-6 % of the rate; measured.)
-    * Streams have grids of their own. The loop wakes at the earliest of them and of its own grid.
+    * Streams have grids of their own. The loop wakes at the earliest of them and of its own grid. All grids lie on
+      multiples of their periods, so that instants which can fall together do.
     * In a cycle: stop requests first, then what came from the robot, then all other requests, so that decisions see the
       newest state. Then one tick, and its results in this order: frames, replies and notices, what must be remembered,
       the snapshot.
@@ -194,7 +195,7 @@ class Loop(Generic[F]):
                 raise error  # the first error is the one to look at; a second one stays visible as its context
 
     def _run(self, stop: Callable[[], bool]) -> None:
-        grid_ns = self._clock()
+        grid_ns = (self._clock() // self._period_ns + 1) * self._period_ns
         deadline_ns = grid_ns
         done = False
         while not done and not stop():
