@@ -86,7 +86,7 @@ class Lease:
         self._settings = settings
         self._epoch = epoch
         self._owner: Owner | None = None
-        self._now_ns = 0  # latest instant anybody told
+        self._now_ns = 0  # latest tick or grant, for messages
         self._heard_ns = 0  # last sign of life of the owner, moved forward by our own pauses
         self._abandoned = False
         self._lost_ns: int | None = None  # since when the clocks run against the owner
@@ -137,7 +137,6 @@ class Lease:
         Returns:
             The epoch: a new one, unless the caller owns the robot already. BAD_REQUEST without a reason.
         """
-        self._now_ns = now_ns
         if not reason.strip():
             return Refusal(
                 code=Code.BAD_REQUEST,
@@ -149,7 +148,6 @@ class Lease:
 
     def release(self, client_id: str, epoch: int, now_ns: int) -> Refusal | None:
         """Give the lease back; all clocks end. A lost owner may, too."""
-        self._now_ns = now_ns
         refusal = self._not_owner(client_id, epoch)
         if refusal is None:
             self.clear(now_ns)
@@ -157,7 +155,6 @@ class Lease:
 
     def abandon(self, client_id: str, epoch: int, now_ns: int) -> Refusal | None:
         """Lose the owner at once, by its own wish. No keepalive brings it back, only asking for the lease again."""
-        self._now_ns = now_ns
         refusal = self._not_owner(client_id, epoch)
         if refusal is None:
             self._abandoned = True
@@ -225,7 +222,6 @@ class Lease:
 
     def hold_unowned(self, now_ns: int) -> None:
         """Start the 60 s for a robot that is held without an owner, e.g. after a restart of the daemon."""
-        self._now_ns = now_ns
         if self._owner is None:
             self._held_since_ns = now_ns
 

@@ -57,7 +57,7 @@ def test_nobody_owns_the_robot_at_first_and_no_remembered_epoch_passes(lease):
     assert lease.poll(T0) == []
     stale = lease.check("alice", 7)
     assert stale.code is Code.LEASE_STALE and "nobody owns the robot" in stale.message
-    assert lease.check("alice", 3).code is Code.LEASE_STALE
+    assert lease.check("alice", 3).code is lease.check("alice", 1).code is Code.LEASE_STALE
     assert lease.check("alice", 0).code is lease.check("alice", 8).code is Code.NOT_OWNER
 
 
@@ -66,6 +66,8 @@ def test_a_fresh_installation_starts_at_epoch_one():
     lease = Lease(LossSettings(), epoch=0)
     assert lease.check("alice", 0).code is Code.NOT_OWNER
     assert acquire(lease, "alice") == lease.epoch == lease.valid_epoch == 1
+    assert lease.release("alice", 1, T0) is None
+    assert lease.check("alice", 1).code is Code.LEASE_STALE
 
 
 def test_the_free_lease_is_given_under_an_epoch_above_all_earlier_ones(owned):
@@ -102,7 +104,8 @@ def test_taking_gives_a_new_epoch_at_once_and_the_old_one_is_over(owned):
     """A late packet of the former owner is LEASE_STALE, with who owns the robot now."""
     assert take(owned, "bob", T0 + S) == 9
     stale = owned.check("alice", 8)
-    assert stale.code is Code.LEASE_STALE and "bob's program" in stale.message and stale.bound == "9"
+    assert stale.code is Code.LEASE_STALE and stale.bound == "9"
+    assert stale.message == 'epoch 8 is over; "bob\'s program" (pid 4003) has owned the robot for 0.0 s under epoch 9'
     assert owned.check("bob", 9) is None
     assert owned.release("alice", 8, T0 + S).code is Code.LEASE_STALE
     assert owned.abandon("alice", 8, T0 + S).code is Code.LEASE_STALE
@@ -170,6 +173,17 @@ def test_an_owner_that_is_seen_within_ten_seconds_is_back_under_its_epoch(owned)
     assert stages(owned.poll(T0 + 9 * S)) == [(BACK, 9000)]
     assert owned.poll(T0 + 9 * S) == []
     assert stages(owned.poll(T0 + 80 * S)) == [(LOST, 9250), (FREE, 19_250), (DOWN, 69_250)]
+
+
+def test_only_the_owners_own_keepalive_counts(owned):
+    """Others neither keep a lost owner's lease alive, nor hear that they have lost one."""
+    owned.seen("bob", T0 + 200 * MS)
+    assert stages(owned.poll(T0 + 251 * MS)) == [(LOST, 250)]
+    owned.seen("bob", T0 + 300 * MS)
+    owned.gone("bob", T0 + 300 * MS)
+    assert owned.poll(T0 + 300 * MS) == [] and owned.lost
+    assert owned.check("bob", 8).code is Code.NOT_OWNER
+    assert owned.check("alice", 7).code is Code.LEASE_STALE
 
 
 def test_after_ten_seconds_the_frozen_client_finds_the_lease_free_for_all(owned):
