@@ -335,8 +335,9 @@ class Store:
 
     def part_fresh(self, side: Side, now_ns: int, needs_pose: bool) -> bool:
         """Return whether an arm's joints, and its `current_ee_pose` where needed, are young enough."""
-        tracks = (self._arms[side], self._poses[side]) if needs_pose else (self._arms[side],)
-        return all(track.within(now_ns, self._settings.stale_ns) for track in tracks)
+        stale_ns = self._settings.stale_ns
+        pose_ok = not needs_pose or self._poses[side].within(now_ns, stale_ns)
+        return pose_ok and self._arms[side].within(now_ns, stale_ns)
 
     def fsm(self, now_ns: int) -> int | None:
         """Return `/fsm_state` (manual §4.11.1); None when unknown: older than 0.5 s, or of before a reset."""
