@@ -33,6 +33,7 @@ POSE_TOLERANCE_RAD: Final = 1e-4
 """... and the orientation this close [rad] (choice)."""
 
 _MAX_ITERATIONS: Final = 120
+_PATIENCE: Final = 12  # iterations in which the squared error does not even halve: there is no solution this way
 _MAX_STEP_RAD: Final = 0.25
 
 # Shoulder frame in body_link: the fixed joint to virtual_base (turned +90 deg about z), then the one to the shoulder.
@@ -248,11 +249,17 @@ class ArmGeometry:
         wanted_m = np.array(pose.position_m)
         wanted = rotation_from_quat(pose.quat_xyzw)
         q_rad = np.clip(np.asarray(q_start_rad, dtype=np.float64), self.lower_rad, self.upper_rad)
-        for _ in range(_MAX_ITERATIONS):
+        best, best_at = math.inf, 0
+        for iteration in range(_MAX_ITERATIONS):
             frames, ee = self._chain(q_rad)
             error = np.concatenate((wanted_m - ee[:3, 3], rotation_vector(wanted @ ee[:3, :3].T)))
             if np.linalg.norm(error[:3]) < POSE_TOLERANCE_M and np.linalg.norm(error[3:]) < POSE_TOLERANCE_RAD:
                 return q_rad
+            size = float(error @ error)
+            if size < 0.5 * best:
+                best, best_at = size, iteration
+            elif iteration - best_at >= _PATIENCE:
+                return None
             q_rad = self._step(q_rad, self._jacobian(frames, ee), error)
         return None
 

@@ -150,8 +150,8 @@ def _slopes(times_ns: NDArray[np.int64], values: Array) -> tuple[Array, NDArray[
 class SetpointMeter:
     """Steps, peak speed and acceleration of the setpoints of one arm as they were meant.
 
-    The sender's time line is rebuilt from the median interval: a setpoint that arrives late is still one period after
-    the one before it, and network jitter does not look like acceleration.
+    The sender's time line is rebuilt from the mean interval without the outliers: a setpoint that arrives late is still
+    one period after the one before it, and network jitter does not look like acceleration.
     """
 
     def __init__(self) -> None:
@@ -160,7 +160,7 @@ class SetpointMeter:
     def reset(self) -> None:
         """Forget everything."""
         self._motion = MotionMeter()
-        self._intervals_ns: deque[int] = deque(maxlen=63)
+        self._intervals_ns: deque[int] = deque(maxlen=255)
         self._period_ns = 0
         self._time_ns = 0
         self._last_ns: int | None = None
@@ -183,7 +183,9 @@ class SetpointMeter:
             self._intervals_ns.append(max(now_ns - self._last_ns, 1))
             self._until_median -= 1
             if self._until_median <= 0 and len(self._intervals_ns) >= 15:
-                self._period_ns = sorted(self._intervals_ns)[len(self._intervals_ns) // 2]
+                longest_ns = 3 * sorted(self._intervals_ns)[len(self._intervals_ns) // 2]
+                usual = [interval_ns for interval_ns in self._intervals_ns if interval_ns <= longest_ns]
+                self._period_ns = sum(usual) // len(usual)
                 self._until_median = 16
         self._last_ns = now_ns
         self._early.append(q_rad)

@@ -66,7 +66,7 @@ class SimSettings:
     seed: int = 0
     lag_s: float = 0.04
     brake_s: float = 0.02
-    sag_rad: tuple[float, ...] = (0.003, 0.002, 0.0005, -0.002, 0.0003, 0.0003, 0.0002)
+    sag_rad: tuple[float, ...] = (-0.003, 0.002, -0.0005, -0.002, 0.0003, 0.0003, 0.0002)
     creep_radps: float = 0.0
     noise_rad: float = 2e-4
     noise_radps: float = 2e-3

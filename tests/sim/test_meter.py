@@ -1,0 +1,116 @@
+"""Rules of the figures that the robot keeps about its command streams."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from gateway.sim.manual import MS, S
+from gateway.sim.meter import MotionMeter, SetpointMeter, StreamMeter
+
+
+def test_intervals_are_measured_at_arrival():
+    """Rate, percentiles and the longest interval come from arrival times."""
+    meter = StreamMeter()
+    for number in range(101):
+        meter.add(number * 10 * MS, number)
+    meter.add(1000 * MS + 95 * MS, "last")
+    figures = meter.as_dict(1200 * MS)
+    assert figures["count"] == 102
+    assert figures["rate_hz"] == pytest.approx(101 / 1.095, abs=0.01)
+    assert (figures["p50_ms"], figures["max_ms"], figures["worst_gap_alive_ms"]) == (10.0, 95.0, 95.0)
+    assert (figures["age_ms"], figures["last"]) == (105.0, "last")
+
+
+def test_silence_of_more_than_a_second_ends_a_stream_and_is_no_gap():
+    """Only gaps inside a stream's life count; a new beginning is another stream."""
+    meter = StreamMeter()
+    for now_ms in (0, 10, 20, 1020, 1030, 2031, 2041):
+        meter.add(now_ms * MS, None)
+    figures = meter.as_dict(3 * S)
+    assert (figures["streams"], figures["worst_gap_alive_ms"]) == (2, 1000.0)
+
+
+def test_gaps_beyond_the_robots_watchdogs_are_counted():
+    """Gaps over 100 ms (gripper) and over 150 ms (arm) are told apart; the bounds themselves are no gap."""
+    meter = StreamMeter()
+    for now_ms in (0, 100, 201, 351, 502):
+        meter.add(now_ms * MS, None)
+    figures = meter.as_dict(S)
+    assert (figures["gaps_over_100_ms"], figures["gaps_over_150_ms"]) == (3, 1)
+
+
+def test_reset_forgets_everything():
+    """After a reset the figures are those of a new meter."""
+    meter = StreamMeter()
+    meter.add(0, 1)
+    meter.add(MS, 1)
+    meter.reset()
+    assert meter.as_dict(S) == StreamMeter().as_dict(S)
+    assert meter.as_dict(S)["rate_hz"] is None
+
+
+def sine(times_s):
+    """Positions of a motion with known peaks: 0.2 sin(2 t) on joint 1, nothing else."""
+    q = np.zeros((len(times_s), 7))
+    q[:, 0] = 0.2 * np.sin(2.0 * times_s)
+    return q
+
+
+def test_peaks_of_a_smooth_motion_are_found():
+    """Speed and acceleration of a known sine come out within two per cent; still joints have none."""
+    meter = MotionMeter()
+    for number, q in enumerate(sine(np.arange(0.0, 8.0, 0.005))):
+        meter.add(number * 5 * MS, q)
+    figures = meter.as_dict()
+    assert figures["peak_radps"][0] == pytest.approx(0.4, rel=0.02)
+    assert figures["peak_radps2"][0] == pytest.approx(0.8, rel=0.02)
+    assert figures["peak_step_rad"][0] == pytest.approx(0.4 * 0.005, rel=0.02)
+    assert figures["peak_radps"][1:] == [0.0] * 6
+
+
+def test_one_sample_has_no_speed():
+    """A lone sample gives no figure at all."""
+    meter = MotionMeter()
+    meter.add(0, np.ones(7))
+    assert meter.as_dict()["peak_radps"] == [0.0] * 7
+
+
+def test_a_break_is_not_a_jump():
+    """Samples before and after a break are not compared."""
+    meter = MotionMeter()
+    for number in range(20):
+        meter.add(number * 10 * MS, np.zeros(7))
+    meter.break_off()
+    for number in range(20, 40):
+        meter.add(number * 10 * MS, np.ones(7))
+    assert meter.as_dict()["peak_step_rad"] == [0.0] * 7
+
+
+def test_jitter_of_the_network_does_not_look_like_acceleration():
+    """A smooth 100 Hz stream with up to 8 ms of delay keeps its true peaks."""
+    meter = SetpointMeter()
+    rng = np.random.default_rng(5)
+    for number, q in enumerate(sine(np.arange(0.0, 8.0, 0.01))):
+        meter.add(number * 10 * MS + int(rng.uniform(0, 8) * MS), q)
+    figures = meter.as_dict()
+    assert figures["peak_radps"][0] == pytest.approx(0.4, rel=0.05)
+    assert figures["peak_radps2"][0] == pytest.approx(0.8, rel=0.1)
+
+
+def test_an_interrupted_stream_begins_a_new_time_line():
+    """A step across a gap beyond the arm's watchdog is a new start, not a jump of the stream."""
+    meter = SetpointMeter()
+    for number in range(30):
+        meter.add(number * 10 * MS, np.zeros(7))
+    for number in range(30):
+        meter.add(2 * S + number * 10 * MS, np.ones(7))
+    assert meter.as_dict()["peak_step_rad"] == [0.0] * 7
+
+
+def test_a_step_inside_a_stream_is_found():
+    """The largest difference of two consecutive setpoints is reported."""
+    meter = SetpointMeter()
+    for number in range(40):
+        meter.add(number * 10 * MS, np.full(7, 0.0 if number < 25 else 0.3))
+    assert max(meter.as_dict()["peak_step_rad"]) == pytest.approx(0.3)

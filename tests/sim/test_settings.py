@@ -1,0 +1,69 @@
+"""Rules of the settings."""
+
+from __future__ import annotations
+
+import pytest
+
+from gateway.sim.geometry import arm_geometry
+from gateway.sim.manual import LOWER_RAD, UPPER_RAD, ArmMode, Side
+from gateway.sim.settings import HANGING_RAD, SimSettings
+
+
+@pytest.mark.parametrize("side", Side)
+def test_hanging_arm_is_well_inside_the_limits_and_below_the_shoulder(side):
+    """The starting pose leaves 0.05 rad to every limit of §4.13, and the hand hangs half a metre down."""
+    for q, low, high in zip(HANGING_RAD[side], LOWER_RAD[side], UPPER_RAD[side], strict=True):
+        assert low + 0.05 <= q <= high - 0.05
+    assert arm_geometry(side).forward(HANGING_RAD[side]).position_m[2] < -0.45
+
+
+def test_hanging_arms_mirror_each_other():
+    """Left and right hang symmetrically."""
+    assert HANGING_RAD[Side.RIGHT] == tuple(-q for q in HANGING_RAD[Side.LEFT])
+
+
+def test_default_is_a_standard_robot_in_joint_mode():
+    """Without a word: standard model, API mode, both arms enabled in joint mode, no lift (§1.2)."""
+    settings = SimSettings()
+    assert not settings.has_lift
+    assert all(settings.arm_enabled(side) and settings.arm_mode(side) is ArmMode.JOINT for side in Side)
+
+
+def test_sides_are_told_apart():
+    """Modes, switches, objects and gravity of the two sides are independent; gravity is mirrored."""
+    settings = SimSettings(right_mode="pose", enable_left_arm=False, left_object_rad=0.3, model="lift")
+    assert (settings.arm_mode(Side.LEFT), settings.arm_mode(Side.RIGHT)) == (ArmMode.JOINT, ArmMode.POSE)
+    assert (settings.arm_enabled(Side.LEFT), settings.arm_enabled(Side.RIGHT)) == (False, True)
+    assert (settings.object_rad(Side.LEFT), settings.object_rad(Side.RIGHT)) == (0.3, None)
+    assert settings.sag(Side.RIGHT) == tuple(-value for value in settings.sag(Side.LEFT))
+    assert settings.has_lift
+
+
+def test_default_gravity_offset_is_small_and_lowers_the_hand():
+    """Holding the home pose the hand sinks by some millimetres at most; no joint is off by 0.02 rad."""
+    sag = SimSettings().sag(Side.LEFT)
+    geometry = arm_geometry(Side.LEFT)
+    q = (0.41, 1.16, -0.47, 0.90, 0.23, -0.15, 0.60)
+    sunk_m = (
+        geometry.forward([a + b for a, b in zip(q, sag, strict=True)]).position_m[2] - geometry.forward(q).position_m[2]
+    )
+    assert max(map(abs, sag)) < 0.02
+    assert -0.005 < sunk_m < -0.0005
+
+
+@pytest.mark.parametrize(
+    ("wrong", "named"),
+    [
+        ({"model": "plus"}, "plus"),
+        ({"left_mode": "velocity"}, "left_mode"),
+        ({"right_mode": ""}, "right_mode"),
+        ({"sag_rad": (0.0,)}, "sag_rad"),
+        ({"lag_s": 0.2}, "lag_s"),
+        ({"brake_s": 0.0}, "brake_s"),
+        ({"state_period_ns": 1}, "state_period_ns"),
+    ],
+)
+def test_meaningless_settings_are_refused_by_name(wrong, named):
+    """A wrong name or number is an error that says which setting it was."""
+    with pytest.raises(ValueError, match=named):
+        SimSettings(**wrong)
