@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 import pytest
 
@@ -17,7 +19,14 @@ from tests.sim.wire import User, sim_process, until
 POSE_ROBOT, JOINT_ROBOT = "tcp/127.0.0.1:19120", "tcp/127.0.0.1:19121"
 
 
-def play(node: drivers.Node, settings: SimSettings, limit_s: float, *, ends: bool = True) -> SimRobot:
+def play(
+    node: drivers.Node,
+    settings: SimSettings,
+    limit_s: float,
+    *,
+    ends: bool = True,
+    watch: Callable[[SimRobot], None] = lambda robot: None,
+) -> SimRobot:
     """Run an example in virtual time, a millisecond a step, until it is done or the time is up."""
     robot = SimRobot(settings)
     while not node.is_done and robot.now_ns < limit_s * S:
@@ -27,6 +36,7 @@ def play(node: drivers.Node, settings: SimSettings, limit_s: float, *, ends: boo
         for topic, message in robot.advance(now_ns):
             for answer_topic, answer in node.take(topic, message):
                 robot.receive(answer_topic, answer, now_ns)
+        watch(robot)
     for topic, message in node.last_words() if ends else ():
         robot.receive(topic, message, robot.now_ns)
     return robot
@@ -46,18 +56,10 @@ def test_6_1_reaches_its_pose_and_pauses(right):
 @pytest.mark.parametrize("seed", range(3))
 def test_6_1_has_arrived_when_its_stream_is_interrupted(seed):
     """It stops publishing after the last point; 0.15 s later the arm stands, and that must be within 5 mm."""
-    node = drivers.MoveToPose()
-    node.take = lambda topic, message: drivers.MoveToPose.take(node, topic, message) and []  # never disables
-    robot = SimRobot(SimSettings(left_mode="pose", seed=seed))
-    while not (node.has_sent_all and not robot.arms[Side.LEFT].is_streamed):
-        node.is_done = False
-        now_ns = robot.now_ns + MS
-        for topic, message in node.tick(now_ns):
-            robot.receive(topic, message, now_ns)
-        for topic, message in robot.advance(now_ns):
-            node.take(topic, message)
-        assert now_ns < 10 * S
-    robot.advance(robot.now_ns + S)
+    node = drivers.MoveToPose(looks=False)
+    robot = play(node, SimSettings(left_mode="pose", seed=seed), 3.0, ends=False)
+    assert node.has_sent_all
+    assert robot.arms[Side.LEFT].stream_losses == 1
     hand = arm_geometry(Side.LEFT).forward(robot.arms[Side.LEFT].q_rad)
     assert np.linalg.norm(np.subtract(hand.position_m, drivers.TARGET_61_M)) < 0.004
 
@@ -120,17 +122,10 @@ def test_6_6_converges_in_time_and_disables():
 
 def test_6_7_lifts_pauses_lowers_and_disables():
     """Up, a rest, down again to about where it was, servo off in the end."""
-    node, heights = drivers.LiftDemo(), []
-    tick = node.tick
-    node.tick = lambda now_ns: (heights.append(robot_of[0].lift.lowered_m) if robot_of else None) or tick(now_ns)
-    robot_of: list[SimRobot] = []
-    robot = SimRobot(SimSettings(model="lift"))
-    robot_of.append(robot)
-    while not node.is_done:
-        now_ns = robot.now_ns + MS
-        for topic, message in node.tick(now_ns):
-            robot.receive(topic, message, now_ns)
-        robot.advance(now_ns, latest_only=True)
+    heights: list[float] = []
+    robot = play(
+        drivers.LiftDemo(), SimSettings(model="lift"), 6.0, watch=lambda robot: heights.append(robot.lift.lowered_m)
+    )
     robot.advance(robot.now_ns + S)
     assert min(heights) == pytest.approx(0.30 - 0.3 * 0.5 * 1.5, abs=0.03)
     assert robot.lift.lowered_m == pytest.approx(0.30, abs=0.03)
