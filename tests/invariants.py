@@ -8,13 +8,14 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
+from itertools import pairwise
 
 from gateway import robot
 from gateway.core.engine import Output
 from gateway.core.events import Frame, FrameKind
 from gateway.errors import Code
 from gateway.values import ArmState, Side, Vector
-from tests.pair import MS, S, Pair
+from tests.pair import MS, Pair, S
 
 ARM_TOPICS = {robot.joint_command(side): side for side in Side}
 HELD_STATES = {"ACTIVE", "HOLDING", "STOPPING"}
@@ -48,6 +49,7 @@ class Monitor:
         self.arms = {topic: _Arm() for topic in ARM_TOPICS}
         self.state = pair.state
         self.state_since_ns = pair.now_ns
+        self.came_from = pair.state
         self.may_move = False
         """Whether a motion request was accepted since the gateway was last not ACTIVE."""
         self.epoch = 0
@@ -80,7 +82,7 @@ class Monitor:
         state = pair.state
         self._latches(output)
         if state != self.state:
-            self.state_since_ns = now_ns
+            self.state_since_ns, self.came_from = now_ns, self.state
         if state != "ACTIVE" or self.state != "ACTIVE":
             self.may_move = False
         for reply in output.replies:
@@ -106,18 +108,21 @@ class Monitor:
     def _latches(self, output: Output) -> None:
         latches = set(self.pair.engine.latches)
         gone = self.latches - latches
+        assert Code.GATE_VIOLATION not in latches, f"the gate had to refuse: {self.pair.engine.latches} (2, 3)"
         cleared = [reply for reply in output.replies if "cleared" in reply.facts]
         assert not gone or cleared, f"{gone} was cleared without recover (7)"
         self.latches = latches
 
     def _well_formed(self, frame: Frame) -> None:
         """Invariant 2."""
-        assert frame.topic in self.pair.settings.link.variant.command_topics, f"{frame.topic} is outside the profile (2)"
+        assert frame.topic in self.pair.settings.link.variant.command_topics, (
+            f"{frame.topic} is outside the profile (2)"
+        )
         assert len(frame.values) == robot.TOPICS[frame.topic].width, f"{frame} has a wrong length (2)"
         assert all(math.isfinite(value) for value in frame.values), f"{frame} is not finite (2)"
         if frame.topic in ARM_TOPICS:
             side = ARM_TOPICS[frame.topic]
-            bounds = zip(robot.JOINT_LOWER_RAD[side], frame.values, robot.JOINT_UPPER_RAD[side])
+            bounds = zip(robot.JOINT_LOWER_RAD[side], frame.values, robot.JOINT_UPPER_RAD[side], strict=True)
             assert all(low - 1e-9 <= q <= high + 1e-9 for low, q, high in bounds), f"{frame} is outside the limits (2)"
 
     def _permitted(self, frame: Frame, now_ns: int) -> None:
@@ -143,20 +148,22 @@ class Monitor:
         if is_start:
             was_silent = now_ns - arm.last_ns > 15 * MS
             assert was_silent or self.state == "ENABLING", "a live stream was seeded anew (1)"
+            steady_ns = now_ns - self.pair.steady_since_ns[robot.arm_state(side)]
+            assert self.came_from == "PAUSED" or steady_ns >= 290 * MS, f"started after {steady_ns / MS} ms of state (1)"
             heard = self.pair.heard[robot.arm_state(side)].value
             assert isinstance(heard, ArmState)
-            bounds = zip(settings.lower_rad[side], settings.upper_rad[side])
-            inside = [min(max(q, low), high) for q, (low, high) in zip(heard.q_rad, bounds)]
-            worst = max(abs(a - b) for a, b in zip(frame.values, inside))
+            bounds = zip(settings.lower_rad[side], settings.upper_rad[side], strict=True)
+            inside = [min(max(q, low), high) for q, (low, high) in zip(heard.q_rad, bounds, strict=True)]
+            worst = max(abs(a - b) for a, b in zip(frame.values, inside, strict=True))
             assert worst <= 0.01, f"the {side} stream starts {worst} rad from the arm (1)"
             arm.history = []
         arm.history = [*arm.history[-3:], frame.values]
         arm.last_ns = now_ns
-        for joint in zip(*arm.history):
+        for joint in zip(*arm.history, strict=True):
             q = list(joint)
-            d1 = [b - a for a, b in zip(q, q[1:])]
-            d2 = [b - a for a, b in zip(d1, d1[1:])]
-            d3 = [b - a for a, b in zip(d2, d2[1:])]
+            d1 = [b - a for a, b in pairwise(q)]
+            d2 = [b - a for a, b in pairwise(d1)]
+            d3 = [b - a for a, b in pairwise(d2)]
             assert all(abs(x) <= settings.v_radps * period_s + 1e-6 for x in d1), f"velocity limit broken: {q} (1)"
             assert all(abs(x) <= settings.a_radps2 * period_s**2 + 2e-6 for x in d2), f"acceleration broken: {q} (1)"
             assert all(abs(x) <= settings.j_radps3 * period_s**3 + 4e-6 for x in d3), f"jerk broken: {q} (1)"
@@ -171,16 +178,18 @@ class Monitor:
         if self.held_since_ns is not None and now_ns > self.late_until_ns:
             for topic in ARM_TOPICS.keys() & set(self.pair.engine.running_topics):
                 start_ns = max(self.arms[topic].last_ns, self.held_since_ns)
-                assert now_ns - start_ns < 100 * MS, f"gap of {(now_ns - start_ns) / MS} ms on {topic} in {self.state} (4)"
+                assert now_ns - start_ns < 100 * MS, (
+                    f"gap of {(now_ns - start_ns) / MS} ms on {topic} in {self.state} (4)"
+                )
             start_ns = max(self.last_beat_ns, self.held_since_ns)
             assert now_ns - start_ns < 250 * MS, f"heartbeat gap of {(now_ns - start_ns) / MS} ms in {self.state} (4)"
         is_ours = self.state in {"IDLE", "READ_ONLY"} and self.pair.robot.api_mode
         went_silent = now_ns - max(self.last_beat_ns, self.state_since_ns) > 300 * MS
         if is_ours and went_silent and self.last_beat is not None and self.last_beat.values == (1.0,):
             fsm = self.pair.robot.fsm.published
-            assert fsm not in (1, 2) or now_ns - self.state_since_ns < 4 * S or self.pair.is_deaf or self.pair.is_frozen, (
-                "the heartbeat ended without 0.0 (8)"
-            )
+            assert (
+                fsm not in (1, 2) or now_ns - self.state_since_ns < 4 * S or self.pair.is_deaf or self.pair.is_frozen
+            ), "the heartbeat ended without 0.0 (8)"
 
     def _stopped_at_once(self, output: Output) -> None:
         """Invariant 5: a stop's frames leave within the tick that answers it."""
@@ -189,4 +198,3 @@ class Monitor:
             left = {frame.topic for frame in output.frames if frame.kind is FrameKind.STOP}
             assert robot.CHASSIS_VELOCITY in left, "a stop was answered and no chassis zeros left (5)"
             assert not any(frame.kind is FrameKind.MOTION for frame in output.frames), "motion beside a stop (5)"
-

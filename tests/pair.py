@@ -45,6 +45,7 @@ MS = 1_000_000
 S = 1_000_000_000
 START_NS = 1_000 * S
 KEEPALIVE_NS = 50 * MS
+TICK_NS = 10 * MS
 
 
 class Pair:
@@ -92,6 +93,8 @@ class Pair:
         """State topics that arrive; fewer make long runs cheaper."""
         self.on_step: Callable[[Output], None] | None = None
         """Called after every tick, for monitors."""
+        self.steady_since_ns: dict[str, int] = {}
+        """Since when each topic has come without a gap of more than 100 ms [ns]."""
         self.heard: dict[str, SampleArrived] = {}
         """The latest sample of each topic that reached the engine."""
         self._to_engine: list[SampleArrived | SampleRefused] = []
@@ -128,7 +131,9 @@ class Pair:
         for sample in samples:
             if isinstance(sample, SampleArrived):
                 self.receive(
-                    SampleArrived(topic=sample.topic, value=sample.value, received_ns=self.now_ns, stamp_ns=sample.stamp_ns)
+                    SampleArrived(
+                        topic=sample.topic, value=sample.value, received_ns=self.now_ns, stamp_ns=sample.stamp_ns
+                    )
                 )
 
     def _deliver(self, frame: Frame) -> None:
@@ -145,6 +150,9 @@ class Pair:
     def receive(self, event: Event) -> None:
         """Hand an event to the engine."""
         if isinstance(event, SampleArrived):
+            before = self.heard.get(event.topic)
+            if before is None or event.received_ns - before.received_ns > 100 * MS:
+                self.steady_since_ns[event.topic] = event.received_ns
             self.heard[event.topic] = event
         elif isinstance(event, LinkUp):
             self.heard.clear()
@@ -152,7 +160,10 @@ class Pair:
 
     def step(self, to_ns: int | None = None) -> Output:
         """Go to the engine's next instant (or to `to_ns`) and run one tick."""
-        self.now_ns = self.engine.next_due_ns(self.now_ns) if to_ns is None else to_ns
+        if to_ns is None:
+            base_ns, due_ns = (self.now_ns // TICK_NS + 1) * TICK_NS, self.engine.next_due_ns()
+            to_ns = base_ns if due_ns is None or due_ns <= self.now_ns else min(base_ns, due_ns)
+        self.now_ns = to_ns
         for topic, message in self.robot.advance(self.now_ns, latest_only=True, topics=self.topics):
             if not self.is_up or self.is_deaf:
                 continue
@@ -243,12 +254,17 @@ class Pair:
 
     # ------------------------------------------------------------------------------------------------ clients
 
-    def ask(self, request: Request, client: str = "user") -> Reply:
-        """Send a request as a client and return the reply of the next tick."""
+    def tell(self, request: Request, client: str = "user") -> int:
+        """Send a request as a client, without waiting; return its id."""
         request_id = next(self._ids)
         self.receive(
             CommandRequested(client_id=client, request_id=request_id, request=request, received_ns=self.now_ns)
         )
+        return request_id
+
+    def ask(self, request: Request, client: str = "user") -> Reply:
+        """Send a request as a client and return the reply of the next tick."""
+        request_id = self.tell(request, client)
         self.step()
         return next(reply for reply in reversed(self.replies) if reply.request_id == request_id)
 

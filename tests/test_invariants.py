@@ -39,11 +39,11 @@ from gateway.settings import LocalSettings, Settings
 from gateway.sim.settings import SimSettings
 from gateway.values import Side, Vector
 from tests.invariants import Monitor
-from tests.pair import MS, S, Pair
+from tests.pair import MS, Pair, S
 
 pytestmark = pytest.mark.slow
 
-LEAN = tuple(robot.arm_state(side) for side in Side) + (robot.FSM_STATE, robot.CURRENT_MODE)
+LEAN = (*map(robot.arm_state, Side), robot.FSM_STATE, robot.CURRENT_MODE)
 """State topics that matter here: fewer make a trace cheaper."""
 
 CLIENTS = ("ann", "bob")
@@ -78,7 +78,7 @@ unit = st.floats(0.0, 1.0, allow_nan=False)
 
 
 def _goal(side: Side, parts: list[float]) -> Vector:
-    bounds = zip(robot.JOINT_LOWER_RAD[side], parts, robot.JOINT_UPPER_RAD[side])
+    bounds = zip(robot.JOINT_LOWER_RAD[side], parts, robot.JOINT_UPPER_RAD[side], strict=True)
     return tuple(low + part * (high - low) for low, part, high in bounds)
 
 
@@ -94,10 +94,15 @@ disturbances = st.one_of(
     st.tuples(st.just("ask"), clients, st.sampled_from(["acquire", "take", "release", "abandon", "enable", "disable"])),
     st.tuples(st.just("ask"), clients, st.sampled_from(["stop", "estop", "recover", "hold", "cancel", "close", "old"])),
     st.tuples(st.just("client"), clients, st.sampled_from(["kill", "freeze", "thaw"])),
-    st.tuples(st.just("link"), st.sampled_from(["freeze", "freeze", "down", "other"]), st.sampled_from([0.05, 0.15, 0.3, 0.45, 1.2])),
+    st.tuples(
+        st.just("link"),
+        st.sampled_from(["freeze", "freeze", "down", "other"]),
+        st.sampled_from([0.05, 0.15, 0.3, 0.45, 1.2]),
+    ),
     st.tuples(st.just("late"), st.sampled_from([15, 40, 80, 300])),
     st.tuples(st.just("fault"), st.sampled_from(FAULTS)),
     st.tuples(st.just("fault"), st.sampled_from(FAULTS)),
+    st.tuples(st.just("race"), clients, goals, st.booleans()),
     st.tuples(st.just("daemon"), st.sampled_from(["restart", "suspend"])),
 )
 waits = st.sampled_from([0.0, 0.03, 0.11, 0.3, 0.6])
@@ -174,6 +179,20 @@ class Trace:
         reply = self.pair.ask(requests[what], client)
         self.epoch[client] = int(str(reply.facts.get("epoch", epoch)))
 
+    def do_race(self, client: str, parts: list[float], is_estop: bool) -> None:
+        """A move and a target that arrived before a stop are looked at in the same tick as the stop."""
+        pair = self.pair
+        stream = pair.engine.open_stream_id
+        move = Move(epoch=self.epoch[client], targets_rad={Side.LEFT: _goal(Side.LEFT, parts)})
+        first = pair.tell(move, client)
+        if stream is not None:
+            pair.target(self.epoch[client], stream, _goal(Side.LEFT, parts), client)
+        pair.now_ns += 1
+        pair.tell(Estop() if is_estop else Stop(), client)
+        pair.step()
+        reply = next(reply for reply in pair.replies if reply.request_id == first)
+        assert reply.refusal is not None, "a move from before a stop was accepted after it (5)"
+
     def do_client(self, client: str, what: str) -> None:
         if what == "kill":
             self.pair.alive.discard(client)
@@ -241,7 +260,10 @@ def run_trace(trace: list[Any]) -> Trace:
     return player
 
 
-@settings(max_examples=int(os.environ.get("TA2_TRACES", "0")) or settings().max_examples, suppress_health_check=list(HealthCheck))
+@settings(
+    max_examples=int(os.environ.get("TA2_TRACES", "0")) or settings().max_examples,
+    suppress_health_check=list(HealthCheck),
+)
 @given(traces)
 def test_no_trace_breaks_an_invariant(trace: list[Any]) -> None:
     """DESIGN §8, invariants 1 to 8, on every tick of every trace."""

@@ -96,7 +96,10 @@ class Conditions:
         received_ns = store.fsm_received_ns or 0
         is_answer = self.first_beat_ns is not None and received_ns > self.first_beat_ns
         if value not in OWN_FSM:
-            yield Trigger.FSM_FOREIGN, f"the robot's FSM is {value}: VR single arm, playback or unknown (manual §4.11.1)"
+            yield (
+                Trigger.FSM_FOREIGN,
+                f"the robot's FSM is {value}: VR single arm, playback or unknown (manual §4.11.1)",
+            )
         elif value == FsmState.ERROR:
             yield Trigger.FSM_ERROR, "the robot's FSM is ERROR (-1): control or motor fault (manual §4.11.1)"
         elif value == FsmState.READY:

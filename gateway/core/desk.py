@@ -92,7 +92,10 @@ class Desk:
             return epoch
         if epoch != was:
             self._conductor.notice(
-                Code.LEASE_CHANGED, Level.INFO, f"{request.name} (pid {request.pid}) owns the robot, epoch {epoch}", now_ns
+                Code.LEASE_CHANGED,
+                Level.INFO,
+                f"{request.name} (pid {request.pid}) owns the robot, epoch {epoch}",
+                now_ns,
             )
         self._conductor.fire(Trigger.ACQUIRE, now_ns, f"{request.name} acquired the lease")
         return {"epoch": epoch}
@@ -107,7 +110,8 @@ class Desk:
             return epoch
         if owner is not None and owner.client_id == command.client_id:
             return {"epoch": epoch}
-        message = f"{request.name} (pid {request.pid}) took the robot from {owner.name if owner else 'nobody'}: {request.reason}"
+        former = owner.name if owner else "nobody"
+        message = f"{request.name} (pid {request.pid}) took the robot from {former}: {request.reason}"
         self._conductor.notice(Code.LEASE_CHANGED, Level.WARNING, message, now_ns, epoch=str(epoch))
         self._conductor.fire(Trigger.TAKE, now_ns, message)
         self._permit.note_takeover(epoch)
@@ -154,7 +158,9 @@ class Desk:
         if refusal is not None or mode is None:
             return refusal or Refusal(code=Code.INTERNAL, message="a mode that is unknown passed the door")
         if not mode.enabled_arms:
-            return Refusal(code=Code.NO_ARM_ENABLED, message="no arm is enabled in the robot's system configuration (manual §2.3)")
+            return Refusal(
+                code=Code.NO_ARM_ENABLED, message="no arm is enabled in the robot's system configuration (manual §2.3)"
+            )
         sides = tuple(side for side in mode.enabled_arms if mode.joint_mode[side])
         if not sides:
             return Refusal(
@@ -167,7 +173,11 @@ class Desk:
         for side in sides:
             measured = store.arm(side)
             if measured is None or not store.part_fresh(side, now_ns, needs_pose=False):
-                return Refusal(code=Code.PART_STALE, message=f"the state of the {side} arm is older than 100 ms", field=f"{side}_arm")
+                return Refusal(
+                    code=Code.PART_STALE,
+                    message=f"the state of the {side} arm is older than 100 ms",
+                    field=f"{side}_arm",
+                )
             start = door.check_start(side, measured.q_rad, self._conductor.settings.arm)
             if isinstance(start, Refusal):
                 return start
@@ -178,7 +188,9 @@ class Desk:
         if value is None:
             return Refusal(code=Code.FSM_UNKNOWN, message="/fsm_state has not been heard for 0.5 s (manual §4.11.1)")
         if value == FsmState.ERROR:
-            return Refusal(code=Code.FSM_ERROR, message="the robot's FSM is ERROR (-1): control or motor fault (manual §4.11.1)")
+            return Refusal(
+                code=Code.FSM_ERROR, message="the robot's FSM is ERROR (-1): control or motor fault (manual §4.11.1)"
+            )
         if value != FsmState.PAUSE or self._conductor.body.heartbeat.is_ending:
             return Refusal(
                 code=Code.FSM_BUSY,
@@ -205,7 +217,9 @@ class Desk:
     def _stop(self, command: CommandRequested, request: Stop, now_ns: int) -> Answer:
         owner = self._conductor.lease.owner
         is_owner = owner is not None and owner.client_id == command.client_id
-        message = f"stop() by {'the owner' if is_owner else command.client_id}" + (f": {request.reason}" if request.reason else "")
+        message = f"stop() by {'the owner' if is_owner else command.client_id}" + (
+            f": {request.reason}" if request.reason else ""
+        )
         self._permit.note_stop(command.received_ns)
         self._conductor.fire(Trigger.OWNER_STOP if is_owner else Trigger.OTHER_STOP, now_ns, message)
         return self._delivery(now_ns)
@@ -234,13 +248,17 @@ class Desk:
             code = Code.NO_LINK if conductor.state is State.OFFLINE else Code.STATE_STALE
             return Refusal(code=code, message=f"recover() needs to see the robot: {REFUSAL_TEXT[code]}")
         if Code.FSM_ERROR in latches and conductor.store.fsm(now_ns) == FsmState.ERROR:
-            return Refusal(code=Code.LATCH_PERSISTS, message="the robot's FSM is still ERROR (-1)", field=Code.FSM_ERROR.value)
+            return Refusal(
+                code=Code.LATCH_PERSISTS, message="the robot's FSM is still ERROR (-1)", field=Code.FSM_ERROR.value
+            )
         wrong = conductor.store.name_order_wrong(now_ns)
         if Code.JOINT_ORDER in latches and wrong is not None:
             return Refusal(code=Code.LATCH_PERSISTS, message=wrong, field=Code.JOINT_ORDER.value)
         conductor.supervisor.clear()
         if latches:
-            conductor.notice(Code.LATCH_CHANGED, Level.INFO, f"recover() by {command.client_id} cleared {', '.join(latches)}", now_ns)
+            conductor.notice(
+                Code.LATCH_CHANGED, Level.INFO, f"recover() by {command.client_id} cleared {', '.join(latches)}", now_ns
+            )
         if conductor.state is State.HOLDING:
             self._phases.walk(now_ns)
         return {"cleared": [code.value for code in latches]}

@@ -16,7 +16,18 @@ from gateway.errors import Code, Refusal
 from gateway.settings import ArmSettings
 from gateway.values import ARM_DOF, CurrentMode, Side, Vector
 
-__all__ = ["CheckedGoal", "Fitness", "check_arms", "check_expiry", "check_goal", "check_mode", "check_speed", "check_start", "check_tolerance", "latched"]
+__all__ = [
+    "CheckedGoal",
+    "Fitness",
+    "check_arms",
+    "check_expiry",
+    "check_goal",
+    "check_mode",
+    "check_speed",
+    "check_start",
+    "check_tolerance",
+    "latched",
+]
 
 S = 1_000_000_000
 
@@ -54,15 +65,26 @@ def latched(latches: Mapping[Code, str]) -> Refusal | None:
     if not latches:
         return None
     causes = "; ".join(f"{code}: {message}" for code, message in latches.items())
-    return Refusal(code=Code.LATCHED, message=f"motion is latched off ({causes})", field="latches", value=", ".join(latches))
+    return Refusal(
+        code=Code.LATCHED, message=f"motion is latched off ({causes})", field="latches", value=", ".join(latches)
+    )
 
 
 def check_mode(mode: CurrentMode | None) -> Refusal | None:
     """Refuse unless the robot is known to be in API mode (manual §3.1.1)."""
     if mode is None:
-        return Refusal(code=Code.MODE_UNKNOWN, message="/api/current_mode has not been heard for 3 s (manual §4.11.2)", field="mode")
+        return Refusal(
+            code=Code.MODE_UNKNOWN,
+            message="/api/current_mode has not been heard for 3 s (manual §4.11.2)",
+            field="mode",
+        )
     if not mode.api:
-        return Refusal(code=Code.MODE_VR, message="the robot is in VR mode and takes no API commands (manual §3.1.1)", field="mode", value="VR")
+        return Refusal(
+            code=Code.MODE_VR,
+            message="the robot is in VR mode and takes no API commands (manual §3.1.1)",
+            field="mode",
+            value="VR",
+        )
     return None
 
 
@@ -73,7 +95,11 @@ def check_arms(fitness: Fitness, sides: Sequence[Side]) -> Refusal | None:
         return refusal
     for side in sides:
         if not fitness.mode.arm_enabled[side]:
-            return Refusal(code=Code.ARM_DISABLED, message=f"the {side} arm is disabled in the robot's system configuration (manual §2.3)", field=f"{side}_arm")
+            return Refusal(
+                code=Code.ARM_DISABLED,
+                message=f"the {side} arm is disabled in the robot's system configuration (manual §2.3)",
+                field=f"{side}_arm",
+            )
         if not fitness.mode.joint_mode[side]:
             return Refusal(
                 code=Code.WRONG_CONTROL_MODE,
@@ -83,9 +109,15 @@ def check_arms(fitness: Fitness, sides: Sequence[Side]) -> Refusal | None:
                 bound="joint",
             )
         if not fitness.part_fresh[side]:
-            return Refusal(code=Code.PART_STALE, message=f"the state of the {side} arm is older than 100 ms", field=f"{side}_arm")
+            return Refusal(
+                code=Code.PART_STALE, message=f"the state of the {side} arm is older than 100 ms", field=f"{side}_arm"
+            )
         if not fitness.streaming[side]:
-            return Refusal(code=Code.NOT_ENABLED, message=f"the {side} arm was not enabled by the last enable()", field=f"{side}_arm")
+            return Refusal(
+                code=Code.NOT_ENABLED,
+                message=f"the {side} arm was not enabled by the last enable()",
+                field=f"{side}_arm",
+            )
     return None
 
 
@@ -171,7 +203,10 @@ def check_goal(side: Side, q_rad: Sequence[float], settings: ArmSettings, on_lim
             continue
         return Refusal(
             code=Code.OUT_OF_RANGE,
-            message=f"{side} arm joint {n + 1} ({robot.ARM_JOINTS[side][n]}): {value:.4f} rad is outside [{low:.2f}, {high:.2f}] rad (manual §4.13 or tighter configuration)",
+            message=(
+                f"{side} arm joint {n + 1} ({robot.ARM_JOINTS[side][n]}): {value:.4f} rad is outside "
+                f"[{low:.2f}, {high:.2f}] rad (manual §4.13 or tighter configuration)"
+            ),
             field=f"{name}[{n}]",
             value=f"{value:.6g}",
             bound=f"[{low}, {high}]",

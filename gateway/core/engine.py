@@ -25,8 +25,6 @@ from gateway.core.events import (
     Estop,
     Event,
     ExitRequested,
-    Frame,
-    FrameKind,
     Level,
     LinkDown,
     LinkUp,
@@ -40,11 +38,11 @@ from gateway.core.events import (
     Suspended,
     TargetArrived,
 )
-from gateway.core.gate import Cleared, Gate, GateContext
+from gateway.core.gate import Cleared, Gate
 from gateway.core.lease import LossStage
+from gateway.core.outlet import Outlet
 from gateway.core.phases import Phases
 from gateway.core.snapshot import LoopView, Snapshot
-from gateway.core.streams.stream import Stream
 from gateway.core.supervisor import State, Trigger
 from gateway.core.view import build
 from gateway.errors import Code, Refusal
@@ -102,7 +100,7 @@ class Engine:
         self._conditions = Conditions(self._conductor)
         self._phases = Phases(self._conductor, self._conditions)
         self._desk = Desk(self._conductor, self._phases)
-        self._gate = Gate(settings.arm, settings.link.variant)
+        self._outlet = Outlet(self._conductor, Gate(settings.arm, settings.link.variant))
         self._commands: list[CommandRequested] = []
         self._targets: dict[int, TargetArrived] = {}
         self._replies: list[Reply] = []
@@ -135,6 +133,12 @@ class Engine:
         """Client id of the owner; None when nobody owns the robot."""
         owner = self._conductor.lease.owner
         return owner.client_id if owner else None
+
+    @property
+    def open_stream_id(self) -> int | None:
+        """Id of the stream of targets that was opened last; None when none is open."""
+        streams = self._conductor.body.targets.running
+        return streams[-1].stream_id if streams else None
 
     @property
     def knows_mode(self) -> bool:
@@ -174,7 +178,9 @@ class Engine:
                 conductor.notice(event.code, Level.WARNING, event.message, now_ns, topic=event.topic)
         elif isinstance(event, Suspended):
             conductor.store.disturb(now_ns)
-            conductor.notice(Code.SUSPENDED, Level.WARNING, f"this host stood still for {event.slept_ns / S:.1f} s", now_ns)
+            conductor.notice(
+                Code.SUSPENDED, Level.WARNING, f"this host stood still for {event.slept_ns / S:.1f} s", now_ns
+            )
             conductor.fire(Trigger.SUSPENDED, now_ns, "this host was suspended")
         else:
             self._exit(event, now_ns)
@@ -221,13 +227,16 @@ class Engine:
         if is_late:
             self._conductor.store.disturb(now_ns)
             self._conductor.notice(
-                Code.TICK_LATE, Level.WARNING, f"a tick came {late_ns / MS:.0f} ms late and was skipped, not caught up", now_ns
+                Code.TICK_LATE,
+                Level.WARNING,
+                f"a tick came {late_ns / MS:.0f} ms late and was skipped, not caught up",
+                now_ns,
             )
         self._look_at_lease(now_ns, late_ns)
         self._look_at_robot(now_ns)
         self._answer_requests(now_ns)
         self._move_on(now_ns)
-        frames = self._frames(now_ns, stops_only=is_late)
+        frames = self._outlet.frames(now_ns, stops_only=is_late)
         remembered = self._conductor.remembered()
         has_changed = remembered != self._saved
         self._saved = remembered
@@ -243,11 +252,12 @@ class Engine:
             done=self._phases.is_done(now_ns),
         )
 
-    def next_due_ns(self, now_ns: int) -> int:
-        """Return when the next tick must come [ns]: the next multiple of 10 ms, or a stream's instant before it."""
-        base_ns = (now_ns // TICK_NS + 1) * TICK_NS
-        stream_ns = self._conductor.body.next_due_ns()
-        return base_ns if stream_ns is None else min(base_ns, max(stream_ns, now_ns))
+    def next_due_ns(self) -> int | None:
+        """Return the next instant at which a stream is due [ns]; None when all are silent.
+
+        Instants are multiples of the streams' periods, so a base grid of multiples of 10 ms shares its wake-ups with them.
+        """
+        return self._conductor.body.next_due_ns()
 
     def panic_frames(self, now_ns: int) -> tuple[Cleared, ...]:
         """Return the stop frames that must leave when the engine itself has failed: 0.0 if owed, chassis zeros.
@@ -260,7 +270,7 @@ class Engine:
         if body.heartbeat.is_owed:
             body.heartbeat.zeros(now_ns, is_estop=True)
         body.ground_stop(now_ns)
-        return self._frames(now_ns, stops_only=True)
+        return self._outlet.frames(now_ns, stops_only=True)
 
     def _look_at_lease(self, now_ns: int, late_ns: int) -> None:
         conductor = self._conductor
@@ -268,12 +278,26 @@ class Engine:
             if event.stage is LossStage.LOST:
                 self._owner_lost(now_ns)
             elif event.stage is LossStage.BACK:
-                conductor.notice(Code.LOSS_STAGE, Level.INFO, "the owner is back; the clocks ended", now_ns, stage="back")
+                conductor.notice(
+                    Code.LOSS_STAGE, Level.INFO, "the owner is back; the clocks ended", now_ns, stage="back"
+                )
             elif event.stage is LossStage.FREE:
-                conductor.notice(Code.LOSS_STAGE, Level.WARNING, "the lost owner's lease is free; the hold goes on", now_ns, stage="free")
+                conductor.notice(
+                    Code.LOSS_STAGE,
+                    Level.WARNING,
+                    "the lost owner's lease is free; the hold goes on",
+                    now_ns,
+                    stage="free",
+                )
                 conductor.fire(Trigger.LEASE_FREE, now_ns, "the lost owner's lease is free")
             else:
-                conductor.notice(Code.LOSS_STAGE, Level.WARNING, "nobody took over: everything goes down, the grip is lost", now_ns, stage="down")
+                conductor.notice(
+                    Code.LOSS_STAGE,
+                    Level.WARNING,
+                    "nobody took over: everything goes down, the grip is lost",
+                    now_ns,
+                    stage="down",
+                )
                 conductor.fire(Trigger.HOLD_OVER, now_ns, "nobody took over")
 
     def _owner_lost(self, now_ns: int) -> None:
@@ -319,7 +343,11 @@ class Engine:
         self._phases.step(now_ns)
         for side in conductor.body.expire_targets(now_ns):
             conductor.notice(
-                Code.TARGET_EXPIRED, Level.WARNING, f"no target came in time: the {side} arm brakes and holds", now_ns, side=side.value
+                Code.TARGET_EXPIRED,
+                Level.WARNING,
+                f"no target came in time: the {side} arm brakes and holds",
+                now_ns,
+                side=side.value,
             )
         for stream in conductor.body.targets.running:
             stream.limited = conductor.body.arms[stream.side].reference.is_limited
@@ -333,49 +361,6 @@ class Engine:
             is_fresh = arm is not None and store.part_fresh(side, now_ns, needs_pose=False)
             measured[side] = arm.q_rad if arm is not None and is_fresh else None
         return measured
-
-    # ------------------------------------------------------------------------------------------------ frames out
-
-    def _frames(self, now_ns: int, *, stops_only: bool) -> tuple[Cleared, ...]:
-        cleared: list[Cleared] = []
-        for stream in self._conductor.body.streams:
-            if not stream.running:
-                self._gate.forget(stream.topic)
-                continue
-            if stops_only and not self._is_stopping(stream):
-                continue
-            frame = stream.frame(now_ns)
-            if frame is None:
-                continue
-            if frame.kind is FrameKind.ECHO and stream.log.last_ns is None:
-                self._gate.forget(stream.topic)
-            passed = self._gate.clear(frame, self._context(now_ns))
-            if isinstance(passed, Refusal):
-                return self._violation(passed, frame, now_ns)
-            stream.log.note(now_ns)
-            cleared.append(passed)
-        return tuple(cleared)
-
-    def _is_stopping(self, stream: Stream) -> bool:
-        body = self._conductor.body
-        return stream in (body.chassis, body.lift) or (stream is body.heartbeat and body.heartbeat.is_ending)
-
-    def _violation(self, refusal: Refusal, frame: Frame, now_ns: int) -> tuple[Cleared, ...]:
-        """A frame failed the last look: nothing of this tick leaves but stop frames, and the fault is latched."""
-        self._conductor.fire(Trigger.GATE_VIOLATION, now_ns, f"{frame.topic}: {refusal.message}")
-        self._conductor.body.ground_stop(now_ns)
-        return self._frames(now_ns, stops_only=True)
-
-    def _context(self, now_ns: int) -> GateContext:
-        conductor = self._conductor
-        return GateContext(
-            state=conductor.state.value,
-            epoch=conductor.lease.valid_epoch,
-            fresh=conductor.transport_up and conductor.store.is_fresh(now_ns),
-            stale_hold=conductor.stale_hold,
-            resuming=conductor.resuming,
-            latched=bool(conductor.supervisor.latches),
-        )
 
     # ------------------------------------------------------------------------------------------------ views out
 
@@ -393,7 +378,5 @@ class Engine:
             return None
         self._next_snapshot_ns = (now_ns // self._snapshot_period_ns + 1) * self._snapshot_period_ns
         self._snapshots += 1
-        loop = LoopView(
-            ticks=self._ticks, skipped=self._skipped, late_ns=late_ns, worst_late_ns=self._lateness[0][1]
-        )
+        loop = LoopView(ticks=self._ticks, skipped=self._skipped, late_ns=late_ns, worst_late_ns=self._lateness[0][1])
         return build(self._conductor, self._phases, loop, self._snapshots, now_ns)

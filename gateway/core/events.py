@@ -8,7 +8,7 @@ Time is integer monotonic nanoseconds of this host. Topics are ROS names of `rob
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Union
+from typing import TypeAlias
 
 from gateway.core.outputs import Frame, FrameKind, Level, Notice, Remembered, Reply
 from gateway.core.requests import (
@@ -72,7 +72,7 @@ __all__ = [
     "TargetArrived",
 ]
 
-StateValue = Union[ArmState, MotorState, EePose, CurrentMode, int]
+StateValue: TypeAlias = ArmState | MotorState | EePose | CurrentMode | int
 """Decoded state: arm, gripper or chassis motors, pose, mode, or the raw integer of `/fsm_state`."""
 
 
@@ -226,16 +226,16 @@ class ExitRequested:
     at_ns: int
 
 
-Event = Union[
-    SampleArrived,
-    SampleRefused,
-    LinkUp,
-    LinkDown,
-    RouteObserved,
-    CommandRequested,
-    TargetArrived,
-    ClientSeen,
-    ClientGone,
-    Suspended,
-    ExitRequested,
-]
+Event: TypeAlias = (
+    SampleArrived
+    | SampleRefused
+    | LinkUp
+    | LinkDown
+    | RouteObserved
+    | CommandRequested
+    | TargetArrived
+    | ClientSeen
+    | ClientGone
+    | Suspended
+    | ExitRequested
+)

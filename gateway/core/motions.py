@@ -46,7 +46,9 @@ class Motion:
         duration_ns: Planned duration [ns].
     """
 
-    def __init__(self, motion_id: int, goals_rad: Mapping[Side, Vector], tolerance_rad: float, duration_ns: int) -> None:
+    def __init__(
+        self, motion_id: int, goals_rad: Mapping[Side, Vector], tolerance_rad: float, duration_ns: int
+    ) -> None:
         self.motion_id = motion_id
         self.goals_rad = dict(goals_rad)
         self.tolerance_rad = tolerance_rad
@@ -122,7 +124,9 @@ class MotionBook:
         self._running.remove(motion)
         self._ended.append(motion)
 
-    def advance(self, motion: Motion, progress: Mapping[Side, float], measured: Mapping[Side, Vector | None], now_ns: int) -> None:
+    def advance(
+        self, motion: Motion, progress: Mapping[Side, float], measured: Mapping[Side, Vector | None], now_ns: int
+    ) -> None:
         """Take note of what was sent and measured; ends the motion when it has settled or never will.
 
         Args:
@@ -136,7 +140,7 @@ class MotionBook:
         errors = []
         for side, goal in motion.goals_rad.items():
             q_rad = measured[side]
-            errors.append(None if q_rad is None else max(abs(a - b) for a, b in zip(goal, q_rad)))
+            errors.append(None if q_rad is None else max(abs(a - b) for a, b in zip(goal, q_rad, strict=True)))
         known = [e for e in errors if e is not None]
         motion.error_rad = max(known) if len(known) == len(errors) else None
         if motion.progress < 1.0:

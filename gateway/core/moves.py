@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Union
+from typing import TypeAlias
 
 from gateway.core import door
 from gateway.core.conductor import Conductor
@@ -18,7 +18,7 @@ from gateway.values import Side, Vector
 __all__ = ["Answer", "Facts", "Moves"]
 
 Facts = Mapping[str, object]
-Answer = Union[Facts, Refusal]
+Answer: TypeAlias = Facts | Refusal
 """What a request gets: facts to go on with, or why nothing was done."""
 
 
@@ -39,7 +39,9 @@ class Moves:
         conductor = self._conductor
         sides = tuple(side for side in Side if side in request.targets_rad)
         if not sides:
-            return Refusal(code=Code.WRONG_SHAPE, message="no arm is named: left, right or both are needed", field="targets_rad")
+            return Refusal(
+                code=Code.WRONG_SHAPE, message="no arm is named: left, right or both are needed", field="targets_rad"
+            )
         refusal = (
             self._permit.motion(command, request.epoch, sides, now_ns)
             or door.check_speed(request.speed)
@@ -52,7 +54,7 @@ class Moves:
         for side in sides:
             values = request.targets_rad[side]
             if request.relative and len(values) == len(conductor.body.arms[side].reference.q_rad):
-                values = tuple(a + b for a, b in zip(conductor.body.arms[side].reference.q_rad, values))
+                values = tuple(a + b for a, b in zip(conductor.body.arms[side].reference.q_rad, values, strict=True))
             goal = door.check_goal(side, values, conductor.settings.arm, request.on_limit)
             if isinstance(goal, Refusal):
                 return goal
@@ -122,7 +124,9 @@ class Moves:
             return refusal
         stream = self._conductor.body.targets.find(request.stream_id)
         if stream is None:
-            return Refusal(code=Code.UNKNOWN_STREAM, message=f"there is no stream {request.stream_id}", field="stream_id")
+            return Refusal(
+                code=Code.UNKNOWN_STREAM, message=f"there is no stream {request.stream_id}", field="stream_id"
+            )
         if stream.is_open:
             self._free((stream.side,), MotionState.CANCELLED, Code.CANCELLED, "closed", now_ns)
         return {"code": stream.code.value if stream.code else ""}
@@ -145,7 +149,9 @@ class Moves:
             return refusal
         motion = self._conductor.body.motions.find(request.motion_id)
         if motion is None:
-            return Refusal(code=Code.UNKNOWN_MOTION, message=f"there is no motion {request.motion_id}", field="motion_id")
+            return Refusal(
+                code=Code.UNKNOWN_MOTION, message=f"there is no motion {request.motion_id}", field="motion_id"
+            )
         if motion.is_running:
             self._free(tuple(motion.goals_rad), MotionState.CANCELLED, Code.CANCELLED, "cancelled by the owner", now_ns)
         return {"state": motion.state.value}

@@ -106,13 +106,17 @@ class Permit:
         )
         refusal = door.check_arms(fitness, sides)
         if refusal is None and conductor.body.is_walking:
-            return Refusal(code=Code.STOPPING, message="the held reference is walking back to the arm; wait until it is there")
+            return Refusal(
+                code=Code.STOPPING, message="the held reference is walking back to the arm; wait until it is there"
+            )
         return refusal
 
     def _takeover(self, epoch: int) -> Refusal | None:
         if epoch != self._takeover_epoch:
             return None
         if not self._conductor.body.is_at_rest:
-            return Refusal(code=Code.TAKEOVER_BRAKING, message="the arms are still braking from the former owner's motion")
+            return Refusal(
+                code=Code.TAKEOVER_BRAKING, message="the arms are still braking from the former owner's motion"
+            )
         self._takeover_epoch = 0
         return None

@@ -112,7 +112,10 @@ class Phases:
         value = conductor.store.fsm(now_ns)
         if self._conditions.first_beat_ns is None and value not in {None, FsmState.PAUSE}:
             conductor.fail_enable(
-                Refusal(code=Code.FSM_BUSY, message=f"the FSM went to {value} before our first heartbeat: somebody else enables"),
+                Refusal(
+                    code=Code.FSM_BUSY,
+                    message=f"the FSM went to {value} before our first heartbeat: somebody else enables",
+                ),
                 now_ns,
             )
         elif self._echo_ns is None:
@@ -245,7 +248,9 @@ class Phases:
         try:
             paths = plan({side: conductor.body.arms[side].reference for side in goals}, goals, WALK_SPEED)
         except PlanFailed as failed:
-            conductor.notice(Code.PLAN_FAILED, Level.ERROR, f"the walk back to the arm cannot be planned: {failed}", now_ns)
+            conductor.notice(
+                Code.PLAN_FAILED, Level.ERROR, f"the walk back to the arm cannot be planned: {failed}", now_ns
+            )
             return False
         for side, path in paths.items():
             conductor.body.arms[side].walk(path)

@@ -19,6 +19,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
+from itertools import accumulate
 
 from ruckig import InputParameter, Profile, Ruckig, Synchronization, Trajectory
 
@@ -34,10 +35,10 @@ INSET_RAD = 2e-8
 EXCESS_RAD = 1e-12
 """Beyond a position limit by no more than this is ruckig's rounding [rad]; setpoints are clipped to the limits."""
 
-STEADY = 1e-9
-"""Velocities [rad/s] and accelerations [rad/s²] below this are 0 when a profile is asked whether it turns back."""
+STEADY_RADPS = 1e-9
+"""A joint that moves back more slowly than this does not turn back [rad/s]: rounding."""
 
-CHECKED_STEPS = 400
+CHECKED_STEPS = 250
 """A plan that may turn back for longer than this many periods is refused: checking it would take too long."""
 
 
@@ -63,8 +64,7 @@ def plan_paths(starts: Mapping[Side, Start], goals: Mapping[Side, Sequence[float
         except NoPlan as none:
             failure = PlanFailed(f"ruckig finds no plan: {none}")
             continue
-        is_from_motion = slow_to != 0.0 and not all(start.is_at_rest for start in starts.values())
-        objections = (_objection(side, path, is_from_motion) for side, path in paths.items())
+        objections = (_objection(side, path, slow_to != 0.0) for side, path in paths.items())
         objection = next((o for o in objections if o is not None), None)
         if objection is None:
             return paths
@@ -134,8 +134,8 @@ def _rows(start: Start, state: State, goal: Vector, speed: float) -> Iterator[tu
         yield q, v, a, end, limits.v_radps * speed, a_max, limits.j_radps3, lower, upper
 
 
-def _objection(side: Side, path: Path, is_from_motion: bool) -> PlanFailed | None:
-    """Return why a path must not be handed out, or None."""
+def _objection(side: Side, path: Path, may_turn: bool) -> PlanFailed | None:
+    """Return why a path must not be handed out, or None; one from rest, or led by a full stop, only moves on."""
     braking = path.start.braking
     joints = range(path.first, path.first + ARM_DOF)
     extrema, profiles = path.trajectory.position_extrema, path.trajectory.profiles[0]
@@ -146,9 +146,9 @@ def _objection(side: Side, path: Path, is_from_motion: bool) -> PlanFailed | Non
             joint, bound = f"{side} arm joint {n - path.first + 1}", f"[{lower}, {upper}]"
             message = f"{joint} would move over [{low}, {high}] rad, outside {bound} rad"
             return PlanFailed(message, joint=joint, value=low if low < lower else high, bound=bound)
-    if not is_from_motion:
+    if path.start.is_at_rest or not may_turn:
         return None
-    turned_s = path.lead_s + max(_turned_s(profiles[n], path.trajectory.duration) for n in joints)
+    turned_s = path.lead_s + max(_turned_s(profiles[n]) for n in joints)
     steps = math.ceil(turned_s / braking.period_s)
     if steps > CHECKED_STEPS:
         return PlanFailed(f"the {side} arm would turn back for {turned_s:.1f} s: too long to be checked")
@@ -162,12 +162,17 @@ def _objection(side: Side, path: Path, is_from_motion: bool) -> PlanFailed | Non
     return None
 
 
-def _turned_s(profile: Profile, duration_s: float) -> float:
-    """Return the time after which a joint only moves on to its goal [s].
-
-    ruckig's profile brakes into its limits, reaches a cruising velocity in three phases, cruises, and stops in three.
-    Only what comes before the cruise may turn back, unless the profile is of another kind: then all of it may.
-    """
-    rest = profile.v[3:]
-    is_usual = abs(profile.a[3]) <= STEADY and (min(rest) >= -STEADY or max(rest) <= STEADY)
-    return profile.brake.duration + sum(profile.t[:3]) if is_usual else duration_s
+def _turned_s(profile: Profile) -> float:
+    """Return the time after which a joint only moves on, in the direction in which it arrives [s]."""
+    v, a, ends_s = profile.v, profile.a, list(accumulate(profile.t))
+    sign = next((math.copysign(1.0, x) for x in reversed(v) if abs(x) > STEADY_RADPS), 0.0)
+    turned_s = 0.0
+    for phase, jerk in enumerate(profile.j):
+        velocities = [v[phase], v[phase + 1]]
+        if a[phase] * a[phase + 1] < 0.0:
+            velocities.append(v[phase] - a[phase] ** 2 / (2.0 * jerk))
+        if min(sign * x for x in velocities) < -STEADY_RADPS:
+            turned_s = ends_s[phase]
+    # What comes before the seven phases takes the joint into its limits, and counts as turning.
+    duration_s: float = profile.brake.duration + turned_s
+    return duration_s

@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import Enum
-from typing import Union
+from typing import TypeAlias
 
 from gateway.values import Side, Vector
 
@@ -169,6 +169,19 @@ class Recover:
     """Clear all latches, or none when a cause persists. Never moves, never enables."""
 
 
-Request = Union[
-    Acquire, Take, Release, Abandon, Enable, Disable, Move, OpenStream, CloseStream, Hold, Cancel, Stop, Estop, Recover
-]
+Request: TypeAlias = (
+    Acquire
+    | Take
+    | Release
+    | Abandon
+    | Enable
+    | Disable
+    | Move
+    | OpenStream
+    | CloseStream
+    | Hold
+    | Cancel
+    | Stop
+    | Estop
+    | Recover
+)

@@ -99,7 +99,9 @@ class TargetBook:
         """Open streams."""
         return tuple(self._open)
 
-    def open(self, side: Side, client_id: str, epoch: int, speed: float, on_limit: OnLimit, expiry_ns: int | None) -> TargetStream:
+    def open(
+        self, side: Side, client_id: str, epoch: int, speed: float, on_limit: OnLimit, expiry_ns: int | None
+    ) -> TargetStream:
         """Record an opened stream; its arm must be free of others."""
         expiry = self._settings.target_expiry_ns if expiry_ns is None else expiry_ns
         stream = TargetStream(self._next_id, side, client_id, epoch, speed, on_limit, expiry)

@@ -102,7 +102,7 @@ class ArmStream:
 
     def distance_rad(self, q_rad: Vector) -> float:
         """Return the largest joint distance between the setpoint and a measured position [rad]."""
-        return max(abs(a - b) for a, b in zip(self.reference.q_rad, q_rad))
+        return max(abs(a - b) for a, b in zip(self.reference.q_rad, q_rad, strict=True))
 
     def next_due_ns(self) -> int | None:
         """Return the next instant of the grid [ns]; None when silent."""

@@ -1,0 +1,76 @@
+"""Collects the frames that are due, has the gate look at each, and reports what the gate refuses.
+
+Arms come first in a tick, so that a heartbeat never overtakes the setpoint it belongs to. A frame that fails the last look
+is a bug or a fault: nothing of that tick leaves but stop frames, and GATE_VIOLATION is latched.
+"""
+
+from __future__ import annotations
+
+from gateway.core.conductor import Conductor
+from gateway.core.events import Frame, FrameKind
+from gateway.core.gate import Cleared, Gate, GateContext
+from gateway.core.streams.stream import Stream
+from gateway.core.supervisor import Trigger
+from gateway.errors import Refusal
+
+__all__ = ["Outlet"]
+
+
+class Outlet:
+    """Where frames leave the engine.
+
+    Args:
+        conductor: Streams, and what the gate must know.
+        gate: The last look.
+    """
+
+    def __init__(self, conductor: Conductor, gate: Gate) -> None:
+        self._conductor = conductor
+        self._gate = gate
+
+    def frames(self, now_ns: int, *, stops_only: bool) -> tuple[Cleared, ...]:
+        """Return the frames that are due and may leave, in the order in which they must.
+
+        Args:
+            now_ns: Monotonic time [ns].
+            stops_only: A late tick or a panic: nothing but stop frames.
+        """
+        cleared: list[Cleared] = []
+        for stream in self._conductor.body.streams:
+            if not stream.running:
+                self._gate.forget(stream.topic)
+                continue
+            if stops_only and not self._is_stopping(stream):
+                continue
+            frame = stream.frame(now_ns)
+            if frame is None:
+                continue
+            if frame.kind is FrameKind.ECHO and stream.log.last_ns is None:
+                self._gate.forget(stream.topic)
+            passed = self._gate.clear(frame, self._context(now_ns))
+            if isinstance(passed, Refusal):
+                return self._violation(passed, frame, now_ns)
+            stream.log.note(now_ns)
+            cleared.append(passed)
+        return tuple(cleared)
+
+    def _is_stopping(self, stream: Stream) -> bool:
+        body = self._conductor.body
+        return stream in (body.chassis, body.lift) or (stream is body.heartbeat and body.heartbeat.is_ending)
+
+    def _violation(self, refusal: Refusal, frame: Frame, now_ns: int) -> tuple[Cleared, ...]:
+        """A frame failed the last look: nothing of this tick leaves but stop frames, and the fault is latched."""
+        self._conductor.fire(Trigger.GATE_VIOLATION, now_ns, f"{frame.topic}: {refusal.message}")
+        self._conductor.body.ground_stop(now_ns)
+        return self.frames(now_ns, stops_only=True)
+
+    def _context(self, now_ns: int) -> GateContext:
+        conductor = self._conductor
+        return GateContext(
+            state=conductor.state.value,
+            epoch=conductor.lease.valid_epoch,
+            fresh=conductor.transport_up and conductor.store.is_fresh(now_ns),
+            stale_hold=conductor.stale_hold,
+            resuming=conductor.resuming,
+            latched=bool(conductor.supervisor.latches),
+        )

@@ -1,0 +1,232 @@
+"""The daemon's composition root: builds everything, starts it in order, runs the loop, ends it in order.
+
+    locks -> state file -> engine -> local plane -> robot link -> real-time measures -> loop -> the same way back
+
+One daemon per robot. It ends by SIGTERM or Ctrl-C: the engine brakes, sends what it owes and says when it is done,
+within 5 s. Nothing here decides anything about the robot.
+"""
+
+from __future__ import annotations
+
+import json
+import logging
+import os
+import signal
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from types import FrameType
+
+from gateway.api.service import LocalPlane
+from gateway.config import state_dir
+from gateway.core.engine import Engine
+from gateway.core.events import Event, ExitRequested, LinkUp, Notice, Remembered, Reply
+from gateway.core.snapshot import Snapshot
+from gateway.link.robot_link import RobotLink
+from gateway.loop import Loop
+from gateway.realtime import FifoScheduling, Linux, calm_interpreter, lock_memory, sharpen_timer
+from gateway.settings import Settings
+from gateway.state_file import StateFile, StateWriter, path_of
+
+__all__ = ["JsonLines", "configure_log", "run"]
+
+_log = logging.getLogger(__name__)
+
+DISK_TIMEOUT_S = 2.0
+"""How long the end waits for the last state to reach the disk [s]."""
+
+
+class JsonLines(logging.Formatter):
+    """One JSON object a line: time, level, logger, message, and code and facts of a notice."""
+
+    def format(self, record: logging.LogRecord) -> str:
+        """Return the line of a record."""
+        line: dict[str, object] = {
+            "t": round(record.created, 3),
+            "level": record.levelname.lower(),
+            "from": record.name,
+            "message": record.getMessage(),
+        }
+        for key in ("code", "facts"):
+            value = getattr(record, key, None)
+            if value:
+                line[key] = value
+        if record.exc_info:
+            line["error"] = self.formatException(record.exc_info)
+        return json.dumps(line, ensure_ascii=False)
+
+
+class RateLimit(logging.Filter):
+    """Lets a source line speak at most so often: warnings may repeat at the rate of the loop.
+
+    Args:
+        burst: Records of one source line that pass in each window.
+        window_s: Length of a window [s].
+    """
+
+    def __init__(self, burst: int = 20, window_s: float = 1.0) -> None:
+        super().__init__()
+        self._burst = burst
+        self._window_s = window_s
+        self._seen: dict[tuple[str, int], tuple[float, int]] = {}
+
+    def filter(self, record: logging.LogRecord) -> bool:
+        """Return whether a record passes."""
+        source = (record.pathname, record.lineno)
+        since, count = self._seen.get(source, (record.created, 0))
+        if record.created - since > self._window_s:
+            since, count = record.created, 0
+        self._seen[source] = (since, count + 1)
+        return count < self._burst
+
+
+def configure_log(*, is_json: bool) -> None:
+    """Write the log to standard error, as JSON lines or as plain ones for people."""
+    handler = logging.StreamHandler(sys.stderr)
+    handler.setFormatter(JsonLines() if is_json else logging.Formatter("%(asctime)s %(levelname)-7s %(message)s"))
+    handler.addFilter(RateLimit())
+    logging.basicConfig(level=logging.INFO, handlers=[handler], force=True)
+
+
+class _Watched:
+    """The local plane with the process's own wishes among its events: the end, and what a new link needs.
+
+    Args:
+        plane: The local plane.
+    """
+
+    def __init__(self, plane: LocalPlane) -> None:
+        self._plane = plane
+        self._signals: list[int] = []
+
+    def ask_to_end(self, number: int) -> None:
+        """Ask for a clean end; safe in a signal handler."""
+        self._signals.append(number)
+
+    def poll(self) -> Sequence[Event]:
+        events = self._plane.poll()
+        if self._signals:
+            number = self._signals[0]
+            self._signals.clear()
+            _log.info("%s: ending", signal.Signals(number).name)
+            events = [*events, ExitRequested(at_ns=time.monotonic_ns())]
+        return events
+
+    def send(self, replies: Sequence[Reply], notices: Sequence[Notice]) -> None:
+        self._plane.send(replies, notices)
+
+    def publish_snapshot(self, snapshot: Snapshot) -> None:
+        self._plane.publish_snapshot(snapshot)
+
+
+class _Link:
+    """The robot link, telling when a session has brought new threads that must be scheduled like the others.
+
+    Args:
+        link: The link.
+        on_up: Called in the loop's thread after each LinkUp.
+    """
+
+    def __init__(self, link: RobotLink, on_up: Callable[[], None]) -> None:
+        self._on_up = on_up
+        self._poll = link.poll
+        self.publish = link.publish
+
+    def poll(self) -> Sequence[Event]:
+        events = self._poll()
+        if any(isinstance(event, LinkUp) for event in events):
+            self._on_up()
+        return events
+
+
+@contextmanager
+def _signals(handle: Callable[[int], None]) -> Iterator[None]:
+    def on_signal(number: int, frame: FrameType | None) -> None:
+        handle(number)
+
+    wanted = (signal.SIGTERM, signal.SIGINT, signal.SIGHUP)
+    before = {number: signal.signal(number, on_signal) for number in wanted}
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+def _take_measures(settings: Settings) -> Callable[[], None]:
+    """Take the real-time measures that are permitted; one line each. Return what is to be done after a new link."""
+    kernel = Linux()
+    measures = [sharpen_timer(kernel), calm_interpreter()]
+    if settings.realtime.lock_memory:
+        measures.append(lock_memory(kernel))
+    fifo = FifoScheduling(kernel, settings.realtime.fifo_priority, threading.get_native_id())
+    if settings.realtime.fifo:
+        measures.append(fifo.apply())
+    for measure in measures:
+        _log.info("%s", measure.line)
+
+    def after_link_up() -> None:
+        if fifo.active:
+            fifo.refresh()
+
+    return after_link_up
+
+
+def run(settings: Settings, on_ready: Callable[[str], None] | None = None) -> int:
+    """Run the daemon until it is asked to end.
+
+    Must be called in the main thread: it takes over SIGTERM, SIGINT and SIGHUP while it runs.
+
+    Args:
+        settings: Effective settings.
+        on_ready: Called with the socket's path when clients can connect.
+
+    Returns:
+        Exit status: 0.
+
+    Raises:
+        NotReady: OTHER_GATEWAY: a daemon for this robot or this socket runs on this host.
+        ConfigError: A listener or a file cannot be as configured.
+    """
+    state_file = StateFile(path_of(state_dir(), settings.link.endpoint, settings.link.namespace))
+    with state_file:
+        plane = LocalPlane(settings)
+        started = state_file.start()
+        if started.report:
+            _log.warning("%s", started.report)
+        writer = StateWriter(state_file, started)
+        link = RobotLink(settings.link)
+        watched = _Watched(plane)
+        try:
+            with _signals(watched.ask_to_end):
+                plane.open()
+                link.open()
+                _run_loop(settings, started.remembered, link, watched, writer.write, plane, on_ready)
+        finally:
+            plane.close()
+            is_closed = link.close()
+            if not writer.close(DISK_TIMEOUT_S):
+                _log.error("the last state did not reach %s", state_file.path)
+    if not is_closed:  # zenoh still hangs in its threads; they would keep the process for ever
+        _log.warning("the robot session did not close in time; leaving without it")
+        sys.stderr.flush()
+        os._exit(0)
+    return 0
+
+
+def _run_loop(
+    settings: Settings,
+    remembered: Remembered,
+    link: RobotLink,
+    watched: _Watched,
+    on_remembered: Callable[[Remembered], None],
+    plane: LocalPlane,
+    on_ready: Callable[[str], None] | None,
+) -> None:
+    after_link_up = _take_measures(settings)
+    loop = Loop(Engine(settings, remembered), _Link(link, after_link_up), watched, on_remembered=on_remembered)
+    if on_ready is not None:
+        on_ready(str(plane.socket))
+    loop.run(lambda: False)
