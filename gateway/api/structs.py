@@ -299,6 +299,7 @@ class Info(Struct, frozen=True, kw_only=True):
         snapshot_hz: Rate of published snapshots [Hz].
         settle_rad: Default tolerance of a move [rad].
         settle_ns: How long a move must stay within it [ns].
+        tracking_rad: Distance between setpoint and measured that aborts when it lasts [rad].
         target_expiry_ns: Default life of a streamed target [ns].
         keepalive_ns: Silence after which an owner counts as lost [ns].
         free_after_ns: The lease is free this long after the loss [ns].
@@ -323,6 +324,7 @@ class Info(Struct, frozen=True, kw_only=True):
     snapshot_hz: float
     settle_rad: float
     settle_ns: int
+    tracking_rad: float
     target_expiry_ns: int
     keepalive_ns: int
     free_after_ns: int

@@ -204,6 +204,7 @@ def describe(settings: Settings, *, socket: str, pid: int) -> protocol.Info:
         snapshot_hz=settings.local.snapshot_hz,
         settle_rad=arm.settle_rad,
         settle_ns=arm.settle_ns,
+        tracking_rad=arm.tracking_rad,
         target_expiry_ns=arm.target_expiry_ns,
         keepalive_ns=settings.loss.keepalive_ns,
         free_after_ns=settings.loss.free_after_ns,

@@ -1,0 +1,53 @@
+"""Runs procedures in the calling thread: the one place where the blocking client waits."""
+
+from __future__ import annotations
+
+from typing import Any, TypeVar
+
+from gateway.client.procedures import Procedure
+from gateway.client.session import Session
+from gateway.client.waits import Wait
+from gateway.errors import GatewayError
+
+__all__ = ["SLICE_S", "run"]
+
+T = TypeVar("T")
+
+SLICE_S = 0.1
+"""Longest wait between two looks [s]: lost replies are asked for again at this rate."""
+
+
+def run(session: Session, procedure: Procedure[T]) -> T:
+    """Run a procedure to its end, waiting in this thread.
+
+    Ctrl-C leaves the robot held before it goes on its way.
+    """
+    try:
+        wait = next(procedure)
+        while True:
+            try:
+                answer = _wait(session, wait)
+            except GatewayError as error:
+                wait = procedure.throw(error)
+            else:
+                wait = procedure.send(answer)
+    except StopIteration as end:
+        value: T = end.value
+        return value
+    except KeyboardInterrupt:
+        procedure.close()
+        session.abandon()
+        raise
+
+
+def _wait(session: Session, wait: Wait[Any]) -> object:
+    transport = session.transport
+    with session.changed:
+        while True:
+            now_ns = transport.now_ns()
+            answer = wait.poll(now_ns)
+            if answer is not None:
+                return answer
+            if now_ns >= wait.deadline_ns:
+                raise wait.expire()
+            transport.wait(session.changed, min((wait.deadline_ns - now_ns) / 1e9, SLICE_S))

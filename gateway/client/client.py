@@ -1,0 +1,223 @@
+"""The blocking client: connect, look, own, move, stream, stop.
+
+```python
+from gateway.client import connect
+
+with connect(name="policy-a") as robot:
+    print(robot.state.left_arm.q, robot.health().lease_holder)      # reading needs no lease
+    with robot.control(on_loss="hold") as own:                      # one owner at a time
+        own.enable(timeout=10.0)                                    # FSM to READY
+        own.left_arm.move_to(q_goal, speed=0.3).result(timeout=20.0)
+        with own.left_arm.stream(rate_hz=50) as out:                # starts where the arm is held
+            for target in policy():
+                sent = out.set(target)                              # what really goes out
+                out.tick()                                          # paces; raises if the stream ended
+```
+
+Rules
+    * SI units: rad, rad/s, m, N·m, seconds. Joints in the order of manual §4.0.3, never by name.
+    * Setters never wait; results are handles. Every wait has a timeout. Every refusal is an exception with `.code`,
+      `.hint`, `.field`, `.value`, `.bound` (classes in `gateway.errors`).
+    * A `with control()` that ends normally brakes, rests and pauses the robot. One that is left by an exception or
+      Ctrl-C leaves it held, as if this process had died; so does Ctrl-C in any wait here.
+    * Works in scripts, threads and notebooks; one `Robot` may be used by several threads. Not after a fork.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from gateway.api import protocol
+from gateway.client import procedures, watching
+from gateway.client.blocking import run
+from gateway.client.control import Control
+from gateway.client.door import OnExitName, program_name, require_options, transport_to
+from gateway.client.over_zenoh import Credentials
+from gateway.client.procedures import StopResult
+from gateway.client.reading import Health, RobotState, health_of, state_of
+from gateway.client.requests import seconds
+from gateway.client.session import Session
+from gateway.client.transport import Transport
+from gateway.errors import GatewayTimeout
+
+__all__ = ["Robot", "connect"]
+
+
+def connect(
+    target: str | None = None,
+    *,
+    name: str | None = None,
+    timeout_s: float = 5.0,
+    credentials: Credentials | None = None,
+    transport: Transport | None = None,
+) -> Robot:
+    """Connect to the daemon of a robot.
+
+    Args:
+        target: `unix:/path`, a bare path, `tcp/HOST:PORT` or `tls/HOST:PORT`; None finds the socket by itself
+            (`TA2_SOCKET`, this user's runtime directory, /tmp/ta2-<uid>, /run/ta2).
+        name: How others see this client; by default the name of the program.
+        timeout_s: How long to wait for the daemon [s].
+        credentials: User, password and certificates, where the daemon asks for them.
+        transport: Another way to a daemon, for tests; `target` is ignored then.
+
+    Returns:
+        A robot to look at; use it in a `with` block, or `close()` it.
+
+    Raises:
+        Disconnected: No daemon answers there (retryable).
+        ProtocolError: The daemon is of another release.
+        Rejected: `target` is no address.
+    """
+    session = Session(transport or transport_to(target, credentials), name or program_name())
+    try:
+        session.transport.open(session.client_id, session, timeout_s)
+        run(session, procedures.greet(session, seconds("timeout_s", timeout_s)))
+    except BaseException:  # Ctrl-C included: nobody will get the robot that could close it
+        session.close()
+        raise
+    return Robot(session)
+
+
+class Robot:
+    """A connected robot, to look at, to stop, and to own. Context manager; made by `connect`."""
+
+    def __init__(self, session: Session) -> None:
+        self._session = session
+
+    def __enter__(self) -> Robot:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Disconnect. A robot that is still owned is left held. May be called again."""
+        self._session.close()
+
+    def __repr__(self) -> str:
+        """Show where it is connected to and as whom."""
+        return f"<robot at {self._session.transport.address} for {self._session.name!r}>"
+
+    # ------------------------------------------------------------------------------------------------ looking
+
+    @property
+    def client_id(self) -> str:
+        """Identity of this client, as in `state.lease.client_id`."""
+        return self._session.client_id
+
+    @property
+    def info(self) -> protocol.Info:
+        """What does not change while the daemon runs: model, limits, rates, versions."""
+        return run(self._session, procedures.get_info(self._session))
+
+    @property
+    def state(self) -> RobotState:
+        """The newest state, as it is now known; never waits.
+
+        Raises:
+            Disconnected: The daemon is gone: there is nothing newer to come.
+        """
+        self._session.require_daemon()
+        sighting = self._session.sighting()
+        if sighting is None:  # a daemon that has just come
+            sighting = run(self._session, watching.next_sighting(self._session, 0, 0, procedures.REQUEST_NS))
+        return state_of(sighting, self._session.transport.now_ns())
+
+    def states(self, max_rate: float | None = None, timeout: float = 5.0) -> Iterator[RobotState]:
+        """Yield each new state, the newest when several came meanwhile; for ever.
+
+        Args:
+            max_rate: At most so many a second [Hz]; None for as they come (50 Hz).
+            timeout: Longest wait for the next one [s].
+
+        Raises:
+            GatewayTimeout: None came in time.
+            Disconnected: The daemon is gone.
+        """
+        session = self._session
+        pace = watching.Pace(session, max_rate, seconds("timeout", timeout))
+        while True:
+            sighting = run(session, pace.next())
+            yield state_of(sighting, session.transport.now_ns())
+
+    def events(self, timeout: float = 1.0) -> Iterator[protocol.Notice]:
+        """Yield what the daemon had to tell since `connect()`, and go on until it is silent for `timeout` seconds.
+
+        Raises:
+            Disconnected: The daemon is gone.
+        """
+        timeout_ns = seconds("timeout", timeout)
+        while True:
+            try:
+                notice = run(self._session, watching.next_notice(self._session, timeout_ns))
+            except GatewayTimeout:
+                return
+            yield notice
+
+    def health(self) -> Health:
+        """Return whether everything is well, and what is not. Never waits and never raises for lack of a daemon."""
+        return health_of(self._session)
+
+    # ------------------------------------------------------------------------------------------------ stopping
+
+    def stop(self, reason: str = "") -> StopResult:
+        """Stop everything: arms brake and hold, chassis and lift stop. Anybody may; the grip is kept.
+
+        By the owner it latches nothing; by anybody else, motion stays refused until `recover()`.
+
+        Args:
+            reason: Shown to the owner and in the log.
+
+        Raises:
+            Disconnected: No daemon answers. Use the physical emergency stop.
+            OutcomeUnknown: No reply came. Use the physical emergency stop.
+        """
+        return run(self._session, procedures.stop(self._session, protocol.Stop(reason=reason)))
+
+    def estop(self, reason: str = "") -> StopResult:
+        """Stop everything and pause the robot's FSM. Anybody may; always latches; **the grip is lost**.
+
+        Does not replace the physical emergency stop: it needs this host, the network and the robot's software
+        (manual §1.4).
+
+        Args:
+            reason: Shown to the owner and in the log.
+
+        Raises:
+            Disconnected: No daemon answers. Use the physical emergency stop.
+            OutcomeUnknown: No reply came. Use the physical emergency stop.
+        """
+        return run(self._session, procedures.stop(self._session, protocol.Estop(reason=reason)))
+
+    def recover(self) -> None:
+        """Clear all latches, or none when a cause persists. Never moves and never enables.
+
+        Raises:
+            NotReady: LATCH_PERSISTS, or the robot cannot be seen.
+        """
+        run(self._session, procedures.request(self._session, protocol.Recover()))
+
+    # ------------------------------------------------------------------------------------------------ owning
+
+    def control(
+        self,
+        on_loss: protocol.OnLossName = "hold",
+        on_exit: OnExitName = "release",
+        take: str | None = None,
+        timeout_s: float = 10.0,
+    ) -> Control:
+        """Return the right to command, to be used in a `with` block (or by `acquire` and `release`, in a notebook).
+
+        Args:
+            on_loss: What happens when this client vanishes: `hold` keeps arms and grip for 60 s, `pause` pauses the
+                robot at once (the grip is lost).
+            on_exit: What a normal end of the block does: `release` brakes, rests and pauses; `hold` leaves it held.
+            take: Reason to take the robot from its owner, for people; None asks for a free one.
+            timeout_s: How long entering and leaving may take, each [s].
+
+        Raises:
+            Rejected: An option is none of the above.
+        """
+        require_options(on_loss, on_exit)
+        return Control(self._session, on_loss, on_exit, take, seconds("timeout_s", timeout_s))

@@ -1,0 +1,48 @@
+"""What `connect()` and `control()` are told, made into a transport, a name, and words that mean something."""
+
+from __future__ import annotations
+
+import os
+import sys
+from typing import Literal
+
+from gateway.api import protocol
+from gateway.client.over_zenoh import Credentials, ZenohTransport
+from gateway.client.transport import Transport
+from gateway.errors import Code, Refusal, to_exception
+
+__all__ = ["OnExitName", "program_name", "require_options", "transport_to"]
+
+OnExitName = Literal["release", "hold"]
+
+
+def transport_to(target: str | None, credentials: Credentials | None) -> Transport:
+    """Return the transport to an address that a person typed; None finds the socket by itself."""
+    try:
+        address = protocol.parse_address(str(protocol.find_socket()) if target is None else target)
+    except protocol.AddressRefused as error:
+        raise to_exception(
+            Refusal(code=Code.BAD_REQUEST, message=str(error), field="target", value=str(target), hint="see connect()")
+        ) from None
+    return ZenohTransport(address, credentials)
+
+
+def program_name() -> str:
+    """Return what this program is called, for people who ask who owns the robot."""
+    return os.path.basename(sys.argv[0] if sys.argv else "")[:64] or "python"
+
+
+def require_options(on_loss: str, on_exit: str) -> None:
+    """Refuse words that mean nothing before anything is asked."""
+    for name, value, known in (("on_loss", on_loss, ("hold", "pause")), ("on_exit", on_exit, ("release", "hold"))):
+        if value not in known:
+            raise to_exception(
+                Refusal(
+                    code=Code.BAD_REQUEST,
+                    message=f"{name} is {value!r}, {' or '.join(map(repr, known))} is needed",
+                    field=name,
+                    value=str(value),
+                    bound=", ".join(known),
+                    hint="see control()",
+                )
+            )

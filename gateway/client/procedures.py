@@ -1,0 +1,346 @@
+"""What a client does, step by step, without waiting: generators that yield what to wait for and get it sent back.
+
+The blocking and the async client run the same procedures; they differ in how they wait. A step that fails is raised
+inside the procedure, so that it can clean up.
+
+Rules
+    * The daemon only accepts; whether something *happened* is read from snapshots newer than the reply.
+    * Every procedure ends: each wait in it has a deadline.
+    * What failed to end well leaves the robot held: the lease is given back by `release` alone.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Generator, Mapping
+from dataclasses import dataclass
+from typing import Any, TypeVar
+
+from gateway.api import protocol
+from gateway.client.session import Lease, Motion, Session, Sighting
+from gateway.client.waits import Answer, Daemon, Seen, Wait, answered_facts, answered_reply
+from gateway.errors import Aborted, Cancelled, Code, GatewayError, MotionEnded, Refusal, Superseded, to_exception
+
+__all__ = [
+    "REQUEST_NS",
+    "MotionResult",
+    "Procedure",
+    "StopResult",
+    "abandon",
+    "acquire",
+    "cancel",
+    "disable",
+    "enable",
+    "get_info",
+    "greet",
+    "open_stream",
+    "release",
+    "request",
+    "result",
+    "start_motion",
+    "stop",
+]
+
+T = TypeVar("T")
+
+Procedure = Generator[Wait[Any], Any, T]
+"""Yields waits, is sent what they gave, returns a `T`."""
+
+REQUEST_NS = 3_000_000_000
+"""How long to wait for a reply [ns]; the daemon answers within 2 s."""
+
+AT_REST_RADPS = 1e-3
+"""A reference slower than this stands still [rad/s]."""
+
+MOVING = frozenset({"ENABLING", "ACTIVE", "HOLDING", "PAUSED", "STOPPING"})
+"""States in which something of ours still goes to the arms."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class MotionResult:
+    """A motion that reached its goal, proven by measured joints.
+
+    Attributes:
+        motion_id: Of the motion.
+        sides: Arms that took part.
+        error: Largest measured joint distance to the goal [rad].
+        duration: Planned duration of its path [s].
+    """
+
+    motion_id: int
+    sides: tuple[str, ...]
+    error: float | None
+    duration: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class StopResult:
+    """What became of a stop.
+
+    Attributes:
+        undelivered: True when there was no transport to the robot: use the physical emergency stop.
+    """
+
+    undelivered: bool
+
+
+# --------------------------------------------------------------------------------------------------------- asking
+
+
+def request(session: Session, command: protocol.Request, timeout_ns: int = REQUEST_NS) -> Procedure[protocol.Reply]:
+    """Ask for something and return the accepting reply.
+
+    Raises:
+        GatewayError: The daemon refused; the class is that of the code.
+        OutcomeUnknown: The reply was lost.
+        Disconnected: No daemon is there; nothing was sent.
+    """
+    what = type(command).__name__
+    payload = session.encode(command, session.next_request_id())
+    reply: protocol.Reply = yield Answer(
+        session, protocol.COMMAND_KEY, payload, answered_reply, timeout_ns, f"{what} of {session.name!r}"
+    )
+    return reply
+
+
+def get_info(session: Session) -> Procedure[protocol.Info]:
+    """Return what does not change while the daemon runs; asked once per daemon."""
+    if session.info is None:
+        session.info = yield Answer(session, protocol.INFO_KEY, b"", answered_facts, REQUEST_NS, "info")
+    return session.info
+
+
+def greet(session: Session, timeout_ns: int) -> Procedure[None]:
+    """Wait until a daemon is there, and learn its facts and its first snapshot."""
+    yield Daemon(session, timeout_ns)
+    yield from get_info(session)
+    yield Seen(session, lambda sighting: sighting, timeout_ns, "the first snapshot")
+
+
+def _fact(reply: protocol.Reply, name: str) -> int:
+    value = reply.facts.get(name)
+    if not isinstance(value, int):
+        raise to_exception(
+            Refusal(code=Code.UNSUPPORTED_VERSION, message=f"the reply has no number {name!r} but {value!r}")
+        )
+    return value
+
+
+# ------------------------------------------------------------------------------------------------------- the lease
+
+
+def acquire(session: Session, on_loss: protocol.OnLossName, take: str | None, timeout_ns: int) -> Procedure[Lease]:
+    """Become the owner; with `take` from whoever it is, and then wait until the arms are at rest.
+
+    Args:
+        session: Of this client.
+        on_loss: What happens when this client vanishes.
+        take: Reason to take the robot from its owner; None to ask for a free one.
+        timeout_ns: How long to wait for the arms to come to rest after taking over [ns].
+
+    Raises:
+        LeaseError: LEASE_HELD, somebody else owns the robot, or another `control()` of this client does.
+        Rejected: BAD_REQUEST, an empty reason to take it.
+    """
+    if session.lease is not None:
+        raise to_exception(
+            Refusal(
+                code=Code.LEASE_HELD,
+                message=f"this client owns the robot already, under epoch {session.lease.epoch}",
+                hint="use the control that is open, or end it first",
+            )
+        )
+    yield from get_info(session)
+    session.keep_alive()
+    try:
+        command: protocol.Request = (
+            protocol.Acquire(name=session.name, pid=session.pid, on_loss=on_loss)
+            if take is None
+            else protocol.Take(name=session.name, pid=session.pid, reason=take, on_loss=on_loss)
+        )
+        reply = yield from request(session, command)
+        lease = session.own(_fact(reply, "epoch"))
+    except BaseException:  # Ctrl-C included: whoever does not own the robot must not look alive for it
+        session.let_go()
+        raise
+    if take is not None:
+        yield Seen(session, _rests, timeout_ns, "coming to rest after taking over", after_seq=reply.after_seq)
+    return lease
+
+
+def release(session: Session, lease: Lease, timeout_ns: int) -> Procedure[None]:
+    """Give the lease back and wait until nothing of ours goes to the arms any more. A lost lease is fine."""
+    deadline_ns = session.transport.now_ns() + timeout_ns
+    try:
+        reply = yield from request(session, protocol.Release(epoch=lease.epoch))
+    except GatewayError as error:
+        if error.code in (Code.NOT_OWNER, Code.LEASE_STALE):
+            session.let_go()
+            return
+        raise
+    session.let_go()
+
+    def at_rest(sighting: Sighting) -> bool | None:
+        view = sighting.view
+        taken_over = view.lease.owned and view.lease.epoch != lease.epoch
+        return True if taken_over or view.state not in MOVING else None
+
+    left_ns = max(0, deadline_ns - session.transport.now_ns())
+    yield Seen(session, at_rest, left_ns, "coming to rest after the release", after_seq=reply.after_seq)
+
+
+def abandon(session: Session, lease: Lease) -> Procedure[None]:
+    """Leave the robot held, and wait until the daemon has said that it knows."""
+    session.let_go()
+    try:
+        yield from request(session, protocol.Abandon(epoch=lease.epoch))
+    except GatewayError as error:
+        if error.code not in (Code.NOT_OWNER, Code.LEASE_STALE):
+            raise
+
+
+def enable(session: Session, lease: Lease, timeout_ns: int) -> Procedure[None]:
+    """Bring the FSM to READY and wait for it.
+
+    Raises:
+        NotReady: What is missing, at once or when the daemon gave up.
+        GatewayTimeout: Neither in time.
+    """
+    deadline_ns = session.transport.now_ns() + timeout_ns
+    reply = yield from request(session, protocol.Enable(epoch=lease.epoch))
+    attempt = _fact(reply, "attempt")
+    left_ns = max(0, deadline_ns - session.transport.now_ns())
+
+    def enabled(sighting: Sighting) -> bool | None:
+        _require_lease(sighting, lease)
+        latest = sighting.view.enable
+        if latest.attempt > attempt:
+            raise to_exception(Refusal(code=Code.SUPERSEDED, message=f"enabling {attempt} was begun again"))
+        if latest.attempt < attempt or latest.outcome == "running":
+            return None
+        if latest.outcome != "ok":
+            raise _ended(latest.code, latest.message, "enabling failed")
+        return True
+
+    def led_back(sighting: Sighting) -> bool | None:
+        _require_lease(sighting, lease)
+        bound_rad = session.info.tracking_rad if session.info is not None else 0.0
+        arms = sighting.view.arms.values()
+        near = all(arm.tracking_rad is None or arm.tracking_rad <= bound_rad for arm in arms)
+        return True if near and _rests(sighting) else None
+
+    if reply.facts.get("outcome") != "ok":
+        yield Seen(session, enabled, left_ns, "reaching READY", after_seq=reply.after_seq)
+    elif reply.facts.get("walking"):
+        yield Seen(session, led_back, left_ns, "leading the reference back to the arms", after_seq=reply.after_seq)
+
+
+def disable(session: Session, lease: Lease, timeout_ns: int) -> Procedure[None]:
+    """Brake to rest, end the heartbeat, and wait until nothing goes to the arms any more; the lease stays."""
+    deadline_ns = session.transport.now_ns() + timeout_ns
+    reply = yield from request(session, protocol.Disable(epoch=lease.epoch))
+    left_ns = max(0, deadline_ns - session.transport.now_ns())
+    yield Seen(
+        session,
+        lambda sighting: True if sighting.view.state not in MOVING else None,
+        left_ns,
+        "coming to rest after disable()",
+        after_seq=reply.after_seq,
+    )
+
+
+def _require_lease(sighting: Sighting, lease: Lease) -> None:
+    """Refuse when a snapshot shows that somebody else owns the robot, or nobody."""
+    now = sighting.view.lease
+    if not now.owned or now.epoch != lease.epoch:
+        owner = f"{now.name!r} (pid {now.pid})" if now.owned else "nobody"
+        raise to_exception(
+            Refusal(code=Code.LEASE_LOST, message=f"epoch {lease.epoch} is over: {owner} owns the robot now")
+        )
+
+
+def _rests(sighting: Sighting, sides: tuple[str, ...] = ("left", "right")) -> bool | None:
+    """Return True when the references of these arms stand still (or none is sent)."""
+    for side in sides:
+        arm = sighting.view.arms[side]
+        if arm.streaming and any(abs(speed) > AT_REST_RADPS for speed in arm.dq_ref_radps):
+            return None
+    return True
+
+
+# --------------------------------------------------------------------------------------------------------- motions
+
+
+def start_motion(session: Session, command: protocol.Move) -> Procedure[tuple[Motion, Mapping[str, Any]]]:
+    """Ask for a motion; returns its record and the facts of the reply."""
+    reply = yield from request(session, command)
+    return session.follow(_fact(reply, "motion_id"), reply.after_seq), reply.facts
+
+
+def result(session: Session, motion: Motion, timeout_ns: int) -> Procedure[MotionResult]:
+    """Wait until a motion has ended.
+
+    Raises:
+        MotionEnded: Aborted, Cancelled or Superseded; code and message say why.
+        OutcomeUnknown: It ended so long ago that the daemon does not list it any more.
+        GatewayTimeout: It goes on; the motion is not touched.
+    """
+    if not motion.ended:
+        what = f"the end of motion {motion.motion_id}"
+        yield Seen(session, lambda _: True if motion.ended else None, timeout_ns, what, after_seq=motion.after_seq)
+    view = motion.view
+    if motion.missing or view is None:
+        raise to_exception(
+            Refusal(code=Code.OUTCOME_UNKNOWN, message=f"motion {motion.motion_id} is not listed any more")
+        )
+    if view.state == "reached":
+        return MotionResult(
+            motion_id=view.motion_id, sides=view.sides, error=view.error_rad, duration=view.duration_ns / 1e9
+        )
+    kinds: dict[str, type[MotionEnded]] = {"cancelled": Cancelled, "superseded": Superseded}
+    refusal = _ended(view.code, view.message, f"motion {view.motion_id} was {view.state}").refusal
+    raise kinds.get(view.state, Aborted)(refusal)
+
+
+def cancel(session: Session, lease: Lease, motion: Motion, timeout_ns: int) -> Procedure[None]:
+    """Brake and end one motion; waits until its arms' references stand still. One that has ended stays as it is."""
+    deadline_ns = session.transport.now_ns() + timeout_ns
+    session.sighting()
+    if motion.ended:
+        return
+    reply = yield from request(session, protocol.Cancel(epoch=lease.epoch, motion_id=motion.motion_id))
+
+    def at_rest(sighting: Sighting) -> bool | None:
+        sides = motion.view.sides if motion.view is not None else ("left", "right")
+        return True if motion.ended and _rests(sighting, sides) else None
+
+    left_ns = max(0, deadline_ns - session.transport.now_ns())
+    yield Seen(
+        session,
+        at_rest,
+        left_ns,
+        f"the standstill after cancelling motion {motion.motion_id}",
+        after_seq=reply.after_seq,
+    )
+
+
+def _ended(code: str, message: str, otherwise: str) -> GatewayError:
+    return to_exception(protocol.refusal_of(protocol.RefusalMessage(code=code, message=message or otherwise)))
+
+
+# ------------------------------------------------------------------------------------------------------- the rest
+
+
+def stop(session: Session, command: protocol.Stop | protocol.Estop) -> Procedure[StopResult]:
+    """Stop everything; anybody may."""
+    reply = yield from request(session, command)
+    session.stop_undelivered = bool(reply.facts.get("stop_undelivered"))
+    return StopResult(undelivered=session.stop_undelivered)
+
+
+def open_stream(session: Session, command: protocol.OpenStream) -> Procedure[tuple[int, tuple[float, ...], int]]:
+    """Open a stream of targets; returns its number, where it starts [rad] and the snapshot after which it is listed."""
+    reply = yield from request(session, command)
+    start = reply.facts.get("q_rad")
+    if not (isinstance(start, (list, tuple)) and all(isinstance(value, (int, float)) for value in start)):
+        raise to_exception(Refusal(code=Code.UNSUPPORTED_VERSION, message=f"the reply has no start but {start!r}"))
+    return _fact(reply, "stream_id"), tuple(float(value) for value in start), reply.after_seq

@@ -1,0 +1,161 @@
+"""What a user says, as requests of the protocol: shapes, numbers and limits checked before anything is sent.
+
+Pure. Every refusal has the code, field, value and bound that the daemon would give: the same mistake is the same
+exception on either side.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from gateway.api import protocol
+from gateway.errors import Code, GatewayError, Refusal, to_exception
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike, NDArray
+
+__all__ = ["SIDES", "joints", "move", "read_only", "seconds", "within_limits"]
+
+SIDES: tuple[protocol.SideName, ...] = ("left", "right")
+
+
+def read_only(values: tuple[float, ...]) -> NDArray[np.float64]:
+    """Return a vector that its reader cannot change by mistake."""
+    array = np.array(values, dtype=np.float64)
+    array.setflags(write=False)
+    return array
+
+
+def joints(side: str, q_rad: ArrayLike) -> tuple[float, ...]:
+    """Return seven finite joint values.
+
+    Args:
+        side: `left` or `right`.
+        q_rad: Anything that numpy takes as shape (7,) [rad], in the order of manual §4.0.3.
+
+    Raises:
+        Rejected: WRONG_SHAPE or NOT_FINITE.
+    """
+    try:
+        array = np.asarray(q_rad, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise _wrong_shape(side, f"got what is no vector of numbers ({error})", type(q_rad).__name__) from None
+    if array.shape != (protocol.ARM_DOF,):
+        raise _wrong_shape(side, f"got values of shape {array.shape}", str(array.shape))
+    values = tuple(array.tolist())
+    for index, value in enumerate(values):
+        if not math.isfinite(value):
+            raise to_exception(
+                Refusal(
+                    code=Code.NOT_FINITE,
+                    message=f"{side} arm joint {index + 1} is {value}, a finite number is needed",
+                    field=f"{side}_arm[{index}]",
+                    value=str(value),
+                    unit="rad",
+                )
+            )
+    return values
+
+
+def _wrong_shape(side: str, message: str, value: str) -> GatewayError:
+    return to_exception(
+        Refusal(
+            code=Code.WRONG_SHAPE,
+            message=f"the {side} arm {message}, {protocol.ARM_DOF} joint values are needed (manual §4.0.3)",
+            field=f"{side}_arm",
+            value=value,
+            bound=f"({protocol.ARM_DOF},)",
+        )
+    )
+
+
+def within_limits(
+    side: str, q_rad: tuple[float, ...], info: protocol.Info, on_limit: protocol.OnLimitName
+) -> tuple[float, ...]:
+    """Return joint values inside the configured limits: as they are, or clipped when that was asked for.
+
+    Args:
+        side: `left` or `right`.
+        q_rad: Seven finite values [rad].
+        info: Of the daemon, with its limits.
+        on_limit: `reject` or `clip`.
+
+    Raises:
+        Rejected: OUT_OF_RANGE, with joint, value and bound.
+    """
+    lower, upper = info.lower_rad[side], info.upper_rad[side]
+    if on_limit == "clip":
+        return tuple(min(max(q, low), high) for q, low, high in zip(q_rad, lower, upper, strict=True))
+    for index, (q, low, high) in enumerate(zip(q_rad, lower, upper, strict=True)):
+        if not low <= q <= high:
+            raise to_exception(
+                Refusal(
+                    code=Code.OUT_OF_RANGE,
+                    message=f"{side} arm joint {index + 1}: {q:g} rad is outside [{low:g}, {high:g}] rad (§4.13)",
+                    field=f"{side}_arm[{index}]",
+                    value=f"{q:g}",
+                    bound=f"[{low:g}, {high:g}]",
+                    unit="rad",
+                )
+            )
+    return q_rad
+
+
+def move(
+    epoch: int,
+    targets_rad: Mapping[str, ArrayLike],
+    *,
+    relative: bool,
+    speed: float,
+    tolerance_rad: float | None,
+    on_limit: protocol.OnLimitName,
+) -> protocol.Move:
+    """Return the request for a motion of one or both arms.
+
+    Raises:
+        Rejected: WRONG_SHAPE (no arm, an unknown one, not seven values) or NOT_FINITE.
+    """
+    unknown = [str(side) for side in targets_rad if side not in SIDES]
+    if unknown or not targets_rad:
+        raise to_exception(
+            Refusal(
+                code=Code.WRONG_SHAPE,
+                message=f"a motion of {unknown or 'no arm'} was asked for, 'left' and 'right' exist",
+                field="targets_rad",
+                value=", ".join(unknown),
+                bound="left, right",
+            )
+        )
+    return protocol.Move(
+        epoch=epoch,
+        targets_rad={side: joints(side, targets_rad[side]) for side in SIDES if side in targets_rad},
+        relative=relative,
+        speed=float(speed),
+        tolerance_rad=None if tolerance_rad is None else float(tolerance_rad),
+        on_limit=on_limit,
+    )
+
+
+def seconds(name: str, value_s: float, *, most: float = 86_400.0) -> int:
+    """Return a time that a user gave in seconds, in nanoseconds.
+
+    Raises:
+        Rejected: NOT_FINITE or OUT_OF_RANGE: no wait is endless.
+    """
+    value = float(value_s)
+    if not (math.isfinite(value) and 0.0 <= value <= most):
+        raise to_exception(
+            Refusal(
+                code=Code.OUT_OF_RANGE if math.isfinite(value) else Code.NOT_FINITE,
+                message=f"{name} is {value:g} s, a time in [0, {most:g}] s is needed",
+                field=name,
+                value=f"{value:g}",
+                bound=f"[0, {most:g}]",
+                unit="s",
+            )
+        )
+    return int(value * 1e9)

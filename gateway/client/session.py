@@ -1,0 +1,338 @@
+"""What a client knows: newest snapshot, notices, daemon, lease. Shared by the blocking and the async shell.
+
+Rules
+    * The daemon's messages come from other threads; everything is guarded by one condition, which is notified on each
+      change. A snapshot is decoded when somebody looks at it, once.
+    * A process that was forked after `connect()` has none of zenoh's threads: it is told so instead of hanging.
+    * The lease is kept alive by a beat of its own from `acquire` on. Letting go of the robot without a word, by
+      `abandon` or by dying, leaves it held.
+
+It sends and remembers; waiting is the shells' business (`waits` says for what), and what to send is `procedures`'.
+"""
+
+from __future__ import annotations
+
+import logging
+import os
+import threading
+from collections import deque
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+
+from gateway.api import protocol
+from gateway.client.transport import Transport
+from gateway.errors import Code, GatewayError, Refusal, to_exception
+
+__all__ = ["EVENT_LIMIT", "Lease", "Motion", "Session", "Sighting"]
+
+EVENT_LIMIT = 1000
+"""Notices kept for `events()`; older ones are dropped and counted."""
+
+GONE_NS = 1_000_000_000
+"""A daemon that is away for longer is gone; shorter is a hiccup of the connection [ns]."""
+
+log = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True, slots=True)
+class Sighting:
+    """A snapshot and when it arrived here [ns]."""
+
+    view: protocol.Snapshot
+    received_ns: int
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Lease:
+    """That we own the robot.
+
+    Attributes:
+        epoch: Of the lease; every command carries it.
+        daemon: Which daemon gave it.
+        holding: Rises with each lease of this client: an earlier `with control()` is over although its epoch may live.
+    """
+
+    epoch: int
+    daemon: str
+    holding: int
+
+
+@dataclass(slots=True)
+class Motion:
+    """A motion of ours: what the snapshots last said of it.
+
+    Attributes:
+        motion_id: Of the reply.
+        after_seq: Snapshots up to this one may not know it yet.
+        view: Last known state; None before the first.
+        missing: A snapshot that must know it does not: it ended unseen, long ago.
+    """
+
+    motion_id: int
+    after_seq: int
+    view: protocol.MotionView | None = None
+    missing: bool = False
+
+    @property
+    def ended(self) -> bool:
+        """Whether it will not change any more."""
+        return self.missing or (self.view is not None and self.view.state not in ("queued", "executing"))
+
+
+class Session:
+    """One client of one daemon.
+
+    Args:
+        transport: Way to the daemon; not open yet.
+        name: How this client is shown to others.
+    """
+
+    def __init__(self, transport: Transport, name: str) -> None:
+        self.transport = transport
+        self.name = name
+        self.client_id = os.urandom(16).hex()
+        self.changed = threading.Condition()
+        self.daemon = ""
+        self.other_versions: set[str] = set()
+        self.info: protocol.Info | None = None
+        self.lease: Lease | None = None
+        self.notices: deque[protocol.Notice] = deque()
+        self.snapshots_dropped = 0
+        self.notices_dropped = 0
+        self.stop_undelivered = False
+        self.pid = os.getpid()
+        self._closed = False
+        self._gone_since_ns = transport.now_ns()
+        self._newest: tuple[bytes, int, int] | None = None
+        self._sighting: Sighting | None = None
+        self._last_seq = 0
+        self._request_id = 0
+        self._holding = 0
+        self._motions: dict[int, Motion] = {}
+        self._stop_keepalive: Callable[[], None] | None = None
+        self._listeners: list[Callable[[], None]] = []
+
+    # ------------------------------------------------------------------------------------------------ from the daemon
+
+    def on_snapshot(self, payload: bytes, seq: int, received_ns: int) -> None:
+        """Take a snapshot; it is decoded when it is looked at."""
+        with self.changed:
+            if 0 < self._last_seq < seq:
+                self.snapshots_dropped += seq - self._last_seq - 1
+            self._last_seq = seq
+            self._newest = (payload, seq, received_ns)
+        self.notify()
+
+    def on_notice(self, payload: bytes) -> None:
+        """Take a notice; the oldest goes when too many were not read."""
+        try:
+            notice = protocol.decode_notice(payload)
+        except protocol.Malformed as error:
+            log.warning("the daemon sent a notice that cannot be read: %s", error)
+            return
+        with self.changed:
+            if len(self.notices) >= EVENT_LIMIT:
+                self.notices.popleft()
+                self.notices_dropped += 1
+            self.notices.append(notice)
+            if notice.code == Code.STOP_UNDELIVERED.value:
+                self.stop_undelivered = True
+        self.notify()
+
+    def on_daemon(self, token: str, alive: bool) -> None:
+        """Learn that a daemon came or went."""
+        version, daemon = protocol.token_version(token), protocol.token_id(token)
+        with self.changed:
+            if version != str(protocol.PROTOCOL_VERSION):
+                (self.other_versions.add if alive else self.other_versions.discard)(version)
+            elif alive:
+                if daemon != self.daemon:
+                    # Another daemon counts its snapshots anew, and may have other limits.
+                    self._newest = self._sighting = self.info = None
+                    self._last_seq = 0
+                self.daemon, self._gone_since_ns = daemon, 0
+            elif daemon == self.daemon and not self._gone_since_ns:
+                self._gone_since_ns = self.transport.now_ns()
+        self.notify()
+
+    def notify(self) -> None:
+        """Wake everybody who waits."""
+        with self.changed:
+            self.changed.notify_all()
+            listeners = list(self._listeners)
+        for listener in listeners:
+            listener()
+
+    @contextmanager
+    def listening(self, listener: Callable[[], None]) -> Iterator[None]:
+        """Call `listener` on each change, from any thread, while the block runs."""
+        with self.changed:
+            self._listeners.append(listener)
+        try:
+            yield
+        finally:
+            with self.changed:
+                self._listeners.remove(listener)
+
+    # ------------------------------------------------------------------------------------------------ what is known
+
+    @property
+    def is_connected(self) -> bool:
+        """Whether the daemon is there at this moment."""
+        return bool(self.daemon) and not self._gone_since_ns and not self._closed
+
+    def require_daemon(self, daemon: str | None = None) -> None:
+        """Refuse unless a daemon is there, or was less than a second ago.
+
+        Args:
+            daemon: It must be this one; None for any.
+
+        Raises:
+            Disconnected: It is gone, another one took its place, the client was closed, or this process was forked.
+        """
+        self.require_own_process()
+        if self._closed:
+            raise _disconnected("this client was closed", "connect() again")
+        if daemon is not None and self.daemon != daemon:
+            raise _disconnected(f"the daemon at {self.transport.address} was restarted; what it did before is over")
+        if not self.daemon or (self._gone_since_ns and self.transport.now_ns() - self._gone_since_ns > GONE_NS):
+            raise _disconnected(f"no daemon answers at {self.transport.address}")
+
+    def require_lease(self, lease: Lease) -> None:
+        """Refuse when a lease of ours is over.
+
+        Raises:
+            LeaseError: NOT_OWNER, it was given back, left, or another one took its place.
+        """
+        if self.lease != lease:
+            raise to_exception(
+                Refusal(
+                    code=Code.NOT_OWNER,
+                    message=f"this control (epoch {lease.epoch}) has ended",
+                    hint="take the lease with a new control()",
+                )
+            )
+
+    def require_own_process(self) -> None:
+        """Refuse in a process that was forked after `connect()`."""
+        if os.getpid() != self.pid:
+            raise _disconnected(
+                f"this process was forked from the one that connected (pid {self.pid})", "connect() after the fork"
+            )
+
+    def sighting(self) -> Sighting | None:
+        """Return the newest snapshot, decoded; None before the first.
+
+        Raises:
+            ProtocolError: It cannot be read.
+        """
+        with self.changed:
+            if self._newest is not None:
+                (payload, _, received_ns), self._newest = self._newest, None
+                try:
+                    view = protocol.decode_snapshot(payload)
+                except protocol.Malformed as error:
+                    raise to_exception(
+                        Refusal(code=Code.UNSUPPORTED_VERSION, message=f"the daemon's snapshot is not ours: {error}")
+                    ) from None
+                self._sighting = Sighting(view, received_ns)
+                self._follow(view)
+            return self._sighting
+
+    def observe(self) -> None:
+        """Look at the newest snapshot if motions of ours are under way, so that their ends are not missed."""
+        with self.changed:
+            if any(not motion.ended for motion in self._motions.values()):
+                self.sighting()
+
+    def follow(self, motion_id: int, after_seq: int) -> Motion:
+        """Keep track of a motion of ours from now on."""
+        with self.changed:
+            motion = self._motions.setdefault(motion_id, Motion(motion_id, after_seq))
+            if self._sighting is not None:
+                self._follow(self._sighting.view)
+            return motion
+
+    def _follow(self, view: protocol.Snapshot) -> None:
+        for motion_id, motion in list(self._motions.items()):
+            if view.seq > motion.after_seq:
+                found = next((entry for entry in view.motions if entry.motion_id == motion_id), None)
+                if found is not None:
+                    motion.view = found
+                else:
+                    motion.missing = not motion.ended
+            if motion.ended:
+                del self._motions[motion_id]
+
+    # ------------------------------------------------------------------------------------------------ to the daemon
+
+    def next_request_id(self) -> int:
+        """Return a number that no request of this client had."""
+        with self.changed:
+            self._request_id += 1
+            return self._request_id
+
+    def encode(self, request: protocol.Request, request_id: int) -> bytes:
+        """Return a request in its envelope."""
+        return protocol.encode(
+            protocol.Command(
+                version=protocol.PROTOCOL_VERSION, client_id=self.client_id, request_id=request_id, request=request
+            )
+        )
+
+    def put_target(self, stream_id: int, target: protocol.Target) -> None:
+        """Send the newest target of a stream."""
+        self.require_own_process()
+        self.transport.put(protocol.target_key(self.client_id, stream_id), protocol.encode(target))
+
+    def keep_alive(self) -> None:
+        """Begin to show that this client lives, every 50 ms."""
+        if self._stop_keepalive is None:
+            self._stop_keepalive = self.transport.every(protocol.KEEPALIVE_PERIOD_NS, self._beat)
+
+    def _beat(self) -> None:
+        self.transport.put(protocol.keepalive_key(self.client_id), b"")
+        try:
+            self.observe()
+        except GatewayError as error:
+            log.warning("%s", error)
+
+    def own(self, epoch: int) -> Lease:
+        """Remember that the robot is ours."""
+        self._holding += 1
+        self.lease = Lease(epoch=epoch, daemon=self.daemon, holding=self._holding)
+        return self.lease
+
+    def let_go(self) -> None:
+        """Forget the lease: it was given back, refused, or lost."""
+        self.lease = None
+        stop, self._stop_keepalive = self._stop_keepalive, None
+        if stop is not None:
+            stop()
+
+    def abandon(self) -> None:
+        """Leave the robot held, at once and without waiting: what an exception and Ctrl-C do."""
+        lease = self.lease
+        if lease is None or os.getpid() != self.pid:
+            return
+        self.let_go()
+        payload = self.encode(protocol.Abandon(epoch=lease.epoch), self.next_request_id())
+        self.transport.ask(protocol.COMMAND_KEY, payload, protocol.REPLY_WITHIN_NS / 1e9, _ignore)
+
+    def close(self) -> None:
+        """Disconnect; with the lease, the robot is left held. Does nothing in a forked process."""
+        if os.getpid() != self.pid or self._closed:
+            return
+        self.abandon()
+        self._closed = True
+        self.transport.close()
+        self.notify()
+
+
+def _ignore(_: bytes | None) -> None:
+    """Take a reply that nobody waits for."""
+
+
+def _disconnected(message: str, hint: str = "") -> GatewayError:
+    return to_exception(Refusal(code=Code.DISCONNECTED, message=message, hint=hint))
