@@ -190,6 +190,13 @@ def test_what_is_shown_loads_back_to_the_same_settings(settings: Settings) -> No
     assert config.loads(config.show(settings), "shown") == settings
 
 
+@pytest.mark.parametrize("letter", [*map(chr, range(0x101)), "\u2028", "\ufeff", "😀"], ids=ascii)
+def test_a_path_with_any_letter_is_shown_so_that_it_loads_back(letter: str) -> None:
+    """Quotes, backslashes and control characters are escaped as TOML demands, DEL included."""
+    settings = Settings(local=LocalSettings(users_file=f"/a{letter}b"))
+    assert config.loads(config.show(settings), "shown") == settings
+
+
 def test_what_is_shown_is_what_the_default_file_says() -> None:
     """Showing the defaults gives the default file without its comments: one spelling of every value."""
     lines = DEFAULT_TOML.read_text(encoding="utf-8").splitlines()
