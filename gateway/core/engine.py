@@ -235,6 +235,7 @@ class Engine:
         self._look_at_lease(now_ns, late_ns)
         self._look_at_robot(now_ns)
         self._answer_requests(now_ns)
+        self._look_at_lease(now_ns, 0)  # an owner that abandons is lost in this tick, not in the next
         self._move_on(now_ns)
         frames = self._outlet.frames(now_ns, stops_only=is_late)
         remembered = self._conductor.remembered()
