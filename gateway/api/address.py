@@ -72,8 +72,8 @@ def parse_address(text: str) -> Address:
             _refuse_options(text)
             return Address(locator=text)
     name = text.removeprefix("unix:").removeprefix("unixsock-stream/")
-    if not name or (name == text and os.sep not in name):
-        raise AddressRefused(f"{text!r} is no address: unix:/path, a path with a slash, or tcp/HOST:PORT is one")
+    if not name or (name == text and not name.startswith(("/", "./", "../", "~"))):
+        raise AddressRefused(f"{text!r} is no address: unix:PATH, /PATH, ./PATH or tcp/HOST:PORT is one")
     _refuse_options(name)
     path = Path(os.path.abspath(Path(name).expanduser()))
     if len(os.fsencode(path)) > MAX_PATH_BYTES:

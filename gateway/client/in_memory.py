@@ -84,18 +84,18 @@ class MemoryTransport:
 
     def wait(self, changed: threading.Condition, timeout_s: float) -> None:
         """Run the engine for one tick instead of waiting, and beat what is due."""
-        self.step()
-
-    def step(self) -> None:
-        """Let one tick pass."""
         self._pump()
+        self.beat()
+
+    def beat(self) -> None:
+        """Beat what is due by now."""
         for beat in list(self._beats):
             if self._now_ns() >= beat.due_ns:
                 beat.due_ns += beat.period_ns
                 beat.call()
 
     def every(self, period_ns: int, beat: Callable[[], None]) -> Callable[[], None]:
-        """Call `beat` now, and from `step` on a grid of `period_ns`."""
+        """Call `beat` now, and when time passes on a grid of `period_ns`."""
         entry = _Beat(period_ns, self._now_ns() + period_ns, beat)
         self._beats.append(entry)
         beat()

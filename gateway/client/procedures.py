@@ -289,6 +289,7 @@ def result(session: Session, motion: Motion, timeout_ns: int) -> Procedure[Motio
         yield Seen(session, lambda _: True if motion.ended else None, timeout_ns, what, after_seq=motion.after_seq)
     view = motion.view
     if motion.missing or view is None:
+        session.require_daemon(motion.daemon)
         raise to_exception(
             Refusal(code=Code.OUTCOME_UNKNOWN, message=f"motion {motion.motion_id} is not listed any more")
         )

@@ -64,12 +64,14 @@ class Motion:
 
     Attributes:
         motion_id: Of the reply.
+        daemon: Which one carries it out.
         after_seq: Snapshots up to this one may not know it yet.
         view: Last known state; None before the first.
-        missing: A snapshot that must know it does not: it ended unseen, long ago.
+        missing: A snapshot that must know it does not, or its daemon is gone: nothing more will be heard of it.
     """
 
     motion_id: int
+    daemon: str
     after_seq: int
     view: protocol.MotionView | None = None
     missing: bool = False
@@ -148,9 +150,12 @@ class Session:
                 (self.other_versions.add if alive else self.other_versions.discard)(version)
             elif alive:
                 if daemon != self.daemon:
-                    # Another daemon counts its snapshots anew, and may have other limits.
+                    # Another daemon counts snapshots and motions anew, and may have other limits.
                     self._newest = self._sighting = self.info = None
                     self._last_seq = 0
+                    for motion in self._motions.values():
+                        motion.missing = True
+                    self._motions.clear()
                 self.daemon, self._gone_since_ns = daemon, 0
             elif daemon == self.daemon and not self._gone_since_ns:
                 self._gone_since_ns = self.transport.now_ns()
@@ -249,7 +254,7 @@ class Session:
     def follow(self, motion_id: int, after_seq: int) -> Motion:
         """Keep track of a motion of ours from now on."""
         with self.changed:
-            motion = self._motions.setdefault(motion_id, Motion(motion_id, after_seq))
+            motion = self._motions.setdefault(motion_id, Motion(motion_id, self.daemon, after_seq))
             if self._sighting is not None:
                 self._follow(self._sighting.view)
             return motion

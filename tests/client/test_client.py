@@ -1,0 +1,325 @@
+"""Tests of the blocking client's door, looking and stopping; owning is in test_control.py."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from gateway.client import Robot, connect
+from gateway.core import events
+from gateway.core.events import Level, Notice
+from gateway.errors import (
+    Code,
+    Disconnected,
+    GatewayTimeout,
+    NotReady,
+    OutcomeUnknown,
+    ProtocolError,
+    Refusal,
+    Rejected,
+    Stale,
+)
+from tests.api.stand_in import START_Q, a_snapshot
+
+
+def test_connecting_gives_facts_and_a_first_state(world):
+    """After connect() the daemon's facts and a state are there; nothing was asked of the engine."""
+    with connect(transport=world.transport(), name="eyes") as robot:
+        assert isinstance(robot, Robot)
+        assert robot.info.model == "standard" and robot.info.pid == 4711
+        assert robot.state.state == "READ_ONLY"
+        assert "eyes" in repr(robot)
+    assert world.engine.requests == []
+    world.run(0.02)
+    assert world.engine.gone == [robot.client_id]
+
+
+def test_connecting_to_nobody_times_out_as_disconnected(world):
+    """Without a daemon the wait ends in time, with the class that says: try again."""
+    world.plane.reachable = False
+    before_ns = world.time_ns
+    with pytest.raises(Disconnected) as caught:
+        connect(transport=world.transport(), timeout_s=2.0)
+    assert caught.value.code is Code.DISCONNECTED and "ta2 run" in caught.value.hint
+    assert 2.0 <= (world.time_ns - before_ns) / 1e9 < 2.2
+
+
+def test_a_daemon_of_another_version_is_named(world):
+    """A daemon that speaks another protocol is told apart from no daemon."""
+    world.plane.reachable = False
+    transport = world.transport()
+    join = world.plane.join
+    world.plane.join = lambda client, listener: (
+        join(client, listener),
+        listener.on_daemon("ta2/7/alive/daemon/x", True),
+    )
+    with pytest.raises(ProtocolError) as caught:
+        connect(transport=transport)
+    assert caught.value.code is Code.UNSUPPORTED_VERSION and "7" in str(caught.value)
+
+
+@pytest.mark.parametrize("target", ["gateway.sock", "udp/127.0.0.1:1", "tcp/127.0.0.1", "tcp/h:99999", "unix:", "/x#y"])
+def test_what_is_no_address_is_rejected(target):
+    """A target that cannot be an address is refused before anything is opened."""
+    with pytest.raises(Rejected) as caught:
+        connect(target)
+    assert caught.value.field == "target"
+
+
+def test_a_socket_that_is_not_there_is_named(tmp_path):
+    """Connecting to a path without a socket says which path, at once."""
+    with pytest.raises(Disconnected, match=r"no\.sock"):
+        connect(str(tmp_path / "no.sock"))
+
+
+def test_state_has_units_shapes_and_ages(world, robot):
+    """Vectors are read-only numpy of the right shape; ages count on from the daemon's figure."""
+    arm = robot.state.left_arm
+    assert arm.q.shape == (7,) and arm.q.dtype == np.float64
+    assert np.allclose(arm.q, START_Q) and np.allclose(arm.tau, 0.5)
+    with pytest.raises(ValueError, match="read-only"):
+        arm.q[0] = 1.0
+    assert arm.age == pytest.approx(0.002, abs=0.011)
+    assert arm.pose.p.shape == (3,) and arm.pose.quat_xyzw.shape == (4,) and arm.pose.frame == "left_shoulder_base"
+    assert arm.q_ref.shape == (0,) and not arm.is_streaming and arm.tracking_error is None
+    world.engine.frozen = True
+    world.run(0.5)
+    assert robot.state.left_arm.age == pytest.approx(0.5, abs=0.03)
+    assert robot.state.age == pytest.approx(0.5, abs=0.03)
+
+
+def test_what_was_never_measured_is_stale_not_zero(robot):
+    """A part without a sample raises when it is read, and tells beforehand."""
+    gripper = robot.state.right_gripper
+    assert not gripper.is_known and gripper.age == float("inf")
+    with pytest.raises(Stale) as caught:
+        _ = gripper.q
+    assert caught.value.code is Code.PART_STALE and caught.value.field == "right_gripper"
+    assert robot.state.left_gripper.q.shape == (1,)
+
+
+def test_a_state_does_not_change_after_it_was_taken(world, robot):
+    """A state is of one instant: later snapshots make later states."""
+    state = robot.state
+    world.engine.show(state="OFFLINE", fsm=None)
+    world.run(0.05)
+    assert state.state == "READ_ONLY" and state.fsm_name == "PAUSE"
+    assert robot.state.state == "OFFLINE" and robot.state.fsm_name == "UNKNOWN"
+    with pytest.raises(AttributeError):
+        state.age = 1.0
+
+
+def test_states_are_new_ones_at_most_at_the_rate_asked_for(world, robot):
+    """states() yields rising numbers, not faster than asked."""
+    states = robot.states(max_rate=10.0)
+    before_ns = world.time_ns
+    seqs = [next(states).seq for _ in range(11)]
+    assert seqs == sorted(set(seqs))
+    assert (world.time_ns - before_ns) / 1e9 == pytest.approx(1.0, abs=0.05)
+
+
+def test_states_end_with_a_timeout_when_none_comes(world, robot):
+    """A daemon that makes no snapshots does not hold its viewers for ever; the message says what was seen last."""
+    states = robot.states(timeout=0.5)
+    next(states)
+    world.engine.frozen = True
+    with pytest.raises(GatewayTimeout, match="READ_ONLY"):
+        next(states)
+
+
+@pytest.mark.parametrize("rate", [0.0, -1.0, float("nan")])
+def test_a_rate_of_states_must_be_positive(robot, rate):
+    """A rate that means nothing is refused."""
+    with pytest.raises(Rejected):
+        next(robot.states(max_rate=rate))
+
+
+def test_events_come_in_order_and_end_with_silence(world, robot):
+    """events() yields what was told since connect(), and ends when the daemon is silent."""
+    for n in range(3):
+        world.engine.notices.append(
+            Notice(code=Code.LINK_UP, level=Level.INFO, message=f"n{n}", at_ns=n, facts={"a": "b"})
+        )
+    world.run(0.02)
+    told = list(robot.events(timeout=0.2))
+    assert [notice.message for notice in told] == ["n0", "n1", "n2"]
+    assert told[0].code == "LINK_UP" and told[0].level == "info" and told[0].facts == {"a": "b"}
+    assert list(robot.events(timeout=0.0)) == []
+
+
+def test_notices_that_nobody_reads_are_dropped_and_counted(world, robot):
+    """A client that never reads its events keeps the newest thousand and knows how many it lost."""
+    for n in range(1200):
+        world.engine.notices.append(Notice(code=Code.LINK_UP, level=Level.INFO, message=str(n), at_ns=n))
+    world.run(0.02)
+    assert robot.health().notices_dropped == 200
+    assert next(robot.events()).message == "200"
+
+
+def test_health_tells_what_is_not_well(world, robot):
+    """health() is plain, says ok when it is, and names what is not."""
+    health = robot.health()
+    assert health.ok and health.daemon and health.link_up and health.fsm == "PAUSE" and health.lease_holder is None
+    assert health.ages["/fsm_state"] == pytest.approx(0.02, abs=0.02) and health.ages["/chassis/joint_states"] is None
+    assert health.streams == {"/api/fsm/enable": 0.051} and health.loop_skipped == 1
+    world.engine.show(latches={"ESTOP": "estop()"}, shown="ESTOP")
+    world.run(0.02)
+    assert not robot.health().ok and robot.health().latches == ("ESTOP",) and robot.health().state == "ESTOP"
+
+
+def test_health_never_raises_without_a_daemon(world, robot):
+    """A dead daemon is something that health() tells, not something that stops it."""
+    world.plane.set_reachable(False)
+    world.run(3.0)
+    health = robot.health()
+    assert not health.ok and not health.daemon and health.snapshot_age > 2.9
+    with pytest.raises(Disconnected):
+        _ = robot.state
+
+
+def test_dropped_snapshots_are_counted(world, robot):
+    """Gaps in the numbers of snapshots are counted without decoding any."""
+    session = world.plane._listeners[robot.client_id]
+    seq = session._last_seq
+    session.on_snapshot(b"?", seq + 5, world.time_ns)
+    assert robot.health.__self__._session.snapshots_dropped == 4
+
+
+def test_a_snapshot_that_cannot_be_read_is_a_protocol_error(world, robot):
+    """Nonsense from the daemon is told as such, never as a stray decoding error."""
+    world.plane._listeners[robot.client_id].on_snapshot(b"\xc1", 10_000, world.time_ns)
+    with pytest.raises(ProtocolError):
+        _ = robot.state
+
+
+def test_anybody_stops_and_recovers(world, robot):
+    """stop, estop and recover need no lease; the latch of a stranger's stop is seen and cleared."""
+    assert robot.stop("looks odd").undelivered is False
+    world.run(0.02)
+    assert robot.state.latches == {"STOPPED_BY_OTHER": "stop(): looks odd"} and robot.state.shown == "FAULT"
+    robot.estop("worse")
+    robot.recover()
+    world.run(0.02)
+    assert robot.state.latches == {} and world.engine.names() == ["Stop", "Estop", "Recover"]
+
+
+def test_an_undelivered_stop_is_said_and_remembered_until_one_gets_through(world, robot):
+    """Without a transport to the robot the stop says so, and health() keeps saying it."""
+    world.engine.show(link=a_snapshot().link.__class__(up=False, router_zid="", fresh=False, age_ns=None))
+    assert robot.stop().undelivered is True
+    assert robot.health().stop_undelivered and not robot.health().ok
+    world.engine.show(link=a_snapshot().link)
+    assert robot.stop().undelivered is False
+    assert not robot.health().stop_undelivered
+    world.engine.notices.append(Notice(code=Code.STOP_UNDELIVERED, level=Level.ERROR, message="!", at_ns=1))
+    world.run(0.02)
+    assert robot.health().stop_undelivered
+
+
+def test_a_refusal_arrives_as_its_class_with_all_its_facts(world, robot):
+    """Code, field, value, bound, unit and hint of a refusal survive the way."""
+    refusal = Refusal(
+        code=Code.LATCH_PERSISTS, message="m", field="f", value="v", bound="b", unit="rad", hint="do this"
+    )
+    world.engine.refusals[events.Recover] = refusal
+    with pytest.raises(NotReady) as caught:
+        robot.recover()
+    assert caught.value.refusal == refusal
+
+
+def test_a_lost_reply_is_an_unknown_outcome(world, robot):
+    """A command whose reply never comes is not called failed: it may have run."""
+    world.engine.mute = {events.Recover}
+    with pytest.raises(OutcomeUnknown) as caught:
+        robot.recover()
+    assert "did not answer" in str(caught.value) and world.engine.names() == ["Recover"]
+
+
+def test_a_lost_reply_is_asked_for_again_and_the_command_runs_once(world, robot):
+    """When only the reply was lost, the same number is asked again and gets the first reply."""
+    ask, lost = world.plane.ask, []
+
+    def lossy(key, payload, encoding, on_done):
+        if lost:
+            ask(key, payload, encoding, on_done)
+        else:  # the daemon gets it, the reply is lost
+            lost.append(payload)
+            ask(key, payload, encoding, lambda _: on_done(None))
+
+    world.plane.ask = lossy
+    robot.stop("once")
+    assert lost and world.engine.names() == ["Stop"]
+
+
+def test_a_daemon_that_dies_before_it_answers_leaves_the_outcome_unknown(world, robot):
+    """A connection that breaks while a reply is under way is an unknown outcome, soon, not after all of the timeout."""
+    world.engine.mute = {events.Recover}
+    world.on_tick = lambda: world.plane.set_reachable(False) if world.engine.names() else None
+    ask = world.plane.ask
+    world.plane.ask = lambda key, payload, encoding, on_done: (
+        ask(key, payload, encoding, lambda _: None),
+        on_done(None),
+    )
+    before_ns = world.time_ns
+    with pytest.raises(OutcomeUnknown):
+        robot.recover()
+    assert (world.time_ns - before_ns) / 1e9 < 1.5
+
+
+def test_without_a_daemon_nothing_is_sent(world, robot):
+    """A command to a daemon that is gone is Disconnected: it certainly did not run."""
+    world.plane.set_reachable(False)
+    world.run(1.5)
+    with pytest.raises(Disconnected):
+        robot.stop()
+    assert world.engine.requests == []
+
+
+def test_a_hiccup_of_the_connection_is_bridged(world, robot):
+    """A connection that is back within a second costs no exception."""
+    world.plane.set_reachable(False)
+    world.run(0.5)
+    assert robot.state.state == "READ_ONLY"
+    world.plane.set_reachable(True)
+    robot.stop()
+
+
+def test_a_restarted_daemon_is_read_anew(world, robot):
+    """After a restart the same client reads the new daemon: its facts and its snapshots count from one again."""
+    world.run(0.5)
+    world.plane.set_reachable(False)
+    world.plane._daemon_id = "second"
+    world.engine.snapshot = a_snapshot(seq=0, state="OFFLINE")
+    world.plane.set_reachable(True)
+    assert robot.state.state == "OFFLINE" and robot.state.seq < 10
+    assert robot.info.pid == 4711
+
+
+def test_a_closed_client_says_so(world, robot):
+    """After close() nothing hangs and nothing is sent; closing twice is fine."""
+    robot.close()
+    robot.close()
+    with pytest.raises(Disconnected, match="closed"):
+        robot.stop()
+    with pytest.raises(Disconnected, match="closed"):
+        _ = robot.state
+
+
+def test_a_forked_process_is_told_to_connect_itself(world, robot, monkeypatch):
+    """Zenoh's threads do not survive a fork: the child is told so instead of hanging."""
+    monkeypatch.setattr("gateway.client.session.os.getpid", lambda: 1)
+    with pytest.raises(Disconnected, match="forked"):
+        _ = robot.state
+    with pytest.raises(Disconnected, match="forked"):
+        robot.stop()
+    robot.close()  # a child that leaves its `with` block must not close its parent's connection
+    monkeypatch.undo()
+    assert robot.state.state == "READ_ONLY"
+
+
+@pytest.mark.parametrize(("name", "value"), [("on_loss", "drop"), ("on_exit", "stop")])
+def test_words_that_mean_nothing_are_rejected(robot, name, value):
+    """A wrong word for what happens on loss or exit is refused before the lease is asked for."""
+    with pytest.raises(Rejected) as caught:
+        robot.control(**{name: value})
+    assert caught.value.field == name
