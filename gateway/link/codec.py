@@ -47,10 +47,12 @@ S = 1_000_000_000
 MAX_MODE_CHARACTERS = 16_384
 """Longest `/api/current_mode` that is parsed; the documented one has about 250 characters."""
 
-_STATE_ROWS: Final = {name: robot.TOPICS[name] for name in robot.STATE_TOPICS}
 _COMMAND_ROWS: Final = {name: robot.TOPICS[name] for name in robot.COMMAND_TOPICS}
 _ARM_TOPICS: Final = frozenset(robot.arm_state(side) for side in Side)
 _NAMES: Final = {name: list(row.names) for name, row in robot.TOPICS.items()}
+
+
+_Read = Callable[[robot.Topic, IdlStruct], StateValue]
 
 
 class BadSample(ValueError):
@@ -91,12 +93,12 @@ def decode_sample(topic: str, payload: bytes) -> StateValue:
     Raises:
         BadSample: If it cannot be believed.
     """
-    row = _state_row(topic)
+    row, cls, read = _reader_of(topic)
     try:
-        message = decode(payload, message_type(row.type_name))
+        message = decode(payload, cls)
     except CdrError as error:
         raise BadSample(Code.SAMPLE_REFUSED, f"{len(payload)} bytes are no {row.type_name}: {error}") from error
-    return _READERS[row.type_name](row, message)
+    return read(row, message)
 
 
 def from_message(topic: str, message: IdlStruct) -> StateValue:
@@ -109,10 +111,10 @@ def from_message(topic: str, message: IdlStruct) -> StateValue:
     Raises:
         BadSample: If it cannot be believed.
     """
-    row = _state_row(topic)
-    if not isinstance(message, message_type(row.type_name)):
+    row, cls, read = _reader_of(topic)
+    if not isinstance(message, cls):
         raise BadSample(Code.SAMPLE_REFUSED, f"{topic} carries {row.type_name}, not {type(message).__name__}")
-    return _READERS[row.type_name](row, message)
+    return read(row, message)
 
 
 def stamp_of(value: StateValue) -> int | None:
@@ -120,11 +122,11 @@ def stamp_of(value: StateValue) -> int | None:
     return value.stamp_ns if isinstance(value, MotorState) else None
 
 
-def _state_row(topic: str) -> robot.Topic:
-    row = _STATE_ROWS.get(topic)
-    if row is None:
+def _reader_of(topic: str) -> tuple[robot.Topic, type[IdlStruct], _Read]:
+    reader = _READER_OF.get(topic)
+    if reader is None:
         raise BadSample(Code.SAMPLE_REFUSED, f"{topic!r} is no state topic of this robot (manual §4.8, §4.11)")
-    return row
+    return reader
 
 
 def _read_motors(row: robot.Topic, message: IdlStruct) -> MotorState:
@@ -196,11 +198,15 @@ def _flag(fields: Mapping[str, object], key: str) -> bool:
     return bool(value)
 
 
-_READERS: Final[Mapping[str, Callable[[robot.Topic, IdlStruct], StateValue]]] = {
+_READERS: Final[Mapping[str, _Read]] = {
     robot.JOINT_STATE: _read_motors,
     robot.POSE: _read_pose,
     robot.INT32: _read_fsm,
     robot.STRING: _read_mode,
+}
+_READER_OF: Final = {
+    name: (robot.TOPICS[name], message_type(robot.TOPICS[name].type_name), _READERS[robot.TOPICS[name].type_name])
+    for name in robot.STATE_TOPICS
 }
 
 # -------------------------------------------------------------------------------------------------------- to the robot

@@ -277,7 +277,7 @@ class Discovery:
                 words[topic] = "inactive: the robot's bridge does not write it; restart the robot's bridge"
             elif not matching.get(topic, False):
                 words[topic] = "no match: announced, but the router knows no subscriber"
-            elif self._keys[topic] in active:
+            elif active.get(self._keys[topic]) is True:
                 words[topic] = "ready"
             else:
                 words[topic] = "ready, as far as the tokens tell (admin space not readable)"

@@ -12,15 +12,13 @@ Any thread puts payloads in, one thread (the loop's) takes the newest out. Rules
   new subscription of a re-declared route) can only swap two neighbours. `newest_ns` is one assignment of an int.
 * Bounded: with nobody taking, the oldest payloads are forgotten and the counters become lower bounds.
 
-Knows no zenoh, no clock and no message but the stamp.
+Knows no zenoh, no clock and nothing of a message but where its stamp is.
 """
 
 from __future__ import annotations
 
 from collections import deque
-from dataclasses import dataclass
-
-from cdr_types import CdrError, peek_stamp
+from typing import Final, NamedTuple
 
 __all__ = ["CAPACITY", "Arrival", "Mailbox"]
 
@@ -30,22 +28,27 @@ CAPACITY = 1024
 REMEMBERED_STAMPS = 4
 """A copy may come this many distinct samples late."""
 
+STAMP: Final = slice(4, 12)
+"""Where the stamp lies in the payload of a type with a header, whichever its byte order: behind the encapsulation
+header. Copies are byte-identical, so the raw bytes tell as much as the number would."""
+STAMP_BYTES: Final = 8
+NEVER_SET: Final = bytes(STAMP_BYTES)
 
-@dataclass(frozen=True, slots=True)
-class Arrival:
+
+class Arrival(NamedTuple):
     """The newest payload since the last `take`, and what happened on the way.
 
     Attributes:
         payload: As it came.
         received_ns: Local monotonic arrival [ns].
-        count: Samples since the last arrival that was taken, this one included, copies excluded.
+        samples: Number of samples since the last arrival that was taken, this one included, copies excluded.
         duplicates: Copies skipped in the same time.
         worst_gap_ns: Longest interval between two samples, copies excluded [ns]; 0 when there was no earlier one.
     """
 
     payload: bytes
     received_ns: int
-    count: int
+    samples: int
     duplicates: int
     worst_gap_ns: int
 
@@ -66,7 +69,7 @@ class Mailbox:
         self.newest_ns: int | None = None
         self._is_stamped = is_stamped
         self._inbox: deque[tuple[int, bytes]] = deque(maxlen=CAPACITY)
-        self._stamps: deque[int] = deque(maxlen=REMEMBERED_STAMPS)
+        self._stamps: deque[bytes] = deque(maxlen=REMEMBERED_STAMPS)
         self._last_ns: int | None = None
         self._duplicates = 0
 
@@ -88,35 +91,27 @@ class Mailbox:
         inbox = self._inbox
         if not inbox:
             return None
-        newest: tuple[int, bytes] | None = None
+        is_stamped, stamps = self._is_stamped, self._stamps
+        newest: bytes | None = None
         count = worst_gap_ns = 0
         last_ns = self._last_ns
         # As many as there are now: a flood that comes in meanwhile cannot hold the loop here.
         for _ in range(len(inbox)):
-            item = inbox.popleft()
-            received_ns, payload = item
-            if self._is_stamped and self._is_copy(payload):
-                self._duplicates += 1
-                continue
-            if last_ns is not None:
-                worst_gap_ns = max(worst_gap_ns, received_ns - last_ns)
+            received_ns, payload = inbox.popleft()
+            if is_stamped:
+                stamp = payload[STAMP]
+                if stamp in stamps:
+                    self._duplicates += 1
+                    continue
+                if stamp != NEVER_SET and len(stamp) == STAMP_BYTES:
+                    stamps.append(stamp)
+            if last_ns is not None and received_ns - last_ns > worst_gap_ns:
+                worst_gap_ns = received_ns - last_ns
             last_ns = received_ns
-            newest = item
+            newest = payload
             count += 1
-        if newest is None:
+        if newest is None or last_ns is None:
             return None
         self._last_ns = last_ns
         duplicates, self._duplicates = self._duplicates, 0
-        return Arrival(newest[1], newest[0], count, duplicates, worst_gap_ns)
-
-    def _is_copy(self, payload: bytes) -> bool:
-        try:
-            stamp_ns = peek_stamp(payload)
-        except CdrError:
-            return False  # decoding will say what is wrong with it
-        if stamp_ns == 0:
-            return False
-        if stamp_ns in self._stamps:
-            return True
-        self._stamps.append(stamp_ns)
-        return False
+        return Arrival(newest, last_ns, count, duplicates, worst_gap_ns)

@@ -12,7 +12,8 @@ Rules:
   enough to send at all is the engine's decision, not the link's.
 * Who has polled a LinkDown before a LinkUp has seen every outage, however short; another router id means another robot
   process.
-* `close` is bounded whatever the robot does. It must be called: zenoh's callback threads keep a process alive.
+* `close` is bounded whatever the robot does. Call it: zenoh's callback threads keep a process alive. Who forgets is
+  helped out: the link closes by itself when the main thread has ended.
 
 Knows no state of the robot, no lease and no mode.
 """
@@ -28,7 +29,8 @@ from collections.abc import Callable
 import zenoh
 
 from gateway import robot
-from gateway.core.events import Event, Frame, LinkDown, LinkUp, RouteObserved, SampleArrived, SampleRefused
+from gateway.core.events import Event, LinkDown, LinkUp, RouteObserved, SampleArrived, SampleRefused
+from gateway.core.gate import Cleared
 from gateway.link.codec import BadFrame, BadSample, decode_sample, encode_frame, stamp_of
 from gateway.link.discovery import Discovery, Sight
 from gateway.link.mailbox import Mailbox
@@ -92,7 +94,7 @@ class RobotLink:
         self._session: RobotSession | None = None
         self._discovery: Discovery | None = None
         self._closing = threading.Event()
-        self._worker = threading.Thread(target=self._work, name="robot-link", daemon=True)
+        self._worker = threading.Thread(target=self._work, name="robot-link")
 
     @property
     def is_up(self) -> bool:
@@ -155,7 +157,7 @@ class RobotLink:
                     value=value,
                     received_ns=arrival.received_ns,
                     stamp_ns=stamp_of(value),
-                    count=arrival.count,
+                    count=arrival.samples,
                     duplicates=arrival.duplicates,
                     worst_gap_ns=arrival.worst_gap_ns,
                 )
@@ -164,7 +166,7 @@ class RobotLink:
             events.sort(key=_time_of)
         return events
 
-    def publish(self, frame: Frame) -> None:
+    def publish(self, frame: Cleared) -> None:
         """Send a frame that the gate has cleared. The loop's thread only; waits at most half a millisecond.
 
         Without transport nothing is sent: the frame is counted in `undelivered`.
@@ -230,6 +232,7 @@ class RobotLink:
                 mailboxes=self._mailboxes, transport=self._note_transport, token=discovery.tokens.receive
             )
             self._session = session = RobotSession(opened, self._settings, listener, self._clock)
+            session.listen()  # only now: who is told of a transport can publish
             self._follow(discovery, session)
         finally:
             self._session = None
@@ -238,11 +241,12 @@ class RobotLink:
 
     def _follow(self, discovery: Discovery, session: RobotSession) -> None:
         try:
-            while not self._closing.wait(STEP_S):
+            while self._goes_on(STEP_S):
                 self._look(discovery, session)
         except Exception:  # noqa: BLE001  # a fault of the diagnosis must not take the link away: logged, not hidden
             _log.exception("discovery ended: routes are no longer watched, the link goes on")
-            self._closing.wait()
+            while self._goes_on(STEP_S):
+                pass
 
     def _look(self, discovery: Discovery, session: RobotSession) -> None:
         if not self._router_zid:
@@ -264,22 +268,26 @@ class RobotLink:
         """Return an open session, however long it takes; None when the link closes first."""
         retry_s = FIRST_RETRY_S
         has_failed = False
-        while not self._closing.is_set():
+        while self._goes_on(0.0):
             try:
                 session = zenoh.open(zenoh.Config.from_json5(self._config))
             except zenoh.ZError as error:
                 if not has_failed:
                     _log.warning("no zenoh router at %s yet, trying on: %s", self._settings.endpoint, error)
                 has_failed = True
-                self._closing.wait(retry_s)
+                self._goes_on(retry_s)
                 retry_s = min(2 * retry_s, MAX_RETRY_S)
                 continue
-            if self._closing.is_set():
+            if not self._goes_on(0.0):
                 session.close()  # type: ignore[no-untyped-call]  # zenoh's stub gives no types here
                 break
             _log.info("connected to %s as %s", self._settings.endpoint, session.zid())
             return session
         return None
+
+    def _goes_on(self, pause_s: float) -> bool:
+        """Wait, then return whether the link is still wanted: nobody closed it and the program has not ended."""
+        return not self._closing.wait(pause_s) and threading.main_thread().is_alive()
 
     def _ask(self, selector: str) -> dict[str, bytes]:
         session = self._session

@@ -1,8 +1,9 @@
 """One open zenoh session to the robot's router, with everything declared on it. The only module here that uses zenoh.
 
-Order of the declarations: transport events, our own liveliness tokens, subscriptions, tokens of others, publishers.
-A token per state topic comes before its subscription, since without it somebody else's leaving subscriber ends our
-state for good (wire.md fact 8). After a reconnect zenoh declares everything again by itself.
+Order of the declarations: publishers, transport events, our own liveliness tokens, subscriptions, tokens of others.
+Publishers come first because zenoh drops what is put before the router has said who listens: when the first state
+comes, commands get through. A token per state topic comes before its subscription, since without it somebody else's
+leaving subscriber ends our state for good (wire.md fact 8). After a reconnect zenoh declares all of it again by itself.
 
 Callbacks only stamp and store. They run in Python threads of their own, one per subscription (`indirect=True`): called
 directly from zenoh's one reader thread, each sample would wait for the GIL in line with all others. Measured with
@@ -70,7 +71,7 @@ class SessionListener:
 
 
 class RobotSession:
-    """Declares everything on an open session and keeps it referenced.
+    """Declares everything on an open session and keeps it referenced: commands at once, the rest with `listen`.
 
     Args:
         session: Open zenoh session; whoever opened it closes it, and everything declared goes with it.
@@ -87,16 +88,17 @@ class RobotSession:
         self._listener = listener
         self._keys = {topic: topic_to_key(topic, settings.namespace) for topic in robot.TOPICS}
         self.zid = str(session.zid())
-        # Any: zenoh's declared objects, kept because dropping one undeclares it.
-        self._kept: list[Any] = [
-            session.info.declare_transport_events_listener(zenoh.handlers.Callback(self._on_transport), history=True)
-        ]
+        self._publishers = {topic: self._publisher(topic) for topic in settings.variant.command_topics}
+        self._subscribers: dict[str, zenoh.Subscriber[None]] = {}
+        self._kept: list[Any] = []  # Any: whatever zenoh declares; dropping one would undeclare it
+
+    def listen(self) -> None:
+        """Declare everything that comes in; from here on the listener is called."""
+        session, callback = self._session, zenoh.handlers.Callback
+        self._kept.append(session.info.declare_transport_events_listener(callback(self._on_transport), history=True))
         self._kept += [session.liveliness().declare_token(self._own_token(topic)) for topic in robot.STATE_TOPICS]
         self._subscribers = {topic: self._subscribe(topic) for topic in robot.STATE_TOPICS}
-        self._kept.append(
-            session.liveliness().declare_subscriber(ALL_TOKENS, zenoh.handlers.Callback(self._on_token), history=True)
-        )
-        self._publishers = {topic: self._publisher(topic) for topic in settings.variant.command_topics}
+        self._kept.append(session.liveliness().declare_subscriber(ALL_TOKENS, callback(self._on_token), history=True))
 
     def put(self, topic: str, payload: bytes) -> bool:
         """Send a payload; return False when the session is closed."""

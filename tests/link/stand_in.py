@@ -134,7 +134,9 @@ class StandIn:
 
     def _take(self, sample) -> None:
         kind = "put" if sample.kind == zenoh.SampleKind.PUT else "delete"
-        entry = f"{kind} {sample.payload.to_bytes().hex()}" if len(sample.payload) < 400 else f"{kind} long"
+        payload = sample.payload.to_bytes()
+        lane = f"{sample.priority} {sample.congestion_control} {'express' if sample.express else 'batched'}"
+        entry = f"{kind} {payload.hex() if len(payload) < 400 else 'long'} {lane}"
         self.received.setdefault(str(sample.key_expr), []).append(entry)
 
     def _answer(self, query) -> None:

@@ -1,0 +1,324 @@
+"""Rules of `gateway.link.discovery`: what tokens and admin space make of a topic. Answers are given here."""
+
+from __future__ import annotations
+
+import json
+import logging
+import threading
+
+import pytest
+
+from cdr_types.keys import Qos, Token, TokenKind, format_token, presence_key, topic_to_key
+from gateway import robot
+from gateway.errors import Code
+from gateway.link.discovery import Discovery, Sight, TokenTable
+from gateway.settings import LinkSettings
+from gateway.values import Side
+
+S = 1_000_000_000
+BRIDGE = "b1d6e"
+OWN = "0e11"
+HOST = "4057"
+ARM = robot.arm_state(Side.LEFT)
+COMMAND = robot.joint_command(Side.LEFT)
+
+
+def token(topic: str, kind: TokenKind, zid: str = BRIDGE) -> str:
+    """Return a token as the bridge writes it."""
+    return format_token(Token(zid=zid, kind=kind, topic=topic, type_name=robot.JOINT_STATE, qos=Qos()))
+
+
+class Robot:
+    """A robot's bridge as discovery sees it, and the discovery that looks at it."""
+
+    def __init__(self, namespace: str = "", model: str = "standard") -> None:
+        self.namespace = namespace
+        self.answers: dict[str, object] = {}
+        self.asked: list[str] = []
+        self.now_ns = 10 * S
+        self.silent: set[str] = set()
+        self.matching = dict.fromkeys(robot.COMMAND_TOPICS, True)
+        self.discovery = Discovery(LinkSettings(namespace=namespace, model=model), OWN, self.ask)
+        for topic, row in robot.TOPICS.items():
+            is_state = row.direction is robot.Direction.STATE
+            self.announce(topic, TokenKind.MP if is_state else TokenKind.MS)
+            self.route(topic, **({"dds_reader": "01.02"} if is_state else {"is_active": True}))
+        self.answers[f"@/{BRIDGE}/ros2/version"] = "1.10.2"
+
+    def key(self, topic: str) -> str:
+        return topic_to_key(topic, self.namespace)
+
+    def announce(self, topic: str, kind: TokenKind, zid: str = BRIDGE, *, is_alive: bool = True) -> None:
+        self.discovery.tokens.receive(token(f"/{self.key(topic)}", kind, zid), is_alive)
+
+    def route(self, topic: str, zid: str = BRIDGE, **fields) -> None:
+        direction = "pub" if robot.TOPICS[topic].direction is robot.Direction.STATE else "sub"
+        self.answers[f"@/{zid}/ros2/route/topic/{direction}/{self.key(topic)}"] = fields
+
+    def ask(self, selector: str) -> dict[str, bytes]:
+        self.asked.append(selector)
+        start, _, rest = selector.partition("@/*/")
+        assert start == ""
+        found = {}
+        for key, fields in self.answers.items():
+            tail = key.split("/", 2)[2]
+            if tail == rest or (rest.endswith("/**") and tail.startswith(rest[:-2])):
+                found[key] = json.dumps(fields).encode()
+        return found
+
+    def step(self, seconds: float = 1.0):
+        self.now_ns += int(seconds * S)
+        newest_ns = {topic: (1 if topic in self.silent else self.now_ns) for topic in robot.STATE_TOPICS}
+        return self.discovery.step(
+            Sight(now_ns=self.now_ns, up_since_ns=0, newest_ns=newest_ns, matching=self.matching)
+        )
+
+
+@pytest.fixture
+def seen() -> Robot:
+    """A robot on which everything works."""
+    return Robot()
+
+
+# ------------------------------------------------------------------------------------------------------------- tokens
+
+
+def test_the_table_holds_what_is_there():
+    """Tokens come and go; each change raises the revision."""
+    table = TokenTable()
+    first, second = token(ARM, TokenKind.MP), presence_key(BRIDGE)
+    table.receive(first, True)
+    table.receive(second, True)
+    table.receive(first, True)
+    assert {t.kind for t in table.all()} == {TokenKind.MP, TokenKind.PRESENCE}
+    table.receive(first, False)
+    assert [t.kind for t in table.all()] == [TokenKind.PRESENCE]
+    assert table.revision == 4
+    table.receive(first, False)
+    assert len(table.all()) == 1
+
+
+@pytest.mark.parametrize("keyexpr", ["", "@/x/@ros2_lv", "@/1a/@ros2_lv/XX/a/b", "left_arm/joint_states"])
+def test_a_token_outside_the_grammar_is_ignored(keyexpr):
+    """Somebody's own tokens are none of our business."""
+    table = TokenTable()
+    table.receive(keyexpr, True)
+    assert table.all() == ()
+    assert table.revision == 0
+
+
+def test_the_table_is_safe_between_threads():
+    """Tokens come from zenoh's threads while the link's own thread reads them."""
+    table = TokenTable()
+    tokens = [token(topic, TokenKind.MP) for topic in robot.STATE_TOPICS]
+
+    def write() -> None:
+        for _ in range(300):
+            for keyexpr in tokens:
+                table.receive(keyexpr, True)
+            for keyexpr in tokens:
+                table.receive(keyexpr, False)
+
+    threads = [threading.Thread(target=write) for _ in range(2)]
+    for thread in threads:
+        thread.start()
+    while any(thread.is_alive() for thread in threads):
+        assert len(table.all()) <= len(tokens)
+    for thread in threads:
+        thread.join()
+    assert table.all() == ()
+    assert table.revision == 2 * 300 * 2 * len(tokens)
+
+
+# ---------------------------------------------------------------------------------------------------------- readiness
+
+
+def test_before_the_first_look_readiness_is_unknown(seen):
+    """No word is said about what was not seen, for each topic of the model and no other."""
+    words = seen.discovery.readiness()
+    assert set(words) == {*robot.STATE_TOPICS, *robot.VARIANTS["standard"].command_topics}
+    assert all(text.startswith("unknown") for text in words.values())
+
+
+@pytest.mark.parametrize("namespace", ["", "bot1"])
+@pytest.mark.parametrize("model", sorted(robot.VARIANTS))
+def test_everything_is_ready_on_a_working_robot(namespace, model):
+    """Announced, active, matching, delivering (wire.md 2.5)."""
+    seen = Robot(namespace, model)
+    seen.step()
+    words = seen.discovery.readiness()
+    assert set(words.values()) == {"ready"}
+    assert set(words) == {*robot.STATE_TOPICS, *robot.VARIANTS[model].command_topics}
+
+
+def test_a_command_that_nobody_on_the_robot_listens_to_is_not_ready(seen):
+    """No MS token of the robot's bridge; one of somebody else's bridge or our own does not count."""
+    seen.announce(COMMAND, TokenKind.MS, is_alive=False)
+    seen.announce(COMMAND, TokenKind.MS, HOST)
+    seen.announce(COMMAND, TokenKind.MS, OWN)
+    seen.step()
+    assert "not announced" in seen.discovery.readiness()[COMMAND]
+
+
+def test_a_command_on_an_inactive_route_is_not_ready(seen):
+    """`is_active:false` black-holes commands for ever (wire.md 3.1 a)."""
+    seen.route(COMMAND, is_active=False)
+    seen.step()
+    assert "inactive" in seen.discovery.readiness()[COMMAND]
+
+
+def test_a_command_without_a_match_is_not_ready(seen):
+    """Token and admin space agree, but the router knows no subscriber."""
+    seen.matching[COMMAND] = False
+    seen.step()
+    assert "no match" in seen.discovery.readiness()[COMMAND]
+
+
+def test_a_closed_admin_space_is_no_failure(seen):
+    """Absence means unknown: the tokens decide, and the text says so (wire.md 5.2)."""
+    seen.answers.clear()
+    seen.step()
+    assert seen.discovery.readiness()[COMMAND] == "ready, as far as the tokens tell (admin space not readable)"
+    assert seen.discovery.readiness()[ARM] == "ready"
+    assert seen.discovery.version == ""
+
+
+def test_states_say_whether_they_are_announced_and_delivered(seen):
+    """Announced but silent, and not announced at all."""
+    pose = robot.ee_pose(Side.LEFT)
+    seen.announce(pose, TokenKind.MP, is_alive=False)
+    seen.silent = {ARM, pose}
+    seen.step()
+    words = seen.discovery.readiness()
+    assert words[ARM] == "announced, silent"
+    assert words[pose].startswith("not announced")
+
+
+def test_readiness_follows_the_tokens_soon_and_else_every_five_seconds(seen):
+    """The admin space is not asked at every step."""
+    for _ in range(40):
+        seen.step(0.25)
+    assert 2 <= sum("/sub/" in selector for selector in seen.asked) <= 3
+    seen.asked.clear()
+    seen.announce(COMMAND, TokenKind.MS, is_alive=False)
+    seen.step(0.5)
+    assert "not announced" in seen.discovery.readiness()[COMMAND]
+
+
+def test_without_transport_nothing_is_known(seen):
+    """`lose` takes readiness back at once; the next look fills it again."""
+    seen.step()
+    seen.discovery.lose()
+    assert all("no transport" in text for text in seen.discovery.readiness().values())
+    seen.step(0.5)
+    assert set(seen.discovery.readiness().values()) == {"ready"}
+
+
+def test_the_version_is_logged_once_and_read_again_after_a_loss(seen, caplog):
+    """Log the robot's version at connect (wire.md 5.3); a restarted robot may have another one."""
+    caplog.set_level(logging.INFO)
+    for _ in range(3):
+        seen.step(6)
+    assert seen.discovery.version == "1.10.2"
+    assert [r.message for r in caplog.records] == [f"the robot's bridge {BRIDGE} is version 1.10.2"]
+    assert seen.asked.count("@/*/ros2/version") == 1
+    seen.answers[f"@/{BRIDGE}/ros2/version"] = "1.11.0"
+    seen.answers[f"@/{HOST}/ros2/version"] = "0.0.1"
+    seen.discovery.lose()
+    seen.step()
+    assert seen.discovery.version == "1.11.0"
+
+
+# ------------------------------------------------------------------------------------------------------------- routes
+
+
+def test_a_dead_route_is_found_and_revived(seen):
+    """Announced, silent, no DDS reader: observed, and named for re-declaration (BEHAVIOUR, the bridge misbehaves)."""
+    seen.silent = {ARM}
+    seen.route(ARM, dds_reader="", remote_routes=[])
+    finding = seen.step()
+    assert [(o.topic, o.code) for o in finding.observations] == [(ARM, Code.ROUTE_DEAD)]
+    assert finding.revive == (ARM,)
+    assert seen.discovery.readiness()[ARM].startswith("route dead")
+    seen.silent = set()
+    finding = seen.step()
+    assert [(o.topic, o.code) for o in finding.observations] == [(ARM, None)]
+    assert finding.revive == ()
+
+
+def test_the_other_subscribers_of_a_dead_route_are_named_with_their_address(seen):
+    """Bridges from `remote_routes`, plain clients from the router; not we ourselves and not the router."""
+    key = seen.key(ARM)
+    seen.silent = {ARM}
+    seen.route(ARM, dds_reader="", remote_routes=[f"{HOST}:{key}", f"{OWN}:{key}"])
+    seen.answers[f"@/{BRIDGE}/router/subscriber/{key}"] = {"routers": [BRIDGE], "clients": [OWN, "c1"], "peers": []}
+    link = {"src": "tcp/10.0.0.1:9000", "dst": "tcp/10.0.0.7:41000"}
+    seen.answers[f"@/{BRIDGE}/router"] = {"sessions": [{"peer": "c1", "links": [link]}, {"peer": OWN, "links": [link]}]}
+    (observation,) = seen.step().observations
+    assert f"end {HOST}, c1 at tcp/10.0.0.7:41000" in observation.message
+
+
+def test_the_route_of_another_bridge_is_no_evidence(seen):
+    """A host bridge may have a route of the same name; only who announces the topic is asked about."""
+    seen.silent = {ARM}
+    seen.answers.pop(f"@/{BRIDGE}/ros2/route/topic/pub/{seen.key(ARM)}")
+    seen.route(ARM, HOST, dds_reader="")
+    finding = seen.step()
+    assert (finding.observations, finding.revive) == ((), ())
+
+
+def test_all_topics_lost_at_once_are_all_observed_without_a_question(seen):
+    """The node is away: the tokens say it, the admin space need not be asked."""
+    seen.silent = set(robot.STATE_TOPICS)
+    for topic in robot.STATE_TOPICS:
+        seen.announce(topic, TokenKind.MP, is_alive=False)
+    finding = seen.step()
+    assert {o.topic for o in finding.observations} == set(robot.STATE_TOPICS)
+    assert {o.code for o in finding.observations} == {Code.ROUTE_LOST}
+    assert finding.revive == ()
+    assert not any("/pub/" in selector for selector in seen.asked)
+
+
+def test_many_silent_topics_cost_one_question(seen):
+    """A stalled bridge is asked once, not once per topic: each question may take a second."""
+    seen.silent = set(robot.STATE_TOPICS)
+    seen.step()
+    assert sum("/pub/" in selector for selector in seen.asked) == 1
+
+
+@pytest.mark.parametrize(
+    "answer", [None, 1, [], "text", {}, {"dds_reader": None}, {"dds_reader": 5, "remote_routes": 7}]
+)
+def test_an_answer_of_another_shape_is_no_evidence(seen, answer):
+    """What cannot be read is unknown."""
+    seen.silent = {ARM}
+    seen.answers[f"@/{BRIDGE}/ros2/route/topic/pub/{seen.key(ARM)}"] = answer
+    seen.answers[f"@/{BRIDGE}/router"] = {"sessions": "none"}
+    finding = seen.step()
+    assert (finding.observations, finding.revive) == ((), ())
+
+
+def test_answers_that_are_not_json_are_no_evidence(seen):
+    """Some admin answers are not even text (wire.md 5.2: metrics are gzip)."""
+    seen.silent = {ARM}
+    ask = seen.ask
+    seen.discovery._ask = lambda selector: {key: b"\x1f\x8b\xff" for key in ask(selector)}
+    finding = seen.step()
+    assert (finding.observations, finding.revive) == ((), ())
+    assert "tokens tell" in seen.discovery.readiness()[COMMAND]
+
+
+def test_findings_are_logged(seen, caplog):
+    """Loss as a warning with its code, recovery as information."""
+    caplog.set_level(logging.INFO)
+    seen.step()
+    caplog.clear()
+    seen.silent = {ARM}
+    seen.announce(ARM, TokenKind.MP, is_alive=False)
+    seen.step()
+    seen.silent = set()
+    seen.step()
+    assert [(r.levelname, r.message.split(":")[0]) for r in caplog.records] == [
+        ("WARNING", "ROUTE_LOST"),
+        ("INFO", ARM),
+    ]
