@@ -90,11 +90,7 @@ class JointReference:
 
     @property
     def is_limited(self) -> bool:
-        """Whether the followed targets ask for more than the limits allow.
-
-        That is: for most of the last 0.3 s some joint was at its velocity or acceleration limit. One far target is
-        enough.
-        """
+        """Whether the reference is late because the followed targets ask for more than the limits allow (`follower.py`)."""
         return self._follower.is_limited
 
     @property
@@ -176,7 +172,7 @@ class JointReference:
         self.mode = mode
         self._course = course
         self._steps = 0
-        self._follower.forget_limit()
+        self._follower.forget_lateness()
 
     # ------------------------------------------------------------------------------------------------ one period
 
