@@ -1,7 +1,7 @@
 # shellcheck shell=bash
 # Virtual environments for the commands beside this file. To be sourced; ROOT is the checkout.
 #
-#   environment NAME EXTRA [PYTHON]   makes ROOT/NAME, installs this checkout with EXTRA (base, body, test or dev) and
+#   environment NAME EXTRA [PYTHON]   makes ROOT/NAME, installs this checkout with EXTRA (base, demo, body, test or dev) and
 #                                     sets ENV_PYTHON. Does nothing when a stamp says that it is up to date.
 #   optional_packages NAME EXTRA      adds EXTRA if it can be had, says so and goes on if not.
 #   find_python VERSION               sets FOUND_PYTHON to an interpreter of that minor version that really runs,
@@ -116,6 +116,7 @@ environment() {
         pip_install "$dir" "$extra" || die "installing failed, see above. Can the package index be reached?"
         put_stamp "$dir" installed-base
         [ "$extra" != dev ] || put_stamp "$dir" installed-test
+        case $extra in test | dev) put_stamp "$dir" installed-demo ;; esac
         put_stamp "$dir" "installed-$extra"
         say "$name is ready after $((SECONDS - started)) s"
     fi
