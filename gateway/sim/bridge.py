@@ -133,7 +133,7 @@ class Bridge:
         self.arrivals: deque[Arrival] = deque()
         self.queries: deque[zenoh.Query] = deque()
         self._states, self._commands, self._clock = states, commands, clock
-        self._remote: dict[str, set[str]] = {}
+        self._remote: dict[str, frozenset[str]] = {}  # whole values replaced: read by another thread
         self._session = zenoh.open(bridge_config(listen))
         self.zid = str(self._session.zid())
         self._routes: dict[str, _StateRoute] = {}
@@ -205,9 +205,9 @@ class Bridge:
             return
         wanted = self._states if token.kind is TokenKind.MS else self._commands
         if token.topic in wanted:
-            routes = self._remote.setdefault(token.topic, set())
-            name = f"{token.zid}:{token.key}"
-            (routes.add if sample.kind == zenoh.SampleKind.PUT else routes.discard)(name)
+            name = frozenset({f"{token.zid}:{token.key}"})
+            known = self._remote.get(token.topic, frozenset())
+            self._remote[token.topic] = known | name if sample.kind == zenoh.SampleKind.PUT else known - name
 
     # ---------------------------------------------------------------------------------------------------------- data
 

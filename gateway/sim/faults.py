@@ -107,6 +107,14 @@ class Fault:
     joint: int = 0
     duration_s: float | None = None
 
+    @property
+    def details(self) -> str:
+        """Its parameters in one line, for the log."""
+        given = {"topic": self.topic, "side": self.side, "mode": self.mode, "joint": self.joint, "number": self.number}
+        words = [f"{key} {value}" for key, value in given.items() if value]
+        words.append("until cleared" if self.duration_s is None else f"for {self.duration_s} s")
+        return ", ".join(words)
+
     def covers(self, topic: str) -> bool:
         """Return whether it acts on a topic."""
         return self.topic == topic or (self.topic == "*" and topic in STATE_TOPICS)

@@ -300,7 +300,7 @@ class SimRobot:
         if fault.scope == "node":
             raise FaultError(f"fault {fault.name} is about the process or the bridge: only a running node has it")
         self._step_to(max(now_ns, self.now_ns))
-        self.journal.note(self.now_ns, "FAULT", fault.name, str(command))
+        self.journal.note(self.now_ns, "FAULT", fault.name, fault.details)
         if fault.name == "pause":
             self.fsm.pause()
         if fault.name != "pause" or fault.duration_s is not None:

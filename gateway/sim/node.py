@@ -121,7 +121,7 @@ class SimNode:
 
     def begin(self, fault: Fault, now_ns: int) -> None:
         """Let a node fault act from now on; without a duration the router's absence and a freeze last 1 s."""
-        self.robot.journal.note(now_ns, "FAULT", fault.name, str(fault))
+        self.robot.journal.note(now_ns, "FAULT", fault.name, fault.details)
         duration_s = fault.duration_s
         if fault.name == "router_stop":
             self._reopen_ns = now_ns + round((duration_s or 1.0) * S)
@@ -134,7 +134,7 @@ class SimNode:
             self._apply(fault, is_on=True)
 
     def clear(self, name: str | None, topic: str | None) -> int:
-        """End dead routes and a lost node; a stopped router comes back at once."""
+        """End dead routes and a lost node; return how many ended."""
         ended = [
             (fault, until_ns)
             for fault, until_ns in self._timed
@@ -220,12 +220,14 @@ def run(
         zenoh.ZError: If the endpoint cannot be listened on.
     """
     _tighten_timer()
+    switch_interval_s = sys.getswitchinterval()
     node = SimNode(settings, listen)
     try:
         lines = _Lines(node.robot, write)
         lines.say(f"listening on {listen}")
         if ready is not None:
             ready()
+        sys.setswitchinterval(0.0005)  # an arrival is stamped by another thread: it must not wait 5 ms for this one
         gc.collect()
         gc.freeze()
         while not (should_stop() or node.is_ending):
@@ -238,6 +240,7 @@ def run(
     finally:
         node.close()
         gc.unfreeze()
+        sys.setswitchinterval(switch_interval_s)
 
 
 class _Lines:

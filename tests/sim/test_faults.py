@@ -45,6 +45,8 @@ def test_a_fault_is_json():
     """The text form is a JSON object."""
     fault = parse_fault('{"fault":"jump","side":"right","joint":3,"delta_rad":-0.2,"duration_s":0.5}')
     assert (fault.side, fault.joint, fault.number, fault.duration_s) == ("right", 3, -0.2, 0.5)
+    assert fault.details == "side right, joint 3, number -0.2, for 0.5 s"
+    assert parse_fault({"fault": "vr_mode"}).details == "until cleared"
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,40 @@
+"""Rules of `python -m gateway.sim`."""
+
+from __future__ import annotations
+
+import pytest
+
+from gateway.sim import __main__ as program
+from gateway.sim.settings import SimSettings
+
+
+@pytest.fixture
+def started(monkeypatch):
+    """What the program would run."""
+    calls: list[tuple[str, SimSettings]] = []
+    monkeypatch.setattr(program, "main_sim", lambda listen, settings: calls.append((listen, settings)) or 7)
+    return calls
+
+
+def test_without_arguments_it_is_the_default_robot_on_the_default_port(started):
+    """Standard model, joint mode, tcp/127.0.0.1:9000; the exit code is passed on."""
+    assert program.main([]) == 7
+    assert started == [("tcp/127.0.0.1:9000", SimSettings())]
+
+
+def test_every_argument_reaches_the_settings(started):
+    """Modes of both arms or of each, model, seed, endpoint, disabled parts."""
+    words = "--listen tcp/127.0.0.1:9 --mode pose --right-mode joint --model lift --seed 4 --disable left_arm"
+    program.main([*words.split(), "--disable", "chassis"])
+    expected = SimSettings(
+        model="lift", left_mode="pose", right_mode="joint", seed=4, enable_left_arm=False, enable_chassis=False
+    )
+    assert started == [("tcp/127.0.0.1:9", expected)]
+
+
+def test_an_unknown_mode_is_refused(started, capsys):
+    """Argparse names the possibilities."""
+    with pytest.raises(SystemExit):
+        program.main(["--mode", "force"])
+    assert "pose" in capsys.readouterr().err
+    assert started == []
