@@ -1,0 +1,92 @@
+"""Tests of where a daemon is looked for."""
+
+from __future__ import annotations
+
+import os
+import socket
+
+import pytest
+
+from gateway.api import address
+from gateway.api.protocol import AddressRefused, default_socket, find_socket, parse_address
+
+
+@pytest.mark.parametrize(
+    ("text", "locator"),
+    [
+        ("/run/ta2/gateway.sock", "unixsock-stream//run/ta2/gateway.sock"),
+        ("unix:/run/ta2/gateway.sock", "unixsock-stream//run/ta2/gateway.sock"),
+        ("unix:/a/../b.sock", "unixsock-stream//b.sock"),
+        ("tcp/127.0.0.1:7448", "tcp/127.0.0.1:7448"),
+        ("tls/robot.lab:7448", "tls/robot.lab:7448"),
+        ("tcp/[::1]:7448", "tcp/[::1]:7448"),
+    ],
+)
+def test_addresses_are_what_people_type(text, locator):
+    """A path, with or without unix:, or a network address; shown again as it can be typed."""
+    parsed = parse_address(text)
+    assert parsed.locator == locator
+    assert parse_address(str(parsed)) == parsed
+
+
+def test_relative_paths_become_absolute(monkeypatch, tmp_path):
+    """Zenoh wants absolute paths; people type relative ones."""
+    monkeypatch.chdir(tmp_path)
+    assert parse_address("./gw.sock").path == tmp_path / "gw.sock"
+    assert parse_address("unix:gw.sock").path == tmp_path / "gw.sock"
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        *("", "unix:", "gw.sock", "http://x", "tcp/:1", "tcp/host", "tcp/host:0", "tcp/host:x", "tcp/h:70000"),
+        *("tcp/h:1#a=b", "/a;b", "/a?b", "/a#b", "/" + "x" * 107),
+    ],
+)
+def test_what_is_none_is_refused(text):
+    """No address, options of the endpoint, and paths that no unix socket can have are refused."""
+    with pytest.raises(AddressRefused):
+        parse_address(text)
+
+
+def test_the_default_is_this_users_runtime_directory():
+    """XDG_RUNTIME_DIR if there is one, else a directory of this user in /tmp; TA2_SOCKET before both."""
+    assert str(default_socket({"XDG_RUNTIME_DIR": "/run/user/7"})) == "/run/user/7/ta2/gateway.sock"
+    assert str(default_socket({})) == f"/tmp/ta2-{os.getuid()}/gateway.sock"
+    assert str(default_socket({"TA2_SOCKET": "unix:/s/x.sock", "XDG_RUNTIME_DIR": "/r"})) == "/s/x.sock"
+    with pytest.raises(AddressRefused):
+        default_socket({"TA2_SOCKET": "tcp/127.0.0.1:1"})
+
+
+def test_a_client_finds_the_socket_that_exists(tmp_path, monkeypatch):
+    """A client looks where a daemon may be; when there is none it names the default."""
+    runtime = tmp_path / "runtime"
+    (runtime / "ta2").mkdir(parents=True, mode=0o700)
+    host = tmp_path / "host" / "gateway.sock"
+    host.parent.mkdir(mode=0o755)
+    monkeypatch.setattr(address, "SYSTEM_SOCKET", host)
+    environ = {"XDG_RUNTIME_DIR": str(runtime)}
+    own = runtime / "ta2" / "gateway.sock"
+    assert find_socket(environ) == own
+    with socket.socket(socket.AF_UNIX) as listener:
+        listener.bind(str(host))
+        assert find_socket(environ) == host
+        with socket.socket(socket.AF_UNIX) as mine:
+            mine.bind(str(own))
+            assert find_socket(environ) == own
+            assert find_socket({**environ, "TA2_SOCKET": "/x/y.sock"}) == address.Path("/x/y.sock")
+
+
+def test_a_socket_in_somebody_elses_directory_is_passed_over(tmp_path, monkeypatch):
+    """Nobody is led to a socket in a directory that others may write to, or behind a link."""
+    open_to_all = tmp_path / "open"
+    open_to_all.mkdir()
+    open_to_all.chmod(0o777)
+    with socket.socket(socket.AF_UNIX) as listener:
+        listener.bind(str(open_to_all / "gateway.sock"))
+        monkeypatch.setattr(address, "SYSTEM_SOCKET", open_to_all / "gateway.sock")
+        assert find_socket({"XDG_RUNTIME_DIR": str(tmp_path)}) == tmp_path / "ta2" / "gateway.sock"
+    link = tmp_path / "link"
+    link.symlink_to(tmp_path)
+    assert not address.is_private(link) and not address.is_private(tmp_path / "missing")
+    assert address.is_private(tmp_path)

@@ -1,0 +1,188 @@
+"""Tests of what clients send on its way to the engine."""
+
+from __future__ import annotations
+
+import logging
+
+import pytest
+
+from gateway.api import inbox as module
+from gateway.api import protocol
+from gateway.api.inbox import MAX_CLIENTS, MAX_STREAMS, MAX_WAITING
+from gateway.core import events
+from gateway.errors import Code
+from tests.api.desk import AskedQuestion, Desk
+from tests.api.samples import Q, command
+
+
+@pytest.fixture
+def desk():
+    """An inbox whose threads are the test."""
+    return Desk()
+
+
+def payload(request, request_id=1, **kwargs):
+    """Return a command as bytes."""
+    return protocol.encode(command(request, request_id, **kwargs))
+
+
+def test_a_request_reaches_the_loop_with_who_and_when(desk):
+    """Client, number and arrival come with the request; the question waits for its reply."""
+    question = desk.ask(payload(protocol.Recover(), 7), received_ns=123)
+    desk.run()
+    assert desk.inbox.poll() == [
+        events.CommandRequested(client_id="c0ffee", request_id=7, request=events.Recover(), received_ns=123)
+    ]
+    assert desk.inbox.poll() == [] and question.answers == []
+
+
+def test_json_is_answered_in_json(desk):
+    """A question is refused in the encoding in which it was asked."""
+    question = desk.ask(b"{}", encoding=protocol.JSON)
+    desk.run()
+    assert question.answers[0][1] == protocol.JSON and question.code == "BAD_REQUEST"
+
+
+def test_stops_come_first_then_signs_of_life_targets_requests_departures(desk):
+    """Whatever arrived before a stop, the stop is first; an emergency stop is before it."""
+    desk.ask(payload(protocol.Recover(), 1))
+    desk.inbox.put_target(
+        protocol.target_key("c0ffee", 2), protocol.encode(protocol.Target(epoch=1, seq=1, q_rad=Q)), "", 5
+    )
+    desk.inbox.put_keepalive("c0ffee", 6)
+    desk.inbox.put_gone("other", 7)
+    desk.ask(payload(protocol.Stop(), 2))
+    desk.ask(payload(protocol.Estop(), 3))
+    desk.run()
+    arrived = desk.inbox.poll()
+    assert [type(event).__name__ for event in arrived] == [
+        "CommandRequested",
+        "CommandRequested",
+        "ClientSeen",
+        "TargetArrived",
+        "CommandRequested",
+        "ClientGone",
+    ]
+    assert [type(e.request).__name__ for e in arrived if isinstance(e, events.CommandRequested)] == [
+        "Estop",
+        "Stop",
+        "Recover",
+    ]
+    assert arrived[2] == events.ClientSeen(client_id="c0ffee", at_ns=6)
+    assert arrived[5] == events.ClientGone(client_id="other", at_ns=7)
+
+
+def test_only_the_newest_target_of_a_stream_counts(desk):
+    """A flood of targets costs one decoding a tick; each stream keeps its own newest."""
+    for seq in range(1, 1001):
+        for stream in (1, 2):
+            target = protocol.Target(epoch=1, seq=seq * stream, q_rad=Q)
+            desk.inbox.put_target(protocol.target_key("me", stream), protocol.encode(target), "", seq)
+    arrived = desk.inbox.poll()
+    assert [(e.client_id, e.stream_id, e.seq, e.received_ns) for e in arrived] == [
+        ("me", 1, 1000, 1000),
+        ("me", 2, 2000, 1000),
+    ]
+    assert desk.inbox.poll() == []
+
+
+def test_only_the_newest_sign_of_life_counts(desk):
+    """Keepalives of one client between two polls are one."""
+    for at_ns in range(100):
+        desk.inbox.put_keepalive("me", at_ns)
+    assert desk.inbox.poll() == [events.ClientSeen(client_id="me", at_ns=99)]
+
+
+@pytest.mark.parametrize(
+    ("key", "data"),
+    [
+        (protocol.target_key("me", 1), b"rubbish"),
+        (f"{protocol.ROOT}/target/me/first", protocol.encode(protocol.Target(epoch=1, seq=1, q_rad=Q))),
+        (f"{protocol.ROOT}/target/me", protocol.encode(protocol.Target(epoch=1, seq=1, q_rad=Q))),
+        (protocol.target_key("me", 1), b"\x00" * (protocol.MAX_PAYLOAD_BYTES + 1)),
+    ],
+)
+def test_a_target_that_cannot_be_read_is_counted_and_nothing_else(desk, key, data):
+    """Nobody waits for an answer to a target: it is counted and logged, and the loop goes on."""
+    desk.inbox.put_target(key, data, "", 0)
+    assert desk.inbox.poll() == [] and desk.inbox.malformed == 1
+
+
+def test_streams_and_clients_are_bounded(desk):
+    """Keys that a hostile client invents do not fill the memory."""
+    for number in range(MAX_STREAMS + 10):
+        desk.inbox.put_target(
+            protocol.target_key("me", number), protocol.encode(protocol.Target(epoch=1, seq=1, q_rad=Q)), "", 0
+        )
+    for number in range(MAX_CLIENTS + 10):
+        desk.inbox.put_keepalive(f"client{number}", 0)
+    assert desk.inbox.overflown == 20
+    assert len(desk.inbox.poll()) == MAX_STREAMS + MAX_CLIENTS
+
+
+@pytest.mark.parametrize(
+    ("data", "code"),
+    [
+        (b"rubbish", "BAD_REQUEST"),
+        (b"", "BAD_REQUEST"),
+        (payload(protocol.Recover(), version=9), "UNSUPPORTED_VERSION"),
+        (payload(protocol.Move(epoch=1, targets_rad={"left": Q[:3]})), "WRONG_SHAPE"),
+        (b"x" * (protocol.MAX_PAYLOAD_BYTES + 1), "BAD_REQUEST"),
+    ],
+)
+def test_what_cannot_be_a_request_is_answered_at_once(desk, data, code):
+    """The engine never sees it; the sender gets the code."""
+    question = desk.ask(data)
+    desk.run()
+    assert question.code == code and desk.inbox.poll() == []
+
+
+def test_a_flood_of_questions_is_refused_not_queued(desk):
+    """More questions than anybody needs are told that they were not run; nothing is lost silently."""
+    questions = [desk.ask(payload(protocol.Recover(), number)) for number in range(MAX_WAITING + 5)]
+    desk.run()
+    assert len(desk.inbox.poll()) == MAX_WAITING
+    assert [q.code for q in questions[MAX_WAITING:]] == ["TIMEOUT"] * 5
+    assert desk.inbox.overflown == 5
+
+
+def test_a_stop_gets_through_a_full_lane(desk):
+    """When the loop hangs and requests pile up, a stop and an emergency stop still have their place."""
+    for number in range(MAX_WAITING + 3):
+        desk.ask(payload(protocol.Recover(), number))
+        desk.run()
+    stops = [desk.ask(payload(protocol.Stop(), 10_000 + number)) for number in range(MAX_WAITING + 3)]
+    for _ in range(2):
+        desk.run()
+    estop = desk.ask(payload(protocol.Estop(), 99_999))
+    desk.run()
+    assert [type(e.request).__name__ for e in desk.inbox.poll()][:2] == ["Estop", "Stop"]
+    assert estop.answers == [] and stops[0].answers == []
+
+
+def test_a_request_that_was_given_up_does_not_run_later(desk):
+    """Who was told that a command did not run can rely on it; a stop runs all the same."""
+    late = desk.ask(payload(protocol.Recover(), 1), received_ns=0)
+    stop = desk.ask(payload(protocol.Stop(), 2), received_ns=0)
+    desk.run()
+    desk.outbox.expire(protocol.REPLY_WITHIN_NS + 1)
+    desk.run()
+    assert late.code == "TIMEOUT" and "was not run" in late.reply.refusal.message and stop.code == "TIMEOUT"
+    assert [type(event.request).__name__ for event in desk.inbox.poll()] == ["Stop"]
+
+
+def test_complaints_are_logged_once_a_second(desk, caplog):
+    """A client that sends rubbish at a high rate does not fill the log."""
+    with caplog.at_level(logging.WARNING, logger=module.__name__):
+        for n in range(2500):
+            desk.inbox.ask(AskedQuestion(b"rubbish", received_ns=n * 1_000_000))
+            desk.run()
+    assert len(caplog.records) == 3 and desk.inbox.malformed == 2500
+
+
+def test_waiting_for_a_question_ends(desk):
+    """sort() waits as long as it is told, and is woken."""
+    assert desk.inbox.sort(0.01) is False
+    desk.inbox.wake()
+    assert desk.inbox.sort(10.0) is True
+    assert Code.TIMEOUT.value == "TIMEOUT"

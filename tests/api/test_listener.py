@@ -1,0 +1,97 @@
+"""Tests of how the local plane may listen."""
+
+from __future__ import annotations
+
+import pytest
+
+from gateway.api import protocol
+from gateway.api.listener import access_rules, network_configuration, unix_configuration
+from gateway.errors import Code, ConfigError
+from gateway.settings import LocalSettings
+
+
+def files(tmp_path, *names):
+    """Return the names with paths of files that exist."""
+    for name in names:
+        (tmp_path / name).write_text("x")
+    return {name: str(tmp_path / name) for name in names}
+
+
+def test_nothing_listens_on_the_network_unless_configured(tmp_path):
+    """The default is the unix socket alone."""
+    assert network_configuration(LocalSettings()) is None
+    assert unix_configuration(tmp_path / "gw.sock")["listen/endpoints"] == [f"unixsock-stream/{tmp_path}/gw.sock"]
+
+
+@pytest.mark.parametrize("host", ["127.0.0.1", "[::1]", "localhost", "127.3.2.1"])
+def test_this_host_may_connect_unknown(host):
+    """A listener that only this host reaches needs no users."""
+    configuration = network_configuration(LocalSettings(tcp=f"{host}:7448"))
+    assert configuration["listen/endpoints"] == [f"tcp/{host}:7448"]
+
+
+@pytest.mark.parametrize("host", ["0.0.0.0", "[::]", "192.168.1.5", "robot.lab", "127.0.0.1.evil.org"])
+def test_beyond_this_host_nobody_connects_unknown(host, tmp_path):
+    """Without users or certificates of clients the daemon refuses to listen; encryption alone is not enough."""
+    tls = files(tmp_path, "tls_certificate", "tls_private_key")
+    for local in (LocalSettings(tcp=f"{host}:7448"), LocalSettings(tcp=f"{host}:7448", **tls)):
+        with pytest.raises(ConfigError) as caught:
+            network_configuration(local)
+        assert caught.value.code is Code.BAD_CONFIG and host in str(caught.value)
+
+
+def test_users_or_certificates_open_the_network(tmp_path):
+    """With a file of users, or with TLS that asks for certificates, it listens."""
+    users = files(tmp_path, "users_file")
+    configuration = network_configuration(LocalSettings(tcp="0.0.0.0:7448", **users))
+    assert configuration["transport/auth/usrpwd"] == {"dictionary_file": users["users_file"]}
+    tls = files(tmp_path, "tls_certificate", "tls_private_key", "tls_root_ca")
+    configuration = network_configuration(LocalSettings(tcp="0.0.0.0:7448", **tls))
+    assert configuration["listen/endpoints"] == ["tls/0.0.0.0:7448"]
+    assert configuration["transport/link/tls"]["enable_mtls"] is True
+
+
+@pytest.mark.parametrize(
+    "settings",
+    [
+        {"tcp": "7448"},
+        {"tcp": "127.0.0.1:"},
+        {"tcp": "127.0.0.1:0"},
+        {"tcp": "127.0.0.1:99999"},
+        {"tcp": "127.0.0.1:1#a=b"},
+        {"tcp": "127.0.0.1:1", "users_file": "/nowhere/users"},
+        {"tcp": "127.0.0.1:1", "tls_certificate": "/etc/hostname"},
+        {"tcp": "127.0.0.1:1", "tls_root_ca": "/etc/hostname"},
+    ],
+)
+def test_half_a_configuration_is_refused(settings):
+    """Ports, files and pairs of files that are not there are named before anything listens."""
+    with pytest.raises(ConfigError):
+        network_configuration(LocalSettings(**settings))
+
+
+@pytest.mark.parametrize(
+    "configuration", [unix_configuration("/x"), network_configuration(LocalSettings(tcp="[::1]:1"))]
+)
+def test_the_plane_is_closed_but_for_its_listener(configuration):
+    """No scouting, no admin space, no shared memory, no connection outwards, and a list of what is allowed."""
+    assert configuration["mode"] == "router" and configuration["connect/endpoints"] == []
+    for key in ("scouting/multicast", "scouting/gossip", "adminspace", "transport/shared_memory"):
+        assert configuration[f"{key}/enabled"] is False
+    assert configuration["access_control"]["default_permission"] == "deny"
+
+
+def test_no_rule_has_both_directions():
+    """A rule with both flows would let a viewer inject what it may only see."""
+    rules = access_rules()["rules"]
+    assert all(len(rule["flows"]) == 1 for rule in rules)
+    inward = {
+        (m, key)
+        for rule in rules
+        if rule["flows"] == ["ingress"]
+        for m in rule["messages"]
+        for key in rule["key_exprs"]
+    }
+    assert ("put", protocol.SNAPSHOT_KEY) not in inward and ("put", protocol.EVENT_KEY) not in inward
+    assert not any(message == "declare_queryable" for message, _ in inward)
+    assert set(access_rules()["policies"][0]["rules"]) == {rule["id"] for rule in rules}

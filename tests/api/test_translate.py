@@ -1,0 +1,120 @@
+"""Tests of structs to core values and back."""
+
+from __future__ import annotations
+
+from types import MappingProxyType
+
+import pytest
+
+import gateway
+from gateway import robot
+from gateway.api import protocol
+from gateway.api.translate import config_hash, describe, to_notice, to_refusal, to_reply, to_request, to_target
+from gateway.core import events
+from gateway.errors import Code, Refusal
+from gateway.settings import ArmSettings, Settings
+from gateway.values import Side
+from tests.api.samples import REQUESTS, Q
+
+
+@pytest.mark.parametrize("request_", REQUESTS, ids=lambda request: type(request).__name__)
+def test_every_request_becomes_the_cores(request_):
+    """The class of the same name, with the same values in the core's own types."""
+    core = to_request(request_)
+    assert type(core).__name__ == type(request_).__name__
+    for name in type(core).__slots__:
+        ours, theirs = getattr(core, name), getattr(request_, name)
+        if name == "targets_rad":
+            assert {side.value: q for side, q in ours.items()} == theirs and all(isinstance(s, Side) for s in ours)
+        elif name == "sides":
+            assert tuple(side.value for side in ours) == theirs
+        else:
+            assert ours == theirs
+    assert isinstance(getattr(core, "on_loss", events.OnLoss.HOLD), events.OnLoss)
+    assert isinstance(getattr(core, "on_limit", events.OnLimit.CLIP), events.OnLimit)
+
+
+@pytest.mark.parametrize(
+    ("request_", "field", "value"),
+    [
+        (protocol.Move(epoch=1, targets_rad={}), "targets_rad", "0"),
+        (protocol.Move(epoch=1, targets_rad={"left": Q, "right": Q[:6]}), "right_arm", "6"),
+        (protocol.Move(epoch=1, targets_rad={"left": (*Q, 0.0)}), "left_arm", "8"),
+        (protocol.Move(epoch=1, targets_rad={"left": ()}), "left_arm", "0"),
+        (protocol.Hold(epoch=1, sides=()), "sides", "0"),
+    ],
+)
+def test_a_wrong_shape_is_told_with_arm_and_number(request_, field, value):
+    """Form that no motion can have is WRONG_SHAPE, with what was given."""
+    refusal = to_request(request_)
+    assert isinstance(refusal, Refusal) and refusal.code is Code.WRONG_SHAPE
+    assert (refusal.field, refusal.value) == (field, value)
+
+
+def test_sides_named_twice_are_one():
+    """Naming an arm twice means it once, in the order left, right."""
+    assert to_request(protocol.Hold(epoch=1, sides=("right", "left", "right"))) == events.Hold(
+        epoch=1, sides=(Side.LEFT, Side.RIGHT)
+    )
+
+
+def test_text_of_clients_is_made_fit_to_be_shown():
+    """Control characters would act on a terminal: they are replaced; long reasons are cut, and still stop."""
+    taken = to_request(protocol.Take(name="a\x1b[31mb", pid=1, reason="x\ny\u202e"))
+    assert taken.name == "a?[31mb" and taken.reason == "x?y?"
+    stop = to_request(protocol.Stop(reason="é" * 10_000))
+    assert isinstance(stop, events.Stop) and stop.reason == "é" * 256
+
+
+def test_a_target_is_passed_on_unjudged():
+    """Length and finiteness of a target are the core's to judge."""
+    target = protocol.Target(epoch=1, seq=2, q_rad=(float("inf"),))
+    arrived = to_target(target, "me", 5, 99)
+    assert arrived == events.TargetArrived(
+        client_id="me", stream_id=5, epoch=1, seq=2, q_rad=(float("inf"),), received_ns=99
+    )
+
+
+def test_a_reply_carries_plain_facts():
+    """Facts of any mapping and sequence type become what both encodings know."""
+    reply = events.Reply(
+        client_id="me",
+        request_id=4,
+        facts={"q_rad": MappingProxyType({Side.LEFT: (1.0, 2.0)}), "clipped": (3,), "code": Code.CANCELLED, "epoch": 1},
+    )
+    sent = to_reply(reply, after_seq=8)
+    for encoding in (protocol.MSGPACK, protocol.JSON):
+        back = protocol.decode_reply(protocol.encode(sent, encoding), encoding)
+        assert back.facts == {"q_rad": {"left": [1.0, 2.0]}, "clipped": [3], "code": "CANCELLED", "epoch": 1}
+        assert back.after_seq == 8 and back.refusal is None and back.request_id == 4
+
+
+def test_refusals_and_notices_become_plain():
+    """Codes and levels become their text, facts a plain map."""
+    refusal = Refusal(code=Code.LEASE_HELD, message="m", hint="h")
+    assert protocol.refusal_of(to_refusal(refusal)) == refusal
+    assert to_reply(events.Reply(client_id="a", request_id=1, refusal=refusal), 0).refusal == to_refusal(refusal)
+    notice = events.Notice(code=Code.WALK, level=events.Level.WARNING, message="m", at_ns=3, facts={"a": "b"})
+    assert to_notice(notice) == protocol.Notice(code="WALK", level="warning", message="m", at_ns=3, facts={"a": "b"})
+
+
+def test_the_daemon_describes_what_it_really_runs_with():
+    """Facts are those of the settings, not of the defaults."""
+    tight = tuple(value * 0.9 for value in robot.JOINT_UPPER_RAD[Side.LEFT])
+    lower = {Side.LEFT: (-1.0, 0.0, -2.0, 0.3, -1.0, -1.0, -0.5)}
+    arm = ArmSettings(
+        v_radps=0.5,
+        upper_rad={Side.LEFT: tight, Side.RIGHT: robot.JOINT_UPPER_RAD[Side.RIGHT]},
+        lower_rad=lower | {Side.RIGHT: robot.JOINT_LOWER_RAD[Side.RIGHT]},
+    )
+    info = describe(Settings(arm=arm), socket="/s", pid=7)
+    assert info.v_radps == 0.5 and info.upper_rad["left"] == tight and info.lower_rad["left"][3] == 0.3
+    assert info.joint_names["right"][0] == "r_joint1" and info.pid == 7 and info.socket == "/s"
+    assert info.version == gateway.__version__ and info.protocol == protocol.PROTOCOL_VERSION
+    assert protocol.decode_info(protocol.encode(info, protocol.JSON), protocol.JSON) == info
+
+
+def test_the_hash_of_the_settings_changes_with_any_of_them():
+    """Two daemons with the same hash run with the same settings."""
+    assert config_hash(Settings()) == config_hash(Settings())
+    assert config_hash(Settings()) != config_hash(Settings(arm=ArmSettings(v_radps=0.99)))
