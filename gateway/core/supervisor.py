@@ -151,7 +151,7 @@ SAME = Cell()
 DOWN = Cell(to=BASE, do=(A.CUT, A.ZERO))
 DOWN_LATCH = Cell(to=BASE, do=(A.CUT, A.ZERO, A.LATCH))
 DOWN_LIFT_OFF = Cell(to=BASE, do=(A.CUT, A.ZERO, A.LIFT_OFF))
-DOWN_FREE = Cell(to=BASE, do=(A.CUT, A.ZERO, A.FREE))
+DOWN_FREE = Cell(to=BASE, do=(A.CUT, A.ZERO, A.LIFT_OFF, A.FREE))
 OFF = Cell(to=BASE, do=(A.CUT, A.SILENCE))
 CUT = Cell(do=(A.CUT,))
 CUT_LATCH = Cell(do=(A.CUT, A.LATCH))
@@ -159,9 +159,14 @@ LATCH_ONLY = Cell(do=(A.LATCH,))
 BRAKE = Cell(to=S.HOLDING, do=(A.CUT,))
 BRAKE_LATCH = Cell(to=S.HOLDING, do=(A.CUT, A.LATCH))
 STOP_FIRST = Cell(to=S.STOPPING, do=(A.CUT,))
+STOP_FIRST_LIFT_OFF = Cell(to=S.STOPPING, do=(A.CUT, A.LIFT_OFF))
+LIFT_OFF = Cell(do=(A.LIFT_OFF,))
 PAUSE = Cell(to=S.PAUSED, do=(A.CUT, A.ZERO))
 GO_BASE = Cell(to=BASE)
 OWED = Cell(to=BASE, do=(A.CUT, A.ZERO_IF_OWED))
+OWED_LIFT_OFF = Cell(to=BASE, do=(A.CUT, A.ZERO_IF_OWED, A.LIFT_OFF))
+BASE_LIFT_OFF = Cell(to=BASE, do=(A.CUT, A.LIFT_OFF))
+BASE_FREE = Cell(to=BASE, do=(A.CUT, A.LIFT_OFF, A.FREE))
 STOP_GROUND = Cell(do=(A.CUT, A.GROUND_STOP))
 STOP_GROUND_LATCH = Cell(do=(A.CUT, A.GROUND_STOP, A.LATCH))
 ESTOP = Cell(to=BASE, do=(A.CUT, A.GROUND_STOP, A.ZERO, A.LIFT_OFF, A.LATCH))
@@ -208,7 +213,7 @@ FOREIGN = Cell(to=BASE, do=(A.CUT, A.ZERO_ONCE, A.LATCH))
 TABLE: Mapping[Trigger, Mapping[State, Cell]] = {
     Trigger.ACQUIRE:           _row(GO_BASE,           SAME,         SAME,         SAME,         SAME,         SAME,         SAME),
     Trigger.TAKE:              _row(Cell(to=BASE, do=(A.CUT,)), DOWN, BRAKE,       SAME,         SAME,         SAME,         SAME),
-    Trigger.RELEASE:           _row(Cell(to=BASE, do=(A.CUT, A.LIFT_OFF)), DOWN_LIFT_OFF, STOP_FIRST, STOP_FIRST, DOWN_LIFT_OFF, SAME, OWED),
+    Trigger.RELEASE:           _row(BASE_LIFT_OFF,     DOWN_LIFT_OFF, STOP_FIRST_LIFT_OFF, STOP_FIRST_LIFT_OFF, DOWN_LIFT_OFF, LIFT_OFF, OWED_LIFT_OFF),
     Trigger.DISABLE:           _row(SAME,              DOWN,         STOP_FIRST,   STOP_FIRST,   DOWN,         SAME,         OWED),
     Trigger.ENABLE:            {**_row(ENABLE_HERE,    SAME,         SAME,         SAME,         ENABLE_HERE,  IS_STOPPING,  IS_STALE),
                                 S.READ_ONLY: refuse(Code.NOT_OWNER), S.OFFLINE: refuse(Code.NO_LINK)},
@@ -223,8 +228,8 @@ TABLE: Mapping[Trigger, Mapping[State, Cell]] = {
                                     STOP_GROUND_LATCH, STOP_GROUND_LATCH, STOP_GROUND_LATCH, STOP_GROUND_LATCH),
     Trigger.ESTOP:             _row(ESTOP,             ESTOP,        ESTOP,        ESTOP,        ESTOP,        ESTOP,        ESTOP),
     Trigger.CLIENT_LOST:       _row(CUT,               DOWN,         BRAKE,        SAME,         SAME,         SAME,         CUT),
-    Trigger.CLIENT_LOST_PAUSE: _row(Cell(to=BASE, do=(A.CUT, A.FREE)), DOWN_FREE, DOWN_FREE, DOWN_FREE, DOWN_FREE,
-                                    Cell(do=(A.FREE,)), Cell(to=BASE, do=(A.CUT, A.ZERO_IF_OWED, A.FREE))),
+    Trigger.CLIENT_LOST_PAUSE: _row(BASE_FREE,         DOWN_FREE,    DOWN_FREE,    DOWN_FREE,    DOWN_FREE,
+                                    Cell(do=(A.LIFT_OFF, A.FREE)), Cell(to=BASE, do=(A.CUT, A.ZERO_IF_OWED, A.LIFT_OFF, A.FREE))),
     Trigger.LEASE_FREE:        _row(Cell(to=BASE, do=(A.LIFT_OFF,)), SAME, SAME,   SAME,         SAME,         SAME,         SAME),
     Trigger.HOLD_OVER:         _row(SAME,              SAME,         SAME,         DOWN_LIFT_OFF, DOWN_LIFT_OFF, SAME,       SAME),
     Trigger.STALE:             {**_row(Cell(to=S.STALE, do=(A.CUT,)), Cell(to=S.STALE, do=(A.CUT, A.ZERO)), Cell(to=S.STALE, do=(A.CUT,)),
@@ -239,7 +244,7 @@ TABLE: Mapping[Trigger, Mapping[State, Cell]] = {
     Trigger.FSM_ERROR:         _row(SAME,              DOWN_LATCH,   DOWN_LATCH,   DOWN_LATCH,   DOWN_LATCH,   DOWN_LATCH,   SAME),
     Trigger.FSM_FOREIGN:       _row(SAME,              OFF,          OFF,          OFF,          OFF,          OFF,          SAME),
     Trigger.FSM_DEAD:          _row(SAME,              DOWN,         PAUSE,        PAUSE,        SAME,         SAME,         SAME),
-    Trigger.VR_MODE:           _row(Cell(to=BASE, do=(A.CUT, A.SILENCE)), OFF,     OFF,          OFF,          OFF,          OFF,          SAME),
+    Trigger.VR_MODE:           _row(Cell(to=BASE, do=(A.CUT,)), OFF,   OFF,          OFF,          OFF,          OFF,          SAME),
     Trigger.MODE_UNKNOWN:      _row(SAME,              SAME,         BRAKE,        SAME,         SAME,         SAME,         SAME),
     Trigger.ARM_DISABLED:      _row(SAME,              SAME,         BRAKE,        SAME,         SAME,         SAME,         SAME),
     Trigger.NO_ARM:            _row(SAME,              DOWN,         DOWN,         DOWN,         DOWN,         DOWN,         SAME),
@@ -252,10 +257,8 @@ TABLE: Mapping[Trigger, Mapping[State, Cell]] = {
     Trigger.JOINT_ORDER:       _row(LATCH_ONLY,        DOWN_LATCH,   DOWN_LATCH,   DOWN_LATCH,   DOWN_LATCH,   DOWN_LATCH,   LATCH_ONLY),
     Trigger.ENABLE_TIMEOUT:    _row(SAME,              OWED,         SAME,         SAME,         SAME,         SAME,         SAME),
     Trigger.AT_REST:           _row(SAME,              SAME,         SAME,         SAME,         SAME,         Cell(do=(A.ZERO,)), SAME),
-    Trigger.EXIT:              _row(Cell(to=BASE, do=(A.CUT, A.LIFT_OFF)), DOWN_LIFT_OFF, Cell(to=S.STOPPING, do=(A.CUT, A.LIFT_OFF)),
-                                    DOWN_LIFT_OFF, DOWN_LIFT_OFF, SAME, Cell(to=BASE, do=(A.CUT, A.ZERO_IF_OWED, A.LIFT_OFF))),
-    Trigger.SUSPENDED:         _row(Cell(to=BASE, do=(A.CUT, A.FREE)), DOWN_FREE, DOWN_FREE, DOWN_FREE, DOWN_FREE, DOWN_FREE,
-                                    Cell(to=BASE, do=(A.CUT, A.FREE))),
+    Trigger.EXIT:              _row(BASE_LIFT_OFF,     DOWN_LIFT_OFF, STOP_FIRST_LIFT_OFF, DOWN_LIFT_OFF, DOWN_LIFT_OFF, LIFT_OFF, OWED_LIFT_OFF),
+    Trigger.SUSPENDED:         _row(BASE_FREE,         DOWN_FREE,    DOWN_FREE,    DOWN_FREE,    DOWN_FREE,    DOWN_FREE,    BASE_FREE),
 }  # fmt: skip
 """Row by trigger, cell by state: BEHAVIOUR, Transitions."""
 
