@@ -19,18 +19,14 @@ class Grid:
     """
 
     def __init__(self, rate_hz: float) -> None:
-        self.rate_hz = rate_hz
-        self.period_ns = round(S / rate_hz)
-        """Nominal period [ns], rounded."""
-        self.skipped = 0
-        """Instants that passed unused."""
+        self._rate_hz = rate_hz
         self._index = -1
 
     def _instant(self, index: int) -> int:
-        return round(index * S / self.rate_hz)
+        return round(index * S / self._rate_hz)
 
     def _index_at(self, now_ns: int) -> int:
-        index = int(now_ns * self.rate_hz // S)
+        index = int(now_ns * self._rate_hz // S)  # one too low beside a rounded instant, one too high after 100 days up
         while self._instant(index + 1) <= now_ns:
             index += 1
         while self._instant(index) > now_ns:
@@ -50,8 +46,6 @@ class Grid:
         index = self._index_at(now_ns)
         if index <= self._index:
             return None
-        if self._index >= 0:
-            self.skipped += index - self._index - 1
         self._index = index
         return self._instant(index)
 
