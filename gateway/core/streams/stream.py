@@ -69,8 +69,9 @@ class SentLog:
         self._forget(now_ns)
 
     def end(self) -> None:
-        """The stream went silent on purpose: the silence is no gap."""
+        """The stream went silent on purpose: the silence is no gap, and no part of the next rate."""
         self.last_ns = None
+        self._times.clear()
 
     def _forget(self, now_ns: int) -> None:
         while self._times and now_ns - self._times[0] > RATE_WINDOW_NS:
@@ -82,7 +83,7 @@ class SentLog:
         """Return the stream's figures at `now_ns`."""
         self._forget(now_ns)
         span_ns = self._times[-1] - self._times[0] if len(self._times) > 1 else 0
-        rate_hz = (len(self._times) - 1) * S / span_ns if span_ns and self.last_ns is not None else 0.0
+        rate_hz = (len(self._times) - 1) * S / span_ns if span_ns else 0.0
         return StreamView(
             running=self.last_ns is not None,
             sent=self.sent,
