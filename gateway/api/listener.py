@@ -85,6 +85,7 @@ def _router(endpoint: str) -> dict[str, Any]:
         "connect/endpoints": [],
         "scouting/multicast/enabled": False,
         "scouting/gossip/enabled": False,
+        "scouting/delay": 0,  # a router without scouting would still wait half a second before it opens
         "adminspace/enabled": False,
         "transport/shared_memory/enabled": False,
         "transport/link/rx/max_message_size": MAX_MESSAGE_BYTES,
