@@ -1,0 +1,295 @@
+"""The command line of `ta2` as data: commands, options, defaults, help texts. Knows nothing of what a command does.
+
+What a value must look like is checked here (numbers, sides, addresses of the robot); what it may be, by whoever gets it.
+Imports nothing but the standard library and the release's number, so that `ta2 --help` is there at once.
+"""
+
+from __future__ import annotations
+
+import argparse
+import re
+from collections.abc import Sequence
+from decimal import Decimal
+from typing import Any
+
+from gateway import __version__
+from gateway.apps.ending import STATUS_HELP
+
+__all__ = ["MODELS", "SIM_ENDPOINT", "endpoint", "joints", "parse", "parser"]
+
+ROBOT_PORT = 9000
+"""Where the robot's router listens (manual §2.4)."""
+
+SIM_ENDPOINT = f"tcp/127.0.0.1:{ROBOT_PORT}"
+"""Where the simulated robot listens, and where the gateway looks for a robot, unless told otherwise."""
+
+MODELS = ("lite", "standard", "lift")
+"""Keys of `robot.VARIANTS`, written out: to show a help text, nothing needs to be imported."""
+
+PARTS = ("left_arm", "right_arm", "chassis", "lift_servo")
+MODES = ("joint", "pose")
+
+PATIENCE_S = 60.0
+"""How long a motion may take [s]."""
+
+EPILOG = f"""without a robot, in three terminals:
+  ta2 sim          a simulated robot on {SIM_ENDPOINT}
+  ta2 run          the gateway
+  ta2 watch        what they do
+
+Anybody may `ta2 stop` and `ta2 estop` at any time. Software stops do not replace the physical emergency stop.
+
+{STATUS_HELP}"""
+
+SCIENTIFIC = re.compile(r"-(\d+\.?\d*|\.\d+)[eE][+-]?\d+")
+"""A negative number that argparse takes for an option; numpy prints such ones."""
+
+
+# -------------------------------------------------------------------------------------------------------------- values
+
+
+def endpoint(text: str) -> str:
+    """Return the zenoh endpoint of a robot from what a person typed: `tcp/HOST:PORT`, `HOST:PORT` or `HOST`."""
+    if "/" in text:
+        return text
+    if text.count(":") > 1 and not text.startswith("["):
+        text = f"[{text}]"  # a bare IPv6 address
+    has_port = ":" in text.rpartition("]")[2]
+    return f"tcp/{text}" if has_port else f"tcp/{text}:{ROBOT_PORT}"
+
+
+def joints(words: Sequence[str]) -> tuple[float, ...]:
+    """Return the numbers in the words of `--left` or `--right`; spaces, commas and brackets stand between them.
+
+    Raises:
+        ValueError: One is no number. How many there are, and whether they are finite, is for others to judge.
+    """
+    return tuple(float(word) for word in re.sub(r"[\[\],;]", " ", " ".join(words)).split())
+
+
+def _number(text: str, most: float, what: str) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        value = float("nan")
+    if not 0.0 < value <= most:  # NaN compares false
+        raise argparse.ArgumentTypeError(f"{text!r} is not a {what} above 0 and up to {most:g}")
+    return value
+
+
+def _seconds(text: str) -> float:
+    return _number(text, 86_400.0, "time [s]")
+
+
+def _factor(text: str) -> float:
+    return _number(text, 1.0, "factor")
+
+
+def _distance(text: str) -> float:
+    return _number(text, 0.2, "distance [rad]")
+
+
+# -------------------------------------------------------------------------------------------------------------- parser
+
+
+def parse(arguments: Sequence[str]) -> argparse.Namespace:
+    """Return the options; ends the process with status 2 and a line of usage when they make no sense."""
+    top = parser()
+    options = top.parse_args([format(Decimal(a), "f") if SCIENTIFIC.fullmatch(a) else a for a in arguments])
+    if options.command == "move":
+        _take_joints(top, options)
+    return options
+
+
+def _take_joints(top: argparse.ArgumentParser, options: argparse.Namespace) -> None:
+    for side in ("left", "right"):
+        words = getattr(options, side)
+        try:
+            setattr(options, side, None if words is None else joints(words))
+        except ValueError as error:
+            top.error(f"--{side}: {error}; seven joints [rad] are needed")
+    if options.left is None and options.right is None:
+        top.error("move: which arm? --left Q1 .. Q7, --right Q1 .. Q7, or both")
+
+
+def parser() -> argparse.ArgumentParser:
+    """Return the parser of the whole command line; `options.command` says which command it is."""
+    top = argparse.ArgumentParser(
+        prog="ta2",
+        description="The gateway to a TeleAvatar 2 robot: run it, look at it, move the arms, stop.",
+        epilog=EPILOG,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+        allow_abbrev=False,
+    )
+    top.add_argument("--version", action="version", version=f"ta2 {__version__}")
+    commands = top.add_subparsers(title="commands", dest="command", metavar="COMMAND", required=True)
+    _add_run(_command(commands, "run", "run the gateway until Ctrl-C"))
+    _add_sim(_command(commands, "sim", "run a simulated robot until Ctrl-C, or ask a running one"))
+    _add_config(_command(commands, "config", "show the effective settings, or check a file of them"))
+    _add_views(commands)
+    _add_motions(commands)
+    _add_stops(commands)
+    return top
+
+
+def _command(commands: Any, name: str, text: str, more: str = "") -> argparse.ArgumentParser:  # noqa: ANN401  argparse's private class
+    sub: argparse.ArgumentParser = commands.add_parser(
+        name,
+        help=text,
+        description=f"{text[0].upper()}{text[1:]}.{f' {more}' if more else ''}",
+        allow_abbrev=False,
+    )
+    return sub
+
+
+def _client_command(
+    commands: Any,  # noqa: ANN401  argparse's private class
+    name: str,
+    text: str,
+    more: str = "",
+    *,
+    shows_json: bool = True,
+    timeout_s: float = 5.0,
+    timeout_of: str = "longest wait for the gateway",
+) -> argparse.ArgumentParser:
+    sub = _command(commands, name, text, more)
+    sub.add_argument(
+        "--socket",
+        "--at",
+        dest="target",
+        metavar="TARGET",
+        help="the gateway: a path, unix:PATH, tcp/HOST:PORT or tls/HOST:PORT (default: found by itself)",
+    )
+    sub.add_argument(
+        "--timeout",
+        dest="timeout_s",
+        type=_seconds,
+        default=timeout_s,
+        metavar="S",
+        help=f"{timeout_of} [s] (default {timeout_s:g})",
+    )
+    if shows_json:
+        sub.add_argument("--json", action="store_true", help="print JSON on standard output")
+    return sub
+
+
+def _add_run(run: argparse.ArgumentParser) -> None:
+    run.add_argument(
+        "--robot",
+        type=endpoint,
+        metavar="ROBOT",
+        help=f"the robot's router: tcp/HOST:{ROBOT_PORT}, HOST:PORT or HOST (default: as configured, {SIM_ENDPOINT})",
+    )
+    run.add_argument(
+        "--socket", metavar="PATH", help="where clients connect (default: as configured, else this user's)"
+    )
+    run.add_argument("--config", metavar="FILE", help="settings that differ from the defaults, see `ta2 config`")
+    run.add_argument("--model", choices=MODELS, help="model of the robot (default: as configured, standard)")
+    run.add_argument("--json-log", action="store_true", help="write the log as JSON lines")
+
+
+def _add_sim(sim: argparse.ArgumentParser) -> None:
+    sim.add_argument("--listen", type=endpoint, default=SIM_ENDPOINT, help="its router (default %(default)s)")
+    sim.add_argument("--mode", choices=MODES, default="joint", help="control mode of both arms (default %(default)s)")
+    sim.add_argument("--left-mode", choices=MODES, help="control mode of the left arm")
+    sim.add_argument("--right-mode", choices=MODES, help="control mode of the right arm")
+    sim.add_argument("--model", choices=MODELS, default="standard", help="model (default %(default)s)")
+    sim.add_argument("--seed", type=int, default=0, help="of the measurement noise (default %(default)s)")
+    sim.add_argument(
+        "--disable", action="append", default=[], choices=PARTS, help="a part that is switched off; may be repeated"
+    )
+    asks = sim.add_subparsers(title="ask a running one", dest="ask", metavar="ASK")
+    for name, text in (
+        ("fault", """let a fault begin, e.g. '{"fault": "pause", "duration_s": 1}'"""),
+        ("clear", "end all faults, or those of a name"),
+        ("faults", "list the faults there are"),
+        ("stats", "print what the robot has seen of its users"),
+    ):
+        ask = _command(asks, name, text)
+        ask.add_argument("--at", type=endpoint, default=SIM_ENDPOINT, help="where it listens (default %(default)s)")
+        if name == "fault":
+            ask.add_argument("fault", metavar="JSON", help="name and parameters; `ta2 sim faults` lists them")
+        elif name == "clear":
+            ask.add_argument("fault", metavar="NAME", nargs="?", help="which faults (default: all)")
+
+
+def _add_config(config: argparse.ArgumentParser) -> None:
+    what = config.add_mutually_exclusive_group(required=True)
+    what.add_argument(
+        "--show", metavar="FILE", nargs="?", const="", help="print all settings: the defaults, or with FILE's over them"
+    )
+    what.add_argument("--check", metavar="FILE", help="say what is wrong with FILE, or what it changes")
+
+
+def _add_views(commands: Any) -> None:  # noqa: ANN401  argparse's private class
+    _client_command(commands, "status", "show on one screen what the gateway sees, and what to do next")
+    watch = _client_command(
+        commands,
+        "watch",
+        "watch it live: state, lease, joints, topics, streams, motions, notices",
+        "q or Ctrl-C ends it. Prints plain lines when the output is no terminal.",
+        shows_json=False,
+    )
+    watch.add_argument("--once", action="store_true", help="print one frame and end")
+    _client_command(commands, "topics", "list every topic with rate, age, worst gap and counters")
+
+
+def _add_motions(commands: Any) -> None:  # noqa: ANN401  argparse's private class
+    enable = _client_command(
+        commands,
+        "enable",
+        "enable the arms, hold them where they are until Ctrl-C, then release",
+        shows_json=False,
+        timeout_s=12.0,
+        timeout_of="longest wait until the robot is READY",
+    )
+    waiting = {"timeout_s": PATIENCE_S, "timeout_of": "longest wait for the motion to end"}
+    more = "Ctrl-C leaves the arms held."
+    home = _client_command(
+        commands,
+        "home",
+        "move both arms to the initial position of manual §6.6: enable, move, disable",
+        more,
+        **waiting,
+    )
+    move = _client_command(
+        commands, "move", "move one or both arms to joint positions: enable, move, disable", more, **waiting
+    )
+    for side in ("left", "right"):
+        move.add_argument(
+            f"--{side}",
+            nargs="+",
+            metavar="Q",
+            help=f"seven joints of the {side} arm [rad], in the order of manual §4.0.3, spaces or commas between them",
+        )
+    move.add_argument("--by", action="store_true", help="the joints are offsets from where the arms are")
+    move.add_argument("--clip", action="store_true", help="move a target outside the limits to the limit, and say so")
+    for motion in (home, move):
+        motion.add_argument(
+            "--speed",
+            type=_factor,
+            default=0.5,
+            metavar="F",
+            help="factor on the configured velocity limit, up to 1 (default %(default)s)",
+        )
+        motion.add_argument(
+            "--tolerance",
+            type=_distance,
+            metavar="RAD",
+            help="reached within this [rad] (default: as configured, 0.05)",
+        )
+        motion.add_argument("--hold", action="store_true", help="leave the arms held instead of pausing the robot")
+        motion.add_argument("--yes", action="store_true", help="do not ask before moving")
+    for owning in (enable, home, move):
+        owning.add_argument("--take", metavar="REASON", help="take the robot from its owner, who is shown the reason")
+
+
+def _add_stops(commands: Any) -> None:  # noqa: ANN401  argparse's private class
+    latched = "Anybody may. Motion is refused until `ta2 recover`."
+    for name, text in (
+        ("stop", "stop everything; arms and grip are held"),
+        ("estop", "stop everything and pause the robot; the grip is lost"),
+    ):
+        sub = _client_command(commands, name, text, latched)
+        sub.add_argument("reason", nargs="*", help="shown to the owner and in the log")
+    _client_command(commands, "recover", "clear what holds motion off, if its cause is gone", "Never moves or enables.")

@@ -1,0 +1,252 @@
+"""`ta2`: arguments to calls. What a command does lives in `daemon`, `sim` and `apps`; here is only who does it.
+
+Rules
+    * Nothing heavy is imported before it is known what is wanted: `ta2 stop` loads the client and nothing else.
+    * What a person or a script wants to read goes to standard output, what is said on the way to standard error.
+    * An error is one line, `CODE: message -> hint`, and an exit status of `apps.ending.ExitStatus`.
+    * SIGTERM and SIGHUP are to a client command what Ctrl-C is: whatever moves is left held, at once.
+"""
+
+from __future__ import annotations
+
+import os
+import signal
+import sys
+from argparse import Namespace
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from types import FrameType
+
+from gateway import __version__
+from gateway.apps.arguments import parse
+from gateway.apps.ending import ExitStatus, Interrupted, report
+from gateway.errors import Code, GatewayError, Refusal, to_exception
+
+__all__ = ["COMMANDS", "main"]
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Carry out a command line; return the exit status.
+
+    Args:
+        arguments: Without the program's name; None for this process's own.
+    """
+    options = parse(sys.argv[1:] if arguments is None else arguments)
+    try:
+        with _interruptible(options.command):
+            return int(COMMANDS[options.command](options))
+    except GatewayError as error:
+        return report(error, as_json=getattr(options, "json", False))
+    except Interrupted as end:
+        return 128 + end.number
+    except KeyboardInterrupt:
+        return 128 + signal.SIGINT
+    except BrokenPipeError:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # Python flushes once more on its way out
+        return ExitStatus.BROKEN_PIPE
+
+
+@contextmanager
+def _interruptible(command: str) -> Iterator[None]:
+    """Turn SIGTERM and SIGHUP into an exception, so that a client can leave the robot held and say so.
+
+    The two processes that run for ever have their own answer to signals.
+    """
+    if command in ("run", "sim"):
+        yield
+        return
+
+    def interrupt(number: int, frame: FrameType | None) -> None:
+        raise Interrupted(number)
+
+    before = {number: signal.signal(number, interrupt) for number in (signal.SIGTERM, signal.SIGHUP)}
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+# ----------------------------------------------------------------------------------------------------------- processes
+
+
+def _run(options: Namespace) -> int:
+    from dataclasses import replace
+
+    from gateway import config, daemon
+
+    settings = config.overridden(config.load(options.config), robot=options.robot, socket=options.socket)
+    if options.model is not None:
+        settings = replace(settings, link=replace(settings.link, model=options.model))
+    daemon.configure_log(is_json=options.json_log)
+
+    def on_ready(socket: str) -> None:
+        if options.json_log:
+            return
+        at = f" --socket {socket}" if options.socket is not None else ""
+        print(
+            f"\nta2 {__version__}: the gateway of {settings.link.endpoint} (model {settings.link.model}); "
+            f"clients connect to {socket}\n"
+            f"  look   ta2 status{at}\n"
+            f"         ta2 watch{at}\n"
+            f"  move   ta2 home{at}\n"
+            f"  stop   ta2 stop{at}\n"
+            f"  end    Ctrl-C: brakes, then pauses the robot\n",
+            file=sys.stderr,
+            flush=True,
+        )
+
+    return daemon.run(settings, on_ready)
+
+
+def _sim(options: Namespace) -> int:
+    if options.ask is not None:
+        return _ask_sim(options)
+    from gateway.sim.node import main_sim
+    from gateway.sim.settings import SimSettings
+
+    settings = SimSettings(
+        model=options.model,
+        left_mode=options.left_mode or options.mode,
+        right_mode=options.right_mode or options.mode,
+        seed=options.seed,
+        enable_left_arm="left_arm" not in options.disable,
+        enable_right_arm="right_arm" not in options.disable,
+        enable_chassis="chassis" not in options.disable,
+        enable_lift_servo="lift_servo" not in options.disable,
+    )
+    return main_sim(options.listen, settings)
+
+
+def _ask_sim(options: Namespace) -> int:
+    import json
+
+    from gateway.sim.remote import SimControl, SimUnreachable
+
+    try:
+        values: object = {}
+        if options.ask == "fault":
+            values = json.loads(options.fault)
+        elif options.ask == "clear" and options.fault is not None:
+            values = {"fault": options.fault}
+        if not isinstance(values, dict) or "do" in values:
+            raise ValueError(f'a fault is an object such as {{"fault": "pause"}}, not {options.fault}')
+        with SimControl(options.at) as control:
+            print(json.dumps(control.ask(options.ask, **values), indent=2))
+    except SimUnreachable as error:
+        hint = "start one with `ta2 sim`; a real robot has no such channel"
+        raise to_exception(Refusal(code=Code.DISCONNECTED, message=str(error), hint=hint)) from None
+    except ValueError as error:  # no JSON, or refused by the simulation
+        hint = "`ta2 sim faults` lists what there is"
+        raise to_exception(Refusal(code=Code.BAD_REQUEST, message=str(error), hint=hint)) from None
+    return ExitStatus.OK
+
+
+# ------------------------------------------------------------------------------------------------------------ settings
+
+
+def _config(options: Namespace) -> int:
+    from gateway import config
+
+    if options.check is None:
+        print(config.show(config.load(options.show or None)), end="")
+        return ExitStatus.OK
+    values, defaults = (_by_name(config.show(config.load(file))) for file in (options.check, None))
+    changed = [
+        f"  {name} = {value} (default {defaults[name]})" for name, value in values.items() if value != defaults[name]
+    ]
+    print("\n".join([f"{options.check}: good, {len(changed) or 'no'} settings differ from the defaults", *changed]))
+    return ExitStatus.OK
+
+
+def _by_name(shown: str) -> dict[str, str]:
+    """Return the settings of `config.show` by section and key."""
+    section, values = "", {}
+    for line in shown.splitlines():
+        name, equals, value = line.partition(" = ")
+        if equals:
+            values[f"{section}.{name}"] = value
+        elif line:
+            section = line.strip("[]")
+    return values
+
+
+# ------------------------------------------------------------------------------------------------------------- clients
+
+
+def _status(options: Namespace) -> int:
+    from gateway.apps.status import show_status
+
+    return show_status(options.target, options.timeout_s, as_json=options.json)
+
+
+def _topics(options: Namespace) -> int:
+    from gateway.apps.topics import show_topics
+
+    return show_topics(options.target, options.timeout_s, as_json=options.json)
+
+
+def _watch(options: Namespace) -> int:
+    from gateway.apps.watch import watch
+
+    return watch(options.target, options.timeout_s, once=options.once)
+
+
+def _stop(options: Namespace) -> int:
+    from gateway.apps.stopping import stop
+
+    return stop(options.command, options.target, options.timeout_s, " ".join(options.reason), as_json=options.json)
+
+
+def _recover(options: Namespace) -> int:
+    from gateway.apps.stopping import recover
+
+    return recover(options.target, options.timeout_s, as_json=options.json)
+
+
+def _enable(options: Namespace) -> int:
+    from gateway.apps.moving import enable
+
+    return enable(options.target, options.timeout_s, options.take)
+
+
+def _move(options: Namespace) -> int:
+    from gateway.apps.moving import Errand, carry_out, home, to_joints
+
+    errand = Errand(
+        command=options.command,
+        target=options.target,
+        timeout_s=options.timeout_s,
+        speed=options.speed,
+        tolerance_rad=options.tolerance,
+        is_clipping=options.command == "move" and options.clip,
+        is_left_held=options.hold,
+        take=options.take,
+        asks=not options.yes,
+        as_json=options.json,
+    )
+    if options.command == "home":
+        return carry_out(errand, home)
+    sides = {"left": options.left, "right": options.right}
+    return carry_out(errand, to_joints({side: q for side, q in sides.items() if q is not None}, is_offset=options.by))
+
+
+COMMANDS: Mapping[str, Callable[[Namespace], int]] = {
+    "run": _run,
+    "sim": _sim,
+    "config": _config,
+    "status": _status,
+    "watch": _watch,
+    "topics": _topics,
+    "enable": _enable,
+    "home": _move,
+    "move": _move,
+    "stop": _stop,
+    "estop": _stop,
+    "recover": _recover,
+}
+"""Who carries out which command."""
+
+
+if __name__ == "__main__":
+    sys.exit(main())
