@@ -12,18 +12,18 @@ from gateway.core.streams.grid import Grid
 from gateway.core.streams.stream import SentLog
 from gateway.values import Vector
 
-__all__ = ["StopRepeater"]
+__all__ = ["LIFT_OFF", "StopRepeater"]
 
 S = 1_000_000_000
 REPEAT_NS = 1 * S
-"""Stop frames are repeated at least this long [ns] (the robot's chassis watchdog, manual §4.5)."""
+"""First and last stop frame are at least this far apart [ns] (the robot's chassis watchdog, manual §4.5)."""
 
 LIFT_OFF: Vector = (0.0, 0.0)
 """Lift: stop, then servo off (manual §4.6)."""
 
 
 class StopRepeater:
-    """Repeats a group's stop frame at its rate for a second, then falls silent.
+    """Repeats a group's stop frame at its rate for a second, sends the end that was asked for, and falls silent.
 
     Args:
         topic: Command topic of the chassis or the lift.
@@ -34,18 +34,15 @@ class StopRepeater:
         self.log = SentLog()
         self._spec = robot.TOPICS[topic]
         self._grid = Grid(self._spec.rate_hz)
+        self.running = False
+        """Whether frames are being sent; it ends an instant of the grid after the last one."""
         self._until_ns: int | None = None
         self._last: Vector | None = None
 
-    @property
-    def running(self) -> bool:
-        """Whether stop frames are being repeated."""
-        return self._until_ns is not None or self._last is not None
-
     def stop(self, now_ns: int) -> None:
-        """Repeat the stop frame from now on, the first at once."""
+        """Repeat the stop frame from now on, the first at once. An end that was asked for before still comes."""
+        self.running = True
         self._until_ns = now_ns + REPEAT_NS
-        self._last = None
         self._grid.start(now_ns)
 
     def then(self, values: Vector) -> None:
@@ -57,17 +54,22 @@ class StopRepeater:
         return self._grid.next_ns() if self.running else None
 
     def frame(self, now_ns: int) -> Frame | None:
-        """Return the stop frame that is due now, or None."""
-        if not self.running:
-            return None
-        due_ns = self._grid.due(now_ns)
+        """Return the stop frame that is due now, or None.
+
+        Args:
+            now_ns: Monotonic time [ns].
+        """
+        due_ns = self._grid.due(now_ns) if self.running else None
         if due_ns is None:
             return None
         values = self._spec.stop_frame
-        if self._until_ns is None or now_ns > self._until_ns:
-            self._until_ns = None
-            self.log.end()
-            if self._last is None:
-                return None
+        if self._until_ns is not None:
+            if now_ns >= self._until_ns:
+                self._until_ns = None
+        elif self._last is not None:
             values, self._last = self._last, None
+        else:
+            self.running = False
+            self.log.end()
+            return None
         return Frame(topic=self.topic, values=values, kind=FrameKind.STOP, epoch=0, due_ns=due_ns)
