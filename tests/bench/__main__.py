@@ -1,0 +1,42 @@
+"""`python -m tests.bench`: all benchmarks, each beside its peer; exit status 1 when a goal is missed."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import tempfile
+from pathlib import Path
+
+from rich.console import Console
+
+from tests.bench.codec import codec_rows
+from tests.bench.table import Row, show
+from tests.bench.tick import tick_rows
+from tests.bench.wire import wire_rows
+
+
+def main() -> int:
+    """Run the chosen parts and print their tables."""
+    parser = argparse.ArgumentParser(prog="bin/bench", description=__doc__)
+    parser.add_argument("parts", nargs="*", choices=["codec", "tick", "wire", []], help="which; all by default")
+    options = parser.parse_args()
+    parts = options.parts or ["codec", "tick", "wire"]
+    console = Console(width=150 if not sys.stdout.isatty() else None)
+    rows: list[Row] = []
+    if "codec" in parts:
+        rows += (found := codec_rows())
+        show("codec (best of many rounds, taking turns)", found, console)
+    if "tick" in parts:
+        rows += (found := tick_rows())
+        show("engine (virtual time)", found, console)
+    if "wire" in parts:
+        with tempfile.TemporaryDirectory(prefix="ta2-bench-") as folder:
+            rows += (found := wire_rows(Path(folder)))
+        show("over the wire (loopback, real processes)", found, console)
+    missed = [row.name for row in rows if row.good is False]
+    console.print(f"{len(rows)} figures, {len(missed)} goals missed" + (f": {', '.join(missed)}" if missed else ""))
+    return 1 if missed else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

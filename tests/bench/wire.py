@@ -1,0 +1,199 @@
+"""Over the wire: setpoint intervals at the robot, CPU under full state, and latency from a client to the robot.
+
+Every figure of ours stands beside a plain peer in the same seconds on the same machine: a zenoh-python publisher with an
+absolute sleep and a simulated robot of its own, and a process that only subscribes with empty callbacks.
+"""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import zenoh
+
+from gateway.client import Control
+from gateway.sim.remote import SimControl
+from tests.bench.table import Row
+from tests.e2e.system import Process, System, free_port, joint_topics, wait_for
+
+__all__ = ["wire_rows"]
+
+WINDOW_S = 8.0
+
+PEER_PUBLISHER = """
+import json, sys, time, zenoh
+from cdr_types import encode
+from cdr_types.messages import sensor_msgs
+from gateway.robot import ARM_JOINTS, HOME_Q_RAD
+from gateway.values import Side
+config = {"mode": "client", "connect": {"endpoints": [sys.argv[1]]}, "scouting": {"multicast": {"enabled": False}}}
+session = zenoh.open(zenoh.Config.from_json5(json.dumps(config)))
+messages = [(session.declare_publisher(f"api/{s}_arm/joint_cmd"), encode(sensor_msgs.JointState(name=list(ARM_JOINTS[s]),
+    position=list(HOME_Q_RAD[s]), velocity=[0.0] * 7, effort=[0.0] * 7))) for s in Side]
+due = time.monotonic_ns()
+print("ready", flush=True)
+while True:
+    due += 10_000_000
+    rest = due - time.monotonic_ns()
+    if rest > 0:
+        time.sleep(rest / 1e9)
+    for publisher, payload in messages:
+        publisher.put(payload)
+"""
+"""A plain publisher of both arms' setpoints: absolute sleep, default settings of zenoh."""
+
+PEER_SUBSCRIBER = """
+import json, sys, time, zenoh
+from gateway.robot import STATE_TOPICS
+config = {"mode": "client", "connect": {"endpoints": [sys.argv[1]]}, "scouting": {"multicast": {"enabled": False}}}
+session = zenoh.open(zenoh.Config.from_json5(json.dumps(config)))
+held = [session.declare_subscriber(topic[1:], lambda sample: None) for topic in STATE_TOPICS]
+print("ready", flush=True)
+while True:
+    time.sleep(1.0)
+"""
+"""A process that only subscribes to every state topic, with empty callbacks."""
+
+HOG = "while True: pass"
+
+
+def cpu_s(pid: int) -> float:
+    """Return the processor time that a process has used [s]."""
+    fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
+    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
+
+
+@contextmanager
+def _hogs(count: int) -> Iterator[None]:
+    processes = [subprocess.Popen([sys.executable, "-S", "-c", HOG]) for _ in range(count)]
+    try:
+        yield
+    finally:
+        for process in processes:
+            process.kill()
+            process.wait()
+
+
+def _pass(seconds: float) -> None:
+    end = time.monotonic() + seconds
+    wait_for(lambda: time.monotonic() >= end, "the window to pass", seconds + 5.0)
+
+
+def _intervals(control: SimControl) -> dict[str, float]:
+    commands: Any = control.ask("stats")["commands"]
+    streams = [commands[topic] for topic in joint_topics()]
+    return {key: max(float(s[key]) for s in streams) for key in ("p50_ms", "p99_ms", "max_ms")} | {
+        "rate_hz": min(float(s["rate_hz"]) for s in streams)
+    }
+
+
+def _interval_rows(title: str, system: System, peer: SimControl, hogs: int) -> list[Row]:
+    with _hogs(hogs):
+        _pass(0.5)
+        for control in (system.control, peer):
+            control.ask("reset_stats")
+        _pass(WINDOW_S)
+        ours, plain = _intervals(system.control), _intervals(peer)
+    rows = [
+        Row(
+            name=f"setpoint rate at the robot, {title}",
+            ours=f"{ours['rate_hz']:.2f} Hz",
+            peer=f"{plain['rate_hz']:.2f} Hz",
+            goal="100 Hz +- 0.5",
+            good=abs(ours["rate_hz"] - 100.0) < 0.5,
+        )
+    ]
+    for key, name in (("p50_ms", "p50"), ("p99_ms", "p99"), ("max_ms", "max")):
+        rows.append(
+            Row(
+                name=f"interval at the robot {name}, {title}",
+                ours=f"{ours[key]:.2f} ms",
+                peer=f"{plain[key]:.2f} ms",
+                ratio=f"{ours[key] / plain[key]:.2f}x",
+            )
+        )
+    return rows
+
+
+def _cpu_row(system: System, subscriber: Process) -> Row:
+    pids = (system.daemon.pid, subscriber.pid)
+    before = [cpu_s(pid) for pid in pids]
+    begun = time.monotonic()
+    _pass(WINDOW_S)
+    elapsed = time.monotonic() - begun
+    ours, peer = ((cpu_s(pid) - old) / elapsed * 100 for pid, old in zip(pids, before, strict=True))
+    return Row(
+        name="CPU of the daemon, full state, nothing commanded",
+        ours=f"{ours:.1f} %",
+        peer=f"{peer:.1f} % (empty callbacks)",
+        ratio=f"{ours / peer:.2f}x",
+        goal="<= 1.6x",
+        good=ours / peer <= 1.6,
+    )
+
+
+def _latency_row(system: System, own: Control) -> Row:
+    """Time from `stream.set` in this process to the first changed setpoint at the robot's router."""
+    arrivals: list[int] = []
+    last: list[bytes] = [b""]
+
+    def hear(sample: zenoh.Sample) -> None:
+        body = sample.payload.to_bytes()[-7 * 8 * 3 - 8 :]  # positions and what follows: no stamp
+        if body != last[0]:
+            last[0] = body
+            arrivals.append(time.monotonic_ns())
+
+    config = {"mode": "client", "connect": {"endpoints": [system.endpoint]}, "scouting": {"multicast": {"enabled": False}}}
+    waits_ms = []
+    with zenoh.open(zenoh.Config.from_json5(str(config).replace("'", '"').replace("False", "false"))) as session:
+        session.declare_subscriber("api/left_arm/joint_cmd", hear)
+        with own.left_arm.stream(rate_hz=50) as out:
+            start = out.q.copy()
+            for n in range(25):
+                _pass(0.15 + 0.0037 * n)  # at rest again, at another phase of the tick
+                arrivals.clear()
+                target = start.copy()
+                target[6] += 0.002 if n % 2 == 0 else 0.0
+                sent = time.monotonic_ns()
+                out.set(target)
+                wait_for(lambda: arrivals, "the setpoint", 2.0)
+                waits_ms.append((arrivals[0] - sent) / 1e6)
+    return Row(
+        name="client set -> first changed setpoint at the robot",
+        ours=f"p50 {np.percentile(waits_ms, 50):.1f} ms, p95 {np.percentile(waits_ms, 95):.1f} ms",
+        peer="one tick is 10 ms",
+        ratio=f"{np.percentile(waits_ms, 50) / 10:.2f} ticks",
+    )
+
+
+def wire_rows(folder: Path) -> list[Row]:
+    """Measure everything that needs processes; about a minute."""
+    rows: list[Row] = []
+    peer_endpoint = f"tcp/127.0.0.1:{free_port()}"
+    peer_sim = Process("peer-sim", ["-m", "gateway.sim", "--listen", peer_endpoint], folder)
+    system = System(folder)
+    helpers: list[Process] = []
+    try:
+        with system.connect("bench") as robot, wait_for(lambda: SimControl(peer_endpoint), "the peer's robot") as peer:
+            helpers.append(Process("subscriber", ["-u", "-c", PEER_SUBSCRIBER, system.endpoint], folder))
+            wait_for(lambda: "ready" in helpers[-1].text(), "the plain subscriber")
+            rows.append(_cpu_row(system, helpers.pop()))
+            helpers.append(Process("publisher", ["-u", "-c", PEER_PUBLISHER, peer_endpoint], folder))
+            wait_for(lambda: "ready" in helpers[-1].text(), "the plain publisher")
+            with robot.control() as own:
+                own.enable(timeout=12.0)
+                rows += _interval_rows("quiet", system, peer, 0)
+                rows += _interval_rows("4 CPU hogs", system, peer, 4)
+                rows.append(_latency_row(system, own))
+    finally:
+        for process in (*helpers, peer_sim):
+            process.end()
+        system.close()
+    return rows
