@@ -98,7 +98,7 @@ class HeartbeatStream:
     def silence(self) -> None:
         """Send nothing any more."""
         self.beat = Beat.SILENT
-        self._is_estop = False
+        self._is_new = self._is_estop = False
         self.log.end()
 
     def fsm_zero_seen(self, received_ns: int) -> None:
@@ -114,22 +114,27 @@ class HeartbeatStream:
         return self._grid.next_ns() if self.running else None
 
     def frame(self, now_ns: int) -> Frame | None:
-        """Return the heartbeat that is due now, or None."""
-        if self.beat is Beat.SILENT:
-            return None
-        if self.beat is Beat.ZERO and not self._is_new and now_ns - self._zero_since_ns > self._zero_timeout_ns:
-            self.gave_up_at_ns = now_ns
-            self.silence()
-            return None
-        due_ns = self._grid.due(now_ns)
+        """Return the heartbeat that is due now, or None.
+
+        Args:
+            now_ns: Monotonic time [ns].
+        """
+        if self.beat is Beat.ZERO and not self._is_new:
+            self._end_zeros(now_ns)
+        due_ns = self._grid.due(now_ns) if self.running else None
         if due_ns is None:
             return None
         self._is_new = False
         if self.beat is Beat.ONE:
             self.is_owed, self.last_one_ns = True, now_ns
             return Frame(topic=self.topic, values=(1.0,), kind=FrameKind.BEAT, epoch=0, due_ns=due_ns)
-        frame = Frame(topic=self.topic, values=(0.0,), kind=FrameKind.STOP, epoch=0, due_ns=due_ns)
+        self.is_owed = self.is_owed and not self._is_once
+        return Frame(topic=self.topic, values=(0.0,), kind=FrameKind.STOP, epoch=0, due_ns=due_ns)
+
+    def _end_zeros(self, now_ns: int) -> None:
+        """Go silent when the single 0.0 has left, or when the repeated one was not answered in time."""
         if self._is_once:
-            self.is_owed = False
             self.silence()
-        return frame
+        elif now_ns - self._zero_since_ns > self._zero_timeout_ns:
+            self.gave_up_at_ns = now_ns
+            self.silence()
