@@ -1,4 +1,4 @@
-"""One open zenoh session to the robot's router, with everything declared on it. The only module here that uses zenoh.
+"""One open zenoh session to the robot's router, with everything declared on it.
 
 Order of the declarations: publishers, transport events, our own liveliness tokens, subscriptions, tokens of others.
 Publishers come first because zenoh drops what is put before the router has said who listens: when the first state
@@ -6,10 +6,10 @@ comes, commands get through. A token per state topic comes before its subscripti
 leaving subscriber ends our state for good (wire.md fact 8). After a reconnect zenoh declares all of it again by itself.
 
 Callbacks only stamp and store. They run in Python threads of their own, one per subscription (`indirect=True`): called
-directly from zenoh's one reader thread, each sample would wait for the GIL in line with all others. Measured with
-1,800 samples/s and a busy Python thread beside: median latency 3-4 ms against 380-470 ms (switch interval 5 ms), 99 %
-below 3 ms against 59 ms (0.5 ms); with a quiet GIL no difference (0.15-0.2 ms). The price: the process cannot end
-before `close`.
+directly from zenoh's one reader thread, each sample would wait for the GIL in line with all others. Two runs each with
+1,800 samples/s and a busy Python thread beside, on a shared machine with two cores, latency in the middle / 99 %:
+3-4 / 26-45 ms against 380-470 / 1,270-1,320 ms (switch interval 5 ms), 0.6-1.3 / 3-36 ms against 0.7-4.7 / 59-82 ms
+(0.5 ms); alike with a quiet GIL (0.15-0.3 ms). The price: these threads keep a process alive until the session closes.
 
 Publishers are DROP, express and REMOTE only; the heartbeat has its own priority, so that a late 0.0 is neither dropped
 behind setpoints nor overtaken (wire.md 7.3). Never `delete`.
