@@ -17,8 +17,6 @@ from gateway.values import Side, Vector
 
 __all__ = ["ArmStream"]
 
-S = 1_000_000_000
-
 
 class ArmStream:
     """Joint setpoints of one arm.
@@ -29,21 +27,20 @@ class ArmStream:
     """
 
     def __init__(self, side: Side, settings: ArmSettings) -> None:
-        self.side = side
         self.topic = robot.joint_command(side)
         self.log = SentLog()
-        self.limits = JointLimits(
+        limits = JointLimits(
             v_radps=settings.v_radps,
             a_radps2=settings.a_radps2,
             j_radps3=settings.j_radps3,
             lower_rad=tuple(settings.lower_rad[side]),
             upper_rad=tuple(settings.upper_rad[side]),
         )
-        self.reference = JointReference(self.limits, 1.0 / settings.rate_hz)
+        self.reference = JointReference(limits, 1.0 / settings.rate_hz)
         self.running = False
         """Whether frames are being sent."""
         self.epoch = 0
-        """Lease epoch under which the present motion was commanded."""
+        """Lease epoch under which the latest motion was commanded; 0 when none was since the start."""
         self._grid = Grid(settings.rate_hz)
         self._is_first = False
         self._is_echoing = False
@@ -55,8 +52,12 @@ class ArmStream:
         Args:
             q_rad: Where the arm is, shape (7,) [rad], inside the limits.
             now_ns: Monotonic time [ns].
+
+        Raises:
+            PlanFailed: It is not inside the limits; nothing has changed.
         """
         self.reference.seed(q_rad)
+        self.epoch = 0
         self.running, self._is_first, self._is_echoing, self._is_walking = True, True, True, False
         self.log.end()
         self._grid.start(now_ns)
@@ -72,18 +73,18 @@ class ArmStream:
 
     def follow_path(self, path: Path, epoch: int) -> None:
         """Follow this arm's part of a planned path, for the owner of `epoch`."""
-        self.epoch, self._is_walking = epoch, False
         self.reference.start(path)
+        self.epoch, self._is_walking = epoch, False
 
     def follow_target(self, q_rad: Vector, speed: float, epoch: int) -> None:
         """Follow a streamed target, shape (7,) [rad], for the owner of `epoch`."""
-        self.epoch, self._is_walking = epoch, False
         self.reference.follow(q_rad, speed)
+        self.epoch, self._is_walking = epoch, False
 
     def walk(self, path: Path) -> None:
         """Lead the held reference back to the measured arm; nobody's motion."""
-        self.epoch, self._is_walking = 0, True
         self.reference.start(path)
+        self.epoch, self._is_walking = 0, True
 
     def brake(self) -> None:
         """Come to rest inside the limits, then hold."""
@@ -92,7 +93,7 @@ class ArmStream:
 
     @property
     def is_at_rest(self) -> bool:
-        """Whether the next setpoint repeats the last one."""
+        """Whether the setpoint stands still; a path or a target may be pending."""
         return self.reference.is_at_rest
 
     @property
