@@ -29,6 +29,7 @@ __all__ = [
     "decode_snapshot",
     "decode_target",
     "encode",
+    "prepare",
     "refusal_of",
 ]
 
@@ -64,11 +65,18 @@ class _Reader(Generic[_T]):
 
     def __init__(self, what: str, message: type[_T], limit: int | None = None) -> None:
         self._what = what
+        self._message = message
         self._limit = limit
-        self._decoders: dict[str, Callable[[bytes], _T]] = {
-            MSGPACK: msgspec.msgpack.Decoder(message).decode,
-            JSON: msgspec.json.Decoder(message).decode,
-        }
+        self._decoders: dict[str, Callable[[bytes], _T]] = {}
+
+    def decoder(self, encoding: str) -> Callable[[bytes], _T] | None:
+        """Return what decodes an encoding; None for an unknown one. Built at first use: it takes milliseconds."""
+        if encoding not in self._decoders:
+            if encoding == MSGPACK:
+                self._decoders[MSGPACK] = msgspec.msgpack.Decoder(self._message).decode
+            elif encoding == JSON:
+                self._decoders[JSON] = msgspec.json.Decoder(self._message).decode
+        return self._decoders.get(encoding)
 
     def read(self, payload: bytes, encoding: str) -> _T:
         """Return the message, or raise `Malformed`."""
@@ -79,7 +87,7 @@ class _Reader(Generic[_T]):
                 bound=str(self._limit),
                 unit="B",
             )
-        decode = self._decoders.get(encoding or MSGPACK)
+        decode = self.decoder(encoding or MSGPACK)
         if decode is None:
             raise self._malformed(
                 f"is encoded as {encoding[:64]!r}, {MSGPACK} and {JSON} are understood",
@@ -113,6 +121,13 @@ _REPLY: Final = _Reader("reply", Reply)
 _SNAPSHOT: Final = _Reader("snapshot", Snapshot)
 _NOTICE: Final = _Reader("notice", Notice)
 _INFO: Final = _Reader("info", Info)
+
+
+def prepare() -> None:
+    """Build what a daemon decodes with, before its loop runs: the first request must not stall it."""
+    for reader in (_COMMAND, _ENVELOPE, _TARGET):
+        for encoding in (MSGPACK, JSON):
+            reader.decoder(encoding)
 
 
 def encode(message: object, encoding: str = MSGPACK) -> bytes:

@@ -35,6 +35,7 @@ from gateway.api.encoding import (
     decode_snapshot,
     decode_target,
     encode,
+    prepare,
     refusal_of,
 )
 from gateway.api.keys import (
@@ -173,6 +174,7 @@ __all__ = [
     "find_socket",
     "keepalive_key",
     "parse_address",
+    "prepare",
     "refusal_of",
     "target_key",
     "token_id",

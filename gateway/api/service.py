@@ -55,6 +55,7 @@ class LocalPlane:
 
     def __init__(self, settings: Settings, lock_directory: Path | None = None) -> None:
         local = settings.local
+        protocol.prepare()
         self.socket = _socket_path(local)
         self.info = describe(settings, socket=str(self.socket), pid=os.getpid())
         self._mode = local.socket_mode

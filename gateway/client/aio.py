@@ -88,8 +88,12 @@ async def _wait(session: Session, wait: Wait[Any]) -> object:
                 return answer
             if now_ns >= wait.deadline_ns:
                 raise wait.expire()
-            with contextlib.suppress(asyncio.TimeoutError):
-                await asyncio.wait_for(changed.wait(), min((wait.deadline_ns - now_ns) / 1e9, SLICE_S))
+            # Not asyncio.wait_for: before Python 3.12 it can swallow a cancellation that comes together with the event.
+            alarm = loop.call_later(min((wait.deadline_ns - now_ns) / 1e9, SLICE_S), changed.set)
+            try:
+                await changed.wait()
+            finally:
+                alarm.cancel()
 
 
 def connect(

@@ -29,7 +29,11 @@ def transport_to(target: str | None, credentials: Credentials | None) -> Transpo
 
 def program_name() -> str:
     """Return what this program is called, for people who ask who owns the robot."""
-    return os.path.basename(sys.argv[0] if sys.argv else "")[:64] or "python"
+    path = sys.argv[0] if sys.argv else ""
+    if os.path.basename(path) == "__main__.py":  # python -m package
+        path = os.path.dirname(path)
+    name = os.path.basename(path)
+    return "python" if name in ("", "-c", "-m") else name[:64]
 
 
 def require_options(on_loss: str, on_exit: str) -> None:

@@ -47,8 +47,14 @@ def test_a_dead_holder_holds_nothing(tmp_path):
 def test_children_do_not_inherit_the_lock(tmp_path):
     """A program that the daemon starts must not keep its lock alive."""
     lock = InstanceLock(tmp_path / "x.lock", "x")
-    child = subprocess.Popen([sys.executable, "-c", "input()"], stdin=subprocess.PIPE, close_fds=False)
+    child = subprocess.Popen(
+        [sys.executable, "-c", "print('up', flush=True); input()"],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        close_fds=False,
+    )
     try:
+        assert child.stdout.readline() == b"up\n"
         lock.close()
         InstanceLock(tmp_path / "x.lock", "x").close()
     finally:
