@@ -6,7 +6,8 @@ it is repeated here), then follows the bridge (`discovery`): whatever may take i
 
 Rules:
 
-* Nothing is decoded before `poll`, and then only the newest sample of each topic.
+* Nothing is decoded before `poll`, and then only the newest sample of each topic; what is only shown (poses, grippers,
+  chassis) is taken at every second poll.
 * `publish` takes only what the gate has cleared. Without transport it sends nothing and counts: zenoh would accept the
   frame and lose it, and a frame that waits in a stalled link arrives late (wire.md 2.3, 7). Whether state is fresh
   enough to send at all is the engine's decision, not the link's.
@@ -37,6 +38,7 @@ from gateway.link.mailbox import Mailbox
 from gateway.link.robot_session import RobotSession, SessionListener
 from gateway.link.session_config import session_config
 from gateway.settings import LinkSettings, SettingsRefused
+from gateway.values import Side
 
 __all__ = ["RobotLink"]
 
@@ -44,6 +46,9 @@ S = 1_000_000_000
 
 FIRST_RETRY_S = 0.2
 MAX_RETRY_S = 1.0
+DECISIVE = (*map(robot.arm_state, Side), robot.FSM_STATE, robot.CURRENT_MODE)
+"""State topics that decide about motion."""
+
 STEP_S = 0.25
 """Period of the link's own thread."""
 
@@ -85,6 +90,12 @@ class RobotLink:
             topic: Mailbox(is_stamped=robot.TOPICS[topic].type_name == robot.JOINT_STATE)
             for topic in robot.STATE_TOPICS
         }
+        # At 100 polls a second what decides about motion is decoded each time; what is only shown, 50 times a second.
+        shown = [topic for topic in self._mailboxes if topic not in DECISIVE]
+        self._odd_polls, self._even_polls = (
+            [(topic, self._mailboxes[topic]) for topic in (*DECISIVE, *shown[half::2])] for half in (0, 1)
+        )
+        self._polls = 0
         # From the callbacks to the loop: appended there, taken here, each one atomic operation.
         self._transport_news: deque[tuple[str, bool, int]] = deque()
         self._observations: deque[RouteObserved] = deque()
@@ -140,7 +151,8 @@ class RobotLink:
         while self._observations:
             events.append(self._observations.popleft())
         is_ordered = not events
-        for topic, mailbox in self._mailboxes.items():
+        self._polls += 1
+        for topic, mailbox in self._odd_polls if self._polls % 2 else self._even_polls:
             arrival = mailbox.take()
             if arrival is None:
                 continue
