@@ -181,14 +181,12 @@ class ZenohTransport:
         if credentials.user:
             settings["transport/auth/usrpwd"] = {"user": credentials.user, "password": credentials.password}
         if credentials.root_ca:
-            settings["transport/link/tls"] = {
-                "root_ca_certificate": credentials.root_ca,
-                **(
-                    {"connect_certificate": credentials.certificate, "connect_private_key": credentials.private_key}
-                    if credentials.certificate
-                    else {}
-                ),
-            }
+            tls: dict[str, Any] = {"root_ca_certificate": credentials.root_ca}
+            if credentials.certificate:  # without enable_mtls zenoh has it and does not show it
+                tls["enable_mtls"] = True
+                tls["connect_certificate"] = credentials.certificate
+                tls["connect_private_key"] = credentials.private_key
+            settings["transport/link/tls"] = tls
         config = zenoh.Config()
         for key, value in settings.items():
             config.insert_json5(key, json.dumps(value))

@@ -162,8 +162,8 @@ def acquire(session: Session, on_loss: protocol.OnLossName, take: str | None, ti
     except BaseException:  # Ctrl-C included: whoever does not own the robot must not look alive for it
         session.let_go()
         raise
-    if take is not None:
-        yield Seen(session, _rests, timeout_ns, "coming to rest after taking over", after_seq=reply.after_seq)
+    seen = _rests if take is not None else _any
+    yield Seen(session, seen, timeout_ns, "seeing the robot owned and at rest", after_seq=reply.after_seq)
     return lease
 
 
@@ -256,6 +256,11 @@ def _require_lease(sighting: Sighting, lease: Lease) -> None:
         raise to_exception(
             Refusal(code=Code.LEASE_LOST, message=f"epoch {lease.epoch} is over: {owner} owns the robot now")
         )
+
+
+def _any(_: Sighting) -> bool:
+    """Take any snapshot: from then on the state shows the lease."""
+    return True
 
 
 def _rests(sighting: Sighting, sides: tuple[str, ...] = ("left", "right")) -> bool | None:
