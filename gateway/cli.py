@@ -71,9 +71,12 @@ def _interruptible(command: str) -> Iterator[None]:
 
 
 def _run(options: Namespace) -> int:
+    import shlex
     from dataclasses import replace
+    from pathlib import Path
 
     from gateway import config, daemon
+    from gateway.api.protocol import default_socket
 
     settings = config.overridden(config.load(options.config), robot=options.robot, socket=options.socket)
     if options.model is not None:
@@ -83,7 +86,7 @@ def _run(options: Namespace) -> int:
     def on_ready(socket: str) -> None:
         if options.json_log:
             return
-        at = f" --socket {socket}" if options.socket is not None else ""
+        at = "" if Path(socket) == default_socket() else f" --socket {shlex.quote(socket)}"
         print(
             f"\nta2 {__version__}: the gateway of {settings.link.endpoint} (model {settings.link.model}); "
             f"clients connect to {socket}\n"
@@ -205,7 +208,7 @@ def _recover(options: Namespace) -> int:
 
 
 def _enable(options: Namespace) -> int:
-    from gateway.apps.moving import enable
+    from gateway.apps.enabling import enable
 
     return enable(options.target, options.timeout_s, options.take)
 

@@ -26,6 +26,9 @@ SIM_ENDPOINT = f"tcp/127.0.0.1:{ROBOT_PORT}"
 MODELS = ("lite", "standard", "lift")
 """Keys of `robot.VARIANTS`, written out: to show a help text, nothing needs to be imported."""
 
+ARM_DOF = 7
+"""Joints per arm (manual §4.0.3)."""
+
 PARTS = ("left_arm", "right_arm", "chassis", "lift_servo")
 MODES = ("joint", "pose")
 
@@ -104,10 +107,15 @@ def parse(arguments: Sequence[str]) -> argparse.Namespace:
 def _take_joints(top: argparse.ArgumentParser, options: argparse.Namespace) -> None:
     for side in ("left", "right"):
         words = getattr(options, side)
+        if words is None:
+            continue
         try:
-            setattr(options, side, None if words is None else joints(words))
+            values = joints(words)
         except ValueError as error:
-            top.error(f"--{side}: {error}; seven joints [rad] are needed")
+            top.error(f"--{side}: {error}; {ARM_DOF} joints [rad] are needed")
+        if len(values) != ARM_DOF:
+            top.error(f"--{side}: {len(values)} values; {ARM_DOF} joints [rad] are needed (manual §4.0.3)")
+        setattr(options, side, values)
     if options.left is None and options.right is None:
         top.error("move: which arm? --left Q1 .. Q7, --right Q1 .. Q7, or both")
 
@@ -243,18 +251,21 @@ def _add_motions(commands: Any) -> None:  # noqa: ANN401  argparse's private cla
         timeout_s=12.0,
         timeout_of="longest wait until the robot is READY",
     )
-    waiting = {"timeout_s": PATIENCE_S, "timeout_of": "longest wait for the motion to end"}
-    more = "Ctrl-C leaves the arms held."
-    home = _client_command(
-        commands,
-        "home",
-        "move both arms to the initial position of manual §6.6: enable, move, disable",
-        more,
-        **waiting,
-    )
-    move = _client_command(
-        commands, "move", "move one or both arms to joint positions: enable, move, disable", more, **waiting
-    )
+    motions = []
+    for name, text in (
+        ("home", "move both arms to the initial position of manual §6.6: enable, move, disable"),
+        ("move", "move one or both arms to joint positions: enable, move, disable"),
+    ):
+        motion = _client_command(
+            commands,
+            name,
+            text,
+            "Ctrl-C leaves the arms held.",
+            timeout_s=PATIENCE_S,
+            timeout_of="longest wait for the motion to end",
+        )
+        motions.append(motion)
+    move = motions[1]
     for side in ("left", "right"):
         move.add_argument(
             f"--{side}",
@@ -264,7 +275,7 @@ def _add_motions(commands: Any) -> None:  # noqa: ANN401  argparse's private cla
         )
     move.add_argument("--by", action="store_true", help="the joints are offsets from where the arms are")
     move.add_argument("--clip", action="store_true", help="move a target outside the limits to the limit, and say so")
-    for motion in (home, move):
+    for motion in motions:
         motion.add_argument(
             "--speed",
             type=_factor,
@@ -280,7 +291,7 @@ def _add_motions(commands: Any) -> None:  # noqa: ANN401  argparse's private cla
         )
         motion.add_argument("--hold", action="store_true", help="leave the arms held instead of pausing the robot")
         motion.add_argument("--yes", action="store_true", help="do not ask before moving")
-    for owning in (enable, home, move):
+    for owning in (enable, *motions):
         owning.add_argument("--take", metavar="REASON", help="take the robot from its owner, who is shown the reason")
 
 

@@ -1,0 +1,71 @@
+"""What a person sees while a command owns the robot: live bars on a terminal, plain lines elsewhere. On standard error.
+
+Says what it is told and decides nothing.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Protocol
+
+from rich.console import Console
+from rich.progress import BarColumn, Progress, SpinnerColumn, TaskID, TextColumn
+
+__all__ = ["Teller", "teller"]
+
+STEP = 0.25
+"""Without a terminal, progress is told whenever so much more of it is behind."""
+
+
+class Teller(Protocol):
+    """Somebody to tell."""
+
+    def say(self, text: str) -> None:
+        """Say a sentence that stays to be read."""
+        ...
+
+    def advance(self, phase: str, progress: float | None, detail: str) -> None:
+        """Show how far a phase is, 0..1; None while nobody can know."""
+        ...
+
+
+@contextmanager
+def teller() -> Iterator[Teller]:
+    """Return whoever fits standard error, for the time of a block."""
+    if not sys.stderr.isatty():
+        yield _Lines()
+        return
+    columns = (SpinnerColumn(), TextColumn("{task.description:<8}"), BarColumn(30), TextColumn("{task.fields[detail]}"))
+    with Progress(*columns, console=Console(stderr=True, highlight=False)) as progress:
+        yield _Bars(progress)
+
+
+class _Lines:
+    def __init__(self) -> None:
+        self._told: dict[str, int] = {}
+
+    def say(self, text: str) -> None:
+        print(text, file=sys.stderr, flush=True)
+
+    def advance(self, phase: str, progress: float | None, detail: str) -> None:
+        step = 0 if progress is None else int(progress / STEP)
+        if self._told.get(phase) != step:
+            self._told[phase] = step
+            self.say(f"{phase}: {detail}")
+
+
+class _Bars:
+    def __init__(self, progress: Progress) -> None:
+        self._progress = progress
+        self._tasks: dict[str, TaskID] = {}
+
+    def say(self, text: str) -> None:
+        self._progress.console.print(text, markup=False, soft_wrap=True)
+
+    def advance(self, phase: str, progress: float | None, detail: str) -> None:
+        if phase not in self._tasks:
+            self._tasks[phase] = self._progress.add_task(phase, total=None, detail=detail)
+        total = None if progress is None else 1.0
+        self._progress.update(self._tasks[phase], total=total, completed=progress or 0.0, detail=detail)

@@ -1,0 +1,74 @@
+"""`ta2 stop`, `ta2 estop`, `ta2 recover`: what must work in a hurry. Imports the client and nothing else.
+
+A stop that may not have stopped the robot says so with the only hint that counts, and with an exit status of its own.
+"""
+
+from __future__ import annotations
+
+import getpass
+import json
+
+from gateway.apps.connection import connected
+from gateway.apps.ending import ExitStatus, for_stopping, report, undelivered
+from gateway.errors import GatewayError
+
+__all__ = ["recover", "stop"]
+
+DONE = {
+    "stop": "stopped: arms brake and are held with their grip, chassis and lift stop",
+    "estop": "stopped: the robot pauses, the grip is lost",
+}
+
+
+def stop(command: str, target: str | None, timeout_s: float, reason: str, *, as_json: bool) -> ExitStatus:
+    """Stop everything.
+
+    Args:
+        command: `stop` or `estop`.
+        target: Where the gateway is; None finds its socket.
+        timeout_s: Longest wait for it [s].
+        reason: Shown to the owner and in the log.
+        as_json: Whether to print JSON.
+
+    Raises:
+        GatewayError: Nobody knows whether it stopped.
+    """
+    try:
+        with connected(command, target, timeout_s) as robot:
+            said = _signed(reason or f"ta2 {command}")
+            result = robot.stop(said) if command == "stop" else robot.estop(said)
+    except GatewayError as error:
+        raise for_stopping(error) from None
+    if result.undelivered:
+        return report(undelivered(), as_json=as_json)
+    if as_json:
+        print(json.dumps({"ok": True, "undelivered": False}))
+    else:
+        print(f"{DONE[command]}; motion is refused until `ta2 recover`")
+    return ExitStatus.OK
+
+
+def _signed(reason: str) -> str:
+    """Return a reason with who gave it: of those who do not own the robot, the gateway knows no name."""
+    try:
+        return f"{reason} ({getpass.getuser()})"
+    except (KeyError, OSError):  # neither variable nor account
+        return reason
+
+
+def recover(target: str | None, timeout_s: float, *, as_json: bool) -> ExitStatus:
+    """Clear what holds motion off, and say what it was.
+
+    Raises:
+        NotReady: LATCH_PERSISTS, or the robot cannot be seen.
+    """
+    with connected("recover", target, timeout_s) as robot:
+        latches = dict(robot.state.latches)
+        robot.recover()
+    if as_json:
+        print(json.dumps({"ok": True, "cleared": latches}, ensure_ascii=False))
+    elif latches:
+        print("\n".join(["cleared; nothing moves by itself:", *(f"  {code}: {why}" for code, why in latches.items())]))
+    else:
+        print("nothing was held off")
+    return ExitStatus.OK

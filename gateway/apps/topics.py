@@ -1,0 +1,123 @@
+"""`ta2 topics`: every public topic of the robot with what is measured of it. For scripts the same as JSON."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator, Sequence
+
+from rich.console import Console
+from rich.text import Text
+
+from gateway.api import protocol
+from gateway.apps.connection import connected
+from gateway.apps.ending import ExitStatus
+from gateway.apps.figures import age_limit_ns, age_text, rate_text
+from gateway.robot import STATE_TOPICS, TOPICS, VARIANTS
+
+__all__ = ["document", "lines", "show_topics"]
+
+SLOW = 0.8
+"""A topic below this part of its nominal rate is slow."""
+
+STATE_COLUMNS = (27, -10, 7, 8, 7, 9, 4, 7)
+COMMAND_COLUMNS = (26, -17, 7, 8, 7, 8, 7, 7)
+"""Widths; a negative one is aligned to the left."""
+
+
+def show_topics(target: str | None, timeout_s: float, *, as_json: bool) -> ExitStatus:
+    """Print them.
+
+    Args:
+        target: Where the gateway is; None finds its socket.
+        timeout_s: Longest wait for it [s].
+        as_json: Whether to print JSON.
+
+    Raises:
+        Disconnected: No gateway answers.
+    """
+    with connected("topics", target, timeout_s) as robot:
+        info, view = robot.info, robot.state.view
+    if as_json:
+        print(json.dumps(document(info, view), indent=2))
+        return ExitStatus.OK
+    console = Console(highlight=False)
+    for line in lines(info, view):
+        console.print(line, soft_wrap=True)
+    return ExitStatus.OK
+
+
+def document(info: protocol.Info, view: protocol.Snapshot) -> dict[str, object]:
+    """Return the topics for scripts: times in seconds, rates in hertz, null for what is not known."""
+    topics: dict[str, object] = {}
+    for name in (*STATE_TOPICS, *VARIANTS[info.model].command_topics):
+        topic = TOPICS[name]
+        row: dict[str, object] = {
+            "direction": topic.direction.value,
+            "type": topic.type_name,
+            "section": topic.section,
+            "nominal_hz": topic.rate_hz,
+        }
+        state, stream = view.topics.get(name), view.streams.get(name)
+        if state is not None:
+            row |= {
+                "rate_hz": state.rate_hz,
+                "age_s": None if state.age_ns is None else state.age_ns / 1e9,
+                "worst_gap_s": state.worst_gap_ns / 1e9,
+                "count": state.count,
+                "duplicates": state.duplicates,
+                "refused": state.refused,
+            }
+        if stream is not None:
+            row |= {
+                "running": stream.running,
+                "sent": stream.sent,
+                "rate_hz": stream.rate_hz,
+                "worst_gap_s": stream.worst_gap_ns / 1e9,
+            }
+        topics[name] = row
+    return topics
+
+
+def lines(info: protocol.Info, view: protocol.Snapshot) -> Iterator[Text]:
+    """Yield two tables: what comes from the robot, what goes to it."""
+    titles = ("FROM THE ROBOT", "type", "nominal", "Hz", "age", "worst gap", "dup", "refused")
+    yield _row(titles, STATE_COLUMNS, "bold")
+    for name in STATE_TOPICS:
+        yield _state(name, view.topics.get(name))
+    yield Text()
+    titles = ("TO THE ROBOT", "type", "nominal", "Hz", "gap", "at most", "sent", "")
+    yield _row(titles, COMMAND_COLUMNS, "bold")
+    for name in VARIANTS[info.model].command_topics:
+        yield _command(name, view.streams.get(name))
+
+
+def _row(values: Sequence[str], widths: Sequence[int], style: str) -> Text:
+    first, *rest = (f"{v:>{w}}" if w > 0 else f"{v:<{-w}}" for v, w in zip(values, widths, strict=True))
+    return Text(" ".join([first.strip().ljust(abs(widths[0])), *rest]).rstrip(), style=style)
+
+
+def _state(name: str, view: protocol.TopicView | None) -> Text:
+    topic = TOPICS[name]
+    kind = topic.type_name.rpartition("/")[2]
+    if view is None or view.age_ns is None:
+        return _row((name, kind, f"{topic.rate_hz:g}", "-", "never", "-", "0", "0"), STATE_COLUMNS, "red")
+    style = ""
+    if view.age_ns > age_limit_ns(name):
+        style = "red"
+    elif view.rate_hz < SLOW * topic.rate_hz or view.refused or view.duplicates:
+        style = "yellow"
+    values = (name, kind, f"{topic.rate_hz:g}", rate_text(view.rate_hz), age_text(view.age_ns))
+    return _row((*values, age_text(view.worst_gap_ns), str(view.duplicates), str(view.refused)), STATE_COLUMNS, style)
+
+
+def _command(name: str, view: protocol.StreamView | None) -> Text:
+    topic = TOPICS[name]
+    kind = topic.type_name.rpartition("/")[2]
+    limit = age_text(topic.watchdog_ns)
+    if view is None:
+        return _row((name, kind, f"{topic.rate_hz:g}", "-", "-", limit, "-", "unused"), COMMAND_COLUMNS, "dim")
+    late = view.running and topic.watchdog_ns is not None and view.worst_gap_ns > topic.watchdog_ns
+    style = "red" if late else "green" if view.running else ""
+    values = (name, kind, f"{topic.rate_hz:g}", rate_text(view.rate_hz) if view.running else "-")
+    gap = age_text(view.worst_gap_ns) if view.sent else "-"
+    return _row((*values, gap, limit, str(view.sent), "running" if view.running else "off"), COMMAND_COLUMNS, style)
