@@ -1,7 +1,8 @@
 """The door: whether a request may pass. Every refusal has a stable code, the value, the bound, its unit and a remedy.
 
-Pure functions of what is known; they move nothing. `preconditions` answers for the robot and the lease, the `check_*`
-functions for the input itself. Rejecting is the rule; clipping is opt-in per command and reported.
+Pure functions of what is known; they move nothing. `latched`, `check_mode` and `check_arms` answer for the robot's
+condition, the other `check_*` functions for the input itself. Rejecting is the rule; clipping is opt-in per command and
+reported. A refusal without a hint of its own gets the one of its code (`errors.CODES`).
 """
 
 from __future__ import annotations
@@ -29,6 +30,7 @@ __all__ = [
     "latched",
 ]
 
+MS = 1_000_000
 S = 1_000_000_000
 
 
@@ -53,11 +55,13 @@ class Fitness:
         mode: `/api/current_mode`; None when unknown.
         part_fresh: Per side, whether its state is fresh.
         streaming: Per side, whether its stream runs since the last `enable`.
+        stale_ns: State older than this is not fresh [ns].
     """
 
     mode: CurrentMode | None
     part_fresh: Mapping[Side, bool]
     streaming: Mapping[Side, bool]
+    stale_ns: int = 100 * MS
 
 
 def latched(latches: Mapping[Code, str]) -> Refusal | None:
@@ -77,6 +81,8 @@ def check_mode(mode: CurrentMode | None) -> Refusal | None:
             code=Code.MODE_UNKNOWN,
             message="/api/current_mode has not been heard for 3 s (manual §4.11.2)",
             field="mode",
+            value="unknown",
+            bound="API",
         )
     if not mode.api:
         return Refusal(
@@ -84,6 +90,7 @@ def check_mode(mode: CurrentMode | None) -> Refusal | None:
             message="the robot is in VR mode and takes no API commands (manual §3.1.1)",
             field="mode",
             value="VR",
+            bound="API",
         )
     return None
 
@@ -99,6 +106,8 @@ def check_arms(fitness: Fitness, sides: Sequence[Side]) -> Refusal | None:
                 code=Code.ARM_DISABLED,
                 message=f"the {side} arm is disabled in the robot's system configuration (manual §2.3)",
                 field=f"{side}_arm",
+                value="disabled",
+                bound="enabled",
             )
         if not fitness.mode.joint_mode[side]:
             return Refusal(
@@ -109,8 +118,13 @@ def check_arms(fitness: Fitness, sides: Sequence[Side]) -> Refusal | None:
                 bound="joint",
             )
         if not fitness.part_fresh[side]:
+            bound = f"{fitness.stale_ns / MS:g}"
             return Refusal(
-                code=Code.PART_STALE, message=f"the state of the {side} arm is older than 100 ms", field=f"{side}_arm"
+                code=Code.PART_STALE,
+                message=f"the state of the {side} arm is older than {bound} ms",
+                field=f"{side}_arm",
+                bound=bound,
+                unit="ms",
             )
         if not fitness.streaming[side]:
             return Refusal(
@@ -131,6 +145,7 @@ def check_speed(speed: float) -> Refusal | None:
         field="speed",
         value=str(speed),
         bound="(0, 1]",
+        hint="give 1 for the configured velocity limit, or less",
     )
 
 
@@ -145,6 +160,7 @@ def check_tolerance(tolerance_rad: float | None) -> Refusal | None:
         value=str(tolerance_rad),
         bound="[0.0001, 0.2]",
         unit="rad",
+        hint="stay inside the bound, or leave the tolerance away for the configured one",
     )
 
 
@@ -159,6 +175,7 @@ def check_expiry(expiry_ns: int | None) -> Refusal | None:
         value=str(expiry_ns / S),
         bound="[0.05, 3]",
         unit="s",
+        hint="stay inside the bound, or leave the expiry away for the configured one",
     )
 
 
@@ -182,19 +199,21 @@ def check_goal(side: Side, q_rad: Sequence[float], settings: ArmSettings, on_lim
             field=name,
             value=str(len(q_rad)),
             bound=str(ARM_DOF),
+            unit="joint values",
         )
     goal = list(q_rad)
     clipped: list[int] = []
     for n, value in enumerate(goal):
+        low, high = settings.lower_rad[side][n], settings.upper_rad[side][n]
         if not math.isfinite(value):
             return Refusal(
                 code=Code.NOT_FINITE,
                 message=f"{side} arm joint {n + 1} ({robot.ARM_JOINTS[side][n]}): {value} is not a finite number",
                 field=f"{name}[{n}]",
                 value=str(value),
+                bound=f"[{low}, {high}]",
                 unit="rad",
             )
-        low, high = settings.lower_rad[side][n], settings.upper_rad[side][n]
         if low <= value <= high:
             continue
         if on_limit is OnLimit.CLIP:
