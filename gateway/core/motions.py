@@ -129,14 +129,18 @@ class MotionBook:
     ) -> None:
         """Take note of what was sent and measured; ends the motion when it has settled or never will.
 
+        One that is within tolerance when its time is over may still settle; it is aborted when it leaves.
+
         Args:
             motion: A running one.
             progress: Per side, part of the path that has been sent, 0..1.
             measured: Per side, fresh joint positions [rad]; None when they are not fresh.
             now_ns: Monotonic time [ns].
         """
-        motion.progress = min(progress[side] for side in motion.goals_rad)
-        motion.state = MotionState.EXECUTING
+        sent = [progress[side] for side in motion.goals_rad]
+        motion.progress = min(sent)
+        if max(sent) > 0.0:
+            motion.state = MotionState.EXECUTING
         errors = []
         for side, goal in motion.goals_rad.items():
             q_rad = measured[side]
@@ -151,8 +155,9 @@ class MotionBook:
             motion.settled_since_ns = None
         elif motion.settled_since_ns is None:
             motion.settled_since_ns = now_ns
-        if motion.settled_since_ns is not None and now_ns - motion.settled_since_ns >= self._settings.settle_ns:
-            self.end(motion, MotionState.REACHED, None, "")
+        if motion.settled_since_ns is not None:
+            if now_ns - motion.settled_since_ns >= self._settings.settle_ns:
+                self.end(motion, MotionState.REACHED, None, "")
         elif now_ns - motion.path_ended_ns > self._settings.settle_timeout_ns:
             error = "unknown" if motion.error_rad is None else f"{motion.error_rad:.4f} rad"
             self.end(
