@@ -113,7 +113,9 @@ class Outbox:
         self._newest = snapshot
         self._seq = snapshot.seq
         if not self._snapshot_waits and any(audience.wants_snapshots() for audience in self._audiences):
-            self._snapshot_waits = self._put(self._send_snapshot)
+            self._snapshot_waits = True  # before it is queued: the sender may have sent it before `_put` returns
+            if not self._put(self._send_snapshot):
+                self._snapshot_waits = False
 
     # ------------------------------------------------------------------------------------------------ the sender
 

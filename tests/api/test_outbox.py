@@ -109,6 +109,23 @@ def test_snapshots_are_sent_while_somebody_listens_and_only_the_newest(desk):
     assert [seq for _, seq in audience.snapshots] == [4, 5] and deaf.snapshots == []
 
 
+def test_a_sender_faster_than_the_loop_does_not_end_the_snapshots(desk, monkeypatch):
+    """The sender may send a snapshot before the loop is back from queueing it; the next one is sent all the same."""
+    audience = KeptAudience()
+    desk.outbox.add_audience(audience)
+    put = desk.outbox._put
+
+    def put_and_send(job, question=None):
+        is_queued = put(job, question)
+        desk.run()
+        return is_queued
+
+    monkeypatch.setattr(desk.outbox, "_put", put_and_send)
+    for seq in (1, 2, 3):
+        desk.outbox.publish_snapshot(a_snapshot(seq=seq))
+    assert [seq for _, seq in audience.snapshots] == [1, 2, 3]
+
+
 def test_notices_go_to_every_audience_in_order(desk):
     """A notice reaches all who listen, wherever they are connected."""
     audiences = [KeptAudience(), KeptAudience(listens=False)]
