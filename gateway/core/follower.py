@@ -120,7 +120,7 @@ class Follower:
         tiny_q, tiny_v, tiny_a = self._tiny
         can_stop = self._braking.can_stop
         joints = []
-        for n, (q, v, a, target) in enumerate(zip(*self._planned(now, v_max, over), self.target_rad, strict=True)):
+        for n, (q, v, a, target) in enumerate(zip(*self._planned(now, v_max), self.target_rad, strict=True)):
             if n in over:
                 q, v, a = self._slowed(n, now, v_max, (q, v, a))
             if abs(q - target) <= tiny_q and abs(v) <= tiny_v and abs(a) <= tiny_a:
@@ -131,14 +131,12 @@ class Follower:
         q_rad, dq_radps, ddq_radps2 = zip(*joints, strict=True)
         return q_rad, dq_radps, ddq_radps2
 
-    def _planned(self, now: State, v_max: float, over: Sequence[int]) -> State:
-        """Return where ruckig would be in one period. Joints in `over` are not bound to the stream's velocity limit."""
+    def _planned(self, now: State, v_max: float) -> State:
+        """Return where ruckig would be in one period."""
         entry = self._entry
         entry.current_position, entry.current_velocity, entry.current_acceleration = now
         entry.target_position = self._nearer(now[0]) if self._is_slow else self.target_rad
-        entry.max_velocity = (
-            [self._limits.v_radps if n in over else v_max for n in JOINTS] if over else (v_max,) * ARM_DOF
-        )
+        entry.max_velocity = (v_max,) * ARM_DOF
         entry.max_acceleration = (self._a_max,) * ARM_DOF
         try:
             solve(self._planner, entry, self._trajectory)
@@ -165,8 +163,8 @@ class Follower:
     def _slowed(self, n: int, now: State, v_max: float, planned: tuple[float, ...]) -> tuple[float, ...]:
         """Return the next state of a joint that is above its velocity limit.
 
-        It ramps down to the limit as long as it can stop at its target after that; else what is planned, without that
-        limit, stands: it stops there, or turns.
+        It ramps down to the limit as long as it can stop at its target after that; else what ruckig plans stands: to
+        brake as hard as it can.
         """
         q, v, a = now[0][n], now[1][n], now[2][n]
         course = self._braking.slow(v, a, v_max)

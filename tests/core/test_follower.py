@@ -209,6 +209,20 @@ def test_where_ruckig_finds_no_plan_the_arm_brakes_and_says_so(monkeypatch):
     assert follower.faults == 60
 
 
+def test_after_braking_a_slow_stream_may_accelerate_fully_until_it_rests(monkeypatch):
+    """From rest it plans with 0.6 rad/s²; a stop goes beyond that, and planning below the present runs away."""
+    follower = begun(at_home(0, 1.8), 0.2)
+    states = run(follower, (HOME, REST, REST), 60)
+    assert peak(states, 2) <= 0.6 + 1e-9
+    with monkeypatch.context() as patched:
+        patched.setattr(module, "solve", fail)
+        states += run(follower, states[-1], 8)[1:]
+    assert states[-1][2][0] < -0.6
+    again = run(follower, states[-1], 30)
+    assert max(state[2][0] for state in again) > 0.7
+    check(states + again[1:])
+
+
 def test_one_missing_plan_is_no_jump(monkeypatch):
     """At full speed towards a limit, ten single failures."""
     follower = begun(UPPER)

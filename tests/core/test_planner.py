@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 import random
 from itertools import pairwise
@@ -10,11 +11,12 @@ from types import SimpleNamespace
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from ruckig import InputParameter, Ruckig, Trajectory
 
 from gateway import robot
 from gateway.core.braking import Braking, JointLimits
 from gateway.core.path import REST, Path, PlanFailed, Start
-from gateway.core.planner import CHECKED_STEPS, _turned_s, plan_paths
+from gateway.core.planner import CHECKED_STEPS, _objection, _turned_s, plan_paths
 from gateway.values import ARM_DOF, Side
 
 V, A, J, DT = 1.0, 3.0, 20.0, 0.01
@@ -184,6 +186,13 @@ def test_a_plan_from_motion_goes_on_from_there():
     assert all(dq_radps[0] > 0.0 for _, dq_radps, _ in setpoints(path)[:-1])
 
 
+def test_a_speed_factor_leaves_the_acceleration_of_a_moving_arm_alone():
+    """From 0.2 rad/s to 0.5 with up to 2.4 rad/s², not 1.5: ruckig runs away below the present acceleration."""
+    path = plan_paths({LEFT: start(LEFT, v={0: 0.2})}, {LEFT: at_home(0, 1.8)}, 0.5)[LEFT]
+    assert max(ddq_radps2[0] for _, _, ddq_radps2 in setpoints(path)) > 2.0
+    check(path)
+
+
 def test_a_lower_speed_first_slows_down_and_never_dips_below_its_limit():
     """From 1 rad/s to 0.1: ruckig alone would swing back to -0.13 rad/s before it goes on."""
     moving = start(LEFT, at_home(0, -1.0), v={0: 1.0})
@@ -271,6 +280,24 @@ def test_any_stoppable_state_has_a_plan_to_any_goal(data, speed, is_dual):
     for side, path in plan_paths(starts, goals, speed).items():
         check(path)
         assert path.end_rad == pytest.approx(goals[side], abs=3e-8)
+
+
+# ---------------------------------------------------------------------------------------------------- last look
+
+
+@pytest.mark.parametrize(("end", "value"), [(2.0, 2.0), (-2.5, -2.5)])
+def test_a_path_beyond_a_limit_is_never_handed_out(end, value):
+    """Whatever ruckig may come to plan: the extrema of every path are looked at, those from rest too."""
+    inside = plan_paths({LEFT: start(LEFT)}, {LEFT: HOME[LEFT]}, 1.0)[LEFT]
+    entry, trajectory = InputParameter(ARM_DOF), Trajectory(ARM_DOF)
+    entry.current_position, entry.target_position = HOME[LEFT], at_home(0, end)
+    entry.max_velocity, entry.max_acceleration, entry.max_jerk = [V] * ARM_DOF, [A] * ARM_DOF, [J] * ARM_DOF
+    Ruckig(ARM_DOF).calculate(entry, trajectory)
+    path = dataclasses.replace(inside, trajectory=trajectory, duration_s=trajectory.duration)
+    objection = _objection(LEFT, path, may_turn=False)
+    assert (objection.joint, objection.bound) == ("left arm joint 1", "[-1.8, 1.8]")
+    assert objection.value == pytest.approx(value)
+    assert _objection(LEFT, inside, may_turn=False) is None
 
 
 # ------------------------------------------------------------------------------------------------- turning back
