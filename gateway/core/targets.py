@@ -1,7 +1,7 @@
 """Streams of the owner's targets: opened for one arm, fed at any rate, ended once.
 
-Targets arrive in a latest-value slot. One is taken when its epoch, stream and sequence number are right and its joints
-pass the door; it expires when no successor comes in time: the arm then brakes and holds, and the next target goes on.
+Targets arrive in a latest-value slot. One is taken when its client, stream, epoch and sequence number are right and its
+joints pass the door; it expires when no successor comes in time: the arm then brakes and holds, and the next target goes on.
 """
 
 from __future__ import annotations
@@ -124,8 +124,8 @@ class TargetBook:
             target: As it arrived; nothing about it is believed yet.
         """
         stream = self.find(target.stream_id)
-        if stream is None:
-            return None
+        if stream is None or target.client_id != stream.client_id:
+            return None  # nobody's stream, or not his: its owner must not be told of refusals that are not his own
         refusal = self._refusal(stream, target)
         if refusal is None:
             goal = check_goal(stream.side, target.q_rad, self._settings, stream.on_limit)
@@ -140,7 +140,7 @@ class TargetBook:
     def _refusal(self, stream: TargetStream, target: TargetArrived) -> Refusal | None:
         if not stream.is_open:
             return Refusal(code=Code.STREAM_ENDED, message=f"stream {stream.stream_id} ended with {stream.code}")
-        if target.client_id != stream.client_id or target.epoch != stream.epoch:
+        if target.epoch != stream.epoch:
             return Refusal(
                 code=Code.LEASE_STALE,
                 message=f"stream {stream.stream_id} belongs to epoch {stream.epoch}, the target came with {target.epoch}",
