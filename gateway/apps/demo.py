@@ -179,7 +179,7 @@ def _perform(robot: Robot, own: Control, speed: float, recording: Recording, con
     hung: Goal = {"left": state.left_arm.q.copy(), "right": state.right_arm.q.copy()}
     columns = (TextColumn("  {task.description:<58}"), BarColumn(), TaskProgressColumn(), TimeElapsedColumn())
     error = float("inf")
-    with Progress(*columns, console=console) as progress:
+    with Progress(*columns, console=console, disable=not console.is_terminal) as progress:
         for label, goal in _waypoints(hung):
             move = own.move_to(goal, speed=speed)
             error = _follow(robot, move, recording, progress, label)
@@ -283,7 +283,7 @@ def _run(options: argparse.Namespace, folder: Path, console: Console) -> list[Fi
     sim = ["sim", "--listen", endpoint, "--seed", str(options.seed)]
     daemon = ["run", "--robot", endpoint, "--socket", target]
     recording = Recording()
-    console.print(f"simulated robot at {endpoint}, gateway at {target}")
+    console.print(f"simulated robot at {endpoint}, gateway at {target}", soft_wrap=True)
     with _process("the simulated robot", sim, folder / "sim.log", environment):
         with _process("the gateway", daemon, folder / "run.log", environment):
             with _connect(target, folder / "run.log") as robot:

@@ -8,7 +8,7 @@ import time
 from gateway.core.engine import Output
 from gateway.robot import HOME_Q_RAD
 from tests.bench.table import Row
-from tests.pair import S, Pair
+from tests.pair import Pair, S
 
 __all__ = ["tick_rows"]
 

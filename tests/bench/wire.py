@@ -150,7 +150,11 @@ def _latency_row(system: System, own: Control) -> Row:
             last[0] = body
             arrivals.append(time.monotonic_ns())
 
-    config = {"mode": "client", "connect": {"endpoints": [system.endpoint]}, "scouting": {"multicast": {"enabled": False}}}
+    config = {
+        "mode": "client",
+        "connect": {"endpoints": [system.endpoint]},
+        "scouting": {"multicast": {"enabled": False}},
+    }
     waits_ms = []
     with zenoh.open(zenoh.Config.from_json5(str(config).replace("'", '"').replace("False", "false"))) as session:
         session.declare_subscriber("api/left_arm/joint_cmd", hear)
