@@ -1,7 +1,7 @@
 """What a user says, as requests of the protocol: shapes, numbers and limits checked before anything is sent.
 
 Pure. Every refusal has the code, field, value and bound that the daemon would give: the same mistake is the same
-exception on either side.
+exception on either side. numpy is loaded with the first vector: whoever only wants to stop the robot does not wait for it.
 """
 
 from __future__ import annotations
@@ -10,12 +10,11 @@ import math
 from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
-import numpy as np
-
 from gateway.api import protocol
 from gateway.errors import Code, GatewayError, Refusal, to_exception
 
 if TYPE_CHECKING:
+    import numpy as np
     from numpy.typing import ArrayLike, NDArray
 
 __all__ = ["SIDES", "joints", "move", "read_only", "seconds", "within_limits"]
@@ -25,6 +24,8 @@ SIDES: tuple[protocol.SideName, ...] = ("left", "right")
 
 def read_only(values: tuple[float, ...]) -> NDArray[np.float64]:
     """Return a vector that its reader cannot change by mistake."""
+    import numpy as np
+
     array = np.array(values, dtype=np.float64)
     array.setflags(write=False)
     return array
@@ -40,6 +41,8 @@ def joints(side: str, q_rad: ArrayLike) -> tuple[float, ...]:
     Raises:
         Rejected: WRONG_SHAPE or NOT_FINITE.
     """
+    import numpy as np
+
     try:
         array = np.asarray(q_rad, dtype=np.float64)
     except (TypeError, ValueError) as error:
