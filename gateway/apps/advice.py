@@ -29,10 +29,12 @@ class Step:
     Attributes:
         level: `error`: something is wrong; `warning`: something is not as usual; `info`: what is possible.
         text: One sentence, with the remedy.
+        subject: `lease` for what a view that shows the lease's clocks has said already; empty for anything else.
     """
 
     level: str
     text: str
+    subject: str = ""
 
 
 def next_steps(view: protocol.Snapshot, info: protocol.Info) -> tuple[Step, ...]:
@@ -51,8 +53,8 @@ def _error(text: str) -> Step:
     return Step(level="error", text=text)
 
 
-def _warning(text: str) -> Step:
-    return Step(level="warning", text=text)
+def _warning(text: str, subject: str = "") -> Step:
+    return Step(level="warning", text=text, subject=subject)
 
 
 def _hint(code: str) -> str:
@@ -82,11 +84,12 @@ def _link(view: protocol.Snapshot, info: protocol.Info) -> Iterator[Step]:
 def _loss(view: protocol.Snapshot) -> Iterator[Step]:
     lease = view.lease
     if not lease.owned and lease.down_in_ns is not None:
-        yield _warning(f"held for nobody: the robot pauses in {since_text(lease.down_in_ns)} unless somebody owns it")
+        text = f"held for nobody: the robot pauses in {since_text(lease.down_in_ns)} unless somebody owns it"
+        yield _warning(text, "lease")
     if lease.owned and lease.lost_ns is not None:
         then = "" if lease.down_in_ns is None else f", the robot pauses in {since_text(lease.down_in_ns)}"
         free = "" if lease.free_in_ns is None else f": free in {since_text(lease.free_in_ns)}{then}"
-        yield _warning(f"the owner {lease.name!r} has been silent for {since_text(lease.lost_ns)}{free}")
+        yield _warning(f"the owner {lease.name!r} has been silent for {since_text(lease.lost_ns)}{free}", "lease")
 
 
 def _robot(view: protocol.Snapshot) -> Iterator[Step]:
@@ -144,7 +147,9 @@ def _state(view: protocol.Snapshot, *, has_trouble: bool) -> Iterator[Step]:
         "PAUSED": f"the robot paused by itself (physical stop?) -> look why; then {owner} must enable again",
         "STOPPING": "the arms are coming to rest",
     }
-    if not view.lease.owned and view.state == "HOLDING":
+    if view.lease.lost_ns is not None:
+        texts["HOLDING"] = "arms and grip are held -> whoever owns the robot next goes on from here"
+    elif not view.lease.owned and view.state == "HOLDING":
         texts["HOLDING"] = "arms and grip are held for nobody -> `ta2 home`, `ta2 move`, or control() goes on from here"
     elif not view.lease.owned and view.state == "PAUSED":
         texts["PAUSED"] = "the robot paused by itself (physical stop?) -> look why, then own and enable it again"

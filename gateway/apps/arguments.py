@@ -9,7 +9,6 @@ from __future__ import annotations
 import argparse
 import re
 from collections.abc import Sequence
-from decimal import Decimal
 from typing import Any
 
 from gateway import __version__
@@ -98,10 +97,19 @@ def _distance(text: str) -> float:
 def parse(arguments: Sequence[str]) -> argparse.Namespace:
     """Return the options; ends the process with status 2 and a line of usage when they make no sense."""
     top = parser()
-    options = top.parse_args([format(Decimal(a), "f") if SCIENTIFIC.fullmatch(a) else a for a in arguments])
+    options = top.parse_args([_plain(word) for word in arguments])
     if options.command == "move":
         _take_joints(top, options)
     return options
+
+
+def _plain(word: str) -> str:
+    """Return `-1.5e-03` as `-0.0015`, and anything else as it is."""
+    if not SCIENTIFIC.fullmatch(word):
+        return word
+    from decimal import Decimal
+
+    return format(Decimal(word), "f")
 
 
 def _take_joints(top: argparse.ArgumentParser, options: argparse.Namespace) -> None:

@@ -7,7 +7,6 @@ process dies or its terminal goes, the arms stay held as for any client that van
 from __future__ import annotations
 
 import signal
-import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from types import FrameType
@@ -16,7 +15,7 @@ from gateway.apps.advice import next_steps
 from gateway.apps.connection import connected
 from gateway.apps.ending import ExitStatus
 from gateway.apps.owning import HELD, LOOK_HZ, LOOK_S, owned
-from gateway.apps.progress import teller
+from gateway.apps.progress import Teller, teller
 from gateway.client import Robot, RobotState
 from gateway.errors import CODES, Code, GatewayError, Refusal, to_exception
 
@@ -39,10 +38,10 @@ def enable(target: str | None, timeout_s: float, take: str | None) -> ExitStatus
             tell.advance("enable", None, "waiting for READY")
             own.enable(timeout=timeout_s)
             tell.advance("enable", 1.0, "READY")
-            tell.say("the arms are held where they are; Ctrl-C releases them (the robot pauses, the grip is lost)")
+            tell.say("held where they are; Ctrl-C releases: the robot pauses, the grip is lost")
             epoch = own.epoch
             with _end_wanted() as wanted:
-                _watch_over(robot, epoch, wanted)
+                _watch_over(robot, tell, epoch, wanted)
                 tell.advance("release", None, "braking to rest, then PAUSE")
                 own.release()
                 tell.advance("release", 1.0, "PAUSE")
@@ -66,13 +65,13 @@ def _end_wanted() -> Iterator[list[int]]:
             signal.signal(number, handler)
 
 
-def _watch_over(robot: Robot, epoch: int, wanted: list[int]) -> None:
+def _watch_over(robot: Robot, tell: Teller, epoch: int, wanted: list[int]) -> None:
     """Return when the end is wanted; say what happens until then.
 
     Raises:
         GatewayError: The arms are not held any more, or somebody else has the robot.
     """
-    shown = "ACTIVE"
+    shown = robot.state.shown
     for state in robot.states(max_rate=LOOK_HZ, timeout=LOOK_S):
         if wanted:
             return
@@ -82,9 +81,8 @@ def _watch_over(robot: Robot, epoch: int, wanted: list[int]) -> None:
         if state.shown != shown:
             shown = state.shown
             urgent = [step.text for step in next_steps(state.view, robot.info) if step.level != "info"]
-            print(
-                "\n".join([f"{shown} ({state.state})", *(f"  {text}" for text in urgent)]), file=sys.stderr, flush=True
-            )
+            name = shown if shown == state.state else f"{shown}, {state.state}"
+            tell.say("\n".join([f"now {name}", *(f"  {text}" for text in urgent)]))
         if state.state not in HELD and state.state != "STALE":
             raise _not_held(state)
 

@@ -172,7 +172,7 @@ def _alarms(picture: Picture, width: int, most: int) -> list[Text]:
     steps = list(next_steps(picture.view, picture.info))
     if picture.trouble:
         steps.insert(0, Step(level="error", text=picture.trouble))
-    urgent = [step for step in steps if step.level != "info"]
+    urgent = [step for step in steps if step.level != "info" and step.subject != "lease"]
     lines = [
         Text(line.ljust(width), style=f"{STEP_STYLES[step.level]}{' reverse' if step.level == 'error' else ''}")
         for step in urgent or steps[-1:]

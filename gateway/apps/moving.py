@@ -11,6 +11,7 @@ from __future__ import annotations
 import json
 import math
 import sys
+import termios
 from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
@@ -152,9 +153,9 @@ def _preview(errand: Errand, plan: Plan, robot: Robot) -> str:
         Rejected: OUT_OF_RANGE, the goal is outside the limits and not to be clipped.
     """
     info, state = robot.info, robot.state
-    lines = [
-        f"{errand.command}: {' and '.join(plan.targets_rad)} {plan.what}, at {errand.speed:g} of {info.v_radps:g} rad/s"
-    ]
+    v_radps = errand.speed * info.v_radps
+    arms = " and ".join(plan.targets_rad)
+    lines = [f"{errand.command}: {arms} {plan.what}, with up to {v_radps:g} rad/s"]
     longest_s = 0.0
     for side, target in plan.targets_rad.items():
         arm = state.arm(side)
@@ -163,7 +164,7 @@ def _preview(errand: Errand, plan: Plan, robot: Robot) -> str:
         goal = within_limits(side, goal, info, "clip" if errand.is_clipping else "reject")
         ways = tuple(end - begin for begin, end in zip(start, goal, strict=True))
         lines.append(f"  {side + ' arm':<9} by {joints_text(ways)} rad")
-        longest_s = max(longest_s, _duration_s(max(map(abs, ways)), errand.speed * info.v_radps, info))
+        longest_s = max(longest_s, _duration_s(max(map(abs, ways)), v_radps, info))
     lines.append(f"  takes about {longest_s:.1f} s, then the arms are {'held' if errand.is_left_held else 'disabled'}")
     return "\n".join(lines)
 
@@ -180,6 +181,7 @@ def _confirmed() -> bool:
     """Ask a person; where there is none, the command line has said it all."""
     if not (sys.stdin.isatty() and sys.stderr.isatty()):
         return True
+    termios.tcflush(sys.stdin, termios.TCIFLUSH)  # what was typed before the question is no answer to it
     print("Nobody and nothing in reach, the emergency stop at hand? Move? [y/N] ", end="", file=sys.stderr, flush=True)
     return sys.stdin.readline().strip().lower() in ("y", "yes")
 

@@ -71,8 +71,7 @@ def held_text(robot: Robot, command: str) -> str:
     """Return what becomes of a robot that is left held, and how to go on."""
     info = robot.info
     return (
-        f"the arms are held with their grip for {since_text(info.down_after_ns)}, then the robot pauses\n"
-        f"  go on    `ta2 {command}` again: it waits {since_text(info.free_after_ns)} for the lease, "
-        f"or --take REASON\n"
+        f"the arms are held with their grip for {info.down_after_ns / 1e9:g} s, then the robot pauses\n"
+        f"  go on    `ta2 {command}` again: it waits {info.free_after_ns / 1e9:g} s for the lease, or --take REASON\n"
         f"  release  `ta2 enable`, then Ctrl-C; at once: `ta2 estop`"
     )

@@ -102,26 +102,35 @@ class Viewer:
 
     def look(self, period_s: float) -> list[Remark]:
         """Wait for a newer snapshot, at most a period apart; return what there is to say since the last look."""
-        new: list[Remark] = []
         try:
-            if self._states is None:
-                self._states = self._robot.states(max_rate=1.0 / period_s, timeout=max(SILENCE_S, period_s))
-            self._state = next(self._states)
+            self._state = self._next(period_s)
             self._seen_ns = time.monotonic_ns()
+            new = [self._heard(notice) for notice in self._robot.events(timeout=0.0)]
             if self._trouble:
-                self._info = self._robot.info  # another gateway may have other limits
-                self._trouble = ""
-                new.append(self._remark("info", "the gateway is back"))
-            new += [self._heard(notice) for notice in self._robot.events(timeout=0.0)]
+                self._info, self._trouble = self._robot.info, ""  # another gateway may have other limits
+                new.insert(0, self._remark("info", "the gateway is back"))
         except (Disconnected, GatewayTimeout) as error:
             self._states = None  # an iterator that raised is over
-            if not self._trouble:
-                new.append(self._remark("error", f"{error.code}: {error.message}"))
+            new = [] if self._trouble else [self._remark("error", f"{error.code}: {error.message}")]
             self._trouble = _trouble(error)
             if isinstance(error, Disconnected):
                 time.sleep(AWAY_S)
         self._remarks.extend(new)
         return new
+
+    def _next(self, period_s: float) -> RobotState:
+        """Return a snapshot of the last second.
+
+        Raises:
+            GatewayTimeout: None came; the one that is known is old.
+            Disconnected: The gateway is gone.
+        """
+        if self._states is None:
+            self._states = self._robot.states(max_rate=1.0 / period_s, timeout=max(SILENCE_S, period_s))
+            begin = next(self._states)  # it begins with what is known, however old
+            if begin.age < SILENCE_S:
+                return begin
+        return next(self._states)
 
     def picture(self) -> Picture:
         """Return what is to be seen now."""
