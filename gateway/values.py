@@ -73,6 +73,8 @@ def require_finite(name: str, values: Vector, length: int) -> None:
     """
     if len(values) != length:
         raise ValueRefused(f"{name} has {len(values)} values, {length} are needed")
+    if math.isfinite(sum(values)):  # one call instead of one for each; a sum that is not may still be an overflow
+        return
     for index, value in enumerate(values):
         if not math.isfinite(value):
             raise ValueRefused(f"{name}[{index}] is {value}, a finite number is needed")
