@@ -23,7 +23,7 @@ from collections.abc import Iterator
 from gateway.api import protocol
 from gateway.api.outbox import Outbox
 from gateway.api.question import Question
-from gateway.api.translate import to_request, to_target
+from gateway.api.translate import printable, to_request, to_target
 from gateway.core import events
 from gateway.errors import Code, Refusal
 
@@ -34,7 +34,7 @@ MAX_WAITING = 1024
 MAX_STREAMS = 64
 """Streams whose targets are kept between two polls; two are usual."""
 MAX_CLIENTS = 256
-"""Clients whose keepalives are kept between two polls."""
+"""Clients whose keepalives, and whose departures, are kept between two polls."""
 LOG_PERIOD_NS = 1_000_000_000
 
 log = logging.getLogger(__name__)
@@ -99,7 +99,10 @@ class Inbox:
     def put_gone(self, client_id: str, at_ns: int) -> None:
         """Take the end of a client's liveliness token."""
         with self._lock:
-            self._gone[client_id] = at_ns
+            if client_id in self._gone or len(self._gone) < MAX_CLIENTS:
+                self._gone[client_id] = at_ns
+                return
+        self._complain("overflow", f"{MAX_CLIENTS} clients went", at_ns)
 
     # ------------------------------------------------------------------------------------------------ the reader
 
@@ -201,7 +204,8 @@ class Inbox:
             self.overflown += 1
         if now_ns >= self._next_log_ns:
             self._next_log_ns = now_ns + LOG_PERIOD_NS
-            log.warning("%s: %s (%d malformed, %d too many)", what, message, self.malformed, self.overflown)
+            said = printable(message)  # field names and keys are the client's own
+            log.warning("%s: %s (%d malformed, %d too many)", what, said, self.malformed, self.overflown)
 
 
 def _drain(lane: _Lane) -> Iterator[events.CommandRequested]:

@@ -53,7 +53,7 @@ _Count = Annotated[int, Meta(ge=0, le=2**62)]
 _Pid = Annotated[int, Meta(ge=0, le=2**31)]
 _Name = Annotated[str, Meta(min_length=1, max_length=64)]
 _Text = Annotated[str, Meta(max_length=512)]
-_ClientId = Annotated[str, Meta(pattern=r"^[0-9A-Za-z_-]{1,64}$")]
+_ClientId = Annotated[str, Meta(pattern=r"^[0-9A-Za-z_-]{1,64}\Z")]
 _Joints = Annotated[tuple[float, ...], Meta(max_length=64)]
 
 

@@ -20,10 +20,10 @@ from gateway.errors import Code, Refusal
 from gateway.settings import Settings
 from gateway.values import ARM_DOF, Side, Vector
 
-__all__ = ["config_hash", "describe", "to_notice", "to_refusal", "to_reply", "to_request", "to_target"]
+__all__ = ["config_hash", "describe", "printable", "to_notice", "to_refusal", "to_reply", "to_request", "to_target"]
 
 MAX_REASON = 256
-"""Longest reason of a stop that is passed on [characters]."""
+"""Longest text of a client that is passed on or logged [characters]."""
 
 
 def to_request(request: protocol.Request) -> events.Request | Refusal:
@@ -37,14 +37,12 @@ def to_request(request: protocol.Request) -> events.Request | Refusal:
     """
     match request:
         case protocol.Acquire():
-            return events.Acquire(
-                name=_printable(request.name), pid=request.pid, on_loss=events.OnLoss(request.on_loss)
-            )
+            return events.Acquire(name=printable(request.name), pid=request.pid, on_loss=events.OnLoss(request.on_loss))
         case protocol.Take():
             return events.Take(
-                name=_printable(request.name),
+                name=printable(request.name),
                 pid=request.pid,
-                reason=_printable(request.reason),
+                reason=printable(request.reason),
                 on_loss=events.OnLoss(request.on_loss),
             )
         case protocol.Release():
@@ -73,9 +71,9 @@ def to_request(request: protocol.Request) -> events.Request | Refusal:
         case protocol.Cancel():
             return events.Cancel(epoch=request.epoch, motion_id=request.motion_id)
         case protocol.Stop():
-            return events.Stop(reason=_printable(request.reason))
+            return events.Stop(reason=printable(request.reason))
         case protocol.Estop():
-            return events.Estop(reason=_printable(request.reason))
+            return events.Estop(reason=printable(request.reason))
         case protocol.Recover():
             return events.Recover()
 
@@ -112,7 +110,7 @@ def _no_arm(field: str) -> Refusal:
     )
 
 
-def _printable(text: str) -> str:
+def printable(text: str) -> str:
     """Return a text that can be shown in a terminal or a log: no control characters, at most `MAX_REASON` long."""
     return "".join(c if c.isprintable() else "?" for c in text[:MAX_REASON])
 

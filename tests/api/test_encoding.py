@@ -68,6 +68,7 @@ def test_nan_passes_msgpack_and_not_json():
         ({"client_id": ""}, "client_id"),
         ({"client_id": "a/b"}, "client_id"),
         ({"client_id": "a" * 65}, "client_id"),
+        ({"client_id": "a\n"}, "client_id"),
         ({"request_id": -1}, "request_id"),
         ({"request_id": 2**63}, "request_id"),
         ({"request": {"type": "dance"}}, "type"),

@@ -116,8 +116,9 @@ def test_streams_and_clients_are_bounded(desk):
         )
     for number in range(MAX_CLIENTS + 10):
         desk.inbox.put_keepalive(f"client{number}", 0)
-    assert desk.inbox.overflown == 20
-    assert len(desk.inbox.poll()) == MAX_STREAMS + MAX_CLIENTS
+        desk.inbox.put_gone(f"client{number}", 0)
+    assert desk.inbox.overflown == 30
+    assert len(desk.inbox.poll()) == MAX_STREAMS + 2 * MAX_CLIENTS
 
 
 @pytest.mark.parametrize(
@@ -178,6 +179,19 @@ def test_complaints_are_logged_once_a_second(desk, caplog):
             desk.inbox.ask(AskedQuestion(b"rubbish", received_ns=n * 1_000_000))
             desk.run()
     assert len(caplog.records) == 3 and desk.inbox.malformed == 2500
+
+
+def test_what_a_client_sent_cannot_forge_lines_of_the_log(desk, caplog):
+    """Names of fields and keys come from outside: in the log they are one short line of printable characters."""
+    forged = b'{"version":1,"client_id":"a","request_id":1,"request":{"type":"recover","\\n\\u001b[2Jnow":1}}'
+    with caplog.at_level(logging.WARNING, logger=module.__name__):
+        desk.inbox.ask(AskedQuestion(forged, encoding=protocol.JSON, received_ns=0))
+        desk.run()
+        target = protocol.encode(protocol.Target(epoch=1, seq=1, q_rad=Q))
+        desk.inbox.put_target(f"{protocol.ROOT}/target/me\n/{'9' * 60_000}", target, "", 2_000_000_000)
+        desk.inbox.poll()
+    assert len(caplog.records) == 2 and desk.inbox.malformed == 2
+    assert all(line.getMessage().isprintable() and len(line.getMessage()) < 500 for line in caplog.records)
 
 
 def test_waiting_for_a_question_ends(desk):
