@@ -325,7 +325,7 @@ class Engine:
         for command in commands:
             key = (command.client_id, command.request_id)
             reply = self._answered.get(key)
-            if reply is None:
+            if reply is None or isinstance(command.request, (Stop, Estop)):  # a stop stops, whatever its number
                 answer = self._desk.answer(command, now_ns)
                 if isinstance(answer, Refusal):
                     reply = Reply(client_id=command.client_id, request_id=command.request_id, refusal=answer)
