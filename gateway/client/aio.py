@@ -108,7 +108,7 @@ def connect(
 
     Arguments and exceptions as in `client.connect`.
     """
-    session = Session(transport or transport_to(target, credentials), name or program_name())
+    session = Session(transport or transport_to(target, credentials), (name or program_name())[:64])
     return Connecting(session, timeout_s)
 
 

@@ -69,7 +69,7 @@ def connect(
         ProtocolError: The daemon is of another release.
         Rejected: `target` is no address.
     """
-    session = Session(transport or transport_to(target, credentials), name or program_name())
+    session = Session(transport or transport_to(target, credentials), (name or program_name())[:64])
     try:
         session.transport.open(session.client_id, session, timeout_s)
         run(session, procedures.greet(session, seconds("timeout_s", timeout_s)))

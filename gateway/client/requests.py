@@ -98,10 +98,11 @@ def within_limits(
             raise to_exception(
                 Refusal(
                     code=Code.OUT_OF_RANGE,
-                    message=f"{side} arm joint {index + 1}: {q:g} rad is outside [{low:g}, {high:g}] rad (§4.13)",
+                    message=f"{side} arm joint {index + 1} ({info.joint_names[side][index]}): {q:.4f} rad is outside "
+                    f"[{low:.2f}, {high:.2f}] rad (manual §4.13 or tighter configuration)",
                     field=f"{side}_arm[{index}]",
-                    value=f"{q:g}",
-                    bound=f"[{low:g}, {high:g}]",
+                    value=f"{q:.6g}",
+                    bound=f"[{low}, {high}]",
                     unit="rad",
                 )
             )

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -43,7 +45,7 @@ def test_limits_are_judged_as_the_daemon_judges_them(side):
                     with pytest.raises(type(to_exception(theirs))) as caught:
                         within_limits(side, tuple(q), INFO, "reject")
                     ours = caught.value.refusal
-                    assert (ours.code, ours.field, ours.unit) == (theirs.code, theirs.field, theirs.unit)
+                    assert replace(ours, hint="") == replace(theirs, hint="")
                 else:
                     assert within_limits(side, tuple(q), INFO, "reject") == theirs.q_rad
 
