@@ -13,9 +13,10 @@ from collections.abc import Iterator
 
 from gateway.core.conductor import Conductor
 from gateway.core.supervisor import STREAMING, State, Trigger
+from gateway.errors import Code
 from gateway.values import FsmState, Side
 
-__all__ = ["Conditions"]
+__all__ = ["OWN_FSM", "Conditions"]
 
 QUIET = frozenset({State.OFFLINE, State.STALE})
 OWN_FSM = frozenset({FsmState.ERROR, FsmState.PAUSE, FsmState.SLOW_START, FsmState.READY})
@@ -32,13 +33,13 @@ class Conditions:
     def __init__(self, conductor: Conductor) -> None:
         self._conductor = conductor
         self._off_since_ns: dict[Side, int | None] = dict.fromkeys(Side, None)
-        self._saw_slow_start_ns: int | None = None
+        self._saw_slow_start = False
         self.first_beat_ns: int | None = None
         """When the first 1.0 of the present enabling left [ns]; None before it."""
 
     def enabling_begins(self) -> None:
         """A new enabling has begun: earlier FSM samples are no answers to it."""
-        self._saw_slow_start_ns = None
+        self._saw_slow_start = False
         self.first_beat_ns = None
 
     def look(self, now_ns: int) -> Iterator[tuple[Trigger, str]]:
@@ -52,50 +53,39 @@ class Conditions:
         if not conductor.transport_up:
             yield Trigger.TRANSPORT_LOST, "no transport to the robot's router"
             return
-        yield from self._joint_order(now_ns)
+        wrong = store.name_order_wrong(now_ns)
+        if wrong is not None:
+            yield Trigger.JOINT_ORDER, wrong
         if not store.is_fresh(now_ns):
             if state not in QUIET:
                 age_ns = store.link_age_ns(now_ns) or 0
                 yield Trigger.STALE, f"the newest state is {age_ns / 1e6:.0f} ms old, 100 ms is the bound"
             return
         if state in QUIET:
-            return  # the way back is the phases' business: it depends on how long it was gone
+            return  # the way back depends on how long it was gone: see `stall.py`
         yield from self._mode(now_ns)
-        yield from self._fsm(now_ns)
-        yield from self._parts(now_ns)
-        yield from self._tracking(now_ns)
-
-    def _joint_order(self, now_ns: int) -> Iterator[tuple[Trigger, str]]:
-        wrong = self._conductor.store.name_order_wrong(now_ns)
-        if wrong is not None:
-            yield Trigger.JOINT_ORDER, wrong
+        if state in STREAMING:
+            yield from self._fsm(now_ns)
+            yield from self._arms(now_ns)
+            yield from self._tracking(now_ns)
 
     def _mode(self, now_ns: int) -> Iterator[tuple[Trigger, str]]:
-        mode = self._conductor.store.mode(now_ns)
+        mode, state = self._conductor.store.mode(now_ns), self._conductor.state
         if mode is None:
             yield Trigger.MODE_UNKNOWN, "/api/current_mode has not been heard for 3 s"
-            return
-        if not mode.api:
-            if self._conductor.state is not State.READ_ONLY:
+        elif not mode.api:
+            if state is not State.READ_ONLY:
                 yield Trigger.VR_MODE, "the robot was switched to VR mode"
-            return
-        if not mode.enabled_arms:
-            yield Trigger.NO_ARM, "no arm is enabled in the robot's system configuration"
-        for side, arm in self._conductor.body.arms.items():
-            if arm.running and side not in mode.enabled_arms:
-                yield Trigger.ARM_DISABLED, f"the {side} arm was disabled in the robot's system configuration"
-            elif arm.running and not mode.joint_mode[side]:
-                yield Trigger.ARM_DISABLED, f"the {side} arm was switched to end-effector mode"
+        elif not any(mode.joint_mode[side] for side in mode.enabled_arms):
+            yield Trigger.NO_ARM, "no arm is enabled in joint mode any more in the robot's system configuration"
 
     def _fsm(self, now_ns: int) -> Iterator[tuple[Trigger, str]]:
-        store = self._conductor.store
+        store, is_enabling = self._conductor.store, self._conductor.state is State.ENABLING
         value = store.fsm(now_ns)
+        is_answer = self.first_beat_ns is not None and (store.fsm_received_ns or 0) > self.first_beat_ns
         if value is None:
             yield Trigger.FSM_DEAD, "/fsm_state has not been heard for 0.5 s"
-            return
-        received_ns = store.fsm_received_ns or 0
-        is_answer = self.first_beat_ns is not None and received_ns > self.first_beat_ns
-        if value not in OWN_FSM:
+        elif value not in OWN_FSM:
             yield (
                 Trigger.FSM_FOREIGN,
                 f"the robot's FSM is {value}: VR single arm, playback or unknown (manual §4.11.1)",
@@ -103,23 +93,34 @@ class Conditions:
         elif value == FsmState.ERROR:
             yield Trigger.FSM_ERROR, "the robot's FSM is ERROR (-1): control or motor fault (manual §4.11.1)"
         elif value == FsmState.READY:
-            if is_answer or self._conductor.state is not State.ENABLING:
+            if is_answer or not is_enabling:
                 yield Trigger.FSM_READY, "the robot's FSM is READY"
         elif value == FsmState.SLOW_START:
-            if is_answer:
-                self._saw_slow_start_ns = received_ns
+            self._saw_slow_start = is_answer
             yield Trigger.FSM_SLOW_START, "the robot's FSM fell back to SLOW_START: a pause too short to be seen"
         else:
-            if self._saw_slow_start_ns is not None and self._conductor.state is State.ENABLING:
+            if is_enabling and self._saw_slow_start:
                 yield Trigger.FSM_FELL, "the robot's FSM fell from SLOW_START to PAUSE while enabling"
-            yield Trigger.FSM_PAUSE, "the robot's FSM is PAUSE: it paused by itself, perhaps a physical stop"
+            yield Trigger.FSM_PAUSE, self._pause_reason()
 
-    def _parts(self, now_ns: int) -> Iterator[tuple[Trigger, str]]:
-        if self._conductor.state not in STREAMING:
-            return
-        for side, arm in self._conductor.body.arms.items():
-            if arm.running and not self._conductor.store.part_fresh(side, now_ns, needs_pose=False):
+    def _pause_reason(self) -> str:
+        """Say whose pause it is: in STOPPING our own 0.0 asked for it, unless the arms were still braking."""
+        if self._conductor.state is State.STOPPING and self._conductor.body.heartbeat.is_ending:
+            return "the robot's FSM is PAUSE, as our 0.0 asked for"
+        return "the robot's FSM is PAUSE: it paused by itself, perhaps a physical stop"
+
+    def _arms(self, now_ns: int) -> Iterator[tuple[Trigger, str]]:
+        conductor = self._conductor
+        for side, code in conductor.lost_arms(now_ns).items():
+            if code is Code.ARM_DISABLED:
+                yield (
+                    Trigger.ARM_DISABLED,
+                    f"the {side} arm was disabled, or left joint mode, in the robot's system configuration",
+                )
+            else:
                 yield Trigger.PART_DEAD, f"the state of the {side} arm is older than 100 ms"
+        if not conductor.sides:
+            yield Trigger.NO_ARM, "no arm that was enabled is left"
 
     def _tracking(self, now_ns: int) -> Iterator[tuple[Trigger, str]]:
         settings = self._conductor.settings.arm

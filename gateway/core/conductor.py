@@ -6,17 +6,20 @@ it is collected as notices.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 from gateway.core.body import Body
 from gateway.core.events import Level, Notice, Remembered
 from gateway.core.lease import Lease
-from gateway.core.motions import Motion
+from gateway.core.motions import Motion, MotionState
 from gateway.core.store import Store
 from gateway.core.streams.heartbeat import Beat
 from gateway.core.supervisor import ARMED, BASE, STREAMING, Action, Cell, State, Supervisor, Trigger
-from gateway.errors import Code, Refusal
+from gateway.errors import Code
 from gateway.settings import Settings
+from gateway.values import Side
 
-__all__ = ["END_CODE", "LATCH_CODE", "Conductor"]
+__all__ = ["AT_BASE", "END_CODE", "LATCH_CODE", "Conductor", "EnableRecord"]
 
 LATCH_CODE: dict[Trigger, Code] = {
     Trigger.ESTOP: Code.ESTOP,
@@ -39,10 +42,12 @@ END_CODE: dict[Trigger, Code] = {
     Trigger.DISABLE: Code.STOPPED,
     Trigger.CLIENT_LOST: Code.CLIENT_LOST,
     Trigger.CLIENT_LOST_PAUSE: Code.CLIENT_LOST,
+    Trigger.HOLD_OVER: Code.CLIENT_LOST,
     Trigger.STALE: Code.STATE_STALE,
     Trigger.TRANSPORT_LOST: Code.NO_LINK,
     Trigger.FSM_PAUSE: Code.ROBOT_PAUSED,
     Trigger.FSM_SLOW_START: Code.ROBOT_PAUSED,
+    Trigger.FSM_FELL: Code.ROBOT_PAUSED,
     Trigger.FSM_DEAD: Code.FSM_UNKNOWN,
     Trigger.FSM_FOREIGN: Code.FSM_BUSY,
     Trigger.VR_MODE: Code.MODE_VR,
@@ -51,10 +56,44 @@ END_CODE: dict[Trigger, Code] = {
     Trigger.NO_ARM: Code.NO_ARM_ENABLED,
     Trigger.PART_DEAD: Code.PART_LOST,
     Trigger.OTHER_GATEWAY: Code.OTHER_GATEWAY,
+    Trigger.ENABLE_TIMEOUT: Code.ENABLE_TIMEOUT,
     Trigger.EXIT: Code.EXITING,
     Trigger.SUSPENDED: Code.SUSPENDED,
 }
-"""Code with which motions and streams end when a trigger cuts them."""
+"""Code with which motions and streams of targets end, or an enabling fails, when a trigger cuts them."""
+
+AT_BASE = frozenset({State.OFFLINE, State.READ_ONLY, State.IDLE})
+"""States in which nothing is held."""
+
+LOSES_AN_ARM = frozenset({Trigger.ARM_DISABLED, Trigger.PART_DEAD})
+
+LEVELS_THAT_STAY = frozenset({Trigger.FSM_READY, Trigger.FSM_SLOW_START})
+"""Conditions that ask for 0.0 in PAUSED on every tick: a repetition that found no hearing is not begun anew by them."""
+
+
+class EnableRecord:
+    """How the latest `enable` went."""
+
+    def __init__(self) -> None:
+        self.attempt = 0
+        """Number of the latest enabling; 0 before the first."""
+        self.sides: tuple[Side, ...] = ()
+        """Arms that it is about."""
+        self.outcome = "none"
+        """`none`, `running`, `ok` or `failed`."""
+        self.code: Code | None = None
+        """Why it failed; None else."""
+        self.message = ""
+
+    def begin(self, sides: tuple[Side, ...]) -> None:
+        """Another one begins, for these arms."""
+        self.attempt += 1
+        self.sides, self.outcome, self.code, self.message = sides, "running", None, ""
+
+    def blame(self, code: Code, message: str) -> None:
+        """Note why it fails; the first reason counts."""
+        if self.code is None:
+            self.code, self.message = code, message
 
 
 class Conductor:
@@ -75,18 +114,18 @@ class Conductor:
         self.transport_up = False
         """Whether a transport to the robot's router is open."""
         self.router_zid = ""
+        self.routes: dict[str, str] = {}
+        """What discovery said last about the way of a topic."""
         self.resuming = False
         """STALE only: 1.0 is sent again after a short stall, until the streams are seeded."""
         self.stale_hold = False
         """STALE only: constant hold frames go on."""
         self.can_resume = False
         """STALE only: the stall began in ACTIVE or HOLDING and nothing has ended the hold since."""
+        self.is_estop_unheard = Code.ESTOP in remembered.latches
+        """Whether an e-stop is latched and the robot was not seen to pause since."""
         self.is_exiting = False
-        self.enable_outcome = "none"
-        """`none`, `running`, `ok` or `failed`: how the latest enabling went."""
-        self.enable_code: Code | None = None
-        """Why it failed; None else."""
-        self.enable_message = ""
+        self.enable = EnableRecord()
 
     # ------------------------------------------------------------------------------------------------ saying
 
@@ -126,6 +165,24 @@ class Conductor:
         """The supervisor's state."""
         return self.supervisor.state
 
+    @property
+    def sides(self) -> tuple[Side, ...]:
+        """Arms that are streamed, or about to be."""
+        if self.state is State.ENABLING:
+            return self.enable.sides
+        return tuple(side for side, arm in self.body.arms.items() if arm.running)
+
+    def lost_arms(self, now_ns: int) -> dict[Side, Code]:
+        """Return which of `sides` cannot go on: ARM_DISABLED (or in another control mode), or PART_LOST (state dead)."""
+        mode = self.store.mode(now_ns)
+        lost: dict[Side, Code] = {}
+        for side in self.sides:
+            if mode is not None and not (mode.arm_enabled[side] and mode.joint_mode[side]):
+                lost[side] = Code.ARM_DISABLED
+            elif not self.store.part_fresh(side, now_ns, needs_pose=False):
+                lost[side] = Code.PART_LOST
+        return lost
+
     # ------------------------------------------------------------------------------------------------ moving
 
     def fire(self, trigger: Trigger, now_ns: int, message: str = "") -> Cell:
@@ -142,14 +199,36 @@ class Conductor:
         cell = self.supervisor.cell(trigger)
         if cell.refuse is not None:
             return cell
+        message = message or trigger.value
+        lost = self.lost_arms(now_ns) if trigger in LOSES_AN_ARM else {}
         for action in cell.do:
-            self._do(action, trigger, message or trigger.value, now_ns)
+            if action is Action.CUT and lost:
+                self._end_shared_motions(lost, message, now_ns)
+            self._do(action, trigger, message, now_ns)
         if cell.to == BASE:
+            self.go(self.base(now_ns), now_ns, message)
             self.give_up_resuming()
-            self.go(self.base(now_ns), now_ns, message or trigger.value)
         elif isinstance(cell.to, State):
-            self.go(cell.to, now_ns, message or trigger.value)
+            self.go(cell.to, now_ns, message)
+        for side, code in lost.items():
+            if code is Code.ARM_DISABLED:
+                self._let_go(side)
         return cell
+
+    def _end_shared_motions(self, lost: Mapping[Side, Code], message: str, now_ns: int) -> None:
+        """A motion of two arms of which one is lost ends for both, with a code for each."""
+        for motion in self.body.motions.running:
+            if len(motion.goals_rad) > 1 and lost.keys() & motion.goals_rad.keys():
+                codes = {side: lost.get(side, Code.PART_LOST) for side in motion.goals_rad}
+                each = ", ".join(f"{side} arm {code}" for side, code in codes.items())
+                code = next(code for side, code in codes.items() if side in lost)
+                self.body.motions.end(motion, MotionState.ABORTED, code, f"{each}: {message}")
+                self.report_ended([motion], now_ns)
+
+    def _let_go(self, side: Side) -> None:
+        """The robot takes no more setpoints for an arm: its stream is silent until the next `enable`."""
+        self.enable.sides = tuple(other for other in self.enable.sides if other is not side)
+        self.body.arms[side].stop()
 
     def go(self, to: State, now_ns: int, why: str) -> None:
         """Enter a state and bring the streams in line with it."""
@@ -174,16 +253,19 @@ class Conductor:
                 arm.go_live()
         if to not in ARMED and body.heartbeat.beat is Beat.ONE:
             body.heartbeat.silence()
+        if to in AT_BASE:
+            self.lease.end_clocks()  # nothing is held any more, so nothing has to go down
         level = Level.WARNING if to in {State.PAUSED, State.STALE, State.OFFLINE} else Level.INFO
         self.notice(
             Code.STATE_CHANGED, level, f"{came_from} -> {to}: {why}", now_ns, came_from=came_from.value, to=to.value
         )
 
     def _close_enabling(self, to: State, why: str) -> None:
-        self.enable_outcome = "ok" if to is State.ACTIVE else "failed"
-        if to is not State.ACTIVE:
-            self.enable_code = self.enable_code or Code.NOT_ENABLED
-            self.enable_message = self.enable_message or why
+        if to is State.ACTIVE:
+            self.enable.outcome = "ok"
+        else:
+            self.enable.outcome = "failed"
+            self.enable.blame(Code.NOT_ENABLED, why)
 
     def give_up_resuming(self) -> None:
         """Something ended the hold for good: whatever is still sent because of a short stall falls silent."""
@@ -191,18 +273,21 @@ class Conductor:
         if self.state is State.STALE:
             self.stale_hold = False
             self.body.silence_arms()
-            if self.resuming:
-                self.resuming = False
-                self.body.heartbeat.silence()
+            self.stop_resuming()
+
+    def stop_resuming(self) -> None:
+        """The way back from a short stall is interrupted: no 1.0 any more."""
+        if self.resuming:
+            self.resuming = False
+            self.body.heartbeat.silence()
 
     def _do(self, action: Action, trigger: Trigger, message: str, now_ns: int) -> None:
         body = self.body
         if action is Action.CUT:
             code = END_CODE.get(trigger, Code.STREAM_ENDED)
-            self.report_ended(body.cut(code, message), now_ns)
             if self.state is State.ENABLING:
-                self.enable_code = self.enable_code or code
-                self.enable_message = self.enable_message or message
+                self.enable.blame(code, message)
+            self.report_ended(body.cut(code, message), now_ns)
         elif action is Action.ZERO:
             self._zero(trigger, now_ns)
         elif action is Action.ZERO_IF_OWED:
@@ -223,20 +308,23 @@ class Conductor:
             self.notice(Code.LEASE_CHANGED, Level.WARNING, f"the lease is free: {message}", now_ns)
 
     def _zero(self, trigger: Trigger, now_ns: int) -> None:
+        """Begin to repeat 0.0. Without transport only an e-stop's: any other might arrive at somebody else's robot."""
         heartbeat = self.body.heartbeat
-        is_repeat = heartbeat.gave_up_at_ns is not None and heartbeat.gave_up_at_ns >= self.supervisor.since_ns
-        if trigger is Trigger.ESTOP or not is_repeat:
-            heartbeat.zeros(now_ns, is_estop=trigger is Trigger.ESTOP)
+        if trigger is Trigger.ESTOP:
+            self.is_estop_unheard = True
+            heartbeat.zeros(now_ns, is_estop=True)
+        elif self.transport_up and not (trigger in LEVELS_THAT_STAY and self._was_unheard):
+            heartbeat.zeros(now_ns)
+
+    @property
+    def _was_unheard(self) -> bool:
+        gave_up_ns = self.body.heartbeat.gave_up_at_ns
+        return gave_up_ns is not None and gave_up_ns >= self.supervisor.since_ns
 
     def latch(self, code: Code, message: str, now_ns: int) -> None:
         """Add a cause to the latches."""
         if self.supervisor.latch(code, message):
             self.notice(Code.LATCH_CHANGED, Level.ERROR, f"latched {code}: {message}", now_ns, code=code.value)
-
-    def fail_enable(self, refusal: Refusal, now_ns: int) -> None:
-        """End ENABLING with a reason of its own."""
-        self.enable_code, self.enable_message = refusal.code, refusal.message
-        self.fire(Trigger.ENABLE_TIMEOUT, now_ns, refusal.message)
 
     def remembered(self) -> Remembered:
         """Return what must survive a restart of the daemon."""

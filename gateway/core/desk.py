@@ -6,7 +6,7 @@ Order of the checks: lease, state of the gateway, latches, condition of the robo
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 
 from gateway.core import door
 from gateway.core.conductor import Conductor
@@ -50,7 +50,7 @@ class Desk:
     def __init__(self, conductor: Conductor, phases: Phases) -> None:
         self._conductor = conductor
         self._phases = phases
-        self._permit = Permit(conductor)
+        self._permit = Permit(conductor, phases.starting)
         self._moves = Moves(conductor, self._permit)
         self._answers: dict[type, Callable[..., Answer]] = {
             Acquire: self._acquire,
@@ -138,17 +138,19 @@ class Desk:
         refusal = self._permit.state(Trigger.ENABLE, now_ns) or self._permit.latches()
         if refusal is not None:
             return refusal
+        if conductor.state is State.HOLDING:
+            refusal = self._phases.starting.join(now_ns) or self._phases.starting.walk(now_ns)
+            if refusal is not None:
+                return refusal
         if conductor.supervisor.cell(Trigger.ENABLE).to is not State.ENABLING:
-            if conductor.state is State.HOLDING and self._phases.walk(now_ns):
-                return {"attempt": self._phases.attempt, "outcome": "ok", "walking": True}
             outcome = "running" if conductor.state is State.ENABLING else "ok"
-            return {"attempt": self._phases.attempt, "outcome": outcome}
+            return {"attempt": conductor.enable.attempt, "outcome": outcome, "walking": conductor.body.is_walking}
         sides = self._enable_sides(now_ns)
         if isinstance(sides, Refusal):
             return sides
         conductor.fire(Trigger.ENABLE, now_ns, "the owner enables")
-        self._phases.begin_enabling(sides, now_ns)
-        return {"attempt": self._phases.attempt, "outcome": conductor.enable_outcome}
+        self._phases.enabling.begin(sides, now_ns)
+        return {"attempt": conductor.enable.attempt, "outcome": conductor.enable.outcome, "walking": False}
 
     def _enable_sides(self, now_ns: int) -> tuple[Side, ...] | Refusal:
         """Return the arms whose streams an enabling would start, or why it cannot begin."""
@@ -191,7 +193,11 @@ class Desk:
             return Refusal(
                 code=Code.FSM_ERROR, message="the robot's FSM is ERROR (-1): control or motor fault (manual §4.11.1)"
             )
-        if value != FsmState.PAUSE or self._conductor.body.heartbeat.is_ending:
+        if self._conductor.body.heartbeat.is_ending:
+            return Refusal(
+                code=Code.FSM_BUSY, message="0.0 is still being sent: the robot has not reported PAUSE since"
+            )
+        if value != FsmState.PAUSE:
             return Refusal(
                 code=Code.FSM_BUSY,
                 message=f"the robot's FSM is {value}, PAUSE (0) is needed to begin (manual §4.11.1)",
@@ -247,18 +253,29 @@ class Desk:
         if conductor.state in {State.OFFLINE, State.STALE}:
             code = Code.NO_LINK if conductor.state is State.OFFLINE else Code.STATE_STALE
             return Refusal(code=code, message=f"recover() needs to see the robot: {REFUSAL_TEXT[code]}")
-        if Code.FSM_ERROR in latches and conductor.store.fsm(now_ns) == FsmState.ERROR:
-            return Refusal(
-                code=Code.LATCH_PERSISTS, message="the robot's FSM is still ERROR (-1)", field=Code.FSM_ERROR.value
-            )
-        wrong = conductor.store.name_order_wrong(now_ns)
-        if Code.JOINT_ORDER in latches and wrong is not None:
-            return Refusal(code=Code.LATCH_PERSISTS, message=wrong, field=Code.JOINT_ORDER.value)
+        refusal = self._permit.after_stop(command) or self._persisting(latches, now_ns)
+        if refusal is not None:
+            return refusal
         conductor.supervisor.clear()
+        conductor.is_estop_unheard = False
         if latches:
             conductor.notice(
                 Code.LATCH_CHANGED, Level.INFO, f"recover() by {command.client_id} cleared {', '.join(latches)}", now_ns
             )
         if conductor.state is State.HOLDING:
-            self._phases.walk(now_ns)
+            refusal = self._phases.starting.walk(now_ns)
+            if refusal is not None:
+                conductor.notice(refusal.code, Level.WARNING, refusal.message, now_ns)
         return {"cleared": [code.value for code in latches]}
+
+    def _persisting(self, latches: Mapping[Code, str], now_ns: int) -> Refusal | None:
+        """Refuse while the cause of a latch is still there. An FSM that fell silent in ERROR counts as still there."""
+        store = self._conductor.store
+        if Code.FSM_ERROR in latches and store.fsm_raw == FsmState.ERROR:
+            return Refusal(
+                code=Code.LATCH_PERSISTS, message="the robot's FSM is still ERROR (-1)", field=Code.FSM_ERROR.value
+            )
+        wrong = store.name_order_wrong(now_ns)
+        if Code.JOINT_ORDER in latches and wrong is not None:
+            return Refusal(code=Code.LATCH_PERSISTS, message=wrong, field=Code.JOINT_ORDER.value)
+        return None

@@ -16,7 +16,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from gateway.core.conditions import Conditions
-from gateway.core.conductor import Conductor
+from gateway.core.conductor import AT_BASE, Conductor
 from gateway.core.desk import Desk
 from gateway.core.events import (
     ClientGone,
@@ -24,11 +24,11 @@ from gateway.core.events import (
     CommandRequested,
     Estop,
     Event,
-    ExitRequested,
     Level,
     LinkDown,
     LinkUp,
     Notice,
+    OnLoss,
     Remembered,
     Reply,
     RouteObserved,
@@ -39,7 +39,7 @@ from gateway.core.events import (
     TargetArrived,
 )
 from gateway.core.gate import Cleared, Gate
-from gateway.core.lease import LossStage
+from gateway.core.lease import LossStage, Owner
 from gateway.core.outlet import Outlet
 from gateway.core.phases import Phases
 from gateway.core.snapshot import LoopView, Snapshot
@@ -60,6 +60,14 @@ TICK_NS = 10 * MS
 
 REPLIES_KEPT = 256
 """So many replies are kept to answer a repeated request with the first reply."""
+
+STAGE_NAMES = {
+    LossStage.LOST: "lost",
+    LossStage.BACK: "back",
+    LossStage.FREE: "free",
+    LossStage.DOWN_DUE: "down",
+}
+"""Stages as notices name them."""
 
 LATE_WINDOW_NS = 10 * S
 """The worst lateness is the worst of this long [ns]."""
@@ -102,7 +110,7 @@ class Engine:
         self._desk = Desk(self._conductor, self._phases)
         self._outlet = Outlet(self._conductor, Gate(settings.arm, settings.link.variant))
         self._commands: list[CommandRequested] = []
-        self._targets: dict[int, TargetArrived] = {}
+        self._targets: dict[tuple[int, str], TargetArrived] = {}
         self._replies: list[Reply] = []
         self._answered: OrderedDict[tuple[str, int], Reply] = OrderedDict()
         self._saved = self._conductor.remembered()
@@ -162,9 +170,10 @@ class Engine:
         elif isinstance(event, CommandRequested):
             self._commands.append(event)
         elif isinstance(event, TargetArrived):
-            latest = self._targets.get(event.stream_id)
-            if latest is None or event.seq > latest.seq or event.client_id != latest.client_id:
-                self._targets[event.stream_id] = event
+            slot = event.stream_id, event.client_id  # one client cannot push another's target out
+            latest = self._targets.get(slot)
+            if latest is None or event.seq > latest.seq:
+                self._targets[slot] = event
         elif isinstance(event, ClientSeen):
             conductor.lease.seen(event.client_id, event.at_ns)
         elif isinstance(event, ClientGone):
@@ -174,6 +183,7 @@ class Engine:
         elif isinstance(event, LinkDown):
             self._link_down(now_ns)
         elif isinstance(event, RouteObserved):
+            conductor.routes[event.topic] = event.message
             if event.code is not None:
                 conductor.notice(event.code, Level.WARNING, event.message, now_ns, topic=event.topic)
         elif isinstance(event, Suspended):
@@ -183,16 +193,12 @@ class Engine:
             )
             conductor.fire(Trigger.SUSPENDED, now_ns, "this host was suspended")
         else:
-            self._exit(event, now_ns)
-
-    def _exit(self, event: ExitRequested, now_ns: int) -> None:
-        self._phases.request_exit(now_ns)
+            self._phases.request_exit(now_ns)
 
     def _link_up(self, event: LinkUp, now_ns: int) -> None:
         conductor = self._conductor
         before = conductor.router_zid
-        if conductor.transport_up and before != event.router_zid:
-            self._link_down(now_ns)
+        self._link_down(now_ns)  # another transport, whoever is at its end: what was under way on the old one is lost
         conductor.transport_up, conductor.router_zid = True, event.router_zid
         conductor.store.reset()
         conductor.notice(Code.LINK_UP, Level.INFO, f"linked to the robot's router {event.router_zid}", now_ns)
@@ -274,40 +280,29 @@ class Engine:
         return self._outlet.frames(now_ns, stops_only=True)
 
     def _look_at_lease(self, now_ns: int, late_ns: int) -> None:
-        conductor = self._conductor
-        for event in conductor.lease.poll(now_ns, late_ns):
+        for event in self._conductor.lease.poll(now_ns, late_ns):
             if event.stage is LossStage.LOST:
-                self._owner_lost(now_ns)
+                self._owner_lost(event.owner, now_ns)
             elif event.stage is LossStage.BACK:
-                conductor.notice(
-                    Code.LOSS_STAGE, Level.INFO, "the owner is back; the clocks ended", now_ns, stage="back"
-                )
+                self._tell_stage(event.stage, "the owner is back; the clocks ended", now_ns)
             elif event.stage is LossStage.FREE:
-                conductor.notice(
-                    Code.LOSS_STAGE,
-                    Level.WARNING,
-                    "the lost owner's lease is free; the hold goes on",
-                    now_ns,
-                    stage="free",
-                )
-                conductor.fire(Trigger.LEASE_FREE, now_ns, "the lost owner's lease is free")
-            else:
-                conductor.notice(
-                    Code.LOSS_STAGE,
-                    Level.WARNING,
-                    "nobody took over: everything goes down, the grip is lost",
-                    now_ns,
-                    stage="down",
-                )
-                conductor.fire(Trigger.HOLD_OVER, now_ns, "nobody took over")
+                self._tell_stage(event.stage, "the lost owner's lease is free", now_ns)
+                self._conductor.fire(Trigger.LEASE_FREE, now_ns, "the lost owner's lease is free")
+            elif self._conductor.fire(Trigger.HOLD_OVER, now_ns, "nobody took over").do:
+                self._tell_stage(event.stage, "nobody took over: everything goes down, the grip is lost", now_ns)
 
-    def _owner_lost(self, now_ns: int) -> None:
+    def _tell_stage(self, stage: LossStage, message: str, now_ns: int) -> None:
+        level = Level.INFO if stage is LossStage.BACK else Level.WARNING
+        self._conductor.notice(Code.LOSS_STAGE, level, message, now_ns, stage=STAGE_NAMES[stage])
+
+    def _owner_lost(self, owner: Owner | None, now_ns: int) -> None:
         conductor = self._conductor
-        owner = conductor.lease.owner
-        name = owner.name if owner else "the owner"
-        pauses = owner is not None and owner.on_loss.value == "pause"
-        conductor.notice(Code.LOSS_STAGE, Level.WARNING, f"{name} is lost", now_ns, stage="lost")
+        name = owner.name if owner is not None else "the owner"
+        self._tell_stage(LossStage.LOST, f"{name} is lost", now_ns)
+        pauses = owner is not None and owner.on_loss is OnLoss.PAUSE
         conductor.fire(Trigger.CLIENT_LOST_PAUSE if pauses else Trigger.CLIENT_LOST, now_ns, f"{name} is lost")
+        if conductor.state in AT_BASE:
+            conductor.lease.end_clocks()
 
     def _look_at_robot(self, now_ns: int) -> None:
         for _ in range(4):  # a trigger may lead to a state in which others matter
@@ -380,4 +375,4 @@ class Engine:
         self._next_snapshot_ns = (now_ns // self._snapshot_period_ns + 1) * self._snapshot_period_ns
         self._snapshots += 1
         loop = LoopView(ticks=self._ticks, skipped=self._skipped, late_ns=late_ns, worst_late_ns=self._lateness[0][1])
-        return build(self._conductor, self._phases, loop, self._snapshots, now_ns)
+        return build(self._conductor, loop, self._snapshots, now_ns)

@@ -11,6 +11,7 @@ from gateway.core import door
 from gateway.core.conductor import Conductor
 from gateway.core.door import Fitness
 from gateway.core.events import CommandRequested
+from gateway.core.starting import Starting
 from gateway.core.supervisor import State, Trigger
 from gateway.errors import Code, Refusal
 from gateway.values import Side
@@ -33,10 +34,12 @@ class Permit:
 
     Args:
         conductor: What is asked about.
+        starting: Knows which held arms are away from their references.
     """
 
-    def __init__(self, conductor: Conductor) -> None:
+    def __init__(self, conductor: Conductor, starting: Starting) -> None:
         self._conductor = conductor
+        self._starting = starting
         self._last_stop_ns = -1
         self._takeover_epoch = 0
 
@@ -99,17 +102,35 @@ class Permit:
         )
         if refusal is not None:
             return refusal
+        moved = {*sides, *conductor.sides}  # an arm that must be held, too, but cannot, would end the motion at once
         fitness = Fitness(
             mode=conductor.store.mode(now_ns),
-            part_fresh={side: conductor.store.part_fresh(side, now_ns, needs_pose=False) for side in sides},
-            streaming={side: conductor.body.arms[side].running for side in sides},
+            part_fresh={side: conductor.store.part_fresh(side, now_ns, needs_pose=False) for side in moved},
+            streaming={side: conductor.body.arms[side].running for side in moved},
         )
-        refusal = door.check_arms(fitness, sides)
-        if refusal is None and conductor.body.is_walking:
+        ordered = (*sides, *(side for side in conductor.sides if side not in sides))
+        return door.check_arms(fitness, ordered) or self._held(now_ns)
+
+    def _held(self, now_ns: int) -> Refusal | None:
+        """Refuse while a held reference is away from its arm: a motion would begin with a jerk, and end as an error."""
+        conductor = self._conductor
+        if conductor.body.is_walking:
             return Refusal(
                 code=Code.STOPPING, message="the held reference is walking back to the arm; wait until it is there"
             )
-        return refusal
+        if conductor.state is State.HOLDING:
+            bound_rad = conductor.settings.arm.tracking_rad
+            for side, off_rad in self._starting.strayed(now_ns).items():
+                return Refusal(
+                    code=Code.TRACKING_ERROR,
+                    message=f"the {side} arm is {off_rad:.3f} rad from where it is held, {bound_rad} rad is the bound",
+                    field=f"{side}_arm",
+                    value=f"{off_rad:.6g}",
+                    bound=str(bound_rad),
+                    unit="rad",
+                    hint="call enable(): the held reference walks back to the arm",
+                )
+        return None
 
     def _takeover(self, epoch: int) -> Refusal | None:
         if epoch != self._takeover_epoch:

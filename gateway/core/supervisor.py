@@ -243,7 +243,7 @@ TABLE: Mapping[Trigger, Mapping[State, Cell]] = {
     Trigger.FSM_FELL:          _row(SAME,              DOWN,         SAME,         SAME,         SAME,         SAME,         SAME),
     Trigger.FSM_ERROR:         _row(SAME,              DOWN_LATCH,   DOWN_LATCH,   DOWN_LATCH,   DOWN_LATCH,   DOWN_LATCH,   SAME),
     Trigger.FSM_FOREIGN:       _row(SAME,              OFF,          OFF,          OFF,          OFF,          OFF,          SAME),
-    Trigger.FSM_DEAD:          _row(SAME,              DOWN,         PAUSE,        PAUSE,        SAME,         SAME,         SAME),
+    Trigger.FSM_DEAD:          {**_row(SAME,           DOWN,         PAUSE,        PAUSE,        SAME,         SAME,         SAME), S.STALE: DOWN},
     Trigger.VR_MODE:           _row(Cell(to=BASE, do=(A.CUT,)), OFF,   OFF,          OFF,          OFF,          OFF,          SAME),
     Trigger.MODE_UNKNOWN:      _row(SAME,              SAME,         BRAKE,        SAME,         SAME,         SAME,         SAME),
     Trigger.ARM_DISABLED:      _row(SAME,              SAME,         BRAKE,        SAME,         SAME,         SAME,         SAME),
@@ -254,10 +254,10 @@ TABLE: Mapping[Trigger, Mapping[State, Cell]] = {
     Trigger.FOREIGN_DATA:      _row(SAME,              FOREIGN,      FOREIGN,      FOREIGN,      FOREIGN,      FOREIGN,      SAME),
     Trigger.OTHER_GATEWAY:     _row(SAME,              OFF,          OFF,          OFF,          OFF,          OFF,          SAME),
     Trigger.GATE_VIOLATION:    dict.fromkeys(State, DOWN_LATCH),
-    Trigger.JOINT_ORDER:       _row(LATCH_ONLY,        DOWN_LATCH,   DOWN_LATCH,   DOWN_LATCH,   DOWN_LATCH,   DOWN_LATCH,   LATCH_ONLY),
+    Trigger.JOINT_ORDER:       _row(LATCH_ONLY,        DOWN_LATCH,   DOWN_LATCH,   DOWN_LATCH,   DOWN_LATCH,   DOWN_LATCH,   Cell(to=BASE, do=(A.LATCH,))),
     Trigger.ENABLE_TIMEOUT:    _row(SAME,              OWED,         SAME,         SAME,         SAME,         SAME,         SAME),
     Trigger.AT_REST:           _row(SAME,              SAME,         SAME,         SAME,         SAME,         Cell(do=(A.ZERO,)), SAME),
-    Trigger.EXIT:              _row(BASE_LIFT_OFF,     DOWN_LIFT_OFF, STOP_FIRST_LIFT_OFF, DOWN_LIFT_OFF, DOWN_LIFT_OFF, LIFT_OFF, OWED_LIFT_OFF),
+    Trigger.EXIT:              _row(BASE_LIFT_OFF,     DOWN_LIFT_OFF, STOP_FIRST_LIFT_OFF, STOP_FIRST_LIFT_OFF, DOWN_LIFT_OFF, LIFT_OFF, OWED_LIFT_OFF),
     Trigger.SUSPENDED:         _row(BASE_FREE,         DOWN_FREE,    DOWN_FREE,    DOWN_FREE,    DOWN_FREE,    DOWN_FREE,    BASE_FREE),
 }  # fmt: skip
 """Row by trigger, cell by state: BEHAVIOUR, Transitions."""

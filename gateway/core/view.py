@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from gateway import robot
 from gateway.core.conductor import Conductor
-from gateway.core.phases import Phases
 from gateway.core.snapshot import (
     ArmView,
     EnableView,
@@ -19,17 +18,16 @@ from gateway.values import MotorState, Side
 __all__ = ["build"]
 
 
-def build(conductor: Conductor, phases: Phases, loop: LoopView, seq: int, now_ns: int) -> Snapshot:
+def build(conductor: Conductor, loop: LoopView, seq: int, now_ns: int) -> Snapshot:
     """Return the snapshot of this instant.
 
     Args:
         conductor: What is shown.
-        phases: For the latest enabling.
         loop: Figures of the control loop.
         seq: Number of the snapshot.
         now_ns: Monotonic time [ns].
     """
-    store, supervisor, body = conductor.store, conductor.supervisor, conductor.body
+    store, supervisor, body, enable = conductor.store, conductor.supervisor, conductor.body, conductor.enable
     return Snapshot(
         seq=seq,
         at_ns=now_ns,
@@ -53,10 +51,10 @@ def build(conductor: Conductor, phases: Phases, loop: LoopView, seq: int, now_ns
         motions=body.motions.views(),
         targets=body.targets.views(),
         enable=EnableView(
-            attempt=phases.attempt,
-            outcome=conductor.enable_outcome,
-            code=conductor.enable_code.value if conductor.enable_code else "",
-            message=conductor.enable_message,
+            attempt=enable.attempt,
+            outcome=enable.outcome,
+            code=enable.code.value if enable.code else "",
+            message=enable.message,
         ),
         loop=loop,
     )

@@ -37,7 +37,7 @@ FSM 1                       | =                       | =                   | PA
 FSM from 1 to 0             | =                       | down                | -                         | -                   | -                   | -                   | -
 FSM ERROR                   | refuse enable           | down, L             | down, L                   | down, L             | down, L             | down, L             | after our own 1.0
 FSM 3-6, unknown value      | refuse enable           | off                 | off                       | off                 | off                 | off                 | -
-fsm_state dead              | refuse enable           | down                | PAUSED                    | PAUSED              | =                   | =                   | seeding
+fsm_state dead              | refuse enable           | down                | PAUSED                    | PAUSED              | =                   | =                   | down / -
 VR mode                     | READ_ONLY, cut          | off                 | off                       | off                 | off                 | off                 | -
 mode unknown                | refuse enable           | =                   | brake, HOLDING            | =                   | =                   | =                   | -
 one arm disabled            | =                       | =                   | brake, HOLDING            | =                   | =                   | =                   | =
@@ -48,10 +48,10 @@ foreign token or publisher  | refuse enable           | down, L             | cu
 foreign arm or fsm data     | refuse enable           | 0.0 once, cut, base, L | 0.0 once, cut, base, L | 0.0 once, cut, base, L | 0.0 once, cut, base, L | 0.0 once, cut, base, L | refuse
 other gateway armed         | refuse enable           | off                 | off                       | off                 | off                 | off                 | no resume
 gate violation              | down, L                 | down, L             | down, L                   | down, L             | down, L             | down, L             | down, L
-names in another order      | L                       | down, L             | down, L                   | down, L             | down, L             | down, L             | L
+names in another order      | L                       | down, L             | down, L                   | down, L             | down, L             | down, L             | L, base
 enabling takes too long     | -                       | cut, 0.0 if owed, base | -                      | -                   | -                   | -                   | -
 at rest                     | -                       | -                   | -                         | -                   | -                   | 0.0                 | -
-SIGTERM                     | cut, base, [0,0], exit  | down, [0,0], exit   | brake, STOPPING, [0,0], exit | down, [0,0], exit | down, [0,0], exit   | [0,0], exit         | cut, 0.0 if owed, base, [0,0], exit
+SIGTERM                     | cut, base, [0,0], exit  | down, [0,0], exit   | brake, STOPPING, [0,0], exit | STOPPING, [0,0], exit | down, [0,0], exit | [0,0], exit         | cut, 0.0 if owed, base, [0,0], exit
 suspend and resume          | cut, free, base, [0,0]  | down, free, [0,0]   | down, free, [0,0]         | down, free, [0,0]   | down, free, [0,0]   | down, free, [0,0]   | cut, free, base, [0,0]
 """  # noqa: E501
 
@@ -62,7 +62,7 @@ COLUMNS = (
 QUIET_WORDS = {
     "=", "-", "ok", "exit",
     "lease", "clocks end", "then IDLE", "unowned", "10 s", "10/60 s", "free after 10 s",  # the lease's own clocks
-    "refuse", "refuse enable", "refuse motion", "no resume", "after our own 1.0", "seeding",  # asked where they matter
+    "refuse", "refuse enable", "refuse motion", "no resume", "after our own 1.0",  # asked where they matter
 }  # fmt: skip
 """Words that move nothing by themselves."""
 ACTIONS = {

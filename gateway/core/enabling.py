@@ -1,0 +1,125 @@
+"""ENABLING: echo where the arms are, then 1.0, until the robot's FSM is READY; bounded, and with what was missing.
+
+    enable -> steady state for 0.3 s -> echo -> 1.0 after 30 ms -> SLOW_START -> READY
+
+The supervisor's table says what else ends it. From PAUSED the echo begins at once: the streams are live, so there must
+be no gap, and the robot does not follow.
+"""
+
+from __future__ import annotations
+
+from gateway import robot
+from gateway.core.conditions import Conditions
+from gateway.core.conductor import Conductor
+from gateway.core.events import Level
+from gateway.core.starting import Starting
+from gateway.core.supervisor import State, Trigger
+from gateway.errors import Code, Refusal
+from gateway.values import FsmState, Side
+
+__all__ = ["Enabling"]
+
+MS = 1_000_000
+S = 1_000_000_000
+
+BEAT_DELAY_NS = 30 * MS
+"""The first 1.0 leaves this long after the first echo [ns]: the heartbeat has a faster lane and must not overtake it."""
+
+NOT_EFFECTIVE_NS = 1500 * MS
+"""1.0 for longer than this while the FSM stays PAUSE is told [ns] (BEHAVIOUR, the bridge misbehaves)."""
+
+FSM_NAMES: dict[int | None, str] = {None: "unknown", **{state.value: state.name for state in FsmState}}
+
+
+class Enabling:
+    """The course of one `enable` after the other.
+
+    Args:
+        conductor: What is moved.
+        conditions: What is told that an enabling begins.
+        starting: How streams begin.
+    """
+
+    def __init__(self, conductor: Conductor, conditions: Conditions, starting: Starting) -> None:
+        self._conductor = conductor
+        self._conditions = conditions
+        self._starting = starting
+        self._started_ns = 0
+        self._echo_ns: int | None = None
+        self._is_told = False
+
+    def begin(self, sides: tuple[Side, ...], now_ns: int) -> None:
+        """ENABLING was entered: seed these arms as soon as their state can be trusted.
+
+        Args:
+            sides: Arms that are enabled in joint mode.
+            now_ns: Monotonic time [ns].
+        """
+        conductor = self._conductor
+        self._started_ns, self._echo_ns, self._is_told = now_ns, None, False
+        conductor.enable.begin(sides)
+        self._conditions.enabling_begins()
+        if conductor.supervisor.came_from is State.PAUSED:
+            for side, arm in conductor.body.arms.items():
+                if arm.running and side not in sides:
+                    arm.stop()
+            self._echo(now_ns)
+
+    def _echo(self, now_ns: int) -> None:
+        refusal = self._starting.seed(self._conductor.enable.sides, now_ns)
+        if refusal is None:
+            self._echo_ns = now_ns
+        else:
+            self._fail(refusal, now_ns)
+
+    def _fail(self, refusal: Refusal, now_ns: int) -> None:
+        self._conductor.enable.blame(refusal.code, refusal.message)
+        self._conductor.fire(Trigger.ENABLE_TIMEOUT, now_ns, refusal.message)
+
+    def step(self, now_ns: int) -> None:
+        """Take the step that is due.
+
+        Args:
+            now_ns: Monotonic time [ns].
+        """
+        conductor = self._conductor
+        value = conductor.store.fsm(now_ns)
+        if now_ns - self._started_ns > conductor.settings.enable.timeout_ns:
+            seconds = conductor.settings.enable.timeout_ns / S
+            message = f"the robot was not READY within {seconds:.0f} s: {self._missing(now_ns)}"
+            self._fail(Refusal(code=Code.ENABLE_TIMEOUT, message=message), now_ns)
+        elif self._conditions.first_beat_ns is None and value != FsmState.PAUSE:
+            message = f"the FSM went to {value} before our first heartbeat: somebody else enables"
+            self._fail(Refusal(code=Code.FSM_BUSY, message=message), now_ns)
+        elif self._echo_ns is None:
+            if all(conductor.store.seedable(side, now_ns) for side in conductor.enable.sides):
+                self._echo(now_ns)
+        elif self._conditions.first_beat_ns is not None:
+            self._tell_if_unheard(value, now_ns)
+        elif now_ns - self._echo_ns >= BEAT_DELAY_NS:
+            conductor.body.heartbeat.ones(now_ns)
+            self._conditions.first_beat_ns = now_ns
+
+    def _missing(self, now_ns: int) -> str:
+        store = self._conductor.store
+        if self._echo_ns is None:
+            waiting = [str(side) for side in self._conductor.enable.sides if not store.seedable(side, now_ns)]
+            return f"no 0.3 s of steady, timely state from the {' and '.join(waiting)} arm"
+        value = store.fsm(now_ns)
+        return f"setpoints and heartbeat were sent, the FSM stayed {FSM_NAMES.get(value, value)}"
+
+    def _tell_if_unheard(self, value: int | None, now_ns: int) -> None:
+        """Say once that 1.0 does nothing, with what is known of its way to the robot."""
+        since_ns = self._conditions.first_beat_ns or now_ns
+        if value == FsmState.PAUSE and now_ns - since_ns > NOT_EFFECTIVE_NS and not self._is_told:
+            self._is_told = True
+            route = self._conductor.routes.get(robot.FSM_ENABLE, "nothing is known of its route")
+            self._conductor.notice(
+                Code.HEARTBEAT_NOT_EFFECTIVE,
+                Level.WARNING,
+                f"1.0 has been sent for {(now_ns - since_ns) / S:.1f} s and the FSM stays PAUSE; "
+                f"{robot.FSM_ENABLE}: {route}",
+                now_ns,
+                topic=robot.FSM_ENABLE,
+                route=route,
+            )

@@ -1,0 +1,165 @@
+"""STALE, and what is owed after a loss: hold on for a while, resume after a short stall, else pay the 0.0.
+
+Rules (BEHAVIOUR, stopping and losing)
+    * References at rest are repeated for at most 0.8 s, and only until something speaks that would end HOLDING.
+    * A stall is short when the state is fresh again within 0.8 s, the transport was never lost, and an FSM sample that
+      came after it began says READY. Then 1.0 goes out at once, still in STALE; once the arms can be seeded, HOLDING.
+    * After any other loss a 0.0 that is owed leaves only when a mode and an FSM sample that came since say API and 1-2:
+      the robot may be somebody else's by now. An e-stop that may not have been heard asks for FSM 1-2 only.
+
+When STALE begins is the supervisor's table; what may leave in it is the gate's word.
+"""
+
+from __future__ import annotations
+
+from gateway.core.conditions import OWN_FSM
+from gateway.core.conductor import Conductor
+from gateway.core.starting import Starting
+from gateway.core.supervisor import STREAMING, State, Trigger
+from gateway.errors import Code
+from gateway.values import CurrentMode, FsmState, Side
+
+__all__ = ["Stall"]
+
+S = 1_000_000_000
+
+RESUME_NS = 1 * S
+"""Streams that cannot be seeded within this after the state came back [ns] are given up: an arm's own state is dead."""
+
+STARTED = frozenset({FsmState.SLOW_START, FsmState.READY})
+QUIET = frozenset({State.OFFLINE, State.STALE})
+
+
+class Stall:
+    """What happens while the robot is not heard, and afterwards.
+
+    Args:
+        conductor: What is moved.
+        starting: How streams begin.
+    """
+
+    def __init__(self, conductor: Conductor, starting: Starting) -> None:
+        self._conductor = conductor
+        self._starting = starting
+        self._resumed_ns = 0
+        self._lost_ns: int | None = None
+        """When the robot was last not ours to hear [ns]; None once that is settled."""
+        self._estop_lost_ns: int | None = None
+        """When it was last not heard at all, with an e-stop that it may not know [ns]; None when that is settled."""
+
+    def step(self, now_ns: int) -> None:
+        """Take the steps that are due.
+
+        Args:
+            now_ns: Monotonic time [ns].
+        """
+        if self._conductor.state is State.STALE:
+            self._while_stale(now_ns)
+        self._pay(now_ns)
+        self._repeat_estop(now_ns)
+
+    # ------------------------------------------------------------------------------------------------ STALE
+
+    def _while_stale(self, now_ns: int) -> None:
+        conductor = self._conductor
+        gone_ns = now_ns - conductor.supervisor.since_ns
+        is_fresh, limit_ns = conductor.store.is_fresh(now_ns), conductor.settings.enable.hold_stale_ns
+        if self._is_hold_over(now_ns):
+            conductor.give_up_resuming()
+        if conductor.stale_hold and gone_ns > limit_ns:
+            conductor.stale_hold = False
+            conductor.body.silence_arms()
+        if conductor.resuming:
+            if is_fresh:
+                self._resume(now_ns)
+            else:
+                conductor.stop_resuming()
+        elif is_fresh:
+            if conductor.can_resume and gone_ns < limit_ns:
+                self._try_to_resume(now_ns)
+            else:
+                self._come_back(now_ns)
+
+    def _is_hold_over(self, now_ns: int) -> bool:
+        """Return whether a slow topic, which may still be heard, says what would end HOLDING."""
+        conductor = self._conductor
+        mode, value = conductor.store.mode(now_ns), conductor.store.fsm(now_ns)
+        if value == FsmState.ERROR and conductor.body.heartbeat.is_owed:
+            conductor.latch(Code.FSM_ERROR, "the robot's FSM went to ERROR (-1) after our heartbeat", now_ns)
+        is_foreign = value is not None and (value not in OWN_FSM or value == FsmState.ERROR)
+        return is_foreign or (mode is not None and (not mode.api or not _able(mode)))
+
+    def _try_to_resume(self, now_ns: int) -> None:
+        conductor = self._conductor
+        if (conductor.store.fsm_received_ns or 0) <= conductor.supervisor.since_ns:
+            return  # no new FSM sample yet (20 Hz); when none comes the stall is no longer short
+        if conductor.store.fsm(now_ns) == FsmState.READY:
+            conductor.resuming, self._resumed_ns = True, now_ns
+            conductor.body.heartbeat.ones(now_ns)
+        else:
+            self._come_back(now_ns)
+
+    def _resume(self, now_ns: int) -> None:
+        """1.0 is out again: HOLDING as soon as the arms can be seeded."""
+        conductor = self._conductor
+        mode, value = conductor.store.mode(now_ns), conductor.store.fsm(now_ns)
+        sides = tuple(side for side in conductor.enable.sides if mode is None or side in _able(mode))
+        if value is None:
+            conductor.fire(Trigger.FSM_DEAD, now_ns, "/fsm_state has not been heard for 0.5 s")
+        elif value != FsmState.READY or not sides or now_ns - self._resumed_ns > RESUME_NS:
+            self._come_back(now_ns)
+        elif all(conductor.store.seedable(side, now_ns) for side in sides):
+            if not conductor.body.running_arms and self._starting.seed(sides, now_ns) is not None:
+                self._come_back(now_ns)
+            else:
+                conductor.go(State.HOLDING, now_ns, "a short stall is over; the owner resumes explicitly")
+
+    def _come_back(self, now_ns: int) -> None:
+        self._conductor.fire(Trigger.FRESH, now_ns, "the robot's state is fresh again")
+
+    # ------------------------------------------------------------------------------------------------ what is owed
+
+    def _pay(self, now_ns: int) -> None:
+        """Send the 0.0 that is owed after a loss or a spell of VR mode, once the robot is known to be ours."""
+        conductor = self._conductor
+        heartbeat, store, state = conductor.body.heartbeat, conductor.store, conductor.state
+        mode, value = store.mode(now_ns), store.fsm(now_ns)
+        is_vr = mode is not None and not mode.api
+        is_theirs = is_vr or (value is not None and value not in OWN_FSM)
+        if is_theirs and heartbeat.is_ending and not heartbeat.is_estop:
+            heartbeat.silence()  # the FSM is driven by VR or playback now: a 0.0 would pause its operator
+        if is_vr or state in QUIET:
+            self._lost_ns = now_ns
+        elif self._lost_ns is not None:
+            if state in STREAMING or not heartbeat.is_owed:
+                self._lost_ns = None
+            elif mode is not None and value is not None and self._is_newer(self._lost_ns):
+                self._lost_ns = None
+                if value in STARTED:
+                    heartbeat.zeros(now_ns)
+
+    def _is_newer(self, than_ns: int) -> bool:
+        """Return whether mode and FSM have both been heard since: before, they may be somebody else's."""
+        store = self._conductor.store
+        return min(store.mode_received_ns or 0, store.fsm_received_ns or 0) > than_ns
+
+    def _repeat_estop(self, now_ns: int) -> None:
+        """Send an e-stop again that may not have been heard; in any mode, as the first time."""
+        conductor = self._conductor
+        heartbeat, store = conductor.body.heartbeat, conductor.store
+        if not conductor.is_estop_unheard:
+            self._estop_lost_ns = None
+        elif conductor.state in QUIET:
+            self._estop_lost_ns = now_ns
+        elif (value := store.fsm(now_ns)) is not None and not heartbeat.is_ending:
+            if value == FsmState.PAUSE:
+                conductor.is_estop_unheard = False
+            elif self._estop_lost_ns is not None and (store.fsm_received_ns or 0) > self._estop_lost_ns:
+                self._estop_lost_ns = None
+                if value in STARTED:
+                    heartbeat.zeros(now_ns, is_estop=True)
+
+
+def _able(mode: CurrentMode) -> tuple[Side, ...]:
+    """Return the arms that take joint setpoints."""
+    return tuple(side for side in mode.enabled_arms if mode.joint_mode[side])

@@ -1,0 +1,140 @@
+"""How a stream of setpoints begins where its arm is, and how a held reference gets back to an arm that left it.
+
+Rules
+    * A silent stream starts from the measured state. Whether that state can be trusted (`Store.seedable`) is asked by
+      whoever starts it; whether it is inside the limits is asked here, for all arms before the first of them starts.
+    * A live stream is never seeded anew: its reference is *walked* to the measured arm inside the limits, so that the
+      grip is kept. Else the arm would jump, and the owner of an arm that was pushed away would never get it back.
+
+When this is done is known to `enabling.py`, `stall.py` and the desk.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from gateway.core.conductor import Conductor
+from gateway.core.door import check_start
+from gateway.core.events import Level
+from gateway.core.motion import PlanFailed, plan
+from gateway.errors import Code, Refusal
+from gateway.values import Side, Vector
+
+__all__ = ["WALK_SPEED", "Starting"]
+
+WALK_SPEED = 0.3
+"""Factor on the velocity limit while a held reference is led back to its arm."""
+
+
+class Starting:
+    """Begins streams, and leads references back.
+
+    Args:
+        conductor: Store, streams and settings.
+    """
+
+    def __init__(self, conductor: Conductor) -> None:
+        self._conductor = conductor
+
+    def seed(self, sides: Sequence[Side], now_ns: int) -> Refusal | None:
+        """Start the streams of these arms at their measured positions, or none of them and say why.
+
+        Args:
+            sides: Arms whose measured state is believed.
+            now_ns: Monotonic time [ns].
+        """
+        conductor = self._conductor
+        starts = {}
+        for side in sides:
+            start = check_start(side, self._measured(side), conductor.settings.arm)
+            if isinstance(start, Refusal):
+                return start
+            starts[side] = start
+        for side, start in starts.items():
+            conductor.body.arms[side].start(start.q_rad, now_ns)
+            for n in start.clipped:
+                conductor.notice(
+                    Code.START_AT_LIMIT,
+                    Level.WARNING,
+                    f"{side} arm joint {n + 1} was found just outside its limit and starts at {start.q_rad[n]:.3f} rad",
+                    now_ns,
+                )
+        return None
+
+    def _measured(self, side: Side) -> Vector:
+        measured = self._conductor.store.arm(side)
+        assert measured is not None, f"the {side} arm was believed before its first sample"
+        return measured.q_rad
+
+    def join(self, now_ns: int) -> Refusal | None:
+        """Start the streams of arms that were enabled again while the others were held; HOLDING goes on for all.
+
+        Args:
+            now_ns: Monotonic time [ns].
+
+        Returns:
+            Why an arm that the robot has enabled cannot be started; nothing has started then.
+        """
+        conductor = self._conductor
+        mode = conductor.store.mode(now_ns)
+        enabled = () if mode is None else tuple(side for side in mode.enabled_arms if mode.joint_mode[side])
+        silent = tuple(side for side in enabled if not conductor.body.arms[side].running)
+        for side in silent:
+            if not conductor.store.seedable(side, now_ns):
+                return Refusal(
+                    code=Code.PART_STALE,
+                    message=f"the {side} arm is enabled again, but its state has not been steady and timely for 0.3 s",
+                    field=f"{side}_arm",
+                )
+        refusal = self.seed(silent, now_ns)
+        if refusal is None:
+            for side in silent:
+                conductor.body.arms[side].go_live()
+            conductor.enable.sides = conductor.sides
+        return refusal
+
+    def strayed(self, now_ns: int) -> dict[Side, float]:
+        """Return held arms that are further from their reference than the tracking bound, and how far [rad].
+
+        Arms whose state is not fresh are left out: where they are is not known.
+        """
+        conductor = self._conductor
+        strayed = {}
+        for side, arm in conductor.body.arms.items():
+            if arm.running and conductor.store.part_fresh(side, now_ns, needs_pose=False):
+                off_rad = arm.distance_rad(self._measured(side))
+                if off_rad > conductor.settings.arm.tracking_rad:
+                    strayed[side] = off_rad
+        return strayed
+
+    def walk(self, now_ns: int) -> Refusal | None:
+        """Lead references that are off by more than the tracking bound back to their arms.
+
+        Args:
+            now_ns: Monotonic time [ns].
+
+        Returns:
+            Why it cannot be: the arm is outside its limits, or no path is found. Nothing walks then.
+        """
+        conductor = self._conductor
+        goals = {}
+        for side in self.strayed(now_ns):
+            start = check_start(side, self._measured(side), conductor.settings.arm)
+            if isinstance(start, Refusal):
+                return start
+            goals[side] = start.q_rad
+        if not goals:
+            return None
+        try:
+            paths = plan({side: conductor.body.arms[side].reference for side in goals}, goals, WALK_SPEED)
+        except PlanFailed as failed:
+            return Refusal(code=Code.PLAN_FAILED, message=f"no path back to the arm inside the limits: {failed}")
+        for side, path in paths.items():
+            conductor.body.arms[side].walk(path)
+        conductor.notice(
+            Code.WALK,
+            Level.WARNING,
+            f"the held reference walks back to the measured {' and '.join(map(str, goals))} arm; the grip is kept",
+            now_ns,
+        )
+        return None

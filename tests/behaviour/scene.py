@@ -1,0 +1,283 @@
+"""A pair in a chosen state of the gateway, an instant from which everything is judged, and words for what is seen then.
+
+`scene("ACTIVE")` gives a robot that an owner named ann moves; every other state is reached as a user would reach it.
+The checks look at what left the engine, at the robot and at the shown state, never into the engine.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from itertools import pairwise
+
+from gateway import robot
+from gateway.core.events import Disable, Enable, Frame, FrameKind, Move, Remembered, Stop
+from gateway.errors import Code
+from gateway.settings import LinkSettings, LocalSettings, Settings
+from gateway.sim.settings import SimSettings
+from gateway.values import Side, Vector
+from tests.pair import MS, Pair
+
+__all__ = ["HOME", "LEAN", "REACHED_BY", "Scene", "away", "scene"]
+
+LEAN = (*map(robot.arm_state, Side), robot.FSM_STATE, robot.CURRENT_MODE)
+"""State topics that matter here: fewer make a scene cheaper."""
+ARM_TOPICS = {robot.joint_command(side): side for side in Side}
+HOME = robot.HOME_Q_RAD
+BASES = ("IDLE", "READ_ONLY")
+MOVED = {FrameKind.MOTION, FrameKind.WALK}
+
+
+class Scene(Pair):
+    """A pair whose owner is ann, and what was seen of it since `mark`.
+
+    Args:
+        settings: Of the engine; lean ones by default.
+        sim: Of the robot.
+        remembered: What an earlier engine left.
+        model: `lite`, `standard` or `lift`.
+    """
+
+    def __init__(
+        self,
+        settings: Settings | None = None,
+        sim: SimSettings | None = None,
+        remembered: Remembered | None = None,
+        model: str = "standard",
+    ) -> None:
+        lean = Settings(local=LocalSettings(snapshot_hz=1.0), link=LinkSettings(model=model))
+        super().__init__(settings or lean, sim or SimSettings(state_period_ns=10 * MS, model=model), remembered)
+        self.topics = LEAN
+        self.epoch = 0
+        self.before_last: Callable[[], object] = lambda: None
+        """Called before the last step on the way into a state, for what must be old by then."""
+        self.mark_ns = self.now_ns
+        self.was = self.state
+
+    def mark(self) -> None:
+        """Judge from now on; what this tick already sent is the past."""
+        self.mark_ns, self.was = self.now_ns + 1, self.state
+        self.notices.clear()
+
+    # ---------------------------------------------------------------------------------------------- what was seen
+
+    def arm_frames(self, side: Side | None = None) -> list[tuple[int, Frame]]:
+        """Arm setpoints since the mark."""
+        topics = ARM_TOPICS if side is None else (robot.joint_command(side),)
+        return [(at_ns, frame) for at_ns, frame in self.frames if at_ns >= self.mark_ns and frame.topic in topics]
+
+    def arm_kinds(self, side: Side | None = None) -> set[FrameKind]:
+        """Kinds of the arm setpoints since the mark."""
+        return {frame.kind for _, frame in self.arm_frames(side)}
+
+    def values(self, topic: str) -> list[Vector]:
+        """What left on a topic since the mark."""
+        return [frame.values for _, frame in self.sent_on(topic, self.mark_ns)]
+
+    @property
+    def beats(self) -> list[float]:
+        """Heartbeat values since the mark."""
+        return [value for (value,) in self.values(robot.FSM_ENABLE)]
+
+    @property
+    def beats_at_ns(self) -> list[int]:
+        """When they left [ns]."""
+        return [at_ns for at_ns, _ in self.sent_on(robot.FSM_ENABLE, self.mark_ns)]
+
+    @property
+    def fsm(self) -> int:
+        """What the robot's state machine says."""
+        return self.robot.fsm.published
+
+    def moved(self) -> bool:
+        """Whether a frame since the mark could move an arm."""
+        return bool(self.arm_kinds() & MOVED)
+
+    def gap_ms(self, topic: str) -> float:
+        """Worst interval between frames of a topic since the mark, the time up to now included [ms]."""
+        times = [at_ns for at_ns, _ in self.sent_on(topic, self.mark_ns)]
+        return max(b - a for a, b in pairwise([self.mark_ns, *times, self.now_ns])) / MS
+
+    def told(self, code: Code) -> list[str]:
+        """Messages of the notices with a code since the mark."""
+        return [notice.message for notice in self.notices if notice.code is code]
+
+    def first_tick(self) -> list[Frame]:
+        """What left in the first tick after the mark that sent anything; it must have been the very next one."""
+        sent = [(at_ns, frame) for at_ns, frame in self.frames if at_ns >= self.mark_ns]
+        assert sent and sent[0][0] - self.mark_ns <= 10 * MS, "nothing left in the next tick"
+        return [frame for at_ns, frame in sent if at_ns == sent[0][0]]
+
+    # ---------------------------------------------------------------------------------------------- what must be so
+
+    def goes_down(self) -> None:
+        """No arm frame any more, 0.0 at once and at 20 Hz until the robot reports PAUSE, then the base."""
+        assert self.arm_frames() == [], "arm frames went on"
+        zeros = [frame for frame in self.first_tick() if frame.topic == robot.FSM_ENABLE]
+        assert [frame.values for frame in zeros] == [(0.0,)], "no 0.0 in the first tick"
+        self.run_until(lambda: self.engine.running_topics.count(robot.FSM_ENABLE) == 0, 2.1)
+        assert set(self.beats) == {0.0} and self.state in BASES and self.fsm == 0
+
+    def goes_off(self) -> None:
+        """No arm frame, no 1.0 and no 0.0."""
+        self.run(0.3)
+        assert self.arm_frames() == [] and self.beats == [] and self.state in BASES
+
+    def brakes_and_holds(self) -> None:
+        """The arms come to rest, then repeat their setpoints; 1.0 goes on; nothing of the old motion leaves."""
+        self.run(0.9)
+        assert self.state == "HOLDING"
+        self._holds()
+
+    def _holds(self) -> None:
+        for side in self.streaming:
+            topic = robot.joint_command(side)
+            kinds = [frame.kind for _, frame in self.arm_frames(side)]
+            assert set(kinds) <= {FrameKind.BRAKE, FrameKind.HOLD} and kinds[-1] is FrameKind.HOLD, kinds
+            assert self.gap_ms(topic) <= 11, f"gap of {self.gap_ms(topic)} ms on {topic}"
+        assert set(self.beats) == {1.0} and self.gap_ms(robot.FSM_ENABLE) <= 60
+
+    def stays(self) -> None:
+        """The same state goes on, and what it sends goes on."""
+        before = set(self.engine.running_topics)
+        self.run(0.25)
+        assert self.state == self.was and set(self.engine.running_topics) - _GROUND == before - _GROUND
+        if self.was == "HOLDING":
+            self._holds()
+
+    def pauses(self) -> None:
+        """Arm streams go on as a hold, no 1.0, 0.0 until FSM 0."""
+        self.run(0.9)
+        assert self.state == "PAUSED" and set(self.beats) <= {0.0} and not self.moved()
+        assert all(self.gap_ms(robot.joint_command(side)) <= 11 for side in self.streaming)
+
+    def stops_first(self) -> None:
+        """The arms brake under 1.0; at rest 0.0 follows until FSM 0; then the base, and the arm streams end."""
+        assert self.state == "STOPPING"
+        self.run_until(lambda: self.state in BASES, 3.0)
+        self.run(0.3)
+        assert not self.moved() and self.fsm == 0 and self.engine.running_topics.count(robot.FSM_ENABLE) == 0
+        zeros_at = [at for at, value in zip(self.beats_at_ns, self.beats, strict=True) if value == 0.0]
+        brakes = [at_ns for at_ns, frame in self.arm_frames() if frame.kind is FrameKind.BRAKE]
+        assert zeros_at and self.beats == sorted(self.beats, reverse=True), "1.0 until rest, then 0.0"
+        assert not brakes or max(brakes) < zeros_at[0], "0.0 came before the arms were at rest"
+
+    @property
+    def streaming(self) -> list[Side]:
+        """Arms whose streams run."""
+        return [side for side in Side if robot.joint_command(side) in self.engine.running_topics]
+
+    @property
+    def owner(self) -> str | None:
+        """Who owns the robot."""
+        return self.engine.owner_id
+
+
+_GROUND = {robot.CHASSIS_VELOCITY, robot.LIFT_COMMAND}
+
+
+def away(pair: Pair, side: Side, by_rad: float = 0.05) -> Vector:
+    """Return a goal a little beside where an arm is."""
+    return tuple(float(q) + by_rad * (-1 if n == 1 else 1) for n, q in enumerate(pair.robot.arms[side].q_rad))
+
+
+def _read_only(pair: Scene) -> None:
+    pair.run_until(lambda: pair.state == "READ_ONLY" and pair.engine.knows_mode)
+    pair.run(0.1)
+
+
+def _vr(pair: Scene) -> None:
+    _idle(pair)
+    pair.robot.inject({"fault": "vr_mode"}, pair.now_ns)
+    pair.run_until(lambda: pair.state == "READ_ONLY")
+
+
+def _idle(pair: Scene) -> None:
+    _read_only(pair)
+    pair.epoch = pair.own("ann")
+    pair.run(0.1)
+    assert pair.state == "IDLE"
+
+
+def _enabling(pair: Scene) -> None:
+    _idle(pair)
+    pair.before_last()
+    pair.granted(Enable(epoch=pair.epoch), "ann")
+    pair.run_until(lambda: pair.fsm == 1)
+    pair.run(0.12)
+    assert pair.state == "ENABLING"
+
+
+def _at_rest(pair: Scene) -> None:
+    _idle(pair)
+    pair.granted(Enable(epoch=pair.epoch), "ann")
+    pair.run_until(lambda: pair.state == "ACTIVE")
+    pair.run(0.1)
+
+
+def _active(pair: Scene) -> None:
+    _at_rest(pair)
+    pair.before_last()
+    pair.granted(Move(epoch=pair.epoch, targets_rad=HOME), "ann")
+    pair.run(0.4)
+    assert pair.state == "ACTIVE"
+
+
+def _holding(pair: Scene) -> None:
+    _at_rest(pair)
+    pair.granted(Stop(), "ann")
+    pair.run(1.2)
+    assert pair.state == "HOLDING"
+
+
+def _paused(pair: Scene) -> None:
+    _at_rest(pair)
+    pair.robot.inject({"fault": "pause"}, pair.now_ns)
+    pair.run_until(lambda: pair.state == "PAUSED")
+    pair.run(0.3)
+
+
+def _stopping(pair: Scene) -> None:
+    _active(pair)
+    pair.granted(Disable(epoch=pair.epoch), "ann")
+    assert pair.state == "STOPPING"
+
+
+def _stale(pair: Scene) -> None:
+    _at_rest(pair)
+    pair.is_deaf = True
+    pair.run_until(lambda: pair.state == "STALE")
+
+
+def _offline(pair: Scene) -> None:
+    _at_rest(pair)
+    pair.down()
+    pair.run(0.1)
+
+
+REACHED_BY: Mapping[str, Callable[[Scene], None]] = {
+    "READ_ONLY": _read_only,
+    "VR": _vr,
+    "IDLE": _idle,
+    "ENABLING": _enabling,
+    "at rest": _at_rest,
+    "ACTIVE": _active,
+    "HOLDING": _holding,
+    "PAUSED": _paused,
+    "STOPPING": _stopping,
+    "STALE": _stale,
+    "OFFLINE": _offline,
+}
+"""How each state is reached. VR is READ_ONLY with an owner; `at rest` is ACTIVE without a motion, ACTIVE is in motion."""
+
+
+def scene(state: str, pair: Scene | None = None) -> Scene:
+    """Return a pair in a state, marked.
+
+    Args:
+        state: A key of `REACHED_BY`.
+        pair: A fresh pair of another making; None for the usual one.
+    """
+    pair = pair or Scene()
+    REACHED_BY[state](pair)
+    pair.mark()
+    return pair
