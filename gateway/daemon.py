@@ -17,8 +17,10 @@ import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from functools import partial
 from types import FrameType
 
+from gateway.api import protocol
 from gateway.api.service import LocalPlane
 from gateway.config import state_dir
 from gateway.core.engine import Engine
@@ -201,6 +203,7 @@ def run(settings: Settings, on_ready: Callable[[str], None] | None = None) -> in
         watched = _Watched(plane)
         try:
             with _signals(watched.ask_to_end):
+                plane.tell_routes_of(partial(_routes, link))
                 plane.open()
                 link.open()
                 _run_loop(settings, started.remembered, link, watched, writer.write, plane, on_ready)
@@ -214,6 +217,10 @@ def run(settings: Settings, on_ready: Callable[[str], None] | None = None) -> in
         sys.stderr.flush()
         os._exit(0)
     return 0
+
+
+def _routes(link: RobotLink) -> protocol.Routes:
+    return protocol.Routes(routes=link.readiness(), bridge_version=link.robot_version, undelivered=link.undelivered)
 
 
 def _run_loop(

@@ -16,7 +16,7 @@ from typing import Final, Generic, TypeVar
 import msgspec
 
 from gateway.api.keys import JSON, MAX_PAYLOAD_BYTES, MSGPACK, PROTOCOL_VERSION
-from gateway.api.structs import Command, Estop, Info, Notice, RefusalMessage, Reply, Stop, Target
+from gateway.api.structs import Command, Estop, Info, Notice, RefusalMessage, Reply, Routes, Stop, Target
 from gateway.api.views import Snapshot
 from gateway.errors import Code, Refusal
 
@@ -26,6 +26,7 @@ __all__ = [
     "decode_info",
     "decode_notice",
     "decode_reply",
+    "decode_routes",
     "decode_snapshot",
     "decode_target",
     "encode",
@@ -121,6 +122,7 @@ _REPLY: Final = _Reader("reply", Reply)
 _SNAPSHOT: Final = _Reader("snapshot", Snapshot)
 _NOTICE: Final = _Reader("notice", Notice)
 _INFO: Final = _Reader("info", Info)
+_ROUTES: Final = _Reader("routes", Routes)
 
 
 def prepare() -> None:
@@ -188,6 +190,11 @@ def decode_notice(payload: bytes, encoding: str = MSGPACK) -> Notice:
 def decode_info(payload: bytes, encoding: str = MSGPACK) -> Info:
     """Return the daemon's facts in a payload. Raises `Malformed`."""
     return _INFO.read(payload, encoding)
+
+
+def decode_routes(payload: bytes, encoding: str = MSGPACK) -> Routes:
+    """Return the state of the routes in a payload. Raises `Malformed`."""
+    return _ROUTES.read(payload, encoding)
 
 
 def refusal_of(message: RefusalMessage) -> Refusal:

@@ -127,6 +127,8 @@ class Inbox:
     def _read(self, question: Question) -> None:
         if question.key == protocol.INFO_KEY:
             self._outbox.tell_info(question)
+        elif question.key == protocol.ROUTES_KEY:
+            self._outbox.tell_routes(question)
         elif question.key == protocol.SNAPSHOT_KEY:
             self._outbox.tell_snapshot(question)
         else:

@@ -23,6 +23,7 @@ __all__ = [
     "PROTOCOL_VERSION",
     "REPLY_WITHIN_NS",
     "ROOT",
+    "ROUTES_KEY",
     "SNAPSHOT_KEY",
     "TARGET_KEYS",
     "client_token",
@@ -66,6 +67,7 @@ FSM_NAMES: Final = {
 ROOT: Final = f"ta2/{PROTOCOL_VERSION}"
 COMMAND_KEY: Final = f"{ROOT}/command"
 INFO_KEY: Final = f"{ROOT}/info"
+ROUTES_KEY: Final = f"{ROOT}/routes"
 SNAPSHOT_KEY: Final = f"{ROOT}/snapshot"
 EVENT_KEY: Final = f"{ROOT}/event"
 TARGET_KEYS: Final = f"{ROOT}/target/*/*"

@@ -97,7 +97,7 @@ def _router(endpoint: str) -> dict[str, Any]:
 
 def access_rules() -> dict[str, Any]:
     """Return what a client may do: ask, put targets and keepalives, show its token, listen. Nothing else."""
-    questions = [protocol.COMMAND_KEY, protocol.INFO_KEY, protocol.SNAPSHOT_KEY]
+    questions = [protocol.COMMAND_KEY, protocol.INFO_KEY, protocol.ROUTES_KEY, protocol.SNAPSHOT_KEY]
     puts = [protocol.TARGET_KEYS, protocol.KEEPALIVE_KEYS]
     views = [protocol.SNAPSHOT_KEY, protocol.EVENT_KEY]
     rules = [

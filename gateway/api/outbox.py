@@ -31,6 +31,9 @@ __all__ = ["MAX_UNSENT", "Outbox"]
 MAX_UNSENT = 4096
 """Things waiting to be sent; beyond it notices are dropped and questions finished without an answer."""
 
+NO_ROUTES = protocol.Routes(routes={}, bridge_version="", undelivered=0)
+"""What is told before anybody knows of the robot's bridge."""
+
 log = logging.getLogger(__name__)
 
 
@@ -39,9 +42,13 @@ class Outbox:
 
     Args:
         info: What does not change while this daemon runs.
+
+    Attributes:
+        routes: Tells how the robot's bridge stands to each topic; any thread.
     """
 
     def __init__(self, info: protocol.Info) -> None:
+        self.routes: Callable[[], protocol.Routes] = lambda: NO_ROUTES
         self.unanswered = 0
         self.dropped = 0
         self._info = info
@@ -91,6 +98,10 @@ class Outbox:
         """Answer with what does not change while this daemon runs."""
         self._put(partial(self._answer, question, self._info), question)
 
+    def tell_routes(self, question: Question) -> None:
+        """Answer with how the robot's bridge stands to each topic."""
+        self._put(lambda: self._answer(question, self.routes()), question)
+
     def tell_snapshot(self, question: Question) -> None:
         """Answer with the newest snapshot; with a STATE_STALE reply before the first."""
         newest = self._newest
@@ -100,6 +111,11 @@ class Outbox:
             self._put(partial(self._answer, question, newest), question)
 
     # ------------------------------------------------------------------------------------------------ from the loop
+
+    @property
+    def is_watched(self) -> bool:
+        """Whether anybody listens to snapshots at present."""
+        return any(audience.wants_snapshots() for audience in self._audiences)
 
     def send(self, replies: Sequence[events.Reply], notices: Sequence[events.Notice]) -> None:
         """Take replies and notices of one tick; returns at once."""
@@ -112,7 +128,7 @@ class Outbox:
         """Take the newest snapshot; returns at once. It is sent while somebody listens, and kept for those who ask."""
         self._newest = snapshot
         self._seq = snapshot.seq
-        if not self._snapshot_waits and any(audience.wants_snapshots() for audience in self._audiences):
+        if not self._snapshot_waits and self.is_watched:
             self._snapshot_waits = True  # before it is queued: the sender may have sent it before `_put` returns
             if not self._put(self._send_snapshot):
                 self._snapshot_waits = False

@@ -4,6 +4,7 @@
 key                                   what                                  who sends        message
 ta2/1/command                         query, exactly one reply              client           Command -> Reply
 ta2/1/info                            query                                 client           (empty) -> Info
+ta2/1/routes                          query                                 client           (empty) -> Routes
 ta2/1/snapshot                        query: the newest one                 client           (empty) -> Snapshot
 ta2/1/snapshot                        put at 50 Hz while somebody listens   daemon           Snapshot, seq attached
 ta2/1/event                           put                                   daemon           Notice
@@ -32,6 +33,7 @@ from gateway.api.encoding import (
     decode_info,
     decode_notice,
     decode_reply,
+    decode_routes,
     decode_snapshot,
     decode_target,
     encode,
@@ -54,6 +56,7 @@ from gateway.api.keys import (
     PROTOCOL_VERSION,
     REPLY_WITHIN_NS,
     ROOT,
+    ROUTES_KEY,
     SNAPSHOT_KEY,
     TARGET_KEYS,
     client_token,
@@ -84,6 +87,7 @@ from gateway.api.structs import (
     Release,
     Reply,
     Request,
+    Routes,
     SideName,
     Stop,
     Take,
@@ -120,6 +124,7 @@ __all__ = [
     "PROTOCOL_VERSION",
     "REPLY_WITHIN_NS",
     "ROOT",
+    "ROUTES_KEY",
     "SNAPSHOT_KEY",
     "TARGET_KEYS",
     "Abandon",
@@ -153,6 +158,7 @@ __all__ = [
     "Release",
     "Reply",
     "Request",
+    "Routes",
     "SideName",
     "Snapshot",
     "Stop",
@@ -167,6 +173,7 @@ __all__ = [
     "decode_info",
     "decode_notice",
     "decode_reply",
+    "decode_routes",
     "decode_snapshot",
     "decode_target",
     "default_socket",

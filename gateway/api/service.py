@@ -149,6 +149,15 @@ class LocalPlane:
         self._outbox.publish_snapshot(snapshot)
 
     @property
+    def is_watched(self) -> bool:
+        """Whether anybody listens to snapshots at present: else few are enough."""
+        return self._outbox.is_watched
+
+    def tell_routes_of(self, routes: Callable[[], protocol.Routes]) -> None:
+        """Answer questions about the robot's bridge with this; it is called in a thread of this plane."""
+        self._outbox.routes = routes
+
+    @property
     def counters(self) -> dict[str, int]:
         """What was not taken, not answered in time or not sent since the start."""
         return {

@@ -39,6 +39,7 @@ __all__ = [
     "Release",
     "Reply",
     "Request",
+    "Routes",
     "SideName",
     "Stop",
     "Take",
@@ -275,6 +276,20 @@ class Notice(Struct, frozen=True, kw_only=True):
     message: str
     at_ns: int
     facts: dict[str, str] = field(default_factory=dict)
+
+
+class Routes(Struct, frozen=True, kw_only=True):
+    """How the robot's bridge stands to each topic, as discovery knows it: the answer to a query on the routes key.
+
+    Attributes:
+        routes: Per topic of this model, a few words: `ready`, or what is missing.
+        bridge_version: Version of the robot's bridge; empty until it has said it.
+        undelivered: Frames that were not handed to zenoh because there was no transport.
+    """
+
+    routes: dict[str, str]
+    bridge_version: str
+    undelivered: int
 
 
 class Info(Struct, frozen=True, kw_only=True):

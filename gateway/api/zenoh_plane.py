@@ -88,7 +88,7 @@ class ZenohPlane:
             protocol.EVENT_KEY, encoding=protocol.MSGPACK, congestion_control=drop
         )
         self._snapshots.declare_matching_listener(zenoh.handlers.Callback(self._on_matching, indirect=False))
-        for key in (protocol.COMMAND_KEY, protocol.INFO_KEY, protocol.SNAPSHOT_KEY):
+        for key in (protocol.COMMAND_KEY, protocol.INFO_KEY, protocol.ROUTES_KEY, protocol.SNAPSHOT_KEY):
             session.declare_queryable(key, zenoh.handlers.Callback(self._on_query, indirect=False))
         session.declare_subscriber(protocol.TARGET_KEYS, zenoh.handlers.Callback(self._on_target, indirect=False))
         session.declare_subscriber(protocol.KEEPALIVE_KEYS, zenoh.handlers.Callback(self._on_keepalive, indirect=False))

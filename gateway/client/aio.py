@@ -163,6 +163,10 @@ class Robot:
         """Return what does not change while the daemon runs; asked once per daemon."""
         return await run(self._session, procedures.get_info(self._session))
 
+    async def routes(self) -> protocol.Routes:
+        """Return how the robot's bridge stands to each topic, as the daemon's discovery knows it."""
+        return await run(self._session, procedures.get_routes(self._session))
+
     async def state(self) -> RobotState:
         """Return the newest state; waits only for the first one of a daemon that has just come."""
         self._session.require_daemon()

@@ -159,6 +159,14 @@ class Robot:
         """Return whether everything is well, and what is not. Never waits and never raises for lack of a daemon."""
         return health_of(self._session)
 
+    def routes(self) -> protocol.Routes:
+        """Return how the robot's bridge stands to each topic, as the daemon's discovery knows it.
+
+        Raises:
+            Disconnected: No daemon answers.
+        """
+        return run(self._session, procedures.get_routes(self._session))
+
     # ------------------------------------------------------------------------------------------------ stopping
 
     def stop(self, reason: str = "") -> StopResult:

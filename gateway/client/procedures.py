@@ -17,7 +17,7 @@ from typing import Any, TypeVar
 
 from gateway.api import protocol
 from gateway.client.session import Lease, Motion, Session, Sighting
-from gateway.client.waits import Answer, Daemon, Seen, Wait, answered_facts, answered_reply
+from gateway.client.waits import Answer, Daemon, Seen, Wait, answered_facts, answered_reply, answered_routes
 from gateway.errors import Aborted, Cancelled, Code, GatewayError, MotionEnded, Refusal, Superseded, to_exception
 
 __all__ = [
@@ -31,6 +31,7 @@ __all__ = [
     "disable",
     "enable",
     "get_info",
+    "get_routes",
     "greet",
     "open_stream",
     "release",
@@ -107,6 +108,14 @@ def get_info(session: Session) -> Procedure[protocol.Info]:
     if session.info is None:
         session.info = yield Answer(session, protocol.INFO_KEY, b"", answered_facts, REQUEST_NS, "info")
     return session.info
+
+
+def get_routes(session: Session) -> Procedure[protocol.Routes]:
+    """Return how the robot's bridge stands to each topic, as it is now."""
+    routes: protocol.Routes = yield Answer(
+        session, protocol.ROUTES_KEY, b"", answered_routes, REQUEST_NS, "the state of the routes"
+    )
+    return routes
 
 
 def greet(session: Session, timeout_ns: int) -> Procedure[None]:

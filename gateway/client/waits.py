@@ -175,6 +175,11 @@ def answered_facts(payload: bytes) -> protocol.Info:
     return protocol.decode_info(payload)
 
 
+def answered_routes(payload: bytes) -> protocol.Routes:
+    """Return how the robot's bridge stands to each topic."""
+    return protocol.decode_routes(payload)
+
+
 class Seen(Generic[T]):
     """Waits until a snapshot shows something.
 

@@ -91,6 +91,18 @@ def test_facts_and_snapshots_are_answered_by_the_plane_itself(desk):
     assert desk.inbox.poll() == []
 
 
+def test_routes_are_told_as_they_are_now(desk):
+    """What discovery knows is asked for with each question; before anybody knows, there is nothing."""
+    first = desk.ask(key=protocol.ROUTES_KEY)
+    desk.run()
+    assert protocol.decode_routes(*first.answers[0]).routes == {}
+    desk.outbox.routes = lambda: protocol.Routes(routes={"/fsm_state": "ready"}, bridge_version="1.5", undelivered=3)
+    second = desk.ask(key=protocol.ROUTES_KEY, encoding=protocol.JSON)
+    desk.run()
+    told = protocol.decode_routes(*second.answers[0])
+    assert (told.routes, told.bridge_version, told.undelivered) == ({"/fsm_state": "ready"}, "1.5", 3)
+
+
 def test_snapshots_are_sent_while_somebody_listens_and_only_the_newest(desk):
     """Nobody listens: nothing is encoded. The sender is behind: it sends the newest."""
     audience, deaf = KeptAudience(listens=False), KeptAudience(listens=False)
