@@ -172,8 +172,8 @@ class _JumpGuard:
 
     A joint may differ from the last believed sample by `JUMP_RADPS` times the time between the two plus `JUMP_RAD`.
     Once a sample is refused that allowance stands still: else every jump became plausible by waiting, before the part
-    is dead and anybody has noticed. A rival posture that goes on plausibly within itself for the seeding time, while
-    the part is dead, is believed: the encoder was set, or we believed the wrong one first.
+    is dead and anybody has noticed. A rival posture that goes on plausibly within itself for the seeding time, which
+    is longer than a part lives without samples, is believed: the encoder was set, or we believed the wrong one first.
     """
 
     __slots__ = ("_allowed_rad", "_believed", "_rival", "_rival_since_ns", "_settings")
@@ -196,17 +196,17 @@ class _JumpGuard:
             return ""
         allowed_rad = self._allowed_rad or old.plausible_rad(new)
         moved_rad, joint = old.moved(new)
-        dead_ns = new.received_ns - old.received_ns
         if rival is None or not self._goes_on(rival, new):
             self._rival_since_ns = new.received_ns
-        lasted = new.received_ns - self._rival_since_ns >= self._settings.seed_ns and dead_ns > self._settings.stale_ns
+        lasted = new.received_ns - self._rival_since_ns >= self._settings.seed_ns
         if moved_rad <= allowed_rad or lasted:
             self.believe(new)
             return ""
         self._rival, self._allowed_rad = new, allowed_rad
+        ago_ms = (new.received_ns - old.received_ns) / MS
         return (
-            f"joint {joint} jumped by {moved_rad:.3f} rad in {dead_ns / MS:.0f} ms, at most {allowed_rad:.3f} rad "
-            f"is plausible ({JUMP_RADPS:g} rad/s and {JUMP_RAD:g} rad of noise)"
+            f"joint {joint} is {moved_rad:.3f} rad away from where it was {ago_ms:.0f} ms ago, "
+            f"at most {allowed_rad:.3f} rad is plausible ({JUMP_RADPS:g} rad/s and {JUMP_RAD:g} rad of noise)"
         )
 
     def _goes_on(self, rival: _Posture, new: _Posture) -> bool:
