@@ -24,7 +24,7 @@ from gateway.api import protocol
 from gateway.api.service import LocalPlane
 from gateway.config import state_dir
 from gateway.core.engine import Engine
-from gateway.core.events import Event, ExitRequested, LinkUp, Notice, Remembered, Reply
+from gateway.core.events import Event, ExitRequested, LinkUp, Notice, Reply
 from gateway.core.snapshot import Snapshot
 from gateway.link.robot_link import RobotLink
 from gateway.loop import Loop
@@ -97,10 +97,12 @@ class _Watched:
 
     Args:
         plane: The local plane.
+        engine: Told whether anybody watches.
     """
 
-    def __init__(self, plane: LocalPlane) -> None:
+    def __init__(self, plane: LocalPlane, engine: Engine) -> None:
         self._plane = plane
+        self._engine = engine
         self._signals: list[int] = []
 
     def ask_to_end(self, number: int) -> None:
@@ -109,6 +111,7 @@ class _Watched:
 
     def poll(self) -> Sequence[Event]:
         events = self._plane.poll()
+        self._engine.is_watched = self._plane.is_watched
         if self._signals:
             number = self._signals[0]
             self._signals.clear()
@@ -200,13 +203,18 @@ def run(settings: Settings, on_ready: Callable[[str], None] | None = None) -> in
             _log.warning("%s", started.report)
         writer = StateWriter(state_file, started)
         link = RobotLink(settings.link)
-        watched = _Watched(plane)
+        engine = Engine(settings, started.remembered)
+        watched = _Watched(plane, engine)
         try:
             with _signals(watched.ask_to_end):
                 plane.tell_routes_of(partial(_routes, link))
                 plane.open()
                 link.open()
-                _run_loop(settings, started.remembered, link, watched, writer.write, plane, on_ready)
+                after_link_up = _take_measures(settings)
+                loop = Loop(engine, _Link(link, after_link_up), watched, on_remembered=writer.write)
+                if on_ready is not None:
+                    on_ready(str(plane.socket))
+                loop.run(lambda: False)
         finally:
             plane.close()
             is_closed = link.close()
@@ -221,19 +229,3 @@ def run(settings: Settings, on_ready: Callable[[str], None] | None = None) -> in
 
 def _routes(link: RobotLink) -> protocol.Routes:
     return protocol.Routes(routes=link.readiness(), bridge_version=link.robot_version, undelivered=link.undelivered)
-
-
-def _run_loop(
-    settings: Settings,
-    remembered: Remembered,
-    link: RobotLink,
-    watched: _Watched,
-    on_remembered: Callable[[Remembered], None],
-    plane: LocalPlane,
-    on_ready: Callable[[str], None] | None,
-) -> None:
-    after_link_up = _take_measures(settings)
-    loop = Loop(Engine(settings, remembered), _Link(link, after_link_up), watched, on_remembered=on_remembered)
-    if on_ready is not None:
-        on_ready(str(plane.socket))
-    loop.run(lambda: False)

@@ -69,6 +69,9 @@ STAGE_NAMES = {
 }
 """Stages as notices name them."""
 
+UNWATCHED_PERIOD_NS = 200 * MS
+"""Snapshots come this far apart while nobody listens [ns]."""
+
 LATE_WINDOW_NS = 10 * S
 """The worst lateness is the worst of this long [ns]."""
 
@@ -115,7 +118,9 @@ class Engine:
         self._answered: OrderedDict[tuple[str, int], Reply] = OrderedDict()
         self._saved = self._conductor.remembered()
         self._snapshot_period_ns = round(S / settings.local.snapshot_hz)
-        self._next_snapshot_ns = 0
+        self.is_watched = True
+        """Whether anybody listens to snapshots; when nobody does, few are made (for those who ask)."""
+        self._last_snapshot_ns = -S
         self._snapshots = 0
         self._ticks = 0
         self._skipped = 0
@@ -370,9 +375,10 @@ class Engine:
             self._lateness.popleft()
 
     def _snapshot(self, now_ns: int, late_ns: int) -> Snapshot | None:
-        if now_ns < self._next_snapshot_ns:
+        period_ns = self._snapshot_period_ns if self.is_watched else UNWATCHED_PERIOD_NS
+        if now_ns // period_ns == self._last_snapshot_ns // period_ns:
             return None
-        self._next_snapshot_ns = (now_ns // self._snapshot_period_ns + 1) * self._snapshot_period_ns
+        self._last_snapshot_ns = now_ns
         self._snapshots += 1
         loop = LoopView(ticks=self._ticks, skipped=self._skipped, late_ns=late_ns, worst_late_ns=self._lateness[0][1])
         return build(self._conductor, loop, self._snapshots, now_ns)
