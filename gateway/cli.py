@@ -138,7 +138,8 @@ def _ask_sim(options: Namespace) -> int:
             print(json.dumps(control.ask(options.ask, **values), indent=2))
     except SimUnreachable as error:
         hint = "start one with `ta2 sim`; a real robot has no such channel"
-        raise to_exception(Refusal(code=Code.DISCONNECTED, message=str(error), hint=hint)) from None
+        message = str(error).partition(": ")[0]  # what follows is zenoh's own trace
+        raise to_exception(Refusal(code=Code.DISCONNECTED, message=message, hint=hint)) from None
     except ValueError as error:  # no JSON, or refused by the simulation
         hint = "`ta2 sim faults` lists what there is"
         raise to_exception(Refusal(code=Code.BAD_REQUEST, message=str(error), hint=hint)) from None

@@ -66,6 +66,7 @@ class Picture:
         since_ns: Since it arrived [ns]; added to every age.
         remarks: Oldest first.
         trouble: What is wrong with the view itself, e.g. that the gateway is gone; empty when nothing is.
+        is_live: Whether there will be a next picture, and q ends them.
     """
 
     address: str
@@ -74,6 +75,7 @@ class Picture:
     since_ns: int
     remarks: Sequence[Remark]
     trouble: str = ""
+    is_live: bool = True
 
 
 def frame(picture: Picture, width: int, height: int) -> list[Text]:
@@ -89,32 +91,18 @@ def frame(picture: Picture, width: int, height: int) -> list[Text]:
     head = [_title(picture, width), _state(picture), _lease(picture)]
     head += _alarms(picture, width, most=6 if is_tall else 2)
     arms = list(arm_rows(picture.view, picture.info, picture.since_ns, width))
-    middle = _side_by_side(
-        list(_topics(picture)),
-        [*_streams(picture.view), _loop(picture.view.loop), *_motions(picture.view)],
-        TOPIC_WIDTH,
-        width,
-    )
     rules = [_rule(width)] if is_tall else []
     least = len(head) + len(arms) + 3 * len(rules) + 1
-    middle = _shortened(middle, max(0, height - least))
+    middle = _side_by_side(list(_topics(picture)), list(_traffic(picture.view)), width, height - least)
     lines = [*head, *rules, *arms, *rules, *middle, *rules]
     lines += _notices(picture.remarks, width, height - len(lines), is_wrapped=is_tall)
     for line in lines:
         line.truncate(width, overflow="ellipsis")
-    return lines[:height]
+    return lines[: max(0, height)]
 
 
 def _rule(width: int) -> Text:
     return Text("─" * width, style="dim")
-
-
-def _shortened(lines: list[Text], most: int) -> list[Text]:
-    if len(lines) <= most:
-        return lines
-    return [*lines[: max(0, most - 1)], Text(f"... {len(lines) - most + 1} more lines: `ta2 topics`", style="dim")][
-        :most
-    ]
 
 
 # ---------------------------------------------------------------------------------------------------------------- head
@@ -123,15 +111,17 @@ def _shortened(lines: list[Text], most: int) -> list[Text]:
 def _title(picture: Picture, width: int) -> Text:
     info = picture.info
     left = f" ta2 watch  {info.robot} ({info.model})"
-    right = f"{picture.address}  q ends "
+    key = "  q ends " if picture.is_live else " "
+    right = f"{picture.address}{key}"
     if len(left) + len(right) + 1 > width:
-        right = "q ends "
+        right = key
     return Text(left.ljust(width - len(right))[: width - len(right)] + right, style="reverse")
 
 
 def _state(picture: Picture) -> Text:
     view, mode = picture.view, picture.view.mode
-    line = Text.assemble((f" {view.shown} ", f"{state_style(view)} reverse"))
+    label = f" was {view.shown} " if picture.trouble else f" {view.shown} "
+    line = Text.assemble((label, f"{'bold red' if picture.trouble else state_style(view)} reverse"))
     if view.shown != view.state:
         line.append(f" {view.state}")
     line.append(f"  FSM {fsm_text(view.fsm)}", style="" if view.fsm in (0, 1, 2) else "yellow")
@@ -193,18 +183,25 @@ def _wrapped(lead: str, text: str, width: int) -> list[str]:
 # -------------------------------------------------------------------------------------------------------------- middle
 
 
-def _side_by_side(left: list[Text], right: list[Text], left_width: int, width: int) -> list[Text]:
-    """Return two columns, or one below the other where the terminal is too narrow."""
-    if width < left_width + LEAST_WIDTH:
-        return [*left, *right]
-    if width > 2 * left_width + 4:
-        left_width = width // 2
+def _side_by_side(left: list[Text], right: list[Text], width: int, most: int) -> list[Text]:
+    """Return two columns, or one below the other where the terminal is too narrow; each as long as there is room."""
+    if width < TOPIC_WIDTH + LEAST_WIDTH:
+        return _shortened([*left, *right], most)
+    left_width = width // 2 if width > 2 * TOPIC_WIDTH + 4 else TOPIC_WIDTH
+    left, right = _shortened(left, most), _shortened(right, most)
     lines = []
     for n in range(max(len(left), len(right))):
         line = left[n].copy() if n < len(left) else Text()
         line.truncate(left_width, overflow="ellipsis", pad=True)
         lines.append(line + Text(" ") + (right[n] if n < len(right) else Text()))
     return lines
+
+
+def _shortened(lines: list[Text], most: int) -> list[Text]:
+    if len(lines) <= most:
+        return lines
+    kept = max(0, most - 1)
+    return [*lines[:kept], Text(f"... {len(lines) - kept} more: `ta2 topics`", style="dim")][: max(0, most)]
 
 
 def _topics(picture: Picture) -> Iterator[Text]:
@@ -219,17 +216,19 @@ def _topics(picture: Picture) -> Iterator[Text]:
         age = "never" if age_ns is None else age_text(age_ns)
         gap = age_text(topic.worst_gap_ns).replace(" ", "")
         line = Text(f"{topic_text(name):<26} {rate_text(topic.rate_hz):>5} {age:>7} {gap:>6}", style=style)
-        for count, what in ((topic.duplicates, "copies"), (topic.refused, "refused")):
+        for count, what in ((topic.duplicates, "dup"), (topic.refused, "bad")):
             if count:
-                line.append(f" {count} {what}", style="yellow")
+                line.append(f" {what} {count}", style="yellow")
         yield line
 
 
-def _streams(view: protocol.Snapshot) -> Iterator[Text]:
+def _traffic(view: protocol.Snapshot) -> Iterator[Text]:
+    """Yield what goes to the robot: running streams, targets, motions; streams that are off give way first."""
     yield Text(f"{'TO THE ROBOT':<19} {'Hz':>5} {'gap':>5}", style="bold")
+    off = []
     for name, stream in view.streams.items():
         if not stream.running:
-            yield Text(f"{topic_text(name):<19} {'off':>5}", style="dim")
+            off.append(Text(f"{topic_text(name):<19} {'off':>5}", style="dim"))
             continue
         watchdog_ns = TOPICS[name].watchdog_ns if name in TOPICS else None
         is_late = watchdog_ns is not None and stream.worst_gap_ns > watchdog_ns
@@ -239,9 +238,12 @@ def _streams(view: protocol.Snapshot) -> Iterator[Text]:
         )
     for target in view.targets:
         if target.open:
-            refused = f", {target.refused} refused" if target.refused else ""
+            refused = f", {target.refused} bad" if target.refused else ""
             limited = ", limited" if target.limited else ""
-            yield Text(f"targets {target.side} #{target.seq}{limited}{refused}", style="yellow" if refused else "green")
+            yield Text(f"targets {target.side} #{target.seq}{refused}{limited}", style="yellow" if refused else "green")
+    yield from _motions(view)
+    yield _loop(view.loop)
+    yield from off
 
 
 def _loop(loop: protocol.LoopView) -> Text:

@@ -61,9 +61,10 @@ def _wait_until_free(robot: Robot, tell: Teller) -> None:
 
 
 def is_held(robot: Robot) -> bool:
-    """Return whether something of ours is held now; False when nobody can tell."""
+    """Return whether this command leaves arms held; False when nobody can tell."""
     with suppress(GatewayError):
-        return robot.state.state in HELD
+        state = robot.state
+        return state.state in HELD and state.lease.client_id == robot.client_id
     return False
 
 

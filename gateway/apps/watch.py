@@ -17,6 +17,7 @@ import time
 import tty
 from collections import deque
 from collections.abc import Iterator
+from dataclasses import replace
 
 from rich.console import Console, ConsoleOptions, Group, RenderResult
 from rich.live import Live
@@ -62,7 +63,7 @@ def watch(target: str | None, timeout_s: float, *, once: bool) -> ExitStatus:
             if once:
                 viewer.look(SILENCE_S)
                 least = max(LEAST_LINES, console.height - 1)  # below it the shell's prompt wants a line
-                console.print(Group(*frame(viewer.picture(), console.width, least)))
+                console.print(Group(*frame(replace(viewer.picture(), is_live=False), console.width, least)))
             elif console.is_terminal:
                 _show_frames(viewer, console)
             else:
