@@ -78,10 +78,13 @@ def test_joints_may_be_pasted_in_any_notation(words):
 
 
 def test_negative_numbers_are_numbers_in_every_notation():
-    """`-1.5e-03`, as numpy prints it, is no option."""
+    """`-1.5e-03` and `-1.`, as numpy prints them, and `-0.1,0.2` are no options."""
     options = parse(["move", "--left", "-1.5e-03", "-.5", "-2E+0", "0", "1e-3", "-0.25", "1", "--by"])
     assert options.left == (-0.0015, -0.5, -2.0, 0.0, 0.001, -0.25, 1.0)
     assert options.right is None and options.by
+    options = parse(["move", "--right", "-0.1,-0.2,-3.", "[-4.", "-1e-2]", "-.6,", "7"])
+    assert options.right == (-0.1, -0.2, -3.0, -4.0, -0.01, -0.6, 7.0)
+    assert parse(["sim", "--seed", "-3"]).seed == -3
 
 
 @pytest.mark.parametrize(

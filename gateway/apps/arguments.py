@@ -43,8 +43,9 @@ Anybody may `ta2 stop` and `ta2 estop` at any time. Software stops do not replac
 
 {STATUS_HELP}"""
 
-SCIENTIFIC = re.compile(r"-(\d+\.?\d*|\.\d+)[eE][+-]?\d+")
-"""A negative number that argparse takes for an option; numpy prints such ones."""
+NEGATIVE = re.compile(r"-[.\d]")
+"""How a negative number begins. argparse knows some notations of them and takes the others (`-1.`, `-1e-3`, `-0.1,0.2`)
+for options; nothing that begins with a space is one."""
 
 
 # -------------------------------------------------------------------------------------------------------------- values
@@ -97,19 +98,10 @@ def _distance(text: str) -> float:
 def parse(arguments: Sequence[str]) -> argparse.Namespace:
     """Return the options; ends the process with status 2 and a line of usage when they make no sense."""
     top = parser()
-    options = top.parse_args([_plain(word) for word in arguments])
+    options = top.parse_args([f" {word}" if NEGATIVE.match(word) else word for word in arguments])
     if options.command == "move":
         _take_joints(top, options)
     return options
-
-
-def _plain(word: str) -> str:
-    """Return `-1.5e-03` as `-0.0015`, and anything else as it is."""
-    if not SCIENTIFIC.fullmatch(word):
-        return word
-    from decimal import Decimal
-
-    return format(Decimal(word), "f")
 
 
 def _take_joints(top: argparse.ArgumentParser, options: argparse.Namespace) -> None:
