@@ -15,11 +15,10 @@ It does not know the supervisor's states, zenoh, CDR or limits of motion.
 
 from __future__ import annotations
 
-from collections import deque
-from collections.abc import Callable
 from dataclasses import dataclass
 
 from gateway import robot
+from gateway.core.arrival import Meter, Recent
 from gateway.core.events import SampleArrived, SampleRefused, StateValue
 from gateway.core.snapshot import TopicView
 from gateway.errors import Code
@@ -31,9 +30,6 @@ __all__ = ["Store"]
 MS = 1_000_000
 S = 1_000_000_000
 
-RATE_WINDOW_NS = 2500 * MS
-RATE_MARK_NS = 250 * MS
-"""Rates are measured over two periods of the slowest topic (1 Hz) with jitter, from one mark of the count per this."""
 LAG_BUCKET_NS = 6 * S
 """The least lag is kept for ten of these: a clock slewed by 500 ppm moves 30 ms meanwhile, less than is allowed."""
 JUMP_RADPS = 10.0
@@ -42,68 +38,6 @@ JUMP_RADPS = 10.0
 JUMP_RAD = 0.1
 """Margin for noise and for jitter of arrival."""
 NAMES_WRONG_NS = 1 * S
-
-
-class _Recent:
-    """The extreme of a quantity over the last ten buckets of time."""
-
-    __slots__ = ("_bucket_ns", "_buckets", "_pick")
-
-    def __init__(self, pick: Callable[[int, int], int], bucket_ns: int) -> None:
-        self._pick = pick
-        self._bucket_ns = bucket_ns
-        self._buckets: deque[tuple[int, int]] = deque(maxlen=10)  # (bucket, extreme in it)
-
-    def add(self, at_ns: int, quantity: int) -> None:
-        bucket = at_ns // self._bucket_ns
-        if self._buckets and self._buckets[-1][0] == bucket:
-            self._buckets[-1] = (bucket, self._pick(self._buckets[-1][1], quantity))
-        else:
-            self._buckets.append((bucket, quantity))
-
-    def extreme(self, now_ns: int, start: int) -> int:
-        """Return the extreme of `start` and of what was added lately."""
-        oldest = now_ns // self._bucket_ns - 10
-        for bucket, quantity in self._buckets:
-            if bucket > oldest:
-                start = self._pick(start, quantity)
-        return start
-
-
-class _Meter:
-    """Counters, rate and worst gap of one topic. Every arrival counts here, believed or not."""
-
-    __slots__ = ("_gaps", "_last_ns", "_marks", "count", "duplicates", "refused")
-
-    def __init__(self) -> None:
-        self.count = 0
-        self.duplicates = 0
-        self.refused = 0
-        self._last_ns: int | None = None
-        self._marks: deque[tuple[int, int]] = deque(maxlen=RATE_WINDOW_NS // RATE_MARK_NS)  # (arrival, count at it)
-        self._gaps = _Recent(max, 1 * S)
-
-    def add(self, event: SampleArrived, at_ns: int) -> None:
-        self.count += event.count
-        self.duplicates += event.duplicates
-        self._gaps.add(at_ns, event.worst_gap_ns or (at_ns - self._last_ns if self._last_ns is not None else 0))
-        self._last_ns = at_ns
-        if not self._marks or at_ns - self._marks[-1][0] >= RATE_MARK_NS:
-            self._marks.append((at_ns, self.count))
-
-    def rate_hz(self, now_ns: int) -> float:
-        """Return samples per second between arrivals; up to now once more than two periods are missing."""
-        for at_ns, count in self._marks:
-            if self._last_ns is not None and now_ns - RATE_WINDOW_NS <= at_ns < self._last_ns:
-                arrived, span_ns = self.count - count, self._last_ns - at_ns
-                if now_ns - self._last_ns > 2 * span_ns // arrived:
-                    span_ns = now_ns - at_ns
-                return arrived * S / span_ns
-        return 0.0
-
-    def worst_gap_ns(self, now_ns: int) -> int:
-        """Return the longest silence of the last 10 s, the present one included [ns]."""
-        return self._gaps.extreme(now_ns, 0 if self._last_ns is None else now_ns - self._last_ns)
 
 
 class _SeedWindow:
@@ -129,7 +63,7 @@ class _SeedWindow:
     def forget_lag(self) -> None:
         """Start anew: another transport, another robot, or its clock was set."""
         self._since_ns = None
-        self._lags = _Recent(min, LAG_BUCKET_NS)
+        self._lags = Recent(min, LAG_BUCKET_NS)
 
     def add(self, received_ns: int, stamp_ns: int) -> None:
         """Take a believed sample."""
@@ -220,7 +154,7 @@ class _Track:
     __slots__ = ("_behind_ns", "_stamp_ns", "live_ns", "meter", "received_ns", "value", "why_refused")
 
     def __init__(self) -> None:
-        self.meter = _Meter()
+        self.meter = Meter()
         self.value: StateValue | None = None
         self.received_ns: int | None = None  # arrival of the value
         self.live_ns: int | None = None  # the same; None since a reset
@@ -373,10 +307,11 @@ class Store:
     def topic_view(self, topic: str, now_ns: int) -> TopicView:
         """Return age, rate and counters of a topic; samples that were not believed are among the refused."""
         meter = self._tracks[topic].meter
+        rate_hz, worst_gap_ns = meter.figures(now_ns)
         return TopicView(
             age_ns=self.age_ns(topic, now_ns),
-            rate_hz=meter.rate_hz(now_ns),
-            worst_gap_ns=meter.worst_gap_ns(now_ns),
+            rate_hz=rate_hz,
+            worst_gap_ns=worst_gap_ns,
             count=meter.count,
             duplicates=meter.duplicates,
             refused=meter.refused,
