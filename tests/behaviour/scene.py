@@ -7,12 +7,13 @@ The checks look at what left the engine, at the robot and at the shown state, ne
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from itertools import pairwise
 
 from gateway import robot
-from gateway.core.events import Disable, Enable, Frame, FrameKind, Move, Remembered, Stop
+from gateway.core.events import Disable, Enable, Frame, FrameKind, Move, Remembered, SampleArrived, Stop
 from gateway.errors import Code
-from gateway.settings import LinkSettings, LocalSettings, Settings
+from gateway.settings import ArmSettings, LinkSettings, LocalSettings, Settings
 from gateway.sim.settings import SimSettings
 from gateway.values import Side, Vector
 from tests.pair import MS, Pair
@@ -31,21 +32,28 @@ class Scene(Pair):
     """A pair whose owner is ann, and what was seen of it since `mark`.
 
     Args:
-        settings: Of the engine; lean ones by default.
         sim: Of the robot.
         remembered: What an earlier engine left.
         model: `lite`, `standard` or `lift`.
+        arm: Limits and tolerances, where other ones than the usual are needed.
+        snapshot_hz: How often a snapshot is made; `see` needs 50.
     """
 
     def __init__(
         self,
-        settings: Settings | None = None,
         sim: SimSettings | None = None,
         remembered: Remembered | None = None,
+        *,
         model: str = "standard",
+        arm: ArmSettings | None = None,
+        snapshot_hz: float = 1.0,
     ) -> None:
-        lean = Settings(local=LocalSettings(snapshot_hz=1.0), link=LinkSettings(model=model))
-        super().__init__(settings or lean, sim or SimSettings(state_period_ns=10 * MS, model=model), remembered)
+        settings = Settings(
+            arm=arm or ArmSettings(),
+            local=LocalSettings(snapshot_hz=snapshot_hz),
+            link=LinkSettings(model=model),
+        )
+        super().__init__(settings, sim or SimSettings(state_period_ns=10 * MS, model=model), remembered)
         self.topics = LEAN
         self.epoch = 0
         self.before_last: Callable[[], object] = lambda: None
@@ -57,6 +65,20 @@ class Scene(Pair):
         """Judge from now on; what this tick already sent is the past."""
         self.mark_ns, self.was = self.now_ns + 1, self.state
         self.notices.clear()
+
+    def tell_mode(self, **changes: object) -> None:
+        """`/api/current_mode` arrives now, with changes; its next sample is up to 1 s away."""
+        value = replace(self.heard[robot.CURRENT_MODE].value, **changes)
+        self.receive(SampleArrived(topic=robot.CURRENT_MODE, value=value, received_ns=self.now_ns))
+
+    def disable_arm(self, side: Side, *, as_mode: bool = False) -> None:
+        """An arm is disabled, or put into the other control mode, and the gateway is told at once."""
+        if as_mode:
+            self.robot.inject({"fault": "control_mode", "side": side.value, "mode": "pose"}, self.now_ns)
+            self.tell_mode(joint_mode={other: other is not side for other in Side})
+        else:
+            self.robot.inject({"fault": "arm_disabled", "side": side.value}, self.now_ns)
+            self.tell_mode(arm_enabled={other: other is not side for other in Side})
 
     # ---------------------------------------------------------------------------------------------- what was seen
 
@@ -100,6 +122,10 @@ class Scene(Pair):
     def told(self, code: Code) -> list[str]:
         """Messages of the notices with a code since the mark."""
         return [notice.message for notice in self.notices if notice.code is code]
+
+    def arm_frames_now(self) -> dict[Side, Vector]:
+        """The last setpoint of each arm, however old."""
+        return {side: self.sent_on(robot.joint_command(side))[-1][1].values for side in Side}
 
     def first_tick(self) -> list[Frame]:
         """What left in the first tick after the mark that sent anything; it must have been the very next one."""

@@ -8,7 +8,6 @@ other gateways, the guard) stand in the index.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
 
 import pytest
 
@@ -25,7 +24,6 @@ from gateway.core.events import (
     Recover,
     Release,
     Reply,
-    SampleArrived,
     Stop,
     Suspended,
     Take,
@@ -114,10 +112,8 @@ def _mode(fault: dict[str, object] | None, **changes: object) -> Event:
 
     def event(pair: Scene) -> None:
         for name in ("left", "right") if fault is None else ("",):
-            what = fault or {"fault": "arm_disabled", "side": name}
-            pair.robot.inject(what, pair.now_ns)
-        value = replace(pair.heard[robot.CURRENT_MODE].value, **changes)
-        pair.receive(SampleArrived(topic=robot.CURRENT_MODE, value=value, received_ns=pair.now_ns))
+            pair.robot.inject(fault or {"fault": "arm_disabled", "side": name}, pair.now_ns)
+        pair.tell_mode(**changes)
         pair.step()
 
     return event
