@@ -248,7 +248,7 @@ def _traffic(view: protocol.Snapshot) -> Iterator[Text]:
 
 def _loop(loop: protocol.LoopView) -> Text:
     late_ns = loop.worst_late_ns
-    text = f"{'loop, latest tick':<19} {'':>5} {age_text(late_ns).replace(' ', ''):>5}"
+    text = f"{'loop late by':<19} {'':>5} {age_text(late_ns).replace(' ', ''):>5}"
     return Text(text, style="yellow" if late_ns > LATE_NS else "dim")
 
 
