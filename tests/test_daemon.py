@@ -1,0 +1,165 @@
+"""The daemon's composition root: its log never holds anybody up, and its end gives everything back."""
+
+from __future__ import annotations
+
+import json
+import logging
+import os
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from gateway.daemon import JsonLines, LogWriter, RateLimit
+
+ROOT = Path(__file__).resolve().parents[1]
+DEADLINE_S = 20.0
+
+
+def record(message: str, *, line: int = 1, code: str = "") -> logging.LogRecord:
+    """Return a warning as the loop makes them."""
+    made = logging.LogRecord("gateway.loop", logging.WARNING, "loop.py", line, message, (), None)
+    if code:
+        made.code = code
+    return made
+
+
+def test_a_log_that_nobody_reads_stops_nobody() -> None:
+    """Ctrl-S in the terminal, or a pipe whose reader hangs: whoever logs goes on, and the process can end."""
+    program = (
+        "import logging\nfrom gateway.daemon import configure_log\nconfigure_log(is_json=False)\n"
+        "for n in range(20):\n    logging.getLogger('x').warning('%d %s', n, 'x' * 8000)\n"
+        "print('still here', flush=True)\n"
+    )
+    reader, writer = os.pipe()  # holds 64 KiB; 160 KiB are written
+    try:
+        done = subprocess.run(
+            [sys.executable, "-c", program], cwd=ROOT, stdout=subprocess.PIPE, stderr=writer, timeout=DEADLINE_S,
+            check=False,
+        )  # fmt: skip
+    finally:
+        os.close(reader)
+        os.close(writer)
+    assert done.stdout == b"still here\n"
+    assert done.returncode == 0
+
+
+@contextmanager
+def piped() -> Iterator[tuple[LogWriter, int]]:
+    """A writer into a pipe that holds one page, and the pipe's other end."""
+    reader, end = os.pipe()
+    writer = LogWriter(end, capacity=10)
+    writer.setFormatter(logging.Formatter("%(message)s"))
+    try:
+        yield writer, reader
+    finally:
+        os.close(reader)  # a write that still hangs fails now
+        writer.close()
+        os.close(end)
+
+
+def test_lines_come_in_order_and_whole() -> None:
+    """What is logged arrives line by line in its order, also lines longer than a pipe takes at once."""
+    with piped() as (writer, reader):
+        wanted = [f"{n} {'x' * 30_000}" for n in range(8)]
+        for line in wanted:
+            writer.handle(record(line))
+        text = b""
+        while text.count(b"\n") < len(wanted):
+            text += os.read(reader, 65536)
+    assert text.decode().splitlines() == wanted
+
+
+def accounted(text: str) -> int:
+    """Return how many records a log shows, and says that it left out."""
+    lines = text.splitlines()
+    said = [int(line.split()[0]) for line in lines if "were left out" in line]
+    return lines.count("x" * 30_000) + sum(said)
+
+
+def test_lines_that_had_to_be_left_out_are_counted_in_the_log() -> None:
+    """When more waits than fits, lines are left out; the log says how many as soon as it is read again."""
+    with piped() as (writer, reader):
+        for _ in range(200):
+            writer.handle(record("x" * 30_000))
+        text = ""
+        while accounted(text) < 200:
+            text += os.read(reader, 65536).decode()
+    assert accounted(text) == 200
+
+
+def test_closing_waits_for_what_was_logged_but_not_for_ever() -> None:
+    """The last lines before the end are written; a reader that hangs holds the end up for a second at most."""
+    with piped() as (writer, reader):
+        writer.handle(record("the end"))
+        writer.close()
+        assert os.read(reader, 100) == b"the end\n"
+    with piped() as (writer, _):
+        for _ in range(5):
+            writer.handle(record("x" * 30_000))
+        began = time.monotonic()
+        writer.close()
+        assert time.monotonic() - began < 5.0
+
+
+def test_a_closed_descriptor_ends_no_thread() -> None:
+    """Nobody reads any more (the terminal is gone): lines are dropped, logging goes on."""
+    reader, end = os.pipe()
+    os.close(reader)
+    writer = LogWriter(end)
+    try:
+        for n in range(3):
+            writer.handle(record(str(n)))
+        writer.handle(record("text that no encoding has: \ud800"))
+    finally:
+        writer.close()
+        os.close(end)
+    assert not any(thread.name == "log" and thread.is_alive() for thread in threading.enumerate())
+
+
+def test_a_record_that_cannot_be_shown_does_not_end_the_log() -> None:
+    """A message whose text cannot be made is told as such, and the next one comes."""
+    with piped() as (writer, reader):
+        bad = record("%d")
+        bad.args = ("no number",)
+        writer.handle(bad)
+        writer.handle(record("next"))
+        text = b""
+        while text.count(b"\n") < 2:
+            text += os.read(reader, 65536)
+    assert "cannot be shown: TypeError" in text.decode().splitlines()[0]
+    assert text.decode().splitlines()[1] == "next"
+
+
+def test_one_source_may_speak_twenty_times_a_second() -> None:
+    """The limit is per line of source and code: a flood of one notice does not hide another one."""
+    now = [100.0]
+    limit = RateLimit(clock=lambda: now[0])
+    assert sum(limit.filter(record("a", code="TICK_LATE")) for _ in range(50)) == 20
+    assert limit.filter(record("b", code="LATCH_CHANGED"))
+    assert limit.filter(record("c", line=2))
+    now[0] += 1.1
+    assert limit.filter(record("a", code="TICK_LATE"))
+
+
+def test_a_wall_clock_that_is_set_back_silences_nobody() -> None:
+    """BEHAVIOUR, wall clock jumps: nothing. Also not the log, for as long as the jump was."""
+    now = [100.0]
+    limit = RateLimit(clock=lambda: now[0])
+    for n in range(25):
+        limit.filter(record(str(n)))
+    late = record("an hour earlier")
+    late.created -= 3600.0
+    now[0] += 2.0
+    assert limit.filter(late)
+
+
+def test_json_lines_have_code_and_facts() -> None:
+    """A notice becomes one JSON object with its code and facts."""
+    made = record("latched", code="ESTOP")
+    made.facts = {"by": "x"}
+    line = json.loads(JsonLines().format(made))
+    assert (line["message"], line["code"], line["facts"], line["level"]) == ("latched", "ESTOP", {"by": "x"}, "warning")
