@@ -3,7 +3,7 @@
 Rules it obeys
     * The file is replaced as a whole (write, fsync, rename, fsync of the folder), mode 0600: a power cut leaves the
       old one or the new one.
-    * Fail safe: a file that cannot be understood is moved aside and stands for a latch, STATE_LOST, that a person
+    * Fail safe: a file that cannot be understood is kept aside and stands for a latch, STATE_LOST, that a person
       clears with `recover` like any other; a latch that this release does not know becomes the same. A folder that
       cannot be written refuses the start: a latch that would not survive is no latch.
     * An epoch is never given twice. Epochs are reserved in blocks: the file names the end of a block before the first
@@ -186,9 +186,18 @@ class StateFile:
             return self._lost(error)
 
     def _lost(self, error: Exception) -> tuple[Remembered, str]:
-        """Move a file aside that cannot be understood, and start latched."""
-        aside = next(p for n in range(1, 1_000_000) if not (p := self.path.with_suffix(f".corrupt-{n}")).exists())
-        os.replace(self.path, aside)
+        """Keep a file that cannot be understood under another name, and start latched.
+
+        It stays in its own place too until `start` has replaced it: were it moved away, a start that fails behind this
+        (disk full, power cut) would let the next one find no file, and no latch.
+        """
+        names = (self.path.with_suffix(f".corrupt-{n}") for n in range(1, 1_000_000))
+        aside = next(name for name in names if not name.exists() or name.samefile(self.path))
+        if not aside.exists():
+            try:
+                os.link(self.path, aside)
+            except OSError:  # a file system without hard links
+                aside.write_bytes(self.path.read_bytes())
         message = f"the state file was unreadable ({error}) and is kept as {aside}: earlier latches are unknown"
         epoch = LOST_EPOCH_LOW + secrets.randbelow(LOST_EPOCH_HIGH - LOST_EPOCH_LOW)
         return Remembered(epoch=epoch, latches={Code.STATE_LOST: message}), message

@@ -167,6 +167,46 @@ def test_a_file_that_cannot_be_understood_starts_latched_and_is_kept(name: str, 
     assert len(started.report) < 600
 
 
+def test_an_unreadable_file_is_kept_without_hard_links_too(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """On a file system that has none it is copied."""
+
+    def refused(*_: object) -> None:
+        raise OSError(errno.EPERM, os.strerror(errno.EPERM))
+
+    path.parent.mkdir(parents=True)
+    path.write_bytes(b"{")
+    monkeypatch.setattr(state_file.os, "link", refused)
+    with StateFile(path) as file:
+        assert Code.STATE_LOST in file.start().remembered.latches
+    assert path.with_suffix(".corrupt-1").read_bytes() == b"{"
+    assert json.loads(path.read_text())["latches"]
+
+
+@pytest.mark.parametrize("call", ["write", "replace"])
+def test_a_start_that_fails_behind_an_unreadable_file_leaves_it_in_place(
+    path: Path, monkeypatch: pytest.MonkeyPatch, call: str
+) -> None:
+    """Disk full, or a power cut, between finding the file unreadable and the new one: the next start is latched still."""
+    path.parent.mkdir(parents=True)
+    path.write_bytes(b"\x00" * 40)
+
+    def full(*_: object) -> None:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    with monkeypatch.context() as broken:
+        if call == "write":
+            broken.setattr(state_file.os, "fsync", full)
+        else:
+            broken.setattr(state_file.os, "replace", lambda *names: full() if names[1] == path else os.rename(*names))
+        with StateFile(path) as file, pytest.raises(ConfigError):
+            file.start()
+    with StateFile(path) as file:
+        started = file.start()
+    assert Code.STATE_LOST in started.remembered.latches
+    assert started.remembered.epoch >= 2**32
+    assert len(list(path.parent.glob("*.corrupt-*"))) == 1, "one file, kept once"
+
+
 def test_behind_a_lost_file_epochs_go_on_where_none_was(path: Path) -> None:
     """The old count is lost, so the new one starts at a random height far above any count, and another each time."""
     path.parent.mkdir(parents=True)
