@@ -174,6 +174,15 @@ def test_a_motion_is_reached_when_every_joint_is_measured_within_tolerance_for_h
     assert course.motion.view().error_rad == pytest.approx(0.049)
 
 
+def test_the_tolerance_itself_is_within_it(book):
+    """As the bound says: at most so far off."""
+    goals = {L: (0.0,) * 7}
+    motion = book.open(goals, 0.125, S)
+    for now_ns in (T0, T0 + S):
+        book.advance(motion, {L: 1.0}, {L: (0.125, -0.125, 0.0, 0.0, 0.0, 0.0, 0.0)}, now_ns)
+    assert motion.state is MotionState.REACHED
+
+
 @pytest.mark.parametrize("interruption", [0.06, -0.06, None], ids=["above", "below", "unknown"])
 def test_leaving_the_tolerance_or_the_sight_starts_the_half_second_anew(book, interruption):
     """0.5 s kept, not 0.5 s in total."""

@@ -72,7 +72,7 @@ class HeartbeatStream:
         """Send 1.0, the first at once. Ends a repetition of 0.0."""
         if self.beat is not Beat.ONE:
             self.beat = Beat.ONE
-            self._is_new, self._is_estop = True, False
+            self._is_estop = False
             self._grid.start(now_ns)
 
     def zeros(self, now_ns: int, *, is_estop: bool = False) -> None:

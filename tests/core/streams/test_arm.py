@@ -80,6 +80,7 @@ def test_an_arm_is_silent_until_it_is_started():
     """Nothing leaves for an arm that nobody enabled."""
     arm = ArmStream(Side.LEFT, ArmSettings())
     assert (arm.running, arm.next_due_ns(), arm.frame(T0)) == (False, None, None)
+    assert (arm.is_at_rest, arm.is_walking) == (True, False)
 
 
 @pytest.mark.parametrize("side", list(Side))
@@ -156,12 +157,24 @@ def test_a_stopped_stream_is_silent_and_its_silence_is_no_gap():
     assert [(f.kind, f.values, f.epoch) for f in course.run(2)] == [(ECHO, course.moved(0.05), 0)] * 2
 
 
+def test_a_start_is_due_at_once_wherever_in_the_grid():
+    """Also within the period of the last frame of before: the robot must hear of the new start now."""
+    course = Course()
+    course.arm.stop()
+    start_ns = course.now_ns - 3 * MS
+    course.arm.start(course.moved(0.05), start_ns)
+    frame = course.arm.frame(start_ns)
+    assert frame is not None and (frame.kind, frame.values) == (ECHO, course.moved(0.05))
+
+
 def test_a_running_stream_can_be_seeded_anew_without_a_gap():
     """PAUSED re-seeds at once: the robot does not follow then (BEHAVIOUR, starting and continuing)."""
     course = Course()
     course.begin()
-    course.run(20)
+    for _ in course.run(20):
+        course.arm.log.note(course.now_ns)
     course.arm.start(course.moved(0.02), course.now_ns)
+    assert course.arm.log.last_ns is None, "a start is announced to the gate by a log that begins"
     (frame,) = course.run(1)
     assert (frame.kind, frame.values, frame.due_ns) == (ECHO, course.moved(0.02), T0 + 230 * MS)
     assert course.arm.is_at_rest

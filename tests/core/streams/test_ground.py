@@ -14,6 +14,7 @@ MS = 1_000_000
 S = 1_000_000_000
 T0 = 1_000 * S
 ZEROS, LIFT_STOP = (0.0, 0.0, 0.0), (0.0, 1.0)
+SERVO_OFF = (0.0, 0.0)
 
 
 def run(stream: StopRepeater, from_ns: int, to_ns: int) -> list[tuple[int, Frame]]:
@@ -78,7 +79,7 @@ def test_the_servo_goes_off_once_after_the_lift_has_stopped():
     stream.stop(T0)
     stream.then(LIFT_OFF)
     sent = run(stream, T0, T0 + 3 * S)
-    assert [frame.values for _, frame in sent] == [LIFT_STOP] * (len(sent) - 1) + [LIFT_OFF]
+    assert [frame.values for _, frame in sent] == [LIFT_STOP] * (len(sent) - 1) + [SERVO_OFF]
     assert (sent[-2][0], sent[-1][0]) == (1000, 1050)
     assert not stream.running
 
@@ -91,7 +92,7 @@ def test_a_further_stop_does_not_keep_the_servo_on():
     run(stream, T0, T0 + 500 * MS)
     stream.stop(T0 + 500 * MS)
     sent = run(stream, T0 + 500 * MS, T0 + 3 * S)
-    assert [frame.values for _, frame in sent][-2:] == [LIFT_STOP, LIFT_OFF]
+    assert [frame.values for _, frame in sent][-2:] == [LIFT_STOP, SERVO_OFF]
     assert sent[-1][0] == 1550
 
 
@@ -102,7 +103,7 @@ def test_the_servo_can_still_be_taken_off_when_the_second_is_just_over():
     run(stream, T0, T0 + 1040 * MS)
     assert stream.running
     stream.then(LIFT_OFF)
-    assert [(at_ms, frame.values) for at_ms, frame in run(stream, T0 + 1040 * MS, T0 + 2 * S)] == [(1050, LIFT_OFF)]
+    assert [(at_ms, frame.values) for at_ms, frame in run(stream, T0 + 1040 * MS, T0 + 2 * S)] == [(1050, SERVO_OFF)]
 
 
 @pytest.mark.parametrize("end", [None, LIFT_OFF], ids=["plain", "servo off"])

@@ -62,7 +62,9 @@ def test_a_heartbeat_is_silent_until_it_is_asked_for():
     """A gateway that only reads sends nothing on the FSM's topic."""
     beat = HeartbeatStream(2 * S)
     assert (beat.beat, beat.running, beat.is_ending, beat.is_owed) == (Beat.SILENT, False, False, False)
-    assert (beat.next_due_ns(), beat.frame(T0)) == (None, None)
+    assert (beat.next_due_ns(), beat.frame(T0), beat.is_estop) == (None, None, False)
+    beat.fsm_zero_seen(T0)
+    assert (beat.running, beat.is_owed, beat.gave_up_at_ns) == (False, False, None)
 
 
 def test_ones_leave_at_once_and_then_at_20_hz():
@@ -81,6 +83,14 @@ def test_asking_for_ones_again_changes_nothing(armed):
         armed.beat.ones(armed.now_ns)
         armed.run(10)
     assert [at_ms for at_ms, _ in armed.sent] == list(range(0, 700, 50))
+
+
+def test_ones_after_a_short_silence_leave_at_once_too(armed):
+    """A short stall is over: 1.0 does not wait for the next instant of the grid (BEHAVIOUR, short stall)."""
+    armed.beat.silence()
+    armed.run(20)
+    armed.beat.ones(armed.now_ns)
+    assert armed.run(40) == [(520, 1.0), (550, 1.0)]
 
 
 def test_zeros_leave_at_once_as_stop_frames_until_fsm_0_is_seen(armed):
@@ -178,12 +188,14 @@ def test_fsm_0_settles_nothing_while_1_0_goes_out(armed):
     assert armed.beat.is_owed and armed.beat.beat is Beat.ONE
 
 
-@pytest.mark.parametrize(("after_ms", "is_owed"), [(10, True), (150, True), (151, False), (400, False)])
-def test_after_silence_fsm_0_counts_only_150_ms_after_the_last_1_0(armed, after_ms, is_owed):
+@pytest.mark.parametrize(
+    ("after_ns", "is_owed"), [(10 * MS, True), (150 * MS, True), (150 * MS + 1, False), (400 * MS, False)]
+)
+def test_after_silence_fsm_0_counts_only_150_ms_after_the_last_1_0(armed, after_ns, is_owed):
     """A sample that was under way may tell of the time before our 1.0 (20 Hz, manual §4.11.1)."""
     last_ns = armed.beat.last_one_ns
     armed.beat.silence()
-    armed.beat.fsm_zero_seen(last_ns + after_ms * MS)
+    armed.beat.fsm_zero_seen(last_ns + after_ns)
     assert armed.beat.is_owed is is_owed
 
 
@@ -213,9 +225,10 @@ def test_zeros_that_were_silenced_before_they_left_keep_nothing_owed_for_ever(ar
 
 def test_zero_once_sends_one_zero_when_it_is_owed_and_settles_it(armed):
     """Somebody else commands the robot: one 0.0, never two setpoints in turn (BEHAVIOUR, somebody else)."""
+    armed.run(20)
     armed.beat.zero_once(armed.now_ns)
     assert armed.beat.is_ending
-    assert armed.run(500) == [(500, 0.0)]
+    assert armed.run(500) == [(520, 0.0)]
     assert not armed.beat.running and not armed.beat.is_owed
     assert not armed.beat.log.view(armed.now_ns).running
 
