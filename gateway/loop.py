@@ -183,11 +183,11 @@ class Loop(Generic[F]):
                 `ExitRequested` event instead, after which the engine says when it is done.
 
         Raises:
-            Exception: Whatever a part raised, after the engine's stop frames left.
+            BaseException: Whatever a part raised, after the engine's stop frames left.
         """
         try:
             self._run(stop)
-        except Exception as error:  # noqa: BLE001  any bug of any part: stop the robot, then raise it again
+        except BaseException as error:  # noqa: BLE001  any bug, a panic of a compiled part too: stop, raise it again
             _log.exception("the control loop ends by an error; its stop frames leave now")
             try:
                 self._publish_panic_frames()

@@ -92,7 +92,7 @@ class Bench:
     due: Callable[[int], int | None] = lambda now_ns: None
     panic: Sequence[Frame] = ()
     sleeps: list[int] = field(default_factory=list)
-    broken: dict[str, Exception] = field(default_factory=dict)
+    broken: dict[str, BaseException] = field(default_factory=dict)
 
     def _note(self, what: str, *facts: object) -> None:
         self.log.append((what, *facts))
@@ -493,6 +493,24 @@ def test_an_error_anywhere_sends_the_stop_frames_and_goes_on_to_the_daemon(
     assert bench.names()[-5:] == [place, "panic_frames", "publish chassis", "publish lift", "publish fsm"]
     assert len(bench.ticks) <= 1
     assert [record.exc_info[1] for record in caplog.records] == [BUG]
+
+
+class Panic(BaseException):
+    """What a panic in a compiled extension looks like (pyo3's `PanicException`): no `Exception`."""
+
+
+@pytest.mark.parametrize("place", PLACES)
+def test_a_panic_of_an_extension_sends_the_stop_frames_too(place: str) -> None:
+    """What is no `Exception` leaves a robot in motion behind just the same."""
+    bench = Bench(panic=[_frame("fsm")])
+    bench.from_robot = [SAMPLE]
+    bench.on_tick = lambda n, now_ns: Out(
+        frames=[_frame("arm")], replies=[REPLY], remembered=Remembered(), snapshot=object()
+    )
+    bench.broken[place] = Panic("unwrap on a None value")
+    with pytest.raises(Panic):
+        bench.run(5)
+    assert bench.names()[-2:] == ["panic_frames", "publish fsm"]
 
 
 def test_a_stop_frame_that_cannot_be_sent_does_not_keep_the_others_back() -> None:
