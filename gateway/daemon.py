@@ -30,7 +30,7 @@ from gateway.core.events import Event, ExitRequested, LinkUp, Notice, Reply
 from gateway.core.snapshot import Snapshot
 from gateway.link.robot_link import RobotLink
 from gateway.loop import Loop
-from gateway.realtime import FifoScheduling, Linux, calm_interpreter, lock_memory, sharpen_timer
+from gateway.realtime import FifoScheduling, Linux, calm_interpreter, lock_memory, release_interpreter, sharpen_timer
 from gateway.settings import Settings
 from gateway.state_file import StateFile, StateWriter, path_of
 
@@ -206,16 +206,20 @@ class _Link:
 
     Args:
         link: The link.
+        engine: Says how closely it must look.
         on_up: Called in the loop's thread after each LinkUp.
     """
 
-    def __init__(self, link: RobotLink, on_up: Callable[[], None]) -> None:
+    def __init__(self, link: RobotLink, engine: Engine, on_up: Callable[[], None]) -> None:
         self._on_up = on_up
-        self._poll = link.poll
+        self._link = link
+        self._engine = engine
         self.publish = link.publish
 
     def poll(self) -> Sequence[Event]:
-        events = self._poll()
+        engine = self._engine
+        self._link.pace(is_moving=bool(engine.running_topics), is_watched=engine.is_watched)
+        events = self._link.poll()
         if any(isinstance(event, LinkUp) for event in events):
             self._on_up()
         return events
@@ -286,13 +290,14 @@ def run(settings: Settings, on_ready: Callable[[str], None] | None = None) -> in
                 plane.open()
                 link.open()
                 after_link_up = _take_measures(settings)
-                loop = Loop(engine, _Link(link, after_link_up), watched, on_remembered=writer.write)
+                loop = Loop(engine, _Link(link, engine, after_link_up), watched, on_remembered=writer.write)
                 if on_ready is not None:
                     on_ready(str(plane.socket))
                 loop.run(lambda: False)
         finally:
             plane.close()
             is_closed = link.close()
+            release_interpreter()
             if not writer.close(DISK_TIMEOUT_S):
                 _log.error("the last state did not reach %s", state_file.path)
     if not is_closed:  # zenoh still hangs in its threads; they would keep the process for ever

@@ -37,6 +37,7 @@ __all__ = [
     "SleepWatch",
     "calm_interpreter",
     "lock_memory",
+    "release_interpreter",
     "sharpen_timer",
 ]
 
@@ -182,6 +183,12 @@ def calm_interpreter() -> Measure:
     sys.setswitchinterval(SWITCH_INTERVAL_S)
     line = f"interpreter: garbage collection off, {gc.get_freeze_count()} objects frozen, switch interval 0.5 ms"
     return Measure(name="interpreter", taken=True, line=line)
+
+
+def release_interpreter() -> None:
+    """Undo `calm_interpreter` when the loop has ended: what was frozen can be freed before the process ends."""
+    gc.unfreeze()
+    gc.enable()
 
 
 def lock_memory(kernel: Kernel) -> Measure:

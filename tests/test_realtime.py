@@ -318,6 +318,20 @@ def test_this_host_does_not_sleep_during_the_tests() -> None:
     assert [watch.slept_ns() for _ in range(100)] == [0] * 100
 
 
+def test_a_calm_interpreter_is_released_at_the_end() -> None:
+    """What was frozen can be freed again and collection goes on: a process that ends leaves nothing behind."""
+    script = (
+        "import gc, json\n"
+        "from gateway.realtime import calm_interpreter, release_interpreter\n"
+        "calm_interpreter()\n"
+        "calm = [gc.isenabled(), gc.get_freeze_count() > 0]\n"
+        "release_interpreter()\n"
+        "print(json.dumps([calm, [gc.isenabled(), gc.get_freeze_count()]]))"
+    )
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True, timeout=30)
+    assert json.loads(done.stdout) == [[False, True], [True, 0]]
+
+
 # ------------------------------------------------------------------------------------------------------ the real kernel
 
 REAL = """

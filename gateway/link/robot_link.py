@@ -6,8 +6,7 @@ it is repeated here), then follows the bridge (`discovery`): whatever may take i
 
 Rules:
 
-* Nothing is decoded before `poll`, and then only the newest sample of each topic; what is only shown (poses, grippers,
-  chassis) is taken at every second poll.
+* Nothing is decoded before `poll`, and then only the newest sample of each topic; how often is `pace`'s word.
 * `publish` takes only what the gate has cleared. Without transport it sends nothing and counts: zenoh would accept the
   frame and lose it, and a frame that waits in a stalled link arrives late (wire.md 2.3, 7). Whether state is fresh
   enough to send at all is the engine's decision, not the link's.
@@ -46,8 +45,11 @@ S = 1_000_000_000
 
 FIRST_RETRY_S = 0.2
 MAX_RETRY_S = 1.0
-DECISIVE = (*map(robot.arm_state, Side), robot.FSM_STATE, robot.CURRENT_MODE)
-"""State topics that decide about motion."""
+DECIDING = frozenset((*map(robot.arm_state, Side), robot.FSM_STATE, robot.CURRENT_MODE))
+"""State topics that decide about motion; the others are only shown."""
+
+AT_ONCE, DECISIVE, SHOWN = range(3)
+"""Classes of topics, by how often their newest sample is decoded."""
 
 STEP_S = 0.25
 """Period of the link's own thread."""
@@ -90,11 +92,12 @@ class RobotLink:
             topic: Mailbox(is_stamped=robot.TOPICS[topic].type_name == robot.JOINT_STATE)
             for topic in robot.STATE_TOPICS
         }
-        # At 100 polls a second what decides about motion is decoded each time; what is only shown, 50 times a second.
-        shown = [topic for topic in self._mailboxes if topic not in DECISIVE]
-        self._odd_polls, self._even_polls = (
-            [(topic, self._mailboxes[topic]) for topic in (*DECISIVE, *shown[half::2])] for half in (0, 1)
-        )
+        self._slots = [
+            *((topic, self._mailboxes[topic], DECISIVE) for topic in map(robot.arm_state, Side)),
+            *((topic, self._mailboxes[topic], AT_ONCE) for topic in (robot.FSM_STATE, robot.CURRENT_MODE)),
+        ]
+        self._slots += [(topic, box, SHOWN) for topic, box in self._mailboxes.items() if topic not in DECIDING]
+        self._every = [1, 1, 2]
         self._polls = 0
         # From the callbacks to the loop: appended there, taken here, each one atomic operation.
         self._transport_news: deque[tuple[str, bool, int]] = deque()
@@ -152,7 +155,9 @@ class RobotLink:
             events.append(self._observations.popleft())
         is_ordered = not events
         self._polls += 1
-        for topic, mailbox in self._odd_polls if self._polls % 2 else self._even_polls:
+        for number, (topic, mailbox, kind) in enumerate(self._slots):
+            if (self._polls + number) % self._every[kind]:
+                continue  # its turn comes; nothing is lost but what would have been overwritten anyway
             arrival = mailbox.take()
             if arrival is None:
                 continue
@@ -177,6 +182,16 @@ class RobotLink:
         if not is_ordered:
             events.sort(key=_time_of)
         return events
+
+    def pace(self, *, is_moving: bool, is_watched: bool) -> None:
+        """Say how often to decode, at 100 polls a second: what costs time and serves nobody waits for its turn.
+
+        Args:
+            is_moving: Setpoints are sent: joints are decoded at every poll; else at every second one.
+            is_watched: Somebody looks: what is only shown is decoded 50 times a second; else 10 times.
+        """
+        self._every[DECISIVE] = 1 if is_moving else 2
+        self._every[SHOWN] = 2 if is_watched else 10
 
     def publish(self, frame: Cleared) -> None:
         """Send a frame that the gate has cleared. The loop's thread only; waits at most half a millisecond.
