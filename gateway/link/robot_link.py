@@ -106,6 +106,7 @@ class RobotLink:
         self._up_since_ns = 0
         self._polled_zid = ""  # as the loop was told
         self._session: RobotSession | None = None
+        self._serving: zenoh.Session | None = None
         self._discovery: Discovery | None = None
         self._closing = threading.Event()
         self._worker = threading.Thread(target=self._work, name="robot-link")
@@ -250,21 +251,35 @@ class RobotLink:
     # ---------------------------------------------------------------------------------------------- the link's thread
 
     def _work(self) -> None:
-        opened = self._open_session()
-        if opened is None:
-            return
-        try:
-            self._discovery = discovery = Discovery(self._settings, str(opened.zid()), self._ask)
-            listener = SessionListener(
-                mailboxes=self._mailboxes, transport=self._note_transport, token=discovery.tokens.receive
-            )
-            self._session = session = RobotSession(opened, self._settings, listener, self._clock)
-            session.listen()  # only now: who is told of a transport can publish
-            self._follow(discovery, session)
-        finally:
-            self._session = None
-            self._router_zid = ""
-            opened.close()  # type: ignore[no-untyped-call]  # zenoh's stub gives no types here
+        while (opened := self._open_session()) is not None:
+            try:
+                self._serve(opened)
+            except Exception:  # noqa: BLE001  # whatever it was: without a session the robot cannot even be stopped
+                _log.exception("the session to %s failed; opening another one", self._settings.endpoint)
+            finally:
+                self._drop(opened)
+            self._goes_on(MAX_RETRY_S)
+
+    def _serve(self, opened: zenoh.Session) -> None:
+        """Declare everything on a session and follow the bridge until the link closes."""
+        self._serving = opened
+        self._discovery = discovery = Discovery(self._settings, str(opened.zid()), self._ask)
+
+        def note(zid: str, is_open: bool, at_ns: int) -> None:
+            if self._serving is opened:  # what an earlier session still says is not about this one
+                self._note_transport(zid, is_open, at_ns)
+
+        listener = SessionListener(mailboxes=self._mailboxes, transport=note, token=discovery.tokens.receive)
+        self._session = session = RobotSession(opened, self._settings, listener, self._clock)
+        session.listen()  # only now: who is told of a transport can publish
+        self._follow(discovery, session)
+
+    def _drop(self, opened: zenoh.Session) -> None:
+        """Close a session; the loop hears that its transport is gone."""
+        self._session = self._serving = None
+        if self._router_zid:
+            self._note_transport(self._router_zid, False, self._clock())
+        opened.close()  # type: ignore[no-untyped-call]  # zenoh's stub gives no types here
 
     def _follow(self, discovery: Discovery, session: RobotSession) -> None:
         try:

@@ -21,6 +21,7 @@ from gateway.errors import Code
 from gateway.link import RobotLink
 from gateway.link.codec import FRAME_BYTES, BadFrame
 from gateway.link.discovery import Discovery
+from gateway.link.robot_session import RobotSession
 from gateway.settings import LinkSettings, SettingsRefused
 from gateway.values import Side
 from tests.link.robot_process import ROOT, RobotProcess, wait_until
@@ -421,6 +422,27 @@ def test_a_node_that_leaves_is_a_lost_route_until_it_returns(make_plane):
     plane.robot.ask("return")
     plane.wait_for(lambda: set(codes().values()) == {None}, 3.0, "all routes alive again")
     assert plane.link.is_up
+
+
+@pytest.mark.e2e
+def test_a_session_that_fails_is_replaced_by_another(make_plane, monkeypatch, caplog):
+    """A declaration that zenoh refuses once must not leave the daemon without a robot until it is restarted."""
+    listen, attempts = RobotSession.listen, []
+
+    def fail_once(self):
+        listen(self)
+        attempts.append(self.zid)
+        if len(attempts) == 1:
+            raise zenoh.ZError("declared no more")
+
+    monkeypatch.setattr(RobotSession, "listen", fail_once)
+    plane = make_plane().connected()
+    wait_until(lambda: len(attempts) == 2 and plane.link.is_up and plane.poll(), what="another session")
+    plane.wait_for_arm(5.0)
+    assert plane.link.zid == attempts[1] != attempts[0]
+    told = [name for name in names(plane.events) if name in ("LinkUp", "LinkDown")]
+    assert told in (["LinkUp"], ["LinkUp", "LinkDown", "LinkUp"]), "an outage that was seen is told"
+    assert "opening another one" in caplog.text
 
 
 @pytest.mark.e2e
