@@ -231,7 +231,7 @@ TABLE: Mapping[Trigger, Mapping[State, Cell]] = {
     Trigger.CLIENT_LOST_PAUSE: _row(BASE_FREE,         DOWN_FREE,    DOWN_FREE,    DOWN_FREE,    DOWN_FREE,
                                     Cell(do=(A.LIFT_OFF, A.FREE)), Cell(to=BASE, do=(A.CUT, A.ZERO_IF_OWED, A.LIFT_OFF, A.FREE))),
     Trigger.LEASE_FREE:        _row(Cell(to=BASE, do=(A.LIFT_OFF,)), SAME, SAME,   SAME,         SAME,         SAME,         SAME),
-    Trigger.HOLD_OVER:         _row(SAME,              SAME,         SAME,         DOWN_LIFT_OFF, DOWN_LIFT_OFF, SAME,       SAME),
+    Trigger.HOLD_OVER:         {**_row(SAME,           SAME,         SAME,         DOWN_LIFT_OFF, DOWN_LIFT_OFF, SAME,       SAME), S.STALE: GO_BASE},
     Trigger.STALE:             {**_row(Cell(to=S.STALE, do=(A.CUT,)), Cell(to=S.STALE, do=(A.CUT, A.ZERO)), Cell(to=S.STALE, do=(A.CUT,)),
                                     Cell(to=S.STALE, do=(A.CUT,)), Cell(to=S.STALE, do=(A.CUT, A.ZERO)),
                                     Cell(to=S.STALE, do=(A.CUT, A.ZERO)), SAME)},

@@ -27,7 +27,7 @@ estop                       | down, ground, [0,0], L  | down, ground, [0,0], L |
 client lost                 | cut, free after 10 s    | down, free after 10 s | cut, brake, HOLDING, 10/60 s | 10/60 s        | 10/60 s             | 10 s                | cut, 10 s
 client lost, on_loss = pause| cut, base, free, [0,0]  | down, free, [0,0]   | down, free, [0,0]         | down, free, [0,0]   | down, free, [0,0]   | free, [0,0]         | cut, 0.0 if owed, base, free, [0,0]
 lease free                  | base, [0,0]             | -                   | -                         | unowned             | unowned             | =                   | unowned
-60 s                        | -                       | -                   | -                         | down, [0,0]         | down, [0,0]         | =                   | =
+60 s                        | -                       | -                   | -                         | down, [0,0]         | down, [0,0]         | =                   | base / =
 stale                       | STALE, cut              | STALE, cut, 0.0     | STALE, cut                | STALE, cut          | STALE, cut, 0.0     | STALE, cut, 0.0     | =
 fresh                       | =                       | -                   | -                         | -                   | -                   | -                   | base
 transport lost              | OFFLINE, cut, silence   | OFFLINE, cut, silence | OFFLINE, cut, silence   | OFFLINE, cut, silence | OFFLINE, cut, silence | OFFLINE, cut, silence | OFFLINE, cut, silence / =
@@ -189,6 +189,20 @@ def test_vr_mode_does_not_end_an_estops_zeros():
     """`estop` does send 0.0 in VR mode; at rest there is no other heartbeat that the cell could have to end."""
     assert Action.SILENCE not in TABLE[Trigger.VR_MODE][State.IDLE].do
     assert Action.SILENCE not in TABLE[Trigger.VR_MODE][State.READ_ONLY].do
+
+
+@pytest.mark.parametrize(
+    "trigger",
+    [
+        Trigger.RELEASE, Trigger.DISABLE, Trigger.ESTOP, Trigger.CLIENT_LOST_PAUSE, Trigger.HOLD_OVER, Trigger.EXIT,
+        Trigger.SUSPENDED, Trigger.JOINT_ORDER,
+    ],
+    ids=lambda trigger: trigger.value,
+)  # fmt: skip
+def test_what_would_end_holding_ends_the_hold_of_a_stall_too(trigger):
+    """Nothing is held on after it, and fresh state leads to the base (BEHAVIOUR, stale): a hold without an end is none."""
+    assert TABLE[trigger][State.HOLDING].to in {BASE, State.STOPPING}
+    assert TABLE[trigger][State.STALE].to == BASE
 
 
 def test_only_enable_arms_and_only_a_motion_resumes():
