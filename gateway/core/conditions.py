@@ -104,8 +104,8 @@ class Conditions:
             yield Trigger.FSM_PAUSE, self._pause_reason()
 
     def _pause_reason(self) -> str:
-        """Say whose pause it is: in STOPPING our own 0.0 asked for it, unless the arms were still braking."""
-        if self._conductor.state is State.STOPPING and self._conductor.body.heartbeat.is_ending:
+        """Say whose pause it is: in STOPPING our own 0.0 asked for it, unless the arms are still braking."""
+        if self._conductor.state is State.STOPPING and self._conductor.body.is_at_rest:
             return "the robot's FSM is PAUSE, as our 0.0 asked for"
         return "the robot's FSM is PAUSE: it paused by itself, perhaps a physical stop"
 
