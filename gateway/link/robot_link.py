@@ -157,8 +157,8 @@ class RobotLink:
         is_ordered = not events
         self._polls += 1
         for number, (topic, mailbox, kind) in enumerate(self._slots):
-            if (self._polls + number) % self._every[kind]:
-                continue  # its turn comes; nothing is lost but what would have been overwritten anyway
+            if is_ordered and (self._polls + number) % self._every[kind]:
+                continue  # its turn comes. Beside news of the link all are taken: what came before is told before
             arrival = mailbox.take()
             if arrival is None:
                 continue

@@ -116,8 +116,9 @@ def test_no_outage_is_too_short_to_be_seen(link):
 
 
 def test_events_come_oldest_first(link):
-    """A sample from before the loss must not look like one from after it."""
+    """A sample from before the loss must not look like one from after it, not even one that waits for its turn."""
     box = link._mailboxes
+    link.pace(is_moving=False, is_watched=False)
     box[ARM].put(encode(state_message(ARM, 1)), 5)
     link._note_transport("aa", True, 3)
     link._observations.append(RouteObserved(topic=ARM, code=None, message="", at_ns=4))
@@ -137,12 +138,29 @@ def test_each_topic_gives_its_newest_sample_with_its_counters(link):
     assert (event.count, event.duplicates, event.worst_gap_ns) == (3, 1, 25 * MS)
 
 
+def test_what_nobody_waits_for_is_decoded_less_often(link):
+    """Joints count at every poll while something moves; poses and grippers ten times a second when nobody looks."""
+    pose = robot.ee_pose(Side.LEFT)
+    taken = {}
+    for is_moving, is_watched in ((True, True), (True, False), (False, False)):
+        link.pace(is_moving=is_moving, is_watched=is_watched)
+        counts = {ARM: 0, pose: 0, robot.FSM_STATE: 0}
+        for n in range(20):
+            for topic in counts:
+                message = state_message(topic, 1 + n + 1000 * len(taken))
+                link._mailboxes[topic].put(encode(message), n * MS)
+            for event in link.poll():
+                counts[event.topic] += 1
+        taken[is_moving, is_watched] = (counts[ARM], counts[pose], counts[robot.FSM_STATE])
+    assert taken == {(True, True): (20, 10, 20), (True, False): (20, 2, 20), (False, False): (10, 2, 20)}
+
+
 def test_types_without_a_stamp_are_never_taken_for_copies(link):
     """A pose that does not change is a state that is alive."""
     topic = robot.ee_pose(Side.LEFT)
     for n in range(3):
         link._mailboxes[topic].put(encode(state_message(topic, 0)), n * MS)
-    (event,) = link.poll()
+    (event,) = [event for _ in range(2) for event in link.poll()]  # a topic that is only shown has its turn in one of two
     assert (event.count, event.duplicates, event.stamp_ns) == (3, 0, None)
 
 
