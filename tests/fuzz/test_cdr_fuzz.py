@@ -223,7 +223,7 @@ class Wire:
         """Empty the mailboxes: their counts add up whatever was in them."""
         for mailbox in self.mailboxes.values():
             arrival = mailbox.take()
-            assert arrival is None or arrival.samples >= 1 and arrival.worst_gap_ns >= 0
+            assert arrival is None or (arrival.samples >= 1 and arrival.worst_gap_ns >= 0)
             assert mailbox.take() is None
 
     def see(self, output: Output) -> None:
