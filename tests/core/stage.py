@@ -1,0 +1,161 @@
+"""A conductor in a chosen state whose robot says what the test wants it to say: samples by hand, no sockets, no engine.
+
+For tests of one module of the core that needs store, lease, supervisor and body beside it. Time passes in ticks of 10 ms
+in which the robot is heard and streams give their frames; nothing else happens unless the test does it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+from gateway import robot
+from gateway.core.conditions import Conditions
+from gateway.core.conductor import Conductor
+from gateway.core.events import CommandRequested, Frame, OnLoss, Remembered, Request, SampleArrived
+from gateway.core.phases import Phases
+from gateway.core.supervisor import State
+from gateway.errors import Code
+from gateway.settings import LinkSettings, Settings
+from gateway.values import ArmState, CurrentMode, FsmState, Side, Vector
+
+__all__ = ["GOAL", "MIDDLE", "MODE", "MS", "OFFSET_NS", "TICK_NS", "L", "R", "S", "Stage"]
+
+MS = 1_000_000
+S = 1_000_000_000
+TICK_NS = 10 * MS
+OFFSET_NS = 77 * S
+"""The robot's clock minus ours [ns]."""
+L, R = Side.LEFT, Side.RIGHT
+MIDDLE: dict[Side, Vector] = {
+    side: tuple((a + b) / 2 for a, b in zip(robot.JOINT_LOWER_RAD[side], robot.JOINT_UPPER_RAD[side], strict=True))
+    for side in Side
+}
+GOAL: dict[Side, Vector] = {side: tuple(q + 0.5 for q in MIDDLE[side]) for side in Side}
+MODE = CurrentMode(
+    api=True,
+    joint_mode=dict.fromkeys(Side, True),
+    arm_enabled=dict.fromkeys(Side, True),
+    chassis_enabled=True,
+    lift_enabled=True,
+    collision_check=False,
+)
+
+
+class Stage:
+    """A conductor, its robot and the time.
+
+    Args:
+        state: Where the supervisor is; ann owns the robot in every one of them.
+        sides: Arms whose streams run, where any do.
+        model: `lite`, `standard` or `lift`.
+        latches: What is latched.
+        owner: Who owns the robot; None for nobody.
+
+    Attributes:
+        q_rad: What is measured, per side [rad].
+        fsm: What `/fsm_state` says; None for nothing.
+        mode: What `/api/current_mode` says; None for nothing.
+        dumb: Arms whose state is not heard.
+    """
+
+    def __init__(
+        self,
+        state: State = State.IDLE,
+        *,
+        sides: tuple[Side, ...] = (L, R),
+        model: str = "standard",
+        latches: Mapping[Code, str] | None = None,
+        owner: str | None = "ann",
+    ) -> None:
+        self.conductor = Conductor(Settings(link=LinkSettings(model=model)), Remembered(latches=latches or {}))
+        self.phases = Phases(self.conductor, Conditions(self.conductor))
+        self.now_ns = 1_000 * S
+        self.q_rad = dict(MIDDLE)
+        self.fsm: int | None = int(FsmState.PAUSE)
+        self.mode: CurrentMode | None = MODE
+        self.dumb: set[Side] = set()
+        self.conductor.transport_up, self.conductor.router_zid = True, "aa"
+        self.run(32)  # arms can be seeded after 0.3 s
+        self.epoch = 0
+        if owner is not None:
+            epoch = self.conductor.lease.acquire(owner, owner, 7, OnLoss.HOLD, self.now_ns)
+            assert isinstance(epoch, int)
+            self.epoch = epoch
+        self._enter(state, sides)
+        self.conductor.notices.clear()
+
+    def _enter(self, state: State, sides: tuple[Side, ...]) -> None:
+        conductor = self.conductor
+        if state is State.OFFLINE:
+            conductor.transport_up = False
+            conductor.store.reset()
+        elif state in {State.READ_ONLY, State.IDLE}:
+            conductor.go(state, self.now_ns, "test")
+        elif state is State.ENABLING:
+            conductor.go(state, self.now_ns, "test")
+            self.phases.enabling.begin(sides, self.now_ns)
+        else:
+            self.fsm = int(FsmState.READY)
+            conductor.enable.begin(sides)
+            for side in sides:
+                conductor.body.arms[side].start(self.q_rad[side], self.now_ns)
+            conductor.body.heartbeat.ones(self.now_ns)
+            conductor.go(State.ACTIVE, self.now_ns, "test")
+            self.run(3)
+            conductor.go(state, self.now_ns, "test")
+
+    # ---------------------------------------------------------------------------------------------- the robot and time
+
+    def hear(self) -> None:
+        """The robot says what it has to say, now."""
+        store = self.conductor.store
+        for side in Side:
+            if side not in self.dumb:
+                value = ArmState(q_rad=self.q_rad[side], dq_radps=(), tau_nm=(), stamp_ns=self.now_ns + OFFSET_NS)
+                topic = robot.arm_state(side)
+                store.receive(SampleArrived(topic=topic, value=value, received_ns=self.now_ns), self.now_ns)
+        for topic, said in ((robot.FSM_STATE, self.fsm), (robot.CURRENT_MODE, self.mode)):
+            if said is not None:
+                store.receive(SampleArrived(topic=topic, value=said, received_ns=self.now_ns), self.now_ns)
+
+    def run(self, ticks: int) -> list[Frame]:
+        """Let time pass; return what was due, unjudged by the gate."""
+        due: list[Frame] = []
+        for _ in range(ticks):
+            self.now_ns += TICK_NS
+            self.hear()
+            frames = [stream.frame(self.now_ns) for stream in self.conductor.body.streams if stream.running]
+            due += [frame for frame in frames if frame is not None]
+        return due
+
+    def push(self, side: Side, by_rad: float) -> None:
+        """The first joint of an arm is moved by hand, in steps that the store believes."""
+        steps = round(abs(by_rad) / 0.1) + 1
+        for _ in range(steps):
+            first, *others = self.q_rad[side]
+            self.q_rad[side] = (first + by_rad / steps, *others)
+            self.run(1)
+
+    def say_mode(self, **changes: object) -> None:
+        """The robot's mode changes, and is heard at once."""
+        self.mode = replace(MODE, **changes)
+        self.hear()
+
+    # ---------------------------------------------------------------------------------------------- clients
+
+    def command(self, request: Request, client: str = "ann", received_ns: int | None = None) -> CommandRequested:
+        """A request as it arrives now, or when it is said to have arrived."""
+        at_ns = self.now_ns if received_ns is None else received_ns
+        return CommandRequested(client_id=client, request_id=1, request=request, received_ns=at_ns)
+
+    # ---------------------------------------------------------------------------------------------- what is seen
+
+    @property
+    def state(self) -> State:
+        """Where the supervisor is."""
+        return self.conductor.state
+
+    def told(self, code: Code) -> list[str]:
+        """Messages of the notices with a code."""
+        return [notice.message for notice in self.conductor.notices if notice.code is code]
