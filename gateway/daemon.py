@@ -14,7 +14,6 @@ import logging
 import os
 import queue
 import signal
-import sys
 import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
@@ -252,8 +251,8 @@ def _take_measures(settings: Settings) -> Callable[[], None]:
         _log.info("%s", measure.line)
 
     def after_link_up() -> None:
-        if fifo.active:
-            fifo.refresh()
+        if fifo.active and not (measure := fifo.refresh()).taken:
+            _log.warning("%s", measure.line)
 
     return after_link_up
 
@@ -274,37 +273,47 @@ def run(settings: Settings, on_ready: Callable[[str], None] | None = None) -> in
         NotReady: OTHER_GATEWAY: a daemon for this robot or this socket runs on this host.
         ConfigError: A listener or a file cannot be as configured.
     """
-    state_file = StateFile(path_of(state_dir(), settings.link.endpoint, settings.link.namespace))
-    with state_file:
-        plane = LocalPlane(settings)
-        started = state_file.start()
-        if started.report:
-            _log.warning("%s", started.report)
-        writer = StateWriter(state_file, started)
-        link = RobotLink(settings.link)
-        engine = Engine(settings, started.remembered)
-        watched = _Watched(plane, engine)
-        try:
-            with _signals(watched.ask_to_end):
-                plane.tell_routes_of(partial(_routes, link))
-                plane.open()
-                link.open()
-                after_link_up = _take_measures(settings)
-                loop = Loop(engine, _Link(link, engine, after_link_up), watched, on_remembered=writer.write)
-                if on_ready is not None:
-                    on_ready(str(plane.socket))
-                loop.run(lambda: False)
-        finally:
-            plane.close()
-            is_closed = link.close()
-            release_interpreter()
-            if not writer.close(DISK_TIMEOUT_S):
-                _log.error("the last state did not reach %s", state_file.path)
-    if not is_closed:  # zenoh still hangs in its threads; they would keep the process for ever
-        _log.warning("the robot session did not close in time; leaving without it")
-        sys.stderr.flush()
-        os._exit(0)
+    link: RobotLink | None = None
+    status = 1
+    try:
+        with contextlib.ExitStack() as ending:  # all of it happens whatever fails, the last pushed first
+            state_file = ending.enter_context(
+                StateFile(path_of(state_dir(), settings.link.endpoint, settings.link.namespace))
+            )
+            plane = LocalPlane(settings)
+            ending.callback(plane.close)
+            started = state_file.start()
+            if started.report:
+                _log.warning("%s", started.report)
+            engine = Engine(settings, started.remembered)
+            watched = _Watched(plane, engine)
+            ending.enter_context(_signals(watched.ask_to_end))  # to the very end: impatience must skip nothing
+            writer = StateWriter(state_file, started)
+            ending.callback(_close_writer, writer, state_file)
+            ending.callback(release_interpreter)
+            link = RobotLink(settings.link)
+            ending.callback(link.close)
+            ending.callback(plane.close)  # first: nobody asks any more
+            plane.tell_routes_of(partial(_routes, link))
+            plane.open()
+            link.open()
+            after_link_up = _take_measures(settings)
+            loop = Loop(engine, _Link(link, engine, after_link_up), watched, on_remembered=writer.write)
+            if on_ready is not None:
+                on_ready(str(plane.socket))
+            loop.run(lambda: False)
+            status = 0
+    finally:
+        if link is not None and not link.close(0):  # zenoh still hangs in its threads: they would keep the process
+            _log.warning("the robot session did not close in time; leaving without it", exc_info=status != 0)
+            logging.shutdown()
+            os._exit(status)
     return 0
+
+
+def _close_writer(writer: StateWriter, state_file: StateFile) -> None:
+    if not writer.close(DISK_TIMEOUT_S):
+        _log.error("the last state did not reach %s", state_file.path)
 
 
 def _routes(link: RobotLink) -> protocol.Routes:

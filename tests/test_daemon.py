@@ -5,15 +5,23 @@ from __future__ import annotations
 import json
 import logging
 import os
+import signal
 import subprocess
 import sys
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+import pytest
+
+from gateway import daemon
+from gateway.api.service import LocalPlane
 from gateway.daemon import JsonLines, LogWriter, RateLimit
+from gateway.link.robot_link import RobotLink
+from gateway.settings import LinkSettings, LocalSettings, RealtimeSettings, Settings
+from gateway.state_file import StateWriter
 
 ROOT = Path(__file__).resolve().parents[1]
 DEADLINE_S = 20.0
@@ -163,3 +171,103 @@ def test_json_lines_have_code_and_facts() -> None:
     made.facts = {"by": "x"}
     line = json.loads(JsonLines().format(made))
     assert (line["message"], line["code"], line["facts"], line["level"]) == ("latched", "ESTOP", {"by": "x"}, "warning")
+
+
+# ---------------------------------------------------------------------------------------------------------- the end
+
+
+class Parts:
+    """Stands for plane, link and state writer of a daemon; writes down how they end."""
+
+    def __init__(self, monkeypatch: pytest.MonkeyPatch, tmp_path: Path, *, link_closes: bool = True) -> None:
+        self.ended: list[str] = []
+        self.status: list[int] = []
+        self.on_plane_close: Callable[[], None] = lambda: None
+        self.in_loop: Callable[[], None] = lambda: None
+        parts = self
+
+        class Plane(LocalPlane):
+            def close(self, timeout_s: float = 2.0) -> None:
+                super().close(timeout_s)
+                if "plane" not in parts.ended:
+                    parts.ended.append("plane")
+                    parts.on_plane_close()
+
+        class Link(RobotLink):
+            def open(self) -> None:
+                pass
+
+            def close(self, timeout_ns: int = 2_000_000_000) -> bool:
+                closed = super().close(timeout_ns)
+                if timeout_ns:
+                    parts.ended.append("link")
+                return closed and link_closes
+
+        class Writer(StateWriter):
+            def close(self, timeout_s: float) -> bool:
+                parts.ended.append("writer")
+                return super().close(timeout_s)
+
+        class Loop:
+            def __init__(self, *_: object, **__: object) -> None:
+                pass
+
+            def run(self, stop: Callable[[], bool]) -> None:
+                parts.in_loop()
+
+        monkeypatch.setenv("TA2_STATE_DIR", str(tmp_path / "state"))
+        for name, part in (("LocalPlane", Plane), ("RobotLink", Link), ("StateWriter", Writer), ("Loop", Loop)):
+            monkeypatch.setattr(daemon, name, part)
+        monkeypatch.setattr(os, "_exit", self.status.append)
+        monkeypatch.setattr(logging, "shutdown", lambda: None)
+        self.settings = Settings(
+            link=LinkSettings(endpoint="tcp/127.0.0.1:19799"),
+            local=LocalSettings(socket=str(tmp_path / "s")),
+            realtime=RealtimeSettings(fifo=False, lock_memory=False),
+        )
+
+
+def test_impatience_at_the_end_skips_nothing(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """A further Ctrl-C or SIGTERM while the daemon closes: link and state file are still closed in order."""
+    parts = Parts(monkeypatch, tmp_path)
+    parts.on_plane_close = lambda: [os.kill(os.getpid(), number) for number in (signal.SIGINT, signal.SIGTERM)]
+    assert daemon.run(parts.settings) == 0
+    assert parts.ended == ["plane", "link", "writer"]
+    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+
+
+def test_one_part_that_fails_to_close_keeps_no_other_open(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """The robot's session and the state file are closed whatever the local plane does; its error is told."""
+    parts = Parts(monkeypatch, tmp_path)
+
+    def fail() -> None:
+        raise OSError("the plane")
+
+    parts.on_plane_close = fail
+    with pytest.raises(OSError, match="the plane"):
+        daemon.run(parts.settings)
+    assert parts.ended == ["plane", "link", "writer"]
+
+
+def test_a_session_that_hangs_does_not_keep_a_dead_daemon_alive(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    """The loop failed and zenoh hangs: the process ends with status 1, or nothing would start it again."""
+    parts = Parts(monkeypatch, tmp_path, link_closes=False)
+
+    def fail() -> None:
+        raise ZeroDivisionError("a bug")
+
+    parts.in_loop = fail
+    with pytest.raises(ZeroDivisionError):  # `_exit` does not exit here
+        daemon.run(parts.settings)
+    assert parts.status == [1]
+    assert "a bug" in caplog.text
+    assert parts.ended == ["plane", "link", "writer"]
+
+
+def test_a_session_that_hangs_after_a_clean_end_is_left_behind(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """All was sent and written: the process ends with status 0 without waiting for zenoh."""
+    parts = Parts(monkeypatch, tmp_path, link_closes=False)
+    daemon.run(parts.settings)
+    assert parts.status == [0]
