@@ -14,7 +14,10 @@ from gateway.apps.ending import ExitStatus
 from gateway.apps.figures import age_limit_ns, age_text, rate_text
 from gateway.robot import STATE_TOPICS, TOPICS, VARIANTS
 
-__all__ = ["document", "lines", "show_topics"]
+__all__ = ["document", "lines", "route_lines", "show_topics"]
+
+READY = "ready"
+"""What the gateway says of a route that works."""
 
 SLOW = 0.8
 """A topic below this part of its nominal rate is slow."""
@@ -36,17 +39,17 @@ def show_topics(target: str | None, timeout_s: float, *, as_json: bool) -> ExitS
         Disconnected: No gateway answers.
     """
     with connected("topics", target, timeout_s) as robot:
-        info, view = robot.info, robot.state.view
+        info, view, routes = robot.info, robot.state.view, robot.routes()
     if as_json:
-        print(json.dumps(document(info, view), indent=2))
+        print(json.dumps(document(info, view, routes), indent=2))
         return ExitStatus.OK
     console = Console(highlight=False)
-    for line in lines(info, view):
+    for line in (*lines(info, view), *route_lines(routes)):
         console.print(line, soft_wrap=True)
     return ExitStatus.OK
 
 
-def document(info: protocol.Info, view: protocol.Snapshot) -> dict[str, object]:
+def document(info: protocol.Info, view: protocol.Snapshot, routes: protocol.Routes) -> dict[str, object]:
     """Return the topics for scripts: times in seconds, rates in hertz, null for what is not known."""
     topics: dict[str, object] = {}
     for name in (*STATE_TOPICS, *VARIANTS[info.model].command_topics):
@@ -56,6 +59,7 @@ def document(info: protocol.Info, view: protocol.Snapshot) -> dict[str, object]:
             "type": topic.type_name,
             "section": topic.section,
             "nominal_hz": topic.rate_hz,
+            "route": routes.routes.get(name),
         }
         state, stream = view.topics.get(name), view.streams.get(name)
         if state is not None:
@@ -89,6 +93,23 @@ def lines(info: protocol.Info, view: protocol.Snapshot) -> Iterator[Text]:
     yield _row(titles, COMMAND_COLUMNS, "bold")
     for name in VARIANTS[info.model].command_topics:
         yield _command(name, view.streams.get(name))
+
+
+def route_lines(routes: protocol.Routes) -> Iterator[Text]:
+    """Yield how the robot's bridge stands to the topics: in one line when all is well, else a line for each that is not."""
+    if not routes.routes:
+        return
+    bridge = f"the robot's bridge ({routes.bridge_version})" if routes.bridge_version else "the robot's bridge"
+    troubled = {name: words for name, words in routes.routes.items() if words != READY}
+    yield Text()
+    if troubled:
+        yield Text(f"{bridge}: {len(troubled)} of {len(routes.routes)} routes are not ready", style="yellow")
+    else:
+        yield Text(f"{bridge}: all {len(routes.routes)} routes are ready")
+    for name, words in troubled.items():
+        yield Text(f"  {name}: {words}", style="yellow")
+    if routes.undelivered:
+        yield Text(f"  {routes.undelivered} frames were not sent for want of a transport", style="yellow")
 
 
 def _row(values: Sequence[str], widths: Sequence[int], style: str) -> Text:

@@ -189,10 +189,10 @@ class RobotLink:
 
         Args:
             is_moving: Setpoints are sent: joints are decoded at every poll; else at every second one.
-            is_watched: Somebody looks: what is only shown is decoded 50 times a second; else 10 times.
+            is_watched: Somebody looks: what is only shown is decoded 50 times a second; else 25 times.
         """
         self._every[DECISIVE] = 1 if is_moving else 2
-        self._every[SHOWN] = 2 if is_watched else 10
+        self._every[SHOWN] = 2 if is_watched else 4
 
     def publish(self, frame: Cleared) -> None:
         """Send a frame that the gate has cleared. The loop's thread only; waits at most half a millisecond.

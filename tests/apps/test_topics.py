@@ -4,10 +4,28 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from gateway.apps.topics import document, lines
+from gateway.api import protocol
+from gateway.apps.topics import document, lines, route_lines
 from gateway.core.snapshot import StreamView
 from gateway.robot import STATE_TOPICS, TOPICS, VARIANTS
 from tests.apps.views import INFO, MS, S, a_view, all_topics
+
+
+ROUTES = protocol.Routes(routes={"/fsm_state": "ready"}, bridge_version="1.10.2", undelivered=0)
+
+
+def test_routes_are_one_line_when_all_is_well_and_one_each_when_not():
+    """What keeps a command from arriving is said in words; nothing is said before anybody knows."""
+    assert list(route_lines(protocol.Routes(routes={}, bridge_version="", undelivered=0))) == []
+    (_, well) = route_lines(ROUTES)
+    assert well.plain == "the robot's bridge (1.10.2): all 1 routes are ready"
+    ill = {"/fsm_state": "ready", "/api/fsm/enable": "nobody listens"}
+    told = list(route_lines(protocol.Routes(routes=ill, bridge_version="", undelivered=4)))
+    assert [line.plain for line in told[1:]] == [
+        "the robot's bridge: 1 of 2 routes are not ready",
+        "  /api/fsm/enable: nobody listens",
+        "  4 frames were not sent for want of a transport",
+    ]
 
 
 def rows(**changes):
@@ -34,7 +52,8 @@ def test_topics_as_json(shell):
     assert topics["/chassis/joint_states"]["age_s"] is None
     assert topics["/api/fsm/enable"]["running"] is True and topics["/api/fsm/enable"]["sent"] == 3
     assert "rate_hz" not in topics["/api/left_gripper/cmd"]
-    assert document(INFO, a_view())["/fsm_state"]["section"] == "§4.11.1"
+    assert document(INFO, a_view(), ROUTES)["/fsm_state"]["section"] == "§4.11.1"
+    assert document(INFO, a_view(), ROUTES)["/fsm_state"]["route"] == "ready"
 
 
 def test_rows_tell_what_is_wrong():
