@@ -6,7 +6,7 @@ in which the robot is heard and streams give their frames; nothing else happens 
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import replace
 
 from gateway import robot
@@ -46,11 +46,12 @@ class Stage:
     """A conductor, its robot and the time.
 
     Args:
-        state: Where the supervisor is; ann owns the robot in every one of them.
+        state: Where the supervisor is; ann owns the robot in each of them.
         sides: Arms whose streams run, where any do.
         model: `lite`, `standard` or `lift`.
         latches: What is latched.
         owner: Who owns the robot; None for nobody.
+        dumb: Arms whose state was never heard.
 
     Attributes:
         q_rad: What is measured, per side [rad].
@@ -67,6 +68,7 @@ class Stage:
         model: str = "standard",
         latches: Mapping[Code, str] | None = None,
         owner: str | None = "ann",
+        dumb: Collection[Side] = (),
     ) -> None:
         self.conductor = Conductor(Settings(link=LinkSettings(model=model)), Remembered(latches=latches or {}))
         self.phases = Phases(self.conductor, Conditions(self.conductor))
@@ -74,7 +76,7 @@ class Stage:
         self.q_rad = dict(MIDDLE)
         self.fsm: int | None = int(FsmState.PAUSE)
         self.mode: CurrentMode | None = MODE
-        self.dumb: set[Side] = set()
+        self.dumb = set(dumb)
         self.conductor.transport_up, self.conductor.router_zid = True, "aa"
         self.run(32)  # arms can be seeded after 0.3 s
         self.epoch = 0
