@@ -121,7 +121,7 @@ def test_an_unknown_mode_brakes_and_refuses_motion() -> None:
 
 @pytest.mark.parametrize("state", ["ENABLING", "ACTIVE", "HOLDING", "PAUSED"])
 def test_vr_mode_gets_no_arm_frame_no_1_0_and_no_0_0(state: str) -> None:
-    """fsm bypasses the MUX (§3.1.1): a 0.0 would pause the VR operator."""
+    """The FSM's topic bypasses the MUX (§3.1.1): a 0.0 would pause the VR operator."""
     pair = scene(state)
     pair.robot.inject({"fault": "vr_mode"}, pair.now_ns)
     pair.tell_mode(api=False)
@@ -265,7 +265,9 @@ def test_a_moment_away_from_the_setpoint_is_no_tracking_error() -> None:
     pair.granted(Move(epoch=pair.epoch, targets_rad=HOME), "ann")
     pair.mark()
     measured = pair.heard[LEFT].value.q_rad
-    pair.run_until(lambda: max(abs(a - b) for a, b in zip(pair.arm_frames_now()[Side.LEFT], measured)) > 0.32, 3.0)
+    pair.run_until(
+        lambda: max(abs(a - b) for a, b in zip(pair.arm_frames_now()[Side.LEFT], measured, strict=True)) > 0.32, 3.0
+    )
     pair.run(0.1)
     pair.robot.clear()
     pair.run(2.0)
