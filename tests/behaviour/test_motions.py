@@ -36,10 +36,12 @@ def watched(state: str = "at rest", **options: object) -> Scene:
 
 
 def motion_of(snapshot: Snapshot, motion_id: int) -> MotionView:
+    """Return what a snapshot says about a motion."""
     return next(motion for motion in snapshot.motions if motion.motion_id == motion_id)
 
 
 def target_of(snapshot: Snapshot, stream_id: int) -> TargetView:
+    """Return what a snapshot says about a stream of targets."""
     return next(target for target in snapshot.targets if target.stream_id == stream_id)
 
 
@@ -129,7 +131,7 @@ def test_a_speed_factor_scales_the_velocity(speed: float) -> None:
 
 
 def test_a_slower_motion_in_mid_motion_does_not_run_away() -> None:
-    """ruckig alone would overshoot by 12 rad; here the arm ramps down to the new limit first."""
+    """By itself ruckig would overshoot by 12 rad; here the arm ramps down to the new limit first."""
     pair = watched()
     pair.move(pair.epoch, {LEFT: HOME[LEFT]}, "ann")
     pair.run(0.6)
