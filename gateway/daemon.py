@@ -226,11 +226,15 @@ class _Link:
 
 @contextmanager
 def _signals(handle: Callable[[int], None]) -> Iterator[None]:
+    """Take the signals that ask for an end, but those that were ignored by whoever started this (`nohup`)."""
+
     def on_signal(number: int, frame: FrameType | None) -> None:
         handle(number)
 
     wanted = (signal.SIGTERM, signal.SIGINT, signal.SIGHUP)
-    before = {number: signal.signal(number, on_signal) for number in wanted}
+    before = {
+        number: signal.signal(number, on_signal) for number in wanted if signal.getsignal(number) != signal.SIG_IGN
+    }
     try:
         yield
     finally:

@@ -271,3 +271,18 @@ def test_a_session_that_hangs_after_a_clean_end_is_left_behind(monkeypatch: pyte
     parts = Parts(monkeypatch, tmp_path, link_closes=False)
     daemon.run(parts.settings)
     assert parts.status == [0]
+
+
+def test_a_signal_that_the_starter_ignores_stays_ignored(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """`nohup ta2 run &`: the end of the terminal must not pause the robot; SIGTERM still ends the daemon."""
+    parts = Parts(monkeypatch, tmp_path)
+    seen: list[object] = []
+    parts.in_loop = lambda: seen.extend(signal.getsignal(number) for number in (signal.SIGHUP, signal.SIGTERM))
+    before = signal.signal(signal.SIGHUP, signal.SIG_IGN)
+    try:
+        daemon.run(parts.settings)
+        assert signal.getsignal(signal.SIGHUP) is signal.SIG_IGN
+    finally:
+        signal.signal(signal.SIGHUP, before)
+    assert seen[0] is signal.SIG_IGN
+    assert callable(seen[1])
