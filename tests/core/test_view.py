@@ -1,0 +1,206 @@
+"""The snapshot of an instant: everything the outside may see, with ages, and nothing where nothing is known."""
+
+from __future__ import annotations
+
+from dataclasses import fields
+
+import pytest
+
+from gateway import robot
+from gateway.core.events import OnLimit, SampleArrived
+from gateway.core.motion import plan
+from gateway.core.snapshot import ArmView, EnableView, LinkView, LoopView, ModeView, MotorView, Snapshot
+from gateway.core.supervisor import State
+from gateway.core.view import build
+from gateway.errors import Code
+from gateway.values import EePose, MotorState, Side
+from tests.core.stage import GOAL, MIDDLE, MS, OFFSET_NS, L, R, S, Stage
+
+LOOP = LoopView(ticks=8, skipped=1, late_ns=2, worst_late_ns=3)
+ON = {"left": True, "right": True}
+
+
+def look(stage: Stage, after_ns: int = 0, seq: int = 5) -> Snapshot:
+    """What is seen a little later, without another sample."""
+    return build(stage.conductor, LOOP, seq, stage.now_ns + after_ns)
+
+
+def test_before_the_first_sample_nothing_is_known():
+    """Ages are None, values are missing, streams are off: no number is made up."""
+    stage = Stage(State.IDLE, owner=None, dumb={L, R})
+    seen = look(stage)
+    assert seen.arms["left"] == ArmView(
+        measured=None, p_m=(), quat_xyzw=(), pose_age_ns=None, q_ref_rad=(), dq_ref_radps=(), streaming=False,
+        tracking_rad=None,
+    )  # fmt: skip
+    assert (seen.grippers, seen.chassis) == ({"left": None, "right": None}, None)
+    assert seen.link == LinkView(up=True, router_zid="aa", fresh=False, age_ns=None)
+    assert seen.topics[robot.arm_state(L)].age_ns is None
+    assert (seen.motions, seen.targets, seen.enable) == (
+        (),
+        (),
+        EnableView(attempt=0, outcome="none", code="", message=""),
+    )
+
+
+def test_a_snapshot_has_its_number_its_time_and_the_loops_figures():
+    """They are given by who asks."""
+    stage = Stage()
+    seen = look(stage, seq=17)
+    assert (seen.seq, seen.at_ns, seen.loop) == (17, stage.now_ns, LOOP)
+
+
+@pytest.mark.parametrize(
+    ("latches", "shown"),
+    [({}, "ACTIVE"), ({Code.TRACKING_ERROR: "blocked"}, "FAULT"), ({Code.ESTOP: "by ann"}, "ESTOP")],
+)
+def test_latches_stand_beside_the_state(latches, shown):
+    """A person reads FAULT or ESTOP; the state stays what it is (DESIGN §4)."""
+    seen = look(Stage(State.ACTIVE, latches=latches))
+    assert (seen.state, seen.shown) == ("ACTIVE", shown)
+    assert seen.latches == {code.value: message for code, message in latches.items()}
+
+
+def test_the_link_is_fresh_for_100_ms_and_shows_its_age():
+    """At the bound it still is."""
+    stage = Stage()
+    assert look(stage, 100 * MS).link == LinkView(up=True, router_zid="aa", fresh=True, age_ns=100 * MS)
+    assert look(stage, 101 * MS).link == LinkView(up=True, router_zid="aa", fresh=False, age_ns=101 * MS)
+
+
+def test_without_a_transport_there_is_no_router_and_nothing_is_fresh():
+    """Even in the instant after the last sample; the age goes on."""
+    stage = Stage()
+    stage.conductor.transport_up = False
+    assert look(stage, 5 * MS).link == LinkView(up=False, router_zid="", fresh=False, age_ns=5 * MS)
+
+
+def test_mode_and_fsm_are_shown_until_they_are_too_old():
+    """0.5 s and 3 s; then they are unknown, not the last value (BEHAVIOUR, values)."""
+    stage = Stage()
+    stage.say_mode(joint_mode={L: True, R: False}, arm_enabled={L: False, R: True}, lift_enabled=False)
+    assert look(stage, 40 * MS).mode == ModeView(
+        api=True,
+        joint_mode={"left": True, "right": False},
+        arm_enabled={"left": False, "right": True},
+        chassis_enabled=True,
+        lift_enabled=False,
+        collision_check=False,
+        age_ns=40 * MS,
+    )
+    assert [look(stage, age_ns).fsm for age_ns in (500 * MS, 501 * MS)] == [0, None]
+    assert [look(stage, age_ns).mode is None for age_ns in (3 * S, 3 * S + 1)] == [False, True]
+
+
+def test_the_lease_is_shown():
+    """Who owns the robot, under which epoch."""
+    lease = look(Stage()).lease
+    assert (lease.owned, lease.name, lease.pid, lease.epoch) == (True, "ann", 7, 1)
+    assert not look(Stage(State.READ_ONLY, owner=None)).lease.owned
+
+
+def test_a_silent_arm_shows_what_is_measured_and_no_setpoint():
+    """A reference that is not sent is no setpoint, and there is nothing to be away from."""
+    stage = Stage()
+    stage.run(1)
+    arm = look(stage, 7 * MS).arms["right"]
+    assert arm.measured == MotorView(
+        q_rad=MIDDLE[R], dq_radps=(), tau_nm=(), stamp_ns=stage.now_ns + OFFSET_NS, age_ns=7 * MS
+    )
+    assert (arm.streaming, arm.q_ref_rad, arm.dq_ref_radps, arm.tracking_rad) == (False, (), (), None)
+
+
+def test_a_streaming_arm_shows_its_setpoint_and_how_far_the_arm_is_off():
+    """The largest joint distance; each arm its own."""
+    stage = Stage(State.ACTIVE)
+    stage.push(L, 0.12)
+    left = stage.conductor.body.arms[L]
+    left.follow_path(plan({L: left.reference}, {L: GOAL[L]})[L], stage.epoch)
+    stage.run(20)
+    arms = look(stage).arms
+    assert (arms["left"].streaming, arms["left"].q_ref_rad) == (True, left.reference.q_rad)
+    assert arms["left"].dq_ref_radps == left.reference.dq_radps != (0.0,) * 7
+    assert arms["left"].tracking_rad == left.distance_rad(stage.q_rad[L]) > 0.0
+    assert arms["right"].tracking_rad == 0.0
+
+
+def test_an_arm_that_streams_unmeasured_has_no_tracking_error():
+    """The distance to an arm that was never heard is unknown, not zero."""
+    stage = Stage(dumb={R})
+    stage.conductor.body.arms[R].start(MIDDLE[R], stage.now_ns)
+    arm = look(stage).arms["right"]
+    assert (arm.streaming, arm.measured, arm.tracking_rad) == (True, None, None)
+
+
+def test_poses_are_shown_with_their_age():
+    """In the arm's own shoulder frame (manual §4.0.2)."""
+    stage = Stage()
+    pose = EePose(p_m=(0.1, 0.2, 0.3), quat_xyzw=(0.0, 0.0, 0.0, 1.0))
+    stage.conductor.store.receive(
+        SampleArrived(topic=robot.ee_pose(L), value=pose, received_ns=stage.now_ns), stage.now_ns
+    )
+    seen = look(stage, 9 * MS).arms
+    assert (seen["left"].p_m, seen["left"].quat_xyzw, seen["left"].pose_age_ns) == (pose.p_m, pose.quat_xyzw, 9 * MS)
+    assert (seen["right"].p_m, seen["right"].pose_age_ns) == ((), None)
+
+
+@pytest.mark.parametrize("topic", [robot.gripper_state(L), robot.gripper_state(R), robot.CHASSIS_STATE])
+def test_grippers_and_chassis_are_shown_as_measured(topic):
+    """Each where it belongs, with its age; nothing is said about the others."""
+    stage = Stage()
+    state = MotorState(q_rad=(0.4,), dq_radps=(0.1,), tau_nm=(2.0,), stamp_ns=12)
+    stage.conductor.store.receive(SampleArrived(topic=topic, value=state, received_ns=stage.now_ns), stage.now_ns)
+    seen = look(stage, 3 * MS)
+    shown = {robot.gripper_state(side): seen.grippers[side.value] for side in Side}
+    shown[robot.CHASSIS_STATE] = seen.chassis
+    expected = MotorView(q_rad=(0.4,), dq_radps=(0.1,), tau_nm=(2.0,), stamp_ns=12, age_ns=3 * MS)
+    assert shown.pop(topic) == expected and set(shown.values()) == {None}
+
+
+@pytest.mark.parametrize("model", ["standard", "lift"])
+def test_every_topic_and_every_stream_of_the_model_is_shown(model):
+    """No more and no less than the robot has."""
+    stage = Stage(State.ACTIVE, model=model)
+    stage.conductor.body.arms[L].log.note(stage.now_ns)
+    seen = look(stage)
+    assert tuple(seen.topics) == robot.STATE_TOPICS
+    assert list(seen.streams) == [stream.topic for stream in stage.conductor.body.streams]
+    assert [view.sent for view in seen.streams.values()][:2] == [1, 0]
+    assert seen.topics[robot.arm_state(L)].count == 35 and seen.topics[robot.CHASSIS_STATE].count == 0
+
+
+def test_motions_and_streams_of_targets_are_shown():
+    """As their books have them."""
+    stage = Stage(State.ACTIVE)
+    body = stage.conductor.body
+    body.motions.open({L: GOAL[L]}, None, S)
+    body.targets.open(R, "ann", stage.epoch, 1.0, OnLimit.REJECT, None)
+    seen = look(stage)
+    assert [view.sides for view in seen.motions] == [("left",)] and seen.motions == body.motions.views()
+    assert [view.side for view in seen.targets] == ["right"] and seen.targets == body.targets.views()
+
+
+@pytest.mark.parametrize("code", [None, Code.FSM_BUSY])
+def test_the_latest_enable_tells_how_it_went(code):
+    """Which attempt, and why it failed."""
+    stage = Stage(State.ENABLING)
+    if code is not None:
+        stage.conductor.enable.blame(code, "somebody else enables")
+        stage.conductor.go(State.IDLE, stage.now_ns, "test")
+    expected = ("running", "", "") if code is None else ("failed", "FSM_BUSY", "somebody else enables")
+    enable = look(stage).enable
+    assert (enable.attempt, enable.outcome, enable.code, enable.message) == (1, *expected)
+
+
+def test_a_snapshot_is_a_picture_not_a_window():
+    """What happens afterwards does not change it."""
+    stage = Stage(State.ACTIVE)
+    before, twin = look(stage), look(stage)
+    stage.push(L, 0.2)
+    stage.conductor.latch(Code.ESTOP, "by ann", stage.now_ns)
+    stage.conductor.go(State.IDLE, stage.now_ns, "test")
+    after = look(stage)
+    assert before == twin
+    assert {field.name for field in fields(Snapshot) if getattr(before, field.name) != getattr(after, field.name)} >= {
+        "state", "shown", "latches", "arms", "topics", "at_ns",
+    }  # fmt: skip
