@@ -96,7 +96,7 @@ def test_a_current_environment_is_used_without_installing(checkout: Path, progra
     """A stamp that holds place, version and pyproject.toml is enough: the demo starts with its arguments."""
     put_script(checkout / ".venv/bin/python", 'case "$*" in *version_info*) echo 3.12.3 ;; *) echo "$@" ;; esac')
     stamp = f"{checkout}\n3.12.3\n{(checkout / 'pyproject.toml').read_text(encoding='utf-8')}"
-    for kind in ("base", "body"):
+    for kind in ("demo", "body"):
         (checkout / f".venv/.installed-{kind}").write_text(stamp, encoding="utf-8")
     result = subprocess.run(
         [checkout / "bin/demo", "--seed", "1"],
@@ -118,7 +118,7 @@ def test_an_environment_made_from_something_else_is_not_current(change: str, che
     put_script(checkout / ".venv/bin/python", f'case "$*" in *"import sys"*) echo {version} x ;; *) exit 1 ;; esac')
     place = "/elsewhere" if change == "place" else checkout
     text = (checkout / "pyproject.toml").read_text(encoding="utf-8") + ("\n# older" if change == "pyproject" else "")
-    for kind in ("base", "body"):
+    for kind in ("demo", "body"):
         (checkout / f".venv/.installed-{kind}").write_text(f"{place}\n3.12.3\n{text}", encoding="utf-8")
     result = run(checkout / "bin/demo", checkout, programs)
     assert result.returncode == 2
