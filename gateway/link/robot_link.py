@@ -54,6 +54,9 @@ AT_ONCE, DECISIVE, SHOWN = range(3)
 STEP_S = 0.25
 """Period of the link's own thread."""
 
+FAULT_PAUSE_S = 2.0
+"""How long routes are not looked at after a fault of the diagnosis."""
+
 _log = logging.getLogger(__name__)
 
 
@@ -282,13 +285,14 @@ class RobotLink:
         opened.close()  # type: ignore[no-untyped-call]  # zenoh's stub gives no types here
 
     def _follow(self, discovery: Discovery, session: RobotSession) -> None:
-        try:
-            while self._goes_on(STEP_S):
+        while self._goes_on(STEP_S):
+            try:
                 self._look(discovery, session)
-        except Exception:  # noqa: BLE001  # a fault of the diagnosis must not take the link away: logged, not hidden
-            _log.exception("discovery ended: routes are no longer watched, the link goes on")
-            while self._goes_on(STEP_S):
-                pass
+            except Exception:  # noqa: BLE001  # a fault of the diagnosis must not take the link away: logged, not hidden
+                _log.exception(
+                    "discovery failed: the link goes on, routes are looked at again in %.0f s", FAULT_PAUSE_S
+                )
+                self._goes_on(FAULT_PAUSE_S)
 
     def _look(self, discovery: Discovery, session: RobotSession) -> None:
         if not self._router_zid:

@@ -115,8 +115,13 @@ class RobotSession:
         return {topic: bool(getattr(p.matching_status, "matching", False)) for topic, p in self._publishers.items()}
 
     def redeclare(self, topic: str, closing: threading.Event) -> None:
-        """Undeclare a state topic's subscription, wait 50 ms, declare it again; its token stays."""
-        self._subscribers[topic].undeclare()  # type: ignore[no-untyped-call]  # zenoh's stub gives no types here
+        """Undeclare a state topic's subscription, wait 50 ms, declare it again; its token stays.
+
+        When that fails the topic has no subscription; the next call declares one.
+        """
+        subscriber = self._subscribers.pop(topic, None)
+        if subscriber is not None:
+            subscriber.undeclare()  # type: ignore[no-untyped-call]  # zenoh's stub gives no types here
         closing.wait(REDECLARE_PAUSE_S)
         self._subscribers[topic] = self._subscribe(topic)
 

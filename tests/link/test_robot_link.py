@@ -470,11 +470,32 @@ def test_a_fault_of_the_diagnosis_does_not_take_the_link_away(make_plane, monkey
     """Discovery only watches: when it fails, state and commands go on, and the log says what is missing."""
     monkeypatch.setattr(Discovery, "step", lambda self, sight: 1 / 0)
     plane = make_plane().connected()
-    wait_until(lambda: "discovery ended" in caplog.text, what="the log line")
+    wait_until(lambda: "discovery failed" in caplog.text, what="the log line")
     plane.wait_for_arm(1.0)
     plane.link.publish(cleared())
     assert wait_until(plane.received)
     assert plane.link.undelivered == 0
+
+
+@pytest.mark.e2e
+def test_a_subscription_that_could_not_be_declared_again_is_tried_again(make_plane, monkeypatch, caplog):
+    """One failed attempt to revive a route must not leave its topic deaf for ever."""
+    plane = make_plane().connected()
+    plane.wait_for_states(5.0)  # everything is declared
+    subscribe, attempts = RobotSession._subscribe, []
+
+    def fail_once(self, topic):
+        attempts.append(topic)
+        if len(attempts) == 1:
+            raise zenoh.ZError("not now")
+        return subscribe(self, topic)
+
+    monkeypatch.setattr(RobotSession, "_subscribe", fail_once)
+    plane.robot.ask("kill_route", topic=ARM)
+    wait_until(lambda: plane.poll() is not None and len(attempts) > 1, 12.0, "another attempt")
+    plane.wait_for_arm(2.0)
+    assert attempts == [ARM, ARM]
+    assert "discovery failed" in caplog.text
 
 
 GATEWAY = """
