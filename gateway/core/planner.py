@@ -19,7 +19,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from itertools import accumulate
+from itertools import accumulate, islice
 
 from ruckig import InputParameter, Profile, Ruckig, Synchronization, Trajectory
 
@@ -57,19 +57,20 @@ def plan_paths(starts: Mapping[Side, Start], goals: Mapping[Side, Sequence[float
     if not starts or set(starts) != set(goals):
         raise PlanFailed(f"goals for {sorted(map(str, goals))} do not fit references of {sorted(map(str, starts))}")
     checked = {side: check_goal(f"{side} arm", goals[side], start.braking.limits) for side, start in starts.items()}
-    failure = PlanFailed("there is no plan")
+    failures: list[PlanFailed] = []
     for slow_to in _slow_to(starts, speed):
         try:
             paths = _plan(starts, checked, speed, slow_to)
         except NoPlan as none:
-            failure = PlanFailed(f"ruckig finds no plan: {none}")
+            failures = [PlanFailed(f"ruckig finds no plan: {none}")]
             continue
         objections = (_objection(side, path, slow_to != 0.0) for side, path in paths.items())
-        objection = next((o for o in objections if o is not None), None)
-        if objection is None:
+        failures = [*islice((o for o in objections if o is not None), 1)]
+        if not failures:
             return paths
-        failure = objection
-    raise failure
+    # Taken out of the list: a failure that a name of this frame kept would keep the frame in turn, for ever where
+    # nothing collects cycles.
+    raise failures.pop()
 
 
 def _slow_to(starts: Mapping[Side, Start], speed: float) -> tuple[float | None, ...]:

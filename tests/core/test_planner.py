@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
+import gc
 import math
 import random
 from itertools import pairwise
@@ -107,6 +109,19 @@ def test_a_motion_of_hours_is_refused():
     """Where ruckig has no plan the error says why, and nothing is handed out."""
     with pytest.raises(PlanFailed, match="ruckig finds no plan: the motion would take longer than"):
         plan_paths({LEFT: start(LEFT)}, {LEFT: at_home(0, -1.8)}, 1e-5)
+
+
+def test_a_refusal_leaves_nothing_to_the_garbage_collector():
+    """The daemon runs without one: a failure that its own traceback keeps would keep all of that tick for ever."""
+    gc.collect()
+    gc.disable()
+    try:
+        for _ in range(3):
+            with contextlib.suppress(PlanFailed):
+                plan_paths({LEFT: start(LEFT)}, {LEFT: at_home(0, -1.8)}, 1e-5)
+        assert gc.collect() == 0
+    finally:
+        gc.enable()
 
 
 # ---------------------------------------------------------------------------------------------------- from rest
