@@ -36,12 +36,9 @@ class Body:
         self.lift = StopRepeater(robot.LIFT_COMMAND) if settings.link.variant.has_lift else None
         self.motions = MotionBook(settings.arm)
         self.targets = TargetBook(settings.arm)
-
-    @property
-    def streams(self) -> tuple[Stream, ...]:
-        """All streams, arms first: a heartbeat never overtakes the setpoint of its tick."""
         ground: tuple[Stream, ...] = (self.chassis,) if self.lift is None else (self.chassis, self.lift)
-        return (*self.arms.values(), self.heartbeat, *ground)
+        self.streams: tuple[Stream, ...] = (*self.arms.values(), self.heartbeat, *ground)
+        """All streams, arms first: a heartbeat never overtakes the setpoint of its tick."""
 
     @property
     def running_arms(self) -> tuple[ArmStream, ...]:

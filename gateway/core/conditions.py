@@ -93,7 +93,7 @@ class Conditions:
         elif value == FsmState.ERROR:
             yield Trigger.FSM_ERROR, "the robot's FSM is ERROR (-1): control or motor fault (manual §4.11.1)"
         elif value == FsmState.READY:
-            if is_answer or not is_enabling:
+            if is_answer if is_enabling else self._conductor.state is State.PAUSED:
                 yield Trigger.FSM_READY, "the robot's FSM is READY"
         elif value == FsmState.SLOW_START:
             self._saw_slow_start = is_answer

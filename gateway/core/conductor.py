@@ -170,7 +170,7 @@ class Conductor:
         """Arms that are streamed, or about to be."""
         if self.state is State.ENABLING:
             return self.enable.sides
-        return tuple(side for side, arm in self.body.arms.items() if arm.running)
+        return tuple([side for side, arm in self.body.arms.items() if arm.running])
 
     def lost_arms(self, now_ns: int) -> dict[Side, Code]:
         """Return which of `sides` cannot go on: ARM_DISABLED (or in another control mode), or PART_LOST (state dead)."""

@@ -249,9 +249,7 @@ class Engine:
         self._look_at_lease(now_ns, 0)  # an owner that abandons is lost in this tick, not in the next
         self._move_on(now_ns)
         frames = self._outlet.frames(now_ns, stops_only=is_late)
-        remembered = self._conductor.remembered()
-        has_changed = remembered != self._saved
-        self._saved = remembered
+        remembered = self._to_remember()
         snapshot = self._snapshot(now_ns, late_ns)
         notices, self._conductor.notices = tuple(self._conductor.notices), []
         replies, self._replies = tuple(self._replies), []
@@ -260,7 +258,7 @@ class Engine:
             replies=replies,
             notices=notices,
             snapshot=snapshot,
-            remembered=remembered if has_changed else None,
+            remembered=remembered,
             done=self._phases.is_done(now_ns),
         )
 
@@ -352,7 +350,8 @@ class Engine:
             )
         for stream in conductor.body.targets.running:
             stream.limited = conductor.body.arms[stream.side].reference.is_limited
-        conductor.report_ended(conductor.body.advance_motions(self._measured(now_ns), now_ns), now_ns)
+        if conductor.body.motions.running:
+            conductor.report_ended(conductor.body.advance_motions(self._measured(now_ns), now_ns), now_ns)
 
     def _measured(self, now_ns: int) -> Mapping[Side, Vector | None]:
         store = self._conductor.store
@@ -364,6 +363,14 @@ class Engine:
         return measured
 
     # ------------------------------------------------------------------------------------------------ views out
+
+    def _to_remember(self) -> Remembered | None:
+        """Return what must reach the disk, when it has changed."""
+        conductor, saved = self._conductor, self._saved
+        if saved.epoch == conductor.lease.epoch and saved.latches == conductor.supervisor.latches:
+            return None
+        self._saved = conductor.remembered()
+        return self._saved
 
     def _note_lateness(self, now_ns: int, late_ns: int) -> None:
         if late_ns >= TICK_NS:

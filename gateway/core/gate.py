@@ -17,6 +17,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from operator import le, sub
 from typing import NewType
 
 from gateway import robot
@@ -118,7 +119,7 @@ class Gate:
             robot.LIFT_COMMAND: _lift_range,
             robot.FSM_ENABLE: _switch_range,
         }
-        self._steps: dict[str, Callable[[_Past, Vector], str]] = {}
+        self._steps: dict[str, Callable[[_Past, Vector, Vector], str]] = {}
         for side in Side:
             self._ranges[robot.joint_command(side)] = self._joint_range(side)
             self._ranges[robot.pose_command(side)] = _pose_range
@@ -138,10 +139,13 @@ class Gate:
         """
         past = self._past.get(frame.topic)
         wrong = self._malformed(frame)
-        if not wrong and frame.kind is FrameKind.STOP:
-            wrong = _not_a_stop(frame)
-        elif not wrong:
-            wrong = _not_permitted(frame, context) or self._discontinuous(frame, past)
+        step: Vector = ()
+        if not wrong:
+            step = tuple(map(sub, frame.values, past.values)) if past else (0.0,) * len(frame.values)
+            if frame.kind is FrameKind.STOP:
+                wrong = _not_a_stop(frame)
+            else:
+                wrong = _not_permitted(frame, context) or self._discontinuous(frame, past, step)
         if wrong:
             return Refusal(
                 code=Code.GATE_VIOLATION,
@@ -149,9 +153,6 @@ class Gate:
                 field=frame.topic,
                 value=str(frame.values),
             )
-        step = (
-            tuple(b - a for a, b in zip(past.values, frame.values, strict=True)) if past else (0.0,) * len(frame.values)
-        )
         self._past[frame.topic] = _Past(frame.values, step)
         return Cleared(frame)
 
@@ -165,39 +166,44 @@ class Gate:
         width = robot.TOPICS[frame.topic].width
         if len(frame.values) != width:
             return f"{len(frame.values)} values, the topic has {width} (manual {robot.TOPICS[frame.topic].section})"
-        if not all(math.isfinite(value) for value in frame.values):
+        if not all(map(math.isfinite, frame.values)):
             return "not every value is finite"
         return self._ranges[frame.topic](frame.values)
 
-    def _discontinuous(self, frame: Frame, past: _Past | None) -> str:
+    def _discontinuous(self, frame: Frame, past: _Past | None, step: Vector) -> str:
         judge = self._steps.get(frame.topic)
         if past is None:
             starts = frame.kind is FrameKind.ECHO or FrameKind.ECHO not in _STATES[frame.topic]
             return "" if starts else "a stream starts with an echo of its start"
         if frame.kind in (FrameKind.HOLD, FrameKind.ECHO) and frame.values != past.values:
             return f"it must repeat {past.values}"
-        return judge(past, frame.values) if judge else ""
+        return judge(past, frame.values, step) if judge else ""
 
     def _joint_range(self, side: Side) -> Callable[[Vector], str]:
         bounds = tuple(zip(self._arm.lower_rad[side], self._arm.upper_rad[side], strict=True))
+        lows = tuple(low - POSITION_SLACK_RAD for low, _ in bounds)
+        highs = tuple(high + POSITION_SLACK_RAD for _, high in bounds)
 
         def judge(q_rad: Vector) -> str:
-            for joint, (q, (low, high)) in enumerate(zip(q_rad, bounds, strict=True), start=1):
-                if not low - POSITION_SLACK_RAD <= q <= high + POSITION_SLACK_RAD:
-                    return f"joint {joint} at {q!r} rad is outside [{low}, {high}] rad (manual §4.13, configuration)"
-            return ""
+            if all(map(le, lows, q_rad)) and all(map(le, q_rad, highs)):
+                return ""
+            joint = next(n for n, q in enumerate(q_rad) if not lows[n] <= q <= highs[n])
+            low, high = bounds[joint]
+            return f"joint {joint + 1} at {q_rad[joint]!r} rad is outside [{low}, {high}] rad (manual §4.13, configuration)"
 
         return judge
 
-    def _joint_step(self, past: _Past, q_rad: Vector) -> str:
+    def _joint_step(self, past: _Past, q_rad: Vector, step: Vector) -> str:
         v, a, period_s = self._arm.v_radps, self._arm.a_radps2, 1.0 / self._arm.rate_hz
-        v_step, a_step = v * period_s + STEP_SLACK, a * period_s**2 + STEP_SLACK
-        for joint, (before, q, last_step) in enumerate(zip(past.values, q_rad, past.step, strict=True), start=1):
-            step, change = abs(q - before), abs(q - before - last_step)
-            if step > v_step:
-                return f"joint {joint} moves {step:.6f} rad in a period, {v} rad/s allow {v_step:.6f} rad"
-            if change > a_step:
-                return f"joint {joint} changes its step by {change:.6f} rad, {a} rad/s² allow {a_step:.6f} rad"
+        steps, changes = tuple(map(abs, step)), tuple(map(abs, map(sub, step, past.step)))
+        most, bound = max(steps), v * period_s + STEP_SLACK
+        if most > bound:
+            joint = steps.index(most) + 1
+            return f"joint {joint} moves {most:.6f} rad in a period, {v} rad/s allow {bound:.6f} rad"
+        most, bound = max(changes), a * period_s**2 + STEP_SLACK
+        if most > bound:
+            joint = changes.index(most) + 1
+            return f"joint {joint} changes its step by {most:.6f} rad, {a} rad/s² allow {bound:.6f} rad"
         return ""
 
 
@@ -258,7 +264,7 @@ def _pose_range(values: Vector) -> str:
     )
 
 
-def _pose_step(past: _Past, values: Vector) -> str:
+def _pose_step(past: _Past, values: Vector, _: Vector) -> str:
     period_s = 1.0 / robot.TOPICS[robot.pose_command(Side.LEFT)].rate_hz
     moved_m = math.dist(past.values[:3], values[:3])
     dot = abs(sum(a * b for a, b in zip(past.values[3:], values[3:], strict=True)))

@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Mapping
 from enum import Enum
+from operator import sub
 
 from gateway.core.snapshot import MotionView
 from gateway.errors import Code
@@ -144,7 +145,7 @@ class MotionBook:
         errors = []
         for side, goal in motion.goals_rad.items():
             q_rad = measured[side]
-            errors.append(None if q_rad is None else max(abs(a - b) for a, b in zip(goal, q_rad, strict=True)))
+            errors.append(None if q_rad is None else max(map(abs, map(sub, goal, q_rad))))
         known = [e for e in errors if e is not None]
         motion.error_rad = max(known) if len(known) == len(errors) else None
         if motion.progress < 1.0:

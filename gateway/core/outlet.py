@@ -36,6 +36,7 @@ class Outlet:
             stops_only: A late tick or a panic: nothing but stop frames.
         """
         cleared: list[Cleared] = []
+        context = self._context(now_ns)
         for stream in self._conductor.body.streams:
             if not stream.running:
                 self._gate.forget(stream.topic)
@@ -47,7 +48,7 @@ class Outlet:
                 continue
             if frame.kind is FrameKind.ECHO and stream.log.last_ns is None:
                 self._gate.forget(stream.topic)
-            passed = self._gate.clear(frame, self._context(now_ns))
+            passed = self._gate.clear(frame, context)
             if isinstance(passed, Refusal):
                 return self._violation(passed, frame, now_ns)
             stream.log.note(now_ns)

@@ -17,6 +17,10 @@ from gateway.values import MotorState, Side
 
 __all__ = ["build"]
 
+ARMS = tuple((side, side.value, robot.arm_state(side), robot.ee_pose(side)) for side in Side)
+GRIPPERS = tuple((side.value, robot.gripper_state(side)) for side in Side)
+SIDES = tuple((side, side.value) for side in Side)
+
 
 def build(conductor: Conductor, loop: LoopView, seq: int, now_ns: int) -> Snapshot:
     """Return the snapshot of this instant.
@@ -43,8 +47,8 @@ def build(conductor: Conductor, loop: LoopView, seq: int, now_ns: int) -> Snapsh
         fsm=store.fsm(now_ns),
         mode=_mode(conductor, now_ns),
         lease=conductor.lease.view(now_ns),
-        arms={side.value: _arm(conductor, side, now_ns) for side in Side},
-        grippers={side.value: _motors(conductor, robot.gripper_state(side), now_ns) for side in Side},
+        arms={name: _arm(conductor, side, state, pose, now_ns) for side, name, state, pose in ARMS},
+        grippers={name: _motors(conductor, topic, now_ns) for name, topic in GRIPPERS},
         chassis=_motors(conductor, robot.CHASSIS_STATE, now_ns),
         topics={topic: store.topic_view(topic, now_ns) for topic in robot.STATE_TOPICS},
         streams={stream.topic: stream.log.view(now_ns) for stream in body.streams},
@@ -66,8 +70,8 @@ def _mode(conductor: Conductor, now_ns: int) -> ModeView | None:
         return None
     return ModeView(
         api=mode.api,
-        joint_mode={side.value: mode.joint_mode[side] for side in Side},
-        arm_enabled={side.value: mode.arm_enabled[side] for side in Side},
+        joint_mode={name: mode.joint_mode[side] for side, name in SIDES},
+        arm_enabled={name: mode.arm_enabled[side] for side, name in SIDES},
         chassis_enabled=mode.chassis_enabled,
         lift_enabled=mode.lift_enabled,
         collision_check=mode.collision_check,
@@ -85,17 +89,18 @@ def _motors(conductor: Conductor, topic: str, now_ns: int) -> MotorView | None:
     )
 
 
-def _arm(conductor: Conductor, side: Side, now_ns: int) -> ArmView:
+def _arm(conductor: Conductor, side: Side, state: str, ee_pose: str, now_ns: int) -> ArmView:
     arm = conductor.body.arms[side]
     pose = conductor.store.pose(side)
-    measured = _motors(conductor, robot.arm_state(side), now_ns)
+    measured = _motors(conductor, state, now_ns)
+    is_running, reference = arm.running, arm.reference
     return ArmView(
         measured=measured,
         p_m=pose.p_m if pose else (),
         quat_xyzw=pose.quat_xyzw if pose else (),
-        pose_age_ns=conductor.store.age_ns(robot.ee_pose(side), now_ns),
-        q_ref_rad=arm.reference.q_rad if arm.running else (),
-        dq_ref_radps=arm.reference.dq_radps if arm.running else (),
-        streaming=arm.running,
-        tracking_rad=arm.distance_rad(measured.q_rad) if arm.running and measured else None,
+        pose_age_ns=conductor.store.age_ns(ee_pose, now_ns),
+        q_ref_rad=reference.q_rad if is_running else (),
+        dq_ref_radps=reference.dq_radps if is_running else (),
+        streaming=is_running,
+        tracking_rad=arm.distance_rad(measured.q_rad) if is_running and measured else None,
     )

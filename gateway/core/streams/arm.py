@@ -7,6 +7,9 @@ reference is led back to the arm, BRAKE while it comes to rest, HOLD while it re
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from operator import sub
+
 from gateway import robot
 from gateway.core.events import Frame, FrameKind
 from gateway.core.motion import JointLimits, JointReference, Path, ReferenceMode
@@ -103,7 +106,8 @@ class ArmStream:
 
     def distance_rad(self, q_rad: Vector) -> float:
         """Return the largest joint distance between the setpoint and a measured position [rad]."""
-        return max(abs(a - b) for a, b in zip(self.reference.q_rad, q_rad, strict=True))
+        distances: Iterator[float] = map(abs, map(sub, self.reference.q_rad, q_rad))
+        return max(distances)
 
     def next_due_ns(self) -> int | None:
         """Return the next instant of the grid [ns]; None when silent."""
