@@ -153,8 +153,8 @@ def test_only_a_pause_of_the_robot_ends_the_zeros(value):
     pair, _ = active()
     pair.granted(Estop())
     assert robot.FSM_ENABLE in pair.engine.running_topics
-    pair.is_deaf = True
-    pair.run(0.05)
+    pair.topics = tuple(map(robot.arm_state, Side))
+    pair.run(0.2)  # an earlier sample may still tell of the time before
     pair.receive(SampleArrived(topic=robot.FSM_STATE, value=int(value), received_ns=pair.now_ns))
     assert (robot.FSM_ENABLE in pair.engine.running_topics) is (value is not FsmState.PAUSE)
 
@@ -224,6 +224,17 @@ def test_a_new_transport_is_a_loss_of_the_old_one():
     pair.step()
     assert pair.codes()[:2] == [Code.LINK_DOWN, Code.STATE_CHANGED]
     assert pair.engine.owner_id == "user", "reconnect keeps the lease"
+
+
+def test_a_sample_that_straggles_in_while_the_link_is_down_counts_for_nothing():
+    """Whatever came before the new transport is of the old one."""
+    pair = pair_of()
+    pair.run_until(lambda: pair.engine.knows_mode)
+    heard = pair.heard[robot.CURRENT_MODE]
+    pair.down()
+    pair.receive(SampleArrived(topic=robot.CURRENT_MODE, value=heard.value, received_ns=pair.now_ns))
+    pair.up()
+    assert not pair.engine.knows_mode
 
 
 @pytest.mark.parametrize("code", [None, Code.ROUTE_DEAD])
