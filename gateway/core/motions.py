@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Mapping
 from enum import Enum
-from operator import sub
+from operator import attrgetter, sub
 
 from gateway.core.snapshot import MotionView
 from gateway.errors import Code
@@ -95,6 +95,7 @@ class MotionBook:
         self._next_id = 1
         self._running: list[Motion] = []
         self._ended: deque[Motion] = deque(maxlen=ENDED_KEPT)
+        self._ended_views: deque[MotionView] = deque(maxlen=ENDED_KEPT)
 
     def of(self, side: Side) -> Motion | None:
         """Return the running motion of an arm."""
@@ -124,6 +125,7 @@ class MotionBook:
         motion.state, motion.code, motion.message = state, code, message
         self._running.remove(motion)
         self._ended.append(motion)
+        self._ended_views.append(motion.view())
 
     def advance(
         self, motion: Motion, progress: Mapping[Side, float], measured: Mapping[Side, Vector | None], now_ns: int
@@ -171,5 +173,5 @@ class MotionBook:
 
     def views(self) -> tuple[MotionView, ...]:
         """Return running and lately ended motions, oldest first."""
-        motions = sorted((*self._ended, *self._running), key=lambda m: m.motion_id)
-        return tuple(m.view() for m in motions)
+        views = [*self._ended_views, *[motion.view() for motion in self._running]]
+        return tuple(sorted(views, key=attrgetter("motion_id")))

@@ -7,6 +7,7 @@ joints pass the door; it expires when no successor comes in time: the arm then b
 from __future__ import annotations
 
 from collections import deque
+from operator import attrgetter
 
 from gateway.core.door import check_goal
 from gateway.core.events import OnLimit, TargetArrived
@@ -167,4 +168,4 @@ class TargetBook:
 
     def views(self) -> tuple[TargetView, ...]:
         """Return open and lately ended streams, oldest first."""
-        return tuple(s.view() for s in sorted((*self._ended, *self._open), key=lambda s: s.stream_id))
+        return tuple([s.view() for s in sorted((*self._ended, *self._open), key=attrgetter("stream_id"))])
