@@ -10,15 +10,18 @@ from collections.abc import Callable, Mapping
 from dataclasses import replace
 from itertools import pairwise
 
+import numpy as np
+
 from gateway import robot
 from gateway.core.events import Disable, Enable, Frame, FrameKind, Move, Remembered, SampleArrived, Stop
+from gateway.core.snapshot import MotionView, TargetView
 from gateway.errors import Code
 from gateway.settings import ArmSettings, LinkSettings, LocalSettings, Settings
 from gateway.sim.settings import SimSettings
 from gateway.values import Side, Vector
 from tests.pair import MS, Pair
 
-__all__ = ["HOME", "LEAN", "REACHED_BY", "Scene", "away", "scene"]
+__all__ = ["HOME", "LEAN", "REACHED_BY", "Scene", "away", "scene", "watched"]
 
 LEAN = (*map(robot.arm_state, Side), robot.FSM_STATE, robot.CURRENT_MODE)
 """State topics that matter here: fewer make a scene cheaper."""
@@ -80,6 +83,14 @@ class Scene(Pair):
             self.robot.inject({"fault": "arm_disabled", "side": side.value}, self.now_ns)
             self.tell_mode(arm_enabled={other: other is not side for other in Side})
 
+    def push(self, side: Side, by_rad: float) -> None:
+        """Move an arm's first joint by hand, in steps that no sample guard objects to; something holds it there."""
+        self.robot.inject({"fault": "blocked", "side": side.value}, self.now_ns)
+        steps = round(abs(by_rad) / 0.05)
+        for _ in range(steps):
+            self.robot.arms[side].q_rad = self.robot.arms[side].q_rad + np.array([by_rad / steps, *(0.0,) * 6])
+            self.run(0.02)
+
     # ---------------------------------------------------------------------------------------------- what was seen
 
     def arm_frames(self, side: Side | None = None) -> list[tuple[int, Frame]]:
@@ -118,6 +129,19 @@ class Scene(Pair):
         """Worst interval between frames of a topic since the mark, the time up to now included [ms]."""
         times = [at_ns for at_ns, _ in self.sent_on(topic, self.mark_ns)]
         return max(b - a for a, b in pairwise([self.mark_ns, *times, self.now_ns])) / MS
+
+    def speeds(self, side: Side = Side.LEFT) -> list[float]:
+        """Largest joint speed between consecutive setpoints since the mark [rad/s]."""
+        values = [frame.values for _, frame in self.arm_frames(side)]
+        return [100.0 * max(abs(b - a) for a, b in zip(x, y, strict=True)) for x, y in pairwise(values)]
+
+    def motion_view(self, motion_id: int) -> MotionView:
+        """What a snapshot of now says about a motion."""
+        return next(motion for motion in self.see().motions if motion.motion_id == motion_id)
+
+    def target_view(self, stream_id: int) -> TargetView:
+        """What a snapshot of now says about a stream of targets."""
+        return next(target for target in self.see().targets if target.stream_id == stream_id)
 
     def told(self, code: Code) -> list[str]:
         """Messages of the notices with a code since the mark."""
@@ -307,3 +331,8 @@ def scene(state: str, pair: Scene | None = None) -> Scene:
     REACHED_BY[state](pair)
     pair.mark()
     return pair
+
+
+def watched(state: str = "at rest", **options: object) -> Scene:
+    """Return a scene whose snapshots come at 50 Hz; other options as `Scene` takes them."""
+    return scene(state, Scene(snapshot_hz=50, **options))
