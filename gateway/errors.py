@@ -337,6 +337,9 @@ CODES: dict[Code, CodeInfo] = {
     Code.SETTLE_TIMEOUT: CodeInfo(error=Aborted, hint="look for load or contact, or ask for a wider tolerance"),
     Code.PLAN_FAILED: CodeInfo(error=Aborted, hint="please report the message"),
     Code.TARGET_EXPIRED: CodeInfo(error=Aborted, hint="send targets more often than their expiry", retryable=True),
+    Code.TICK_LATE: CodeInfo(
+        error=Aborted, hint="this host was too busy for the control loop: give it SCHED_FIFO or less load", retryable=True
+    ),
     Code.ESTOP: CodeInfo(error=NotReady, hint="make sure the robot is safe, then recover()"),
     Code.STOPPED_BY_OTHER: CodeInfo(error=NotReady, hint="ask who stopped the robot, then recover()"),
     Code.TRACKING_ERROR: CodeInfo(error=Aborted, hint="look for contact or overload, then recover()"),

@@ -136,6 +136,15 @@ class Pair:
                     )
                 )
 
+    def take_backlog(self) -> list[SampleArrived | SampleRefused]:
+        """End a stall without handing over what the robot said in it: return that instead; our frames arrive."""
+        self.is_frozen = False
+        frames, self._to_robot = self._to_robot, []
+        for frame in frames:
+            self._deliver(frame)
+        samples, self._to_engine = self._to_engine, []
+        return samples
+
     def _deliver(self, frame: Frame) -> None:
         self.robot.receive(frame.topic, to_message(frame.topic, frame.values, self.now_ns), self.now_ns)
 

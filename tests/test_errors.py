@@ -12,7 +12,6 @@ from gateway.errors import CODES, Code, CodeInfo, GatewayError, Refusal, to_exce
 
 NOTICES_ONLY = {
     Code.START_AT_LIMIT,
-    Code.TICK_LATE,
     Code.SUSPENDED,
     Code.SAMPLE_REFUSED,
     Code.STATE_DUPLICATED,
@@ -77,7 +76,7 @@ def test_a_hint_of_its_own_is_kept() -> None:
 
 def test_a_notice_code_as_a_refusal_is_a_bug_of_the_gateway() -> None:
     """A code that no request can fail with still becomes an error, and not a crash of the client."""
-    assert type(to_exception(Refusal(code=Code.TICK_LATE, message="m"))) is errors.InternalError
+    assert type(to_exception(Refusal(code=Code.LINK_UP, message="m"))) is errors.InternalError
 
 
 def test_the_text_of_an_error_has_code_message_and_hint() -> None:

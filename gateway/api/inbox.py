@@ -27,7 +27,7 @@ from gateway.api.translate import printable, to_request, to_target
 from gateway.core import events
 from gateway.errors import Code, Refusal
 
-__all__ = ["MAX_CLIENTS", "MAX_STREAMS", "MAX_WAITING", "Inbox"]
+__all__ = ["MAX_CLIENTS", "MAX_STREAMS", "MAX_WAITING", "PER_POLL", "Inbox"]
 
 MAX_WAITING = 1024
 """Questions that may wait; more are refused with TIMEOUT. Ten a second are usual."""
@@ -35,6 +35,8 @@ MAX_STREAMS = 64
 """Streams whose targets are kept between two polls; two are usual."""
 MAX_CLIENTS = 256
 """Clients whose keepalives, and whose departures, are kept between two polls."""
+PER_POLL = 4
+"""Requests handed out at a poll, stops not counted: planning a motion takes a millisecond, and setpoints must leave in time."""
 LOG_PERIOD_NS = 1_000_000_000
 
 log = logging.getLogger(__name__)
@@ -57,7 +59,9 @@ class Inbox:
         self._lock = threading.Lock()
         self._estops: _Lane = deque()
         self._stops: _Lane = deque()
-        self._commands: _Lane = deque()
+        self._commands: dict[str, _Lane] = {}
+        """Per client, those whose turn is next first."""
+        self._waiting = 0
         self._targets: dict[str, tuple[bytes, str, int]] = {}
         self._seen: dict[str, int] = {}
         self._gone: dict[str, int] = {}
@@ -151,19 +155,25 @@ class Inbox:
             request=request,
             received_ns=question.received_ns,
         )
-        lane = self._lane(request)
-        if len(lane) >= MAX_WAITING:  # also of stops: as many of them wait for the loop already
+        lane = self._stop_lane(request)
+        # Also of stops: as many of them wait for the loop already.
+        if (self._waiting if lane is None else len(lane)) >= MAX_WAITING:
             self._complain("overflow", f"{MAX_WAITING} requests wait for the control loop", question.received_ns)
             self._outbox.refuse(question, command.request_id, _too_many())
             return
         # First the question, then the event: the reply must find it.
         self._outbox.expect(command.client_id, command.request_id, question)
-        lane.append(event)
+        if lane is not None:
+            lane.append(event)
+            return
+        with self._lock:
+            self._commands.setdefault(event.client_id, deque()).append(event)
+            self._waiting += 1
 
-    def _lane(self, request: events.Request) -> _Lane:
+    def _stop_lane(self, request: events.Request) -> _Lane | None:
         if isinstance(request, events.Estop):
             return self._estops
-        return self._stops if isinstance(request, events.Stop) else self._commands
+        return self._stops if isinstance(request, events.Stop) else None
 
     # ------------------------------------------------------------------------------------------------ the loop
 
@@ -182,11 +192,26 @@ class Inbox:
             target = self._read_target(key, payload, encoding, received_ns)
             if target is not None:
                 arrived.append(target)
-        arrived += [
-            command for command in _drain(self._commands) if self._outbox.take(command.client_id, command.request_id)
-        ]
+        arrived += self._some_commands()
         arrived += [events.ClientGone(client_id=client, at_ns=at_ns) for client, at_ns in gone.items()]
         return arrived
+
+    def _some_commands(self) -> Iterator[events.CommandRequested]:
+        """Give the next few requests, each client's in its order, the clients in turn: a flood delays only who sends it."""
+        given = 0
+        while given < PER_POLL:
+            with self._lock:
+                client_id = next(iter(self._commands), None)
+                if client_id is None:
+                    return
+                lane = self._commands.pop(client_id)
+                command = lane.popleft()
+                self._waiting -= 1
+                if lane:
+                    self._commands[client_id] = lane  # behind the others
+            if self._outbox.take(command.client_id, command.request_id):
+                given += 1
+                yield command
 
     def _read_target(self, key: str, payload: bytes, encoding: str, received_ns: int) -> events.TargetArrived | None:
         client_id, _, stream = key.removeprefix(f"{protocol.ROOT}/target/").partition("/")

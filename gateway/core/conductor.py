@@ -58,6 +58,7 @@ END_CODE: dict[Trigger, Code] = {
     Trigger.OTHER_GATEWAY: Code.OTHER_GATEWAY,
     Trigger.ENABLE_TIMEOUT: Code.ENABLE_TIMEOUT,
     Trigger.EXIT: Code.EXITING,
+    Trigger.LONG_GAP: Code.TICK_LATE,
     Trigger.SUSPENDED: Code.SUSPENDED,
 }
 """Code with which motions and streams of targets end, or an enabling fails, when a trigger cuts them."""

@@ -33,6 +33,9 @@ __all__ = [
 MS = 1_000_000
 S = 1_000_000_000
 
+MIN_SPEED = 0.001
+"""Slowest speed factor: a joint then needs an hour for its range."""
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CheckedGoal:
@@ -136,15 +139,15 @@ def check_arms(fitness: Fitness, sides: Sequence[Side]) -> Refusal | None:
 
 
 def check_speed(speed: float) -> Refusal | None:
-    """Refuse a speed factor outside (0, 1]."""
-    if math.isfinite(speed) and 0.0 < speed <= 1.0:
+    """Refuse a speed factor outside [0.001, 1]: slower ones have no plan that is of use to anybody."""
+    if math.isfinite(speed) and MIN_SPEED <= speed <= 1.0:
         return None
     return Refusal(
         code=Code.OUT_OF_RANGE if math.isfinite(speed) else Code.NOT_FINITE,
-        message=f"speed is {speed}, a factor with 0 < speed <= 1 of the configured velocity limit is needed",
+        message=f"speed is {speed}, a factor from {MIN_SPEED} to 1 of the configured velocity limit is needed",
         field="speed",
         value=str(speed),
-        bound="(0, 1]",
+        bound=f"[{MIN_SPEED}, 1]",
         hint="give 1 for the configured velocity limit, or less",
     )
 

@@ -46,7 +46,7 @@ from gateway.core.snapshot import LoopView, Snapshot
 from gateway.core.supervisor import State, Trigger
 from gateway.core.view import build
 from gateway.errors import Code, Refusal
-from gateway.robot import FSM_STATE
+from gateway.robot import ARM_WATCHDOG_NS, FSM_STATE
 from gateway.settings import Settings
 from gateway.values import FsmState, Side, Vector
 
@@ -58,8 +58,9 @@ S = 1_000_000_000
 TICK_NS = 10 * MS
 """The engine is ticked at least this often [ns]: 100 Hz."""
 
-REPLIES_KEPT = 256
-"""So many replies are kept to answer a repeated request with the first reply."""
+REPLIES_KEPT = 2048
+"""So many replies are kept to answer a repeated request with the first reply. At most four requests reach a tick, so each is
+kept for 5 s: longer than a client asks again for a reply that was lost (3 s)."""
 
 STAGE_NAMES = {
     LossStage.LOST: "lost",
@@ -243,8 +244,12 @@ class Engine:
                 f"a tick came {late_ns / MS:.0f} ms late and was skipped, not caught up",
                 now_ns,
             )
+        if late_ns > ARM_WATCHDOG_NS - TICK_NS:  # the robot has stopped the arms meanwhile: no setpoint at speed meets them
+            self._conductor.fire(Trigger.LONG_GAP, now_ns, f"a tick came {late_ns / MS:.0f} ms late")
         self._look_at_lease(now_ns, late_ns)
         self._look_at_robot(now_ns)
+        if self._conductor.state in AT_BASE:  # requests are judged by what is known now
+            self._conductor.go(self._conductor.base(now_ns), now_ns, "the robot's condition")
         self._answer_requests(now_ns)
         self._look_at_lease(now_ns, 0)  # an owner that abandons is lost in this tick, not in the next
         self._move_on(now_ns)

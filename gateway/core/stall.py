@@ -3,7 +3,8 @@
 Rules (BEHAVIOUR, stopping and losing)
     * References at rest are repeated for at most 0.8 s, and only until something speaks that would end HOLDING.
     * A stall is short when the state is fresh again within 0.8 s, the transport was never lost, and an FSM sample that
-      came after it began says READY. Then 1.0 goes out at once, still in STALE; once the arms can be seeded, HOLDING.
+      came after it began, and after what had queued up in it, says READY. Then 1.0 goes out at once, still in STALE;
+      once the arms can be seeded, HOLDING. If that 1.0 turns out to be wrong, 0.0 follows at once.
     * After any other loss a 0.0 that is owed leaves only when a mode and an FSM sample that came since say API and 1-2:
       the robot may be somebody else's by now. An e-stop that may not have been heard asks for FSM 1-2 only.
 
@@ -91,7 +92,10 @@ class Stall:
 
     def _try_to_resume(self, now_ns: int) -> None:
         conductor = self._conductor
-        if (conductor.store.fsm_received_ns or 0) <= conductor.supervisor.since_ns:
+        timely_ns = conductor.store.timely_since_ns()
+        if timely_ns is None:
+            return  # what arrives has waited in the stall: the robot may have been stopped since it was sent
+        if (conductor.store.fsm_received_ns or 0) <= max(timely_ns, conductor.supervisor.since_ns):
             return  # no new FSM sample yet (20 Hz); when none comes the stall is no longer short
         if conductor.store.fsm(now_ns) == FsmState.READY:
             conductor.resuming, self._resumed_ns = True, now_ns
@@ -108,6 +112,7 @@ class Stall:
             conductor.fire(Trigger.FSM_DEAD, now_ns, "/fsm_state has not been heard for 0.5 s")
         elif value != FsmState.READY or not sides or now_ns - self._resumed_ns > RESUME_NS:
             self._come_back(now_ns)
+            conductor.body.heartbeat.zeros(now_ns)  # our own 1.0 of a moment ago is out: it may have restarted the robot
         elif all(conductor.store.seedable(side, now_ns) for side in sides):
             if not conductor.body.running_arms and self._starting.seed(sides, now_ns) is not None:
                 self._come_back(now_ns)

@@ -80,6 +80,11 @@ class _SeedWindow:
             self._worst_lag_ns = max(self._worst_lag_ns, lag_ns)
         self._newest_ns, self._stamp_ns = received_ns, stamp_ns
 
+    @property
+    def since_ns(self) -> int | None:
+        """Since when samples have been timely [ns]; None when the newest was not."""
+        return self._since_ns
+
     def is_full(self) -> bool:
         """Return whether the window is long enough, up to the newest sample."""
         return self._since_ns is not None and self._newest_ns - self._since_ns >= self._settings.seed_ns
@@ -298,6 +303,11 @@ class Store:
         It may after 0.3 s of samples without a gap of 100 ms whose stamp lag stayed within 100 ms of the least lag.
         """
         return self.part_fresh(side, now_ns, False) and self._checks[robot.arm_state(side)][0].is_full()
+
+    def timely_since_ns(self) -> int | None:
+        """Return since when arms' samples have come without queueing [ns]: whatever arrived before may be old."""
+        starts = [seed.since_ns for seed, _ in self._checks.values() if seed.since_ns is not None]
+        return min(starts, default=None)
 
     def name_order_wrong(self, now_ns: int) -> str | None:
         """Return what was wrong with the joint names of an arm within the last second, or None (manual §4.0.3)."""

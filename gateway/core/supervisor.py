@@ -93,6 +93,7 @@ class Trigger(str, Enum):
     NO_ARM = "no arm enabled"
     PART_DEAD = "one part's state dead"
     TRACKING = "tracking error"
+    LONG_GAP = "a gap longer than the arms' watchdog"
     FOREIGN_TOKEN = "foreign token or publisher"
     FOREIGN_DATA = "foreign arm or fsm data"
     OTHER_GATEWAY = "other gateway armed"
@@ -250,6 +251,7 @@ TABLE: Mapping[Trigger, Mapping[State, Cell]] = {
     Trigger.NO_ARM:            _row(SAME,              DOWN,         DOWN,         DOWN,         DOWN,         DOWN,         SAME),
     Trigger.PART_DEAD:         _row(SAME,              DOWN,         BRAKE,        SAME,         SAME,         SAME,         SAME),
     Trigger.TRACKING:          _row(SAME,              SAME,         BRAKE_LATCH,  SAME,         SAME,         SAME,         SAME),
+    Trigger.LONG_GAP:          _row(SAME,              SAME,         BRAKE,        SAME,         SAME,         SAME,         SAME),
     Trigger.FOREIGN_TOKEN:     _row(SAME,              DOWN_LATCH,   BRAKE_LATCH,  CUT_LATCH,    CUT_LATCH,    CUT_LATCH,    SAME),
     Trigger.FOREIGN_DATA:      _row(SAME,              FOREIGN,      FOREIGN,      FOREIGN,      FOREIGN,      FOREIGN,      SAME),
     Trigger.OTHER_GATEWAY:     _row(SAME,              OFF,          OFF,          OFF,          OFF,          OFF,          SAME),

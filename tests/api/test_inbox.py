@@ -8,7 +8,7 @@ import pytest
 
 from gateway.api import inbox as module
 from gateway.api import protocol
-from gateway.api.inbox import MAX_CLIENTS, MAX_STREAMS, MAX_WAITING
+from gateway.api.inbox import MAX_CLIENTS, MAX_STREAMS, MAX_WAITING, PER_POLL
 from gateway.core import events
 from gateway.errors import Code
 from tests.api.desk import AskedQuestion, Desk
@@ -142,9 +142,22 @@ def test_a_flood_of_questions_is_refused_not_queued(desk):
     """More questions than anybody needs are told that they were not run; nothing is lost silently."""
     questions = [desk.ask(payload(protocol.Recover(), number)) for number in range(MAX_WAITING + 5)]
     desk.run()
-    assert len(desk.inbox.poll()) == MAX_WAITING
+    handed_out = [desk.inbox.poll() for _ in range(MAX_WAITING // PER_POLL + 1)]
+    assert [len(events) for events in handed_out] == [PER_POLL] * (MAX_WAITING // PER_POLL) + [0]
     assert [q.code for q in questions[MAX_WAITING:]] == ["TIMEOUT"] * 5
     assert desk.inbox.overflown == 5
+
+
+def test_a_flood_delays_only_the_client_that_sends_it(desk):
+    """A few requests a tick, the clients in turn, each one's in its order: planning must not hold up the setpoints."""
+    for number in range(40):
+        desk.ask(payload(protocol.Recover(), number, client_id="flood"))
+    desk.ask(payload(protocol.Recover(), 7, client_id="owner"))
+    desk.ask(payload(protocol.Recover(), 8, client_id="owner"))
+    desk.run()
+    polls = [[(e.client_id, e.request_id) for e in desk.inbox.poll()] for _ in range(2)]
+    assert polls[0] == [("flood", 0), ("owner", 7), ("flood", 1), ("owner", 8)]
+    assert polls[1] == [("flood", n) for n in range(2, 6)]
 
 
 def test_a_stop_gets_through_a_full_lane(desk):

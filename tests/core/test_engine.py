@@ -159,6 +159,21 @@ def test_only_a_pause_of_the_robot_ends_the_zeros(value):
     assert (robot.FSM_ENABLE in pair.engine.running_topics) is (value is not FsmState.PAUSE)
 
 
+@pytest.mark.parametrize(("late_ms", "state", "code"), [(130, "ACTIVE", ""), (160, "HOLDING", "TICK_LATE")])
+def test_a_gap_beyond_the_arms_watchdog_ends_the_motion(late_ms, state, code):
+    """The robot has stopped the arms meanwhile (manual §4.3): a setpoint at speed must not meet them."""
+    pair, epoch = active()
+    pair.move(epoch, {side: robot.HOME_Q_RAD[side] for side in Side}, speed=0.5)
+    pair.run(0.3)
+    pair.late_ns = late_ms * MS
+    pair.step(pair.now_ns + late_ms * MS)
+    assert pair.state == state
+    assert pair.see().motions[-1].code == code
+    at_ns = pair.now_ns
+    pair.run(0.2)
+    assert (FrameKind.MOTION in pair.kinds_since(at_ns)) is (state == "ACTIVE")
+
+
 def test_requests_wait_for_the_tick():
     """One reply each, in the tick after they arrived."""
     pair = pair_of()

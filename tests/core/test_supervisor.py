@@ -44,6 +44,7 @@ one arm disabled            | =                       | =                   | br
 no arm enabled              | =                       | down                | down                      | down                | down                | down                | =
 one part's state dead       | =                       | down                | brake, HOLDING            | =                   | =                   | =                   | =
 tracking error              | -                       | -                   | brake, HOLDING, L         | refuse motion       | -                   | -                   | -
+a gap longer than the arms' watchdog | -              | -                   | brake, HOLDING            | =                   | =                   | =                   | =
 foreign token or publisher  | refuse enable           | down, L             | cut, brake, HOLDING, L    | cut, L              | cut, L              | cut, L              | refuse
 foreign arm or fsm data     | refuse enable           | 0.0 once, cut, base, L | 0.0 once, cut, base, L | 0.0 once, cut, base, L | 0.0 once, cut, base, L | 0.0 once, cut, base, L | refuse
 other gateway armed         | refuse enable           | off                 | off                       | off                 | off                 | off                 | no resume

@@ -103,7 +103,9 @@ class HeartbeatStream:
 
     def fsm_zero_seen(self, received_ns: int) -> None:
         """An FSM 0 sample arrived: it settles what is owed and ends a repetition, if it can be an answer to us."""
-        reference_ns = self._zero_since_ns if self.beat is Beat.ZERO else (self.last_one_ns or 0) + SETTLE_NS
+        reference_ns = SETTLE_NS + (self.last_one_ns if self.last_one_ns is not None else -SETTLE_NS)
+        if self.beat is Beat.ZERO:
+            reference_ns = max(reference_ns, self._zero_since_ns)
         if self.beat is not Beat.ONE and not self._is_new and received_ns > reference_ns:
             self.is_owed, self.gave_up_at_ns = False, None
             if self.beat is Beat.ZERO:

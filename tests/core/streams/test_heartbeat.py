@@ -97,9 +97,9 @@ def test_zeros_leave_at_once_as_stop_frames_until_fsm_0_is_seen(armed):
     """The first 0.0 does not wait for the grid (BEHAVIOUR, stopping and losing)."""
     armed.run(20)
     armed.beat.zeros(armed.now_ns)
-    assert armed.beat.is_ending and armed.run(130) == [(520, 0.0), (550, 0.0), (600, 0.0)]
+    assert armed.beat.is_ending and armed.run(180) == [(520, 0.0), (550, 0.0), (600, 0.0), (650, 0.0)]
     assert armed.sent[-1][1] == Frame(
-        topic=robot.FSM_ENABLE, values=ZERO, kind=FrameKind.STOP, epoch=0, due_ns=T0 + 600 * MS
+        topic=robot.FSM_ENABLE, values=ZERO, kind=FrameKind.STOP, epoch=0, due_ns=T0 + 650 * MS
     )
     armed.fsm_zero()
     assert not armed.beat.running and not armed.beat.is_owed and armed.run(3000) == []
@@ -208,6 +208,21 @@ def test_fsm_0_of_before_the_zeros_or_before_the_first_of_them_left_is_no_answer
     armed.beat.fsm_zero_seen(armed.now_ns - 10 * MS)
     assert armed.beat.is_ending, "it came before the zeros"
     armed.beat.fsm_zero_seen(armed.now_ns - 5 * MS)
+    assert armed.beat.is_ending, "it may have been under way since before our last 1.0 took effect"
+    armed.run(150)
+    armed.fsm_zero()
+    assert not armed.beat.is_ending and not armed.beat.is_owed
+
+
+def test_an_fsm_0_that_was_under_way_does_not_settle_what_a_lost_zero_left_owed(armed):
+    """`/fsm_state` comes at 20 Hz: right after our 1.0 a sample may still tell of the time before it."""
+    armed.ones(10)
+    armed.beat.zeros(armed.now_ns)
+    armed.run(40)
+    armed.fsm_zero()
+    assert armed.beat.is_ending and armed.beat.is_owed
+    armed.run(110)
+    armed.fsm_zero()
     assert not armed.beat.is_ending and not armed.beat.is_owed
 
 
@@ -292,7 +307,7 @@ def test_an_estop_makes_a_running_repetition_its_own(armed):
 def test_a_later_repetition_is_not_the_estops_any_more(armed, end):
     """The privilege of an e-stop's zeros ends with them."""
     armed.beat.zeros(armed.now_ns, is_estop=True)
-    armed.run(100)
+    armed.run(200)
     if end == "silence":
         armed.beat.silence()
     elif end == "ones":
