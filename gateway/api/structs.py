@@ -162,13 +162,16 @@ class Cancel(_Incoming, frozen=True):
     motion_id: _Count
 
 
-class Stop(_Incoming, frozen=True):
-    """Stop everything. Anybody may; latches unless the owner asks. Reply: `stop_undelivered`."""
+class Stop(_Incoming, frozen=True, forbid_unknown_fields=False):
+    """Stop everything. Anybody may; latches unless the owner asks. Reply: `stop_undelivered`.
+
+    Unknown fields do not matter: a stop is never refused for what a later release adds to it.
+    """
 
     reason: str = ""
 
 
-class Estop(_Incoming, frozen=True):
+class Estop(_Incoming, frozen=True, forbid_unknown_fields=False):
     """Stop everything and pause the FSM. Anybody may; always latches. Does not replace the physical emergency stop."""
 
     reason: str = ""

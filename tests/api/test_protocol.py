@@ -73,10 +73,11 @@ def test_a_refusal_and_a_notice_keep_their_fields():
 
 
 def test_requests_are_strict_and_frozen():
-    """Every request refuses unknown fields and cannot be changed."""
+    """Every request but a stop refuses unknown fields; none can be changed."""
     for request in (*get_args(protocol.Request), protocol.Command, protocol.Target):
         config = request.__struct_config__
-        assert config.frozen and config.forbid_unknown_fields
+        assert config.frozen
+        assert config.forbid_unknown_fields is (request not in (protocol.Stop, protocol.Estop))
     tags = [request.__struct_config__.tag for request in get_args(protocol.Request)]
     assert "open_stream" in tags and len(set(tags)) == len(tags)
 
@@ -105,3 +106,13 @@ def test_the_contract_stands_on_msgspec_and_errors_alone():
     )
     loaded = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True, timeout=30)
     assert loaded.stdout.strip() == "[]"
+
+
+def test_a_stop_is_not_refused_for_what_a_later_release_adds():
+    """A stop is never refused; every other request is strict."""
+    fields = {"version": protocol.PROTOCOL_VERSION, "client_id": "ann", "request_id": 1}
+    for name in ("Stop", "Estop"):
+        told = {**fields, "request": {"type": name.lower(), "reason": "now", "softly": True}}
+        assert protocol.decode_command(msgspec.json.encode(told), protocol.JSON).request.reason == "now"
+    with pytest.raises(protocol.Malformed):
+        protocol.decode_command(msgspec.json.encode({**fields, "request": {"type": "recover", "softly": 1}}), protocol.JSON)

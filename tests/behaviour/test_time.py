@@ -10,6 +10,7 @@ from gateway import robot
 from gateway.core.events import (
     Enable,
     Estop,
+    FrameKind,
     Move,
     Suspended,
 )
@@ -76,6 +77,17 @@ def test_a_tick_that_is_more_than_50_ms_late_is_skipped_and_told(late_ms: int, i
     values = [frame.values for _, frame in pair.sent_on(robot.joint_command(Side.LEFT))]
     assert max(abs(b - a) for x, y in pairwise(values) for a, b in zip(x, y, strict=True)) <= 0.01 + 1e-6
     assert pair.state == "ACTIVE"
+
+
+def test_after_a_gap_in_which_the_robot_stopped_the_arms_the_motion_is_over() -> None:
+    """More than 0.15 s without a setpoint: zero-velocity protection (manual §4.3); one at speed must not follow it."""
+    pair = scene("ACTIVE")
+    pair.late_ns = 200 * MS
+    pair.step(pair.now_ns + 200 * MS)
+    assert pair.state == "HOLDING" and pair.told(Code.MOTION_ENDED)[-1].facts["code"] == "TICK_LATE"
+    at_ns = pair.now_ns
+    pair.run(0.5)
+    assert FrameKind.MOTION not in pair.kinds_since(at_ns) and pair.state == "HOLDING"
 
 
 def test_a_late_tick_still_sends_stop_frames() -> None:
