@@ -115,4 +115,6 @@ def test_a_stop_is_not_refused_for_what_a_later_release_adds():
         told = {**fields, "request": {"type": name.lower(), "reason": "now", "softly": True}}
         assert protocol.decode_command(msgspec.json.encode(told), protocol.JSON).request.reason == "now"
     with pytest.raises(protocol.Malformed):
-        protocol.decode_command(msgspec.json.encode({**fields, "request": {"type": "recover", "softly": 1}}), protocol.JSON)
+        protocol.decode_command(
+            msgspec.json.encode({**fields, "request": {"type": "recover", "softly": 1}}), protocol.JSON
+        )

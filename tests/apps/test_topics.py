@@ -10,7 +10,6 @@ from gateway.core.snapshot import StreamView
 from gateway.robot import STATE_TOPICS, TOPICS, VARIANTS
 from tests.apps.views import INFO, MS, S, a_view, all_topics
 
-
 ROUTES = protocol.Routes(routes={"/fsm_state": "ready"}, bridge_version="1.10.2", undelivered=0)
 
 

@@ -469,3 +469,20 @@ def test_a_gap_of_long_ago_is_forgotten_also_on_a_slow_topic(feed):
         feed.now_ns += 2 * S
         feed.arm()
     assert feed.store.topic_view(LEFT, feed.now_ns).worst_gap_ns == 2 * S
+
+
+def test_what_queued_up_does_not_count_as_timely_until_it_has_drained():
+    """After a stall the samples that waited carry a fresh receive time; timely is only what came after them."""
+    feed = Feed()
+    assert feed.store.timely_since_ns() is None
+    feed.run(500 * MS)
+    begun_ns = feed.store.timely_since_ns()
+    assert begun_ns is not None and begun_ns <= 1000 * S + 20 * MS
+    feed.now_ns += 400 * MS
+    feed.delay_ns = 390 * MS
+    feed.arm()
+    assert feed.store.timely_since_ns() is None
+    feed.delay_ns = 2 * MS
+    feed.now_ns += 5 * MS
+    feed.arm()
+    assert feed.store.timely_since_ns() == feed.now_ns

@@ -78,7 +78,7 @@ def test_every_state_topic_may_be_subscribed_and_come_in():
 
 
 def test_the_fence_and_the_reconnect_are_as_recommended():
-    """Announced lease with four keep-alives, small send buffer, fast retry, no shared memory (wire.md 10.1)."""
+    """Announced lease with four keepalives, small send buffer, fast retry, no shared memory (wire.md 10.1)."""
     config = parsed(lease_ms=300)
     transmission = config["transport"]["link"]["tx"]
     assert (transmission["lease"], transmission["keep_alive"]) == (300, 4)
