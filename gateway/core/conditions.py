@@ -11,14 +11,13 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from gateway.core.conductor import Conductor
+from gateway.core.conductor import QUIET, Conductor
 from gateway.core.supervisor import STREAMING, State, Trigger
 from gateway.errors import Code
 from gateway.values import FsmState, Side
 
 __all__ = ["OWN_FSM", "Conditions"]
 
-QUIET = frozenset({State.OFFLINE, State.STALE})
 OWN_FSM = frozenset({FsmState.ERROR, FsmState.PAUSE, FsmState.SLOW_START, FsmState.READY})
 """FSM values that an API program meets; the others belong to VR and playback (manual §4.11.1)."""
 

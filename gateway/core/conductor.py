@@ -19,7 +19,7 @@ from gateway.errors import Code
 from gateway.settings import Settings
 from gateway.values import Side
 
-__all__ = ["AT_BASE", "END_CODE", "LATCH_CODE", "Conductor", "EnableRecord"]
+__all__ = ["AT_BASE", "END_CODE", "LATCH_CODE", "QUIET", "Conductor", "EnableRecord"]
 
 LATCH_CODE: dict[Trigger, Code] = {
     Trigger.ESTOP: Code.ESTOP,
@@ -62,6 +62,9 @@ END_CODE: dict[Trigger, Code] = {
     Trigger.SUSPENDED: Code.SUSPENDED,
 }
 """Code with which motions and streams of targets end, or an enabling fails, when a trigger cuts them."""
+
+QUIET = frozenset({State.OFFLINE, State.STALE})
+"""States in which the robot is not heard."""
 
 AT_BASE = frozenset({State.OFFLINE, State.READ_ONLY, State.IDLE})
 """States in which nothing is held."""
@@ -123,6 +126,8 @@ class Conductor:
         """STALE only: constant hold frames go on."""
         self.can_resume = False
         """STALE only: the stall began in ACTIVE or HOLDING and nothing has ended the hold since."""
+        self.quiet_ns = 0
+        """When the robot was last not heard [ns]: OFFLINE or STALE, however short."""
         self.is_estop_unheard = Code.ESTOP in remembered.latches
         """Whether an e-stop is latched and the robot was not seen to pause since."""
         self.is_exiting = False
@@ -254,6 +259,8 @@ class Conductor:
                 arm.go_live()
         if to not in ARMED and body.heartbeat.beat is Beat.ONE:
             body.heartbeat.silence()
+        if to in QUIET:
+            self.quiet_ns = now_ns
         if to in AT_BASE:
             self.lease.end_clocks()  # nothing is held any more, so nothing has to go down
         level = Level.WARNING if to in {State.PAUSED, State.STALE, State.OFFLINE} else Level.INFO

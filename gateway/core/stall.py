@@ -14,7 +14,7 @@ When STALE begins is the supervisor's table; what may leave in it is the gate's 
 from __future__ import annotations
 
 from gateway.core.conditions import OWN_FSM
-from gateway.core.conductor import Conductor
+from gateway.core.conductor import QUIET, Conductor
 from gateway.core.starting import Starting
 from gateway.core.supervisor import STREAMING, State, Trigger
 from gateway.errors import Code
@@ -28,7 +28,6 @@ RESUME_NS = 1 * S
 """Streams that cannot be seeded within this after the state came back [ns] are given up: an arm's own state is dead."""
 
 STARTED = frozenset({FsmState.SLOW_START, FsmState.READY})
-QUIET = frozenset({State.OFFLINE, State.STALE})
 
 
 class Stall:
@@ -43,10 +42,12 @@ class Stall:
         self._conductor = conductor
         self._starting = starting
         self._resumed_ns = 0
+        self._quiet_ns = -1
+        """When the robot was last not heard, as far as it was looked at [ns]."""
         self._lost_ns: int | None = None
-        """When the robot was last not ours to hear [ns]; None once that is settled."""
+        """When it was last not heard, or in VR mode [ns]; None once what is owed since then is settled."""
         self._estop_lost_ns: int | None = None
-        """When it was last not heard at all, with an e-stop that it may not know [ns]; None when that is settled."""
+        """When it was last not heard, with an e-stop that it may not know [ns]; None once that is settled."""
 
     def step(self, now_ns: int) -> None:
         """Take the steps that are due.
@@ -54,8 +55,13 @@ class Stall:
         Args:
             now_ns: Monotonic time [ns].
         """
-        if self._conductor.state is State.STALE:
+        conductor = self._conductor
+        if conductor.state is State.STALE:
             self._while_stale(now_ns)
+        if conductor.state in QUIET:
+            conductor.quiet_ns = now_ns
+        if conductor.quiet_ns != self._quiet_ns:
+            self._quiet_ns = self._lost_ns = self._estop_lost_ns = conductor.quiet_ns
         self._pay(now_ns)
         self._repeat_estop(now_ns)
 
@@ -112,7 +118,9 @@ class Stall:
             conductor.fire(Trigger.FSM_DEAD, now_ns, "/fsm_state has not been heard for 0.5 s")
         elif value != FsmState.READY or not sides or now_ns - self._resumed_ns > RESUME_NS:
             self._come_back(now_ns)
-            conductor.body.heartbeat.zeros(now_ns)  # our own 1.0 of a moment ago is out: it may have restarted the robot
+            conductor.body.heartbeat.zeros(
+                now_ns
+            )  # our own 1.0 of a moment ago is out: it may have restarted the robot
         elif all(conductor.store.seedable(side, now_ns) for side in sides):
             if not conductor.body.running_arms and self._starting.seed(sides, now_ns) is not None:
                 self._come_back(now_ns)
@@ -133,9 +141,9 @@ class Stall:
         is_theirs = is_vr or (value is not None and value not in OWN_FSM)
         if is_theirs and heartbeat.is_ending and not heartbeat.is_estop:
             heartbeat.silence()  # the FSM is driven by VR or playback now: a 0.0 would pause its operator
-        if is_vr or state in QUIET:
+        if is_vr:
             self._lost_ns = now_ns
-        elif self._lost_ns is not None:
+        elif self._lost_ns is not None and state not in QUIET:
             if state in STREAMING or not heartbeat.is_owed:
                 self._lost_ns = None
             elif mode is not None and value is not None and self._is_newer(self._lost_ns):
@@ -154,9 +162,7 @@ class Stall:
         heartbeat, store = conductor.body.heartbeat, conductor.store
         if not conductor.is_estop_unheard:
             self._estop_lost_ns = None
-        elif conductor.state in QUIET:
-            self._estop_lost_ns = now_ns
-        elif (value := store.fsm(now_ns)) is not None and not heartbeat.is_ending:
+        elif conductor.state not in QUIET and (value := store.fsm(now_ns)) is not None and not heartbeat.is_ending:
             if value == FsmState.PAUSE:
                 conductor.is_estop_unheard = False
             elif self._estop_lost_ns is not None and (store.fsm_received_ns or 0) > self._estop_lost_ns:

@@ -13,6 +13,7 @@ from gateway.core.events import (
     Move,
     OnLoss,
     OpenStream,
+    Release,
     Stop,
     Take,
 )
@@ -180,6 +181,28 @@ def test_a_lost_client_while_stopping_is_still_stopped() -> None:
     pair.stops_first()
     pair.run(10.0)
     assert pair.owner is None and stages(pair) == ["lost", "free"]
+
+
+@pytest.mark.parametrize("state", ["READ_ONLY", "HOLDING", "PAUSED", "STOPPING", "STALE", "OFFLINE"])
+def test_who_acquires_a_free_lease_gets_it_in_every_state(state: str) -> None:
+    """Held, paused or stopping robots go on as they are; at rest the new owner is at the base."""
+    pair = scene(state)
+    if state == "STOPPING":
+        pair.granted(Release(epoch=pair.epoch), "ann")
+    elif state != "READ_ONLY":
+        lose(pair)
+        pair.run_until(lambda: pair.owner is None, 10.1)
+    before = pair.state
+    pair.alive.add("bob")
+    epoch = pair.granted(Acquire(name="bob", pid=2), "bob")["epoch"]
+    assert pair.owner == "bob" and epoch == pair.epoch + 1
+    assert pair.state == {"READ_ONLY": "IDLE"}.get(before, before)
+    if state in {"HOLDING", "PAUSED"}:
+        pair.run(55.0)
+        assert pair.state == before, "the clocks of the former owner went on"
+    elif state == "STOPPING":
+        pair.stops_first()
+        assert pair.state == "IDLE"
 
 
 # -------------------------------------------------------------------------------------------------------- takeover

@@ -329,6 +329,21 @@ def test_another_transport_is_a_lost_one(zid: str) -> None:
     assert pair.see().motions[0].code == "NO_LINK"
 
 
+def test_a_transport_that_is_back_in_the_same_tick_was_lost_all_the_same() -> None:
+    """The robot is heard again before anybody looked: what is owed is paid, and an e-stop is sent again."""
+    for request in (None, Estop()):
+        pair = scene("at rest")
+        pair.robot.inject({"fault": "fsm_value", "value": 2}, pair.now_ns)
+        if request is not None:
+            pair.granted(request, "bob")
+        pair.mark()
+        pair.receive(LinkUp(router_zid="aa", at_ns=pair.now_ns))
+        pair.step()
+        assert pair.state == "IDLE" and pair.arm_frames() == []
+        pair.run(1.5)
+        assert 0.0 in pair.beats and 1.0 not in pair.beats
+
+
 def test_a_burst_after_a_stall_of_the_link_moves_nothing() -> None:
     """What waited in the stalled link arrives late and all at once: constant frames, and no 1.0 after the stall began."""
     pair = scene("ACTIVE")
