@@ -217,7 +217,7 @@ class _Link:
 
     def poll(self) -> Sequence[Event]:
         engine = self._engine
-        self._link.pace(is_moving=bool(engine.running_topics), is_watched=engine.is_watched)
+        self._link.pace(is_moving=engine.is_streaming, is_watched=engine.is_watched)
         events = self._link.poll()
         if any(isinstance(event, LinkUp) for event in events):
             self._on_up()

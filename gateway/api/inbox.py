@@ -179,6 +179,8 @@ class Inbox:
 
     def poll(self) -> list[events.Event]:
         """Return what arrived since the last call: stops, then signs of life, targets, other requests, departures."""
+        if not (self._seen or self._commands or self._targets or self._estops or self._stops or self._gone):
+            return []  # what comes in this very moment is found by the next poll
         with self._lock:
             targets, self._targets = self._targets, {}
             seen, self._seen = self._seen, {}

@@ -133,6 +133,11 @@ class Engine:
         return self._conductor.state
 
     @property
+    def is_streaming(self) -> bool:
+        """Whether setpoints are being sent."""
+        return bool(self._conductor.body.running_arms)
+
+    @property
     def latches(self) -> Mapping[Code, str]:
         """Causes that refuse motion, with their messages."""
         return dict(self._conductor.supervisor.latches)
