@@ -35,7 +35,7 @@ from gateway.core.events import (
 from gateway.core.snapshot import Snapshot
 from gateway.errors import Code, Refusal
 from gateway.link.codec import BadSample, from_message, stamp_of, to_message
-from gateway.robot import MOTION_STATE_TOPICS, STATE_TOPICS
+from gateway.robot import CURRENT_MODE, MOTION_STATE_TOPICS, STATE_TOPICS
 from gateway.settings import Settings
 from gateway.sim.model import SimRobot
 from gateway.sim.settings import SimSettings
@@ -155,6 +155,11 @@ class Pair:
         """Age of the newest fast state that reached the engine on this link [ns]."""
         times = [self.heard[topic].received_ns for topic in MOTION_STATE_TOPICS if topic in self.heard]
         return self.now_ns - max(times) if times else None
+
+    @property
+    def knows_mode(self) -> bool:
+        """Whether `/api/current_mode` has reached the engine on this link."""
+        return CURRENT_MODE in self.heard
 
     def receive(self, event: Event) -> None:
         """Hand an event to the engine."""
@@ -299,7 +304,7 @@ class Pair:
     def activate(self, client: str = "user", on_loss: OnLoss = OnLoss.HOLD) -> int:
         """Acquire, enable and wait for ACTIVE; return the epoch."""
         self.run_until(lambda: self.state == "READ_ONLY")
-        self.run_until(lambda: self.engine.knows_mode)
+        self.run_until(lambda: self.knows_mode)
         epoch = self.own(client, on_loss)
         self.granted(Enable(epoch=epoch), client)
         self.run_until(lambda: self.state == "ACTIVE")

@@ -159,11 +159,6 @@ class Engine:
         streams = self._conductor.body.targets.running
         return streams[-1].stream_id if streams else None
 
-    @property
-    def knows_mode(self) -> bool:
-        """Whether `/api/current_mode` was ever heard on this link."""
-        return self._conductor.store.mode_received_ns is not None
-
     # ------------------------------------------------------------------------------------------------ events in
 
     def receive(self, event: Event, now_ns: int) -> None:
@@ -249,14 +244,16 @@ class Engine:
                 f"a tick came {late_ns / MS:.0f} ms late and was skipped, not caught up",
                 now_ns,
             )
-        if late_ns > ARM_WATCHDOG_NS - TICK_NS:  # the robot has stopped the arms meanwhile: no setpoint at speed meets them
+        if (
+            late_ns > ARM_WATCHDOG_NS - TICK_NS
+        ):  # the robot has stopped the arms meanwhile: no setpoint at speed meets them
             self._conductor.fire(Trigger.LONG_GAP, now_ns, f"a tick came {late_ns / MS:.0f} ms late")
         self._look_at_lease(now_ns, late_ns)
         self._look_at_robot(now_ns)
         if self._conductor.state in AT_BASE:  # requests are judged by what is known now
             self._conductor.go(self._conductor.base(now_ns), now_ns, "the robot's condition")
-        self._answer_requests(now_ns)
-        self._look_at_lease(now_ns, 0)  # an owner that abandons is lost in this tick, not in the next
+        if self._answer_requests(now_ns):
+            self._look_at_lease(now_ns, 0)  # an owner that abandons is lost in this tick, not in the next
         self._move_on(now_ns)
         frames = self._outlet.frames(now_ns, stops_only=is_late)
         remembered = self._to_remember()
@@ -327,7 +324,8 @@ class Engine:
             else:
                 return
 
-    def _answer_requests(self, now_ns: int) -> None:
+    def _answer_requests(self, now_ns: int) -> bool:
+        """Answer what was asked, stops first, and follow targets; return whether anything was asked."""
         commands, self._commands = self._commands, []
         commands.sort(key=lambda c: not isinstance(c.request, (Stop, Estop)))  # stable: stops first
         for command in commands:
@@ -346,6 +344,7 @@ class Engine:
         targets, self._targets = self._targets, {}
         for target in targets.values():
             self._desk.take_target(target, now_ns)
+        return bool(commands)
 
     def _move_on(self, now_ns: int) -> None:
         conductor = self._conductor

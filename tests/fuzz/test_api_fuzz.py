@@ -333,7 +333,7 @@ def plane() -> Plane:
     """Give a plane before a pair that was never asked anything."""
     pair = Pair(Settings(local=LocalSettings(snapshot_hz=10.0)))
     pair.topics = (*map(robot.arm_state, Side), robot.FSM_STATE, robot.CURRENT_MODE)
-    pair.run_until(lambda: pair.state == "READ_ONLY" and pair.engine.knows_mode)
+    pair.run_until(lambda: pair.state == "READ_ONLY" and pair.knows_mode)
     return Plane(pair)
 
 
