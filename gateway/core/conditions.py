@@ -75,7 +75,7 @@ class Conditions:
         elif not mode.api:
             if state is not State.READ_ONLY:
                 yield Trigger.VR_MODE, "the robot was switched to VR mode"
-        elif not any(mode.joint_mode[side] for side in mode.enabled_arms):
+        elif not self._conductor.able_arms(now_ns):
             yield Trigger.NO_ARM, "no arm is enabled in joint mode any more in the robot's system configuration"
 
     def _fsm(self, now_ns: int) -> Iterator[tuple[Trigger, str]]:

@@ -17,7 +17,7 @@ from gateway.core.streams.heartbeat import Beat
 from gateway.core.supervisor import ARMED, BASE, STREAMING, Action, Cell, State, Supervisor, Trigger
 from gateway.errors import Code
 from gateway.settings import Settings
-from gateway.values import Side
+from gateway.values import CurrentMode, Side
 
 __all__ = ["AT_BASE", "END_CODE", "LATCH_CODE", "QUIET", "Conductor", "EnableRecord"]
 
@@ -132,6 +132,8 @@ class Conductor:
         """Whether an e-stop is latched and the robot was not seen to pause since."""
         self.is_exiting = False
         self.enable = EnableRecord()
+        self._mode: CurrentMode | None = None
+        self._able: tuple[Side, ...] | None = None
 
     # ------------------------------------------------------------------------------------------------ saying
 
@@ -178,12 +180,20 @@ class Conductor:
             return self.enable.sides
         return tuple([side for side, arm in self.body.arms.items() if arm.running])
 
+    def able_arms(self, now_ns: int) -> tuple[Side, ...] | None:
+        """Return the arms that are enabled in joint mode, so that they take setpoints; None while the mode is unknown."""
+        mode = self.store.mode(now_ns)
+        if mode is not self._mode:  # it comes once a second, and is asked for on every tick
+            self._mode = mode
+            self._able = None if mode is None else tuple(side for side in mode.enabled_arms if mode.joint_mode[side])
+        return self._able
+
     def lost_arms(self, now_ns: int) -> dict[Side, Code]:
         """Return which of `sides` cannot go on: ARM_DISABLED (or in another control mode), or PART_LOST (state dead)."""
-        mode = self.store.mode(now_ns)
+        able = self.able_arms(now_ns)
         lost: dict[Side, Code] = {}
         for side in self.sides:
-            if mode is not None and not (mode.arm_enabled[side] and mode.joint_mode[side]):
+            if able is not None and side not in able:
                 lost[side] = Code.ARM_DISABLED
             elif not self.store.part_fresh(side, now_ns, needs_pose=False):
                 lost[side] = Code.PART_LOST

@@ -163,7 +163,7 @@ class Desk:
             return Refusal(
                 code=Code.NO_ARM_ENABLED, message="no arm is enabled in the robot's system configuration (manual §2.3)"
             )
-        sides = tuple(side for side in mode.enabled_arms if mode.joint_mode[side])
+        sides = self._conductor.able_arms(now_ns)
         if not sides:
             return Refusal(
                 code=Code.WRONG_CONTROL_MODE,

@@ -18,7 +18,7 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from operator import le, sub
-from typing import NewType
+from typing import NamedTuple, NewType
 
 from gateway import robot
 from gateway.core.events import Frame, FrameKind
@@ -96,8 +96,7 @@ class GateContext:
     latched: bool = False
 
 
-@dataclass(frozen=True, slots=True)
-class _Past:
+class _Past(NamedTuple):
     values: Vector
     step: Vector  # what it added to its forerunner; zeros at a start
 

@@ -68,7 +68,7 @@ class Outlet:
     def _context(self, now_ns: int) -> GateContext:
         conductor = self._conductor
         return GateContext(
-            state=conductor.state.value,
+            state=conductor.state,  # a state is its name
             epoch=conductor.lease.valid_epoch,
             fresh=conductor.transport_up and conductor.store.is_fresh(now_ns),
             stale_hold=conductor.stale_hold,

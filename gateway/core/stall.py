@@ -18,7 +18,7 @@ from gateway.core.conductor import QUIET, Conductor
 from gateway.core.starting import Starting
 from gateway.core.supervisor import STREAMING, State, Trigger
 from gateway.errors import Code
-from gateway.values import CurrentMode, FsmState, Side
+from gateway.values import FsmState
 
 __all__ = ["Stall"]
 
@@ -94,7 +94,7 @@ class Stall:
         if value == FsmState.ERROR and conductor.body.heartbeat.is_owed:
             conductor.latch(Code.FSM_ERROR, "the robot's FSM went to ERROR (-1) after our heartbeat", now_ns)
         is_foreign = value is not None and (value not in OWN_FSM or value == FsmState.ERROR)
-        return is_foreign or (mode is not None and (not mode.api or not _able(mode)))
+        return is_foreign or (mode is not None and (not mode.api or not conductor.able_arms(now_ns)))
 
     def _try_to_resume(self, now_ns: int) -> None:
         conductor = self._conductor
@@ -112,8 +112,8 @@ class Stall:
     def _resume(self, now_ns: int) -> None:
         """1.0 is out again: HOLDING as soon as the arms can be seeded."""
         conductor = self._conductor
-        mode, value = conductor.store.mode(now_ns), conductor.store.fsm(now_ns)
-        sides = tuple(side for side in conductor.enable.sides if mode is None or side in _able(mode))
+        able, value = conductor.able_arms(now_ns), conductor.store.fsm(now_ns)
+        sides = tuple(side for side in conductor.enable.sides if able is None or side in able)
         if value is None:
             conductor.fire(Trigger.FSM_DEAD, now_ns, "/fsm_state has not been heard for 0.5 s")
         elif value != FsmState.READY or not sides or now_ns - self._resumed_ns > RESUME_NS:
@@ -169,8 +169,3 @@ class Stall:
                 self._estop_lost_ns = None
                 if value in STARTED:
                     heartbeat.zeros(now_ns, is_estop=True)
-
-
-def _able(mode: CurrentMode) -> tuple[Side, ...]:
-    """Return the arms that take joint setpoints."""
-    return tuple(side for side in mode.enabled_arms if mode.joint_mode[side])

@@ -76,9 +76,8 @@ class Starting:
             Why an arm that the robot has enabled cannot be started; nothing has started then.
         """
         conductor = self._conductor
-        mode = conductor.store.mode(now_ns)
-        enabled = () if mode is None else tuple(side for side in mode.enabled_arms if mode.joint_mode[side])
-        silent = tuple(side for side in enabled if not conductor.body.arms[side].running)
+        able = conductor.able_arms(now_ns) or ()
+        silent = tuple(side for side in able if not conductor.body.arms[side].running)
         for side in silent:
             if not conductor.store.seedable(side, now_ns):
                 return Refusal(
