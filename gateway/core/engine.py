@@ -244,9 +244,8 @@ class Engine:
                 f"a tick came {late_ns / MS:.0f} ms late and was skipped, not caught up",
                 now_ns,
             )
-        if (
-            late_ns > ARM_WATCHDOG_NS - TICK_NS
-        ):  # the robot has stopped the arms meanwhile: no setpoint at speed meets them
+        if late_ns > ARM_WATCHDOG_NS - TICK_NS:
+            # The robot has stopped the arms meanwhile: no setpoint at speed must meet them.
             self._conductor.fire(Trigger.LONG_GAP, now_ns, f"a tick came {late_ns / MS:.0f} ms late")
         self._look_at_lease(now_ns, late_ns)
         self._look_at_robot(now_ns)

@@ -231,7 +231,7 @@ def away(pair: Pair, side: Side, by_rad: float = 0.05) -> Vector:
 
 
 def _read_only(pair: Scene) -> None:
-    pair.run_until(lambda: pair.state == "READ_ONLY" and pair.engine.knows_mode)
+    pair.run_until(lambda: pair.state == "READ_ONLY" and pair.knows_mode)
     pair.run(0.1)
 
 

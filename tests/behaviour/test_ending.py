@@ -93,7 +93,7 @@ def test_latches_survive_a_restart_of_the_daemon() -> None:
     pair.granted(Stop(reason="dog"), "bob")
     assert Code.STOPPED_BY_OTHER in pair.remembered.latches
     pair.restart()
-    pair.run_until(lambda: pair.state == "READ_ONLY" and pair.engine.knows_mode)
+    pair.run_until(lambda: pair.state == "READ_ONLY" and pair.knows_mode)
     epoch = pair.own("ann")
     pair.run(2.0)
     refusal = pair.refused(Enable(epoch=epoch), "ann")
@@ -107,7 +107,7 @@ def test_an_epoch_is_never_reused() -> None:
     pair = scene("ACTIVE")
     assert pair.remembered.epoch == pair.epoch
     pair.restart()
-    pair.run_until(lambda: pair.state == "READ_ONLY" and pair.engine.knows_mode)
+    pair.run_until(lambda: pair.state == "READ_ONLY" and pair.knows_mode)
     assert pair.own("ann") == pair.epoch + 1
     assert pair.refused(Enable(epoch=pair.epoch), "ann").code is Code.LEASE_STALE
 

@@ -87,6 +87,11 @@ def topics_of(output: Output) -> list[str]:
     return [frame.topic for frame in output.frames]
 
 
+def mode_known(pair):
+    """Whether the engine's store has heard `/api/current_mode` on this link."""
+    return pair.engine._conductor.store.mode_received_ns is not None
+
+
 # ------------------------------------------------------------------------------------------------ what is seen
 
 
@@ -94,7 +99,7 @@ def test_a_new_engine_has_nothing_and_sends_nothing():
     """Before the first event: OFFLINE, unowned, silent."""
     engine = Engine(Settings())
     assert (engine.state, engine.latches, engine.running_topics) == (State.OFFLINE, {}, ())
-    assert (engine.owner_id, engine.open_stream_id, knows_mode, engine.next_due_ns()) == (
+    assert (engine.owner_id, engine.open_stream_id, engine.is_streaming, engine.next_due_ns()) == (
         None,
         None,
         False,
@@ -114,7 +119,7 @@ def test_latches_are_shown_as_a_copy():
 def test_owner_streams_and_topics_are_seen():
     """Who owns the robot, what runs, when it is next due, and which stream of targets was opened last."""
     pair, epoch = active()
-    assert (pair.engine.owner_id, pair.engine.open_stream_id, pair.knows_mode) == ("user", None, True)
+    assert (pair.engine.owner_id, pair.engine.open_stream_id, pair.engine.is_streaming) == ("user", None, True)
     assert pair.engine.running_topics == (robot.joint_command(L), robot.joint_command(R), robot.FSM_ENABLE)
     assert pair.engine.next_due_ns() == pair.now_ns + 10 * MS
     first, second = pair.stream(epoch, L), pair.stream(epoch, R)
@@ -140,9 +145,9 @@ def test_a_sample_acts_at_once_and_a_refused_one_changes_no_value():
             topic=robot.CURRENT_MODE, code=Code.SAMPLE_REFUSED, message="no JSON", received_ns=pair.now_ns, count=2
         )
     )
-    assert not pair.knows_mode
+    assert not mode_known(pair)
     pair.receive(SampleArrived(topic=robot.CURRENT_MODE, value=mode, received_ns=pair.now_ns))
-    assert pair.knows_mode
+    assert mode_known(pair)
     seen = pair.see()
     assert seen.mode is not None and seen.topics[robot.CURRENT_MODE].refused == 2
 
@@ -234,7 +239,7 @@ def test_a_new_transport_is_a_loss_of_the_old_one():
     """What was under way is lost, and nothing that was heard before counts; the arms fall silent."""
     pair, _ = active()
     pair.up("bb")
-    assert pair.state == "OFFLINE" and not pair.knows_mode
+    assert pair.state == "OFFLINE" and not mode_known(pair)
     assert pair.engine.running_topics == ()
     pair.step()
     assert pair.codes()[:2] == [Code.LINK_DOWN, Code.STATE_CHANGED]
@@ -244,12 +249,12 @@ def test_a_new_transport_is_a_loss_of_the_old_one():
 def test_a_sample_that_straggles_in_while_the_link_is_down_counts_for_nothing():
     """Whatever came before the new transport is of the old one."""
     pair = pair_of()
-    pair.run_until(lambda: pair.knows_mode)
+    pair.run_until(lambda: mode_known(pair))
     heard = pair.heard[robot.CURRENT_MODE]
     pair.down()
     pair.receive(SampleArrived(topic=robot.CURRENT_MODE, value=heard.value, received_ns=pair.now_ns))
     pair.up()
-    assert not pair.knows_mode
+    assert not mode_known(pair)
 
 
 @pytest.mark.parametrize("code", [None, Code.ROUTE_DEAD])
