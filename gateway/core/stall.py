@@ -118,9 +118,8 @@ class Stall:
             conductor.fire(Trigger.FSM_DEAD, now_ns, "/fsm_state has not been heard for 0.5 s")
         elif value != FsmState.READY or not sides or now_ns - self._resumed_ns > RESUME_NS:
             self._come_back(now_ns)
-            conductor.body.heartbeat.zeros(
-                now_ns
-            )  # our own 1.0 of a moment ago is out: it may have restarted the robot
+            # Our own 1.0 of a moment ago is out: it may have restarted the robot.
+            conductor.body.heartbeat.zeros(now_ns)
         elif all(conductor.store.seedable(side, now_ns) for side in sides):
             if not conductor.body.running_arms and self._starting.seed(sides, now_ns) is not None:
                 self._come_back(now_ns)
