@@ -42,11 +42,11 @@ class Stall:
         self._conductor = conductor
         self._starting = starting
         self._resumed_ns = 0
-        self._quiet_ns = -1
+        self._quiet_ns = conductor.quiet_ns
         """When the robot was last not heard, as far as it was looked at [ns]."""
         self._lost_ns: int | None = None
         """When it was last not heard, or in VR mode [ns]; None once what is owed since then is settled."""
-        self._estop_lost_ns: int | None = None
+        self._estop_lost_ns = self._quiet_ns if conductor.is_estop_unheard else None
         """When it was last not heard, with an e-stop that it may not know [ns]; None once that is settled."""
 
     def step(self, now_ns: int) -> None:
