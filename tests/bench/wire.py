@@ -11,7 +11,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -70,6 +70,13 @@ def cpu_s(pid: int) -> float:
     return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
 
 
+def _favour(process: Process) -> None:
+    """Let a simulated robot receive in real time where that is permitted: the senders are measured, not the receiver."""
+    for task in Path(f"/proc/{process.pid}/task").iterdir():
+        with suppress(PermissionError, ProcessLookupError):
+            os.sched_setscheduler(int(task.name), os.SCHED_FIFO, os.sched_param(30))
+
+
 @contextmanager
 def _hogs(count: int) -> Iterator[None]:
     processes = [subprocess.Popen([sys.executable, "-S", "-c", HOG]) for _ in range(count)]
@@ -122,7 +129,7 @@ def _interval_rows(title: str, system: System, peer: SimControl, hogs: int) -> l
     return rows
 
 
-def _cpu_row(system: System, subscriber: Process) -> Row:
+def _cpu_row(title: str, system: System, subscriber: Process, goal: float | None = None) -> Row:
     pids = (system.daemon.pid, subscriber.pid)
     before = [cpu_s(pid) for pid in pids]
     begun = time.monotonic()
@@ -130,12 +137,12 @@ def _cpu_row(system: System, subscriber: Process) -> Row:
     elapsed = time.monotonic() - begun
     ours, peer = ((cpu_s(pid) - old) / elapsed * 100 for pid, old in zip(pids, before, strict=True))
     return Row(
-        name="CPU of the daemon, full state, nothing commanded",
+        name=f"CPU of the daemon, full state, {title}",
         ours=f"{ours:.1f} %",
         peer=f"{peer:.1f} % (empty callbacks)",
         ratio=f"{ours / peer:.2f}x",
-        goal="<= 1.6x",
-        good=ours / peer <= 1.6,
+        goal="" if goal is None else f"<= {goal:g}x",
+        good=None if goal is None else ours / peer <= goal,
     )
 
 
@@ -185,14 +192,20 @@ def wire_rows(folder: Path) -> list[Row]:
     system = System(folder)
     helpers: list[Process] = []
     try:
+        system.connect("bench").close()  # it sees a live robot now
+        helpers.append(Process("subscriber", ["-u", "-c", PEER_SUBSCRIBER, system.endpoint], folder))
+        wait_for(lambda: "ready" in helpers[-1].text(), "the plain subscriber")
+        rows.append(_cpu_row("nobody watches", system, helpers[-1], 1.6))
         with system.connect("bench") as robot, wait_for(lambda: SimControl(peer_endpoint), "the peer's robot") as peer:
-            helpers.append(Process("subscriber", ["-u", "-c", PEER_SUBSCRIBER, system.endpoint], folder))
-            wait_for(lambda: "ready" in helpers[-1].text(), "the plain subscriber")
-            rows.append(_cpu_row(system, helpers.pop()))
+            rows.append(_cpu_row("a client watches at 50 Hz", system, helpers[-1]))
+            for process in (system.sim, peer_sim):
+                _favour(process)
             helpers.append(Process("publisher", ["-u", "-c", PEER_PUBLISHER, peer_endpoint], folder))
             wait_for(lambda: "ready" in helpers[-1].text(), "the plain publisher")
             with robot.control() as own:
                 own.enable(timeout=12.0)
+                rows.append(_cpu_row("both arms held, a client watches", system, helpers[0]))
+                helpers.pop(0).end()
                 rows += _interval_rows("quiet", system, peer, 0)
                 rows += _interval_rows("4 CPU hogs", system, peer, 4)
                 rows.append(_latency_row(system, own))
