@@ -338,7 +338,9 @@ CODES: dict[Code, CodeInfo] = {
     Code.PLAN_FAILED: CodeInfo(error=Aborted, hint="please report the message"),
     Code.TARGET_EXPIRED: CodeInfo(error=Aborted, hint="send targets more often than their expiry", retryable=True),
     Code.TICK_LATE: CodeInfo(
-        error=Aborted, hint="this host was too busy for the control loop: give it SCHED_FIFO or less load", retryable=True
+        error=Aborted,
+        hint="this host was too busy for the control loop: give it SCHED_FIFO or less load",
+        retryable=True,
     ),
     Code.ESTOP: CodeInfo(error=NotReady, hint="make sure the robot is safe, then recover()"),
     Code.STOPPED_BY_OTHER: CodeInfo(error=NotReady, hint="ask who stopped the robot, then recover()"),
