@@ -36,6 +36,7 @@ S = 1_000_000_000
 READINESS_PERIOD_NS = 5 * S
 """Readiness is looked up this often, and soon after any token came or went."""
 MIN_READINESS_PERIOD_NS = S // 2
+READY = "ready"
 
 _log = logging.getLogger(__name__)
 
@@ -132,6 +133,7 @@ class Discovery:
         self._revision = -1
         self._looked_ns = 0
         self._is_version_read = False
+        self._heartbeat_words = READY
 
     def readiness(self) -> dict[str, str]:
         """Return, per topic of this model, a few words that a person understands. Any thread."""
@@ -158,6 +160,10 @@ class Discovery:
                 silent.append(topic)
         revive = self._look_into(silent, announced, sight.now_ns, observations)
         self._refresh_readiness(sight, announced, silent)
+        words = self._readiness[robot.FSM_ENABLE]  # for the engine to say when 1.0 does nothing
+        if words != self._heartbeat_words and not (words.startswith(READY) and self._heartbeat_words == READY):
+            self._heartbeat_words = words
+            observations.append(RouteObserved(topic=robot.FSM_ENABLE, code=None, message=words, at_ns=sight.now_ns))
         for observation in observations:
             _log.log(
                 logging.INFO if observation.code is None else logging.WARNING,
@@ -278,7 +284,7 @@ class Discovery:
             elif not matching.get(topic, False):
                 words[topic] = "no match: announced, but the router knows no subscriber"
             elif active.get(self._keys[topic]) is True:
-                words[topic] = "ready"
+                words[topic] = READY
             else:
                 words[topic] = "ready, as far as the tokens tell (admin space not readable)"
         return words

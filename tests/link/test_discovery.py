@@ -273,10 +273,23 @@ def test_all_topics_lost_at_once_are_all_observed_without_a_question(seen):
     for topic in robot.STATE_TOPICS:
         seen.announce(topic, TokenKind.MP, is_alive=False)
     finding = seen.step()
-    assert {o.topic for o in finding.observations} == set(robot.STATE_TOPICS)
-    assert {o.code for o in finding.observations} == {Code.ROUTE_LOST}
+    lost = [o for o in finding.observations if o.topic != robot.FSM_ENABLE]
+    assert {o.topic for o in lost} == set(robot.STATE_TOPICS)
+    assert {o.code for o in lost} == {Code.ROUTE_LOST}
     assert finding.revive == ()
     assert not any("/pub/" in selector for selector in seen.asked)
+
+
+def test_what_stands_between_the_heartbeat_and_the_robot_is_observed_once(seen):
+    """For the engine to say when 1.0 does nothing (BEHAVIOUR, the bridge misbehaves); a ready route is no news."""
+    assert seen.step().observations == ()
+    seen.announce(robot.FSM_ENABLE, TokenKind.MS, is_alive=False)
+    (observation,) = seen.step().observations
+    assert (observation.topic, observation.code) == (robot.FSM_ENABLE, None)
+    assert observation.message == "not announced: nobody on the robot listens to it"
+    assert seen.step().observations == ()
+    seen.announce(robot.FSM_ENABLE, TokenKind.MS)
+    assert [o.message for o in seen.step().observations] == ["ready"]
 
 
 def test_many_silent_topics_cost_one_question(seen):
