@@ -18,6 +18,7 @@ from dataclasses import dataclass
 from gateway.core.conditions import Conditions
 from gateway.core.conductor import AT_BASE, Conductor
 from gateway.core.desk import Desk
+from gateway.core.duplication import Duplication
 from gateway.core.events import (
     ClientGone,
     ClientSeen,
@@ -28,7 +29,6 @@ from gateway.core.events import (
     LinkDown,
     LinkUp,
     Notice,
-    OnLoss,
     Remembered,
     Reply,
     RouteObserved,
@@ -39,7 +39,7 @@ from gateway.core.events import (
     TargetArrived,
 )
 from gateway.core.gate import Cleared, Gate
-from gateway.core.lease import LossStage, Owner
+from gateway.core.loss import Loss
 from gateway.core.outlet import Outlet
 from gateway.core.phases import Phases
 from gateway.core.snapshot import LoopView, Snapshot
@@ -61,14 +61,6 @@ TICK_NS = 10 * MS
 REPLIES_KEPT = 2048
 """So many replies are kept to answer a repeated request with the first reply. At most four requests reach a tick, so each is
 kept for 5 s: longer than a client asks again for a reply that was lost (3 s)."""
-
-STAGE_NAMES = {
-    LossStage.LOST: "lost",
-    LossStage.BACK: "back",
-    LossStage.FREE: "free",
-    LossStage.DOWN_DUE: "down",
-}
-"""Stages as notices name them."""
 
 UNWATCHED_PERIOD_NS = 200 * MS
 """Snapshots come this far apart while nobody listens [ns]."""
@@ -110,9 +102,11 @@ class Engine:
         self._settings = settings
         self._conductor = Conductor(settings, remembered or Remembered())
         self._conditions = Conditions(self._conductor)
+        self._loss = Loss(self._conductor)
         self._phases = Phases(self._conductor, self._conditions)
         self._desk = Desk(self._conductor, self._phases)
         self._outlet = Outlet(self._conductor, Gate(settings.arm, settings.link.variant))
+        self._duplication = Duplication()
         self._commands: list[CommandRequested] = []
         self._targets: dict[tuple[int, str], TargetArrived] = {}
         self._replies: list[Reply] = []
@@ -171,8 +165,12 @@ class Engine:
         conductor = self._conductor
         if isinstance(event, (SampleArrived, SampleRefused)):
             conductor.store.receive(event, now_ns)
-            if isinstance(event, SampleArrived) and event.topic == FSM_STATE and event.value == FsmState.PAUSE:
-                conductor.body.heartbeat.fsm_zero_seen(event.received_ns)
+            if isinstance(event, SampleArrived):
+                if event.topic == FSM_STATE and event.value == FsmState.PAUSE:
+                    conductor.body.heartbeat.fsm_zero_seen(event.received_ns)
+                told = self._duplication.note(event)
+                if told:
+                    conductor.notice(Code.STATE_DUPLICATED, Level.WARNING, told, now_ns, topic=event.topic)
         elif isinstance(event, CommandRequested):
             self._commands.append(event)
         elif isinstance(event, TargetArrived):
@@ -218,6 +216,7 @@ class Engine:
         if conductor.transport_up:
             conductor.transport_up = False
             conductor.store.reset()
+            self._duplication.reset()
             conductor.notice(Code.LINK_DOWN, Level.WARNING, "the link to the robot's router is down", now_ns)
             conductor.fire(Trigger.TRANSPORT_LOST, now_ns, "the link to the robot's router is down")
 
@@ -247,12 +246,12 @@ class Engine:
         if late_ns > ARM_WATCHDOG_NS - TICK_NS:
             # The robot has stopped the arms meanwhile: no setpoint at speed must meet them.
             self._conductor.fire(Trigger.LONG_GAP, now_ns, f"a tick came {late_ns / MS:.0f} ms late")
-        self._look_at_lease(now_ns, late_ns)
+        self._loss.look(now_ns, late_ns)
         self._look_at_robot(now_ns)
         if self._conductor.state in AT_BASE:  # requests are judged by what is known now
             self._conductor.go(self._conductor.base(now_ns), now_ns, "the robot's condition")
         if self._answer_requests(now_ns):
-            self._look_at_lease(now_ns, 0)  # an owner that abandons is lost in this tick, not in the next
+            self._loss.look(now_ns, 0)  # an owner that abandons is lost in this tick, not in the next
         self._move_on(now_ns)
         frames = self._outlet.frames(now_ns, stops_only=is_late)
         remembered = self._to_remember()
@@ -287,31 +286,6 @@ class Engine:
             body.heartbeat.zeros(now_ns, is_estop=True)
         body.ground_stop(now_ns)
         return self._outlet.frames(now_ns, stops_only=True)
-
-    def _look_at_lease(self, now_ns: int, late_ns: int) -> None:
-        for event in self._conductor.lease.poll(now_ns, late_ns):
-            if event.stage is LossStage.LOST:
-                self._owner_lost(event.owner, now_ns)
-            elif event.stage is LossStage.BACK:
-                self._tell_stage(event.stage, "the owner is back; the clocks ended", now_ns)
-            elif event.stage is LossStage.FREE:
-                self._tell_stage(event.stage, "the lost owner's lease is free", now_ns)
-                self._conductor.fire(Trigger.LEASE_FREE, now_ns, "the lost owner's lease is free")
-            elif self._conductor.fire(Trigger.HOLD_OVER, now_ns, "nobody took over").do:
-                self._tell_stage(event.stage, "nobody took over: everything goes down, the grip is lost", now_ns)
-
-    def _tell_stage(self, stage: LossStage, message: str, now_ns: int) -> None:
-        level = Level.INFO if stage is LossStage.BACK else Level.WARNING
-        self._conductor.notice(Code.LOSS_STAGE, level, message, now_ns, stage=STAGE_NAMES[stage])
-
-    def _owner_lost(self, owner: Owner | None, now_ns: int) -> None:
-        conductor = self._conductor
-        name = owner.name if owner is not None else "the owner"
-        self._tell_stage(LossStage.LOST, f"{name} is lost", now_ns)
-        pauses = owner is not None and owner.on_loss is OnLoss.PAUSE
-        conductor.fire(Trigger.CLIENT_LOST_PAUSE if pauses else Trigger.CLIENT_LOST, now_ns, f"{name} is lost")
-        if conductor.state in AT_BASE:
-            conductor.lease.end_clocks()
 
     def _look_at_robot(self, now_ns: int) -> None:
         for _ in range(4):  # a trigger may lead to a state in which others matter

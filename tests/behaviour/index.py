@@ -332,7 +332,10 @@ ROBOT_SIDE = {
 BRIDGE = {
     "state dead, transport up, tokens there, admin shows no DDS reader": LINK,
     "state dead, transport up, tokens gone": LINK,
-    "state N times": LINK,
+    "state N times": (
+        "core/duplication::every_sample_three_times_is_told_once_with_the_count",
+        "core/engine::a_bridge_that_delivers_everything_twice_is_told_once",
+    ),
     "1.0 out > 1.5 s, FSM stays PAUSE": (
         "enabling::a_heartbeat_that_does_nothing_is_told_once_with_what_is_known_of_its_way",
     ),

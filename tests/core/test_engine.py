@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 from itertools import pairwise
 
 import pytest
@@ -596,3 +597,16 @@ def test_an_engine_that_failed_can_still_stop_everything(model):
     assert not set(pair.engine.running_topics) & set(map(robot.joint_command, Side))
     pair.receive(LinkUp(router_zid="bb", at_ns=pair.now_ns))
     assert pair.state == "OFFLINE"
+
+
+def test_a_bridge_that_delivers_everything_twice_is_told_once():
+    """STATE_DUPLICATED with the count, and what helps (BEHAVIOUR, the bridge misbehaves)."""
+    pair = pair_of()
+    topic = robot.arm_state(L)
+    pair.run_until(lambda: topic in pair.heard)
+    for _ in range(3):
+        sample = pair.heard[topic]
+        pair.receive(replace(sample, received_ns=pair.now_ns, count=200, duplicates=200))
+        pair.run(0.02)
+    (message,) = messages(pair, Code.STATE_DUPLICATED)
+    assert "2 times" in message and "restart the robot's bridge" in message
