@@ -191,6 +191,7 @@ class Engine:
             if event.code is not None:
                 conductor.notice(event.code, Level.WARNING, event.message, now_ns, topic=event.topic)
         elif isinstance(event, Suspended):
+            conductor.store.reset()  # CLOCK_MONOTONIC stood still: what was heard before looks younger than it is
             conductor.store.disturb(now_ns)
             conductor.notice(
                 Code.SUSPENDED, Level.WARNING, f"this host stood still for {event.slept_ns / S:.1f} s", now_ns

@@ -295,7 +295,10 @@ STOPPING = {
         "time::a_jump_of_the_robots_clock_changes_nothing",
         "time::enabling_works_after_a_jump_of_the_robots_clock",
     ),
-    "own suspend": ("time::a_suspend_frees_the_lease_and_takes_everything_down",),
+    "own suspend": (
+        "time::a_suspend_frees_the_lease_and_takes_everything_down",
+        "time::what_was_heard_before_a_sleep_is_not_believed_after_it",
+    ),
     "tick late > 50 ms": (
         "time::a_tick_that_is_more_than_50_ms_late_is_skipped_and_told",
         "time::after_a_gap_in_which_the_robot_stopped_the_arms_the_motion_is_over",

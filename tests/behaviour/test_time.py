@@ -66,6 +66,17 @@ def test_a_suspend_that_finds_only_old_state_holds_nothing_either() -> None:
     assert pair.state == "READ_ONLY" and pair.arm_frames() == [] and 1.0 not in pair.beats
 
 
+def test_what_was_heard_before_a_sleep_is_not_believed_after_it() -> None:
+    """CLOCK_MONOTONIC stood still meanwhile, so ages say nothing: nothing is enabled before everything is heard anew."""
+    pair = scene("IDLE")
+    pair.receive(Suspended(slept_ns=3600 * S, at_ns=pair.now_ns))
+    epoch = pair.own("bob")
+    refusal = pair.refused(Enable(epoch=epoch), "bob")
+    assert refusal.code in {Code.STATE_STALE, Code.MODE_UNKNOWN, Code.FSM_UNKNOWN}
+    pair.run(1.1)
+    pair.granted(Enable(epoch=epoch), "bob")
+
+
 @pytest.mark.parametrize(("late_ms", "is_skipped"), [(20, False), (50, False), (51, True), (120, True)])
 def test_a_tick_that_is_more_than_50_ms_late_is_skipped_and_told(late_ms: int, is_skipped: bool) -> None:
     """Never caught up: the next tick goes on by one period's step."""
