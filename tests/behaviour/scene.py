@@ -16,18 +16,20 @@ from gateway import robot
 from gateway.core.events import Disable, Enable, Frame, FrameKind, Move, Remembered, SampleArrived, Stop
 from gateway.core.snapshot import MotionView, TargetView
 from gateway.errors import Code
-from gateway.settings import ArmSettings, LinkSettings, LocalSettings, Settings
+from gateway.settings import ArmSettings, LinkSettings, LocalSettings, LossSettings, Settings
 from gateway.sim.settings import SimSettings
 from gateway.values import Side, Vector
-from tests.pair import MS, Pair
+from tests.pair import MS, Pair, S
 
-__all__ = ["HOME", "LEAN", "REACHED_BY", "Scene", "away", "scene", "watched"]
+__all__ = ["HOME", "LEAN", "QUICK", "REACHED_BY", "Scene", "away", "scene", "watched"]
 
 LEAN = (*map(robot.arm_state, Side), robot.FSM_STATE, robot.CURRENT_MODE)
 """State topics that matter here: fewer make a scene cheaper."""
 ARM_TOPICS = {robot.joint_command(side): side for side in Side}
 HOME = robot.HOME_Q_RAD
 BASES = ("IDLE", "READ_ONLY")
+QUICK = LossSettings(free_after_ns=1 * S, down_after_ns=3 * S)
+"""The stages of a loss, ten and twenty times as fast as usual."""
 MOVED = {FrameKind.MOTION, FrameKind.WALK}
 
 
@@ -39,6 +41,7 @@ class Scene(Pair):
         remembered: What an earlier engine left.
         model: `lite`, `standard` or `lift`.
         arm: Limits and tolerances, where other ones than the usual are needed.
+        loss: Stages of a loss; `QUICK` where their length is not the point.
         snapshot_hz: How often a snapshot is made; `see` needs 50.
     """
 
@@ -49,10 +52,12 @@ class Scene(Pair):
         *,
         model: str = "standard",
         arm: ArmSettings | None = None,
+        loss: LossSettings | None = None,
         snapshot_hz: float = 1.0,
     ) -> None:
         settings = Settings(
             arm=arm or ArmSettings(),
+            loss=loss or LossSettings(),
             local=LocalSettings(snapshot_hz=snapshot_hz),
             link=LinkSettings(model=model),
         )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+from functools import cache
 from pathlib import Path
 
 from tests.behaviour.index import INDEX, LATER
@@ -12,6 +13,7 @@ TESTS = Path(__file__).resolve().parents[1]
 NAMED = [name for rows in INDEX.values() for tests in rows.values() if not isinstance(tests, str) for name in tests]
 
 
+@cache
 def names_in(path: Path) -> set[str]:
     """Return the names of the tests in a file, without their `test_`."""
     body = ast.parse(path.read_text(encoding="utf-8")).body

@@ -19,7 +19,7 @@ from gateway.core.events import (
 )
 from gateway.errors import Code
 from gateway.values import Side
-from tests.behaviour.scene import HOME, Scene, away, scene
+from tests.behaviour.scene import HOME, QUICK, Scene, away, scene
 from tests.pair import MS, S
 
 
@@ -77,9 +77,9 @@ def test_a_lost_client_keeps_the_lease_for_10_s_and_the_hold_for_60_s() -> None:
 
 def test_after_60_s_the_lift_is_off() -> None:
     """[0,1] where the lift was commanded, [0,0] when everything goes down."""
-    pair = scene("HOLDING", Scene(model="lift"))
+    pair = scene("HOLDING", Scene(model="lift", loss=QUICK))
     lose(pair)
-    pair.run(59.0)
+    pair.run(2.0)
     pair.granted(Stop(), "bob")
     pair.run(3.0)
     assert pair.state == "READ_ONLY" and pair.values(robot.LIFT_COMMAND)[-1] == (0.0, 0.0)
@@ -88,9 +88,9 @@ def test_after_60_s_the_lift_is_off() -> None:
 @pytest.mark.parametrize("sign", ["keepalive", "acquire"])
 def test_a_client_that_is_back_within_10_s_ends_the_clocks(sign: str) -> None:
     """It keeps its lease and epoch; what was held is held; it resumes explicitly."""
-    pair = scene("ACTIVE")
+    pair = scene("ACTIVE", Scene(loss=QUICK))
     lose(pair)
-    pair.run(9.5)
+    pair.run(0.9)
     assert pair.refused(Move(epoch=pair.epoch, targets_rad=HOME), "ann").code is Code.LEASE_LOST
     pair.alive.add("ann")
     if sign == "acquire":
@@ -98,7 +98,7 @@ def test_a_client_that_is_back_within_10_s_ends_the_clocks(sign: str) -> None:
     pair.run(0.1)
     assert stages(pair) == ["lost", "back"] and pair.state == "HOLDING"
     pair.mark()
-    pair.run(61.0)
+    pair.run(3.5)
     assert pair.state == "HOLDING" and stages(pair) == [] and pair.owner == "ann"
     pair.granted(Move(epoch=pair.epoch, targets_rad=HOME), "ann")
     assert pair.state == "ACTIVE"
@@ -106,9 +106,9 @@ def test_a_client_that_is_back_within_10_s_ends_the_clocks(sign: str) -> None:
 
 def test_a_keepalive_of_another_client_ends_no_clock() -> None:
     """Only the owner's own."""
-    pair = scene("ACTIVE")
+    pair = scene("ACTIVE", Scene(loss=QUICK))
     lose(pair)
-    for _ in range(20):
+    for _ in range(4):
         pair.receive(ClientSeen(client_id="bob", at_ns=pair.now_ns))
         pair.run(0.6)
     assert pair.owner is None
@@ -116,14 +116,14 @@ def test_a_keepalive_of_another_client_ends_no_clock() -> None:
 
 def test_while_the_clocks_run_others_take_but_do_not_acquire() -> None:
     """LEASE_HELD until free; `take` works at once; a new owner ends both clocks."""
-    pair = scene("ACTIVE")
+    pair = scene("ACTIVE", Scene(loss=QUICK))
     lose(pair)
     refusal = pair.refused(Acquire(name="bob", pid=2), "bob")
     assert refusal.code is Code.LEASE_HELD and "free in" in refusal.message
     pair.alive.add("bob")
     epoch = pair.granted(Take(name="bob", pid=2, reason="ann crashed"), "bob")["epoch"]
     pair.mark()
-    pair.run(62.0)
+    pair.run(3.5)
     assert pair.owner == "bob" and pair.state == "HOLDING" and stages(pair) == []
     assert pair.refused(Move(epoch=pair.epoch, targets_rad=HOME), "ann").code is Code.LEASE_STALE
     pair.granted(Move(epoch=epoch, targets_rad=HOME), "bob")
@@ -131,13 +131,13 @@ def test_while_the_clocks_run_others_take_but_do_not_acquire() -> None:
 
 def test_whoever_acquires_an_unowned_hold_goes_on_from_it() -> None:
     """Free after 10 s, held until 60 s: a new owner moves on without `enable`."""
-    pair = scene("ACTIVE")
+    pair = scene("ACTIVE", Scene(loss=QUICK))
     lose(pair)
-    pair.run(20.0)
+    pair.run(2.0)
     pair.alive.add("bob")
     epoch = pair.granted(Acquire(name="bob", pid=2), "bob")["epoch"]
     pair.mark()
-    pair.run(45.0)
+    pair.run(3.0)
     assert pair.state == "HOLDING" and epoch == pair.epoch + 1
     pair.granted(Move(epoch=epoch, targets_rad=HOME), "bob")
     assert pair.state == "ACTIVE" and FrameKind.ECHO not in pair.arm_kinds()
@@ -156,9 +156,9 @@ def test_on_loss_pause_goes_down_at_once(state: str) -> None:
 
 def test_a_client_lost_while_nothing_is_held_costs_only_its_lease() -> None:
     """IDLE: free after 10 s; there is nothing to go down after 60 s, and nobody says that a grip was lost."""
-    pair = scene("IDLE")
+    pair = scene("IDLE", Scene(loss=QUICK))
     lose(pair)
-    pair.run(62.0)
+    pair.run(3.5)
     assert pair.owner is None and pair.state == "READ_ONLY" and stages(pair) == ["lost", "free"] and not pair.frames
 
 
@@ -176,29 +176,29 @@ def test_a_client_that_leaves_its_lease_is_lost_at_once() -> None:
 
 def test_a_lost_client_while_stopping_is_still_stopped() -> None:
     """STOPPING goes on to its end; the lease is free after 10 s."""
-    pair = scene("STOPPING")
+    pair = scene("STOPPING", Scene(loss=QUICK))
     lose(pair)
     pair.stops_first()
-    pair.run(10.0)
+    pair.run(1.0)
     assert pair.owner is None and stages(pair) == ["lost", "free"]
 
 
 @pytest.mark.parametrize("state", ["READ_ONLY", "HOLDING", "PAUSED", "STOPPING", "STALE", "OFFLINE"])
 def test_who_acquires_a_free_lease_gets_it_in_every_state(state: str) -> None:
     """Held, paused or stopping robots go on as they are; at rest the new owner is at the base."""
-    pair = scene(state)
+    pair = scene(state, Scene(loss=QUICK))
     if state == "STOPPING":
         pair.granted(Release(epoch=pair.epoch), "ann")
     elif state != "READ_ONLY":
         lose(pair)
-        pair.run_until(lambda: pair.owner is None, 10.1)
+        pair.run_until(lambda: pair.owner is None, 1.1)
     before = pair.state
     pair.alive.add("bob")
     epoch = pair.granted(Acquire(name="bob", pid=2), "bob")["epoch"]
     assert pair.owner == "bob" and epoch == pair.epoch + 1
     assert pair.state == {"READ_ONLY": "IDLE"}.get(before, before)
     if state in {"HOLDING", "PAUSED"}:
-        pair.run(55.0)
+        pair.run(3.0)
         assert pair.state == before, "the clocks of the former owner went on"
     elif state == "STOPPING":
         pair.stops_first()

@@ -305,7 +305,7 @@ def test_what_lasts_is_told_once(state: str, happening) -> None:
     """Conditions are levels, looked at on every tick; people hear of each occurrence at most once."""
     pair = scene(state)
     happening(pair)
-    pair.run(6.0)
+    pair.run(4.2)
     told = Counter((notice.code, notice.message) for notice in pair.notices)
     assert not told or max(told.values()) == 1, told.most_common(3)
     assert len(pair.notices) <= 8, Counter(notice.code for notice in pair.notices)
