@@ -181,7 +181,7 @@ class LocalPlane:
     def _guarded(self, work: Callable[[], object]) -> None:
         try:
             work()
-        except Exception:
+        except Exception:  # whatever one request does, the others must still be served; logged with its trace
             log.exception("a request could not be served")
 
 
