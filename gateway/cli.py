@@ -16,11 +16,15 @@ from argparse import Namespace
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from types import FrameType
+from typing import TYPE_CHECKING
 
 from gateway import __version__
 from gateway.apps.arguments import parse
 from gateway.apps.ending import ExitStatus, Interrupted, report
 from gateway.errors import Code, GatewayError, Refusal, to_exception
+
+if TYPE_CHECKING:
+    from gateway.apps.errand import Errand
 
 __all__ = ["COMMANDS", "main"]
 
@@ -75,13 +79,17 @@ def _run(options: Namespace) -> int:
     from dataclasses import replace
     from pathlib import Path
 
-    from gateway import config, daemon
+    from gateway import config, daemon, log
     from gateway.api.protocol import default_socket
 
-    settings = config.overridden(config.load(options.config), robot=options.robot, socket=options.socket)
-    if options.model is not None:
-        settings = replace(settings, link=replace(settings.link, model=options.model))
-    daemon.configure_log(is_json=options.json_log)
+    settings = config.overridden(
+        config.load(options.config),
+        robot=options.robot,
+        socket=options.socket,
+        namespace=options.namespace,
+        model=options.model,
+    )
+    log.configure_log(is_json=options.json_log)
 
     def on_ready(socket: str) -> None:
         if options.json_log:
@@ -99,26 +107,18 @@ def _run(options: Namespace) -> int:
             flush=True,
         )
 
-    return daemon.run(settings, on_ready)
+    if options.no_guard:
+        settings = replace(settings, guard=replace(settings.guard, enabled=False))
+    return daemon.run(settings, on_ready, is_json_log=options.json_log)
 
 
 def _sim(options: Namespace) -> int:
     if options.ask is not None:
         return _ask_sim(options)
     from gateway.sim.node import main_sim
-    from gateway.sim.settings import SimSettings
+    from gateway.sim.settings import settings_of
 
-    settings = SimSettings(
-        model=options.model,
-        left_mode=options.left_mode or options.mode,
-        right_mode=options.right_mode or options.mode,
-        seed=options.seed,
-        enable_left_arm="left_arm" not in options.disable,
-        enable_right_arm="right_arm" not in options.disable,
-        enable_chassis="chassis" not in options.disable,
-        enable_lift_servo="lift_servo" not in options.disable,
-    )
-    return main_sim(options.listen, settings)
+    return main_sim(options.listen, settings_of(options))
 
 
 def _ask_sim(options: Namespace) -> int:
@@ -184,16 +184,46 @@ def _status(options: Namespace) -> int:
     return show_status(options.target, options.timeout_s, as_json=options.json)
 
 
+def _why(options: Namespace) -> int:
+    from gateway.apps.why import show_why
+
+    return show_why(options.target, options.timeout_s, as_json=options.json)
+
+
 def _topics(options: Namespace) -> int:
     from gateway.apps.topics import show_topics
 
     return show_topics(options.target, options.timeout_s, as_json=options.json)
 
 
+def _link(options: Namespace) -> int:
+    from gateway.apps import link
+
+    if options.robot is None and options.config is None:
+        return link.show_link(options.target, options.timeout_s, as_json=options.json)
+    import logging
+
+    from gateway import config
+    from gateway.link.surveyor import look
+
+    logging.getLogger("gateway").addHandler(logging.NullHandler())  # the page says it
+    settings = config.overridden(
+        config.load(options.config), robot=options.robot, namespace=options.namespace, model=options.model
+    )
+    wire = look(settings.link, is_named=bool(options.namespace is not None or settings.link.namespace))
+    return link.show_look(wire, as_json=options.json)
+
+
 def _watch(options: Namespace) -> int:
     from gateway.apps.watch import watch
 
     return watch(options.target, options.timeout_s, once=options.once)
+
+
+def _events(options: Namespace) -> int:
+    from gateway.apps.events import show_events
+
+    return show_events(options.target, options.timeout_s, silence_s=options.silence, as_json=options.json)
 
 
 def _stop(options: Namespace) -> int:
@@ -215,24 +245,92 @@ def _enable(options: Namespace) -> int:
 
 
 def _move(options: Namespace) -> int:
-    from gateway.apps.moving import Errand, carry_out, home, to_joints
+    from gateway.apps.errand import carry_out
+    from gateway.apps.moving import Manner, home, to_joints, to_poses
 
-    errand = Errand(
+    is_clipping = options.command != "home" and options.clip
+    manner = Manner(speed=options.speed, tolerance_rad=options.tolerance, is_clipping=is_clipping)
+    errand = _errand(options)
+    if options.command == "home":
+        return carry_out(errand, home(manner))
+    sides = {"left": options.left, "right": options.right}
+    named = {side: values for side, values in sides.items() if values is not None}
+    if options.command == "move-pose":
+        return carry_out(errand, to_poses(manner, named))
+    return carry_out(errand, to_joints(manner, named, is_offset=options.by))
+
+
+def _follow(options: Namespace) -> int:
+    from pathlib import Path
+
+    from gateway.apps import following
+    from gateway.apps.passing import Passing
+
+    passing = Passing(
+        arm=options.arm,
+        space=options.space,
+        dt_s=options.dt,
+        stretch=options.stretch,
+        smoothing_s=options.smoothing,
+        start_at_s=options.start_at,
+        start_in_s=options.start_in,
+        path_tolerance=_one_or_all(options.path_tolerance),
+        goal_tolerance=_one_or_all(options.tolerance),
+        approach=options.speed if options.approach else None,
+    )
+    path = Path(options.file)
+    if options.check:
+        return following.check(options.target, options.timeout_s, path, passing, as_json=options.json)
+    return following.follow(_errand(options), path, passing)
+
+
+def _one_or_all(values: list[float] | None) -> float | list[float] | None:
+    """Return one number for all joints as such."""
+    return values[0] if values is not None and len(values) == 1 else values
+
+
+def _errand(options: Namespace) -> Errand:
+    from gateway.apps.errand import Errand
+
+    return Errand(
         command=options.command,
         target=options.target,
         timeout_s=options.timeout_s,
-        speed=options.speed,
-        tolerance_rad=options.tolerance,
-        is_clipping=options.command == "move" and options.clip,
         is_left_held=options.hold,
         take=options.take,
         asks=not options.yes,
         as_json=options.json,
     )
-    if options.command == "home":
-        return carry_out(errand, home)
-    sides = {"left": options.left, "right": options.right}
-    return carry_out(errand, to_joints({side: q for side, q in sides.items() if q is not None}, is_offset=options.by))
+
+
+def _example(options: Namespace) -> int:
+    from gateway.apps import examples
+
+    if options.number is None:
+        return examples.list_examples()
+    if options.show:
+        return examples.show_example(options.number)
+    return examples.run_example(options.number, options.target, asks=not options.yes)
+
+
+def _ground(options: Namespace) -> int:
+    from gateway.apps import grounding
+
+    outing = grounding.Outing(
+        command=options.command,
+        target=options.target,
+        timeout_s=options.timeout_s,
+        for_s=options.for_s,
+        is_left_held=options.command == "gripper" and options.hold,
+        take=options.take,
+        asks=not options.yes,
+        as_json=options.json,
+    )
+    if options.command == "gripper":
+        return grounding.gripper(outing, options.side, options.action, options.force, options.value or 0.0)
+    if options.command == "drive":
+        return grounding.drive(outing, options.vx, options.vy, options.wz)
+    return grounding.lift(outing, options.action, options.speed)
 
 
 COMMANDS: Mapping[str, Callable[[Namespace], int]] = {
@@ -241,10 +339,19 @@ COMMANDS: Mapping[str, Callable[[Namespace], int]] = {
     "config": _config,
     "status": _status,
     "watch": _watch,
+    "why": _why,
     "topics": _topics,
+    "link": _link,
+    "events": _events,
     "enable": _enable,
     "home": _move,
     "move": _move,
+    "move-pose": _move,
+    "follow": _follow,
+    "gripper": _ground,
+    "drive": _ground,
+    "lift": _ground,
+    "example": _example,
     "stop": _stop,
     "estop": _stop,
     "recover": _recover,

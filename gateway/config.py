@@ -40,13 +40,27 @@ S = 1_000_000_000
 INT64_MAX = 2**63 - 1
 """TOML promises integers up to this size; the parser would take any."""
 
-SECTIONS = {"robot": "link", "arm": "arm", "loss": "loss", "enable": "enable", "local": "local", "realtime": "realtime"}
+SECTIONS = {
+    "robot": "link",
+    "arm": "arm",
+    "chassis": "chassis",
+    "lift": "lift",
+    "pose": "pose",
+    "loss": "loss",
+    "enable": "enable",
+    "foreign": "foreign",
+    "local": "local",
+    "realtime": "realtime",
+    "guard": "guard",
+}
 """Section of the file -> field of `Settings`, in the order of `show`."""
 
 IN_MILLISECONDS = frozenset(
     {
         "arm.settle_ns",
         "arm.tracking_ns",
+        "chassis.expiry_ns",
+        "lift.expiry_ns",
         "loss.keepalive_ns",
         "enable.stale_ns",
         "enable.hold_stale_ns",
@@ -54,6 +68,7 @@ IN_MILLISECONDS = frozenset(
         "enable.seed_ns",
         "enable.seed_lag_ns",
         "enable.late_ns",
+        "guard.freeze_ns",
     }
 )
 """Times that the file has in milliseconds; all others are in seconds there."""
@@ -170,13 +185,22 @@ def loads(text: str, origin: str) -> Settings:
     return Settings(**parts)
 
 
-def overridden(settings: Settings, *, robot: str | None = None, socket: str | None = None) -> Settings:
+def overridden(
+    settings: Settings,
+    *,
+    robot: str | None = None,
+    socket: str | None = None,
+    namespace: str | None = None,
+    model: str | None = None,
+) -> Settings:
     """Return settings with what the command line asks for in place of the file's.
 
     Args:
         settings: As the file gave them.
         robot: Endpoint of the robot's router, `--robot`; None keeps the file's.
         socket: Path of the unix socket, `--socket`; None keeps the file's.
+        namespace: Of the robot's bridge, `--namespace`; None keeps the file's.
+        model: Of the robot, `--model`; None keeps the file's.
 
     Raises:
         ConfigError: The option makes no sense.
@@ -185,6 +209,10 @@ def overridden(settings: Settings, *, robot: str | None = None, socket: str | No
     try:
         if robot is not None:
             link = replace(link, endpoint=robot)
+        if namespace is not None:
+            link = replace(link, namespace=namespace)
+        if model is not None:
+            link = replace(link, model=model)
         if socket is not None:
             local = replace(local, socket=socket)
     except SettingsRefused as refused:

@@ -1,6 +1,6 @@
 """The daemon's composition root: builds everything, starts it in order, runs the loop, ends it in order.
 
-    locks -> state file -> engine -> local plane -> robot link -> real-time measures -> loop -> the same way back
+    locks -> state file -> engine -> guard -> local plane -> robot link -> real-time measures -> loop -> the same way back
 
 One daemon per robot. It ends by SIGTERM or Ctrl-C: the engine brakes, sends what it owes and says when it is done,
 within 5 s. Nothing here decides anything about the robot.
@@ -9,161 +9,41 @@ within 5 s. Nothing here decides anything about the robot.
 from __future__ import annotations
 
 import contextlib
-import json
 import logging
 import os
-import queue
 import signal
-import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 from functools import partial
+from pathlib import Path
 from types import FrameType
 
 from gateway.api import protocol
+from gateway.api.guard_protocol import guard_socket, robot_name
 from gateway.api.service import LocalPlane
 from gateway.config import state_dir
 from gateway.core.engine import Engine
-from gateway.core.events import Event, ExitRequested, LinkUp, Notice, Reply
+from gateway.core.events import Event, ExitRequested, GuardSeen, LinkUp, Notice, Reply
 from gateway.core.snapshot import Snapshot
+from gateway.errors import Code
+from gateway.heir import Heir
+from gateway.keeper import Keeper
 from gateway.link.robot_link import RobotLink
 from gateway.loop import Loop
-from gateway.realtime import FifoScheduling, Linux, calm_interpreter, lock_memory, release_interpreter, sharpen_timer
+from gateway.measures import take_measures
+from gateway.realtime import release_interpreter
 from gateway.settings import Settings
 from gateway.state_file import StateFile, StateWriter, path_of
+from gateway.zenoh_threads import share_reactor
 
-__all__ = ["JsonLines", "LogWriter", "RateLimit", "configure_log", "run"]
+__all__ = ["run"]
 
 _log = logging.getLogger(__name__)
 
 DISK_TIMEOUT_S = 2.0
 """How long the end waits for the last state to reach the disk [s]."""
-
-LOG_CAPACITY = 1000
-"""Log lines that may wait to be written."""
-LOG_TIMEOUT_S = 1.0
-"""How long the end waits for the last log lines [s]."""
-STDERR = 2
-
-
-class JsonLines(logging.Formatter):
-    """One JSON object a line: time, level, logger, message, and code and facts of a notice."""
-
-    def format(self, record: logging.LogRecord) -> str:
-        """Return the line of a record."""
-        line: dict[str, object] = {
-            "t": round(record.created, 3),
-            "level": record.levelname.lower(),
-            "from": record.name,
-            "message": record.getMessage(),
-        }
-        for key in ("code", "facts"):
-            value = getattr(record, key, None)
-            if value:
-                line[key] = value
-        if record.exc_info:
-            line["error"] = self.formatException(record.exc_info)
-        return json.dumps(line, ensure_ascii=False)
-
-
-class RateLimit(logging.Filter):
-    """Lets a source line speak at most so often: warnings may repeat at the rate of the loop.
-
-    Notices come from one line of the loop: each of their codes counts as a source of its own.
-
-    Args:
-        burst: Records of one source that pass in each window.
-        window_s: Length of a window [s].
-        clock: Monotonic clock [s]: a step of the wall clock silences nobody.
-    """
-
-    def __init__(self, burst: int = 20, window_s: float = 1.0, clock: Callable[[], float] = time.monotonic) -> None:
-        super().__init__()
-        self._burst = burst
-        self._window_s = window_s
-        self._clock = clock
-        self._seen: dict[tuple[str, int, str], tuple[float, int]] = {}
-
-    def filter(self, record: logging.LogRecord) -> bool:
-        """Return whether a record passes."""
-        source = (record.pathname, record.lineno, getattr(record, "code", ""))
-        now = self._clock()
-        since, count = self._seen.get(source, (now, 0))
-        if now - since > self._window_s:
-            since, count = now, 0
-        self._seen[source] = (since, count + 1)
-        return count < self._burst
-
-
-class LogWriter(logging.Handler):
-    """Writes records to a file descriptor from a thread of its own: who logs never waits for whoever reads the log.
-
-    A terminal under Ctrl-S, a pipe whose reader hangs or a full disk would stop the control loop else, at its next
-    notice and for as long as it lasts. What does not fit is left out, and counted in the log. The descriptor is written
-    directly: a thread that hangs in `sys.stderr` holds a lock that the interpreter needs to end.
-
-    Args:
-        descriptor: Where to write; stays open.
-        capacity: Records that may wait.
-    """
-
-    def __init__(self, descriptor: int = STDERR, capacity: int = LOG_CAPACITY) -> None:
-        super().__init__()
-        self._descriptor = descriptor
-        self._capacity = capacity
-        self._waiting: queue.SimpleQueue[logging.LogRecord | None] = queue.SimpleQueue()
-        self._left_out = 0
-        self._counting = threading.Lock()
-        self._is_closed = False
-        self._thread = threading.Thread(target=self._run, name="log", daemon=True)
-        self._thread.start()
-
-    def emit(self, record: logging.LogRecord) -> None:
-        """Put a record in line."""
-        if self._is_closed or self._waiting.qsize() >= self._capacity:
-            with self._counting:
-                self._left_out += 1
-        else:
-            self._waiting.put(record)
-
-    def close(self) -> None:
-        """Write what waits, for a second at most. May be called again; logging does it when the process ends."""
-        if not self._is_closed:
-            self._is_closed = True
-            self._waiting.put(None)
-            self._thread.join(LOG_TIMEOUT_S)
-        super().close()
-
-    def _run(self) -> None:
-        while (record := self._waiting.get()) is not None:
-            try:
-                line = self.format(record)
-            except Exception as error:  # noqa: BLE001  whatever a message does when it is formatted: the next are told
-                line = f"a record of {record.pathname}:{record.lineno} cannot be shown: {type(error).__name__}"
-            self._write(line)
-            if self._left_out:
-                with self._counting:
-                    lost, self._left_out = self._left_out, 0
-                self._write(self.format(_line_of(f"{lost} log lines were left out: nobody read the log")))
-
-    def _write(self, line: str) -> None:
-        rest = memoryview(f"{line}\n".encode(errors="backslashreplace"))
-        with contextlib.suppress(OSError):  # nobody will ever read it: the terminal is gone, the disk is full
-            while rest:
-                rest = rest[os.write(self._descriptor, rest) :]
-
-
-def _line_of(message: str) -> logging.LogRecord:
-    return logging.LogRecord(__name__, logging.WARNING, __file__, 0, message, (), None)
-
-
-def configure_log(*, is_json: bool) -> None:
-    """Write the log to standard error, as JSON lines or as plain ones for people, without ever waiting for it."""
-    handler = LogWriter()
-    handler.setFormatter(JsonLines() if is_json else logging.Formatter("%(asctime)s %(levelname)-7s %(message)s"))
-    handler.addFilter(RateLimit())
-    logging.basicConfig(level=logging.INFO, handlers=[handler], force=True)
 
 
 class _Watched:
@@ -193,11 +73,57 @@ class _Watched:
             events = [*events, ExitRequested(at_ns=time.monotonic_ns())]
         return events
 
+    def wait(self, seconds: float) -> bool:
+        return bool(self._signals) or self._plane.wait(seconds)
+
     def send(self, replies: Sequence[Reply], notices: Sequence[Notice]) -> None:
         self._plane.send(replies, notices)
 
     def publish_snapshot(self, snapshot: Snapshot) -> None:
         self._plane.publish_snapshot(snapshot)
+
+
+class _Guards:
+    """This daemon's guard, and the one that an earlier daemon left, as far as the loop is concerned.
+
+    Args:
+        settings: Whether there shall be a guard.
+        engine: What is shown to it.
+        socket: The daemon's; the guard's lies beside it.
+        is_json_log: Whether the guard's log is JSON lines.
+    """
+
+    def __init__(self, settings: Settings, engine: Engine, socket: Path, *, is_json_log: bool) -> None:
+        self._engine = engine
+        name = robot_name(settings.link.endpoint, settings.link.namespace)
+        self._heir = Heir(guard_socket(socket), engine, self._latch, name)
+        self._keeper: Keeper | None = None
+        if settings.guard.enabled:
+            here = replace(settings, local=replace(settings.local, socket=str(socket)))
+            try:
+                self._keeper = Keeper(here, is_json_log=is_json_log)
+                self._keeper.start()
+            except OSError as error:
+                _log.error("there is no guard: %s", error)
+        else:
+            _log.warning("no guard: when this process dies, the robot's own watchdogs stop it, and the grip is lost")
+
+    def _latch(self, code: Code, message: str) -> None:
+        self._engine.takeover.latch(code, message, time.monotonic_ns())
+
+    def poll(self) -> list[Event]:
+        now_ns = time.monotonic_ns()
+        return [*self._heir.poll(now_ns), *(self._keeper.poll(now_ns) if self._keeper is not None else ())]
+
+    def on_sending(self, now_ns: int) -> None:
+        self._heir.confirm()
+        if self._keeper is not None:
+            self._keeper.write(self._engine.takeover.show(now_ns))
+
+    def close(self, is_clean: Callable[[], bool]) -> None:
+        self._heir.close()
+        if self._keeper is not None:
+            self._keeper.close(is_clean=is_clean())
 
 
 class _Link:
@@ -207,21 +133,28 @@ class _Link:
         link: The link.
         engine: Says how closely it must look.
         on_up: Called in the loop's thread after each LinkUp.
+        guards: Have something to say, too.
     """
 
-    def __init__(self, link: RobotLink, engine: Engine, on_up: Callable[[], None]) -> None:
+    def __init__(self, link: RobotLink, engine: Engine, on_up: Callable[[], None], guards: _Guards) -> None:
+        self._guards = guards
         self._on_up = on_up
         self._link = link
         self._engine = engine
         self.publish = link.publish
+        self.show = link.show
 
     def poll(self) -> Sequence[Event]:
         engine = self._engine
-        self._link.pace(is_moving=engine.is_streaming, is_watched=engine.is_watched)
+        self._link.pace(is_moving=engine.is_streaming, is_watched=engine.is_watched, is_posing=engine.is_posing)
         events = self._link.poll()
         if any(isinstance(event, LinkUp) for event in events):
             self._on_up()
-        return events
+        of_guards = self._guards.poll()
+        for event in of_guards:
+            if isinstance(event, GuardSeen) and event.zid:
+                self._link.befriend(event.zid)
+        return [*events, *of_guards]
 
 
 @contextmanager
@@ -242,26 +175,7 @@ def _signals(handle: Callable[[int], None]) -> Iterator[None]:
             signal.signal(number, handler)
 
 
-def _take_measures(settings: Settings) -> Callable[[], None]:
-    """Take the real-time measures that are permitted; one line each. Return what is to be done after a new link."""
-    kernel = Linux()
-    measures = [sharpen_timer(kernel), calm_interpreter()]
-    if settings.realtime.lock_memory:
-        measures.append(lock_memory(kernel))
-    fifo = FifoScheduling(kernel, settings.realtime.fifo_priority, threading.get_native_id())
-    if settings.realtime.fifo:
-        measures.append(fifo.apply())
-    for measure in measures:
-        _log.info("%s", measure.line)
-
-    def after_link_up() -> None:
-        if fifo.active and not (measure := fifo.refresh()).taken:
-            _log.warning("%s", measure.line)
-
-    return after_link_up
-
-
-def run(settings: Settings, on_ready: Callable[[str], None] | None = None) -> int:
+def run(settings: Settings, on_ready: Callable[[str], None] | None = None, *, is_json_log: bool = False) -> int:
     """Run the daemon until it is asked to end.
 
     Must be called in the main thread: it takes over SIGTERM, SIGINT and SIGHUP while it runs.
@@ -269,6 +183,7 @@ def run(settings: Settings, on_ready: Callable[[str], None] | None = None) -> in
     Args:
         settings: Effective settings.
         on_ready: Called with the socket's path when clients can connect.
+        is_json_log: Whether the guard's log is JSON lines, like this process's own.
 
     Returns:
         Exit status: 0.
@@ -277,6 +192,7 @@ def run(settings: Settings, on_ready: Callable[[str], None] | None = None) -> in
         NotReady: OTHER_GATEWAY: a daemon for this robot or this socket runs on this host.
         ConfigError: A listener or a file cannot be as configured.
     """
+    share_reactor()
     link: RobotLink | None = None
     status = 1
     try:
@@ -292,6 +208,9 @@ def run(settings: Settings, on_ready: Callable[[str], None] | None = None) -> in
             engine = Engine(settings, started.remembered)
             watched = _Watched(plane, engine)
             ending.enter_context(_signals(watched.ask_to_end))  # to the very end: impatience must skip nothing
+            # Before real-time measures, and before this process has anything that another one should not inherit.
+            guards = _Guards(settings, engine, plane.socket, is_json_log=is_json_log)
+            ending.callback(guards.close, lambda: status == 0)
             writer = StateWriter(state_file, started)
             ending.callback(_close_writer, writer, state_file)
             ending.callback(release_interpreter)
@@ -301,8 +220,10 @@ def run(settings: Settings, on_ready: Callable[[str], None] | None = None) -> in
             plane.tell_routes_of(partial(_routes, link))
             plane.open()
             link.open()
-            after_link_up = _take_measures(settings)
-            loop = Loop(engine, _Link(link, engine, after_link_up), watched, on_remembered=writer.write)
+            after_link_up = take_measures(settings)
+            robot = _Link(link, engine, after_link_up, guards)
+            loop = Loop(engine, robot, watched, on_remembered=writer.write, on_sending=guards.on_sending)
+            ending.callback(guards.close, lambda: status == 0)  # first of all: no tick comes any more
             if on_ready is not None:
                 on_ready(str(plane.socket))
             loop.run(lambda: False)
@@ -321,4 +242,6 @@ def _close_writer(writer: StateWriter, state_file: StateFile) -> None:
 
 
 def _routes(link: RobotLink) -> protocol.Routes:
-    return protocol.Routes(routes=link.readiness(), bridge_version=link.robot_version, undelivered=link.undelivered)
+    return protocol.Routes(
+        routes=link.readiness(), bridge_version=link.robot_version, undelivered=link.undelivered, wire=link.wire()
+    )

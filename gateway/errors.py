@@ -17,14 +17,15 @@ GatewayError                      code, message, field, value, bound, unit, hint
 └─ InternalError                  a bug in the gateway
 ```
 
-In the core a refusal is a value (`Refusal`); the client turns its code back into the class of the table
-below (`to_exception`). Messages carry value, bound, unit and source; the hint says what to do next.
+The codes themselves are in `codes.py`. In the core a refusal is a value (`Refusal`); the client turns its code back into
+the class of the table below (`to_exception`). Messages carry value, bound, unit and source; the hint says what to do next.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from enum import Enum
+
+from gateway.codes import Code
 
 __all__ = [
     "CODES",
@@ -49,95 +50,6 @@ __all__ = [
     "Superseded",
     "to_exception",
 ]
-
-
-class Code(str, Enum):
-    """Stable code of a refusal, an end of motion, a latch or a notice. The value never changes."""
-
-    # the input
-    BAD_REQUEST = "BAD_REQUEST"
-    UNSUPPORTED_VERSION = "UNSUPPORTED_VERSION"
-    WRONG_SHAPE = "WRONG_SHAPE"
-    NOT_FINITE = "NOT_FINITE"
-    OUT_OF_RANGE = "OUT_OF_RANGE"
-    UNKNOWN_MOTION = "UNKNOWN_MOTION"
-    UNKNOWN_STREAM = "UNKNOWN_STREAM"
-    # the lease
-    NOT_OWNER = "NOT_OWNER"
-    LEASE_HELD = "LEASE_HELD"
-    LEASE_STALE = "LEASE_STALE"
-    LEASE_LOST = "LEASE_LOST"
-    TAKEOVER_BRAKING = "TAKEOVER_BRAKING"
-    # the robot and the gateway's state
-    NO_LINK = "NO_LINK"
-    STATE_STALE = "STATE_STALE"
-    PART_STALE = "PART_STALE"
-    MODE_UNKNOWN = "MODE_UNKNOWN"
-    MODE_VR = "MODE_VR"
-    WRONG_CONTROL_MODE = "WRONG_CONTROL_MODE"
-    ARM_DISABLED = "ARM_DISABLED"
-    NO_ARM_ENABLED = "NO_ARM_ENABLED"
-    NOT_ENABLED = "NOT_ENABLED"
-    FSM_BUSY = "FSM_BUSY"
-    FSM_ERROR = "FSM_ERROR"
-    FSM_UNKNOWN = "FSM_UNKNOWN"
-    LATCHED = "LATCHED"
-    LATCH_PERSISTS = "LATCH_PERSISTS"
-    STOPPING = "STOPPING"
-    ROBOT_PAUSED = "ROBOT_PAUSED"
-    ENABLE_TIMEOUT = "ENABLE_TIMEOUT"
-    START_OUTSIDE_LIMITS = "START_OUTSIDE_LIMITS"
-    OTHER_GATEWAY = "OTHER_GATEWAY"
-    EXITING = "EXITING"
-    # how a motion or a stream ends
-    STREAM_ENDED = "STREAM_ENDED"
-    CANCELLED = "CANCELLED"
-    SUPERSEDED = "SUPERSEDED"
-    STOPPED = "STOPPED"
-    CLIENT_LOST = "CLIENT_LOST"
-    PART_LOST = "PART_LOST"
-    SETTLE_TIMEOUT = "SETTLE_TIMEOUT"
-    PLAN_FAILED = "PLAN_FAILED"
-    TARGET_EXPIRED = "TARGET_EXPIRED"
-    # latches
-    ESTOP = "ESTOP"
-    STOPPED_BY_OTHER = "STOPPED_BY_OTHER"
-    TRACKING_ERROR = "TRACKING_ERROR"
-    FOREIGN_WRITER = "FOREIGN_WRITER"
-    GATE_VIOLATION = "GATE_VIOLATION"
-    JOINT_ORDER = "JOINT_ORDER"
-    STATE_LOST = "STATE_LOST"
-    # notices
-    STOP_NOT_EFFECTIVE = "STOP_NOT_EFFECTIVE"
-    STOP_UNDELIVERED = "STOP_UNDELIVERED"
-    START_AT_LIMIT = "START_AT_LIMIT"
-    TICK_LATE = "TICK_LATE"
-    SUSPENDED = "SUSPENDED"
-    SAMPLE_REFUSED = "SAMPLE_REFUSED"
-    STATE_DUPLICATED = "STATE_DUPLICATED"
-    ROUTE_DEAD = "ROUTE_DEAD"
-    ROUTE_LOST = "ROUTE_LOST"
-    HEARTBEAT_NOT_EFFECTIVE = "HEARTBEAT_NOT_EFFECTIVE"
-    STATE_CHANGED = "STATE_CHANGED"
-    LEASE_CHANGED = "LEASE_CHANGED"
-    LATCH_CHANGED = "LATCH_CHANGED"
-    LINK_UP = "LINK_UP"
-    LINK_DOWN = "LINK_DOWN"
-    ROBOT_RESTARTED = "ROBOT_RESTARTED"
-    LOSS_STAGE = "LOSS_STAGE"
-    MOTION_ENDED = "MOTION_ENDED"
-    WALK = "WALK"
-    # the daemon's start
-    BAD_CONFIG = "BAD_CONFIG"
-    # the client's side
-    DISCONNECTED = "DISCONNECTED"
-    TIMEOUT = "TIMEOUT"
-    OUTCOME_UNKNOWN = "OUTCOME_UNKNOWN"
-    INTERNAL = "INTERNAL"
-
-    def __str__(self) -> str:
-        """Return the bare code."""
-        return self.value
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -208,6 +120,12 @@ class GatewayError(Exception):
     def unit(self) -> str:
         """Unit of value and bound, or empty."""
         return self.refusal.unit
+
+    @property
+    def retryable(self) -> bool:
+        """Whether the same request may succeed later without a person's help; nothing here retries by itself."""
+        info = CODES.get(self.refusal.code)
+        return info is not None and info.retryable
 
     def __str__(self) -> str:
         """Return `CODE: message -> hint`."""
@@ -298,20 +216,31 @@ CODES: dict[Code, CodeInfo] = {
     Code.UNSUPPORTED_VERSION: CodeInfo(error=ProtocolError, hint="install the same release for client and daemon"),
     Code.WRONG_SHAPE: CodeInfo(error=Rejected, hint="give exactly the number of values named in the message"),
     Code.NOT_FINITE: CodeInfo(error=Rejected, hint="remove NaN and infinity from the input"),
+    Code.WRONG_FRAME: CodeInfo(
+        error=Rejected, hint="give the arm's own frame: left_shoulder_base or right_shoulder_base"
+    ),
     Code.OUT_OF_RANGE: CodeInfo(error=Rejected, hint="stay inside the bound, or ask for on_limit='clip'"),
+    Code.JUMP_TOO_FAR: CodeInfo(error=Rejected, hint="start where the arm is held, or move there first"),
+    Code.TOO_FAST: CodeInfo(error=Rejected, hint="ask for stretch, the factor by which it becomes slower"),
+    Code.TOO_LATE: CodeInfo(error=Rejected, hint="send the chunk before the time of its last point has passed"),
+    Code.CANNOT_JOIN: CodeInfo(
+        error=Rejected, hint="start slower or nearer to the arm, and leave time to join: some 0.5 s", retryable=True
+    ),
     Code.UNKNOWN_MOTION: CodeInfo(error=Rejected, hint="use the id of a motion that was accepted by this daemon"),
     Code.UNKNOWN_STREAM: CodeInfo(error=Rejected, hint="open a stream first"),
     Code.NOT_OWNER: CodeInfo(error=LeaseError, hint="take the lease with control() first"),
     Code.LEASE_HELD: CodeInfo(error=LeaseError, hint="wait until it is free, or take(reason=...)", retryable=True),
     Code.LEASE_STALE: CodeInfo(error=LeaseError, hint="acquire the lease again; this epoch is over"),
-    Code.LEASE_LOST: CodeInfo(error=LeaseError, hint="somebody took the robot over; acquire again when it is free"),
+    Code.LEASE_LOST: CodeInfo(error=LeaseError, hint="acquire again when it is free: somebody took the robot over"),
     Code.TAKEOVER_BRAKING: CodeInfo(error=LeaseError, hint="wait until the arms are at rest", retryable=True),
     Code.NO_LINK: CodeInfo(error=Stale, hint="check power, cable and address of the robot (tcp 9000)", retryable=True),
     Code.STATE_STALE: CodeInfo(error=Stale, hint="wait for fresh state; see `ta2 topics`", retryable=True),
     Code.PART_STALE: CodeInfo(error=Stale, hint="wait for this part's state; see `ta2 topics`", retryable=True),
     Code.MODE_UNKNOWN: CodeInfo(error=NotReady, hint="wait for /api/current_mode (about 1 Hz)", retryable=True),
     Code.MODE_VR: CodeInfo(error=NotReady, hint=f"set API mode {REBOOT}"),
-    Code.WRONG_CONTROL_MODE: CodeInfo(error=NotReady, hint=f"set the arm's control mode {REBOOT}"),
+    Code.WRONG_CONTROL_MODE: CodeInfo(
+        error=NotReady, hint=f"move it in its own mode (move_to, move_pose), or set that {REBOOT}"
+    ),
     Code.ARM_DISABLED: CodeInfo(error=NotReady, hint=f"enable the arm {REBOOT}"),
     Code.NO_ARM_ENABLED: CodeInfo(error=NotReady, hint=f"enable an arm {REBOOT}"),
     Code.NOT_ENABLED: CodeInfo(error=NotReady, hint="call enable() first"),
@@ -324,30 +253,49 @@ CODES: dict[Code, CodeInfo] = {
     Code.LATCH_PERSISTS: CodeInfo(error=NotReady, hint="remove the cause named in the message, then recover() again"),
     Code.STOPPING: CodeInfo(error=NotReady, hint="wait until the arms are at rest", retryable=True),
     Code.ROBOT_PAUSED: CodeInfo(error=NotReady, hint="look why the robot paused (physical stop?), then enable()"),
-    Code.ENABLE_TIMEOUT: CodeInfo(error=NotReady, hint="see what was missing in the message", retryable=True),
+    Code.ENABLE_TIMEOUT: CodeInfo(
+        error=NotReady, hint="mend what was missing (in the message), then enable() again", retryable=True
+    ),
     Code.START_OUTSIDE_LIMITS: CodeInfo(error=NotReady, hint="move the joint back inside by hand or in VR mode"),
+    Code.CHASSIS_DISABLED: CodeInfo(error=NotReady, hint=f"enable the chassis {REBOOT}"),
+    Code.LIFT_DISABLED: CodeInfo(error=NotReady, hint=f"enable the lift servo {REBOOT}"),
+    Code.NO_LIFT: CodeInfo(
+        error=NotReady, hint="set `model` in the configuration if this robot has a lift (manual §1.2)"
+    ),
     Code.OTHER_GATEWAY: CodeInfo(error=NotReady, hint="stop the other gateway first (manual §3.3.2)"),
-    Code.EXITING: CodeInfo(error=NotReady, hint="the daemon is going down; start it again"),
+    Code.HELD_BY_GUARD: CodeInfo(
+        error=NotReady, hint="wait some seconds: the hold is taken over, or ends by itself", retryable=True
+    ),
+    Code.EXITING: CodeInfo(error=NotReady, hint="start the daemon again: it is going down"),
     Code.STREAM_ENDED: CodeInfo(error=Aborted, hint="open a new stream; it starts where the arm is held"),
-    Code.CANCELLED: CodeInfo(error=Cancelled, hint="the arm holds where it braked; command a new motion"),
+    Code.CANCELLED: CodeInfo(error=Cancelled, hint="command a new motion: the arm holds where it braked"),
     Code.SUPERSEDED: CodeInfo(error=Superseded, hint="wait for the motion that took the arm over"),
-    Code.STOPPED: CodeInfo(error=Aborted, hint="stop() was called; command a new motion when it is safe"),
-    Code.CLIENT_LOST: CodeInfo(error=Aborted, hint="the keepalive of the client stopped; command a new motion"),
-    Code.PART_LOST: CodeInfo(error=Aborted, hint="see the notices for the part that was lost"),
+    Code.STOPPED: CodeInfo(error=Aborted, hint="command a new motion when it is safe: stop() was called"),
+    Code.CLIENT_LOST: CodeInfo(error=Aborted, hint="command a new motion: the keepalive of the client had stopped"),
+    Code.PART_LOST: CodeInfo(
+        error=Aborted, hint="look at `ta2 why` for the part that was lost, then command a new motion"
+    ),
     Code.SETTLE_TIMEOUT: CodeInfo(error=Aborted, hint="look for load or contact, or ask for a wider tolerance"),
-    Code.PLAN_FAILED: CodeInfo(error=Aborted, hint="please report the message"),
+    Code.PATH_TOLERANCE: CodeInfo(error=Aborted, hint="look for contact or overload, or ask for a wider tolerance"),
+    Code.GOAL_TOLERANCE: CodeInfo(error=Aborted, hint="look for load or contact, or ask for more time or tolerance"),
+    Code.UNDERRUN: CodeInfo(
+        error=Aborted, hint="send the next chunk before this one ends, or end it at rest", retryable=True
+    ),
+    Code.PLAN_FAILED: CodeInfo(error=Aborted, hint="report the message: this is a bug of the gateway"),
     Code.TARGET_EXPIRED: CodeInfo(error=Aborted, hint="send targets more often than their expiry", retryable=True),
     Code.TICK_LATE: CodeInfo(
         error=Aborted,
-        hint="this host was too busy for the control loop: give it SCHED_FIFO or less load",
+        hint="give this host SCHED_FIFO or less load: it was too busy for the control loop",
         retryable=True,
     ),
     Code.ESTOP: CodeInfo(error=NotReady, hint="make sure the robot is safe, then recover()"),
     Code.STOPPED_BY_OTHER: CodeInfo(error=NotReady, hint="ask who stopped the robot, then recover()"),
     Code.TRACKING_ERROR: CodeInfo(error=Aborted, hint="look for contact or overload, then recover()"),
     Code.FOREIGN_WRITER: CodeInfo(error=NotReady, hint="stop the robot's other commander (manual §3.3.2), recover()"),
-    Code.GATE_VIOLATION: CodeInfo(error=InternalError, hint="please report the message; recover() when it is safe"),
-    Code.JOINT_ORDER: CodeInfo(error=NotReady, hint="not a robot we know: joint names differ from manual §4.0.3"),
+    Code.GATE_VIOLATION: CodeInfo(error=InternalError, hint="report the message; recover() when it is safe"),
+    Code.JOINT_ORDER: CodeInfo(
+        error=NotReady, hint="check that this is a TeleAvatar 2 (joint order of manual §4.0.3), then recover()"
+    ),
     Code.STATE_LOST: CodeInfo(
         error=NotReady, hint="see why the robot was last stopped, make sure it is safe, recover()"
     ),
@@ -355,13 +303,44 @@ CODES: dict[Code, CodeInfo] = {
         error=NotReady, hint="use the physical emergency stop: the robot is not in PAUSE"
     ),
     Code.STOP_UNDELIVERED: CodeInfo(error=NotReady, hint="use the physical emergency stop: the robot is out of reach"),
+    Code.TRACKING_STALL: CodeInfo(
+        error=NotReady,
+        hint="look for contact, overload or a pressed stop at the arm; then `ta2 topics` for the command's route",
+    ),
+    Code.SAMPLE_REFUSED: CodeInfo(
+        error=Stale,
+        hint="see what is wrong with the robot's state in the message; restart the node that sends it",
+        retryable=True,
+    ),
+    Code.HEARTBEAT_NOT_EFFECTIVE: CodeInfo(
+        error=NotReady, hint="release a pressed stop at the robot; else see `ta2 topics` and restart the robot's bridge"
+    ),
+    Code.ROUTE_SUSPECT: CodeInfo(
+        error=NotReady, hint="see `ta2 topics`; restart the robot's bridge or the silent node"
+    ),
+    Code.OTHER_NAMESPACE: CodeInfo(
+        error=NotReady,
+        hint="set the robot's namespace in section [robot], or with `ta2 run --namespace`; see `ta2 link`",
+    ),
+    Code.TWO_ROBOTS: CodeInfo(
+        error=NotReady, hint="stop one of them, or give their bridges namespaces; see `ta2 link`", retryable=True
+    ),
+    Code.CLIPPED_BY_ROBOT: CodeInfo(
+        error=NotReady,
+        hint="command a goal that this robot reaches: it clips beyond its own limits in silence (manual §4.10)",
+    ),
+    Code.IK_REFUSED: CodeInfo(
+        error=NotReady,
+        hint="command a pose that the robot's IK can solve: nearer, away from singularities (manual §4.10)",
+    ),
+    Code.STREAM_LATE: CodeInfo(error=NotReady, hint="give this host SCHED_FIFO or less load", retryable=True),
     Code.BAD_CONFIG: CodeInfo(error=ConfigError, hint="correct the setting; `ta2 config --show` prints all of them"),
     Code.DISCONNECTED: CodeInfo(error=Disconnected, hint="start the daemon with `ta2 run`", retryable=True),
     Code.TIMEOUT: CodeInfo(
         error=GatewayTimeout, hint="look at the state (`ta2 status`), then wait longer", retryable=True
     ),
     Code.OUTCOME_UNKNOWN: CodeInfo(error=OutcomeUnknown, hint="look at the state before repeating the command"),
-    Code.INTERNAL: CodeInfo(error=InternalError, hint="please report the message"),
+    Code.INTERNAL: CodeInfo(error=InternalError, hint="report the message: this is a bug of the gateway"),
 }
 """Every code that can reach a caller. Codes that are only notices (no request can fail with them) are not here."""
 

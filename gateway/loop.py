@@ -4,6 +4,8 @@ Rules it obeys
     * The grid is absolute: a late cycle never moves the next one. Whole periods that were missed are skipped and
       counted, never caught up: a burst of setpoints would compress a path in time. (Sleeping relative to now loses
       2-6 % of the rate; measured.)
+    * At rest (`Engine.rest_ns`) ticks are further apart, on instants of the base grid; a request is served at its next
+      instant all the same. A daemon that nobody uses costs as little as it can.
     * Streams have grids of their own. The loop wakes at the earliest of them and of its own grid. All grids lie on
       multiples of their periods, so that instants which can fall together do.
     * In a cycle: stop requests first, then what came from the robot, then all other requests, so that decisions see the
@@ -73,6 +75,11 @@ class Output(Protocol[F_co]):
         ...
 
     @property
+    def claim(self) -> int:
+        """Number of our claim to command the robot; 0 for none."""
+        ...
+
+    @property
     def done(self) -> bool:
         """Whether the engine has ended and nothing more will come."""
         ...
@@ -93,6 +100,11 @@ class Engine(Protocol[F_co]):
         """Return when the earliest stream wants a tick; None when none runs."""
         ...
 
+    @property
+    def rest_ns(self) -> int:
+        """How far apart ticks may be as long as no request comes [ns]; 0 when each instant of the grid counts."""
+        ...
+
     def panic_frames(self, now_ns: int) -> Sequence[F_co]:
         """Return stop frames for the case that the engine cannot go on."""
         ...
@@ -109,12 +121,20 @@ class Link(Protocol[F_contra]):
         """Send a frame. Never waits."""
         ...
 
+    def show(self, claim: int) -> None:
+        """Let other gateways see a claim to command the robot; 0 for none. Never waits."""
+        ...
+
 
 class Service(Protocol):
-    """The clients' side; see `api/service.py`. No call may wait."""
+    """The clients' side; see `api/service.py`. No call but `wait` may wait."""
 
     def poll(self) -> Sequence[Event]:
         """Return what came since the last call."""
+        ...
+
+    def wait(self, seconds: float) -> bool:
+        """Wait for a request, at most so long; return whether there is one."""
         ...
 
     def send(self, replies: Sequence[Reply], notices: Sequence[Notice]) -> None:
@@ -142,6 +162,8 @@ class Loop(Generic[F]):
         link: The robot's side.
         service: The clients' side.
         on_remembered: Takes what must survive a restart; must not wait for the disk.
+        on_sending: Called in every cycle before its frames leave, with its time [ns]: whoever goes on when this process
+            dies between the two takes a frame for sent that is lost, never a sent one, or a 1.0, for unsent.
         period_ns: Period of the base grid [ns].
         clock: Monotonic clock [ns].
         sleep: Sleeps for a time [s]; may end early.
@@ -155,6 +177,7 @@ class Loop(Generic[F]):
         service: Service,
         *,
         on_remembered: Callable[[Remembered], None],
+        on_sending: Callable[[int], None] = lambda now_ns: None,
         period_ns: int = PERIOD_NS,
         clock: Callable[[], int] = time.monotonic_ns,
         sleep: Callable[[float], None] = time.sleep,
@@ -164,6 +187,7 @@ class Loop(Generic[F]):
         self._link = link
         self._service = service
         self._on_remembered = on_remembered
+        self._on_sending = on_sending
         self._period_ns = period_ns
         self._clock = clock
         self._sleep = sleep
@@ -197,8 +221,10 @@ class Loop(Generic[F]):
     def _run(self, stop: Callable[[], bool]) -> None:
         grid_ns = (self._clock() // self._period_ns + 1) * self._period_ns
         deadline_ns = grid_ns
-        done = False
+        done = is_resting = False
         while not done and not stop():
+            if is_resting:
+                deadline_ns = grid_ns = self._rest_until(grid_ns)
             self._sleep_until(deadline_ns)
             urgent, others = self._poll()
             now_ns = self._clock()
@@ -207,7 +233,18 @@ class Loop(Generic[F]):
                 self.skipped += missed
                 grid_ns += (missed + 1) * self._period_ns
             done = self._cycle(urgent + others, now_ns, now_ns - deadline_ns)
+            rest_ns = self._engine.rest_ns // self._period_ns * self._period_ns
+            is_resting = rest_ns > self._period_ns
+            if is_resting:
+                grid_ns = (now_ns // rest_ns + 1) * rest_ns
             deadline_ns = self._next_deadline_ns(now_ns, grid_ns)
+
+    def _rest_until(self, deadline_ns: int) -> int:
+        """Wait until then, or for a request; return the instant of the base grid at which to tick."""
+        while (rest_ns := deadline_ns - self._clock()) > 0:
+            if self._service.wait(rest_ns / 1e9):
+                return min(deadline_ns, (self._clock() // self._period_ns + 1) * self._period_ns)
+        return deadline_ns
 
     def _sleep_until(self, deadline_ns: int) -> None:
         while (rest_ns := deadline_ns - self._clock()) > 0:
@@ -230,8 +267,10 @@ class Loop(Generic[F]):
         output = engine.tick(now_ns, late_ns=late_ns)
         self.ticks += 1
         self.worst_late_ns = max(self.worst_late_ns, late_ns)
+        self._on_sending(now_ns)
         for frame in output.frames:
             self._link.publish(frame)
+        self._link.show(output.claim)
         for notice in output.notices:
             facts = {"code": notice.code.value, "facts": dict(notice.facts)}
             _log.log(LEVELS[notice.level], "%s: %s", notice.code, notice.message, extra=facts)
@@ -253,10 +292,12 @@ class Loop(Generic[F]):
 
     def _publish_panic_frames(self) -> None:
         """Send the engine's stop frames, each of them whatever happens to the others."""
-        frames = self._engine.panic_frames(self._clock())
+        now_ns = self._clock()
+        frames = self._engine.panic_frames(now_ns)
         with contextlib.ExitStack() as every_one:  # runs all of them, the last pushed first
             for frame in reversed(frames):
                 every_one.callback(self._link.publish, frame)
+            every_one.callback(self._on_sending, now_ns)
 
 
 def _is_stop(event: Event) -> bool:

@@ -1,4 +1,4 @@
-"""What survives a restart of the daemon: the lease epochs that were given, and the latches. One JSON file per robot.
+"""What survives a restart of the daemon: lease epochs that were given, latches, and sessions of ours. One JSON per robot.
 
 Rules it obeys
     * The file is replaced as a whole (write, fsync, rename, fsync of the folder), mode 0600: a power cut leaves the
@@ -158,7 +158,7 @@ class StateFile:
             OSError: The disk refused; the old file is still there.
         """
         latches = {code.value: message for code, message in remembered.latches.items()}
-        document = {"version": VERSION, "epoch": remembered.epoch, "latches": latches}
+        document = {"version": VERSION, "epoch": remembered.epoch, "latches": latches, "zids": list(remembered.zids)}
         fresh = self.path.with_suffix(".new")
         descriptor = os.open(fresh, os.O_WRONLY | os.O_CREAT | os.O_TRUNC | os.O_CLOEXEC, 0o600)
         with os.fdopen(descriptor, "w", encoding="utf-8") as file:
@@ -228,13 +228,16 @@ def _parse(raw: bytes) -> Remembered:
         raise ValueError("its epoch is no count")
     if not isinstance(latches, dict) or not all(isinstance(message, str) for message in latches.values()):
         raise ValueError("its latches are no texts by code")
+    zids = document.get("zids", [])  # a file of an earlier release has none
+    if not isinstance(zids, list) or not all(isinstance(zid, str) for zid in zids):
+        raise ValueError("its zids are no texts")
     known: dict[Code, str] = {}
     for name, message in latches.items():
         if name in Code.__members__:
             known[Code(name)] = message
         else:
             known[Code.STATE_LOST] = f"a latch of another release: {name}: {message}"
-    return Remembered(epoch=epoch, latches=known)
+    return Remembered(epoch=epoch, latches=known, zids=tuple(zids))
 
 
 class StateWriter:

@@ -12,12 +12,14 @@ from enum import Enum, IntEnum
 
 __all__ = [
     "ARM_DOF",
+    "OWN_FSM",
     "ArmState",
     "CurrentMode",
     "EePose",
     "FsmState",
     "MotorState",
     "Side",
+    "Space",
     "ValueRefused",
     "Vector",
     "require_finite",
@@ -47,6 +49,17 @@ class Side(str, Enum):
         return self.value
 
 
+class Space(str, Enum):
+    """What the setpoints of an arm are: joint positions, or poses of the end effector (manual §2.3, `current_mode`)."""
+
+    JOINT = "joint"
+    POSE = "pose"
+
+    def __str__(self) -> str:
+        """Return `joint` or `pose`."""
+        return self.value
+
+
 class FsmState(IntEnum):
     """Values of `/fsm_state` (manual §4.11.1)."""
 
@@ -58,6 +71,10 @@ class FsmState(IntEnum):
     RIGHT_ARM_ONLY = 4
     PLAY_READY = 5
     PLAY = 6
+
+
+OWN_FSM = frozenset({FsmState.ERROR, FsmState.PAUSE, FsmState.SLOW_START, FsmState.READY})
+"""Values that an API program meets; the others belong to VR and playback (manual §4.11.1), or to nobody we know."""
 
 
 def require_finite(name: str, values: Vector, length: int) -> None:
@@ -137,6 +154,11 @@ class EePose:
             raise ValueRefused(f"orientation has norm {norm:.4f}, 1 is needed (xyzw)")
         object.__setattr__(self, "quat_xyzw", tuple(c / norm for c in self.quat_xyzw))
 
+    @property
+    def values(self) -> Vector:
+        """Position, then orientation: x, y, z [m], qx, qy, qz, qw; shape (7,)."""
+        return *self.p_m, *self.quat_xyzw
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CurrentMode:
@@ -158,7 +180,16 @@ class CurrentMode:
     lift_enabled: bool
     collision_check: bool
 
+    def space(self, side: Side) -> Space:
+        """Return what an arm takes setpoints in."""
+        return Space.JOINT if self.joint_mode[side] else Space.POSE
+
     @property
     def enabled_arms(self) -> tuple[Side, ...]:
         """Sides whose arm is enabled, left first."""
         return tuple(side for side in Side if self.arm_enabled[side])
+
+    @property
+    def is_posing(self) -> bool:
+        """Whether an enabled arm is in end-effector mode."""
+        return any([not self.joint_mode[side] for side, is_enabled in self.arm_enabled.items() if is_enabled])

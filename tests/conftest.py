@@ -1,36 +1,79 @@
-"""Rules for every test: how many examples property tests try, which tests come last, and how long one may take.
+"""Rules for every test: how many examples property tests try, which tests come last or together, how long one may take.
 
 Knows nothing of the packages under test; fixtures live beside the tests that use them.
 """
 
 from __future__ import annotations
 
-import os
+import signal
+from typing import Any
 
 import pytest
-from hypothesis import HealthCheck, settings
+from hypothesis import HealthCheck, Phase, settings
+
+from tests.interop.bridge_process import is_required, lacking
+from tests.thoroughness import PROFILE
 
 # No deadline for one example: it would measure the machine, not the code.
 _COMMON = settings(deadline=None, suppress_health_check=[HealthCheck.too_slow])
 
+# A failure is told as it was found: making it small would take minutes of traces, and is what a run by hand is for.
+_FIXED = settings(
+    _COMMON,
+    derandomize=True,
+    database=None,
+    print_blob=True,
+    phases=(Phase.explicit, Phase.generate),
+    report_multiple_bugs=False,
+)
+
+# By hand: other examples each time, the smallest one when one fails.
 settings.register_profile("dev", parent=_COMMON, max_examples=50)
 # The same examples in every run: a red run can be repeated, and a green one stays green.
-settings.register_profile("ci", parent=_COMMON, max_examples=300, derandomize=True, print_blob=True)
+settings.register_profile("ci", parent=_FIXED, max_examples=100)
+# For all interpreters but the first of `bin/test --all-pythons`: what differs between them shows in few examples.
+settings.register_profile("brief", parent=_FIXED, max_examples=30)
 # By hand, before a release.
 settings.register_profile("long", parent=_COMMON, max_examples=20_000, print_blob=True)
 # For coverage by mirror: few and fixed, since coverage must not hang on luck.
-settings.register_profile("mirror", parent=_COMMON, max_examples=10, derandomize=True)
+settings.register_profile("mirror", parent=_FIXED, max_examples=10)
 
-PROFILE = os.environ.get("TA2_HYPOTHESIS_PROFILE") or ("ci" if os.environ.get("CI") == "true" else "dev")
 settings.load_profile(PROFILE)
 
-E2E_TIMEOUT_S = 180
+# In the background of a script it is ignored, by every program that a test starts as well: those must hear it.
+if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+
+E2E_TIMEOUT_S = 300
 SLOW_TIMEOUT_S = 600
 
 
 def pytest_report_header() -> str:
     """Name the profile, so that a report tells how much was tried."""
     return f"hypothesis profile of this run: {PROFILE} ({settings().max_examples} examples)"
+
+
+def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
+    """Say in one line why tests with a real bridge are left out, where they are."""
+    if (what := lacking()) and not is_required():
+        terminalreporter.write_line(f"tests with a real bridge are left out: {what}")
+
+
+@pytest.hookimpl(optionalhook=True)
+def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> object | None:
+    """With `--dist loadscope`, keep tests of one file in one process, one after the other: they may name fixed ports.
+
+    Those of tests/e2e take ports, sockets and folders of their own and go wherever there is room.
+    """
+    if config.getoption("dist") != "loadscope":
+        return None
+    from xdist.scheduler import LoadScopeScheduling  # there when its hook is called
+
+    class Scheduling(LoadScopeScheduling):
+        def _split_scope(self, nodeid: str) -> str:
+            return nodeid if nodeid.startswith("tests/e2e/") else nodeid.partition("::")[0]
+
+    return Scheduling(config, log)
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:

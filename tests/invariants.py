@@ -2,21 +2,27 @@
 
 It trusts neither gate nor supervisor: it judges by the frames that left, the replies that were given, the samples that
 arrived and the state that is shown. Numbers of the invariants are the design's (section 8).
+Those of chassis, lift and grippers are in `ground_invariants.py`.
 """
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
+from itertools import pairwise
 
 from gateway import robot
 from gateway.core.engine import Output
 from gateway.core.events import Frame, FrameKind
 from gateway.errors import Code
-from gateway.values import ArmState, Side, Vector
+from gateway.values import ArmState, EePose, Side, Vector
+from tests.core.pose_judge import rates
+from tests.ground_invariants import GROUND_TOPICS, GroundMonitor
 from tests.pair import MS, Pair, S
 
-ARM_TOPICS = {robot.joint_command(side): side for side in Side}
+JOINT_TOPICS = {robot.joint_command(side): side for side in Side}
+POSE_TOPICS = {robot.pose_command(side): side for side in Side}
+ARM_TOPICS = {**JOINT_TOPICS, **POSE_TOPICS}
 HELD_STATES = {"ACTIVE", "HOLDING", "STOPPING"}
 FRAME_STATES = {
     FrameKind.MOTION: {"ACTIVE"},
@@ -58,7 +64,14 @@ class Monitor:
         self.late_until_ns = 0
         self.latches: set[Code] = set()
         self.is_recovering = False
+        self.may_clip = False
+        """Whether the robot was ever made to clip tighter than the manual says; our own limits are judged all the same."""
         self.checked = 0
+        self.ground = GroundMonitor(pair)
+        self.foreign_until_ns = 0
+        """Somebody else's arm or FSM commands came less than 2 s before this [ns]."""
+        self.is_beside_gateway = False
+        """Whether another gateway is armed."""
         pair.on_step = self.see
 
     # ------------------------------------------------------------------------------------------------ told by the trace
@@ -67,10 +80,16 @@ class Monitor:
         """The next tick is late: gap invariants do not hold around it."""
         self.late_until_ns = self.pair.now_ns + late_ns + 300 * MS
 
+    def note_foreign(self) -> None:
+        """Somebody else's command arrives now, on an arm's or the FSM's key."""
+        self.foreign_until_ns = self.pair.now_ns + 2 * S
+
     def note_restart(self) -> None:
         """The daemon died: streams ended without a word; latches must still be there."""
+        self.foreign_until_ns = 0
         self.arms = {topic: _Arm() for topic in ARM_TOPICS}
         self.may_move, self.held_since_ns, self.last_beat = False, None, None
+        self.ground.note_restart()
         assert self.latches <= set(self.pair.engine.latches), "a restart cleared a latch (7)"
 
     # ------------------------------------------------------------------------------------------------ one tick
@@ -85,7 +104,7 @@ class Monitor:
         if state != "ACTIVE" or self.state != "ACTIVE":
             self.may_move = False
         for reply in output.replies:
-            if reply.refusal is None and ("motion_id" in reply.facts or "stream_id" in reply.facts):
+            if reply.refusal is None and reply.facts.keys() & {"motion_id", "stream_id", "torque_nm"}:
                 self.may_move = True
             epoch = reply.facts.get("epoch")
             if isinstance(epoch, int):
@@ -96,13 +115,17 @@ class Monitor:
             self.checked += 1
             self._well_formed(frame)
             self._permitted(frame, now_ns)
+            self._alone(frame, now_ns)
             if frame.topic in ARM_TOPICS:
                 self._continuous(frame, now_ns)
             elif frame.topic == robot.FSM_ENABLE:
                 self.last_beat, self.last_beat_ns = frame, now_ns
+        is_late = now_ns <= self.late_until_ns
+        self.ground.see(output, state=state, epoch=self.epoch, is_latched=bool(self.latches), is_late=is_late)
         self._no_gap(now_ns)
         self._stopped_at_once(output)
-        assert all(arm.clips == 0 for arm in pair.robot.arms.values()), "the robot had to clip (2)"
+        clips = any(arm.clips for arm in pair.robot.arms.values())
+        assert self.may_clip or not clips, "the robot had to clip (2)"
 
     def _latches(self, output: Output) -> None:
         latches = set(self.pair.engine.latches)
@@ -119,14 +142,17 @@ class Monitor:
         )
         assert len(frame.values) == robot.TOPICS[frame.topic].width, f"{frame} has a wrong length (2)"
         assert math.isfinite(sum(frame.values)), f"{frame} is not finite (2)"
-        if frame.topic in ARM_TOPICS:
+        if frame.topic in POSE_TOPICS:
+            assert math.hypot(*frame.values[:3]) <= robot.MAX_ARM_LEN_M + 1e-9, f"{frame} is beyond the reach (2)"
+            assert abs(math.hypot(*frame.values[3:]) - 1.0) < 1e-6, f"{frame} has no unit quaternion (2)"
+        if frame.topic in JOINT_TOPICS:
             side = ARM_TOPICS[frame.topic]
             bounds = zip(robot.JOINT_LOWER_RAD[side], frame.values, robot.JOINT_UPPER_RAD[side], strict=True)
             assert all(low - 1e-9 <= q <= high + 1e-9 for low, q, high in bounds), f"{frame} is outside the limits (2)"
 
     def _permitted(self, frame: Frame, now_ns: int) -> None:
         """Invariants 3, 5, 6, 7."""
-        if frame.kind is FrameKind.STOP:
+        if frame.kind is FrameKind.STOP or frame.topic in GROUND_TOPICS:
             return
         assert self.state in FRAME_STATES[frame.kind], f"{frame.kind} left in {self.state} (3)"
         age_ns = self.pair.state_age_ns
@@ -139,27 +165,42 @@ class Monitor:
             assert frame.epoch == self.epoch, f"motion of epoch {frame.epoch}, {self.epoch} owns (6)"
             assert not self.latches, f"motion while {self.latches} is latched (3)"
 
+    def _alone(self, frame: Frame, now_ns: int) -> None:
+        """Never two setpoints in turn, no heartbeat beside somebody else's; beside a gateway no 0.0 but an e-stop's (8)."""
+        if self.is_beside_gateway or now_ns < self.foreign_until_ns:
+            assert frame.topic not in ARM_TOPICS, f"{frame} left beside somebody else's commands"
+            assert frame.kind is not FrameKind.BEAT, "1.0 left beside somebody else's commands"
+        if self.is_beside_gateway and frame.topic == robot.FSM_ENABLE:
+            assert Code.ESTOP in self.latches, "0.0 left beside another gateway"
+
     def _continuous(self, frame: Frame, now_ns: int) -> None:
         """Invariant 1."""
         arm, settings = self.arms[frame.topic], self.pair.settings.arm
-        side, period_s = ARM_TOPICS[frame.topic], 1.0 / settings.rate_hz
+        side, is_pose = ARM_TOPICS[frame.topic], frame.topic in POSE_TOPICS
         is_start = frame.kind is FrameKind.ECHO and (not arm.history or arm.history[-1] != frame.values)
         if is_start:
-            was_silent = now_ns - arm.last_ns > 15 * MS
+            was_silent = now_ns - arm.last_ns > 20 * MS
             assert was_silent or self.state == "ENABLING", "a live stream was seeded anew (1)"
             steady_ns = now_ns - self.pair.steady_since_ns[robot.arm_state(side)]
             assert self.came_from == "PAUSED" or steady_ns >= 290 * MS, (
                 f"started after {steady_ns / MS} ms of state (1)"
             )
-            heard = self.pair.heard[robot.arm_state(side)].value
-            assert isinstance(heard, ArmState)
-            bounds = zip(settings.lower_rad[side], settings.upper_rad[side], strict=True)
-            inside = [min(max(q, low), high) for q, (low, high) in zip(heard.q_rad, bounds, strict=True)]
-            worst = max(abs(a - b) for a, b in zip(frame.values, inside, strict=True))
-            assert worst <= 0.01, f"the {side} stream starts {worst} rad from the arm (1)"
+            if is_pose:
+                self._starts_at_the_pose(side, frame.values)
+            else:
+                heard = self.pair.heard[robot.arm_state(side)].value
+                assert isinstance(heard, ArmState)
+                bounds = zip(settings.lower_rad[side], settings.upper_rad[side], strict=True)
+                inside = [min(max(q, low), high) for q, (low, high) in zip(heard.q_rad, bounds, strict=True)]
+                worst = max(abs(a - b) for a, b in zip(frame.values, inside, strict=True))
+                assert worst <= 0.01, f"the {side} stream starts {worst} rad from the arm (1)"
             arm.history = []
         arm.history = [*arm.history[-3:], frame.values]
         arm.last_ns = now_ns
+        if is_pose:
+            self._pose_steps(arm.history)
+            return
+        period_s = 1.0 / settings.rate_hz
         bounds = (
             ("velocity", (1.0, -1.0), settings.v_radps * period_s + 1e-6),
             ("acceleration", (1.0, -2.0, 1.0), settings.a_radps2 * period_s**2 + 2e-6),
@@ -172,6 +213,30 @@ class Monitor:
             for joint in zip(*newest_first[: len(weights)], strict=True):
                 difference = sum(w * q for w, q in zip(weights, joint, strict=True))
                 assert abs(difference) <= bound, f"{name} limit broken: {joint[::-1]} (1)"
+
+    def _starts_at_the_pose(self, side: Side, values: Vector) -> None:
+        heard = self.pair.heard[robot.ee_pose(side)].value
+        assert isinstance(heard, EePose)
+        reach_m = max(math.hypot(*heard.p_m), 1e-9)
+        inside = [x * min(1.0, robot.MAX_ARM_LEN_M / reach_m) for x in heard.p_m]
+        off_m = math.dist(inside, values[:3])
+        assert off_m <= 0.001, f"the {side} stream starts {off_m} m from the end effector (1)"
+
+    def _pose_steps(self, history: list[Vector]) -> None:
+        """Linear and angular differences, as norms; the sign of the quaternion goes on."""
+        limits, dt = self.pair.settings.pose, 1.0 / self.pair.settings.pose.rate_hz
+        for a, b in pairwise(history):
+            assert sum(x * y for x, y in zip(a[3:], b[3:], strict=True)) > 0.0, "the quaternion changed its sign (1)"
+        linear, angular = rates(history, 1.0)
+        groups = (
+            (linear, (limits.v_mps, limits.a_mps2, limits.j_mps3)),
+            (angular, (limits.w_radps, limits.dw_radps2, limits.ddw_radps3)),
+        )
+        for steps, bounds in groups:
+            for order, bound in enumerate(bounds, start=1):
+                worst = max((math.hypot(*step) for step in steps), default=0.0)
+                assert worst <= bound * dt**order + order * 1e-6, f"derivative {order} of a pose: {history} (1)"
+                steps = [tuple(y - x for x, y in zip(a, b, strict=True)) for a, b in pairwise(steps)]
 
     def _no_gap(self, now_ns: int) -> None:
         """Invariants 4 and 8."""

@@ -12,6 +12,7 @@ from collections.abc import Callable, Mapping
 from gateway.core.engine import Engine, Output
 from gateway.core.events import (
     Acquire,
+    ClaimShown,
     ClientGone,
     ClientSeen,
     CommandRequested,
@@ -77,6 +78,8 @@ class Pair:
         self.snapshot: Snapshot | None = None
         self.remembered: Remembered | None = None
         self.done = False
+        self.claim = 0
+        """Number of the claim that the engine shows to other gateways; 0 for none."""
         self.alive: set[str] = set()
         """Clients that send keepalives."""
         self.late_ns = 0
@@ -178,6 +181,34 @@ class Pair:
             base_ns, due_ns = (self.now_ns // TICK_NS + 1) * TICK_NS, self.engine.next_due_ns()
             to_ns = base_ns if due_ns is None or due_ns <= self.now_ns else min(base_ns, due_ns)
         self.now_ns = to_ns
+        self.hear()
+        if self.now_ns >= self._keepalive_ns:
+            self._keepalive_ns = self.now_ns + KEEPALIVE_NS
+            for client in self.alive:
+                self.receive(ClientSeen(client_id=client, at_ns=self.now_ns))
+        output = self.engine.tick(self.now_ns, self.late_ns)
+        self.late_ns = 0
+        for frame in output.frames:
+            self.frames.append((self.now_ns, frame))
+            if self.is_up and self.is_frozen:
+                self._to_robot.append(frame)
+            elif self.is_up:
+                self._deliver(frame)
+        self.sent += len(output.frames)
+        if output.claim != self.claim:
+            self.claim = output.claim
+            self.receive(ClaimShown(claim=self.claim, at_ns=self.now_ns))
+        self.notices += output.notices
+        self.replies += output.replies
+        self.snapshot = output.snapshot or self.snapshot
+        self.remembered = output.remembered or self.remembered
+        self.done = self.done or output.done
+        if self.on_step is not None:
+            self.on_step(output)
+        return output
+
+    def hear(self) -> None:
+        """Let the robot come to the present and hand over what it says."""
         for topic, message in self.robot.advance(self.now_ns, latest_only=True, topics=self.topics):
             if not self.is_up or self.is_deaf:
                 continue
@@ -193,27 +224,6 @@ class Pair:
                 self._to_engine.append(sample)
             else:
                 self.receive(sample)
-        if self.now_ns >= self._keepalive_ns:
-            self._keepalive_ns = self.now_ns + KEEPALIVE_NS
-            for client in self.alive:
-                self.receive(ClientSeen(client_id=client, at_ns=self.now_ns))
-        output = self.engine.tick(self.now_ns, self.late_ns)
-        self.late_ns = 0
-        for frame in output.frames:
-            self.frames.append((self.now_ns, frame))
-            if self.is_up and self.is_frozen:
-                self._to_robot.append(frame)
-            elif self.is_up:
-                self._deliver(frame)
-        self.sent += len(output.frames)
-        self.notices += output.notices
-        self.replies += output.replies
-        self.snapshot = output.snapshot or self.snapshot
-        self.remembered = output.remembered or self.remembered
-        self.done = self.done or output.done
-        if self.on_step is not None:
-            self.on_step(output)
-        return output
 
     def restart(self) -> None:
         """The daemon dies without a word and another one starts with what was remembered."""
@@ -335,7 +345,7 @@ class Pair:
                 stream_id=stream_id,
                 epoch=epoch,
                 seq=next(self._seqs) if seq is None else seq,
-                q_rad=q_rad,
+                values=q_rad,
                 received_ns=self.now_ns,
             )
         )

@@ -16,10 +16,15 @@ from gateway import config, robot
 from gateway.errors import Code, ConfigError
 from gateway.settings import (
     ArmSettings,
+    ChassisSettings,
     EnableSettings,
+    ForeignSettings,
+    GuardSettings,
+    LiftSettings,
     LinkSettings,
     LocalSettings,
     LossSettings,
+    PoseSettings,
     RealtimeSettings,
     Settings,
 )
@@ -30,17 +35,26 @@ DEFAULT_TOML = ROOT / "configs" / "default.toml"
 SECTIONS = {
     "robot": LinkSettings,
     "arm": ArmSettings,
+    "chassis": ChassisSettings,
+    "lift": LiftSettings,
+    "pose": PoseSettings,
     "loss": LossSettings,
     "enable": EnableSettings,
     "local": LocalSettings,
+    "foreign": ForeignSettings,
     "realtime": RealtimeSettings,
+    "guard": GuardSettings,
 }
 UNITS = {
+    "_mps": "m/s",
+    "_mps2": "m/s²",
+    "_mps3": "m/s³",
     "_radps": "rad/s",
     "_radps2": "rad/s²",
     "_radps3": "rad/s³",
     "_rad": "rad",
     "_hz": "Hz",
+    "_m": "m",
     "_ms": "ms",
     "_s": "s",
 }
@@ -126,7 +140,24 @@ def test_every_key_of_the_default_file_has_a_comment_with_its_unit() -> None:
 
 def test_the_default_file_cites_only_sections_that_the_manual_has() -> None:
     """Typed from the manual's table of contents."""
-    known = {"1.2", "2.4", "4.0.3", "4.1.1", "4.3", "4.4", "4.7", "4.11.1", "4.11.2", "4.13", "6.6"}
+    known = {
+        "1.2",
+        "2.4",
+        "3.3.2",
+        "4.0.3",
+        "4.0.4",
+        "4.1.1",
+        "4.2",
+        "4.3",
+        "4.4",
+        "4.5",
+        "4.6",
+        "4.7",
+        "4.11.1",
+        "4.11.2",
+        "4.13",
+        "6.6",
+    }
     assert set(re.findall(r"§([\d.]*\d)", DEFAULT_TOML.read_text(encoding="utf-8"))) == known
 
 
@@ -180,7 +211,9 @@ SETTINGS = st.builds(
         users_file=TEXT,
         tls_root_ca=TEXT,
     ),
+    foreign=st.builds(ForeignSettings, policy=st.sampled_from(["hold", "warn"])),
     realtime=st.builds(RealtimeSettings, fifo=st.booleans(), fifo_priority=st.integers(21, 90)),
+    guard=st.builds(GuardSettings, enabled=st.booleans(), freeze_ns=st.integers(40_000_000, 120_000_000)),
 )
 
 
@@ -256,7 +289,10 @@ def test_a_key_in_the_wrong_section_is_sent_home() -> None:
 def test_an_unknown_section_lists_the_known_ones_and_names_the_closest() -> None:
     """Sections of the future are errors too: nobody believes in a setting that does nothing."""
     error = _refused("[amr]\nv_radps = 1.0")
-    assert "known: [robot], [arm], [loss], [enable], [local], [realtime]" in error.message
+    assert (
+        "known: [robot], [arm], [chassis], [lift], [pose], [loss], [enable], [foreign], [local], [realtime]"
+        in error.message
+    )
     assert error.hint == "did you mean 'arm'?"
 
 
@@ -400,6 +436,9 @@ LOOSER: list[tuple[str, str, str, str, str]] = [
     ("enable", "hold_stale_ms = 900", "900", "[100, 800]", "ms"),
     ("enable", "zero_timeout_s = 2.5", "2.5", "[1, 2]", "s"),
     ("robot", "lease_ms = 5000", "5000", "[200, 1000]", "ms"),
+    ("chassis", "v_mps = 0.6", "0.6", "[0.01, 0.5]", "m/s"),
+    ("chassis", "expiry_ms = 4000", "4000", "[50, 3000]", "ms"),
+    ("lift", "v_max = 1.5", "1.5", "[0.01, 1]", ""),
     ("realtime", "fifo_priority = 99", "99", "[21, 90]", ""),
 ]
 
@@ -473,9 +512,13 @@ def test_the_command_line_overrides_robot_and_socket_and_nothing_else() -> None:
     assert (both.link.endpoint, both.local.socket) == ("tcp/10.0.0.5:9000", "/run/ta2.sock")
     assert (both.link.namespace, both.local.snapshot_hz) == ("bot1", 10.0)
     assert both.arm == base.arm
+    other = config.overridden(base, namespace="bot2", model="lift")
+    assert (other.link.namespace, other.link.model) == ("bot2", "lift")
 
 
-@pytest.mark.parametrize("flags", [{"robot": "10.0.0.5"}, {"socket": "/" + "x" * 200}])
+@pytest.mark.parametrize(
+    "flags", [{"robot": "10.0.0.5"}, {"socket": "/" + "x" * 200}, {"namespace": "a*"}, {"model": "x"}]
+)
 def test_a_bad_option_is_a_config_error_of_the_command_line(flags: dict[str, Any]) -> None:
     """The same rules hold wherever the value comes from."""
     with pytest.raises(ConfigError, match="command line: "):

@@ -18,9 +18,9 @@ import pytest
 
 from gateway import daemon
 from gateway.api.service import LocalPlane
-from gateway.daemon import JsonLines, LogWriter, RateLimit
 from gateway.link.robot_link import RobotLink
-from gateway.settings import LinkSettings, LocalSettings, RealtimeSettings, Settings
+from gateway.log import JsonLines, LogWriter, RateLimit
+from gateway.settings import GuardSettings, LinkSettings, LocalSettings, RealtimeSettings, Settings
 from gateway.state_file import StateWriter
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -38,7 +38,7 @@ def record(message: str, *, line: int = 1, code: str = "") -> logging.LogRecord:
 def test_a_log_that_nobody_reads_stops_nobody() -> None:
     """Ctrl-S in the terminal, or a pipe whose reader hangs: whoever logs goes on, and the process can end."""
     program = (
-        "import logging\nfrom gateway.daemon import configure_log\nconfigure_log(is_json=False)\n"
+        "import logging\nfrom gateway.log import configure_log\nconfigure_log(is_json=False)\n"
         "for n in range(20):\n    logging.getLogger('x').warning('%d %s', n, 'x' * 8000)\n"
         "print('still here', flush=True)\n"
     )
@@ -117,6 +117,7 @@ def test_a_closed_descriptor_ends_no_thread() -> None:
     """Nobody reads any more (the terminal is gone): lines are dropped, logging goes on."""
     reader, end = os.pipe()
     os.close(reader)
+    others = set(threading.enumerate())
     writer = LogWriter(end)
     try:
         for n in range(3):
@@ -125,7 +126,7 @@ def test_a_closed_descriptor_ends_no_thread() -> None:
     finally:
         writer.close()
         os.close(end)
-    assert not any(thread.name == "log" and thread.is_alive() for thread in threading.enumerate())
+    assert not any(thread.name == "log" for thread in set(threading.enumerate()) - others)
 
 
 def test_a_record_that_cannot_be_shown_does_not_end_the_log() -> None:
@@ -221,9 +222,11 @@ class Parts:
         monkeypatch.setattr(os, "_exit", self.status.append)
         monkeypatch.setattr(logging, "shutdown", lambda: None)
         self.settings = Settings(
-            link=LinkSettings(endpoint="tcp/127.0.0.1:19799"),
+            # A robot that no other process of the tests has, which may run this file as well.
+            link=LinkSettings(endpoint=f"tcp/127.0.0.1:{10_000 + os.getpid() % 50_000}"),
             local=LocalSettings(socket=str(tmp_path / "s")),
             realtime=RealtimeSettings(fifo=False, lock_memory=False),
+            guard=GuardSettings(enabled=False),
         )
 
 

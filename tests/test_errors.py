@@ -13,11 +13,12 @@ from gateway.errors import CODES, Code, CodeInfo, GatewayError, Refusal, to_exce
 NOTICES_ONLY = {
     Code.START_AT_LIMIT,
     Code.SUSPENDED,
-    Code.SAMPLE_REFUSED,
     Code.STATE_DUPLICATED,
+    Code.STATE_JUMPED,
+    Code.GUARD_LOST,
+    Code.TAKEN_OVER,
     Code.ROUTE_DEAD,
     Code.ROUTE_LOST,
-    Code.HEARTBEAT_NOT_EFFECTIVE,
     Code.STATE_CHANGED,
     Code.LEASE_CHANGED,
     Code.LATCH_CHANGED,
@@ -27,6 +28,8 @@ NOTICES_ONLY = {
     Code.LOSS_STAGE,
     Code.MOTION_ENDED,
     Code.WALK,
+    Code.CONNECTED,
+    Code.NOTICES_LOST,
 }
 """Codes of events that no request can fail with."""
 
@@ -41,12 +44,25 @@ def test_every_code_round_trips_to_its_class(code: Code) -> None:
     assert error.code is code
     assert {name: getattr(error, name) for name in FACTS} == FACTS
     assert error.hint == CODES[code].hint
+    assert error.retryable is CODES[code].retryable
 
 
 @pytest.mark.parametrize("code", CODES)
 def test_every_code_that_reaches_a_caller_has_a_remedy(code: Code) -> None:
     """A refusal without a next step leaves the user alone."""
     assert len(CODES[code].hint) >= 10
+
+
+IMPERATIVES = frozenset(
+    "acquire ask be call check clear command correct enable ensure give install look make mend move open release remove"
+    " report restart see send set start stay stop take use wait".split()
+)
+
+
+@pytest.mark.parametrize("code", CODES)
+def test_every_remedy_begins_with_what_to_do(code: Code) -> None:
+    """A hint is an instruction, not a second description of the trouble."""
+    assert CODES[code].hint.split()[0] in IMPERATIVES
 
 
 def test_a_code_is_in_the_table_or_is_a_notice_only() -> None:
@@ -76,7 +92,8 @@ def test_a_hint_of_its_own_is_kept() -> None:
 
 def test_a_notice_code_as_a_refusal_is_a_bug_of_the_gateway() -> None:
     """A code that no request can fail with still becomes an error, and not a crash of the client."""
-    assert type(to_exception(Refusal(code=Code.LINK_UP, message="m"))) is errors.InternalError
+    error = to_exception(Refusal(code=Code.LINK_UP, message="m"))
+    assert type(error) is errors.InternalError and not error.retryable
 
 
 def test_the_text_of_an_error_has_code_message_and_hint() -> None:

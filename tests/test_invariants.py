@@ -1,12 +1,12 @@
 """Random traces of requests, losses and faults, engine and robot in one virtual-time loop; all invariants on each tick.
 
-300 traces with the profile of CI; TA2_HYPOTHESIS_PROFILE=long tries 20,000 by hand.
+8 traces in a usual run, 300 in CI; TA2_HYPOTHESIS_PROFILE=long tries 20,000, TA2_TRACES any number.
 """
 
 from __future__ import annotations
 
 import dataclasses
-import os
+import math
 from typing import Any
 
 import pytest
@@ -14,6 +14,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from gateway import robot
+from gateway.core.chunk import Chunk, prepare
 from gateway.core.events import (
     Abandon,
     Acquire,
@@ -21,24 +22,41 @@ from gateway.core.events import (
     ClientGone,
     CloseStream,
     Disable,
+    DisableLift,
+    DriveChassis,
+    DriveLift,
     Enable,
     Estop,
     ExitRequested,
+    Follow,
+    ForeignData,
+    ForeignTokens,
+    Gateway,
+    GatewayTokens,
     Hold,
+    Means,
     Move,
+    MovePose,
     OnLimit,
     OnLoss,
     OpenStream,
     Recover,
     Release,
+    Request,
+    SetGripper,
     Stop,
+    StopChassis,
+    StopLift,
     Suspended,
     Take,
+    Writer,
 )
-from gateway.settings import LocalSettings, Settings
+from gateway.core.quaternion import exp, multiply
+from gateway.settings import LinkSettings, LocalSettings, Settings
 from gateway.sim.settings import SimSettings
-from gateway.values import Side, Vector
-from tests.invariants import Monitor
+from gateway.values import Side, Space, Vector
+from tests import thoroughness
+from tests.invariants import POSE_TOPICS, Monitor
 from tests.pair import MS, Pair, S
 
 pytestmark = pytest.mark.slow
@@ -68,6 +86,8 @@ FAULTS: tuple[dict[str, Any], ...] = (
     {"fault": "freeze", "topic": "/right_arm/joint_states", "duration_s": 0.3},
     {"fault": "delay", "topic": "/left_arm/joint_states", "delay_s": 0.25, "duration_s": 0.6},
     {"fault": "duplicate", "topic": "/left_arm/joint_states", "copies": 3, "duration_s": 0.5},
+    {"fault": "reorder", "topic": "/left_arm/joint_states", "duration_s": 0.5},
+    {"fault": "tight_limit", "side": "left", "joint": 4, "margin_rad": 0.5, "duration_s": 1.0},
     {"fault": "clock_step", "step_s": 3600.0, "duration_s": 0.5},
     {"fault": "clock_step", "step_s": -3600.0, "duration_s": 0.5},
 )
@@ -88,9 +108,21 @@ motions = st.one_of(
     st.tuples(st.just("move"), clients, st.just(list(Side)), goals, speeds),
     st.tuples(st.just("move"), clients, st.lists(sides, min_size=1, max_size=2, unique=True), goals, speeds),
     st.tuples(st.just("stream"), clients, sides, goals, st.integers(1, 8)),
+    st.tuples(
+        st.just("chunks"), clients, st.lists(sides, min_size=1, max_size=2, unique=True), goals, st.integers(1, 5)
+    ),
+)
+velocities = st.sampled_from([(0.3, 0.0, 0.0), (-0.2, 0.1, 0.0), (0.0, 0.0, 0.5), (0.1, -0.1, -0.4), (0.0, 0.0, 0.0)])
+grounds = st.one_of(
+    st.tuples(st.just("drive"), clients, velocities, st.integers(1, 12)),
+    st.tuples(st.just("lift"), clients, st.sampled_from([0.3, -1.0, 0.0]), st.integers(1, 4)),
+    st.tuples(st.just("grip"), clients, sides, st.sampled_from([0.0, 0.1, 0.6, 1.0])),
+    st.tuples(st.just("ask"), clients, st.sampled_from(["stop chassis", "stop lift", "lift off"])),
 )
 disturbances = st.one_of(
     motions,
+    grounds,
+    grounds,
     st.tuples(st.just("ask"), clients, st.sampled_from(["acquire", "take", "release", "abandon", "enable", "disable"])),
     st.tuples(st.just("ask"), clients, st.sampled_from(["stop", "estop", "recover", "hold", "cancel", "close", "old"])),
     st.tuples(st.just("client"), clients, st.sampled_from(["kill", "freeze", "thaw"])),
@@ -104,9 +136,19 @@ disturbances = st.one_of(
     st.tuples(st.just("fault"), st.sampled_from(FAULTS)),
     st.tuples(st.just("race"), clients, goals, st.booleans()),
     st.tuples(st.just("daemon"), st.sampled_from(["restart", "suspend"])),
+    st.tuples(
+        st.just("other"),
+        st.sampled_from(["arm data", "fsm data", "wheel data", "token", "gateway", "gateway in a stall"]),
+        st.sampled_from([0.02, 0.2, 0.7]),
+    ),
 )
 waits = st.sampled_from([0.0, 0.03, 0.11, 0.3, 0.6])
-scenes = st.tuples(st.booleans(), motions, waits, st.lists(st.tuples(disturbances, waits), min_size=1, max_size=3))
+scenes = st.tuples(
+    st.booleans(),
+    st.one_of(motions, motions, grounds),
+    waits,
+    st.lists(st.tuples(disturbances, waits), min_size=1, max_size=3),
+)
 """Back to ACTIVE (faults cleared or not), something in motion, and what happens to it."""
 traces = st.lists(scenes, min_size=1, max_size=4)
 
@@ -114,8 +156,9 @@ traces = st.lists(scenes, min_size=1, max_size=4)
 class Trace:
     """Plays steps on a pair."""
 
-    def __init__(self, pair: Pair) -> None:
+    def __init__(self, pair: Pair, poses: tuple[Side, ...] = ()) -> None:
         self.pair = pair
+        self.poses = poses
         self.monitor = Monitor(pair)
         self.epoch = {name: 0 for name in CLIENTS}
         self.last_motion = 1
@@ -144,17 +187,101 @@ class Trace:
 
     def do_move(self, client: str, on: list[Side], parts: list[float], speed: float) -> None:
         goals_rad = {side: _goal(side, parts) for side in on}
-        reply = self.pair.ask(Move(epoch=self.epoch[client], targets_rad=goals_rad, speed=speed), client)
-        self.last_motion = int(str(reply.facts.get("motion_id", self.last_motion)))
+        poses = [side for side in on if side in self.poses]
+        for side in poses:
+            del goals_rad[side]
+        asked: list[Request] = []
+        if goals_rad or not poses:
+            asked.append(Move(epoch=self.epoch[client], targets_rad=goals_rad, speed=speed))
+        if poses:
+            targets, frames = (
+                {side: self._place(side, parts) for side in poses},
+                {s: f"{s}_shoulder_base" for s in poses},
+            )
+            asked.append(MovePose(epoch=self.epoch[client], targets=targets, frames=frames, speed=speed))
+        for request in asked:
+            reply = self.pair.ask(request, client)
+            self.last_motion = int(str(reply.facts.get("motion_id", self.last_motion)))
 
     def do_stream(self, client: str, side: Side, parts: list[float], count: int) -> None:
-        reply = self.pair.ask(OpenStream(epoch=self.epoch[client], side=side, on_limit=OnLimit.CLIP), client)
+        space = Space.POSE if side in self.poses else Space.JOINT
+        frame = f"{side}_shoulder_base" if side in self.poses else ""
+        opening = OpenStream(epoch=self.epoch[client], side=side, on_limit=OnLimit.CLIP, space=space, frame=frame)
+        reply = self.pair.ask(opening, client)
         self.last_stream = int(str(reply.facts.get("stream_id", self.last_stream)))
         for n in range(count):
             turned = parts[n % 7 :] + parts[: n % 7]
             q_rad = tuple(1.2 * q for q in _goal(side, turned))
+            if side in self.poses:
+                q_rad = self._place(side, turned)
             self.pair.target(self.epoch[client], self.last_stream, q_rad, client)
             self.pair.run(0.02 + 0.1 * parts[n % 7])
+
+    def _place(self, side: Side, parts: list[float]) -> Vector:
+        """A pose up to 12 cm and 1 rad from the last one that was sent, now and then beyond the reach."""
+        sent = [frame for _, frame in self.pair.frames[-400:] if frame.topic == robot.pose_command(side)]
+        x, y, z, *quat = sent[-1].values if sent else (0.3, 0.0, -0.3, 0.0, 0.0, 0.0, 1.0)
+        a, b, c, d, e, f, _ = (2.0 * part - 1.0 for part in parts)
+        turned = multiply(exp((0.6 * d, 0.6 * e, 0.6 * f)), tuple(quat))
+        return (x + 0.07 * a, y + 0.07 * b, z + 0.07 * c, *turned)
+
+    def do_chunks(self, client: str, on: list[Side], parts: list[float], count: int) -> None:
+        """Swings from where the arms are held, one after the other: late, early, jittered, at speed at their ends."""
+        spaces = {Space.POSE: [side for side in on if side in self.poses]}
+        spaces[Space.JOINT] = [side for side in on if side not in self.poses]
+        for n in range(count):
+            a, b, c, d, *_ = parts[n:] + parts[:n]
+            for space, those in spaces.items():
+                is_pose = space is Space.POSE
+                swing = self._pose_swing if is_pose else self._swing
+                rows = {side: swing(side, a, b, c) for side in those}
+                made = prepare(rows, dt_s=0.02 + 0.05 * d, smoothing_s=0.1, space=space)
+                if isinstance(made, Chunk):
+                    request = Follow(
+                        epoch=self.epoch[client],
+                        chunk=made,
+                        frames={side: robot.shoulder_frame(side) for side in those if is_pose},
+                        open_end=c < 0.5,
+                        start_in_ns=round((0.5 * b - 0.3) * S),
+                        path_tolerance={side: (0.05, 0.2) if is_pose else (0.2,) * 7 for side in those if a < 0.3},
+                    )
+                    reply = self.pair.ask(request, client)
+                    self.last_motion = int(str(reply.facts.get("motion_id", self.last_motion)))
+            self.pair.run(0.05 + 0.4 * d)
+
+    def _pose_swing(self, side: Side, a: float, b: float, c: float) -> list[Vector]:
+        """Up to 8 cm and 0.6 rad away and back, now and then beyond the reach or too fast."""
+        sent = [frame for _, frame in self.pair.frames[-400:] if frame.topic == robot.pose_command(side)]
+        x, y, z, *quat = sent[-1].values if sent else (0.3, 0.0, -0.3, 0.0, 0.0, 0.0, 1.0)
+        swings = [a * (1.0 - math.cos(0.2 * b * n)) for n in range(25)]
+        turns = (exp((0.3 * s * (c - 0.5), 0.1 * s, -0.2 * s * c)) for s in swings)
+        away = zip(swings, turns, strict=True)
+        return [(x - 0.04 * s, y + 0.04 * c * s, z + 0.02 * s, *multiply(turn, tuple(quat))) for s, turn in away]
+
+    def _swing(self, side: Side, a: float, b: float, c: float) -> list[Vector]:
+        sent = [frame for _, frame in self.pair.frames[-400:] if frame.topic == robot.joint_command(side)]
+        held = sent[-1].values if sent else robot.HOME_Q_RAD[side]
+        low, high = robot.JOINT_LOWER_RAD[side], robot.JOINT_UPPER_RAD[side]
+        swings = [0.3 * a * (1.0 - math.cos(0.2 * b * n + 6.0 * c)) - 0.15 * a for n in range(25)]
+        joints = range(7)
+        return [tuple(min(max(held[k] + s * (1 - k % 3), low[k]), high[k]) for k in joints) for s in swings]
+
+    def do_drive(self, client: str, velocity: tuple[float, float, float], count: int) -> None:
+        vx, vy, wz = velocity
+        for _ in range(count):
+            command = DriveChassis(epoch=self.epoch[client], vx_mps=vx, vy_mps=vy, wz_radps=wz)
+            if self.pair.ask(command, client).refusal is not None:
+                return
+            self.pair.run(0.1)
+
+    def do_lift(self, client: str, velocity: float, count: int) -> None:
+        for _ in range(count):
+            if self.pair.ask(DriveLift(epoch=self.epoch[client], velocity=velocity), client).refusal is not None:
+                return
+            self.pair.run(0.1)
+
+    def do_grip(self, client: str, side: Side, raw: float) -> None:
+        self.pair.ask(SetGripper(epoch=self.epoch[client], side=side, raw=raw), client)
 
     def do_ask(self, client: str, what: str) -> None:
         epoch = self.epoch[client]
@@ -171,6 +298,9 @@ class Trace:
             "hold": Hold(epoch=epoch, sides=tuple(Side)),
             "cancel": Cancel(epoch=epoch, motion_id=self.last_motion),
             "close": CloseStream(epoch=epoch, stream_id=self.last_stream),
+            "stop chassis": StopChassis(epoch=epoch),
+            "stop lift": StopLift(epoch=epoch),
+            "lift off": DisableLift(epoch=epoch),
             "old": Move(epoch=epoch - 1, targets_rad={Side.LEFT: robot.HOME_Q_RAD[Side.LEFT]}),
         }
         if what in {"acquire", "take"}:
@@ -217,6 +347,32 @@ class Trace:
         pair.run(seconds)
         pair.up("bb" if what == "other" else "aa")
 
+    def do_other(self, what: str, seconds: float) -> None:
+        """Somebody else commands the robot for a while, or announces it."""
+        pair, monitor = self.pair, self.monitor
+        if what == "token":
+            for writers in ((Writer(topic=robot.FSM_ENABLE, zid="b", means=Means.TOKEN),), ()):
+                pair.receive(ForeignTokens(writers=writers, at_ns=pair.now_ns))
+                pair.run(seconds)
+        elif what.startswith("gateway"):
+            if what.endswith("stall"):
+                pair.is_deaf = True
+                pair.run(0.15)
+            for is_armed in (True, False):
+                monitor.is_beside_gateway = monitor.ground.is_beside_gateway = is_armed
+                pair.receive(GatewayTokens(gateways=(Gateway(zid="b", is_armed=is_armed),), at_ns=pair.now_ns))
+                pair.run(0.5 * seconds)
+                pair.is_deaf = False
+                pair.run(0.5 * seconds)
+        else:
+            topics = {"arm": robot.joint_command(Side.RIGHT), "fsm": robot.FSM_ENABLE, "wheel": robot.CHASSIS_VELOCITY}
+            topic = topics[what.split()[0]]
+            for _ in range(round(seconds / 0.02)):
+                if topic != robot.CHASSIS_VELOCITY:
+                    monitor.note_foreign()
+                pair.receive(ForeignData(topic=topic, zid="c", at_ns=pair.now_ns))
+                pair.run(0.02)
+
     def do_late(self, milliseconds: int) -> None:
         late_ns = milliseconds * MS
         self.monitor.note_late(late_ns)
@@ -224,6 +380,7 @@ class Trace:
         self.pair.step(self.pair.now_ns + late_ns)
 
     def do_fault(self, fault: dict[str, Any]) -> None:
+        self.monitor.may_clip = self.monitor.may_clip or fault["fault"] == "tight_limit"
         self.pair.robot.inject(fault, self.pair.now_ns)
 
     def do_daemon(self, what: str) -> None:
@@ -234,18 +391,19 @@ class Trace:
         self.monitor.note_restart()
 
 
-def lean_pair() -> Pair:
+def lean_pair(poses: tuple[Side, ...] = ()) -> Pair:
     """Return a pair that carries only what matters here."""
-    settings_ = Settings(local=LocalSettings(snapshot_hz=1.0))
-    pair = Pair(settings_, SimSettings(state_period_ns=10 * MS))
-    pair.topics = LEAN
+    settings_ = Settings(local=LocalSettings(snapshot_hz=1.0), link=LinkSettings(model="lift"))
+    modes = {f"{side}_mode": "pose" for side in poses}
+    pair = Pair(settings_, SimSettings(state_period_ns=10 * MS, model="lift", **modes))
+    pair.topics = (*LEAN, *map(robot.ee_pose, poses))
     return pair
 
 
-def run_trace(trace: list[Any]) -> Trace:
+def run_trace(trace: list[Any], poses: tuple[Side, ...] = ()) -> Trace:
     """Play one trace from an ACTIVE robot to a clean end; every tick is judged."""
-    pair = lean_pair()
-    player = Trace(pair)
+    pair = lean_pair(poses)
+    player = Trace(pair, poses)
     player.epoch["ann"] = pair.activate("ann")
     for is_healed, motion, wait_s, happenings in trace:
         player.resume(is_healed=is_healed)
@@ -260,8 +418,9 @@ def run_trace(trace: list[Any]) -> Trace:
     return player
 
 
+@pytest.mark.timeout(1800)
 @settings(
-    max_examples=int(os.environ.get("TA2_TRACES", "0")) or settings().max_examples,
+    max_examples=thoroughness.traces(8),
     suppress_health_check=list(HealthCheck),
 )
 @given(traces)
@@ -270,3 +429,23 @@ def test_no_trace_breaks_an_invariant(trace: list[Any]) -> None:
     player = run_trace(trace)
     assert player.monitor.checked > 0
     assert dataclasses.is_dataclass(player.pair.settings)
+
+
+def test_the_monitor_sees_grippers_chassis_and_lift() -> None:
+    """A trace that drives and grips: what it judges has been there to be judged."""
+    then = [(("grip", "ann", Side.LEFT, 0.6), 0.3), (("lift", "ann", 0.3, 3), 0.1), (("ask", "ann", "stop"), 0.5)]
+    player = run_trace([(False, ("drive", "ann", (0.3, 0.0, 0.0), 8), 0.0, then)])
+    ground = player.monitor.ground
+    assert ground.driven > 20 and ground.gripped == 1 and not player.pair.engine.running_topics
+
+
+@pytest.mark.timeout(1800)
+@settings(
+    max_examples=thoroughness.traces(3),
+    suppress_health_check=list(HealthCheck),
+)
+@given(traces, st.sampled_from([(Side.RIGHT,), tuple(Side)]))
+def test_no_trace_of_end_effectors_breaks_an_invariant(trace: list[Any], poses: tuple[Side, ...]) -> None:
+    """The same with one arm, or both, in end-effector mode: poses within linear and angular limits, started at the arm."""
+    player = run_trace(trace, poses)
+    assert any(frame.topic in POSE_TOPICS for _, frame in player.pair.frames)

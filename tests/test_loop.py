@@ -76,6 +76,7 @@ class Out:
     remembered: Remembered | None = None
     snapshot: Snapshot | None = None
     done: bool = False
+    claim: int = 0
 
 
 @dataclass
@@ -92,6 +93,12 @@ class Bench:
     due: Callable[[int], int | None] = lambda now_ns: None
     panic: Sequence[Frame] = ()
     sleeps: list[int] = field(default_factory=list)
+    rest: Callable[[int], int] = lambda now_ns: 0
+    asked_at: list[int] = field(default_factory=list)
+    """When requests come that end a rest."""
+    claims: list[int] = field(default_factory=list)
+    is_guarded: bool = False
+    """Whether what is shown to a guard is written down, too."""
     broken: dict[str, BaseException] = field(default_factory=dict)
 
     def _note(self, what: str, *facts: object) -> None:
@@ -112,6 +119,10 @@ class Bench:
     def next_due_ns(self) -> int | None:
         return self.due(self.time.now)
 
+    @property
+    def rest_ns(self) -> int:
+        return self.rest(self.time.now)
+
     def panic_frames(self, now_ns: int) -> Sequence[Frame]:
         self._note("panic_frames", now_ns)
         return self.panic
@@ -121,6 +132,15 @@ class Bench:
         self._note(f"publish {frame.topic}")
 
     # the service
+    def wait(self, seconds: float) -> bool:
+        until = self.time.now + round(seconds * 1e9)
+        self._note("wait", until)
+        if self.asked_at and self.asked_at[0] <= until:
+            self.time.now = max(self.time.now, self.asked_at.pop(0))
+            return True
+        self.time.now = until
+        return False
+
     def send(self, replies: Sequence[Reply], notices: Sequence[Notice]) -> None:
         self._note("send", tuple(replies), tuple(notices))
 
@@ -130,6 +150,10 @@ class Bench:
     # the rest
     def remember(self, remembered: Remembered) -> None:
         self._note("remember", remembered)
+
+    def show(self, now_ns: int) -> None:
+        if self.is_guarded:
+            self._note("show", now_ns)
 
     def slept_ns(self) -> int:
         return self.sleeps.pop(0) if self.sleeps else 0
@@ -146,11 +170,17 @@ class Bench:
             def publish(self, frame: Frame) -> None:
                 bench.publish(frame)
 
+            def show(self, claim: int) -> None:
+                bench.claims.append(claim)
+
         class Service:
             def poll(self) -> Sequence[Event]:
                 bench._note("poll service")
                 taken, bench.from_clients = bench.from_clients, []
                 return taken
+
+            def wait(self, seconds: float) -> bool:
+                return bench.wait(seconds)
 
             def send(self, replies: Sequence[Reply], notices: Sequence[Notice]) -> None:
                 bench.send(replies, notices)
@@ -163,6 +193,7 @@ class Bench:
             Link(),
             Service(),
             on_remembered=self.remember,
+            on_sending=self.show,
             period_ns=period_ns,
             clock=self.time.clock,
             sleep=self.time.sleep,
@@ -372,6 +403,9 @@ def test_no_event_is_younger_than_the_instant_of_its_reception() -> None:
         def publish(self, frame: Frame) -> None:
             raise AssertionError("nothing to publish")
 
+        def show(self, claim: int) -> None:
+            assert claim == 0
+
     loop = bench.loop()
     loop._link = SlowLink()
     loop.run(lambda: len(bench.ticks) >= 3)
@@ -379,6 +413,14 @@ def test_no_event_is_younger_than_the_instant_of_its_reception() -> None:
     assert [late for _, late in bench.ticks] == [3 * MS] * 3
     instants = [entry[2] for entry in bench.log if entry[0] == "receive"]
     assert all(event.received_ns <= now for event, now in zip(bench.received, instants, strict=True))
+
+
+def test_the_claim_of_every_tick_is_shown() -> None:
+    """Also that of a tick without frames: others must see it before the first one."""
+    bench = Bench()
+    bench.on_tick = lambda n, now_ns: Out(claim=n // 2, done=n == 4)
+    bench.loop().run(lambda: False)
+    assert bench.claims == [0, 1, 1, 2]
 
 
 def test_the_results_of_a_tick_leave_in_their_order() -> None:
@@ -495,6 +537,18 @@ def test_an_error_anywhere_sends_the_stop_frames_and_goes_on_to_the_daemon(
     assert [record.exc_info[1] for record in caplog.records] == [BUG]
 
 
+def test_what_leaves_is_shown_to_the_guard_before_it_leaves() -> None:
+    """Killed between the two, a sent setpoint or a sent 1.0 is never taken for unsent: a lost one is no harm."""
+    bench = Bench(is_guarded=True, panic=[_frame("fsm")])
+    bench.on_tick = lambda n, now_ns: Out(frames=[_frame("arm"), _frame("fsm")])
+    bench.run(1)
+    assert bench.log[-3:] == [("show", START), ("publish arm",), ("publish fsm",)]
+    bench.broken["tick"] = BUG
+    with pytest.raises(ZeroDivisionError):
+        bench.run(5)
+    assert bench.names()[-3:] == ["panic_frames", "show", "publish fsm"]
+
+
 class Panic(BaseException):
     """What a panic in a compiled extension looks like (pyo3's `PanicException`): no `Exception`."""
 
@@ -544,19 +598,81 @@ def test_an_error_in_the_question_whether_to_stop_stops_the_robot_too() -> None:
     assert bench.names() == ["panic_frames", "publish fsm"]
 
 
+# -------------------------------------------------------------------------------------------------------------- rest
+
+
+def test_at_rest_ticks_are_as_far_apart_as_the_engine_allows() -> None:
+    """On instants of its grid that are multiples of the rest; none of those in between counts as skipped."""
+    bench = Bench()
+    bench.rest = lambda now_ns: 50 * MS
+    loop = bench.run(5)
+    later = (START // (50 * MS) + 1) * 50 * MS
+    assert bench.ticks == [(START, 0)] + [(later + n * 50 * MS, 0) for n in range(4)]
+    assert loop.skipped == 0
+
+
+@pytest.mark.parametrize("after_ms", [0, 3, 10, 27, 44])
+def test_a_request_ends_the_rest_at_the_next_instant_of_the_grid(after_ms: int) -> None:
+    """It waits as long as ever: at most one period, and a flood of requests makes no more ticks than there are instants."""
+    bench = Bench()
+    bench.rest = lambda now_ns: 50 * MS
+    asked = START + 10 * MS + after_ms * MS  # behind the first instant of the rest
+    bench.asked_at = [asked, asked + 1, asked + 2]
+    bench.run(3)
+    assert bench.ticks[2] == ((asked // PERIOD + 1) * PERIOD, 0)
+
+
+def test_the_rest_ends_when_the_engine_says_so() -> None:
+    """From the tick on that begins to do something, every instant counts again."""
+    bench = Bench()
+    bench.rest = lambda now_ns: 50 * MS if len(bench.ticks) < 2 else 0
+    bench.run(5)
+    woken = bench.ticks[1][0]
+    assert [now_ns for now_ns, _ in bench.ticks[1:]] == [woken + n * PERIOD for n in range(4)]
+
+
+@pytest.mark.parametrize("rest_ms", [0, 5, 10, 14])
+def test_a_rest_of_no_more_than_a_period_is_none(rest_ms: int) -> None:
+    """The base grid is kept, and nobody waits for requests."""
+    bench = Bench()
+    bench.rest = lambda now_ns: rest_ms * MS
+    bench.run(4)
+    assert bench.ticks == [(START + n * PERIOD, 0) for n in range(4)]
+    assert "wait" not in bench.names()
+
+
+def test_a_late_tick_at_rest_is_late_against_the_instant_that_was_meant() -> None:
+    """A rest is no lateness; what comes after it is."""
+    bench = Bench()
+    bench.rest = lambda now_ns: 50 * MS
+    wait = bench.wait
+
+    def oversleep(seconds: float) -> bool:
+        woken = wait(seconds)
+        bench.time.now += 7 * MS
+        return woken
+
+    bench.wait = oversleep  # type: ignore[method-assign]  # a service that wakes late
+    bench.run(3)
+    assert [late_ns for _, late_ns in bench.ticks] == [0, 7 * MS, 7 * MS]
+
+
 # ----------------------------------------------------------------------------------------------------- the real clock
 
 
 def test_with_the_real_clock_the_grid_is_kept_on_the_whole() -> None:
-    """Defaults for clock, sleep and watch: ticks and skipped instants together are as many as periods passed."""
+    """Defaults for clock, sleep and watch: every tick is on it, and those that it skipped are counted, however late it came."""
     bench = Bench()
     loop = Loop(bench, bench.loop()._link, bench.loop()._service, on_remembered=bench.remember, period_ns=5 * MS)
     begun = time.monotonic_ns()
     loop.run(lambda: time.monotonic_ns() - begun > 300 * MS)
-    passed = bench.ticks[-1][0] - bench.ticks[0][0]
-    assert bench.received == []
-    assert abs(loop.ticks + loop.skipped - 1 - passed / (5 * MS)) <= 1
+    ended = time.monotonic_ns()
+    assert bench.received == [] and loop.ticks == len(bench.ticks)
     assert all(late >= 0 for _, late in bench.ticks)
+    instants = [at - late for at, late in bench.ticks]
+    periods = [(after - before) / (5 * MS) for before, after in pairwise(instants)]
+    assert all(count >= 1 and count == int(count) for count in periods), periods
+    assert sum(periods) <= loop.ticks + loop.skipped - 1 <= (ended - instants[0]) / (5 * MS)
 
 
 def test_the_loop_runs_in_any_thread_and_ends_there() -> None:

@@ -171,3 +171,27 @@ def test_a_topic_is_state_or_command_by_its_place() -> None:
         assert topic.name.startswith("/api/") is (
             topic.direction is Direction.COMMAND or topic.name == robot.CURRENT_MODE
         )
+
+
+@pytest.mark.parametrize(
+    ("raw", "torque_nm"), [(0.0, 2.0), (0.05, 1.0), (0.1, 0.0), (0.2, -0.18), (0.55, -0.8), (1.0, -1.6)]
+)
+def test_the_grippers_table_holds_both_ways(raw: float, torque_nm: float) -> None:
+    """§4.4: the rows, and back."""
+    assert robot.gripper_torque_nm(raw) == torque_nm and robot.gripper_raw(torque_nm) == raw
+    assert dict(robot.GRIPPER_TORQUE_NM)[raw] == torque_nm
+
+
+def test_between_the_rows_it_is_linear_and_beyond_them_its_ends() -> None:
+    """§4.4: less closes less; every torque has its input, and every input its torque."""
+    assert robot.gripper_torque_nm(0.075) == pytest.approx(0.5) and robot.gripper_torque_nm(0.15) == pytest.approx(
+        -0.09
+    )
+    assert (robot.gripper_raw(5.0), robot.gripper_raw(-5.0)) == (0.0, 1.0)
+    assert (robot.gripper_torque_nm(-1.0), robot.gripper_torque_nm(2.0)) == (2.0, -1.6)
+    for n in range(101):
+        assert robot.gripper_raw(robot.gripper_torque_nm(n / 100)) == pytest.approx(n / 100)
+    assert robot.gripper_torque_nm(robot.GRIPPER_RELAXED) == 0.0
+    assert (robot.GRIPPER_OPEN_NM, -robot.GRIPPER_CLOSE_NM) == (
+        robot.gripper_torque_nm(0.0), robot.gripper_torque_nm(1.0),
+    )  # fmt: skip

@@ -12,10 +12,15 @@ import pytest
 from gateway import robot
 from gateway.settings import (
     ArmSettings,
+    ChassisSettings,
     EnableSettings,
+    ForeignSettings,
+    GuardSettings,
+    LiftSettings,
     LinkSettings,
     LocalSettings,
     LossSettings,
+    PoseSettings,
     RealtimeSettings,
     Settings,
     SettingsRefused,
@@ -54,6 +59,27 @@ BOUNDS = [
     Bound(ArmSettings, "tracking_ns", 20 * MS, 1 * S),
     Bound(ArmSettings, "target_expiry_ns", 50 * MS, 3 * S),
     Bound(ArmSettings, "start_margin_rad", 0.0, 0.05),
+    Bound(ChassisSettings, "v_mps", 0.01, 0.5),
+    Bound(ChassisSettings, "w_radps", 0.01, 1.0),
+    Bound(ChassisSettings, "up_mps2", 0.01, 0.3),
+    Bound(ChassisSettings, "down_mps2", 0.01, 0.6),
+    Bound(ChassisSettings, "j_mps3", 0.1, 100.0),
+    Bound(ChassisSettings, "expiry_ns", 50 * MS, 3 * S),
+    Bound(LiftSettings, "v_max", 0.01, 1.0),
+    Bound(LiftSettings, "expiry_ns", 50 * MS, 3 * S),
+    Bound(PoseSettings, "rate_hz", 50.0, 77.0),
+    Bound(PoseSettings, "v_mps", 0.001, 0.5),
+    Bound(PoseSettings, "a_mps2", 0.01, 5.0),
+    Bound(PoseSettings, "j_mps3", 0.1, 100.0),
+    Bound(PoseSettings, "w_radps", 0.01, 1.5),
+    Bound(PoseSettings, "dw_radps2", 0.8**2, 15.0),
+    Bound(PoseSettings, "ddw_radps3", 0.8 * 5.0, 300.0),
+    Bound(PoseSettings, "reach_m", 0.1, 0.55),
+    Bound(PoseSettings, "settle_m", 0.0001, 0.05),
+    Bound(PoseSettings, "settle_rad", 0.0001, 0.2),
+    Bound(PoseSettings, "tracking_m", 0.005, 0.1),
+    Bound(PoseSettings, "tracking_rad", 0.02, 0.5),
+    Bound(PoseSettings, "start_margin_m", 0.0, 0.01),
     Bound(LossSettings, "keepalive_ns", 100 * MS, 250 * MS),
     Bound(LossSettings, "free_after_ns", 1 * S, 600 * S, {"down_after_ns": 3600 * S}),
     Bound(LossSettings, "down_after_ns", 10 * S, 3600 * S),
@@ -69,9 +95,11 @@ BOUNDS = [
     Bound(LinkSettings, "lease_ms", 200, 1000),
     Bound(LocalSettings, "snapshot_hz", 1.0, 100.0),
     Bound(RealtimeSettings, "fifo_priority", 21, 90),
+    Bound(GuardSettings, "freeze_ns", 40 * MS, 120 * MS),
+    Bound(GuardSettings, "hold_ns", 1_000 * MS, 10_000 * MS),
 ]
 
-UNBOUNDED = {"lower_rad", "upper_rad", "fifo", "lock_memory", "socket_mode"}
+UNBOUNDED = {"lower_rad", "upper_rad", "fifo", "lock_memory", "one_core", "socket_mode", "enabled"}
 """Fields with rules of their own (below), or without a number."""
 
 
@@ -105,16 +133,23 @@ def test_every_number_of_every_section_is_in_the_sweep() -> None:
 def test_the_defaults_are_those_of_the_behaviour_table() -> None:
     """Typed again from BEHAVIOUR, Values."""
     arm, loss, enable = ArmSettings(), LossSettings(), EnableSettings()
+    assert GuardSettings() == GuardSettings(enabled=True, freeze_ns=80_000_000, hold_ns=10_000_000_000)
     assert (arm.v_radps, arm.a_radps2, arm.j_radps3) == (1.0, 3.0, 20.0)
     assert (arm.settle_rad, arm.settle_ns) == (0.05, 500_000_000)
     assert (arm.tracking_rad, arm.tracking_ns) == (0.3, 300_000_000)
     assert (arm.target_expiry_ns, arm.start_margin_rad) == (1_500_000_000, 0.05)
+    pose = PoseSettings()
+    assert (pose.rate_hz, pose.v_mps, pose.w_radps) == (70.0, 0.25, 0.8)
+    assert (pose.settle_m, pose.settle_rad) == (0.005, 0.05)
     assert (loss.keepalive_ns, loss.free_after_ns, loss.down_after_ns) == (250_000_000, 10_000_000_000, 60_000_000_000)
     assert (enable.timeout_ns, enable.stale_ns, enable.hold_stale_ns) == (10_000_000_000, 100_000_000, 800_000_000)
     assert (enable.fsm_valid_ns, enable.mode_valid_ns) == (500_000_000, 3_000_000_000)
     assert (enable.seed_ns, enable.seed_lag_ns) == (300_000_000, 100_000_000)
     assert (enable.zero_timeout_ns, enable.late_ns) == (2_000_000_000, 50_000_000)
-    assert LinkSettings().lease_ms == 500
+    chassis, lift = ChassisSettings(), LiftSettings()
+    assert (chassis.v_mps, chassis.w_radps, chassis.up_mps2, chassis.down_mps2) == (0.3, 0.5, 0.3, 0.6)
+    assert chassis.expiry_ns == lift.expiry_ns == 300_000_000 and lift.v_max == 1.0
+    assert LinkSettings().lease_ms == 250
     assert (LocalSettings().socket_mode, LocalSettings().snapshot_hz) == (0o660, 50.0)
 
 
@@ -241,6 +276,13 @@ def test_a_namespace_cannot_hide_a_wildcard(namespace: str) -> None:
     """One mailbox per topic, no wildcard: a key expression in the namespace would subscribe to all robots."""
     with pytest.raises(SettingsRefused, match="no ROS namespace"):
         LinkSettings(namespace=namespace)
+
+
+def test_an_unknown_policy_towards_others_is_refused_with_the_known_ones() -> None:
+    """§3.3.2."""
+    assert [ForeignSettings(policy=name).policy for name in ("hold", "warn")] == ["hold", "warn"]
+    with pytest.raises(SettingsRefused, match=r"'fight' is unknown: one of hold, warn \(manual §3.3.2\)"):
+        ForeignSettings(policy="fight")
 
 
 def test_an_unknown_model_is_refused_with_the_known_ones() -> None:

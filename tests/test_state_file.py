@@ -81,7 +81,7 @@ def test_a_long_endpoint_still_has_a_file(file: StateFile, tmp_path: Path) -> No
 def test_the_first_start_is_fresh_and_reserves_a_block(file: StateFile, path: Path) -> None:
     """Nothing is remembered, and the file already names the end of the first block of epochs."""
     assert file.start() == Started(remembered=Remembered(), reserved_epoch=EPOCH_BLOCK)
-    assert json.loads(path.read_text()) == {"version": 1, "epoch": EPOCH_BLOCK, "latches": {}}
+    assert json.loads(path.read_text()) == {"version": 1, "epoch": EPOCH_BLOCK, "latches": {}, "zids": []}
 
 
 def test_file_and_folder_are_for_this_user_only(file: StateFile, path: Path) -> None:
@@ -149,6 +149,8 @@ BROKEN = {
     "epoch beyond exact": json.dumps({**GOOD, "epoch": 2**53}).encode(),
     "no latches": json.dumps({k: v for k, v in GOOD.items() if k != "latches"}).encode(),
     "latches are a list": json.dumps({**GOOD, "latches": ["ESTOP"]}).encode(),
+    "zids are a text": json.dumps({**GOOD, "zids": "ab"}).encode(),
+    "a zid is a number": json.dumps({**GOOD, "zids": [1]}).encode(),
     "message is a number": json.dumps({**GOOD, "latches": {"ESTOP": 1}}).encode(),
 }
 
@@ -563,3 +565,13 @@ def test_clearing_a_latch_is_written_as_setting_it_is(path: Path) -> None:
         assert writer.close(DEADLINE_S)
     with StateFile(path) as file:
         assert file.start().remembered == Remembered(epoch=EPOCH_BLOCK)
+
+
+def test_sessions_of_ours_survive_a_restart_and_an_earlier_release_left_none(path: Path) -> None:
+    """Their tokens and late data are not foreign to the next run."""
+    with StateFile(path) as file:
+        file.save(Remembered(epoch=3, zids=("a1", "b2")))
+        assert file.start().remembered.zids == ("a1", "b2")
+    path.write_text(json.dumps(GOOD))
+    with StateFile(path) as file:
+        assert file.start().remembered == Remembered(epoch=5)

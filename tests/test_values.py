@@ -127,6 +127,18 @@ def test_values_cannot_be_changed() -> None:
     assert not hasattr(state, "__dict__")
 
 
+def _mode(left: bool, right: bool, *, right_joint: bool = True) -> CurrentMode:
+    """Return a mode with these arms enabled; the left one takes joints."""
+    return CurrentMode(
+        api=True,
+        joint_mode={Side.LEFT: True, Side.RIGHT: right_joint},
+        arm_enabled={Side.LEFT: left, Side.RIGHT: right},
+        chassis_enabled=False,
+        lift_enabled=False,
+        collision_check=False,
+    )
+
+
 @pytest.mark.parametrize(
     ("left", "right", "enabled"),
     [
@@ -138,15 +150,15 @@ def test_values_cannot_be_changed() -> None:
 )
 def test_enabled_arms_are_listed_left_first(left: bool, right: bool, enabled: tuple[Side, ...]) -> None:
     """All four combinations of manual §4.11.2."""
-    mode = CurrentMode(
-        api=True,
-        joint_mode={Side.LEFT: True, Side.RIGHT: True},
-        arm_enabled={Side.LEFT: left, Side.RIGHT: right},
-        chassis_enabled=False,
-        lift_enabled=False,
-        collision_check=False,
-    )
-    assert mode.enabled_arms == enabled
+    assert _mode(left, right).enabled_arms == enabled
+
+
+@pytest.mark.parametrize(
+    ("left", "right", "is_posing"), [(True, True, True), (False, True, True), (True, False, False)]
+)
+def test_a_robot_poses_when_an_enabled_arm_does(left: bool, right: bool, is_posing: bool) -> None:
+    """The mode of an arm that is disabled says nothing (manual §4.11.2)."""
+    assert _mode(left, right, right_joint=False).is_posing is is_posing
 
 
 def test_sides_read_as_topic_parts() -> None:

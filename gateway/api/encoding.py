@@ -15,8 +15,9 @@ from typing import Final, Generic, TypeVar
 
 import msgspec
 
+from gateway.api.facts import Info, Routes
 from gateway.api.keys import JSON, MAX_PAYLOAD_BYTES, MSGPACK, PROTOCOL_VERSION
-from gateway.api.structs import Command, Estop, Info, Notice, RefusalMessage, Reply, Routes, Stop, Target
+from gateway.api.structs import Command, Estop, Notice, RefusalMessage, Reply, Stop, Target
 from gateway.api.views import Snapshot
 from gateway.errors import Code, Refusal
 

@@ -26,8 +26,8 @@ class Listener(Protocol):
         """Take a published snapshot."""
         ...
 
-    def on_notice(self, payload: bytes) -> None:
-        """Take a notice."""
+    def on_notice(self, payload: bytes, number: int) -> None:
+        """Take a notice and its number."""
         ...
 
     def on_daemon(self, token: str, alive: bool) -> None:
@@ -140,8 +140,8 @@ class MemoryPlane:
         for listener in list(self._listeners.values()):
             listener.on_snapshot(payload, seq, self.now_ns())
 
-    def put_notice(self, payload: bytes) -> None:
+    def put_notice(self, payload: bytes, number: int) -> None:
         """Hand a notice to every client."""
         if self.reachable:
             for listener in list(self._listeners.values()):
-                listener.on_notice(payload)
+                listener.on_notice(payload, number)

@@ -6,6 +6,8 @@ Rules
     * An emergency stop, then a stop, come first out of `poll`, whatever lies before them.
     * Of the targets of a stream, and of the keepalives of a client, only the newest is kept: a flood costs nothing.
     * A command whose sender was already told that it did not run is not handed to the loop any more; a stop always is.
+    * Chunks take milliseconds to work out. They are put aside, with whatever the same client sends after them, until
+      nothing else is left to read: no stop waits for more than one of them.
     * Everything is bounded. What does not fit or cannot be read is counted, told to its sender where it can be told,
       and logged at most once a second.
 
@@ -25,9 +27,10 @@ from gateway.api.outbox import Outbox
 from gateway.api.question import Question
 from gateway.api.translate import printable, to_request, to_target
 from gateway.core import events
+from gateway.core.answers import number_was_used
 from gateway.errors import Code, Refusal
 
-__all__ = ["MAX_CLIENTS", "MAX_STREAMS", "MAX_WAITING", "PER_POLL", "Inbox"]
+__all__ = ["MAX_ASIDE", "MAX_CLIENTS", "MAX_STREAMS", "MAX_WAITING", "PER_POLL", "Inbox"]
 
 MAX_WAITING = 1024
 """Questions that may wait; more are refused with TIMEOUT. Ten a second are usual."""
@@ -35,8 +38,11 @@ MAX_STREAMS = 64
 """Streams whose targets are kept between two polls; two are usual."""
 MAX_CLIENTS = 256
 """Clients whose keepalives, and whose departures, are kept between two polls."""
+MAX_ASIDE = 16
+"""Requests that may wait beside and behind chunks which are still to be worked out; a client that streams chunks has one."""
 PER_POLL = 4
-"""Requests handed out at a poll, stops not counted: planning a motion takes a millisecond, and setpoints must leave in time."""
+"""Requests handed out at a poll, stops not counted: planning a motion takes a millisecond, and setpoints must leave in time.
+A chunk is the last one of its poll: getting two arms onto it in mid-motion takes as long as the others together."""
 LOG_PERIOD_NS = 1_000_000_000
 
 log = logging.getLogger(__name__)
@@ -56,7 +62,10 @@ class Inbox:
         self.overflown = 0
         self._outbox = outbox
         self._unread: queue.SimpleQueue[Question | None] = queue.SimpleQueue()
+        self._aside: deque[tuple[protocol.Command, Question]] = deque()
+        """Chunks to be worked out, and what their clients sent after them."""
         self._lock = threading.Lock()
+        self._arrived = threading.Event()
         self._estops: _Lane = deque()
         self._stops: _Lane = deque()
         self._commands: dict[str, _Lane] = {}
@@ -70,8 +79,9 @@ class Inbox:
     # ------------------------------------------------------------------------------------------------ coming in
 
     def ask(self, question: Question) -> None:
-        """Take a question; returns at once."""
-        if self._unread.qsize() < MAX_WAITING:
+        """Take a question; returns at once. What may be a stop finds room where a flood has left none for others."""
+        waiting = self._unread.qsize()
+        if waiting < MAX_WAITING or (waiting < 2 * MAX_WAITING and b"stop" in question.payload):
             self._unread.put(question)
             return
         self._complain("overflow", f"{MAX_WAITING} questions wait to be read", question.received_ns)
@@ -114,12 +124,16 @@ class Inbox:
         """Read the next question, waiting for it at most `timeout_s`, and lay it where it belongs.
 
         Returns:
-            False when there was none.
+            False when there was none, and nothing that had been put aside.
         """
         try:
-            question = self._unread.get(timeout=timeout_s) if timeout_s > 0 else self._unread.get_nowait()
+            waits = timeout_s > 0 and not self._aside
+            question = self._unread.get(timeout=timeout_s) if waits else self._unread.get_nowait()
         except queue.Empty:
-            return False
+            if not self._aside:
+                return False
+            self._take(*self._aside.popleft())
+            return True
         if question is not None:
             self._read(question)
         return True
@@ -145,6 +159,18 @@ class Inbox:
             self._complain("malformed", str(error), question.received_ns)
             self._outbox.refuse(question, 0, error.refusal)
             return
+        is_stop = isinstance(command.request, (protocol.Stop, protocol.Estop))
+        is_behind = any(other.client_id == command.client_id for other, _ in self._aside)
+        if is_stop or not (is_behind or isinstance(command.request, (protocol.Follow, protocol.CheckFollow))):
+            self._take(command, question)
+        elif len(self._aside) < MAX_ASIDE:
+            self._aside.append((command, question))
+        else:
+            self._complain("overflow", f"{MAX_ASIDE} requests wait for chunks to be worked out", question.received_ns)
+            self._outbox.refuse(question, command.request_id, _too_many())
+
+    def _take(self, command: protocol.Command, question: Question) -> None:
+        """Lay a command where the loop finds it, or refuse it."""
         request = to_request(command.request)
         if isinstance(request, Refusal):
             self._outbox.refuse(question, command.request_id, request)
@@ -154,6 +180,7 @@ class Inbox:
             request_id=command.request_id,
             request=request,
             received_ns=question.received_ns,
+            content=hash(question.payload),
         )
         lane = self._stop_lane(request)
         # Also of stops: as many of them wait for the loop already.
@@ -162,13 +189,16 @@ class Inbox:
             self._outbox.refuse(question, command.request_id, _too_many())
             return
         # First the question, then the event: the reply must find it.
-        self._outbox.expect(command.client_id, command.request_id, question)
+        if not self._outbox.expect(command.client_id, command.request_id, question, is_stop=lane is not None):
+            self._outbox.refuse(question, command.request_id, number_was_used(command.request_id))
+            return
         if lane is not None:
             lane.append(event)
-            return
-        with self._lock:
-            self._commands.setdefault(event.client_id, deque()).append(event)
-            self._waiting += 1
+        else:
+            with self._lock:
+                self._commands.setdefault(event.client_id, deque()).append(event)
+                self._waiting += 1
+        self._arrived.set()
 
     def _stop_lane(self, request: events.Request) -> _Lane | None:
         if isinstance(request, events.Estop):
@@ -177,8 +207,14 @@ class Inbox:
 
     # ------------------------------------------------------------------------------------------------ the loop
 
+    def wait(self, seconds: float) -> bool:
+        """Wait for a request, at most so long [s]; return whether there is one. Signs of life and targets end no wait."""
+        return bool(self._commands) or self._arrived.wait(seconds)
+
     def poll(self) -> list[events.Event]:
         """Return what arrived since the last call: stops, then signs of life, targets, other requests, departures."""
+        if self._arrived.is_set():
+            self._arrived.clear()  # first: what comes from here on ends the next wait
         if not (self._seen or self._commands or self._targets or self._estops or self._stops or self._gone):
             return []  # what comes in this very moment is found by the next poll
         with self._lock:
@@ -212,7 +248,7 @@ class Inbox:
                 if lane:
                     self._commands[client_id] = lane  # behind the others
             if self._outbox.take(command.client_id, command.request_id):
-                given += 1
+                given += PER_POLL if isinstance(command.request, events.Follow) else 1
                 yield command
 
     def _read_target(self, key: str, payload: bytes, encoding: str, received_ns: int) -> events.TargetArrived | None:
@@ -246,7 +282,6 @@ def _drain(lane: _Lane) -> Iterator[events.CommandRequested]:
 def _too_many() -> Refusal:
     return Refusal(
         code=Code.TIMEOUT,
-        message=f"{MAX_WAITING} requests wait already; this one was not run",
-        value=str(MAX_WAITING),
+        message="too many requests wait already; this one was not run",
         hint="send less often, and look whether the control loop runs (`ta2 status`)",
     )

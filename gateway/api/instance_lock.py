@@ -79,17 +79,19 @@ def socket_lock_path(socket: Path) -> Path:
     return socket.with_name(socket.name + ".owner")
 
 
-def robot_lock_path(endpoint: str, directory: Path | None = None) -> Path:
+def robot_lock_path(endpoint: str, directory: Path | None = None, namespace: str = "") -> Path:
     """Return the file that stands for a robot on this host.
 
     Args:
         endpoint: zenoh endpoint of the robot's router; options after `#` or `?` do not matter.
         directory: Where to put it; by default the host's directory for locks, or the one for temporary files.
+        namespace: Of the robot's bridge: two robots may stand behind one router.
     """
     if directory is None:
         usable = LOCK_DIRECTORY.is_dir() and os.access(LOCK_DIRECTORY, os.W_OK)
         directory = LOCK_DIRECTORY if usable else Path(tempfile.gettempdir())
     plain = endpoint.split("#")[0].split("?")[0].strip().lower().replace("/localhost:", "/127.0.0.1:")
+    plain = f"{plain}/{namespace.strip('/')}".rstrip("/")
     return directory / f"ta2-robot-{hashlib.sha256(plain.encode()).hexdigest()[:16]}.lock"
 
 

@@ -14,6 +14,7 @@ __all__ = [
     "DAEMON_TOKENS",
     "EVENT_KEY",
     "FSM_NAMES",
+    "HEARTBEAT_TOPIC",
     "INFO_KEY",
     "JSON",
     "KEEPALIVE_KEYS",
@@ -41,7 +42,8 @@ MSGPACK: Final = "application/msgpack"
 JSON: Final = "application/json"
 
 MAX_PAYLOAD_BYTES: Final = 64 * 1024
-"""Largest request or target that is looked at; the largest legal one is far below 4 KiB."""
+"""Largest request or target that is looked at: a chunk of 450 points with times for both arms fits, as msgpack; else they are
+far below 4 KiB."""
 
 KEEPALIVE_PERIOD_NS: Final = 50_000_000
 """How often an owner's client library shows that it lives [ns]; it counts as lost after 250 ms."""
@@ -63,6 +65,9 @@ FSM_NAMES: Final = {
     6: "PLAY",
 }
 """Values of `/fsm_state` (manual §4.11.1)."""
+
+HEARTBEAT_TOPIC: Final = "/api/fsm/enable"
+"""Where the daemon sends the FSM heartbeat, as a snapshot's `streams` name it (manual §4.7)."""
 
 ROOT: Final = f"ta2/{PROTOCOL_VERSION}"
 COMMAND_KEY: Final = f"{ROOT}/command"

@@ -24,7 +24,7 @@ from gateway.api import protocol
 from gateway.errors import CODES, Code, ConfigError, Refusal
 from gateway.settings import LocalSettings
 
-__all__ = ["access_rules", "network_configuration", "unix_configuration"]
+__all__ = ["access_rules", "network_configuration", "refused_setting", "unix_configuration"]
 
 MAX_MESSAGE_BYTES = 256 * 1024
 """A larger message ends the connection of its sender; larger than `MAX_PAYLOAD_BYTES`, so that that is answered."""
@@ -52,15 +52,17 @@ def network_configuration(local: LocalSettings) -> dict[str, Any] | None:
         return None
     host, port = _host_and_port(local.tcp)
     if bool(local.tls_certificate) != bool(local.tls_private_key):
-        raise _refused("tls_certificate", local.tls_certificate, "certificate and private key belong together")
+        raise refused_setting("tls_certificate", local.tls_certificate, "certificate and private key belong together")
     if local.tls_root_ca and not local.tls_certificate:
-        raise _refused("tls_root_ca", local.tls_root_ca, "certificates of clients need TLS with a certificate and key")
+        raise refused_setting(
+            "tls_root_ca", local.tls_root_ca, "certificates of clients need TLS with a certificate and key"
+        )
     for name in ("users_file", "tls_certificate", "tls_private_key", "tls_root_ca"):
         path = getattr(local, name)
         if path and not os.access(path, os.R_OK):
-            raise _refused(name, path, "there is no readable file of this name")
+            raise refused_setting(name, path, "there is no readable file of this name")
     if not (_is_loopback(host) or local.users_file or local.tls_root_ca):
-        raise _refused(
+        raise refused_setting(
             "tcp",
             local.tcp,
             "beyond this host nobody may connect unknown: users_file, or TLS with tls_root_ca, is needed",
@@ -132,7 +134,7 @@ def _allow(name: str, flow: str, messages: list[str], keys: list[str]) -> dict[s
 def _host_and_port(text: str) -> tuple[str, int]:
     host, colon, port = text.removeprefix("tcp/").removeprefix("tls/").rpartition(":")
     if not (colon and host and port.isdecimal() and 0 < int(port) < 65536) or any(mark in text for mark in "#?;"):
-        raise _refused("tcp", text, "HOST:PORT with a port from 1 to 65535 is needed, e.g. 127.0.0.1:7448")
+        raise refused_setting("tcp", text, "HOST:PORT with a port from 1 to 65535 is needed, e.g. 127.0.0.1:7448")
     return host, int(port)
 
 
@@ -143,7 +145,8 @@ def _is_loopback(host: str) -> bool:
         return False
 
 
-def _refused(name: str, value: str, message: str, bound: str = "") -> ConfigError:
+def refused_setting(name: str, value: str, message: str, bound: str = "") -> ConfigError:
+    """Return the error of a setting of the local plane."""
     return ConfigError(
         Refusal(
             code=Code.BAD_CONFIG,

@@ -59,6 +59,7 @@ class Outbox:
         self._taken: set[tuple[str, int]] = set()
         self._newest: Snapshot | None = None
         self._seq = 0
+        self._told = 0
         self._snapshot_waits = False
 
     # ------------------------------------------------------------------------------------------------ who listens
@@ -69,10 +70,24 @@ class Outbox:
 
     # ------------------------------------------------------------------------------------------------ questions
 
-    def expect(self, client_id: str, request_id: int, question: Question) -> None:
-        """Remember a question until the engine's reply to it arrives."""
+    def expect(self, client_id: str, request_id: int, question: Question, *, is_stop: bool = False) -> bool:
+        """Remember a question until the engine's reply to it arrives.
+
+        Args:
+            client_id: Who asks.
+            request_id: Number of the request.
+            question: What is asked.
+            is_stop: Whether it stops: a stop is taken under any number.
+
+        Returns:
+            False when another request under this number still waits: its reply would answer this one, too.
+        """
         with self._lock:
-            self._pending.setdefault((client_id, request_id), []).append(question)
+            waiting = self._pending.setdefault((client_id, request_id), [])
+            if waiting and waiting[0].payload != question.payload and not is_stop:
+                return False
+            waiting.append(question)
+            return True
 
     def take(self, client_id: str, request_id: int) -> bool:
         """Say that the loop takes a command now. False when its question was already answered: then it must not run."""
@@ -122,7 +137,8 @@ class Outbox:
         for reply in replies:
             self._jobs.put(partial(self._reply, reply, self._seq))
         for notice in notices:
-            self._put(partial(self._notice, notice))
+            self._told += 1  # also those that do not fit: their number is missing, and listeners see that
+            self._put(partial(self._notice, notice, self._told))
 
     def publish_snapshot(self, snapshot: Snapshot) -> None:
         """Take the newest snapshot; returns at once. It is sent while somebody listens, and kept for those who ask."""
@@ -209,10 +225,10 @@ class Outbox:
             )
         question.answer(payload, encoding)
 
-    def _notice(self, notice: events.Notice) -> None:
+    def _notice(self, notice: events.Notice, number: int) -> None:
         payload = protocol.encode(to_notice(notice))
         for audience in self._audiences:
-            audience.put_notice(payload)
+            audience.put_notice(payload, number)
 
     def _send_snapshot(self) -> None:
         self._snapshot_waits = False

@@ -44,8 +44,8 @@ class Audience(Protocol):
         """Send a snapshot to all who listen; never blocks for one who does not read, never raises."""
         ...
 
-    def put_notice(self, payload: bytes) -> None:
-        """Send a notice to all who listen; never raises."""
+    def put_notice(self, payload: bytes, number: int) -> None:
+        """Send a notice and its number to all who listen; never raises."""
         ...
 
 

@@ -6,7 +6,7 @@ Rules
     * The unix socket is private until its permission bits stand; a socket file left by a dead daemon is replaced, one
       of a living daemon never is (its lock is held).
     * One thread reads questions, one sends. The loop thread calls `poll`, `send` and `publish_snapshot`, which never
-      wait for a client.
+      wait for a client, and `wait` when it has nothing else to do.
 """
 
 from __future__ import annotations
@@ -24,13 +24,12 @@ from gateway.api import protocol
 from gateway.api.address import is_private
 from gateway.api.inbox import Inbox
 from gateway.api.instance_lock import InstanceLock, robot_lock_path, socket_lock_path
-from gateway.api.listener import network_configuration, unix_configuration
+from gateway.api.listener import network_configuration, refused_setting, unix_configuration
 from gateway.api.outbox import Outbox
 from gateway.api.translate import describe
 from gateway.api.zenoh_plane import ZenohPlane
 from gateway.core import events
 from gateway.core.snapshot import Snapshot
-from gateway.errors import CODES, Code, ConfigError, Refusal
 from gateway.settings import LocalSettings, Settings
 
 __all__ = ["LocalPlane"]
@@ -68,8 +67,9 @@ class LocalPlane:
         _prepare_directory(self.socket, is_default=not local.socket)
         self._locks = [InstanceLock(socket_lock_path(self.socket), f"socket {self.socket}")]
         try:
-            endpoint = settings.link.endpoint
-            self._locks.append(InstanceLock(robot_lock_path(endpoint, lock_directory), f"robot {endpoint}"))
+            endpoint, namespace = settings.link.endpoint, settings.link.namespace.strip("/")
+            name = f"robot {endpoint}" + (f" namespace {namespace}" if namespace else "")
+            self._locks.append(InstanceLock(robot_lock_path(endpoint, lock_directory, namespace), name))
         except BaseException:  # whatever it was, the socket must not stay locked by a plane that never was
             self._locks[0].close()
             raise
@@ -105,7 +105,7 @@ class LocalPlane:
         try:
             plane = ZenohPlane(configuration, self._inbox)
         except zenoh.ZError as error:
-            raise _refused(name, value, f"cannot listen there: {str(error).partition(' at /')[0]}") from None
+            raise refused_setting(name, value, f"cannot listen there: {str(error).partition(' at /')[0]}") from None
         self._planes.append(plane)
         self._outbox.add_audience(plane)
         log.info("listening on %s", value)
@@ -139,6 +139,10 @@ class LocalPlane:
     def poll(self) -> list[events.Event]:
         """Return what clients sent since the last call: stops first. Never waits."""
         return self._inbox.poll()
+
+    def wait(self, seconds: float) -> bool:
+        """Wait for a request, at most so long [s]; return whether there is one."""
+        return self._inbox.wait(seconds)
 
     def send(self, replies: Sequence[events.Reply], notices: Sequence[events.Notice]) -> None:
         """Pass on what a tick brought. Never waits. Call it before `publish_snapshot` of the same tick."""
@@ -189,9 +193,9 @@ def _socket_path(local: LocalSettings) -> Path:
     try:
         address = protocol.parse_address(local.socket or str(protocol.default_socket()))
     except protocol.AddressRefused as error:
-        raise _refused("socket", local.socket, str(error)) from None
+        raise refused_setting("socket", local.socket, str(error)) from None
     if address.path is None:
-        raise _refused("socket", local.socket, "a path is needed; the network is configured with local.tcp")
+        raise refused_setting("socket", local.socket, "a path is needed; the network is configured with local.tcp")
     return address.path
 
 
@@ -201,18 +205,6 @@ def _prepare_directory(socket: Path, *, is_default: bool) -> None:
     try:
         directory.mkdir(mode=0o700 if is_default else 0o750, parents=True, exist_ok=True)
     except OSError as error:
-        raise _refused("socket", str(socket), f"its directory cannot be created: {error.strerror}") from None
+        raise refused_setting("socket", str(socket), f"its directory cannot be created: {error.strerror}") from None
     if is_default and not is_private(directory):
-        raise _refused("socket", str(socket), f"{directory} belongs to, or may be written by, somebody else")
-
-
-def _refused(name: str, value: str, message: str) -> ConfigError:
-    return ConfigError(
-        Refusal(
-            code=Code.BAD_CONFIG,
-            message=f"local.{name} = {value!r}: {message}",
-            field=f"local.{name}",
-            value=value,
-            hint=CODES[Code.BAD_CONFIG].hint,
-        )
-    )
+        raise refused_setting("socket", str(socket), f"{directory} belongs to, or may be written by, somebody else")

@@ -13,23 +13,31 @@ Knows nothing of the core, of zenoh or of clocks. Import these names from `gatew
 
 from __future__ import annotations
 
-import re
 from typing import Annotated, Any, Literal
 
 from msgspec import Meta, Struct, field
+
+from gateway.api.chunk_structs import CheckFollow, Follow
+from gateway.api.ground_structs import DisableLift, DriveChassis, DriveLift, SetGripper, StopChassis, StopLift
+from gateway.api.incoming import ClientId, Count, Incoming, Joints, Name, Pid, SideName, Text
 
 __all__ = [
     "Abandon",
     "Acquire",
     "Cancel",
+    "CheckFollow",
     "CloseStream",
     "Command",
     "Disable",
+    "DisableLift",
+    "DriveChassis",
+    "DriveLift",
     "Enable",
     "Estop",
+    "Follow",
     "Hold",
-    "Info",
     "Move",
+    "MovePose",
     "Notice",
     "OnLimitName",
     "OnLossName",
@@ -39,79 +47,65 @@ __all__ = [
     "Release",
     "Reply",
     "Request",
-    "Routes",
+    "SetGripper",
     "SideName",
+    "SpaceName",
     "Stop",
+    "StopChassis",
+    "StopLift",
     "Take",
     "Target",
 ]
 
-SideName = Literal["left", "right"]
+SpaceName = Literal["joint", "pose"]
 OnLossName = Literal["hold", "pause"]
 OnLimitName = Literal["reject", "clip"]
-
-_Count = Annotated[int, Meta(ge=0, le=2**62)]
-_Pid = Annotated[int, Meta(ge=0, le=2**31)]
-_Name = Annotated[str, Meta(min_length=1, max_length=64)]
-_Text = Annotated[str, Meta(max_length=512)]
-_ClientId = Annotated[str, Meta(pattern=r"^[0-9A-Za-z_-]{1,64}\Z")]
-_Joints = Annotated[tuple[float, ...], Meta(max_length=64)]
-
-
-def _tag(class_name: str) -> str:
-    """Return the tag of a request class: `OpenStream` -> `open_stream`."""
-    return re.sub(r"(?<=[a-z])(?=[A-Z])", "_", class_name).lower()
-
 
 # ------------------------------------------------------------------------------------------------------- going in
 
 
-class _Incoming(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True, tag_field="type", tag=_tag):
-    """A request; its JSON form has a `type` beside its fields."""
-
-
-class Acquire(_Incoming, frozen=True):
+class Acquire(Incoming, frozen=True):
     """Ask for the lease when it is free. Reply: `epoch`."""
 
-    name: _Name
-    pid: _Pid
+    name: Name
+    pid: Pid
     on_loss: OnLossName = "hold"
 
 
-class Take(_Incoming, frozen=True):
+class Take(Incoming, frozen=True):
     """Take the lease from its owner, for people; brakes first. Reply: `epoch`."""
 
-    name: _Name
-    pid: _Pid
-    reason: _Text
+    name: Name
+    pid: Pid
+    reason: Text
     on_loss: OnLossName = "hold"
 
 
-class Release(_Incoming, frozen=True):
+class Release(Incoming, frozen=True):
     """Give the lease back: brake, rest, heartbeat 0.0."""
 
-    epoch: _Count
+    epoch: Count
 
 
-class Abandon(_Incoming, frozen=True):
+class Abandon(Incoming, frozen=True):
     """Leave as if the client had vanished: brake and hold, the clocks run."""
 
-    epoch: _Count
+    epoch: Count
 
 
-class Enable(_Incoming, frozen=True):
+class Enable(Incoming, frozen=True):
     """Bring the FSM to READY; the outcome is in the snapshot."""
 
-    epoch: _Count
+    epoch: Count
 
 
-class Disable(_Incoming, frozen=True):
+class Disable(Incoming, frozen=True):
     """Brake to rest, then heartbeat 0.0; the lease stays."""
 
-    epoch: _Count
+    epoch: Count
 
 
-class Move(_Incoming, frozen=True):
+class Move(Incoming, frozen=True):
     """Point to point; all joints of all named arms end together. Reply: `motion_id`, `clipped`.
 
     Attributes:
@@ -123,46 +117,80 @@ class Move(_Incoming, frozen=True):
         on_limit: What happens to a target outside the limits.
     """
 
-    epoch: _Count
-    targets_rad: dict[SideName, _Joints]
+    epoch: Count
+    targets_rad: dict[SideName, Joints]
     relative: bool = False
     speed: float = 1.0
     tolerance_rad: float | None = None
     on_limit: OnLimitName = "reject"
 
 
-class OpenStream(_Incoming, frozen=True):
-    """Open a stream of joint targets for one arm. Reply: `stream_id`, `q_rad` (where it starts)."""
+class MovePose(Incoming, frozen=True):
+    """Point to point for end effectors; all named arms end together. Reply: `motion_id`, `values`, `clipped`.
 
-    epoch: _Count
+    Attributes:
+        epoch: Lease epoch.
+        targets: Per side x, y, z [m], qx, qy, qz, qw.
+        frames: Per side the frame of its target: the arm's own shoulder (manual §4.0.1).
+        speed: Factor on the velocities, 0 < speed <= 1.
+        tolerance_m: Settling tolerance of the position [m]; null for the configured one.
+        tolerance_rad: Settling tolerance of the orientation [rad]; null for the configured one.
+        on_limit: What happens to a position beyond the reach.
+    """
+
+    epoch: Count
+    targets: dict[SideName, Joints]
+    frames: dict[SideName, Name]
+    speed: float = 1.0
+    tolerance_m: float | None = None
+    tolerance_rad: float | None = None
+    on_limit: OnLimitName = "reject"
+
+
+class OpenStream(Incoming, frozen=True):
+    """Open a stream of targets for one arm. Reply: `stream_id`, `values` (where it starts).
+
+    Attributes:
+        epoch: Lease epoch.
+        side: Which arm.
+        space: Of the targets: `joint`, or `pose` for an arm in end-effector mode.
+        frame: Of poses: the arm's own shoulder (manual §4.0.1); empty for joints.
+        speed: Factor on velocity, 0 < speed <= 1.
+        on_limit: What happens to a target outside the limits.
+        expiry_ns: Life of a target [ns]; null for the configured one.
+    """
+
+    epoch: Count
     side: SideName
+    space: SpaceName = "joint"
+    frame: Text = ""
     speed: float = 1.0
     on_limit: OnLimitName = "reject"
-    expiry_ns: _Count | None = None
+    expiry_ns: Count | None = None
 
 
-class CloseStream(_Incoming, frozen=True):
+class CloseStream(Incoming, frozen=True):
     """End a stream: brake to rest and hold."""
 
-    epoch: _Count
-    stream_id: _Count
+    epoch: Count
+    stream_id: Count
 
 
-class Hold(_Incoming, frozen=True):
+class Hold(Incoming, frozen=True):
     """Brake the named arms and hold; their motions end as cancelled."""
 
-    epoch: _Count
+    epoch: Count
     sides: Annotated[tuple[SideName, ...], Meta(max_length=8)]
 
 
-class Cancel(_Incoming, frozen=True):
+class Cancel(Incoming, frozen=True):
     """Brake and end one motion."""
 
-    epoch: _Count
-    motion_id: _Count
+    epoch: Count
+    motion_id: Count
 
 
-class Stop(_Incoming, frozen=True, forbid_unknown_fields=False):
+class Stop(Incoming, frozen=True, forbid_unknown_fields=False):
     """Stop everything. Anybody may; latches unless the owner asks. Reply: `stop_undelivered`.
 
     Unknown fields do not matter: a stop is never refused for what a later release adds to it.
@@ -171,13 +199,13 @@ class Stop(_Incoming, frozen=True, forbid_unknown_fields=False):
     reason: str = ""
 
 
-class Estop(_Incoming, frozen=True, forbid_unknown_fields=False):
+class Estop(Incoming, frozen=True, forbid_unknown_fields=False):
     """Stop everything and pause the FSM. Anybody may; always latches. Does not replace the physical emergency stop."""
 
     reason: str = ""
 
 
-class Recover(_Incoming, frozen=True):
+class Recover(Incoming, frozen=True):
     """Clear all latches, or none when a cause persists. Never moves, never enables."""
 
 
@@ -189,10 +217,19 @@ Request = (
     | Enable
     | Disable
     | Move
+    | Follow
+    | CheckFollow
+    | MovePose
     | OpenStream
     | CloseStream
     | Hold
     | Cancel
+    | SetGripper
+    | DriveChassis
+    | StopChassis
+    | DriveLift
+    | StopLift
+    | DisableLift
     | Stop
     | Estop
     | Recover
@@ -209,9 +246,9 @@ class Command(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
         request: What is asked.
     """
 
-    version: _Count
-    client_id: _ClientId
-    request_id: _Count
+    version: Count
+    client_id: ClientId
+    request_id: Count
     request: Request
 
 
@@ -221,12 +258,12 @@ class Target(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     Attributes:
         epoch: Lease epoch.
         seq: Strictly rising per stream.
-        q_rad: Seven joints [rad].
+        values: In the space of the stream: seven joints [rad], or x, y, z [m], qx, qy, qz, qw.
     """
 
-    epoch: _Count
-    seq: _Count
-    q_rad: _Joints
+    epoch: Count
+    seq: Count
+    values: Joints
 
 
 # ------------------------------------------------------------------------------------------------------ coming out
@@ -253,7 +290,7 @@ class Reply(Struct, frozen=True, kw_only=True):
     Attributes:
         request_id: Of the command.
         refusal: Why not; null when it was accepted.
-        facts: What the caller needs to go on, e.g. `epoch`, `motion_id`, `stream_id`, `q_rad`, `clipped`.
+        facts: What the caller needs to go on, e.g. `epoch`, `motion_id`, `stream_id`, `values`, `clipped`.
         after_seq: A snapshot with a greater `seq` shows the effect of the command; one with this or a smaller may not.
     """
 
@@ -279,71 +316,3 @@ class Notice(Struct, frozen=True, kw_only=True):
     message: str
     at_ns: int
     facts: dict[str, str] = field(default_factory=dict)
-
-
-class Routes(Struct, frozen=True, kw_only=True):
-    """How the robot's bridge stands to each topic, as discovery knows it: the answer to a query on the routes key.
-
-    Attributes:
-        routes: Per topic of this model, a few words: `ready`, or what is missing.
-        bridge_version: Version of the robot's bridge; empty until it has said it.
-        undelivered: Frames that were not handed to zenoh because there was no transport.
-    """
-
-    routes: dict[str, str]
-    bridge_version: str
-    undelivered: int
-
-
-class Info(Struct, frozen=True, kw_only=True):
-    """What does not change while a daemon runs: the answer to a query on the info key.
-
-    Attributes:
-        version: Release of the daemon.
-        protocol: `PROTOCOL_VERSION` of the daemon.
-        pid: Process id of the daemon.
-        socket: Path of its unix socket.
-        robot: Endpoint of the robot's router.
-        model: `lite`, `standard` or `lift` (manual §1.2).
-        has_lift: Whether this model has the lift.
-        config_hash: Changes with any setting.
-        joint_names: Per side, the seven joints in their order (manual §4.0.3).
-        lower_rad: Per side, the configured lower position limits [rad].
-        upper_rad: Per side, the configured upper position limits [rad].
-        v_radps: Velocity limit of every joint [rad/s].
-        a_radps2: Acceleration limit [rad/s²].
-        j_radps3: Jerk limit [rad/s³].
-        arm_rate_hz: Rate of the joint stream to the robot [Hz].
-        snapshot_hz: Rate of published snapshots [Hz].
-        settle_rad: Default tolerance of a move [rad].
-        settle_ns: How long a move must stay within it [ns].
-        tracking_rad: Distance between setpoint and measured that aborts when it lasts [rad].
-        target_expiry_ns: Default life of a streamed target [ns].
-        keepalive_ns: Silence after which an owner counts as lost [ns].
-        free_after_ns: The lease is free this long after the loss [ns].
-        down_after_ns: Everything goes down this long after the loss [ns].
-    """
-
-    version: str
-    protocol: int
-    pid: int
-    socket: str
-    robot: str
-    model: str
-    has_lift: bool
-    config_hash: str
-    joint_names: dict[str, tuple[str, ...]]
-    lower_rad: dict[str, tuple[float, ...]]
-    upper_rad: dict[str, tuple[float, ...]]
-    v_radps: float
-    a_radps2: float
-    j_radps3: float
-    arm_rate_hz: float
-    snapshot_hz: float
-    settle_rad: float
-    settle_ns: int
-    tracking_rad: float
-    target_expiry_ns: int
-    keepalive_ns: int
-    free_after_ns: int
-    down_after_ns: int

@@ -12,15 +12,21 @@ import hashlib
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 
+from msgspec import structs
+
 import gateway
 from gateway import robot
 from gateway.api import protocol
 from gateway.core import events
+from gateway.core.chunk import prepare
 from gateway.errors import Code, Refusal
 from gateway.settings import Settings
-from gateway.values import ARM_DOF, Side, Vector
+from gateway.values import ARM_DOF, Side, Space, Vector
 
 __all__ = ["config_hash", "describe", "printable", "to_notice", "to_refusal", "to_reply", "to_request", "to_target"]
+
+POSE_WIDTH = 7
+"""Numbers of a pose: position and quaternion."""
 
 MAX_REASON = 256
 """Longest text of a client that is passed on or logged [characters]."""
@@ -55,10 +61,23 @@ def to_request(request: protocol.Request) -> events.Request | Refusal:
             return events.Disable(epoch=request.epoch)
         case protocol.Move():
             return _to_move(request)
+        case protocol.Follow():
+            return _to_follow(request)
+        case protocol.CheckFollow():
+            follow = _to_follow(request.follow)
+            return (
+                follow
+                if isinstance(follow, Refusal)
+                else events.CheckFollow(follow=follow, from_here=request.from_here)
+            )
+        case protocol.MovePose():
+            return _to_move_pose(request)
         case protocol.OpenStream():
             return events.OpenStream(
                 epoch=request.epoch,
                 side=Side(request.side),
+                space=Space(request.space),
+                frame=printable(request.frame),
                 speed=request.speed,
                 on_limit=events.OnLimit(request.on_limit),
                 expiry_ns=request.expiry_ns,
@@ -70,6 +89,18 @@ def to_request(request: protocol.Request) -> events.Request | Refusal:
             return events.Hold(epoch=request.epoch, sides=sides) if sides else _no_arm("sides")
         case protocol.Cancel():
             return events.Cancel(epoch=request.epoch, motion_id=request.motion_id)
+        case protocol.SetGripper():
+            return events.SetGripper(epoch=request.epoch, side=Side(request.side), raw=request.raw)
+        case protocol.DriveChassis():
+            return events.DriveChassis(**structs.asdict(request))
+        case protocol.StopChassis():
+            return events.StopChassis(epoch=request.epoch)
+        case protocol.DriveLift():
+            return events.DriveLift(**structs.asdict(request))
+        case protocol.StopLift():
+            return events.StopLift(epoch=request.epoch)
+        case protocol.DisableLift():
+            return events.DisableLift(epoch=request.epoch)
         case protocol.Stop():
             return events.Stop(reason=printable(request.reason))
         case protocol.Estop():
@@ -95,6 +126,55 @@ def _to_move(move: protocol.Move) -> events.Move | Refusal:
         targets_rad={Side(side): q_rad for side, q_rad in move.targets_rad.items()},
         relative=move.relative,
         speed=move.speed,
+        tolerance_rad=move.tolerance_rad,
+        on_limit=events.OnLimit(move.on_limit),
+    )
+
+
+def _to_follow(follow: protocol.Follow) -> events.Follow | Refusal:
+    """Work out the motion through the points here: it takes some milliseconds, which the loop does not have."""
+    chunk = prepare(
+        {side: follow.points[side.value] for side in Side if side.value in follow.points},
+        dt_s=follow.dt_s,
+        times_s=follow.times_s,
+        stretch=follow.stretch,
+        smoothing_s=follow.smoothing_s,
+        space=Space(follow.space),
+    )
+    if isinstance(chunk, Refusal):
+        return chunk
+    return events.Follow(
+        epoch=follow.epoch,
+        chunk=chunk,
+        frames={Side(side): printable(frame) for side, frame in follow.frames.items()},
+        open_end=follow.open_end,
+        start_at_ns=follow.start_at_ns,
+        start_in_ns=follow.start_in_ns,
+        path_tolerance={Side(side): values for side, values in follow.path_tolerance.items()},
+        goal_tolerance={Side(side): values for side, values in follow.goal_tolerance.items()},
+        goal_time_ns=follow.goal_time_ns,
+    )
+
+
+def _to_move_pose(move: protocol.MovePose) -> events.MovePose | Refusal:
+    if not move.targets:
+        return _no_arm("targets")
+    for side, values in move.targets.items():
+        if len(values) != POSE_WIDTH:
+            return Refusal(
+                code=Code.WRONG_SHAPE,
+                message=f"the {side} arm got a pose of {len(values)} values, {POSE_WIDTH} are needed: "
+                "x, y, z, qx, qy, qz, qw",
+                field=f"{side}_arm",
+                value=str(len(values)),
+                bound=str(POSE_WIDTH),
+            )
+    return events.MovePose(
+        epoch=move.epoch,
+        targets={Side(side): values for side, values in move.targets.items()},
+        frames={Side(side): printable(frame) for side, frame in move.frames.items()},
+        speed=move.speed,
+        tolerance_m=move.tolerance_m,
         tolerance_rad=move.tolerance_rad,
         on_limit=events.OnLimit(move.on_limit),
     )
@@ -129,7 +209,7 @@ def to_target(target: protocol.Target, client_id: str, stream_id: int, received_
         stream_id=stream_id,
         epoch=target.epoch,
         seq=target.seq,
-        q_rad=target.q_rad,
+        values=target.values,
         received_ns=received_ns,
     )
 
@@ -182,7 +262,7 @@ def describe(settings: Settings, *, socket: str, pid: int) -> protocol.Info:
         socket: Path of its unix socket.
         pid: Its process id.
     """
-    arm = settings.arm
+    arm, pose = settings.arm, settings.pose
     return protocol.Info(
         version=gateway.__version__,
         protocol=protocol.PROTOCOL_VERSION,
@@ -203,7 +283,20 @@ def describe(settings: Settings, *, socket: str, pid: int) -> protocol.Info:
         settle_rad=arm.settle_rad,
         settle_ns=arm.settle_ns,
         tracking_rad=arm.tracking_rad,
+        pose_rate_hz=pose.rate_hz,
+        pose_v_mps=pose.v_mps,
+        pose_w_radps=pose.w_radps,
+        reach_m=pose.reach_m,
+        settle_pose_m=pose.settle_m,
+        settle_pose_rad=pose.settle_rad,
+        tracking_pose_m=pose.tracking_m,
+        tracking_pose_rad=pose.tracking_rad,
         target_expiry_ns=arm.target_expiry_ns,
+        chassis_v_mps=settings.chassis.v_mps,
+        chassis_w_radps=settings.chassis.w_radps,
+        chassis_expiry_ns=settings.chassis.expiry_ns,
+        lift_v_max=settings.lift.v_max,
+        lift_expiry_ns=settings.lift.expiry_ns,
         keepalive_ns=settings.loss.keepalive_ns,
         free_after_ns=settings.loss.free_after_ns,
         down_after_ns=settings.loss.down_after_ns,

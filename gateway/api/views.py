@@ -11,13 +11,21 @@ from msgspec import Struct
 
 __all__ = [
     "ArmView",
+    "ChassisView",
     "EnableView",
+    "Finding",
+    "GripView",
+    "GuardView",
     "LeaseView",
+    "LiftView",
     "LinkView",
     "LoopView",
     "ModeView",
     "MotionView",
     "MotorView",
+    "OtherView",
+    "OthersView",
+    "RefusalView",
     "Snapshot",
     "StreamView",
     "TargetView",
@@ -32,6 +40,27 @@ class LinkView(Struct, frozen=True, kw_only=True):
     router_zid: str
     fresh: bool
     age_ns: int | None
+
+
+class OtherView(Struct, frozen=True, kw_only=True):
+    """Somebody else who commands the robot, or could: `data`, `token`, `publisher` or `gateway`, who, where, since when."""
+
+    kind: str
+    topic: str
+    zid: str
+    link: str
+    since_ns: int
+    last_ns: int | None
+    count: int
+    armed: bool
+
+
+class OthersView(Struct, frozen=True, kw_only=True):
+    """Us beside others: our zenoh id, whether our claim to command stands, and who else commands the robot, or could."""
+
+    zid: str
+    armed: bool
+    seen: tuple[OtherView, ...]
 
 
 class ModeView(Struct, frozen=True, kw_only=True):
@@ -82,6 +111,12 @@ class ArmView(Struct, frozen=True, kw_only=True):
     dq_ref_radps: tuple[float, ...]
     streaming: bool
     tracking_rad: float | None
+    space: str = "joint"
+    ref_p_m: tuple[float, ...] = ()
+    ref_quat_xyzw: tuple[float, ...] = ()
+    ref_v_mps: tuple[float, ...] = ()
+    ref_w_radps: tuple[float, ...] = ()
+    tracking_m: float | None = None
 
 
 class TopicView(Struct, frozen=True, kw_only=True):
@@ -116,6 +151,7 @@ class TargetView(Struct, frozen=True, kw_only=True):
     refusal_code: str
     refusal_message: str
     limited: bool
+    space: str = "joint"
 
 
 class MotionView(Struct, frozen=True, kw_only=True):
@@ -129,6 +165,41 @@ class MotionView(Struct, frozen=True, kw_only=True):
     duration_ns: int
     code: str
     message: str
+    space: str = "joint"
+    error_m: float | None = None
+
+
+class GripView(Struct, frozen=True, kw_only=True):
+    """What a gripper is told, and an estimate whether it holds something."""
+
+    streaming: bool
+    input_ratio: float | None
+    torque_nm: float | None
+    holding: bool | None
+
+
+class ChassisView(Struct, frozen=True, kw_only=True):
+    """What the chassis is told; there is no odometry (manual §4.12)."""
+
+    driven: bool
+    drive_id: int
+    code: str
+    wanted_mps: tuple[float, ...]
+    wanted_radps: float
+    commanded_mps: tuple[float, ...]
+    commanded_radps: float
+    left_ns: int | None
+
+
+class LiftView(Struct, frozen=True, kw_only=True):
+    """What the lift is told; the robot publishes no position of it (manual §4.12)."""
+
+    driven: bool
+    drive_id: int
+    code: str
+    velocity_ratio: float
+    servo_on: bool
+    left_ns: int | None
 
 
 class EnableView(Struct, frozen=True, kw_only=True):
@@ -140,6 +211,16 @@ class EnableView(Struct, frozen=True, kw_only=True):
     message: str
 
 
+class GuardView(Struct, frozen=True, kw_only=True):
+    """The guard: shall there be one, its pid (0 for none), does it reach the robot, how many ended, does an earlier hold."""
+
+    expected: bool
+    pid: int
+    linked: bool
+    lost: int
+    earlier_holds: bool
+
+
 class LoopView(Struct, frozen=True, kw_only=True):
     """The control loop: ticks run, periods skipped, latest and worst lateness in the last 10 s [ns]."""
 
@@ -147,6 +228,28 @@ class LoopView(Struct, frozen=True, kw_only=True):
     skipped: int
     late_ns: int
     worst_late_ns: int
+
+
+class Finding(Struct, frozen=True, kw_only=True):
+    """Why the robot does not do what it is told, inferred: code, sentence, remedy, since when [ns], numbers with units."""
+
+    code: str
+    message: str
+    hint: str
+    since_ns: int
+    facts: dict[str, float]
+
+
+class RefusalView(Struct, frozen=True, kw_only=True):
+    """Why a kind of request would be refused now, as the refusal itself would say it."""
+
+    code: str
+    message: str
+    field: str
+    value: str
+    bound: str
+    unit: str
+    hint: str
 
 
 class Snapshot(Struct, frozen=True, kw_only=True):
@@ -168,5 +271,12 @@ class Snapshot(Struct, frozen=True, kw_only=True):
     streams: dict[str, StreamView]
     motions: tuple[MotionView, ...]
     targets: tuple[TargetView, ...]
+    grips: dict[str, GripView]
+    drive: ChassisView
+    lift: LiftView | None
     enable: EnableView
     loop: LoopView
+    findings: tuple[Finding, ...]
+    refusals: dict[str, RefusalView]
+    guard: GuardView
+    others: OthersView

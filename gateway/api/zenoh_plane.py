@@ -129,11 +129,11 @@ class ZenohPlane:
         """Send a snapshot; its number goes along, so that a listener can count gaps without decoding."""
         self._put(self._snapshots, payload, str(seq).encode())
 
-    def put_notice(self, payload: bytes) -> None:
-        """Send a notice."""
-        self._put(self._notices, payload, None)
+    def put_notice(self, payload: bytes, number: int) -> None:
+        """Send a notice; its number goes along, so that a listener knows how many it missed."""
+        self._put(self._notices, payload, str(number).encode())
 
-    def _put(self, publisher: zenoh.Publisher, payload: bytes, attachment: bytes | None) -> None:
+    def _put(self, publisher: zenoh.Publisher, payload: bytes, attachment: bytes) -> None:
         try:
             publisher.put(payload, attachment=attachment)
         except zenoh.ZError as error:

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from gateway.api import protocol
 from gateway.apps.ending import in_shell_words
 from gateway.apps.figures import age_limit_ns, age_text, fsm_text, since_text
+from gateway.apps.others import is_in_the_way, other_text
 from gateway.errors import CODES, Code
 
 __all__ = ["Step", "next_steps"]
@@ -21,6 +22,9 @@ BUSY = frozenset({"READ_ONLY", "IDLE"})
 MANY_COPIES = 0.5
 """So many copies a sample mean that a bridge delivers twice (it happens after restarts of it)."""
 
+TOLD_BESIDE = frozenset({"MODE_VR", "ARM_DISABLED", "FOREIGN_WRITER", "OTHER_GATEWAY"})
+"""Findings that a step about the robot's modes, or about others on it, says already."""
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Step:
@@ -29,7 +33,8 @@ class Step:
     Attributes:
         level: `error`: something is wrong; `warning`: something is not as usual; `info`: what is possible.
         text: One sentence, with the remedy.
-        subject: `lease` for what a view that shows the lease's clocks has said already; empty for anything else.
+        subject: `lease` for what a view that shows the lease's clocks has said already, `finding` for what one that shows
+            findings has; empty for anything else.
     """
 
     level: str
@@ -44,7 +49,15 @@ def next_steps(view: protocol.Snapshot, info: protocol.Info) -> tuple[Step, ...]
         view: What the gateway sees.
         info: What does not change while it runs.
     """
-    found = [*_latches(view), *_link(view, info), *_loss(view), *_robot(view), *_topics(view)]
+    found = [
+        *_latches(view),
+        *_link(view, info),
+        *_others(view),
+        *_findings(view),
+        *_loss(view),
+        *_robot(view),
+        *_topics(view),
+    ]
     found.sort(key=lambda step: step.level != "error")  # stable: warnings keep their order behind the errors
     return (*found, *_state(view, has_trouble=any(step.level == "error" for step in found)))
 
@@ -81,6 +94,26 @@ def _link(view: protocol.Snapshot, info: protocol.Info) -> Iterator[Step]:
         yield _error(f"the robot's state is {age_text(link.age_ns)} old, 100 ms at most -> {_hint('STATE_STALE')}")
 
 
+def _others(view: protocol.Snapshot) -> Iterator[Step]:
+    """Yield one step for those who command or announce it, and one for gateways that are armed."""
+    there = [other for other in view.others.seen if is_in_the_way(other)]
+    told = {finding.code for finding in view.findings}
+    for code, gateways in (("FOREIGN_WRITER", False), ("OTHER_GATEWAY", True)):
+        found = [other for other in there if (other.kind == "gateway") is gateways]
+        if found and code not in view.latches:
+            more = f", and {len(found) - 1} more (`ta2 topics`)" if len(found) > 1 else ""
+            yield _warning(
+                f"{other_text(found[0], view.at_ns)}{more} -> {_hint(code)}", "finding" if code in told else ""
+            )
+
+
+def _findings(view: protocol.Snapshot) -> Iterator[Step]:
+    """Yield what was inferred; what the modes and others say is told with them."""
+    for finding in view.findings:
+        if finding.code not in TOLD_BESIDE:
+            yield _warning(f"{finding.code}: {finding.message} -> {in_shell_words(finding.hint)}", "finding")
+
+
 def _loss(view: protocol.Snapshot) -> Iterator[Step]:
     lease = view.lease
     if not lease.owned and lease.down_in_ns is not None:
@@ -102,15 +135,16 @@ def _robot(view: protocol.Snapshot) -> Iterator[Step]:
         yield _warning(f"the robot's FSM is unknown -> {_hint('FSM_UNKNOWN')}")
     elif view.fsm not in (0, 1, 2) or (view.fsm != 0 and view.state in BUSY):
         yield _warning(f"the robot's FSM is {fsm_text(view.fsm)}, not by us -> {_hint('FSM_BUSY')}")
-    mode = view.mode
+    mode, found = view.mode, {finding.code for finding in view.findings}
     if mode is None:
         yield _warning(f"the robot's mode is unknown -> {_hint('MODE_UNKNOWN')}")
         return
     if not mode.api:
-        yield _warning(f"the robot is in VR mode -> {_hint('MODE_VR')}")
+        yield _warning(f"the robot is in VR mode -> {_hint('MODE_VR')}", "finding" if "MODE_VR" in found else "")
     for side in ("left", "right"):
         if not mode.arm_enabled.get(side, False):
-            yield _warning(f"the {side} arm is disabled -> {_hint('ARM_DISABLED')}")
+            told = "finding" if "ARM_DISABLED" in found else ""
+            yield _warning(f"the {side} arm is disabled -> {_hint('ARM_DISABLED')}", told)
         elif not mode.joint_mode.get(side, False):
             yield _warning(f"the {side} arm is in end-effector mode -> {_hint('WRONG_CONTROL_MODE')}")
 
@@ -123,7 +157,8 @@ def _topics(view: protocol.Snapshot) -> Iterator[Step]:
         for name, topic in view.topics.items()
         if topic.age_ns is None or topic.age_ns > age_limit_ns(name)
     ]
-    if old:
+    is_told = any(finding.code in ("ROUTE_SUSPECT", "SAMPLE_REFUSED") for finding in view.findings)
+    if old and not is_told:
         yield _warning(f"not heard of late: {', '.join(old)} -> see `ta2 topics`")
     twice = [name for name, topic in view.topics.items() if topic.duplicates > MANY_COPIES * topic.count > 0]
     if twice:

@@ -13,6 +13,8 @@ from typing import Any
 
 from gateway import __version__
 from gateway.apps.ending import STATUS_HELP
+from gateway.apps.follow_arguments import add_follow
+from gateway.apps.ground_arguments import add_ground
 
 __all__ = ["MODELS", "SIM_ENDPOINT", "endpoint", "joints", "parse", "parser"]
 
@@ -92,6 +94,12 @@ def _distance(text: str) -> float:
     return _number(text, 0.2, "distance [rad]")
 
 
+def _namespace(text: str) -> str:
+    if text and re.fullmatch(r"/?[A-Za-z0-9_]+(/[A-Za-z0-9_]+)*", text) is None:
+        raise argparse.ArgumentTypeError(f"{text!r} is not made of words of letters, digits and _, joined by /")
+    return text
+
+
 # -------------------------------------------------------------------------------------------------------------- parser
 
 
@@ -99,12 +107,21 @@ def parse(arguments: Sequence[str]) -> argparse.Namespace:
     """Return the options; ends the process with status 2 and a line of usage when they make no sense."""
     top = parser()
     options = top.parse_args([f" {word}" if NEGATIVE.match(word) else word for word in arguments])
-    if options.command == "move":
+    if options.command in ("move", "move-pose"):
         _take_joints(top, options)
+    if options.command == "link" and options.robot is None and options.config is None and _asks_for_a_look(options):
+        top.error("link: --namespace and --model are for a look without a gateway: name the robot with --robot")
+    if options.command == "gripper" and (options.value is not None) != (options.action == "set"):
+        top.error("gripper: `set` takes the robot's own input, 0 to 1, the other actions take --force")
     return options
 
 
+def _asks_for_a_look(options: argparse.Namespace) -> bool:
+    return options.namespace is not None or options.model is not None
+
+
 def _take_joints(top: argparse.ArgumentParser, options: argparse.Namespace) -> None:
+    what = "numbers of a pose" if options.command == "move-pose" else "joints [rad]"
     for side in ("left", "right"):
         words = getattr(options, side)
         if words is None:
@@ -112,12 +129,12 @@ def _take_joints(top: argparse.ArgumentParser, options: argparse.Namespace) -> N
         try:
             values = joints(words)
         except ValueError as error:
-            top.error(f"--{side}: {error}; {ARM_DOF} joints [rad] are needed")
+            top.error(f"--{side}: {error}; {ARM_DOF} {what} are needed")
         if len(values) != ARM_DOF:
-            top.error(f"--{side}: {len(values)} values; {ARM_DOF} joints [rad] are needed (manual §4.0.3)")
+            top.error(f"--{side}: {len(values)} values; {ARM_DOF} {what} are needed (manual §4.0.3, §4.2)")
         setattr(options, side, values)
     if options.left is None and options.right is None:
-        top.error("move: which arm? --left Q1 .. Q7, --right Q1 .. Q7, or both")
+        top.error(f"{options.command}: which arm? --left and seven {what}, --right and seven, or both")
 
 
 def parser() -> argparse.ArgumentParser:
@@ -136,6 +153,8 @@ def parser() -> argparse.ArgumentParser:
     _add_config(_command(commands, "config", "show the effective settings, or check a file of them"))
     _add_views(commands)
     _add_motions(commands)
+    add_ground(commands, _client_command)
+    _add_example(commands)
     _add_stops(commands)
     return top
 
@@ -161,13 +180,7 @@ def _client_command(
     timeout_of: str = "longest wait for the gateway",
 ) -> argparse.ArgumentParser:
     sub = _command(commands, name, text, more)
-    sub.add_argument(
-        "--socket",
-        "--at",
-        dest="target",
-        metavar="TARGET",
-        help="the gateway: a path, unix:PATH, tcp/HOST:PORT or tls/HOST:PORT (default: found by itself)",
-    )
+    _add_target(sub)
     sub.add_argument(
         "--timeout",
         dest="timeout_s",
@@ -181,6 +194,16 @@ def _client_command(
     return sub
 
 
+def _add_target(sub: argparse.ArgumentParser) -> None:
+    sub.add_argument(
+        "--socket",
+        "--at",
+        dest="target",
+        metavar="TARGET",
+        help="the gateway: a path, unix:PATH, tcp/HOST:PORT or tls/HOST:PORT (default: found by itself)",
+    )
+
+
 def _add_run(run: argparse.ArgumentParser) -> None:
     run.add_argument(
         "--robot",
@@ -192,7 +215,16 @@ def _add_run(run: argparse.ArgumentParser) -> None:
         "--socket", metavar="PATH", help="where clients connect (default: as configured, else this user's)"
     )
     run.add_argument("--config", metavar="FILE", help="settings that differ from the defaults, see `ta2 config`")
+    run.add_argument(
+        "--namespace",
+        type=_namespace,
+        metavar="NAME",
+        help="ROS namespace of the robot's bridge (default: as configured, none)",
+    )
     run.add_argument("--model", choices=MODELS, help="model of the robot (default: as configured, standard)")
+    run.add_argument(
+        "--no-guard", action="store_true", help="no second process that holds when this one dies (for debuggers)"
+    )
     run.add_argument("--json-log", action="store_true", help="write the log as JSON lines")
 
 
@@ -202,6 +234,9 @@ def _add_sim(sim: argparse.ArgumentParser) -> None:
     sim.add_argument("--left-mode", choices=MODES, help="control mode of the left arm")
     sim.add_argument("--right-mode", choices=MODES, help="control mode of the right arm")
     sim.add_argument("--model", choices=MODELS, default="standard", help="model (default %(default)s)")
+    sim.add_argument(
+        "--namespace", type=_namespace, default="", metavar="NAME", help="ROS namespace of its bridge (default: none)"
+    )
     sim.add_argument("--seed", type=int, default=0, help="of the measurement noise (default %(default)s)")
     sim.add_argument(
         "--disable", action="append", default=[], choices=PARTS, help="a part that is switched off; may be repeated"
@@ -231,6 +266,7 @@ def _add_config(config: argparse.ArgumentParser) -> None:
 
 def _add_views(commands: Any) -> None:  # noqa: ANN401  argparse's private class
     _client_command(commands, "status", "show on one screen what the gateway sees, and what to do next")
+    _client_command(commands, "why", "say why the robot does not do what it is told, as far as it can be known")
     watch = _client_command(
         commands,
         "watch",
@@ -240,6 +276,26 @@ def _add_views(commands: Any) -> None:  # noqa: ANN401  argparse's private class
     )
     watch.add_argument("--once", action="store_true", help="print one frame and end")
     _client_command(commands, "topics", "list every topic with rate, age, worst gap and counters")
+    link = _client_command(
+        commands,
+        "link",
+        "show the state of the wire on one page: bridge, topics, rates, who else is there, what is wrong",
+        "Paste it when you ask for help. With --robot or --config it looks by itself for some seconds, without a gateway, "
+        "and sends nothing.",
+    )
+    link.add_argument("--robot", type=endpoint, metavar="ROBOT", help="look at this robot's router without a gateway")
+    link.add_argument("--config", metavar="FILE", help="the same with the gateway's settings")
+    link.add_argument(
+        "--namespace", type=_namespace, metavar="NAME", help="of the robot's bridge (default: of the only robot there)"
+    )
+    link.add_argument("--model", choices=MODELS, help="of the robot (default: as configured, standard)")
+    events = _client_command(
+        commands,
+        "events",
+        "print what the gateway tells, a line each, until Ctrl-C",
+        "Goes on when the gateway is restarted, and says how many lines were lost.",
+    )
+    events.add_argument("--silence", type=_seconds, metavar="S", help="end after so long without any [s]")
 
 
 def _add_motions(commands: Any) -> None:  # noqa: ANN401  argparse's private class
@@ -255,6 +311,7 @@ def _add_motions(commands: Any) -> None:  # noqa: ANN401  argparse's private cla
     for name, text in (
         ("home", "move both arms to the initial position of manual §6.6: enable, move, disable"),
         ("move", "move one or both arms to joint positions: enable, move, disable"),
+        ("move-pose", "move one or both end effectors to poses, straight: enable, move, disable"),
     ):
         motion = _client_command(
             commands,
@@ -265,6 +322,14 @@ def _add_motions(commands: Any) -> None:  # noqa: ANN401  argparse's private cla
             timeout_of="longest wait for the motion to end",
         )
         motions.append(motion)
+    follow = _client_command(
+        commands,
+        "follow",
+        "follow a trajectory from a file: judge it, enable, follow, disable",
+        timeout_s=PATIENCE_S,
+        timeout_of="longest wait for the approach, and for the arms to settle after the last point",
+    )
+    add_follow(follow)
     move = motions[1]
     for side in ("left", "right"):
         move.add_argument(
@@ -273,8 +338,24 @@ def _add_motions(commands: Any) -> None:  # noqa: ANN401  argparse's private cla
             metavar="Q",
             help=f"seven joints of the {side} arm [rad], in the order of manual §4.0.3, spaces or commas between them",
         )
+    for side in ("left", "right"):
+        motions[2].add_argument(
+            f"--{side}",
+            nargs="+",
+            metavar="P",
+            help=f"x y z [m] qx qy qz qw of the {side} end effector in {side}_shoulder_base, for an arm in end-effector mode",
+        )
+    motions[2].add_argument("--clip", action="store_true", help="move a position beyond the reach to its end")
     move.add_argument("--by", action="store_true", help="the joints are offsets from where the arms are")
     move.add_argument("--clip", action="store_true", help="move a target outside the limits to the limit, and say so")
+    for motion in motions:
+        motion.add_argument(
+            "--tolerance",
+            type=_distance,
+            metavar="RAD",
+            help="reached within this [rad] (default: as configured, 0.05)",
+        )
+    motions.append(follow)
     for motion in motions:
         motion.add_argument(
             "--speed",
@@ -283,16 +364,18 @@ def _add_motions(commands: Any) -> None:  # noqa: ANN401  argparse's private cla
             metavar="F",
             help="factor on the configured velocity limit, up to 1 (default %(default)s)",
         )
-        motion.add_argument(
-            "--tolerance",
-            type=_distance,
-            metavar="RAD",
-            help="reached within this [rad] (default: as configured, 0.05)",
-        )
         motion.add_argument("--hold", action="store_true", help="leave the arms held instead of pausing the robot")
         motion.add_argument("--yes", action="store_true", help="do not ask before moving")
     for owning in (enable, *motions):
         owning.add_argument("--take", metavar="REASON", help="take the robot from its owner, who is shown the reason")
+
+
+def _add_example(commands: Any) -> None:  # noqa: ANN401  argparse's private class
+    example = _command(commands, "example", "run an example of the manual's chapter 6; without a number, list them")
+    example.add_argument("number", nargs="?", metavar="NUMBER", help="section of the manual, e.g. 6.6")
+    _add_target(example)
+    example.add_argument("--show", action="store_true", help="print the program instead of running it")
+    example.add_argument("--yes", action="store_true", help="do not ask before moving")
 
 
 def _add_stops(commands: Any) -> None:  # noqa: ANN401  argparse's private class

@@ -10,7 +10,7 @@ from collections.abc import Iterator, Sequence
 from rich.text import Text
 
 from gateway.api import protocol
-from gateway.apps.figures import age_text
+from gateway.apps.figures import age_text, joints_text
 
 __all__ = ["arm_rows", "bar"]
 
@@ -55,7 +55,7 @@ def _colour(q_rad: float, lower_rad: float, upper_rad: float) -> str:
 
 
 def arm_rows(view: protocol.Snapshot, info: protocol.Info, since_ns: int, width: int) -> Iterator[Text]:
-    """Yield both arms side by side: a heading, then a row per joint.
+    """Yield both arms side by side: a heading, a row per joint, and one for the end effector.
 
     Args:
         view: What is seen.
@@ -84,7 +84,16 @@ def _arm(side: str, view: protocol.Snapshot, info: protocol.Info, since_ns: int,
         else:
             line.append_text(bar(q, ref, lower, upper, width - len(line)))
         rows.append(line)
+    rows.append(_place(arm))
     return rows
+
+
+def _place(arm: protocol.ArmView) -> Text:
+    """Return where the end effector is, and its setpoint where poses are sent."""
+    line = Text(f"p {joints_text(arm.p_m)} m" if arm.p_m else "p -")
+    if arm.ref_p_m:
+        line.append(f" ◆ {joints_text(arm.ref_p_m)}", style="bold magenta")
+    return line
 
 
 def _heading(side: str, view: protocol.Snapshot, since_ns: int) -> Text:
@@ -97,7 +106,9 @@ def _heading(side: str, view: protocol.Snapshot, since_ns: int) -> Text:
     age_ns = None if arm.measured is None else arm.measured.age_ns + since_ns
     is_old = age_ns is None or age_ns > 100_000_000
     line.append(f" {age_text(age_ns)}", style="not bold red" if is_old else "not bold")
-    if arm.streaming and arm.tracking_rad is not None:
+    if arm.streaming and arm.tracking_rad is not None and arm.tracking_m is not None:
+        line.append(f" ◆ off by {arm.tracking_m * 1e3:.1f} mm {arm.tracking_rad:.3f}", style="not bold green")
+    elif arm.streaming and arm.tracking_rad is not None:
         line.append(f" ◆ off by {arm.tracking_rad:.3f}", style="not bold green")
     else:
         line.append(" no setpoint", style="not bold dim")

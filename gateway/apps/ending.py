@@ -66,11 +66,11 @@ class Interrupted(KeyboardInterrupt):
 STATUS_HELP = """exit status:
   0    done
   1    refused, or the motion did not reach its goal; nothing moves, or the arms are held
-  2    the command line or a settings file is wrong
-  3    no gateway (or no simulated robot) answers there
+  2    the command line or a file is wrong
+  3    no gateway (or no robot) answers there
   4    timeout, or the reply was lost: look at `ta2 status` before you repeat it
   5    client and gateway do not understand each other, or a bug
-  130  Ctrl-C: `home` and `move` leave the robot held (SIGTERM 143, SIGHUP 129)
+  130  Ctrl-C: `home`, `move` and `follow` leave the robot held (SIGTERM 143, SIGHUP 129)
 """
 
 SHELL_WORDS = {
@@ -78,6 +78,9 @@ SHELL_WORDS = {
     "take(reason='...')": "--take REASON",
     "take the lease with control() first": "own it first: `ta2 enable`, `ta2 home` or `ta2 move`",
     "ask for on_limit='clip'": "ask for --clip",
+    "or move there first": "or move there first: `ta2 follow --approach`",
+    "stretch=": "--stretch ",
+    "ask for smoothing": "ask for --smoothing",
     "recover()": "`ta2 recover`",
     "enable()": "`ta2 enable`",
     "stop()": "`ta2 stop`",
@@ -95,7 +98,7 @@ def in_shell_words(hint: str) -> str:
 
 def status_of(error: GatewayError) -> ExitStatus:
     """Return the exit status of an error."""
-    if isinstance(error, ConfigError) or (isinstance(error, Rejected) and error.field == "target"):
+    if isinstance(error, ConfigError) or (isinstance(error, Rejected) and error.field in ("target", "file")):
         return ExitStatus.USAGE
     if isinstance(error, Disconnected):
         return ExitStatus.NO_GATEWAY
@@ -117,7 +120,8 @@ def report(error: GatewayError, *, as_json: bool = False) -> ExitStatus:
     status = status_of(error)
     print(line_of(error), file=sys.stderr)
     if as_json:
-        print(json.dumps({"ok": False, "error": asdict(error.refusal), "exit_status": int(status)}, ensure_ascii=False))
+        failure = asdict(error.refusal) | {"retryable": error.retryable}
+        print(json.dumps({"ok": False, "error": failure, "exit_status": int(status)}, ensure_ascii=False))
     return status
 
 

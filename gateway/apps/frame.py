@@ -241,9 +241,26 @@ def _traffic(view: protocol.Snapshot) -> Iterator[Text]:
             refused = f", {target.refused} bad" if target.refused else ""
             limited = ", limited" if target.limited else ""
             yield Text(f"targets {target.side} #{target.seq}{refused}{limited}", style="yellow" if refused else "green")
+    yield from _ground(view)
     yield from _motions(view)
     yield _loop(view.loop)
     yield from off
+
+
+def _ground(view: protocol.Snapshot) -> Iterator[Text]:
+    """Yield what grippers, chassis and lift are told, where it is anything."""
+    for side, grip in view.grips.items():
+        if grip.input_ratio is not None and grip.torque_nm:
+            holds = ", holds?" if grip.holding else ""  # an estimate
+            yield Text(f"grip {side} {grip.input_ratio:.2f} {grip.torque_nm:+.2f} N·m{holds}", style="green")
+    if view.drive.driven:
+        vx, vy = view.drive.commanded_mps
+        yield Text(f"drive {vx:+.2f} {vy:+.2f} m/s {view.drive.commanded_radps:+.2f} rad/s", style="bold green")
+    if view.lift is not None and (view.lift.driven or view.lift.servo_on):
+        style = "bold green" if view.lift.driven else "green"
+        yield Text(
+            f"lift {view.lift.velocity_ratio:+.2f} {'servo on' if view.lift.servo_on else ''}".rstrip(), style=style
+        )
 
 
 def _loop(loop: protocol.LoopView) -> Text:

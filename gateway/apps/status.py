@@ -15,12 +15,16 @@ from gateway.apps.advice import next_steps
 from gateway.apps.connection import connected
 from gateway.apps.ending import ExitStatus
 from gateway.apps.figures import age_text, fsm_text, joints_text, rate_text, since_text, topic_text
+from gateway.apps.others import is_in_the_way, other_text, others_in_order
 from gateway.apps.style import STEP_MARKS, STEP_STYLES, state_style
 from gateway.client import Health
 
 __all__ = ["lines", "show_status"]
 
 SIDES = ("left", "right")
+
+OTHERS_SHOWN = 4
+"""So many others on the robot have a line each."""
 
 
 def show_status(target: str | None, timeout_s: float, *, as_json: bool) -> ExitStatus:
@@ -70,6 +74,11 @@ def lines(info: protocol.Info, view: protocol.Snapshot) -> Iterator[Text]:
     yield _row("FSM", fsm_text(view.fsm))
     yield _row("mode", "unknown" if mode is None else _mode(mode))
     yield _row("owner", _owner(view, lease))
+    others = others_in_order(view)
+    for other in others[:OTHERS_SHOWN]:
+        yield _row("others", other_text(other, view.at_ns), "yellow" if is_in_the_way(other) else "")
+    if len(others) > OTHERS_SHOWN:
+        yield _row("others", f"and {len(others) - OTHERS_SHOWN} more")
     for side in SIDES:
         yield from _arm(side, view.arms[side])
     yield _row("grippers", ", ".join(f"{side} {_gripper(view.grippers.get(side))}" for side in SIDES))
@@ -79,6 +88,7 @@ def lines(info: protocol.Info, view: protocol.Snapshot) -> Iterator[Text]:
     loop = view.loop
     late = age_text(loop.worst_late_ns)
     yield _row("loop", f"{loop.ticks} ticks, {loop.skipped} skipped, at worst {late} late in the last 10 s")
+    yield _row("guard", *_guard(view.guard))
     yield Text()
     for step in next_steps(view, info):
         yield Text(f"{STEP_MARKS[step.level]} {step.text}", style=STEP_STYLES[step.level])
@@ -86,6 +96,20 @@ def lines(info: protocol.Info, view: protocol.Snapshot) -> Iterator[Text]:
 
 def _row(name: str, value: str, style: str = "") -> Text:
     return Text.assemble((f"{name:<10} ", "dim"), (value, style))
+
+
+def _guard(guard: protocol.GuardView) -> tuple[str, str]:
+    """Return how the guard is, and in which style to say it."""
+    if guard.earlier_holds:
+        return "the guard of an earlier daemon holds the robot; the hold is being taken over", "yellow"
+    if not guard.expected:
+        return "none (--no-guard): when the gateway dies the robot's own watchdogs act, and the grip is lost", "yellow"
+    lost = f", {guard.lost} lost before" if guard.lost else ""
+    if not guard.pid:
+        return f"gone; another one is being started{lost}", "red"
+    if not guard.linked:
+        return f"pid {guard.pid}, does not reach the robot{lost}", "yellow"
+    return f"pid {guard.pid}, watches{lost}", ""
 
 
 def _mode(mode: protocol.ModeView) -> str:
@@ -111,7 +135,10 @@ def _arm(side: str, arm: protocol.ArmView) -> Iterator[Text]:
         yield _row(f"{side} arm", "no state yet")
         return
     yield _row(f"{side} arm", f"{joints_text(measured.q_rad)} rad, {age_text(measured.age_ns)} old")
-    if arm.streaming and arm.tracking_rad is not None:
+    if arm.streaming and arm.tracking_rad is not None and arm.tracking_m is not None:
+        setpoint = f"{joints_text(arm.ref_p_m)} m, quaternion {joints_text(arm.ref_quat_xyzw)}"
+        yield _row("  setpoint", f"{setpoint}, off by {arm.tracking_m * 1e3:.1f} mm, {arm.tracking_rad:.3f} rad")
+    elif arm.streaming and arm.tracking_rad is not None:
         yield _row("  setpoint", f"{joints_text(arm.q_ref_rad)} rad, off by {arm.tracking_rad:.3f}")
 
 

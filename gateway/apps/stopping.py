@@ -10,7 +10,8 @@ import json
 
 from gateway.apps.connection import connected
 from gateway.apps.ending import ExitStatus, for_stopping, report, undelivered
-from gateway.errors import GatewayError
+from gateway.client import StopResult
+from gateway.errors import Disconnected, GatewayError
 
 __all__ = ["recover", "stop"]
 
@@ -33,19 +34,32 @@ def stop(command: str, target: str | None, timeout_s: float, reason: str, *, as_
     Raises:
         GatewayError: Nobody knows whether it stopped.
     """
+    said = _signed(reason or f"ta2 {command}")
     try:
         with connected(command, target, timeout_s) as robot:
-            said = _signed(reason or f"ta2 {command}")
             result = robot.stop(said) if command == "stop" else robot.estop(said)
     except GatewayError as error:
-        raise for_stopping(error) from None
+        found = _by_guard(command, target, said) if isinstance(error, Disconnected) else None
+        if found is None:
+            raise for_stopping(error) from None
+        result = found
     if result.undelivered:
         return report(undelivered(), as_json=as_json)
+    who = "by the guard, the gateway itself is dead: " if result.by_guard else ""
     if as_json:
-        print(json.dumps({"ok": True, "undelivered": False}))
+        print(json.dumps({"ok": True, "undelivered": False, "by_guard": result.by_guard}))
     else:
-        print(f"{DONE[command]}; motion is refused until `ta2 recover`")
+        print(f"{who}{DONE[command]}; motion is refused until `ta2 recover`")
     return ExitStatus.OK
+
+
+def _by_guard(command: str, target: str | None, said: str) -> StopResult | None:
+    """Ask the guard of a daemon that is not there; None when no guard did anything."""
+    from gateway.api.protocol import find_socket
+    from gateway.client.guard_stop import stop_at_guard
+
+    address = str(find_socket()) if target is None else target
+    return stop_at_guard(address, "stop" if command == "stop" else "estop", said, f"ta2 {command}")
 
 
 def _signed(reason: str) -> str:

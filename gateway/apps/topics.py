@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Iterator, Sequence
 
+import msgspec
 from rich.console import Console
 from rich.text import Text
 
@@ -12,9 +13,10 @@ from gateway.api import protocol
 from gateway.apps.connection import connected
 from gateway.apps.ending import ExitStatus
 from gateway.apps.figures import age_limit_ns, age_text, rate_text
-from gateway.robot import STATE_TOPICS, TOPICS, VARIANTS
+from gateway.apps.others import foreign_on, other_text
+from gateway.robot import COMMAND_TOPICS, STATE_TOPICS, TOPICS, VARIANTS
 
-__all__ = ["document", "lines", "route_lines", "show_topics"]
+__all__ = ["document", "foreign_lines", "lines", "route_lines", "show_topics"]
 
 READY = "ready"
 """What the gateway says of a route that works."""
@@ -44,7 +46,7 @@ def show_topics(target: str | None, timeout_s: float, *, as_json: bool) -> ExitS
         print(json.dumps(document(info, view, routes), indent=2))
         return ExitStatus.OK
     console = Console(highlight=False)
-    for line in (*lines(info, view), *route_lines(routes)):
+    for line in (*lines(info, view), *route_lines(routes), *foreign_lines(view)):
         console.print(line, soft_wrap=True)
     return ExitStatus.OK
 
@@ -77,6 +79,7 @@ def document(info: protocol.Info, view: protocol.Snapshot, routes: protocol.Rout
                 "sent": stream.sent,
                 "rate_hz": stream.rate_hz,
                 "worst_gap_s": stream.worst_gap_ns / 1e9,
+                "foreign": [msgspec.to_builtins(other) for other in foreign_on(view, name)],
             }
         topics[name] = row
     return topics
@@ -110,6 +113,16 @@ def route_lines(routes: protocol.Routes) -> Iterator[Text]:
         yield Text(f"  {name}: {words}", style="yellow")
     if routes.undelivered:
         yield Text(f"  {routes.undelivered} frames were not sent for want of a transport", style="yellow")
+
+
+def foreign_lines(view: protocol.Snapshot) -> Iterator[Text]:
+    """Yield who else sends on a command topic, or announces it; nothing where nobody does."""
+    found = [(name, other) for name in COMMAND_TOPICS for other in foreign_on(view, name)]
+    if found:
+        yield Text()
+        yield Text("somebody else is on the robot's command topics (manual §3.3.2):", style="red")
+    for name, other in found:
+        yield Text(f"  {name}: {other_text(other, view.at_ns)}", style="red")
 
 
 def _row(values: Sequence[str], widths: Sequence[int], style: str) -> Text:

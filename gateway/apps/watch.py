@@ -29,7 +29,7 @@ from gateway.apps.ending import ExitStatus, Interrupted, in_shell_words
 from gateway.apps.figures import age_text, fsm_text, rate_text
 from gateway.apps.frame import Picture, Remark, frame
 from gateway.client import Robot, RobotState
-from gateway.errors import Disconnected, GatewayError, GatewayTimeout
+from gateway.errors import Code, Disconnected, GatewayError, GatewayTimeout
 
 __all__ = ["Viewer", "plain_line", "watch"]
 
@@ -41,6 +41,8 @@ AWAY_S = 0.5
 """Time between two looks for a gateway that is gone [s]."""
 LEAST_LINES = 24
 """A single frame is printed in full even where the terminal is smaller, or none."""
+OWN_WORDS = (Code.DISCONNECTED.value, Code.CONNECTED.value)
+"""Notices of the client about its connection: the view has its own words for that."""
 REMARKS = 500
 """Notices that are kept: more than any terminal shows."""
 
@@ -90,6 +92,7 @@ class Viewer:
         self._trouble = ""
         self._remarks: deque[Remark] = deque(maxlen=REMARKS)
         self._states: Iterator[RobotState] | None = None
+        self._events = robot.events(timeout=0.0)
 
     @property
     def state(self) -> RobotState:
@@ -106,7 +109,7 @@ class Viewer:
         try:
             self._state = self._next(period_s)
             self._seen_ns = time.monotonic_ns()
-            new = [self._heard(notice) for notice in self._robot.events(timeout=0.0)]
+            new = [self._heard(notice) for notice in self._events if notice.code not in OWN_WORDS]
             if self._trouble:
                 self._info, self._trouble = self._robot.info, ""  # another gateway may have other limits
                 new.insert(0, self._remark("info", "the gateway is back"))
@@ -237,7 +240,8 @@ def plain_line(picture: Picture) -> str:
     ]
     for side, arm in view.arms.items():
         if arm.tracking_rad is not None:
-            parts.append(f"{side} off by {arm.tracking_rad:.3f} rad")
+            off_m = "" if arm.tracking_m is None else f"{arm.tracking_m * 1e3:.1f} mm, "
+            parts.append(f"{side} off by {off_m}{arm.tracking_rad:.3f} rad")
     for name, stream in view.streams.items():
         if stream.running and "arm" in name:
             parts.append(f"{name} {rate_text(stream.rate_hz)} Hz gap {age_text(stream.worst_gap_ns)}")

@@ -5,25 +5,41 @@
 
 from __future__ import annotations
 
-from gateway.client.client import Robot, connect
-from gateway.client.control import ArmControl, Control, JointStream, MotionHandle
+from gateway.client.chunks import FollowCheck
+from gateway.client.client import EventStream, Robot, connect
+from gateway.client.control import ArmControl, Control, JointStream, MotionHandle, PoseStream
+from gateway.client.health import Health
 from gateway.client.over_zenoh import Credentials
+from gateway.client.parts import ChassisControl, ChassisStream, GripperControl, LiftControl, LiftStream
+from gateway.client.poses import PoseTarget
 from gateway.client.procedures import MotionResult, StopResult
-from gateway.client.reading import ArmState, Health, MotorState, Pose, RobotState
+from gateway.client.reading import ArmState, MotorState, Pose, RobotState
+from gateway.client.reasons import Finding, Why
 
 __all__ = [
     "ArmControl",
     "ArmState",
+    "ChassisControl",
+    "ChassisStream",
     "Control",
     "Credentials",
+    "EventStream",
+    "Finding",
+    "FollowCheck",
+    "GripperControl",
     "Health",
     "JointStream",
+    "LiftControl",
+    "LiftStream",
     "MotionHandle",
     "MotionResult",
     "MotorState",
     "Pose",
+    "PoseStream",
+    "PoseTarget",
     "Robot",
     "RobotState",
     "StopResult",
+    "Why",
     "connect",
 ]

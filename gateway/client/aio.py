@@ -14,7 +14,8 @@ async with aio.connect(name="policy-a") as robot:
 Rules
     * Both clients run the same procedures; names, units and exceptions are those of `client`, which documents them.
     * An `async with control()` that is left by an exception, cancellation included (Ctrl-C under `asyncio.run` is one),
-      leaves the robot held. A wait that is cancelled alone, by a timeout of yours, leaves everything as it is.
+      leaves the robot held. A wait that is cancelled alone, by a timeout of yours, takes nothing back: what was asked for
+      goes on, a motion without a handle, too, until `hold()`, `stop()` or the next one.
     * The keepalive has its own thread: a busy event loop does not lose the robot, and a wedged one keeps it; give
       streams an expiry.
 """
@@ -22,78 +23,47 @@ Rules
 from __future__ import annotations
 
 import asyncio
-import contextlib
 from collections.abc import AsyncIterator, Generator, Mapping
-from types import TracebackType
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any, Literal
 
 from gateway.api import protocol
 from gateway.client import procedures, watching
-from gateway.client.blocking import SLICE_S
+from gateway.client.aio_control import ArmControl, Control, JointStream, MotionHandle, PoseStream
+from gateway.client.aio_parts import ChassisControl, ChassisStream, GripperControl, LiftControl, LiftStream
+from gateway.client.awaiting import run
+from gateway.client.chunks import FollowCheck, Wishes, check_follow
 from gateway.client.door import OnExitName, program_name, require_options, transport_to
-from gateway.client.motion import MotionRecord
+from gateway.client.health import Health, health_of
 from gateway.client.over_zenoh import Credentials
-from gateway.client.ownership import Ownership
-from gateway.client.procedures import MotionResult, Procedure, StopResult
-from gateway.client.reading import Health, RobotState, health_of, state_of
+from gateway.client.procedures import StopResult
+from gateway.client.reading import RobotState, state_of
+from gateway.client.reasons import Why, why_of
 from gateway.client.requests import seconds
 from gateway.client.session import Session
-from gateway.client.stream import TargetStream
+from gateway.client.showing import robot_table
 from gateway.client.transport import Transport
-from gateway.client.waits import Wait
-from gateway.errors import GatewayError, GatewayTimeout
+from gateway.errors import Disconnected, OutcomeUnknown
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
+    from typing_extensions import Unpack
 
-__all__ = ["ArmControl", "Connecting", "Control", "JointStream", "MotionHandle", "Robot", "connect"]
-
-T = TypeVar("T")
-
-
-async def run(session: Session, procedure: Procedure[T]) -> T:
-    """Run a procedure to its end, waiting in this event loop."""
-    try:
-        wait = next(procedure)
-        while True:
-            try:
-                answer = await _wait(session, wait)
-            except GatewayError as error:
-                wait = procedure.throw(error)
-            else:
-                wait = procedure.send(answer)
-    except StopIteration as end:
-        value: T = end.value
-        return value
-    except asyncio.CancelledError:
-        procedure.close()
-        raise
-
-
-async def _wait(session: Session, wait: Wait[Any]) -> object:
-    loop = asyncio.get_running_loop()
-    changed = asyncio.Event()
-
-    def wake() -> None:
-        with contextlib.suppress(RuntimeError):  # the event loop was closed meanwhile
-            loop.call_soon_threadsafe(changed.set)
-
-    with session.listening(wake):
-        while True:
-            changed.clear()
-            now_ns = session.transport.now_ns()
-            with session.changed:
-                answer = wait.poll(now_ns)
-            if answer is not None:
-                return answer
-            if now_ns >= wait.deadline_ns:
-                raise wait.expire()
-            # Not asyncio.wait_for: before Python 3.12 it can swallow a cancellation that comes together with the event.
-            alarm = loop.call_later(min((wait.deadline_ns - now_ns) / 1e9, SLICE_S), changed.set)
-            try:
-                await changed.wait()
-            finally:
-                alarm.cancel()
+__all__ = [
+    "ArmControl",
+    "ChassisControl",
+    "ChassisStream",
+    "Connecting",
+    "Control",
+    "EventStream",
+    "GripperControl",
+    "JointStream",
+    "LiftControl",
+    "LiftStream",
+    "MotionHandle",
+    "PoseStream",
+    "Robot",
+    "connect",
+]
 
 
 def connect(
@@ -132,12 +102,26 @@ class Connecting:
         session = self._session
         try:
             timeout_ns = seconds("timeout_s", self._timeout_s)
-            await asyncio.to_thread(session.transport.open, session.client_id, session, self._timeout_s)
+            await asyncio.to_thread(session.open, self._timeout_s)
             await run(session, procedures.greet(session, timeout_ns))
         except BaseException:  # cancellation included: nobody will get the robot that could close it
             session.close()
             raise
         return Robot(session)
+
+
+class EventStream(watching.Feed):
+    """Notices in their order, for one reader. As `client.EventStream`."""
+
+    def __aiter__(self) -> EventStream:
+        return self
+
+    async def __anext__(self) -> protocol.Notice:
+        """Return the next notice."""
+        notice = await run(self._session, self._next())
+        if notice is None:
+            raise StopAsyncIteration
+        return notice
 
 
 class Robot:
@@ -146,6 +130,12 @@ class Robot:
     def __init__(self, session: Session) -> None:
         self._session = session
 
+    async def __aenter__(self) -> Robot:
+        return self
+
+    async def __aexit__(self, *_: object) -> None:
+        await self.close()
+
     async def close(self) -> None:
         """Disconnect. A robot that is still owned is left held. May be called again."""
         await asyncio.to_thread(self._session.close)
@@ -153,6 +143,10 @@ class Robot:
     def __repr__(self) -> str:
         """Show where it is connected to and as whom."""
         return f"<robot at {self._session.transport.address} for {self._session.name!r}>"
+
+    def _repr_html_(self) -> str:
+        """Show it with its state as a table, in a notebook."""
+        return robot_table(self._session)
 
     @property
     def client_id(self) -> str:
@@ -172,7 +166,28 @@ class Robot:
         self._session.require_daemon()
         sighting = self._session.sighting()
         if sighting is None:
-            sighting = await run(self._session, watching.next_sighting(self._session, 0, 0, procedures.REQUEST_NS))
+            sighting = await run(self._session, watching.first(self._session))
+        return state_of(sighting, self._session.transport.now_ns())
+
+    async def why(self) -> Why:
+        """Return what is known to keep the robot from doing what it is told. As `client.Robot.why`."""
+        return why_of(await self.state())
+
+    async def check_follow(
+        self,
+        points: Mapping[str, ArrayLike],
+        dt: float | None = None,
+        *,
+        from_here: bool = True,
+        **wishes: Unpack[Wishes],
+    ) -> FollowCheck:
+        """Have points judged as `Control.follow` would, and move nothing. As `client.Robot.check_follow`."""
+        return await run(self._session, check_follow(self._session, points, dt, from_here, wishes))
+
+    async def fresh_state(self, max_age: float = 0.1, timeout: float = 1.0) -> RobotState:
+        """Return a state in which the newest word of the robot is at most so old. As `client.Robot.fresh_state`."""
+        max_age_ns, timeout_ns = seconds("max_age", max_age), seconds("timeout", timeout)
+        sighting = await run(self._session, watching.fresh(self._session, max_age_ns, timeout_ns))
         return state_of(sighting, self._session.transport.now_ns())
 
     async def states(self, max_rate: float | None = None, timeout: float = 5.0) -> AsyncIterator[RobotState]:
@@ -181,17 +196,14 @@ class Robot:
         pace = watching.Pace(session, max_rate, seconds("timeout", timeout))
         while True:
             sighting = await run(session, pace.next())
+            if sighting is None:
+                return
             yield state_of(sighting, session.transport.now_ns())
 
-    async def events(self, timeout: float = 1.0) -> AsyncIterator[protocol.Notice]:
-        """Yield what the daemon had to tell, until it is silent for `timeout` seconds."""
-        timeout_ns = seconds("timeout", timeout)
-        while True:
-            try:
-                notice = await run(self._session, watching.next_notice(self._session, timeout_ns))
-            except GatewayTimeout:
-                return
-            yield notice
+    def events(self, timeout: float | None = 1.0, *, backlog: bool = True) -> EventStream:
+        """Return what the daemon has to tell, as an async iterator of notices. As `client.Robot.events`."""
+        timeout_ns = None if timeout is None else seconds("timeout", timeout)
+        return EventStream(self._session, timeout_ns, backlog)
 
     def health(self) -> Health:
         """Return whether everything is well, and what is not. Never waits and never raises for lack of a daemon."""
@@ -199,11 +211,31 @@ class Robot:
 
     async def stop(self, reason: str = "") -> StopResult:
         """Stop everything; anybody may. As `client.Robot.stop`."""
-        return await run(self._session, procedures.stop(self._session, protocol.Stop(reason=reason)))
+        return await self._stopped(protocol.Stop(reason=reason), "stop")
 
     async def estop(self, reason: str = "") -> StopResult:
         """Stop everything and pause the FSM; latches, the grip is lost. Does not replace the physical emergency stop."""
-        return await run(self._session, procedures.stop(self._session, protocol.Estop(reason=reason)))
+        return await self._stopped(protocol.Estop(reason=reason), "estop")
+
+    async def _stopped(self, command: protocol.Stop | protocol.Estop, ask: Literal["stop", "estop"]) -> StopResult:
+        result = None if self._session.is_connected else await self._ask_guard(command, ask)
+        if result is not None:
+            return result
+        try:
+            return await run(self._session, procedures.stop(self._session, command))
+        except (Disconnected, OutcomeUnknown):
+            result = await self._ask_guard(command, ask)
+            if result is None:
+                raise
+            return result
+
+    async def _ask_guard(
+        self, command: protocol.Stop | protocol.Estop, ask: Literal["stop", "estop"]
+    ) -> StopResult | None:
+        from gateway.client.guard_stop import stop_at_guard  # a dead daemon is rare, and imports take time
+
+        session = self._session
+        return await asyncio.to_thread(stop_at_guard, session.transport.address, ask, command.reason, session.name)
 
     async def recover(self) -> None:
         """Clear all latches, or none when a cause persists. Never moves and never enables."""
@@ -219,165 +251,3 @@ class Robot:
         """Return the right to command, to be used in `async with`. As `client.Robot.control`."""
         require_options(on_loss, on_exit)
         return Control(self._session, on_loss, on_exit, take, seconds("timeout_s", timeout_s))
-
-
-class Control(Ownership):
-    """The right to command the robot. As `client.Control`.
-
-    Attributes:
-        left_arm: The left arm.
-        right_arm: The right arm.
-    """
-
-    def __init__(
-        self, session: Session, on_loss: protocol.OnLossName, on_exit: OnExitName, take: str | None, timeout_ns: int
-    ) -> None:
-        super().__init__(session, on_loss, on_exit, take, timeout_ns)
-        self.left_arm = ArmControl(self, "left")
-        self.right_arm = ArmControl(self, "right")
-
-    async def acquire(self) -> Control:
-        """Become the owner; what `async with` does."""
-        await run(self._session, self._acquire())
-        return self
-
-    async def release(self) -> None:
-        """Brake, rest, pause the robot, and give the lease back."""
-        await run(self._session, self._release())
-
-    async def leave(self) -> None:
-        """Leave the robot held, as if this client had vanished."""
-        await run(self._session, self._leave())
-
-    async def __aenter__(self) -> Control:
-        return await self.acquire()
-
-    async def __aexit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        if kind is not None:
-            self._break_off()
-            return
-        try:
-            await run(self._session, self._end())
-        except asyncio.CancelledError:
-            self._break_off()
-            raise
-
-    async def enable(self, timeout: float = 12.0) -> None:
-        """Bring the robot's FSM to READY and wait until it is there."""
-        await run(self._session, self._enable(timeout))
-
-    async def disable(self, timeout: float = 10.0) -> None:
-        """Brake to rest and pause the robot's FSM; the lease stays."""
-        await run(self._session, self._disable(timeout))
-
-    async def hold(self) -> None:
-        """Brake both arms and hold them."""
-        await run(self._session, self._hold())
-
-    async def move_to(
-        self,
-        targets: Mapping[str, ArrayLike],
-        *,
-        speed: float = 1.0,
-        tolerance: float | None = None,
-        on_limit: protocol.OnLimitName = "reject",
-    ) -> MotionHandle:
-        """Move one or both arms to joint positions [rad]; returns when it was accepted."""
-        return MotionHandle(*await run(self._session, self._move(targets, False, speed, tolerance, on_limit)))
-
-    async def move_by(
-        self,
-        offsets: Mapping[str, ArrayLike],
-        *,
-        speed: float = 1.0,
-        tolerance: float | None = None,
-        on_limit: protocol.OnLimitName = "reject",
-    ) -> MotionHandle:
-        """Move one or both arms by offsets from where they are being held [rad]."""
-        return MotionHandle(*await run(self._session, self._move(offsets, True, speed, tolerance, on_limit)))
-
-
-class ArmControl:
-    """One arm of a `Control`. As `client.ArmControl`."""
-
-    def __init__(self, control: Control, side: protocol.SideName) -> None:
-        self._control = control
-        self.side = side
-
-    async def move_to(
-        self,
-        q: ArrayLike,
-        *,
-        speed: float = 1.0,
-        tolerance: float | None = None,
-        on_limit: protocol.OnLimitName = "reject",
-    ) -> MotionHandle:
-        """Move this arm to seven joint positions [rad]."""
-        return await self._control.move_to({self.side: q}, speed=speed, tolerance=tolerance, on_limit=on_limit)
-
-    async def move_by(
-        self,
-        dq: ArrayLike,
-        *,
-        speed: float = 1.0,
-        tolerance: float | None = None,
-        on_limit: protocol.OnLimitName = "reject",
-    ) -> MotionHandle:
-        """Move this arm by seven joint offsets [rad]."""
-        return await self._control.move_by({self.side: dq}, speed=speed, tolerance=tolerance, on_limit=on_limit)
-
-    async def hold(self) -> None:
-        """Brake this arm and hold it."""
-        await run(self._control._session, self._control._hold((self.side,)))
-
-    def stream(
-        self,
-        rate_hz: float = 50.0,
-        *,
-        speed: float = 1.0,
-        on_limit: protocol.OnLimitName = "reject",
-        expiry: float | None = None,
-    ) -> JointStream:
-        """Return a stream of joint targets for this arm, to be used in `async with`. As `client.ArmControl.stream`."""
-        owner = self._control
-        return JointStream(
-            owner._session, owner._owned(), self.side, rate_hz=rate_hz, speed=speed, on_limit=on_limit, expiry=expiry
-        )
-
-
-class MotionHandle(MotionRecord):
-    """A motion that was accepted; awaiting it is `result()`."""
-
-    def __await__(self) -> Generator[Any, None, MotionResult]:
-        return self.result().__await__()
-
-    async def result(self, timeout: float = 60.0) -> MotionResult:
-        """Wait until the motion has ended well. As `client.MotionHandle.result`."""
-        return await run(self._session, self._result(timeout))
-
-    async def cancel(self, timeout: float = 5.0) -> None:
-        """Brake and end the motion; waits until the arms' references stand still."""
-        await run(self._session, self._cancel(timeout))
-
-
-class JointStream(TargetStream):
-    """A stream of joint targets; `set` does not wait, `tick` does. As `client.JointStream`."""
-
-    async def tick(self) -> None:
-        """Wait for the next instant of the grid; raises when the stream has ended or a target was refused."""
-        await run(self._session, self._tick())
-
-    async def __aenter__(self) -> JointStream:
-        await run(self._session, self._open())
-        return self
-
-    async def __aexit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        try:
-            await run(self._session, self._close())
-        except GatewayError:
-            if kind is None:  # else the error that ended the block is the one to tell
-                raise

@@ -25,22 +25,31 @@ Rules
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
+from typing import TYPE_CHECKING, Literal
 
 from gateway.api import protocol
 from gateway.client import procedures, watching
 from gateway.client.blocking import run
+from gateway.client.chunks import FollowCheck, Wishes, check_follow
 from gateway.client.control import Control
 from gateway.client.door import OnExitName, program_name, require_options, transport_to
+from gateway.client.health import Health, health_of
 from gateway.client.over_zenoh import Credentials
 from gateway.client.procedures import StopResult
-from gateway.client.reading import Health, RobotState, health_of, state_of
+from gateway.client.reading import RobotState, state_of
+from gateway.client.reasons import Why, why_of
 from gateway.client.requests import seconds
 from gateway.client.session import Session
+from gateway.client.showing import robot_table
 from gateway.client.transport import Transport
-from gateway.errors import GatewayTimeout
+from gateway.errors import Disconnected, OutcomeUnknown
 
-__all__ = ["Robot", "connect"]
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike
+    from typing_extensions import Unpack
+
+__all__ = ["EventStream", "Robot", "connect"]
 
 
 def connect(
@@ -71,12 +80,36 @@ def connect(
     """
     session = Session(transport or transport_to(target, credentials), (name or program_name())[:64])
     try:
-        session.transport.open(session.client_id, session, timeout_s)
+        session.open(timeout_s)
         run(session, procedures.greet(session, seconds("timeout_s", timeout_s)))
     except BaseException:  # Ctrl-C included: nobody will get the robot that could close it
         session.close()
         raise
     return Robot(session)
+
+
+class EventStream(watching.Feed):
+    """Notices in their order, for one reader; made by `Robot.events`.
+
+    The iteration ends with silence (as `events` was told) and may be begun again: it goes on where it ended. What this
+    reader missed stands between the notices as a NOTICES_LOST with their number, and is counted in `lost`. A connection
+    that broke and came back stands there too (DISCONNECTED, CONNECTED): it outlives the daemon.
+    """
+
+    def __iter__(self) -> EventStream:
+        return self
+
+    def __next__(self) -> protocol.Notice:
+        """Return the next notice.
+
+        Raises:
+            StopIteration: There was silence for too long, or this client was closed.
+            Disconnected: There was silence for too long, and there is no daemon.
+        """
+        notice = run(self._session, self._next())
+        if notice is None:
+            raise StopIteration
+        return notice
 
 
 class Robot:
@@ -98,6 +131,10 @@ class Robot:
     def __repr__(self) -> str:
         """Show where it is connected to and as whom."""
         return f"<robot at {self._session.transport.address} for {self._session.name!r}>"
+
+    def _repr_html_(self) -> str:
+        """Show it with its state as a table, in a notebook."""
+        return robot_table(self._session)
 
     # ------------------------------------------------------------------------------------------------ looking
 
@@ -121,43 +158,95 @@ class Robot:
         self._session.require_daemon()
         sighting = self._session.sighting()
         if sighting is None:  # a daemon that has just come
-            sighting = run(self._session, watching.next_sighting(self._session, 0, 0, procedures.REQUEST_NS))
+            sighting = run(self._session, watching.first(self._session))
+        return state_of(sighting, self._session.transport.now_ns())
+
+    def fresh_state(self, max_age: float = 0.1, timeout: float = 1.0) -> RobotState:
+        """Return a state in which the newest word of the robot is at most so old; waits for one.
+
+        Args:
+            max_age: Of the newest state that the robot sent, whatever its topic [s].
+            timeout: How long to wait [s].
+
+        Raises:
+            Stale: STATE_STALE, none came in time.
+            Disconnected: No daemon is there.
+        """
+        max_age_ns, timeout_ns = seconds("max_age", max_age), seconds("timeout", timeout)
+        sighting = run(self._session, watching.fresh(self._session, max_age_ns, timeout_ns))
         return state_of(sighting, self._session.transport.now_ns())
 
     def states(self, max_rate: float | None = None, timeout: float = 5.0) -> Iterator[RobotState]:
-        """Yield each new state, the newest when several came meanwhile; for ever.
+        """Yield each new state, the newest when several came meanwhile, until this client is closed.
+
+        It outlives the daemon: when that is restarted within `timeout`, it goes on with the new one.
 
         Args:
             max_rate: At most so many a second [Hz]; None for as they come (50 Hz).
             timeout: Longest wait for the next one [s].
 
         Raises:
-            GatewayTimeout: None came in time.
-            Disconnected: The daemon is gone.
+            GatewayTimeout: A daemon is there, and none came in time.
+            Disconnected: No daemon came in time.
         """
         session = self._session
         pace = watching.Pace(session, max_rate, seconds("timeout", timeout))
         while True:
             sighting = run(session, pace.next())
+            if sighting is None:
+                return
             yield state_of(sighting, session.transport.now_ns())
 
-    def events(self, timeout: float = 1.0) -> Iterator[protocol.Notice]:
-        """Yield what the daemon had to tell since `connect()`, and go on until it is silent for `timeout` seconds.
+    def events(self, timeout: float | None = 1.0, *, backlog: bool = True) -> EventStream:
+        """Return what the daemon has to tell, as an iterator of notices.
 
-        Raises:
-            Disconnected: The daemon is gone.
+        Each call gives a reader with a place of its own; see `EventStream`.
+
+        Args:
+            timeout: The iteration ends after so long a silence [s]; None goes on until this client is closed.
+            backlog: Whether it begins with what was told since `connect()` (the newest thousand), or from now on.
         """
-        timeout_ns = seconds("timeout", timeout)
-        while True:
-            try:
-                notice = run(self._session, watching.next_notice(self._session, timeout_ns))
-            except GatewayTimeout:
-                return
-            yield notice
+        timeout_ns = None if timeout is None else seconds("timeout", timeout)
+        return EventStream(self._session, timeout_ns, backlog)
 
     def health(self) -> Health:
         """Return whether everything is well, and what is not. Never waits and never raises for lack of a daemon."""
         return health_of(self._session)
+
+    def why(self) -> Why:
+        """Return what is known to keep the robot from doing what it is told; never waits. Print it, or read its fields.
+
+        Raises:
+            Disconnected: The daemon is gone.
+        """
+        return why_of(self.state)
+
+    def check_follow(
+        self,
+        points: Mapping[str, ArrayLike],
+        dt: float | None = None,
+        *,
+        from_here: bool = True,
+        **wishes: Unpack[Wishes],
+    ) -> FollowCheck:
+        """Have points judged as `Control.follow` would, and move nothing. Needs no lease; `robot.state` stays as it is.
+
+        Whether the robot may move now is not judged: `why()` says that.
+
+        Args:
+            points: Per side (`left`, `right`) shape (N, 7); see `Control.follow`.
+            dt: Time from point to point [s]; or `times`, which is one of the wishes.
+            from_here: Whether they must also begin near the arms as they are now; False when these go there first.
+            wishes: The other keywords of `Control.follow`.
+
+        Returns:
+            How long it takes, and how far the arms are from its beginning.
+
+        Raises:
+            Rejected: As by `Control.follow`, with the first point and joint to blame, value, bound and remedy.
+            Stale: PART_STALE, nobody knows where an arm is.
+        """
+        return run(self._session, check_follow(self._session, points, dt, from_here, wishes))
 
     def routes(self) -> protocol.Routes:
         """Return how the robot's bridge stands to each topic, as the daemon's discovery knows it.
@@ -178,10 +267,10 @@ class Robot:
             reason: Shown to the owner and in the log.
 
         Raises:
-            Disconnected: No daemon answers. Use the physical emergency stop.
+            Disconnected: Neither a daemon answers nor a guard that acts for it. Use the physical emergency stop.
             OutcomeUnknown: No reply came. Use the physical emergency stop.
         """
-        return run(self._session, procedures.stop(self._session, protocol.Stop(reason=reason)))
+        return self._stopped(protocol.Stop(reason=reason), "stop")
 
     def estop(self, reason: str = "") -> StopResult:
         """Stop everything and pause the robot's FSM. Anybody may; always latches; **the grip is lost**.
@@ -193,10 +282,29 @@ class Robot:
             reason: Shown to the owner and in the log.
 
         Raises:
-            Disconnected: No daemon answers. Use the physical emergency stop.
+            Disconnected: Neither a daemon answers nor a guard that acts for it. Use the physical emergency stop.
             OutcomeUnknown: No reply came. Use the physical emergency stop.
         """
-        return run(self._session, procedures.stop(self._session, protocol.Estop(reason=reason)))
+        return self._stopped(protocol.Estop(reason=reason), "estop")
+
+    def _stopped(self, command: protocol.Stop | protocol.Estop, ask: Literal["stop", "estop"]) -> StopResult:
+        # A daemon that has just died would be waited for: its guard answers at once, or says that it only watches.
+        result = None if self._session.is_connected else self._ask_guard(command, ask)
+        if result is not None:
+            return result
+        try:
+            return run(self._session, procedures.stop(self._session, command))
+        except (Disconnected, OutcomeUnknown):
+            result = self._ask_guard(command, ask)
+            if result is None:
+                raise
+            return result
+
+    def _ask_guard(self, command: protocol.Stop | protocol.Estop, ask: Literal["stop", "estop"]) -> StopResult | None:
+        from gateway.client.guard_stop import stop_at_guard  # a dead daemon is rare, and imports take time
+
+        session = self._session
+        return stop_at_guard(session.transport.address, ask, command.reason, session.name)
 
     def recover(self) -> None:
         """Clear all latches, or none when a cause persists. Never moves and never enables.

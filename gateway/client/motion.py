@@ -40,10 +40,26 @@ class MotionRecord:
         return tuple(f"{side}_arm[{joint}]" for side, joints in sides.items() for joint in joints)
 
     @property
+    def begins(self) -> float | None:
+        """When the first point of a chunk is passed, as `time.monotonic()` of the daemon's host [s]; None for others."""
+        begins_ns = self._facts.get("begins_ns")
+        return None if begins_ns is None else int(begins_ns) / 1e9
+
+    @property
+    def skipped(self) -> int:
+        """Points of a chunk that were left out because their time had passed when it arrived."""
+        return int(self._facts.get("skipped") or 0)
+
+    @property
+    def moved(self) -> float:
+        """How far smoothing moved a number of a chunk at most [rad, m]."""
+        return float(self._facts.get("moved") or 0.0)
+
+    @property
     def goal(self) -> Mapping[str, tuple[float, ...]]:
-        """Where it really goes: per side seven joints [rad], after clipping and offsets."""
-        goals: Mapping[str, list[float]] = self._facts.get("q_rad") or {}
-        return {side: tuple(q_rad) for side, q_rad in goals.items()}
+        """Where it really goes: per side seven joints [rad], or x, y, z [m], qx, qy, qz, qw; after clipping and offsets."""
+        goals: Mapping[str, list[float]] = self._facts.get("q_rad") or self._facts.get("values") or {}
+        return {side: tuple(values) for side, values in goals.items()}
 
     @property
     def state(self) -> str:
@@ -67,9 +83,15 @@ class MotionRecord:
 
     @property
     def error_rad(self) -> float | None:
-        """Largest measured joint distance to the goal [rad]; None when it is not known."""
+        """Largest measured joint distance, or angle, to the goal [rad]; None when it is not known."""
         self._session.sighting()
         return None if self._motion.view is None else self._motion.view.error_rad
+
+    @property
+    def error_m(self) -> float | None:
+        """Largest measured distance of an end effector to the goal [m]; None when it is not known, and for joints."""
+        self._session.sighting()
+        return None if self._motion.view is None else self._motion.view.error_m
 
     def __repr__(self) -> str:
         """Show number, state and progress."""

@@ -155,7 +155,8 @@ class ZenohTransport:
 
     def _on_notice(self, sample: zenoh.Sample) -> None:
         if self._receiver is not None:
-            self._receiver.on_notice(sample.payload.to_bytes())
+            number = sample.attachment
+            self._receiver.on_notice(sample.payload.to_bytes(), 0 if number is None else int(number.to_bytes()))
 
     def _on_token(self, sample: zenoh.Sample) -> None:
         if self._receiver is not None:

@@ -7,7 +7,9 @@ from typing import TYPE_CHECKING, Any
 
 from gateway.api import protocol
 from gateway.client import procedures
+from gateway.client.chunks import Wishes, follow
 from gateway.client.door import OnExitName
+from gateway.client.poses import PoseLike, move_pose
 from gateway.client.procedures import Procedure
 from gateway.client.requests import SIDES, move, seconds
 from gateway.client.session import Lease, Motion, Session
@@ -59,8 +61,14 @@ class Ownership:
 
     @property
     def is_open(self) -> bool:
-        """Whether this control was acquired and neither given back nor left."""
-        return self._lease is not None and self._session.lease == self._lease
+        """Whether this control was acquired, neither given back nor left, and did not end with its daemon."""
+        return self._lease is not None and self._session.holds(self._lease)
+
+    def __repr__(self) -> str:
+        """Show whose it is, and whether it still is."""
+        if self._lease is None:
+            return f"<control for {self._session.name!r}, not entered>"
+        return f"<control for {self._session.name!r}, epoch {self._lease.epoch}, {'open' if self.is_open else 'ended'}>"
 
     def _owned(self) -> Lease:
         lease = self._lease
@@ -116,5 +124,32 @@ class Ownership:
     ) -> Procedure[Accepted]:
         lease = self._owned()
         command = move(lease.epoch, targets, relative=relative, speed=speed, tolerance_rad=tolerance, on_limit=on_limit)
+        return (yield from self._start(lease, command))
+
+    def _follow(self, points: Mapping[str, ArrayLike], dt: float | None, wishes: Wishes) -> Procedure[Accepted]:
+        lease = self._owned()
+        return (yield from self._start(lease, follow(lease.epoch, points, dt, **wishes)))
+
+    def _start(self, lease: Lease, command: protocol.Move | protocol.Follow) -> Procedure[Accepted]:
+        motion, facts = yield from procedures.start_motion(self._session, command)
+        return self._session, lease, motion, facts
+
+    def _move_pose(
+        self,
+        targets: Mapping[str, PoseLike],
+        speed: float,
+        tolerance_m: float | None,
+        tolerance_rad: float | None,
+        on_limit: protocol.OnLimitName,
+    ) -> Procedure[Accepted]:
+        lease = self._owned()
+        command = move_pose(
+            lease.epoch,
+            targets,
+            speed=speed,
+            tolerance_m=tolerance_m,
+            tolerance_rad=tolerance_rad,
+            on_limit=on_limit,
+        )
         motion, facts = yield from procedures.start_motion(self._session, command)
         return self._session, lease, motion, facts

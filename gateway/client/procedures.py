@@ -12,10 +12,11 @@ Rules
 from __future__ import annotations
 
 from collections.abc import Generator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, TypeVar
 
 from gateway.api import protocol
+from gateway.client.identity import is_of_this_process
 from gateway.client.session import Lease, Motion, Session, Sighting
 from gateway.client.waits import Answer, Daemon, Seen, Wait, answered_facts, answered_reply, answered_routes
 from gateway.errors import Aborted, Cancelled, Code, GatewayError, MotionEnded, Refusal, Superseded, to_exception
@@ -49,8 +50,8 @@ Procedure = Generator[Wait[Any], Any, T]
 REQUEST_NS = 3_000_000_000
 """How long to wait for a reply [ns]; the daemon answers within 2 s."""
 
-AT_REST_RADPS = 1e-3
-"""A reference slower than this stands still [rad/s]."""
+AT_REST = 1e-3
+"""A reference slower than this stands still [rad/s, m/s]."""
 
 MOVING = frozenset({"ENABLING", "ACTIVE", "HOLDING", "PAUSED", "STOPPING"})
 """States in which something of ours still goes to the arms."""
@@ -63,14 +64,16 @@ class MotionResult:
     Attributes:
         motion_id: Of the motion.
         sides: Arms that took part.
-        error: Largest measured joint distance to the goal [rad].
+        error: Largest measured joint distance to the goal, or the angle to it [rad].
         duration: Planned duration of its path [s].
+        error_m: Largest measured distance to the goal of an end effector [m]; None for joints.
     """
 
     motion_id: int
     sides: tuple[str, ...]
     error: float | None
     duration: float
+    error_m: float | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -79,9 +82,11 @@ class StopResult:
 
     Attributes:
         undelivered: True when there was no transport to the robot: use the physical emergency stop.
+        by_guard: Whether the guard of a dead daemon did it.
     """
 
     undelivered: bool
+    by_guard: bool = False
 
 
 # --------------------------------------------------------------------------------------------------------- asking
@@ -150,6 +155,7 @@ def acquire(session: Session, on_loss: protocol.OnLossName, take: str | None, ti
         LeaseError: LEASE_HELD, somebody else owns the robot, or another `control()` of this client does.
         Rejected: BAD_REQUEST, an empty reason to take it.
     """
+    session.forget_lost()
     if session.lease is not None:
         raise to_exception(
             Refusal(
@@ -168,6 +174,9 @@ def acquire(session: Session, on_loss: protocol.OnLossName, take: str | None, ti
         )
         reply = yield from request(session, command)
         lease = session.own(_fact(reply, "epoch"))
+    except GatewayError as error:
+        session.let_go()
+        raise _held_here(session, error) from None
     except BaseException:  # Ctrl-C included: whoever does not own the robot must not look alive for it
         session.let_go()
         raise
@@ -176,8 +185,17 @@ def acquire(session: Session, on_loss: protocol.OnLossName, take: str | None, ti
     return lease
 
 
+def _held_here(session: Session, error: GatewayError) -> GatewayError:
+    """Return a LEASE_HELD that says so when it is this very process that owns the robot, by another connection."""
+    sighting = session.sighting()
+    if error.code is not Code.LEASE_HELD or sighting is None or not is_of_this_process(sighting.view.lease.client_id):
+        return error
+    hint = "another connection of this process owns it (a notebook cell that ran twice?): release() or close() that one"
+    return to_exception(replace(error.refusal, hint=hint))
+
+
 def release(session: Session, lease: Lease, timeout_ns: int) -> Procedure[None]:
-    """Give the lease back and wait until nothing of ours goes to the arms any more. A lost lease is fine."""
+    """Give the lease back and wait until the robot was paused and nothing is sent any more. A lost lease is fine."""
     deadline_ns = session.transport.now_ns() + timeout_ns
     try:
         reply = yield from request(session, protocol.Release(epoch=lease.epoch))
@@ -191,7 +209,7 @@ def release(session: Session, lease: Lease, timeout_ns: int) -> Procedure[None]:
     def at_rest(sighting: Sighting) -> bool | None:
         view = sighting.view
         taken_over = view.lease.owned and view.lease.epoch != lease.epoch
-        return True if taken_over or view.state not in MOVING else None
+        return True if taken_over or _is_down(sighting) else None
 
     left_ns = max(0, deadline_ns - session.transport.now_ns())
     yield Seen(session, at_rest, left_ns, "coming to rest after the release", after_seq=reply.after_seq)
@@ -232,9 +250,7 @@ def enable(session: Session, lease: Lease, timeout_ns: int) -> Procedure[None]:
 
     def led_back(sighting: Sighting) -> bool | None:
         _require_lease(sighting, lease)
-        bound_rad = session.info.tracking_rad if session.info is not None else 0.0
-        arms = sighting.view.arms.values()
-        near = all(arm.tracking_rad is None or arm.tracking_rad <= bound_rad for arm in arms)
+        near = all(_is_tracking(arm, session.info) for arm in sighting.view.arms.values())
         return True if near and _rests(sighting) else None
 
     if reply.facts.get("outcome") != "ok":
@@ -243,18 +259,32 @@ def enable(session: Session, lease: Lease, timeout_ns: int) -> Procedure[None]:
         yield Seen(session, led_back, left_ns, "leading the reference back to the arms", after_seq=reply.after_seq)
 
 
+def _is_tracking(arm: protocol.ArmView, info: protocol.Info | None) -> bool:
+    """Return whether an arm is as near to its setpoint as it must be for a motion."""
+    if info is None or arm.tracking_rad is None or arm.tracking_m is None:
+        return arm.tracking_rad is None or (info is not None and arm.tracking_rad <= info.tracking_rad)
+    return arm.tracking_rad <= info.tracking_pose_rad and arm.tracking_m <= info.tracking_pose_m
+
+
 def disable(session: Session, lease: Lease, timeout_ns: int) -> Procedure[None]:
-    """Brake to rest, end the heartbeat, and wait until nothing goes to the arms any more; the lease stays."""
+    """Brake to rest, pause the robot, and wait until nothing is sent any more; the lease stays."""
     deadline_ns = session.transport.now_ns() + timeout_ns
     reply = yield from request(session, protocol.Disable(epoch=lease.epoch))
     left_ns = max(0, deadline_ns - session.transport.now_ns())
     yield Seen(
         session,
-        lambda sighting: True if sighting.view.state not in MOVING else None,
+        _is_down,
         left_ns,
         "coming to rest after disable()",
         after_seq=reply.after_seq,
     )
+
+
+def _is_down(sighting: Sighting) -> bool | None:
+    """Return True when nothing goes to the arms and the heartbeat is silent: its 0.0 was answered, or given up."""
+    heartbeat = sighting.view.streams.get(protocol.HEARTBEAT_TOPIC)
+    is_beating = heartbeat is not None and heartbeat.running
+    return None if is_beating or sighting.view.state in MOVING else True
 
 
 def _require_lease(sighting: Sighting, lease: Lease) -> None:
@@ -276,7 +306,9 @@ def _rests(sighting: Sighting, sides: tuple[str, ...] = ("left", "right")) -> bo
     """Return True when the references of these arms stand still (or none is sent)."""
     for side in sides:
         arm = sighting.view.arms[side]
-        if arm.streaming and any(abs(speed) > AT_REST_RADPS for speed in arm.dq_ref_radps):
+        if arm.streaming and any(
+            abs(speed) > AT_REST for speed in (*arm.dq_ref_radps, *arm.ref_v_mps, *arm.ref_w_radps)
+        ):
             return None
     return True
 
@@ -284,7 +316,9 @@ def _rests(sighting: Sighting, sides: tuple[str, ...] = ("left", "right")) -> bo
 # --------------------------------------------------------------------------------------------------------- motions
 
 
-def start_motion(session: Session, command: protocol.Move) -> Procedure[tuple[Motion, Mapping[str, Any]]]:
+def start_motion(
+    session: Session, command: protocol.Move | protocol.MovePose | protocol.Follow
+) -> Procedure[tuple[Motion, Mapping[str, Any]]]:
     """Ask for a motion; returns its record and the facts of the reply."""
     reply = yield from request(session, command)
     return session.follow(_fact(reply, "motion_id"), reply.after_seq), reply.facts
@@ -309,7 +343,11 @@ def result(session: Session, motion: Motion, timeout_ns: int) -> Procedure[Motio
         )
     if view.state == "reached":
         return MotionResult(
-            motion_id=view.motion_id, sides=view.sides, error=view.error_rad, duration=view.duration_ns / 1e9
+            motion_id=view.motion_id,
+            sides=view.sides,
+            error=view.error_rad,
+            duration=view.duration_ns / 1e9,
+            error_m=view.error_m,
         )
     kinds: dict[str, type[MotionEnded]] = {"cancelled": Cancelled, "superseded": Superseded}
     refusal = _ended(view.code, view.message, f"motion {view.motion_id} was {view.state}").refusal
@@ -353,9 +391,9 @@ def stop(session: Session, command: protocol.Stop | protocol.Estop) -> Procedure
 
 
 def open_stream(session: Session, command: protocol.OpenStream) -> Procedure[tuple[int, tuple[float, ...], int]]:
-    """Open a stream of targets; returns its number, where it starts [rad] and the snapshot after which it is listed."""
+    """Open a stream of targets; returns its number, where it starts and the snapshot after which it is listed."""
     reply = yield from request(session, command)
-    start = reply.facts.get("q_rad")
+    start = reply.facts.get("values")
     if not (isinstance(start, (list, tuple)) and all(isinstance(value, (int, float)) for value in start)):
         raise to_exception(Refusal(code=Code.UNSUPPORTED_VERSION, message=f"the reply has no start but {start!r}"))
     return _fact(reply, "stream_id"), tuple(float(value) for value in start), reply.after_seq

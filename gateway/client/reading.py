@@ -1,4 +1,4 @@
-"""What a user reads: the robot's state and health at one instant, as frozen views with numpy vectors.
+"""What a user reads: the robot's state at one instant, as frozen views with numpy vectors.
 
 Rules
     * A view never changes. Vectors are read-only copies; ages [s] are counted to the moment the view was made, from the
@@ -11,24 +11,21 @@ Rules
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass
 from types import MappingProxyType
 from typing import TYPE_CHECKING
 
 from gateway.api import protocol
 from gateway.client.requests import read_only
-from gateway.client.session import Session, Sighting
+from gateway.client.session import Sighting
+from gateway.client.showing import state_line, state_table, vector
 from gateway.errors import Code, Refusal, to_exception
 
 if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-__all__ = ["ArmState", "Health", "MotorState", "Pose", "RobotState", "health_of", "state_of"]
-
-
-OLD_NS = 1_000_000_000
-"""An older snapshot says nothing about the robot's health [ns]."""
+__all__ = ["ArmState", "MotorState", "Pose", "RobotState", "state_of"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,7 +45,7 @@ class Pose:
     frame: str
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, repr=False)
 class MotorState:
     """Measured motors: of an arm, a gripper (one) or the chassis (three).
 
@@ -85,6 +82,12 @@ class MotorState:
         """Age of the sample [s]; infinite before the first."""
         return float("inf") if self._measured is None else (self._measured.age_ns + self._since_ns) / 1e9
 
+    def __repr__(self) -> str:
+        """Show name, positions and age."""
+        if self._measured is None:
+            return f"<{self.name}: never heard>"
+        return f"<{self.name}: q {vector(self._measured.q_rad)} rad, {self.age:.3f} s old>"
+
     def _known(self) -> protocol.MotorView:
         if self._measured is None:
             raise to_exception(
@@ -93,7 +96,7 @@ class MotorState:
         return self._measured
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, repr=False)
 class ArmState(MotorState):
     """One arm: seven joints in the order of manual §4.0.3, its pose, and where it is being sent."""
 
@@ -122,7 +125,7 @@ class ArmState(MotorState):
 
     @property
     def q_ref(self) -> NDArray[np.float64]:
-        """The last setpoint [rad], shape (7,); empty while no setpoints are sent."""
+        """The last setpoint [rad], shape (7,); empty while no joint setpoints are sent."""
         return read_only(self._view.q_ref_rad)
 
     @property
@@ -131,12 +134,32 @@ class ArmState(MotorState):
         return read_only(self._view.dq_ref_radps)
 
     @property
+    def space(self) -> str:
+        """`joint` or `pose`: what its setpoints are, by the control mode that the robot has for it (manual §2.3)."""
+        return self._view.space
+
+    @property
+    def p_ref(self) -> NDArray[np.float64]:
+        """Position of the last setpoint of the end effector [m], shape (3,); empty while no poses are sent."""
+        return read_only(self._view.ref_p_m)
+
+    @property
+    def quat_ref_xyzw(self) -> NDArray[np.float64]:
+        """Its orientation, shape (4,); empty while no poses are sent."""
+        return read_only(self._view.ref_quat_xyzw)
+
+    @property
     def tracking_error(self) -> float | None:
-        """Largest joint distance between setpoint and measured [rad]; None while no setpoints are sent."""
+        """Largest joint distance, or the angle, between setpoint and measured [rad]; None while no setpoints are sent."""
         return self._view.tracking_rad
 
+    @property
+    def tracking_error_m(self) -> float | None:
+        """Distance between setpoint and measured end effector [m]; None while no poses are sent."""
+        return self._view.tracking_m
 
-@dataclass(frozen=True, slots=True)
+
+@dataclass(frozen=True, slots=True, repr=False)
 class RobotState:
     """The robot and the gateway at one instant.
 
@@ -148,6 +171,14 @@ class RobotState:
     age: float
     view: protocol.Snapshot
     _since_ns: int
+
+    def __repr__(self) -> str:
+        """Show what matters in one line."""
+        return state_line(self)
+
+    def _repr_html_(self) -> str:
+        """Show it as a table, in a notebook."""
+        return state_table(self)
 
     @property
     def seq(self) -> int:
@@ -195,6 +226,11 @@ class RobotState:
         return self.view.link
 
     @property
+    def others(self) -> protocol.OthersView:
+        """Who else commands the robot, or could (manual §3.3.2); and our own zenoh id."""
+        return self.view.others
+
+    @property
     def left_arm(self) -> ArmState:
         """The left arm."""
         return self.arm("left")
@@ -224,6 +260,20 @@ class RobotState:
         """The three motors of the chassis: no odometry (manual §4.5)."""
         return MotorState("chassis", self.view.chassis, self._since_ns)
 
+    def grip(self, side: protocol.SideName) -> protocol.GripView:
+        """What a gripper is told; `holding` is an estimate whether it holds something (`gateway/core/grip.py`)."""
+        return self.view.grips[side]
+
+    @property
+    def drive(self) -> protocol.ChassisView:
+        """What the chassis is told: wanted, and commanded on its ramp."""
+        return self.view.drive
+
+    @property
+    def lift(self) -> protocol.LiftView | None:
+        """What the lift is told; None on a model without one. Its position is published by nobody (manual §4.12)."""
+        return self.view.lift
+
     @property
     def motions(self) -> tuple[protocol.MotionView, ...]:
         """The running motions and the latest ended ones, oldest first."""
@@ -239,96 +289,3 @@ def state_of(sighting: Sighting, now_ns: int) -> RobotState:
     """
     since_ns = max(0, now_ns - sighting.received_ns)
     return RobotState(since_ns / 1e9, sighting.view, since_ns)
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Health:
-    """Is everything well, and if not, what is it? Plain numbers, ready for a log or a metric.
-
-    Attributes:
-        daemon: Whether the daemon is connected.
-        ok: It is, the link is fresh, nothing is latched, no stop went undelivered, and this was seen within a second.
-        state: What a person should read, e.g. `ACTIVE`, `ESTOP`.
-        link_up: Whether there is a transport to the robot.
-        link_age: Age of the newest state of the robot [s]; None before the first.
-        fsm: Name of the robot's FSM state.
-        latches: What holds motion off until `recover()`.
-        lease_holder: Name of the owner; None when there is none.
-        lease_lost_for: How long the owner has been silent beyond the limit [s]; None while it is alive.
-        free_in: Until the lease is free [s]; None when no clock runs.
-        down_in: Until everything goes down [s]; None when no clock runs.
-        ages: Age of each state topic [s]; None for those that were never heard.
-        rates: Measured rate of each state topic [Hz].
-        streams: Worst gap of each command stream that runs, in the last 10 s [s].
-        loop_late: Latest lateness of the control loop [s].
-        loop_worst_late: Worst one in the last 10 s [s].
-        loop_skipped: Periods that the control loop skipped since its start.
-        snapshot_age: Since the newest snapshot arrived here [s]; None before the first.
-        snapshots_dropped: Snapshots that did not reach this client.
-        notices_dropped: Notices dropped because `events()` was not read.
-        stop_undelivered: The last stop of this client could not be sent to the robot for lack of a transport, or the
-            daemon has said so of somebody's. Use the physical emergency stop.
-    """
-
-    daemon: bool
-    ok: bool = False
-    state: str = "UNKNOWN"
-    link_up: bool = False
-    link_age: float | None = None
-    fsm: str = "UNKNOWN"
-    latches: tuple[str, ...] = ()
-    lease_holder: str | None = None
-    lease_lost_for: float | None = None
-    free_in: float | None = None
-    down_in: float | None = None
-    ages: Mapping[str, float | None] = field(default_factory=dict)
-    rates: Mapping[str, float] = field(default_factory=dict)
-    streams: Mapping[str, float] = field(default_factory=dict)
-    loop_late: float | None = None
-    loop_worst_late: float | None = None
-    loop_skipped: int = 0
-    snapshot_age: float | None = None
-    snapshots_dropped: int = 0
-    notices_dropped: int = 0
-    stop_undelivered: bool = False
-
-
-def health_of(session: Session) -> Health:
-    """Return the health as this client sees it; never raises for lack of a daemon."""
-    connected = session.is_connected
-    seen = Health(
-        daemon=connected,
-        snapshots_dropped=session.snapshots_dropped,
-        notices_dropped=session.notices_dropped,
-        stop_undelivered=session.stop_undelivered,
-    )
-    sighting = session.sighting()
-    if sighting is None:
-        return seen
-    state = state_of(sighting, session.transport.now_ns())
-    view, since_ns = state.view, round(state.age * 1e9)
-    well = view.link.fresh and not view.latches and not session.stop_undelivered
-    return replace(
-        seen,
-        ok=connected and well and since_ns < OLD_NS,
-        state=view.shown,
-        link_up=view.link.up,
-        link_age=_seconds(view.link.age_ns, since_ns),
-        fsm=state.fsm_name,
-        latches=tuple(view.latches),
-        lease_holder=view.lease.name if view.lease.owned else None,
-        lease_lost_for=_seconds(view.lease.lost_ns, since_ns),
-        free_in=_seconds(view.lease.free_in_ns, -since_ns),
-        down_in=_seconds(view.lease.down_in_ns, -since_ns),
-        ages={name: _seconds(topic.age_ns, since_ns) for name, topic in view.topics.items()},
-        rates={name: topic.rate_hz for name, topic in view.topics.items()},
-        streams={name: stream.worst_gap_ns / 1e9 for name, stream in view.streams.items() if stream.running},
-        loop_late=view.loop.late_ns / 1e9,
-        loop_worst_late=view.loop.worst_late_ns / 1e9,
-        loop_skipped=view.loop.skipped,
-        snapshot_age=state.age,
-    )
-
-
-def _seconds(value_ns: int | None, since_ns: int) -> float | None:
-    return None if value_ns is None else max(0, value_ns + since_ns) / 1e9

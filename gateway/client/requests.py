@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, SupportsFloat, SupportsIndex
 
 from gateway.api import protocol
 from gateway.errors import Code, GatewayError, Refusal, to_exception
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import ArrayLike, NDArray
 
-__all__ = ["SIDES", "joints", "move", "read_only", "seconds", "within_limits"]
+__all__ = ["SIDES", "joints", "move", "number", "numeric", "read_only", "seconds", "within_limits"]
 
 SIDES: tuple[protocol.SideName, ...] = ("left", "right")
 
@@ -31,6 +31,64 @@ def read_only(values: tuple[float, ...]) -> NDArray[np.float64]:
     return array
 
 
+def number(name: str, value: object) -> float:
+    """Return a number that a user gave. Neither text nor a truth value is one, whatever `float` makes of it.
+
+    `grip(True)` would close with all there is, and `"0.5"` is a mistake somewhere else: the daemon takes neither.
+
+    Args:
+        name: What it is called, for the message.
+        value: Anything; what is not finite is judged by others.
+
+    Raises:
+        Rejected: BAD_REQUEST.
+    """
+    is_word = isinstance(value, (bool, str, bytes, bytearray)) or _kind(value) in _WORDS
+    try:
+        if isinstance(value, (SupportsFloat, SupportsIndex)) and not is_word:
+            return float(value)
+        said = f"is {value!r}"
+    except (TypeError, ValueError, OverflowError) as error:
+        said = f"is none ({error})"
+    raise to_exception(
+        Refusal(
+            code=Code.BAD_REQUEST,
+            message=f"{name} {said}, a number is needed",
+            field=name,
+            value=repr(value)[:40],
+            bound="a number",
+            hint="give a number",
+        )
+    )
+
+
+def numeric(values: ArrayLike) -> NDArray[np.float64]:
+    """Return numbers that a user gave, in whatever shape, under the rule of `number`.
+
+    Args:
+        values: Anything.
+
+    Raises:
+        TypeError: Texts, truth values or other things are among them; so do ValueError and OverflowError say.
+    """
+    import numpy as np
+
+    given = np.asarray(values)
+    is_mixed = given.dtype.kind == "O" and any(isinstance(value, (bool, str, bytes)) for value in given.flat)
+    if given.dtype.kind in _WORDS or is_mixed:
+        raise TypeError(f"its values are {'texts or truth values among others' if is_mixed else given.dtype}")
+    return given.astype(np.float64)
+
+
+_WORDS = frozenset("bcSU")
+"""What numpy calls truth values, complex numbers, bytes and text."""
+
+
+def _kind(value: object) -> str:
+    """Return the kind of a numpy value, without numpy; empty for anything else."""
+    return str(getattr(getattr(value, "dtype", None), "kind", ""))
+
+
 def joints(side: str, q_rad: ArrayLike) -> tuple[float, ...]:
     """Return seven finite joint values.
 
@@ -41,11 +99,9 @@ def joints(side: str, q_rad: ArrayLike) -> tuple[float, ...]:
     Raises:
         Rejected: WRONG_SHAPE or NOT_FINITE.
     """
-    import numpy as np
-
     try:
-        array = np.asarray(q_rad, dtype=np.float64)
-    except (TypeError, ValueError) as error:
+        array = numeric(q_rad)
+    except (TypeError, ValueError, OverflowError) as error:
         raise _wrong_shape(side, f"got what is no vector of numbers ({error})", type(q_rad).__name__) from None
     if array.shape != (protocol.ARM_DOF,):
         raise _wrong_shape(side, f"got values of shape {array.shape}", str(array.shape))
@@ -138,8 +194,8 @@ def move(
         epoch=epoch,
         targets_rad={side: joints(side, targets_rad[side]) for side in SIDES if side in targets_rad},
         relative=relative,
-        speed=float(speed),
-        tolerance_rad=None if tolerance_rad is None else float(tolerance_rad),
+        speed=number("speed", speed),
+        tolerance_rad=None if tolerance_rad is None else number("tolerance", tolerance_rad),
         on_limit=on_limit,
     )
 
@@ -150,7 +206,7 @@ def seconds(name: str, value_s: float, *, most: float = 86_400.0) -> int:
     Raises:
         Rejected: NOT_FINITE or OUT_OF_RANGE: no wait is endless.
     """
-    value = float(value_s)
+    value = number(name, value_s)
     if not (math.isfinite(value) and 0.0 <= value <= most):
         raise to_exception(
             Refusal(

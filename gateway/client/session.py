@@ -12,74 +12,27 @@ It sends and remembers; waiting is the shells' business (`waits` says for what),
 
 from __future__ import annotations
 
+import contextlib
 import logging
 import os
 import threading
-from collections import deque
+import weakref
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
-from dataclasses import dataclass
 
 from gateway.api import protocol
+from gateway.client.identity import new_client_id
+from gateway.client.inlet import Inlet
+from gateway.client.news import News
+from gateway.client.records import Lease, Motion, Sighting
 from gateway.client.transport import Transport
 from gateway.errors import Code, GatewayError, Refusal, to_exception
 
-__all__ = ["EVENT_LIMIT", "Lease", "Motion", "Session", "Sighting"]
-
-EVENT_LIMIT = 1000
-"""Notices kept for `events()`; older ones are dropped and counted."""
+__all__ = ["Lease", "Motion", "Session", "Sighting"]
 
 GONE_NS = 1_000_000_000
 """A daemon that is away for longer is gone; shorter is a hiccup of the connection [ns]."""
 
 log = logging.getLogger(__name__)
-
-
-@dataclass(frozen=True, slots=True)
-class Sighting:
-    """A snapshot and when it arrived here [ns]."""
-
-    view: protocol.Snapshot
-    received_ns: int
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Lease:
-    """That we own the robot.
-
-    Attributes:
-        epoch: Of the lease; every command carries it.
-        daemon: Which daemon gave it.
-        holding: Rises with each lease of this client: an earlier `with control()` is over although its epoch may live.
-    """
-
-    epoch: int
-    daemon: str
-    holding: int
-
-
-@dataclass(slots=True)
-class Motion:
-    """A motion of ours: what the snapshots last said of it.
-
-    Attributes:
-        motion_id: Of the reply.
-        daemon: Which one carries it out.
-        after_seq: Snapshots up to this one may not know it yet.
-        view: Last known state; None before the first.
-        missing: A snapshot that must know it does not, or its daemon is gone: nothing more will be heard of it.
-    """
-
-    motion_id: int
-    daemon: str
-    after_seq: int
-    view: protocol.MotionView | None = None
-    missing: bool = False
-
-    @property
-    def ended(self) -> bool:
-        """Whether it will not change any more."""
-        return self.missing or (self.view is not None and self.view.state not in ("queued", "executing"))
 
 
 class Session:
@@ -93,15 +46,14 @@ class Session:
     def __init__(self, transport: Transport, name: str) -> None:
         self.transport = transport
         self.name = name
-        self.client_id = os.urandom(16).hex()
+        self.client_id = new_client_id()
         self.changed = threading.Condition()
         self.daemon = ""
         self.other_versions: set[str] = set()
         self.info: protocol.Info | None = None
         self.lease: Lease | None = None
-        self.notices: deque[protocol.Notice] = deque()
+        self.news = News()
         self.snapshots_dropped = 0
-        self.notices_dropped = 0
         self.stop_undelivered = False
         self.pid = os.getpid()
         self._closed = False
@@ -112,8 +64,22 @@ class Session:
         self._request_id = 0
         self._holding = 0
         self._motions: dict[int, Motion] = {}
-        self._stop_keepalive: Callable[[], None] | None = None
+        self._beating: list[Callable[[], None]] = []
+        """What ends the keepalive; empty while there is none."""
         self._listeners: list[Callable[[], None]] = []
+        self._finalizer: weakref.finalize[..., Session] | None = None
+
+    def open(self, timeout_s: float) -> None:
+        """Connect. From here on, a session that nobody holds any more is closed by itself.
+
+        Raises:
+            Disconnected: Nobody listens there.
+        """
+        self._finalizer = weakref.finalize(self, _close_forgotten, self.transport, self._beating, self.pid)
+        self._finalizer.atexit = False  # a process that ends needs no help, and must not wait for it
+        self.transport.open(self.client_id, Inlet(self), timeout_s)
+        if self._closed:  # meanwhile, by whoever did not want to wait for it any more
+            self.transport.close()
 
     # ------------------------------------------------------------------------------------------------ from the daemon
 
@@ -126,18 +92,15 @@ class Session:
             self._newest = (payload, seq, received_ns)
         self.notify()
 
-    def on_notice(self, payload: bytes) -> None:
-        """Take a notice; the oldest goes when too many were not read."""
+    def on_notice(self, payload: bytes, number: int) -> None:
+        """Take a notice; what lies between its number and that of the last one was lost on the way."""
         try:
             notice = protocol.decode_notice(payload)
         except protocol.Malformed as error:
             log.warning("the daemon sent a notice that cannot be read: %s", error)
             return
         with self.changed:
-            if len(self.notices) >= EVENT_LIMIT:
-                self.notices.popleft()
-                self.notices_dropped += 1
-            self.notices.append(notice)
+            self.news.take(notice, number)
             if notice.code == Code.STOP_UNDELIVERED.value:
                 self.stop_undelivered = True
         self.notify()
@@ -150,16 +113,24 @@ class Session:
                 (self.other_versions.add if alive else self.other_versions.discard)(version)
             elif alive:
                 if daemon != self.daemon:
-                    # Another daemon counts snapshots and motions anew, and may have other limits.
-                    self._newest = self._sighting = self.info = None
-                    self._last_seq = 0
-                    for motion in self._motions.values():
-                        motion.missing = True
-                    self._motions.clear()
+                    self._meet_another()
+                if self.daemon and (self._gone_since_ns or daemon != self.daemon):
+                    self.news.tell_connected(self.transport.address, self.transport.now_ns(), daemon == self.daemon)
                 self.daemon, self._gone_since_ns = daemon, 0
             elif daemon == self.daemon and not self._gone_since_ns:
                 self._gone_since_ns = self.transport.now_ns()
+                self.news.tell_disconnected(self.transport.address, self._gone_since_ns)
         self.notify()
+
+    def _meet_another(self) -> None:
+        """Forget what another daemon said: it counts snapshots, notices and motions anew, and may have other limits."""
+        self._newest = self._sighting = self.info = None
+        self._last_seq = 0
+        for motion in self._motions.values():
+            motion.missing = True
+        self._motions.clear()
+        if self.daemon:
+            self.news.begin_anew()
 
     def notify(self) -> None:
         """Wake everybody who waits."""
@@ -169,7 +140,7 @@ class Session:
         for listener in listeners:
             listener()
 
-    @contextmanager
+    @contextlib.contextmanager
     def listening(self, listener: Callable[[], None]) -> Iterator[None]:
         """Call `listener` on each change, from any thread, while the block runs."""
         with self.changed:
@@ -181,6 +152,11 @@ class Session:
                 self._listeners.remove(listener)
 
     # ------------------------------------------------------------------------------------------------ what is known
+
+    @property
+    def is_closed(self) -> bool:
+        """Whether this client was closed."""
+        return self._closed
 
     @property
     def is_connected(self) -> bool:
@@ -204,12 +180,25 @@ class Session:
         if not self.daemon or (self._gone_since_ns and self.transport.now_ns() - self._gone_since_ns > GONE_NS):
             raise _disconnected(f"no daemon answers at {self.transport.address}")
 
+    def holds(self, lease: Lease) -> bool:
+        """Whether a lease of ours is the present one, of the present daemon."""
+        return self.lease == lease and self.daemon == lease.daemon
+
     def require_lease(self, lease: Lease) -> None:
         """Refuse when a lease of ours is over.
 
         Raises:
-            LeaseError: NOT_OWNER, it was given back, left, or another one took its place.
+            LeaseError: LEASE_LOST, the daemon that gave it is gone and another one answers now; NOT_OWNER, it was given
+                back, left, or another one took its place.
         """
+        if lease.daemon != self.daemon:
+            raise to_exception(
+                Refusal(
+                    code=Code.LEASE_LOST,
+                    message=f"the daemon was restarted, and this control (epoch {lease.epoch}) ended with the earlier one",
+                    hint="look at the state, then take the lease with a new control(); nothing was sent again",
+                )
+            )
         if self.lease != lease:
             raise to_exception(
                 Refusal(
@@ -241,7 +230,7 @@ class Session:
                     raise to_exception(
                         Refusal(code=Code.UNSUPPORTED_VERSION, message=f"the daemon's snapshot is not ours: {error}")
                     ) from None
-                self._sighting = Sighting(view, received_ns)
+                self._sighting = Sighting(view, received_ns, self.daemon)
                 self._follow(view)
             return self._sighting
 
@@ -293,11 +282,23 @@ class Session:
 
     def keep_alive(self) -> None:
         """Begin to show that this client lives, every 50 ms."""
-        if self._stop_keepalive is None:
-            self._stop_keepalive = self.transport.every(protocol.KEEPALIVE_PERIOD_NS, self._beat)
+        if not self._beating:
+            beat = weakref.WeakMethod(self._beat)
+
+            def beat_while_needed() -> None:
+                needed = beat()
+                if needed is not None:
+                    needed()
+
+            self._beating.append(self.transport.every(protocol.KEEPALIVE_PERIOD_NS, beat_while_needed))
 
     def _beat(self) -> None:
-        self.transport.put(protocol.keepalive_key(self.client_id), b"")
+        lease = self.lease
+        if lease is not None and lease.daemon != self.daemon:
+            self.let_go(lease)
+            return
+        if not self._gone_since_ns:  # who answers next may be another daemon, to which this client is nobody
+            self.transport.put(protocol.keepalive_key(self.client_id), b"")
         try:
             self.observe()
         except GatewayError as error:
@@ -309,12 +310,28 @@ class Session:
         self.lease = Lease(epoch=epoch, daemon=self.daemon, holding=self._holding)
         return self.lease
 
-    def let_go(self) -> None:
-        """Forget the lease: it was given back, refused, or lost."""
-        self.lease = None
-        stop, self._stop_keepalive = self._stop_keepalive, None
-        if stop is not None:
+    def let_go(self, lease: Lease | None = None) -> None:
+        """Forget the lease: it was given back, refused, or lost. With `lease`, only if it still is that one."""
+        with self.changed:
+            if lease is not None and self.lease is not lease:
+                return
+            self.lease = None
+            beating = list(self._beating)
+            self._beating.clear()
+        for stop in beating:
             stop()
+
+    def forget_lost(self) -> None:
+        """Let go of a lease that is over: its daemon is gone, somebody has taken it, or it became free."""
+        lease = self.lease
+        if lease is None:
+            return
+        if lease.daemon != self.daemon:
+            self.let_go(lease)
+        elif (seen := self.sighting()) is not None:
+            now = seen.view.lease  # a snapshot from before the lease has a smaller epoch
+            if now.epoch > lease.epoch or (now.epoch == lease.epoch and not now.owned):
+                self.let_go(lease)
 
     def abandon(self) -> None:
         """Leave the robot held, at once and without waiting: what an exception and Ctrl-C do."""
@@ -322,6 +339,8 @@ class Session:
         if lease is None or os.getpid() != self.pid:
             return
         self.let_go()
+        if lease.daemon != self.daemon:
+            return
         payload = self.encode(protocol.Abandon(epoch=lease.epoch), self.next_request_id())
         self.transport.ask(protocol.COMMAND_KEY, payload, protocol.REPLY_WITHIN_NS / 1e9, _ignore)
 
@@ -331,8 +350,27 @@ class Session:
             return
         self.abandon()
         self._closed = True
+        if self._finalizer is not None:
+            self._finalizer.detach()
         self.transport.close()
         self.notify()
+
+
+def _close_forgotten(transport: Transport, beating: list[Callable[[], None]], pid: int) -> None:
+    """Close the connection of a session that was dropped without `close`; a robot that it owned is left held.
+
+    From a thread of its own: the last reference may go anywhere, also in the middle of a callback of the transport.
+    """
+    if os.getpid() != pid:
+        return
+
+    def close() -> None:
+        for stop in list(beating):
+            stop()
+        transport.close()
+
+    with contextlib.suppress(RuntimeError):  # the interpreter is ending, and the connection with it
+        threading.Thread(target=close, name="ta2-close", daemon=True).start()
 
 
 def _ignore(_: bytes | None) -> None:

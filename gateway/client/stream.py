@@ -1,4 +1,4 @@
-"""A stream of joint targets as its commander sees it: set, tick, end. Shared by the blocking and the async stream.
+"""A stream of targets, of joints or of poses, as its commander sees it. Shared by the blocking and the async streams.
 
 Rules
     * A target is checked here like the daemon checks it, so that the mistake is told where it was made. What `set` returns
@@ -10,11 +10,13 @@ Rules
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from gateway.api import protocol
+from gateway.client.poses import numbers, within_reach
 from gateway.client.procedures import Procedure, open_stream, request
-from gateway.client.requests import joints, read_only, seconds, within_limits
+from gateway.client.requests import joints, number, read_only, seconds, within_limits
 from gateway.client.session import Lease, Session
 from gateway.client.watching import pause
 from gateway.errors import Code, Refusal, to_exception
@@ -23,20 +25,35 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import ArrayLike, NDArray
 
-__all__ = ["TargetStream"]
+__all__ = ["JointTargets", "PoseTargets", "StreamOptions", "TargetStream"]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class StreamOptions:
+    """How a stream is to run.
+
+    Attributes:
+        rate_hz: Of `tick` [Hz], 1 to 100.
+        speed: Factor on the velocity limit, 0 < speed <= 1.
+        on_limit: `reject` or `clip`.
+        expiry: Life of a target [s]; None for the configured one.
+    """
+
+    rate_hz: float
+    speed: float
+    on_limit: protocol.OnLimitName
+    expiry: float | None
 
 
 class TargetStream:
-    """One stream of targets for one arm.
+    """One stream of targets for one arm; `JointTargets` and `PoseTargets` say what a target is.
 
     Args:
         session: Of this client.
         lease: Under which it runs.
         side: `left` or `right`.
-        rate_hz: Of `tick` [Hz], 1 to 100.
-        speed: Factor on the velocity limit, 0 < speed <= 1.
-        on_limit: `reject` or `clip`.
-        expiry: Life of a target [s]; None for the configured one.
+        options: Rate, speed, limits and expiry.
+        frame: The arm's own shoulder for a stream of poses; empty for one of joints.
     """
 
     def __init__(
@@ -44,12 +61,10 @@ class TargetStream:
         session: Session,
         lease: Lease,
         side: protocol.SideName,
-        *,
-        rate_hz: float,
-        speed: float,
-        on_limit: protocol.OnLimitName,
-        expiry: float | None,
+        options: StreamOptions,
+        frame: str = "",
     ) -> None:
+        rate_hz = number("rate_hz", options.rate_hz)
         if not (math.isfinite(rate_hz) and 1.0 <= rate_hz <= 100.0):
             raise to_exception(
                 Refusal(
@@ -65,27 +80,28 @@ class TargetStream:
         self.skipped = 0
         self._session = session
         self._lease = lease
-        self._on_limit = on_limit
+        self._on_limit: protocol.OnLimitName = options.on_limit
         self._period_ns = round(1e9 / rate_hz)
         self._opening = protocol.OpenStream(
             epoch=lease.epoch,
             side=side,
-            speed=float(speed),
-            on_limit=on_limit,
-            expiry_ns=None if expiry is None else seconds("expiry", expiry),
+            space="pose" if frame else "joint",
+            frame=frame,
+            speed=number("speed", options.speed),
+            on_limit=options.on_limit,
+            expiry_ns=None if options.expiry is None else seconds("expiry", options.expiry),
         )
         self._stream_id = 0
-        self._q: tuple[float, ...] = ()
+        self._values: tuple[float, ...] = ()
         self._after_seq = 0
         self._seq = 0
         self._refused = 0
         self._due_ns = 0
         self._view: protocol.TargetView | None = None
 
-    @property
-    def q(self) -> NDArray[np.float64]:
-        """Where the arm is being sent [rad], shape (7,): first where the stream starts, then the last target that was set."""
-        return read_only(self._q)
+    def __repr__(self) -> str:
+        """Show what it is, and how many targets were set."""
+        return f"<stream {self._stream_id or 'not opened'} of the {self.side} arm: {self._seq} targets set>"
 
     @property
     def limited(self) -> bool:
@@ -99,29 +115,11 @@ class TargetStream:
         self._look()
         return 0 if self._view is None else self._view.seq
 
-    def set(self, q: ArrayLike) -> NDArray[np.float64]:
-        """Send a target; never waits.
-
-        Args:
-            q: Seven joints [rad], in the order of manual §4.0.3.
-
-        Returns:
-            What really goes out [rad], shape (7,): as given, or clipped when the stream was opened so.
-
-        Raises:
-            Rejected: WRONG_SHAPE, NOT_FINITE or OUT_OF_RANGE; nothing was sent.
-            Disconnected: The daemon is gone.
-            LeaseError: This control is over.
-        """
-        self._require_open()
-        info = self._session.info
-        assert info is not None, "acquire() has fetched it"
-        values = within_limits(self.side, joints(self.side, q), info, self._on_limit)
+    def _put(self, values: tuple[float, ...]) -> None:
         self._seq += 1
-        target = protocol.Target(epoch=self._lease.epoch, seq=self._seq, q_rad=values)
+        target = protocol.Target(epoch=self._lease.epoch, seq=self._seq, values=values)
         self._session.put_target(self._stream_id, target)
-        self._q = values
-        return read_only(values)
+        self._values = values
 
     # ------------------------------------------------------------------------------------------------ for the shells
 
@@ -129,7 +127,7 @@ class TargetStream:
         if self._stream_id:
             raise to_exception(Refusal(code=Code.STREAM_ENDED, message="a stream is used once; open a new one"))
         self._session.require_lease(self._lease)
-        self._stream_id, self._q, self._after_seq = yield from open_stream(self._session, self._opening)
+        self._stream_id, self._values, self._after_seq = yield from open_stream(self._session, self._opening)
         self._due_ns = self._session.transport.now_ns()
 
     def _tick(self) -> Procedure[None]:
@@ -144,7 +142,7 @@ class TargetStream:
         self._check()
 
     def _close(self) -> Procedure[None]:
-        if self._session.lease == self._lease:
+        if self._session.holds(self._lease):
             yield from request(self._session, protocol.CloseStream(epoch=self._lease.epoch, stream_id=self._stream_id))
 
     # ------------------------------------------------------------------------------------------------ inside
@@ -156,6 +154,13 @@ class TargetStream:
             )
         self._session.require_lease(self._lease)
         self._session.require_daemon(self._lease.daemon)
+
+    def _info(self) -> protocol.Info:
+        """Return the daemon's facts, for a stream that is open."""
+        self._require_open()
+        info = self._session.info
+        assert info is not None, "acquire() has fetched it"
+        return info
 
     def _look(self) -> bool:
         """Look up this stream in the newest snapshot; False when that is too old to list it."""
@@ -181,3 +186,63 @@ class TargetStream:
             raise to_exception(
                 protocol.refusal_of(protocol.RefusalMessage(code=view.refusal_code, message=view.refusal_message))
             )
+
+
+class JointTargets(TargetStream):
+    """A stream of joint targets."""
+
+    @property
+    def q(self) -> NDArray[np.float64]:
+        """Where the arm is being sent [rad], shape (7,): first where the stream starts, then the last target that was set."""
+        return read_only(self._values)
+
+    def set(self, q: ArrayLike) -> NDArray[np.float64]:
+        """Send a target; never waits.
+
+        Args:
+            q: Seven joints [rad], in the order of manual §4.0.3.
+
+        Returns:
+            What really goes out [rad], shape (7,): as given, or clipped when the stream was opened so.
+
+        Raises:
+            Rejected: WRONG_SHAPE, NOT_FINITE or OUT_OF_RANGE; nothing was sent.
+            Disconnected: The daemon is gone.
+            LeaseError: This control is over.
+        """
+        info = self._info()
+        self._put(within_limits(self.side, joints(self.side, q), info, self._on_limit))
+        return self.q
+
+
+class PoseTargets(TargetStream):
+    """A stream of poses of an end effector, in its arm's shoulder frame."""
+
+    @property
+    def p(self) -> NDArray[np.float64]:
+        """Where it is being sent [m], shape (3,): first where the stream starts, then the last target that was set."""
+        return read_only(self._values[:3])
+
+    @property
+    def quat_xyzw(self) -> NDArray[np.float64]:
+        """Orientation that goes with it, shape (4,)."""
+        return read_only(self._values[3:])
+
+    def set(self, p: ArrayLike, quat_xyzw: ArrayLike) -> NDArray[np.float64]:
+        """Send a target; never waits.
+
+        Args:
+            p: Position in the frame of the stream [m], shape (3,).
+            quat_xyzw: Orientation, norm 1, shape (4,); either sign, the shorter way is taken.
+
+        Returns:
+            The position that really goes out [m]: as given, or clipped to the reach when the stream was opened so.
+
+        Raises:
+            Rejected: WRONG_SHAPE, NOT_FINITE or OUT_OF_RANGE (norm, reach); nothing was sent.
+            Disconnected: The daemon is gone.
+            LeaseError: This control is over.
+        """
+        info = self._info()
+        self._put(within_reach(self.side, numbers(self.side, p, quat_xyzw), info, self._on_limit))
+        return self.p

@@ -21,8 +21,8 @@ class Receiver(Protocol):
         """Take a published snapshot; `seq` is its number, `received_ns` its local arrival."""
         ...
 
-    def on_notice(self, payload: bytes) -> None:
-        """Take a notice."""
+    def on_notice(self, payload: bytes, number: int) -> None:
+        """Take a notice; `number` is its number at the daemon, rising by one from 1 (0: it has none)."""
         ...
 
     def on_daemon(self, token: str, alive: bool) -> None:

@@ -1,4 +1,4 @@
-"""What a client waits for, as values that a shell can poll: an answer, a state, a notice, an instant.
+"""What a client waits for, as values that a shell can poll: a daemon, an answer, a state, an instant.
 
 Rules
     * Every wait has a deadline. What was missing when it passed is in the exception: the state that was seen last.
@@ -18,7 +18,17 @@ from gateway.api import protocol
 from gateway.client.session import Session, Sighting
 from gateway.errors import Code, GatewayError, Refusal, to_exception
 
-__all__ = ["Answer", "Daemon", "NextNotice", "Pause", "Seen", "Wait", "answered_facts", "answered_reply"]
+__all__ = [
+    "Answer",
+    "Daemon",
+    "Pause",
+    "Seen",
+    "Wait",
+    "answered_facts",
+    "answered_reply",
+    "answered_routes",
+    "not_in_time",
+]
 
 REPEAT_NS = 100_000_000
 """Shortest time between two attempts to get a lost reply [ns]."""
@@ -189,7 +199,6 @@ class Seen(Generic[T]):
         timeout_ns: How long [ns].
         what: What is waited for, for the message.
         after_seq: Only snapshots with a greater number count.
-        not_before_ns: Nothing is returned earlier [ns].
     """
 
     def __init__(
@@ -200,7 +209,6 @@ class Seen(Generic[T]):
         what: str,
         *,
         after_seq: int = 0,
-        not_before_ns: int = 0,
     ) -> None:
         session.require_daemon()
         self._session = session
@@ -208,7 +216,6 @@ class Seen(Generic[T]):
         self._what = what
         self._timeout_ns = timeout_ns
         self._after_seq = after_seq
-        self._not_before_ns = not_before_ns
         self._daemon = session.daemon
         self.deadline_ns = session.transport.now_ns() + timeout_ns
 
@@ -220,49 +227,27 @@ class Seen(Generic[T]):
         """
         self._session.require_daemon(self._daemon)
         sighting = self._session.sighting()
-        if sighting is None or sighting.view.seq <= self._after_seq or now_ns < self._not_before_ns:
+        if sighting is None or sighting.view.seq <= self._after_seq:
             return None
         return self._condition(sighting)
 
     def expire(self) -> GatewayError:
         """Say what was seen instead."""
-        sighting = self._session.sighting()
-        if sighting is None:
-            seen = "no snapshot came"
-        else:
-            view = sighting.view
-            age_s = (self._session.transport.now_ns() - sighting.received_ns) / 1e9
-            fsm = "unknown" if view.fsm is None else protocol.FSM_NAMES.get(view.fsm, str(view.fsm))
-            link = "fresh" if view.link.fresh else ("stale" if view.link.up else "down")
-            seen = f"the gateway is {view.shown}, the robot's FSM {fsm}, the link {link} (seen {age_s:.2f} s ago)"
-        return to_exception(
-            Refusal(code=Code.TIMEOUT, message=f"{self._what} did not happen in {self._timeout_ns / 1e9:g} s: {seen}")
-        )
+        return not_in_time(self._session, self._what, self._timeout_ns)
 
 
-class NextNotice:
-    """Waits for a notice; ends with GatewayTimeout when none comes.
-
-    Args:
-        session: Of this client.
-        timeout_ns: How long [ns].
-    """
-
-    def __init__(self, session: Session, timeout_ns: int) -> None:
-        session.require_daemon()
-        self._session = session
-        self.deadline_ns = session.transport.now_ns() + timeout_ns
-
-    def poll(self, now_ns: int) -> protocol.Notice | None:
-        """Return the oldest notice that was not read."""
-        if self._session.notices:
-            return self._session.notices.popleft()
-        self._session.require_daemon()
-        return None
-
-    def expire(self) -> GatewayError:
-        """Say that none came."""
-        return to_exception(Refusal(code=Code.TIMEOUT, message="no notice came"))
+def not_in_time(session: Session, what: str, timeout_ns: int) -> GatewayError:
+    """Return the exception for a wait that ended in vain: what was seen instead."""
+    sighting = session.sighting()
+    if sighting is None:
+        seen = "no snapshot came"
+    else:
+        view = sighting.view
+        age_s = (session.transport.now_ns() - sighting.received_ns) / 1e9
+        fsm = "unknown" if view.fsm is None else protocol.FSM_NAMES.get(view.fsm, str(view.fsm))
+        link = "fresh" if view.link.fresh else ("stale" if view.link.up else "down")
+        seen = f"the gateway is {view.shown}, the robot's FSM {fsm}, the link {link} (seen {age_s:.2f} s ago)"
+    return to_exception(Refusal(code=Code.TIMEOUT, message=f"{what} did not happen in {timeout_ns / 1e9:g} s: {seen}"))
 
 
 class Pause:

@@ -25,7 +25,7 @@ from dataclasses import dataclass
 
 from gateway.values import ARM_DOF, Vector, require_finite
 
-__all__ = ["Braking", "JointLimits", "Ramp", "advance", "duration", "ramp"]
+__all__ = ["OVER_RATIO", "Braking", "JointLimits", "Ramp", "advance", "duration", "ramp"]
 
 TINY_RATIO = 2e-8
 """A setpoint may be moved by this part of j·dt³: the third difference, of four, changes by less than 1e-6."""
@@ -173,6 +173,10 @@ class Braking:
         """Return the end of a motion [rad]: inside the limits, and exactly the goal when it is as good as there."""
         bounds = zip(end, goal, self.limits.lower_rad, self.limits.upper_rad, strict=True)
         return tuple(min(max(g if abs(q - g) <= self.tiny_rad else q, low), high) for q, g, low, high in bounds)
+
+    def is_far(self, index: int, low: float, high: float) -> bool:
+        """Whether joint `index` stays so far from its position limits that it can stop there at any speed."""
+        return self._inner_lower[index] <= low and high <= self._inner_upper[index]
 
     def can_stop(self, index: int, q: float, v: float, a: float) -> bool:
         """Whether the stop of joint `index` from (q, v, a) stays inside its position limits; never with a NaN."""

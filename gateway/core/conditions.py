@@ -11,15 +11,16 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
+from gateway import robot
 from gateway.core.conductor import QUIET, Conductor
 from gateway.core.supervisor import STREAMING, State, Trigger
 from gateway.errors import Code
-from gateway.values import FsmState, Side
+from gateway.values import OWN_FSM, FsmState, Side
 
-__all__ = ["OWN_FSM", "Conditions"]
+__all__ = ["Conditions"]
 
-OWN_FSM = frozenset({FsmState.ERROR, FsmState.PAUSE, FsmState.SLOW_START, FsmState.READY})
-"""FSM values that an API program meets; the others belong to VR and playback (manual §4.11.1)."""
+REFUSED_NS = 200_000_000
+"""A sample that was refused longer ago does not tell why a part's state is old now [ns]."""
 
 
 class Conditions:
@@ -62,11 +63,27 @@ class Conditions:
             return
         if state in QUIET:
             return  # the way back depends on how long it was gone: see `stall.py`
+        yield from self._others(now_ns)
         yield from self._mode(now_ns)
         if state in STREAMING:
             yield from self._fsm(now_ns)
             yield from self._arms(now_ns)
             yield from self._tracking(now_ns)
+
+    def _others(self, now_ns: int) -> Iterator[tuple[Trigger, str]]:
+        conductor = self._conductor
+        others = conductor.others
+        if others.is_alone:
+            return
+        is_open = conductor.state is State.ENABLING and not conductor.claim.is_confirmed  # one of the two will yield
+        if not is_open and (rivals := others.armed_text()):
+            yield Trigger.OTHER_GATEWAY, f"another {rivals}"
+        if sent := others.arm_data_text(now_ns):
+            yield Trigger.FOREIGN_DATA, f"commands that we did not send: {sent}"
+        if writers := others.writer_text(now_ns):
+            yield Trigger.FOREIGN_TOKEN, f"somebody else commands the robot: {writers}"
+        if (sent or writers) and any(ground.is_driven for ground in conductor.body.grounds):
+            yield Trigger.FOREIGN_BESIDE_DRIVE, f"somebody else commands the robot: {sent or writers}"
 
     def _mode(self, now_ns: int) -> Iterator[tuple[Trigger, str]]:
         mode, state = self._conductor.store.mode(now_ns), self._conductor.state
@@ -76,7 +93,7 @@ class Conditions:
             if state is not State.READ_ONLY:
                 yield Trigger.VR_MODE, "the robot was switched to VR mode"
         elif not self._conductor.able_arms(now_ns):
-            yield Trigger.NO_ARM, "no arm is enabled in joint mode any more in the robot's system configuration"
+            yield Trigger.NO_ARM, "no arm is enabled any more in the robot's system configuration"
 
     def _fsm(self, now_ns: int) -> Iterator[tuple[Trigger, str]]:
         store, is_enabling = self._conductor.store, self._conductor.state is State.ENABLING
@@ -112,29 +129,38 @@ class Conditions:
         conductor = self._conductor
         for side, code in conductor.lost_arms(now_ns).items():
             if code is Code.ARM_DISABLED:
-                yield (
-                    Trigger.ARM_DISABLED,
-                    f"the {side} arm was disabled, or left joint mode, in the robot's system configuration",
-                )
+                yield Trigger.ARM_DISABLED, self._why_unfit(side, now_ns)
             else:
-                yield Trigger.PART_DEAD, f"the state of the {side} arm is older than 100 ms"
+                why = conductor.store.why_not_believed(robot.arm_state(side), REFUSED_NS, now_ns)
+                said = f": its samples are not believed, {why}" if why else ""
+                yield Trigger.PART_DEAD, f"the state of the {side} arm is older than 100 ms{said}"
         if not conductor.sides:
             yield Trigger.NO_ARM, "no arm that was enabled is left"
 
+    def _why_unfit(self, side: Side, now_ns: int) -> str:
+        """Say what happened to an arm in the robot's system configuration."""
+        if side in (self._conductor.able_arms(now_ns) or ()):
+            space = self._conductor.body.arms[side].space
+            return (
+                f"{Code.WRONG_CONTROL_MODE}: the {side} arm left {space} mode in the robot's system configuration; "
+                "the next enable() takes it up in its new mode"
+            )
+        return f"the {side} arm was disabled in the robot's system configuration"
+
     def _tracking(self, now_ns: int) -> Iterator[tuple[Trigger, str]]:
-        settings = self._conductor.settings.arm
+        tracking_ns = self._conductor.settings.arm.tracking_ns
         for side, arm in self._conductor.body.arms.items():
-            measured = self._conductor.store.arm(side)
-            off_rad = arm.distance_rad(measured.q_rad) if arm.running and measured is not None else 0.0
-            if off_rad <= settings.tracking_rad:
+            measured = self._conductor.measured(side)
+            off = arm.distance(measured) if arm.running and measured is not None else None
+            if off is None or not off.exceeds(arm.tracking):
                 self._off_since_ns[side] = None
                 continue
             since_ns = self._off_since_ns[side]
             if since_ns is None:
                 self._off_since_ns[side] = since_ns = now_ns
-            if now_ns - since_ns >= settings.tracking_ns:
+            if now_ns - since_ns >= tracking_ns:
                 yield (
                     Trigger.TRACKING,
-                    f"the {side} arm is {off_rad:.3f} rad from its setpoint for {settings.tracking_ns / 1e9:.1f} s, "
-                    f"{settings.tracking_rad} rad is the bound",
+                    f"the {side} arm is {off.text(arm.space)} from its setpoint for {tracking_ns / 1e9:.1f} s, "
+                    f"{arm.tracking.text(arm.space)} is the bound",
                 )

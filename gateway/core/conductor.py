@@ -6,18 +6,22 @@ it is collected as notices.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 
 from gateway.core.body import Body
+from gateway.core.claim import Claim
 from gateway.core.events import Level, Notice, Remembered
+from gateway.core.guarding import Guarding
 from gateway.core.lease import Lease
 from gateway.core.motions import Motion, MotionState
+from gateway.core.others import Others
 from gateway.core.store import Store
 from gateway.core.streams.heartbeat import Beat
 from gateway.core.supervisor import ARMED, BASE, STREAMING, Action, Cell, State, Supervisor, Trigger
-from gateway.errors import Code
+from gateway.errors import Code, Refusal
+from gateway.robot import CURRENT_MODE
 from gateway.settings import Settings
-from gateway.values import CurrentMode, Side
+from gateway.values import CurrentMode, Side, Space, Vector
 
 __all__ = ["AT_BASE", "END_CODE", "LATCH_CODE", "QUIET", "Conductor", "EnableRecord"]
 
@@ -28,6 +32,7 @@ LATCH_CODE: dict[Trigger, Code] = {
     Trigger.TRACKING: Code.TRACKING_ERROR,
     Trigger.FOREIGN_TOKEN: Code.FOREIGN_WRITER,
     Trigger.FOREIGN_DATA: Code.FOREIGN_WRITER,
+    Trigger.FOREIGN_BESIDE_DRIVE: Code.FOREIGN_WRITER,
     Trigger.GATE_VIOLATION: Code.GATE_VIOLATION,
     Trigger.JOINT_ORDER: Code.JOINT_ORDER,
 }
@@ -114,12 +119,15 @@ class Conductor:
         self.lease = Lease(settings.loss, remembered.epoch)
         self.supervisor = Supervisor(remembered.latches)
         self.body = Body(settings)
+        self.others = Others(remembered.zids, settings.foreign.policy)
+        self.claim = Claim()
         self.notices: list[Notice] = []
         self.transport_up = False
         """Whether a transport to the robot's router is open."""
         self.router_zid = ""
         self.routes: dict[str, str] = {}
         """What discovery said last about the way of a topic."""
+        self.elsewhere: Refusal | None = None  # robots that are not one robot where we listen
         self.resuming = False
         """STALE only: 1.0 is sent again after a short stall, until the streams are seeded."""
         self.stale_hold = False
@@ -131,6 +139,7 @@ class Conductor:
         self.is_estop_unheard = Code.ESTOP in remembered.latches
         """Whether an e-stop is latched and the robot was not seen to pause since."""
         self.is_exiting = False
+        self.guard = Guarding()
         self.enable = EnableRecord()
         self._mode: CurrentMode | None = None
         self._able: tuple[Side, ...] | None = None
@@ -181,21 +190,58 @@ class Conductor:
         return tuple([side for side, arm in self.body.arms.items() if arm.running])
 
     def able_arms(self, now_ns: int) -> tuple[Side, ...] | None:
-        """Return the arms that are enabled in joint mode, so that they take setpoints; None while the mode is unknown."""
+        """Return the arms that are enabled, so that they take setpoints of one space; None while the mode is unknown."""
         mode = self.store.mode(now_ns)
         if mode is not self._mode:  # it comes once a second, and is asked for on every tick
             self._mode = mode
-            self._able = None if mode is None else tuple(side for side in mode.enabled_arms if mode.joint_mode[side])
+            self._able = None if mode is None else mode.enabled_arms
         return self._able
+
+    @property
+    def is_posing(self) -> bool:
+        """Whether an enabled arm is in end-effector mode, as the robot said last."""
+        mode = self.store.value(CURRENT_MODE)
+        return isinstance(mode, CurrentMode) and mode.is_posing
+
+    def fit_arms(self, now_ns: int) -> tuple[Side, ...] | None:
+        """Return the able arms that take setpoints in the space of their streams; None while the mode is unknown."""
+        able = self.able_arms(now_ns)
+        if able is None or self._mode is None:
+            return None
+        mode = self._mode
+        return tuple([side for side in able if self.body.arms[side].space is mode.space(side)])
+
+    def choose_spaces(self, sides: Iterable[Side], now_ns: int) -> None:
+        """Choose the streams of these arms by the robot's mode, as far as it is known; a stream that runs is kept."""
+        mode = self.store.mode(now_ns)
+        for side in sides:
+            if mode is not None and not self.body.arms[side].running:
+                self.body.choose(side, mode.space(side))
+
+    def part_fresh(self, side: Side, now_ns: int) -> bool:
+        """Return whether what an arm's stream is judged by is fresh: its joints, in pose space its pose as well."""
+        return self.store.part_fresh(side, now_ns, needs_pose=self.body.arms[side].space is Space.POSE)
+
+    def seedable(self, side: Side, now_ns: int) -> bool:
+        """Return whether an arm's stream may start from its measured state (`Store.seedable`)."""
+        return self.store.seedable(side, now_ns, needs_pose=self.body.arms[side].space is Space.POSE)
+
+    def measured(self, side: Side) -> Vector | None:
+        """Return where an arm was last measured, in the space of its stream; None before the first sample."""
+        if self.body.arms[side].space is Space.POSE:
+            pose = self.store.pose(side)
+            return None if pose is None else pose.values
+        arm = self.store.arm(side)
+        return None if arm is None else arm.q_rad
 
     def lost_arms(self, now_ns: int) -> dict[Side, Code]:
         """Return which of `sides` cannot go on: ARM_DISABLED (or in another control mode), or PART_LOST (state dead)."""
-        able = self.able_arms(now_ns)
+        able = self.fit_arms(now_ns)
         lost: dict[Side, Code] = {}
         for side in self.sides:
             if able is not None and side not in able:
                 lost[side] = Code.ARM_DISABLED
-            elif not self.store.part_fresh(side, now_ns, needs_pose=False):
+            elif not self.part_fresh(side, now_ns):
                 lost[side] = Code.PART_LOST
         return lost
 
@@ -234,8 +280,8 @@ class Conductor:
     def _end_shared_motions(self, lost: Mapping[Side, Code], message: str, now_ns: int) -> None:
         """A motion of two arms of which one is lost ends for both, with a code for each."""
         for motion in self.body.motions.running:
-            if len(motion.goals_rad) > 1 and lost.keys() & motion.goals_rad.keys():
-                codes = {side: lost.get(side, Code.PART_LOST) for side in motion.goals_rad}
+            if len(motion.goals) > 1 and lost.keys() & motion.goals.keys():
+                codes = {side: lost.get(side, Code.PART_LOST) for side in motion.goals}
                 each = ", ".join(f"{side} arm {code}" for side, code in codes.items())
                 code = next(code for side, code in codes.items() if side in lost)
                 self.body.motions.end(motion, MotionState.ABORTED, code, f"{each}: {message}")
@@ -306,6 +352,7 @@ class Conductor:
             if self.state is State.ENABLING:
                 self.enable.blame(code, message)
             self.report_ended(body.cut(code, message), now_ns)
+            body.ground_cut(code, now_ns)
         elif action is Action.ZERO:
             self._zero(trigger, now_ns)
         elif action is Action.ZERO_IF_OWED:
@@ -317,6 +364,8 @@ class Conductor:
             body.heartbeat.silence()
         elif action is Action.LATCH:
             self.latch(LATCH_CODE[trigger], message, now_ns)
+        elif action is Action.GROUND_CUT:
+            body.ground_cut(END_CODE[trigger], now_ns)
         elif action is Action.GROUND_STOP:
             body.ground_stop(now_ns)
         elif action is Action.LIFT_OFF:
@@ -346,4 +395,4 @@ class Conductor:
 
     def remembered(self) -> Remembered:
         """Return what must survive a restart of the daemon."""
-        return Remembered(epoch=self.lease.epoch, latches=dict(self.supervisor.latches))
+        return Remembered(epoch=self.lease.epoch, latches=dict(self.supervisor.latches), zids=self.others.friends)

@@ -7,28 +7,42 @@ Order of the checks: lease, state of the gateway, latches, condition of the robo
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from functools import partial
+from typing import TypeAlias
 
 from gateway.core import door
 from gateway.core.conductor import Conductor
+from gateway.core.driving import Driving
 from gateway.core.events import (
     Abandon,
     Acquire,
     Cancel,
+    CheckFollow,
     CloseStream,
     CommandRequested,
     Disable,
+    DisableLift,
+    DriveChassis,
+    DriveLift,
     Enable,
     Estop,
+    Follow,
     Hold,
     Level,
     Move,
+    MovePose,
     OpenStream,
     Recover,
     Release,
+    SetGripper,
     Stop,
+    StopChassis,
+    StopLift,
     Take,
     TargetArrived,
 )
+from gateway.core.follows import Follows
+from gateway.core.gripping import Gripping
 from gateway.core.moves import Answer, Facts, Moves
 from gateway.core.permit import REFUSAL_TEXT, Permit
 from gateway.core.phases import Phases
@@ -36,7 +50,10 @@ from gateway.core.supervisor import State, Trigger
 from gateway.errors import Code, Refusal
 from gateway.values import FsmState, Side
 
-__all__ = ["Desk"]
+__all__ = ["Desk", "May"]
+
+May: TypeAlias = Callable[[CommandRequested, int, int], Refusal | None]
+"""Says whether a request may be carried out now: who asks, under which epoch, and the time [ns]."""
 
 
 class Desk:
@@ -52,6 +69,17 @@ class Desk:
         self._phases = phases
         self._permit = Permit(conductor, phases.starting)
         self._moves = Moves(conductor, self._permit)
+        driving = Driving(conductor, self._permit)
+        gripping = Gripping(conductor, self._permit)
+        follows = Follows(conductor, self._permit, self._moves)
+        self.may: dict[str, May] = {
+            "enable": self._may_enable,
+            **{f"{side}_arm": partial(self._may_move, side) for side in Side},
+            **{f"{side}_gripper": partial(gripping.may_grip, side) for side in Side},
+            "chassis": driving.may_drive_chassis,
+            **({} if conductor.body.lift is None else {"lift": driving.may_drive_lift}),
+        }
+        """By kind of request what refuses it now, whatever its input: who asks, under which epoch, and when."""
         self._answers: dict[type, Callable[..., Answer]] = {
             Acquire: self._acquire,
             Take: self._take,
@@ -60,10 +88,19 @@ class Desk:
             Enable: self._enable,
             Disable: self._disable,
             Move: self._moves.move,
+            Follow: follows.follow,
+            CheckFollow: follows.check,
+            MovePose: self._moves.move_pose,
             OpenStream: self._moves.open_stream,
             CloseStream: self._moves.close_stream,
             Hold: self._moves.hold,
             Cancel: self._moves.cancel,
+            SetGripper: gripping.set_gripper,
+            DriveChassis: driving.drive_chassis,
+            StopChassis: driving.stop_chassis,
+            DriveLift: driving.drive_lift,
+            StopLift: driving.stop_lift,
+            DisableLift: driving.disable_lift,
             Stop: self._stop,
             Estop: self._estop,
             Recover: self._recover,
@@ -80,6 +117,12 @@ class Desk:
             Facts for the caller, or why nothing was done.
         """
         return self._answers[type(command.request)](command, command.request, now_ns)
+
+    def _may_move(self, side: Side, command: CommandRequested, epoch: int, now_ns: int) -> Refusal | None:
+        """Judge a motion in the space in which the arm is streamed, or would be."""
+        arm, mode = self._conductor.body.arms[side], self._conductor.store.mode(now_ns)
+        space = arm.space if arm.running or mode is None else mode.space(side)
+        return self._permit.motion(command, epoch, (side,), now_ns, space)
 
     # ------------------------------------------------------------------------------------------------ the lease
 
@@ -132,12 +175,9 @@ class Desk:
 
     def _enable(self, command: CommandRequested, request: Enable, now_ns: int) -> Answer:
         conductor = self._conductor
-        refusal = self._permit.owner(command, request.epoch) or self._permit.after_stop(command)
-        if refusal is not None:
-            return refusal
-        refusal = self._permit.state(Trigger.ENABLE, now_ns) or self._permit.latches()
-        if refusal is not None:
-            return refusal
+        sides = self._sides_to_enable(command, request.epoch, now_ns)
+        if isinstance(sides, Refusal):
+            return sides
         if conductor.state is State.HOLDING:
             refusal = self._phases.starting.join(now_ns) or self._phases.starting.walk(now_ns)
             if refusal is not None:
@@ -145,12 +185,28 @@ class Desk:
         if conductor.supervisor.cell(Trigger.ENABLE).to is not State.ENABLING:
             outcome = "running" if conductor.state is State.ENABLING else "ok"
             return {"attempt": conductor.enable.attempt, "outcome": outcome, "walking": conductor.body.is_walking}
-        sides = self._enable_sides(now_ns)
-        if isinstance(sides, Refusal):
-            return sides
         conductor.fire(Trigger.ENABLE, now_ns, "the owner enables")
         self._phases.enabling.begin(sides, now_ns)
         return {"attempt": conductor.enable.attempt, "outcome": conductor.enable.outcome, "walking": False}
+
+    def _sides_to_enable(self, command: CommandRequested, epoch: int, now_ns: int) -> tuple[Side, ...] | Refusal:
+        """Return the arms whose streams an `enable` would start, none when it is under way or done, or why it is refused."""
+        refusal = (
+            self._permit.owner(command, epoch)
+            or self._permit.after_stop(command)
+            or self._permit.state(Trigger.ENABLE, now_ns)
+            or self._permit.latches()
+            or self._permit.held_elsewhere()
+        )
+        if refusal is not None:
+            return refusal
+        if self._conductor.supervisor.cell(Trigger.ENABLE).to is not State.ENABLING:
+            return ()
+        return self._permit.beside_others(now_ns) or self._enable_sides(now_ns)
+
+    def _may_enable(self, command: CommandRequested, epoch: int, now_ns: int) -> Refusal | None:
+        sides = self._sides_to_enable(command, epoch, now_ns)
+        return sides if isinstance(sides, Refusal) else None
 
     def _enable_sides(self, now_ns: int) -> tuple[Side, ...] | Refusal:
         """Return the arms whose streams an enabling would start, or why it cannot begin."""
@@ -163,27 +219,21 @@ class Desk:
             return Refusal(
                 code=Code.NO_ARM_ENABLED, message="no arm is enabled in the robot's system configuration (manual §2.3)"
             )
-        sides = self._conductor.able_arms(now_ns)
-        if not sides:
-            return Refusal(
-                code=Code.WRONG_CONTROL_MODE,
-                message="every enabled arm is in end-effector mode; joint mode is needed (manual §2.3, §4.11.2)",
-            )
         refusal = self._fsm_refusal(now_ns)
         if refusal is not None:
             return refusal
-        for side in sides:
-            measured = store.arm(side)
-            if measured is None or not store.part_fresh(side, now_ns, needs_pose=False):
+        self._conductor.choose_spaces(mode.enabled_arms, now_ns)
+        for side in mode.enabled_arms:
+            if not self._conductor.part_fresh(side, now_ns):
                 return Refusal(
                     code=Code.PART_STALE,
                     message=f"the state of the {side} arm is older than 100 ms",
                     field=f"{side}_arm",
                 )
-            start = door.check_start(side, measured.q_rad, self._conductor.settings.arm)
-            if isinstance(start, Refusal):
-                return start
-        return sides
+            refusal = self._phases.starting.why_not(side)
+            if refusal is not None:
+                return refusal
+        return mode.enabled_arms
 
     def _fsm_refusal(self, now_ns: int) -> Refusal | None:
         value = self._conductor.store.fsm(now_ns)
@@ -275,6 +325,9 @@ class Desk:
             return Refusal(
                 code=Code.LATCH_PERSISTS, message="the robot's FSM is still ERROR (-1)", field=Code.FSM_ERROR.value
             )
+        objection = self._conductor.others.objection(now_ns)
+        if Code.FOREIGN_WRITER in latches and objection is not None and objection.code is Code.FOREIGN_WRITER:
+            return Refusal(code=Code.LATCH_PERSISTS, message=objection.message, field=Code.FOREIGN_WRITER.value)
         wrong = store.name_order_wrong(now_ns)
         if Code.JOINT_ORDER in latches and wrong is not None:
             return Refusal(code=Code.LATCH_PERSISTS, message=wrong, field=Code.JOINT_ORDER.value)

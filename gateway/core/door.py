@@ -9,13 +9,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from gateway import robot
 from gateway.core.events import OnLimit
 from gateway.errors import Code, Refusal
 from gateway.settings import ArmSettings
-from gateway.values import ARM_DOF, CurrentMode, Side, Vector
+from gateway.values import ARM_DOF, CurrentMode, Side, Space, Vector
 
 __all__ = [
     "CheckedGoal",
@@ -32,6 +32,14 @@ __all__ = [
 
 MS = 1_000_000
 S = 1_000_000_000
+
+CONTROL_MODES = {Space.JOINT: "joint", Space.POSE: "end-effector"}
+"""Control modes of an arm, as the robot's configuration page calls them (manual §2.3)."""
+CONTROL_HINTS = {
+    Space.JOINT: "move it with move_to() or a stream of joints, or set it to end-effector mode in the robot's web page",
+    Space.POSE: "move it with move_pose() or a stream of poses, or set it to joint mode in the robot's web page",
+}
+"""What to do with an arm that is in a mode."""
 
 MIN_SPEED = 0.001
 """Slowest speed factor: a joint then needs an hour for its range."""
@@ -52,18 +60,20 @@ class CheckedGoal:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Fitness:
-    """What must be known of the robot to let a joint motion of some arms pass.
+    """What must be known of the robot to let a motion of some arms pass.
 
     Attributes:
         mode: `/api/current_mode`; None when unknown.
         part_fresh: Per side, whether its state is fresh.
         streaming: Per side, whether its stream runs since the last `enable`.
+        spaces: Per side, the space in which it would be moved or held.
         stale_ns: State older than this is not fresh [ns].
     """
 
     mode: CurrentMode | None
     part_fresh: Mapping[Side, bool]
     streaming: Mapping[Side, bool]
+    spaces: Mapping[Side, Space] = field(default_factory=lambda: dict.fromkeys(Side, Space.JOINT))
     stale_ns: int = 100 * MS
 
 
@@ -99,7 +109,7 @@ def check_mode(mode: CurrentMode | None) -> Refusal | None:
 
 
 def check_arms(fitness: Fitness, sides: Sequence[Side]) -> Refusal | None:
-    """Refuse unless every named arm is enabled, in joint mode, streaming and fresh."""
+    """Refuse unless every named arm is enabled, in the control mode of its motion, streaming and fresh."""
     refusal = check_mode(fitness.mode)
     if refusal is not None or fitness.mode is None:
         return refusal
@@ -112,13 +122,16 @@ def check_arms(fitness: Fitness, sides: Sequence[Side]) -> Refusal | None:
                 value="disabled",
                 bound="enabled",
             )
-        if not fitness.mode.joint_mode[side]:
+        space = fitness.mode.space(side)
+        if space is not fitness.spaces[side]:
+            is_mode, needed = CONTROL_MODES[space], CONTROL_MODES[fitness.spaces[side]]
             return Refusal(
                 code=Code.WRONG_CONTROL_MODE,
-                message=f"the {side} arm is in end-effector mode, joint mode is needed (manual §2.3, §4.11.2)",
+                message=f"the {side} arm is in {is_mode} mode, {needed} mode is needed (manual §2.3, §4.11.2)",
                 field=f"{side}_arm",
-                value="end-effector",
-                bound="joint",
+                value=is_mode,
+                bound=needed,
+                hint=CONTROL_HINTS[space],
             )
         if not fitness.part_fresh[side]:
             bound = f"{fitness.stale_ns / MS:g}"

@@ -1,6 +1,6 @@
 """ENABLING: echo where the arms are, then 1.0, until the robot's FSM is READY; bounded, and with what was missing.
 
-    enable -> steady state for 0.3 s -> echo -> 1.0 after 30 ms -> SLOW_START -> READY
+    enable -> nobody else claims the robot, steady state for 0.3 s -> echo -> 1.0 after 30 ms -> SLOW_START -> READY
 
 The supervisor's table says what else ends it. From PAUSED the echo begins at once: the streams are live, so there must
 be no gap, and the robot does not follow.
@@ -52,12 +52,13 @@ class Enabling:
         """ENABLING was entered: seed these arms as soon as their state can be trusted.
 
         Args:
-            sides: Arms that are enabled in joint mode.
+            sides: Arms that are enabled; each is streamed in the space of its control mode.
             now_ns: Monotonic time [ns].
         """
         conductor = self._conductor
         self._started_ns, self._echo_ns, self._is_told = now_ns, None, False
         conductor.enable.begin(sides)
+        conductor.choose_spaces(sides, now_ns)
         self._conditions.enabling_begins()
         if conductor.supervisor.came_from is State.PAUSED:
             for side, arm in conductor.body.arms.items():
@@ -66,6 +67,12 @@ class Enabling:
             self._echo(now_ns)
 
     def _echo(self, now_ns: int) -> None:
+        guard = self._conductor.guard
+        if guard.is_expected and not guard.is_linked:
+            message = (
+                "the guard does not reach the robot yet: until it does nobody holds the arms when this process dies"
+            )
+            self._conductor.notice(Code.GUARD_LOST, Level.WARNING, message, now_ns, pid=str(guard.pid))
         refusal = self._starting.seed(self._conductor.enable.sides, now_ns)
         if refusal is None:
             self._echo_ns = now_ns
@@ -92,7 +99,10 @@ class Enabling:
             message = f"the FSM went to {value} before our first heartbeat: somebody else enables"
             self._fail(Refusal(code=Code.FSM_BUSY, message=message), now_ns)
         elif self._echo_ns is None:
-            if all(conductor.store.seedable(side, now_ns) for side in conductor.enable.sides):
+            is_awaited = conductor.guard.is_awaited(now_ns - self._started_ns)
+            if not conductor.claim.is_confirmed:
+                self._wait_for_claim(now_ns)
+            elif not is_awaited and all(conductor.seedable(side, now_ns) for side in conductor.enable.sides):
                 self._echo(now_ns)
         elif self._conditions.first_beat_ns is not None:
             self._tell_if_unheard(value, now_ns)
@@ -100,10 +110,18 @@ class Enabling:
             conductor.body.heartbeat.ones(now_ns)
             self._conditions.first_beat_ns = now_ns
 
+    def _wait_for_claim(self, now_ns: int) -> None:
+        """Nothing leaves before other gateways have seen that we are about to command the robot, or one of them is first."""
+        objection = self._conductor.others.objection(now_ns)
+        if self._conductor.claim.number == 0 and objection is not None:
+            self._fail(objection, now_ns)
+
     def _missing(self, now_ns: int) -> str:
         store = self._conductor.store
+        if not self._conductor.claim.is_confirmed:
+            return "the robot's router has not shown our claim to other gateways"
         if self._echo_ns is None:
-            waiting = [str(side) for side in self._conductor.enable.sides if not store.seedable(side, now_ns)]
+            waiting = [str(side) for side in self._conductor.enable.sides if not self._conductor.seedable(side, now_ns)]
             return f"no 0.3 s of steady, timely state from the {' and '.join(waiting)} arm"
         value = store.fsm(now_ns)
         return f"setpoints and heartbeat were sent, the FSM stayed {FSM_NAMES.get(value, value)}"

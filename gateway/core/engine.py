@@ -11,39 +11,51 @@ the gate did not clear. A tick that comes too late sends stop frames only: nothi
 
 from __future__ import annotations
 
-from collections import OrderedDict, deque
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+from gateway.core.answers import Answers
 from gateway.core.conditions import Conditions
 from gateway.core.conductor import AT_BASE, Conductor
 from gateway.core.desk import Desk
+from gateway.core.diagnosis import Diagnosis
 from gateway.core.duplication import Duplication
+from gateway.core.elsewhere import elsewhere, twins
 from gateway.core.events import (
     ClientGone,
     ClientSeen,
     CommandRequested,
     Estop,
     Event,
+    GuardSeen,
+    HeldElsewhere,
     Level,
     LinkDown,
     LinkUp,
     Notice,
     Remembered,
     Reply,
+    RobotsAnnounced,
     RouteObserved,
     SampleArrived,
     SampleRefused,
+    Sighting,
     Stop,
     Suspended,
+    TakenOver,
     TargetArrived,
 )
 from gateway.core.gate import Cleared, Gate
+from gateway.core.grounds import Grounds
 from gateway.core.loss import Loss
 from gateway.core.outlet import Outlet
+from gateway.core.pace import TICK_NS, Pace, is_idle
 from gateway.core.phases import Phases
-from gateway.core.snapshot import LoopView, Snapshot
+from gateway.core.preconditions import Preconditions
+from gateway.core.rivalry import Rivalry
+from gateway.core.snapshot import Snapshot
 from gateway.core.supervisor import State, Trigger
+from gateway.core.takeover import Takeover
 from gateway.core.view import build
 from gateway.errors import Code, Refusal
 from gateway.robot import ARM_WATCHDOG_NS, FSM_STATE
@@ -54,19 +66,6 @@ __all__ = ["Engine", "Output"]
 
 MS = 1_000_000
 S = 1_000_000_000
-
-TICK_NS = 10 * MS
-"""The engine is ticked at least this often [ns]: 100 Hz."""
-
-REPLIES_KEPT = 2048
-"""So many replies are kept to answer a repeated request with the first reply. At most four requests reach a tick, so each is
-kept for 5 s: longer than a client asks again for a reply that was lost (3 s)."""
-
-UNWATCHED_PERIOD_NS = 200 * MS
-"""Snapshots come this far apart while nobody listens [ns]."""
-
-LATE_WINDOW_NS = 10 * S
-"""The worst lateness is the worst of this long [ns]."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -80,6 +79,7 @@ class Output:
         snapshot: When one is due, else None.
         remembered: When it changed, else None: must reach the disk.
         done: True when the daemon may end.
+        claim: Number of our claim to command the robot, for other gateways to see; 0 when nothing is claimed.
     """
 
     frames: tuple[Cleared, ...]
@@ -88,6 +88,7 @@ class Output:
     snapshot: Snapshot | None
     remembered: Remembered | None
     done: bool
+    claim: int = 0
 
 
 class Engine:
@@ -96,30 +97,35 @@ class Engine:
     Args:
         settings: All of them.
         remembered: What an earlier daemon left.
+        is_guard: Whether this is a guard's: it commands only in a dead daemon's place.
     """
 
-    def __init__(self, settings: Settings, remembered: Remembered | None = None) -> None:
+    def __init__(self, settings: Settings, remembered: Remembered | None = None, *, is_guard: bool = False) -> None:
         self._settings = settings
         self._conductor = Conductor(settings, remembered or Remembered())
         self._conditions = Conditions(self._conductor)
         self._loss = Loss(self._conductor)
+        self._rivalry = Rivalry(self._conductor)
         self._phases = Phases(self._conductor, self._conditions)
+        self._grounds = Grounds(self._conductor)
         self._desk = Desk(self._conductor, self._phases)
-        self._outlet = Outlet(self._conductor, Gate(settings.arm, settings.link.variant))
+        self._outlet = Outlet(
+            self._conductor, Gate(settings.arm, settings.link.variant, settings.chassis, settings.pose)
+        )
+        self.takeover = Takeover(self._conductor, self._outlet.resume, is_guard=is_guard)
+        """What is on the wire, and going on in another process's place."""
         self._duplication = Duplication()
+        self._is_guard = is_guard
+        self._diagnosis = Diagnosis(self._conductor)
+        self._preconditions = Preconditions(self._conductor, self._desk)
         self._commands: list[CommandRequested] = []
         self._targets: dict[tuple[int, str], TargetArrived] = {}
         self._replies: list[Reply] = []
-        self._answered: OrderedDict[tuple[str, int], Reply] = OrderedDict()
+        self._answered = Answers()
         self._saved = self._conductor.remembered()
-        self._snapshot_period_ns = round(S / settings.local.snapshot_hz)
+        self._pace = Pace(settings.local.snapshot_hz)
         self.is_watched = True
         """Whether anybody listens to snapshots; when nobody does, few are made (for those who ask)."""
-        self._last_snapshot_ns = -S
-        self._snapshots = 0
-        self._ticks = 0
-        self._skipped = 0
-        self._lateness: deque[tuple[int, int]] = deque()
 
     @property
     def state(self) -> State:
@@ -127,9 +133,23 @@ class Engine:
         return self._conductor.state
 
     @property
+    def is_posing(self) -> bool:
+        """Whether an enabled arm is in end-effector mode: its pose decides about motion."""
+        return self._conductor.is_posing
+
+    @property
     def is_streaming(self) -> bool:
         """Whether setpoints are being sent."""
         return bool(self._conductor.body.running_arms)
+
+    @property
+    def rest_ns(self) -> int:
+        """How far apart ticks may be now [ns], as long as nobody asks for anything; 0 when each of them counts.
+
+        They may while nobody owns the robot, nothing is sent, owed or asked for, and no course is under way.
+        """
+        is_busy = bool(self._commands) or not is_idle(self._conductor)
+        return 0 if is_busy else self._pace.rest_ns(is_watched=self.is_watched)
 
     @property
     def latches(self) -> Mapping[Code, str]:
@@ -164,7 +184,9 @@ class Engine:
         """
         conductor = self._conductor
         if isinstance(event, (SampleArrived, SampleRefused)):
-            conductor.store.receive(event, now_ns)
+            jumped = conductor.store.receive(event, now_ns)
+            if jumped:
+                conductor.notice(Code.STATE_JUMPED, Level.WARNING, jumped, now_ns, topic=event.topic)
             if isinstance(event, SampleArrived):
                 if event.topic == FSM_STATE and event.value == FsmState.PAUSE:
                     conductor.body.heartbeat.fsm_zero_seen(event.received_ns)
@@ -190,6 +212,10 @@ class Engine:
             conductor.routes[event.topic] = event.message
             if event.code is not None:
                 conductor.notice(event.code, Level.WARNING, event.message, now_ns, topic=event.topic)
+        elif isinstance(event, RobotsAnnounced):
+            self._see_elsewhere(event, now_ns)
+        elif isinstance(event, Sighting):
+            self._rivalry.receive(event)
         elif isinstance(event, Suspended):
             conductor.store.reset()  # CLOCK_MONOTONIC stood still: what was heard before looks younger than it is
             conductor.store.disturb(now_ns)
@@ -197,15 +223,26 @@ class Engine:
                 Code.SUSPENDED, Level.WARNING, f"this host stood still for {event.slept_ns / S:.1f} s", now_ns
             )
             conductor.fire(Trigger.SUSPENDED, now_ns, "this host was suspended")
+        elif isinstance(event, (TakenOver, HeldElsewhere, GuardSeen)):
+            self.takeover.hear(event, now_ns)
         else:
             self._phases.request_exit(now_ns)
+
+    def _see_elsewhere(self, event: RobotsAnnounced, now_ns: int) -> None:
+        conductor = self._conductor
+        own = conductor.settings.link.namespace
+        conductor.elsewhere = refusal = twins(event.twins, own) or elsewhere(event.elsewhere, own)
+        if refusal is not None:
+            conductor.notice(refusal.code, Level.WARNING, f"{refusal.message}; {refusal.hint}".strip("; "), now_ns)
 
     def _link_up(self, event: LinkUp, now_ns: int) -> None:
         conductor = self._conductor
         before = conductor.router_zid
         self._link_down(now_ns)  # another transport, whoever is at its end: what was under way on the old one is lost
         conductor.transport_up, conductor.router_zid = True, event.router_zid
+        self._rivalry.link_up(event.own_zid, now_ns)
         conductor.store.reset()
+        conductor.body.find_transport(now_ns)
         conductor.notice(Code.LINK_UP, Level.INFO, f"linked to the robot's router {event.router_zid}", now_ns)
         if before and before != event.router_zid:
             conductor.notice(
@@ -214,12 +251,15 @@ class Engine:
 
     def _link_down(self, now_ns: int) -> None:
         conductor = self._conductor
+        conductor.elsewhere = None
         if conductor.transport_up:
             conductor.transport_up = False
+            conductor.claim.link_down()
             conductor.store.reset()
             self._duplication.reset()
             conductor.notice(Code.LINK_DOWN, Level.WARNING, "the link to the robot's router is down", now_ns)
             conductor.fire(Trigger.TRANSPORT_LOST, now_ns, "the link to the robot's router is down")
+            conductor.body.lose_transport()
 
     # ------------------------------------------------------------------------------------------------ one tick
 
@@ -233,21 +273,18 @@ class Engine:
         Returns:
             Everything that must leave, in order.
         """
-        self._ticks += 1
-        self._note_lateness(now_ns, late_ns)
+        self._pace.tick(now_ns, late_ns)
         is_late = late_ns > self._settings.enable.late_ns
         if is_late:
             self._conductor.store.disturb(now_ns)
-            self._conductor.notice(
-                Code.TICK_LATE,
-                Level.WARNING,
-                f"a tick came {late_ns / MS:.0f} ms late and was skipped, not caught up",
-                now_ns,
-            )
+            text = f"a tick came {late_ns / MS:.0f} ms late and was skipped, not caught up"
+            self._conductor.notice(Code.TICK_LATE, Level.WARNING, text, now_ns)
         if late_ns > ARM_WATCHDOG_NS - TICK_NS:
             # The robot has stopped the arms meanwhile: no setpoint at speed must meet them.
             self._conductor.fire(Trigger.LONG_GAP, now_ns, f"a tick came {late_ns / MS:.0f} ms late")
         self._loss.look(now_ns, late_ns)
+        self.takeover.step(now_ns)
+        self._rivalry.step(now_ns)
         self._look_at_robot(now_ns)
         if self._conductor.state in AT_BASE:  # requests are judged by what is known now
             self._conductor.go(self._conductor.base(now_ns), now_ns, "the robot's condition")
@@ -256,6 +293,9 @@ class Engine:
         self._move_on(now_ns)
         frames = self._outlet.frames(now_ns, stops_only=is_late)
         remembered = self._to_remember()
+        if not self._is_guard:  # nobody asks a guard for reasons, and it hears only what decides
+            self._diagnosis.look(now_ns)
+            self._preconditions.look(now_ns)
         snapshot = self._snapshot(now_ns, late_ns)
         notices, self._conductor.notices = tuple(self._conductor.notices), []
         replies, self._replies = tuple(self._replies), []
@@ -266,6 +306,7 @@ class Engine:
             snapshot=snapshot,
             remembered=remembered,
             done=self._phases.is_done(now_ns),
+            claim=self._conductor.claim.number,
         )
 
     def next_due_ns(self) -> int | None:
@@ -303,17 +344,14 @@ class Engine:
         commands, self._commands = self._commands, []
         commands.sort(key=lambda c: not isinstance(c.request, (Stop, Estop)))  # stable: stops first
         for command in commands:
-            key = (command.client_id, command.request_id)
-            reply = self._answered.get(key)
-            if reply is None or isinstance(command.request, (Stop, Estop)):  # a stop stops, whatever its number
+            reply = self._answered.again(command)
+            if reply is None:
                 answer = self._desk.answer(command, now_ns)
                 if isinstance(answer, Refusal):
                     reply = Reply(client_id=command.client_id, request_id=command.request_id, refusal=answer)
                 else:
                     reply = Reply(client_id=command.client_id, request_id=command.request_id, facts=dict(answer))
-                self._answered[key] = reply
-                if len(self._answered) > REPLIES_KEPT:
-                    self._answered.popitem(last=False)
+                self._answered.keep(command, reply)
             self._replies.append(reply)
         targets, self._targets = self._targets, {}
         for target in targets.values():
@@ -323,6 +361,7 @@ class Engine:
     def _move_on(self, now_ns: int) -> None:
         conductor = self._conductor
         self._phases.step(now_ns)
+        self._grounds.step(now_ns)
         for side in conductor.body.expire_targets(now_ns):
             conductor.notice(
                 Code.TARGET_EXPIRED,
@@ -332,43 +371,28 @@ class Engine:
                 side=side.value,
             )
         for stream in conductor.body.targets.running:
-            stream.limited = conductor.body.arms[stream.side].reference.is_limited
+            stream.limited = conductor.body.arms[stream.side].is_limited
         if conductor.body.motions.running:
             conductor.report_ended(conductor.body.advance_motions(self._measured(now_ns), now_ns), now_ns)
 
     def _measured(self, now_ns: int) -> Mapping[Side, Vector | None]:
-        store = self._conductor.store
-        measured: dict[Side, Vector | None] = {}
-        for side in Side:
-            arm = store.arm(side)
-            is_fresh = arm is not None and store.part_fresh(side, now_ns, needs_pose=False)
-            measured[side] = arm.q_rad if arm is not None and is_fresh else None
-        return measured
+        conductor = self._conductor
+        return {side: conductor.measured(side) if conductor.part_fresh(side, now_ns) else None for side in Side}
 
     # ------------------------------------------------------------------------------------------------ views out
 
     def _to_remember(self) -> Remembered | None:
         """Return what must reach the disk, when it has changed."""
         conductor, saved = self._conductor, self._saved
-        if saved.epoch == conductor.lease.epoch and saved.latches == conductor.supervisor.latches:
+        latches, zids = conductor.supervisor.latches, conductor.others.friends
+        if saved.epoch == conductor.lease.epoch and saved.latches == latches and saved.zids == zids:
             return None
         self._saved = conductor.remembered()
         return self._saved
 
-    def _note_lateness(self, now_ns: int, late_ns: int) -> None:
-        if late_ns >= TICK_NS:
-            self._skipped += late_ns // TICK_NS
-        while self._lateness and self._lateness[-1][1] <= late_ns:
-            self._lateness.pop()
-        self._lateness.append((now_ns, late_ns))
-        while now_ns - self._lateness[0][0] > LATE_WINDOW_NS:
-            self._lateness.popleft()
-
     def _snapshot(self, now_ns: int, late_ns: int) -> Snapshot | None:
-        period_ns = self._snapshot_period_ns if self.is_watched else UNWATCHED_PERIOD_NS
-        if now_ns // period_ns == self._last_snapshot_ns // period_ns:
+        number = None if self._is_guard else self._pace.snapshot_due(now_ns, is_watched=self.is_watched)
+        if number is None:
             return None
-        self._last_snapshot_ns = now_ns
-        self._snapshots += 1
-        loop = LoopView(ticks=self._ticks, skipped=self._skipped, late_ns=late_ns, worst_late_ns=self._lateness[0][1])
-        return build(self._conductor, loop, self._snapshots, now_ns)
+        why = self._diagnosis.findings, self._preconditions.refusals
+        return build(self._conductor, *why, self._pace.view(late_ns), number, now_ns)

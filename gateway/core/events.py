@@ -1,7 +1,8 @@
 """What the engine takes and gives: frozen values, no behaviour. The inbox log of these replays any incident.
 
 Going in: samples and link events from the robot plane, requests and keepalives from the local plane, and the daemon's own.
-The requests themselves (`requests.py`) and what comes out (`outputs.py`) are given on from here.
+The requests themselves (`requests.py`), what is seen of others (`sightings.py`) and what comes out (`outputs.py`) are
+given on from here.
 Time is integer monotonic nanoseconds of this host. Topics are ROS names of `robot.TOPICS`.
 """
 
@@ -10,25 +11,48 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TypeAlias
 
+from msgspec import Struct
+
+from gateway.core.held import Held
 from gateway.core.outputs import Frame, FrameKind, Level, Notice, Remembered, Reply
 from gateway.core.requests import (
     Abandon,
     Acquire,
     Cancel,
+    CheckFollow,
     CloseStream,
     Disable,
+    DisableLift,
+    DriveChassis,
+    DriveLift,
     Enable,
     Estop,
+    Follow,
     Hold,
     Move,
+    MovePose,
     OnLimit,
     OnLoss,
     OpenStream,
     Recover,
     Release,
     Request,
+    SetGripper,
     Stop,
+    StopChassis,
+    StopLift,
     Take,
+)
+from gateway.core.sightings import (
+    Befriended,
+    ClaimShown,
+    ForeignData,
+    ForeignTokens,
+    Gateway,
+    GatewayTokens,
+    Means,
+    Sighting,
+    Writer,
 )
 from gateway.errors import Code
 from gateway.values import ArmState, CurrentMode, EePose, MotorState, Vector
@@ -36,23 +60,38 @@ from gateway.values import ArmState, CurrentMode, EePose, MotorState, Vector
 __all__ = [
     "Abandon",
     "Acquire",
+    "Befriended",
     "Cancel",
+    "CheckFollow",
+    "ClaimShown",
     "ClientGone",
     "ClientSeen",
     "CloseStream",
     "CommandRequested",
     "Disable",
+    "DisableLift",
+    "DriveChassis",
+    "DriveLift",
     "Enable",
     "Estop",
     "Event",
     "ExitRequested",
+    "Follow",
+    "ForeignData",
+    "ForeignTokens",
     "Frame",
     "FrameKind",
+    "Gateway",
+    "GatewayTokens",
+    "GuardSeen",
+    "HeldElsewhere",
     "Hold",
     "Level",
     "LinkDown",
     "LinkUp",
+    "Means",
     "Move",
+    "MovePose",
     "Notice",
     "OnLimit",
     "OnLoss",
@@ -62,14 +101,21 @@ __all__ = [
     "Remembered",
     "Reply",
     "Request",
+    "RobotsAnnounced",
     "RouteObserved",
     "SampleArrived",
     "SampleRefused",
+    "SetGripper",
+    "Sighting",
     "StateValue",
     "Stop",
+    "StopChassis",
+    "StopLift",
     "Suspended",
     "Take",
+    "TakenOver",
     "TargetArrived",
+    "Writer",
 ]
 
 StateValue: TypeAlias = ArmState | MotorState | EePose | CurrentMode | int
@@ -79,8 +125,7 @@ StateValue: TypeAlias = ArmState | MotorState | EePose | CurrentMode | int
 # ---------------------------------------------------------------------------------------------- from the robot
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class SampleArrived:
+class SampleArrived(Struct, frozen=True, kw_only=True):
     """The newest sample of a topic since the last tick.
 
     Attributes:
@@ -128,10 +173,12 @@ class LinkUp:
     Attributes:
         router_zid: zenoh id of the router: another one than before means that the robot restarted.
         at_ns: When [ns].
+        own_zid: zenoh id of our own session.
     """
 
     router_zid: str
     at_ns: int
+    own_zid: str = ""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -151,6 +198,21 @@ class RouteObserved:
     at_ns: int
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RobotsAnnounced:
+    """What the tokens say about robots, as far as it is not one robot where we listen; all empty: that is over.
+
+    Attributes:
+        elsewhere: Namespaces of robots, while nothing is heard under ours.
+        twins: Zenoh ids of bridges, while more than one announces a robot under our namespace.
+        at_ns: When [ns].
+    """
+
+    elsewhere: tuple[str, ...]
+    at_ns: int
+    twins: tuple[str, ...] = ()
+
+
 # ---------------------------------------------------------------------------------------------- from clients
 
 
@@ -163,12 +225,14 @@ class CommandRequested:
         request_id: Echoed in the reply; a repeated (client_id, request_id) gets the first reply again.
         request: What is asked.
         received_ns: Local monotonic arrival [ns].
+        content: Tells requests under one number apart: the same for the same bytes, for as long as this process lives.
     """
 
     client_id: str
     request_id: int
     request: Request
     received_ns: int
+    content: int = 0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -180,7 +244,7 @@ class TargetArrived:
         stream_id: Of the reply to OpenStream.
         epoch: Lease epoch.
         seq: Strictly rising per stream; an older one is refused.
-        q_rad: Seven joints [rad]; not yet checked.
+        values: The target in the space of the stream: seven joints [rad], or x, y, z [m], qx, qy, qz, qw; not yet checked.
         received_ns: Local monotonic arrival [ns].
     """
 
@@ -188,7 +252,7 @@ class TargetArrived:
     stream_id: int
     epoch: int
     seq: int
-    q_rad: Vector
+    values: Vector
     received_ns: int
 
 
@@ -220,6 +284,41 @@ class Suspended:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class TakenOver:
+    """Another process that commanded the robot has ended, or has handed over: go on with what it had on the wire."""
+
+    held: Held
+    at_ns: int
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class HeldElsewhere:
+    """The guard of an earlier daemon holds the robot, or (with `is_held` false) does so no more."""
+
+    is_held: bool
+    at_ns: int
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class GuardSeen:
+    """How this daemon's guard is.
+
+    Attributes:
+        pid: Its process id; 0 while none runs.
+        zid: Its zenoh id on the robot plane; empty before it has one.
+        is_linked: Whether it is connected to the robot's router.
+        lost: Why the guard before this one ended; empty when it did not.
+        at_ns: When [ns].
+    """
+
+    pid: int
+    zid: str
+    is_linked: bool
+    at_ns: int
+    lost: str = ""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class ExitRequested:
     """SIGTERM or Ctrl-C: end cleanly within 5 s."""
 
@@ -232,10 +331,15 @@ Event: TypeAlias = (
     | LinkUp
     | LinkDown
     | RouteObserved
+    | RobotsAnnounced
+    | Sighting
     | CommandRequested
     | TargetArrived
     | ClientSeen
     | ClientGone
     | Suspended
+    | TakenOver
+    | HeldElsewhere
+    | GuardSeen
     | ExitRequested
 )

@@ -16,14 +16,16 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
 from operator import le, sub
 from typing import NamedTuple, NewType
 
+from msgspec import Struct
+
 from gateway import robot
 from gateway.core.events import Frame, FrameKind
+from gateway.core.quaternion import dot, turn
 from gateway.errors import Code, Refusal
-from gateway.settings import ArmSettings
+from gateway.settings import ArmSettings, ChassisSettings, PoseSettings
 from gateway.values import Side, Vector
 
 __all__ = ["Cleared", "Gate", "GateContext"]
@@ -33,16 +35,18 @@ Cleared = NewType("Cleared", Frame)
 
 POSITION_SLACK_RAD = 1e-9
 """Rounding at a position limit [rad]."""
+SPEED_SLACK = 1e-9
+"""Rounding at a speed limit of the chassis [m/s, rad/s]."""
+POSITION_SLACK_M = 1e-9
+"""Rounding at the end of the reach [m]."""
 STEP_SLACK = 1e-6
 """Rounding of first and second differences of setpoints [rad, m]."""
 NORM_SLACK = 1e-6
 """How far the norm of a commanded quaternion may be from 1."""
-POSE_V_MPS = 0.5
-POSE_W_RADPS = 1.5
-"""Hard bounds of end-effector speed (BEHAVIOUR, values)."""
-CHASSIS_V_MPS = 0.5
-CHASSIS_W_RADPS = 1.0
-"""Hard bounds of chassis speed (BEHAVIOUR, values)."""
+DEFAULT_POSE = PoseSettings()
+"""The limits of the end effectors unless others are configured."""
+HARD_CHASSIS = ChassisSettings(v_mps=robot.HARD_CHASSIS_V_MPS, w_radps=robot.HARD_CHASSIS_W_RADPS)
+"""The loosest limits of the chassis that can be configured (BEHAVIOUR, values)."""
 LIFT_OFF: Vector = (0.0, 0.0)
 """Ends the use of the lift: servo off (manual §4.6)."""
 
@@ -74,8 +78,7 @@ _STATES: dict[str, dict[FrameKind, tuple[str, ...]]] = {
 frames are exempt. An echo in HOLDING is the start of a stream that a short stall had silenced."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class GateContext:
+class GateContext(Struct, frozen=True, kw_only=True):
     """What the gate must know of this tick.
 
     Attributes:
@@ -98,7 +101,7 @@ class GateContext:
 
 class _Past(NamedTuple):
     values: Vector
-    step: Vector  # what it added to its forerunner; zeros at a start
+    step: Vector  # what it added to its forerunner (a pose: position, then rotation vector); zeros at a start
 
 
 class Gate:
@@ -107,24 +110,36 @@ class Gate:
     Args:
         arm: Limits of the arms, the configured ones.
         variant: Which command topics exist.
+        chassis: Limits of the chassis, the configured ones.
+        pose: Limits of the end effectors, the configured ones.
     """
 
-    def __init__(self, arm: ArmSettings, variant: robot.Variant) -> None:
+    def __init__(
+        self,
+        arm: ArmSettings,
+        variant: robot.Variant,
+        chassis: ChassisSettings = HARD_CHASSIS,
+        pose: PoseSettings = DEFAULT_POSE,
+    ) -> None:
         self._arm = arm
+        self._chassis = chassis
+        self._pose = pose
         self._topics = variant.command_topics
         self._past: dict[str, _Past] = {}
         self._ranges: dict[str, Callable[[Vector], str]] = {
-            robot.CHASSIS_VELOCITY: _chassis_range,
+            robot.CHASSIS_VELOCITY: self._chassis_range,
             robot.LIFT_COMMAND: _lift_range,
             robot.FSM_ENABLE: _switch_range,
         }
-        self._steps: dict[str, Callable[[_Past, Vector, Vector], str]] = {}
+        self._steps: dict[str, Callable[[_Past, Vector, Vector], str]] = {robot.CHASSIS_VELOCITY: self._chassis_step}
+        self._differences: dict[str, Callable[[Vector, Vector], Vector]] = {}
         for side in Side:
             self._ranges[robot.joint_command(side)] = self._joint_range(side)
-            self._ranges[robot.pose_command(side)] = _pose_range
+            self._ranges[robot.pose_command(side)] = self._pose_range
             self._ranges[robot.gripper_command(side)] = _gripper_range
             self._steps[robot.joint_command(side)] = self._joint_step
-            self._steps[robot.pose_command(side)] = _pose_step
+            self._steps[robot.pose_command(side)] = self._pose_step
+            self._differences[robot.pose_command(side)] = _pose_difference
 
     def clear(self, frame: Frame, context: GateContext) -> Cleared | Refusal:
         """Judge a frame. Call it for the frames of a topic in the order in which they leave.
@@ -140,7 +155,8 @@ class Gate:
         wrong = self._malformed(frame)
         step: Vector = ()
         if not wrong:
-            step = tuple(map(sub, frame.values, past.values)) if past else (0.0,) * len(frame.values)
+            difference = self._differences.get(frame.topic, _difference)
+            step = difference(frame.values, past.values if past else frame.values)
             if frame.kind is FrameKind.STOP:
                 wrong = _not_a_stop(frame)
             else:
@@ -154,6 +170,16 @@ class Gate:
             )
         self._past[frame.topic] = _Past(frame.values, step)
         return Cleared(frame)
+
+    def resume(self, topic: str, values: Vector, step: Vector) -> None:
+        """Take note that a stream of another process is gone on with: what follows is judged by its last frame.
+
+        Args:
+            topic: Command topic.
+            values: Its last frame.
+            step: What that frame had added to the one before.
+        """
+        self._past[topic] = _Past(values, step)
 
     def forget(self, topic: str) -> None:
         """Take note that a stream has ended: its next frame is a start, at rest."""
@@ -171,6 +197,8 @@ class Gate:
 
     def _discontinuous(self, frame: Frame, past: _Past | None, step: Vector) -> str:
         judge = self._steps.get(frame.topic)
+        if past is None and frame.topic == robot.CHASSIS_VELOCITY:
+            past, step = _Past((0.0, 0.0, 0.0), ()), frame.values  # it drives off from rest
         if past is None:
             starts = frame.kind is FrameKind.ECHO or FrameKind.ECHO not in _STATES[frame.topic]
             return "" if starts else "a stream starts with an echo of its start"
@@ -204,6 +232,56 @@ class Gate:
             joint = changes.index(most) + 1
             return f"joint {joint} changes its step by {most:.6f} rad, {a} rad/s² allow {bound:.6f} rad"
         return ""
+
+    def _chassis_range(self, values: Vector) -> str:
+        v, w = self._chassis.v_mps + SPEED_SLACK, self._chassis.w_radps + SPEED_SLACK
+        return (
+            _within("vx", values[0], -v, v, "m/s", "configuration")
+            or _within("vy", values[1], -v, v, "m/s", "configuration")
+            or _within("wz", values[2], -w, w, "rad/s", "configuration")
+        )
+
+    def _chassis_step(self, past: _Past, values: Vector, step: Vector) -> str:
+        """The robot's own ramps: a component that goes away from zero may do so by the slower of them."""
+        period_s = 1.0 / robot.TOPICS[robot.CHASSIS_VELOCITY].rate_hz
+        for name, old, new, change in zip(("vx", "vy", "wz"), past.values, values, step, strict=True):
+            grows = abs(new) > abs(old) and old * new >= 0.0
+            bound = (self._chassis.up_mps2 if grows else self._chassis.down_mps2) * period_s + STEP_SLACK
+            if abs(change) > bound:
+                return f"{name} changes by {abs(change):.6f} in a period, {bound:.6f} is allowed (manual §4.5)"
+        return ""
+
+    def _pose_range(self, values: Vector) -> str:
+        reach_m, norm = math.hypot(*values[:3]), math.hypot(*values[3:])
+        return _within(
+            "reach", reach_m, 0.0, self._pose.reach_m + POSITION_SLACK_M, "m", "manual §4.0.4, configuration"
+        ) or _within("norm of the quaternion", norm, 1.0 - NORM_SLACK, 1.0 + NORM_SLACK, "", "xyzw, manual §4.2")
+
+    def _pose_step(self, past: _Past, values: Vector, step: Vector) -> str:
+        if dot(past.values[3:], values[3:]) < 0.0:
+            return "the quaternion changes its sign"
+        pose, change = self._pose, _difference(step, past.step)
+        dt = 1.0 / pose.rate_hz
+        judged = (
+            ("step", step[:3], pose.v_mps * dt, "m", "pose.v_mps"),
+            ("turn", step[3:], pose.w_radps * dt, "rad", "pose.w_radps"),
+            ("change of the step", change[:3], pose.a_mps2 * dt * dt, "m", "pose.a_mps2"),
+            ("change of the turn", change[3:], pose.dw_radps2 * dt * dt, "rad", "pose.dw_radps2"),
+        )
+        for name, vector, bound, unit, source in judged:
+            wrong = _within(name, math.hypot(*vector), 0.0, bound + STEP_SLACK, unit, source)
+            if wrong:
+                return wrong
+        return ""
+
+
+def _difference(values: Vector, past: Vector) -> Vector:
+    return tuple(map(sub, values, past))
+
+
+def _pose_difference(values: Vector, past: Vector) -> Vector:
+    """Return how far a pose has moved [m] and turned, as a rotation vector about the frame's axes [rad]; shape (6,)."""
+    return *map(sub, values[:3], past[:3]), *turn(past[3:], values[3:])
 
 
 def _not_a_stop(frame: Frame) -> str:
@@ -240,34 +318,11 @@ def _gripper_range(values: Vector) -> str:
     return _within("force", values[0], 0.0, 1.0, "(normalised)", "manual §4.4")
 
 
-def _chassis_range(values: Vector) -> str:
-    return (
-        _within("vx", values[0], -CHASSIS_V_MPS, CHASSIS_V_MPS, "m/s", "hard bound of the gateway")
-        or _within("vy", values[1], -CHASSIS_V_MPS, CHASSIS_V_MPS, "m/s", "hard bound of the gateway")
-        or _within("wz", values[2], -CHASSIS_W_RADPS, CHASSIS_W_RADPS, "rad/s", "hard bound of the gateway")
-    )
-
-
 def _lift_range(values: Vector) -> str:
+    if values[0] != 0.0 and values[1] == 0.0:
+        return f"velocity {values[0]!r} with the servo off"
     return _within("velocity", values[0], -1.0, 1.0, "(normalised)", "manual §4.6") or _switch_range(values[1:])
 
 
 def _switch_range(values: Vector) -> str:
     return "" if values[0] in (0.0, 1.0) else f"switch {values[0]!r} is neither 0 nor 1 (manual §4.6, §4.7)"
-
-
-def _pose_range(values: Vector) -> str:
-    reach_m, norm = math.hypot(*values[:3]), math.hypot(*values[3:])
-    return _within("reach", reach_m, 0.0, robot.MAX_ARM_LEN_M, "m", "manual §4.0.4") or _within(
-        "norm of the quaternion", norm, 1.0 - NORM_SLACK, 1.0 + NORM_SLACK, "", "xyzw, manual §4.2"
-    )
-
-
-def _pose_step(past: _Past, values: Vector, _: Vector) -> str:
-    period_s = 1.0 / robot.TOPICS[robot.pose_command(Side.LEFT)].rate_hz
-    moved_m = math.dist(past.values[:3], values[:3])
-    dot = abs(sum(a * b for a, b in zip(past.values[3:], values[3:], strict=True)))
-    turned_rad = 2.0 * math.acos(min(1.0, dot))
-    return _within(
-        "step", moved_m, 0.0, POSE_V_MPS * period_s + STEP_SLACK, "m", "hard bound of the gateway"
-    ) or _within("turn", turned_rad, 0.0, POSE_W_RADPS * period_s + STEP_SLACK, "rad", "hard bound of the gateway")

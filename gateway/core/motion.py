@@ -1,14 +1,15 @@
 """Motion: one arm's reference, the generator of its setpoints. Its state is the last setpoint it handed out.
 
 Whatever is asked of it, in whatever order, the reference is one continuous motion: position, velocity and
-acceleration never jump (but by `seed`, while the stream is silent), and the jerk keeps its limit. Setpoints are
+acceleration never jump (but by `seed` and `enter`, while the stream is silent), and the jerk keeps its limit. Setpoints are
 samples of that motion at one period, so their finite differences, being averages of its derivatives, keep the limits
 as well: v·dt, a·dt², j·dt³. A motion that ends between two samples ends at rest: what follows joins without a step.
  Each new plan starts from the exact state of the last setpoint, never from a
 measured one.
 
 It never leaves the position limits: every setpoint is *stoppable*, that is, braking from it ends inside. Why that is
-enough stands in `braking.py`; how it is kept, in `planner.py` for paths and in `follower.py` for targets.
+enough stands in `braking.py`; how it is kept, in `planner.py` for paths, in `follower.py` for targets and in
+`passage.py` for trajectories.
 
 A reference knows no clock: each `step` is one nominal period, so a late tick delays the motion and never makes it
 jump.
@@ -21,8 +22,10 @@ from enum import Enum
 
 from gateway.core.braking import Braking, JointLimits
 from gateway.core.follower import Follower
-from gateway.core.path import REST, Path, PlanFailed, Slowing, Start, State, check_goal, check_speed
+from gateway.core.passage import Outcome, Passage
+from gateway.core.path import REST, Path, PlanFailed, Slowing, Start, State, check_entry, check_goal, check_speed
 from gateway.core.planner import plan_paths
+from gateway.core.trajectory import Trajectory
 from gateway.values import Side, Vector
 
 __all__ = ["JointLimits", "JointReference", "Path", "PlanFailed", "ReferenceMode", "plan"]
@@ -34,6 +37,7 @@ class ReferenceMode(str, Enum):
     HOLD = "hold"
     PATH = "path"
     FOLLOW = "follow"
+    CHUNK = "chunk"
     BRAKE = "brake"
 
 
@@ -58,6 +62,8 @@ class JointReference:
         """What PATH and BRAKE sample."""
         self._steps = 0
         """Setpoints handed out of it."""
+        self.passage: Passage | None = None
+        """What CHUNK follows, and how it ended; None once something else was asked for."""
 
     # ------------------------------------------------------------------------------------------------ what is seen
 
@@ -77,13 +83,30 @@ class JointReference:
         return self._a
 
     @property
+    def values(self) -> Vector:
+        """The last setpoint, by the name that it has in every space."""
+        return self._q
+
+    @property
+    def rates(self) -> Vector:
+        """Its velocity, by the name that it has in every space."""
+        return self._v
+
+    @property
+    def forces(self) -> Vector:
+        """Its acceleration, by the name that it has in every space."""
+        return self._a
+
+    @property
     def is_at_rest(self) -> bool:
         """Whether nothing moves now; a path or a target may still be pending."""
         return not any(self._v) and not any(self._a)
 
     @property
     def progress(self) -> float:
-        """Part of the path's duration that has been handed out, 0..1; 1 when there is no path."""
+        """Part of the path's (or trajectory's) duration that has been handed out, 0..1; 1 when there is none."""
+        if self.mode is ReferenceMode.CHUNK and self.passage is not None:
+            return self.passage.progress
         if self._course is None or self.mode is not ReferenceMode.PATH:
             return 1.0
         return min(self._steps * self.period_s / self._course.duration_s, 1.0)
@@ -108,6 +131,11 @@ class JointReference:
         """Where a path would begin now."""
         return Start(q_rad=self._q, dq_radps=self._v, ddq_radps2=self._a, braking=self._braking)
 
+    @property
+    def place(self) -> State:
+        """Position [rad], velocity [rad/s] and acceleration [rad/s²] now."""
+        return self._q, self._v, self._a
+
     def rest_q_rad(self) -> Vector:
         """Return where it would come to rest if it braked now, shape (7,) [rad]."""
         rest = [self._braking.rest(q, v, a) for q, v, a in zip(self._q, self._v, self._a, strict=True)]
@@ -126,7 +154,23 @@ class JointReference:
         """
         self._q = check_goal("start", q_rad, self.limits)
         self._v = self._a = REST
+        self.passage = None
         self._enter(ReferenceMode.HOLD, None)
+
+    def enter(self, q_rad: Sequence[float], dq_radps: Sequence[float], ddq_radps2: Sequence[float]) -> None:
+        """Go on where another reference was interrupted, and brake: for a stream that another process had.
+
+        Args:
+            q_rad: Its last setpoint, shape (7,) [rad], inside the limits.
+            dq_radps: Velocity of that setpoint, shape (7,) [rad/s].
+            ddq_radps2: Its acceleration, shape (7,) [rad/s²].
+
+        Raises:
+            PlanFailed: It is outside the limits, or cannot brake inside them; nothing has changed.
+        """
+        self._q, self._v, self._a = check_entry(q_rad, dq_radps, ddq_radps2, self._braking)
+        self._enter(ReferenceMode.HOLD, None)
+        self.brake()
 
     def start(self, path: Path) -> None:
         """Follow a path.
@@ -139,6 +183,7 @@ class JointReference:
         """
         if path.start != self.state:
             raise PlanFailed("the path begins in another state than the reference is in: plan it anew")
+        self.passage = None
         if path.duration_s > 0.0:
             self._enter(ReferenceMode.PATH, path)
         else:
@@ -157,12 +202,41 @@ class JointReference:
         target = check_goal("target", q_rad, self.limits)
         if check_speed(speed) != self._follower.speed or self.mode is not ReferenceMode.FOLLOW:
             self._follower.begin(speed)
+        self.passage = None
         if self.mode is not ReferenceMode.FOLLOW:
             self._enter(ReferenceMode.FOLLOW, None)
         self._follower.target_rad = target
 
+    def prepare(self, trajectory: Trajectory, start_s: float, *, rests: bool) -> Passage:
+        """Return the way along a trajectory, to be judged and then taken with `track`; nothing changes yet.
+
+        Args:
+            trajectory: Inside the limits of position, velocity and acceleration.
+            start_s: Time on it that is now [s]; negative when it begins in the future: until then the arm goes on with
+                the trajectory it follows, or brakes.
+            rests: Whether it ends at rest at its last point.
+        """
+        lead = None
+        if self.mode is ReferenceMode.CHUNK and self.passage is not None:
+            lead = self.passage.under_way
+        return Passage(self._braking, trajectory, start_s, rests=rests, lead=lead)
+
+    def origin(self, passage: Passage) -> Vector:
+        """Return where the arm will be when a passage begins [rad]."""
+        return passage.origin(self._q, self.rest_q_rad())
+
+    def begin(self, passage: Passage) -> bool:
+        """Let a passage plan its way from the present state, unless it waits; return whether there is one."""
+        return passage.is_sound and (passage.is_waiting or passage.begin(self.place))
+
+    def track(self, passage: Passage) -> None:
+        """Take the way along a trajectory, begun or waiting at the present state."""
+        self._enter(ReferenceMode.CHUNK, None)
+        self.passage = passage
+
     def brake(self) -> None:
         """Come to rest as quickly as the limits allow, each joint on its own; then hold."""
+        self.passage = None
         if self.is_at_rest:
             self._enter(ReferenceMode.HOLD, None)
         elif self.mode is not ReferenceMode.BRAKE:
@@ -186,7 +260,20 @@ class JointReference:
                 self._enter(ReferenceMode.HOLD, None)
         elif self.mode is ReferenceMode.FOLLOW:
             self._take(self._follower.follow((self._q, self._v, self._a)))
+        elif self.mode is ReferenceMode.CHUNK and self.passage is not None:
+            self._track(self.passage)
         return self._q
+
+    def _track(self, passage: Passage) -> None:
+        state = passage.step(self.place)
+        if state is not None:
+            self._take(state)
+        if passage.outcome is Outcome.DONE:
+            self._enter(ReferenceMode.HOLD, None)
+        elif state is None:
+            self.brake()
+            self.passage = passage
+            self.step()
 
     def _take(self, state: State) -> None:
         """Take a state; what rounding put beyond a position limit is put on it."""

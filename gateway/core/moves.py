@@ -7,13 +7,15 @@ from typing import TypeAlias
 
 from gateway.core import door
 from gateway.core.conductor import Conductor
-from gateway.core.events import Cancel, CloseStream, CommandRequested, Hold, Move, OpenStream, TargetArrived
-from gateway.core.motion import PlanFailed, plan
+from gateway.core.events import Cancel, CloseStream, CommandRequested, Hold, Move, MovePose, OpenStream, TargetArrived
+from gateway.core.gap import Gap
+from gateway.core.motion import PlanFailed
 from gateway.core.motions import Motion, MotionState
 from gateway.core.permit import Permit
+from gateway.core.pose_door import check_frame, check_pose, check_pose_tolerance
 from gateway.core.supervisor import State, Trigger
 from gateway.errors import Code, Refusal
-from gateway.values import Side, Vector
+from gateway.values import Side, Space, Vector
 
 __all__ = ["Answer", "Facts", "Moves"]
 
@@ -52,33 +54,72 @@ class Moves:
         goals: dict[Side, Vector] = {}
         clipped: dict[str, list[int]] = {}
         for side in sides:
-            values = request.targets_rad[side]
-            if request.relative and len(values) == len(conductor.body.arms[side].reference.q_rad):
-                values = tuple(a + b for a, b in zip(conductor.body.arms[side].reference.q_rad, values, strict=True))
+            values, reference = request.targets_rad[side], conductor.body.arms[side].values
+            if request.relative and len(values) == len(reference):
+                values = tuple(a + b for a, b in zip(reference, values, strict=True))
             goal = door.check_goal(side, values, conductor.settings.arm, request.on_limit)
             if isinstance(goal, Refusal):
                 return goal
             goals[side] = goal.q_rad
             if goal.clipped:
                 clipped[side.value] = list(goal.clipped)
+        tolerance_rad = conductor.settings.arm.settle_rad if request.tolerance_rad is None else request.tolerance_rad
+        answer = self._go(goals, request.epoch, request.speed, Gap(tolerance_rad), now_ns)
+        if isinstance(answer, Refusal):
+            return answer
+        return {**answer, "q_rad": {side.value: list(goal) for side, goal in goals.items()}, "clipped": clipped}
+
+    def move_pose(self, command: CommandRequested, request: MovePose, now_ns: int) -> Answer:
+        """Plan and begin a straight motion of one or both end effectors."""
+        conductor = self._conductor
+        settings = conductor.settings.pose
+        sides = tuple(side for side in Side if side in request.targets)
+        if not sides:
+            return Refusal(
+                code=Code.WRONG_SHAPE, message="no arm is named: left, right or both are needed", field="targets"
+            )
+        refusal = self._permit.motion(command, request.epoch, sides, now_ns, Space.POSE) or door.check_speed(
+            request.speed
+        )
+        if refusal is not None:
+            return refusal
+        tolerance = check_pose_tolerance(request.tolerance_m, request.tolerance_rad, settings)
+        if isinstance(tolerance, Refusal):
+            return tolerance
+        goals: dict[Side, Vector] = {}
+        clipped: dict[str, list[int]] = {}
+        for side in sides:
+            goal = check_frame(side, request.frames.get(side, "")) or check_pose(
+                side, request.targets[side], settings, request.on_limit
+            )
+            if isinstance(goal, Refusal):
+                return goal
+            goals[side] = goal.values
+            if goal.clipped:
+                clipped[side.value] = [0, 1, 2]
+        answer = self._go(goals, request.epoch, request.speed, tolerance, now_ns)
+        if isinstance(answer, Refusal):
+            return answer
+        return {**answer, "values": {side.value: list(goal) for side, goal in goals.items()}, "clipped": clipped}
+
+    def _go(self, goals: Mapping[Side, Vector], epoch: int, speed: float, tolerance: Gap, now_ns: int) -> Answer:
+        """Plan a motion to checked goals, take the arms over, and begin it."""
+        conductor = self._conductor
         try:
-            paths = plan({side: conductor.body.arms[side].reference for side in sides}, goals, request.speed)
+            paths = conductor.body.plan(goals, speed)
         except PlanFailed as failed:
             return Refusal(code=Code.PLAN_FAILED, message=f"no path inside the limits: {failed}")
-        self._free(sides, MotionState.SUPERSEDED, Code.SUPERSEDED, "a later motion took the arm over", now_ns)
+        self.free(tuple(goals), MotionState.SUPERSEDED, Code.SUPERSEDED, "a later motion took the arm over", now_ns)
         conductor.fire(Trigger.ARM_MOTION, now_ns, "the owner moves")
         duration_ns = max(path.duration_ns for path in paths.values())
-        motion = conductor.body.motions.open(goals, request.tolerance_rad, duration_ns)
+        space = conductor.body.arms[next(iter(goals))].space
+        motion = conductor.body.motions.open(goals, tolerance, duration_ns, space=space)
         for side, path in paths.items():
-            conductor.body.arms[side].follow_path(path, request.epoch)
-        return {
-            "motion_id": motion.motion_id,
-            "duration_ns": duration_ns,
-            "q_rad": {side.value: list(goal) for side, goal in goals.items()},
-            "clipped": clipped,
-        }
+            conductor.body.arms[side].follow_path(path, epoch)
+        return {"motion_id": motion.motion_id, "duration_ns": duration_ns}
 
-    def _free(self, sides: Sequence[Side], state: MotionState, code: Code, message: str, now_ns: int) -> None:
+    def free(self, sides: Sequence[Side], state: MotionState, code: Code, message: str, now_ns: int) -> None:
+        """End what drives these arms; they brake until something else moves them."""
         ended: list[Motion] = []
         for side in sides:
             ended += self._conductor.body.drop_driver(side, state, code, message)
@@ -88,18 +129,25 @@ class Moves:
         """Open a stream of targets for one arm; it starts at the present reference."""
         conductor = self._conductor
         refusal = (
-            self._permit.motion(command, request.epoch, (request.side,), now_ns)
+            self._permit.motion(command, request.epoch, (request.side,), now_ns, request.space)
+            or (check_frame(request.side, request.frame) if request.space is Space.POSE else None)
             or door.check_speed(request.speed)
             or door.check_expiry(request.expiry_ns)
         )
         if refusal is not None:
             return refusal
-        self._free((request.side,), MotionState.SUPERSEDED, Code.SUPERSEDED, "a stream took the arm over", now_ns)
+        self.free((request.side,), MotionState.SUPERSEDED, Code.SUPERSEDED, "a stream took the arm over", now_ns)
         conductor.fire(Trigger.ARM_MOTION, now_ns, "the owner streams")
         stream = conductor.body.targets.open(
-            request.side, command.client_id, request.epoch, request.speed, request.on_limit, request.expiry_ns
+            request.side,
+            command.client_id,
+            request.epoch,
+            request.speed,
+            request.on_limit,
+            request.expiry_ns,
+            request.space,
         )
-        return {"stream_id": stream.stream_id, "q_rad": list(conductor.body.arms[request.side].reference.q_rad)}
+        return {"stream_id": stream.stream_id, "values": list(conductor.body.arms[request.side].values)}
 
     def take_target(self, target: TargetArrived, now_ns: int) -> None:
         """Follow a streamed target if it may be followed; its stream says why not.
@@ -114,8 +162,8 @@ class Moves:
         accepted = conductor.body.targets.accept(target)
         if accepted is None or conductor.state is not State.ACTIVE:
             return
-        stream, q_rad = accepted
-        conductor.body.arms[stream.side].follow_target(q_rad, stream.speed, stream.epoch)
+        stream, values = accepted
+        conductor.body.arms[stream.side].follow_target(values, stream.speed, stream.epoch)
 
     def close_stream(self, command: CommandRequested, request: CloseStream, now_ns: int) -> Answer:
         """End a stream of targets: the arm brakes and holds."""
@@ -128,7 +176,7 @@ class Moves:
                 code=Code.UNKNOWN_STREAM, message=f"there is no stream {request.stream_id}", field="stream_id"
             )
         if stream.is_open:
-            self._free((stream.side,), MotionState.CANCELLED, Code.CANCELLED, "closed", now_ns)
+            self.free((stream.side,), MotionState.CANCELLED, Code.CANCELLED, "closed", now_ns)
         return {"code": stream.code.value if stream.code else ""}
 
     def hold(self, command: CommandRequested, request: Hold, now_ns: int) -> Answer:
@@ -136,7 +184,7 @@ class Moves:
         refusal = self._permit.owner(command, request.epoch)
         if refusal is not None:
             return refusal
-        self._free(request.sides, MotionState.CANCELLED, Code.CANCELLED, "hold was asked for", now_ns)
+        self.free(request.sides, MotionState.CANCELLED, Code.CANCELLED, "hold was asked for", now_ns)
         for side in request.sides:
             if self._conductor.body.arms[side].running:
                 self._conductor.body.arms[side].brake()
@@ -153,5 +201,5 @@ class Moves:
                 code=Code.UNKNOWN_MOTION, message=f"there is no motion {request.motion_id}", field="motion_id"
             )
         if motion.is_running:
-            self._free(tuple(motion.goals_rad), MotionState.CANCELLED, Code.CANCELLED, "cancelled by the owner", now_ns)
+            self.free(tuple(motion.goals), MotionState.CANCELLED, Code.CANCELLED, "cancelled by the owner", now_ns)
         return {"state": motion.state.value}

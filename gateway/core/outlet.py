@@ -12,6 +12,7 @@ from gateway.core.gate import Cleared, Gate, GateContext
 from gateway.core.streams.stream import Stream
 from gateway.core.supervisor import Trigger
 from gateway.errors import Refusal
+from gateway.values import Vector
 
 __all__ = ["Outlet"]
 
@@ -28,6 +29,10 @@ class Outlet:
         self._conductor = conductor
         self._gate = gate
 
+    def resume(self, topic: str, values: Vector, step: Vector) -> None:
+        """Let a stream go on with the last frame of another process's: values, and its step from the one before."""
+        self._gate.resume(topic, values, step)
+
     def frames(self, now_ns: int, *, stops_only: bool) -> tuple[Cleared, ...]:
         """Return the frames that are due and may leave, in the order in which they must.
 
@@ -37,11 +42,15 @@ class Outlet:
         """
         cleared: list[Cleared] = []
         context = self._context(now_ns)
+        conductor = self._conductor
+        # A drive begins when other gateways have seen that the robot is commanded; arms wait for that in ENABLING.
+        waiting = () if conductor.claim.is_confirmed else tuple(g for g in conductor.body.grounds if not g.is_stopping)
         for stream in self._conductor.body.streams:
             if not stream.running:
                 self._gate.forget(stream.topic)
+                stream.log.end()
                 continue
-            if stops_only and not self._is_stopping(stream):
+            if (stops_only and not self._is_stopping(stream)) or stream in waiting:
                 continue
             frame = stream.frame(now_ns)
             if frame is None:
@@ -57,7 +66,8 @@ class Outlet:
 
     def _is_stopping(self, stream: Stream) -> bool:
         body = self._conductor.body
-        return stream in (body.chassis, body.lift) or (stream is body.heartbeat and body.heartbeat.is_ending)
+        is_ground_stop = any(stream is ground and ground.is_stopping for ground in body.grounds)
+        return is_ground_stop or (stream is body.heartbeat and body.heartbeat.is_ending)
 
     def _violation(self, refusal: Refusal, frame: Frame, now_ns: int) -> tuple[Cleared, ...]:
         """A frame failed the last look: nothing of this tick leaves but stop frames, and the fault is latched."""

@@ -99,7 +99,9 @@ class Remembered:
     Attributes:
         epoch: No epoch up to this one is ever given again.
         latches: Causes with their messages.
+        zids: Zenoh ids of sessions of ours on the robot plane, the latest last: their tokens and late data are not foreign.
     """
 
     epoch: int = 0
     latches: Mapping[Code, str] = field(default_factory=dict)
+    zids: tuple[str, ...] = ()

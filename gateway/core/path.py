@@ -13,10 +13,10 @@ from dataclasses import dataclass
 
 from ruckig import Trajectory
 
-from gateway.core.braking import Braking, JointLimits, Ramp, advance, duration
+from gateway.core.braking import OVER_RATIO, Braking, JointLimits, Ramp, advance, duration
 from gateway.values import ARM_DOF, ValueRefused, Vector, require_finite
 
-__all__ = ["REST", "Path", "PlanFailed", "Slowing", "Start", "State", "check_goal", "check_speed"]
+__all__ = ["REST", "Path", "PlanFailed", "Slowing", "Start", "State", "check_entry", "check_goal", "check_speed"]
 
 State = tuple[Vector, Vector, Vector]
 """Positions [rad], velocities [rad/s], accelerations [rad/s²] of one arm."""
@@ -62,6 +62,40 @@ def check_goal(name: str, q_rad: Sequence[float], limits: JointLimits) -> Vector
             joint, bound = f"{name} joint {index + 1}", f"[{lower}, {upper}]"
             raise PlanFailed(f"{joint}: {q} rad is outside {bound} rad", joint=joint, value=q, bound=bound)
     return goal
+
+
+def check_entry(
+    q_rad: Sequence[float], dq_radps: Sequence[float], ddq_radps2: Sequence[float], braking: Braking
+) -> State:
+    """Return a state as vectors when it is inside all limits and stays inside them while it brakes.
+
+    Args:
+        q_rad: Positions [rad].
+        dq_radps: Velocities [rad/s].
+        ddq_radps2: Accelerations [rad/s²].
+        braking: What the arm's brakes can do.
+
+    Raises:
+        PlanFailed: With joint, value and bound.
+    """
+    q = check_goal("entry", q_rad, braking.limits)
+    v, a = tuple(dq_radps), tuple(ddq_radps2)
+    try:
+        require_finite("entry velocity", v, ARM_DOF)
+        require_finite("entry acceleration", a, ARM_DOF)
+    except ValueRefused as refused:
+        raise PlanFailed(str(refused)) from refused
+    limits = braking.limits
+    for index in range(ARM_DOF):
+        joint = f"entry joint {index + 1}"
+        if braking.is_over(v[index], 0.0, limits.v_radps):
+            raise PlanFailed(f"{joint}: too fast", joint=joint, value=v[index], bound=f"{limits.v_radps} rad/s")
+        if abs(a[index]) > limits.a_radps2 * OVER_RATIO:
+            raise PlanFailed(f"{joint}: accelerates", joint=joint, value=a[index], bound=f"{limits.a_radps2} rad/s²")
+        if not braking.can_stop(index, q[index], v[index], a[index]):
+            bound = f"[{limits.lower_rad[index]}, {limits.upper_rad[index]}]"
+            raise PlanFailed(f"{joint}: cannot stop inside {bound} rad", joint=joint, value=q[index], bound=bound)
+    return q, v, a
 
 
 def check_speed(speed: float) -> float:

@@ -14,7 +14,7 @@ from gateway.core.events import CommandRequested
 from gateway.core.starting import Starting
 from gateway.core.supervisor import State, Trigger
 from gateway.errors import Code, Refusal
-from gateway.values import Side
+from gateway.values import Side, Space
 
 __all__ = ["REFUSAL_TEXT", "Permit"]
 
@@ -27,6 +27,9 @@ REFUSAL_TEXT: dict[Code, str] = {
     Code.STOPPING: "the arms are coming to rest",
 }
 """Words for the refusals of the supervisor's table."""
+
+NOT_HEARD = frozenset({Code.NO_LINK, Code.STATE_STALE})
+"""Refusals for which the reason may be that the robot stands under another namespace."""
 
 
 class Permit:
@@ -77,13 +80,35 @@ class Permit:
             refusal = door.check_mode(conductor.store.mode(now_ns))
             if refusal is not None:
                 return refusal
+        if code in NOT_HEARD and conductor.elsewhere is not None and conductor.elsewhere.code is Code.OTHER_NAMESPACE:
+            return conductor.elsewhere
         return Refusal(code=code, message=REFUSAL_TEXT[code])
 
     def latches(self) -> Refusal | None:
         """Refuse while something is latched."""
         return door.latched(self._conductor.supervisor.latches)
 
-    def motion(self, command: CommandRequested, epoch: int, sides: Sequence[Side], now_ns: int) -> Refusal | None:
+    def held_elsewhere(self) -> Refusal | None:
+        """Refuse while the guard of an earlier daemon holds the robot: two would command it."""
+        guard = self._conductor.guard
+        if not guard.is_held_elsewhere(self._conductor.others.armed_friends):
+            return None
+        then = "this daemon is about to take the hold over" if guard.earlier_holds else "it ends by itself within 10 s"
+        message = f"the guard of an earlier daemon holds the robot; {then}"
+        return Refusal(code=Code.HELD_BY_GUARD, message=message)
+
+    def beside_others(self, now_ns: int) -> Refusal | None:
+        """Refuse to begin beside a second robot, or whoever else commands ours; of two that claim it at once one yields."""
+        conductor = self._conductor
+        if conductor.elsewhere is not None and conductor.elsewhere.code is Code.TWO_ROBOTS:
+            return conductor.elsewhere
+        refusal = conductor.others.objection(now_ns)
+        is_open = conductor.claim.is_open
+        return None if refusal is not None and refusal.code is Code.OTHER_GATEWAY and is_open else refusal
+
+    def motion(
+        self, command: CommandRequested, epoch: int, sides: Sequence[Side], now_ns: int, space: Space = Space.JOINT
+    ) -> Refusal | None:
         """Refuse unless the owner may move these arms now.
 
         Args:
@@ -91,6 +116,7 @@ class Permit:
             epoch: Lease epoch of the request.
             sides: Arms that would move.
             now_ns: Monotonic time [ns].
+            space: In which they would move.
         """
         conductor = self._conductor
         refusal = (
@@ -105,11 +131,30 @@ class Permit:
         moved = {*sides, *conductor.sides}  # an arm that must be held, too, but cannot, would end the motion at once
         fitness = Fitness(
             mode=conductor.store.mode(now_ns),
-            part_fresh={side: conductor.store.part_fresh(side, now_ns, needs_pose=False) for side in moved},
+            part_fresh={side: conductor.part_fresh(side, now_ns) for side in moved},
             streaming={side: conductor.body.arms[side].running for side in moved},
+            spaces={side: space if side in sides else conductor.body.arms[side].space for side in moved},
         )
         ordered = (*sides, *(side for side in conductor.sides if side not in sides))
         return door.check_arms(fitness, ordered) or self._held(now_ns)
+
+    def ground(self, command: CommandRequested, epoch: int, now_ns: int) -> Refusal | None:
+        """Refuse unless the owner may drive chassis or lift now; neither needs the arms to be enabled.
+
+        Args:
+            command: Who asks, and when it arrived.
+            epoch: Lease epoch of the request.
+            now_ns: Monotonic time [ns].
+        """
+        return (
+            self.owner(command, epoch)
+            or self.after_stop(command)
+            or self.state(Trigger.GROUND_COMMAND, now_ns)
+            or self.latches()
+            or self.held_elsewhere()
+            or self.beside_others(now_ns)
+            or self._takeover(epoch)
+        )
 
     def _held(self, now_ns: int) -> Refusal | None:
         """Refuse while a held reference is away from its arm: a motion would begin with a jerk, and end as an error."""
@@ -119,15 +164,17 @@ class Permit:
                 code=Code.STOPPING, message="the held reference is walking back to the arm; wait until it is there"
             )
         if conductor.state is State.HOLDING:
-            bound_rad = conductor.settings.arm.tracking_rad
-            for side, off_rad in self._starting.strayed(now_ns).items():
+            for side, off in self._starting.strayed(now_ns).items():
+                arm = conductor.body.arms[side]
+                in_m = off.m > arm.tracking.m
                 return Refusal(
                     code=Code.TRACKING_ERROR,
-                    message=f"the {side} arm is {off_rad:.3f} rad from where it is held, {bound_rad} rad is the bound",
+                    message=f"the {side} arm is {off.text(arm.space)} from where it is held, "
+                    f"{arm.tracking.text(arm.space)} is the bound",
                     field=f"{side}_arm",
-                    value=f"{off_rad:.6g}",
-                    bound=str(bound_rad),
-                    unit="rad",
+                    value=f"{off.m if in_m else off.rad:.6g}",
+                    bound=str(arm.tracking.m if in_m else arm.tracking.rad),
+                    unit="m" if in_m else "rad",
                     hint="call enable(): the held reference walks back to the arm",
                 )
         return None

@@ -103,9 +103,8 @@ class Phases:
         if self._exit_ns is None:
             return False
         body = self._conductor.body
-        grounds = (body.chassis,) if body.lift is None else (body.chassis, body.lift)
         is_busy = self._conductor.state in STREAMING or body.heartbeat.beat is Beat.ZERO
-        if is_busy or any(ground.running for ground in grounds):
+        if is_busy or any(ground.running for ground in body.grounds):
             self._done_ns = None
         elif self._done_ns is None:
             self._done_ns = now_ns

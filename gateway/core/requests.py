@@ -6,29 +6,40 @@ Every request but the leases' own, `stop`, `estop` and `recover` carries the epo
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import Enum
 from typing import TypeAlias
 
-from gateway.values import Side, Vector
+from gateway.core.chunk import Chunk
+from gateway.core.tolerance import PerJoint
+from gateway.values import Side, Space, Vector
 
 __all__ = [
     "Abandon",
     "Acquire",
     "Cancel",
+    "CheckFollow",
     "CloseStream",
     "Disable",
+    "DisableLift",
+    "DriveChassis",
+    "DriveLift",
     "Enable",
     "Estop",
+    "Follow",
     "Hold",
     "Move",
+    "MovePose",
     "OnLimit",
     "OnLoss",
     "OpenStream",
     "Recover",
     "Release",
     "Request",
+    "SetGripper",
     "Stop",
+    "StopChassis",
+    "StopLift",
     "Take",
 ]
 
@@ -116,11 +127,86 @@ class Move:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class Follow:
+    """Follow a trajectory or an action chunk with one or both arms, on one clock.
+
+    Attributes:
+        epoch: Lease epoch.
+        chunk: The motion through its points (`chunk.prepare`).
+        frames: For poses, per side the frame they are in: the arm's own shoulder.
+        open_end: Whether it ends at speed, with a successor to come; else it ends at rest at its last point.
+        start_at_ns: When its time is 0, on this host's monotonic clock [ns], past or future; None for `start_in_ns`.
+        start_in_ns: The same, counted from the arrival of the request [ns], negative for the past; None for now.
+        path_tolerance: Per arm seven tolerances on the way [rad], for poses two [m, rad]; None where there is none.
+        goal_tolerance: The same at the end; None for the configured one.
+        goal_time_ns: How long after its end it may settle [ns]; None for the configured time.
+    """
+
+    epoch: int
+    chunk: Chunk
+    frames: Mapping[Side, str] = field(default_factory=dict)
+    open_end: bool = False
+    start_at_ns: int | None = None
+    start_in_ns: int | None = None
+    path_tolerance: Mapping[Side, PerJoint] = field(default_factory=dict)
+    goal_tolerance: Mapping[Side, PerJoint] = field(default_factory=dict)
+    goal_time_ns: int | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CheckFollow:
+    """Judge what `Follow` would judge, and move nothing. Anybody may ask, whoever owns the robot, enabled or not.
+
+    Attributes:
+        follow: The request to be judged; its epoch does not matter.
+        from_here: Whether it must also begin near enough to where the arms are now.
+    """
+
+    follow: Follow
+    from_here: bool = True
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class MovePose:
+    """Point to point for end effectors, straight, position and orientation of all named arms ending together.
+
+    Attributes:
+        epoch: Lease epoch.
+        targets: Per side x, y, z [m], qx, qy, qz, qw.
+        frames: Per side the frame of its target: the arm's own shoulder.
+        speed: Factor on the velocities, 0 < speed <= 1.
+        tolerance_m: Settling tolerance of the position [m]; None for the configured one.
+        tolerance_rad: Settling tolerance of the orientation [rad]; None for the configured one.
+        on_limit: Reject, or move a position beyond the reach to its end.
+    """
+
+    epoch: int
+    targets: Mapping[Side, Vector]
+    frames: Mapping[Side, str]
+    speed: float = 1.0
+    tolerance_m: float | None = None
+    tolerance_rad: float | None = None
+    on_limit: OnLimit = OnLimit.REJECT
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class OpenStream:
-    """Open a stream of joint targets for one arm; it starts at the present reference."""
+    """Open a stream of targets for one arm, of joints or of poses; it starts at the present reference.
+
+    Attributes:
+        epoch: Lease epoch.
+        side: Which arm.
+        space: Of the targets.
+        frame: Of poses: the arm's own shoulder; empty for joints.
+        speed: Factor on velocity, 0 < speed <= 1.
+        on_limit: Reject or clip.
+        expiry_ns: Life of a target [ns]; None for the configured one.
+    """
 
     epoch: int
     side: Side
+    space: Space = Space.JOINT
+    frame: str = ""
     speed: float = 1.0
     on_limit: OnLimit = OnLimit.REJECT
     expiry_ns: int | None = None
@@ -151,6 +237,80 @@ class Cancel:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class SetGripper:
+    """Send a gripper another force input, until a later one. Its arm must be enabled (manual §4.4).
+
+    Attributes:
+        epoch: Lease epoch.
+        side: Which gripper.
+        raw: 0 (opens most) to 1 (closes most); 0.1 is no torque.
+    """
+
+    epoch: int
+    side: Side
+    raw: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class DriveChassis:
+    """Drive the chassis at a velocity for a while; a later one replaces it. The chassis ramps there and, at its end, to rest.
+
+    Attributes:
+        epoch: Lease epoch.
+        vx_mps: Along x [m/s].
+        vy_mps: Along y [m/s].
+        wz_radps: Around z [rad/s].
+        expiry_ns: How long without a successor [ns]; None for the configured time.
+        drive_id: 0 begins a drive; the number of one goes on with it, and is refused when something has ended it.
+    """
+
+    epoch: int
+    vx_mps: float
+    vy_mps: float
+    wz_radps: float
+    expiry_ns: int | None = None
+    drive_id: int = 0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class StopChassis:
+    """Zeros for the chassis at once; it brakes as quickly as it can."""
+
+    epoch: int
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class DriveLift:
+    """Drive the lift at a velocity for a while; a later one replaces it. At its end it stops, its servo stays on.
+
+    Attributes:
+        epoch: Lease epoch.
+        velocity: Part of full speed, -1 (down) to 1 (up).
+        expiry_ns: How long without a successor [ns]; None for the configured time.
+        drive_id: 0 begins a drive; the number of one goes on with it, and is refused when something has ended it.
+    """
+
+    epoch: int
+    velocity: float
+    expiry_ns: int | None = None
+    drive_id: int = 0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class StopLift:
+    """Stop the lift at once; its servo stays on."""
+
+    epoch: int
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class DisableLift:
+    """Stop the lift, then take its servo off."""
+
+    epoch: int
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Stop:
     """Stop everything. Anybody may; latches unless the owner asks."""
 
@@ -177,10 +337,19 @@ Request: TypeAlias = (
     | Enable
     | Disable
     | Move
+    | Follow
+    | CheckFollow
+    | MovePose
     | OpenStream
     | CloseStream
     | Hold
     | Cancel
+    | SetGripper
+    | DriveChassis
+    | StopChassis
+    | DriveLift
+    | StopLift
+    | DisableLift
     | Stop
     | Estop
     | Recover

@@ -13,12 +13,11 @@ When STALE begins is the supervisor's table; what may leave in it is the gate's 
 
 from __future__ import annotations
 
-from gateway.core.conditions import OWN_FSM
 from gateway.core.conductor import QUIET, Conductor
 from gateway.core.starting import Starting
 from gateway.core.supervisor import STREAMING, State, Trigger
 from gateway.errors import Code
-from gateway.values import FsmState
+from gateway.values import OWN_FSM, FsmState
 
 __all__ = ["Stall"]
 
@@ -76,6 +75,8 @@ class Stall:
         if conductor.stale_hold and gone_ns > limit_ns:
             conductor.stale_hold = False
             conductor.body.silence_arms()
+        if gone_ns > limit_ns and not conductor.resuming:
+            conductor.can_resume = False  # what was held is held no more: an unowned lift goes off
         if conductor.resuming:
             if is_fresh:
                 self._resume(now_ns)
@@ -88,13 +89,15 @@ class Stall:
                 self._come_back(now_ns)
 
     def _is_hold_over(self, now_ns: int) -> bool:
-        """Return whether a slow topic, which may still be heard, says what would end HOLDING."""
+        """Return whether a slow topic, which may still be heard, or somebody else says what would end HOLDING."""
         conductor = self._conductor
+        if conductor.others.armed or conductor.others.arm_data_text(now_ns):
+            return True  # who only announces commands ends no hold: the grip is kept until somebody sends
         mode, value = conductor.store.mode(now_ns), conductor.store.fsm(now_ns)
         if value == FsmState.ERROR and conductor.body.heartbeat.is_owed:
             conductor.latch(Code.FSM_ERROR, "the robot's FSM went to ERROR (-1) after our heartbeat", now_ns)
         is_foreign = value is not None and (value not in OWN_FSM or value == FsmState.ERROR)
-        return is_foreign or (mode is not None and (not mode.api or not conductor.able_arms(now_ns)))
+        return is_foreign or (mode is not None and (not mode.api or not conductor.fit_arms(now_ns)))
 
     def _try_to_resume(self, now_ns: int) -> None:
         conductor = self._conductor
@@ -112,7 +115,7 @@ class Stall:
     def _resume(self, now_ns: int) -> None:
         """1.0 is out again: HOLDING as soon as the arms can be seeded."""
         conductor = self._conductor
-        able, value = conductor.able_arms(now_ns), conductor.store.fsm(now_ns)
+        able, value = conductor.fit_arms(now_ns), conductor.store.fsm(now_ns)
         sides = tuple(side for side in conductor.enable.sides if able is None or side in able)
         if value is None:
             conductor.fire(Trigger.FSM_DEAD, now_ns, "/fsm_state has not been heard for 0.5 s")
@@ -120,7 +123,7 @@ class Stall:
             self._come_back(now_ns)
             # Our own 1.0 of a moment ago is out: it may have restarted the robot.
             conductor.body.heartbeat.zeros(now_ns)
-        elif all(conductor.store.seedable(side, now_ns) for side in sides):
+        elif all(conductor.seedable(side, now_ns) for side in sides):
             if not conductor.body.running_arms and self._starting.seed(sides, now_ns) is not None:
                 self._come_back(now_ns)
             else:
@@ -140,14 +143,16 @@ class Stall:
         is_theirs = is_vr or (value is not None and value not in OWN_FSM)
         if is_theirs and heartbeat.is_ending and not heartbeat.is_estop:
             heartbeat.silence()  # the FSM is driven by VR or playback now: a 0.0 would pause its operator
-        if is_vr:
+        if is_vr or conductor.others.armed:  # an operator's, or another gateway's: not ours to pause
             self._lost_ns = now_ns
         elif self._lost_ns is not None and state not in QUIET:
             if state in STREAMING or not heartbeat.is_owed:
                 self._lost_ns = None
             elif mode is not None and value is not None and self._is_newer(self._lost_ns):
                 self._lost_ns = None
-                if value in STARTED:
+                if value in STARTED and conductor.others.arm_data_text(now_ns):
+                    heartbeat.zero_once(now_ns)
+                elif value in STARTED:
                     heartbeat.zeros(now_ns)
 
     def _is_newer(self, than_ns: int) -> bool:

@@ -16,9 +16,11 @@ from collections.abc import Sequence
 from gateway.core.conductor import Conductor
 from gateway.core.door import check_start
 from gateway.core.events import Level
-from gateway.core.motion import PlanFailed, plan
+from gateway.core.gap import Gap
+from gateway.core.motion import PlanFailed
+from gateway.core.pose_door import check_pose_start
 from gateway.errors import Code, Refusal
-from gateway.values import Side, Vector
+from gateway.values import Side, Space, Vector
 
 __all__ = ["WALK_SPEED", "Starting"]
 
@@ -46,25 +48,48 @@ class Starting:
         conductor = self._conductor
         starts = {}
         for side in sides:
-            start = check_start(side, self._measured(side), conductor.settings.arm)
+            start = self._start(side)
             if isinstance(start, Refusal):
                 return start
             starts[side] = start
-        for side, start in starts.items():
-            conductor.body.arms[side].start(start.q_rad, now_ns)
-            for n in start.clipped:
+        for side, (values, moved) in starts.items():
+            conductor.body.grippers[side].start(now_ns, is_kept=conductor.resuming)
+            conductor.body.arms[side].start(values, now_ns)
+            for what in moved:
                 conductor.notice(
                     Code.START_AT_LIMIT,
                     Level.WARNING,
-                    f"{side} arm joint {n + 1} was found just outside its limit and starts at {start.q_rad[n]:.3f} rad",
+                    f"{side} arm {what}",
                     now_ns,
                 )
         return None
 
+    def why_not(self, side: Side) -> Refusal | None:
+        """Return why a stream cannot start where its arm is now; the arm has been heard."""
+        start = self._start(side)
+        return start if isinstance(start, Refusal) else None
+
+    def _start(self, side: Side) -> tuple[Vector, tuple[str, ...]] | Refusal:
+        """Return where a stream starts, or its reference is led to, and what was moved to a limit for it."""
+        settings, measured = self._conductor.settings, self._measured(side)
+        if self._conductor.body.arms[side].space is Space.POSE:
+            pose = check_pose_start(side, measured, settings.pose)
+            if isinstance(pose, Refusal):
+                return pose
+            at_end = f"was found just beyond its reach and starts at {settings.pose.reach_m:.3f} m from the shoulder"
+            return pose.values, (at_end,) if pose.clipped else ()
+        start = check_start(side, measured, settings.arm)
+        if isinstance(start, Refusal):
+            return start
+        return start.q_rad, tuple(
+            f"joint {n + 1} was found just outside its limit and starts at {start.q_rad[n]:.3f} rad"
+            for n in start.clipped
+        )
+
     def _measured(self, side: Side) -> Vector:
-        measured = self._conductor.store.arm(side)
+        measured = self._conductor.measured(side)
         assert measured is not None, f"the {side} arm was believed before its first sample"
-        return measured.q_rad
+        return measured
 
     def join(self, now_ns: int) -> Refusal | None:
         """Start the streams of arms that were enabled again while the others were held; HOLDING goes on for all.
@@ -78,8 +103,9 @@ class Starting:
         conductor = self._conductor
         able = conductor.able_arms(now_ns) or ()
         silent = tuple(side for side in able if not conductor.body.arms[side].running)
+        conductor.choose_spaces(silent, now_ns)
         for side in silent:
-            if not conductor.store.seedable(side, now_ns):
+            if not conductor.seedable(side, now_ns):
                 return Refusal(
                     code=Code.PART_STALE,
                     message=f"the {side} arm is enabled again, but its state has not been steady and timely for 0.3 s",
@@ -92,18 +118,18 @@ class Starting:
             conductor.enable.sides = conductor.sides
         return refusal
 
-    def strayed(self, now_ns: int) -> dict[Side, float]:
-        """Return held arms that are further from their reference than the tracking bound, and how far [rad].
+    def strayed(self, now_ns: int) -> dict[Side, Gap]:
+        """Return held arms that are further from their reference than the tracking bound, and how far.
 
         Arms whose state is not fresh are left out: where they are is not known.
         """
         conductor = self._conductor
         strayed = {}
         for side, arm in conductor.body.arms.items():
-            if arm.running and conductor.store.part_fresh(side, now_ns, needs_pose=False):
-                off_rad = arm.distance_rad(self._measured(side))
-                if off_rad > conductor.settings.arm.tracking_rad:
-                    strayed[side] = off_rad
+            if arm.running and conductor.part_fresh(side, now_ns):
+                off = arm.distance(self._measured(side))
+                if off.exceeds(arm.tracking):
+                    strayed[side] = off
         return strayed
 
     def walk(self, now_ns: int) -> Refusal | None:
@@ -116,16 +142,16 @@ class Starting:
             Why it cannot be: the arm is outside its limits, or no path is found. Nothing walks then.
         """
         conductor = self._conductor
-        goals = {}
+        goals: dict[Side, Vector] = {}
         for side in self.strayed(now_ns):
-            start = check_start(side, self._measured(side), conductor.settings.arm)
+            start = self._start(side)
             if isinstance(start, Refusal):
                 return start
-            goals[side] = start.q_rad
+            goals[side] = start[0]
         if not goals:
             return None
         try:
-            paths = plan({side: conductor.body.arms[side].reference for side in goals}, goals, WALK_SPEED)
+            paths = conductor.body.plan(goals, WALK_SPEED)
         except PlanFailed as failed:
             return Refusal(code=Code.PLAN_FAILED, message=f"no path back to the arm inside the limits: {failed}")
         for side, path in paths.items():

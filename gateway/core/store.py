@@ -4,7 +4,7 @@ Every consumer asks here; nobody keeps timers of his own. The rules:
 
 * Ages come from the local monotonic arrival only. The robot's stamps are compared with each other, never with a clock
   of ours: steps of either wall clock change nothing.
-* A sample that is not believed (refused by the codec, a repeated or earlier stamp, an implausible jump of a joint) is
+* A sample that is not believed (refused by the codec, a repeated or earlier stamp, an implausible jump of an arm) is
   counted and changes neither value nor age, so a part whose samples are all bad goes stale by itself.
 * Nothing is refused for ever: two samples in a row that are behind but go on between themselves are a robot whose
   clock was set back; a jump that lasts, far beyond the part's death, is the new truth.
@@ -15,15 +15,14 @@ It does not know the supervisor's states, zenoh, CDR or limits of motion.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 from gateway import robot
 from gateway.core.arrival import Meter, Recent
 from gateway.core.events import SampleArrived, SampleRefused, StateValue
+from gateway.core.jumps import JOINTS, POSES, JumpGuard, Posture
 from gateway.core.snapshot import TopicView
 from gateway.errors import Code
 from gateway.settings import EnableSettings
-from gateway.values import ArmState, CurrentMode, EePose, MotorState, Side, Vector
+from gateway.values import ArmState, CurrentMode, EePose, MotorState, Side
 
 __all__ = ["Store"]
 
@@ -32,11 +31,6 @@ S = 1_000_000_000
 
 LAG_BUCKET_NS = 6 * S
 """The least lag is kept for ten of these: a clock slewed by 500 ppm moves 30 ms meanwhile, less than is allowed."""
-JUMP_RADPS = 10.0
-"""Faster than an arm of this robot moves: three times our hard limit, and about what a forearm in free fall reaches
-(sqrt(2 g h)/L with h = L = 0.25 m: 9 rad/s). The motors' 17-38 rad/s are no bound for what the links do."""
-JUMP_RAD = 0.1
-"""Margin for noise and for jitter of arrival."""
 NAMES_WRONG_NS = 1 * S
 
 
@@ -90,73 +84,10 @@ class _SeedWindow:
         return self._since_ns is not None and self._newest_ns - self._since_ns >= self._settings.seed_ns
 
 
-@dataclass(frozen=True, slots=True)
-class _Posture:
-    q_rad: Vector
-    received_ns: int
-    stamp_ns: int
-
-    def plausible_rad(self, later: _Posture) -> float:
-        """Return how far a joint can have moved until then; arrivals of a burst are close together, stamps are not."""
-        elapsed_ns = max(later.received_ns - self.received_ns, later.stamp_ns - self.stamp_ns)
-        return JUMP_RADPS * elapsed_ns / S + JUMP_RAD
-
-    def moved(self, later: _Posture) -> tuple[float, int]:
-        """Return the largest step of a joint and its number, from 1."""
-        return max((abs(b - a), n) for n, (a, b) in enumerate(zip(self.q_rad, later.q_rad, strict=True), start=1))
-
-
-class _JumpGuard:
-    """Refuses arm samples that no arm can have moved to.
-
-    A joint may differ from the last believed sample by `JUMP_RADPS` times the time between the two plus `JUMP_RAD`.
-    Once a sample is refused that allowance stands still: else every jump became plausible by waiting, before the part
-    is dead and anybody has noticed. A rival posture that goes on plausibly within itself for the seeding time, which
-    is longer than a part lives without samples, is believed: the encoder was set, or we believed the wrong one first.
-    """
-
-    __slots__ = ("_allowed_rad", "_believed", "_rival", "_rival_since_ns", "_settings")
-
-    def __init__(self, settings: EnableSettings) -> None:
-        self._settings = settings
-        self.believe(None)
-
-    def believe(self, posture: _Posture | None) -> None:
-        """Compare with this from now on; with None believe whatever comes next."""
-        self._believed, self._rival_since_ns = posture, 0
-        self._allowed_rad: float | None = None
-        self._rival: _Posture | None = None
-
-    def why_not(self, new: _Posture) -> str:
-        """Believe a posture and return nothing, or return why it is refused."""
-        old, rival = self._believed, self._rival
-        if old is None:
-            self.believe(new)
-            return ""
-        allowed_rad = self._allowed_rad or old.plausible_rad(new)
-        moved_rad, joint = old.moved(new)
-        if rival is None or not self._goes_on(rival, new):
-            self._rival_since_ns = new.received_ns
-        lasted = new.received_ns - self._rival_since_ns >= self._settings.seed_ns
-        if moved_rad <= allowed_rad or lasted:
-            self.believe(new)
-            return ""
-        self._rival, self._allowed_rad = new, allowed_rad
-        ago_ms = (new.received_ns - old.received_ns) / MS
-        return (
-            f"joint {joint} is {moved_rad:.3f} rad away from where it was {ago_ms:.0f} ms ago, "
-            f"at most {allowed_rad:.3f} rad is plausible ({JUMP_RADPS:g} rad/s and {JUMP_RAD:g} rad of noise)"
-        )
-
-    def _goes_on(self, rival: _Posture, new: _Posture) -> bool:
-        unbroken = new.received_ns - rival.received_ns <= self._settings.stale_ns
-        return unbroken and rival.moved(new)[0] <= rival.plausible_rad(new)
-
-
 class _Track:
     """One state topic."""
 
-    __slots__ = ("_behind_ns", "_stamp_ns", "live_ns", "meter", "received_ns", "value", "why_refused")
+    __slots__ = ("_behind_ns", "_stamp_ns", "live_ns", "meter", "received_ns", "refused_ns", "value", "why_refused")
 
     def __init__(self) -> None:
         self.meter = Meter()
@@ -164,6 +95,7 @@ class _Track:
         self.received_ns: int | None = None  # arrival of the value
         self.live_ns: int | None = None  # the same; None since a reset
         self.why_refused = ""
+        self.refused_ns: int | None = None  # arrival of the newest sample that was not believed
         self._stamp_ns: int | None = None  # newest stamp that was in order
         self._behind_ns: int | None = None  # stamp of the sample before, when that one was behind
 
@@ -171,9 +103,9 @@ class _Track:
         """Keep the value for display; it is not fresh, and its stamp says nothing about the next one."""
         self.live_ns = self._stamp_ns = self._behind_ns = None
 
-    def refuse(self, why: str, count: int = 1) -> None:
+    def refuse(self, why: str, at_ns: int, count: int = 1) -> None:
         self.meter.refused += count
-        self.why_refused = why
+        self.why_refused, self.refused_ns = why, at_ns
 
     def within(self, now_ns: int, limit_ns: int) -> bool:
         return self.live_ns is not None and now_ns - self.live_ns <= limit_ns
@@ -202,41 +134,52 @@ class Store:
         self._poses = {side: self._tracks[robot.ee_pose(side)] for side in Side}
         self._fsm = self._tracks[robot.FSM_STATE]
         self._mode = self._tracks[robot.CURRENT_MODE]
-        self._checks = {robot.arm_state(side): (_SeedWindow(settings), _JumpGuard(settings)) for side in Side}
+        self._seeds = {robot.arm_state(side): _SeedWindow(settings) for side in Side}
+        self._guards = {
+            **{robot.arm_state(side): JumpGuard(JOINTS, settings) for side in Side},
+            **{robot.ee_pose(side): JumpGuard(POSES, settings) for side in Side},
+        }
         self._link_ns: int | None = None  # newest fast sample on this transport
         self._names_wrong: SampleRefused | None = None
 
-    def receive(self, event: SampleArrived | SampleRefused, now_ns: int) -> None:
-        """Take what the link says about one state topic; an arrival stamped after `now_ns` counts as now."""
+    def receive(self, event: SampleArrived | SampleRefused, now_ns: int) -> str:
+        """Take what the link says about one state topic; an arrival stamped after `now_ns` counts as now.
+
+        Returns:
+            How far an arm has jumped, when a jump that lasted is believed from now on; empty otherwise.
+        """
         track = self._tracks[event.topic]
         if isinstance(event, SampleRefused):
-            track.refuse(event.message, event.count)
-            if event.code is Code.JOINT_ORDER and event.topic in self._checks:
+            track.refuse(event.message, min(event.received_ns, now_ns), event.count)
+            if event.code is Code.JOINT_ORDER and event.topic in self._seeds:
                 self._names_wrong = event
-            return
+            return ""
         received_ns = min(event.received_ns, now_ns)
         track.meter.add(event, received_ns)
         why = self._why_not(track, event, received_ns)
         if why:
-            track.refuse(why)
-            return
+            track.refuse(why, received_ns)
+            return ""
         track.value = event.value
         track.received_ns = track.live_ns = received_ns
         if event.topic in robot.MOTION_STATE_TOPICS:
             self._link_ns = max(received_ns, self._link_ns or received_ns)
+        guard = self._guards.get(event.topic)
+        return f"{event.topic}: {guard.jumped}" if guard is not None and guard.jumped else ""
 
     def reset(self) -> None:
         """Forget freshness and stamp lags: the transport was lost, or the robot restarted. Values stay for display."""
         self._link_ns = None
         for track in self._tracks.values():
             track.forget()
-        for seed, guard in self._checks.values():
+        for seed in self._seeds.values():
             seed.forget_lag()
+        for guard in self._guards.values():
             guard.believe(None)
 
     def disturb(self, now_ns: int) -> None:
         """Start seeding anew: this process stood still until now, so what it finds waiting may be old."""
-        for seed, _ in self._checks.values():
+        for seed in self._seeds.values():
             seed.restart(now_ns)
 
     def value(self, topic: str) -> StateValue | None:
@@ -297,16 +240,19 @@ class Store:
         """When it arrived, for those who demand one newer than an instant; None when not since a reset."""
         return self._mode.live_ns
 
-    def seedable(self, side: Side, now_ns: int) -> bool:
+    def seedable(self, side: Side, now_ns: int, needs_pose: bool = False) -> bool:
         """Return whether a stream may start from this arm's measured state after a stall, a reconnect or a pause.
 
-        It may after 0.3 s of samples without a gap of 100 ms whose stamp lag stayed within 100 ms of the least lag.
+        It may after 0.3 s of samples without a gap of 100 ms whose stamp lag stayed within 100 ms of the least lag. A pose
+        carries no stamp: where one is needed it must be one that came within that time.
         """
-        return self.part_fresh(side, now_ns, False) and self._checks[robot.arm_state(side)][0].is_full()
+        seed, pose_ns = self._seeds[robot.arm_state(side)], self._poses[side].live_ns
+        is_timely = not needs_pose or (pose_ns is not None and pose_ns >= (seed.since_ns or 0))
+        return is_timely and self.part_fresh(side, now_ns, needs_pose) and seed.is_full()
 
     def timely_since_ns(self) -> int | None:
         """Return since when arms' samples have come without queueing [ns]: whatever arrived before may be old."""
-        starts = [seed.since_ns for seed, _ in self._checks.values() if seed.since_ns is not None]
+        starts = [seed.since_ns for seed in self._seeds.values() if seed.since_ns is not None]
         return min(starts, default=None)
 
     def name_order_wrong(self, now_ns: int) -> str | None:
@@ -331,14 +277,27 @@ class Store:
         """Return why the latest refused sample of a topic was refused; empty when none ever was."""
         return self._tracks[topic].why_refused
 
+    def why_not_believed(self, topic: str, within_ns: int, now_ns: int) -> str:
+        """Return why the samples of a topic are not believed of late; empty when they are, or when none comes.
+
+        Args:
+            topic: ROS name.
+            within_ns: An older refusal says nothing about now [ns].
+            now_ns: Monotonic time [ns].
+        """
+        track = self._tracks[topic]
+        is_newest = track.refused_ns is not None and track.refused_ns > (track.received_ns or 0)
+        return track.why_refused if is_newest and now_ns - (track.refused_ns or 0) <= within_ns else ""
+
     def _why_not(self, track: _Track, event: SampleArrived, received_ns: int) -> str:
         value = event.value
         if isinstance(value, MotorState) and not track.in_order(value.stamp_ns):
             return f"stamp {value.stamp_ns} ns is not newer than the one before"
+        if isinstance(value, EePose):  # it carries no stamp
+            return self._guards[event.topic].why_not(Posture((*value.p_m, *value.quat_xyzw), received_ns, received_ns))
         if not isinstance(value, ArmState):
             return ""
-        seed, guard = self._checks[event.topic]
-        why = guard.why_not(_Posture(value.q_rad, received_ns, value.stamp_ns))
+        why = self._guards[event.topic].why_not(Posture(value.q_rad, received_ns, value.stamp_ns))
         if not why:
-            seed.add(received_ns, value.stamp_ns)
+            self._seeds[event.topic].add(received_ns, value.stamp_ns)
         return why

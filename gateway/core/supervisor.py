@@ -96,6 +96,7 @@ class Trigger(str, Enum):
     LONG_GAP = "a gap longer than the arms' watchdog"
     FOREIGN_TOKEN = "foreign token or publisher"
     FOREIGN_DATA = "foreign arm or fsm data"
+    FOREIGN_BESIDE_DRIVE = "foreign writer while chassis or lift run"
     OTHER_GATEWAY = "other gateway armed"
     GATE_VIOLATION = "gate violation"
     JOINT_ORDER = "names in another order"
@@ -120,6 +121,8 @@ class Action(str, Enum):
     """No heartbeat of either kind any more: the FSM is not ours."""
     LATCH = "latch"
     """Add the trigger's cause to the latches."""
+    GROUND_CUT = "ground cut"
+    """What a cut does to chassis and lift; the arms go on."""
     GROUND_STOP = "ground stop"
     """Chassis zeros for at least 1 s and lift [0,1], whoever drove them: an explicit stop."""
     LIFT_OFF = "lift off"
@@ -156,6 +159,7 @@ DOWN_FREE = Cell(to=BASE, do=(A.CUT, A.ZERO, A.LIFT_OFF, A.FREE))
 OFF = Cell(to=BASE, do=(A.CUT, A.SILENCE))
 CUT = Cell(do=(A.CUT,))
 CUT_LATCH = Cell(do=(A.CUT, A.LATCH))
+GROUND_CUT = Cell(do=(A.GROUND_CUT,))
 LATCH_ONLY = Cell(do=(A.LATCH,))
 BRAKE = Cell(to=S.HOLDING, do=(A.CUT,))
 BRAKE_LATCH = Cell(to=S.HOLDING, do=(A.CUT, A.LATCH))
@@ -228,7 +232,7 @@ TABLE: Mapping[Trigger, Mapping[State, Cell]] = {
                                     Cell(to=S.HOLDING, do=(A.CUT, A.GROUND_STOP, A.LATCH)),
                                     STOP_GROUND_LATCH, STOP_GROUND_LATCH, STOP_GROUND_LATCH, STOP_GROUND_LATCH),
     Trigger.ESTOP:             _row(ESTOP,             ESTOP,        ESTOP,        ESTOP,        ESTOP,        ESTOP,        ESTOP),
-    Trigger.CLIENT_LOST:       _row(CUT,               DOWN,         BRAKE,        SAME,         SAME,         SAME,         CUT),
+    Trigger.CLIENT_LOST:       _row(CUT,               DOWN,         BRAKE,        SAME,      SAME,         SAME,         CUT),
     Trigger.CLIENT_LOST_PAUSE: _row(BASE_FREE,         DOWN_FREE,    DOWN_FREE,    DOWN_FREE,    DOWN_FREE,
                                     Cell(do=(A.LIFT_OFF, A.FREE)), Cell(to=BASE, do=(A.CUT, A.ZERO_IF_OWED, A.LIFT_OFF, A.FREE))),
     Trigger.LEASE_FREE:        _row(Cell(to=BASE, do=(A.LIFT_OFF,)), SAME, SAME,   SAME,         SAME,         SAME,         SAME),
@@ -251,9 +255,10 @@ TABLE: Mapping[Trigger, Mapping[State, Cell]] = {
     Trigger.NO_ARM:            _row(SAME,              DOWN,         DOWN,         DOWN,         DOWN,         DOWN,         SAME),
     Trigger.PART_DEAD:         _row(SAME,              DOWN,         BRAKE,        SAME,         SAME,         SAME,         SAME),
     Trigger.TRACKING:          _row(SAME,              SAME,         BRAKE_LATCH,  SAME,         SAME,         SAME,         SAME),
-    Trigger.LONG_GAP:          _row(SAME,              SAME,         BRAKE,        SAME,         SAME,         SAME,         SAME),
+    Trigger.LONG_GAP:          _row(GROUND_CUT,        GROUND_CUT,   BRAKE,        GROUND_CUT,       SAME,         SAME,         SAME),
     Trigger.FOREIGN_TOKEN:     _row(SAME,              DOWN_LATCH,   BRAKE_LATCH,  CUT_LATCH,    CUT_LATCH,    CUT_LATCH,    SAME),
     Trigger.FOREIGN_DATA:      _row(SAME,              FOREIGN,      FOREIGN,      FOREIGN,      FOREIGN,      FOREIGN,      SAME),
+    Trigger.FOREIGN_BESIDE_DRIVE: _row(CUT_LATCH,      SAME,         SAME,         SAME,         SAME,         SAME,         SAME),
     Trigger.OTHER_GATEWAY:     _row(SAME,              OFF,          OFF,          OFF,          OFF,          OFF,          SAME),
     Trigger.GATE_VIOLATION:    dict.fromkeys(State, DOWN_LATCH),
     Trigger.JOINT_ORDER:       _row(LATCH_ONLY,        DOWN_LATCH,   DOWN_LATCH,   DOWN_LATCH,   DOWN_LATCH,   DOWN_LATCH,   Cell(to=BASE, do=(A.LATCH,))),

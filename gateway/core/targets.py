@@ -1,7 +1,7 @@
 """Streams of the owner's targets: opened for one arm, fed at any rate, ended once.
 
-Targets arrive in a latest-value slot. One is taken when its client, stream, epoch and sequence number are right and its
-joints pass the door; it expires when no successor comes in time: the arm then brakes and holds, and the next target goes on.
+Targets arrive in a latest-value slot. One is taken when its client, stream, epoch and sequence number are right and it
+passes the door; it expires when no successor comes in time: the arm then brakes and holds, and the next target goes on.
 """
 
 from __future__ import annotations
@@ -11,10 +11,11 @@ from operator import attrgetter
 
 from gateway.core.door import check_goal
 from gateway.core.events import OnLimit, TargetArrived
+from gateway.core.pose_door import check_pose
 from gateway.core.snapshot import TargetView
 from gateway.errors import Code, Refusal
-from gateway.settings import ArmSettings
-from gateway.values import Side, Vector
+from gateway.settings import ArmSettings, PoseSettings
+from gateway.values import Side, Space, Vector
 
 __all__ = ["TargetBook", "TargetStream"]
 
@@ -33,13 +34,23 @@ class TargetStream:
         speed: Factor on the velocity limit.
         on_limit: Reject or clip.
         expiry_ns: Lifetime of a target [ns].
+        space: Of the targets.
     """
 
     def __init__(
-        self, stream_id: int, side: Side, client_id: str, epoch: int, speed: float, on_limit: OnLimit, expiry_ns: int
+        self,
+        stream_id: int,
+        side: Side,
+        client_id: str,
+        epoch: int,
+        speed: float,
+        on_limit: OnLimit,
+        expiry_ns: int,
+        space: Space = Space.JOINT,
     ) -> None:
         self.stream_id = stream_id
         self.side = side
+        self.space = space
         self.client_id = client_id
         self.epoch = epoch
         self.speed = speed
@@ -64,6 +75,7 @@ class TargetStream:
         return TargetView(
             stream_id=self.stream_id,
             side=self.side.value,
+            space=self.space.value,
             open=self.is_open,
             code=self.code.value if self.code else "",
             seq=self.seq,
@@ -78,11 +90,13 @@ class TargetBook:
     """All streams of targets: at most one open per arm.
 
     Args:
-        settings: Limits and the default expiry.
+        settings: Limits of joints and the default expiry.
+        pose: The reach.
     """
 
-    def __init__(self, settings: ArmSettings) -> None:
+    def __init__(self, settings: ArmSettings, pose: PoseSettings | None = None) -> None:
         self._settings = settings
+        self._pose = pose or PoseSettings()
         self._next_id = 1
         self._open: list[TargetStream] = []
         self._ended: deque[TargetStream] = deque(maxlen=ENDED_KEPT)
@@ -101,11 +115,18 @@ class TargetBook:
         return tuple(self._open)
 
     def open(
-        self, side: Side, client_id: str, epoch: int, speed: float, on_limit: OnLimit, expiry_ns: int | None
+        self,
+        side: Side,
+        client_id: str,
+        epoch: int,
+        speed: float,
+        on_limit: OnLimit,
+        expiry_ns: int | None,
+        space: Space = Space.JOINT,
     ) -> TargetStream:
         """Record an opened stream; its arm must be free of others."""
         expiry = self._settings.target_expiry_ns if expiry_ns is None else expiry_ns
-        stream = TargetStream(self._next_id, side, client_id, epoch, speed, on_limit, expiry)
+        stream = TargetStream(self._next_id, side, client_id, epoch, speed, on_limit, expiry, space)
         self._next_id += 1
         self._open.append(stream)
         return stream
@@ -119,7 +140,7 @@ class TargetBook:
             self._ended.append(stream)
 
     def accept(self, target: TargetArrived) -> tuple[TargetStream, Vector] | None:
-        """Return the stream and the goal to follow [rad], or None when the target is refused (the stream says why).
+        """Return the stream and the goal to follow, or None when the target is refused (the stream says why).
 
         Args:
             target: As it arrived; nothing about it is believed yet.
@@ -129,14 +150,21 @@ class TargetBook:
             return None  # nobody's stream, or not his: its owner must not be told of refusals that are not his own
         refusal = self._refusal(stream, target)
         if refusal is None:
-            goal = check_goal(stream.side, target.q_rad, self._settings, stream.on_limit)
+            goal = self._goal(stream, target.values)
             if not isinstance(goal, Refusal):
                 stream.seq, stream.received_ns = target.seq, target.received_ns
-                return stream, goal.q_rad
+                return stream, goal
             refusal = goal
         stream.refused += 1
         stream.refusal = refusal
         return None
+
+    def _goal(self, stream: TargetStream, values: Vector) -> Vector | Refusal:
+        if stream.space is Space.POSE:
+            pose = check_pose(stream.side, values, self._pose, stream.on_limit)
+            return pose if isinstance(pose, Refusal) else pose.values
+        goal = check_goal(stream.side, values, self._settings, stream.on_limit)
+        return goal if isinstance(goal, Refusal) else goal.q_rad
 
     def _refusal(self, stream: TargetStream, target: TargetArrived) -> Refusal | None:
         if not stream.is_open:

@@ -2,18 +2,29 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 from gateway import robot
 from gateway.core.conductor import Conductor
+from gateway.core.others import Others
 from gateway.core.snapshot import (
     ArmView,
+    ChassisView,
     EnableView,
+    Finding,
+    GripView,
+    GuardView,
+    LiftView,
     LinkView,
     LoopView,
     ModeView,
     MotorView,
+    OthersView,
+    OtherView,
+    RefusalView,
     Snapshot,
 )
-from gateway.values import MotorState, Side
+from gateway.values import MotorState, Side, Space
 
 __all__ = ["build"]
 
@@ -22,11 +33,20 @@ GRIPPERS = tuple((side.value, robot.gripper_state(side)) for side in Side)
 SIDES = tuple((side, side.value) for side in Side)
 
 
-def build(conductor: Conductor, loop: LoopView, seq: int, now_ns: int) -> Snapshot:
+def build(
+    conductor: Conductor,
+    findings: tuple[Finding, ...],
+    refusals: dict[str, RefusalView],
+    loop: LoopView,
+    seq: int,
+    now_ns: int,
+) -> Snapshot:
     """Return the snapshot of this instant.
 
     Args:
         conductor: What is shown.
+        findings: Of the diagnosis.
+        refusals: What the owner would be refused.
         loop: Figures of the control loop.
         seq: Number of the snapshot.
         now_ns: Monotonic time [ns].
@@ -54,6 +74,9 @@ def build(conductor: Conductor, loop: LoopView, seq: int, now_ns: int) -> Snapsh
         streams={stream.topic: stream.log.view(now_ns) for stream in body.streams},
         motions=body.motions.views(),
         targets=body.targets.views(),
+        grips={name: _grip(conductor, side) for side, name in SIDES},
+        drive=_drive(conductor, now_ns),
+        lift=_lift(conductor, now_ns),
         enable=EnableView(
             attempt=enable.attempt,
             outcome=enable.outcome,
@@ -61,7 +84,57 @@ def build(conductor: Conductor, loop: LoopView, seq: int, now_ns: int) -> Snapsh
             message=enable.message,
         ),
         loop=loop,
+        findings=findings,
+        refusals=refusals,
+        guard=GuardView(
+            expected=conductor.settings.guard.enabled,
+            pid=conductor.guard.pid,
+            linked=conductor.guard.is_linked,
+            lost=conductor.guard.lost,
+            earlier_holds=conductor.guard.earlier_holds,
+        ),
+        others=OthersView(
+            zid=conductor.others.own_zid,
+            armed=conductor.claim.is_confirmed,
+            seen=tuple(_others(conductor.others, now_ns)),
+        ),
     )
+
+
+def _others(others: Others, now_ns: int) -> Iterator[OtherView]:
+    for trace in others.data(now_ns):
+        yield OtherView(
+            kind="data",
+            topic=trace.topic,
+            zid=trace.zid,
+            link=trace.link,
+            since_ns=trace.since_ns,
+            last_ns=trace.last_ns,
+            count=trace.count,
+            armed=False,
+        )
+    for writer in others.writers:
+        yield OtherView(
+            kind=writer.means.value,
+            topic=writer.topic,
+            zid=writer.zid,
+            link=writer.link,
+            since_ns=others.since_ns(writer),
+            last_ns=None,
+            count=0,
+            armed=False,
+        )
+    for gateway in others.gateways:
+        yield OtherView(
+            kind="gateway",
+            topic="",
+            zid=gateway.zid,
+            link=gateway.link,
+            since_ns=others.since_ns(gateway),
+            last_ns=None,
+            count=0,
+            armed=gateway.is_armed,
+        )
 
 
 def _mode(conductor: Conductor, now_ns: int) -> ModeView | None:
@@ -93,14 +166,61 @@ def _arm(conductor: Conductor, side: Side, state: str, ee_pose: str, now_ns: int
     arm = conductor.body.arms[side]
     pose = conductor.store.pose(side)
     measured = _motors(conductor, state, now_ns)
-    is_running, reference = arm.running, arm.reference
+    values, rates, off = (arm.values, arm.rates, conductor.measured(side)) if arm.running else ((), (), None)
+    gap, is_pose = None if off is None else arm.distance(off), arm.space is Space.POSE
     return ArmView(
         measured=measured,
         p_m=pose.p_m if pose else (),
         quat_xyzw=pose.quat_xyzw if pose else (),
         pose_age_ns=conductor.store.age_ns(ee_pose, now_ns),
-        q_ref_rad=reference.q_rad if is_running else (),
-        dq_ref_radps=reference.dq_radps if is_running else (),
-        streaming=is_running,
-        tracking_rad=arm.distance_rad(measured.q_rad) if is_running and measured else None,
+        space=arm.space.value,
+        q_ref_rad=() if is_pose else values,
+        dq_ref_radps=() if is_pose else rates,
+        ref_p_m=values[:3] if is_pose else (),
+        ref_quat_xyzw=values[3:] if is_pose else (),
+        ref_v_mps=rates[:3] if is_pose else (),
+        ref_w_radps=rates[3:] if is_pose else (),
+        streaming=arm.running,
+        tracking_rad=None if gap is None else gap.rad,
+        tracking_m=gap.m if gap is not None and is_pose else None,
+    )
+
+
+def _drive(conductor: Conductor, now_ns: int) -> ChassisView:
+    chassis = conductor.body.chassis
+    return ChassisView(
+        driven=chassis.is_driven,
+        drive_id=chassis.drive_id,
+        code=chassis.code.value if chassis.code else "",
+        wanted_mps=chassis.wanted[:2],
+        wanted_radps=chassis.wanted[2],
+        commanded_mps=chassis.commanded[:2],
+        commanded_radps=chassis.commanded[2],
+        left_ns=chassis.left_ns(now_ns),
+    )
+
+
+def _lift(conductor: Conductor, now_ns: int) -> LiftView | None:
+    lift = conductor.body.lift
+    if lift is None:
+        return None
+    return LiftView(
+        driven=lift.is_driven,
+        drive_id=lift.drive_id,
+        code=lift.code.value if lift.code else "",
+        velocity_ratio=lift.commanded,
+        servo_on=lift.is_in_use,
+        left_ns=lift.left_ns(now_ns),
+    )
+
+
+def _grip(conductor: Conductor, side: Side) -> GripView:
+    gripper = conductor.body.grippers[side]
+    if not gripper.running:
+        return GripView(streaming=False, input_ratio=None, torque_nm=None, holding=None)
+    return GripView(
+        streaming=True,
+        input_ratio=gripper.raw,
+        torque_nm=robot.gripper_torque_nm(gripper.raw),
+        holding=gripper.is_holding,
     )

@@ -10,7 +10,8 @@ documented number of finite values and its payload exactly the documented length
 Joint commands carry names, and zeros as velocity and effort, as the manual's programs send them (§6.5); the robot
 ignores all three (§4.3).
 
-Message-level twins (`from_message`, `to_message`) serve whoever has messages already. Pure: no zenoh, no clock.
+Message-level twins (`from_message`, `to_message`) serve whoever has messages already. Hot payloads have a shorter way with
+the same results (`shortcuts`). Pure: no zenoh, no clock.
 """
 
 from __future__ import annotations
@@ -28,6 +29,7 @@ from cdr_types.messages import builtin_interfaces, geometry_msgs, sensor_msgs, s
 from gateway import robot
 from gateway.core.events import StateValue
 from gateway.errors import Code
+from gateway.link.shortcuts import JointWriter, MotorReader, read_pose
 from gateway.values import ArmState, CurrentMode, EePose, MotorState, Side, ValueRefused, Vector
 
 __all__ = [
@@ -93,12 +95,23 @@ def decode_sample(topic: str, payload: bytes) -> StateValue:
     Raises:
         BadSample: If it cannot be believed.
     """
+    motors = _MOTORS.get(topic)
+    value: StateValue | None = None
+    if motors is not None:
+        value = motors.read(payload)
+    elif topic in _POSES:
+        value = read_pose(payload)
+    if value is not None:
+        return value
     row, cls, read = _reader_of(topic)
     try:
         message = decode(payload, cls)
     except CdrError as error:
         raise BadSample(Code.SAMPLE_REFUSED, f"{len(payload)} bytes are no {row.type_name}: {error}") from error
-    return read(row, message)
+    value = read(row, message)
+    if motors is not None and isinstance(value, MotorState):
+        motors.learn(payload, value)
+    return value
 
 
 def from_message(topic: str, message: IdlStruct) -> StateValue:
@@ -141,9 +154,8 @@ def _read_motors(row: robot.Topic, message: IdlStruct) -> MotorState:
     stamp = joints.header.stamp
     if not 0 <= stamp.nanosec < S:
         raise BadSample(Code.SAMPLE_REFUSED, f"header.stamp.nanosec is {stamp.nanosec}, below {S} is needed")
-    value_type = ArmState if row.name in _ARM_TOPICS else MotorState
     try:
-        return value_type(
+        return _motor_type(row.name)(
             q_rad=tuple(joints.position),
             dq_radps=tuple(joints.velocity),
             tau_nm=tuple(joints.effort),
@@ -151,6 +163,10 @@ def _read_motors(row: robot.Topic, message: IdlStruct) -> MotorState:
         )
     except ValueRefused as error:
         raise BadSample(Code.SAMPLE_REFUSED, f"{error} (manual §4.8)") from error
+
+
+def _motor_type(topic: str) -> type[MotorState]:
+    return ArmState if topic in _ARM_TOPICS else MotorState
 
 
 def _read_pose(row: robot.Topic, message: IdlStruct) -> EePose:
@@ -209,6 +225,11 @@ _READER_OF: Final = {
     for name in robot.STATE_TOPICS
 }
 
+_MOTORS: Final = {
+    name: MotorReader(row, _motor_type(name)) for name, (row, _, read) in _READER_OF.items() if read is _read_motors
+}
+_POSES: Final = frozenset(name for name, (_, _, read) in _READER_OF.items() if read is _read_pose)
+
 # -------------------------------------------------------------------------------------------------------- to the robot
 
 
@@ -226,6 +247,11 @@ def encode_frame(topic: str, values: Vector, wall_ns: int) -> bytes:
     Raises:
         BadFrame: If the frame must not reach the robot.
     """
+    writer = _JOINT_WRITERS.get(topic)
+    if writer is not None:
+        quick = writer.write(values, wall_ns)
+        if quick is not None:
+            return quick
     try:
         payload = encode(to_message(topic, values, wall_ns))
     except CdrError as error:  # beyond single precision
@@ -293,3 +319,9 @@ FRAME_BYTES: Final[Mapping[str, int]] = {
     name: _TYPE_BYTES[row.type_name](row.width) for name, row in _COMMAND_ROWS.items()
 }
 """Length of a command's payload, encapsulation header included [bytes] (wire.md 1.2)."""
+
+_JOINT_WRITERS: Final = {
+    name: JointWriter(encode(_write_joints(row, (0.0,) * row.width, 0)), row.width)
+    for name, row in _COMMAND_ROWS.items()
+    if row.type_name == robot.JOINT_STATE
+}

@@ -1,8 +1,8 @@
 """The robot plane: events in, cleared frames out, and a session that comes back by itself.
 
-Three kinds of thread meet here. zenoh's callbacks stamp and store (`robot_session`). The loop thread calls `poll` and
-`publish`, which never wait. The link's own thread opens the session (the first `open` fails while no router listens, so
-it is repeated here), then follows the bridge (`discovery`): whatever may take its time happens there.
+Three kinds of thread meet here. zenoh's callbacks stamp and store, or zenoh itself keeps (`robot_session`). The loop
+thread calls `poll` and `publish`, which never wait. The link's own thread opens the session, then follows the bridge and
+others (`discovery`, `foreign_watch`): whatever may take its time happens there.
 
 Rules:
 
@@ -10,8 +10,8 @@ Rules:
 * `publish` takes only what the gate has cleared. Without transport it sends nothing and counts: zenoh would accept the
   frame and lose it, and a frame that waits in a stalled link arrives late (wire.md 2.3, 7). Whether state is fresh
   enough to send at all is the engine's decision, not the link's.
-* Who has polled a LinkDown before a LinkUp has seen every outage, however short; another router id means another robot
-  process.
+* Who only looks (`is_reader`) can send nothing, is no gateway to others and keeps no route alive by a token: a token that
+  goes again would end the state of whoever has none (wire.md 3.1 b).
 * `close` is bounded whatever the robot does. Call it: zenoh's callback threads keep a process alive. Who forgets is
   helped out: the link closes by itself when the main thread has ended.
 
@@ -24,36 +24,51 @@ import logging
 import threading
 import time
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Collection
+from functools import partial
 
 import zenoh
 
 from gateway import robot
-from gateway.core.events import Event, LinkDown, LinkUp, RouteObserved, SampleArrived, SampleRefused
+from gateway.api.protocol import Wire
+from gateway.core.events import (
+    Befriended,
+    ClaimShown,
+    Event,
+    LinkUp,
+    RobotsAnnounced,
+    RouteObserved,
+    SampleArrived,
+    SampleRefused,
+)
 from gateway.core.gate import Cleared
+from gateway.link.claim_token import ClaimToken
 from gateway.link.codec import BadFrame, BadSample, decode_sample, encode_frame, stamp_of
+from gateway.link.connecting import MAX_RETRY_S, connect
 from gateway.link.discovery import Discovery, Sight
-from gateway.link.mailbox import Mailbox
+from gateway.link.foreign_watch import ForeignWatch
+from gateway.link.hearing import AT_ONCE, POSED, SHOWN, STAMPED, mailboxes_of, slots_of
+from gateway.link.mailbox import Tray
+from gateway.link.meter import Meter
+from gateway.link.news import TransportNews, time_of
+from gateway.link.revival import Revival
 from gateway.link.robot_session import RobotSession, SessionListener
 from gateway.link.session_config import session_config
+from gateway.link.survey import gather
 from gateway.settings import LinkSettings, SettingsRefused
-from gateway.values import Side
 
 __all__ = ["RobotLink"]
 
 S = 1_000_000_000
 
-FIRST_RETRY_S = 0.2
-MAX_RETRY_S = 1.0
-DECIDING = frozenset((*map(robot.arm_state, Side), robot.FSM_STATE, robot.CURRENT_MODE))
-"""State topics that decide about motion; the others are only shown."""
+LATE_NS = 15_000_000
+"""After a pause of more than this everything is decoded at once [ns]: its turn is over."""
 
-AT_ONCE, DECISIVE, SHOWN = range(3)
-"""Classes of topics, by how often their newest sample is decoded."""
+CLAIM_END_S = 0.2
+"""How long the end waits for the thread of our token: it hangs only where the session hangs, too."""
 
 STEP_S = 0.25
 """Period of the link's own thread."""
-
 FAULT_PAUSE_S = 2.0
 """How long routes are not looked at after a fault of the diagnosis."""
 
@@ -67,6 +82,10 @@ class RobotLink:
         settings: Endpoint, namespace, model and lease.
         clock: Monotonic clock [ns].
         wall_clock: Wall clock for header stamps [ns since 1970].
+        topics: State topics to hear; the others are not subscribed to, and cost nothing.
+        stamped: Those of them whose samples are stamped when they arrive, which wakes a thread for each; the others
+            count as old as they can be.
+        is_reader: Whether to look only.
 
     Attributes:
         undelivered: Frames that `publish` did not hand to zenoh because there was no transport or no session.
@@ -80,34 +99,35 @@ class RobotLink:
         settings: LinkSettings,
         clock: Callable[[], int] = time.monotonic_ns,
         wall_clock: Callable[[], int] = time.time_ns,
+        topics: Collection[str] = robot.STATE_TOPICS,
+        stamped: Collection[str] = STAMPED,
+        *,
+        is_reader: bool = False,
     ) -> None:
         self.undelivered = 0
         self._settings = settings
         self._clock = clock
         self._wall_clock = wall_clock
-        self._config = session_config(settings)
+        self._is_reader = is_reader
+        self._config = session_config(settings, is_reader=is_reader)
         try:
             zenoh.Config.from_json5(self._config)
         except zenoh.ZError as error:
             raise SettingsRefused("robot.endpoint", settings.endpoint, rule=f"is no endpoint: {error}") from error
-        self._commands = frozenset(settings.variant.command_topics)
-        self._mailboxes = {
-            topic: Mailbox(is_stamped=robot.TOPICS[topic].type_name == robot.JOINT_STATE)
-            for topic in robot.STATE_TOPICS
-        }
-        self._slots = [
-            *((topic, self._mailboxes[topic], DECISIVE) for topic in map(robot.arm_state, Side)),
-            *((topic, self._mailboxes[topic], AT_ONCE) for topic in (robot.FSM_STATE, robot.CURRENT_MODE)),
-        ]
-        self._slots += [(topic, box, SHOWN) for topic, box in self._mailboxes.items() if topic not in DECIDING]
-        self._every = [1, 1, 2]
+        self._commands = frozenset(() if is_reader else settings.variant.command_topics)
+        self._mailboxes = mailboxes_of(topics, stamped)
+        self._slots = slots_of(self._mailboxes)
+        self._every = [1, 2, 2, 2]
         self._polls = 0
-        # From the callbacks to the loop: appended there, taken here, each one atomic operation.
-        self._transport_news: deque[tuple[str, bool, int]] = deque()
-        self._observations: deque[RouteObserved] = deque()
-        self._router_zid = ""  # as the latest callback said
-        self._up_since_ns = 0
-        self._polled_zid = ""  # as the loop was told
+        self._polled_ns = 0
+        # From other threads to the loop: appended there, taken here, each one atomic operation.
+        self._transport = TransportNews()
+        self._observations: deque[RouteObserved | RobotsAnnounced] = deque()
+        self._own_news: deque[Befriended | ClaimShown] = deque()
+        self._claim = ClaimToken(self._note_shown)
+        self._friends: set[str] = set()
+        self._foreign: ForeignWatch | None = None
+        self._meter = Meter()
         self._session: RobotSession | None = None
         self._serving: zenoh.Session | None = None
         self._discovery: Discovery | None = None
@@ -117,12 +137,12 @@ class RobotLink:
     @property
     def is_up(self) -> bool:
         """Whether a transport to the robot's router is open now. Any thread."""
-        return bool(self._router_zid)
+        return bool(self._transport.router_zid)
 
     @property
     def router_zid(self) -> str:
         """Zenoh id of the robot's router; empty without transport."""
-        return self._router_zid
+        return self._transport.router_zid
 
     @property
     def zid(self) -> str:
@@ -140,62 +160,117 @@ class RobotLink:
         """Return, per topic of this model, whether its route works, in a few words. Any thread."""
         discovery = self._discovery
         if discovery is None:
-            topics = (*robot.STATE_TOPICS, *self._settings.variant.command_topics)
+            topics = (*self._mailboxes, *self._settings.variant.command_topics)
             return dict.fromkeys(topics, "unknown: not connected yet")
         return discovery.readiness()
+
+    def wire(self) -> Wire:
+        """Return everything that is known of the wire, for people. Any thread; asks nobody."""
+        return gather(
+            self._settings,
+            self._clock(),
+            self.zid,
+            transport=self._transport,
+            newest_ns={topic: box.newest_ns for topic, box in self._mailboxes.items()},
+            meter=self._meter,
+            discovery=self._discovery,
+            foreign=self._foreign,
+            friends=frozenset(self._friends),
+            undelivered=self.undelivered,
+        )
 
     def open(self) -> None:
         """Start connecting and return at once; LinkUp comes when it worked."""
         self._worker.start()
 
+    def befriend(self, zid: str) -> None:
+        """Say that a session on the robot plane is ours, before it declares or sends anything. Any thread.
+
+        Args:
+            zid: Its zenoh id.
+        """
+        self._friends.add(zid)
+        self._own_news.append(Befriended(zid=zid, at_ns=self._clock()))
+
     # ---------------------------------------------------------------------------------------------- the loop's thread
 
     def poll(self) -> list[Event]:
         """Return what has happened since the last call, oldest first. The loop's thread only; never waits."""
-        events: list[Event] = []
-        while self._transport_news:
-            events += self._link_events(*self._transport_news.popleft())
+        events = self._transport.take(self.zid)
+        is_new_link = any(isinstance(event, LinkUp) for event in events)
         while self._observations:
             events.append(self._observations.popleft())
         is_ordered = not events
+        while self._own_news:  # before what is seen of others: a friend is introduced first
+            events.append(self._own_news.popleft())
+        foreign, session = self._foreign, self._session
+        if foreign is not None and session is not None:
+            session.take_commands(foreign.take)
+            events += foreign.poll(self.router_zid, is_new_link=is_new_link)
         self._polls += 1
+        now_ns = self._clock()
+        is_everyones_turn = not is_ordered or now_ns - self._polled_ns > LATE_NS
+        self._polled_ns = now_ns
         for number, (topic, mailbox, kind) in enumerate(self._slots):
-            if is_ordered and (self._polls + number) % self._every[kind]:
+            if not is_everyones_turn and (self._polls + number) % self._every[kind]:
                 continue  # its turn comes. Beside news of the link all are taken: what came before is told before
-            arrival = mailbox.take()
+            arrival = mailbox.look(now_ns) if isinstance(mailbox, Tray) else mailbox.take()
             if arrival is None:
                 continue
             try:
                 value = decode_sample(topic, arrival.payload)
             except BadSample as error:
+                self._meter.refuse(topic, error.message)
                 events.append(
                     SampleRefused(topic=topic, code=error.code, message=error.message, received_ns=arrival.received_ns)
                 )
                 continue
+            stamp_ns = stamp_of(value)
+            if stamp_ns is not None:
+                self._meter.stamp = stamp_ns, arrival.received_ns
             events.append(
                 SampleArrived(
                     topic=topic,
                     value=value,
                     received_ns=arrival.received_ns,
-                    stamp_ns=stamp_of(value),
+                    stamp_ns=stamp_ns,
                     count=arrival.samples,
                     duplicates=arrival.duplicates,
                     worst_gap_ns=arrival.worst_gap_ns,
                 )
             )
         if not is_ordered:
-            events.sort(key=_time_of)
+            events.sort(key=time_of)
         return events
 
-    def pace(self, *, is_moving: bool, is_watched: bool) -> None:
+    def skim(self) -> int:
+        """Note when samples came, decode nothing; return when the newest fast one did [ns]. The loop's thread only."""
+        now_ns = self._clock()
+        for _, mailbox, _ in self._slots:
+            if isinstance(mailbox, Tray):
+                mailbox.skim(now_ns)
+        return max(mailbox.newest_ns or 0 for _, mailbox, kind in self._slots if kind != AT_ONCE)
+
+    def pace(self, *, is_moving: bool, is_watched: bool, is_posing: bool = False) -> None:
         """Say how often to decode, at 100 polls a second: what costs time and serves nobody waits for its turn.
 
+        Joints have theirs at every second poll, FSM and mode at each; after a pause everything is decoded.
+
         Args:
-            is_moving: Setpoints are sent: joints are decoded at every poll; else at every second one.
-            is_watched: Somebody looks: what is only shown is decoded 50 times a second; else 25 times.
+            is_moving: Setpoints are sent: what is only shown, which tells of the link, is decoded 50 times a second.
+            is_watched: Somebody looks: the same. If neither, 25 times.
+            is_posing: An arm is in end-effector mode: its pose decides about motion, at each poll.
         """
-        self._every[DECISIVE] = 1 if is_moving else 2
-        self._every[SHOWN] = 2 if is_watched else 4
+        self._every[SHOWN] = 2 if is_watched or is_moving else 4
+        self._every[POSED] = 1 if is_posing else self._every[SHOWN]
+
+    def show(self, claim: int) -> None:
+        """Let other gateways see a claim to command the robot; 0 for none. ClaimShown comes when they can. Never waits.
+
+        Args:
+            claim: Its number.
+        """
+        self._claim.show(claim)
 
     def publish(self, frame: Cleared) -> None:
         """Send a frame that the gate has cleared. The loop's thread only; waits at most half a millisecond.
@@ -209,7 +284,7 @@ class RobotLink:
             raise BadFrame(f"{frame.topic!r} is no command topic of model {self._settings.model!r}")
         payload = encode_frame(frame.topic, frame.values, self._wall_clock())
         session = self._session
-        if session is None or not self._router_zid or not session.put(frame.topic, payload):
+        if session is None or not self.router_zid or not session.put(frame.topic, payload):
             self.undelivered += 1
 
     def close(self, timeout_ns: int = 2 * S) -> bool:
@@ -226,35 +301,15 @@ class RobotLink:
         self._closing.set()
         if self._worker.ident is not None:  # it was started
             self._worker.join(timeout_ns / S)
-        return not self._worker.is_alive()
+        return self._claim.close(CLAIM_END_S) and not self._worker.is_alive()
 
-    def _link_events(self, zid: str, is_open: bool, at_ns: int) -> list[Event]:
-        before = self._polled_zid
-        if is_open:
-            self._polled_zid = zid
-            if before == zid:
-                return []
-            gone: list[Event] = [LinkDown(at_ns=at_ns)] if before else []
-            return [*gone, LinkUp(router_zid=zid, at_ns=at_ns)]
-        if before != zid:
-            return []
-        self._polled_zid = ""
-        return [LinkDown(at_ns=at_ns)]
-
-    # ---------------------------------------------------------------------------------------------- zenoh's threads
-
-    def _note_transport(self, zid: str, is_open: bool, at_ns: int) -> None:
-        if is_open:
-            self._up_since_ns = at_ns
-            self._router_zid = zid
-        elif self._router_zid == zid:
-            self._router_zid = ""
-        self._transport_news.append((zid, is_open, at_ns))
+    def _note_shown(self, claim: int) -> None:
+        self._own_news.append(ClaimShown(claim=claim, at_ns=self._clock()))
 
     # ---------------------------------------------------------------------------------------------- the link's thread
 
     def _work(self) -> None:
-        while (opened := self._open_session()) is not None:
+        while (opened := connect(self._config, self._settings.endpoint, self._goes_on)) is not None:
             try:
                 self._serve(opened)
             except Exception:  # noqa: BLE001  # whatever it was: without a session the robot cannot even be stopped
@@ -266,70 +321,66 @@ class RobotLink:
     def _serve(self, opened: zenoh.Session) -> None:
         """Declare everything on a session and follow the bridge until the link closes."""
         self._serving = opened
-        self._discovery = discovery = Discovery(self._settings, str(opened.zid()), self._ask)
+        own_zid = str(opened.zid())
+        self._discovery = discovery = Discovery(
+            self._settings, own_zid, self._ask, self._friends, tuple(self._mailboxes)
+        )
+        foreign = ForeignWatch(self._settings, discovery.tokens, own_zid, self._clock)
 
         def note(zid: str, is_open: bool, at_ns: int) -> None:
             if self._serving is opened:  # what an earlier session still says is not about this one
-                self._note_transport(zid, is_open, at_ns)
+                self._transport.note(zid, is_open, at_ns)
 
-        listener = SessionListener(mailboxes=self._mailboxes, transport=note, token=discovery.tokens.receive)
-        self._session = session = RobotSession(opened, self._settings, listener, self._clock)
+        listener = SessionListener(
+            mailboxes=self._mailboxes,
+            transport=note,
+            token=discovery.tokens.receive,
+            gateway=foreign.note_gateway,
+        )
+        self._session = session = RobotSession(opened, self._settings, listener, self._clock, is_reader=self._is_reader)
+        self._foreign = foreign
+        self._claim.attach(session)
         session.listen()  # only now: who is told of a transport can publish
-        self._follow(discovery, session)
+        self._follow(discovery, foreign, session)
 
     def _drop(self, opened: zenoh.Session) -> None:
         """Close a session; the loop hears that its transport is gone."""
+        self._claim.attach(None)
         self._session = self._serving = None
-        if self._router_zid:
-            self._note_transport(self._router_zid, False, self._clock())
+        if self.router_zid:
+            self._transport.note(self.router_zid, False, self._clock())
         opened.close()  # type: ignore[no-untyped-call]  # zenoh's stub gives no types here
 
-    def _follow(self, discovery: Discovery, session: RobotSession) -> None:
-        while self._goes_on(STEP_S):
+    def _follow(self, discovery: Discovery, foreign: ForeignWatch, session: RobotSession) -> None:
+        revival = Revival(partial(session.redeclare, closing=self._closing))
+        while self._goes_on(revival.pause_s(self._clock(), STEP_S)):
             try:
-                self._look(discovery, session)
+                self._look(discovery, foreign, session, revival)
             except Exception:  # noqa: BLE001  # a fault of the diagnosis must not take the link away: logged, not hidden
                 _log.exception(
                     "discovery failed: the link goes on, routes are looked at again in %.0f s", FAULT_PAUSE_S
                 )
                 self._goes_on(FAULT_PAUSE_S)
 
-    def _look(self, discovery: Discovery, session: RobotSession) -> None:
-        if not self._router_zid:
-            discovery.lose()
+    def _look(self, discovery: Discovery, foreign: ForeignWatch, session: RobotSession, revival: Revival) -> None:
+        router_zid = self.router_zid
+        if not router_zid:
+            for part in (discovery.lose, foreign.lose, revival.forget, self._meter.forget):
+                part()
             return
+        tallies = {topic: box.tally for topic, box in self._mailboxes.items()}
+        self._meter.note(self._clock(), tallies, self._wall_clock())
+        revival.step(self._clock())
+        foreign.ask(self._clock(), router_zid, self._ask)
         finding = discovery.step(
             Sight(
                 now_ns=self._clock(),
-                up_since_ns=self._up_since_ns,
+                up_since_ns=self._transport.up_since_ns,
                 newest_ns={topic: box.newest_ns for topic, box in self._mailboxes.items()},
-                matching=session.matching(),
             )
         )
         self._observations.extend(finding.observations)
-        for topic in finding.revive:
-            session.redeclare(topic, self._closing)
-
-    def _open_session(self) -> zenoh.Session | None:
-        """Return an open session, however long it takes; None when the link closes first."""
-        retry_s = FIRST_RETRY_S
-        has_failed = False
-        while self._goes_on(0.0):
-            try:
-                session = zenoh.open(zenoh.Config.from_json5(self._config))
-            except zenoh.ZError as error:
-                if not has_failed:
-                    _log.warning("no zenoh router at %s yet, trying on: %s", self._settings.endpoint, error)
-                has_failed = True
-                self._goes_on(retry_s)
-                retry_s = min(2 * retry_s, MAX_RETRY_S)
-                continue
-            if not self._goes_on(0.0):
-                session.close()  # type: ignore[no-untyped-call]  # zenoh's stub gives no types here
-                break
-            _log.info("connected to %s as %s", self._settings.endpoint, session.zid())
-            return session
-        return None
+        revival.want(finding.revive, self._clock())
 
     def _goes_on(self, pause_s: float) -> bool:
         """Wait, then return whether the link is still wanted: nobody closed it and the program has not ended."""
@@ -338,11 +389,3 @@ class RobotLink:
     def _ask(self, selector: str) -> dict[str, bytes]:
         session = self._session
         return {} if session is None else session.ask(selector, self._closing)
-
-
-def _time_of(event: Event) -> int:
-    if isinstance(event, (LinkUp, LinkDown, RouteObserved)):
-        return event.at_ns
-    if isinstance(event, (SampleArrived, SampleRefused)):
-        return event.received_ns
-    raise TypeError(f"the robot plane makes no {type(event).__name__}")

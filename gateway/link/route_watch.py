@@ -4,7 +4,7 @@ Pure: ages, evidence and `now_ns` in, an observation or a wish out (BEHAVIOUR, "
 
 ```
 samples come                                   alive
-silent, nobody announces the topic             ROUTE_LOST   only a restart of the robot's node or bridge helps
+silent, nobody announces it for half a second  ROUTE_LOST   only a restart of the robot's node or bridge helps
 silent, announced, admin shows no DDS reader   ROUTE_DEAD   re-declare our subscription
 silent, announced, reader there                alive: the robot's node itself is silent
 silent, announced, admin space unreadable      unknown: nothing is done, nothing is said
@@ -22,7 +22,7 @@ from gateway.core.events import RouteObserved
 from gateway.errors import Code
 from gateway.robot import Topic
 
-__all__ = ["MAX_REVIVALS", "REVIVAL_WINDOW_NS", "Evidence", "RouteWatch"]
+__all__ = ["FIRST_DATA_NS", "MAX_REVIVALS", "REVIVAL_WINDOW_NS", "Evidence", "RouteWatch", "silence_ns"]
 
 MS = 1_000_000
 S = 1_000_000_000
@@ -39,6 +39,9 @@ MAX_DELAY_NS = 60 * S
 """Attempts at 0, 2, 8, 26 s, then every minute."""
 IDLE_DELAY_NS = 5 * S
 """A topic whose route is not dead is looked up again after this."""
+GONE_NS = 500 * MS
+"""A topic is not announced for this long, on one transport, before its route is called lost: the end of a transport takes
+all tokens away a moment before it is told, and the next one brings them after it is."""
 MAX_REVIVALS = 4
 """At most this many re-declarations of one topic ..."""
 REVIVAL_WINDOW_NS = 60 * S
@@ -51,7 +54,7 @@ class Evidence:
 
     Attributes:
         has_reader: Whether the bridge holds a DDS reader for it; None when nothing could be read.
-        others: Who else subscribes, for the remedy: zenoh ids, with addresses where they are known.
+        others: Who else is connected and may subscribe, for the remedy: zenoh ids, with addresses where they are known.
     """
 
     has_reader: bool | None
@@ -67,8 +70,9 @@ class RouteWatch:
 
     def __init__(self, topic: Topic) -> None:
         self._topic = topic
-        self._silence_ns = max(MIN_SILENCE_NS, int(SILENT_PERIODS * S / topic.rate_hz))
+        self._silence_ns = silence_ns(topic.rate_hz)
         self._code: Code | None = None
+        self._gone: tuple[int, int] | None = None  # since when not announced, on the transport of when
         self._attempts = 0
         self._next_look_ns = 0
         self._revivals: deque[int] = deque(maxlen=MAX_REVIVALS)
@@ -102,14 +106,18 @@ class RouteWatch:
             is_announced: Whether a publisher token for the topic is there.
         """
         name = self._topic.name
+        if is_announced:
+            self._gone = None
+        elif self._gone is None or self._gone[1] != up_since_ns:
+            self._gone = now_ns, up_since_ns
         if not self.is_silent(now_ns, up_since_ns, newest_ns):
             if newest_ns is None or newest_ns < up_since_ns:
                 return None  # too early to say
             self._attempts = 0
             self._next_look_ns = 0
             return self._change(None, f"{name}: samples come again", now_ns)
-        if is_announced:
-            return None  # the admin space decides
+        if self._gone is None or now_ns - self._gone[0] < GONE_NS:
+            return None  # the admin space decides, or it is too early to say
         return self._change(
             Code.ROUTE_LOST,
             f"{name} is silent and nobody announces it: the robot's node is away. "
@@ -147,8 +155,13 @@ class RouteWatch:
         return RouteObserved(topic=self._topic.name, code=code, message=message, at_ns=now_ns)
 
 
+def silence_ns(rate_hz: float) -> int:
+    """Return how long a topic of this rate [Hz] may be silent [ns]."""
+    return max(MIN_SILENCE_NS, int(SILENT_PERIODS * S / rate_hz))
+
+
 def _remedy(evidence: Evidence) -> str:
     text = "the robot's bridge announces it but has no DDS reader for it; the subscription is declared again"
     if evidence.others:
-        return f"{text}. That cannot help while somebody else subscribes: end {', '.join(evidence.others)}"
+        return f"{text}. That cannot help while somebody else subscribes, perhaps one of these: {', '.join(evidence.others)}"
     return f"{text}. If that does not help, restart the robot's bridge"

@@ -6,6 +6,7 @@ What it guarantees whatever the code above does:
 * Egress firewall: everything is denied but `put` on the exact command keys of this model, the subscriptions to its
   state, its own liveliness tokens, and the questions that discovery asks. A `delete`, which would stall a topic of the
   robot for half a second, or a key that this model does not have never leaves the process (wire.md 3.2, 9.3).
+* Of the router's own tables only what is needed may be asked for: some answers hang it (`foreign_watch`).
 * Fence: the announced lease makes the robot's end forget whatever of ours is still under way after that much silence
   (wire.md fact 2). The small send buffer bounds our own part of such a backlog.
 * Room for one tick: an express message takes a whole batch until the sender thread has come round, and with one batch
@@ -13,6 +14,12 @@ What it guarantees whatever the code above does:
   Measured with six frames per tick and 4 CPU hogs: 45 to 59 of 1,360 frames lost with one batch, 0 to 15 with eight;
   `put` 72 µs against 6 µs in the middle. What a stalled link holds back does not change, it sits in the kernel's
   buffers: 435 and 437 frames with one batch, 413 and 439 with eight.
+* The fence stands before the robot's buffers are full. Its bridge routes state with congestion control `block`: when the
+  link is silent and what it holds for us is full, its next put waits 5 s, whoever else listens, and our transport is not
+  closed before that (seen on the real bridge, 1.10.2: state back up to 5 s after a drop of 0.4 s). The robot's whole state
+  fills zenoh's batches of 64 KiB in 0.3 s, smaller ones sooner; the lease is shorter than that, and longer than the
+  quarter of a second at most in which TCP repeats a lost packet. Small batches would cost 0.8 % of a core less, since
+  zenoh reads each packet into a buffer of a whole one.
 * Reconnecting is zenoh's, every 50 to 200 ms; the first `open` fails after 2 s and is the link's to repeat.
 """
 
@@ -23,6 +30,8 @@ from typing import Final
 
 from cdr_types.keys import ALL_TOKENS, topic_to_key
 from gateway import robot
+from gateway.link.foreign_watch import publishers_of
+from gateway.link.gateway_token import format_gateway_token, gateway_tokens
 from gateway.settings import LinkSettings
 
 __all__ = ["OPEN_TIMEOUT_MS", "session_config"]
@@ -31,13 +40,15 @@ OPEN_TIMEOUT_MS = 2000
 """How long the first `open` tries [ms]."""
 
 SEND_BUFFER_BYTES = 16_384
+BATCH_BYTES = 65_535
+"""zenoh's largest; both ends keep to the smaller of their two."""
 MAX_PAYLOAD_BYTES = 1024
 """No command is larger; the largest has 324 bytes."""
 
 # Chunks that begin with @ are beyond `**`: tokens and admin keys are named in full.
 _OWN_TOKENS: Final = "@/*/@ros2_lv/MS/*/*/*"
 _PRESENCE: Final = "@/*/@ros2_lv"
-_ASKED: Final = [ALL_TOKENS, "@/*/ros2/**", "@/*/router", "@/*/router/**"]
+_ASKED: Final = [ALL_TOKENS, "@/*/ros2/**", "@/*/router"]
 _PRIORITIES: Final = (
     "control",
     "real_time",
@@ -50,11 +61,12 @@ _PRIORITIES: Final = (
 )
 
 
-def session_config(settings: LinkSettings) -> str:
+def session_config(settings: LinkSettings, *, is_reader: bool = False) -> str:
     """Return the configuration as JSON.
 
     Args:
         settings: Endpoint, namespace, model and lease.
+        is_reader: Whether nothing but questions and subscriptions may leave.
     """
     api = f"{topic_to_key('/api', settings.namespace)}/**"
     return json.dumps(
@@ -78,6 +90,8 @@ def session_config(settings: LinkSettings) -> str:
             "access_control": _access_control(
                 commands=[topic_to_key(topic, settings.namespace) for topic in settings.variant.command_topics],
                 data=[*_state_keys(settings.namespace), api],
+                namespace=settings.namespace,
+                is_reader=is_reader,
             ),
             "low_pass_filter": [_rule("size", "egress", ["put"], [api], size_limit=MAX_PAYLOAD_BYTES)],
         }
@@ -93,7 +107,8 @@ def _with_send_buffer(endpoint: str) -> str:
 def _transmission(lease_ms: int) -> dict[str, object]:
     sizes = dict.fromkeys(_PRIORITIES, 1) | {"data": 2, "real_time": 2, "interactive_high": 8}
     congestion = {"drop": {"wait_before_drop": 500}, "block": {"wait_before_close": 500_000}}  # [µs]
-    return {"lease": lease_ms, "keep_alive": 4, "queue": {"size": sizes, "congestion_control": congestion}}
+    queue = {"size": sizes, "congestion_control": congestion}
+    return {"lease": lease_ms, "keep_alive": 4, "batch_size": BATCH_BYTES, "queue": queue}
 
 
 def _state_keys(namespace: str) -> list[str]:
@@ -104,17 +119,28 @@ def _state_keys(namespace: str) -> list[str]:
     return [key if name in alone else f"{key}/**" for name, key in keys.items()]
 
 
-def _access_control(commands: list[str], data: list[str]) -> dict[str, object]:
+def _access_control(commands: list[str], data: list[str], namespace: str, *, is_reader: bool) -> dict[str, object]:
+    own = [_OWN_TOKENS, *(format_gateway_token("*", namespace, is_armed=is_armed) for is_armed in (False, True))]
+    gateways = gateway_tokens(namespace)
+    asked = [*_ASKED, f"@/*/router/{publishers_of(namespace)}"]
     rules = [
-        _rule("out", "egress", ["put"], commands, permission="allow"),
+        *([] if is_reader else [_rule("out", "egress", ["put"], commands, permission="allow")]),
         _rule("sub", "egress", ["declare_subscriber"], data, permission="allow"),
-        _rule("tok", "egress", ["liveliness_token"], [_OWN_TOKENS], permission="allow"),
+        *([] if is_reader else [_rule("tok", "egress", ["liveliness_token"], own, permission="allow")]),
         _rule("in", "ingress", ["put", "delete", "declare_subscriber"], data, permission="allow"),
         _rule(
-            "q", "egress", ["query", "liveliness_query", "declare_liveliness_subscriber"], _ASKED, permission="allow"
+            "q",
+            "egress",
+            ["query", "liveliness_query", "declare_liveliness_subscriber"],
+            [*asked, gateways],
+            permission="allow",
         ),
         _rule(
-            "r", "ingress", ["reply", "liveliness_token", "declare_queryable"], [*_ASKED, _PRESENCE], permission="allow"
+            "r",
+            "ingress",
+            ["reply", "liveliness_token", "declare_queryable"],
+            [*asked, _PRESENCE, gateways],
+            permission="allow",
         ),
     ]
     return {

@@ -17,6 +17,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from enum import Enum
+from operator import le
 from typing import Final
 
 import numpy as np
@@ -53,8 +54,11 @@ class SimArm:
         is_enabled: Configuration switch of §2.3.
         mode: Control mode of §2.3.
         is_blocked: Something holds the arm mechanically (fault).
+        has_ik: Whether the robot's IK works (fault).
+        margin_rad: How much tighter than §4.13 this robot clips (fault), shape (7,) [rad].
         measured_offset_rad: Added to what the encoders say (fault), shape (7,) [rad].
         accepted: Number of valid commands so far.
+        unsolved: Number of poses so far for which its IK found nothing.
     """
 
     def __init__(self, side: Side, settings: SimSettings, journal: Journal) -> None:
@@ -65,8 +69,11 @@ class SimArm:
         self.is_enabled = settings.arm_enabled(side)
         self.mode = settings.arm_mode(side)
         self.is_blocked = False
+        self.has_ik = True
+        self.margin_rad = np.zeros(DOF)
         self.measured_offset_rad = np.zeros(DOF)
         self.accepted = 0
+        self.unsolved = 0
         self.clips = 0
         self.stream_losses = 0
         self._journal = journal
@@ -101,7 +108,12 @@ class SimArm:
         if not all(map(math.isfinite, target)):
             self._journal.note(now_ns, "REFUSED_NOT_FINITE", subject, f"{target} (§4.10)")
             return False
-        clipped = [min(max(q, low), high) for q, low, high in zip(target, self._lower, self._upper, strict=True)]
+        clipped = target
+        if self.margin_rad.any() or not (all(map(le, self._lower, target)) and all(map(le, target, self._upper))):
+            clipped = [
+                min(max(q, low + margin), high - margin)
+                for q, low, high, margin in zip(target, self._lower, self._upper, self.margin_rad.tolist(), strict=True)
+            ]
         if clipped != target:
             self.clips += 1
             worst = max(range(DOF), key=lambda index: abs(clipped[index] - target[index]))
@@ -119,10 +131,11 @@ class SimArm:
         """
         numbers = (*pose.position_m, *pose.quat_xyzw)
         solution = None
-        if all(map(math.isfinite, numbers)) and any(pose.quat_xyzw):
+        if self.has_ik and all(map(math.isfinite, numbers)) and any(pose.quat_xyzw):
             start = self.target_rad if self.is_streamed else self.q_rad
             solution = self._geometry.inverse(pose, start)
         if solution is None:
+            self.unsolved += 1
             self._is_protected = True
             self._last_ns = now_ns
             self._journal.note(now_ns, "IK_INVALID", f"{self.side.value} arm target_pose", f"{numbers} (§4.10)")

@@ -13,11 +13,12 @@ from __future__ import annotations
 import json
 from collections import deque
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
 from typing import Final, cast
 
 import zenoh
+from pycdr2 import IdlStruct
 
+from cdr_types import decode, encode
 from cdr_types.errors import CdrError
 from cdr_types.keys import (
     ALL_TOKENS,
@@ -30,8 +31,10 @@ from cdr_types.keys import (
     presence_key,
     topic_to_key,
 )
+from cdr_types.registry import message_type
+from gateway.sim.wire import Arrival
 
-__all__ = ["CONTROL_KEY", "Arrival", "Bridge", "bridge_config"]
+__all__ = ["CONTROL_KEY", "Bridge", "bridge_config"]
 
 CONTROL_KEY: Final = "sim/control"
 """Query key of the simulation's own control channel; no robot has it."""
@@ -42,21 +45,6 @@ QOS: Final = Qos(reliability=Reliability.RELIABLE)
 """Reliable, volatile, depth not said: how Fast DDS nodes appear, as text `:1::` (wire reference §4.1)."""
 
 _NODE: Final = "/ta2_sim"
-
-
-@dataclass(frozen=True, slots=True)
-class Arrival:
-    """A sample on a command key.
-
-    Attributes:
-        topic: Its topic.
-        now_ns: When it arrived [ns].
-        payload: Its bytes; None for a DELETE.
-    """
-
-    topic: str
-    now_ns: int
-    payload: bytes | None
 
 
 def bridge_config(listen: str) -> zenoh.Config:
@@ -80,11 +68,11 @@ def bridge_config(listen: str) -> zenoh.Config:
 class _StateRoute:
     """DDS -> zenoh: a publisher that is active while a remote subscriber matches."""
 
-    def __init__(self, session: zenoh.Session, topic: str) -> None:
+    def __init__(self, session: zenoh.Session, key: str) -> None:
         self.is_matched = False
         self.is_dead = False
         self.publisher = session.declare_publisher(
-            topic_to_key(topic),
+            key,
             congestion_control=zenoh.CongestionControl.BLOCK,
             priority=zenoh.Priority.DATA,
             reliability=zenoh.Reliability.RELIABLE,
@@ -117,7 +105,12 @@ class Bridge:
     """
 
     def __init__(
-        self, listen: str, states: Mapping[str, str], commands: Mapping[str, str], clock: Callable[[], int]
+        self,
+        listen: str,
+        states: Mapping[str, str],
+        commands: Mapping[str, str],
+        clock: Callable[[], int],
+        namespace: str = "",
     ) -> None:
         """Listen and announce everything.
 
@@ -126,6 +119,7 @@ class Bridge:
             states: Topic -> ROS type of what is published.
             commands: Topic -> ROS type of what is taken.
             clock: Gives the time of an arrival [ns].
+            namespace: Put before every key, as a bridge of that option does; empty for none.
 
         Raises:
             zenoh.ZError: If the endpoint cannot be listened on.
@@ -133,6 +127,10 @@ class Bridge:
         self.arrivals: deque[Arrival] = deque()
         self.queries: deque[zenoh.Query] = deque()
         self._states, self._commands, self._clock = states, commands, clock
+        self._types = {topic: message_type(name) for topic, name in commands.items()}
+        self._namespace = namespace
+        self._keys = {topic: topic_to_key(topic, namespace) for topic in (*states, *commands)}
+        self._topics = {key: topic for topic, key in self._keys.items()}
         self._remote: dict[str, frozenset[str]] = {}  # whole values replaced: read by another thread
         self._session = zenoh.open(bridge_config(listen))
         self.zid = str(self._session.zid())
@@ -159,7 +157,7 @@ class Bridge:
             return
         liveliness = self._session.liveliness()
         for topic in self._states:
-            self._routes[topic] = _StateRoute(self._session, topic)
+            self._routes[topic] = _StateRoute(self._session, self._keys[topic])
             self._tokens.append(liveliness.declare_token(self._token(TokenKind.MP, topic, self._states[topic])))
         for topic in self._commands:
             self._subscribers.append(self._subscribe(topic))
@@ -175,6 +173,10 @@ class Bridge:
             route.publisher.undeclare()  # type: ignore[no-untyped-call]  # the same
         self._tokens, self._subscribers, self._routes = [], [], {}
 
+    def companions(self) -> tuple[int, ...]:
+        """Return no process: this router lives in the robot's own."""
+        return ()
+
     def close(self) -> None:
         """End the session; safe to call twice."""
         if not self._session.is_closed():
@@ -189,11 +191,11 @@ class Bridge:
             arrivals.append(Arrival(topic, now_ns, payload))
 
         return self._session.declare_subscriber(
-            topic_to_key(topic), zenoh.handlers.Callback(take, indirect=False), allowed_origin=zenoh.Locality.REMOTE
+            self._keys[topic], zenoh.handlers.Callback(take, indirect=False), allowed_origin=zenoh.Locality.REMOTE
         )
 
     def _token(self, kind: TokenKind, topic: str, type_name: str) -> str:
-        return format_token(Token(zid=self.zid, kind=kind, topic=topic, type_name=type_name, qos=QOS))
+        return format_token(Token(zid=self.zid, kind=kind, topic=f"/{self._keys[topic]}", type_name=type_name, qos=QOS))
 
     def _token_changed(self, sample: zenoh.Sample) -> None:
         """Note a foreign MS or MP token: a remote route of the topic."""
@@ -204,10 +206,11 @@ class Bridge:
         if token.kind not in (TokenKind.MP, TokenKind.MS) or token.zid == self.zid:
             return
         wanted = self._states if token.kind is TokenKind.MS else self._commands
-        if token.topic in wanted:
+        topic = self._topics.get(token.key)
+        if topic is not None and topic in wanted:
             name = frozenset({f"{token.zid}:{token.key}"})
-            known = self._remote.get(token.topic, frozenset())
-            self._remote[token.topic] = known | name if sample.kind == zenoh.SampleKind.PUT else known - name
+            known = self._remote.get(topic, frozenset())
+            self._remote[topic] = known | name if sample.kind == zenoh.SampleKind.PUT else known - name
 
     # ---------------------------------------------------------------------------------------------------------- data
 
@@ -215,9 +218,17 @@ class Bridge:
         """Return the state topics that somebody listens to."""
         return frozenset(topic for topic, route in self._routes.items() if route.is_active)
 
-    def publish(self, topic: str, payload: bytes) -> None:
-        """Put a sample of a state topic; like the bridge, this blocks while a subscriber does not keep up."""
-        self._routes[topic].publisher.put(payload)
+    def publish(self, topic: str, message: IdlStruct) -> None:
+        """Put a message of a state topic; like the bridge, this blocks while a subscriber does not keep up."""
+        self._routes[topic].publisher.put(encode(message))
+
+    def read(self, topic: str, payload: bytes) -> IdlStruct:
+        """Return the message of a command sample.
+
+        Raises:
+            CdrError: If the bytes are no message of the topic's type.
+        """
+        return decode(payload, self._types[topic])
 
     def set_dead(self, topic: str, *, is_dead: bool) -> None:
         """Lose or regain the reader of a state topic, or of all (`*`), while everything else looks healthy."""
@@ -237,18 +248,23 @@ class Bridge:
         root = f"@/{self.zid}/ros2"
         entries: dict[str, object] = {
             f"{root}/version": VERSION,
-            f"{root}/config": {"domain": 29, "ros_localhost_only": False, "reliable_routes_blocking": True},
+            f"{root}/config": {
+                "namespace": f"/{self._namespace.strip('/')}",
+                "domain": 29,
+                "ros_localhost_only": False,
+                "reliable_routes_blocking": True,
+            },
             f"{root}/node{_NODE}": {"publishers": sorted(self._states), "subscribers": sorted(self._commands)},
         }
         for number, (topic, route) in enumerate(self._routes.items()):
-            entries[f"{root}/route/topic/pub/{topic_to_key(topic)}"] = {
+            entries[f"{root}/route/topic/pub/{self._keys[topic]}"] = {
                 **self._entry(topic, self._states[topic]),
                 "publication_cache_size": 0,
                 "dds_reader": self._guid(number) if route.is_active else "",
                 "priority": 5,
             }
         for number, topic in enumerate(self._commands if self._subscribers else ()):
-            entries[f"{root}/route/topic/sub/{topic_to_key(topic)}"] = {
+            entries[f"{root}/route/topic/sub/{self._keys[topic]}"] = {
                 **self._entry(topic, self._commands[topic]),
                 "is_active": True,
                 "dds_writer": self._guid(0x100 + number),
@@ -260,7 +276,7 @@ class Bridge:
         return {
             "ros2_name": topic,
             "ros2_type": type_name,
-            "zenoh_key_expr": topic_to_key(topic),
+            "zenoh_key_expr": self._keys[topic],
             "remote_routes": sorted(self._remote.get(topic, ())),
             "local_nodes": [_NODE],
         }

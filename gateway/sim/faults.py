@@ -61,6 +61,9 @@ FAULTS: Final[Mapping[str, FaultKind]] = {
         scope="topic", required={**_TOPIC, "delay_s": _NUMBER}, on_commands=True, help="every message this much later"
     ),
     "duplicate": FaultKind(scope="topic", required={**_TOPIC, "copies": _NUMBER}, help="every message this many times"),
+    "reorder": FaultKind(
+        scope="topic", required=_TOPIC, help="every second message comes before the first of its pair"
+    ),
     "nan": FaultKind(scope="topic", required=_TOPIC, types=(JOINT_STATE, POSE), help="positions are NaN"),
     "short": FaultKind(scope="topic", required=_TOPIC, types=(JOINT_STATE,), help="the last joint is missing"),
     "wrong_names": FaultKind(scope="topic", required=_TOPIC, types=(JOINT_STATE,), help="names in reverse order"),
@@ -73,6 +76,12 @@ FAULTS: Final[Mapping[str, FaultKind]] = {
     "jump": FaultKind(
         scope="robot", required={**_SIDE, "joint": _NUMBER, "delta_rad": _NUMBER}, help="measured joint 1-7 is off"
     ),
+    "tight_limit": FaultKind(
+        scope="robot",
+        required={**_SIDE, "joint": _NUMBER, "margin_rad": _NUMBER},
+        help="joint 1-7 of this robot is clipped this much inside both limits of the manual",
+    ),
+    "no_ik": FaultKind(scope="robot", required=_SIDE, help="the robot's IK finds no joint angles for any pose"),
     "blocked": FaultKind(scope="robot", required=_SIDE, help="something holds the arm: it does not follow"),
     "clock_step": FaultKind(scope="robot", required={"step_s": _NUMBER}, help="the robot's clock is off by this"),
     "router_stop": FaultKind(scope="node", help="the router ends and listens again after duration_s (1 s)"),
@@ -93,7 +102,7 @@ class Fault:
         topic: The topic it acts on; `*` for every state topic; empty for other scopes.
         side: Left or right; empty where it does not matter.
         mode: Control mode; empty where it does not matter.
-        number: Its one figure: delay_s, copies, value, delta_rad or step_s.
+        number: Its one figure: delay_s, copies, value, delta_rad, margin_rad or step_s.
         joint: Joint number from 1.
         duration_s: How long, None until cleared [s].
     """
@@ -171,9 +180,9 @@ def parse_fault(command: str | Mapping[str, object]) -> Fault:
     fault = Fault(**values)  # type: ignore[arg-type]  # each value was checked against its kind above
     if fault.duration_s is not None and fault.duration_s <= 0.0:
         raise FaultError(f"fault {name}: duration_s must be positive, not {fault.duration_s}")
-    if name == "jump" and not 1 <= fault.joint <= DOF:
-        raise FaultError(f"fault jump: joint must be 1 to {DOF}, not {fault.joint}")
-    if name in ("delay", "duplicate") and fault.number <= 0.0:
+    if "joint" in kind.required and not 1 <= fault.joint <= DOF:
+        raise FaultError(f"fault {name}: joint must be 1 to {DOF}, not {fault.joint}")
+    if name in ("delay", "duplicate", "tight_limit") and fault.number <= 0.0:
         raise FaultError(f"fault {name}: its number must be positive, not {fault.number}")
     return fault
 
@@ -194,6 +203,8 @@ class FaultBook:
     def __init__(self) -> None:
         self._active: list[tuple[Fault, int | None]] = []
         self._frozen: dict[str, IdlStruct] = {}
+        self._held: dict[str, IdlStruct] = {}
+        """First messages of pairs that come in the wrong order."""
 
     def add(self, fault: Fault, now_ns: int) -> None:
         """Let a fault act from now on."""
@@ -226,10 +237,18 @@ class FaultBook:
         self._frozen = {
             topic: message for topic, message in self._frozen.items() if any(fault.covers(topic) for fault in still)
         }
+        self._held.clear()
+
+    @property
+    def is_empty(self) -> bool:
+        """Whether no fault acts."""
+        return not self._active
 
     @property
     def deadline_ns(self) -> int | None:
         """When the next fault ends by itself, if one does [ns]."""
+        if not self._active:
+            return None
         return min((until_ns for _, until_ns in self._active if until_ns is not None), default=None)
 
     def active(self, name: str | None = None) -> list[Fault]:
@@ -240,7 +259,7 @@ class FaultBook:
         """Return what becomes of a message: none, one or several, each with the time it goes out [ns]."""
         if not self._active:
             return [(now_ns, message)]
-        due_ns, copies = now_ns, 1
+        due_ns, copies, after = now_ns, 1, None
         for fault, _ in self._active:
             if fault.scope != "topic" or not fault.covers(topic):
                 continue
@@ -252,9 +271,14 @@ class FaultBook:
                 due_ns += round(fault.number * S)
             elif fault.name == "duplicate":
                 copies = max(1, int(fault.number))
+            elif fault.name == "reorder":
+                after = self._held.pop(topic, None)
+                if after is None:
+                    self._held[topic] = message
+                    return []
             else:
                 message = _corrupted(fault.name, message)
-        return [(due_ns, message)] * copies
+        return [(due_ns, message)] * copies + ([] if after is None else [(due_ns, after)])
 
 
 class DelayLine:

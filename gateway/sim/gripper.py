@@ -4,13 +4,15 @@ Rules (§4.4): the input 0..1 maps to feed-forward torque by a table, positive o
 100 ms after the arm's command stream ends the torque is cancelled; ending the gripper's own messages changes
 nothing. The motor angle is 0 when closed (kinematics facts: stroke about 1 rad).
 
-Choices: a non-finite or out-of-range input is refused; the motor creeps at torque over a fixed damping; without
+Choices: a pose that the arm's IK cannot solve is not passed on (§4.10), so it does not keep the stream of §4.4 alive; a
+non-finite or out-of-range input is refused; the motor creeps at torque over a fixed damping; without
 torque it stays where it is.
 """
 
 from __future__ import annotations
 
 import math
+from functools import lru_cache
 from typing import Final
 
 import numpy as np
@@ -29,6 +31,7 @@ _INPUTS: Final = tuple(row[0] for row in GRIPPER_TORQUE_NM)
 _TORQUES: Final = tuple(row[1] for row in GRIPPER_TORQUE_NM)
 
 
+@lru_cache(maxsize=256)  # an input is repeated at 50 Hz
 def torque_nm(level_01: float) -> float:
     """Return the feed-forward motor torque of an input [N·m], positive opens (table of §4.4)."""
     return float(np.interp(level_01, _INPUTS, _TORQUES))

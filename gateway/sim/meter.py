@@ -22,20 +22,30 @@ _KEPT_INTERVALS: Final = 20_000
 ALIVE_NS: Final = 1 * S
 """A longer silence ends a stream; what follows is a new one and its interval is no gap."""
 
+LATE_NS: Final = 100 * MS
+"""A setpoint that is older than this when it arrives waited somewhere on the way."""
+
 _WINDOW_NS: Final = 50 * MS
 _BLOCK: Final = 512
 
 
 class StreamMeter:
-    """Arrivals on one command topic."""
+    """Arrivals on one command topic.
+
+    How old a stamped message is when it arrives is counted from the quickest one so far: sender and robot need not have
+    the same clock.
+    """
 
     def __init__(self) -> None:
+        self._quickest_ns: int | None = None
         self.reset()
 
     def reset(self) -> None:
-        """Forget everything."""
+        """Forget everything but how far away the sender's clock is."""
         self.count = 0
         self.streams = 0
+        self.oldest_ns: int | None = None
+        self.late = 0
         self.worst_gap_alive_ns = 0
         self.gaps_over_100_ms = 0
         self.gaps_over_150_ms = 0
@@ -44,14 +54,17 @@ class StreamMeter:
         self.last_value: object = None
         self._intervals_ns: deque[int] = deque(maxlen=_KEPT_INTERVALS)
 
-    def add(self, now_ns: int, value: object) -> None:
+    def add(self, now_ns: int, value: object, stamp_ns: int | None = None) -> None:
         """Count one message.
 
         Args:
             now_ns: Arrival [ns].
             value: A JSON-able form of its content.
+            stamp_ns: When it was sent, by the sender's clock [ns]; None where the type has no stamp.
         """
         self.count += 1
+        if stamp_ns:
+            self._date(now_ns - stamp_ns)
         self.last_value = value
         if self.last_ns is None or now_ns - self.last_ns > ALIVE_NS:
             self.streams += 1
@@ -64,6 +77,13 @@ class StreamMeter:
         if self.first_ns is None:
             self.first_ns = now_ns
         self.last_ns = now_ns
+
+    def _date(self, behind_ns: int) -> None:
+        if self._quickest_ns is None or behind_ns < self._quickest_ns:
+            self._quickest_ns = behind_ns
+        age_ns = behind_ns - self._quickest_ns
+        self.oldest_ns = max(self.oldest_ns or 0, age_ns)
+        self.late += age_ns > LATE_NS
 
     def as_dict(self, now_ns: int) -> dict[str, object]:
         """Return the figures in milliseconds and hertz, over the life of the streams since the last reset."""
@@ -79,6 +99,8 @@ class StreamMeter:
             "worst_gap_alive_ms": round(self.worst_gap_alive_ns / MS, 3),
             "gaps_over_100_ms": self.gaps_over_100_ms,
             "gaps_over_150_ms": self.gaps_over_150_ms,
+            "oldest_ms": None if self.oldest_ns is None else round(self.oldest_ns / MS, 3),
+            "late": self.late,
             "age_ms": None if self.last_ns is None else round((now_ns - self.last_ns) / MS, 3),
             "last": self.last_value,
         }
@@ -150,8 +172,9 @@ def _slopes(times_ns: NDArray[np.int64], values: Array) -> tuple[Array, NDArray[
 class SetpointMeter:
     """Steps, peak speed and acceleration of the setpoints of one arm as they were meant.
 
-    The sender's time line is rebuilt from the mean interval without the outliers: a setpoint that arrives late is still
-    one period after the one before it, and network jitter does not look like acceleration.
+    The sender's time line is rebuilt from the mean interval without the outliers, the long ones and the short ones that follow
+    them when setpoints have piled up: a setpoint that arrives late is still one period after the one before it, and
+    network jitter does not look like acceleration.
     """
 
     def __init__(self) -> None:
@@ -183,8 +206,8 @@ class SetpointMeter:
             self._intervals_ns.append(max(now_ns - self._last_ns, 1))
             self._until_median -= 1
             if self._until_median <= 0 and len(self._intervals_ns) >= 15:
-                longest_ns = 3 * sorted(self._intervals_ns)[len(self._intervals_ns) // 2]
-                usual = [interval_ns for interval_ns in self._intervals_ns if interval_ns <= longest_ns]
+                median_ns = sorted(self._intervals_ns)[len(self._intervals_ns) // 2]
+                usual = [ns for ns in self._intervals_ns if median_ns <= 3 * ns <= 9 * median_ns]
                 self._period_ns = sum(usual) // len(usual)
                 self._until_median = 16
         self._last_ns = now_ns

@@ -10,8 +10,8 @@ control mode and only when enabled (§4.1). A refusal leaves a line in the journ
 
 from __future__ import annotations
 
-from collections.abc import Container, Mapping
-from typing import Protocol
+from collections.abc import Container, Iterable, Mapping
+from typing import Final, Protocol
 
 from pycdr2 import IdlStruct
 
@@ -39,11 +39,20 @@ from gateway.sim.manual import (
     joint_cmd_topic,
 )
 from gateway.sim.meter import MotionMeter, SetpointMeter, StreamMeter
-from gateway.sim.report import content, ee_pose, mode_json
+from gateway.sim.report import content, ee_pose, mode_json, sent_ns
 from gateway.sim.settings import SimSettings
 from gateway.sim.telemetry import Grid, Telemetry
 
 __all__ = ["SimRobot"]
+
+
+_SIDES: Final = tuple(Side)
+_SIDE_OF: Final = {
+    topic: side for topic in command_topics(has_lift=True) for side in Side if topic.startswith(f"/api/{side.value}_")
+}
+
+
+_DRIVES: Final = {Fsm.SLOW_START: Drive.APPROACH, Fsm.READY: Drive.FOLLOW}
 
 
 class _Timed(Protocol):
@@ -125,7 +134,7 @@ class SimRobot:
         if wanted is None or not isinstance(message, wanted):
             self.journal.note(now_ns, "NOT_A_COMMAND", topic, type(message).__name__)
             return
-        self.meters[topic].add(now_ns, content(message))
+        self.meters[topic].add(now_ns, content(message), sent_ns(message))
         at_ns = max(now_ns, self.now_ns)
         self._step_to(at_ns)
         for due_ns, passed in self.faults.pass_through(topic, message, at_ns):
@@ -158,6 +167,9 @@ class SimRobot:
                 for side, arm in self.arms.items():
                     self.motions[side].add(due_ns, arm.q_rad)
             due = self._telemetry.collect(due_ns, self.arms, self.grippers, self.chassis, self._report, topics)
+            if delayed_ns is None and self.faults.is_empty:
+                published += due
+                continue
             for topic, message in due:
                 for out_ns, passed in self.faults.pass_through(topic, message, due_ns):
                     self._outbox.push(out_ns, topic, passed)
@@ -179,8 +191,10 @@ class SimRobot:
         elif isinstance(message, std_msgs.Float32MultiArray):
             self._obey_base(topic, message, now_ns)
         else:
-            side = next(side for side in Side if topic.startswith(f"/api/{side.value}_"))
+            side = _SIDE_OF[topic]
             self._obey_arm(side, topic, message, now_ns)
+            self._redrive((side,))  # whatever one arm is told, the other goes on as it was
+            return
         self._redrive()
 
     def _enable(self, value: float, now_ns: int) -> None:
@@ -220,18 +234,23 @@ class SimRobot:
             self.grippers[side].arm_commanded(now_ns)
             self.setpoints[side].add(now_ns, arm.target_rad)
 
-    def _redrive(self) -> None:
-        """Let the state machine's state take hold of the motors."""
-        drive = {Fsm.SLOW_START: Drive.APPROACH, Fsm.READY: Drive.FOLLOW}.get(self.fsm.state, Drive.STILL)
-        for side, arm in self.arms.items():
+    def _redrive(self, sides: Iterable[Side] = _SIDES) -> None:
+        """Let the state machine's state take hold of the motors.
+
+        Args:
+            sides: Of these arms.
+        """
+        state = self.fsm.state
+        drive = _DRIVES.get(state, Drive.STILL)
+        is_started = drive is not Drive.STILL
+        for side in sides:
+            arm = self.arms[side]
             arm.set_drive(drive)
             self.grippers[side].engage(
-                is_started=self.fsm.is_started,
-                is_paused=self.fsm.state is Fsm.PAUSE,
-                is_enabled=arm.is_enabled and self.api_mode,
+                is_started=is_started, is_paused=state is Fsm.PAUSE, is_enabled=arm.is_enabled and self.api_mode
             )
         if self.lift is not None:
-            self.lift.has_error = self.fsm.state is Fsm.ERROR
+            self.lift.has_error = state is Fsm.ERROR
 
     # ---------------------------------------------------------------------------------------------------------- time
 
@@ -248,8 +267,9 @@ class SimRobot:
 
     def _next_event_ns(self) -> int:
         next_ns = self._check_grid.next_ns
-        if self._inbox.next_ns is not None:
-            next_ns = min(next_ns, self._inbox.next_ns)
+        inbox_ns = self._inbox.next_ns
+        if inbox_ns is not None and inbox_ns < next_ns:
+            next_ns = inbox_ns
         for part in self._timed:
             deadline_ns = part.deadline_ns
             if deadline_ns is not None and deadline_ns < next_ns:
@@ -257,7 +277,7 @@ class SimRobot:
         return next_ns
 
     def _move(self, duration_ns: int) -> None:
-        for side in Side:
+        for side in _SIDES:
             self.arms[side].move(duration_ns)
             self.grippers[side].move(duration_ns)
         self.chassis.move(duration_ns)
@@ -337,10 +357,13 @@ class SimRobot:
                 arm.is_enabled, arm.mode = enabled, mode
                 arm.drop_stream()
             arm.is_blocked = any(fault.name == "blocked" for fault in own)
-            arm.measured_offset_rad[:] = 0.0
+            arm.has_ik = not any(fault.name == "no_ik" for fault in own)
+            arm.measured_offset_rad[:] = arm.margin_rad[:] = 0.0
             for fault in own:
                 if fault.name == "jump":
                     arm.measured_offset_rad[fault.joint - 1] += fault.number
+                elif fault.name == "tight_limit":
+                    arm.margin_rad[fault.joint - 1] += fault.number
         self._redrive()
 
     def reset_stats(self) -> None:

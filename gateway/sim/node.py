@@ -23,14 +23,13 @@ from typing import Final
 
 import zenoh
 
-from cdr_types import CdrError, decode, encode
-from cdr_types.registry import message_type
 from gateway.sim.bridge import CONTROL_KEY, Bridge
 from gateway.sim.control import Control
 from gateway.sim.faults import Fault
 from gateway.sim.manual import MS, STATE_TOPICS, S
 from gateway.sim.model import SimRobot
 from gateway.sim.settings import SimSettings
+from gateway.sim.wire import Wire
 
 __all__ = ["DEFAULT_LISTEN", "SimNode", "main_sim", "run"]
 
@@ -62,19 +61,19 @@ class SimNode:
             zenoh.ZError: If the endpoint cannot be listened on.
         """
         self._listen, self._clock = listen, clock
+        self._namespace = settings.namespace
         self.robot = SimRobot(settings, start_ns=clock())
         self.is_ending = False
-        self._types = {topic: message_type(name) for topic, name in self.robot.commands.items()}
         self._control = Control(self.robot, self)
         self._timed: list[tuple[Fault, int]] = []
         self._reopen_ns: int | None = None
         self._reopen_tries = 0
         self._freezer: subprocess.Popen[bytes] | None = None
-        self._bridge: Bridge | None = self._open()
+        self._bridge: Wire | None = self._open()
 
-    def _open(self) -> Bridge:
+    def _open(self) -> Wire:
         states = {topic: kind for topic, (kind, _) in STATE_TOPICS.items()}
-        return Bridge(self._listen, states, self.robot.commands, self._clock)
+        return Bridge(self._listen, states, self.robot.commands, self._clock, self._namespace)
 
     # --------------------------------------------------------------------------------------------------------- cycle
 
@@ -92,24 +91,24 @@ class SimNode:
             return
         while bridge.arrivals:
             arrival = bridge.arrivals.popleft()
-            self._take(arrival.topic, arrival.payload, arrival.now_ns)
+            self._take(bridge, arrival.topic, arrival.payload, arrival.now_ns)
         for topic, message in self.robot.advance(now_ns, latest_only=True, topics=bridge.wanted()):
-            bridge.publish(topic, encode(message))
+            bridge.publish(topic, message)
         while bridge.queries and self._bridge is bridge:
             self._answer(bridge, bridge.queries.popleft(), now_ns)
 
-    def _take(self, topic: str, payload: bytes | None, arrival_ns: int) -> None:
+    def _take(self, bridge: Wire, topic: str, payload: bytes | None, arrival_ns: int) -> None:
         if payload is None:
             self.robot.journal.note(arrival_ns, "DELETE_ON_COMMAND", topic, "a zenoh DELETE is no message")
             return
         try:
-            message = decode(payload, self._types[topic])
-        except CdrError as error:
+            message = bridge.read(topic, payload)
+        except ValueError as error:
             self.robot.journal.note(arrival_ns, "INVALID_CDR", topic, str(error))
             return
         self.robot.receive(topic, message, arrival_ns)
 
-    def _answer(self, bridge: Bridge, query: zenoh.Query, now_ns: int) -> None:
+    def _answer(self, bridge: Wire, query: zenoh.Query, now_ns: int) -> None:
         with query:
             if str(query.key_expr) != CONTROL_KEY:
                 bridge.answer(query)
@@ -185,8 +184,9 @@ class SimNode:
 
     def _freeze(self, duration_s: float) -> None:
         """Have this whole process stopped and continued by a child: nothing of it runs, its sockets fill up."""
-        pid = os.getpid()
-        script = f"sleep 0.05; kill -STOP {pid}; sleep {duration_s}; kill -CONT {pid}"
+        companions = () if self._bridge is None else self._bridge.companions()
+        pids = " ".join(map(str, (os.getpid(), *companions)))
+        script = f"sleep 0.05; kill -STOP {pids}; sleep {duration_s}; kill -CONT {pids}"
         self._freezer = subprocess.Popen(["/bin/sh", "-c", script], start_new_session=True)
 
     def close(self) -> None:
@@ -206,6 +206,7 @@ def run(
     should_stop: Callable[[], bool],
     ready: Callable[[], None] | None = None,
     write: Callable[[str], None] | None = None,
+    make: Callable[[SimSettings, str], SimNode] = SimNode,
 ) -> None:
     """Run a simulated robot in the calling thread until asked to stop.
 
@@ -215,13 +216,14 @@ def run(
         should_stop: Asked every cycle.
         ready: Called once when the robot can be reached.
         write: Takes lines for people: where it listens, and the robot's log, at most ten lines a second.
+        make: Makes the robot and what lies before it.
 
     Raises:
         zenoh.ZError: If the endpoint cannot be listened on.
     """
     _tighten_timer()
     switch_interval_s = sys.getswitchinterval()
-    node = SimNode(settings, listen)
+    node = make(settings, listen)
     try:
         lines = _Lines(node.robot, write)
         lines.say(f"listening on {listen}")
@@ -267,7 +269,10 @@ class _Lines:
 
 
 def main_sim(
-    listen: str = DEFAULT_LISTEN, settings: SimSettings | None = None, ready: Callable[[], None] | None = None
+    listen: str = DEFAULT_LISTEN,
+    settings: SimSettings | None = None,
+    ready: Callable[[], None] | None = None,
+    make: Callable[[SimSettings, str], SimNode] = SimNode,
 ) -> int:
     """Run a simulated robot until SIGINT or SIGTERM, telling people what happens; return the exit code.
 
@@ -275,6 +280,7 @@ def main_sim(
         listen: Endpoint of its router.
         settings: What to simulate; a standard robot by default.
         ready: Called once when the robot can be reached.
+        make: Makes the robot and what lies before it.
     """
     signals: list[int] = []
     previous = {
@@ -288,7 +294,7 @@ def main_sim(
             sys.stdout.flush()
 
     try:
-        run(settings or SimSettings(), listen, should_stop=lambda: bool(signals), ready=ready, write=write)
+        run(settings or SimSettings(), listen, should_stop=lambda: bool(signals), ready=ready, write=write, make=make)
     except zenoh.ZError as error:
         sys.stderr.write(
             f"cannot listen on {listen}: {error}\nAnother simulation or a bridge may use this port already.\n"

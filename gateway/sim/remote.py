@@ -35,7 +35,12 @@ class SimControl:
         self._endpoint, self._timeout_s = endpoint, timeout_s
         config = {
             "mode": "client",
-            "connect": {"endpoints": [endpoint], "timeout_ms": round(timeout_s * 1e3), "exit_on_failure": True},
+            "connect": {
+                "endpoints": [endpoint],
+                "timeout_ms": round(timeout_s * 1e3),
+                "exit_on_failure": True,
+                "retry": {"period_init_ms": 50, "period_max_ms": 200, "period_increase_factor": 1.5},
+            },
             "listen": {"endpoints": []},
             "scouting": {"multicast": {"enabled": False}, "gossip": {"enabled": False}},
             "transport": {"shared_memory": {"enabled": False}},

@@ -12,12 +12,12 @@ from pycdr2 import IdlStruct
 
 from cdr_types.messages import geometry_msgs, sensor_msgs, std_msgs
 from gateway.sim.geometry import EePose
-from gateway.sim.manual import Side
+from gateway.sim.manual import S, Side
 
 if TYPE_CHECKING:
     from gateway.sim.model import SimRobot
 
-__all__ = ["content", "ee_pose", "mode_json", "state", "stats"]
+__all__ = ["content", "ee_pose", "mode_json", "sent_ns", "state", "stats"]
 
 
 def mode_json(robot: SimRobot) -> str:
@@ -100,3 +100,10 @@ def content(message: IdlStruct) -> object:
     if isinstance(message, std_msgs.Float32MultiArray):
         return list(message.data)
     return message.data if isinstance(message, std_msgs.Float32) else None
+
+
+def sent_ns(message: IdlStruct) -> int | None:
+    """Return when a command was sent, by its sender's clock [ns since 1970]; None where the type has no stamp."""
+    if not isinstance(message, sensor_msgs.JointState):
+        return None
+    return message.header.stamp.sec * S + message.header.stamp.nanosec

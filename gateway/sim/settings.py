@@ -5,12 +5,14 @@ Everything has a default that makes a healthy standard robot in API mode with bo
 
 from __future__ import annotations
 
+import re
+from argparse import Namespace
 from dataclasses import dataclass
 from typing import Final
 
 from gateway.sim.manual import DOF, MS, ArmMode, S, Side
 
-__all__ = ["HANGING_RAD", "SimSettings"]
+__all__ = ["HANGING_RAD", "SimSettings", "settings_of"]
 
 HANGING_RAD: Final = {
     Side.LEFT: (0.05, 1.35, -0.08, 0.55, 0.10, 0.06, -0.05),
@@ -21,6 +23,7 @@ HANGING_RAD: Final = {
 The right arm is the mirror image of the left: every joint angle negated.
 """
 
+_NAMESPACE: Final = re.compile(r"/?[A-Za-z0-9_]+(/[A-Za-z0-9_]+)*")
 _MODELS: Final = ("lite", "standard", "lift")
 _MODES: Final = {"joint": ArmMode.JOINT, "pose": ArmMode.POSE}
 
@@ -39,6 +42,7 @@ class SimSettings:
         enable_chassis: The same of the chassis.
         enable_lift_servo: The same of the lift; without effect on models that have none.
         enable_collision_check: Only reported in `/api/current_mode`.
+        namespace: Of its bridge: put before every topic's key on the wire; empty for none.
         seed: Seed of the measurement noise.
         lag_s: Time constant of an arm following its target [s] (choice; §6.1 must arrive before the 0.15 s are over).
         brake_s: Time constant with which an arm comes to rest under a zero-velocity command [s] (choice).
@@ -63,6 +67,7 @@ class SimSettings:
     enable_chassis: bool = True
     enable_lift_servo: bool = True
     enable_collision_check: bool = True
+    namespace: str = ""
     seed: int = 0
     lag_s: float = 0.04
     brake_s: float = 0.02
@@ -83,6 +88,8 @@ class SimSettings:
         for name in ("left_mode", "right_mode"):
             if getattr(self, name) not in _MODES:
                 raise ValueError(f"{name} {getattr(self, name)!r} is not one of {', '.join(_MODES)}")
+        if self.namespace and _NAMESPACE.fullmatch(self.namespace) is None:
+            raise ValueError(f"namespace {self.namespace!r} is not made of words of letters, digits and _, joined by /")
         if len(self.sag_rad) != DOF:
             raise ValueError(f"sag_rad has {len(self.sag_rad)} values, an arm has {DOF} joints")
         if not (0.0 < self.lag_s <= 0.05 and 0.0 < self.brake_s <= 0.05):
@@ -110,3 +117,22 @@ class SimSettings:
     def sag(self, side: Side) -> tuple[float, ...]:
         """Return the gravity offset of an arm, per joint [rad]."""
         return self.sag_rad if side is Side.LEFT else tuple(-value for value in self.sag_rad)
+
+
+def settings_of(options: Namespace) -> SimSettings:
+    """Return the settings that the command line asks for.
+
+    Args:
+        options: With model, mode, left_mode, right_mode, namespace, seed and disable (names of disabled parts).
+    """
+    return SimSettings(
+        model=options.model,
+        left_mode=options.left_mode or options.mode,
+        right_mode=options.right_mode or options.mode,
+        namespace=options.namespace,
+        seed=options.seed,
+        enable_left_arm="left_arm" not in options.disable,
+        enable_right_arm="right_arm" not in options.disable,
+        enable_chassis="chassis" not in options.disable,
+        enable_lift_servo="lift_servo" not in options.disable,
+    )

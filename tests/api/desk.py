@@ -37,6 +37,7 @@ class KeptAudience:
         self.listens = listens
         self.snapshots = []
         self.notices = []
+        self.numbers = []
 
     def wants_snapshots(self):
         return self.listens
@@ -44,8 +45,9 @@ class KeptAudience:
     def put_snapshot(self, payload, seq):
         self.snapshots.append((protocol.decode_snapshot(payload), seq))
 
-    def put_notice(self, payload):
+    def put_notice(self, payload, number):
         self.notices.append(protocol.decode_notice(payload))
+        self.numbers.append(number)
 
 
 class Desk:

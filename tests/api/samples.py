@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from gateway.api import protocol
 
+POSE = (0.3, -0.1, -0.2, 0.0, 0.0, 0.0, 1.0)
+HOME = (-0.5, -0.92, 0.52, -1.28, 0.32, 0.55, -0.52)
 Q = (0.1, 0.5, -0.3, 0.9, 0.2, -0.1, 0.3)
 
 REQUESTS = (
@@ -18,11 +20,52 @@ REQUESTS = (
     protocol.Move(
         epoch=3, targets_rad={"right": Q, "left": Q}, relative=True, speed=0.3, tolerance_rad=0.01, on_limit="clip"
     ),
+    protocol.Follow(epoch=3, points={"left": (Q, Q)}, dt_s=0.1),
+    protocol.Follow(
+        epoch=3,
+        points={"right": (HOME, HOME, HOME), "left": (Q, Q, Q)},
+        times_s=(0.0, 0.1, 0.3),
+        stretch=1.5,
+        open_end=True,
+        start_at_ns=5,
+        start_in_ns=-300_000_000,
+        path_tolerance={"left": (0.1, None, 0.1, 0.1, 0.1, 0.1, 0.1)},
+        goal_tolerance={"right": (0.05,) * 7},
+        goal_time_ns=2_000_000_000,
+    ),
+    protocol.Follow(
+        epoch=3,
+        points={"right": (POSE, POSE)},
+        space="pose",
+        frames={"right": "right_shoulder_base"},
+        dt_s=0.1,
+        path_tolerance={"right": (0.02, None)},
+    ),
+    protocol.CheckFollow(follow=protocol.Follow(epoch=0, points={"left": (Q, Q)}, dt_s=0.1)),
+    protocol.CheckFollow(
+        follow=protocol.Follow(
+            epoch=3,
+            points={"right": (POSE, POSE)},
+            space="pose",
+            frames={"right": "right_shoulder_base"},
+            times_s=(0.0, 0.5),
+            start_in_ns=-1,
+        ),
+        from_here=False,
+    ),
     protocol.OpenStream(epoch=3, side="right"),
     protocol.OpenStream(epoch=3, side="left", speed=0.5, on_limit="clip", expiry_ns=300_000_000),
     protocol.CloseStream(epoch=3, stream_id=5),
     protocol.Hold(epoch=3, sides=("left", "right")),
     protocol.Cancel(epoch=3, motion_id=9),
+    protocol.SetGripper(epoch=3, side="left", raw=0.55),
+    protocol.DriveChassis(epoch=3, vx_mps=0.1, vy_mps=-0.05, wz_radps=0.2),
+    protocol.DriveChassis(epoch=3, vx_mps=0.0, vy_mps=0.0, wz_radps=0.0, expiry_ns=500_000_000, drive_id=4),
+    protocol.StopChassis(epoch=3),
+    protocol.DriveLift(epoch=3, velocity=-0.3),
+    protocol.DriveLift(epoch=3, velocity=0.3, expiry_ns=500_000_000, drive_id=4),
+    protocol.StopLift(epoch=3),
+    protocol.DisableLift(epoch=3),
     protocol.Stop(),
     protocol.Stop(reason="hand in the way"),
     protocol.Estop(reason="smoke"),

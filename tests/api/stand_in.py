@@ -6,18 +6,23 @@ snapshots after replies) and nothing else: no physics, no door, no robot.
 
 from __future__ import annotations
 
-from dataclasses import replace
+from msgspec.structs import replace
 
 from gateway.core import events
 from gateway.core.snapshot import (
     ArmView,
+    ChassisView,
     EnableView,
+    GripView,
+    GuardView,
     LeaseView,
     LinkView,
     LoopView,
     ModeView,
     MotionView,
     MotorView,
+    OthersView,
+    OtherView,
     Snapshot,
     StreamView,
     TargetView,
@@ -30,6 +35,8 @@ START_Q = (0.1, 0.5, -0.3, 0.9, 0.2, -0.1, 0.3)
 ENABLE_TICKS = 5
 MOVE_TICKS = 20
 BRAKE_TICKS = 4
+BEATING = ("ENABLING", "ACTIVE", "HOLDING", "STOPPING")
+"""States in which the heartbeat goes on."""
 
 
 def a_snapshot(seq=1, at_ns=1000, **changes):
@@ -44,6 +51,12 @@ def a_snapshot(seq=1, at_ns=1000, **changes):
         dq_ref_radps=(),
         streaming=False,
         tracking_rad=None,
+        space="joint",
+        ref_p_m=(),
+        ref_quat_xyzw=(),
+        ref_v_mps=(),
+        ref_w_radps=(),
+        tracking_m=None,
     )
     gripper = MotorView(q_rad=(0.2,), dq_radps=(0.0,), tau_nm=(0.1,), stamp_ns=17, age_ns=2_000_000)
     snapshot = Snapshot(
@@ -89,8 +102,33 @@ def a_snapshot(seq=1, at_ns=1000, **changes):
         streams={"/api/fsm/enable": StreamView(running=True, sent=3, rate_hz=20.0, worst_gap_ns=51_000_000)},
         motions=(),
         targets=(),
+        grips={
+            side: GripView(streaming=False, input_ratio=None, torque_nm=None, holding=None)
+            for side in ("left", "right")
+        },
+        drive=ChassisView(
+            driven=False,
+            drive_id=0,
+            code="",
+            wanted_mps=(0.0, 0.0),
+            wanted_radps=0.0,
+            commanded_mps=(0.0, 0.0),
+            commanded_radps=0.0,
+            left_ns=None,
+        ),
+        lift=None,
         enable=EnableView(attempt=0, outcome="none", code="", message=""),
         loop=LoopView(ticks=5, skipped=1, late_ns=30_000, worst_late_ns=900_000),
+        findings=(),
+        refusals={},
+        guard=GuardView(expected=True, pid=43, linked=True, lost=0, earlier_holds=False),
+        others=OthersView(
+            zid="a1",
+            armed=False,
+            seen=(
+                OtherView(kind="gateway", topic="", zid="b2", link="", since_ns=7, last_ns=None, count=0, armed=False),
+            ),
+        ),
     )
     return replace(snapshot, **changes)
 
@@ -160,6 +198,9 @@ class ScriptedEngine:
     def show(self, **changes):
         """Change what the snapshot says."""
         self.snapshot = replace(self.snapshot, **changes)
+        if "state" in changes:
+            heartbeat = replace(self.snapshot.streams["/api/fsm/enable"], running=changes["state"] in BEATING)
+            self.snapshot = replace(self.snapshot, streams={"/api/fsm/enable": heartbeat})
         if "state" in changes and "shown" not in changes:
             self.snapshot = replace(self.snapshot, shown="FAULT" if self.snapshot.latches else self.snapshot.state)
 
@@ -302,6 +343,17 @@ class ScriptedEngine:
     # ------------------------------------------------------------------------------------------------ motions
 
     def _on_move(self, event):
+        clipped = {"left": [3]} if event.request.on_limit is events.OnLimit.CLIP else {}
+        return self._begin(event, event.request.targets_rad, {"clipped": clipped})
+
+    def _on_movepose(self, event):
+        return self._begin(event, event.request.targets, {"clipped": {}})
+
+    def _on_follow(self, event):
+        goals = {side: trajectory.points[-1] for side, trajectory in event.request.chunk.trajectories.items()}
+        return self._begin(event, goals, {"skipped": 0, "moved": event.request.chunk.moved})
+
+    def _begin(self, event, goals, facts):
         refusal = self._owns(event)
         if refusal is not None:
             return refusal
@@ -311,21 +363,23 @@ class ScriptedEngine:
         self._motion_id += 1
         motion = MotionView(
             motion_id=self._motion_id,
-            sides=tuple(side.value for side in event.request.targets_rad),
+            sides=tuple(side.value for side in goals),
             state="executing",
             progress=0.5,
             error_rad=0.2,
             duration_ns=MOVE_TICKS * TICK_NS,
             code="",
             message="",
+            space="joint",
+            error_m=None,
         )
         self.show(motions=(*self.snapshot.motions, motion))
         self.later(MOVE_TICKS, lambda: self._moved(motion.motion_id))
         return {
             "motion_id": motion.motion_id,
             "duration_ns": motion.duration_ns,
-            "q_rad": {side.value: list(q) for side, q in event.request.targets_rad.items()},
-            "clipped": {"left": [3]} if event.request.on_limit is events.OnLimit.CLIP else {},
+            "q_rad": {side.value: list(q) for side, q in goals.items()},
+            **facts,
         }
 
     def _moved(self, motion_id):
@@ -382,9 +436,10 @@ class ScriptedEngine:
             refusal_code="",
             refusal_message="",
             limited=False,
+            space="joint",
         )
         self.show(targets=(*self.snapshot.targets, stream))
-        return {"stream_id": stream.stream_id, "q_rad": list(START_Q)}
+        return {"stream_id": stream.stream_id, "values": list(START_Q)}
 
     def _on_closestream(self, event):
         refusal = self._owns(event)

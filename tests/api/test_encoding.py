@@ -27,7 +27,7 @@ def test_every_request_comes_back(request_, encoding):
 @pytest.mark.parametrize("encoding", ENCODINGS)
 def test_what_comes_out_comes_back(encoding):
     """Targets, replies, notices and snapshots decode to what was encoded; a core snapshot needs no copy."""
-    target = protocol.Target(epoch=1, seq=2, q_rad=(0.0,) * 7)
+    target = protocol.Target(epoch=1, seq=2, values=(0.0,) * 7)
     assert protocol.decode_target(protocol.encode(target, encoding), encoding) == target
     refusal = protocol.RefusalMessage(code="LEASE_HELD", message="m", hint="h")
     reply = protocol.Reply(request_id=3, refusal=refusal, facts={"epoch": 7, "q_rad": [0.5]}, after_seq=9)
@@ -53,11 +53,11 @@ def test_json_is_what_a_person_would_write():
 
 def test_nan_passes_msgpack_and_not_json():
     """Msgpack carries NaN (the core refuses it with a reason); JSON has none."""
-    payload = protocol.encode(protocol.Target(epoch=1, seq=1, q_rad=(math.nan,) * 7))
-    assert math.isnan(protocol.decode_target(payload).q_rad[0])
+    payload = protocol.encode(protocol.Target(epoch=1, seq=1, values=(math.nan,) * 7))
+    assert math.isnan(protocol.decode_target(payload).values[0])
     with pytest.raises(protocol.Malformed):
         protocol.decode_target(
-            protocol.encode(protocol.Target(epoch=1, seq=1, q_rad=(math.nan,)), protocol.JSON), protocol.JSON
+            protocol.encode(protocol.Target(epoch=1, seq=1, values=(math.nan,)), protocol.JSON), protocol.JSON
         )
 
 

@@ -8,11 +8,11 @@ import pytest
 
 from gateway.api import inbox as module
 from gateway.api import protocol
-from gateway.api.inbox import MAX_CLIENTS, MAX_STREAMS, MAX_WAITING, PER_POLL
+from gateway.api.inbox import MAX_ASIDE, MAX_CLIENTS, MAX_STREAMS, MAX_WAITING, PER_POLL
 from gateway.core import events
 from gateway.errors import Code
 from tests.api.desk import AskedQuestion, Desk
-from tests.api.samples import Q, command
+from tests.api.samples import HOME, Q, command
 
 
 @pytest.fixture
@@ -28,12 +28,40 @@ def payload(request, request_id=1, **kwargs):
 
 def test_a_request_reaches_the_loop_with_who_and_when(desk):
     """Client, number and arrival come with the request; the question waits for its reply."""
-    question = desk.ask(payload(protocol.Recover(), 7), received_ns=123)
+    data = payload(protocol.Recover(), 7)
+    question = desk.ask(data, received_ns=123)
     desk.run()
-    assert desk.inbox.poll() == [
-        events.CommandRequested(client_id="c0ffee", request_id=7, request=events.Recover(), received_ns=123)
-    ]
+    (event,) = desk.inbox.poll()
+    assert event == events.CommandRequested(
+        client_id="c0ffee", request_id=7, request=events.Recover(), received_ns=123, content=hash(data)
+    )
     assert desk.inbox.poll() == [] and question.answers == []
+
+
+def test_another_request_under_a_number_that_still_waits_is_refused(desk):
+    """It would be answered with the reply to the first, and not run; the same bytes again wait with the first."""
+    first = desk.ask(payload(protocol.Release(epoch=1), 7))
+    again = desk.ask(payload(protocol.Release(epoch=1), 7))
+    other = desk.ask(payload(protocol.Release(epoch=2), 7))
+    stop = desk.ask(payload(protocol.Stop(), 7))
+    desk.run()
+    assert other.code == "BAD_REQUEST" and first.answers == again.answers == stop.answers == []
+    requests = [event.request for event in desk.inbox.poll()]
+    assert requests == [events.Stop(), events.Release(epoch=1), events.Release(epoch=1)]
+
+
+def test_a_stop_finds_room_where_a_flood_has_left_none(desk):
+    """What is not read yet is bounded; a stop is refused only by a flood of stops."""
+    for n in range(MAX_WAITING + 1):
+        last = desk.ask(payload(protocol.Recover(), n))
+    stop = desk.ask(payload(protocol.Stop(), 5000))
+    desk.run()
+    assert last.code == "TIMEOUT" and stop.answers == []
+    assert desk.inbox.poll()[0].request == events.Stop()
+    for n in range(2 * MAX_WAITING + 1):
+        last = desk.ask(payload(protocol.Stop(), 9000 + n))
+    desk.run()
+    assert last.code == "TIMEOUT"
 
 
 def test_json_is_answered_in_json(desk):
@@ -47,7 +75,7 @@ def test_stops_come_first_then_signs_of_life_targets_requests_departures(desk):
     """Whatever arrived before a stop, the stop is first; an emergency stop is before it."""
     desk.ask(payload(protocol.Recover(), 1))
     desk.inbox.put_target(
-        protocol.target_key("c0ffee", 2), protocol.encode(protocol.Target(epoch=1, seq=1, q_rad=Q)), "", 5
+        protocol.target_key("c0ffee", 2), protocol.encode(protocol.Target(epoch=1, seq=1, values=Q)), "", 5
     )
     desk.inbox.put_keepalive("c0ffee", 6)
     desk.inbox.put_gone("other", 7)
@@ -76,7 +104,7 @@ def test_only_the_newest_target_of_a_stream_counts(desk):
     """A flood of targets costs one decoding a tick; each stream keeps its own newest."""
     for seq in range(1, 1001):
         for stream in (1, 2):
-            target = protocol.Target(epoch=1, seq=seq * stream, q_rad=Q)
+            target = protocol.Target(epoch=1, seq=seq * stream, values=Q)
             desk.inbox.put_target(protocol.target_key("me", stream), protocol.encode(target), "", seq)
     arrived = desk.inbox.poll()
     assert [(e.client_id, e.stream_id, e.seq, e.received_ns) for e in arrived] == [
@@ -97,8 +125,8 @@ def test_only_the_newest_sign_of_life_counts(desk):
     ("key", "data"),
     [
         (protocol.target_key("me", 1), b"rubbish"),
-        (f"{protocol.ROOT}/target/me/first", protocol.encode(protocol.Target(epoch=1, seq=1, q_rad=Q))),
-        (f"{protocol.ROOT}/target/me", protocol.encode(protocol.Target(epoch=1, seq=1, q_rad=Q))),
+        (f"{protocol.ROOT}/target/me/first", protocol.encode(protocol.Target(epoch=1, seq=1, values=Q))),
+        (f"{protocol.ROOT}/target/me", protocol.encode(protocol.Target(epoch=1, seq=1, values=Q))),
         (protocol.target_key("me", 1), b"\x00" * (protocol.MAX_PAYLOAD_BYTES + 1)),
     ],
 )
@@ -112,7 +140,7 @@ def test_streams_and_clients_are_bounded(desk):
     """Keys that a hostile client invents do not fill the memory."""
     for number in range(MAX_STREAMS + 10):
         desk.inbox.put_target(
-            protocol.target_key("me", number), protocol.encode(protocol.Target(epoch=1, seq=1, q_rad=Q)), "", 0
+            protocol.target_key("me", number), protocol.encode(protocol.Target(epoch=1, seq=1, values=Q)), "", 0
         )
     for number in range(MAX_CLIENTS + 10):
         desk.inbox.put_keepalive(f"client{number}", 0)
@@ -200,7 +228,7 @@ def test_what_a_client_sent_cannot_forge_lines_of_the_log(desk, caplog):
     with caplog.at_level(logging.WARNING, logger=module.__name__):
         desk.inbox.ask(AskedQuestion(forged, encoding=protocol.JSON, received_ns=0))
         desk.run()
-        target = protocol.encode(protocol.Target(epoch=1, seq=1, q_rad=Q))
+        target = protocol.encode(protocol.Target(epoch=1, seq=1, values=Q))
         desk.inbox.put_target(f"{protocol.ROOT}/target/me\n/{'9' * 60_000}", target, "", 2_000_000_000)
         desk.inbox.poll()
     assert len(caplog.records) == 2 and desk.inbox.malformed == 2
@@ -213,3 +241,116 @@ def test_waiting_for_a_question_ends(desk):
     desk.inbox.wake()
     assert desk.inbox.sort(10.0) is True
     assert Code.TIMEOUT.value == "TIMEOUT"
+
+
+def test_a_request_ends_the_wait_of_a_loop_that_rests(desk):
+    """Whether it is a stop or any other; what was taken ends no wait any more."""
+    assert not desk.inbox.wait(0.0)
+    for number, request in enumerate((protocol.Stop(), protocol.Estop(), protocol.Recover())):
+        desk.ask(payload(request, number))
+        desk.run()
+        assert desk.inbox.wait(10.0)
+        desk.inbox.poll()
+        assert not desk.inbox.wait(0.0)
+
+
+def test_requests_that_one_poll_left_end_the_next_wait(desk):
+    """A poll hands out only so many: the rest of them must not wait for the rest of the loop."""
+    for number in range(PER_POLL + 1):
+        desk.ask(payload(protocol.Recover(), number))
+    desk.run()
+    assert len(desk.inbox.poll()) == PER_POLL
+    assert desk.inbox.wait(10.0)
+    assert len(desk.inbox.poll()) == 1
+    assert not desk.inbox.wait(0.0)
+
+
+def test_signs_of_life_and_targets_end_no_wait(desk):
+    """They come 20 to 100 times a second, and say nothing while nobody owns the robot."""
+    desk.inbox.put_keepalive("c0ffee", 6)
+    desk.inbox.put_gone("other", 7)
+    desk.inbox.put_target(protocol.target_key("c0ffee", 2), b"", "", 5)
+    assert not desk.inbox.wait(0.0)
+
+
+# ------------------------------------------------------------------------------------------------- chunks
+
+
+def chunk(request_id, **kwargs):
+    """A chunk as bytes."""
+    return payload(protocol.Follow(epoch=1, points={"left": (Q, Q)}, dt_s=0.1), request_id, **kwargs)
+
+
+def test_no_stop_waits_behind_chunks_that_are_still_to_be_worked_out(desk):
+    """Whoever sends them: they are put aside until nothing else is left to read."""
+    for number in range(4):
+        desk.ask(chunk(number, client_id=f"c{number}"))
+    desk.ask(payload(protocol.Stop(), 9))
+    for _ in range(5):
+        assert desk.inbox.sort(0)
+    assert [type(event.request).__name__ for event in desk.inbox.poll()] == ["Stop"]
+    desk.run()
+    for _ in range(4):
+        assert [type(event.request).__name__ for event in desk.inbox.poll()] == ["Follow"]
+
+
+def test_what_a_client_sends_after_a_chunk_stays_after_it(desk):
+    """A hold must not be overtaken by the chunk that it ends; other clients do not wait, and neither does a stop."""
+    desk.ask(chunk(1))
+    desk.ask(payload(protocol.Hold(epoch=1, sides=("left",)), 2))
+    desk.ask(payload(protocol.Recover(), 1, client_id="other"))
+    desk.ask(payload(protocol.Estop(), 3))
+    desk.run()
+    polls = [desk.inbox.poll() for _ in range(2)]
+    arrived = [[(event.client_id, type(event.request).__name__) for event in poll] for poll in polls]
+    assert arrived == [[("c0ffee", "Estop"), ("other", "Recover"), ("c0ffee", "Follow")], [("c0ffee", "Hold")]]
+
+
+def test_a_chunk_is_the_last_request_of_its_poll(desk):
+    """One tick plans the way of two arms onto one chunk, and no second one; what is only judged does not count so much."""
+    checked = protocol.CheckFollow(follow=protocol.Follow(epoch=0, points={"left": (Q, Q)}, dt_s=0.1))
+    for number in range(2):
+        desk.ask(payload(checked, number, client_id="looks"))
+        desk.ask(chunk(number))
+    desk.run()
+    kinds = [[type(event.request).__name__ for event in desk.inbox.poll()] for _ in range(3)]
+    assert kinds == [["CheckFollow", "Follow"], ["CheckFollow", "Follow"], []]
+
+
+def test_a_flood_of_chunks_is_refused(desk):
+    """16 may wait; the others are told that they were not run."""
+    questions = [desk.ask(chunk(number)) for number in range(MAX_ASIDE + 3)]
+    for _ in questions:
+        assert desk.inbox.sort(0)
+    assert desk.inbox.overflown == 3
+    desk.run()
+    assert [question.code for question in questions if question.answers] == ["TIMEOUT"] * 3
+    assert len(desk.inbox.poll()) == 1
+
+
+def test_a_chunk_that_is_none_is_refused_without_the_loop(desk):
+    """The first offending point is told by the thread that read it."""
+    question = desk.ask(payload(protocol.Follow(epoch=1, points={"left": (Q, Q[:3])}, dt_s=0.1)))
+    desk.run()
+    assert question.code == "WRONG_SHAPE" and question.reply.refusal.field == "left_arm[1]"
+    assert desk.inbox.poll() == []
+
+
+def test_waiting_for_work_ends_when_something_lies_aside(desk):
+    """The reader does not sleep over it."""
+    desk.ask(chunk(1))
+    assert desk.inbox.sort(10.0) and desk.inbox.sort(10.0)
+    assert len(desk.inbox.poll()) == 1
+
+
+def test_the_largest_chunk_fits_into_a_request(desk):
+    """450 points of both arms with times, as msgpack."""
+    lefts, rights = tuple([Q] * 450), tuple([HOME] * 450)
+    request = protocol.Follow(
+        epoch=2**62, points={"left": lefts, "right": rights}, times_s=tuple(0.1 * n for n in range(450))
+    )
+    sent = payload(request, 2**62, client_id="f" * 32)
+    assert len(sent) <= protocol.MAX_PAYLOAD_BYTES
+    question = desk.ask(sent)
+    desk.run()
+    assert not question.answers and len(desk.inbox.poll()) == 1

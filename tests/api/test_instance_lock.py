@@ -108,6 +108,8 @@ def test_a_robot_is_known_by_its_endpoint(tmp_path):
     }
     assert len(same) == 1 and robot_lock_path("tcp/127.0.0.1:9001", tmp_path) not in same
     assert robot_lock_path("tcp/127.0.0.1:9000").parent.is_dir()
+    named = {robot_lock_path("tcp/127.0.0.1:9000", tmp_path, name) for name in ("bot1", "/bot1/", "bot2")}
+    assert len(named) == 2 and not named & same  # several robots may stand behind one router
     assert socket_lock_path(tmp_path / "gw.sock") == tmp_path / "gw.sock.owner"
 
 

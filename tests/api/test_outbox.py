@@ -147,6 +147,7 @@ def test_notices_go_to_every_audience_in_order(desk):
     desk.outbox.send([], notices)
     desk.run()
     assert all([notice.message for notice in audience.notices] == ["0", "1", "2"] for audience in audiences)
+    assert all(audience.numbers == [1, 2, 3] for audience in audiences)
 
 
 def test_what_cannot_be_encoded_is_a_bug_told_to_the_one_who_asked(desk):
@@ -179,6 +180,9 @@ def test_a_sender_that_hangs_costs_no_memory(desk):
     desk.outbox.publish_snapshot(a_snapshot(seq=1))
     desk.run()
     assert len(audience.notices) == MAX_UNSENT and audience.snapshots == []
+    desk.outbox.send([], [notice])
+    desk.run()
+    assert audience.numbers[-2:] == [MAX_UNSENT, MAX_UNSENT + 8]  # who listens sees that seven are missing
     desk.outbox.publish_snapshot(a_snapshot(seq=2))
     desk.run()
     assert len(audience.snapshots) == 1

@@ -136,7 +136,7 @@ def test_a_client_cannot_watch_what_others_command(daemon, stranger):
     with session_to(f"unixsock-stream/{daemon.socket}") as owner:
         token = owner.liveliness().declare_token(protocol.client_token("owner"))
         for seq in range(1, 20):
-            owner.put(protocol.target_key("owner", 1), protocol.encode(protocol.Target(epoch=1, seq=seq, q_rad=Q)))
+            owner.put(protocol.target_key("owner", 1), protocol.encode(protocol.Target(epoch=1, seq=seq, values=Q)))
             owner.put(protocol.keepalive_key("owner"), b"")
             time.sleep(0.005)
         eventually(lambda: "owner" in daemon.engine.seen and daemon.engine.targets)
@@ -160,8 +160,9 @@ def test_snapshots_are_made_only_while_somebody_listens(daemon, stranger):
         protocol.SNAPSHOT_KEY, zenoh.handlers.Callback(lambda s: heard.append(s), indirect=False)
     )
     eventually(lambda: len(heard) > 10)
-    first, second = heard[5], heard[6]
-    assert int(second.attachment.to_bytes()) == int(first.attachment.to_bytes()) + 1
+    first = heard[5]
+    numbers = [int(sample.attachment.to_bytes()) for sample in heard[:10]]
+    assert numbers == sorted(set(numbers)), "numbers rise; a reader that was busy misses some"
     assert str(first.encoding) == protocol.MSGPACK
     assert protocol.decode_snapshot(first.payload.to_bytes()).seq == int(first.attachment.to_bytes())
     subscriber.undeclare()

@@ -12,7 +12,7 @@ from gateway.api import protocol
 from gateway.api.translate import config_hash, describe, to_notice, to_refusal, to_reply, to_request, to_target
 from gateway.core import events
 from gateway.errors import Code, Refusal
-from gateway.settings import ArmSettings, Settings
+from gateway.settings import ArmSettings, ChassisSettings, LiftSettings, Settings
 from gateway.values import Side
 from tests.api.samples import REQUESTS, Q
 
@@ -21,17 +21,28 @@ from tests.api.samples import REQUESTS, Q
 def test_every_request_becomes_the_cores(request_):
     """The class of the same name, with the same values in the core's own types."""
     core = to_request(request_)
-    assert type(core).__name__ == type(request_).__name__
-    for name in type(core).__slots__:
-        ours, theirs = getattr(core, name), getattr(request_, name)
-        if name == "targets_rad":
-            assert {side.value: q for side, q in ours.items()} == theirs and all(isinstance(s, Side) for s in ours)
-        elif name == "sides":
-            assert tuple(side.value for side in ours) == theirs
-        else:
-            assert ours == theirs
+    _assert_same(core, request_)
     assert isinstance(getattr(core, "on_loss", events.OnLoss.HOLD), events.OnLoss)
     assert isinstance(getattr(core, "on_limit", events.OnLimit.CLIP), events.OnLimit)
+
+
+def _assert_same(core, request_):
+    assert type(core).__name__ == type(request_).__name__
+    for name in type(core).__slots__:
+        ours, theirs = getattr(core, name), getattr(request_, name, None)
+        if name == "targets_rad":
+            assert {side.value: q for side, q in ours.items()} == theirs and all(isinstance(s, Side) for s in ours)
+        elif name == "chunk":
+            assert {side.value for side in ours.trajectories} == set(request_.points)
+            assert all(len(t.points) == len(request_.points[s.value]) for s, t in ours.trajectories.items())
+        elif isinstance(theirs, dict):
+            assert {side.value: values for side, values in ours.items()} == theirs
+        elif name == "sides":
+            assert tuple(side.value for side in ours) == theirs
+        elif name == "follow":
+            _assert_same(ours, theirs)
+        else:
+            assert ours == theirs
 
 
 @pytest.mark.parametrize(
@@ -41,6 +52,9 @@ def test_every_request_becomes_the_cores(request_):
         (protocol.Move(epoch=1, targets_rad={"left": Q, "right": Q[:6]}), "right_arm", "6"),
         (protocol.Move(epoch=1, targets_rad={"left": (*Q, 0.0)}), "left_arm", "8"),
         (protocol.Move(epoch=1, targets_rad={"left": ()}), "left_arm", "0"),
+        (protocol.Follow(epoch=1, points={}, dt_s=0.1), "points", "0"),
+        (protocol.Follow(epoch=1, points={"left": (Q,)}, dt_s=0.1), "left_arm", "1"),
+        (protocol.Follow(epoch=1, points={"left": (Q, Q[:6])}, dt_s=0.1), "left_arm[1]", "6"),
         (protocol.Hold(epoch=1, sides=()), "sides", "0"),
     ],
 )
@@ -68,10 +82,10 @@ def test_text_of_clients_is_made_fit_to_be_shown():
 
 def test_a_target_is_passed_on_unjudged():
     """Length and finiteness of a target are the core's to judge."""
-    target = protocol.Target(epoch=1, seq=2, q_rad=(float("inf"),))
+    target = protocol.Target(epoch=1, seq=2, values=(float("inf"),))
     arrived = to_target(target, "me", 5, 99)
     assert arrived == events.TargetArrived(
-        client_id="me", stream_id=5, epoch=1, seq=2, q_rad=(float("inf"),), received_ns=99
+        client_id="me", stream_id=5, epoch=1, seq=2, values=(float("inf"),), received_ns=99
     )
 
 
@@ -107,7 +121,10 @@ def test_the_daemon_describes_what_it_really_runs_with():
         upper_rad={Side.LEFT: tight, Side.RIGHT: robot.JOINT_UPPER_RAD[Side.RIGHT]},
         lower_rad=lower | {Side.RIGHT: robot.JOINT_LOWER_RAD[Side.RIGHT]},
     )
-    info = describe(Settings(arm=arm), socket="/s", pid=7)
+    ground = {"chassis": ChassisSettings(v_mps=0.2, expiry_ns=10**9), "lift": LiftSettings(v_max=0.5)}
+    info = describe(Settings(arm=arm, **ground), socket="/s", pid=7)
+    assert (info.chassis_v_mps, info.chassis_w_radps, info.chassis_expiry_ns) == (0.2, 0.5, 10**9)
+    assert (info.lift_v_max, info.lift_expiry_ns) == (0.5, 300_000_000)
     assert info.v_radps == 0.5 and info.upper_rad["left"] == tight and info.lower_rad["left"][3] == 0.3
     assert info.joint_names["right"][0] == "r_joint1" and info.pid == 7 and info.socket == "/s"
     assert info.version == gateway.__version__ and info.protocol == protocol.PROTOCOL_VERSION

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import pytest
+from msgspec.structs import replace
 
 from gateway.apps.advice import next_steps
 from gateway.core.snapshot import EnableView, LinkView

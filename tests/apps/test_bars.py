@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from msgspec.structs import replace
 
 from gateway.apps.bars import arm_rows, bar
 from tests.api.stand_in import a_snapshot
@@ -56,10 +55,10 @@ def test_a_bar_has_its_width(q_rad, q_ref_rad, lower_rad, upper_rad, width):
 
 
 @pytest.mark.parametrize("width", [80, 111, 112, 120, 200])
-def test_both_arms_have_eight_rows_that_fit(width):
-    """A heading and seven joints; limits in figures where there is room."""
+def test_both_arms_have_nine_rows_that_fit(width):
+    """A heading, seven joints and the end effector; limits in figures where there is room."""
     rows = list(arm_rows(a_view(), INFO, 0, width))
-    assert len(rows) == 8
+    assert len(rows) == 9
     assert all(row.cell_len <= width for row in rows)
     assert ("-2.60" in rows[3].plain) == (width >= 112)
     assert "+0.100" in rows[1].plain
@@ -82,3 +81,18 @@ def test_an_arm_that_cannot_be_moved_says_why(changed, word):
     mode = replace(a_snapshot().mode, **{changed: {"left": False, "right": True}})
     heading = next(arm_rows(a_view(mode=mode), INFO, 0, 80)).plain
     assert f"LEFT ARM rad {word}" in heading and f"RIGHT ARM rad {word}" not in heading
+
+
+def test_an_arm_in_end_effector_mode_shows_its_setpoint_beside_the_measured_place():
+    """Both in metres, and the distance between them in the heading."""
+    arm = replace(
+        a_snapshot().arms["left"],
+        space="pose",
+        streaming=True,
+        ref_p_m=(0.31, 0.1, -0.2),
+        tracking_m=0.01,
+        tracking_rad=0.0,
+    )
+    rows = list(arm_rows(a_view(arms={"left": arm, "right": arm}), INFO, 0, 200))
+    assert "off by 10.0 mm" in rows[0].plain
+    assert "p +0.300 +0.100 -0.200 m ◆ +0.310 +0.100 -0.200" in rows[8].plain

@@ -69,6 +69,7 @@ def test_a_report_is_one_line_and_json_for_scripts(capsys):
     document = json.loads(capsys.readouterr().out)
     assert document["ok"] is False and document["exit_status"] == 1
     assert document["error"]["code"] == "OUT_OF_RANGE" and document["error"]["bound"] == "[0, 1]"
+    assert document["error"]["retryable"] is False
 
 
 def test_a_stop_that_failed_has_one_hint_only():

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import io
 import signal
-from dataclasses import replace
 
 import pytest
+from msgspec.structs import replace
 
-from gateway.apps import moving
+from gateway.apps import asking, errand
 from gateway.core import requests
 from gateway.core.snapshot import LinkView
 from gateway.errors import Code, Refusal
@@ -44,7 +44,7 @@ def typed(monkeypatch):
     def sit_down(text):
         monkeypatch.setattr("sys.stdin", Terminal(text))
         monkeypatch.setattr("sys.stderr.isatty", lambda: True, raising=False)
-        monkeypatch.setattr(moving.termios, "tcflush", lambda *_: flushed.append(True))
+        monkeypatch.setattr(asking.termios, "tcflush", lambda *_: flushed.append(True))
         return flushed
 
     return sit_down
@@ -110,6 +110,57 @@ def test_clip_moves_to_the_limit_and_says_so(shell):
     assert shell.run("move", "--left", "9", *GOAL[1:], "--clip", "--json").json["clipped"] == ["left_arm[3]"]
 
 
+POSE = ["0.30", "0.10", "-0.15", "0", "0", "0", "1"]
+
+
+def in_pose_mode(shell, *sides):
+    """Put arms into end-effector mode."""
+    joint_mode = {side: side not in sides for side in ("left", "right")}
+    shell.world.engine.show(mode=replace(a_snapshot().mode, joint_mode=joint_mode))
+
+
+def test_move_pose_moves_an_end_effector_in_its_own_frame(shell):
+    """How far it moves and turns is said before; the request has the arm's frame."""
+    in_pose_mode(shell, "left")
+    ended = shell.run("move-pose", "--left", *POSE, "--speed", "0.4")
+    assert ended.status == 0, ended.err
+    request = request_of(shell, requests.MovePose)
+    assert dict(request.frames) == {Side.LEFT: "left_shoulder_base"} and request.speed == 0.4
+    assert request.targets[Side.LEFT] == tuple(map(float, POSE))
+    assert "left arm  by 50 mm and 0.000 rad, straight" in ended.err
+    assert shell.world.engine.names() == ["Acquire", "Enable", "MovePose", "Release"]
+
+
+def test_a_pose_beyond_the_reach_is_refused_before_anything_is_asked_for(shell):
+    """Unless it is to be clipped."""
+    in_pose_mode(shell, "left")
+    ended = shell.run("move-pose", "--left", "0.6", *POSE[1:])
+    assert ended.status == 1 and ended.err.startswith("OUT_OF_RANGE: the pose for the left arm")
+    assert shell.world.engine.names() == []
+    assert shell.run("move-pose", "--left", "0.6", *POSE[1:], "--clip").status == 0
+
+
+@pytest.mark.parametrize(("command", "values", "mode", "other"), [
+    ("move", GOAL, "end-effector", "move-pose"), ("move-pose", POSE, "joint", "move"),
+])  # fmt: skip
+def test_an_arm_in_the_other_control_mode_is_refused_with_the_command_that_fits(shell, command, values, mode, other):
+    """Before anybody is asked, and before the robot is owned."""
+    in_pose_mode(shell, *(["left"] if mode == "end-effector" else []))
+    ended = shell.run(command, "--left", *values)
+    assert ended.status == 1 and ended.err.startswith(f"WRONG_CONTROL_MODE: the left arm is in {mode} mode")
+    assert f"ta2 {other}`" in ended.err and shell.world.engine.names() == []
+
+
+def test_home_leaves_an_arm_in_end_effector_mode_alone_and_says_so(shell):
+    """The initial position is one of joints; with both arms in that mode there is none."""
+    in_pose_mode(shell, "right")
+    ended = shell.run("home")
+    assert ended.status == 0 and set(request_of(shell, requests.Move).targets_rad) == {Side.LEFT}
+    assert "the right arm is in end-effector mode and stays" in ended.err
+    in_pose_mode(shell, "left", "right")
+    assert shell.run("home").err.startswith("WRONG_CONTROL_MODE: ")
+
+
 def test_home_leaves_a_disabled_arm_alone_and_says_so(shell):
     """One arm is switched off: the other one moves; both: refused, nothing is asked for."""
     mode = a_snapshot().mode
@@ -132,7 +183,7 @@ def test_home_leaves_a_disabled_arm_alone_and_says_so(shell):
 def test_a_person_at_a_terminal_is_asked(shell, typed, monkeypatch, answer, moves):
     """Nothing but yes is yes, and what was typed before the question is thrown away; `nothing was done` is status 1."""
     flushed = typed(answer)
-    monkeypatch.setattr(moving, "teller", _plain_teller(moving.teller))
+    monkeypatch.setattr(errand, "teller", _plain_teller(errand.teller))
     ended = shell.run("home")
     assert flushed == [True] and "[y/N]" in ended.err
     assert (ended.status, shell.world.engine.names() != []) == ((0, True) if moves else (1, False))
@@ -155,7 +206,7 @@ def _plain_teller(teller):
 def test_yes_asks_nobody(shell, typed, monkeypatch):
     """`--yes` moves at once, and a pipe or a script is never asked."""
     flushed = typed("n\n")
-    monkeypatch.setattr(moving, "teller", _plain_teller(moving.teller))
+    monkeypatch.setattr(errand, "teller", _plain_teller(errand.teller))
     assert shell.run("home", "--yes").status == 0 and flushed == []
 
 

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+import pytest
+from msgspec.structs import replace
 
 from gateway.apps.status import lines
-from gateway.core.snapshot import MotionView, StreamView
+from gateway.core.snapshot import GuardView, MotionView, StreamView
 from tests.api.stand_in import START_Q, a_snapshot
 from tests.apps.views import INFO, MS, S, a_view, owned
 
@@ -47,6 +48,8 @@ def test_what_moves_is_told():
         duration_ns=S,
         code="",
         message="",
+        space="joint",
+        error_m=None,
     )
     ended = replace(motion, motion_id=4, state="aborted", code="STOPPED", error_rad=None)
     text = text_of(
@@ -78,3 +81,21 @@ def test_what_is_wrong_is_told():
     )
     assert "VR, left arm disabled, right arm end-effector mode, chassis off, lift off" in text_of(mode=mode)
     assert "mode       unknown" in text_of(mode=None)
+
+
+@pytest.mark.parametrize(
+    ("guard", "said"),
+    [
+        ({}, "pid 43, watches"),
+        ({"lost": 2}, "pid 43, watches, 2 lost before"),
+        ({"linked": False}, "pid 43, does not reach the robot"),
+        ({"pid": 0, "linked": False, "lost": 1}, "gone; another one is being started, 1 lost before"),
+        ({"expected": False, "pid": 0, "linked": False}, "none (--no-guard)"),
+        ({"earlier_holds": True}, "the guard of an earlier daemon holds the robot"),
+    ],
+)
+def test_status_shows_the_guard(shell, guard, said):
+    """Its pid and health, and what follows where there is none."""
+    facts = {"expected": True, "pid": 43, "linked": True, "lost": 0, "earlier_holds": False}
+    shell.world.engine.show(guard=GuardView(**(facts | guard)))
+    assert said in shell.run("status").out

@@ -19,7 +19,7 @@ def test_a_stop_is_one_request_with_reason_and_name(shell, monkeypatch, command,
     assert isinstance(request, kind) and request.reason == "smoke in the lab (ada)"
     assert ended.status == 0 and "`ta2 recover`" in ended.out and not ended.err
     assert shell.names == [f"ta2 {command}"]
-    assert shell.run(command, "--json").json == {"ok": True, "undelivered": False}
+    assert shell.run(command, "--json").json == {"ok": True, "undelivered": False, "by_guard": False}
     assert shell.world.engine.requests[-1][1].reason == f"ta2 {command} (ada)"
 
 

@@ -5,11 +5,11 @@ from __future__ import annotations
 import os
 import pty
 import re
-from dataclasses import replace
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from msgspec.structs import replace
 from rich.console import Console
 
 from gateway.apps import watch as watching
@@ -44,6 +44,8 @@ MOVING = {
             duration_ns=3 * S,
             code="",
             message="",
+            space="joint",
+            error_m=None,
         ),
     ),
     "targets": (
@@ -57,6 +59,7 @@ MOVING = {
             refusal_code="OUT_OF_RANGE",
             refusal_message="m",
             limited=True,
+            space="joint",
         ),
     ),
 }
@@ -186,6 +189,8 @@ def test_an_ended_motion_stays_to_be_seen():
         duration_ns=S,
         code="TRACKING_ERROR",
         message="m",
+        space="joint",
+        error_m=None,
     )
     assert "motion 8 aborted TRACKING_ERROR" in text_of(frame(picture(motions=(motion,)), 80, 24))
     assert "motion 8" not in text_of(frame(picture(**{**MOVING, "motions": (motion, *MOVING["motions"])}), 80, 24))

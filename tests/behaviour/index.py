@@ -12,8 +12,7 @@ __all__ = ["INDEX", "LATER"]
 LATER = "later: "
 """Begins what stands in place of tests while a row belongs to later work."""
 
-POSES, GRIPPER, GROUND = f"{LATER}poses", f"{LATER}gripper", f"{LATER}chassis and lift drive"
-WRITERS, GUARD, LINK, CLIENT = f"{LATER}foreign writers", f"{LATER}guard", "tests/link, tests/e2e", "tests/client"
+CLIENT = "tests/client"
 
 VALUES = {
     "arm joint v / a / j": (
@@ -21,8 +20,16 @@ VALUES = {
         "streaming::tighter_limits_of_the_configuration_hold",
         "streaming::targets_of_any_rate_become_a_smooth_100_hz_stream",
     ),
-    "pose speed": POSES,
-    "chassis": GROUND,
+    "pose speed": (
+        "poses::a_pose_motion_arrives_within_5_mm_and_0_05_rad_for_half_a_second",
+        "core/pose_motion::whatever_is_asked_the_setpoints_keep_every_limit",
+        "core/gate::a_pose_moves_and_turns_within_the_configured_velocities",
+    ),
+    "chassis": (
+        "driving::bounds_of_speed_are_refused_and_tell_the_bound",
+        "driving::the_chassis_follows_what_it_is_told_at_every_moment",
+        "core/slope::no_sequence_of_wishes_breaks_a_ramp",
+    ),
     "settle": (
         "motions::a_motion_settles_for_0_5_s_within_its_tolerance",
         "motions::a_motion_that_does_not_settle_is_aborted",
@@ -32,10 +39,18 @@ VALUES = {
         "robot_side::an_arm_that_does_not_follow_is_latched_after_0_3_s",
         "robot_side::a_moment_away_from_the_setpoint_is_no_tracking_error",
     ),
-    "jump allowed at a chunk's first point": f"{LATER}chunks",
+    "jump allowed at a chunk's first point": (
+        "chunks::a_chunk_may_begin_a_tenth_of_a_radian_from_the_reference",
+        "chunks::a_chunk_that_begins_farther_away_is_refused",
+        "chunks::a_chunk_of_poses_may_begin_two_centimetres_from_the_reference",
+        "chunks::a_chunk_of_poses_that_begins_farther_away_is_refused",
+        "chunks::a_chunk_of_poses_that_runs_out_brakes_and_holds",
+    ),
     "expiry of a target": (
         "streaming::a_target_without_a_successor_expires",
         "streaming::an_expiry_outside_its_bounds_is_refused",
+        "driving::a_velocity_expires_and_the_chassis_comes_to_rest_on_its_ramp",
+        "driving::the_lift_stops_when_its_velocity_expires_and_stays_on",
     ),
     "fresh, link": ("losing_the_link::stale_is_entered_when_the_newest_state_is_older_than_100_ms",),
     "fresh, part": ("cells::part dead", "enabling::enable_is_refused_while_an_arms_state_is_dead"),
@@ -62,6 +77,8 @@ VALUES = {
         "starting::a_start_just_outside_the_limits_begins_at_the_limit_and_says_so",
         "starting::a_start_far_outside_the_limits_refuses_enable",
         "starting::an_arm_that_leaves_its_limits_before_it_is_seeded_ends_the_enabling",
+        "poses::a_start_a_centimetre_beyond_the_reach_begins_at_its_end_and_says_so",
+        "poses::a_start_far_beyond_the_reach_refuses_enable",
     ),
     "speed factors": (
         "motions::a_speed_factor_scales_the_velocity",
@@ -82,8 +99,20 @@ TRANSITIONS = {
     "disable": ("cells::disable", "stopping::disable_and_release_brake_first_and_then_pause_the_robot"),
     "enable": ("cells::enable",),
     "arm motion": ("cells::arm motion",),
-    "chassis, lift command": GROUND,
-    "owner's stop": ("cells::owner's stop", "stopping::only_somebody_elses_stop_latches"),
+    "chassis, lift command": (
+        "driving::chassis_and_lift_need_no_enabled_arms",
+        "driving::the_chassis_drives_while_the_arms_are_enabled_and_move",
+        "driving::driving_is_refused_where_it_may_not_be",
+        "driving::nothing_drives_beside_vr_or_playback",
+        "driving::a_drive_that_was_ended_is_not_gone_on_with",
+        "driving::a_drive_that_is_asked_for_in_the_tick_of_a_stop_begins_from_rest",
+        "driving::fifty_velocities_a_second_delay_neither_a_stop_nor_a_setpoint",
+    ),
+    "owner's stop": (
+        "cells::owner's stop",
+        "stopping::only_somebody_elses_stop_latches",
+        "chunks::a_stop_ends_a_chunk_and_one_that_waits",
+    ),
     "other's stop": ("cells::other's stop", "stopping::only_somebody_elses_stop_latches"),
     "estop": ("cells::estop", "stopping::an_estop_sends_everything_at_once_and_latches"),
     "recover": ("cells::recover", "stopping::recover_clears_all_causes_and_changes_nothing_else"),
@@ -139,8 +168,8 @@ TRANSITIONS = {
     ),
     "no arm enabled": (
         "cells::no arm",
-        "enabling::enable_needs_an_enabled_arm_in_joint_mode",
-        "robot_side::the_last_arm_that_leaves_joint_mode_takes_everything_down",
+        "enabling::enable_needs_an_enabled_arm",
+        "robot_side::the_last_arm_that_leaves_its_mode_takes_everything_down",
         "robot_side::the_last_streamed_arm_that_is_disabled_takes_everything_down",
     ),
     "one part's state dead": ("cells::part dead",),
@@ -148,9 +177,27 @@ TRANSITIONS = {
         "cells::tracking error",
         "starting::motion_is_refused_until_a_strayed_arm_has_been_walked_back_to",
     ),
-    "foreign token or publisher": WRITERS,
-    "foreign arm or fsm data": WRITERS,
-    "other gateway armed": WRITERS,
+    "foreign token or publisher": (
+        "cells::foreign token",
+        "others::an_announcement_stops_the_motion_and_keeps_the_hold",
+        "others::a_foreign_writer_while_our_chassis_runs_stops_it_and_latches",
+        "others::beside_others_no_drive_begins",
+        "others::an_announcement_while_nothing_of_ours_runs_is_a_condition",
+    ),
+    "foreign arm or fsm data": (
+        "cells::foreign data",
+        "others::foreign_arm_data_ends_our_frames_in_the_next_tick",
+        "others::the_motion_that_foreign_data_ended_says_so",
+        "others::while_foreign_data_comes_nothing_can_begin",
+        "others::somebody_else_in_a_short_stall_ends_the_hold_and_nothing_is_resumed",
+    ),
+    "other gateway armed": (
+        "cells::other gateway",
+        "others::another_armed_gateway_takes_our_frames_off_without_0_0",
+        "others::beside_another_gateway_nothing_that_is_owed_is_paid",
+        "others::a_new_link_claims_anew",
+        "others::another_gateway_that_arms_while_our_chassis_runs_stops_it",
+    ),
     "SIGTERM": (
         "cells::SIGTERM",
         "ending::sigterm_ends_in_less_than_5_s_with_0_0",
@@ -158,7 +205,14 @@ TRANSITIONS = {
         "ending::sigterm_with_slow_brakes_pauses_the_robot_in_time",
         "ending::nothing_is_accepted_any_more_once_the_end_was_asked_for",
     ),
-    "daemon dead: the guard": GUARD,
+    "daemon dead: the guard": (
+        "guard::a_daemon_that_had_nothing_out_leaves_nothing_to_do",
+        "guard::a_dead_daemons_arms_are_braked_and_held_for_10_s",
+        "guard::a_dead_daemon_that_held_nothing_is_followed_by_0_0",
+        "guard::a_daemon_that_dies_while_it_stops_is_braked_and_paused",
+        "guard::a_daemon_that_dies_while_the_robot_is_not_heard_is_followed_by_0_0",
+        "guard::a_daemon_that_ends_as_asked_moves_nothing",
+    ),
     "suspend and resume": (
         "cells::suspend",
         "time::a_suspend_frees_the_lease_and_takes_everything_down",
@@ -194,12 +248,29 @@ STARTING = {
     "a part's state comes back while the link was fresh": (
         "starting::an_arm_whose_state_comes_back_while_the_link_was_fresh_is_not_seeded",
     ),
-    "gripper": GRIPPER,
+    "gripper": (
+        "gripping::no_torque_is_sent_before_the_first_setpoint_and_until_the_first_command",
+        "gripping::a_command_is_at_the_robot_within_20_ms_and_goes_on_at_50_hz",
+        "gripping::the_value_is_kept_while_the_robot_is_held",
+        "gripping::the_grip_is_kept_through",
+        "gripping::in_a_stall_at_rest_the_grip_goes_on_with_the_hold_frames",
+        "gripping::it_ends_with_the_arms_stream_and_begins_without_torque",
+        "gripping::a_restart_of_the_stream_within_a_second_is_a_new_start",
+    ),
     "two arms in one motion, one is lost": (
         "enabling::a_motion_of_two_arms_ends_for_both_when_one_is_lost",
         "enabling::an_arm_is_lost_by_its_own_code_when_both_are_lost",
+        "chunks::a_chunk_of_two_arms_of_which_one_is_lost_aborts_for_both",
     ),
-    "two gateways or owners `acquire` at once": ("losing_clients::of_two_who_acquire_at_once_one_gets_the_lease",),
+    "two gateways or owners `acquire` at once": (
+        "losing_clients::of_two_who_acquire_at_once_one_gets_the_lease",
+        "others::the_claim_is_shown_from_the_lease_on_and_looked_at_again_before_the_first_frame",
+        "others::of_two_gateways_that_acquire_at_once_the_larger_zid_yields",
+        "others::a_gateway_that_comes_while_another_is_armed_claims_nothing",
+        "others::a_drive_begins_when_other_gateways_have_seen_the_claim",
+        "others::of_a_drive_that_lost_the_claim_nothing_ever_leaves",
+        "core/claim::of_two_that_claim_at_once_exactly_the_smaller_one_is_confirmed",
+    ),
     "`enable` when ENABLING or ACTIVE; FSM 1-2 without our 1.0": (
         "enabling::enable_succeeds_when_it_is_under_way_or_done_and_sends_nothing",
         "enabling::enable_is_refused_while_the_fsm_is_not_in_pause",
@@ -220,6 +291,14 @@ STOPPING = {
         "stopping::recover_ends_the_repetition_of_an_estop_that_was_not_heard",
         "time::a_late_tick_still_sends_stop_frames",
     ),
+    "(zeros on every way out)": (
+        "driving::zeros_leave_at_once_and_for_a_second_on_every_way_out",
+        "driving::a_client_that_freezes_is_stopped_by_the_expiry_or_the_keepalive",
+        "driving::a_lost_transport_is_followed_by_zeros_when_it_is_back",
+        "driving::a_late_tick_ends_the_driving",
+        "driving::a_stop_leaves_before_a_drive_that_is_asked_for_in_the_same_tick",
+        "driving::no_two_requests_of_one_tick_are_a_fault",
+    ),
     "plain stop": (
         "stopping::a_plain_stop_does_not_send_0_0",
         "stopping::a_stop_ends_motions_and_streams_with_its_code",
@@ -229,9 +308,20 @@ STOPPING = {
         "stopping::what_was_asked_before_a_stop_is_refused_after_it",
         "stopping::a_target_from_before_a_stop_moves_nothing",
         "stopping::a_repeated_request_gets_its_first_reply_again",
+        "stopping::another_request_under_a_number_that_was_used_is_refused",
         "stopping::a_stop_stops_even_under_a_number_that_was_used_before",
     ),
     "lift": (
+        "driving::the_lift_ends_with_the_servo_off",
+        "driving::a_held_lift_stays_on_for_60_s_after_its_owner_is_lost",
+        "driving::a_lift_in_idle_is_off_when_the_lease_of_its_lost_owner_is_free",
+        "driving::in_vr_mode_the_lift_is_stopped_and_then_left_alone",
+        "driving::an_unowned_lift_is_off_although_the_robot_is_not_heard_any_more",
+        "driving::disabling_the_lift_takes_its_servo_off",
+        "driving::a_model_without_a_lift_refuses_its_commands",
+        "driving::the_lift_does_not_drive_against_an_fsm_in_error",
+        "driving::a_part_that_is_switched_off_is_refused_and_stops",
+        "driving::an_unknown_mode_stops_the_driving_and_refuses_it",
         "stopping::release_takes_the_lift_off_after_a_stop",
         "stopping::an_estop_sends_everything_at_once_and_latches",
         "losing_clients::after_60_s_the_lift_is_off",
@@ -315,36 +405,149 @@ ROBOT_SIDE = {
     "VR mode, FSM 3-6": (
         "robot_side::vr_mode_gets_no_arm_frame_no_1_0_and_no_0_0",
         "robot_side::a_robot_that_plays_or_is_driven_by_vr_gets_nothing",
+        "driving::nothing_drives_beside_vr_or_playback",
     ),
     "an arm is enabled again": (
         "enabling::an_arm_that_is_enabled_again_joins_only_at_the_next_enable",
         "enabling::an_arm_joins_only_from_a_steady_state",
     ),
-    "(mixed control modes)": ("enabling::only_arms_that_are_enabled_in_joint_mode_are_streamed",),
+    "(mixed control modes)": (
+        "enabling::only_arms_that_are_enabled_are_streamed",
+        "poses::each_arm_of_a_mixed_robot_is_streamed_in_its_own_space",
+        "poses::a_pose_stream_starts_within_a_millimetre_of_the_measured_pose",
+        "poses::poses_are_sent_at_70_hz_in_intervals_of_one_length",
+        "poses::a_pose_motion_arrives_within_5_mm_and_0_05_rad_for_half_a_second",
+        "poses::joints_of_one_arm_and_the_end_effector_of_the_other_move_at_once",
+        "poses::a_stream_of_poses_is_followed_and_expires",
+        "poses::what_is_no_pose_for_this_arm_is_refused",
+        "poses::an_end_effector_brakes_along_its_way_and_is_held",
+        "poses::a_takeover_in_mid_motion_goes_on_from_the_last_setpoint",
+        "poses::a_short_stall_holds_the_pose_and_goes_on",
+        "poses::an_end_effector_whose_pose_falls_silent_is_a_dead_part",
+        "poses::an_end_effector_that_is_blocked_is_a_tracking_error",
+        "poses::a_held_end_effector_walks_back_to_an_arm_that_was_led_away",
+        "poses::an_arm_whose_mode_is_changed_while_it_is_streamed_is_let_go",
+    ),
     "measured jump, NaN, wrong length": (
+        "surprises::samples_that_cannot_be_right_make_the_part_dead_in_every_state",
+        "surprises::a_single_glitch_is_nothing_in_any_state",
+        "surprises::an_arm_in_end_effector_mode_is_held_when_its_pose_cannot_be_right",
+        "surprises::a_jump_while_holding_is_held_on_and_not_followed",
+        "surprises::a_small_jump_is_within_what_an_arm_does",
+        "surprises::a_jump_by_what_an_arm_can_do_in_the_time_is_believed",
+        "surprises::after_a_jump_that_stays_a_stream_starts_where_the_arm_says_it_is",
+        "surprises::a_mode_that_cannot_be_read_is_unknown_after_3_s_with_the_reason",
         "robot_side::samples_that_cannot_be_believed_are_counted_and_the_part_goes_dead_if_they_last",
     ),
+    "(duplicated and reordered stamps)": (
+        "surprises::stamps_that_repeat_jump_or_come_in_another_order_change_nothing",
+    ),
     "names in another order than §4.0.3": ("robot_side::joint_names_in_another_order_are_latched",),
-    "robot restarted (new router zid)": ("losing_the_link::another_transport_is_a_lost_one",),
+    "robot restarted (new router zid)": (
+        "losing_the_link::another_transport_is_a_lost_one",
+        "surprises::a_robot_that_restarted_is_another_one_in_every_state",
+    ),
     "FSM ERROR or foreign token while nothing of ours ran": (
+        "others::an_announcement_while_nothing_of_ours_runs_is_a_condition",
         "robot_side::an_fsm_error_while_nothing_of_ours_ran_is_a_condition",
     ),
     "(people hear of it once)": ("robot_side::what_lasts_is_told_once",),
 }
 
 BRIDGE = {
-    "state dead, transport up, tokens there, admin shows no DDS reader": LINK,
-    "state dead, transport up, tokens gone": LINK,
+    "state dead, transport up, tokens there, admin shows no DDS reader": (
+        "link/route_watch::a_silent_announced_route_without_a_reader_is_dead_and_revived",
+        "link/route_watch::attempts_back_off",
+        "link/route_watch::never_more_than_four_revivals_a_minute",
+        "link/route_watch::the_remedy_names_who_else_subscribes",
+        "link/discovery::who_may_keep_a_route_dead_is_named_with_the_address",
+        "link/robot_link::a_dead_route_is_revived",
+        "core/engine::a_dead_route_is_told_and_a_live_one_is_not",
+        "losing_the_link::stale_is_entered_when_the_newest_state_is_older_than_100_ms",
+    ),
+    "state dead, transport up, tokens gone": (
+        "link/route_watch::silence_without_an_announcement_is_a_lost_route",
+        "link/discovery::all_topics_lost_at_once_are_all_observed_without_a_question",
+        "link/robot_link::a_node_that_leaves_is_a_lost_route_until_it_returns",
+    ),
     "state N times": (
         "core/duplication::every_sample_three_times_is_told_once_with_the_count",
         "core/engine::a_bridge_that_delivers_everything_twice_is_told_once",
+    ),
+    "(another namespace than ours)": (
+        "link/robots::a_robot_is_who_announces_its_state_machine_and_an_arm",
+        "link/discovery::a_robot_under_another_namespace_is_told_once_when_none_is_under_ours",
+        "link/discovery::what_is_under_our_own_namespace_or_was_heard_is_our_robot",
+        "diagnosis::a_robot_under_another_namespace_is_offered_and_several_are_listed",
+        "link/surveyor::of_several_robots_none_is_taken",
+        "e2e/link::a_robot_with_a_namespace_is_found_offered_and_driven",
+    ),
+    "(two robots under one namespace)": (
+        "link/discovery::several_bridges_that_announce_a_robot_under_our_namespace_are_told_at_once",
+        "diagnosis::beside_a_second_robot_under_our_namespace_nothing_begins",
     ),
     "1.0 out > 1.5 s, FSM stays PAUSE": (
         "enabling::a_heartbeat_that_does_nothing_is_told_once_with_what_is_known_of_its_way",
     ),
 }
 
+WHY = {
+    "preconditions": (
+        "preconditions::every_combination_is_refused_with_the_right_code_and_remedy",
+        "preconditions::every_row_of_the_oracle_matters",
+        "preconditions::the_states_of_the_situations_are_all_there_are",
+    ),
+    "(a code for each of eight faults)": (
+        "diagnosis::a_fault_is_recognised_within_1_s_of_its_first_symptom",
+        "diagnosis::the_numbers_of_a_finding_are_facts",
+        "diagnosis::the_first_thing_that_fails_is_told_as_a_notice_once",
+        "diagnosis::a_finding_ends_with_its_symptom",
+        "diagnosis::why_an_enabling_failed_is_told_until_something_else_happens",
+        "diagnosis::a_route_that_discovery_says_is_bad_is_suspected",
+        "diagnosis::a_silence_of_everything_is_one_finding",
+        "others::why_says_who_else_commands_the_robot",
+    ),
+    "no false alarm": (
+        "diagnosis::an_end_effector_that_follows_is_no_refusal",
+        "diagnosis::nothing_is_said_in_an_hour_of_nominal_use",
+        "diagnosis::a_part_that_is_switched_off_may_be_silent",
+        "diagnosis::a_topic_that_never_came_is_told_after_the_links_first_seconds",
+        "diagnosis::without_a_link_nothing_is_inferred",
+    ),
+}
+
+ELSE = {
+    "what counts": (
+        "others::nothing_of_our_own_is_an_alarm",
+        "core/others::sessions_of_ours_are_never_foreign",
+        "core/others::publishers_of_another_gateway_are_no_writers",
+        "link/foreign_watch::a_bridge_that_declares_publishers_for_everything_commands_nothing",
+        "interop/ros_user::a_host_that_only_looks_keeps_no_gateway_from_commanding",
+    ),
+    "foreign data": (
+        "others::foreign_arm_data_ends_our_frames_in_the_next_tick",
+        "others::a_0_0_is_owed_only_when_our_1_0_was_out",
+        "others::a_repetition_of_0_0_ends_with_foreign_data",
+        "others::foreign_chassis_data_brakes_the_arms_and_latches",
+        "others::recover_waits_until_the_foreign_writer_is_gone",
+    ),
+    "policy `warn`": ("others::under_warn_others_are_told_of_and_stop_nothing",),
+    "another gateway": (
+        "others::another_armed_gateway_takes_our_frames_off_without_0_0",
+        "others::a_gateway_that_is_only_connected_is_no_rival",
+        "others::whoever_acquires_is_told_nothing_wrong",
+        "others::stopping_is_possible_beside_others",
+    ),
+}
+
 MOTIONS = {
+    "grippers": (
+        "gripping::a_command_without_its_arm_is_refused_with_the_reason",
+        "gripping::a_command_of_before_a_stop_changes_nothing",
+        "gripping::whether_something_is_held_is_estimated_and_shown",
+        "gripping::frames_of_grippers_are_holds_but_for_the_owners",
+        "gripping::a_gripper_goes_with_an_arm_in_end_effector_mode_as_well",
+    ),
     "point to point": (
         "motions::a_motion_is_queued_then_executed_with_progress_then_reached",
         "motions::all_joints_of_both_arms_end_together",
@@ -369,16 +572,65 @@ MOTIONS = {
     ),
 }
 
+GUARD = {
+    "its own process and session": (
+        "core/enabling::the_guards_session_is_open_before_the_first_frame",
+        "e2e/guard::other_gateways_are_kept_away_until_the_last_stop_frame",
+    ),
+    "death and freeze": (
+        "guard::ticks_missing_for_80_ms_are_a_freeze_and_the_hold_goes_on",
+        "e2e/guard::a_dead_daemon_is_followed_by_a_hold_and_the_next_daemon_takes_it",
+        "core/guardian::ticks_missing_for_80_ms_are_a_freeze",
+        "core/guardian::a_guard_that_was_late_itself_counts_anew",
+        "core/guardian::a_daemon_with_nothing_on_the_wire_is_never_frozen",
+        "core/guardian::a_daemon_that_has_been_dead_for_a_second_leaves_nothing_to_do",
+        "core/guardian::a_guard_that_stood_still_for_a_second_sends_nothing_any_more",
+    ),
+    "holds only": (
+        "guard::a_last_frame_of_150_ms_ago_is_not_gone_on_with",
+        "core/takeover::what_the_robot_says_against_a_hold",
+        "core/takeover::from_no_other_state_a_hold_goes_on",
+    ),
+    "while it holds": (
+        "guard::a_holding_guard_is_silent_in_vr_mode_and_beside_another_fsm",
+        "guard::a_holding_guard_answers_a_pause_with_0_0",
+        "guard::a_holding_guard_does_not_wait_out_a_stall",
+    ),
+    "stop-only": (
+        "guard::stop_and_estop_work_while_the_daemon_is_dead",
+        "e2e/guard::stop_and_estop_work_while_the_daemon_is_dead",
+    ),
+    "a restarted daemon": (
+        "guard::a_restarted_daemon_takes_the_hold_over_as_unowned_with_the_60_s_anew",
+        "guard::a_restarted_daemon_enables_nothing_while_the_guard_holds",
+        "core/guardian::a_hold_whose_new_daemon_hangs_goes_down",
+        "core/takeover::what_was_latched_stays_latched",
+        "e2e/guard::a_hold_outlives_a_daemon_that_dies_before_it_has_taken_it",
+    ),
+    "guard dead": (
+        "guard::a_lost_guard_is_told_and_control_goes_on",
+        "e2e/guard::a_killed_guard_is_told_another_is_started_and_control_goes_on",
+    ),
+    "(in each space)": (
+        "guard::an_arm_in_end_effector_mode_is_braked_held_and_handed_over_like_the_other",
+        "e2e/guard::an_arm_in_each_control_mode_is_held_and_handed_over",
+        "guard::a_dead_daemons_arms_are_braked_and_held_for_10_s",
+    ),
+    "no guard, or both dead": ("e2e/guard::with_both_killed_the_robots_own_watchdogs_act",),
+    "(a normal end)": ("e2e/guard::a_normal_end_is_no_reason_to_hold",),
+}
+
 INDEX: dict[str, dict[str, tuple[str, ...] | str]] = {
     "Values": VALUES,
     "Transitions": TRANSITIONS,
     "Starting and continuing": STARTING,
     "Stopping and losing": STOPPING,
-    "The guard": {"all of it": GUARD},
+    "The guard": GUARD,
     "The robot does something by itself": ROBOT_SIDE,
     "The bridge misbehaves": BRIDGE,
-    "Somebody else": {"all of it": WRITERS},
+    "Somebody else": ELSE,
     "What the owner moves": MOTIONS,
+    "Why the robot does not do what it is told": WHY,
 }
 """Section -> row -> tests; a text instead names the later work, or the folder, that has the row. Rows in brackets are
 not the behaviour table's own: they stand beside it."""

@@ -13,10 +13,10 @@ from itertools import pairwise
 import numpy as np
 
 from gateway import robot
-from gateway.core.events import Disable, Enable, Frame, FrameKind, Move, Remembered, SampleArrived, Stop
+from gateway.core.events import Disable, Enable, Frame, FrameKind, LinkUp, Move, Remembered, SampleArrived, Stop
 from gateway.core.snapshot import MotionView, TargetView
 from gateway.errors import Code
-from gateway.settings import ArmSettings, LinkSettings, LocalSettings, LossSettings, Settings
+from gateway.settings import ArmSettings, ForeignSettings, LinkSettings, LocalSettings, LossSettings, Settings
 from gateway.sim.settings import SimSettings
 from gateway.values import Side, Vector
 from tests.pair import MS, Pair, S
@@ -42,6 +42,7 @@ class Scene(Pair):
         model: `lite`, `standard` or `lift`.
         arm: Limits and tolerances, where other ones than the usual are needed.
         loss: Stages of a loss; `QUICK` where their length is not the point.
+        foreign: What is done about foreign writers.
         snapshot_hz: How often a snapshot is made; `see` needs 50.
     """
 
@@ -53,11 +54,13 @@ class Scene(Pair):
         model: str = "standard",
         arm: ArmSettings | None = None,
         loss: LossSettings | None = None,
+        foreign: ForeignSettings | None = None,
         snapshot_hz: float = 1.0,
     ) -> None:
         settings = Settings(
             arm=arm or ArmSettings(),
             loss=loss or LossSettings(),
+            foreign=foreign or ForeignSettings(),
             local=LocalSettings(snapshot_hz=snapshot_hz),
             link=LinkSettings(model=model),
         )
@@ -73,6 +76,10 @@ class Scene(Pair):
         """Judge from now on; what this tick already sent is the past."""
         self.mark_ns, self.was = self.now_ns + 1, self.state
         self.notices.clear()
+
+    def up_as(self, zid: str) -> None:
+        """The transport opens anew, with a session of this zenoh id."""
+        self.receive(LinkUp(router_zid=self.zid, at_ns=self.now_ns, own_zid=zid))
 
     def tell_mode(self, **changes: object) -> None:
         """`/api/current_mode` arrives now, with changes; its next sample is up to 1 s away."""
@@ -219,7 +226,8 @@ class Scene(Pair):
     @property
     def streaming(self) -> list[Side]:
         """Arms whose streams run."""
-        return [side for side in Side if robot.joint_command(side) in self.engine.running_topics]
+        running = self.engine.running_topics
+        return [s for s in Side if robot.joint_command(s) in running or robot.pose_command(s) in running]
 
     @property
     def owner(self) -> str | None:
@@ -249,7 +257,7 @@ def _vr(pair: Scene) -> None:
 def _idle(pair: Scene) -> None:
     _read_only(pair)
     pair.epoch = pair.own("ann")
-    pair.run(0.1)
+    pair.run(0.2)  # other gateways have seen it
     assert pair.state == "IDLE"
 
 
@@ -280,7 +288,7 @@ def _active(pair: Scene) -> None:
 def _holding(pair: Scene) -> None:
     _at_rest(pair)
     pair.granted(Stop(), "ann")
-    pair.run(1.2)
+    pair.run(1.2)  # the stop of chassis and lift is over
     assert pair.state == "HOLDING"
 
 

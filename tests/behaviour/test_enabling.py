@@ -121,33 +121,28 @@ def test_an_arm_that_is_disabled_while_enabling_is_left_out() -> None:
 @pytest.mark.parametrize(
     ("sim", "sides"),
     [
-        (SimSettings(state_period_ns=10 * MS, right_mode="pose"), [Side.LEFT]),
+        (SimSettings(state_period_ns=10 * MS, enable_right_arm=False), [Side.LEFT]),
         (SimSettings(state_period_ns=10 * MS, enable_left_arm=False), [Side.RIGHT]),
     ],
 )
-def test_only_arms_that_are_enabled_in_joint_mode_are_streamed(sim: SimSettings, sides: list[Side]) -> None:
-    """On a mixed robot the other arm gets no joint setpoints, and a motion of it is refused with the reason."""
+def test_only_arms_that_are_enabled_are_streamed(sim: SimSettings, sides: list[Side]) -> None:
+    """The other arm gets no setpoints, and a motion of it is refused with the reason."""
     pair = scene("at rest", Scene(sim))
     assert pair.streaming == sides and {frame.topic for _, frame in pair.frames} == {
         robot.joint_command(sides[0]),
+        robot.gripper_command(sides[0]),
         robot.FSM_ENABLE,
     }
     refusal = pair.refused(Move(epoch=pair.epoch, targets_rad=HOME), "ann")
-    assert refusal.code in {Code.WRONG_CONTROL_MODE, Code.ARM_DISABLED}
+    assert refusal.code is Code.ARM_DISABLED
     pair.granted(Move(epoch=pair.epoch, targets_rad={sides[0]: away(pair, sides[0])}), "ann")
 
 
-@pytest.mark.parametrize(
-    ("sim", "code"),
-    [
-        (SimSettings(state_period_ns=10 * MS, left_mode="pose", right_mode="pose"), Code.WRONG_CONTROL_MODE),
-        (SimSettings(state_period_ns=10 * MS, enable_left_arm=False, enable_right_arm=False), Code.NO_ARM_ENABLED),
-    ],
-)
-def test_enable_needs_an_enabled_arm_in_joint_mode(sim: SimSettings, code: Code) -> None:
+def test_enable_needs_an_enabled_arm() -> None:
     """Refused with the reason, and the robot stays as it is."""
+    sim = SimSettings(state_period_ns=10 * MS, enable_left_arm=False, enable_right_arm=False)
     pair = scene("IDLE", Scene(sim))
-    assert pair.refused(Enable(epoch=pair.epoch), "ann").code is code
+    assert pair.refused(Enable(epoch=pair.epoch), "ann").code is Code.NO_ARM_ENABLED
     assert pair.frames == []
 
 

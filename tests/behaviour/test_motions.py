@@ -7,7 +7,7 @@ from itertools import pairwise
 
 import pytest
 
-from gateway.core import moves
+from gateway.core import body
 from gateway.core.events import (
     Cancel,
     FrameKind,
@@ -149,7 +149,7 @@ def test_a_motion_that_finds_no_path_leaves_the_running_one_alone(monkeypatch: p
         raise PlanFailed("there is no plan")
 
     pair = watched("ACTIVE")
-    monkeypatch.setattr(moves, "plan", fails)
+    monkeypatch.setattr(body, "plan", fails)
     assert pair.refused(Move(epoch=pair.epoch, targets_rad={LEFT: HOME[LEFT]}), "ann").code is Code.PLAN_FAILED
     pair.run(0.1)
     assert pair.motion_view(1).state == "executing" and pair.arm_kinds() == {FrameKind.MOTION}

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Callable
 
 import pytest
 
@@ -12,6 +13,7 @@ from gateway.errors import Code
 from gateway.values import Side
 from tests.behaviour.scene import HOME, Scene, away, scene
 from tests.pair import MS
+from tests.thoroughness import crossed
 
 LEFT = robot.arm_state(Side.LEFT)
 
@@ -143,8 +145,8 @@ def test_a_robot_that_plays_or_is_driven_by_vr_gets_nothing(value: int) -> None:
     assert pair.arm_frames() == [] and pair.beats == [] and pair.see().motions[0].code == "FSM_BUSY"
 
 
-def test_the_last_arm_that_leaves_joint_mode_takes_everything_down() -> None:
-    """No arm enabled in joint mode: down."""
+def test_the_last_arm_that_leaves_its_mode_takes_everything_down() -> None:
+    """Nothing is held any more, though the arms are enabled in the other mode: down."""
     pair = scene("at rest")
     pair.disable_arm(Side.LEFT, as_mode=True)
     pair.step()
@@ -277,34 +279,30 @@ def test_a_moment_away_from_the_setpoint_is_no_tracking_error() -> None:
 # ---------------------------------------------------------------------------------------------------------- notices
 
 
-@pytest.mark.parametrize(
-    "happening",
-    [
-        lambda p: p.robot.inject({"fault": "drop", "topic": LEFT}, p.now_ns),
-        lambda p: p.robot.inject({"fault": "drop", "topic": robot.FSM_STATE}, p.now_ns),
-        lambda p: p.robot.inject({"fault": "drop", "topic": robot.CURRENT_MODE}, p.now_ns),
-        lambda p: p.robot.inject({"fault": "fsm_error"}, p.now_ns),
-        lambda p: p.robot.inject({"fault": "fsm_value", "value": 1}, p.now_ns),
-        lambda p: p.robot.inject({"fault": "blocked", "side": "left"}, p.now_ns),
-        lambda p: p.robot.inject({"fault": "wrong_names", "topic": LEFT}, p.now_ns),
-        lambda p: p.robot.inject({"fault": "vr_mode"}, p.now_ns),
-        lambda p: p.disable_arm(Side.LEFT),
-        lambda p: (p.disable_arm(Side.LEFT), p.disable_arm(Side.RIGHT)),
-        lambda p: setattr(p, "is_deaf", True),
-        lambda p: p.down(),
-        lambda p: p.kill("ann"),
-        lambda p: (p.tell(Stop(), "bob"), p.robot.inject({"fault": "fsm_value", "value": 2}, p.now_ns)),
-    ],
-    ids=[
-        "part dead", "fsm dead", "mode unknown", "FSM ERROR", "SLOW_START", "blocked", "names", "VR", "one arm",
-        "both arms", "stale", "transport", "client", "stop",
-    ],
-)  # fmt: skip
-@pytest.mark.parametrize("state", ["ACTIVE", "HOLDING", "PAUSED", "IDLE"])
-def test_what_lasts_is_told_once(state: str, happening) -> None:
+LASTING: dict[str, Callable[[Scene], object]] = {
+    "part dead": lambda p: p.robot.inject({"fault": "drop", "topic": LEFT}, p.now_ns),
+    "fsm dead": lambda p: p.robot.inject({"fault": "drop", "topic": robot.FSM_STATE}, p.now_ns),
+    "mode unknown": lambda p: p.robot.inject({"fault": "drop", "topic": robot.CURRENT_MODE}, p.now_ns),
+    "FSM ERROR": lambda p: p.robot.inject({"fault": "fsm_error"}, p.now_ns),
+    "SLOW_START": lambda p: p.robot.inject({"fault": "fsm_value", "value": 1}, p.now_ns),
+    "blocked": lambda p: p.robot.inject({"fault": "blocked", "side": "left"}, p.now_ns),
+    "names": lambda p: p.robot.inject({"fault": "wrong_names", "topic": LEFT}, p.now_ns),
+    "VR": lambda p: p.robot.inject({"fault": "vr_mode"}, p.now_ns),
+    "one arm": lambda p: p.disable_arm(Side.LEFT),
+    "both arms": lambda p: (p.disable_arm(Side.LEFT), p.disable_arm(Side.RIGHT)),
+    "stale": lambda p: setattr(p, "is_deaf", True),
+    "transport": lambda p: p.down(),
+    "client": lambda p: p.kill("ann"),
+    "stop": lambda p: (p.tell(Stop(), "bob"), p.robot.inject({"fault": "fsm_value", "value": 2}, p.now_ns)),
+}
+"""What happens and lasts."""
+
+
+@pytest.mark.parametrize(("name", "state"), crossed(LASTING, ["ACTIVE", "HOLDING", "PAUSED", "IDLE"]))
+def test_what_lasts_is_told_once(name: str, state: str) -> None:
     """Conditions are levels, looked at on every tick; people hear of each occurrence at most once."""
     pair = scene(state)
-    happening(pair)
+    LASTING[name](pair)
     pair.run(4.2)
     told = Counter((notice.code, notice.message) for notice in pair.notices)
     assert not told or max(told.values()) == 1, told.most_common(3)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -14,6 +13,7 @@ from gateway.core.events import (
     FrameKind,
     Move,
     Recover,
+    SampleArrived,
     Stop,
     Take,
 )
@@ -70,7 +70,7 @@ def test_seeding_demands_0_3_s_of_samples_after_a_reconnect() -> None:
     pair.run(0.5)
     pair.up()
     up_ns = pair.now_ns
-    pair.receive(replace(mode, received_ns=up_ns))
+    pair.receive(SampleArrived(topic=mode.topic, value=mode.value, received_ns=up_ns))
     pair.run(0.06)
     pair.granted(Enable(epoch=pair.epoch), "ann")
     pair.run_until(lambda: bool(pair.arm_frames()))

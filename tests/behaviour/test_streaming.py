@@ -55,7 +55,7 @@ def test_a_stream_starts_at_the_present_reference() -> None:
     """The reply says where; nothing moves before the first target."""
     pair = watched()
     facts = pair.granted(OpenStream(epoch=pair.epoch, side=LEFT), "ann")
-    assert tuple(facts["q_rad"]) == pair.arm_frames_now()[LEFT] and pair.state == "ACTIVE"
+    assert tuple(facts["values"]) == pair.arm_frames_now()[LEFT] and pair.state == "ACTIVE"
     pair.run(5.0)
     assert FrameKind.MOTION not in pair.arm_kinds() and not pair.told(Code.TARGET_EXPIRED)
 
@@ -146,7 +146,7 @@ def test_another_client_cannot_push_a_target_out_of_its_slot() -> None:
             stream_id=stream,
             epoch=pair.epoch,
             seq=99,
-            q_rad=away(pair, LEFT, 0.4),
+            values=away(pair, LEFT, 0.4),
             received_ns=pair.now_ns,
         )
     )

@@ -1,8 +1,8 @@
 """BEHAVIOUR, Transitions: every cell, with engine and robot together.
 
 The table below is the behaviour table's, typed from its text: one row per event, one cell per state, in words that say
-what must be *seen*. `-` marks cells that cannot occur. Rows of later work (chassis and lift commands, foreign writers,
-other gateways, the guard) stand in the index.
+what must be *seen*. `-` marks cells that cannot occur. Chassis and lift commands have a file of their
+own (`test_driving.py`).
 """
 
 from __future__ import annotations
@@ -18,7 +18,12 @@ from gateway.core.events import (
     Enable,
     Estop,
     ExitRequested,
+    ForeignData,
+    ForeignTokens,
     FrameKind,
+    Gateway,
+    GatewayTokens,
+    Means,
     Move,
     OnLoss,
     Recover,
@@ -27,6 +32,7 @@ from gateway.core.events import (
     Stop,
     Suspended,
     Take,
+    Writer,
 )
 from gateway.errors import Code
 from gateway.values import Side
@@ -65,6 +71,9 @@ part dead      | nothing        | nothing         | nothing         | down      
 tracking error | -              | -               | -               | -              | L, hold             | =             | =                 | stops          | -                    | -
 SIGTERM        | nothing, exit  | nothing, exit   | nothing, exit   | down, exit     | stops first, exit   | stops first, exit | down, exit    | stops, exit    | 0.0, silent, exit    | nothing, exit
 suspend        | nothing        | free, nothing   | free, nothing   | free, down     | free, down          | free, down    | free, down        | free, down     | free, silent         | free, nothing
+foreign token  | nothing        | nothing         | nothing         | down, L        | L, hold             | L, =          | L, =              | L, stops       | =                    | =
+foreign data   | nothing        | nothing         | nothing         | L, base, 0.0 once | L, base, 0.0 once | L, base, 0.0 once | L, base, nothing | L, base, 0.0 once | silent       | nothing
+other gateway  | nothing        | nothing         | nothing         | off            | off                 | off           | off               | off            | silent               | nothing
 joint order    | L, nothing     | L, nothing      | L, nothing      | L, down        | L, down             | L, down       | L, down           | L, down        | L, silent            | -
 """  # noqa: E501
 
@@ -175,6 +184,14 @@ def _tell(event: object) -> Event:
     return tell
 
 
+WRITER = Writer(topic=robot.FSM_ENABLE, zid="b", means=Means.TOKEN)
+
+
+def _sent(pair: Scene) -> None:
+    pair.receive(ForeignData(topic=robot.FSM_ENABLE, zid="b", at_ns=pair.now_ns))
+    pair.step()
+
+
 EVENTS: dict[str, Event] = {
     "take": _ask(lambda _: Take(name="bob", pid=7, reason="test"), "bob"),
     "release": _ask(lambda p: Release(epoch=p.epoch)),
@@ -205,6 +222,9 @@ EVENTS: dict[str, Event] = {
     "SIGTERM": _tell(ExitRequested(at_ns=0)),
     "suspend": _tell(Suspended(slept_ns=S, at_ns=0)),
     "joint order": _joint_order,
+    "foreign token": _tell(ForeignTokens(writers=(WRITER,), at_ns=0)),
+    "foreign data": _sent,
+    "other gateway": _tell(GatewayTokens(gateways=(Gateway(zid="b", is_armed=True),), at_ns=0)),
 }
 """What happens, and from when on it is judged: the tick in which the gateway can know of it."""
 
@@ -277,6 +297,15 @@ def _gives_up(pair: Scene) -> None:
     assert 1950 * MS <= zeros_at[-1] - zeros_at[0] <= 2000 * MS and len(pair.told(Code.STOP_NOT_EFFECTIVE)) == 1
 
 
+def _at_base(pair: Scene) -> None:
+    assert pair.state in {"IDLE", "READ_ONLY"}
+
+
+def _zero_once(pair: Scene) -> None:
+    pair.run(0.4)
+    assert pair.arm_frames() == [] and pair.beats == [0.0]
+
+
 def _free(pair: Scene) -> None:
     assert pair.owner is None
 
@@ -299,6 +328,8 @@ WORDS: dict[str, Callable[[Scene], None]] = {
     "pauses": Scene.pauses,
     "stops": Scene.stops_first,
     "gives up": _gives_up,
+    "base": _at_base,
+    "0.0 once": _zero_once,
     "stops first": Scene.stops_first,
 }
 LATCHED = {
@@ -307,6 +338,8 @@ LATCHED = {
     "FSM ERROR": Code.FSM_ERROR,
     "tracking error": Code.TRACKING_ERROR,
     "joint order": Code.JOINT_ORDER,
+    "foreign token": Code.FOREIGN_WRITER,
+    "foreign data": Code.FOREIGN_WRITER,
 }
 
 

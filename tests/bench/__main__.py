@@ -9,7 +9,9 @@ from pathlib import Path
 
 from rich.console import Console
 
+from tests.bench.chunks import chunk_rows
 from tests.bench.codec import codec_rows
+from tests.bench.guard import guard_rows
 from tests.bench.table import Row, show
 from tests.bench.tick import tick_rows
 from tests.bench.wire import wire_rows
@@ -18,21 +20,28 @@ from tests.bench.wire import wire_rows
 def main() -> int:
     """Run the chosen parts and print their tables."""
     parser = argparse.ArgumentParser(prog="bin/bench", description=__doc__)
-    parser.add_argument("parts", nargs="*", choices=["codec", "tick", "wire", []], help="which; all by default")
+    parser.add_argument(
+        "parts", nargs="*", choices=["codec", "tick", "wire", "guard", []], help="which; all by default"
+    )
+    parser.add_argument("--minutes", type=float, default=1.0, help="length of the guard's run under load [min]")
     options = parser.parse_args()
-    parts = options.parts or ["codec", "tick", "wire"]
+    parts = options.parts or ["codec", "tick", "wire", "guard"]
     console = Console(width=150 if not sys.stdout.isatty() else None)
     rows: list[Row] = []
     if "codec" in parts:
         rows += (found := codec_rows())
         show("codec (best of many rounds, taking turns)", found, console)
     if "tick" in parts:
-        rows += (found := tick_rows())
+        rows += (found := [*tick_rows(), *chunk_rows()])
         show("engine (virtual time)", found, console)
     if "wire" in parts:
         with tempfile.TemporaryDirectory(prefix="ta2-bench-") as folder:
             rows += (found := wire_rows(Path(folder)))
         show("over the wire (loopback, real processes)", found, console)
+    if "guard" in parts:
+        with tempfile.TemporaryDirectory(prefix="ta2-bench-") as folder:
+            rows += (found := guard_rows(Path(folder), options.minutes))
+        show("the guard (loopback, real processes)", found, console)
     missed = [row.name for row in rows if row.good is False]
     console.print(f"{len(rows)} figures, {len(missed)} goals missed" + (f": {', '.join(missed)}" if missed else ""))
     return 1 if missed else 0

@@ -6,12 +6,11 @@ absolute sleep and a simulated robot of its own, and a process that only subscri
 
 from __future__ import annotations
 
-import os
 import subprocess
 import sys
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +19,9 @@ import zenoh
 
 from gateway.client import Control
 from gateway.sim.remote import SimControl
+from tests.bench.dds import dds_rows
+from tests.bench.processor import cpu_row, family, favour, peer_of
+from tests.bench.streams import full_load_rows
 from tests.bench.table import Row
 from tests.e2e.system import Process, System, free_port, joint_topics, wait_for
 
@@ -49,32 +51,7 @@ while True:
 """
 """A plain publisher of both arms' setpoints: absolute sleep, default settings of zenoh."""
 
-PEER_SUBSCRIBER = """
-import json, sys, time, zenoh
-from gateway.robot import STATE_TOPICS
-config = {"mode": "client", "connect": {"endpoints": [sys.argv[1]]}, "scouting": {"multicast": {"enabled": False}}}
-session = zenoh.open(zenoh.Config.from_json5(json.dumps(config)))
-held = [session.declare_subscriber(topic[1:], lambda sample: None) for topic in STATE_TOPICS]
-print("ready", flush=True)
-while True:
-    time.sleep(1.0)
-"""
-"""A process that only subscribes to every state topic, with empty callbacks."""
-
 HOG = "while True: pass"
-
-
-def cpu_s(pid: int) -> float:
-    """Return the processor time that a process has used [s]."""
-    fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
-    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
-
-
-def _favour(process: Process) -> None:
-    """Let a simulated robot receive in real time where that is permitted: the senders are measured, not the receiver."""
-    for task in Path(f"/proc/{process.pid}/task").iterdir():
-        with suppress(PermissionError, ProcessLookupError):
-            os.sched_setscheduler(int(task.name), os.SCHED_FIFO, os.sched_param(30))
 
 
 @contextmanager
@@ -130,20 +107,11 @@ def _interval_rows(title: str, system: System, peer: SimControl, hogs: int) -> l
 
 
 def _cpu_row(title: str, system: System, subscriber: Process, goal: float | None = None) -> Row:
-    pids = (system.daemon.pid, subscriber.pid)
-    before = [cpu_s(pid) for pid in pids]
-    begun = time.monotonic()
-    _pass(WINDOW_S)
-    elapsed = time.monotonic() - begun
-    ours, peer = ((cpu_s(pid) - old) / elapsed * 100 for pid, old in zip(pids, before, strict=True))
-    return Row(
-        name=f"CPU of the daemon, full state, {title}",
-        ours=f"{ours:.1f} %",
-        peer=f"{peer:.1f} % (empty callbacks)",
-        ratio=f"{ours / peer:.2f}x",
-        goal="" if goal is None else f"<= {goal:g}x",
-        good=None if goal is None else ours / peer <= goal,
-    )
+    """The daemon alone where there is a goal for it alone, else with its guard."""
+    name, whole = f"CPU of daemon and guard, full state, {title}", family(system.daemon.pid)
+    if goal is not None:
+        name, whole = f"CPU of the daemon, full state, {title}", whole[:1]
+    return cpu_row(name, whole, subscriber.pid, _pass, WINDOW_S, goal)
 
 
 def _latency_row(system: System, own: Control) -> Row:
@@ -185,7 +153,7 @@ def _latency_row(system: System, own: Control) -> Row:
 
 
 def wire_rows(folder: Path) -> list[Row]:
-    """Measure everything that needs processes; about a minute."""
+    """Measure everything that needs processes; about two minutes."""
     rows: list[Row] = []
     peer_endpoint = f"tcp/127.0.0.1:{free_port()}"
     peer_sim = Process("peer-sim", ["-m", "gateway.sim", "--listen", peer_endpoint], folder)
@@ -193,13 +161,13 @@ def wire_rows(folder: Path) -> list[Row]:
     helpers: list[Process] = []
     try:
         system.connect("bench").close()  # it sees a live robot now
-        helpers.append(Process("subscriber", ["-u", "-c", PEER_SUBSCRIBER, system.endpoint], folder))
+        helpers.append(Process("subscriber", peer_of(system.endpoint), folder))
         wait_for(lambda: "ready" in helpers[-1].text(), "the plain subscriber")
         rows.append(_cpu_row("nobody watches", system, helpers[-1], 1.6))
         with system.connect("bench") as robot, wait_for(lambda: SimControl(peer_endpoint), "the peer's robot") as peer:
             rows.append(_cpu_row("a client watches at 50 Hz", system, helpers[-1]))
             for process in (system.sim, peer_sim):
-                _favour(process)
+                favour(process)
             helpers.append(Process("publisher", ["-u", "-c", PEER_PUBLISHER, peer_endpoint], folder))
             wait_for(lambda: "ready" in helpers[-1].text(), "the plain publisher")
             with robot.control() as own:
@@ -213,4 +181,4 @@ def wire_rows(folder: Path) -> list[Row]:
         for process in (*helpers, peer_sim):
             process.end()
         system.close()
-    return rows
+    return [*rows, *full_load_rows(folder, _pass, WINDOW_S), *dds_rows(folder, _pass)]

@@ -3,36 +3,20 @@
 from __future__ import annotations
 
 import asyncio
-import inspect
+import threading
 
 import numpy as np
 import pytest
 
-from gateway.client import aio, client, control
+from gateway.client import StopResult, aio
 from gateway.core import events
 from gateway.core.events import Level, Notice
-from gateway.errors import Aborted, Code, Disconnected, LeaseError, Refusal, Rejected
+from gateway.errors import Aborted, Code, Disconnected, LeaseError, OutcomeUnknown, Refusal, Rejected
+from tests.api.daemon import eventually
 from tests.api.stand_in import START_Q
+from tests.client.playing import play
 
 GOAL = np.array([0.2, 0.6, -0.2, 1.0, 0.1, 0.0, 0.2])
-
-
-def play(world, scene):
-    """Run a coroutine while the world's time goes on."""
-
-    async def pump():
-        while True:
-            world.run(0.01)
-            await asyncio.sleep(0)
-
-    async def both():
-        pumping = asyncio.create_task(pump())
-        try:
-            return await asyncio.wait_for(scene(), timeout=30)
-        finally:
-            pumping.cancel()
-
-    return asyncio.run(both())
 
 
 def test_the_whole_way_works_as_in_the_blocking_client(world):
@@ -56,6 +40,7 @@ def test_the_whole_way_works_as_in_the_blocking_client(world):
                 await own.right_arm.hold()
                 await own.hold()
                 await own.left_arm.move_by(np.zeros(7))
+                await own.left_arm.follow(np.tile(START_Q, (3, 1)), 0.1)
                 await own.disable()
             assert (await robot.state()).state == "READ_ONLY"
             assert (await robot.stop("enough")).undelivered is False
@@ -75,6 +60,7 @@ def test_the_whole_way_works_as_in_the_blocking_client(world):
             "Hold",
             "Hold",
             "Move",
+            "Follow",
             "Disable",
         ),
         *("Release", "Stop", "Estop", "Recover"),
@@ -82,24 +68,6 @@ def test_the_whole_way_works_as_in_the_blocking_client(world):
     assert len(world.engine.targets) == 5
     world.run(0.02)
     assert len(world.engine.gone) == 1
-
-
-def test_both_clients_have_the_same_methods_and_arguments():
-    """What one client can, the other can, under the same names."""
-    for ours, theirs in (
-        (aio.Robot, client.Robot),
-        (aio.Control, control.Control),
-        (aio.ArmControl, control.ArmControl),
-        (aio.MotionHandle, control.MotionHandle),
-        (aio.JointStream, control.JointStream),
-    ):
-        names = {name for name in dir(theirs) if not name.startswith("_")}
-        assert names == {name for name in dir(ours) if not name.startswith("_")}
-        for name in names:
-            mine, other = getattr(ours, name), getattr(theirs, name)
-            if callable(mine) and callable(other):
-                assert list(inspect.signature(mine).parameters) == list(inspect.signature(other).parameters), name
-    assert list(inspect.signature(aio.connect).parameters) == list(inspect.signature(client.connect).parameters)
 
 
 def test_connecting_can_be_awaited(world):
@@ -110,8 +78,37 @@ def test_connecting_can_be_awaited(world):
         await robot.close()
         with pytest.raises(Disconnected):
             await robot.stop()
+        async with await aio.connect(transport=world.transport()) as robot:
+            await robot.stop()
+        with pytest.raises(Disconnected):
+            await robot.stop()
 
     play(world, scene)
+
+
+def test_a_connection_that_is_given_up_while_it_is_made_does_not_stay(world):
+    """A cancelled connect() leaves nothing behind, although opening goes on in its thread until it is done."""
+    transport, begun, let_go = world.transport(), threading.Event(), threading.Event()
+    opening = transport.open
+
+    def slowly(*arguments):
+        begun.set()
+        assert let_go.wait(10)
+        opening(*arguments)
+
+    transport.open = slowly
+
+    async def scene():
+        connecting = asyncio.ensure_future(aio.connect(transport=transport)._connect())
+        while not begun.is_set():
+            await asyncio.sleep(0)
+        connecting.cancel()
+        with pytest.raises(asyncio.CancelledError):
+            await connecting
+        let_go.set()
+
+    play(world, scene)
+    eventually(lambda: world.plane._listeners == {})
 
 
 def test_connecting_to_nobody_is_disconnected(world):
@@ -255,5 +252,21 @@ def test_the_first_state_of_a_new_daemon_is_waited_for(world):
             world.plane._daemon_id = "second"
             world.plane.set_reachable(True)
             assert (await robot.state()).state == "READ_ONLY"
+
+    play(world, scene)
+
+
+def test_a_stop_of_a_dead_daemon_goes_to_its_guard(world, monkeypatch):
+    """As in the blocking client, without holding up the event loop."""
+    answers = [StopResult(undelivered=False, by_guard=True), None, None, StopResult(undelivered=False, by_guard=True)]
+    monkeypatch.setattr("gateway.client.guard_stop.stop_at_guard", lambda *_: answers.pop(0))
+
+    async def scene():
+        async with aio.connect(transport=world.transport()) as robot:
+            world.plane.set_reachable(False)
+            assert (await robot.estop("smoke")).by_guard
+            with pytest.raises((OutcomeUnknown, Disconnected)):  # by how long it has been away by then
+                await robot.stop("smoke")
+            assert (await robot.stop("smoke")).by_guard
 
     play(world, scene)

@@ -5,13 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from gateway.client import Robot, connect
+from gateway.client import Robot, StopResult, connect
 from gateway.core import events
 from gateway.core.events import Level, Notice
 from gateway.errors import (
     Code,
     Disconnected,
-    GatewayTimeout,
     NotReady,
     OutcomeUnknown,
     ProtocolError,
@@ -109,53 +108,6 @@ def test_a_state_does_not_change_after_it_was_taken(world, robot):
         state.age = 1.0
 
 
-def test_states_are_new_ones_at_most_at_the_rate_asked_for(world, robot):
-    """states() yields rising numbers, not faster than asked."""
-    states = robot.states(max_rate=10.0)
-    before_ns = world.time_ns
-    seqs = [next(states).seq for _ in range(11)]
-    assert seqs == sorted(set(seqs))
-    assert (world.time_ns - before_ns) / 1e9 == pytest.approx(1.0, abs=0.05)
-
-
-def test_states_end_with_a_timeout_when_none_comes(world, robot):
-    """A daemon that makes no snapshots does not hold its viewers for ever; the message says what was seen last."""
-    states = robot.states(timeout=0.5)
-    next(states)
-    world.engine.frozen = True
-    with pytest.raises(GatewayTimeout, match="READ_ONLY"):
-        next(states)
-
-
-@pytest.mark.parametrize("rate", [0.0, -1.0, float("nan")])
-def test_a_rate_of_states_must_be_positive(robot, rate):
-    """A rate that means nothing is refused."""
-    with pytest.raises(Rejected):
-        next(robot.states(max_rate=rate))
-
-
-def test_events_come_in_order_and_end_with_silence(world, robot):
-    """events() yields what was told since connect(), and ends when the daemon is silent."""
-    for n in range(3):
-        world.engine.notices.append(
-            Notice(code=Code.LINK_UP, level=Level.INFO, message=f"n{n}", at_ns=n, facts={"a": "b"})
-        )
-    world.run(0.02)
-    told = list(robot.events(timeout=0.2))
-    assert [notice.message for notice in told] == ["n0", "n1", "n2"]
-    assert told[0].code == "LINK_UP" and told[0].level == "info" and told[0].facts == {"a": "b"}
-    assert list(robot.events(timeout=0.0)) == []
-
-
-def test_notices_that_nobody_reads_are_dropped_and_counted(world, robot):
-    """A client that never reads its events keeps the newest thousand and knows how many it lost."""
-    for n in range(1200):
-        world.engine.notices.append(Notice(code=Code.LINK_UP, level=Level.INFO, message=str(n), at_ns=n))
-    world.run(0.02)
-    assert robot.health().notices_dropped == 200
-    assert next(robot.events()).message == "200"
-
-
 def test_health_tells_what_is_not_well(world, robot):
     """health() is plain, says ok when it is, and names what is not."""
     health = robot.health()
@@ -179,10 +131,9 @@ def test_health_never_raises_without_a_daemon(world, robot):
 
 def test_dropped_snapshots_are_counted(world, robot):
     """Gaps in the numbers of snapshots are counted without decoding any."""
-    session = world.plane._listeners[robot.client_id]
-    seq = session._last_seq
-    session.on_snapshot(b"?", seq + 5, world.time_ns)
-    assert robot.health.__self__._session.snapshots_dropped == 4
+    session = robot._session
+    session.on_snapshot(b"?", session._last_seq + 5, world.time_ns)
+    assert session.snapshots_dropped == 4
 
 
 def test_a_snapshot_that_cannot_be_read_is_a_protocol_error(world, robot):
@@ -323,3 +274,27 @@ def test_words_that_mean_nothing_are_rejected(robot, name, value):
     with pytest.raises(Rejected) as caught:
         robot.control(**{name: value})
     assert caught.value.field == name
+
+
+@pytest.mark.parametrize("ask", ["stop", "estop"])
+def test_a_stop_of_a_dead_daemon_goes_to_its_guard(world, monkeypatch, ask):
+    """At once, not when the daemon has been waited for; where it did nothing, the daemon's silence is told."""
+    asked = []
+    answers = [StopResult(undelivered=False, by_guard=True), None, None, None, None]
+
+    def guard(*question):
+        asked.append(question)
+        return answers.pop(0)
+
+    monkeypatch.setattr("gateway.client.guard_stop.stop_at_guard", guard)
+    with connect(transport=world.transport(), name="ann") as robot:
+        world.plane.set_reachable(False)
+        world.run(0.02)
+        begin_ns = world.now_ns()
+        assert getattr(robot, ask)("smoke").by_guard and world.now_ns() == begin_ns
+        with pytest.raises(OutcomeUnknown):
+            getattr(robot, ask)("smoke")
+        with pytest.raises(Disconnected):
+            getattr(robot, ask)("smoke")
+        assert answers == [], "asked again when the daemon did not come back: it may have taken over meanwhile"
+        assert asked[0][1:] == (ask, "smoke", "ann")

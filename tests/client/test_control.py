@@ -20,8 +20,9 @@ from gateway.errors import (
     Rejected,
     Superseded,
 )
-from gateway.values import Side
+from gateway.values import Side, Space
 from tests.api.stand_in import START_Q, TICK_NS
+from tests.client.robot_world import RobotWorld
 
 GOAL = np.array([0.2, 0.6, -0.2, 1.0, 0.1, 0.0, 0.2])
 
@@ -149,6 +150,35 @@ def test_one_client_owns_once(world, robot):
         assert own.is_open
         own.enable()
     assert world.engine.names() == ["Acquire", "Enable", "Release"]
+
+
+def test_a_robot_that_was_taken_away_can_be_taken_back():
+    """The lease that somebody took is over, whether its control was ended or not: no word of an owner that we are."""
+    world = RobotWorld()
+    with connect(transport=world.transport(), name="a") as first, connect(transport=world.transport()) as second:
+        mine = first.control().acquire()
+        theirs = second.control(take="a look").acquire()
+        with pytest.raises(LeaseError, match="pid"):
+            first.control().acquire()  # it is theirs, not "owned by this client already"
+        again = first.control(take="back").acquire()
+        assert again.is_open and not mine.is_open and again.epoch == 3
+        again.hold()
+        with pytest.raises(LeaseError):
+            theirs.hold()
+
+
+def test_a_robot_that_became_free_can_be_acquired_again():
+    """Whoever slept for longer than the clocks run owns it no more, and is not told that he does."""
+    world = RobotWorld()
+    with connect(transport=world.transport(), name="a") as robot:
+        mine = robot.control().acquire()
+        beats, world.transports[0]._beats = world.transports[0]._beats, []
+        world.run(11.0)
+        world.transports[0]._beats = beats
+        again = robot.control().acquire()
+        assert again.is_open and again.epoch == 2 and not mine.is_open
+        world.run(1.0)
+        again.chassis.stop()
 
 
 def test_a_control_that_was_not_entered_commands_nothing(world, robot):
@@ -424,7 +454,7 @@ def test_a_stream_starts_where_the_arm_is_held_and_sends_what_is_set(world, own)
     _, opened = next((c, r) for c, r in world.engine.requests if isinstance(r, events.OpenStream))
     assert opened.speed == 0.7 and opened.expiry_ns == 500_000_000
     assert [t.seq for t in world.engine.targets] == list(range(1, 11)) and world.engine.targets[-1].epoch == 1
-    assert np.allclose(world.engine.targets[-1].q_rad, sent)
+    assert np.allclose(world.engine.targets[-1].values, sent)
     assert world.engine.names()[-1] == "CloseStream"
 
 
@@ -466,7 +496,7 @@ def test_a_target_is_clipped_when_that_was_asked_for(world, own):
         sent = out.set([0.0, 0.5, 0.0, 0.1, 0.0, 0.0, 0.0])
         assert sent[3] == 0.25
         out.tick()
-    assert world.engine.targets[-1].q_rad[3] == 0.25
+    assert world.engine.targets[-1].values[3] == 0.25
 
 
 def test_an_ended_stream_raises_at_the_next_tick(world, own):
@@ -539,3 +569,93 @@ def test_a_stop_by_somebody_else_reaches_the_owner(world, own, robot):
     with pytest.raises(Aborted) as caught:
         handle.result()
     assert caught.value.code is Code.STOPPED
+
+
+# ----------------------------------------------------------------------------------------------------------- chunks
+
+
+ROWS = np.tile(np.asarray(START_Q), (4, 1)) + np.linspace(0.0, 0.03, 4)[:, None]
+
+
+def asked(world):
+    """The last request that reached the engine."""
+    return world.engine.requests[-1][1]
+
+
+def test_a_chunk_is_asked_for_with_everything_that_was_wished(world, own):
+    """Arrays of any kind; seconds become nanoseconds; one tolerance stands for seven."""
+    handle = own.left_arm.follow(
+        ROWS.astype(np.float32),
+        dt=0.1,
+        start_in=-0.3,
+        open_end=True,
+        stretch=2.0,
+        smoothing=0.1,
+        path_tolerance=0.2,
+        goal_tolerance=[0.1, None, None, None, None, None, 0.1],
+        goal_time=1.5,
+    )
+    request = asked(world)
+    assert isinstance(request, events.Follow) and list(request.chunk.trajectories) == [Side.LEFT]
+    assert request.chunk.duration_s == pytest.approx(0.6) and request.open_end
+    assert (request.start_at_ns, request.start_in_ns, request.goal_time_ns) == (None, -300_000_000, 1_500_000_000)
+    assert request.path_tolerance == {Side.LEFT: (0.2,) * 7}
+    assert request.goal_tolerance == {Side.LEFT: (0.1, None, None, None, None, None, 0.1)}
+    assert handle.motion_id > 0 and not handle.done
+
+
+def test_both_arms_follow_on_one_clock(world, own):
+    """With times, from an instant on."""
+    rights = np.tile(np.asarray([-0.5, -0.92, 0.52, -1.28, 0.32, 0.55, -0.52]), (4, 1))
+    own.follow({"right": rights, "left": ROWS}, times=[0.0, 0.1, 0.2, 0.4], start_at=12.5)
+    request = asked(world)
+    assert list(request.chunk.trajectories) == [Side.LEFT, Side.RIGHT]
+    assert request.start_at_ns == 12_500_000_000 and request.chunk.duration_s == pytest.approx(0.4)
+
+
+@pytest.mark.parametrize(
+    ("points", "how", "code"),
+    [
+        ({}, {"dt": 0.1}, Code.WRONG_SHAPE),
+        ({"middle": ROWS}, {"dt": 0.1}, Code.WRONG_SHAPE),
+        ({"left": ROWS[0]}, {"dt": 0.1}, Code.WRONG_SHAPE),
+        ({"left": ROWS[:, :6]}, {"dt": 0.1}, Code.WRONG_SHAPE),
+        ({"left": [["a"] * 7] * 2}, {"dt": 0.1}, Code.WRONG_SHAPE),
+        ({"left": ROWS}, {"times": [[0.0, 0.1, 0.2, 0.3]]}, Code.WRONG_SHAPE),
+        ({"left": ROWS}, {"times": ["soon"] * 4}, Code.WRONG_SHAPE),
+        ({"left": ROWS}, {"dt": 0.1, "path_tolerance": [0.1] * 6}, Code.WRONG_SHAPE),
+        ({"left": ROWS}, {"dt": 0.1, "start_at": 1.0, "start_in": 1.0}, Code.BAD_REQUEST),
+        ({"left": ROWS}, {"dt": 0.1, "start_at": float("nan")}, Code.OUT_OF_RANGE),
+        ({"left": ROWS}, {"dt": 0.1, "goal_time": float("inf")}, Code.OUT_OF_RANGE),
+        ({"left": ROWS}, {}, Code.BAD_REQUEST),
+        ({"left": ROWS * np.nan}, {"dt": 0.1}, Code.NOT_FINITE),
+    ],
+)
+def test_what_is_no_chunk_is_refused_where_it_is_seen_first(world, own, points, how, code):
+    """By the client or by the daemon, with the same class and code; nothing reaches the engine."""
+    count = len(world.engine.requests)
+    with pytest.raises(Rejected) as caught:
+        own.follow(points, **how)
+    assert caught.value.code is code and len(world.engine.requests) == count
+
+
+def test_poses_are_followed_in_the_frame_that_is_named(world, own):
+    """Seven numbers a point; two tolerances, of position and orientation; one number for both would be neither."""
+    poses = np.tile([0.3, -0.1, -0.2, 0.0, 0.0, 0.0, 1.0], (4, 1)) + np.linspace(0.0, 0.01, 4)[:, None] * np.eye(7)[0]
+    own.right_arm.follow(poses, 0.1, frame="right_shoulder_base", path_tolerance=[0.02, None])
+    request = asked(world)
+    assert request.chunk.space is Space.POSE and request.frames == {Side.RIGHT: "right_shoulder_base"}
+    assert request.path_tolerance == {Side.RIGHT: (0.02, None)}
+    own.follow({"right": poses}, 0.1, frames={"right": "right_shoulder_base"})
+    assert asked(world).chunk.space is Space.POSE
+    for tolerance in (0.02, [0.1] * 7):
+        with pytest.raises(Rejected) as caught:
+            own.right_arm.follow(poses, 0.1, frame="right_shoulder_base", goal_tolerance=tolerance)
+        assert caught.value.code is Code.WRONG_SHAPE
+
+
+def test_a_handle_tells_what_was_skipped_and_how_far_smoothing_moved(world, own):
+    """From the reply."""
+    handle = own.left_arm.follow(ROWS, 0.1)
+    handle._facts = {**handle._facts, "skipped": 3, "moved": 0.002}
+    assert (handle.skipped, handle.moved) == (3, 0.002)

@@ -72,6 +72,7 @@ def test_the_whole_way(daemon):
     eventually(lambda: daemon.engine.gone == [robot.client_id])
 
 
+@pytest.mark.alone
 def test_a_killed_owner_is_gone_at_once(daemon):
     """SIGKILL of the owner: its token is gone within 250 ms, its signs of life have ended."""
     process = start(OWNER, daemon.socket)
@@ -147,7 +148,7 @@ def test_a_forked_child_is_told_to_connect_itself(daemon):
 
 
 def test_a_daemon_that_is_restarted_is_found_again(tmp_path):
-    """A reader goes on with the next daemon by itself; an owner is told that its lease is over."""
+    """A reader goes on with the next daemon by itself; an owner is told that its lease is over, and nothing is sent."""
     with Daemon(tmp_path) as first:
         robot = connect(str(first.socket), name="reader")
         own = robot.control().acquire()
@@ -160,12 +161,16 @@ def test_a_daemon_that_is_restarted_is_found_again(tmp_path):
     assert time.monotonic() - started < 3.0 and not robot.health().daemon
     with pytest.raises(Disconnected):
         robot.stop()
-    with Daemon(tmp_path):
+    with Daemon(tmp_path) as second:
         eventually(lambda: robot.health().daemon)
         assert robot.state.state == "READ_ONLY" and not robot.state.lease.owned
         with pytest.raises(LeaseError) as caught:
             own.enable()
-        assert caught.value.code is Code.LEASE_STALE
+        assert caught.value.code is Code.LEASE_LOST and not own.is_open
+        time.sleep(0.3)  # several beats of a keepalive, if there were one
+        assert second.engine.requests == [] and second.engine.seen == {} and second.engine.targets == []
+        with robot.control():
+            assert second.engine.names() == ["Acquire"]
         robot.close()
 
 
@@ -238,6 +243,7 @@ def test_the_default_socket_is_found(tmp_path, monkeypatch):
         connect()
 
 
+@pytest.mark.alone
 def test_a_pulse_skips_what_it_missed():
     """Beats lie on an absolute grid; a beat that takes long loses beats and never bunches them."""
     beats = []

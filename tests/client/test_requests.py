@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from gateway.api.translate import describe
-from gateway.client.requests import joints, move, read_only, seconds, within_limits
+from gateway.client.requests import joints, move, number, read_only, seconds, within_limits
 from gateway.core.door import check_goal
 from gateway.core.events import OnLimit
 from gateway.errors import Code, Refusal, Rejected, to_exception
@@ -48,6 +48,26 @@ def test_limits_are_judged_as_the_daemon_judges_them(side):
                     assert replace(ours, hint="") == replace(theirs, hint="")
                 else:
                     assert within_limits(side, tuple(q), INFO, "reject") == theirs.q_rad
+
+
+@pytest.mark.parametrize(
+    "q",
+    [["0.1"] * 7, [True] * 7, np.ones(7, dtype=bool), [10**400] * 7, [1j] * 7, [b"1"] * 7, [None, True, *[0.1] * 5]],
+)
+def test_seven_words_are_no_joints(q):
+    """Text, truth values and what no float can hold are refused, not converted."""
+    with pytest.raises(Rejected) as caught:
+        joints("left", q)
+    assert caught.value.code is Code.WRONG_SHAPE and caught.value.field == "left_arm"
+
+
+def test_a_number_is_whatever_has_one():
+    """Integers, numpy scalars and arrays without a dimension become floats; NaN and infinity are judged by others."""
+    for value in (1, 0.5, np.float32(0.5), np.int64(3), np.array(2.0), float("inf")):
+        assert type(number("x", value)) is float and number("x", value) == value
+    with pytest.raises(Rejected) as caught:
+        number("force", "0.5")
+    assert (caught.value.code, caught.value.field, caught.value.value) == (Code.BAD_REQUEST, "force", "'0.5'")
 
 
 def test_vectors_handed_out_cannot_be_changed():

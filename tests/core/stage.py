@@ -17,9 +17,9 @@ from gateway.core.phases import Phases
 from gateway.core.supervisor import State
 from gateway.errors import Code
 from gateway.settings import LinkSettings, Settings
-from gateway.values import ArmState, CurrentMode, FsmState, Side, Vector
+from gateway.values import ArmState, CurrentMode, EePose, FsmState, Side, Space, Vector
 
-__all__ = ["GOAL", "MIDDLE", "MODE", "MS", "OFFSET_NS", "TICK_NS", "L", "R", "S", "Stage"]
+__all__ = ["GOAL", "MIDDLE", "MODE", "MS", "OFFSET_NS", "PLACE", "TICK_NS", "L", "R", "S", "Stage"]
 
 MS = 1_000_000
 S = 1_000_000_000
@@ -31,6 +31,10 @@ MIDDLE: dict[Side, Vector] = {
     side: tuple((a + b) / 2 for a, b in zip(robot.JOINT_LOWER_RAD[side], robot.JOINT_UPPER_RAD[side], strict=True))
     for side in Side
 }
+PLACE: dict[Side, Vector] = {
+    side: (0.30, sign * 0.10, -0.20, 0.0, 0.0, 0.0, 1.0) for side, sign in ((L, 1.0), (R, -1.0))
+}
+"""Where the end effectors are: x, y, z [m], qx, qy, qz, qw."""
 GOAL: dict[Side, Vector] = {side: tuple(q + 0.5 for q in MIDDLE[side]) for side in Side}
 MODE = CurrentMode(
     api=True,
@@ -52,12 +56,15 @@ class Stage:
         latches: What is latched.
         owner: Who owns the robot; None for nobody.
         dumb: Arms whose state was never heard.
+        poses: Arms in end-effector mode.
 
     Attributes:
         q_rad: What is measured, per side [rad].
+        pose: The same of the end effectors: x, y, z [m], qx, qy, qz, qw.
         fsm: What `/fsm_state` says; None for nothing.
         mode: What `/api/current_mode` says; None for nothing.
         dumb: Arms whose state is not heard.
+        poses: Arms whose end effectors' poses are heard.
     """
 
     def __init__(
@@ -69,15 +76,19 @@ class Stage:
         latches: Mapping[Code, str] | None = None,
         owner: str | None = "ann",
         dumb: Collection[Side] = (),
+        poses: Collection[Side] = (),
     ) -> None:
         self.conductor = Conductor(Settings(link=LinkSettings(model=model)), Remembered(latches=latches or {}))
         self.phases = Phases(self.conductor, Conditions(self.conductor))
         self.now_ns = 1_000 * S
         self.q_rad = dict(MIDDLE)
         self.fsm: int | None = int(FsmState.PAUSE)
-        self.mode: CurrentMode | None = MODE
+        self.pose = dict(PLACE)
+        self.poses = set(poses)
+        self.mode: CurrentMode | None = replace(MODE, joint_mode={side: side not in poses for side in Side})
         self.dumb = set(dumb)
         self.conductor.transport_up, self.conductor.router_zid = True, "aa"
+        self._claim()
         self.run(32)  # arms can be seeded after 0.3 s
         self.epoch = 0
         if owner is not None:
@@ -86,6 +97,15 @@ class Stage:
             self.epoch = epoch
         self._enter(state, sides)
         self.conductor.notices.clear()
+
+    def _claim(self) -> None:
+        """Other gateways have been shown that the robot is commanded: this took place before the stage."""
+        claim = self.conductor.claim
+        claim.link_up(self.now_ns - S)
+        for _ in range(2):
+            claim.step(self.now_ns, is_wanted=True, is_used=True, own_zid="", rivals=[])
+            claim.shown(1, self.now_ns - S)
+        assert claim.is_confirmed
 
     def _enter(self, state: State, sides: tuple[Side, ...]) -> None:
         conductor = self.conductor
@@ -100,8 +120,10 @@ class Stage:
         else:
             self.fsm = int(FsmState.READY)
             conductor.enable.begin(sides)
+            conductor.choose_spaces(sides, self.now_ns)
             for side in sides:
-                conductor.body.arms[side].start(self.q_rad[side], self.now_ns)
+                is_pose = conductor.body.arms[side].space is Space.POSE
+                conductor.body.arms[side].start(self.pose[side] if is_pose else self.q_rad[side], self.now_ns)
             conductor.body.heartbeat.ones(self.now_ns)
             conductor.go(State.ACTIVE, self.now_ns, "test")
             self.run(3)
@@ -117,6 +139,10 @@ class Stage:
                 value = ArmState(q_rad=self.q_rad[side], dq_radps=(), tau_nm=(), stamp_ns=self.now_ns + OFFSET_NS)
                 topic = robot.arm_state(side)
                 store.receive(SampleArrived(topic=topic, value=value, received_ns=self.now_ns), self.now_ns)
+            if side in self.poses:
+                pose = EePose(p_m=self.pose[side][:3], quat_xyzw=self.pose[side][3:])
+                topic = robot.ee_pose(side)
+                store.receive(SampleArrived(topic=topic, value=pose, received_ns=self.now_ns), self.now_ns)
         for topic, said in ((robot.FSM_STATE, self.fsm), (robot.CURRENT_MODE, self.mode)):
             if said is not None:
                 store.receive(SampleArrived(topic=topic, value=said, received_ns=self.now_ns), self.now_ns)
@@ -138,6 +164,12 @@ class Stage:
             first, *others = self.q_rad[side]
             self.q_rad[side] = (first + by_rad / steps, *others)
             self.run(1)
+
+    def shift(self, side: Side, by_m: float) -> None:
+        """The end effector is moved by hand along its x axis."""
+        x, *others = self.pose[side]
+        self.pose[side] = (x + by_m, *others)
+        self.run(1)
 
     def say_mode(self, **changes: object) -> None:
         """The robot's mode changes, and is heard at once."""

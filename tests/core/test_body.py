@@ -2,18 +2,24 @@
 
 from __future__ import annotations
 
+import math
+
 import pytest
 
 from gateway import robot
 from gateway.core.body import Body
 from gateway.core.events import FrameKind, OnLimit, TargetArrived
+from gateway.core.gap import Gap
 from gateway.core.motion import ReferenceMode, plan
-from gateway.core.motions import Motion, MotionState
+from gateway.core.motions import Motion, MotionState, Terms
+from gateway.core.passage import Outcome
 from gateway.core.streams.ground import LIFT_OFF
 from gateway.core.targets import TargetStream
+from gateway.core.tolerance import Tolerances
+from gateway.core.trajectory import interpolate
 from gateway.errors import Code
 from gateway.settings import LinkSettings, Settings
-from gateway.values import Side, Vector
+from gateway.values import Side, Space, Vector
 
 MS = 1_000_000
 S = 1_000_000_000
@@ -24,7 +30,7 @@ MIDDLE: dict[Side, Vector] = {
     for side in Side
 }
 GOAL: dict[Side, Vector] = {side: tuple(q + 0.5 for q in MIDDLE[side]) for side in Side}
-HOLD, PATH, FOLLOW, BRAKE = ReferenceMode
+HOLD, PATH, FOLLOW, CHUNK, BRAKE = ReferenceMode
 
 
 class Course:
@@ -64,7 +70,7 @@ class Course:
         stream = self.body.targets.open(side, "ann", 5, 1.0, OnLimit.REJECT, None)
         self.body.targets.accept(
             TargetArrived(
-                client_id="ann", stream_id=stream.stream_id, epoch=5, seq=1, q_rad=GOAL[side], received_ns=self.now_ns
+                client_id="ann", stream_id=stream.stream_id, epoch=5, seq=1, values=GOAL[side], received_ns=self.now_ns
             )
         )
         self.body.arms[side].follow_target(GOAL[side], 1.0, 5)
@@ -79,11 +85,12 @@ class Course:
 
 
 @pytest.mark.parametrize(("model", "has_lift"), [("lite", False), ("standard", False), ("lift", True)])
-def test_the_streams_are_those_of_the_model_arms_first(model, has_lift):
-    """A heartbeat never overtakes the setpoint of its tick; a model without a lift has no stream for it (manual §1.2)."""
+def test_the_streams_are_those_of_the_model_grippers_first(model, has_lift):
+    """0.10 before the torque, setpoints before the heartbeat; a model without a lift has no stream for it (manual §1.2)."""
     body = Body(Settings(link=LinkSettings(model=model)))
     topics = [stream.topic for stream in body.streams]
-    expected = [robot.joint_command(L), robot.joint_command(R), robot.FSM_ENABLE, robot.CHASSIS_VELOCITY]
+    commands = (robot.gripper_command, robot.joint_command, robot.pose_command)
+    expected = [command(side) for command in commands for side in (L, R)] + [robot.FSM_ENABLE, robot.CHASSIS_VELOCITY]
     assert topics == expected + [robot.LIFT_COMMAND] * has_lift
     assert all(not stream.running for stream in body.streams) and body.next_due_ns() is None
 
@@ -171,6 +178,15 @@ def test_a_cut_with_nothing_to_end_changes_nothing():
     assert course.body.is_at_rest and course.modes() == (HOLD, HOLD)
 
 
+def test_a_cut_forgets_a_force_that_has_not_left():
+    """What the robot has been sent stays (DESIGN §8.5)."""
+    course = Course(L)
+    course.body.grippers[L].enter(0.6, course.now_ns)
+    course.body.grippers[L].command(0.0, 5)
+    course.body.cut(Code.STOPPED, "")
+    assert {values for topic, values in course.run(10) if topic == robot.gripper_command(L)} == {(0.6,)}
+
+
 def test_a_cut_ends_the_walk():
     """The reference stays where it comes to rest: walking on would be motion after a stop (DESIGN §8.5)."""
     course = Course(L)
@@ -186,6 +202,35 @@ def test_a_ground_stop_stops_chassis_and_lift():
     course = Course(model="lift")
     course.body.ground_stop(course.now_ns)
     assert course.run(1) == [(robot.CHASSIS_VELOCITY, (0.0, 0.0, 0.0)), (robot.LIFT_COMMAND, (0.0, 1.0))]
+
+
+def test_a_ground_cut_stops_what_is_driven_and_nothing_else():
+    """Levels cut on every tick: the second of zeros is not begun anew, and what others drive is left alone."""
+    course = Course(model="lift")
+    course.body.ground_cut(Code.STOPPED, course.now_ns)
+    assert course.run(10) == []
+    course.body.chassis.drive((0.2, 0.0, 0.0), epoch=1, expires_ns=course.now_ns + 10 * S, now_ns=course.now_ns)
+    course.run(20)
+    sent = []
+    for code in [Code.CLIENT_LOST] + [Code.STOPPED] * 150:
+        course.body.ground_cut(code, course.now_ns)
+        sent += course.run(1)
+    assert set(sent) == {(robot.CHASSIS_VELOCITY, (0.0, 0.0, 0.0))} and 20 <= len(sent) <= 22
+    assert course.body.chassis.code is Code.CLIENT_LOST and not course.body.chassis.running
+
+
+def test_what_was_under_way_when_the_transport_was_lost_is_sent_again():
+    """Zeros for the chassis, servo off for the lift; nothing where nothing ran."""
+    course = Course(model="lift")
+    course.body.lose_transport()
+    course.body.find_transport(course.now_ns)
+    assert course.run(10) == []
+    course.body.ground_stop(course.now_ns)
+    course.run(2)
+    course.body.lose_transport()
+    course.run(200)
+    course.body.find_transport(course.now_ns)
+    assert set(course.run(200)) == {(robot.CHASSIS_VELOCITY, (0.0, 0.0, 0.0)), (robot.LIFT_COMMAND, LIFT_OFF)}
 
 
 def test_without_a_lift_only_the_chassis_is_stopped():
@@ -250,7 +295,7 @@ def test_a_motion_advances_with_its_setpoints_and_ends_when_measured_there():
     measured: dict[Side, Vector | None] = {L: MIDDLE[L], R: None}
     assert course.body.advance_motions(measured, course.now_ns) == []
     assert 0.0 < left.progress < 1.0 and left.progress == course.body.arms[L].reference.progress
-    assert left.error_rad == pytest.approx(0.5) and right.error_rad is None
+    assert left.error == pytest.approx(Gap(0.5)) and right.error is None
     measured, ended = {L: GOAL[L], R: None}, []
     for _ in range(300):
         course.run(1)
@@ -271,3 +316,142 @@ def test_an_expired_target_brakes_its_arm_once_and_keeps_the_stream():
     assert list(course.body.expire_targets(now_ns + 1)) == [L]
     assert course.modes() == (BRAKE, FOLLOW) and left.is_open
     assert list(course.body.expire_targets(now_ns + 2)) == []
+
+
+# ------------------------------------------------------------------------------------------------ trajectories
+
+
+class Trip(Course):
+    """Both arms on one trajectory; the path tolerance is 0.05 rad for joint 2, none for the others."""
+
+    def __init__(self, *, open_end: bool, rise: float = 0.004) -> None:
+        super().__init__(L, R)
+        self.points = {side: [tuple(q + rise * n for q in MIDDLE[side]) for n in range(20)] for side in Side}
+        path = (math.inf, 0.05, *[math.inf] * 5)
+        tolerances = Tolerances(path={L: path, R: path}, goal={s: (0.05,) * 7 for s in Side}, goal_time_ns=S)
+        terms = Terms(tolerances=tolerances, ends_ns=self.now_ns + S)
+        goals = {side: points[-1] for side, points in self.points.items()}
+        self.motion = self.body.motions.open(goals, None, S, terms)
+        for side, points in self.points.items():
+            trajectory = interpolate(points, [0.05 * n for n in range(20)])
+            way = self.body.arms[side].reference.prepare(trajectory, 0.0, rests=not open_end)
+            assert way.begin(self.body.arms[side].reference.place)
+            self.body.arms[side].follow_chunk(way, 5)
+
+    def look(self, ticks: int, off_rad: float = 0.0, joint: int = 1) -> list[Motion]:
+        """Let time pass, the left arm measured so far off its setpoint; return what ended."""
+        ended = []
+        for _ in range(ticks):
+            self.run(1)
+            measured = {side: self.body.arms[side].reference.q_rad for side in Side}
+            measured[L] = tuple(q + off_rad * (n == joint) for n, q in enumerate(measured[L]))
+            ended += self.body.advance_motions(measured, self.now_ns)
+        return ended
+
+
+def test_a_trajectory_of_two_arms_is_reached_by_both():
+    """Inside its tolerances all the way."""
+    trip = Trip(open_end=False)
+    assert trip.look(180, 0.04) == [trip.motion] and trip.motion.state is MotionState.REACHED
+    assert trip.modes() == (HOLD, HOLD)
+
+
+def test_an_arm_too_far_from_the_trajectory_aborts_it_and_both_brake():
+    """PATH_TOLERANCE, with the joint, once the arm has joined; joints without a tolerance may be anywhere."""
+    trip = Trip(open_end=False)
+    assert trip.look(3, 0.5) == [] and not trip.body.arms[L].reference.passage.has_joined
+    trip.look(50, 0.5, joint=3)
+    assert trip.motion.is_running and trip.body.arms[L].reference.passage.has_joined
+    assert trip.look(1, 0.06) == [trip.motion] and trip.modes() == (BRAKE, BRAKE)
+    assert (trip.motion.state, trip.motion.code) == (MotionState.ABORTED, Code.PATH_TOLERANCE)
+    assert trip.motion.message.startswith("left arm joint 2 is 0.0600 rad from the trajectory, 0.05 rad")
+
+
+def test_an_arm_that_is_not_measured_is_not_off_the_trajectory():
+    """Its state being old is the business of others."""
+    trip = Trip(open_end=False)
+    trip.look(50)
+    assert trip.body.advance_motions({L: None, R: None}, trip.now_ns) == [] and trip.motion.is_running
+
+
+def test_a_chunk_that_ends_in_motion_without_a_successor_is_an_underrun():
+    """Both arms brake inside their limits and hold."""
+    trip = Trip(open_end=True)
+    assert trip.look(120) == [trip.motion]
+    assert (trip.motion.state, trip.motion.code) == (MotionState.ABORTED, Code.UNDERRUN)
+    trip.run(80)
+    assert trip.modes() == (HOLD, HOLD)
+
+
+def test_an_arm_that_loses_its_trajectory_ends_the_motion_of_both():
+    """The other one brakes as well."""
+    trip = Trip(open_end=True)
+    trip.look(20)
+    trip.body.arms[R].reference.passage.outcome = Outcome.LOST
+    assert trip.look(1) == [trip.motion] and trip.motion.code is Code.CANNOT_JOIN
+    assert trip.modes()[0] is BRAKE
+
+
+def test_a_trajectory_whose_arm_was_taken_away_is_left_to_who_took_it():
+    """Braked by a cut of this tick: nothing is judged by a trajectory that is gone."""
+    trip = Trip(open_end=False)
+    trip.look(20)
+    for side in Side:
+        trip.body.arms[side].brake()
+    assert trip.body.advance_motions({L: GOAL[L], R: GOAL[R]}, trip.now_ns) == [] and trip.motion.is_running
+
+
+# ------------------------------------------------------------------------------------------------ spaces
+
+
+def test_an_arm_has_a_stream_of_each_space_and_one_of_them_is_its_own():
+    """Joints until the robot says otherwise; choosing the other silences the one that runs."""
+    body = Body(Settings())
+    assert all(body.arms[side] is body.joint_arms[side] for side in Side)
+    body.arms[L].start(MIDDLE[L], 0)
+    body.choose(L, Space.JOINT)
+    assert body.joint_arms[L].running
+    body.choose(L, Space.POSE)
+    assert body.arms[L] is body.pose_arms[L] and not body.joint_arms[L].running and body.running_arms == ()
+    body.choose(L, Space.JOINT)
+    assert body.arms == body.joint_arms
+
+
+def test_a_motion_is_planned_in_the_space_of_each_arm():
+    """A mixed robot: the joints of one arm, the end effector of the other; nothing moves by planning."""
+    body = Body(Settings())
+    body.choose(R, Space.POSE)
+    place = (0.3, -0.1, -0.2, 0.0, 0.0, 0.0, 1.0)
+    body.arms[L].start(MIDDLE[L], 0)
+    body.arms[R].start(place, 0)
+    paths = body.plan({L: GOAL[L], R: (0.2, -0.1, -0.2, 0.0, 0.0, 0.0, 1.0)}, 0.5)
+    for side, path in paths.items():
+        body.arms[side].follow_path(path, 1)
+    assert all(path.duration_ns > 0 for path in paths.values())
+    assert (body.arms[L].values, body.arms[R].values) == (MIDDLE[L], place)
+
+
+@pytest.mark.parametrize("space", Space)
+def test_arms_of_one_space_are_planned_without_the_other(space):
+    """A robot with both arms in one mode; nothing to plan is no plan."""
+    body = Body(Settings())
+    place = {L: (0.3, 0.1, -0.2, 0.0, 0.0, 0.0, 1.0), R: (0.3, -0.1, -0.2, 0.0, 0.0, 0.0, 1.0)}
+    starts = MIDDLE if space is Space.JOINT else place
+    for side in Side:
+        body.choose(side, space)
+        body.arms[side].start(starts[side], 0)
+    assert set(body.plan(starts, 1.0)) == {L, R}
+
+
+def test_a_plan_is_made_in_the_space_of_each_arm():
+    """Joints for one, a pose for the other, or both in one request; nothing for an arm that is not named."""
+    course = Course(L)
+    body = course.body
+    body.choose(R, Space.POSE)
+    place = (0.3, -0.1, -0.2, 0.0, 0.0, 0.0, 1.0)
+    body.arms[R].start(place, course.now_ns)
+    further = (0.3, -0.1, -0.25, *place[3:])
+    joints, poses = body.plan({L: GOAL[L]}, 1.0), body.plan({R: further}, 1.0)
+    assert set(joints) == {L} and set(poses) == {R}
+    both = body.plan({L: GOAL[L], R: further}, 1.0)
+    assert set(both) == {L, R} and all(path.duration_s > 0.0 for path in both.values())

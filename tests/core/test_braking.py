@@ -210,6 +210,12 @@ def test_a_state_that_turns_back_too_late_is_found_although_it_rests_inside():
     assert stop_stays_inside(0, 0.99995, 0.02, -3.0) < 0.0
 
 
+def test_far_from_its_limits_a_joint_can_stop_at_any_speed():
+    """Between positions from which no stop, however long, gets there."""
+    assert BRAKING.is_far(2, -1.0, 0.5) and all(BRAKING.can_stop(2, -1.0, -1.0, a) for a in (-3.0, 3.0))
+    assert not BRAKING.is_far(2, -2.5, 0.5) and not BRAKING.is_far(2, -1.0, 1.2)
+
+
 def test_what_may_be_dropped_is_a_millionth_of_the_jerk_limit_or_rounding():
     """Eight times the tiny distance (weights 1, 3, 3, 1) is below 1e-6 of j·dt³, unless that is finer than rounding."""
     assert 8 * BRAKING.tiny_rad <= 1e-6 * J * 0.01**3

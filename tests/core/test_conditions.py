@@ -5,14 +5,14 @@ from __future__ import annotations
 import pytest
 
 from gateway import robot
-from gateway.core.conditions import OWN_FSM, Conditions
+from gateway.core.conditions import Conditions
 from gateway.core.conductor import Conductor
-from gateway.core.events import Remembered, SampleRefused
+from gateway.core.events import ForeignData, Gateway, Means, Remembered, SampleRefused, Writer
 from gateway.core.motion import plan
 from gateway.core.supervisor import STREAMING, State, Trigger
 from gateway.errors import Code
 from gateway.settings import Settings
-from gateway.values import FsmState, Side
+from gateway.values import OWN_FSM, FsmState, Side
 from tests.core.stage import GOAL, MS, TICK_NS, L, R, Stage
 
 NEITHER = dict.fromkeys(Side, False)
@@ -160,15 +160,14 @@ def test_vr_mode_is_seen_wherever_it_is_not_yet_known(state):
     "changes",
     [
         {"arm_enabled": NEITHER},
-        {"joint_mode": NEITHER},
-        {"arm_enabled": {L: True, R: False}, "joint_mode": {L: False, R: True}},
+        {"arm_enabled": NEITHER, "joint_mode": NEITHER},
     ],
 )
-def test_a_robot_without_an_arm_in_joint_mode_is_seen(state, changes):
-    """Disabled, or in end-effector mode: one that is enabled and one that is in joint mode are none together."""
+def test_a_robot_without_an_enabled_arm_is_seen(state, changes):
+    """Whatever control mode they are in."""
     scene = Scene(state)
     scene.say_mode(**changes)
-    assert scene.why(Trigger.NO_ARM).startswith("no arm is enabled in joint mode")
+    assert scene.why(Trigger.NO_ARM).startswith("no arm is enabled any more")
 
 
 # ------------------------------------------------------------------------------------------------ the FSM
@@ -308,14 +307,19 @@ def test_a_pause_is_the_robots_own_until_we_have_asked_for_it(state, moving, who
 @pytest.mark.parametrize("state", HEARD)
 @pytest.mark.parametrize("side", Side)
 @pytest.mark.parametrize("part", ["arm_enabled", "joint_mode"])
-def test_an_arm_that_is_disabled_or_leaves_joint_mode_is_seen_where_it_is_streamed(state, side, part):
+def test_an_arm_that_is_disabled_or_leaves_its_mode_is_seen_where_it_is_streamed(state, side, part):
     """By its name; the other one goes on."""
     scene = Scene(state)
     scene.say_mode(**{part: {other: other is not side for other in Side}})
     lost = [Trigger.ARM_DISABLED] if state in STREAMING else []
     assert scene.seen == quiet_of(scene) + lost
     if lost:
-        assert scene.why(Trigger.ARM_DISABLED).startswith(f"the {side} arm was disabled, or left joint mode")
+        why = (
+            f"the {side} arm was disabled"
+            if part == "arm_enabled"
+            else f"WRONG_CONTROL_MODE: the {side} arm left joint mode"
+        )
+        assert scene.why(Trigger.ARM_DISABLED).startswith(why)
 
 
 @pytest.mark.parametrize("state", HEARD)
@@ -331,6 +335,21 @@ def test_an_arm_whose_state_is_older_than_100_ms_is_seen_where_it_is_streamed(st
     assert scene.seen == quiet_of(scene) + dead
     if dead:
         assert scene.why(Trigger.PART_DEAD) == f"the state of the {side} arm is older than 100 ms"
+
+
+def test_a_part_whose_samples_are_not_believed_dies_with_the_reason():
+    """Who reads why the arm is held reads what is wrong with its state; an old refusal is no reason."""
+    scene = Scene(State.ACTIVE)
+    scene.dumb = {L}
+    for _ in range(12):
+        scene.run(1)
+        refused = SampleRefused(
+            topic=robot.arm_state(L), code=Code.SAMPLE_REFUSED, message="position[0] is nan", received_ns=scene.now_ns
+        )
+        scene.conductor.store.receive(refused, scene.now_ns)
+    assert scene.why(Trigger.PART_DEAD).endswith("100 ms: its samples are not believed, position[0] is nan")
+    scene.run(25)
+    assert scene.why(Trigger.PART_DEAD).endswith("100 ms")
 
 
 def test_each_lost_arm_is_told_by_itself():
@@ -374,7 +393,7 @@ def test_an_arm_that_is_off_by_more_than_the_bound_for_300_ms_is_seen(state, sid
         scene.run(1)
     assert scene.seen == [*quiet_of(scene), Trigger.TRACKING]
     assert scene.why(Trigger.TRACKING) == (
-        f"the {side} arm is {abs(off_rad):.3f} rad from its setpoint for 0.3 s, 0.3 rad is the bound"
+        f"the {side} arm is {abs(off_rad)} rad from its setpoint for 0.3 s, 0.3 rad is the bound"
     )
 
 
@@ -452,3 +471,111 @@ def test_looking_does_nothing():
     assert len(scene.seen) == 3
     assert (conductor.state, conductor.supervisor.latches, conductor.notices) == (State.ACTIVE, {}, [])
     assert conductor.sides == (L, R)
+
+
+# ------------------------------------------------------------------------------------------------ somebody else
+
+
+def foreign_data(scene: Scene) -> None:
+    """Somebody sends setpoints."""
+    scene.conductor.others.see_data(ForeignData(topic=robot.joint_command(L), zid="b", at_ns=scene.now_ns))
+
+
+def foreign_token(scene: Scene) -> None:
+    """Somebody announces setpoints."""
+    writer = Writer(topic=robot.joint_command(L), zid="b", means=Means.TOKEN)
+    scene.conductor.others.see_writers([writer], scene.now_ns)
+
+
+def armed_gateway(scene: Scene) -> None:
+    """Another gateway commands the robot."""
+    scene.conductor.others.see_gateways([Gateway(zid="b", is_armed=True)], scene.now_ns)
+
+
+@pytest.mark.parametrize("state", HEARD)
+@pytest.mark.parametrize(
+    ("happens", "trigger"),
+    [
+        (foreign_data, Trigger.FOREIGN_DATA),
+        (foreign_token, Trigger.FOREIGN_TOKEN),
+        (armed_gateway, Trigger.OTHER_GATEWAY),
+    ],
+)
+def test_somebody_else_is_seen_by_name_in_every_state(state, happens, trigger):
+    """What it means there is the table's."""
+    scene = Scene(state)
+    happens(scene)
+    assert scene.seen == [trigger, *quiet_of(scene)]
+    assert "zenoh session b" in scene.why(trigger)
+
+
+@pytest.mark.parametrize("state", sorted(QUIET))
+def test_somebody_else_moves_nothing_while_the_robot_is_not_heard(state):
+    """The way back asks for itself."""
+    scene = Scene(state)
+    foreign_data(scene)
+    assert Trigger.FOREIGN_DATA not in scene.seen
+
+
+def test_the_most_serious_of_others_comes_first():
+    """Beside another gateway no 0.0 leaves, whatever it sends."""
+    scene = Scene(State.HOLDING)
+    foreign_token(scene)
+    foreign_data(scene)
+    scene.conductor.others.see_gateways([Gateway(zid="c", is_armed=True)], scene.now_ns)
+    assert scene.seen == [Trigger.OTHER_GATEWAY, Trigger.FOREIGN_DATA, Trigger.FOREIGN_TOKEN]
+
+
+def test_another_gateway_is_no_trigger_before_our_own_claim_is_confirmed():
+    """Until then one of the two yields, perhaps the other."""
+    scene = Scene(State.ENABLING)
+    armed_gateway(scene)
+    scene.conductor.claim.is_confirmed = False
+    assert Trigger.OTHER_GATEWAY not in scene.seen
+    scene = Scene(State.HOLDING)  # taken over from a process that had confirmed it
+    armed_gateway(scene)
+    scene.conductor.claim.is_confirmed = False
+    assert scene.seen == [Trigger.OTHER_GATEWAY]
+
+
+@pytest.mark.parametrize("happens", [foreign_data, foreign_token])
+def test_somebody_else_beside_a_drive_of_ours_is_seen(happens):
+    """Where arms are not enabled a writer is only a condition; a chassis that drives is ours to stop."""
+    scene = Scene(State.IDLE)
+    happens(scene)
+    assert Trigger.FOREIGN_BESIDE_DRIVE not in scene.seen
+    chassis = scene.conductor.body.chassis
+    chassis.drive((0.1, 0.0, 0.0), epoch=1, expires_ns=scene.now_ns + 1000 * MS, now_ns=scene.now_ns)
+    assert scene.seen[-1] is Trigger.FOREIGN_BESIDE_DRIVE and "zenoh session b" in scene.why(scene.seen[-1])
+
+
+# ------------------------------------------------------------------------------------------------ pose space
+
+
+def test_an_end_effector_off_by_more_than_6_cm_for_300_ms_is_seen():
+    """Judged by the measured pose, whatever the joints are; the text has both distances and both bounds."""
+    scene = Scene(State.ACTIVE, poses={R})
+    scene.shift(R, 0.07)
+    for _ in range(30):
+        assert scene.seen == []
+        scene.run(1)
+    assert scene.seen == [Trigger.TRACKING]
+    assert scene.why(Trigger.TRACKING) == (
+        "the right arm is 0.07 m and 0 rad from its setpoint for 0.3 s, 0.06 m and 0.3 rad is the bound"
+    )
+
+
+def test_an_end_effector_whose_pose_is_not_heard_is_dead_though_its_joints_are_heard():
+    """The part is its joints and its pose."""
+    scene = Scene(State.ACTIVE, poses={R})
+    scene.poses = set()
+    scene.run(11)
+    assert scene.seen == [Trigger.PART_DEAD]
+
+
+def test_an_arm_that_leaves_pose_mode_is_seen():
+    """Its setpoints would be taken no more; the text names the mode and what takes the arm up again."""
+    scene = Scene(State.ACTIVE, poses={R})
+    scene.say_mode()
+    assert scene.seen == [Trigger.ARM_DISABLED]
+    assert "right arm left pose mode" in scene.why(Trigger.ARM_DISABLED)

@@ -13,8 +13,8 @@ from gateway.core.streams.heartbeat import Beat
 from gateway.core.supervisor import BASE, STREAMING, TABLE, Action, State, Trigger
 from gateway.errors import Code
 from gateway.settings import Settings
-from gateway.values import Side
-from tests.core.stage import GOAL, MS, L, R, S, Stage
+from gateway.values import Side, Space
+from tests.core.stage import GOAL, MIDDLE, MS, PLACE, L, R, S, Stage
 
 ZERO, ONE = (0.0,), (1.0,)
 LIVE = (State.ACTIVE, State.HOLDING, State.PAUSED)
@@ -606,3 +606,76 @@ def test_a_sleep_of_this_host_frees_the_lease_and_says_so():
     assert scene.conductor.lease.owner is None and scene.conductor.lease.epoch == scene.epoch
     assert scene.told(Code.LEASE_CHANGED) == ["the lease is free: slept for 3 s"]
     assert scene.state is State.READ_ONLY
+
+
+# ------------------------------------------------------------------------------------------------ chassis and lift
+
+
+@pytest.mark.parametrize("state", [State.IDLE, State.ENABLING, State.ACTIVE, State.HOLDING])
+def test_a_cut_ends_the_driving(state):
+    """Zeros at once, for whoever would go on with it the reason (BEHAVIOUR, words: cut)."""
+    scene = Scene(state)
+    chassis = scene.conductor.body.chassis
+    chassis.drive((0.2, 0.0, 0.0), epoch=scene.epoch, expires_ns=scene.now_ns + S, now_ns=scene.now_ns)
+    scene.run(10)
+    scene.fire(Trigger.STALE)
+    assert chassis.code is Code.STATE_STALE
+    assert {frame.values for frame in scene.sent(robot.CHASSIS_VELOCITY)} == {(0.0, 0.0, 0.0)}
+
+
+@pytest.mark.parametrize("state", [State.IDLE, State.ENABLING, State.HOLDING])
+def test_a_long_gap_ends_the_driving_and_leaves_the_arms_alone(state):
+    """What the robot did meanwhile is not known: a velocity of before the gap must not meet it."""
+    scene = Scene(state)
+    chassis = scene.conductor.body.chassis
+    chassis.drive((0.2, 0.0, 0.0), epoch=scene.epoch, expires_ns=scene.now_ns + S, now_ns=scene.now_ns)
+    scene.run(10)
+    scene.fire(Trigger.LONG_GAP)
+    assert (chassis.code, chassis.is_driven, scene.state) == (Code.TICK_LATE, False, state)
+
+
+# ------------------------------------------------------------------------------------------------ spaces
+
+
+def test_an_arm_is_measured_and_judged_in_the_space_of_its_stream():
+    """Joints, or the pose; what was never heard is None."""
+    scene = Scene(State.ACTIVE, poses=(R,))
+    conductor = scene.conductor
+    assert (conductor.measured(L), conductor.measured(R)) == (MIDDLE[L], PLACE[R])
+    assert conductor.fit_arms(scene.now_ns) == (L, R)
+    conductor.body.choose(L, Space.POSE)
+    assert conductor.measured(L) is None and not conductor.part_fresh(L, scene.now_ns)
+    assert not conductor.seedable(L, scene.now_ns) and conductor.seedable(R, scene.now_ns)
+    assert conductor.fit_arms(scene.now_ns) == (R,)
+    assert conductor.lost_arms(scene.now_ns) == {}
+
+
+def test_the_joints_of_an_arm_that_was_never_heard_are_unknown():
+    """No number is made up."""
+    assert Scene(State.IDLE, dumb={L}).conductor.measured(L) is None
+
+
+def test_spaces_are_chosen_by_the_robots_mode_for_silent_arms_only():
+    """A stream that runs is kept: the arm is lost first, and let go."""
+    scene = Scene(State.ACTIVE, sides=(L,))
+    scene.say_mode(joint_mode={L: False, R: False})
+    scene.conductor.choose_spaces((L, R), scene.now_ns)
+    assert [scene.conductor.body.arms[side].space for side in (L, R)] == [Space.JOINT, Space.POSE]
+    assert scene.conductor.lost_arms(scene.now_ns) == {L: Code.ARM_DISABLED}
+
+
+def test_without_a_known_mode_nothing_is_chosen_and_nothing_fits():
+    """It has not been heard for 3 s."""
+    scene = Scene(State.IDLE)
+    scene.mode = None
+    scene.run(301)
+    scene.conductor.choose_spaces((L, R), scene.now_ns)
+    assert scene.conductor.fit_arms(scene.now_ns) is None
+    assert all(arm.space is Space.JOINT for arm in scene.conductor.body.arms.values())
+
+
+def test_poses_decide_once_an_enabled_arm_is_said_to_be_in_end_effector_mode():
+    """Then they must be decoded in time; before the robot has said its mode, nobody knows."""
+    assert not Scene(State.IDLE).conductor.is_posing
+    assert Scene(State.IDLE, poses=(R,)).conductor.is_posing
+    assert not Conductor(Settings(), Remembered()).is_posing

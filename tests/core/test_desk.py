@@ -16,8 +16,10 @@ from gateway.core.events import (
     Disable,
     Enable,
     Estop,
+    Gateway,
     Hold,
     Level,
+    Means,
     Move,
     OnLoss,
     OpenStream,
@@ -28,6 +30,7 @@ from gateway.core.events import (
     Stop,
     Take,
     TargetArrived,
+    Writer,
 )
 from gateway.core.moves import Facts
 from gateway.core.streams.heartbeat import Beat
@@ -185,13 +188,13 @@ def test_an_owner_who_abandons_counts_as_lost():
 # ------------------------------------------------------------------------------------------------ enable
 
 
-def test_enable_begins_an_attempt_for_the_arms_in_joint_mode():
-    """The outcome is seen in the snapshot; an arm in end-effector mode is left alone."""
+def test_enable_begins_an_attempt_for_the_enabled_arms():
+    """The outcome is seen in the snapshot; a disabled arm is left alone."""
     scene = Scene()
     assert scene.enable() == {"attempt": 1, "outcome": "running", "walking": False}
     assert (scene.state, scene.conductor.sides) == (State.ENABLING, (L, R))
     other = Scene()
-    other.say_mode(joint_mode={L: False, R: True})
+    other.say_mode(arm_enabled={L: False, R: True})
     other.enable()
     assert other.conductor.sides == (R,)
 
@@ -289,8 +292,6 @@ def far_outside(scene: Scene) -> None:
         (unknown_mode, Code.MODE_UNKNOWN, "mode"),
         (in_mode(api=False), Code.MODE_VR, "mode"),
         (in_mode(arm_enabled=FALSE), Code.NO_ARM_ENABLED, ""),
-        (in_mode(joint_mode=FALSE), Code.WRONG_CONTROL_MODE, ""),
-        (in_mode(joint_mode={L: True, R: False}, arm_enabled={L: False, R: True}), Code.WRONG_CONTROL_MODE, ""),
         (unheard, Code.FSM_UNKNOWN, ""),
         (with_fsm(FsmState.ERROR), Code.FSM_ERROR, ""),
         (with_fsm(FsmState.SLOW_START), Code.FSM_BUSY, "fsm_state"),
@@ -383,7 +384,7 @@ def test_a_target_reaches_its_stream():
     scene.granted(OpenStream(epoch=scene.epoch, side=L))
     goal: Vector = GOAL[L]
     scene.desk.take_target(
-        TargetArrived(client_id="ann", stream_id=1, epoch=scene.epoch, seq=4, q_rad=goal, received_ns=scene.now_ns),
+        TargetArrived(client_id="ann", stream_id=1, epoch=scene.epoch, seq=4, values=goal, received_ns=scene.now_ns),
         scene.now_ns,
     )
     scene.run(10)
@@ -531,3 +532,60 @@ def test_recover_outside_of_holding_leads_nothing():
     scene.push(L, 0.4)
     scene.granted(Recover())
     assert not scene.conductor.body.is_walking
+
+
+def test_enable_is_refused_while_an_earlier_daemons_guard_holds():
+    """Nothing of ours must leave beside it."""
+    scene = Scene(State.IDLE)
+    scene.conductor.guard.earlier_holds = True
+    assert scene.refused_enable().code is Code.HELD_BY_GUARD
+    assert scene.state is State.IDLE
+
+
+# ------------------------------------------------------------------------------------------------ others
+
+
+def announce(scene: Scene, *zids: str) -> None:
+    """These sessions announce setpoints, and no others."""
+    writers = [Writer(topic=robot.joint_command(L), zid=zid, means=Means.TOKEN) for zid in zids]
+    scene.conductor.others.see_writers(writers, scene.now_ns)
+
+
+def test_enable_is_refused_beside_somebody_else_by_name():
+    """A writer by FOREIGN_WRITER, a gateway by OTHER_GATEWAY; both go away by themselves, nothing is latched."""
+    scene = Scene()
+    announce(scene, "b")
+    refusal = scene.refused_enable()
+    assert refusal.code is Code.FOREIGN_WRITER and "zenoh session b" in refusal.message
+    scene.conductor.others.see_gateways([Gateway(zid="c", is_armed=True)], scene.now_ns)
+    refusal = scene.refused_enable()
+    assert (refusal.code, refusal.value) == (Code.OTHER_GATEWAY, "c")
+    announce(scene)
+    scene.conductor.others.see_gateways([], scene.now_ns)
+    scene.enable()
+
+
+@pytest.mark.parametrize("latch", [Code.FOREIGN_WRITER, Code.ESTOP])
+def test_a_foreign_writer_persists_while_it_is_there(latch):
+    """Only a latch of its own binds `recover`; another gateway is no writer."""
+    scene = Scene(latches={latch: "test"})
+    announce(scene, "b")
+    if latch is Code.ESTOP:
+        assert scene.granted(Recover())["cleared"] == ["ESTOP"]
+        return
+    refusal = scene.refused(Recover())
+    assert (refusal.code, refusal.field) == (Code.LATCH_PERSISTS, "FOREIGN_WRITER") and "b" in refusal.message
+    announce(scene)
+    scene.conductor.others.see_gateways([Gateway(zid="c", is_armed=True)], scene.now_ns)
+    assert scene.granted(Recover())["cleared"] == ["FOREIGN_WRITER"]
+
+
+def test_what_a_kind_of_request_would_meet_can_be_asked_without_asking_for_it():
+    """The same answer as the request's own, and nothing is begun."""
+    stage = Stage(State.IDLE)
+    desk = Desk(stage.conductor, stage.phases)
+    command = stage.command(None, "ann", stage.now_ns + 1)
+    assert desk.may["enable"](command, stage.epoch, stage.now_ns) is None and stage.state is State.IDLE
+    assert desk.may["left_arm"](command, stage.epoch, stage.now_ns).code is Code.NOT_ENABLED
+    assert desk.may["enable"](command, stage.epoch + 1, stage.now_ns).code is Code.NOT_OWNER
+    assert "lift" not in desk.may and "lift" in Desk(Stage(model="lift").conductor, stage.phases).may

@@ -9,7 +9,8 @@ import pytest
 from gateway import robot
 from gateway.core.conditions import Conditions
 from gateway.core.enabling import Enabling
-from gateway.core.events import Frame, FrameKind, Level
+from gateway.core.events import Frame, FrameKind, Gateway, GuardSeen, Level
+from gateway.core.guarding import WAIT_NS
 from gateway.core.starting import Starting
 from gateway.core.streams.heartbeat import Beat
 from gateway.core.supervisor import State, Trigger
@@ -67,7 +68,7 @@ class Scene(Stage):
     @property
     def arm_frames(self) -> list[Frame]:
         """Setpoints of both arms."""
-        return [frame for _, frame in self.sent if frame.topic != robot.FSM_ENABLE]
+        return [frame for _, frame in self.sent if frame.topic in map(robot.joint_command, Side)]
 
     @property
     def verdict(self) -> tuple[str, Code | None]:
@@ -301,3 +302,84 @@ def test_a_heartbeat_that_was_heard_is_not_complained_of(fsm):
     scene.fsm = fsm
     scene.live(200)
     assert scene.told(Code.HEARTBEAT_NOT_EFFECTIVE) == []
+
+
+def test_the_guards_session_is_open_before_the_first_frame():
+    """A guard that is still connecting is waited for, two seconds at most."""
+    scene = Scene()
+    scene.conductor.guard.see(GuardSeen(pid=41, zid="", is_linked=False, at_ns=scene.now_ns))
+    scene.begin()
+    scene.live(50)
+    assert not scene.sent
+    scene.conductor.guard.see(GuardSeen(pid=41, zid="c4", is_linked=True, at_ns=scene.now_ns))
+    scene.live(2)
+    assert scene.sent
+
+
+def test_an_enabling_goes_on_without_a_guard_that_cannot_connect():
+    """Two seconds are enough; that nobody holds the arms when this process dies is told."""
+    scene = Scene()
+    scene.conductor.guard.see(GuardSeen(pid=41, zid="", is_linked=False, at_ns=scene.now_ns))
+    scene.begin()
+    scene.live(WAIT_NS // TICK_NS + 2)
+    assert scene.sent
+    assert len(scene.told(Code.GUARD_LOST)) == 1
+
+
+@pytest.mark.parametrize("is_expected", [False, True])
+def test_an_enabling_with_a_guard_or_without_any_says_nothing(is_expected):
+    """Whoever wants none hears of none."""
+    scene = Scene()
+    if is_expected:
+        scene.conductor.guard.see(GuardSeen(pid=41, zid="c4", is_linked=True, at_ns=scene.now_ns))
+    scene.begin()
+    scene.live(60)
+    assert scene.sent
+    assert scene.told(Code.GUARD_LOST) == []
+
+
+# ------------------------------------------------------------------------------------------------ our claim
+
+
+def test_nothing_is_sent_before_the_claim_is_confirmed():
+    """The armed token is out and was looked at again, only then the first frame (BEHAVIOUR, starting)."""
+    scene = Scene()
+    scene.conductor.claim.is_confirmed = False
+    scene.begin()
+    scene.live(50)
+    assert scene.sent == [] and scene.state is State.ENABLING
+    scene.conductor.claim.is_confirmed = True
+    scene.live(2)
+    assert len(scene.arm_frames) == 4
+
+
+def test_a_claim_that_yielded_ends_the_enabling_and_names_the_other():
+    """OTHER_GATEWAY; while it is only waiting for its turn nothing ends."""
+    scene = Scene()
+    scene.conductor.claim.withdraw()
+    scene.begin()
+    scene.live(5)
+    assert scene.state is State.ENABLING
+    scene.conductor.others.see_gateways([Gateway(zid="1", is_armed=True)], scene.now_ns)
+    scene.live(1)
+    assert scene.verdict == ("failed", Code.OTHER_GATEWAY) and "zenoh session 1" in scene.conductor.enable.message
+    assert scene.sent == []
+
+
+def test_an_open_claim_is_not_ended_by_the_other_one():
+    """Both are shown: which of the two yields is not known yet."""
+    scene = Scene()
+    scene.conductor.claim.is_confirmed = False
+    scene.conductor.others.see_gateways([Gateway(zid="f", is_armed=True)], scene.now_ns)
+    scene.begin()
+    scene.live(5)
+    assert scene.state is State.ENABLING
+
+
+def test_a_claim_that_was_never_shown_is_what_was_missing():
+    """The robot's router did not take our token."""
+    scene = Scene()
+    scene.conductor.claim.is_confirmed = False
+    scene.begin()
+    scene.live(TIMEOUT_TICKS + 1)
+    assert scene.verdict == ("failed", Code.ENABLE_TIMEOUT) and "shown our claim" in scene.conductor.enable.message

@@ -6,20 +6,28 @@ from collections.abc import Iterator
 from dataclasses import replace
 from itertools import pairwise
 
+import msgspec
 import pytest
 
 from gateway import robot
+from gateway.core.answers import REPLIES_KEPT
 from gateway.core.conditions import Conditions
-from gateway.core.engine import REPLIES_KEPT, UNWATCHED_PERIOD_NS, Engine, Output
+from gateway.core.engine import Engine, Output
 from gateway.core.events import (
     Abandon,
     Acquire,
+    Befriended,
     ClientSeen,
     CommandRequested,
     Enable,
     Estop,
     ExitRequested,
+    ForeignData,
     FrameKind,
+    Gateway,
+    GatewayTokens,
+    GuardSeen,
+    HeldElsewhere,
     LinkDown,
     LinkUp,
     Move,
@@ -30,12 +38,16 @@ from gateway.core.events import (
     Remembered,
     Reply,
     Request,
+    RobotsAnnounced,
     RouteObserved,
     SampleArrived,
     SampleRefused,
     Stop,
     Suspended,
+    TakenOver,
 )
+from gateway.core.held import Held
+from gateway.core.pace import REST_NS, TICK_NS
 from gateway.core.supervisor import State, Trigger
 from gateway.errors import Code
 from gateway.settings import LinkSettings, LossSettings, Settings
@@ -121,7 +133,9 @@ def test_owner_streams_and_topics_are_seen():
     """Who owns the robot, what runs, when it is next due, and which stream of targets was opened last."""
     pair, epoch = active()
     assert (pair.engine.owner_id, pair.engine.open_stream_id, pair.engine.is_streaming) == ("user", None, True)
-    assert pair.engine.running_topics == (robot.joint_command(L), robot.joint_command(R), robot.FSM_ENABLE)
+    assert pair.engine.running_topics == (
+        *map(robot.gripper_command, Side), *map(robot.joint_command, Side), robot.FSM_ENABLE,
+    )  # fmt: skip
     assert pair.engine.next_due_ns() == pair.now_ns + 10 * MS
     first, second = pair.stream(epoch, L), pair.stream(epoch, R)
     assert first < second == pair.engine.open_stream_id
@@ -268,6 +282,26 @@ def test_a_dead_route_is_told_and_a_live_one_is_not(code):
     pair.step()
     told = [(notice.code, notice.message, notice.facts) for notice in pair.notices if notice.code is Code.ROUTE_DEAD]
     assert told == ([] if code is None else [(code, "no DDS reader", {"topic": robot.FSM_ENABLE})])
+
+
+def test_robots_under_other_namespaces_are_told_and_refuse_until_that_is_over_or_the_link_is_lost():
+    """Told once for each change; `enable` says it instead of a silence (BEHAVIOUR has no row; the settings' namespace)."""
+    for ending in (RobotsAnnounced(elsewhere=(), at_ns=START_NS), LinkDown(at_ns=START_NS)):
+        pair = pair_of()
+        pair.is_deaf = True
+        pair.run(0.3)
+        pair.notices.clear()
+        pair.receive(RobotsAnnounced(elsewhere=("bot1",), at_ns=pair.now_ns))
+        pair.step()
+        (told,) = messages(pair, Code.OTHER_NAMESPACE)
+        assert "under namespace bot1" in told and "--namespace bot1" in told
+        assert pair.engine._conductor.elsewhere is not None
+        pair.receive(RobotsAnnounced(elsewhere=(), twins=("a1", "b2"), at_ns=pair.now_ns))
+        pair.step()
+        assert "a1, b2" in messages(pair, Code.TWO_ROBOTS)[0]
+        pair.receive(ending)
+        pair.step()
+        assert pair.engine._conductor.elsewhere is None and len(messages(pair, Code.OTHER_NAMESPACE)) == 1
 
 
 def test_a_suspend_frees_the_lease_and_takes_everything_down():
@@ -504,7 +538,7 @@ def test_a_tick_that_is_not_too_late_is_a_tick():
     """50 ms is the bound."""
     pair, _ = active()
     pair.late_ns = 50 * MS
-    assert topics_of(pair.step())[:2] == [robot.joint_command(L), robot.joint_command(R)]
+    assert set(topics_of(pair.step())) >= {robot.joint_command(L), robot.joint_command(R)}
     assert messages(pair, Code.TICK_LATE) == []
 
 
@@ -521,20 +555,60 @@ def test_what_a_late_tick_finds_waiting_may_be_old():
     assert pair.now_ns - late_ns >= 300 * MS
 
 
-def test_lateness_is_counted_and_the_worst_of_ten_seconds_is_kept():
-    """Skipped periods add up; an old worst value gives way to the worst that came after it."""
+def test_the_snapshot_tells_of_ticks_and_of_the_worst_lateness():
+    """Figures of the loop reach the outside."""
     pair = pair_of()
-    for late_ms in (25, 3, 7, 7, 0):
+    for late_ms in (25, 3, 0):
         pair.late_ns = late_ms * MS
         pair.step()
-    first_ns = START_NS + 10 * MS
     loop = pair.see().loop
     assert (loop.skipped, loop.worst_late_ns, loop.late_ns) == (2, 25 * MS, 0)
-    assert loop.ticks == (pair.now_ns - START_NS) // (10 * MS)
-    pair.now_ns = first_ns + 10 * S - 10 * MS
-    assert pair.see().loop.worst_late_ns == 25 * MS
-    pair.now_ns = first_ns + 10 * S
-    assert pair.see().loop.worst_late_ns == 7 * MS
+    assert loop.ticks == (pair.now_ns - START_NS) // TICK_NS
+
+
+def test_ticks_may_be_rare_while_nobody_owns_the_robot_and_nothing_is_sent():
+    """Unowned and silent, with a live robot or without one: every 50 ms, and often enough for whoever listens."""
+    pair = pair_of()
+    pair.run(0.2)
+    assert (pair.state, pair.engine.rest_ns) == ("READ_ONLY", 20 * MS)
+    pair.engine.is_watched = False
+    assert pair.engine.rest_ns == REST_NS
+    pair.down()
+    pair.step()
+    assert (pair.state, pair.engine.rest_ns) == ("OFFLINE", REST_NS)
+
+
+def test_every_tick_counts_as_soon_as_anything_is_asked_owned_sent_or_owed():
+    """From the request on, until the last stop frame and the last 0.0 have left; a daemon that ends does not rest."""
+    pair = pair_of()
+    pair.engine.is_watched = False
+    pair.run(0.2)
+    pair.tell(Stop())
+    assert pair.engine.rest_ns == 0
+    pair.step()
+    assert pair.engine.rest_ns == 0, "chassis zeros for a second"
+    pair.run(1.2)
+    pair.granted(Recover())
+    assert pair.engine.rest_ns == REST_NS
+    epoch = pair.own()
+    assert (pair.state, pair.engine.rest_ns) == ("IDLE", 0)
+    pair.granted(Enable(epoch=epoch))
+    pair.run_until(lambda: pair.state == "ACTIVE")
+    assert pair.engine.rest_ns == 0
+    pair.granted(Release(epoch=epoch))
+    pair.run_until(lambda: pair.engine.rest_ns > 0)
+    assert pair.state == "READ_ONLY" and not pair.engine.running_topics
+    pair.receive(ExitRequested(at_ns=pair.now_ns))
+    assert pair.engine.rest_ns == 0
+
+
+def test_a_zero_that_is_owed_keeps_the_ticks_coming():
+    """A 1.0 was out when the link was lost: the daemon waits for the moment at which it may take it back."""
+    pair, epoch = active()
+    pair.down()
+    pair.step()
+    pair.granted(Release(epoch=epoch))
+    assert (pair.state, pair.engine.owner_id, pair.engine.rest_ns) == ("OFFLINE", None, 0)
 
 
 # ------------------------------------------------------------------------------------------------ what comes out
@@ -569,17 +643,17 @@ def test_snapshots_come_at_their_rate_and_rarely_while_nobody_listens():
     assert [snapshot.seq for snapshot in given] == list(range(2, 52))
     pair.engine.is_watched = False
     given = [output.snapshot for output in (pair.step() for _ in range(100)) if output.snapshot]
-    assert [b.at_ns - a.at_ns for a, b in pairwise(given)] == [UNWATCHED_PERIOD_NS] * 4
+    assert [b.at_ns - a.at_ns for a, b in pairwise(given)] == [200 * MS] * 4
 
 
-def test_arms_leave_first_and_the_heartbeat_never_overtakes_them():
-    """Frames are in the order in which they must leave."""
+def test_grippers_leave_before_their_arms_and_the_heartbeat_never_overtakes_them():
+    """Frames are in the order in which they must leave: 0.10 before the torque, setpoints before the heartbeat."""
     pair, _ = active()
     pair.tell(Stop())
     outputs = [pair.step() for _ in range(6)]
-    full = next(output for output in outputs if len(output.frames) == 4)
+    full = next(output for output in outputs if len(output.frames) == 6)
     assert topics_of(full) == [
-        robot.joint_command(L), robot.joint_command(R), robot.FSM_ENABLE, robot.CHASSIS_VELOCITY,
+        *map(robot.gripper_command, Side), *map(robot.joint_command, Side), robot.FSM_ENABLE, robot.CHASSIS_VELOCITY,
     ]  # fmt: skip
 
 
@@ -606,7 +680,99 @@ def test_a_bridge_that_delivers_everything_twice_is_told_once():
     pair.run_until(lambda: topic in pair.heard)
     for _ in range(3):
         sample = pair.heard[topic]
-        pair.receive(replace(sample, received_ns=pair.now_ns, count=200, duplicates=200))
+        pair.receive(msgspec.structs.replace(sample, received_ns=pair.now_ns, count=200, duplicates=200))
         pair.run(0.02)
     (message,) = messages(pair, Code.STATE_DUPLICATED)
     assert "2 times" in message and "restart the robot's bridge" in message
+
+
+def test_events_about_guards_reach_whoever_knows_them():
+    """A guard that was lost is told; a hold elsewhere is shown; what a dead process had on the wire ends."""
+    pair = pair_of()
+    pair.run(0.1)
+    pair.receive(GuardSeen(pid=7, zid="", is_linked=False, at_ns=pair.now_ns, lost="signal 9"))
+    pair.receive(HeldElsewhere(is_held=True, at_ns=pair.now_ns))
+    pair.receive(TakenOver(held=Held(at_ns=pair.now_ns, state="ENABLING", is_owed=True), at_ns=pair.now_ns))
+    assert pair.engine.takeover.refused == "it was in ENABLING"
+    guard = pair.see().guard
+    assert (guard.pid, guard.lost, guard.earlier_holds) == (7, 1, True)
+    assert pair.engine.rest_ns == 0, "the hold is to be taken over in the next tick"
+    assert Code.GUARD_LOST in pair.codes() and Code.TAKEN_OVER in pair.codes()
+    assert [frame.values for _, frame in pair.sent_on(robot.FSM_ENABLE)][:1] == [(0.0,)]
+
+
+def test_a_guards_engine_ends_its_hold_when_the_robot_is_not_heard():
+    """A daemon's waits the stall out."""
+    for is_guard in (True, False):
+        pair, _ = active()
+        held = pair.engine.takeover.show(pair.now_ns)
+        pair.engine = Engine(pair.settings, is_guard=is_guard)
+        pair.up()
+        pair.run_until(lambda pair=pair: mode_known(pair) and pair.state == "READ_ONLY")
+        pair.receive(TakenOver(held=replace(held, last_frame_ns=pair.now_ns), at_ns=pair.now_ns))
+        pair.run(0.1)
+        assert pair.state == "HOLDING"
+        pair.is_deaf = True
+        pair.frames.clear()
+        pair.run(0.3)
+        assert pair.state == "STALE"
+        zeros = [frame for _, frame in pair.sent_on(robot.FSM_ENABLE) if frame.values == (0.0,)]
+        assert bool(zeros) is is_guard
+
+
+def test_a_jump_that_is_believed_in_the_end_is_told_once():
+    """Whoever held the arm there learns that it is said to be somewhere else."""
+    pair = pair_of()
+    topic = robot.arm_state(L)
+    pair.run_until(lambda: topic in pair.heard)
+    pair.robot.inject({"fault": "jump", "side": "left", "joint": 2, "delta_rad": 0.6}, pair.now_ns)
+    pair.run(2.0)
+    (message,) = messages(pair, Code.STATE_JUMPED)
+    assert topic in message and "joint 2 is 0.6" in message
+
+
+# ------------------------------------------------------------------------------------------------ others
+
+
+def test_what_is_seen_of_others_is_taken_and_our_claim_is_given():
+    """Sightings act in the next tick; the number of the claim goes out with every tick."""
+    pair, _ = active()
+    output = pair.step()
+    assert output.claim == 1
+    pair.receive(GatewayTokens(gateways=(Gateway(zid="b", is_armed=True),), at_ns=pair.now_ns))
+    pair.step()
+    assert pair.state == "IDLE" and messages(pair, Code.OTHER_GATEWAY)
+    pair.down()
+    assert pair.step().claim == 0
+
+
+def test_sessions_of_ours_are_remembered():
+    """Our own of each link, the guard's: a restart of the daemon does not take them for somebody else."""
+    pair = pair_of()
+    pair.step()
+    pair.receive(LinkUp(router_zid="aa", at_ns=pair.now_ns, own_zid="a1"))
+    pair.receive(Befriended(zid="9a", at_ns=pair.now_ns))
+    pair.step()
+    assert pair.remembered.zids == ("a1", "9a")
+    assert pair.step().remembered is None
+    pair.restart()
+    pair.receive(LinkUp(router_zid="aa", at_ns=pair.now_ns, own_zid="a2"))
+    pair.receive(ForeignData(topic=robot.FSM_ENABLE, zid="a1", at_ns=pair.now_ns))
+    pair.step()
+    assert pair.remembered.zids == ("a1", "9a", "a2") and messages(pair, Code.FOREIGN_WRITER) == []
+
+
+@pytest.mark.parametrize(
+    ("modes", "enabled", "is_posing"),
+    [((True, True), True, False), ((True, False), True, True), ((True, False), False, False)],
+)
+def test_the_engine_says_whether_an_end_effector_decides_about_motion(modes, enabled, is_posing):
+    """An enabled arm in end-effector mode: its pose must be decoded in time."""
+    engine = Engine(Settings())
+    assert not engine.is_posing
+    mode = CurrentMode(
+        api=True, joint_mode=dict(zip(Side, modes, strict=True)), arm_enabled=dict.fromkeys(Side, enabled),
+        chassis_enabled=True, lift_enabled=False, collision_check=False,
+    )  # fmt: skip
+    engine.receive(SampleArrived(topic=robot.CURRENT_MODE, value=mode, received_ns=5), 5)
+    assert engine.is_posing is is_posing

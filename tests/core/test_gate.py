@@ -13,7 +13,7 @@ from gateway import robot
 from gateway.core.events import Frame, FrameKind
 from gateway.core.gate import Gate, GateContext
 from gateway.errors import Code, Refusal
-from gateway.settings import ArmSettings
+from gateway.settings import ArmSettings, ChassisSettings, PoseSettings
 from gateway.values import Side
 
 STATES = ("OFFLINE", "READ_ONLY", "IDLE", "ENABLING", "ACTIVE", "HOLDING", "PAUSED", "STALE", "STOPPING")
@@ -29,7 +29,7 @@ HOME = {
     **{JOINTS[side]: robot.HOME_Q_RAD[side] for side in Side},
     **{POSES[side]: (0.3, 0.0, -0.2, 0.0, 0.0, 0.0, 1.0) for side in Side},
     **{GRIPPERS[side]: (0.1,) for side in Side},
-    robot.CHASSIS_VELOCITY: (0.1, 0.0, 0.2),
+    robot.CHASSIS_VELOCITY: (0.01, 0.0, -0.01),
     robot.LIFT_COMMAND: (0.3, 1.0),
     robot.FSM_ENABLE: (1.0,),
 }
@@ -136,14 +136,11 @@ def test_every_joint_is_held_inside_its_configured_limits(side, joint, tighter_r
     ("topic", "n", "low", "high", "other"),
     [
         *((topic, 0, 0.0, 1.0, (0.0,)) for topic in GRIPPERS.values()),
-        (robot.CHASSIS_VELOCITY, 0, -0.5, 0.5, (0.0, 0.0, 0.0)),
-        (robot.CHASSIS_VELOCITY, 1, -0.5, 0.5, (0.0, 0.0, 0.0)),
-        (robot.CHASSIS_VELOCITY, 2, -1.0, 1.0, (0.0, 0.0, 0.0)),
         (robot.LIFT_COMMAND, 0, -1.0, 1.0, (0.0, 1.0)),
     ],
 )
-def test_grippers_chassis_and_lift_are_held_inside_their_hard_bounds(topic, n, low, high, other):
-    """Force 0..1 (§4.4), 0.5 m/s and 1 rad/s (BEHAVIOUR), normalised lift speed (§4.6)."""
+def test_grippers_and_lift_are_held_inside_their_hard_bounds(topic, n, low, high, other):
+    """Force 0..1 (§4.4), normalised lift speed (§4.6)."""
     for value, inside in around(low, high, 1e-12):
         gate = running(topic) if topic in GRIPPERS.values() else Gate(SETTINGS, LIFT)
         assert passes(gate, frame(topic, replaced(other, n, value))) is inside, value
@@ -152,7 +149,10 @@ def test_grippers_chassis_and_lift_are_held_inside_their_hard_bounds(topic, n, l
 @pytest.mark.parametrize("value", [0.0, 1.0, -0.0, 0.5, 0.999999, 2.0, -1.0])
 def test_switches_are_exactly_zero_or_one(value):
     """The lift's enable and the FSM heartbeat: anything between is somebody's accident."""
-    assert passes(Gate(SETTINGS, LIFT), frame(robot.LIFT_COMMAND, (0.3, value))) is (value in (0.0, 1.0))
+    assert passes(Gate(SETTINGS, LIFT), frame(robot.LIFT_COMMAND, (0.0, value))) is (value in (0.0, 1.0))
+    assert passes(Gate(SETTINGS, LIFT), frame(robot.LIFT_COMMAND, (0.3, value))) is (value == 1.0), (
+        "servo off, and moving"
+    )
     assert passes(Gate(SETTINGS, LIFT), frame(robot.FSM_ENABLE, (value,), BEAT)) is (value == 1.0)
     assert passes(Gate(SETTINGS, LIFT), frame(robot.FSM_ENABLE, (value,), STOP)) is (value == 0.0)
 
@@ -346,20 +346,53 @@ def test_streams_do_not_mix():
 @pytest.mark.parametrize(
     ("metres", "radians", "inside"),
     [
-        (0.5 / 70, 0.0, True),
-        (0.5 / 70 + 2e-6, 0.0, False),
-        (0.0, 1.5 / 70, True),
-        (0.0, 1.5 / 70 + 1e-5, False),
+        (1.5 / 70**2, 0.0, True),
+        (1.5 / 70**2 + 2e-6, 0.0, False),
+        (0.0, 5.0 / 70**2, True),
+        (0.0, 5.0 / 70**2 + 1e-5, False),
         (0.0, math.pi, False),
     ],
 )
-@pytest.mark.parametrize("hemisphere", [1.0, -1.0])
-def test_a_pose_moves_and_turns_within_the_hard_bounds(metres, radians, inside, hemisphere):
-    """0.5 m/s and 1.5 rad/s at 70 Hz; a quaternion and its negative are the same turn."""
+def test_a_pose_starts_to_move_and_turn_within_the_configured_accelerations(metres, radians, inside):
+    """1.5 m/s² and 5 rad/s² at 70 Hz, from rest."""
     topic = POSES[Side.RIGHT]
     x, y, z, *_ = HOME[topic]
-    quat = tuple(hemisphere * c for c in (math.sin(radians / 2), 0.0, 0.0, math.cos(radians / 2)))
+    quat = (math.sin(radians / 2), 0.0, 0.0, math.cos(radians / 2))
     assert passes(running(topic), frame(topic, (x, y + metres, z, *quat))) is inside
+
+
+@pytest.mark.parametrize(("turns", "bound"), [(False, 0.1), (True, 0.3)])
+def test_a_pose_moves_and_turns_within_the_configured_velocities(turns, bound):
+    """Norms, in any direction: 0.1 m/s and 0.3 rad/s here, reached gently; a hair more is refused, and named."""
+    topic = POSES[Side.LEFT]
+    tight = PoseSettings(v_mps=0.1, w_radps=0.3, rate_hz=50.0)
+    gate = Gate(SETTINGS, LIFT, pose=tight)
+    assert passes(gate, frame(topic, kind=ECHO), context("ENABLING"))
+    gone, step = 0.0, 0.0
+    while step < bound / 50 - 1e-9:
+        step = min(step + bound / 50 / 10, bound / 50)
+        gone += step
+        assert passes(gate, frame(topic, _gone(topic, gone, turns)))
+    assert passes(gate, frame(topic, _gone(topic, gone + step, turns)))
+    wrong = why(gate, frame(topic, _gone(topic, gone + 2 * step + 3e-6, turns)))
+    assert wrong.endswith("(pose.w_radps)" if turns else "(pose.v_mps)")
+
+
+def _gone(topic, by, turns):
+    """The home pose, moved along the diagonal or turned about it."""
+    x, y, z, *quat = HOME[topic]
+    part = by / math.sqrt(3.0)
+    if not turns:
+        return (x - part, y + part, z + part, *quat)
+    s = math.sin(by / 2) / math.sqrt(3.0)
+    return (x, y, z, s, s, s, math.cos(by / 2))
+
+
+def test_a_quaternion_that_changes_its_sign_does_not_leave():
+    """The same turn to mathematics; another way to whoever interpolates."""
+    topic = POSES[Side.RIGHT]
+    x, y, z, *quat = HOME[topic]
+    assert "changes its sign" in why(running(topic), frame(topic, (x, y, z, *(-c for c in quat))))
 
 
 def test_rounding_of_a_quaternion_is_no_turn():
@@ -370,13 +403,62 @@ def test_rounding_of_a_quaternion_is_no_turn():
     assert passes(gate, frame(topic, start, ECHO), context("ENABLING")) and passes(gate, frame(topic, start, HOLD))
 
 
-def test_grippers_and_wheels_may_step():
-    """A force and a commanded speed are no setpoints of a position: their ramps are the streams' business."""
+def test_grippers_and_the_lift_may_step():
+    """A force is no setpoint of a position, and the lift's servo ramps by itself (manual §4.4, §4.6)."""
     gripper = GRIPPERS[Side.LEFT]
     gate = running(gripper)
     assert passes(gate, frame(gripper, (1.0,))) and passes(gate, frame(gripper, (0.0,)))
-    assert passes(gate, frame(robot.CHASSIS_VELOCITY, (0.5, -0.5, 1.0)))
-    assert passes(gate, frame(robot.CHASSIS_VELOCITY, (-0.5, 0.5, -1.0)))
+    assert passes(gate, frame(robot.LIFT_COMMAND, (1.0, 1.0))) and passes(gate, frame(robot.LIFT_COMMAND, (-1.0, 1.0)))
+
+
+TIGHT = ChassisSettings(v_mps=0.2, w_radps=0.4, up_mps2=0.3, down_mps2=0.6)
+
+
+def driven_to(velocity: tuple[float, float, float], limits: ChassisSettings = TIGHT) -> Gate:
+    """A gate through which the chassis has been ramped to a velocity."""
+    gate = Gate(SETTINGS, LIFT, limits)
+    for part in range(1, 101):
+        assert passes(gate, frame(robot.CHASSIS_VELOCITY, tuple(part / 100 * v for v in velocity)))
+    return gate
+
+
+@pytest.mark.parametrize(("n", "bound"), [(0, 0.2), (1, 0.2), (2, 0.4)])
+@pytest.mark.parametrize("sign", [1, -1])
+def test_the_chassis_is_held_inside_its_limits(n, bound, sign):
+    """The configured ones, component by component; without a configuration the hard ones (BEHAVIOUR, values)."""
+    limit = replaced((0.0, 0.0, 0.0), n, sign * bound)
+    gate = driven_to(limit)
+    for value, inside in ((sign * bound, True), (sign * (bound + 1e-8), False)):
+        assert passes(gate, frame(robot.CHASSIS_VELOCITY, replaced(limit, n, value))) is inside, value
+    hard = replaced((0.0, 0.0, 0.0), n, sign * (1.0 if n == 2 else 0.5))
+    gate = Gate(SETTINGS, LIFT)
+    for part in range(1, 101):
+        assert passes(gate, frame(robot.CHASSIS_VELOCITY, tuple(part / 100 * v for v in hard)))
+    assert not passes(gate, frame(robot.CHASSIS_VELOCITY, tuple(1.001 * v for v in hard)))
+
+
+@pytest.mark.parametrize("n", range(3))
+def test_the_chassis_drives_off_and_brakes_inside_the_robots_ramps(n):
+    """0.3 up and 0.6 down per second (manual §4.5), 20 Hz; from rest it is a start, whoever was silent before."""
+    rest = (0.0, 0.0, 0.0)
+    for step, inside in ((0.015, True), (0.0151, False), (-0.015, True), (-0.0151, False)):
+        assert passes(Gate(SETTINGS, LIFT, TIGHT), frame(robot.CHASSIS_VELOCITY, replaced(rest, n, step))) is inside
+    at = replaced(rest, n, 0.1)
+    for value, inside in ((0.115, True), (0.116, False), (0.07, True), (0.069, False)):
+        assert passes(driven_to(at), frame(robot.CHASSIS_VELOCITY, replaced(rest, n, value))) is inside, value
+    slow = replaced(rest, n, 0.01)
+    for value, inside in ((-0.015, True), (-0.021, False)):
+        assert passes(driven_to(slow), frame(robot.CHASSIS_VELOCITY, replaced(rest, n, value))) is inside, value
+
+
+def test_a_stop_of_the_chassis_is_no_step_and_what_follows_it_begins_at_rest():
+    """Zeros leave at any speed; the ramp begins at them."""
+    gate = driven_to((0.2, 0.0, 0.0))
+    assert passes(gate, frame(robot.CHASSIS_VELOCITY, (0.0, 0.0, 0.0), STOP))
+    assert not passes(gate, frame(robot.CHASSIS_VELOCITY, (0.1, 0.0, 0.0)))
+    assert passes(gate, frame(robot.CHASSIS_VELOCITY, (0.015, 0.0, 0.0)))
+    gate.forget(robot.CHASSIS_VELOCITY)
+    assert not passes(gate, frame(robot.CHASSIS_VELOCITY, (0.03, 0.0, 0.0))), "a silent one begins at rest, too"
 
 
 @settings(max_examples=200, deadline=None)
@@ -392,3 +474,21 @@ def test_whatever_is_asked_what_leaves_is_within_speed_and_acceleration(steps):
     for before, q, after in zip(left, left[1:], left[2:], strict=False):
         assert abs(after - q) <= 1.0 * PERIOD_S + 1.1e-6
         assert abs(after - 2 * q + before) <= 3.0 * PERIOD_S**2 + 1.1e-6
+
+
+def test_a_stream_of_another_process_goes_on_from_its_last_frame():
+    """No echo is needed, and its step limits count from there; `forget` ends that."""
+    topic = JOINTS[Side.LEFT]
+    gate = Gate(SETTINGS, LIFT)
+    q_rad = HOME[topic]
+    step = (0.005, *(0.0,) * 6)
+    assert not passes(gate, frame(topic, kind=BRAKE))
+    gate.resume(topic, q_rad, step)
+    near = (q_rad[0] + 0.005, *q_rad[1:])
+    assert passes(gate, frame(topic, near, BRAKE), context("HOLDING"))
+    gate.resume(topic, q_rad, step)
+    assert not passes(gate, frame(topic, q_rad, BRAKE), context("HOLDING")), "a sudden stop passed"
+    gate.resume(topic, q_rad, step)
+    assert not passes(gate, frame(topic, (q_rad[0] + 0.02, *q_rad[1:]), BRAKE), context("HOLDING"))
+    gate.forget(topic)
+    assert not passes(gate, frame(topic, near, BRAKE), context("HOLDING"))

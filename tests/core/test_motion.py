@@ -13,7 +13,9 @@ from hypothesis import strategies as st
 from gateway import robot
 from gateway.core import follower
 from gateway.core.motion import JointLimits, JointReference, PlanFailed, ReferenceMode, plan
+from gateway.core.passage import Outcome
 from gateway.core.solver import NoPlan
+from gateway.core.trajectory import interpolate
 from gateway.values import ARM_DOF, Side
 
 DT = 0.01
@@ -23,7 +25,7 @@ LOWER, UPPER = robot.JOINT_LOWER_RAD, robot.JOINT_UPPER_RAD
 DEFAULT = (1.0, 3.0, 20.0)
 HARD = (robot.HARD_V_RADPS, robot.HARD_A_RADPS2, robot.HARD_J_RADPS3)
 REST = (0.0,) * ARM_DOF
-HOLD, PATH, FOLLOW, BRAKE = ReferenceMode.HOLD, ReferenceMode.PATH, ReferenceMode.FOLLOW, ReferenceMode.BRAKE
+HOLD, PATH, FOLLOW, CHUNK, BRAKE = ReferenceMode
 TOLERANCE = 1e-6
 """Part of a limit by which a finite difference may exceed it: rounding and ruckig's own accuracy (1e-10 was measured)."""
 
@@ -489,3 +491,111 @@ def test_no_order_of_requests_breaks_a_limit(bounds, period_s, script):
         records[side].until_rest().check()
         assert arm.mode is HOLD and arm.faults == 0
         assert arm.q_rad == pytest.approx(rest_rad, abs=1e-12)
+
+
+@pytest.mark.parametrize("stopped_after", [1, 7, 20, 33, 60, 200])
+def test_another_reference_goes_on_with_an_interrupted_motion_and_brakes(stopped_after):
+    """Entered with position, velocity and acceleration of its last setpoint: one continuous motion, to rest inside."""
+    first = reference()
+    recorder = Recorder(first)
+    first.start(plan({LEFT: first}, {LEFT: at_home(1, HOME[LEFT][1] - 0.5)})[LEFT])
+    recorder.step(stopped_after)
+    second = reference()
+    second.enter(first.q_rad, first.dq_radps, first.ddq_radps2)
+    assert (second.q_rad, second.dq_radps, second.ddq_radps2) == (first.q_rad, first.dq_radps, first.ddq_radps2)
+    assert second.mode is (HOLD if first.is_at_rest else BRAKE)
+    recorder.arm = second
+    recorder.step(120)
+    assert second.is_at_rest and second.mode is HOLD
+    v, a, j = DEFAULT
+    for order, bound in ((1, v * DT), (2, a * DT**2), (3, j * DT**3)):
+        rows = [list(q_rad) for q_rad in recorder.setpoints]
+        for _ in range(order):
+            rows = [[b - a for a, b in zip(x, y, strict=True)] for x, y in pairwise(rows)]
+        assert max(abs(x) for row in rows for x in row) <= bound * (1 + 1e-3) + 1e-12
+
+
+def test_a_state_that_cannot_be_entered_changes_nothing():
+    """Too fast to be one of our setpoints."""
+    arm = reference()
+    with pytest.raises(PlanFailed, match="too fast"):
+        arm.enter(HOME[LEFT], (2.0,) * ARM_DOF, REST)
+    assert (arm.q_rad, arm.is_at_rest) == (HOME[LEFT], True)
+
+
+# --------------------------------------------------------------------------------------------------- trajectories
+
+
+def swing(count=40, size=0.1, rate=1.5):
+    """A smooth swing of two joints from home."""
+    points = [at_home(2, HOME[LEFT][2] + size * (1.0 - math.cos(rate * n / 30))) for n in range(count)]
+    return interpolate(points, [n / 30 for n in range(count)])
+
+
+def track(arm: JointReference, trajectory, start_s=0.0, *, rests=True):
+    """Follow a trajectory that can be joined."""
+    passage = arm.prepare(trajectory, start_s, rests=rests)
+    assert arm.begin(passage) and (passage.is_waiting or arm.origin(passage) == arm.q_rad)
+    arm.track(passage)
+    return passage
+
+
+def test_a_trajectory_is_followed_to_rest_at_its_end():
+    """Progress rises from 0 to 1; then it is held."""
+    arm = reference()
+    passage = track(arm, swing())
+    recorder = Recorder(arm)
+    assert arm.mode is CHUNK
+    seen = []
+    while arm.mode is CHUNK:
+        recorder.step()
+        seen.append(arm.progress)
+    assert seen == sorted(seen) and 0.0 < seen[0] < 0.02 and seen[-1] == 1.0
+    assert (arm.mode, arm.is_at_rest, arm.passage) == (HOLD, True, passage)
+    assert arm.q_rad == pytest.approx(swing().points[-1], abs=1e-7)
+    recorder.step(3).check()
+
+
+def test_a_trajectory_that_runs_out_leaves_the_arm_braking():
+    """In the very next setpoint, smoothly; what happened stays to be seen until something else is asked for."""
+    arm = reference()
+    passage = track(arm, swing(), rests=False)
+    recorder = Recorder(arm).step(160)
+    recorder.until_rest().check()
+    assert arm.passage is passage and passage.outcome is Outcome.UNDERRUN and arm.mode is HOLD
+    arm.brake()
+    assert arm.passage is None
+
+
+def test_a_trajectory_takes_over_from_any_motion_and_any_motion_from_it():
+    """From a path, a followed target, a brake and another trajectory, in mid-motion, each without a step."""
+    arm = reference()
+    recorder = Recorder(arm)
+    go(arm, at_home(2, 0.4))
+    recorder.step(15)
+    track(arm, swing(), rests=False)
+    recorder.step(30)
+    arm.follow(at_home(2, 0.1))
+    recorder.step(10)
+    track(arm, swing(size=0.12))
+    recorder.step(30)
+    waiting = track(arm, swing(size=0.09), -0.1)
+    assert waiting.is_waiting and waiting.under_way is not None
+    recorder.step(40)
+    arm.brake()
+    recorder.step(2)
+    again = track(arm, swing(size=0.08), -0.3)
+    assert again.under_way is None
+    recorder.step(30)
+    go(arm, HOME[LEFT])
+    recorder.until_rest().check()
+    assert arm.q_rad == HOME[LEFT]
+
+
+def test_setpoint_and_velocity_have_the_names_that_they_have_in_every_space():
+    """So that a stream need not know what it streams."""
+    arm = reference()
+    arm.follow(at_home(0, 1.0))
+    for _ in range(5):
+        arm.step()
+    assert (arm.values, arm.rates, arm.forces) == (arm.q_rad, arm.dq_radps, arm.ddq_radps2)

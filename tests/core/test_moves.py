@@ -13,28 +13,32 @@ from gateway.core.events import (
     FrameKind,
     Hold,
     Move,
+    MovePose,
     OnLimit,
     OpenStream,
     TargetArrived,
 )
+from gateway.core.gap import Gap
 from gateway.core.motion import PlanFailed, ReferenceMode
 from gateway.core.motions import MotionState
 from gateway.core.moves import Facts, Moves
 from gateway.core.permit import Permit
 from gateway.core.supervisor import State
 from gateway.errors import Code, Refusal
-from gateway.values import Side, Vector
-from tests.core.stage import GOAL, MIDDLE, MS, L, R, S, Stage
+from gateway.values import Side, Space, Vector
+from tests.core.stage import GOAL, MIDDLE, MS, PLACE, L, R, S, Stage
 
-HOLD, PATH, FOLLOW, BRAKE = ReferenceMode
+HOLD, PATH, FOLLOW, CHUNK, BRAKE = ReferenceMode
 OUTSIDE: Vector = (9.0, *GOAL[L][1:])
 
 
 class Scene(Stage):
     """A stage with a place that takes motion requests of ann."""
 
-    def __init__(self, state: State = State.ACTIVE, sides: tuple[Side, ...] = (L, R)) -> None:
-        super().__init__(state, sides=sides)
+    def __init__(
+        self, state: State = State.ACTIVE, sides: tuple[Side, ...] = (L, R), poses: tuple[Side, ...] = ()
+    ) -> None:
+        super().__init__(state, sides=sides, poses=poses)
         self.permit = Permit(self.conductor, self.phases.starting)
         self.moves = Moves(self.conductor, self.permit)
         self.body = self.conductor.body
@@ -43,6 +47,7 @@ class Scene(Stage):
         """Carry out a motion request now."""
         carry_out = {
             Move: self.moves.move,
+            MovePose: self.moves.move_pose,
             OpenStream: self.moves.open_stream,
             CloseStream: self.moves.close_stream,
             Hold: self.moves.hold,
@@ -91,7 +96,7 @@ class Scene(Stage):
         at_ns = self.now_ns if received_ns is None else received_ns
         self.moves.take_target(
             TargetArrived(
-                client_id="ann", stream_id=stream_id, epoch=self.epoch, seq=seq, q_rad=q_rad, received_ns=at_ns
+                client_id="ann", stream_id=stream_id, epoch=self.epoch, seq=seq, values=q_rad, received_ns=at_ns
             ),
             self.now_ns,
         )
@@ -196,7 +201,7 @@ def test_a_motion_that_cannot_be_planned_is_refused_with_the_reason(scene, monke
     def fail(*_):
         raise PlanFailed("there is no plan")
 
-    monkeypatch.setattr("gateway.core.moves.plan", fail)
+    monkeypatch.setattr("gateway.core.body.plan", fail)
     refusal = scene.refused(scene.to(GOAL))
     assert refusal.code is Code.PLAN_FAILED and "there is no plan" in refusal.message
     assert scene.modes() == (PATH, HOLD)
@@ -208,7 +213,7 @@ def test_speed_and_tolerance_hold_for_the_motion(scene):
     first, second = scene.body.motions.find(usual), scene.body.motions.find(slow)
     assert first is not None and second is not None
     assert second.duration_ns > 2 * first.duration_ns
-    assert (first.tolerance_rad, second.tolerance_rad) == (0.05, 0.01)
+    assert (first.tolerance, second.tolerance) == (Gap(0.05), Gap(0.01))
 
 
 def test_a_held_robot_becomes_active_with_a_motion():
@@ -252,7 +257,7 @@ def test_a_motion_ends_the_stream_of_its_arm(scene):
 def test_a_stream_starts_at_the_present_reference(scene):
     """The reply says where that is, so that the first target can be near it; nothing moves before the first target."""
     facts = scene.granted(OpenStream(epoch=scene.epoch, side=R))
-    assert facts == {"stream_id": 1, "q_rad": list(MIDDLE[R])}
+    assert facts == {"stream_id": 1, "values": list(MIDDLE[R])}
     assert scene.modes() == (HOLD, HOLD)
 
 
@@ -409,3 +414,87 @@ def test_only_the_owner_ends_motions(scene, request_):
     scene.stream(L)
     assert scene.refused(request_, client="bob").code is Code.NOT_OWNER
     assert scene.modes() == (HOLD, PATH)
+
+
+# ------------------------------------------------------------------------------------------------ poses
+
+
+FRAMES = {side: f"{side}_shoulder_base" for side in Side}
+AWAY = {L: (0.2, 0.1, -0.1, 0.0, 0.0, 0.6, 0.8), R: (0.2, -0.1, -0.1, 0.0, 0.0, 0.0, 1.0)}
+
+
+def to_pose(scene, targets, **how):
+    """A request for end effectors, in their own frames unless told otherwise."""
+    return MovePose(**{"epoch": scene.epoch, "targets": targets, "frames": FRAMES, **how})
+
+
+@pytest.mark.parametrize("sides", [(L,), (R,), (L, R)])
+def test_end_effectors_are_moved_to_their_goals(sides):
+    """Both arms of one motion together; the reply has the goals as they are used."""
+    scene = Scene(poses=(L, R))
+    facts = scene.granted(to_pose(scene, {side: AWAY[side] for side in sides}))
+    assert facts["values"] == {side.value: list(AWAY[side]) for side in sides} and facts["clipped"] == {}
+    motion = scene.body.motions.find(facts["motion_id"])
+    assert motion.space is Space.POSE and motion.tolerance == Gap(0.05, 0.005)
+    scene.run(facts["duration_ns"] // (10 * MS) + 3)
+    for side in Side:
+        wanted = AWAY[side] if side in sides else PLACE[side]
+        assert scene.body.arms[side].values == pytest.approx(wanted)
+
+
+def test_a_position_beyond_the_reach_is_clipped_when_that_was_asked_for():
+    """And named in the reply."""
+    scene = Scene(poses=(L,))
+    facts = scene.granted(to_pose(scene, {L: (0.6, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)}, on_limit=OnLimit.CLIP))
+    assert facts["clipped"] == {"left": [0, 1, 2]} and facts["values"]["left"][0] == pytest.approx(0.55)
+
+
+@pytest.mark.parametrize(
+    ("how", "code", "field"),
+    [
+        ({"targets": {}}, Code.WRONG_SHAPE, "targets"),
+        ({"targets": {L: (0.0,) * 6}}, Code.WRONG_SHAPE, "left_arm"),
+        ({"targets": {L: (0.6, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)}}, Code.OUT_OF_RANGE, "left_arm.p_m"),
+        ({"frames": {}}, Code.WRONG_FRAME, "left_arm.frame"),
+        ({"frames": {L: "right_shoulder_base"}}, Code.WRONG_FRAME, "left_arm.frame"),
+        ({"speed": 0.0}, Code.OUT_OF_RANGE, "speed"),
+        ({"tolerance_m": 1.0}, Code.OUT_OF_RANGE, "tolerance_m"),
+        ({"targets": {R: AWAY[R]}}, Code.WRONG_CONTROL_MODE, "right_arm"),
+    ],
+)
+def test_a_pose_motion_that_cannot_be_is_refused(how, code, field):
+    """Nothing has changed."""
+    scene = Scene(poses=(L,))
+    refusal = scene.refused(to_pose(scene, **{"targets": {L: AWAY[L]}, **how}))
+    assert (refusal.code, refusal.field) == (code, field)
+
+
+def test_a_pose_motion_that_cannot_be_planned_is_refused(monkeypatch):
+    """With the planner's words."""
+    scene = Scene(poses=(L,))
+
+    def fail(*_):
+        raise PlanFailed("there is no plan")
+
+    monkeypatch.setattr("gateway.core.body.plan_poses", fail)
+    assert scene.refused(to_pose(scene, {L: AWAY[L]})).code is Code.PLAN_FAILED
+
+
+def test_a_stream_of_poses_starts_at_the_present_reference_and_is_followed():
+    """In the frame of its arm; a target beyond the reach is refused by the stream."""
+    scene = Scene(poses=(R,))
+    request = OpenStream(epoch=scene.epoch, side=R, space=Space.POSE, frame=FRAMES[R])
+    facts = scene.granted(request)
+    assert facts == {"stream_id": 1, "values": list(PLACE[R])}
+    scene.target(1, seq=1, q_rad=AWAY[R])
+    scene.run(300)
+    assert scene.body.arms[R].values == pytest.approx(AWAY[R])
+    scene.target(1, seq=2, q_rad=(0.6, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0))
+    assert scene.body.targets.find(1).refusal.field == "right_arm.p_m"
+
+
+@pytest.mark.parametrize("frame", ["", "left_shoulder_base"])
+def test_a_stream_of_poses_needs_the_frame_of_its_arm(frame):
+    """The other arm's would be another place."""
+    scene = Scene(poses=(R,))
+    assert scene.refused(OpenStream(epoch=scene.epoch, side=R, space=Space.POSE, frame=frame)).code is Code.WRONG_FRAME

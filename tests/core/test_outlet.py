@@ -199,6 +199,17 @@ def test_a_late_tick_gives_stop_frames_only():
     assert [(frame.topic, frame.values) for frame in frames if frame.topic == BEAT] == [(BEAT, (0.0,))]
 
 
+def test_a_late_tick_gives_no_velocity():
+    """What is driven is no stop frame; its ramp does not advance without a frame either."""
+    scene = Scene(State.IDLE, model="lift")
+    for ground in scene.body.grounds:
+        ground.renew(scene.epoch, scene.now_ns + 10 * S, scene.now_ns, 0)
+    scene.body.chassis.wanted = (0.2, 0.0, 0.0)
+    assert {topic for frames in scene.tick(5) for topic in topics(frames)} == {WHEELS, LIFT}
+    before = scene.body.chassis.commanded
+    assert scene.tick(20, stops_only=True) == [[]] * 20 and scene.body.chassis.commanded == before
+
+
 def test_a_setpoint_that_is_left_out_is_not_skipped():
     """The reference does not advance without a frame: a late tick delays the motion and never makes it jump."""
     scene = Scene()
@@ -254,3 +265,30 @@ def test_the_tick_of_a_violation_stops_the_lift_too():
     scene.gate.refusing = RIGHT
     (frames,) = scene.tick()
     assert topics(frames) == [BEAT, WHEELS, LIFT] and frames[-1].values == (0.0, 1.0)
+
+
+def test_a_stream_of_another_process_passes_without_an_echo():
+    """Its last frame was told to the gate; without that the first frame would be a violation."""
+    scene = Scene(State.HOLDING)
+    arm = scene.body.arms[L]
+    arm.stop()
+    scene.tick()
+    arm.enter(MIDDLE[L], (0.1,) * 7, (0.0,) * 7, scene.now_ns)
+    scene.outlet.resume(LEFT, MIDDLE[L], (0.001,) * 7)
+    frames = [frame for tick in scene.tick(3) for frame in tick if frame.topic == LEFT]
+    assert frames[0].kind is FrameKind.BRAKE
+    assert scene.state is State.HOLDING
+
+
+def test_a_drive_waits_until_other_gateways_have_seen_our_claim():
+    """Stop frames do not wait, and neither do arms, which waited before they were enabled."""
+    scene = Scene(State.HOLDING)
+    scene.conductor.claim.is_confirmed = False
+    scene.body.chassis.drive((0.1, 0.0, 0.0), epoch=1, expires_ns=scene.now_ns + 9 * S, now_ns=scene.now_ns)
+    topics = {frame.topic for frames in scene.tick(10) for frame in frames}
+    assert topics == {LEFT, RIGHT, BEAT}
+    scene.conductor.claim.is_confirmed = True
+    assert WHEELS in {frame.topic for frames in scene.tick(10) for frame in frames}
+    scene.conductor.claim.is_confirmed = False
+    scene.body.chassis.stop(scene.now_ns)
+    assert WHEELS in {frame.topic for frames in scene.tick(10) for frame in frames}

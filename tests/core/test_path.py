@@ -8,7 +8,7 @@ import pytest
 from ruckig import InputParameter, Ruckig, Trajectory
 
 from gateway.core.braking import Braking, JointLimits
-from gateway.core.path import REST, Path, PlanFailed, Start, check_goal, check_speed
+from gateway.core.path import REST, Path, PlanFailed, Start, check_entry, check_goal, check_speed
 
 LIMITS = JointLimits(
     v_radps=1.0,
@@ -151,3 +151,30 @@ def test_a_lead_comes_before_the_trajectory_and_joins_it():
     assert path.at(lead_s - 1e-9)[0] == pytest.approx(path.at(lead_s)[0], abs=1e-12)
     assert path.at(lead_s) == (rest_rad, REST, REST)
     assert path.at(duration_s) == (HOME, REST, REST)
+
+
+# ------------------------------------------------------------------------------------------------------- entries
+
+
+def test_a_moving_state_inside_all_limits_is_an_entry():
+    """As it is, in tuples; the velocity limit itself is inside."""
+    v, a = (1.0, *MOVING.dq_radps[1:]), list(MOVING.ddq_radps2)
+    assert check_entry(list(HOME), v, a, BRAKING) == (HOME, v, MOVING.ddq_radps2)
+
+
+@pytest.mark.parametrize(
+    ("q", "v", "a", "why"),
+    [
+        ((0.0,) * 6, REST, REST, "entry position has 6 values"),
+        ((9.0, *HOME[1:]), REST, REST, "outside"),
+        (HOME, REST[:6], REST, "entry velocity has 6 values"),
+        (HOME, REST, (math.nan, *REST[1:]), "entry acceleration"),
+        (HOME, (*REST[:2], -1.1, *REST[3:]), REST, "entry joint 3: too fast"),
+        (HOME, REST, (*REST[:6], 3.1), "entry joint 7: accelerates"),
+        ((1.79, *HOME[1:]), (0.9, *REST[1:]), REST, "entry joint 1: cannot stop inside"),
+    ],
+)
+def test_a_state_that_cannot_be_gone_on_with_is_refused(q, v, a, why):
+    """Each limit alone; braking must end inside the position limits as well."""
+    with pytest.raises(PlanFailed, match=why):
+        check_entry(q, v, a, BRAKING)

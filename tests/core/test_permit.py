@@ -6,12 +6,14 @@ from collections.abc import Callable, Sequence
 
 import pytest
 
-from gateway.core.events import Enable, Move, OnLoss
+from gateway import robot
+from gateway.core.elsewhere import elsewhere, twins
+from gateway.core.events import Enable, Gateway, Means, Move, OnLoss, Writer
 from gateway.core.motion import plan
 from gateway.core.permit import REFUSAL_TEXT, Permit
 from gateway.core.supervisor import TABLE, State, Trigger
 from gateway.errors import Code, Refusal
-from gateway.values import FsmState, Side
+from gateway.values import FsmState, Side, Space
 from tests.core.stage import GOAL, MIDDLE, L, R, Stage
 
 MOVE = Move(epoch=1, targets_rad=GOAL)
@@ -112,6 +114,34 @@ def test_the_table_says_in_which_states_arms_may_move(state, code):
     refusal = scene.permit.state(Trigger.ARM_MOTION, scene.now_ns)
     expected = None if code is None else Refusal(code=code, message=REFUSAL_TEXT[code])
     assert refusal == expected
+
+
+def test_a_robot_under_another_namespace_is_the_reason_when_nothing_is_heard():
+    """Where the state is missing it is told where robots are; every other reason stays what it is."""
+    for state, code in (
+        (State.OFFLINE, Code.OTHER_NAMESPACE),
+        (State.STALE, Code.OTHER_NAMESPACE),
+        (State.IDLE, Code.NOT_ENABLED),
+    ):
+        scene = Scene(state)
+        scene.conductor.elsewhere = elsewhere(("bot1",), "")
+        refusal = scene.permit.state(Trigger.ARM_MOTION, scene.now_ns)
+        assert refusal is not None and refusal.code is code
+        assert ("bot1" in refusal.hint) == (code is Code.OTHER_NAMESPACE)
+
+
+def test_nothing_begins_beside_a_second_robot_that_would_obey():
+    """Neither arms nor chassis; what is not heard keeps its own reason, and a robot elsewhere is none against beginning."""
+    scene = Scene(State.IDLE)
+    scene.conductor.elsewhere = twins(("a1", "b2"), "")
+    assert scene.permit.beside_others(scene.now_ns).code is Code.TWO_ROBOTS
+    assert scene.permit.ground(scene.command(MOVE), scene.epoch, scene.now_ns).code is Code.TWO_ROBOTS
+    assert scene.permit.state(Trigger.ARM_MOTION, scene.now_ns).code is Code.NOT_ENABLED
+    scene.conductor.elsewhere = elsewhere(("bot1",), "")
+    assert scene.permit.beside_others(scene.now_ns) is None
+    stale = Scene(State.STALE)
+    stale.conductor.elsewhere = twins(("a1", "b2"), "")
+    assert stale.permit.state(Trigger.ARM_MOTION, stale.now_ns).code is Code.STATE_STALE
 
 
 def unknown(scene: Scene) -> None:
@@ -267,7 +297,7 @@ def test_a_held_arm_that_was_pushed_away_is_not_moved(side):
     refusal = scene.why_not()
     assert (refusal.code, refusal.field) == (Code.TRACKING_ERROR, f"{side}_arm")
     assert (refusal.value, refusal.bound, refusal.unit) == ("0.35", "0.3", "rad")
-    assert refusal.message == f"the {side} arm is 0.350 rad from where it is held, 0.3 rad is the bound"
+    assert refusal.message == f"the {side} arm is 0.35 rad from where it is held, 0.3 rad is the bound"
     assert "enable()" in refusal.hint
 
 
@@ -328,3 +358,95 @@ def test_asking_changes_nothing():
     scene.permit.owner(scene.command(Enable(epoch=scene.epoch)), scene.epoch)
     assert (scene.state, scene.conductor.body.arms[L].reference.q_rad) == before == (State.HOLDING, MIDDLE[L])
     assert scene.conductor.notices == []
+
+
+def test_what_an_earlier_daemons_guard_holds_is_not_enabled():
+    """Two would command the robot."""
+    scene = Scene(State.IDLE)
+    assert scene.permit.held_elsewhere() is None
+    scene.conductor.guard.earlier_holds = True
+    refusal = scene.permit.held_elsewhere()
+    assert refusal is not None and refusal.code is Code.HELD_BY_GUARD
+
+
+def test_chassis_and_lift_need_no_enabled_arm():
+    """Lease, order of stops, state, latches and takeover count; arms, their mode and their state do not."""
+    scene = Scene(State.IDLE, dumb={L, R})
+    assert scene.permit.ground(scene.command(MOVE), scene.epoch, scene.now_ns) is None
+    scene.say_mode(arm_enabled=dict.fromkeys(Side, False))
+    assert scene.permit.ground(scene.command(MOVE), scene.epoch, scene.now_ns) is None
+    for client, received_ns, code in (("bob", None, Code.NOT_OWNER), ("ann", 0, Code.STOPPED)):
+        scene.permit.note_stop(1)
+        refusal = scene.permit.ground(scene.command(MOVE, client, received_ns), scene.epoch, scene.now_ns)
+        assert refusal is not None and refusal.code is code
+    scene.conductor.guard.earlier_holds = True
+    refusal = scene.permit.ground(scene.command(MOVE), scene.epoch, scene.now_ns)
+    assert refusal is not None and refusal.code is Code.HELD_BY_GUARD
+    scene.conductor.latch(Code.ESTOP, "smoke", scene.now_ns)
+    refusal = scene.permit.ground(scene.command(MOVE), scene.epoch, scene.now_ns)
+    assert refusal is not None and refusal.code is Code.LATCHED
+
+
+@pytest.mark.parametrize("state", State)
+def test_the_table_says_in_which_states_they_may_be_driven(state):
+    """The code is the table's."""
+    scene = Scene(state)
+    refusal = scene.permit.ground(scene.command(MOVE), scene.epoch, scene.now_ns)
+    assert (refusal.code if refusal else None) == TABLE[Trigger.GROUND_COMMAND][state].refuse
+
+
+# ------------------------------------------------------------------------------------------------ beside others
+
+
+def test_nothing_begins_beside_others_but_an_open_claim_is_waited_for():
+    """A writer and an established gateway object; of two that claim the robot at once one yields, which is seen later."""
+    stage = Scene()
+    others, claim = stage.conductor.others, stage.conductor.claim
+    assert stage.permit.beside_others(stage.now_ns) is None
+    others.see_gateways([Gateway(zid="b", is_armed=True)], stage.now_ns)
+    assert stage.permit.beside_others(stage.now_ns).code is Code.OTHER_GATEWAY
+    claim.is_confirmed = False
+    assert stage.permit.beside_others(stage.now_ns) is None
+    claim.withdraw()
+    assert stage.permit.beside_others(stage.now_ns).code is Code.OTHER_GATEWAY
+    claim.link_up(0)
+    others.see_gateways([], stage.now_ns)
+    others.see_writers([Writer(topic=robot.FSM_ENABLE, zid="c", means=Means.TOKEN)], stage.now_ns)
+    claim.step(stage.now_ns, is_wanted=True, is_used=False, own_zid="", rivals=[])
+    assert claim.number and stage.permit.beside_others(stage.now_ns).code is Code.FOREIGN_WRITER
+
+
+def test_a_friend_that_cannot_be_reached_but_shows_a_claim_holds_off_an_enable():
+    """The guard of an earlier daemon with another socket; our own guard shows our own claim."""
+    scene = Scene(State.IDLE)
+    conductor = scene.conductor
+    conductor.others.befriend("c4")
+    conductor.others.see_gateways([Gateway(zid="c4", is_armed=True)], scene.now_ns)
+    refusal = scene.permit.held_elsewhere()
+    assert refusal is not None and refusal.code is Code.HELD_BY_GUARD
+    conductor.guard.zid = "c4"
+    assert scene.permit.held_elsewhere() is None
+
+
+@pytest.mark.parametrize(
+    ("asked", "is_mode", "needed"), [(Space.JOINT, "end-effector", "joint"), (Space.POSE, "joint", "end-effector")]
+)
+def test_a_motion_in_the_other_space_is_refused_with_what_would_do(asked, is_mode, needed):
+    """On a mixed robot each arm takes its own; the other one is only held."""
+    scene = Scene(State.ACTIVE, poses=(R,))
+    side = R if asked is Space.JOINT else L
+    command = scene.command(Move(epoch=scene.epoch, targets_rad={}))
+    refusal = scene.permit.motion(command, scene.epoch, (side,), scene.now_ns, asked)
+    assert (refusal.code, refusal.value, refusal.bound) == (Code.WRONG_CONTROL_MODE, is_mode, needed)
+    assert ("move_pose()" in refusal.hint) == (asked is Space.JOINT)
+    other = L if asked is Space.JOINT else R
+    assert scene.permit.motion(command, scene.epoch, (other,), scene.now_ns, asked) is None
+
+
+def test_a_held_end_effector_that_was_pushed_away_is_not_moved():
+    """Distance in metres, as the bound."""
+    scene = Scene(State.HOLDING, poses=(R,))
+    scene.shift(R, 0.08)
+    command = scene.command(Move(epoch=scene.epoch, targets_rad={}))
+    refusal = scene.permit.motion(command, scene.epoch, (R,), scene.now_ns, Space.POSE)
+    assert (refusal.code, refusal.value, refusal.bound, refusal.unit) == (Code.TRACKING_ERROR, "0.08", "0.06", "m")

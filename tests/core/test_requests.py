@@ -9,20 +9,37 @@ from typing import get_args
 import pytest
 
 from gateway.core import requests
+from gateway.core.chunk import prepare
+from gateway.robot import HOME_Q_RAD
 from gateway.values import Side
 
 KINDS = get_args(requests.Request)
-OPEN_TO_ALL = {requests.Acquire, requests.Take, requests.Stop, requests.Estop, requests.Recover}
-"""What needs no lease: asking for one, stopping, recovering (BEHAVIOUR, stopping and losing)."""
+OPEN_TO_ALL = {
+    requests.Acquire,
+    requests.Take,
+    requests.Stop,
+    requests.Estop,
+    requests.Recover,
+    requests.CheckFollow,
+}
+"""What needs no lease: asking for one, stopping, recovering (BEHAVIOUR, stopping and losing), judging what nobody follows."""
+CHUNK = prepare({Side.LEFT: (HOME_Q_RAD[Side.LEFT],) * 2}, dt_s=0.1)
 LEFT_HOME = {Side.LEFT: (0.0,) * 7}
 OPTIONS = {
     requests.Acquire: {"name": "n", "pid": 1},
     requests.Take: {"name": "n", "pid": 1, "reason": "r"},
     requests.Move: {"epoch": 1, "targets_rad": LEFT_HOME},
+    requests.Follow: {"epoch": 1, "chunk": CHUNK},
+    requests.CheckFollow: {"follow": requests.Follow(epoch=0, chunk=CHUNK)},
+    requests.MovePose: {"epoch": 1, "targets": LEFT_HOME, "frames": {}},
     requests.OpenStream: {"epoch": 1, "side": Side.LEFT},
     requests.CloseStream: {"epoch": 1, "stream_id": 1},
     requests.Hold: {"epoch": 1, "sides": (Side.LEFT,)},
     requests.Cancel: {"epoch": 1, "motion_id": 1},
+    requests.SetGripper: {"epoch": 1, "side": Side.LEFT, "raw": 0.5},
+    requests.DriveChassis: {"epoch": 1, "vx_mps": 0.1, "vy_mps": 0.0, "wz_radps": 0.0},
+    requests.DriveLift: {"epoch": 1, "velocity": 0.1},
+    **{kind: {"epoch": 1} for kind in (requests.StopChassis, requests.StopLift, requests.DisableLift)},
     **{kind: {"epoch": 1} for kind in (requests.Release, requests.Abandon, requests.Enable, requests.Disable)},
     **{kind: {} for kind in (requests.Stop, requests.Estop, requests.Recover)},
 }
@@ -73,6 +90,8 @@ def test_what_is_not_said_is_the_cautious_choice():
     )  # fmt: skip
     stream = requests.OpenStream(epoch=1, side=Side.LEFT)
     assert (stream.speed, stream.on_limit, stream.expiry_ns) == (1.0, requests.OnLimit.REJECT, None)
+    for drive in (requests.DriveChassis, requests.DriveLift):
+        assert (drive(**OPTIONS[drive]).expiry_ns, drive(**OPTIONS[drive]).drive_id) == (None, 0)
     assert requests.Stop().reason == requests.Estop().reason == ""
 
 

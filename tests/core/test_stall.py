@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import pytest
 
 from gateway import robot
-from gateway.core.events import Estop, Frame, FrameKind
+from gateway.core.events import Estop, ForeignData, Frame, FrameKind, Gateway, Means, Writer
 from gateway.core.stall import RESUME_NS, Stall
 from gateway.core.supervisor import State, Trigger
 from gateway.errors import Code
@@ -375,3 +376,63 @@ def test_an_estop_that_was_cleared_is_not_sent_again() -> None:
     stage = estopped(READY)
     stage.conductor.is_estop_unheard = False
     assert beats(stage.go_on(20)) == []
+
+
+# ------------------------------------------------------------------------------------------------------------- others
+
+
+def send(stage: Stalled) -> None:
+    """Somebody else sends setpoints now."""
+    stage.conductor.others.see_data(ForeignData(topic=robot.joint_command(R), zid="b", at_ns=stage.now_ns))
+
+
+def arm_another(stage: Stalled, *, is_armed: bool = True) -> None:
+    """Another gateway commands the robot, or no more."""
+    stage.conductor.others.see_gateways([Gateway(zid="b", is_armed=is_armed)], stage.now_ns)
+
+
+@pytest.mark.parametrize("who", [send, arm_another])
+def test_somebody_else_ends_the_hold_and_the_way_back(who: Callable[[Stalled], None]) -> None:
+    """Foreign data or another gateway: no frame more, no resume."""
+    stage = Stalled()
+    stage.fall_silent(10)
+    who(stage)
+    assert stage.go_on(1) == [] and not stage.conductor.stale_hold and not stage.conductor.can_resume
+    assert 1.0 not in beats(stage.come_back(100)) and stage.state is State.IDLE
+
+
+def test_who_only_announces_commands_ends_no_hold() -> None:
+    """As in HOLDING: the grip is kept."""
+    stage = Stalled()
+    stage.fall_silent(10)
+    stage.conductor.others.see_writers([Writer(topic=robot.FSM_ENABLE, zid="c", means=Means.TOKEN)], stage.now_ns)
+    assert setpoints(stage.go_on(10)) and stage.conductor.stale_hold
+
+
+def test_a_1_0_of_the_way_back_ends_with_another_gateway() -> None:
+    """Still STALE, seeding: it falls silent at once."""
+    stage = Stalled()
+    stage.fall_silent(20)
+    stage.come_back(10)
+    assert stage.conductor.resuming
+    arm_another(stage)
+    assert beats(stage.go_on(10)) == []
+
+
+def test_what_is_owed_is_paid_once_beside_foreign_data() -> None:
+    """Never a repetition into somebody else's motion."""
+    stage = owing()
+    send(stage)
+    stage.say_mode()
+    assert beats(stage.go_on(20)) == [0.0]
+
+
+def test_what_is_owed_waits_until_the_other_gateway_is_done() -> None:
+    """Its robot is not ours to pause; then new samples must say that it is started."""
+    stage = owing()
+    arm_another(stage)
+    stage.say_mode()
+    assert beats(stage.go_on(20)) == []
+    arm_another(stage, is_armed=False)
+    stage.say_mode()
+    assert 0.0 in beats(stage.go_on(20))

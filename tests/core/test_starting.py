@@ -7,15 +7,16 @@ from itertools import pairwise
 import pytest
 
 from gateway import robot
-from gateway.core import starting
+from gateway.core import body
 from gateway.core.events import Frame, FrameKind, Level
+from gateway.core.gap import Gap
 from gateway.core.motion import PlanFailed
 from gateway.core.starting import WALK_SPEED, Starting
 from gateway.core.streams.heartbeat import Beat
 from gateway.core.supervisor import State
 from gateway.errors import Code, Refusal
 from gateway.values import Side, Vector
-from tests.core.stage import MIDDLE, L, R, Stage
+from tests.core.stage import MIDDLE, PLACE, L, R, Stage
 
 TOP_RAD = robot.JOINT_UPPER_RAD[L][0]
 """Upper limit of the first joint, the one that `push` moves; the right arm's is the same [rad]."""
@@ -113,10 +114,10 @@ def test_an_arm_that_is_enabled_again_joins_the_held_one():
 
 @pytest.mark.parametrize(
     "mode",
-    [{"arm_enabled": {L: True, R: False}}, {"joint_mode": {L: True, R: False}}, None],
+    [{"arm_enabled": {L: True, R: False}}, None],
 )
 def test_an_arm_that_the_robot_has_not_enabled_does_not_join(mode):
-    """Disabled, in the other control mode, or not known: what is held goes on, which is no refusal."""
+    """Disabled, or not known: what is held goes on, which is no refusal."""
     scene = Scene(sides=(L,))
     if mode is None:
         scene.mode = None
@@ -160,7 +161,7 @@ def test_an_arm_has_strayed_when_it_is_beyond_the_tracking_bound():
     scene = Scene()
     scene.push(L, -0.35)
     scene.push(R, 0.29)
-    assert scene.starting.strayed(scene.now_ns) == {L: pytest.approx(0.35)}
+    assert scene.starting.strayed(scene.now_ns) == {L: pytest.approx(Gap(0.35))}
 
 
 def test_a_silent_arm_has_no_reference_to_stray_from():
@@ -178,7 +179,7 @@ def test_an_arm_that_is_not_heard_is_not_said_to_have_strayed():
     scene.push(R, 0.4)
     scene.dumb = {L}
     scene.run(11)
-    assert scene.starting.strayed(scene.now_ns) == {R: pytest.approx(0.4)}
+    assert scene.starting.strayed(scene.now_ns) == {R: pytest.approx(Gap(0.4))}
 
 
 # ------------------------------------------------------------------------------------------------ walk
@@ -255,10 +256,86 @@ def test_without_a_path_back_nothing_walks_and_the_reason_is_told(monkeypatch):
     def find_none(*_: object) -> None:
         raise PlanFailed("ruckig finds no plan")
 
-    monkeypatch.setattr(starting, "plan", find_none)
+    monkeypatch.setattr(body, "plan", find_none)
     refusal = scene.starting.walk(scene.now_ns)
     assert refusal == Refusal(
         code=Code.PLAN_FAILED, message="no path back to the arm inside the limits: ruckig finds no plan"
     )
     scene.run(10)
     assert scene.reference(L) == MIDDLE[L] and scene.walking == set() and scene.conductor.notices == []
+
+
+def test_grippers_begin_with_their_arms_without_torque():
+    """0.10 is due in the tick of the first setpoint, before it (manual §4.4); after a short stall the value is kept."""
+    stage = Stage(State.IDLE)
+    body = stage.conductor.body
+    assert stage.phases.starting.seed((L,), stage.now_ns) is None
+    frames = [(frame.topic, frame.kind, frame.values) for frame in stage.run(1)]
+    assert frames[0] == (robot.gripper_command(L), FrameKind.ECHO, (0.1,))
+    assert frames[1][0] == robot.joint_command(L) and not body.grippers[R].running
+    body.grippers[L].command(0.8, stage.epoch)
+    stage.run(2)
+    for is_resuming, kept in ((True, 0.8), (False, 0.1)):
+        body.silence_arms()
+        stage.conductor.resuming = is_resuming
+        stage.phases.starting.seed((L,), stage.now_ns)
+        assert stage.run(1)[0].values == (kept,)
+
+
+# ------------------------------------------------------------------------------------------------ pose space
+
+
+def test_an_end_effector_starts_at_its_measured_pose():
+    """Exactly there; the other arm at its joints."""
+    scene = Scene(State.IDLE, poses=(R,))
+    scene.conductor.choose_spaces((L, R), scene.now_ns)
+    assert scene.starting.seed((L, R), scene.now_ns) is None
+    assert (scene.conductor.body.arms[L].values, scene.conductor.body.arms[R].values) == (MIDDLE[L], PLACE[R])
+    assert scene.conductor.notices == []
+
+
+@pytest.mark.parametrize(("reach_m", "starts"), [(0.555, True), (0.565, False)])
+def test_an_end_effector_beyond_its_reach_starts_at_its_end_or_not_at_all(reach_m, starts):
+    """Up to 1 cm beyond: moved, and told; further out: START_OUTSIDE_LIMITS, and no arm starts."""
+    scene = Scene(State.IDLE, poses=(R,))
+    scene.pose[R] = (0.0, 0.0, -reach_m, 0.0, 0.0, 0.0, 1.0)
+    scene.run(40)  # a jump is believed once it lasts
+    scene.conductor.choose_spaces((L, R), scene.now_ns)
+    refusal = scene.starting.seed((L, R), scene.now_ns)
+    assert (refusal is None) == starts == (scene.starting.why_not(R) is None)
+    if starts:
+        assert scene.conductor.body.arms[R].values[2] == pytest.approx(-0.55)
+        assert "right arm was found just beyond its reach" in scene.told(Code.START_AT_LIMIT)[0]
+    else:
+        assert refusal.code is Code.START_OUTSIDE_LIMITS and scene.running == set()
+
+
+def test_a_held_end_effector_that_was_pushed_away_is_walked_back_to():
+    """Beyond 6 cm it has strayed; the reference goes there straight, at a part of the speed."""
+    scene = Scene(poses=(R,))
+    scene.shift(R, 0.1)
+    assert scene.starting.strayed(scene.now_ns) == {R: pytest.approx(Gap(0.0, 0.1))}
+    assert scene.starting.walk(scene.now_ns) is None
+    scene.run(400)
+    assert scene.conductor.body.arms[R].values == pytest.approx(scene.pose[R])
+    assert scene.starting.strayed(scene.now_ns) == {}
+
+
+def test_an_end_effector_that_was_pushed_out_of_its_reach_is_not_walked_to():
+    """The reference stays; the reason is told."""
+    scene = Scene(poses=(R,))
+    scene.pose[R] = (0.57, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
+    scene.run(40)  # a jump is believed once it lasts
+    refusal = scene.starting.walk(scene.now_ns)
+    assert refusal is not None and refusal.code is Code.START_OUTSIDE_LIMITS and scene.walking == set()
+
+
+def test_an_arm_that_comes_back_in_the_other_mode_joins_in_that_mode():
+    """The robot's mode is asked again for each silent arm."""
+    scene = Scene(sides=(L,))
+    scene.poses = {R}
+    scene.say_mode(joint_mode={L: True, R: False})
+    scene.conductor.body.arms[R].stop()
+    scene.run(1)
+    assert scene.starting.join(scene.now_ns) is None
+    assert scene.conductor.body.arms[R].values == PLACE[R] and scene.running == {L, R}

@@ -45,12 +45,13 @@ class Feed:
         self.offset_ns = offset_ns
         self.delay_ns = delay_ns
         self.q = 0.0
+        self.jumps: list[str] = []
 
     def arm(self, topic: str = LEFT, **changes) -> None:
         """One arm sample that was stamped `delay_ns` ago."""
         value = joints(self.q, self.now_ns + self.offset_ns - self.delay_ns)
         event = {"topic": topic, "value": value, "received_ns": self.now_ns, "stamp_ns": value.stamp_ns, "count": 2}
-        self.store.receive(SampleArrived(**(event | changes)), self.now_ns)
+        self.jumps += filter(None, [self.store.receive(SampleArrived(**(event | changes)), self.now_ns)])
 
     def give(self, topic: str, value, **changes) -> None:
         self.store.receive(SampleArrived(topic=topic, value=value, received_ns=self.now_ns, **changes), self.now_ns)
@@ -315,6 +316,29 @@ def test_gripper_and_chassis_states_are_kept_in_order_too(feed):
     assert feed.store.value(robot.CHASSIS_STATE).stamp_ns == 5
 
 
+def test_why_nothing_is_believed_is_known_while_it_lasts(feed):
+    """Not before a refusal, not once a sample is believed again, and not long after the last one came."""
+    feed.run(1 * S)
+
+    def why() -> str:
+        return feed.store.why_not_believed(LEFT, 200 * MS, feed.now_ns)
+
+    assert why() == ""
+    feed.now_ns += 10 * MS
+    feed.store.receive(
+        SampleRefused(topic=LEFT, code=Code.SAMPLE_REFUSED, message="position[2] is nan", received_ns=feed.now_ns),
+        feed.now_ns,
+    )
+    assert why() == "position[2] is nan"
+    feed.now_ns += 200 * MS
+    assert why() == "position[2] is nan"
+    feed.now_ns += 10 * MS
+    assert why() == ""
+    feed.arm()
+    feed.now_ns -= 100 * MS
+    assert why() == ""
+
+
 def test_a_glitch_of_one_sample_is_refused_with_joint_value_and_bound(feed):
     """No arm moves 1 rad in 10 ms; the part stays fresh and goes on with the next good sample."""
     feed.run(1 * S)
@@ -343,6 +367,8 @@ def test_a_jump_that_lasts_kills_the_part_and_is_then_believed(feed, jump_rad):
     assert not feed.seedable()
     feed.run(300 * MS)
     assert feed.seedable() and feed.store.arm(Side.LEFT).q_rad[4] == jump_rad
+    (jump,) = feed.jumps
+    assert jump.startswith(f"{LEFT}: joint 5 is {jump_rad:.3f} rad away from where it was")
 
 
 def test_a_jumping_rival_is_not_believed(feed):
@@ -486,3 +512,24 @@ def test_what_queued_up_does_not_count_as_timely_until_it_has_drained():
     feed.now_ns += 5 * MS
     feed.arm()
     assert feed.store.timely_since_ns() == feed.now_ns
+
+
+def test_an_arm_whose_pose_is_needed_is_seedable_only_with_a_pose_of_the_same_time():
+    """A pose that came before the samples went steady may be from before a stall."""
+    store = Store(EnableSettings())
+    pose = EePose(p_m=(0.1, 0.2, 0.3), quat_xyzw=(0.0, 0.0, 0.0, 1.0))
+
+    def hear(at_ns, with_pose):
+        arm = ArmState(q_rad=(0.0,) * 7, dq_radps=(), tau_nm=(), stamp_ns=at_ns)
+        store.receive(SampleArrived(topic=LEFT, value=arm, received_ns=at_ns), at_ns)
+        if with_pose:
+            store.receive(SampleArrived(topic=robot.ee_pose(Side.LEFT), value=pose, received_ns=at_ns), at_ns)
+
+    start_ns, step_ns = 1_000_000_000_000, 10_000_000
+    for n in range(40):
+        hear(start_ns + n * step_ns, with_pose=False)
+    now_ns = start_ns + 39 * step_ns
+    assert store.seedable(Side.LEFT, now_ns) and not store.seedable(Side.LEFT, now_ns, needs_pose=True)
+    hear(now_ns + step_ns, with_pose=True)
+    assert store.seedable(Side.LEFT, now_ns + step_ns, needs_pose=True)
+    assert not store.seedable(Side.LEFT, now_ns + step_ns + 101_000_000, needs_pose=True)

@@ -44,9 +44,10 @@ one arm disabled            | =                       | =                   | br
 no arm enabled              | =                       | down                | down                      | down                | down                | down                | =
 one part's state dead       | =                       | down                | brake, HOLDING            | =                   | =                   | =                   | =
 tracking error              | -                       | -                   | brake, HOLDING, L         | refuse motion       | -                   | -                   | -
-a gap longer than the arms' watchdog | -              | -                   | brake, HOLDING            | =                   | =                   | =                   | =
+a gap longer than the arms' watchdog | grounds        | grounds             | brake, HOLDING            | grounds             | =                   | =                   | =
 foreign token or publisher  | refuse enable           | down, L             | cut, brake, HOLDING, L    | cut, L              | cut, L              | cut, L              | refuse
 foreign arm or fsm data     | refuse enable           | 0.0 once, cut, base, L | 0.0 once, cut, base, L | 0.0 once, cut, base, L | 0.0 once, cut, base, L | 0.0 once, cut, base, L | refuse
+foreign writer while chassis or lift run | cut, L     | =                   | =                         | =                   | =                   | =                   | =
 other gateway armed         | refuse enable           | off                 | off                       | off                 | off                 | off                 | no resume
 gate violation              | down, L                 | down, L             | down, L                   | down, L             | down, L             | down, L             | down, L
 names in another order      | L                       | down, L             | down, L                   | down, L             | down, L             | down, L             | L, base
@@ -77,6 +78,7 @@ ACTIONS = {
     "0.0 once": {Action.ZERO_ONCE},
     "[0,0]": {Action.LIFT_OFF},
     "ground": {Action.GROUND_STOP},
+    "grounds": {Action.GROUND_CUT},
     "L": {Action.LATCH},
     "free": {Action.FREE},
     "STOPPING": {Action.CUT},
@@ -117,7 +119,7 @@ LEVELS = [
     Trigger.STALE, Trigger.TRANSPORT_LOST, Trigger.FSM_READY, Trigger.FSM_PAUSE, Trigger.FSM_SLOW_START,
     Trigger.FSM_FELL, Trigger.FSM_ERROR, Trigger.FSM_FOREIGN, Trigger.FSM_DEAD, Trigger.VR_MODE, Trigger.MODE_UNKNOWN,
     Trigger.ARM_DISABLED, Trigger.NO_ARM, Trigger.PART_DEAD, Trigger.TRACKING, Trigger.FOREIGN_TOKEN,
-    Trigger.FOREIGN_DATA, Trigger.OTHER_GATEWAY, Trigger.JOINT_ORDER, Trigger.AT_REST,
+    Trigger.FOREIGN_DATA, Trigger.FOREIGN_BESIDE_DRIVE, Trigger.OTHER_GATEWAY, Trigger.JOINT_ORDER, Trigger.AT_REST,
 ]  # fmt: skip
 """Conditions of the robot: fired again on every tick while they hold."""
 RESTS = (State.OFFLINE, State.STALE, State.READ_ONLY, State.IDLE)

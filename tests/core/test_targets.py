@@ -12,7 +12,7 @@ from gateway.core.snapshot import TargetView
 from gateway.core.targets import ENDED_KEPT, TargetBook, TargetStream
 from gateway.errors import Code
 from gateway.settings import ArmSettings
-from gateway.values import Side, Vector
+from gateway.values import Side, Space, Vector
 
 MS = 1_000_000
 S = 1_000_000_000
@@ -38,7 +38,7 @@ def opened(
 def target(stream_id: int = 1, seq: int = 1, q_rad: Vector = GOAL, received_ns: int = T0, **who) -> TargetArrived:
     """A target of ann's under epoch 5, unless told otherwise."""
     return TargetArrived(
-        stream_id=stream_id, seq=seq, q_rad=q_rad, received_ns=received_ns, **{"client_id": "ann", "epoch": 5, **who}
+        stream_id=stream_id, seq=seq, values=q_rad, received_ns=received_ns, **{"client_id": "ann", "epoch": 5, **who}
     )
 
 
@@ -88,7 +88,7 @@ def test_a_view_tells_the_whole_stream(book):
     stream = opened(book)
     assert stream.view() == TargetView(
         stream_id=1, side="left", open=True, code="", seq=0, refused=0, refusal_code="", refusal_message="",
-        limited=False,
+        limited=False, space="joint",
     )  # fmt: skip
     book.accept(target(seq=4))
     book.accept(target(seq=5, q_rad=OUTSIDE))
@@ -221,3 +221,13 @@ def test_an_ended_stream_does_not_expire(book):
     book.accept(target())
     book.end(stream, Code.STOPPED)
     assert book.expired(T0 + 10 * S) == []
+
+
+def test_a_stream_of_poses_takes_poses(book):
+    """Checked as such: reach and norm; the quaternion is normalised."""
+    stream = book.open(L, "ann", 5, 1.0, OnLimit.REJECT, None, Space.POSE)
+    assert stream.view().space == "pose"
+    pose = (0.3, 0.0, -0.2, 0.0, 0.0, 0.6, 0.8)
+    assert book.accept(target(q_rad=pose)) == (stream, pytest.approx(pose))
+    assert book.accept(target(seq=2, q_rad=(0.5, 0.5, 0.0, 0.0, 0.0, 0.0, 1.0))) is None
+    assert stream.refusal.field == "left_arm.p_m" and stream.refused == 1

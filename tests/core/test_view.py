@@ -2,19 +2,31 @@
 
 from __future__ import annotations
 
-from dataclasses import fields
-
 import pytest
 
 from gateway import robot
-from gateway.core.events import OnLimit, SampleArrived
+from gateway.core.events import ForeignData, Gateway, Means, OnLimit, SampleArrived, Writer
 from gateway.core.motion import plan
-from gateway.core.snapshot import ArmView, EnableView, LinkView, LoopView, ModeView, MotorView, Snapshot
+from gateway.core.snapshot import (
+    ArmView,
+    ChassisView,
+    EnableView,
+    GripView,
+    GuardView,
+    LiftView,
+    LinkView,
+    LoopView,
+    ModeView,
+    MotorView,
+    OthersView,
+    OtherView,
+    Snapshot,
+)
 from gateway.core.supervisor import State
 from gateway.core.view import build
 from gateway.errors import Code
 from gateway.values import EePose, MotorState, Side
-from tests.core.stage import GOAL, MIDDLE, MS, OFFSET_NS, L, R, S, Stage
+from tests.core.stage import GOAL, MIDDLE, MS, OFFSET_NS, PLACE, L, R, S, Stage
 
 LOOP = LoopView(ticks=8, skipped=1, late_ns=2, worst_late_ns=3)
 ON = {"left": True, "right": True}
@@ -22,7 +34,7 @@ ON = {"left": True, "right": True}
 
 def look(stage: Stage, after_ns: int = 0, seq: int = 5) -> Snapshot:
     """What is seen a little later, without another sample."""
-    return build(stage.conductor, LOOP, seq, stage.now_ns + after_ns)
+    return build(stage.conductor, (), {}, LOOP, seq, stage.now_ns + after_ns)
 
 
 def test_before_the_first_sample_nothing_is_known():
@@ -31,7 +43,7 @@ def test_before_the_first_sample_nothing_is_known():
     seen = look(stage)
     assert seen.arms["left"] == ArmView(
         measured=None, p_m=(), quat_xyzw=(), pose_age_ns=None, q_ref_rad=(), dq_ref_radps=(), streaming=False,
-        tracking_rad=None,
+        tracking_rad=None, space="joint", ref_p_m=(), ref_quat_xyzw=(), ref_v_mps=(), ref_w_radps=(), tracking_m=None,
     )  # fmt: skip
     assert (seen.grippers, seen.chassis) == ({"left": None, "right": None}, None)
     assert seen.link == LinkView(up=True, router_zid="aa", fresh=False, age_ns=None)
@@ -120,7 +132,7 @@ def test_a_streaming_arm_shows_its_setpoint_and_how_far_the_arm_is_off():
     arms = look(stage).arms
     assert (arms["left"].streaming, arms["left"].q_ref_rad) == (True, left.reference.q_rad)
     assert arms["left"].dq_ref_radps == left.reference.dq_radps != (0.0,) * 7
-    assert arms["left"].tracking_rad == left.distance_rad(stage.q_rad[L]) > 0.0
+    assert arms["left"].tracking_rad == left.distance(stage.q_rad[L]).rad > 0.0
     assert arms["right"].tracking_rad == 0.0
 
 
@@ -165,7 +177,7 @@ def test_every_topic_and_every_stream_of_the_model_is_shown(model):
     seen = look(stage)
     assert tuple(seen.topics) == robot.STATE_TOPICS
     assert list(seen.streams) == [stream.topic for stream in stage.conductor.body.streams]
-    assert [view.sent for view in seen.streams.values()][:2] == [1, 0]
+    assert [seen.streams[robot.joint_command(side)].sent for side in (L, R)] == [1, 0]
     assert seen.topics[robot.arm_state(L)].count == 35 and seen.topics[robot.CHASSIS_STATE].count == 0
 
 
@@ -201,6 +213,93 @@ def test_a_snapshot_is_a_picture_not_a_window():
     stage.conductor.go(State.IDLE, stage.now_ns, "test")
     after = look(stage)
     assert before == twin
-    assert {field.name for field in fields(Snapshot) if getattr(before, field.name) != getattr(after, field.name)} >= {
+    assert {name for name in Snapshot.__struct_fields__ if getattr(before, name) != getattr(after, name)} >= {
         "state", "shown", "latches", "arms", "topics", "at_ns",
     }  # fmt: skip
+
+
+def test_the_guard_is_shown():
+    """Whether there shall be one, which one, and whether it reaches the robot."""
+    stage = Stage(State.IDLE)
+    guard = stage.conductor.guard
+    guard.pid, guard.is_linked, guard.lost, guard.earlier_holds = 41, True, 2, True
+    assert look(stage).guard == GuardView(expected=True, pid=41, linked=True, lost=2, earlier_holds=True)
+
+
+@pytest.mark.parametrize("model", ["standard", "lift"])
+def test_chassis_and_lift_show_what_they_are_told(model):
+    """Wanted, commanded, what is left of it, and why it ended; a model without a lift shows none."""
+    stage = Stage(State.IDLE, model=model)
+    seen = look(stage)
+    assert seen.drive == ChassisView(
+        driven=False, drive_id=0, code="", wanted_mps=(0.0, 0.0), wanted_radps=0.0, commanded_mps=(0.0, 0.0),
+        commanded_radps=0.0, left_ns=None,
+    )  # fmt: skip
+    body = stage.conductor.body
+    body.chassis.drive((0.2, 0.0, -0.1), epoch=1, expires_ns=stage.now_ns + S, now_ns=stage.now_ns)
+    stage.run(1)
+    seen = look(stage)
+    assert (seen.drive.driven, seen.drive.drive_id, seen.drive.left_ns) == (True, 1, S - 10 * MS)
+    assert (seen.drive.wanted_mps, seen.drive.wanted_radps) == ((0.2, 0.0), -0.1)
+    assert 0.0 < seen.drive.commanded_mps[0] < 0.2 and -0.1 < seen.drive.commanded_radps < 0.0
+    body.ground_cut(Code.CLIENT_LOST, stage.now_ns)
+    assert (look(stage).drive.driven, look(stage).drive.code) == (False, "CLIENT_LOST")
+    if body.lift is None:
+        assert seen.lift is None
+        return
+    body.lift.drive(-0.5, epoch=1, expires_ns=stage.now_ns + S, now_ns=stage.now_ns)
+    assert look(stage).lift == LiftView(driven=True, drive_id=1, code="", velocity_ratio=-0.5, servo_on=True, left_ns=S)
+    stage.run(1)
+    body.ground_cut(Code.STOPPED, stage.now_ns)
+    assert look(stage).lift == LiftView(
+        driven=False, drive_id=1, code="STOPPED", velocity_ratio=0.0, servo_on=True, left_ns=None
+    )
+
+
+def test_others_are_shown_with_what_is_known_of_them():
+    """Data with its count and last arrival, announcements with their means, gateways armed or not; and who we are."""
+    stage = Stage()
+    assert look(stage).others == OthersView(zid="", armed=True, seen=())
+    others, at_ns = stage.conductor.others, stage.now_ns
+    others.own_zid = "a1"
+    others.see_data(ForeignData(topic=robot.FSM_ENABLE, zid="b", at_ns=at_ns, count=2, link="tcp/x"))
+    others.see_writers([Writer(topic=robot.FSM_ENABLE, zid="c", means=Means.PUBLISHER)], at_ns)
+    others.see_gateways([Gateway(zid="d", is_armed=True, link="tcp/y")], at_ns)
+    seen = look(stage).others
+    nothing = {"last_ns": None, "count": 0, "armed": False, "link": ""}
+    assert (seen.zid, seen.armed) == ("a1", True)
+    assert seen.seen == (
+        OtherView(
+            kind="data", topic=robot.FSM_ENABLE, zid="b", link="tcp/x", since_ns=at_ns, last_ns=at_ns, count=2,
+            armed=False,
+        ),
+        OtherView(**{**nothing, "kind": "publisher", "topic": robot.FSM_ENABLE, "zid": "c", "since_ns": at_ns}),
+        OtherView(
+            **{**nothing, "kind": "gateway", "topic": "", "zid": "d", "since_ns": at_ns, "armed": True, "link": "tcp/y"}
+        ),
+    )  # fmt: skip
+
+
+def test_grippers_show_what_they_are_told():
+    """Input, its torque, and the estimate; nothing while their arm is not streamed."""
+    stage = Stage(State.ACTIVE, sides=(L,))
+    for gripper in stage.conductor.body.grippers.values():
+        gripper.enter(0.55, stage.now_ns)
+    stage.conductor.body.grippers[L].is_holding = True
+    assert look(stage).grips == {
+        "left": GripView(streaming=True, input_ratio=0.55, torque_nm=-0.8, holding=True),
+        "right": GripView(streaming=False, input_ratio=None, torque_nm=None, holding=None),
+    }
+
+
+def test_a_streaming_end_effector_shows_its_setpoint_and_how_far_the_arm_is_off():
+    """Position and orientation, their velocities, and the distance in both; no joints are made up."""
+    stage = Stage(State.ACTIVE, poses=(R,))
+    stage.shift(R, 0.02)
+    arms = look(stage).arms
+    right = arms["right"]
+    assert (right.space, right.streaming, right.q_ref_rad, right.dq_ref_radps) == ("pose", True, (), ())
+    assert (right.ref_p_m, right.ref_quat_xyzw) == (PLACE[R][:3], PLACE[R][3:])
+    assert (right.ref_v_mps, right.ref_w_radps) == ((0.0,) * 3, (0.0,) * 3)
+    assert (right.tracking_m, right.tracking_rad) == (pytest.approx(0.02), pytest.approx(0.0))
+    assert (arms["left"].space, arms["left"].tracking_m) == ("joint", None)

@@ -1,4 +1,19 @@
-"""Systems for end-to-end tests, ended whatever happens."""
+"""Systems for end-to-end tests, ended whatever happens; each test with each robot.
+
+The robots: the simulated one on zenoh, and the same model as a node on a DDS graph behind a real bridge
+(`tests/interop/dds_robot.py`). Every test is the same for both, with the same bounds, and where one is not for the
+second it is marked `sim_only` with the reason:
+
+* The demo starts a robot of its own.
+* Dead routes: the simulated bridge has a switch for them. A real one must be brought to it, which it refuses to be as
+  long as we hold our tokens (wire reference, fact 8); `tests/interop/test_routes.py` does it without them.
+* The memory of thousands of connections is a matter of clients and daemon, and takes a minute.
+
+What is under the surface different, and passes all the same: a killed robot is two processes, node and bridge; after
+`router_stop` only the bridge is new and the node goes on, as when a bridge is restarted on a robot; state routes exist in the
+bridge from the moment it has found the node, a tenth of a second after it listens; and all messages are written and read
+by CycloneDDS's own serializer.
+"""
 
 from __future__ import annotations
 
@@ -9,6 +24,25 @@ from typing import Any
 import pytest
 
 from tests.e2e.system import System
+from tests.interop.bridge_process import demand, is_required, lacking
+
+
+def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
+    """Give every test both robots, unless it says that it is not for the second one, or there is none."""
+    kinds: list[Any] = ["sim"]
+    if metafunc.definition.get_closest_marker("sim_only") is None and (is_required() or not lacking()):
+        kinds.append(pytest.param("dds", marks=pytest.mark.interop))
+    metafunc.parametrize("robot_kind", kinds, indirect=True)
+
+
+@pytest.fixture(autouse=True)
+def robot_kind(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> str:
+    """Choose the robot of a test: `sim` or `dds`."""
+    kind: str = request.param
+    if kind == "dds":
+        demand()
+    monkeypatch.setattr(System, "kind", kind)
+    return kind
 
 
 @pytest.fixture

@@ -13,7 +13,7 @@ from pathlib import Path
 
 import pytest
 
-from gateway.client import Robot
+from gateway.client import MotionHandle, Robot
 from gateway.errors import Code, LeaseError
 from tests.e2e.system import ROOT, System, joint_topics, steady, wait_for, worst_gap_ms
 
@@ -47,6 +47,8 @@ def still(system: System) -> bool:
     return all(abs(v) < 0.01 for arm in arms.values() for v in arm["v_radps"])
 
 
+@pytest.mark.alone
+@pytest.mark.sim_only("the demo starts a robot of its own")
 def test_the_demo_moves_both_arms_there_and_back_and_ends_well(tmp_path: Path) -> None:
     """The main job: `bin/demo` without its set-up; exit status 0 says that every figure of its report is good."""
     plot = tmp_path / "plot.png"
@@ -59,6 +61,7 @@ def test_the_demo_moves_both_arms_there_and_back_and_ends_well(tmp_path: Path) -
     assert plot.stat().st_size > 10_000
 
 
+@pytest.mark.alone
 def test_a_killed_client_leaves_the_arms_held_and_the_stages_fire_on_time(tmp_path: Path, systems: Systems) -> None:
     """SIGKILL in mid-move: brake and hold, arm gap < 100 ms, heartbeat on; free and down after their times (R1)."""
 
@@ -98,6 +101,7 @@ def test_a_killed_client_leaves_the_arms_held_and_the_stages_fire_on_time(tmp_pa
     steady(attempt, tmp_path)
 
 
+@pytest.mark.alone
 def test_a_frozen_client_is_lost_and_comes_back(tmp_path: Path, systems: Systems) -> None:
     """SIGSTOP in mid-move: the keepalive decides within 250 ms; SIGCONT before 10 s ends the clocks, nothing moves."""
 
@@ -143,6 +147,7 @@ def test_sigterm_brakes_pauses_and_ends_within_five_seconds(tmp_path: Path, syst
     assert all(arm["stream_losses"] <= 1 for arm in system.stats()["arms"].values())
 
 
+@pytest.mark.alone
 def test_a_router_that_dies_and_returns_moves_nothing(tmp_path: Path, systems: Systems) -> None:
     """Router killed in mid-move and started again: OFFLINE, state back < 1 s after it listens, no motion by itself."""
     system = systems(tmp_path)
@@ -167,6 +172,7 @@ def test_a_router_that_dies_and_returns_moves_nothing(tmp_path: Path, systems: S
         assert max(abs(a - b) for a, b in zip(start, system.arm_q(), strict=True)) < 0.01
 
 
+@pytest.mark.alone
 def test_a_link_that_stalls_for_two_seconds_delivers_nothing_late(tmp_path: Path, systems: Systems) -> None:
     """Link stalled 2 s in mid-move: STALE at once, at most gate x rate late setpoints, PAUSE, no motion until asked."""
     system = systems(tmp_path, has_relay=True)
@@ -270,9 +276,9 @@ def test_a_takeover_brakes_and_ends_the_old_owner(tmp_path: Path, systems: Syste
             wait_for(lambda: _can_hold(own.left_arm.move_by), "the new owner's motion")
 
 
-def _can_hold(move_by: Callable[..., object]) -> bool:
+def _can_hold(move_by: Callable[..., MotionHandle]) -> bool:
     try:
-        move_by([0.01] * 7, speed=0.5).result(10.0)  # type: ignore[attr-defined]  # a handle
+        move_by([0.01] * 7, speed=0.5).result(10.0)
     except LeaseError as braking:
         assert braking.code is Code.TAKEOVER_BRAKING
         return False

@@ -12,12 +12,14 @@ import random
 import sys
 import threading
 from collections import Counter
+from collections.abc import Callable
 from typing import Any
 
 import zenoh
 
 from gateway import robot
 from tests.fuzz.hostile import ODD, WORDS, as_json, as_msgpack, monster, mutated, scratched, twisted
+from tests.fuzz.inventor import KINDS, Inventor
 
 MEGABYTE = 1 << 20
 BATCH = 500
@@ -29,23 +31,17 @@ BREATH_S = 0.004
 """Pause after every few samples [s]: of what arrives between two ticks the daemon reads only the newest."""
 
 Q = [0.1, 0.5, -0.3, 0.9, 0.2, -0.1, 0.3]
-REQUESTS: tuple[dict[str, Any], ...] = (
-    {"type": "acquire", "name": "a", "pid": 1},
-    {"type": "take", "name": "b", "pid": 2, "reason": "for fun"},
-    {"type": "release", "epoch": 1},
-    {"type": "abandon", "epoch": 1},
-    {"type": "enable", "epoch": 1},
-    {"type": "disable", "epoch": 1},
-    {"type": "move", "epoch": 1, "targets_rad": {"left": Q, "right": Q}, "speed": 0.5, "on_limit": "clip"},
-    {"type": "open_stream", "epoch": 1, "side": "left"},
-    {"type": "close_stream", "epoch": 1, "stream_id": 1},
-    {"type": "hold", "epoch": 1, "sides": ["left"]},
-    {"type": "cancel", "epoch": 1, "motion_id": 1},
-    {"type": "stop", "reason": "\x1b[2J\nforged"},
-    {"type": "estop"},
-    {"type": "recover"},
-)
-QUESTIONS = ("ta2/1/command", "ta2/1/info", "ta2/1/snapshot")
+HINTS: dict[str, Callable[[], Any]] = {
+    "epoch": lambda: 1,
+    "name": lambda: "a",
+    "targets_rad": lambda: {"left": Q, "right": Q},
+    "points": lambda: {"left": [Q, Q, Q]},
+    "times_s": lambda: None,
+    "dt_s": lambda: 0.1,
+    "reason": lambda: "\x1b[2J\nforged",
+}
+"""What makes sense to this daemon; everything else is invented from the requests' own structs."""
+QUESTIONS = ("ta2/1/command", "ta2/1/info", "ta2/1/routes", "ta2/1/snapshot")
 """Keys on which every query is answered, whatever it carries."""
 ANY_KEYS = (
     *QUESTIONS, "ta2/1/event", "ta2/1/target/me/1", "ta2/1/target/me/x", "ta2/1/target/me/1/2", "ta2/1/keepalive/me",
@@ -75,6 +71,7 @@ class LocalAttack:
         self.rng = rng
         self.endpoint = f"unixsock-stream/{target}"
         self.session = connect(self.endpoint)
+        self.inventor = Inventor(rng, HINTS)
         self.done: Counter[str] = Counter()
         self.codes: Counter[str] = Counter()
         self._slots = threading.Semaphore(OUTSTANDING)
@@ -113,9 +110,10 @@ class LocalAttack:
     def payload(self) -> tuple[bytes, str]:
         """Return hostile bytes and the encoding that is claimed for them."""
         rng = self.rng
-        message = {"version": 1, "client_id": "me", "request_id": rng.randrange(2**40), "request": rng.choice(REQUESTS)}
+        request = self.inventor.request(rng.choice(tuple(KINDS)))
+        message = {"version": 1, "client_id": "me", "request_id": rng.randrange(2**40), "request": request}
         if rng.random() < 0.15:
-            message = {"epoch": 1, "seq": rng.randrange(2**40), "q_rad": Q}
+            message = {"epoch": 1, "seq": rng.randrange(2**40), "values": Q}
         is_json, fate = rng.random() < 0.5, rng.random()
         if fate < 0.05:
             payload = monster(rng, message, is_json=is_json)

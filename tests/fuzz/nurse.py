@@ -6,17 +6,20 @@ Its request ids are in a range of their own, so that no hostile request can have
 from __future__ import annotations
 
 import itertools
+import math
 
-from gateway.core.events import Acquire, CommandRequested, Enable, Move, Recover, Reply, Request, Take
+from gateway import robot
+from gateway.core.events import Acquire, CommandRequested, Enable, Move, MovePose, Recover, Reply, Request, Take
 from gateway.errors import CODES
 from gateway.robot import HOME_Q_RAD
-from gateway.values import ARM_DOF, Side
+from gateway.values import ARM_DOF, Side, Vector
 from tests.pair import Pair, S
 
 OWNER = "owner"
 FIRST_ID = 2**61
 PATIENCE_S = 30.0
 RUNNING = ("queued", "executing")
+FRAMES = {side: f"{side.value}_shoulder_base" for side in Side}
 
 
 class Nurse:
@@ -28,6 +31,9 @@ class Nurse:
     Attributes:
         epoch: Of the nurse's latest lease.
         revivals: How often it had something to do.
+        poses: Arms in end-effector mode.
+        start: Where the end effectors were at first: x, y, z [m], qx, qy, qz, qw.
+        impossible: Kinds of requests that this robot never grants.
     """
 
     def __init__(self, pair: Pair) -> None:
@@ -36,6 +42,33 @@ class Nurse:
         self.revivals = 0
         self._ids = itertools.count(FIRST_ID)
         pair.alive.add(OWNER)
+        seen = pair.see()
+        assert seen.mode is not None
+        self.poses = frozenset(side for side in Side if not seen.mode.joint_mode[side.value])
+        arms = seen.arms
+        self.start: dict[Side, Vector] = {
+            side: _inside((*arms[side.value].p_m, *arms[side.value].quat_xyzw), pair.settings.pose.reach_m)
+            for side in Side
+        }
+        self.impossible = {"move_pose"} if not self.poses else {"move"} if len(self.poses) == len(Side) else set()
+        if not pair.settings.link.variant.has_lift:
+            self.impossible |= {"drive_lift", "stop_lift", "disable_lift"}
+
+    def topic(self, side: Side) -> str:
+        """Return on which topic an arm's setpoints go out."""
+        return robot.pose_command(side) if side in self.poses else robot.joint_command(side)
+
+    def places(self) -> dict[Side, Vector]:
+        """Return where arms are held, or hang, each in its space."""
+        arms = {side: (self.pair.snapshot or self.pair.see()).arms[side.value] for side in Side}
+        places: dict[Side, Vector] = {}
+        for side, arm in arms.items():
+            if side in self.poses:
+                places[side] = (*arm.ref_p_m, *arm.ref_quat_xyzw) if arm.ref_p_m else (*arm.p_m, *arm.quat_xyzw)
+            else:
+                assert arm.measured is not None
+                places[side] = arm.q_ref_rad or arm.measured.q_rad
+        return places
 
     def ask(self, request: Request) -> Reply:
         """Ask something as the owner and return the reply of the next tick."""
@@ -68,13 +101,30 @@ class Nurse:
             self.ask(Recover())
             self.ask(Enable(epoch=self.epoch))
             if pair.state == "HOLDING":  # held and healthy: the owner resumes by a motion, here one of no length
-                self.ask(Move(epoch=self.epoch, targets_rad=dict.fromkeys(Side, (0.0,) * ARM_DOF), relative=True))
+                self._stay()
             pair.run(0.1)
 
+    def _stay(self) -> None:
+        """Move no arm anywhere."""
+        joints = {side: (0.0,) * ARM_DOF for side in Side if side not in self.poses}
+        if joints:
+            self.ask(Move(epoch=self.epoch, targets_rad=joints, relative=True))
+        else:
+            self.ask(MovePose(epoch=self.epoch, targets=self.places(), frames=FRAMES))
+
     def move_home(self) -> None:
-        """Move both arms to the initial position; fail unless the robot is measured there."""
+        """Move both arms to the initial position, or where they were at first; fail unless they are measured there."""
+        joints = {side: q_rad for side, q_rad in HOME_Q_RAD.items() if side not in self.poses}
+        if joints:
+            self._reach(Move(epoch=self.epoch, targets_rad=joints))
+        if self.poses:
+            self._reach(
+                MovePose(epoch=self.epoch, targets={side: self.start[side] for side in self.poses}, frames=FRAMES)
+            )
+
+    def _reach(self, request: Request) -> None:
         pair = self.pair
-        reply = self.ask(Move(epoch=self.epoch, targets_rad=HOME_Q_RAD))
+        reply = self.ask(request)
         assert reply.refusal is None, reply.refusal
         motion_id = reply.facts["motion_id"]
 
@@ -84,3 +134,9 @@ class Nurse:
 
         pair.run_until(lambda: bool(ended()))
         assert ended() == "reached", pair.last_words()
+
+
+def _inside(pose: Vector, reach_m: float) -> Vector:
+    """Return a pose that is well inside the reach, in the same direction."""
+    factor = min(1.0, 0.85 * reach_m / math.hypot(*pose[:3]))
+    return (*(x * factor for x in pose[:3]), *pose[3:])

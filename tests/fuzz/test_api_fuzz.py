@@ -1,4 +1,4 @@
-"""100,000 hostile payloads of the local API against an engine that drives a robot: every one is answered once, in words.
+"""Hostile payloads of the local API against an engine that drives a robot: every one is answered once, in words.
 
 They take the daemon's own way (inbox, decoder, translator, engine, outbox) into a pair of engine and simulated robot in
 virtual time, while the monitor of the invariants judges every frame that leaves. A nurse keeps the robot enabled, so
@@ -8,10 +8,12 @@ that hostile motion requests meet arms that can move.
 from __future__ import annotations
 
 import gc
+import math
 import random
 from collections import Counter, OrderedDict
+from collections.abc import Callable
 from dataclasses import replace
-from typing import Any
+from typing import Any, get_args
 
 import pytest
 
@@ -20,21 +22,24 @@ from gateway.api import protocol
 from gateway.api.inbox import Inbox
 from gateway.api.outbox import Outbox
 from gateway.api.translate import describe
-from gateway.core.engine import REPLIES_KEPT, Output
+from gateway.core.answers import REPLIES_KEPT
+from gateway.core.engine import Output
 from gateway.core.events import CommandRequested, Estop, Event, FrameKind, Reply, Stop
 from gateway.core.motions import ENDED_KEPT
 from gateway.errors import CODES, Code
-from gateway.settings import LocalSettings, Settings
+from gateway.settings import LinkSettings, LocalSettings, Settings
+from gateway.sim.settings import SimSettings
 from gateway.values import Side
 from tests.fuzz.hostile import TEXTS, as_json, as_msgpack, monster, mutated, scratched, twisted
+from tests.fuzz.inventor import KINDS, Inventor
 from tests.fuzz.nurse import OWNER, Nurse
 from tests.invariants import Monitor
-from tests.pair import Pair
+from tests.pair import MS, Pair
+from tests.thoroughness import either
 
 pytestmark = pytest.mark.slow
 
-PAYLOADS = 25_000
-SEEDS = (1, 2, 3, 4)
+PAYLOADS = either(8_000, 25_000)
 PER_TICK = 20
 """Payloads that lie there together when the loop looks."""
 BLOCK = 1_000
@@ -42,20 +47,19 @@ BLOCK = 1_000
 WILD = 80
 """Of a block, so many may be well-formed stops, takeovers and releases; then the nurse comes."""
 
-SAFE = (
-    "acquire",
-    "enable",
-    "move",
-    "move",
-    "move",
-    "open_stream",
-    "close_stream",
-    "hold",
-    "cancel",
-    "recover",
-    "target",
-)
-LOUD = (*SAFE, "take", "release", "abandon", "disable", "stop", "estop")
+HARSH = ("take", "release", "abandon", "disable", "stop", "estop")
+"""Kinds that end what the nurse has brought about."""
+SAFE = (*(kind for kind in KINDS if kind not in HARSH), "move", "move_pose", "open_stream", "target", "target")
+LOUD = (*SAFE, *HARSH)
+ROBOTS = {
+    1: {},
+    2: {"right_mode": "pose", "model": "lift"},
+    3: {"left_mode": "pose", "model": "standard"},
+    4: {"left_mode": "pose", "right_mode": "pose", "model": "lift"},
+}
+"""By seed, the robot: both arms in joint mode, one of each, both in end-effector mode; with and without a lift."""
+SEEDS = either((2,), tuple(ROBOTS))
+"""All of them, a hundred thousand payloads, in CI; the robot with one arm of each, and a lift, else."""
 CLIENTS = (OWNER, OWNER, OWNER, OWNER, "stranger", "b" * 64)
 
 EXPECTED = {
@@ -68,10 +72,11 @@ EXPECTED = {
 class Question:
     """A query that remembers how it was answered."""
 
-    __slots__ = ("answers", "dropped", "encoding", "key", "payload", "received_ns")
+    __slots__ = ("answers", "dropped", "encoding", "key", "kind", "payload", "received_ns")
 
-    def __init__(self, key: str, payload: bytes, encoding: str, received_ns: int) -> None:
+    def __init__(self, key: str, payload: bytes, encoding: str, received_ns: int, kind: str) -> None:
         self.key, self.payload, self.encoding, self.received_ns = key, payload, encoding, received_ns
+        self.kind = kind
         self.answers: list[tuple[bytes, str]] = []
         self.dropped = 0
 
@@ -100,7 +105,7 @@ class Judge(Monitor):
     def _stopped_at_once(self, output: Output) -> None:
         frames = output.frames
         for reply in output.replies:
-            moves = reply.refusal is None and ("motion_id" in reply.facts or "stream_id" in reply.facts)
+            moves = reply.refusal is None and reply.facts.keys() & {"motion_id", "stream_id", "drive_id"}
             if moves and self.arrived_ns.get((reply.client_id, reply.request_id), 0) > self.stopped_ns:
                 frames = tuple(frame for frame in frames if frame.kind is not FrameKind.MOTION)
         self.arrived_ns.clear()
@@ -122,11 +127,15 @@ class Plane:
         """Streams of which a target was accepted."""
         self._seen: OrderedDict[int, Reply] = OrderedDict()
         self.codes: Counter[str] = Counter()
+        self.accepted: Counter[str] = Counter()
+        """By kind of request."""
         self.moved: Counter[FrameKind] = Counter()
+        self.topics: Counter[str] = Counter()
+        """Frames that moved something, by topic."""
         pair.on_step = self.see
 
-    def ask(self, key: str, payload: bytes, encoding: str) -> None:
-        question = Question(key, payload, encoding, self.pair.now_ns)
+    def ask(self, key: str, payload: bytes, encoding: str, kind: str = "") -> None:
+        question = Question(key, payload, encoding, self.pair.now_ns, kind)
         self.waiting.append(question)
         self.inbox.ask(question)
         while self.inbox.sort(0):
@@ -150,6 +159,7 @@ class Plane:
         """Judge a tick's frames, and send what it gives."""
         self.monitor.see(replace(output, replies=tuple(filter(self._is_new, output.replies))))
         self.moved.update(frame.kind for frame in output.frames)
+        self.topics.update(frame.topic for frame in output.frames if frame.kind is FrameKind.MOTION)
         self.outbox.send(output.replies, output.notices)
         if output.snapshot is not None:
             self.outbox.publish_snapshot(output.snapshot)
@@ -186,6 +196,7 @@ class Plane:
             reply = protocol.decode_reply(payload, encoding)
             if reply.refusal is None:
                 self.codes["accepted"] += 1
+                self.accepted[question.kind] += 1
                 continue
             assert Code(reply.refusal.code) in CODES, reply.refusal
             assert reply.refusal.message and reply.refusal.code != Code.INTERNAL, reply.refusal
@@ -201,7 +212,7 @@ class Plane:
         self.snapshots += 1
         self.followed.update(target.stream_id for target in snapshot.targets if target.seq)
 
-    def put_notice(self, payload: bytes) -> None:
+    def put_notice(self, payload: bytes, number: int) -> None:
         assert protocol.decode_notice(payload).message
         self.notices += 1
 
@@ -214,6 +225,7 @@ class Attacker:
         self.plane = plane
         self.nurse = nurse
         self.sent: Counter[str] = Counter()
+        self.inventor = Inventor(rng, self.hints())
         self._next_id = 1
 
     def attack(self, kinds: tuple[str, ...]) -> None:
@@ -246,18 +258,18 @@ class Attacker:
             key = (
                 protocol.COMMAND_KEY if rng.random() < 0.995 else rng.choice((protocol.INFO_KEY, protocol.SNAPSHOT_KEY))
             )
-            self.plane.ask(key, payload, encoding)
+            self.plane.ask(key, payload, encoding, kind)
 
     def epoch(self) -> int:
         return self.rng.choice((*[self.nurse.epoch] * 8, self.nurse.epoch - 1, 0, 2**62))
 
     def target(self) -> dict[str, Any]:
         rng = self.rng
-        q_rad = self.goal(rng.choice(list(Side)), overshoot=0.05)
+        side = rng.choice(list(Side))
         return {
             "epoch": self.epoch(),
             "seq": self.plane.pair.now_ns // 1000 + rng.choice((0, 0, 0, -(10**6))),
-            "q_rad": q_rad,
+            "values": self.place(side) if side in self.nurse.poses else self.goal(side, overshoot=0.05),
         }
 
     def target_key(self) -> str:
@@ -269,54 +281,110 @@ class Attacker:
             )
         return f"{protocol.ROOT}/target/{rng.choice((*CLIENTS, '', '人', 'x' * 300))}/{stream}"
 
+    # what makes sense, by the name of a field
+
+    def hints(self) -> dict[str, Callable[[], Any]]:
+        rng, engine = self.rng, self.plane.pair.engine
+        return {
+            "name": lambda: rng.choice(("a", "人", "x" * 64)),
+            "pid": lambda: rng.randrange(2**20),
+            "epoch": self.epoch,
+            "speed": lambda: rng.choice((1.0, 0.5, 0.05, 1, 5e-324, 1e-9)),
+            "tolerance_rad": lambda: rng.choice((None, 0.05, 1e-4)),
+            "tolerance_m": lambda: rng.choice((None, 0.005, 1e-4)),
+            "on_limit": lambda: rng.choice(("reject", "clip", "clip")),
+            "relative": lambda: rng.random() < 0.2,
+            "targets_rad": lambda: {side.value: self.goal(side) for side in self.some(joint=True)},
+            "targets": lambda: {side.value: self.place(side) for side in self.some(joint=False)},
+            "frames": lambda: {side.value: f"{side.value}_shoulder_base" for side in Side},
+            "expiry_ns": lambda: rng.choice((None, 50_000_000, 10**9)),
+            "stream_id": lambda: rng.choice((engine.open_stream_id or 1, 1, 2**62)),
+            "motion_id": lambda: rng.choice((1, self.plane.codes["accepted"], 2**62)),
+            "drive_id": lambda: rng.choice((0, 0, 0, self.drive_id())),
+            "vx_mps": lambda: rng.choice((0.0, 0.1, -0.2, 0.3)),
+            "vy_mps": lambda: rng.choice((0.0, 0.05, -0.1)),
+            "wz_radps": lambda: rng.choice((0.0, 0.2, -0.4)),
+            "velocity": lambda: rng.choice((0.0, 0.3, -0.3)),
+            "raw": lambda: rng.choice((0.0, 0.1, 0.55, 1.0)),
+            "reason": lambda: rng.choice(TEXTS),
+            "follow": self.chunk,
+        }
+
+    def drive_id(self) -> int:
+        seen = self.plane.pair.snapshot
+        return 1 if seen is None else seen.drive.drive_id
+
+    def some(self, *, joint: bool) -> list[Side]:
+        """Return arms, mostly those whose mode fits."""
+        fitting = [side for side in Side if (side not in self.nurse.poses) is joint]
+        sides = fitting if fitting and self.rng.random() < 0.9 else list(Side)
+        return sides if self.rng.random() < 0.5 else [self.rng.choice(sides)]
+
     def goal(self, side: Side, overshoot: float = 0.02) -> list[float]:
         """Return seven joints, mostly inside the limits [rad]."""
         rng = self.rng
         bounds = zip(robot.JOINT_LOWER_RAD[side], robot.JOINT_UPPER_RAD[side], strict=True)
         return [rng.uniform(low - overshoot * rng.random(), high) for low, high in bounds]
 
+    def place(self, side: Side) -> list[float]:
+        """Return a pose near a good one of this arm: x, y, z [m], qx, qy, qz, qw."""
+        rng = self.rng
+        good = self.nurse.start[side]
+        quat = [part + rng.uniform(-0.2, 0.2) for part in good[3:]]
+        norm = math.hypot(*quat)
+        return [*(part + rng.uniform(-0.05, 0.05) for part in good[:3]), *(part / norm for part in quat)]
+
+    def chunk(self) -> dict[str, Any]:
+        """Return a trajectory that begins where arms are, or nearly, and mostly keeps the limits."""
+        rng, arms = self.rng, self.nurse.places()
+        is_joint = rng.random() < 0.5
+        sides = self.some(joint=is_joint)
+        size, count = rng.choice((0.0, 0.01, 0.05, 0.3)), rng.choice((2, 5, 20, 20, 60))
+        scale, at = (1.0, rng.randrange(7)) if is_joint else (0.1, rng.randrange(3))
+        ways = [scale * size * (1.0 - math.cos(3.0 * n / count)) for n in range(count)]
+        points = {
+            side.value: [[q + (way if n == at else 0.0) for n, q in enumerate(arms[side])] for way in ways]
+            for side in sides
+        }
+        wishes: dict[str, Any] = {
+            "type": "follow",
+            "epoch": self.epoch(),
+            "points": points,
+            "space": "joint" if is_joint else "pose",
+            "frames": {side.value: f"{side.value}_shoulder_base" for side in sides},
+            "dt_s": rng.choice((0.05, 0.1, 0.02)),
+        }
+        also = {
+            "stretch": rng.choice((1.0, 3.0)),
+            "smoothing_s": rng.choice((0.0, 0.1)),
+            "open_end": True,
+            "start_in_ns": rng.choice((-100_000_000, 0, 200_000_000)),
+            "start_at_ns": self.plane.pair.now_ns + rng.randint(-(10**8), 10**9),
+            "path_tolerance": {sides[0].value: [0.2] * 7 if is_joint else [0.02, None]},
+            "goal_tolerance": {sides[0].value: [None] * 7 if is_joint else [0.01, 0.1]},
+            "goal_time_ns": rng.choice((None, 10**9)),
+        }
+        return wishes | {name: value for name, value in also.items() if rng.random() < 0.25}
+
     def command(self, kind: str) -> dict[str, Any]:
-        rng, epoch = self.rng, self.epoch()
-        engine = self.plane.pair.engine
-        sides = rng.choice((["left"], ["right"], ["left", "right"]))
-        extra: dict[str, Any] = {}
-        if kind in ("acquire", "take"):
-            extra = {"name": rng.choice(("a", "人", "x" * 64)), "pid": rng.randrange(2**20)}
-            extra |= {"reason": "for fun"} if kind == "take" else {"on_loss": rng.choice(("hold", "pause"))}
-        elif kind in ("stop", "estop"):
-            extra = {"reason": rng.choice(TEXTS)}
-        elif kind == "move":
-            extra = {
-                "epoch": epoch,
-                "targets_rad": {side: self.goal(Side(side)) for side in sides},
-                "speed": rng.choice((1.0, 0.5, 0.05, 1, 5e-324, 1e-9)),
-                "tolerance_rad": rng.choice((None, 0.05, 1e-4)),
-                "on_limit": rng.choice(("reject", "clip", "clip")),
+        rng = self.rng
+        request = self.chunk() if kind == "follow" and rng.random() < 0.8 else self.inventor.request(kind)
+        if kind == "move" and request.get("relative") and rng.random() < 0.9:
+            request["targets_rad"] = {
+                side.value: [rng.uniform(-0.1, 0.1) for _ in range(7)] for side in self.some(joint=True)
             }
-            if rng.random() < 0.2:
-                extra |= {"relative": True, "targets_rad": {sides[0]: [rng.uniform(-0.1, 0.1) for _ in range(7)]}}
-        elif kind == "open_stream":
-            extra = {
-                "epoch": epoch,
-                "side": sides[0],
-                "on_limit": "clip",
-                "expiry_ns": rng.choice((None, 50_000_000, 10**9)),
-            }
-        elif kind == "close_stream":
-            extra = {"epoch": epoch, "stream_id": rng.choice((engine.open_stream_id or 1, 1, 2**62))}
-        elif kind == "hold":
-            extra = {"epoch": epoch, "sides": sides}
-        elif kind == "cancel":
-            extra = {"epoch": epoch, "motion_id": rng.choice((1, self.plane.codes["accepted"], 2**62))}
-        elif kind != "recover":
-            extra = {"epoch": epoch}
+        if kind == "open_stream" and rng.random() < 0.9:
+            side = Side(request.get("side", "left"))
+            request["space"], request["frame"] = "joint", ""
+            if side in self.nurse.poses:
+                request["space"], request["frame"] = "pose", f"{side.value}_shoulder_base"
         client = rng.choice(CLIENTS)
         self._next_id += rng.random() < 0.97  # else the number of the command before
         return {
             "version": rng.choice((*[protocol.PROTOCOL_VERSION] * 60, 0, 2)),
             "client_id": client,
             "request_id": self._next_id,
-            "request": {"type": kind, **extra},
+            "request": request,
         }
 
 
@@ -328,18 +396,37 @@ def lives(rng: random.Random, plane: Plane, *, is_wild: bool) -> None:
         plane.inbox.put_gone(rng.choice((OWNER, "stranger") if is_wild else ("stranger", "", "人")), plane.pair.now_ns)
 
 
-@pytest.fixture
-def plane() -> Plane:
-    """Give a plane before a pair that was never asked anything."""
-    pair = Pair(Settings(local=LocalSettings(snapshot_hz=10.0)))
-    pair.topics = (*map(robot.arm_state, Side), robot.FSM_STATE, robot.CURRENT_MODE)
+def plane_of(**sim: Any) -> Plane:
+    """Return a plane before a pair that was never asked anything."""
+    settings = Settings(local=LocalSettings(snapshot_hz=10.0), link=LinkSettings(model=sim.get("model", "standard")))
+    pair = Pair(settings, SimSettings(state_period_ns=10 * MS, **sim))
+    pair.topics = (*map(robot.arm_state, Side), *map(robot.ee_pose, Side), robot.FSM_STATE, robot.CURRENT_MODE)
     pair.run_until(lambda: pair.state == "READ_ONLY" and pair.knows_mode)
     return Plane(pair)
 
 
+@pytest.fixture
+def plane() -> Plane:
+    """Give a plane before a robot in joint mode."""
+    return plane_of()
+
+
+def test_every_kind_of_request_and_every_field_of_it_is_invented() -> None:
+    """A request or a field that is new is attacked without anybody's doing; what only few hints know, too."""
+    inventor = Inventor(random.Random(1), {})
+    for kind in KINDS:
+        for _ in range(50):
+            made = inventor.request(kind)
+            assert made["type"] == kind
+    structs = get_args(protocol.Request)
+    assert {info.cls for info in KINDS.values()} == set(structs) and set(KINDS) <= {*SAFE, *HARSH}
+    assert {f"{kind}.{name}" for kind, info in KINDS.items() for name in info.cls.__struct_fields__} <= inventor.made
+
+
 @pytest.mark.parametrize("seed", SEEDS)
-def test_hostile_payloads_are_answered_once_and_nothing_invalid_leaves(plane: Plane, seed: int) -> None:
+def test_hostile_payloads_are_answered_once_and_nothing_invalid_leaves(seed: int) -> None:
     """Each request gets one reply with a known code or facts, no exception escapes, every invariant holds on every tick."""
+    plane = plane_of(**ROBOTS[seed])
     rng = random.Random(seed)
     pair, nurse = plane.pair, Nurse(plane.pair)
     attacker = Attacker(rng, plane, nurse)
@@ -369,10 +456,14 @@ def test_hostile_payloads_are_answered_once_and_nothing_invalid_leaves(plane: Pl
     nurse.move_home()
     assert active > 0.6 * PAYLOADS / PER_TICK, f"the robot was ACTIVE in {active} of {PAYLOADS // PER_TICK} ticks only"
     assert plane.moved[FrameKind.MOTION] > PAYLOADS / 50, plane.moved
-    assert len(plane.followed) > 10, "hardly a streamed target was followed"
+    assert len(plane.followed) >= PAYLOADS // 2_500, "hardly a streamed target was followed"
     missing = {code.value for code in EXPECTED} - plane.codes.keys()
     assert not missing, f"never answered: {missing}, but {plane.codes}"
+    idle = set(KINDS) - plane.accepted.keys() - nurse.impossible
+    assert not idle, f"never accepted: {idle}, but {plane.accepted}"
+    assert all(plane.topics[nurse.topic(side)] > PAYLOADS / 200 for side in Side), plane.topics
     print(f"\n{PAYLOADS} payloads {dict(attacker.sent)}, answers {dict(plane.codes)}")
+    print(f"accepted {dict(plane.accepted)}, moving {dict(plane.topics)}")
     print(f"{nurse.revivals} revivals, active in {active} ticks, {plane.repeated} repeated, frames {dict(plane.moved)}")
     print(
         f"{len(plane.followed)} streams followed, {plane.inbox.malformed} malformed, {plane.inbox.overflown} too many"
@@ -400,7 +491,7 @@ def _objects() -> int:
 def _assert_bounded(plane: Plane) -> None:
     """What the daemon keeps of requests is as much as it says."""
     engine, inbox, outbox = plane.pair.engine, plane.inbox, plane.outbox
-    assert len(engine._answered) <= REPLIES_KEPT
+    assert len(engine._answered._kept) <= REPLIES_KEPT
     assert not engine._targets and not engine._commands
     assert not outbox._pending and not outbox._taken and outbox._jobs.empty()
     assert not inbox._targets and not inbox._seen and not inbox._gone

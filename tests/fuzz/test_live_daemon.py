@@ -17,12 +17,13 @@ from gateway.client import Control, Robot
 from gateway.errors import CODES, Code, MotionEnded, NotReady
 from tests.e2e.system import Process, System, wait_for
 from tests.fuzz.attacker import connect
+from tests.thoroughness import IS_THOROUGH, either
 
 pytestmark = pytest.mark.e2e
 
 CONFIG = "[loss]\nfree_after_s = 1.0\ndown_after_s = 2.0\n"
 WARM_UP = 500
-PAYLOADS = 5_000
+PAYLOADS = either(2_000, 5_000)
 ATTACK_S = 90.0
 GROWTH_KIB = 30 * 1024
 
@@ -30,7 +31,7 @@ GROWTH_KIB = 30 * 1024
 @pytest.fixture
 def system(tmp_path: Path) -> Iterator[System]:
     """Give a simulated robot and a daemon, each a process."""
-    made = System(tmp_path, config=CONFIG)
+    made = System(tmp_path, config=CONFIG, has_guard=IS_THOROUGH)
     try:
         yield made
     finally:
@@ -124,7 +125,7 @@ def run_attacks(system: System, side: str, target: str) -> dict[str, Any]:
 
 
 def test_hostile_clients_do_not_harm_the_daemon(system: System) -> None:
-    """5,000 raw queries, puts, deletions and declarations on every key of the local plane, a megabyte ending each batch."""
+    """Raw queries, puts, deletions and declarations on every key of the local plane, a megabyte ending each batch."""
     report = run_attacks(system, "local", system.target)
     done, codes = report["done"], report["codes"]
     asked = {key: count for key, count in done.items() if key.startswith("question")}
@@ -132,12 +133,13 @@ def test_hostile_clients_do_not_harm_the_daemon(system: System) -> None:
     assert "never finished" not in done, done
     assert codes.keys() - {"no refusal"} <= {code.value for code in CODES} - {"INTERNAL"}, codes
     assert "malformed" in system.daemon.text()
-    assert codes["BAD_REQUEST"] > 100 and codes["no refusal"] > 100, codes
+    assert min(codes["BAD_REQUEST"], codes["no refusal"]) > PAYLOADS // 50, codes
 
 
 def test_hostile_samples_do_not_harm_the_daemon(system: System) -> None:
-    """5,000 raw samples on the robot's state keys among the robot's own, and 1,000 tokens of a bridge that raves."""
+    """Raw samples on the robot's state keys among the robot's own, and of tokens of a bridge that raves."""
     report = run_attacks(system, "robot", system.endpoint)
-    assert report["done"]["token"] > 300, report
+    assert report["done"]["token"] > 6 * PAYLOADS // 100, report
     refused = {topic: view["refused"] for topic, view in raw_snapshot(system)["topics"].items()}
-    assert sum(refused.values()) > 500, f"hardly a sample was refused: {refused}"
+    # The newest of 20 to 50 ms is decoded, so that most hostile samples of a fast topic are never looked at.
+    assert sum(refused.values()) > PAYLOADS // 50, f"hardly a sample was refused: {refused}"

@@ -8,14 +8,17 @@ import socket
 
 import pytest
 
-_PORTS = itertools.count(os.getpid() % 100)
+_PORTS = itertools.count(os.getpid() % 50)
+_WORKER = int(os.environ.get("PYTEST_XDIST_WORKER", "gw0").removeprefix("gw"))
+_FIRST = 20200 + 50 * (_WORKER % 32)
+"""A robot's router is ended and started again at its port: no process beside this one may take it in between."""
 
 
 @pytest.fixture
 def port() -> int:
-    """A port on loopback between 19200 and 19299 that nobody listens on."""
-    for _ in range(100):
-        number = 19200 + next(_PORTS) % 100
+    """A port on loopback that nobody listens on, one of fifty that are only this process's."""
+    for _ in range(50):
+        number = _FIRST + next(_PORTS) % 50
         with socket.socket() as probe:
             probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
             try:
@@ -23,4 +26,4 @@ def port() -> int:
             except OSError:
                 continue
             return number
-    raise RuntimeError("no free port between 19200 and 19299")
+    raise RuntimeError(f"no free port between {_FIRST} and {_FIRST + 49}")

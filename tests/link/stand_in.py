@@ -63,6 +63,20 @@ def state_message(topic: str, stamp_ns: int, *, is_spoilt: bool = False):
     return std_msgs.String(data=json.dumps(MODE))
 
 
+class Keepsake:
+    """A sample that zenoh keeps; it is its own payload."""
+
+    def __init__(self, data: bytes) -> None:
+        self._data = data
+
+    @property
+    def payload(self) -> Keepsake:
+        return self
+
+    def to_bytes(self) -> bytes:
+        return self._data
+
+
 class StandIn:
     """The session and what is declared on it."""
 

@@ -10,8 +10,9 @@ import pytest
 
 from cdr_types.keys import Qos, Token, TokenKind, format_token, presence_key, topic_to_key
 from gateway import robot
+from gateway.core.events import RobotsAnnounced
 from gateway.errors import Code
-from gateway.link.discovery import Discovery, Sight, TokenTable
+from gateway.link.discovery import BridgeFacts, Discovery, Sight, TokenTable
 from gateway.settings import LinkSettings
 from gateway.values import Side
 
@@ -37,8 +38,8 @@ class Robot:
         self.asked: list[str] = []
         self.now_ns = 10 * S
         self.silent: set[str] = set()
-        self.matching = dict.fromkeys(robot.COMMAND_TOPICS, True)
-        self.discovery = Discovery(LinkSettings(namespace=namespace, model=model), OWN, self.ask)
+        self.friends: set[str] = set()
+        self.discovery = Discovery(LinkSettings(namespace=namespace, model=model), OWN, self.ask, self.friends)
         for topic, row in robot.TOPICS.items():
             is_state = row.direction is robot.Direction.STATE
             self.announce(topic, TokenKind.MP if is_state else TokenKind.MS)
@@ -69,9 +70,7 @@ class Robot:
     def step(self, seconds: float = 1.0):
         self.now_ns += int(seconds * S)
         newest_ns = {topic: (1 if topic in self.silent else self.now_ns) for topic in robot.STATE_TOPICS}
-        return self.discovery.step(
-            Sight(now_ns=self.now_ns, up_since_ns=0, newest_ns=newest_ns, matching=self.matching)
-        )
+        return self.discovery.step(Sight(now_ns=self.now_ns, up_since_ns=0, newest_ns=newest_ns))
 
 
 @pytest.fixture
@@ -143,7 +142,7 @@ def test_before_the_first_look_readiness_is_unknown(seen):
 @pytest.mark.parametrize("namespace", ["", "bot1"])
 @pytest.mark.parametrize("model", sorted(robot.VARIANTS))
 def test_everything_is_ready_on_a_working_robot(namespace, model):
-    """Announced, active, matching, delivering (wire.md 2.5)."""
+    """Announced, active, delivering (wire.md 2.5)."""
     seen = Robot(namespace, model)
     seen.step()
     words = seen.discovery.readiness()
@@ -165,13 +164,6 @@ def test_a_command_on_an_inactive_route_is_not_ready(seen):
     seen.route(COMMAND, is_active=False)
     seen.step()
     assert "inactive" in seen.discovery.readiness()[COMMAND]
-
-
-def test_a_command_without_a_match_is_not_ready(seen):
-    """Token and admin space agree, but the router knows no subscriber."""
-    seen.matching[COMMAND] = False
-    seen.step()
-    assert "no match" in seen.discovery.readiness()[COMMAND]
 
 
 def test_a_closed_admin_space_is_no_failure(seen):
@@ -229,6 +221,111 @@ def test_the_version_is_logged_once_and_read_again_after_a_loss(seen, caplog):
     assert seen.discovery.version == "1.11.0"
 
 
+def test_what_bridges_say_of_themselves_is_read_when_one_comes(seen):
+    """Version and DDS domain of each, with two questions for all; a bridge that says nothing is asked about once."""
+    seen.answers[f"@/{BRIDGE}/ros2/config"] = {"domain": 29, "namespace": "/"}
+    for _ in range(3):
+        seen.step(6)
+    assert seen.discovery.bridges == {BRIDGE: BridgeFacts(version="1.10.2", domain=29)}
+    seen.discovery.tokens.receive(presence_key(HOST), True)
+    for _ in range(3):
+        seen.step(6)
+    assert seen.discovery.bridges[HOST] == BridgeFacts()
+    assert seen.asked.count("@/*/ros2/version") == seen.asked.count("@/*/ros2/config") == 2
+    seen.discovery.lose()
+    assert seen.discovery.bridges == {}
+
+
+def test_whether_a_command_is_written_is_known_as_far_as_the_admin_space_tells(seen):
+    """True, false, or unknown; nothing is known any more after a loss."""
+    seen.route(robot.FSM_ENABLE, is_active=False)
+    seen.answers.pop(f"@/{BRIDGE}/ros2/route/topic/sub/{seen.key(COMMAND)}")
+    seen.step()
+    written = seen.discovery.written
+    assert (written[robot.FSM_ENABLE], written[COMMAND], written[robot.CHASSIS_VELOCITY]) == (False, None, True)
+    seen.discovery.lose()
+    assert seen.discovery.written == {}
+
+
+# --------------------------------------------------------------------------------------------------------- elsewhere
+
+
+class Elsewhere(Robot):
+    """A link that is up since 100 s and hears nothing under its namespace."""
+
+    def __init__(self, namespace: str = "") -> None:
+        super().__init__(namespace)
+        for topic in robot.STATE_TOPICS:
+            self.announce(topic, TokenKind.MP, is_alive=False)
+        self.newest_ns: int | None = None
+        self.now_ns = 100 * S
+
+    def robot(self, namespace: str, *, is_alive: bool = True) -> None:
+        """A robot under another namespace comes or goes."""
+        for topic in robot.STATE_TOPICS:
+            self.discovery.tokens.receive(token(f"/{topic_to_key(topic, namespace)}", TokenKind.MP), is_alive)
+
+    def told(self, seconds: float = 1.0) -> list[tuple[str, ...]]:
+        """Let the link look; return what it says about robots elsewhere."""
+        self.now_ns += int(seconds * S)
+        sight = Sight(
+            now_ns=self.now_ns, up_since_ns=100 * S, newest_ns=dict.fromkeys(robot.STATE_TOPICS, self.newest_ns)
+        )
+        found = self.discovery.step(sight).observations
+        return [(seen.elsewhere or seen.twins) for seen in found if isinstance(seen, RobotsAnnounced)]
+
+
+def test_a_robot_under_another_namespace_is_told_once_when_none_is_under_ours():
+    """Not before a fresh link had time to find its own, again when it changes, and when it is over."""
+    scene = Elsewhere()
+    scene.robot("bot1")
+    assert scene.told(1.9) == []
+    assert scene.told(0.2) == [("bot1",)]
+    assert scene.told() == []
+    scene.robot("bot2")
+    assert scene.told() == [("bot1", "bot2")]
+    scene.robot("bot1", is_alive=False)
+    scene.robot("bot2", is_alive=False)
+    assert scene.told() == [()]
+
+
+def test_what_is_under_our_own_namespace_or_was_heard_is_our_robot():
+    """Others beside it are nobody's business; a sample proves more than a token that is late."""
+    scene = Elsewhere("bot1")
+    scene.robot("bot1")
+    scene.robot("bot2")
+    assert scene.told(3.0) == []
+    scene.robot("bot1", is_alive=False)
+    assert scene.told() == [("bot2",)]
+    scene.newest_ns = 101 * S
+    assert scene.told() == [()]
+    scene.newest_ns = 99 * S  # over an earlier transport
+    assert scene.told() == [("bot2",)]
+
+
+def test_several_bridges_that_announce_a_robot_under_our_namespace_are_told_at_once():
+    """Although all is heard, and until one of them is gone."""
+    scene = Elsewhere()
+    scene.robot("")
+    scene.newest_ns = 101 * S
+    assert scene.told() == []
+    for topic in robot.STATE_TOPICS:
+        scene.announce(topic, TokenKind.MP, HOST)
+    assert scene.told() == [(HOST, BRIDGE)]
+    assert scene.told() == []
+    scene.announce(robot.FSM_STATE, TokenKind.MP, HOST, is_alive=False)
+    assert scene.told() == [()]
+
+
+def test_after_a_loss_robots_elsewhere_are_told_anew():
+    """The engine has forgotten them with the link."""
+    scene = Elsewhere()
+    scene.robot("bot1")
+    assert scene.told(3.0) == [("bot1",)]
+    scene.discovery.lose()
+    assert scene.told() == [("bot1",)]
+
+
 # ------------------------------------------------------------------------------------------------------------- routes
 
 
@@ -246,16 +343,28 @@ def test_a_dead_route_is_found_and_revived(seen):
     assert finding.revive == ()
 
 
-def test_the_other_subscribers_of_a_dead_route_are_named_with_their_address(seen):
-    """Bridges from `remote_routes`, plain clients from the router; not we ourselves and not the router."""
+def test_who_may_keep_a_route_dead_is_named_with_the_address(seen):
+    """Bridges from `remote_routes`, and whoever is connected: who subscribes is not asked, the answer can hang a router."""
     key = seen.key(ARM)
     seen.silent = {ARM}
     seen.route(ARM, dds_reader="", remote_routes=[f"{HOST}:{key}", f"{OWN}:{key}"])
-    seen.answers[f"@/{BRIDGE}/router/subscriber/{key}"] = {"routers": [BRIDGE], "clients": [OWN, "c1"], "peers": []}
     link = {"src": "tcp/10.0.0.1:9000", "dst": "tcp/10.0.0.7:41000"}
-    seen.answers[f"@/{BRIDGE}/router"] = {"sessions": [{"peer": "c1", "links": [link]}, {"peer": OWN, "links": [link]}]}
+    sessions = [{"peer": "c1", "links": [link]}, {"peer": OWN, "links": [link]}, {"peer": BRIDGE, "links": []}]
+    seen.answers[f"@/{BRIDGE}/router"] = {"sessions": sessions}
     (observation,) = seen.step().observations
-    assert f"end {HOST}, c1 at tcp/10.0.0.7:41000" in observation.message
+    assert f"perhaps one of these: {HOST}, c1 at tcp/10.0.0.7:41000" in observation.message
+    assert not any("/router/" in selector for selector in seen.asked)
+
+
+def test_sessions_of_ours_are_not_named_as_those_who_keep_a_route_dead(seen):
+    """The guard subscribes as well, and declares again together with us."""
+    key = seen.key(ARM)
+    seen.silent = {ARM}
+    seen.friends.add("9a")
+    seen.route(ARM, dds_reader="", remote_routes=[f"9a:{key}"])
+    seen.answers[f"@/{BRIDGE}/router"] = {"sessions": [{"peer": "9a", "links": []}, {"peer": OWN, "links": []}]}
+    (observation,) = seen.step().observations
+    assert "9a" not in observation.message and "restart the robot's bridge" in observation.message
 
 
 def test_the_route_of_another_bridge_is_no_evidence(seen):
@@ -272,6 +381,7 @@ def test_all_topics_lost_at_once_are_all_observed_without_a_question(seen):
     seen.silent = set(robot.STATE_TOPICS)
     for topic in robot.STATE_TOPICS:
         seen.announce(topic, TokenKind.MP, is_alive=False)
+    assert not [o for o in seen.step().observations if o.topic != robot.FSM_ENABLE], "they may be gone with a transport"
     finding = seen.step()
     lost = [o for o in finding.observations if o.topic != robot.FSM_ENABLE]
     assert {o.topic for o in lost} == set(robot.STATE_TOPICS)
@@ -287,9 +397,19 @@ def test_what_stands_between_the_heartbeat_and_the_robot_is_observed_once(seen):
     (observation,) = seen.step().observations
     assert (observation.topic, observation.code) == (robot.FSM_ENABLE, None)
     assert observation.message == "not announced: nobody on the robot listens to it"
+    (lost,) = seen.step().observations
+    assert (lost.topic, lost.code) == (robot.FSM_ENABLE, Code.ROUTE_LOST)
     assert seen.step().observations == ()
     seen.announce(robot.FSM_ENABLE, TokenKind.MS)
-    assert [o.message for o in seen.step().observations] == ["ready"]
+    assert [o.message for o in seen.step().observations] == [f"the robot listens again to {robot.FSM_ENABLE}", "ready"]
+
+
+def test_what_the_robot_listened_to_before_the_transport_went_is_not_missed_after_it(seen):
+    """A bridge that is restarted announces everything anew; until then nothing is lost."""
+    seen.step()
+    seen.discovery.lose()
+    seen.announce(robot.FSM_ENABLE, TokenKind.MS, is_alive=False)
+    assert all(o.code is not Code.ROUTE_LOST for _ in range(4) for o in seen.step().observations)
 
 
 def test_many_silent_topics_cost_one_question(seen):
@@ -328,6 +448,7 @@ def test_findings_are_logged(seen, caplog):
     caplog.clear()
     seen.silent = {ARM}
     seen.announce(ARM, TokenKind.MP, is_alive=False)
+    seen.step()
     seen.step()
     seen.silent = set()
     seen.step()

@@ -9,8 +9,8 @@ import pytest
 
 from cdr_types import encode
 from gateway import robot
-from gateway.link.mailbox import CAPACITY, Mailbox
-from tests.link.stand_in import state_message
+from gateway.link.mailbox import CAPACITY, SKIMMED, Mailbox, Tray
+from tests.link.stand_in import Keepsake, state_message
 
 MS = 1_000_000
 TOPIC = robot.CHASSIS_STATE
@@ -178,3 +178,179 @@ def test_no_sample_is_lost_or_taken_twice_between_threads(box, writers):
     assert taken + duplicates == 2 * each * writers
     if writers == 1:
         assert (taken, duplicates) == (each, each)
+
+
+# ---------------------------------------------------------------------------------------------------------------- trays
+
+
+class Ring:
+    """What zenoh keeps for a tray, in the test's hand."""
+
+    def __init__(self) -> None:
+        self.kept: list[Keepsake] = []
+
+    def drain(self) -> list[Keepsake]:
+        kept, self.kept = self.kept, []
+        return kept
+
+    def add(self, *stamps_ns: int) -> None:
+        self.kept += [Keepsake(payload(stamp_ns)) for stamp_ns in stamps_ns]
+
+
+@pytest.fixture
+def ring() -> Ring:
+    """An empty ring."""
+    return Ring()
+
+
+@pytest.fixture
+def tray(ring) -> Tray:
+    """A tray of a type with a stamp, filled from the ring since 100 ms."""
+    tray = Tray(is_stamped=True)
+    tray.attach(ring.drain, 100 * MS)
+    return tray
+
+
+def test_a_tray_without_a_source_or_a_sample_gives_nothing(tray):
+    """Before anything was declared, and before anything came."""
+    assert Tray(is_stamped=False).look(1 * MS) is None
+    assert tray.look(110 * MS) is None
+    assert tray.newest_ns is None
+
+
+def test_a_tray_gives_the_newest_and_counts_all(tray, ring):
+    """As a mailbox does: latest only, and the number of samples behind it."""
+    ring.add(1, 2, 3)
+    arrival = tray.look(120 * MS)
+    assert arrival.payload == payload(3)
+    assert (arrival.samples, arrival.duplicates) == (3, 0)
+    assert tray.look(130 * MS) is None
+
+
+def test_a_sample_in_a_tray_counts_as_old_as_it_can_be(tray, ring):
+    """It came after the look before: then, and not now, is its arrival, so no state looks younger than it is."""
+    ring.add(1)
+    assert tray.look(120 * MS).received_ns == 100 * MS
+    assert tray.look(150 * MS) is None
+    ring.add(2)
+    assert tray.look(160 * MS).received_ns == 150 * MS
+    assert tray.newest_ns == 150 * MS
+
+
+def test_a_tray_skips_and_counts_copies_across_looks(tray, ring):
+    """Copies alone are no sample, but the route carried them; they are told with the next sample."""
+    ring.add(1, 1)
+    assert tray.look(120 * MS).duplicates == 1
+    ring.add(1)
+    assert tray.look(130 * MS) is None
+    assert tray.newest_ns == 120 * MS
+    ring.add(2, 1, 3)
+    arrival = tray.look(140 * MS)
+    assert (arrival.samples, arrival.duplicates) == (2, 2)
+
+
+def test_what_was_skimmed_is_as_old_as_the_skim_says_and_read_by_the_next_look(tray, ring):
+    """Who only wants to know when samples come need not read them; whoever reads them later knows when they came."""
+    ring.add(1)
+    tray.skim(120 * MS)
+    assert tray.newest_ns == 100 * MS
+    ring.add(2)
+    tray.skim(140 * MS)
+    tray.skim(160 * MS)
+    assert tray.newest_ns == 120 * MS
+    arrival = tray.look(180 * MS)
+    assert (arrival.payload, arrival.received_ns, arrival.samples) == (payload(2), 120 * MS, 2)
+    assert tray.look(190 * MS) is None
+    tray.skim(200 * MS)
+    ring.add(2, 3)
+    arrival = tray.look(210 * MS)
+    assert (arrival.payload, arrival.received_ns, arrival.duplicates) == (payload(3), 200 * MS, 1)
+
+
+def test_a_tray_that_is_only_skimmed_keeps_the_newest_samples(tray, ring):
+    """However long nobody reads, a few are enough to know the state and its copies."""
+    for n in range(1, 100):
+        ring.add(n)
+        tray.skim((100 + n) * MS)
+    arrival = tray.look(300 * MS)
+    assert (arrival.payload, arrival.received_ns, arrival.samples) == (payload(99), 198 * MS, SKIMMED)
+
+
+def test_samples_without_a_stamp_are_never_copies_in_a_tray(ring):
+    """A pose that does not change is a state that is alive."""
+    tray = Tray(is_stamped=False)
+    tray.attach(ring.drain, 0)
+    ring.add(1, 1, 1)
+    assert tray.look(5 * MS).samples == 3
+
+
+def test_a_steady_topic_shows_its_period_as_gap_however_seldom_it_is_looked_at(tray, ring):
+    """200 Hz looked at every 40 ms has no gap of 40 ms."""
+    gaps_ns = []
+    for n in range(4):
+        ring.add(*range(8 * n + 1, 8 * n + 9))
+        gaps_ns.append(tray.look((140 + 40 * n) * MS).worst_gap_ns)
+    assert gaps_ns == [0, 5 * MS, 5 * MS, 5 * MS]
+
+
+def test_a_silence_between_looks_is_a_gap(tray, ring):
+    """From the look that found the last sample to the last look that found none: that long it was silent for sure."""
+    ring.add(1)
+    tray.look(110 * MS)
+    for at_ms in (120, 130, 140, 150):
+        assert tray.look(at_ms * MS) is None
+    ring.add(2, 3)
+    assert tray.look(160 * MS).worst_gap_ns == 40 * MS
+
+
+def test_a_new_subscription_takes_over_and_nothing_of_it_is_older_than_itself(tray):
+    """A route that was declared again goes on in the same tray; the silence before it stays a gap."""
+    first, second = Ring(), Ring()
+    tray.attach(first.drain, 100 * MS)
+    first.add(1)
+    tray.look(110 * MS)
+    first.add(2)
+    second.add(3)
+    tray.attach(second.drain, 900 * MS)
+    arrival = tray.look(905 * MS)
+    assert (arrival.payload, arrival.received_ns, arrival.worst_gap_ns) == (payload(3), 900 * MS, 790 * MS)
+    tray.attach(second.drain, 902 * MS)
+    second.add(4)
+    assert tray.look(910 * MS).received_ns == 905 * MS
+
+
+@pytest.mark.parametrize("data", [b"", b"\x00\x01\x00\x00", payload(0)])
+def test_payloads_without_a_stamp_pass_a_tray(tray, ring, data):
+    """Too short for one, or it was never set: never a copy, and what is wrong with it is for decoding to say."""
+    ring.kept = [Keepsake(payload(9)), Keepsake(data), Keepsake(data)]
+    arrival = tray.look(120 * MS)
+    assert (arrival.payload, arrival.samples, arrival.duplicates) == (data, 3, 0)
+
+
+@pytest.mark.parametrize("kind", [Mailbox, Tray])
+def test_the_tally_counts_all_that_was_taken(kind):
+    """Samples without copies, copies apart, the arrival of the newest; what nobody took is not counted yet."""
+    box = kind(is_stamped=True)
+    kept = []
+    if isinstance(box, Tray):
+        box.attach(lambda: [kept.pop(0) for _ in range(len(kept))], 0)
+
+    def come(now_ns, *stamps):
+        if isinstance(box, Tray):
+            kept.extend(Keepsake(payload(stamp)) for stamp in stamps)
+            box.look(now_ns)
+            return
+        for stamp in stamps:
+            box.put(payload(stamp), now_ns)
+        box.take()
+
+    assert box.tally == (0, 0, None)
+    come(10 * MS, 1, 2, 3)
+    come(20 * MS, 3, 4, 4, 4)
+    assert (box.tally.samples, box.tally.copies) == (4, 3)
+    assert box.tally.last_ns == (10 * MS if kind is Tray else 20 * MS)  # a tray says the look before
+    before = box.tally
+    come(30 * MS, 4)
+    assert box.tally == before
+    come(40 * MS, 5)
+    assert (box.tally.samples, box.tally.copies) == (5, 4)

@@ -21,11 +21,12 @@ from gateway.errors import Code
 from gateway.link import RobotLink
 from gateway.link.codec import FRAME_BYTES, BadFrame
 from gateway.link.discovery import Discovery
+from gateway.link.hearing import DECIDING, STAMPED
 from gateway.link.robot_session import RobotSession
 from gateway.settings import LinkSettings, SettingsRefused
 from gateway.values import Side
 from tests.link.robot_process import ROOT, RobotProcess, wait_until
-from tests.link.stand_in import state_message
+from tests.link.stand_in import Keepsake, state_message
 
 MS = 1_000_000
 S = 1_000_000_000
@@ -63,7 +64,7 @@ def test_a_link_that_was_never_opened_is_down_and_silent(link):
 
 def test_an_endpoint_that_zenoh_cannot_read_is_refused_at_once(monkeypatch):
     """A daemon with a wrong endpoint must not try for ever."""
-    monkeypatch.setattr("gateway.link.robot_link.session_config", lambda settings: "{mode: 5}")
+    monkeypatch.setattr("gateway.link.robot_link.session_config", lambda settings, is_reader: "{mode: 5}")
     with pytest.raises(SettingsRefused, match="no endpoint"):
         RobotLink(LinkSettings())
 
@@ -92,25 +93,25 @@ def test_a_frame_that_no_gate_clears_is_a_bug_and_said_so(link, frame):
 
 def test_opening_and_losing_the_transport_are_told_in_order(link):
     """LinkUp with the router's id, LinkDown; what repeats itself is told once."""
-    link._note_transport("aa", True, 1)
+    link._transport.note("aa", True, 1)
     assert link.is_up and link.router_zid == "aa"
-    link._note_transport("aa", True, 2)
-    link._note_transport("aa", False, 3)
+    link._transport.note("aa", True, 2)
+    link._transport.note("aa", False, 3)
     assert not link.is_up
-    link._note_transport("aa", False, 4)
+    link._transport.note("aa", False, 4)
     assert link.poll() == [LinkUp(router_zid="aa", at_ns=1), LinkDown(at_ns=3)]
     assert link.poll() == []
 
 
 def test_no_outage_is_too_short_to_be_seen(link):
     """Down and up between two polls are both told; so is another router that took over without a word."""
-    link._note_transport("aa", True, 1)
+    link._transport.note("aa", True, 1)
     link.poll()
-    link._note_transport("aa", False, 2)
-    link._note_transport("aa", True, 3)
+    link._transport.note("aa", False, 2)
+    link._transport.note("aa", True, 3)
     assert link.poll() == [LinkDown(at_ns=2), LinkUp(router_zid="aa", at_ns=3)]
-    link._note_transport("bb", True, 4)
-    link._note_transport("aa", False, 5)
+    link._transport.note("bb", True, 4)
+    link._transport.note("aa", False, 5)
     assert link.poll() == [LinkDown(at_ns=4), LinkUp(router_zid="bb", at_ns=4)]
     assert link.router_zid == "bb"
 
@@ -120,10 +121,10 @@ def test_events_come_oldest_first(link):
     box = link._mailboxes
     link.pace(is_moving=False, is_watched=False)
     box[ARM].put(encode(state_message(ARM, 1)), 5)
-    link._note_transport("aa", True, 3)
+    link._transport.note("aa", True, 3)
     link._observations.append(RouteObserved(topic=ARM, code=None, message="", at_ns=4))
     box[robot.FSM_STATE].put(encode(state_message(robot.FSM_STATE, 1)), 7)
-    link._note_transport("aa", False, 6)
+    link._transport.note("aa", False, 6)
     events = link.poll()
     assert names(events) == ["LinkUp", "RouteObserved", "SampleArrived", "LinkDown", "SampleArrived"]
 
@@ -138,32 +139,82 @@ def test_each_topic_gives_its_newest_sample_with_its_counters(link):
     assert (event.count, event.duplicates, event.worst_gap_ns) == (3, 1, 25 * MS)
 
 
-def test_what_nobody_waits_for_is_decoded_less_often(link):
-    """Joints count at every poll while something moves; poses and grippers rarely when nobody looks."""
-    pose = robot.ee_pose(Side.LEFT)
-    taken = {}
-    for is_moving, is_watched in ((True, True), (True, False), (False, False)):
-        link.pace(is_moving=is_moving, is_watched=is_watched)
-        counts = {ARM: 0, pose: 0, robot.FSM_STATE: 0}
-        for n in range(20):
-            for topic in counts:
-                message = state_message(topic, 1 + n + 1000 * len(taken))
-                link._mailboxes[topic].put(encode(message), n * MS)
+def test_what_nobody_waits_for_is_decoded_less_often():
+    """Joints at every second poll; poses and grippers less often when nothing moves and nobody looks; FSM always."""
+    now_ns = 1 * S
+    link = RobotLink(LinkSettings(), clock=lambda: now_ns)
+    shown = robot.gripper_state(Side.LEFT)
+    waiting: list[bytes] = []
+    link._mailboxes[shown].attach(lambda: [Keepsake(waiting.pop()) for _ in waiting[:]], 0)
+
+    def polled(polls: int, period_ns: int) -> tuple[int, ...]:
+        nonlocal now_ns
+        link.poll()
+        counts = {ARM: 0, shown: 0, robot.FSM_STATE: 0}
+        for _ in range(polls):
+            now_ns += period_ns
+            for topic in (ARM, robot.FSM_STATE):
+                link._mailboxes[topic].put(encode(state_message(topic, now_ns)), now_ns)
+            waiting.append(encode(state_message(shown, now_ns)))
             for event in link.poll():
                 counts[event.topic] += 1
-        taken[is_moving, is_watched] = (counts[ARM], counts[pose], counts[robot.FSM_STATE])
-    assert taken == {(True, True): (20, 10, 20), (True, False): (20, 5, 20), (False, False): (10, 5, 20)}
+        return tuple(counts.values())
+
+    for is_moving, is_watched, expected in (
+        (True, True, (10, 10, 20)),
+        (True, False, (10, 10, 20)),
+        (False, True, (10, 10, 20)),
+        (False, False, (10, 5, 20)),
+    ):
+        link.pace(is_moving=is_moving, is_watched=is_watched)
+        assert polled(20, 10 * MS) == expected
+    assert polled(4, 50 * MS) == (4, 4, 4), "polls are rare, or late: each gives everything"
 
 
 def test_types_without_a_stamp_are_never_taken_for_copies(link):
     """A pose that does not change is a state that is alive."""
     topic = robot.ee_pose(Side.LEFT)
-    for n in range(3):
-        link._mailboxes[topic].put(encode(state_message(topic, 0)), n * MS)
-    (event,) = [
-        event for _ in range(2) for event in link.poll()
-    ]  # a topic that is only shown has its turn in one of two
+    waiting = [Keepsake(encode(state_message(topic, 0)))] * 3
+    link._mailboxes[topic].attach(lambda: waiting, 0)
+    link.pace(is_moving=False, is_watched=False, is_posing=True)
+    (event,) = link.poll()
     assert (event.count, event.duplicates, event.stamp_ns) == (3, 0, None)
+
+
+def test_skimming_tells_when_the_newest_fast_sample_came_and_reads_none():
+    """A guard that waits wants to know that the robot is heard, not what it says; FSM and mode do not tell (20 and 1 Hz)."""
+    now_ns = 1 * S
+    link = RobotLink(LinkSettings(), clock=lambda: now_ns, topics=DECIDING, stamped=())
+    waiting: dict[str, list[Keepsake]] = {topic: [] for topic in DECIDING}
+    for topic, samples in waiting.items():
+        link._mailboxes[topic].attach(lambda samples=samples: [samples.pop(0) for _ in samples[:]], now_ns)
+    assert link.skim() == 0
+    now_ns += 40 * MS
+    for topic in (robot.FSM_STATE, robot.arm_state(Side.LEFT)):
+        waiting[topic].append(Keepsake(encode(state_message(topic, 1))))
+    assert link.skim() == 1 * S
+    now_ns += 40 * MS
+    waiting[robot.FSM_STATE].append(Keepsake(encode(state_message(robot.FSM_STATE, 2))))
+    assert link.skim() == 1 * S
+    arrived = {event.topic: event.received_ns for event in link.poll()}
+    assert arrived == {robot.arm_state(Side.LEFT): 1 * S, robot.FSM_STATE: 1 * S + 40 * MS}
+
+
+def test_what_is_only_shown_never_looks_younger_than_it_is():
+    """Such a sample came between two polls: its age counts from the first of them, its gap from how many came."""
+    now_ns = 1 * S
+    link = RobotLink(LinkSettings(), clock=lambda: now_ns)
+    topic = robot.gripper_state(Side.LEFT)
+    waiting: list[bytes] = []
+    link._mailboxes[topic].attach(lambda: [Keepsake(waiting.pop(0)) for _ in waiting[:]], now_ns)
+    link.pace(is_moving=False, is_watched=True)
+    arrived = []
+    for n in range(1, 9):
+        now_ns += 10 * MS
+        waiting += [encode(state_message(topic, 10 * n + k)) for k in range(2)]
+        arrived += [(now_ns, event) for event in link.poll()]
+    assert [at_ns - event.received_ns for at_ns, event in arrived[2:]] == [20 * MS] * 3
+    assert [(event.count, event.worst_gap_ns) for _, event in arrived[2:]] == [(4, 5 * MS)] * 3
 
 
 @pytest.mark.parametrize(
@@ -310,6 +361,22 @@ def test_our_tokens_are_there_as_long_as_the_session(make_plane):
 
 
 @pytest.mark.e2e
+def test_topics_that_nobody_wants_are_not_heard_and_not_missed(make_plane):
+    """A guard hears what decides: no subscription, no token, no readiness and no dead route for the rest."""
+    plane = make_plane()
+    plane.link.close()
+    plane.link = RobotLink(LinkSettings(endpoint=plane.robot.endpoint), topics=DECIDING)
+    plane.connected()
+    tokens = wait_until(lambda: (t := plane.own_tokens()) and len(t) == len(DECIDING) and t)
+    assert not any("gripper" in token or "chassis" in token for token in tokens)
+    assert set(plane.link.readiness()) == {*DECIDING, *robot.VARIANTS["standard"].command_topics}
+    end_s = time.monotonic() + 2.6  # a topic that ought to come would be called silent by now
+    plane.wait_for(lambda: time.monotonic() > end_s)
+    assert {event.topic for event in plane.told(SampleArrived)} == DECIDING
+    assert [event for event in plane.told(RouteObserved) if event.topic not in robot.COMMAND_TOPICS] == []
+
+
+@pytest.mark.e2e
 def test_a_robot_that_starts_later_is_found(make_plane, caplog):
     """The first `open` fails while nobody listens; the link goes on trying and says so once."""
     caplog.set_level(logging.INFO, logger="gateway.link")
@@ -322,6 +389,7 @@ def test_a_robot_that_starts_later_is_found(make_plane, caplog):
     assert caplog.text.count("trying on") == 1
 
 
+@pytest.mark.alone
 @pytest.mark.e2e
 def test_a_restarted_router_is_found_within_a_second(make_plane):
     """LinkDown at once, LinkUp with another id, state back < 1 s after the router listens; nothing sent in between."""
@@ -357,6 +425,7 @@ def test_a_last_frame_is_delivered_although_close_follows_at_once(make_plane):
     assert not plane.link.is_up
 
 
+@pytest.mark.alone
 @pytest.mark.e2e
 def test_close_is_bounded_while_the_robot_is_frozen(make_plane):
     """A router that does not answer holds nobody up (wire.md 6.1), and state comes back when it goes on."""
@@ -370,6 +439,7 @@ def test_close_is_bounded_while_the_robot_is_frozen(make_plane):
     plane.robot.thaw()
 
 
+@pytest.mark.alone
 @pytest.mark.e2e
 def test_close_is_bounded_while_nobody_listens(make_plane):
     """The thread that is just connecting needs 2 s at most; who does not want to wait is told that it still runs."""
@@ -411,7 +481,7 @@ def test_a_spoilt_topic_is_refused_and_the_others_go_on(make_plane):
 
 @pytest.mark.e2e
 def test_readiness_and_version_are_read_from_the_bridge(make_plane):
-    """Tokens, admin space, matching and data agree: every topic of the model is ready (wire.md 2.5)."""
+    """Tokens, admin space and data agree: every topic of the model is ready (wire.md 2.5)."""
     plane = make_plane(namespace="bot1").connected()
     plane.wait_for(lambda: set(plane.link.readiness().values()) == {"ready"}, what=str(plane.link.readiness()))
     assert plane.link.robot_version == "9.9.9"
@@ -530,9 +600,10 @@ def gateway(port):
     robot_process.kill()
 
 
+@pytest.mark.alone
 @pytest.mark.e2e
 def test_the_robots_end_forgets_a_frozen_gateway_after_its_lease(gateway):
-    """The announced 500 ms are a fence: half a second of our silence and the robot's end closes (wire.md fact 2)."""
+    """The announced lease is a fence: after that much silence of ours the robot's end closes (wire.md fact 2)."""
     robot_process, process = gateway
     wait_until(lambda: len(robot_process.ask("stats")["foreign_tokens"]) == len(robot.STATE_TOPICS))
     os.kill(process.pid, signal.SIGSTOP)
@@ -562,8 +633,15 @@ def test_the_process_ends_although_nobody_closed_the_link(gateway):
 
 @pytest.mark.e2e
 def test_callbacks_run_in_threads_of_their_own(make_plane):
-    """Not in zenoh's reader: a busy interpreter would hold up every topic in one line (measured in `robot_session`)."""
+    """Not in zenoh's reader: a busy interpreter would hold up every topic in one line (measured in `robot_session`).
+
+    What is only shown, and poses, have no callback and no thread; transport events, tokens of bridges, tokens of gateways
+    and the link itself have one each.
+    """
     before = threading.active_count()
-    make_plane().connected()
-    wait_until(lambda: threading.active_count() - before > len(robot.STATE_TOPICS), what="a thread per topic and ours")
+    plane = make_plane().connected()
+    wait_until(lambda: threading.active_count() - before > len(STAMPED), what="a thread per stamped topic and ours")
+    plane.wait_for_states(2.0)
+    assert threading.active_count() - before <= len(STAMPED) + 4
+    assert STAMPED < DECIDING < set(robot.STATE_TOPICS)
     assert zenoh.handlers.Callback(print).indirect

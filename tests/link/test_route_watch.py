@@ -6,7 +6,7 @@ import pytest
 
 from gateway import robot
 from gateway.errors import Code
-from gateway.link.route_watch import MAX_REVIVALS, REVIVAL_WINDOW_NS, Evidence, RouteWatch
+from gateway.link.route_watch import GONE_NS, MAX_REVIVALS, REVIVAL_WINDOW_NS, Evidence, RouteWatch
 from gateway.values import Side
 
 MS = 1_000_000
@@ -46,18 +46,37 @@ def test_a_fresh_connection_gets_two_seconds(watch):
         assert watch.is_silent(7 * S + 1, 5 * S, newest_ns)
 
 
+def lose(watch, at_ns, newest_ns):
+    """Let a topic be without announcement until it is called lost; return what is said then."""
+    assert watch.observe(at_ns - GONE_NS, 0, newest_ns, is_announced=False) is None
+    assert watch.observe(at_ns - 1, 0, newest_ns, is_announced=False) is None
+    return watch.observe(at_ns, 0, newest_ns, is_announced=False)
+
+
 def test_silence_without_an_announcement_is_a_lost_route(watch):
     """State dead, transport up, tokens gone: ROUTE_LOST, said once, with the remedy (wire.md 3.1 b2)."""
-    seen = watch.observe(3 * S, 0, 2 * S, is_announced=False)
+    seen = lose(watch, 3 * S, 2 * S)
     assert (seen.topic, seen.code, seen.at_ns) == (ARM.name, Code.ROUTE_LOST, 3 * S)
     assert "Restart" in seen.message
     assert watch.observe(4 * S, 0, 2 * S, is_announced=False) is None
     assert watch.code is Code.ROUTE_LOST
 
 
+def test_the_end_of_a_transport_is_no_lost_route(watch):
+    """It takes the tokens away before it is told, the next one brings them after: the half second counts on one transport."""
+    assert watch.observe(3 * S, 0, 2 * S, is_announced=False) is None
+    for at_ns, up_since_ns in ((3 * S + 250 * MS, 0), (3 * S + 500 * MS, 3 * S + 300 * MS)):
+        assert watch.observe(at_ns, up_since_ns, 2 * S, is_announced=False) is None
+    assert watch.observe(3 * S + 750 * MS, 3 * S + 300 * MS, 2 * S, is_announced=True) is None
+    assert watch.observe(7 * S, 3 * S + 300 * MS, 2 * S, is_announced=False) is None, (
+        "announced meanwhile: counted anew"
+    )
+    assert watch.code is None
+
+
 def test_a_route_that_delivers_again_is_told_once(watch):
     """After a loss the first new sample ends the observation."""
-    watch.observe(3 * S, 0, 2 * S, is_announced=False)
+    lose(watch, 3 * S, 2 * S)
     seen = watch.observe(5 * S, 0, 5 * S - 1, is_announced=True)
     assert (seen.code, seen.topic) == (None, ARM.name)
     assert watch.observe(6 * S, 0, 6 * S, is_announced=True) is None
@@ -65,7 +84,7 @@ def test_a_route_that_delivers_again_is_told_once(watch):
 
 def test_a_reconnect_alone_does_not_clear_a_loss(watch):
     """Until the first sample of the new connection nothing is known."""
-    watch.observe(3 * S, 0, 2 * S, is_announced=False)
+    lose(watch, 3 * S, 2 * S)
     assert watch.observe(4 * S, 4 * S - 1, 2 * S, is_announced=True) is None
     assert watch.code is Code.ROUTE_LOST
 

@@ -81,7 +81,7 @@ def test_the_fence_and_the_reconnect_are_as_recommended():
     """Announced lease with four keepalives, small send buffer, fast retry, no shared memory (wire.md 10.1)."""
     config = parsed(lease_ms=300)
     transmission = config["transport"]["link"]["tx"]
-    assert (transmission["lease"], transmission["keep_alive"]) == (300, 4)
+    assert (transmission["lease"], transmission["keep_alive"], transmission["batch_size"]) == (300, 4, 65_535)
     assert transmission["queue"]["congestion_control"] == {
         "drop": {"wait_before_drop": 500},
         "block": {"wait_before_close": 500000},
@@ -126,6 +126,23 @@ def test_zenoh_accepts_the_configuration(model, namespace):
 
 
 @pytest.mark.e2e
+def test_an_answer_longer_than_a_batch_arrives_whole(port):
+    """A bridge with many routes says more about them than fits into 8 KiB: zenoh cuts it up and puts it together."""
+    endpoint = f"tcp/127.0.0.1:{port}"
+    listener = {"mode": "router", "listen": {"endpoints": [endpoint]}, "scouting": {"multicast": {"enabled": False}}}
+    key, long = "@/a1/ros2/tall", bytes(range(256)) * 400
+    with zenoh.open(zenoh.Config.from_json5(json.dumps(listener))) as router:
+        held = router.declare_queryable(key, lambda query: query.reply(key, long))
+        with zenoh.open(zenoh.Config.from_json5(session_config(LinkSettings(endpoint=endpoint)))) as session:
+
+            def answers():
+                return [reply.ok.payload.to_bytes() for reply in session.get(key) if reply.ok is not None]
+
+            assert wait_until(answers, what="the answer") == [long]
+        held.undeclare()
+
+
+@pytest.mark.e2e
 def test_only_the_keys_of_the_profile_leave_the_process(port):
     """Puts elsewhere, deletes and oversized payloads stay here; with access control off all of them arrive."""
     settings = LinkSettings(endpoint=f"tcp/127.0.0.1:{port}", model="standard")
@@ -163,3 +180,16 @@ def test_only_the_keys_of_the_profile_leave_the_process(port):
 def _last_has_come(robot_process):
     received = robot_process.ask("stats")["received"]
     return received if any(b"last".hex() in entry for entry in received.get("api/fsm/enable", [])) else None
+
+
+def test_who_only_looks_can_put_nothing_and_is_no_token():
+    """No rule lets a sample or a token of ours out; questions and subscriptions are as ever; zenoh accepts it."""
+    text = session_config(LinkSettings(model="lift"), is_reader=True)
+    config = json.loads(text)
+    egress = [rule for rule in rules(config).values() if "egress" in rule["flows"]]
+    assert {message for rule in egress for message in rule["messages"]} == {
+        "declare_subscriber", "query", "liveliness_query", "declare_liveliness_subscriber",
+    }  # fmt: skip
+    assert config["access_control"]["default_permission"] == "deny"
+    assert set(rules(config)) == set(rules(parsed(model="lift"))) - {"out", "tok"}
+    zenoh.Config.from_json5(text)

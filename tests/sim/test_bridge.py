@@ -7,7 +7,6 @@ import json
 import pytest
 import zenoh
 
-from cdr_types import encode
 from cdr_types.keys import Token, TokenKind, format_token, parse_token
 from cdr_types.messages import std_msgs
 from gateway.sim.bridge import QOS, Bridge, bridge_config
@@ -56,6 +55,34 @@ def tokens(user) -> set[str]:
     return {str(reply.ok.key_expr) for reply in user.liveliness().get("@/*/@ros2_lv/**", timeout=5.0)}
 
 
+def test_a_namespace_is_before_every_key_and_in_every_token_and_entry():
+    """As a bridge with that option has it; topics keep their names inside (wire reference §1.1)."""
+    bridge = Bridge(ENDPOINT, STATES, COMMANDS, lambda: 42, "/bot1")
+    try:
+        user = user_session(ENDPOINT)
+        try:
+            kinds = {parse_token(key).kind: parse_token(key).topic for key in tokens(user)}
+            assert kinds[TokenKind.MP] == f"/bot1{FSM_STATE}" and kinds[TokenKind.MS] == f"/bot1{FSM_ENABLE}"
+            got: list[bytes] = []
+            kept = user.declare_subscriber(f"bot1{FSM_STATE}", lambda sample: got.append(sample.payload.to_bytes()))
+            until(lambda: bridge.wanted() == {FSM_STATE})
+            bridge.publish(FSM_STATE, std_msgs.Int32(data=2))
+            until(lambda: got)
+            user.put(f"bot1{FSM_ENABLE}", b"hi")
+            until(lambda: bridge.arrivals)
+            assert bridge.arrivals.popleft().topic == FSM_ENABLE and kept is not None
+            told = Token(zid="ab", kind=TokenKind.MS, topic=f"/bot1{FSM_STATE}", type_name=INT32, qos=QOS)
+            token = user.liveliness().declare_token(format_token(told))
+            root = f"@/{bridge.zid}/ros2"
+            entry = f"{root}/route/topic/pub/bot1{FSM_STATE}"
+            until(lambda: admin(bridge, user, f"{root}/**")[entry]["remote_routes"] == [f"ab:bot1{FSM_STATE}"])
+            assert admin(bridge, user, f"{root}/config")[f"{root}/config"]["namespace"] == "/bot1" and token is not None
+        finally:
+            user.close()
+    finally:
+        bridge.close()
+
+
 def test_configuration_is_a_router_with_ten_seconds_of_lease():
     """Scouting off, admin space readable and not writable, timestamps on (wire reference §1.3, §5.2, §6)."""
     config = json.loads(str(bridge_config(ENDPOINT)))
@@ -89,7 +116,7 @@ def test_samples_are_plain_cdr_stamped_by_the_bridge(bridge, user):
     """Payload verbatim, no attachment, no source info, HLC id = zid of the bridge (§1.2, §1.3 there)."""
     subscriber = user.declare_subscriber("fsm_state", zenoh.handlers.FifoChannel(10))
     until(bridge.wanted)
-    bridge.publish(FSM_STATE, encode(std_msgs.Int32(data=2)))
+    bridge.publish(FSM_STATE, std_msgs.Int32(data=2))
     sample = subscriber.recv()
     assert sample.payload.to_bytes() == b"\x00\x01\x00\x00\x02\x00\x00\x00"
     assert sample.attachment is None

@@ -15,6 +15,7 @@ from gateway.sim.remote import SimControl
 from gateway.sim.settings import SimSettings
 from tests.sim import drivers
 from tests.sim.wire import User, sim_process, until
+from tests.thoroughness import IS_THOROUGH
 
 POSE_ROBOT, JOINT_ROBOT = "tcp/127.0.0.1:19120", "tcp/127.0.0.1:19121"
 
@@ -152,7 +153,7 @@ def test_examples_in_pose_mode_over_the_wire():
 
 @pytest.mark.e2e
 def test_examples_in_joint_mode_over_the_wire():
-    """6.6, 6.4, 6.2, 6.5 and 6.7 over loopback zenoh against the node as a process."""
+    """6.6, 6.2, 6.5 and in CI also 6.4 and 6.7, over loopback zenoh against the node as a process."""
     with sim_process(JOINT_ROBOT, "--mode", "joint", "--model", "lift"), SimControl(JOINT_ROBOT) as control:
         user = User(JOINT_ROBOT)
         try:
@@ -160,17 +161,19 @@ def test_examples_in_joint_mode_over_the_wire():
             user.play(home, 15.0)
             assert home.is_done
             until(lambda: control.ask("state")["fsm"] == 0)
-            user.play(drivers.FixedTargets(), 5.0)
-            arms = control.ask("state")["arms"]
-            for side in Side:
-                assert arms[side.value]["q_rad"] == pytest.approx(drivers.TARGET_64[side], abs=0.02)
+            if IS_THOROUGH:
+                user.play(drivers.FixedTargets(), 5.0)
+                arms = control.ask("state")["arms"]
+                for side in Side:
+                    assert arms[side.value]["q_rad"] == pytest.approx(drivers.TARGET_64[side], abs=0.02)
             user.play(drivers.GripInJointMode(), 1.5)
             assert all(g["angle_rad"] == 1.0 for g in control.ask("state")["grippers"].values())
             user.play(drivers.DriveChassis(), 5.0)
             until(lambda: control.ask("state")["chassis"]["velocity"] == [0.0, 0.0, 0.0])
             assert control.ask("state")["chassis"]["travel"][0] == pytest.approx(0.093, abs=0.02)
-            user.play(drivers.LiftDemo(), 6.0)
-            until(lambda: control.ask("state")["lift"]["is_powered"] is False)
-            assert control.ask("state")["lift"]["lowered_m"] == pytest.approx(0.30, abs=0.05)
+            if IS_THOROUGH:
+                user.play(drivers.LiftDemo(), 6.0)
+                until(lambda: control.ask("state")["lift"]["is_powered"] is False)
+                assert control.ask("state")["lift"]["lowered_m"] == pytest.approx(0.30, abs=0.05)
         finally:
             user.close()

@@ -20,6 +20,7 @@ ENOUGH = {
     "mode": "pose",
     "joint": 2,
     "delta_rad": 0.5,
+    "margin_rad": 0.3,
     "step_s": 3600.0,
 }
 
@@ -72,6 +73,8 @@ def test_a_fault_is_json():
         ('{"fault":"fsm_value","value":true}', "finite number"),
         ('{"fault":"vr_mode","duration_s":0}', "positive"),
         ('{"fault":"jump","side":"left","joint":8,"delta_rad":1}', "1 to 7"),
+        ('{"fault":"tight_limit","side":"left","joint":0,"margin_rad":1}', "1 to 7"),
+        ('{"fault":"tight_limit","side":"left","joint":2,"margin_rad":-1}', "positive"),
     ],
 )
 def test_what_is_not_understood_says_what_is_known(command, named):
@@ -128,6 +131,16 @@ def test_delay_shifts_and_duplicate_repeats():
     )
     message = state()
     assert faults.pass_through(STATE, message, 0) == [(300 * MS, message)] * 3
+
+
+def test_reordered_messages_come_in_pairs_the_later_one_first():
+    """Nothing is made up; with the fault's end the order is right again, and the one that was held back is lost."""
+    faults = book({"fault": "reorder", "topic": STATE, "duration_s": 1.0})
+    came = [m for n in range(5) for _, m in faults.pass_through(STATE, state(float(n)), 0)]
+    assert [message.position[0] for message in came] == [1.0, 0.0, 3.0, 2.0]
+    assert faults.expire(1 * S)
+    faults.add(parse_fault({"fault": "reorder", "topic": STATE}), 1 * S)
+    assert faults.pass_through(STATE, state(9.0), 1 * S) == []
 
 
 def test_corrupted_states_leave_the_original_alone():

@@ -23,11 +23,17 @@ def test_without_arguments_it_is_the_default_robot_on_the_default_port(started):
 
 
 def test_every_argument_reaches_the_settings(started):
-    """Modes of both arms or of each, model, seed, endpoint, disabled parts."""
-    words = "--listen tcp/127.0.0.1:9 --mode pose --right-mode joint --model lift --seed 4 --disable left_arm"
+    """Modes of both arms or of each, model, seed, endpoint, namespace, disabled parts."""
+    words = "--listen tcp/127.0.0.1:9 --mode pose --right-mode joint --model lift --seed 4 --namespace bot1 --disable left_arm"
     program.main([*words.split(), "--disable", "chassis"])
     expected = SimSettings(
-        model="lift", left_mode="pose", right_mode="joint", seed=4, enable_left_arm=False, enable_chassis=False
+        model="lift",
+        left_mode="pose",
+        right_mode="joint",
+        seed=4,
+        namespace="bot1",
+        enable_left_arm=False,
+        enable_chassis=False,
     )
     assert started == [("tcp/127.0.0.1:9", expected)]
 

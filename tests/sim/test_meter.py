@@ -50,6 +50,27 @@ def test_reset_forgets_everything():
     assert meter.as_dict(S)["rate_hz"] is None
 
 
+def test_how_old_a_stamped_message_is_counts_from_the_quickest_one():
+    """The sender's clock may be an hour off; what waited for more than 100 ms on the way is late, and a reset forgets that."""
+    meter = StreamMeter()
+    hour_ns = 3600 * S
+    for sent_ms, took_ms in ((0, 7), (10, 5), (20, 105), (30, 106), (40, 1205)):
+        meter.add((sent_ms + took_ms) * MS, None, sent_ms * MS + hour_ns)
+    figures = meter.as_dict(2 * S)
+    assert (figures["oldest_ms"], figures["late"]) == (1200.0, 2)
+    meter.reset()
+    meter.add(3 * S + 155 * MS, None, 3 * S + hour_ns)
+    assert (meter.as_dict(4 * S)["oldest_ms"], meter.as_dict(4 * S)["late"]) == (150.0, 1)
+
+
+def test_a_message_without_a_stamp_has_no_age():
+    """Poses and single numbers have none; a stamp that was never set says nothing."""
+    meter = StreamMeter()
+    meter.add(S, None)
+    meter.add(2 * S, None, 0)
+    assert (meter.as_dict(3 * S)["oldest_ms"], meter.as_dict(3 * S)["late"]) == (None, 0)
+
+
 def sine(times_s):
     """Positions of a motion with known peaks: 0.2 sin(2 t) on joint 1, nothing else."""
     q = np.zeros((len(times_s), 7))
@@ -93,6 +114,19 @@ def test_jitter_of_the_network_does_not_look_like_acceleration():
     rng = np.random.default_rng(5)
     for number, q in enumerate(sine(np.arange(0.0, 8.0, 0.01))):
         meter.add(number * 10 * MS + int(rng.uniform(0, 8) * MS), q)
+    figures = meter.as_dict()
+    assert figures["peak_radps"][0] == pytest.approx(0.4, rel=0.05)
+    assert figures["peak_radps2"][0] == pytest.approx(0.8, rel=0.1)
+
+
+@pytest.mark.parametrize("stall_ms", [40, 60, 90, 140])
+def test_setpoints_that_pile_up_and_come_at_once_do_not_look_like_acceleration(stall_ms):
+    """The receiver stood still now and then: neither the gap nor the burst behind it says how often they were sent."""
+    meter = SetpointMeter()
+    for number, q in enumerate(sine(np.arange(0.0, 8.0, 0.01))):
+        sent_ms = number * 10
+        held_until_ms = sent_ms // 500 * 500 + stall_ms  # a stall at the begin of each half second
+        meter.add(int((max(sent_ms, held_until_ms) + 0.1 * (number % 50)) * MS), q)
     figures = meter.as_dict()
     assert figures["peak_radps"][0] == pytest.approx(0.4, rel=0.05)
     assert figures["peak_radps2"][0] == pytest.approx(0.8, rel=0.1)

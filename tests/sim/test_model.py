@@ -216,7 +216,20 @@ def test_an_invalid_pose_protects_the_arm():
     far = ("/api/left_arm/target_pose", geometry_msgs.Pose(position=geometry_msgs.Point(x=3.0)))
     user.live(0.5, arms=(Side.RIGHT,), also=(far,))
     assert np.array_equal(robot.arms[Side.LEFT].q_rad, START[Side.LEFT])
-    assert robot.journal.counts["IK_INVALID"] == 10
+    assert robot.journal.counts["IK_INVALID"] == robot.arms[Side.LEFT].unsolved == 10
+
+
+def test_an_invalid_pose_keeps_no_grip():
+    """It is not passed on (§4.10), and the gripper needs what is (§4.4): 100 ms later the torque is cancelled."""
+    robot = SimRobot(SimSettings(left_mode="pose"))
+    user = User(robot)
+    pose = arm_geometry(Side.LEFT).forward(START[Side.LEFT])
+    near = ("/api/left_arm/target_pose", as_pose(pose.position_m, pose.quat_xyzw))
+    far = ("/api/left_arm/target_pose", geometry_msgs.Pose(position=geometry_msgs.Point(x=3.0)))
+    user.live(0.5, arms=(Side.RIGHT,), also=(near, ("/api/left_gripper/cmd", enable(0.5))))
+    assert robot.grippers[Side.LEFT].is_engaged
+    user.live(0.2, arms=(Side.RIGHT,), also=(far,))
+    assert not robot.grippers[Side.LEFT].is_engaged and robot.grippers[Side.RIGHT].is_engaged
 
 
 def test_vr_mode_takes_no_api_commands_but_the_enable():
@@ -374,6 +387,32 @@ def test_a_blocked_arm_falls_behind_its_target():
     user.targets[Side.LEFT][0] += 0.4
     user.live(0.5)
     assert user.robot.arms[Side.LEFT].deviation_rad > 0.35
+
+
+def test_a_tight_limit_clips_inside_the_manuals():
+    """This robot stops short of §4.13 on one joint; the others follow, and nothing is said but in its own log."""
+    user = User(SimRobot())
+    user.ready()
+    user.robot.inject({"fault": "tight_limit", "side": "left", "joint": 2, "margin_rad": 0.4}, user.robot.now_ns)
+    user.targets[Side.LEFT][0] += 0.1
+    user.targets[Side.LEFT][1] = 1.8
+    user.live(0.5)
+    arm = user.robot.arms[Side.LEFT]
+    assert arm.target_rad[1] == pytest.approx(1.5) and arm.target_rad[0] == pytest.approx(START[Side.LEFT][0] + 0.1)
+    assert user.robot.journal.counts["CLIPPED"] and user.robot.clear() == 1
+    user.live(0.5)
+    assert arm.target_rad[1] == pytest.approx(1.8)
+
+
+def test_an_arm_without_ik_takes_no_pose():
+    """Every pose is an invalid IK result: zero-velocity protection (§4.10), as long as it lasts."""
+    robot = SimRobot(SimSettings(left_mode="pose"))
+    message = dict(robot.advance(0))["/left_arm/current_ee_pose"]
+    robot.inject({"fault": "no_ik", "side": "left", "duration_s": 1.0}, 0)
+    robot.receive("/api/left_arm/target_pose", message, 1 * MS)
+    assert robot.journal.counts["IK_INVALID"] == 1 and robot.arms[Side.LEFT].accepted == 0
+    robot.receive("/api/left_arm/target_pose", message, 2 * S)
+    assert robot.arms[Side.LEFT].accepted == 1
 
 
 def test_a_clock_step_moves_the_stamps_only():

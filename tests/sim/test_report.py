@@ -6,7 +6,7 @@ import json
 
 import pytest
 
-from cdr_types.messages import geometry_msgs, std_msgs
+from cdr_types.messages import builtin_interfaces, geometry_msgs, sensor_msgs, std_msgs
 from gateway.sim import report
 from gateway.sim.manual import MS, S
 from gateway.sim.model import SimRobot
@@ -76,3 +76,13 @@ def test_reports_are_json():
 def test_only_command_types_have_content():
     """A message that is no command has nothing to report."""
     assert report.content(std_msgs.Int32(data=3)) is None
+
+
+def test_only_joint_setpoints_say_when_they_were_sent():
+    """The header's stamp (§4.3); a pose has no header."""
+    stamp = builtin_interfaces.Time(sec=3, nanosec=7)
+    message = sensor_msgs.JointState(
+        header=std_msgs.Header(stamp=stamp, frame_id=""), name=[], position=[], velocity=[], effort=[]
+    )
+    assert report.sent_ns(message) == 3 * S + 7
+    assert report.sent_ns(geometry_msgs.Pose()) is None

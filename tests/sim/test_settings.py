@@ -57,6 +57,7 @@ def test_default_gravity_offset_is_small_and_lowers_the_hand():
         ({"model": "plus"}, "plus"),
         ({"left_mode": "velocity"}, "left_mode"),
         ({"right_mode": ""}, "right_mode"),
+        ({"namespace": "bot*"}, "namespace"),
         ({"sag_rad": (0.0,)}, "sag_rad"),
         ({"lag_s": 0.2}, "lag_s"),
         ({"brake_s": 0.0}, "brake_s"),

@@ -6,12 +6,13 @@ import os
 import re
 import shutil
 import subprocess
+import sys
 from pathlib import Path
 
 import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
-COMMANDS = ["bin/demo", "bin/test", "bin/check", "bin/bench", ".ci/run"]
+COMMANDS = ["bin/demo", "bin/test", "bin/check", "bin/bench", "bin/bridge", ".ci/run"]
 # What the scripts call besides Python.
 PROGRAMS = ["bash", "cat", "cut", "dirname", "env", "readlink"]
 
@@ -48,7 +49,7 @@ def put_script(path: Path, text: str) -> None:
 def run(command: Path, cwd: Path, path: Path) -> subprocess.CompletedProcess[str]:
     """Run a command with nothing on the PATH but one folder."""
     environment = {"PATH": str(path), "HOME": str(path)}
-    return subprocess.run([command], cwd=cwd, env=environment, capture_output=True, text=True, timeout=20, check=False)
+    return subprocess.run([command], cwd=cwd, env=environment, capture_output=True, text=True, timeout=120, check=False)
 
 
 @pytest.mark.parametrize("command", COMMANDS)
@@ -63,7 +64,7 @@ def test_a_command_finds_its_checkout_from_any_directory_and_through_symlinks(ch
     (tmp_path / "first").symlink_to(checkout / "bin/test")
     (tmp_path / "second").symlink_to(tmp_path / "first")
     result = subprocess.run(
-        [tmp_path / "second", "--help"], cwd="/", capture_output=True, text=True, timeout=20, check=True
+        [tmp_path / "second", "--help"], cwd="/", capture_output=True, text=True, timeout=120, check=True
     )
     assert result.stdout.startswith("usage: bin/test")
 
@@ -104,7 +105,7 @@ def test_a_current_environment_is_used_without_installing(checkout: Path, progra
         env={"PATH": str(programs)},
         capture_output=True,
         text=True,
-        timeout=20,
+        timeout=120,
         check=True,
     )
     assert result.stdout == "-I -m gateway.apps.demo --seed 1\n"
@@ -134,7 +135,7 @@ def test_a_shim_that_exists_and_fails_is_not_an_interpreter(tmp_path: Path, prog
         env={"PATH": str(programs), "HOME": str(tmp_path)},
         capture_output=True,
         text=True,
-        timeout=20,
+        timeout=120,
         check=True,
     )
     assert re.fullmatch(r"\[\] \S*/python3\.12 does not run\n", result.stdout)
@@ -151,7 +152,47 @@ def test_an_interpreter_of_a_version_manager_is_found_behind_its_failing_shim(tm
         env={"PATH": str(programs), "HOME": str(tmp_path)},
         capture_output=True,
         text=True,
-        timeout=20,
+        timeout=120,
         check=True,
     )
     assert result.stdout == f"{real}\n"
+
+
+PLAYED = """
+for word in "$@"; do
+    case $word in --junitxml=*) report=${word#--junitxml=} ;; esac
+done
+case "$*" in
+    *version_info*) echo 3.12.3 ;;
+    *sched_getaffinity*) echo 2 ;;
+    "-m pytest"*default-@BREAKS@.xml*) exit 3 ;;
+    "-m pytest"*default-@FAILS@.xml*) printf '<t><testcase/><testcase><failure/></testcase></t>' >"$report" && exit 1 ;;
+    "-m pytest"*) printf '<t><testcase/></t>' >"$report" ;;
+    *) exec @PYTHON@ "$@" ;;
+esac
+"""
+"""An interpreter whose pytest passes one test in every run, fails one more in one run, and breaks off in another."""
+
+
+@pytest.mark.parametrize(
+    ("fails", "breaks", "said"),
+    [
+        ("", "", "3 passed"),
+        ("quick", "", "1 failed, 3 passed"),
+        ("e2e", "", "1 failed, 3 passed"),
+        ("alone", "", "1 failed, 3 passed"),
+        ("", "quick", "1 failed, 2 passed"),
+        ("", "e2e", "1 failed, 2 passed"),
+        ("", "alone", "1 failed, 2 passed"),
+        ("quick", "alone", "2 failed, 2 passed"),
+    ],
+)
+def test_a_failure_in_any_part_fails_the_whole_run(checkout: Path, fails: str, breaks: str, said: str) -> None:
+    """bin/test has three parts: one that fails or leaves no report fails it, and the closing line sums up all of them."""
+    played = PLAYED.replace("@FAILS@", fails).replace("@BREAKS@", breaks).replace("@PYTHON@", sys.executable)
+    put_script(checkout / ".venv/bin/python", played)
+    stamp = f"{checkout}\n3.12.3\n{(checkout / 'pyproject.toml').read_text(encoding='utf-8')}"
+    (checkout / ".venv/.installed-test").write_text(stamp, encoding="utf-8")
+    result = subprocess.run([checkout / "bin/test"], capture_output=True, text=True, timeout=120, check=False)
+    assert re.fullmatch(rf"=+ {said} in \d+\.00s \(\d+:\d\d:\d\d\) =+", result.stdout.splitlines()[-1])
+    assert (result.returncode == 0) is (said == "3 passed"), result.stderr

@@ -21,6 +21,7 @@ class Grid:
     def __init__(self, rate_hz: float) -> None:
         self._rate_hz = rate_hz
         self._index = -1
+        self._next_ns = 0  # instant of the next index: asked for many times before it comes
 
     def _instant(self, index: int) -> int:
         return round(index * S / self._rate_hz)
@@ -35,7 +36,8 @@ class Grid:
 
     def start(self, now_ns: int) -> None:
         """Make the grid's first due instant the latest one not after `now_ns`: due at once."""
-        self._index = self._index_at(now_ns) - 1
+        index = self._index_at(now_ns)
+        self._index, self._next_ns = index - 1, self._instant(index)
 
     def due(self, now_ns: int) -> int | None:
         """Return the instant that is due, or None. Each instant is given once; of several missed ones only the newest.
@@ -43,12 +45,17 @@ class Grid:
         Args:
             now_ns: Monotonic time [ns].
         """
-        index = self._index_at(now_ns)
-        if index <= self._index:
+        due_ns = self._next_ns
+        if now_ns < due_ns:
             return None
-        self._index = index
-        return self._instant(index)
+        index = self._index + 1
+        next_ns = self._instant(index + 1)
+        if next_ns <= now_ns:
+            index = self._index_at(now_ns)
+            due_ns, next_ns = self._instant(index), self._instant(index + 1)
+        self._index, self._next_ns = index, next_ns
+        return due_ns
 
     def next_ns(self) -> int:
         """Return the next instant that has not been given [ns]."""
-        return self._instant(self._index + 1)
+        return self._next_ns

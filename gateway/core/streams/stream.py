@@ -18,6 +18,8 @@ RATE_WINDOW_NS = 2 * S
 """Sent rates are measured over this [ns]."""
 GAP_WINDOW_NS = 10 * S
 """The worst gap is the worst of this long [ns]."""
+FORGET_NS = S // 4
+"""What is older than the window is kept this much longer at most [ns], until somebody asks: not each frame sweeps."""
 
 
 class Stream(Protocol):
@@ -66,7 +68,8 @@ class SentLog:
         self.last_ns = now_ns
         self.sent += 1
         self._times.append(now_ns)
-        self._forget(now_ns)
+        if now_ns - self._times[0] > RATE_WINDOW_NS + FORGET_NS:
+            self._forget(now_ns)
 
     def end(self) -> None:
         """The stream went silent on purpose: the silence is no gap, and no part of the next rate."""
@@ -78,6 +81,11 @@ class SentLog:
             self._times.popleft()
         while self._gaps and now_ns - self._gaps[0][0] > GAP_WINDOW_NS:
             self._gaps.popleft()
+
+    def worst_gap(self, now_ns: int) -> tuple[int, int] | None:
+        """Return the worst gap of the last 10 s as (when it ended, how long it was) [ns]; None before the second frame."""
+        self._forget(now_ns)
+        return self._gaps[0] if self._gaps else None
 
     def view(self, now_ns: int) -> StreamView:
         """Return the stream's figures at `now_ns`."""

@@ -107,3 +107,16 @@ def test_what_is_due_is_the_newest_instant_that_has_come(rate_hz, times_ns):
         assert grid.due(now_ns) == (None if newest_ns == given_ns else newest_ns)
         assert newest_ns <= now_ns < grid.next_ns()
         given_ns = newest_ns
+
+
+@pytest.mark.parametrize("rate_hz", RATES_HZ)
+@pytest.mark.parametrize("up_ns", [0, DAY, 100 * DAY, 366 * DAY, 3000 * DAY], ids=lambda ns: f"up {ns // DAY} days")
+def test_a_start_at_an_instant_or_just_before_it_finds_the_right_one(rate_hz, up_ns):
+    """Rounding and floats of a host that is long up lead neither to an instant too late nor to one too early."""
+    for instant_ns in instants(rate_hz, up_ns, 200)[1:]:
+        at, before = Grid(rate_hz), Grid(rate_hz)
+        at.start(instant_ns)
+        assert at.due(instant_ns) == instant_ns
+        before.start(instant_ns - 1)
+        early_ns = before.due(instant_ns - 1)
+        assert early_ns is not None and early_ns < instant_ns == before.next_ns()

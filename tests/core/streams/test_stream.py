@@ -82,3 +82,14 @@ def test_a_stream_is_five_words():
     """Whatever sends to the robot has this shape; body, outlet and gate know no other (DESIGN §6)."""
     words = {name for name in {**vars(Stream), **inspect.get_annotations(Stream)} if not name.startswith("_")}
     assert words == {"topic", "log", "running", "next_due_ns", "frame"}
+
+
+def test_the_worst_gap_is_known_with_its_end_until_it_is_old() -> None:
+    """When it ended and how long it was; nothing before the second frame, and nothing after 10 s."""
+    log = SentLog()
+    assert log.worst_gap(0) is None
+    for at_ms in (0, 10, 90, 100):
+        log.note(at_ms * 1_000_000)
+    assert log.worst_gap(200_000_000) == (90_000_000, 80_000_000)
+    assert log.worst_gap(10_095_000_000) == (100_000_000, 10_000_000)
+    assert log.worst_gap(11_000_000_000) is None

@@ -1,0 +1,100 @@
+"""What is said at the guard's socket: a stop while the daemon is dead, and the way a hold comes to the next daemon.
+
+One packet each way (SOCK_SEQPACKET, JSON). The socket lies beside the daemon's: `<socket>.guard`. A guard that only
+watches says so, and does nothing: a living daemon is asked itself. This is all that a client must know of the guard.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Literal
+
+import msgspec
+
+__all__ = [
+    "MAX_PACKET_BYTES",
+    "GuardAnswer",
+    "GuardQuestion",
+    "guard_socket",
+    "packed",
+    "read_answer",
+    "read_question",
+    "robot_name",
+]
+
+MAX_PACKET_BYTES = 16_384
+"""No packet is larger."""
+
+Ask = Literal["status", "stop", "estop", "hand_over", "taken"]
+"""`hand_over` and `taken` are a daemon's: give me what you hold; I have it, you may go."""
+
+
+class GuardQuestion(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
+    """What is wanted, by whom, and why."""
+
+    ask: Ask
+    client: str = ""
+    reason: str = ""
+
+
+class GuardAnswer(msgspec.Struct, frozen=True, kw_only=True):
+    """How the guard is, and what it did.
+
+    Attributes:
+        phase: `watching` (the daemon lives), `acting`, `handed` or `done`.
+        pid: Process id of the guard.
+        state: What a supervisor would show, e.g. `HOLDING`.
+        done: Whether what was asked was done.
+        undelivered: Whether a stop could not be delivered: use the physical emergency stop.
+        held: What is on the wire, for a daemon that asked for it; `null` else.
+        latches: Causes that this guard has latched, with their messages.
+        robot: Which robot it commands, as `robot_name` has it.
+        left_ms: How long its hold will go on [ms]; 0 when it holds nothing.
+    """
+
+    phase: str
+    pid: int
+    state: str
+    done: bool = False
+    undelivered: bool = False
+    held: msgspec.Raw = msgspec.Raw(b"null")
+    latches: dict[str, str] = {}
+    robot: str = ""
+    left_ms: int = 0
+
+
+_QUESTION = msgspec.json.Decoder(GuardQuestion)
+_ANSWER = msgspec.json.Decoder(GuardAnswer)
+
+
+def guard_socket(socket: Path) -> Path:
+    """Return where the guard of the daemon at this socket listens."""
+    return socket.with_name(f"{socket.name}.guard")
+
+
+def robot_name(endpoint: str, namespace: str) -> str:
+    """Return what tells one robot from another: a daemon must not take over what was sent to another one."""
+    return f"{endpoint}/{namespace.strip('/')}".rstrip("/")
+
+
+def packed(message: GuardQuestion | GuardAnswer) -> bytes:
+    """Return the packet of a message."""
+    return msgspec.json.encode(message)
+
+
+def read_question(packet: bytes) -> GuardQuestion:
+    """Return the question in a packet.
+
+    Raises:
+        ValueError: It is none.
+    """
+    return _QUESTION.decode(packet)
+
+
+def read_answer(packet: bytes) -> GuardAnswer:
+    """Return the answer in a packet.
+
+    Raises:
+        ValueError: It is none.
+    """
+    return _ANSWER.decode(packet)

@@ -1,0 +1,28 @@
+"""What every request of the local API has in common: its base, its tag, and the types of its fields."""
+
+from __future__ import annotations
+
+import re
+from typing import Annotated, Literal
+
+from msgspec import Meta, Struct
+
+__all__ = ["ClientId", "Count", "Incoming", "Joints", "Name", "Pid", "SideName", "Text"]
+
+SideName = Literal["left", "right"]
+
+Count = Annotated[int, Meta(ge=0, le=2**62)]
+Pid = Annotated[int, Meta(ge=0, le=2**31)]
+Name = Annotated[str, Meta(min_length=1, max_length=64)]
+Text = Annotated[str, Meta(max_length=512)]
+ClientId = Annotated[str, Meta(pattern=r"^[0-9A-Za-z_-]{1,64}\Z")]
+Joints = Annotated[tuple[float, ...], Meta(max_length=64)]
+
+
+def _tag(class_name: str) -> str:
+    """Return the tag of a request class: `OpenStream` -> `open_stream`."""
+    return re.sub(r"(?<=[a-z])(?=[A-Z])", "_", class_name).lower()
+
+
+class Incoming(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True, tag_field="type", tag=_tag):
+    """A request; its JSON form has a `type` beside its fields."""

@@ -1,0 +1,57 @@
+"""What this process knows of guards: its own, and one of an earlier daemon that may still hold the robot.
+
+It decides nothing: enabling waits for the own guard for a while, and is refused while the other one holds.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+from gateway.core.events import GuardSeen
+
+__all__ = ["WAIT_NS", "Guarding"]
+
+WAIT_NS = 2_000_000_000
+"""How long an enabling waits for a guard that is still connecting [ns]; then it goes on without."""
+
+
+class Guarding:
+    """Facts about guards, as the daemon tells them."""
+
+    def __init__(self) -> None:
+        self.pid = 0
+        """Process id of this daemon's guard; 0 while none runs."""
+        self.zid = ""
+        """Its zenoh id on the robot plane; empty before it has one."""
+        self.is_linked = False
+        """Whether it reaches the robot's router."""
+        self.lost = 0
+        """How many guards this daemon has lost."""
+        self.is_expected = False
+        """Whether there shall be a guard: its keeper has spoken."""
+        self.earlier_holds = False
+        """Whether the guard of an earlier daemon holds the robot."""
+
+    def is_awaited(self, waited_ns: int) -> bool:
+        """Return whether a guard runs that does not reach the robot yet, and is worth waiting for.
+
+        Args:
+            waited_ns: How long it has been waited for [ns].
+        """
+        return self.pid != 0 and not self.is_linked and waited_ns < WAIT_NS
+
+    def is_held_elsewhere(self, armed_friends: Iterable[str]) -> bool:
+        """Return whether the guard of an earlier daemon holds the robot, within our reach or not.
+
+        Args:
+            armed_friends: Zenoh ids of sessions of ours that show a claim; one that cannot be reached still does.
+        """
+        return self.earlier_holds or any(zid != self.zid for zid in armed_friends)
+
+    def see(self, seen: GuardSeen) -> str:
+        """Take note of the guard; return what is worth telling about one that was lost, empty when none was."""
+        self.pid, self.zid, self.is_linked, self.is_expected = seen.pid, seen.zid, seen.is_linked, True
+        if not seen.lost:
+            return ""
+        self.lost += 1
+        return f"the guard ended ({seen.lost}); another one is started, control goes on"

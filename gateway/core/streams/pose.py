@@ -1,0 +1,41 @@
+"""One arm's stream of end-effector setpoints (manual §4.2): 70 Hz on its own grid, so that the robot's IK keeps up."""
+
+from __future__ import annotations
+
+from gateway import robot
+from gateway.core.gap import Gap
+from gateway.core.pose_motion import PoseLimits, PoseReference
+from gateway.core.pose_passage import PosePassage
+from gateway.core.streams.setpoints import SetpointStream
+from gateway.settings import PoseSettings
+from gateway.values import Side, Space
+
+__all__ = ["PoseStream"]
+
+
+class PoseStream(SetpointStream):
+    """Poses of one end effector in its arm's shoulder frame: x, y, z [m], qx, qy, qz, qw.
+
+    Args:
+        side: Which arm.
+        settings: Limits and rate.
+    """
+
+    def __init__(self, side: Side, settings: PoseSettings) -> None:
+        limits = PoseLimits(
+            v_mps=settings.v_mps,
+            a_mps2=settings.a_mps2,
+            j_mps3=settings.j_mps3,
+            w_radps=settings.w_radps,
+            dw_radps2=settings.dw_radps2,
+            ddw_radps3=settings.ddw_radps3,
+            reach_m=settings.reach_m,
+        )
+        self.reference = PoseReference(limits, 1.0 / settings.rate_hz)
+        tracking = Gap(settings.tracking_rad, settings.tracking_m)
+        super().__init__(robot.pose_command(side), Space.POSE, self.reference, settings.rate_hz, tracking)
+
+    def follow_chunk(self, passage: PosePassage, epoch: int) -> None:
+        """Follow this arm's part of a trajectory, for the owner of `epoch`."""
+        self.reference.track(passage)
+        self._own(epoch)

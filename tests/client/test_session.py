@@ -1,0 +1,195 @@
+"""Tests of the session: what ends with its daemon, what is never sent again, and clients that nobody holds any more."""
+
+from __future__ import annotations
+
+import gc
+import tracemalloc
+import weakref
+
+import numpy as np
+import pytest
+
+from gateway.client import connect
+from gateway.errors import Code, Disconnected, LeaseError, OutcomeUnknown
+from tests.api.daemon import eventually
+from tests.api.stand_in import START_Q, a_snapshot
+from tests.client.test_watching import restart
+from tests.thoroughness import either
+
+
+def sent(world, robot):
+    """Return what this client asked for since the engine began anew."""
+    return [type(request).__name__ for client, request in world.engine.requests if client == robot.client_id]
+
+
+def begin_anew(world):
+    """Put a fresh daemon in the place of the first, with an engine that knows nothing."""
+    restart(world)
+    world.engine.requests.clear()
+    world.engine.targets.clear()
+    world.engine.seen.clear()
+    world.engine._answered.clear()
+    world.engine.snapshot = a_snapshot(seq=1)
+
+
+def test_what_was_owned_ends_with_its_daemon_and_nothing_is_sent(world, robot):
+    """After a restart every command of the old control is LEASE_LOST here: nothing reaches the new daemon."""
+    own = robot.control().acquire()
+    own.enable()
+    handle = own.left_arm.move_to(START_Q)
+    stream = own.right_arm.stream()
+    stream.__enter__()
+    begin_anew(world)
+    commands = (
+        own.enable,
+        own.disable,
+        own.hold,
+        lambda: own.left_arm.move_to(START_Q),
+        own.left_arm.hold,
+        lambda: stream.set(np.array(START_Q)),
+        stream.tick,
+        lambda: own.left_arm.stream(),
+        lambda: own.epoch,
+    )
+    for command in commands:
+        with pytest.raises(LeaseError) as caught:
+            command()
+        assert caught.value.code is Code.LEASE_LOST and "restarted" in str(caught.value)
+    with pytest.raises(Disconnected):
+        handle.result(timeout=5.0)
+    assert not own.is_open and handle.done
+    own.release()
+    own.leave()
+    stream.__exit__(None, None, None)
+    world.run(1.0)
+    assert sent(world, robot) == [] and world.engine.seen == {} and world.engine.targets == []
+
+
+def test_reading_goes_on_and_a_new_control_is_taken_by_hand(world, robot):
+    """The same client reads the next daemon, and owns it when, and only when, its user says so."""
+    robot.control().acquire().enable()
+    begin_anew(world)
+    assert robot.state.state == "READ_ONLY" and not robot.state.lease.owned
+    with robot.control() as own:
+        world.run(0.5)
+        assert own.is_open and len(world.engine.seen[robot.client_id]) >= 10
+    assert sent(world, robot) == ["Acquire", "Release"]
+
+
+def test_a_new_control_right_after_the_restart_keeps_its_keepalive(world, robot):
+    """The end of the old lease's keepalive does not take the new one's with it."""
+    robot.control().acquire()
+    begin_anew(world)
+    own = robot.control().acquire()  # before any beat could see that the old lease is over
+    world.run(0.5)
+    assert len(world.engine.seen[robot.client_id]) >= 10 and own.is_open
+
+
+def test_leaving_a_block_by_an_exception_after_a_restart_sends_nothing(world, robot):
+    """Neither an abandon nor a release of an old epoch goes to a daemon that never gave it."""
+    with pytest.raises(ZeroDivisionError), robot.control():
+        begin_anew(world)
+        _ = 1 / 0
+    robot.close()
+    world.run(0.5)
+    assert world.engine.requests == []
+
+
+def test_a_request_under_way_is_not_repeated_to_another_daemon(world, robot):
+    """A reply that is lost with its daemon is an unknown outcome; the next daemon is never asked the same again."""
+    ask = world.plane.ask
+
+    def die(key, payload, encoding, on_done):
+        world.plane.ask = ask
+        begin_anew(world)
+        on_done(None)
+
+    world.plane.ask = die
+    with pytest.raises(OutcomeUnknown) as caught:
+        robot.recover()
+    assert "may or may not have run" in str(caught.value) and "restarted" in str(caught.value)
+    world.run(1.0)
+    assert world.engine.requests == []
+
+
+def test_a_client_that_nobody_holds_any_more_is_closed(world):
+    """A notebook cell that runs again replaces its robot: the first one goes, by itself and without its users' help."""
+    robot = connect(transport=world.transport(), name="first")
+    first, session = robot.client_id, weakref.ref(robot._session)
+    robot = connect(transport=world.transport(), name="second")
+    gc.collect()
+    assert session() is None
+    eventually(lambda: first not in world.plane._listeners)
+    assert robot.client_id in world.plane._listeners and robot.state.state == "READ_ONLY"
+
+
+def test_an_owner_that_nobody_holds_any_more_leaves_the_robot_held(world):
+    """Nobody can command by it: its keepalive ends and its token goes, as if the process had died."""
+    own = connect(transport=world.transport()).control().acquire()
+    gc.collect()
+    world.run(0.2)
+    assert own.is_open  # the control holds its connection
+    client_id = own._session.client_id
+    del own
+    gc.collect()
+    eventually(lambda: client_id not in world.plane._listeners)
+    beats = len(world.engine.seen[client_id])
+    world.run(0.5)
+    assert len(world.engine.seen[client_id]) == beats and world.engine.gone == [client_id]
+    assert world.engine.names() == ["Acquire"]
+
+
+def test_handles_and_iterators_keep_their_connection(world):
+    """Whatever can still be used keeps what it needs."""
+    own = connect(transport=world.transport()).control().acquire()
+    own.enable()
+    handle = own.left_arm.move_to(START_Q)
+    states = connect(transport=world.transport()).states()
+    del own
+    gc.collect()
+    assert handle.result(timeout=5.0).sides == ("left",) and next(states).state == "ACTIVE"
+
+
+def test_a_lease_held_by_this_very_process_says_so(world, robot):
+    """A cell that acquires again while its earlier control lives is told what happened, instead of looking for others."""
+    first = connect(transport=world.transport()).control().acquire()
+    with pytest.raises(LeaseError) as caught:
+        robot.control().acquire()
+    assert caught.value.code is Code.LEASE_HELD and "this process" in caught.value.hint
+    first.release()
+    robot.control().acquire()
+
+
+def test_a_stale_abandon_does_not_wait_for_a_dead_daemon(world, robot):
+    """close() of an owner whose daemon is gone ends at once."""
+    robot.control().acquire()
+    world.plane.set_reachable(False)
+    before_ns = world.time_ns
+    robot.close()
+    assert world.time_ns == before_ns
+
+
+@pytest.mark.slow
+def test_memory_is_flat_over_thousands_of_reconnects(world, robot):
+    """One reader through three thousand restarts of its daemon, 1,600 outside CI: nothing is kept of those that are gone."""
+    own = robot.control().acquire()
+
+    def reconnect(times):
+        for _ in range(times):
+            begin_anew(world)
+            world.engine.gone.clear()
+            assert robot.state.state == "READ_ONLY"
+            gc.collect(0)
+
+    tracemalloc.start()
+    try:
+        reconnect(1000)  # until everything that is bounded is full
+        gc.collect()
+        before, _ = tracemalloc.get_traced_memory()
+        reconnect(either(600, 2000))
+        gc.collect()
+        after, _ = tracemalloc.get_traced_memory()
+    finally:
+        tracemalloc.stop()
+    assert after - before < 20_000, f"{after - before} B more after so many reconnects"
+    assert not own.is_open and len(robot._session._listeners) == 0 and robot._session._motions == {}

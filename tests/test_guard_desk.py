@@ -1,0 +1,433 @@
+"""The guard's socket and who comes to it: stops while it acts, a daemon that takes the hold over, and everybody else."""
+
+from __future__ import annotations
+
+import os
+import socket
+import stat
+import threading
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import pytest
+
+from gateway.api.guard_protocol import (
+    MAX_PACKET_BYTES,
+    GuardAnswer,
+    GuardQuestion,
+    guard_socket,
+    packed,
+    read_answer,
+    read_question,
+    robot_name,
+)
+from gateway.client import guard_stop
+from gateway.client.guard_stop import stop_at_guard
+from gateway.client.procedures import StopResult
+from gateway.core.engine import Engine
+from gateway.core.events import GuardSeen, HeldElsewhere, TakenOver
+from gateway.core.guardian import Phase
+from gateway.errors import Code
+from gateway.guard_desk import MOST_CALLERS, GuardDesk
+from gateway.heir import Heir
+from gateway.robot import HOME_Q_RAD
+from gateway.settings import Settings
+from tests.behaviour.scene import LEAN
+from tests.guarded import Guarded
+from tests.pair import S
+
+ROBOT = robot_name("tcp/192.168.1.30:9000", "/lab/")
+
+
+class Place:
+    """A guard's desk and a guardian, in one process; virtual time."""
+
+    def __init__(self, folder: Path, *, is_acting: bool = True) -> None:
+        self.path = folder / "gw.sock.guard"
+        self.desk = GuardDesk(str(self.path), 0o660, ROBOT)
+        self.desk.open()
+        self.pair = Guarded()
+        self.pair.topics = LEAN
+        self.callers: list[socket.socket] = []
+        if is_acting:
+            epoch = self.pair.activate()
+            self.pair.move(epoch, HOME_Q_RAD)
+            self.pair.run(0.3)
+            self.pair.die()
+            self.pair.run(0.1)
+
+    def call(self) -> socket.socket:
+        """Connect."""
+        caller = socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+        caller.settimeout(5.0)
+        caller.connect(str(self.path))
+        self.callers.append(caller)
+        return caller
+
+    def poll(self) -> list[tuple[int, GuardQuestion]]:
+        return self.desk.poll(self.pair.guardian, self.pair.now_ns)
+
+    def ask(self, caller: socket.socket, **question: Any) -> GuardAnswer:
+        """Ask something that needs no engine."""
+        caller.send(packed(GuardQuestion(**question)))
+        assert self.poll() == []
+        return read_answer(caller.recv(MAX_PACKET_BYTES))
+
+    def close(self) -> None:
+        for caller in self.callers:
+            caller.close()
+        self.desk.close()
+
+
+@pytest.fixture
+def place(tmp_path: Path) -> Iterator[Place]:
+    """A guard that holds."""
+    made = Place(tmp_path)
+    yield made
+    made.close()
+
+
+# ------------------------------------------------------------------------------------------------ the protocol
+
+
+def test_messages_come_back_as_they_were() -> None:
+    """And nonsense is refused with one kind of error."""
+    question = GuardQuestion(ask="estop", client="ann", reason="smoke")
+    assert read_question(packed(question)) == question
+    answer = GuardAnswer(phase="acting", pid=4, state="HOLDING", done=True, latches={"ESTOP": "smoke"})
+    assert read_answer(packed(answer)) == answer
+    for nonsense in (b"", b"{}", b'{"ask": "dance"}', b"\xff"):
+        with pytest.raises(ValueError):
+            read_question(nonsense)
+
+
+def test_the_guards_socket_lies_beside_the_daemons() -> None:
+    """Whoever finds the one finds the other."""
+    assert guard_socket(Path("/run/ta2/gateway.sock")) == Path("/run/ta2/gateway.sock.guard")
+
+
+# ------------------------------------------------------------------------------------------------ the desk
+
+
+def test_the_socket_is_private_and_goes_with_the_desk(place: Place) -> None:
+    """Permission bits as configured; a later guard's socket stays."""
+    assert stat.S_IMODE(place.path.stat().st_mode) == 0o660
+    later = GuardDesk(str(place.path), 0o600)
+    later.open()
+    place.desk.close()
+    assert place.path.exists()
+    later.close()
+    assert not place.path.exists()
+
+
+def test_the_socket_of_a_killed_guard_is_swept_and_that_of_a_living_one_stays(tmp_path: Path) -> None:
+    """Nobody listens at what a kill leaves behind."""
+    path = tmp_path / "x"
+    desk = GuardDesk(str(path), 0o600)
+    desk.sweep()
+    left = socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+    left.bind(str(path))
+    left.listen(1)
+    desk.sweep()
+    assert path.exists()
+    left.close()
+    desk.sweep()
+    assert not path.exists()
+
+
+def test_no_answer_is_too_long_for_a_packet(place: Place) -> None:
+    """A latch that names everybody on the robot must not hide a hold."""
+    for code in (Code.FOREIGN_WRITER, Code.STOPPED_BY_OTHER, Code.TRACKING_ERROR):
+        place.pair.guardian.engine.takeover.latch(code, "x" * MAX_PACKET_BYTES, place.pair.now_ns)
+    caller = place.call()
+    assert 9000 < place.ask(caller, ask="status").left_ms <= 10_000
+    answer = place.ask(caller, ask="hand_over")
+    assert answer.done and len(packed(answer)) < MAX_PACKET_BYTES
+
+
+def test_a_desk_without_a_place_is_no_reason_not_to_guard(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    """It says so, and answers nobody."""
+    desk = GuardDesk(str(tmp_path / "no folder" / "x"), 0o600)
+    desk.open()
+    assert desk.files == []
+    assert "cannot be asked" in caplog.text
+    desk.close()
+
+
+def test_a_guard_that_watches_stops_nothing_and_says_so(tmp_path: Path) -> None:
+    """A living daemon is asked itself."""
+    place = Place(tmp_path, is_acting=False)
+    caller = place.call()
+    for ask in ("status", "stop", "estop", "hand_over", "taken"):
+        answer = place.ask(caller, ask=ask)
+        assert (answer.phase, answer.done, answer.pid) == ("watching", False, os.getpid())
+        assert msgspec.json.decode(answer.held) is None
+    place.close()
+
+
+@pytest.mark.parametrize("ask", ["stop", "estop"])
+def test_a_stop_goes_to_the_engine_and_is_answered_when_it_was_done(place: Place, ask: str) -> None:
+    """With whether it left for the robot."""
+    caller = place.call()
+    caller.send(packed(GuardQuestion(ask=ask, client="ann", reason="smoke")))
+    ((number, question),) = place.poll()
+    assert (question.ask, question.reason) == (ask, "smoke")
+    place.desk.stopped(number, place.pair.guardian, place.pair.now_ns, is_undelivered=True)
+    answer = read_answer(caller.recv(MAX_PACKET_BYTES))
+    assert (answer.done, answer.undelivered) == (True, True)
+
+
+def test_nonsense_ends_a_connection_and_nothing_else(place: Place) -> None:
+    """Others are served on."""
+    bad, good = place.call(), place.call()
+    bad.send(b"dance")
+    assert place.poll() == []
+    assert bad.recv(10) == b""
+    assert place.ask(good, ask="status").phase == "acting"
+
+
+def test_too_many_callers_are_turned_away(place: Place) -> None:
+    """The first ones are served."""
+    callers = []
+    for _ in range(MOST_CALLERS + 2):
+        callers.append(place.call())
+        place.poll()
+    assert place.ask(callers[0], ask="status").phase == "acting"
+    assert callers[-1].recv(10) == b""
+
+
+def test_a_caller_that_hangs_up_before_it_has_the_hold_gives_it_back(place: Place) -> None:
+    """The daemon died: the guard goes on."""
+    caller = place.call()
+    answer = place.ask(caller, ask="hand_over")
+    assert answer.done and place.pair.guardian.phase is Phase.HANDED
+    caller.close()
+    place.poll()
+    assert place.pair.guardian.is_holding
+
+
+def test_only_whoever_was_given_the_hold_can_say_that_it_has_it(place: Place) -> None:
+    """Anybody else's word changes nothing."""
+    heir, other = place.call(), place.call()
+    place.ask(heir, ask="hand_over")
+    assert not place.ask(other, ask="taken").done
+    assert place.pair.guardian.phase is Phase.HANDED
+    assert place.ask(heir, ask="taken").done
+    assert place.pair.guardian.phase is Phase.DONE
+
+
+# ------------------------------------------------------------------------------------------------ the client's side
+
+
+def test_a_client_is_told_of_no_stop_that_was_not_made(tmp_path: Path) -> None:
+    """No guard, a guard that does not answer sense, an address without one: None."""
+    assert stop_at_guard(str(tmp_path / "gw.sock"), "stop", "", "ann") is None
+    assert stop_at_guard("tcp/127.0.0.1:7448", "stop", "", "ann") is None
+    assert stop_at_guard("nonsense", "stop", "", "ann") is None
+
+
+def test_a_stop_in_the_instant_before_the_guard_acts_is_made(place: Place, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The daemon is dead and nobody listens yet: asked again, it is stopped."""
+    place.desk.close()
+    monkeypatch.setattr(guard_stop.time, "sleep", lambda _: place.path.exists() or place.desk.open())
+    results: list[object] = []
+    address = str(place.path).removesuffix(".guard")
+    asking = threading.Thread(target=lambda: results.append(stop_at_guard(address, "stop", "smoke", "ann")))
+    asking.start()
+    while asking.is_alive():
+        for number, _ in place.poll():
+            place.desk.stopped(number, place.pair.guardian, place.pair.now_ns, is_undelivered=False)
+        asking.join(0.005)
+    assert results == [StopResult(undelivered=False, by_guard=True)]
+
+
+def test_a_guard_that_talks_nonsense_is_asked_once(tmp_path: Path) -> None:
+    """What it did is not known, so nothing is claimed."""
+    path = tmp_path / "gw.sock.guard"
+    with socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET) as listener:
+        listener.bind(str(path))
+        listener.listen(1)
+        results: list[object] = []
+        asking = threading.Thread(
+            target=lambda: results.append(stop_at_guard(str(tmp_path / "gw.sock"), "estop", "", "ann"))
+        )
+        asking.start()
+        caller, _ = listener.accept()
+        assert read_question(caller.recv(MAX_PACKET_BYTES)).ask == "estop"
+        caller.send(b"dance")
+        asking.join(10.0)
+        caller.close()
+    assert results == [None]
+
+
+# ------------------------------------------------------------------------------------------------ the heir
+
+
+class Successor:
+    """A new daemon's engine that hears the robot, and its heir."""
+
+    def __init__(self, place: Place) -> None:
+        self.place = place
+        self.engine = place.pair.start_daemon()
+        self.latches: dict[Code, str] = {}
+        self.heir = Heir(place.path, self.engine, self.latches.__setitem__, ROBOT, lambda: place.pair.now_ns)
+        self.events: list[Any] = []
+
+    def step(self, *, is_confirmed: bool = True) -> None:
+        """One tick of both."""
+        pair = self.place.pair
+        pair.step()
+        self.place.poll()
+        events = self.heir.poll(pair.now_ns)
+        for event in events:
+            self.engine.receive(event, pair.now_ns)
+        self.events += events
+        self.engine.tick(pair.now_ns)
+        if is_confirmed:
+            self.heir.confirm()
+            self.place.poll()
+
+
+def heir_of(place: Place) -> Successor:
+    """Look while the desk answers: the guard's loop and the daemon's are two processes."""
+    found: list[Successor] = []
+    looking = threading.Thread(target=lambda: found.append(Successor(place)))
+    looking.start()
+    while looking.is_alive():
+        place.poll()
+        looking.join(0.005)
+    return found[0]
+
+
+def test_a_restarted_daemon_asks_when_it_can_hold_and_takes_it_in_one_tick(place: Place) -> None:
+    """Held elsewhere, then taken over, then confirmed: the guard ends."""
+    successor = heir_of(place)
+    for _ in range(300):
+        successor.step()
+        if place.pair.guardian.phase is Phase.DONE:
+            break
+    kinds = [type(event) for event in successor.events]
+    assert kinds == [HeldElsewhere, HeldElsewhere, TakenOver]
+    assert [event.is_held for event in successor.events[:2]] == [True, False]
+    assert successor.engine.state.value == "HOLDING"
+    assert successor.engine.takeover.refused == ""
+    assert place.pair.guardian.phase is Phase.DONE
+    assert successor.heir.poll(place.pair.now_ns) == []
+
+
+def test_a_hold_is_confirmed_before_a_frame_leaves(place: Place) -> None:
+    """A daemon that dies between its tick and that leaves the hold to the guard that had it, and to nobody else."""
+    successor = heir_of(place)
+    while successor.engine.state.value != "HOLDING":
+        successor.step(is_confirmed=False)
+    assert place.pair.guardian.phase is Phase.HANDED
+    successor.heir.close()
+    place.poll()
+    assert place.pair.guardian.is_holding
+
+
+def test_a_daemon_waits_for_a_guard_of_its_own_before_it_takes_a_hold(place: Place) -> None:
+    """Two seconds at most: until then nobody would hold if it died. A hold that ends soon is taken at once."""
+    successor = heir_of(place)
+    pair = place.pair
+    successor.engine.receive(GuardSeen(pid=41, zid="", is_linked=False, at_ns=pair.now_ns), pair.now_ns)
+    begun_ns = pair.now_ns
+    while pair.guardian.phase is not Phase.DONE:
+        successor.step()
+    assert pair.now_ns - begun_ns >= 2 * S
+
+
+def test_a_hold_that_ends_soon_is_taken_without_waiting_for_a_guard(place: Place) -> None:
+    """Better held by a daemon without a guard than by nobody."""
+    successor = heir_of(place)
+    pair = place.pair
+    successor.engine.receive(GuardSeen(pid=41, zid="", is_linked=False, at_ns=pair.now_ns), pair.now_ns)
+    begun_ns = pair.now_ns
+    successor.heir._down_ns = pair.now_ns + 2 * S
+    while pair.guardian.phase is not Phase.DONE:
+        successor.step()
+    assert pair.now_ns - begun_ns < 2 * S
+
+
+def test_what_was_sent_to_another_robot_is_not_taken_over(place: Place, caplog: pytest.LogCaptureFixture) -> None:
+    """A daemon for the next robot on the same socket begins as ever: those setpoints are not its own robot's."""
+    engine = Engine(Settings())
+    found: list[Heir] = []
+    looking = threading.Thread(
+        target=lambda: found.append(Heir(place.path, engine, lambda *_: None, robot_name("tcp/10.0.0.2:9000", "")))
+    )
+    looking.start()
+    while looking.is_alive():
+        place.poll()
+        looking.join(0.005)
+    assert found[0].poll(place.pair.now_ns) == []
+    assert "another robot: tcp/192.168.1.30:9000/lab" in caplog.text
+    assert place.pair.guardian.is_holding
+
+
+def test_a_guard_that_hangs_is_not_waited_for_for_ever(place: Place) -> None:
+    """Stopped while it held: nobody could ever enable the robot again else."""
+    successor = heir_of(place)
+    pair, heir = place.pair, successor.heir
+    assert heir.poll(pair.now_ns) == [HeldElsewhere(is_held=True, at_ns=pair.now_ns)]
+    for after_s in (1, 5, 10, 14):
+        assert heir.poll(pair.now_ns + after_s * S) == []
+    late_ns = pair.now_ns + 15 * S
+    assert heir.poll(late_ns) == [HeldElsewhere(is_held=False, at_ns=late_ns)]
+    assert heir.poll(late_ns) == []
+
+
+def test_a_guard_that_ends_first_leaves_a_daemon_that_begins_as_ever(place: Place) -> None:
+    """Nothing is taken; enabling is free again."""
+    successor = heir_of(place)
+    successor.step()
+    place.desk.close()
+    events = successor.heir.poll(place.pair.now_ns)
+    assert events == [HeldElsewhere(is_held=False, at_ns=place.pair.now_ns)]
+    assert successor.heir.poll(place.pair.now_ns) == []
+
+
+def test_latches_of_the_guard_come_with_its_hold(place: Place) -> None:
+    """A stop at the guard's socket holds motion off in the next daemon, too."""
+    place.pair.guardian.engine.takeover.latch(Code.STOPPED_BY_OTHER, "smoke", place.pair.now_ns)
+    successor = heir_of(place)
+    for _ in range(300):
+        successor.step()
+        if place.pair.guardian.phase is Phase.DONE:
+            break
+    assert successor.latches == {Code.STOPPED_BY_OTHER: "smoke"}
+
+
+def test_a_hold_that_is_not_understood_is_left_to_the_guard(place: Place, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A guard of another release: it gets its hold back at once, and goes on."""
+    successor = heir_of(place)
+    monkeypatch.setattr(successor.heir, "_heard", lambda: None)
+    while not successor.heir._is_asked:
+        successor.step()
+    strange = GuardAnswer(phase="handed", pid=1, state="HOLDING", done=True, held=msgspec.Raw(b'{"shape": "new"}'))
+    monkeypatch.setattr(successor.heir, "_heard", lambda: strange)
+    place.poll()
+    assert place.pair.guardian.phase is Phase.HANDED
+    events = successor.heir.poll(place.pair.now_ns)
+    assert events == [HeldElsewhere(is_held=False, at_ns=place.pair.now_ns)]
+    place.poll()
+    assert place.pair.guardian.is_holding
+
+
+def test_without_a_guard_that_acts_there_is_nothing_to_take(tmp_path: Path) -> None:
+    """No socket, or a guard that watches."""
+    engine = Engine(Settings())
+    heir = Heir(tmp_path / "nothing", engine, lambda *_: None, ROBOT)
+    assert heir.poll(1 * S) == []
+    heir.close()
+    place = Place(tmp_path, is_acting=False)
+    found: list[Heir] = []
+    looking = threading.Thread(target=lambda: found.append(Heir(place.path, engine, lambda *_: None, ROBOT)))
+    looking.start()
+    while looking.is_alive():
+        place.poll()
+        looking.join(0.005)
+    assert found[0].poll(1 * S) == []
+    place.close()
