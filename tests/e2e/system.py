@@ -68,8 +68,10 @@ def free_port() -> int:
         return int(probe.getsockname()[1])
 
 
-def wait_for(is_so: Callable[[], Any], what: str, seconds: float = DEADLINE_S) -> Any:
-    """Poll until something is so and return it; fail when it never is."""
+def wait_for(
+    is_so: Callable[[], Any], what: str, seconds: float = DEADLINE_S, tell: Callable[[], str] = lambda: ""
+) -> Any:
+    """Poll until something is so and return it; fail when it never is, with what `tell` says then."""
     deadline = time.monotonic() + seconds
     while True:
         with contextlib.suppress(Disconnected, SimUnreachable):
@@ -77,7 +79,7 @@ def wait_for(is_so: Callable[[], Any], what: str, seconds: float = DEADLINE_S) -
             if value:
                 return value
         if time.monotonic() > deadline:
-            pytest.fail(f"{what}: not within {seconds} s")
+            pytest.fail(f"{what}: not within {seconds} s{tell()}")
         time.sleep(0.005)
 
 
@@ -319,17 +321,17 @@ class System:
 
     def connect(self, name: str = "test") -> Robot:
         """Connect a client of this process, as soon as the daemon sees a live robot."""
-        robot = wait_for(
-            lambda: connect(self.target, name=name, timeout_s=1.0), f"a daemon ({self.daemon.text()[-800:]})"
-        )
-        wait_for(
-            lambda: robot.state.link.fresh and robot.state.mode is not None,
-            f"a live robot ({self.daemon.text()[-800:]})",
-        )
+        robot = wait_for(lambda: connect(self.target, name=name, timeout_s=1.0), "a daemon", tell=self.logs)
+        wait_for(lambda: robot.state.link.fresh and robot.state.mode is not None, "a live robot", tell=self.logs)
         if self.kind == "sim":
             run_apart(self.sim.pid)
         assert isinstance(robot, Robot)
         return robot
+
+    def logs(self) -> str:
+        """Return the ends of all logs of robot and daemon."""
+        found = [self.folder / f"{name}.log" for name in ("daemon", "sim", "bridge")]
+        return "".join(f"\n--- {log.name}\n{log.read_text()[-1500:]}" for log in found if log.exists())
 
     def client(self, name: str, program: str) -> Process:
         """Start a client program; it finds `TARGET` and `robot` (connected) in its names."""

@@ -22,6 +22,7 @@ from gateway.link import RobotLink
 from gateway.link.codec import FRAME_BYTES, BadFrame
 from gateway.link.discovery import Discovery
 from gateway.link.hearing import DECIDING, STAMPED
+from gateway.link.revival import GRID_NS
 from gateway.link.robot_session import RobotSession
 from gateway.settings import LinkSettings, SettingsRefused
 from gateway.values import Side
@@ -494,7 +495,8 @@ def test_a_dead_route_is_revived(make_plane):
     plane.robot.ask("kill_route", topic=ARM)
     plane.wait_for(lambda: plane.told(RouteObserved), 3.0, "ROUTE_DEAD")
     assert len(plane.own_tokens()) == len(robot.STATE_TOPICS)
-    plane.wait_for(lambda: len(plane.told(RouteObserved)) == 2, 3.0, "the route alive again")
+    # Up to three seconds until the instant at which every process declares again, then the pause and a sample.
+    plane.wait_for(lambda: len(plane.told(RouteObserved)) == 2, GRID_NS / 1e9 + 1.0, "the route alive again")
     assert [(e.topic, e.code) for e in plane.told(RouteObserved)] == [(ARM, Code.ROUTE_DEAD), (ARM, None)]
     assert plane.told(LinkDown) == []
 
