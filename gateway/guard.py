@@ -7,7 +7,7 @@ memory and the pipe that closes when the daemon ends, and sends nothing. What it
 
 Rules it obeys
     * Two never write. A frozen daemon is killed by its pidfd, which can mean no other process, and nothing is sent before
-      the pipe has closed: the kernel closes it when the last thread of the daemon is gone.
+      its last thread can run no more (`dying.py`), or the pipe has closed, which comes some milliseconds later.
     * A daemon that said that it ends, or that never sent anything, is no reason to do anything: the guard ends, too.
     * A person who stops the daemon with SIGSTOP or a debugger, while it commands the robot, ends it: to the guard that is
       a freeze. `ta2 run --no-guard` is for debuggers.
@@ -45,6 +45,7 @@ from gateway.core.held import Held
 from gateway.core.supervisor import State
 from gateway.core.takeover import LATCHED_BEFORE
 from gateway.cores import LinuxAffinity, spread
+from gateway.dying import DyingProcess
 from gateway.errors import Code, GatewayError
 from gateway.guard_desk import GuardDesk
 from gateway.link.discovery import Discovery
@@ -69,6 +70,8 @@ PERIOD_NS = 10_000_000
 CLOSELY_NS = 1 * S
 """While it waits, what the robot says is skimmed: when it came is known, what it says is read this often [ns]. It is read at
 once when the daemon ends, and as long as the robot was not heard in time."""
+DYING_NS = 500_000
+"""A daemon that was killed is looked at this often [ns]."""
 LISTEN_NS = 40_000_000
 """The robot is listened to this often while the guard waits [ns]: a state is at most twice as old then, which is fresh."""
 FIRST_CLAIM = 1
@@ -116,6 +119,7 @@ class Guard:
         self._sleep = SleepWatch()
         self._asked_ns: int | None = None
         self._closely_ns = 0
+        self._dying: DyingProcess | None = None
         self._writers: list[threading.Thread] = []
         self._one_writer = threading.Lock()
         self._is_killed = self._is_open = self._is_armed = self._is_handing = self._has_news = False
@@ -143,7 +147,7 @@ class Guard:
     def _loop(self, after_link_up: Callable[[], None]) -> None:
         deadline_ns = time.monotonic_ns()
         while self._guardian.phase is not Phase.DONE:
-            is_daemon_gone = self._wait(deadline_ns, after_link_up)
+            is_daemon_gone = self._wait(deadline_ns, after_link_up) or self._is_dead()
             now_ns = self._listen(after_link_up, is_needed=is_daemon_gone)
             self._answer(now_ns)
             was_acting = self._is_acting
@@ -217,7 +221,9 @@ class Guard:
 
     def _next_ns(self, now_ns: int) -> int:
         if self._guardian.phase is Phase.WATCHING:
-            return now_ns + PERIOD_NS if self._is_killed else self._guardian.next_look_ns()
+            if self._is_killed:
+                return now_ns + (DYING_NS if self._dying else PERIOD_NS)
+            return self._guardian.next_look_ns()
         grid_ns = (now_ns // PERIOD_NS + 1) * PERIOD_NS
         due_ns = self._guardian.engine.next_due_ns()
         return grid_ns if due_ns is None or due_ns <= now_ns else min(grid_ns, due_ns)
@@ -263,7 +269,13 @@ class Guard:
         except OSError as error:  # forbidden here: it may come back, and nothing is sent as long as it may
             _log.error("the daemon has not ticked for %.0f ms, and cannot be ended: %s", freeze_ms, error)
             return
+        with contextlib.suppress(OSError):  # no /proc here: then its pipe tells
+            self._dying = DyingProcess(self._daemon)
         _log.error("the daemon has not ticked for %.0f ms while it commands the robot: it is ended", freeze_ms)
+
+    def _is_dead(self) -> bool:
+        """Return whether the daemon was killed by us and can do nothing any more."""
+        return self._dying is not None and self._guardian.phase is Phase.WATCHING and self._dying.is_over()
 
     # ------------------------------------------------------------------------------------------------ acting
 
