@@ -27,6 +27,8 @@ class AccessUnit:
         lost: Ranges of RTP sequence numbers (first, last), unwrapped, that were lost in it or since the one before.
         ssrc: Of its sender.
         life: Counts senders, from 0: a new one restarts sequence numbers, RTP time and decoding.
+        slice_type: NAL unit type of its slices (H.265 table 7-1).
+        recovers_after: Pictures after which decoding that begins here is right, by its recovery point SEI; None without one.
     """
 
     data: bytes
@@ -40,3 +42,18 @@ class AccessUnit:
     lost: tuple[tuple[int, int], ...]
     ssrc: int
     life: int
+    slice_type: int = 0
+    recovers_after: int | None = None
+
+    @property
+    def is_rasl(self) -> bool:
+        """Whether it cannot be decoded when decoding began with the CRA before it (NAL types 8 and 9)."""
+        return self.slice_type in (8, 9)
+
+    def follows(self, before: AccessUnit) -> bool:
+        """Return whether nothing is missing between another one and this one: what is predicted from it can be right.
+
+        Args:
+            before: The one that was taken before this one.
+        """
+        return self.life == before.life and self.seq == before.seq + 1 and not self.lost

@@ -17,7 +17,7 @@ from pathlib import Path
 from gateway import __version__
 from gateway.apps.video.access_unit import AccessUnit
 from gateway.apps.video.container import Container
-from gateway.apps.video.damage import Chain
+from gateway.apps.video.damage import Damage
 from gateway.apps.video.index import Dropped, End, Header, IndexWriter, Picture, index_path
 from gateway.apps.video.timeline import Timeline
 
@@ -70,7 +70,7 @@ class Take:
             path.unlink()
             raise
         self._timeline = Timeline()
-        self._chain = Chain()
+        self._damage = Damage()
         self._life: int | None = None
         self.counts = Counts()
 
@@ -87,7 +87,7 @@ class Take:
                 self.drop(1, "of a new sender before its first intact IRAP" if unit.data else "nothing is left of it")
             return
         self._life = unit.life
-        pts, clean, counts = self._timeline.place(unit), self._chain.is_clean(unit), self.counts
+        pts, clean, counts = self._timeline.place(unit), self._damage.judge(unit).clean, self.counts
         self._container.write(unit, pts)
         picture = Picture(
             n=counts.pictures,

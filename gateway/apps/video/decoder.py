@@ -1,0 +1,168 @@
+"""From access units to pictures: FFmpeg's H.265 decoder in software, or NVIDIA's where it has proved itself.
+
+Rules
+    * One context for the whole life of a receiver: it goes on after a sender's restart.
+    * Flushed before it is dropped, always: PyAV can wait for ever for a decoder that still holds pictures.
+    * Slice threads and low delay: a picture comes out as it goes in, where its sender does not reorder.
+    * What cannot be decoded is counted, never raised; what is damaged it conceals without a word (see `damage.py`).
+"""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import Literal
+
+from gateway.apps.video.access_unit import AccessUnit
+from gateway.apps.video.libav import Flags, av
+from gateway.apps.video.nvdec import open_nvdec
+
+__all__ = ["DecodedPicture", "Decoder", "DecoderChoice"]
+
+DecoderChoice = Literal["auto", "software", "nvdec"]
+
+MAX_PENDING = 32
+"""Pictures that a stream may hold back for reordering, at most: twice the most of H.265 (A.4.2)."""
+BARREN = 30
+"""After so many intact access units without a picture a GPU's decoder is given up."""
+
+logger = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True, slots=True)
+class DecodedPicture:
+    """A picture, and a mark that was given with what it was decoded from.
+
+    Attributes:
+        mark: As given to `Decoder.decode`.
+        picture: As the decoder left it: YUV.
+    """
+
+    mark: object
+    picture: av.VideoFrame
+
+
+class Decoder:
+    """Decodes the access units of one stream. Not for several threads at once.
+
+    Args:
+        choice: `auto` and `nvdec` take the GPU when it decodes the first intact key picture as the software does.
+        threads: Of the software decoder; more help only where the stream has slices or wavefronts.
+    """
+
+    def __init__(self, choice: DecoderChoice = "auto", *, threads: int = 2) -> None:
+        self._choice = choice
+        self._threads = threads
+        self._context = self._software()
+        self._is_probing = choice != "software"
+        self._given = 0
+        self._marks: dict[int, object] = {}
+        self._barren = 0
+        self.name = f"software ({threads} slice threads)"
+        self.note = "" if choice == "software" else "NVDEC is tried on the first key picture"
+        self.errors = 0
+        self.last_error = ""
+        self.has_begun_anew = False
+
+    def decode(self, unit: AccessUnit, mark: object, *, begins: bool = False) -> list[DecodedPicture]:
+        """Return the pictures that are complete now; none is lost by an error of another.
+
+        Args:
+            unit: The next one in the order of sending.
+            mark: Comes back with its picture.
+            begins: Whether it is a key picture after which nothing before it is needed: what is still held is given up.
+        """
+        self.has_begun_anew = False
+        if not unit.data:
+            return []  # FFmpeg would take it for the end of the stream
+        if begins:
+            self._forget()
+        if self._is_probing and unit.is_irap and unit.is_intact and unit.has_parameter_sets:
+            self._is_probing = False
+            self._probe(unit.data)
+        packet = av.Packet(unit.data)
+        packet.pts = packet.dts = self._given
+        self._marks[self._given] = mark
+        self._given += 1
+        while len(self._marks) > MAX_PENDING:
+            del self._marks[next(iter(self._marks))]
+        try:
+            pictures = self._context.decode(packet)
+        except av.FFmpegError as error:
+            self.errors += 1
+            self.last_error = f"{type(error).__name__}: {error}"
+            pictures = []
+        self._watch(unit, pictures)
+        return [DecodedPicture(self._marks.pop(p.pts), p) for p in pictures if p.pts in self._marks]
+
+    def close(self) -> None:
+        """Give back what it holds; it can be called again and again."""
+        self._forget()
+
+    @property
+    def is_nvdec(self) -> bool:
+        """Whether the GPU decodes."""
+        return self.name.startswith("nvdec")
+
+    def _forget(self) -> None:
+        self._marks.clear()
+        self._barren = 0
+        if self._context.is_open:
+            self._context.flush_buffers()
+
+    def _software(self) -> av.VideoCodecContext:
+        context = av.VideoCodecContext.create("hevc", "r")
+        _low_delay(context)
+        context.thread_count = self._threads
+        return context
+
+    def _probe(self, key_picture: bytes) -> None:
+        """Take the GPU if it decodes as the software does; otherwise say why not."""
+        with _dropped_well(self._software()) as software:
+            try:
+                expected = [*software.decode(av.Packet(key_picture)), *software.decode(None)]
+            except av.FFmpegError:
+                expected = []
+        if not expected:
+            self.note = "NVDEC was not tried: the first key picture cannot be decoded at all"
+            return
+        context, why = open_nvdec(key_picture, expected[0], _low_delay)
+        if context is None:
+            self.note = f"NVDEC is not used: {why}"
+            logger.log(logging.WARNING if self._choice == "nvdec" else logging.INFO, "%s", self.note)
+            return
+        self._forget()
+        self._context, self.name = context, f"nvdec ({why})"
+        self.note = "NVDEC decoded the first key picture exactly as the software did"
+        logger.info("%s: %s", self.name, self.note)
+
+    def _watch(self, unit: AccessUnit, pictures: list[av.VideoFrame]) -> None:
+        """Go back to software when the GPU gives nothing any more; decoding then begins anew."""
+        if pictures or not self.is_nvdec:
+            self._barren = 0
+            return
+        self._barren += unit.is_intact
+        if self._barren >= BARREN:
+            self.note = f"NVDEC was given up: no picture from {self._barren} access units. {self.last_error}".rstrip()
+            logger.warning("%s", self.note)
+            self._forget()
+            self._context, self.name = self._software(), f"software ({self._threads} slice threads)"
+            self.has_begun_anew = True
+
+
+def _low_delay(context: av.VideoCodecContext) -> None:
+    context.thread_type = "SLICE"
+    # Without output_corrupt FFmpeg shows nothing from the loss of a whole picture on until the next key picture comes,
+    # and where none comes nothing ever again.
+    context.flags |= Flags.low_delay | Flags.output_corrupt
+
+
+@contextmanager
+def _dropped_well(context: av.VideoCodecContext) -> Iterator[av.VideoCodecContext]:
+    try:
+        yield context
+    finally:
+        if context.is_open:
+            context.flush_buffers()

@@ -1,0 +1,54 @@
+"""From a decoded picture to RGB: one conversion, no copy after it, and nobody can write into it.
+
+A stream may say by which matrix its colours were made (H.265, E.2.1). Where it does not, nobody can know: FFmpeg, and with
+it most tools for datasets, then takes BT.601, GStreamer takes BT.2020 for a picture of more than 2160 rows. It is an
+argument here.
+"""
+
+from __future__ import annotations
+
+from typing import Literal, cast
+
+import numpy as np
+import numpy.typing as npt
+
+from gateway.apps.video.libav import Colorspace, VideoReformatter, av
+
+__all__ = ["MATRICES", "Matrix", "RgbConverter", "rows_of"]
+
+Matrix = Literal["bt601", "bt709", "bt2020"]
+MATRICES: dict[Matrix, int] = {
+    "bt601": Colorspace.ITU601,
+    "bt709": Colorspace.ITU709,
+    "bt2020": Colorspace.BT2020,
+}
+UNSPECIFIED = 2
+"""matrix_coeffs of a stream that does not say (H.265, Table E.5)."""
+CHANNELS = 3
+
+
+class RgbConverter:
+    """Converts pictures of one stream; keeps the tables of the conversion from picture to picture.
+
+    Args:
+        matrix: For pictures that do not say theirs.
+    """
+
+    def __init__(self, matrix: Matrix = "bt601") -> None:
+        self._matrix = MATRICES[matrix]
+        self._reformatter = VideoReformatter()
+
+    def convert(self, picture: av.VideoFrame) -> npt.NDArray[np.uint8]:
+        """Return it as RGB of the full range, shape (height, width, 3), not writable; its memory is its own."""
+        matrix = self._matrix if picture.colorspace == UNSPECIFIED else None
+        rgb = self._reformatter.reformat(picture, format="rgb24", src_colorspace=matrix)
+        return rows_of(rgb)[:, : rgb.width * CHANNELS].reshape(rgb.height, rgb.width, CHANNELS)
+
+
+def rows_of(picture: av.VideoFrame) -> npt.NDArray[np.uint8]:
+    """Return the bytes of a picture's first plane, shape (height, bytes of a line), padding included; not writable."""
+    plane = picture.planes[0]
+    # NumPy would make a writable array of it, which any reader could turn back after it was forbidden.
+    memory = memoryview(cast("bytes", plane)).toreadonly()
+    rows = np.frombuffer(memory, np.uint8).reshape(-1, plane.line_size)
+    return rows[: picture.height]

@@ -1,0 +1,160 @@
+"""Tests of the decoder: pictures come out as they went in, nothing is raised, and it is never dropped with pictures in it."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from gateway.apps.video import decoder as module
+from gateway.apps.video.damage import Damage
+from gateway.apps.video.decoder import Decoder
+from gateway.apps.video.libav import av
+from gateway.apps.video.rgb import RgbConverter
+from gateway.sim.composite import Size
+from gateway.sim.hevc import KeyFrames
+from gateway.sim.pixel_code import read_codes, read_composite
+from tests.video.pictures import broken, coded, units
+
+ROOT = Path(__file__).resolve().parents[2]
+
+
+@pytest.fixture
+def decoder():
+    """A software decoder."""
+    made = Decoder("software")
+    yield made
+    made.close()
+
+
+def counters(decoder, given):
+    """Return the counters of the pictures that come out, with the marks that went in."""
+    convert = RgbConverter().convert
+    done = (done for unit in given for done in decoder.decode(unit, unit.seq))
+    return [(each.mark, read_composite(convert(each.picture))) for each in done]
+
+
+def test_each_picture_comes_out_when_it_goes_in(decoder):
+    """No delay, the right mark at each, the pixels that were sent."""
+    given = units(coded(25))
+    for n, unit in enumerate(given):
+        assert counters(decoder, [unit]) == [(n, n)]
+    assert decoder.errors == 0 and decoder.name.startswith("software")
+
+
+def test_the_same_decoder_goes_on_after_a_restart_of_the_sender(decoder):
+    """Also of another size: the stream says how large its pictures are (§5.2 gives the robot's)."""
+    counters(decoder, units(coded(13)))
+    again = units(coded(12), life=1)
+    assert [counters(decoder, [unit]) for unit in again] == [[(n, n)] for n in range(12)]
+    large = units(coded(3, Size(320, 680)), life=2)
+    shapes = [done.picture.height for unit in large for done in decoder.decode(unit, 0, begins=unit.seq == 0)]
+    assert shapes == [680, 680, 680]
+
+
+def test_nothing_that_a_network_does_is_raised(decoder):
+    """Truncated, empty, random, without parameter sets: counted or concealed."""
+    given = units(coded(20))
+    for unit in given:
+        decoder.decode(broken(unit), None)
+    for data in (b"", b"\x00", b"\x00\x00\x00\x01", bytes(range(256)), b"\x00\x00\x01\x26\x01" + bytes(300)):
+        decoder.decode(replace(given[0], data=data), None)
+    assert counters(decoder, given[10:])[-1] == (19, 19)
+
+
+def test_errors_are_counted_with_the_newest_in_words(decoder, monkeypatch):
+    """A decoder that refuses every packet raises nothing."""
+
+    class Refusing:
+        is_open = False
+
+        def decode(self, packet):
+            raise av.error.InvalidDataError(1, "no picture in it")
+
+    monkeypatch.setattr(decoder, "_context", Refusing())
+    for unit in units(coded(20))[:3]:
+        assert decoder.decode(unit, None) == []
+    assert decoder.errors == 3 and "no picture in it" in decoder.last_error
+
+
+@pytest.mark.parametrize("kind", [KeyFrames.IDR, KeyFrames.CRA])
+def test_what_is_judged_clean_is_what_was_sent(decoder, kind):
+    """Every flag is true over a loss in the middle of a group of pictures; the next key picture ends it (notes §11)."""
+    given = units(coded(40, key_frames=kind))
+    whole = dict(counters(decoder, given))
+    assert whole == {n: n for n in range(40)}
+    given[13] = broken(given[13])
+    del given[25]
+    damage, convert, found = Damage(), RgbConverter().convert, {}
+    for unit in given:
+        verdict = damage.judge(unit)
+        for done in decoder.decode(unit, (unit.seq, verdict.clean), begins=verdict.begins):
+            seq, clean = done.mark
+            found[seq] = clean
+            if clean:
+                assert read_composite(convert(done.picture)) == seq
+    assert [seq for seq, clean in found.items() if not clean] == [*range(13, 20), *range(26, 30)]
+
+
+def test_a_stream_without_periodic_key_pictures_stays_flagged(decoder):
+    """It cannot be known when damage has left such a picture."""
+    given = units(coded(40, key_frames=KeyFrames.ONCE))
+    damage = Damage()
+    given[5] = broken(given[5])
+    assert [damage.judge(unit).clean for unit in given] == [True] * 5 + [False] * 35
+
+
+@pytest.mark.parametrize("kind", [KeyFrames.ONCE, KeyFrames.REFRESH])
+def test_a_lost_picture_does_not_end_a_stream_without_key_pictures(decoder, kind):
+    """FFmpeg would show nothing for ever after: pictures go on, flagged."""
+    given = units(coded(40, key_frames=kind))
+    del given[12]
+    damage, found = Damage(), []
+    for unit in given:
+        clean = damage.judge(unit).clean
+        found += [(done.mark, clean) for done in decoder.decode(unit, unit.seq)]
+    assert found == [*((n, True) for n in range(12)), *((n, False) for n in range(13, 40))]
+
+
+def test_views_of_the_rgb_picture_bear_each_their_own_code(decoder):
+    """All six, where §5.2 has them."""
+    (done,) = decoder.decode(units(coded(25))[0], None)
+    assert set(read_codes(RgbConverter().convert(done.picture)).values()) == {0}
+
+
+def test_a_decoder_of_the_gpu_that_gives_nothing_any_more_is_given_up(decoder, monkeypatch, caplog):
+    """Back to software, from the next key picture on; it is said."""
+    given = units(coded(60))
+
+    class Dead:
+        is_open = False
+
+        def decode(self, packet):
+            return []
+
+    monkeypatch.setattr(decoder, "_context", Dead())
+    decoder.name = "nvdec (hevc on cuda)"
+    for unit in given[: module.BARREN]:
+        assert decoder.decode(unit, None) == [] and decoder.is_nvdec is not decoder.has_begun_anew
+    assert decoder.has_begun_anew and not decoder.is_nvdec and "given up" in decoder.note and "given up" in caplog.text
+    assert counters(decoder, given[module.BARREN :]) == [(n, n) for n in range(module.BARREN, 60)]
+    assert not decoder.has_begun_anew
+
+
+def test_dropping_a_decoder_never_hangs():
+    """PyAV waits for ever for one with threads that still holds pictures (notes §6): here it is flushed before."""
+    program = (
+        "from gateway.apps.video.decoder import Decoder\n"
+        "from tests.video.pictures import coded, units\n"
+        "for n in range(20):\n"
+        "    decoder = Decoder('auto', threads=4)\n"
+        "    for unit in units(coded(12))[: n % 12 + 1]:\n"
+        "        decoder.decode(unit, None)\n"
+        "    decoder.close()\n"
+        "    decoder.close()\n"
+        "    del decoder\n"
+    )
+    subprocess.run([sys.executable, "-c", program], cwd=ROOT, timeout=50, check=True)
