@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 from gateway.apps.video.access_unit import CLOCK_HZ, AccessUnit
+from gateway.apps.video.growing import claim
 from gateway.errors import Code, Refusal, to_exception
 
 if TYPE_CHECKING:
@@ -147,6 +148,7 @@ class _ScaledFile:
 
     def __init__(self, path: Path) -> None:
         self._file = path.open("xb", buffering=0)
+        claim(self._file)
         self.name = os.fspath(path)
 
     def write(self, data: bytes) -> int:

@@ -19,7 +19,7 @@ from gateway.apps.video.access_unit import AccessUnit
 from gateway.apps.video.container import Container
 from gateway.apps.video.damage import Damage
 from gateway.apps.video.index import Dropped, End, Header, IndexWriter, Picture, index_path
-from gateway.apps.video.timeline import Timeline
+from gateway.apps.video.placement import Timeline
 
 __all__ = ["Counts", "Take"]
 

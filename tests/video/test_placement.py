@@ -1,4 +1,4 @@
-"""Rules of `gateway.apps.video.timeline`: RTP time within a life, arrival across lives, never backwards."""
+"""Rules of `gateway.apps.video.placement`: RTP time within a life, arrival across lives, never backwards."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from gateway.apps.video.access_unit import CLOCK_HZ, AccessUnit
-from gateway.apps.video.timeline import RUNAWAY_S, Timeline
+from gateway.apps.video.placement import RUNAWAY_S, Timeline
 
 S = 1_000_000_000
 UNIT = AccessUnit(
