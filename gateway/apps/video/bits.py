@@ -36,7 +36,7 @@ class BitReader:
         return (self._bits >> self._left) & ((1 << count) - 1)
 
     def unsigned(self) -> int:
-        """Return an unsigned Exp-Golomb number, `ue(v)`.
+        """Return an unsigned Exp-Golomb number.
 
         Raises:
             BitsEnded: If it does not end.
@@ -49,7 +49,7 @@ class BitReader:
         return (1 << zeros) - 1 + self.read(zeros)
 
     def signed(self) -> int:
-        """Return a signed Exp-Golomb number, `se(v)`.
+        """Return a signed Exp-Golomb number.
 
         Raises:
             BitsEnded: If it does not end.
