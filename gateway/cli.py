@@ -118,7 +118,17 @@ def _sim(options: Namespace) -> int:
     from gateway.sim.node import main_sim
     from gateway.sim.settings import settings_of
 
-    return main_sim(options.listen, settings_of(options))
+    if not options.camera and options.camera_to is None:
+        return main_sim(options.listen, settings_of(options))
+    from gateway.sim.camera_process import DEFAULT_TO, CameraProcess
+    from gateway.sim.hevc import EncoderMissing
+
+    try:
+        camera = CameraProcess(options.camera_to or DEFAULT_TO, options.seed)
+    except (EncoderMissing, ValueError) as error:
+        raise to_exception(Refusal(code=Code.BAD_REQUEST, message=str(error))) from None
+    with camera:
+        return main_sim(options.listen, settings_of(options))
 
 
 def _ask_sim(options: Namespace) -> int:

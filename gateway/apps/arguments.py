@@ -241,6 +241,10 @@ def _add_sim(sim: argparse.ArgumentParser) -> None:
     sim.add_argument(
         "--disable", action="append", default=[], choices=PARTS, help="a part that is switched off; may be repeated"
     )
+    sim.add_argument("--camera", action="store_true", help="send its camera's pictures too, as RTP/H.265 (manual §5.1)")
+    sim.add_argument(
+        "--camera-to", metavar="HOST:PORT", help="where to; turns --camera on (default 127.0.0.1:8890, as the robot's)"
+    )
     asks = sim.add_subparsers(title="ask a running one", dest="ask", metavar="ASK")
     for name, text in (
         ("fault", """let a fault begin, e.g. '{"fault": "pause", "duration_s": 1}'"""),

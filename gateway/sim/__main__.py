@@ -5,6 +5,8 @@ from __future__ import annotations
 import argparse
 import sys
 
+from gateway.sim.camera_process import CameraProcess
+from gateway.sim.hevc import EncoderMissing
 from gateway.sim.node import DEFAULT_LISTEN, main_sim
 from gateway.sim.settings import settings_of
 
@@ -22,13 +24,21 @@ def command_line() -> argparse.ArgumentParser:
     parser.add_argument(
         "--disable", action="append", default=[], choices=("left_arm", "right_arm", "chassis", "lift_servo")
     )
+    parser.add_argument("--camera-to", metavar="HOST:PORT", help="send its camera's pictures there (default: none)")
     return parser
 
 
 def main(arguments: list[str] | None = None) -> int:
     """Parse the arguments and run; return the exit code."""
     options = command_line().parse_args(arguments)
-    return main_sim(options.listen, settings_of(options))
+    if options.camera_to is None:
+        return main_sim(options.listen, settings_of(options))
+    try:
+        with CameraProcess(options.camera_to, options.seed):
+            return main_sim(options.listen, settings_of(options))
+    except (EncoderMissing, ValueError) as error:
+        sys.stderr.write(f"{error}\n")
+        return 1
 
 
 if __name__ == "__main__":

@@ -15,9 +15,10 @@ from gateway.sim.annexb import without_parameter_sets
 from gateway.sim.composite import FULL
 from gateway.sim.picture import Planes
 
-__all__ = ["Coding", "EncoderMissing", "Hevc", "KeyFrames"]
+__all__ = ["REMEDY", "Coding", "EncoderMissing", "Hevc", "KeyFrames"]
 
-_REMEDY: Final = "pip install 'teleavatar-gateway[video]'"
+REMEDY: Final = "pip install 'teleavatar-gateway[video]'"
+"""What to do where PyAV is missing."""
 
 
 class EncoderMissing(RuntimeError):
@@ -92,11 +93,11 @@ class Hevc:
         try:
             import av
         except ImportError:
-            raise EncoderMissing(f"the simulated camera encodes with PyAV, which is not here: {_REMEDY}") from None
+            raise EncoderMissing(f"the simulated camera encodes with PyAV, which is not here: {REMEDY}") from None
         try:
             codec = av.CodecContext.create("libx265", "w")
         except ValueError:
-            raise EncoderMissing(f"PyAV {av.__version__} was built without x265: {_REMEDY}") from None
+            raise EncoderMissing(f"PyAV {av.__version__} was built without x265: {REMEDY}") from None
         assert isinstance(codec, av.VideoCodecContext)
         codec.width, codec.height, codec.pix_fmt = coding.width, coding.height, "yuv420p"
         codec.time_base, codec.framerate = Fraction(1, coding.rate_hz), Fraction(coding.rate_hz)
