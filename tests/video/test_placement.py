@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from gateway.apps.video.access_unit import CLOCK_HZ, AccessUnit
-from gateway.apps.video.placement import RUNAWAY_S, Timeline
+from gateway.apps.video.placement import RUNAWAY_S, Placement
 
 S = 1_000_000_000
 UNIT = AccessUnit(
@@ -34,8 +34,8 @@ def at(rtp_time: int, arrival_ns: int, life: int = 0) -> AccessUnit:
 
 def places(*units: AccessUnit) -> list[int]:
     """Return where pictures stand, one after another."""
-    timeline = Timeline()
-    return [timeline.place(unit) for unit in units]
+    placement = Placement()
+    return [placement.place(unit) for unit in units]
 
 
 def test_within_a_life_rtp_time_counts_and_arrival_does_not() -> None:

@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Final
 
 from gateway.apps.video.access_unit import CLOCK_HZ, AccessUnit
 from gateway.apps.video.growing import claim
+from gateway.apps.video.libav import av
 from gateway.errors import Code, Refusal, to_exception
 
 if TYPE_CHECKING:
@@ -91,8 +92,6 @@ class Container:
         Raises:
             OSError: The file cannot be written.
         """
-        import av
-
         try:
             with av.open(io.BytesIO(unit.data), format="hevc") as first:
                 self.width, self.height = first.streams.video[0].width, first.streams.video[0].height
@@ -116,8 +115,6 @@ class Container:
         Raises:
             OSError: The file cannot be written.
         """
-        import av
-
         assert self._output is not None and self._stream is not None
         packet = av.Packet(unit.data)
         if self._kind == "matroska":

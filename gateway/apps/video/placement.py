@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from gateway.apps.video.access_unit import CLOCK_HZ, AccessUnit
 
-__all__ = ["RUNAWAY_S", "Timeline"]
+__all__ = ["RUNAWAY_S", "Placement"]
 
 S = 1_000_000_000
 
@@ -18,7 +18,7 @@ RUNAWAY_S = 10
 and 50 ppm of drift take 55 hours to get here."""
 
 
-class Timeline:
+class Placement:
     """Places pictures one after another, beginning with 0."""
 
     def __init__(self) -> None:

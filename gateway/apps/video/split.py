@@ -15,19 +15,17 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from gateway.apps.video.access_unit import CLOCK_HZ
 from gateway.apps.video.coding import Coding
 from gateway.apps.video.container import ticks_of
 from gateway.apps.video.growing import Growing
 from gateway.apps.video.index import index_path, read_index
+from gateway.apps.video.libav import av
 from gateway.apps.video.view_files import ViewFiles, view_paths
 from gateway.apps.video.views import VIEWS
 from gateway.errors import Code, GatewayError, Refusal, to_exception
-
-if TYPE_CHECKING:
-    import av
 
 __all__ = ["DAMAGED", "Damaged", "Split", "Splitter", "split_folder"]
 
@@ -160,8 +158,6 @@ class Splitter:
         return split
 
     def _decoded(self) -> Iterator[tuple[av.VideoFrame, int]]:
-        import av
-
         file = Growing(self._recording, self._end.is_set)
         try:
             with av.open(file, "r") as container, _flushed(container) as stream:
@@ -213,8 +209,6 @@ def _flushed(container: Any) -> Iterator[Any]:  # noqa: ANN401  its type differs
 
 def _readable(packets: Iterator[av.Packet[Any]]) -> Iterator[av.Packet[Any] | None]:
     """Yield packets to the end, or to where the file was cut off, and None for what the decoder still holds."""
-    import av
-
     try:
         yield from packets
     except av.InvalidDataError:
@@ -223,8 +217,6 @@ def _readable(packets: Iterator[av.Packet[Any]]) -> Iterator[av.Packet[Any] | No
 
 def _decodable(stream: Any, packet: av.Packet[Any] | None) -> list[av.VideoFrame]:  # noqa: ANN401  as above
     """Return what a packet gives; nothing when it is damaged beyond decoding."""
-    import av
-
     try:
         return list(stream.codec_context.decode(packet))
     except av.InvalidDataError:

@@ -19,7 +19,8 @@ from gateway.apps.video.access_unit import AccessUnit
 from gateway.apps.video.container import Container
 from gateway.apps.video.damage import Damage
 from gateway.apps.video.index import Dropped, End, Header, IndexWriter, Picture, index_path
-from gateway.apps.video.placement import Timeline
+from gateway.apps.video.libav import av
+from gateway.apps.video.placement import Placement
 
 __all__ = ["Counts", "Take"]
 
@@ -69,7 +70,7 @@ class Take:
             self._container.close()
             path.unlink()
             raise
-        self._timeline = Timeline()
+        self._placement = Placement()
         self._damage = Damage()
         self._life: int | None = None
         self.counts = Counts()
@@ -87,7 +88,7 @@ class Take:
                 self.drop(1, "of a new sender before its first intact IRAP" if unit.data else "nothing is left of it")
             return
         self._life = unit.life
-        pts, clean, counts = self._timeline.place(unit), self._damage.judge(unit).clean, self.counts
+        pts, clean, counts = self._placement.place(unit), self._damage.judge(unit).clean, self.counts
         self._container.write(unit, pts)
         picture = Picture(
             n=counts.pictures,
@@ -151,8 +152,6 @@ class Take:
         return True
 
     def _write_header(self, unit: AccessUnit) -> None:
-        import av
-
         wall_ns = _wall_ns(unit.first_packet_ns)
         versions = {"gateway": __version__, "python": platform.python_version(), "av": av.__version__} | {
             name: ".".join(map(str, version)) for name, version in av.library_versions.items()

@@ -11,16 +11,14 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from fractions import Fraction
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
 from gateway.apps.video.access_unit import CLOCK_HZ
 from gateway.apps.video.coding import Coding
 from gateway.apps.video.container import NOMINAL_HZ
+from gateway.apps.video.libav import av
 from gateway.apps.video.views import VIEWS, pixel_box
 from gateway.errors import Code, Refusal, to_exception
-
-if TYPE_CHECKING:
-    import av
 
 __all__ = ["ViewFiles", "view_paths"]
 
@@ -144,8 +142,6 @@ class _ViewFile:
     """One view's file."""
 
     def __init__(self, path: Path, coding: Coding, first: av.VideoFrame, layout: str, width: int, height: int) -> None:
-        import av
-
         self._file = av.open(str(path), "w", format="mp4", options={"video_track_timescale": str(CLOCK_HZ)})
         stream: Any = self._file.add_stream(coding.encoder, rate=NOMINAL_HZ, options=coding.options)
         stream.width, stream.height, stream.pix_fmt = width, height, layout
