@@ -13,7 +13,7 @@ import logging
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Generic, Literal, TypeVar
 
 from gateway.apps.video.access_unit import AccessUnit
 from gateway.apps.video.libav import Flags, av
@@ -31,8 +31,11 @@ BARREN = 30
 logger = logging.getLogger(__name__)
 
 
+Mark = TypeVar("Mark")
+
+
 @dataclass(frozen=True, slots=True)
-class DecodedPicture:
+class DecodedPicture(Generic[Mark]):
     """A picture, and a mark that was given with what it was decoded from.
 
     Attributes:
@@ -40,7 +43,7 @@ class DecodedPicture:
         picture: As the decoder left it: YUV.
     """
 
-    mark: object
+    mark: Mark
     picture: av.VideoFrame
 
 
@@ -58,7 +61,7 @@ class Decoder:
         self._context = self._software()
         self._is_probing = choice != "software"
         self._given = 0
-        self._marks: dict[int, object] = {}
+        self._marks: dict[int, Any] = {}
         self._barren = 0
         self.name = f"software ({threads} slice threads)"
         self.note = "" if choice == "software" else "NVDEC is tried on the first key picture"
@@ -66,7 +69,7 @@ class Decoder:
         self.last_error = ""
         self.has_begun_anew = False
 
-    def decode(self, unit: AccessUnit, mark: object, *, begins: bool = False) -> list[DecodedPicture]:
+    def decode(self, unit: AccessUnit, mark: Mark, *, begins: bool = False) -> list[DecodedPicture[Mark]]:
         """Return the pictures that are complete now; none is lost by an error of another.
 
         Args:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from enum import Enum
 
-__all__ = ["VideoCode", "VideoError"]
+__all__ = ["VideoCode", "VideoError", "VideoTimeout"]
 
 
 class VideoCode(str, Enum):
@@ -36,6 +36,7 @@ class VideoCode(str, Enum):
     RECORDER_SLOW = "RECORDER_SLOW"
     RECEIVER_FAILED = "RECEIVER_FAILED"
     TAKER_FAILED = "TAKER_FAILED"
+    DECODER_FAILED = "DECODER_FAILED"
     NO_DECODER = "NO_DECODER"
 
     def __str__(self) -> str:
@@ -61,3 +62,7 @@ class VideoError(Exception):
     def __str__(self) -> str:
         """Return `CODE: message -> hint`."""
         return f"{self.code}: {self.message} -> {self.hint}"
+
+
+class VideoTimeout(VideoError, TimeoutError):
+    """No picture came in time; the code is that of the worst finding, or NO_PACKETS."""

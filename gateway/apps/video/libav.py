@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from gateway.errors import Code, ConfigError, Refusal
+from gateway.apps.video.errors import VideoCode, VideoError
 
 __all__ = ["Colorspace", "Flags", "HWAccel", "VideoReformatter", "av"]
 
@@ -12,11 +12,8 @@ try:
     from av.codec.hwaccel import HWAccel
     from av.video.reformatter import Colorspace, VideoReformatter
 except ImportError as error:
-    raise ConfigError(
-        Refusal(
-            code=Code.BAD_CONFIG,
-            message=f"video needs PyAV, which cannot be loaded: {error}",
-            field="av",
-            hint="install it with: pip install 'teleavatar-gateway[video]'",
-        )
+    raise VideoError(
+        VideoCode.NO_DECODER,
+        f"video needs PyAV 16 or newer, which cannot be loaded: {error}",
+        "install it: pip install 'teleavatar-gateway[video]'",
     ) from error
