@@ -138,7 +138,7 @@ class Pace:
     def taken(self, now_ns: int) -> None:
         """Take note of a frame; who was late is not given more at once afterwards."""
         due_ns = now_ns if self._due_ns is None else self._due_ns
-        self._due_ns = max(due_ns + self._period_ns, now_ns - self._period_ns)
+        self._due_ns = max(due_ns + self._period_ns, now_ns)
 
 
 def _failure(error: BaseException) -> VideoError:

@@ -1,0 +1,170 @@
+"""Tests of the decoding thread's work, on coded pictures without a network."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from gateway.apps.video.decoder import Decoder
+from gateway.apps.video.decoding import Decoding
+from gateway.apps.video.errors import VideoCode, VideoError
+from gateway.apps.video.newest import Newest
+from gateway.apps.video.rgb import RgbConverter
+from gateway.sim.pixel_code import read_codes, read_composite
+from tests.video.pictures import STEP, broken, coded, units
+
+
+class Waiting:
+    """Coded pictures that have all come already."""
+
+    def __init__(self, waiting):
+        self._waiting = list(waiting)
+
+    @property
+    def is_over(self):
+        return not self._waiting
+
+    def take(self, timeout_s):
+        return self._waiting.pop(0)
+
+
+class Gathered:
+    """Everything that a decoding publishes."""
+
+    def __init__(self, given, **options):
+        self.newest, self.frames = Newest(), []
+        self.decoder = Decoder("software")
+        self.work = Decoding(Waiting(given), self.newest, self.decoder, RgbConverter(), **options)
+        with self.newest.listening(self._note):
+            self.work.run()
+        self.reading = self.work.meter.reading(0)
+
+    def _note(self):
+        frame = self.newest.frame
+        if frame is not None and (not self.frames or self.frames[-1] is not frame):
+            self.frames.append(frame)
+
+
+def test_every_picture_becomes_a_frame_with_its_times():
+    """Numbered, in order, with the six views; all of them from one picture."""
+    given = units(coded(25))
+    frames = Gathered(given).frames
+    assert [frame.seq for frame in frames] == list(range(25))
+    assert [frame.rtp_time for frame in frames] == [STEP * n for n in range(25)]
+    assert [frame.received_ns for frame in frames] == [unit.first_packet_ns for unit in given]
+    for n, frame in enumerate(frames):
+        assert set(read_codes(frame.rgb).values()) == {n}
+        assert frame.clean and frame.lost == () and frame.rgb.shape == (340, 160, 3)
+
+
+def test_a_frame_cannot_be_changed_and_is_never_overwritten():
+    """Not by its readers, whatever they try, and not by the pictures after it."""
+    frames = Gathered(units(coded(25))).frames
+    kept = [frame.rgb.copy() for frame in frames]
+    for array in (frames[0].rgb, frames[0]["left_wrist_left_eye"], frames[0].views["head_left_eye"]):
+        with pytest.raises(ValueError, match="read-only"):
+            array[0, 0] = 0
+        with pytest.raises(ValueError, match="cannot set WRITEABLE"):
+            array.flags.writeable = True
+        assert not array.flags.owndata
+    assert all((frame.rgb == copy).all() for frame, copy in zip(frames, kept, strict=True))
+    assert len({frame.rgb.__array_interface__["data"][0] for frame in frames}) == 25
+
+
+def test_a_frame_outlives_its_decoder():
+    """Its memory is its own."""
+    gathered = Gathered(units(coded(25)))
+    frame = gathered.frames[3]
+    del gathered
+    assert read_composite(frame.rgb) == 3
+
+
+def test_damaged_pictures_are_published_and_say_so():
+    """With what was lost; the next key picture is clean."""
+    given = units(coded(25))
+    given[13] = broken(given[13], (41, 44))
+    gathered = Gathered(given)
+    assert [frame.seq for frame in gathered.frames if not frame.clean] == list(range(13, 20))
+    assert {frame.lost for frame in gathered.frames[13:20]} == {((41, 44),)}
+    assert gathered.reading.damaged == 7 and gathered.reading.frames == 25
+
+
+def test_strict_withholds_whatever_is_not_clean():
+    """And counts it; the numbers of frames have no gap."""
+    given = units(coded(25))
+    given[13] = broken(given[13])
+    gathered = Gathered(given, is_strict=True)
+    assert [read_composite(frame.rgb) for frame in gathered.frames] == [*range(13), *range(20, 25)]
+    assert [frame.seq for frame in gathered.frames] == list(range(18))
+    assert gathered.reading.withheld == 7 and gathered.reading.damaged == 0
+
+
+def test_pictures_before_the_first_key_picture_are_counted():
+    """Nothing can be made of them."""
+    gathered = Gathered(units(coded(25))[3:])
+    assert gathered.reading.undecodable == 7 and read_composite(gathered.frames[0].rgb) == 10
+
+
+def test_another_sender_goes_on_in_the_same_frames():
+    """Numbers go on, its life is another; what it sent before its key picture is left out."""
+    given = [*units(coded(25)), *units(coded(25), life=1)[5:]]
+    frames = Gathered(given).frames
+    assert [frame.seq for frame in frames] == list(range(25 + 15))
+    assert [frame.life for frame in frames] == [0] * 25 + [1] * 15
+    assert read_composite(frames[25].rgb) == 10
+
+
+def test_a_start_after_a_stop_goes_on_numbering():
+    """`after_seq` of a reader must not hide new frames from it."""
+    assert Gathered(units(coded(25)), first_seq=100).frames[0].seq == 100
+
+
+def test_an_error_of_the_thread_surfaces_where_frames_are_waited_for(caplog):
+    """It is logged, and nobody waits for ever."""
+
+    class Failing(Waiting):
+        def take(self, timeout_s):
+            raise ZeroDivisionError("in the thread")
+
+    newest = Newest()
+    Decoding(Failing([None]), newest, Decoder("software"), RgbConverter()).run()
+    with pytest.raises(VideoError) as caught:
+        newest.wait(-1, 60.0)
+    assert caught.value.code is VideoCode.DECODER_FAILED and "in the thread" in str(caught.value)
+    assert "ended" in caplog.text
+
+
+def test_what_the_decoder_refuses_is_counted(monkeypatch):
+    """Never raised out of the thread."""
+    given = units(coded(25))[:10]
+    gathered = Gathered([*given, replace(given[1], seq=10, data=b"\x00\x00\x00\x01\x02\x01\x00")])
+    assert len(gathered.frames) == 10 and gathered.newest.peek(-1).seq == 9
+
+
+@pytest.mark.parametrize("matrix", ["bt601", "bt709", "bt2020"])
+def test_the_matrix_of_unnamed_colours_is_the_callers_choice(matrix):
+    """A pure colour is what that matrix makes of it (ITU-R BT.601, 709, 2020)."""
+    from gateway.apps.video.libav import av
+
+    red_of_luma = {"bt601": 0.299, "bt709": 0.2126, "bt2020": 0.2627}[matrix]
+    y, cr = round(16 + 219 * red_of_luma), 240
+    cb = round(128 - 112 * red_of_luma / (1 - {"bt601": 0.114, "bt709": 0.0722, "bt2020": 0.0593}[matrix]))
+    planes = np.full((96, 64), y, np.uint8)
+    planes[64:80], planes[80:] = cb, cr
+    picture = av.VideoFrame.from_ndarray(planes, format="yuv420p")
+    found = RgbConverter(matrix).convert(picture)[32, 32].astype(int)
+    assert np.abs(found - (255, 0, 0)).max() <= 3
+
+
+def test_lines_with_padding_become_a_picture_without():
+    """A width that is no multiple of the decoder's alignment."""
+    from gateway.apps.video.libav import av
+
+    planes = np.full((510, 162), 128, np.uint8)
+    planes[:340, :80] = 16
+    rgb = RgbConverter().convert(av.VideoFrame.from_ndarray(planes, format="yuv420p"))
+    assert rgb.shape == (340, 162, 3) and rgb[:, :78].max() < 5 and rgb[:, 84:].min() > 100
+    with pytest.raises(ValueError, match="cannot set WRITEABLE"):
+        rgb.flags.writeable = True
