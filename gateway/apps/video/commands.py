@@ -7,9 +7,13 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Callable, Mapping
-from typing import Any, Protocol
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Protocol
 
 from gateway.apps.ending import ExitStatus
+
+if TYPE_CHECKING:
+    from gateway.apps.video.receiver import ReceiverSettings
 
 __all__ = ["VERBS", "add_video", "carry_out"]
 
@@ -19,7 +23,10 @@ PAYLOAD_TYPE = 96
 """RTP payload type of the robot's stream (manual §5.1)."""
 FIRST_FRAME_S = 10.0
 """Time within which the first picture must come (manual §2.7.2) [s]."""
+CHECK_S = 10.0
+"""Packets and pictures are watched for so long (manual §2.7.2) [s]."""
 DECODERS = ("auto", "software", "nvdec")
+CODECS = ("h264", "h265")
 
 
 class AddCommand(Protocol):
@@ -39,7 +46,42 @@ def add_video(commands: Any, add: AddCommand) -> None:  # noqa: ANN401  argparse
         "Without a gateway: the robot sends its pictures straight to this host.",
     )
     verbs = video.add_subparsers(title="what to do", dest="verb", metavar="VERB", required=True)
-    del verbs  # each verb comes with what carries it out
+    _add_recording(verbs, add)
+
+
+def _add_recording(verbs: Any, add: AddCommand) -> None:  # noqa: ANN401  argparse's private class
+    more = "Nothing is encoded again: it takes about a hundredth of a core. Ends well with Ctrl-C."
+    sub = add(verbs, "record", "record the robot's pictures as they come", more)
+    _add_stream(sub)
+    sub.add_argument("--seconds", type=_seconds, metavar="S", help="how long [s] (default: until Ctrl-C)")
+    sub.add_argument("--out", metavar="FILE", help=".mkv, or .mp4 (default: ta2-DATE-TIME.mkv here)")
+    sub.add_argument("--split", action="store_true", help="split the six views off as well, into a folder beside it")
+    _add_json(sub)
+    sub = add(verbs, "split", "split a recording into the six views (manual §5.2), with its exact times")
+    sub.add_argument("file", metavar="FILE", help="of `ta2 video record`; one that still grows is followed")
+    sub.add_argument("--codec", choices=CODECS, default=CODECS[0], help="default: %(default)s")
+    sub.add_argument(
+        "--all-intra", action="store_true", help="each picture stands alone: larger, and quick to search in"
+    )
+    sub.add_argument("--views", nargs="+", metavar="NAME", help="only these (default: all six)")
+    sub.add_argument("--out", metavar="DIR", help="folder (default: FILE without its ending)")
+    _add_json(sub)
+    sub = add(verbs, "info", "say what a recording holds: duration, rate, jitter, damaged stretches")
+    sub.add_argument("file", metavar="FILE")
+    _add_json(sub)
+    more = "First picture, packets and pictures rising, six views, measured rate; each point that fails says why."
+    sub = add(verbs, "check", "check the stream point by point (manual §2.7.2)", more)
+    _add_stream(sub)
+    _add_decoding(sub)
+    sub.add_argument(
+        "--seconds", type=_seconds, default=CHECK_S, metavar="S", help="how long [s] (default %(default)g)"
+    )
+    sub.add_argument("--out", metavar="DIR", help="folder to keep recording and views in (default: none is kept)")
+    _add_json(sub)
+
+
+def _add_json(sub: argparse.ArgumentParser) -> None:
+    sub.add_argument("--json", action="store_true", help="print JSON")
 
 
 def _add_stream(sub: argparse.ArgumentParser) -> None:
@@ -134,5 +176,64 @@ def _source(options: argparse.Namespace) -> str | None:
     return robot_address(options.robot, options.config)
 
 
-VERBS: Mapping[str, Callable[[argparse.Namespace], ExitStatus]] = {}
+def _settings(options: argparse.Namespace) -> ReceiverSettings:
+    from gateway.apps.video.receiver import ReceiverSettings
+
+    return ReceiverSettings(source=_source(options), port=options.port, payload_type=options.payload_type)
+
+
+def _record(options: argparse.Namespace) -> ExitStatus:
+    from gateway.apps.video.record import default_path, record
+
+    return record(
+        _settings(options),
+        default_path() if options.out is None else Path(options.out),
+        seconds=options.seconds,
+        first_s=options.timeout_s,
+        is_split=options.split,
+        as_json=options.json,
+    )
+
+
+def _split(options: argparse.Namespace) -> ExitStatus:
+    from gateway.apps.video.coding import Coding
+    from gateway.apps.video.splitting import show_split
+    from gateway.apps.video.views import VIEWS
+
+    return show_split(
+        Path(options.file),
+        None if options.out is None else Path(options.out),
+        options.views or VIEWS,
+        Coding(codec=options.codec, is_all_intra=options.all_intra),
+        as_json=options.json,
+    )
+
+
+def _info(options: argparse.Namespace) -> ExitStatus:
+    from gateway.apps.video.info import show_info
+
+    return show_info(Path(options.file), as_json=options.json)
+
+
+def _check(options: argparse.Namespace) -> ExitStatus:
+    from gateway.apps.video.check import check
+    from gateway.apps.video.video import Video
+
+    video = Video(
+        _source(options),
+        port=options.port,
+        payload_type=options.payload_type,
+        strict=options.strict,
+        decoder=options.decoder,
+    )
+    folder = None if options.out is None else Path(options.out)
+    return check(video, seconds=options.seconds, first_s=options.timeout_s, folder=folder, as_json=options.json)
+
+
+VERBS: Mapping[str, Callable[[argparse.Namespace], ExitStatus]] = {
+    "record": _record,
+    "split": _split,
+    "info": _info,
+    "check": _check,
+}
 """Who carries out which verb."""

@@ -1,0 +1,70 @@
+"""Rules of `gateway.apps.video.splitting` and of the verbs that record: what is asked for on the command line is done."""
+
+from __future__ import annotations
+
+import argparse
+import json
+from pathlib import Path
+
+import pytest
+
+from gateway.apps.ending import ExitStatus
+from gateway.apps.video.commands import add_video, carry_out
+from gateway.apps.video.index import index_path
+from gateway.apps.video.info import info_of
+from gateway.apps.video.take import Take
+from gateway.apps.video.views import VIEWS
+from gateway.errors import Rejected
+from tests.video.coded import units
+
+
+def ask(*words: str) -> ExitStatus:
+    """Carry out `ta2 video WORDS`."""
+    top = argparse.ArgumentParser()
+    add_video(top.add_subparsers(), lambda commands, name, text, more="": commands.add_parser(name, help=text))
+    return carry_out(top.parse_args(["video", *words]))
+
+
+@pytest.fixture
+def recording(tmp_path: Path) -> Path:
+    """Forty pictures."""
+    take = Take(tmp_path / "take.mkv")
+    for unit in units():
+        take.write(unit)
+    take.end("it was ended")
+    return take.path
+
+
+def test_split_makes_six_files_beside_the_recording(recording: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """By default in H.264."""
+    assert ask("split", str(recording)) is ExitStatus.OK
+    assert {info_of(recording.parent / "take" / f"{view}.mp4").codec for view in VIEWS} == {"h264"}
+    assert "6 views, 40 pictures each, 0.867 s, none damaged" in capsys.readouterr().out
+
+
+def test_split_does_what_is_asked_for(recording: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Codec, all-intra, views, folder, JSON."""
+    index_path(recording).unlink()
+    words = ["--codec", "h265", "--all-intra", "--views", "head_left_eye", "--out", str(tmp_path / "x"), "--json"]
+    assert ask("split", str(recording), *words) is ExitStatus.OK
+    info = info_of(tmp_path / "x" / "head_left_eye.mp4")
+    assert (info.codec, info.key_pictures) == ("hevc", 40)
+    told = json.loads(capsys.readouterr().out)
+    assert (list(told["files"]), told["damaged"]) == (["head_left_eye"], None)
+
+
+def test_info_tells_what_it_holds(recording: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """In words and as JSON."""
+    assert ask("info", str(recording)) is ExitStatus.OK
+    assert "40 of 160 x 340" in capsys.readouterr().out
+    assert ask("info", str(recording), "--json") is ExitStatus.OK
+    assert json.loads(capsys.readouterr().out)["key_pictures"] == 4
+
+
+def test_what_cannot_be_split_is_refused(recording: Path) -> None:
+    """With the remedy, before anything is written."""
+    with pytest.raises(Rejected, match="no view left"):
+        ask("split", str(recording), "--views", "left")
+    (recording.parent / "text.mkv").write_text("text")
+    with pytest.raises(Rejected, match="cannot be split"):
+        ask("split", str(recording.parent / "text.mkv"), "--out", str(recording.parent / "text"))
