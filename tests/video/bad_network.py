@@ -45,6 +45,7 @@ class Faults:
         swap_p: It arrives after its successor.
         duplicate_p: It arrives twice.
         truncate_p: Its end is missing.
+        truncates_last: Whether that of a picture's last packet can be missing too, which no receiver can know.
         garbage_p: Random bytes arrive before it.
         spoof_p: Valid RTP with another SSRC arrives before it, from another address unless `spoofs_address`.
         spoofs_address: Whether that bears the sender's address.
@@ -58,6 +59,7 @@ class Faults:
     swap_p: float = 0.0
     duplicate_p: float = 0.0
     truncate_p: float = 0.0
+    truncates_last: bool = True
     garbage_p: float = 0.0
     spoof_p: float = 0.0
     spoofs_address: bool = False
@@ -96,7 +98,8 @@ class BadNetwork:
         if faults.payload_type is not None and len(data) > 1:
             self.did["payload_type"] += 1
             data = data[:1] + bytes((data[1] & 0x80 | faults.payload_type,)) + data[2:]
-        if self._happens("truncate", faults.truncate_p):
+        is_spared = not faults.truncates_last and len(data) > 1 and bool(data[1] & 0x80)
+        if not is_spared and self._happens("truncate", faults.truncate_p):
             data = data[: self._chance.randrange(len(data))]
         own = [data, data] if self._happens("duplicate", faults.duplicate_p) else [data]
         if self._held is not None:
@@ -117,6 +120,8 @@ class BadNetwork:
         return happens
 
     def _is_lost(self) -> bool:
+        if not self.faults.burst_p:
+            self._burst = 0
         if not self._burst and self._happens("burst", self.faults.burst_p):
             self._burst = 1 + int(self._chance.expovariate(1 / self.faults.burst_length))
         if self._burst:

@@ -80,6 +80,13 @@ def test_truncated_datagrams_are_shorter_and_still_come():
     assert min(len(one.data) for one in datagrams) == 0
 
 
+def test_last_packets_of_pictures_can_be_spared():
+    """Those with the marker."""
+    network = BadNetwork(Faults(truncate_p=1.0, truncates_last=False))
+    assert len(network.pass_on(b"\x80\xe0rest")[0].data) == 6
+    assert len(network.pass_on(b"\x80\x60rest")[0].data) < 6
+
+
 def test_garbage_comes_beside_what_was_sent():
     """From nothing to 1400 bytes."""
     datagrams, network = arrived(Faults(garbage_p=0.2))

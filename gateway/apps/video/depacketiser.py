@@ -8,6 +8,7 @@ Rules
       between. After a loss it is known to have begun when it begins with what only stands at the beginning.
     * The part of a NAL unit before a loss is kept: it can be shown, flagged.
     * Parameter sets are remembered and put before a picture that decoding can begin with, where they are missing.
+    * A fragment that is shorter than its neighbours was cut short on its way, where the sender makes them of one size.
     * DONL fields (RFC 7798 section 4.4.1) cannot be told from the packets. They make nearly every AP malformed, and the
       first slice of every picture seem missing: `unsupported` says so when it goes on.
 
@@ -20,6 +21,7 @@ from typing import Final
 
 from gateway.apps.video.access_unit import AccessUnit
 from gateway.apps.video.counters import Tally
+from gateway.apps.video.evenness import Evenness
 from gateway.apps.video.nal import HEADER_BYTES, PARAMETER_SETS, NalType, is_valid, nal_type
 from gateway.apps.video.parameter_sets import ParameterSets
 from gateway.apps.video.picture import Picture, joined
@@ -65,6 +67,7 @@ class Depacketiser:
         self._early_markers = 0
         self._last_time: int | None = None  # of the last picture handed out
         self._in_a_row = dict.fromkeys(MAX_MALFORMED, 0)
+        self._evenness = Evenness()
 
     @property
     def knows_parameter_sets(self) -> bool:
@@ -185,7 +188,12 @@ class Depacketiser:
         elif starts:
             self._end_fragments()
             self._has_orphans = False
+            self._evenness.begin(len(piece))
             picture.begin_fragments(header + piece, sees_delimiters=self._sees_delimiters)
+        elif picture.is_fragment_open and self._evenness.is_cut_short(len(piece), is_last=ends):
+            self._tally.add(cut_short=1)
+            picture.break_off()
+            self._has_orphans = True
         elif picture.is_fragment_open:
             picture.add_fragment(piece)
             if ends:
