@@ -65,6 +65,22 @@ def test_what_was_owned_ends_with_its_daemon_and_nothing_is_sent(world, robot):
     assert sent(world, robot) == [] and world.engine.seen == {} and world.engine.targets == []
 
 
+def test_a_keepalive_is_not_put_while_the_daemon_is_away(world, robot, monkeypatch):
+    """Whoever listens on the path next may be another daemon, to which this owner is nobody; the same one hears it again."""
+    robot.control().acquire()
+    put = []
+    monkeypatch.setattr(robot._session.transport, "put", lambda key, payload: put.append(key))
+    world.run(0.5)
+    assert len(put) >= 5
+    world.plane.set_reachable(False)
+    put.clear()
+    world.run(0.5)
+    assert put == []
+    world.plane.set_reachable(True)
+    world.run(0.5)
+    assert len(put) >= 5
+
+
 def test_reading_goes_on_and_a_new_control_is_taken_by_hand(world, robot):
     """The same client reads the next daemon, and owns it when, and only when, its user says so."""
     robot.control().acquire().enable()
