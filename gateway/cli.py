@@ -323,6 +323,12 @@ def _example(options: Namespace) -> int:
     return examples.run_example(options.number, options.target, asks=not options.yes)
 
 
+def _video(options: Namespace) -> int:
+    from gateway.apps.video.commands import carry_out
+
+    return carry_out(options)
+
+
 def _ground(options: Namespace) -> int:
     from gateway.apps import grounding
 
@@ -361,6 +367,7 @@ COMMANDS: Mapping[str, Callable[[Namespace], int]] = {
     "gripper": _ground,
     "drive": _ground,
     "lift": _ground,
+    "video": _video,
     "example": _example,
     "stop": _stop,
     "estop": _stop,

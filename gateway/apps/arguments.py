@@ -15,6 +15,7 @@ from gateway import __version__
 from gateway.apps.ending import STATUS_HELP
 from gateway.apps.follow_arguments import add_follow
 from gateway.apps.ground_arguments import add_ground
+from gateway.apps.video.commands import add_video
 
 __all__ = ["MODELS", "SIM_ENDPOINT", "endpoint", "joints", "parse", "parser"]
 
@@ -154,6 +155,7 @@ def parser() -> argparse.ArgumentParser:
     _add_views(commands)
     _add_motions(commands)
     add_ground(commands, _client_command)
+    add_video(commands, _command)
     _add_example(commands)
     _add_stops(commands)
     return top

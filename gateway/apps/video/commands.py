@@ -6,6 +6,8 @@ Imports nothing but the standard library before a verb is carried out, so that `
 from __future__ import annotations
 
 import argparse
+import json
+import sys
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
@@ -13,7 +15,9 @@ from typing import TYPE_CHECKING, Any, Protocol
 from gateway.apps.ending import ExitStatus
 
 if TYPE_CHECKING:
+    from gateway.apps.video.errors import VideoError
     from gateway.apps.video.receiver import ReceiverSettings
+    from gateway.apps.video.video import Video
 
 __all__ = ["VERBS", "add_video", "carry_out"]
 
@@ -46,7 +50,28 @@ def add_video(commands: Any, add: AddCommand) -> None:  # noqa: ANN401  argparse
         "Without a gateway: the robot sends its pictures straight to this host.",
     )
     verbs = video.add_subparsers(title="what to do", dest="verb", metavar="VERB", required=True)
+    _add_viewing(verbs, add)
     _add_recording(verbs, add)
+    more = (
+        "Writes a module rtp_video_interface.py of one import, which such programs find beside them or on PYTHONPATH."
+    )
+    shim = add(verbs, "shim", "let programs of the manual's chapter 6 run on this receiver, unchanged", more)
+    shim.add_argument("folder", nargs="?", type=Path, default=Path(), metavar="DIR", help="where to (default: here)")
+
+
+def _add_viewing(verbs: Any, add: AddCommand) -> None:  # noqa: ANN401  argparse's private class
+    more = "q or Ctrl-C ends it. Without a display, or with --sheet, one JPEG file is written instead."
+    view = add(verbs, "view", "show the six views in a window, or write a sheet that names each", more)
+    _add_stream(view)
+    _add_decoding(view)
+    view.add_argument("--sheet", type=Path, metavar="FILE", help="write a sheet (JPEG) and end")
+    view.add_argument(
+        "--rate",
+        type=_rate,
+        default=15.0,
+        metavar="HZ",
+        help="pictures shown per second, at most (default %(default)g)",
+    )
 
 
 def _add_recording(verbs: Any, add: AddCommand) -> None:  # noqa: ANN401  argparse's private class
@@ -161,10 +186,32 @@ def carry_out(options: argparse.Namespace) -> ExitStatus:
     """Carry out `ta2 video VERB`; return the exit status.
 
     Raises:
-        ConfigError: A library is missing, a port is taken, an address is none.
-        GatewayTimeout: No picture came; the hint says why, as far as it can be known.
+        ConfigError: BAD_CONFIG, the settings are wrong, or the robot's name is unknown.
     """
-    return VERBS[options.verb](options)
+    from gateway.apps.video.errors import VideoError
+
+    try:
+        return VERBS[options.verb](options)
+    except VideoError as error:
+        return _report(error, as_json=getattr(options, "json", False))
+
+
+def _report(error: VideoError, *, as_json: bool) -> ExitStatus:
+    """Tell what went wrong, on standard error, and for scripts as JSON on standard output; return the exit status."""
+    from gateway.apps.video.errors import VideoCode, VideoTimeout
+
+    status = ExitStatus.REFUSED
+    if isinstance(error, VideoTimeout):
+        status = ExitStatus.NO_GATEWAY
+    elif error.code in (VideoCode.PORT_BUSY, VideoCode.BAD_ADDRESS, VideoCode.NOT_INSTALLED, VideoCode.NO_DECODER):
+        status = ExitStatus.USAGE
+    elif error.code in (VideoCode.RECEIVER_FAILED, VideoCode.DECODER_FAILED, VideoCode.TAKER_FAILED):
+        status = ExitStatus.BROKEN
+    print(error, file=sys.stderr)
+    if as_json:
+        failure = {"code": error.code.value, "message": error.message, "hint": error.hint}
+        print(json.dumps({"ok": False, "error": failure, "exit_status": int(status)}, ensure_ascii=False))
+    return status
 
 
 def _source(options: argparse.Namespace) -> str | None:
@@ -215,25 +262,44 @@ def _info(options: argparse.Namespace) -> ExitStatus:
     return show_info(Path(options.file), as_json=options.json)
 
 
-def _check(options: argparse.Namespace) -> ExitStatus:
-    from gateway.apps.video.check import check
+def _video(options: argparse.Namespace) -> Video:
     from gateway.apps.video.video import Video
 
-    video = Video(
+    return Video(
         _source(options),
         port=options.port,
         payload_type=options.payload_type,
         strict=options.strict,
         decoder=options.decoder,
     )
+
+
+def _view(options: argparse.Namespace) -> ExitStatus:
+    from gateway.apps.video.view import view
+
+    return view(_video(options), sheet=options.sheet, rate_hz=options.rate, timeout_s=options.timeout_s)
+
+
+def _shim(options: argparse.Namespace) -> ExitStatus:
+    from gateway.apps.video.shim import write_shim
+
+    return write_shim(options.folder)
+
+
+def _check(options: argparse.Namespace) -> ExitStatus:
+    from gateway.apps.video.check import check
+
+    video = _video(options)
     folder = None if options.out is None else Path(options.out)
     return check(video, seconds=options.seconds, first_s=options.timeout_s, folder=folder, as_json=options.json)
 
 
 VERBS: Mapping[str, Callable[[argparse.Namespace], ExitStatus]] = {
+    "view": _view,
     "record": _record,
     "split": _split,
     "info": _info,
     "check": _check,
+    "shim": _shim,
 }
 """Who carries out which verb."""

@@ -38,6 +38,8 @@ class VideoCode(str, Enum):
     TAKER_FAILED = "TAKER_FAILED"
     DECODER_FAILED = "DECODER_FAILED"
     NO_DECODER = "NO_DECODER"
+    NOT_INSTALLED = "NOT_INSTALLED"
+    CANNOT_WRITE = "CANNOT_WRITE"
 
     def __str__(self) -> str:
         """Return the bare code."""
