@@ -17,8 +17,8 @@ TICKS = 2000
 
 
 def slice_nal(kind: int, size: int, seed: int, *, is_first: bool = True) -> bytes:
-    """Return a slice of random content; its length counts the header."""
-    body = random.Random(seed).randbytes(max(1, size - 2))
+    """Return a slice of random content without zeros, as no start code may be in it; its length counts the header."""
+    body = random.Random(seed).randbytes(max(1, size - 2)).replace(b"\0", b"\x55")
     first = body[0] | 0x80 if is_first else body[0] & 0x7F
     return bytes((kind << 1, 1, first)) + body[1:]
 

@@ -50,6 +50,11 @@ class AccessUnit:
         """Whether it cannot be decoded when decoding began with the CRA before it (NAL types 8 and 9)."""
         return self.slice_type in (8, 9)
 
+    @property
+    def is_entry(self) -> bool:
+        """Whether decoding can begin with it, and is right at once or soon: an intact IRAP or recovery point."""
+        return self.is_intact and (self.is_irap or self.recovers_after is not None)
+
     def follows(self, before: AccessUnit) -> bool:
         """Return whether nothing is missing between another one and this one: what is predicted from it can be right.
 

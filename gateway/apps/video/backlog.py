@@ -21,7 +21,7 @@ from typing import Final
 from gateway.apps.video.access_unit import AccessUnit
 from gateway.apps.video.counters import Tally
 
-__all__ = ["BLIND_NS", "MAX_AGE_NS", "Keeping", "Live", "is_entry"]
+__all__ = ["BLIND_NS", "MAX_AGE_NS", "Keeping", "Live"]
 
 MAX_AGE_NS: Final = 150_000_000
 """A picture that has waited for longer is too old [ns] (proposed, not measured: no picture a person would call late)."""
@@ -46,6 +46,7 @@ class Live:
         self._units: deque[AccessUnit] = deque()
         self._bytes = 0
         self._skipping_ns: int | None = None  # since when everything is dropped
+        self._has_hole = False  # whether something was dropped since the last one was taken
         self._drops_leading = False  # whether RASL pictures refer to what was dropped
 
     def __len__(self) -> int:
@@ -55,7 +56,7 @@ class Live:
     def put(self, unit: AccessUnit) -> None:
         """Let a picture wait, or drop it."""
         if self._skipping_ns is not None:
-            is_blind = not is_entry(unit)
+            is_blind = not unit.is_entry
             if is_blind and unit.complete_ns - self._skipping_ns < BLIND_NS:
                 self._tally.add(skipped=1)
                 return
@@ -68,7 +69,7 @@ class Live:
             self._drops_leading = unit.is_irap
         self._units.append(unit)
         self._bytes += len(unit.data)
-        if is_entry(unit) or self._is_full():
+        if unit.is_entry or self._is_full():
             self._catch_up(unit.complete_ns)
 
     def take(self, now_ns: int) -> AccessUnit | None:
@@ -78,18 +79,22 @@ class Live:
             now_ns: Monotonic time [ns].
         """
         self._catch_up(now_ns)
-        return self._pop() if self._units else None
+        if not self._units:
+            return None
+        self._has_hole = False
+        return self._pop()
 
     def _catch_up(self, now_ns: int) -> None:
         is_full = self._is_full()
         if not self._units or (now_ns - self._units[0].complete_ns <= self._max_age_ns and not is_full):
             return
-        newest = next((n for n in range(len(self._units) - 1, -1, -1) if is_entry(self._units[n])), None)
+        newest = next((n for n in range(len(self._units) - 1, -1, -1) if self._units[n].is_entry), None)
         if newest is None or (newest == 0 and is_full):
             newest, self._skipping_ns = len(self._units), now_ns
         if not newest:
             return
-        self._tally.add(skips=1, skipped=newest)
+        self._tally.add(skips=not self._has_hole, skipped=newest)
+        self._has_hole = True
         for _ in range(newest):
             self._pop()
         if self._units:
@@ -136,7 +141,7 @@ class Keeping:
     def put(self, unit: AccessUnit) -> None:
         """Let a picture wait, or drop it."""
         has_room = self._bytes + len(unit.data) <= self._max_bytes and len(self._units) < MAX_UNITS
-        may_enter = self._dropping_ns is None or is_entry(unit) or unit.complete_ns - self._dropping_ns >= BLIND_NS
+        may_enter = self._dropping_ns is None or unit.is_entry or unit.complete_ns - self._dropping_ns >= BLIND_NS
         if not (has_room and may_enter):
             self._tally.add(recorder_dropped=1)
             if self._dropping_ns is None:
@@ -157,8 +162,3 @@ class Keeping:
         unit = self._units.popleft()
         self._bytes -= len(unit.data)
         return unit
-
-
-def is_entry(unit: AccessUnit) -> bool:
-    """Return whether decoding can begin with a picture, and is right at once or soon."""
-    return unit.is_intact and (unit.is_irap or unit.recovers_after is not None)

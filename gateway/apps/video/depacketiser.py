@@ -223,7 +223,6 @@ class Depacketiser:
         self._is_between = True
         if picture.slice_type is None:  # parameter sets or SEI of their own; or its slices are all lost
             self._lost = picture.lost
-            self._is_between = not picture.lost and not picture.is_broken
             return []
         if not picture.lost and not picture.is_broken:
             self._in_a_row["head"] = self._in_a_row["head"] + 1 if picture.is_headless else 0

@@ -73,7 +73,6 @@ class Reorder:
         self._window = window
         self._held: dict[int, tuple[RtpPacket, int]] = {}  # in order of arrival
         self._next: int | None = None
-        self._highest = 0
         self._is_starting = True
         self._received = 0  # bit n: whether the packet n + 1 before the next one came
         self._stray: tuple[RtpPacket, int] | None = None
@@ -87,8 +86,12 @@ class Reorder:
         """
         if self._next is None:
             self._next = packet.seq + _TURN - START
-            self._highest = self._next - 1
         ahead = _signed(packet.seq - self._next)
+        if not (ahead or self._held):  # nearly always
+            self._stray, self._is_starting = None, False
+            self._received = (self._received << 1 | 1) & _REMEMBERED
+            self._next += 1
+            return [Ordered(packet, self._next - 1, 0, False, now_ns)]
         if not -MAX_MISORDER <= ahead <= MAX_DROPOUT:
             return self._far(packet, now_ns)
         self._stray = None
@@ -99,10 +102,8 @@ class Reorder:
         if seq in self._held:
             self._tally.add(duplicates=1)
             return []
-        if seq < self._highest:
+        if any(held > seq for held in self._held):
             self._tally.add(reordered=1)
-        else:
-            self._highest = seq
         self._held[seq] = packet, now_ns
         return [*self._released(), *self.expire(now_ns)]
 
@@ -153,7 +154,6 @@ class Reorder:
         assert self._next is not None
         before = self._next
         self._next += (stray[0].seq - before) % _TURN
-        self._highest = self._next + 1
         self._held = {self._next: stray, self._next + 1: (packet, now_ns)}
         self._received, self._stray = 0, None
         self._tally.add(resyncs=1)

@@ -31,7 +31,8 @@ class RtpClock:
     def __init__(self, timestamp: int, now_ns: int) -> None:
         self.time = timestamp
         """The newest time, unwrapped [ticks]."""
-        self._stamp = timestamp
+        self.stamp = timestamp
+        """The newest timestamp, as it was sent [ticks]."""
         self._at_ns = now_ns
         self._highest = timestamp  # of what was sent; `time` is above it after a fall or a jump
         self._offset = 0
@@ -54,9 +55,9 @@ class RtpClock:
             now_ns: When it came [ns].
         """
         self._at_ns = now_ns
-        if timestamp == self._stamp:
+        if timestamp == self.stamp:
             return False
-        self._stamp = timestamp
+        self.stamp = timestamp
         highest = self._highest + _signed(timestamp - self._highest)
         falls = highest <= self._highest
         self._highest = max(highest, self._highest)
@@ -72,7 +73,7 @@ class RtpClock:
             step: Usual distance of two pictures [ticks].
         """
         self.time += max(1, step)
-        self._stamp = self._highest = timestamp
+        self.stamp = self._highest = timestamp
         self._offset = self.time - timestamp
         self._at_ns = now_ns
 

@@ -20,6 +20,7 @@ from typing import Final
 from gateway.apps.video.access_unit import AccessUnit
 from gateway.apps.video.counters import Tally
 from gateway.apps.video.depacketiser import Depacketiser
+from gateway.apps.video.nal import NalType
 from gateway.apps.video.reorder import WINDOW, Ordered, Reorder
 from gateway.apps.video.rtp import PAYLOAD_TYPE, RtpFault, RtpPacket, parse, payload_type_of
 from gateway.apps.video.rtp_clock import RtpClock
@@ -39,6 +40,7 @@ class StreamFacts:
         packet_ns: When the last packet of the sender listened to came.
         picture_ns: When the last picture was complete.
         entry_ns: When the last intact picture was complete that decoding can begin with, parameter sets in it.
+        idr_ns: When the last intact IDR was complete.
         loss_ns: When packets were last given up.
         life_ns: When the sender listened to began.
         life: Its number, from 0; None before the first.
@@ -54,6 +56,7 @@ class StreamFacts:
     packet_ns: int | None = None
     picture_ns: int | None = None
     entry_ns: int | None = None
+    idr_ns: int | None = None
     loss_ns: int | None = None
     life_ns: int | None = None
     life: int | None = None
@@ -98,6 +101,7 @@ class Stream:
         self._packet_ns: int | None = None
         self._picture_ns: int | None = None
         self._entry_ns: int | None = None
+        self._idr_ns: int | None = None
         self._loss_ns: int | None = None
         self._wrong_payload_type: int | None = None
         self._wrong_source: str | None = None
@@ -110,6 +114,7 @@ class Stream:
             packet_ns=self._packet_ns,
             picture_ns=self._picture_ns,
             entry_ns=self._entry_ns,
+            idr_ns=self._idr_ns,
             loss_ns=self._loss_ns,
             life_ns=self._life_ns,
             life=None if self._life < 0 else self._life,
@@ -170,13 +175,17 @@ class Stream:
             units += self._depacketiser.push(ordered, rtp_time, now_ns)
         for unit in units:
             self._picture_ns = now_ns
-            if unit.is_intact and unit.has_parameter_sets and (unit.is_irap or unit.recovers_after is not None):
+            if unit.is_entry and unit.has_parameter_sets:
                 self._entry_ns = now_ns
+                if unit.slice_type in (NalType.IDR_W_RADL, NalType.IDR_N_LP):
+                    self._idr_ns = now_ns
         return units
 
     def _timed(self, ordered: Ordered) -> tuple[Ordered, int]:
         """Return a packet with its time unwrapped, in a new life where it begins one."""
         clock, packet = self._clock, ordered.packet
+        if clock is not None and packet.timestamp == clock.stamp and not ordered.is_jump:  # nearly always
+            return ordered, clock.time
         is_new = clock is None
         if clock is not None and clock.is_jump(packet.timestamp, ordered.arrived_ns):
             if ordered.lost or ordered.is_jump:
@@ -189,7 +198,8 @@ class Stream:
             return ordered._replace(lost=0), clock.time
         if ordered.is_jump:
             self.tally.add(lost=ordered.lost)
-        self.tally.add(time_falls=clock.follow(packet.timestamp, ordered.arrived_ns))
+        if clock.follow(packet.timestamp, ordered.arrived_ns):
+            self.tally.add(time_falls=1)
         return ordered, clock.time
 
     def _begin(self, packet: RtpPacket, arrived_ns: int) -> RtpClock:
