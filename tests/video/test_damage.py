@@ -7,7 +7,7 @@ from dataclasses import replace
 import pytest
 
 from gateway.apps.video.access_unit import AccessUnit
-from gateway.apps.video.damage import LONG, MAX_RANGES, Damage, Verdict
+from gateway.apps.video.damage import MAX_RANGES, Damage, Verdict
 
 KEY = AccessUnit(
     data=b"",
@@ -128,28 +128,10 @@ def test_decoding_can_begin_with_a_recovery_point() -> None:
     assert [verdict.clean for verdict in found] == [False, False, True, True]
 
 
-def test_a_stream_without_anything_that_heals_is_named() -> None:
-    """After a loss nobody can know when the damage has left the picture; it is said, not hoped."""
-    damage = Damage()
-    damage.judge(KEY)
-    for n in range(1, 2 * LONG):
-        assert damage.judge(replace(NEXT, seq=n)).clean
-    assert not damage.is_endless
-    for n in range(2 * LONG + 1, 3 * LONG):
-        assert not damage.judge(replace(NEXT, seq=n)).clean and not damage.is_endless
-    damage.judge(replace(NEXT, seq=3 * LONG))
-    assert damage.is_endless
-    damage.judge(replace(KEY, seq=3 * LONG + 1))
-    assert not damage.is_endless
-
-
-def test_a_stream_that_never_begins_is_named() -> None:
-    """Without a key picture nothing can be shown."""
-    damage = Damage()
-    for n in range(LONG):
-        assert damage.is_waiting and not damage.is_endless
-        damage.judge(replace(NEXT, seq=n))
-    assert damage.is_waiting and damage.is_endless
+def test_a_stream_without_anything_that_heals_stays_damaged() -> None:
+    """Nobody can know when the damage has left the picture; it is said, not hoped."""
+    found = clean(KEY, *[NEXT] * 500, replace(NEXT, lost=((4, 4),)), *[NEXT] * 2000, KEY)
+    assert found == [True] * 501 + [False] * 2001 + [True]
 
 
 def test_a_decoder_that_lost_everything_begins_with_the_next_key_picture() -> None:

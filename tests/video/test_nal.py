@@ -75,6 +75,13 @@ def test_a_recovery_point_says_after_how_many_pictures(pictures: int) -> None:
     assert recovery_point(recovery_point_sei(pictures)) == expected
 
 
+@pytest.mark.parametrize("flags", ["00", "01", "11"])
+def test_a_recovery_point_that_promises_less_than_the_exact_picture_is_none(flags: str) -> None:
+    """H.265 section D.3.8, exact_match_flag and broken_link_flag: a picture that is nearly right is not clean."""
+    payload = int("1" + flags + "1" + "0000", 2)
+    assert recovery_point(bytes((39 << 1, 1, 6, 1, payload, 0x80))) is None
+
+
 def test_other_messages_before_a_recovery_point_are_passed_over() -> None:
     """A message of 260 bytes, whose length takes two bytes."""
     sei = recovery_point_sei()

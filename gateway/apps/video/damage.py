@@ -10,7 +10,7 @@ any other                             as clean as the one before it, if nothing 
 ```
 
 A stream with neither periodic key pictures nor recovery points stays damaged from its first loss until its sender begins
-anew: nobody can know when the damage has left the picture. `Damage.is_endless` says so.
+anew: nobody can know when the damage has left the picture. `diagnosis.why` says so.
 """
 
 from __future__ import annotations
@@ -19,12 +19,10 @@ from dataclasses import dataclass
 
 from gateway.apps.video.access_unit import AccessUnit
 
-__all__ = ["LONG", "MAX_RANGES", "Damage", "Verdict"]
+__all__ = ["MAX_RANGES", "Damage", "Verdict"]
 
 MAX_RANGES = 64
 """So many lost ranges are remembered at most, the newest ones."""
-LONG = 450
-"""After so many pictures without one that heals, none is likely to come [pictures]: 10 s at 45 fps."""
 
 Ranges = tuple[tuple[int, int], ...]
 
@@ -56,17 +54,6 @@ class Damage:
         self._until_recovered: int | None = None
         self._lost: Ranges = ()
         self._lost_before: Ranges = ()  # the newest key picture
-        self._unhealed = 0
-
-    @property
-    def is_waiting(self) -> bool:
-        """Whether nothing can be decoded before a key picture comes."""
-        return self._before is None
-
-    @property
-    def is_endless(self) -> bool:
-        """Whether nothing healed for so long that nothing may ever heal: the stream has no periodic key pictures."""
-        return self._unhealed >= LONG
 
     def begin_anew(self) -> None:
         """Take in that the decoder has lost everything it held."""
@@ -80,7 +67,6 @@ class Damage:
             self._lost = ()
             can_begin = unit.is_irap or unit.recovers_after is not None
             if not (can_begin and unit.has_parameter_sets):
-                self._unhealed += 1
                 return Verdict(is_decodable=False, lost=unit.lost)
         follows = self._before is not None and unit.follows(self._before)
         self._before = unit
@@ -91,7 +77,6 @@ class Damage:
             self._is_clean = True
         else:
             self._go_on(unit, follows=follows)
-        self._unhealed = 0 if self._is_clean or unit.is_irap else self._unhealed + 1
         lost = self._lost
         if self._is_clean:
             self._lost, self._until_recovered = (), None

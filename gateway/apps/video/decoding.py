@@ -22,6 +22,8 @@ __all__ = ["Decoding"]
 
 logger = logging.getLogger(__name__)
 
+HELD_BACK = 16
+"""A decoder may hold so many pictures back for reordering, at most (H.265, A.4.2); with more it makes nothing of them."""
 PATIENCE_S = 0.5
 """A thread that waits for pictures looks so often whether it shall end [s]."""
 
@@ -67,6 +69,7 @@ class Decoding:
         self._seq = first_seq
         self._damage = Damage()
         self._is_ending = False
+        self._barren = 0
         self.meter = meter or Meter()
 
     def end(self) -> None:
@@ -97,7 +100,8 @@ class Decoding:
         errors = self._decoder.errors
         given = _Given(unit.rtp_time, unit.first_packet_ns, unit.life, verdict)
         pictures = self._decoder.decode(unit, given, begins=verdict.begins)
-        if self._decoder.errors != errors:
+        self._barren = 0 if pictures else self._barren + 1
+        if self._decoder.errors != errors or self._barren > HELD_BACK:
             self.meter.refused(began_ns)
         if self._decoder.has_begun_anew:
             self._damage.begin_anew()

@@ -87,10 +87,13 @@ def begins_picture(slice_nal: bytes) -> bool:
 
 
 def recovery_point(sei: bytes) -> int | None:
-    """Return after how many pictures, in order of output, decoding that begins here is right; None without such a message.
+    """Return after how many pictures, in order of output, decoding that begins here is exactly right.
 
     Args:
         sei: A prefix SEI NAL unit.
+
+    Returns:
+        The number; None without such a message, or with one that promises a picture that is only nearly right.
     """
     if len(sei) > MAX_SEI_BYTES:
         return None
@@ -99,7 +102,8 @@ def recovery_point(sei: bytes) -> int | None:
         while True:
             kind, size = _number(reader), _number(reader)
             if kind == RECOVERY_POINT:
-                return reader.signed()
+                count, is_exact, is_broken = reader.signed(), reader.read(1), reader.read(1)
+                return count if is_exact and not is_broken else None
             reader.read(8 * size)
     except BitsEnded:
         return None
