@@ -208,6 +208,7 @@ def test_what_is_lost_is_flagged_until_the_next_whole_idr(faults, count, least, 
     assert outcome.counts.lost + outcome.counts.cut_short > 0 and outcome.numbers(clean=False)
     assert len(outcome.shown) + outcome.counts.pictures_lost > 0.95 * count
     assert len(outcome.numbers(clean=True)) >= least * count
+    assert (outcome.counts.cut_short > 0) is ("truncate_p" in faults)
     false_alarms = sum(one.is_right and not one.clean for one in outcome.shown)
     assert false_alarms <= 0.05 * count
 

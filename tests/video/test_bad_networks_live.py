@@ -51,10 +51,11 @@ def test_everything_at_once_and_nothing_damaged_is_called_clean():
     words = {"loss_p": 0.01, "swap_p": 0.02, "duplicate_p": 0.02, "garbage_p": 0.1, "spoof_p": 0.1}
     with stage(**words) as (video, between, _):
         until(lambda: video.counts.lost >= 3, "losses")
-        frames = [frame for frame, _ in zip(video.frames(), range(90), strict=False)]
+        frames = [frame for frame, _ in zip(video.frames(), range(60), strict=False)]
         assert_whole([frame for frame in frames if frame.clean])
         assert any(not frame.clean and frame.lost for frame in frames)
-        assert {VideoCode.LOSS, VideoCode.SECOND_SENDER, VideoCode.NOT_RTP} <= told(video)
+        wrong = {VideoCode.LOSS, VideoCode.SECOND_SENDER, VideoCode.NOT_RTP}
+        until(lambda: wrong <= told(video), "everything that is wrong is told")
         assert_whole(heal(video, between))
 
 

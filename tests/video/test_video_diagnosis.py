@@ -178,6 +178,7 @@ def test_loss_is_told_with_its_part_and_where_it_happened() -> None:
     ("recent", "code"),
     [
         ({"late": 3}, VideoCode.LATE_PACKETS),
+        ({"cut_short": 3}, VideoCode.CUT_SHORT),
         ({"bad_ssrc": 3}, VideoCode.SECOND_SENDER),
         ({"bad_source": 3}, VideoCode.SECOND_SENDER),
         ({"too_short": 300}, VideoCode.NOT_RTP),

@@ -190,6 +190,13 @@ def _of_packets(facts: Facts, now_ns: int) -> Iterator[Finding]:
             f"{recent.late} packets came after they had been given up: the network swaps more than the window holds",
             "find out which switch or Wi-Fi swaps packets, or make the window wider (at most 32 packets)",
         )
+    if recent.cut_short:
+        yield Finding(
+            VideoCode.CUT_SHORT,
+            f"{recent.cut_short} packets came without their end in {seconds:.1f} s: {recent.broken} of "
+            f"{recent.pictures} pictures damaged; the last packet of a picture may have been cut, too, which nobody sees",
+            "find out what stands between robot and host: a tunnel or relay with a smaller packet size, and mend that",
+        )
     if recent.bad_ssrc or recent.bad_source:
         others = f"{recent.bad_ssrc + recent.bad_source} packets of another sender"
         yield Finding(

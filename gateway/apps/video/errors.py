@@ -25,6 +25,7 @@ class VideoCode(str, Enum):
     NO_MARKER = "NO_MARKER"
     LOSS = "LOSS"
     LATE_PACKETS = "LATE_PACKETS"
+    CUT_SHORT = "CUT_SHORT"
     SENDER_RESTARTED = "SENDER_RESTARTED"
     # this host
     PORT_BUSY = "PORT_BUSY"
