@@ -14,6 +14,7 @@ from tests.bench.codec import codec_rows
 from tests.bench.guard import guard_rows
 from tests.bench.table import Row, show
 from tests.bench.tick import tick_rows
+from tests.bench.video import video_rows
 from tests.bench.wire import wire_rows
 
 
@@ -21,11 +22,12 @@ def main() -> int:
     """Run the chosen parts and print their tables."""
     parser = argparse.ArgumentParser(prog="bin/bench", description=__doc__)
     parser.add_argument(
-        "parts", nargs="*", choices=["codec", "tick", "wire", "guard", []], help="which; all by default"
+        "parts", nargs="*", choices=["codec", "tick", "wire", "guard", "video", []], help="which; all by default"
     )
+    parser.add_argument("--seconds", type=float, default=8.0, help="length of each turn of a video receiver [s]")
     parser.add_argument("--minutes", type=float, default=1.0, help="length of the guard's run under load [min]")
     options = parser.parse_args()
-    parts = options.parts or ["codec", "tick", "wire", "guard"]
+    parts = options.parts or ["codec", "tick", "wire", "guard", "video"]
     console = Console(width=150 if not sys.stdout.isatty() else None)
     rows: list[Row] = []
     if "codec" in parts:
@@ -42,6 +44,10 @@ def main() -> int:
         with tempfile.TemporaryDirectory(prefix="ta2-bench-") as folder:
             rows += (found := guard_rows(Path(folder), options.minutes))
         show("the guard (loopback, real processes)", found, console)
+    if "video" in parts:
+        with tempfile.TemporaryDirectory(prefix="ta2-bench-") as folder:
+            rows += (found := video_rows(Path(folder), options.seconds))
+        show("video (1280x2720 at 45 fps over loopback, receivers taking turns)", found, console)
     missed = [row.name for row in rows if row.good is False]
     console.print(f"{len(rows)} figures, {len(missed)} goals missed" + (f": {', '.join(missed)}" if missed else ""))
     return 1 if missed else 0
