@@ -3,6 +3,10 @@
 from __future__ import annotations
 
 import json
+import os
+import signal
+import subprocess
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -17,6 +21,7 @@ from gateway.apps.video.receiver import ReceiverSettings
 from gateway.apps.video.record import default_path, record
 from gateway.apps.video.views import VIEWS
 from gateway.errors import Rejected
+from tests.e2e.system import wait_for
 from tests.video.sending import camera, udp_port
 
 pytestmark = pytest.mark.e2e
@@ -57,6 +62,33 @@ def test_a_recording_of_some_seconds_is_split_while_it_is_made(
     assert "splits more slowly" in told.err
 
 
+@pytest.mark.parametrize(("number", "status"), [(signal.SIGINT, 0), (signal.SIGTERM, 143)])
+def test_a_signal_ends_a_recording_well(tmp_path: Path, number: signal.Signals, status: int) -> None:
+    """Ctrl-C is how it is ended; SIGTERM ends it as well, and the shell is told."""
+    port, path = udp_port(), tmp_path / "take.mkv"
+    words = ["video", "record", "--robot", "127.0.0.1", "--port", str(port), "--out", str(path), "--json"]
+    with camera(port):
+        process = subprocess.Popen(
+            [sys.executable, "-m", "gateway.cli", *words],
+            env=os.environ | {"PYTHONPATH": os.getcwd()},
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+        )
+        try:
+            index = index_path(path)
+            wait_for(lambda: index.exists() and index.read_bytes().count(b"\n") > 45, "pictures to be recorded")
+            process.send_signal(number)
+            said, trouble = process.communicate(timeout=30)
+        finally:
+            process.kill()
+    assert process.returncode == status, trouble
+    recorded = json.loads(said)
+    end = read_index(index).end
+    assert end is not None
+    assert info_of(path).timing.pictures == recorded["pictures"] == end.pictures >= 45
+
+
 def test_without_a_picture_to_begin_with_it_says_so_and_leaves_nothing(tmp_path: Path) -> None:
     """No empty file that looks like a recording."""
     with pytest.raises(VideoTimeout, match=r"in 0\.5 s"):
@@ -81,4 +113,3 @@ def test_a_recording_that_nobody_named_is_named_by_its_time() -> None:
     """The safest format, and no two on the same second."""
     assert default_path().suffix == ".mkv"
     assert default_path().name.startswith("ta2-20")
-    assert read_index is not None

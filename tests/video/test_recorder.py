@@ -6,7 +6,6 @@ import os
 import signal
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import av
@@ -14,6 +13,7 @@ import pytest
 
 from gateway.apps.video.index import index_path, read_index
 from gateway.apps.video.recorder import Recorder
+from tests.e2e.system import wait_for
 from tests.video.coded import GOP, units
 
 PACED = """
@@ -21,6 +21,7 @@ import sys, time
 from dataclasses import replace
 from pathlib import Path
 from gateway.apps.video.recorder import Recorder
+from tests.e2e.system import wait_for
 from tests.video.coded import units
 recorder = Recorder(Path(sys.argv[1]))
 recorder.start()
@@ -36,6 +37,7 @@ FULL = """
 import resource, sys, time
 from pathlib import Path
 from gateway.apps.video.recorder import Recorder
+from tests.e2e.system import wait_for
 from tests.video.coded import units
 resource.setrlimit(resource.RLIMIT_FSIZE, (8_000, 8_000))
 recorder = Recorder(Path(sys.argv[1]))
@@ -45,15 +47,6 @@ for unit in units():
 print(recorder.stop(), recorder.error)
 """
 """Records into files that must not grow beyond 8 kB: a write fails as on a full disk."""
-
-
-def wait_until(holds: object, what: str, seconds: float = 30.0) -> None:
-    """Poll until a condition holds."""
-    assert callable(holds)
-    end = time.monotonic() + seconds
-    while not holds():
-        assert time.monotonic() < end, f"waited {seconds} s for {what}"
-        time.sleep(0.01)
 
 
 def lines_of(path: Path) -> int:
@@ -68,7 +61,7 @@ def test_a_killed_recorder_leaves_a_readable_recording(tmp_path: Path, name: str
     path = tmp_path / name
     process = subprocess.Popen([sys.executable, "-c", PACED, str(path)], env=os.environ | {"PYTHONPATH": os.getcwd()})
     try:
-        wait_until(lambda: lines_of(path) > 105, "pictures to be recorded")
+        wait_for(lambda: lines_of(path) > 105, "pictures to be recorded")
     finally:
         process.send_signal(signal.SIGKILL)
         process.wait()
@@ -115,7 +108,7 @@ def test_what_a_slow_disk_does_not_take_is_dropped_counted_and_told(tmp_path: Pa
     for unit in units()[:25]:
         recorder(unit)  # nobody writes yet
     recorder.start()
-    wait_until(lambda: recorder.counts.pictures == 15, "the queue to be written")
+    wait_for(lambda: recorder.counts.pictures == 15, "the queue to be written")
     for unit in units()[25:]:
         recorder(unit)
     assert recorder.stop()

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import threading
-import time
 from collections.abc import Iterable
 from dataclasses import replace
 from pathlib import Path
@@ -23,6 +22,7 @@ from gateway.apps.video.take import Take
 from gateway.apps.video.view_files import ViewFiles, view_paths
 from gateway.apps.video.views import VIEWS, pixel_box
 from gateway.errors import Rejected
+from tests.e2e.system import wait_for
 from tests.video.coded import GOP, HEIGHT, WIDTH, units
 
 
@@ -148,7 +148,7 @@ def test_a_recording_is_followed_while_it_is_written(tmp_path: Path, name: str) 
     splitter = Splitter(recording, tmp_path / "out", ["head_left_eye"])
     thread = threading.Thread(target=lambda: found.append(splitter.run()))
     thread.start()
-    wait_until(lambda: splitter.pictures >= 50, "pictures to be split")
+    wait_for(lambda: splitter.pictures >= 50, "pictures to be split")
     assert 0 <= splitter.position_ticks < 100 * 2000
     assert thread.is_alive()
     for unit in units(200)[100:]:
@@ -168,7 +168,7 @@ def test_a_cancelled_split_leaves_playable_files_of_what_it_did(tmp_path: Path) 
     splitter = Splitter(recording, tmp_path / "out", ["head_left_eye"])
     thread = threading.Thread(target=lambda: found.append(splitter.run()))
     thread.start()
-    wait_until(lambda: splitter.pictures >= 50, "pictures to be split")
+    wait_for(lambda: splitter.pictures >= 50, "pictures to be split")
     splitter.cancel()
     thread.join(30)
     take.end("it was ended")
@@ -237,12 +237,3 @@ def test_a_complete_file_does_not_seem_to_grow(tmp_path: Path) -> None:
     assert len(file.read(1 << 20)) > 100
     assert file.read(100) == b""
     file.close()
-
-
-def wait_until(holds: object, what: str, seconds: float = 30.0) -> None:
-    """Poll until a condition holds."""
-    assert callable(holds)
-    end = time.monotonic() + seconds
-    while not holds():
-        assert time.monotonic() < end, f"waited {seconds} s for {what}"
-        time.sleep(0.01)

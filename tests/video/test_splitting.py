@@ -4,6 +4,10 @@ from __future__ import annotations
 
 import argparse
 import json
+import os
+import signal
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -15,6 +19,7 @@ from gateway.apps.video.info import info_of
 from gateway.apps.video.take import Take
 from gateway.apps.video.views import VIEWS
 from gateway.errors import Rejected
+from tests.e2e.system import wait_for
 from tests.video.coded import units
 
 
@@ -59,6 +64,31 @@ def test_info_tells_what_it_holds(recording: Path, capsys: pytest.CaptureFixture
     assert "40 of 160 x 340" in capsys.readouterr().out
     assert ask("info", str(recording), "--json") is ExitStatus.OK
     assert json.loads(capsys.readouterr().out)["key_pictures"] == 4
+
+
+@pytest.mark.e2e
+def test_ctrl_c_leaves_playable_files(tmp_path: Path) -> None:
+    """Of a recording that would go on for long."""
+    take = Take(tmp_path / "take.mkv")
+    for unit in units(200):
+        take.write(unit)
+    process = subprocess.Popen(
+        [sys.executable, "-m", "gateway.cli", "video", "split", str(take.path)],
+        env=os.environ | {"PYTHONPATH": os.getcwd()},
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    view = tmp_path / "take" / "head_left_eye.mp4"
+    try:
+        wait_for(view.exists, "the split to begin")
+        process.send_signal(signal.SIGINT)
+        _, said = process.communicate(timeout=30)
+    finally:
+        process.kill()
+        take.end("it was ended")
+    assert process.returncode == 130, said
+    assert "what was split until then is playable" in said
+    assert info_of(view).timing.pictures >= 1
 
 
 def test_what_cannot_be_split_is_refused(recording: Path) -> None:

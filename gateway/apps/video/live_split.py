@@ -36,6 +36,7 @@ class LiveSplit:
     def __init__(self, splitter: Splitter) -> None:
         self._splitter = splitter
         self._thread = threading.Thread(target=self._run, name="video-split", daemon=True)
+        self._over = threading.Event()  # not `join`: Ctrl-C in it makes Python 3.11 believe that the thread has ended
         self._split: Split | None = None
         self._error: Exception | None = None
 
@@ -51,7 +52,7 @@ class LiveSplit:
     @property
     def is_over(self) -> bool:
         """Whether nothing more will happen."""
-        return self.has_begun and not self._thread.is_alive()
+        return self._over.is_set()
 
     @property
     def position_s(self) -> float:
@@ -64,8 +65,7 @@ class LiveSplit:
 
     def wait(self, timeout_s: float) -> bool:
         """Wait for its end for some time [s]; return whether it is over."""
-        self._thread.join(timeout_s)
-        return self.is_over
+        return self._over.wait(timeout_s)
 
     def outcome(self) -> Split:
         """Return what came of it, when it is over.
@@ -83,3 +83,5 @@ class LiveSplit:
             self._split = self._splitter.run()
         except Exception as error:  # noqa: BLE001  of another thread, which `outcome` raises there
             self._error = error
+        finally:
+            self._over.set()

@@ -61,6 +61,7 @@ class Recorder:
         self._dropped = 0  # since the last one that found room
         self._until_look = 0
         self._is_open = True
+        self._over = threading.Event()
         self._thread = threading.Thread(target=self._run, name="video-recorder", daemon=True)
         self.error = ""
         """Why the recording ended by itself; empty while it goes on, and when it was ended."""
@@ -111,12 +112,20 @@ class Recorder:
             self._take.end("nothing was recorded")
             return True
         self._queue.put(None)
-        self._thread.join(timeout_s)
-        if self._thread.is_alive():
+        if not self._over.wait(
+            timeout_s
+        ):  # not `join`: Ctrl-C in it makes Python 3.11 believe that the thread has ended
             self.error = f"the disk has not answered for {timeout_s:g} s: what {self.path} holds by now is readable"
         return not self.error
 
     def _run(self) -> None:
+        try:
+            self._record()
+        finally:
+            self._is_open = False
+            self._over.set()
+
+    def _record(self) -> None:
         why = "it was ended"
         try:
             while (item := self._queue.get()) is not None:
