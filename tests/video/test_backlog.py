@@ -134,6 +134,8 @@ def test_pictures_that_refer_to_what_was_dropped_are_dropped_with_it() -> None:
         assert run.seqs[after : after + 2] == [80, 84] and run.seqs[:after] == list(range(51))
         assert run.seqs[after + 1 :] == list(range(84, 200)), "later ones refer to what was taken"
         assert len(run.seqs) + run.counts.skipped == 200
+    run = Run(units, lambda taken: 180 * MS if taken.seq == 56 else 10 * MS)
+    assert run.seqs == [*range(57), 60, *range(64, 200)], "the CRA was in time, and became the way out later"
 
 
 def test_a_stream_without_key_pictures_goes_on_after_a_while_with_whatever_comes() -> None:

@@ -88,6 +88,11 @@ def test_other_messages_before_a_recovery_point_are_passed_over() -> None:
     assert recovery_point(sei[:2] + b"\x05\xff\x05" + b"\x55" * 260 + sei[2:]) == 0
 
 
+def test_a_very_long_message_is_not_looked_into() -> None:
+    """Reading it would cost more than it can tell."""
+    assert recovery_point(b"\x4e\x01" + b"\x05\x01\x55" * 2000 + recovery_point_sei()[2:]) is None
+
+
 @given(st.binary(max_size=60))
 def test_any_sei_is_read_without_an_exception(body: bytes) -> None:
     """Also one that ends in the middle of a message."""

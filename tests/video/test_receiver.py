@@ -86,6 +86,25 @@ def test_a_stopped_receiver_ends_its_takers_lets_go_of_the_port_and_can_start_ag
         assert unit is not None and unit.is_irap
 
 
+def test_who_takes_from_a_receiver_that_was_not_started_is_not_kept_waiting() -> None:
+    """No more will come."""
+    receiver, got = Receiver(settings()), []
+    assert receiver.take(DEADLINE_S) is None and receiver.is_over
+    receiver.tap(got.append, name="recorder").close()
+    assert got == [] and receiver.granted_bytes is None and receiver.port == 0
+
+
+def test_findings_are_about_the_last_seconds(out: socket.socket, monkeypatch: pytest.MonkeyPatch) -> None:
+    """What was wrong and is not any more is not told any more; the counters keep it."""
+    monkeypatch.setattr("gateway.apps.video.receiver.RECENT_NS", 1)
+    monkeypatch.setattr("gateway.apps.video.receiver.DROPPED_EVERY_NS", 1)
+    with Receiver(settings()) as receiver:
+        send(out, receiver, [b"garbage"])
+        wait_for(lambda: receiver.counts.too_short)
+        wait_for(lambda: receiver.facts().recent.too_short == 0)
+        assert receiver.counts.too_short == 1
+
+
 def test_a_port_that_is_taken_is_named_with_what_to_do() -> None:
     """Two programs cannot both receive."""
     with Receiver(settings()) as first:
@@ -195,7 +214,9 @@ def test_an_error_on_the_receiving_thread_is_told_everywhere(monkeypatch: pytest
         assert receiver.why()[0].code is VideoCode.RECEIVER_FAILED
         with pytest.raises(VideoError, match="Network is down"):
             receiver.take(0.0)
-    monkeypatch.undo()
+        monkeypatch.undo()
+        receiver.start()
+        assert receiver.take(0.0) is None and receiver.why() == (), "it can be started again"
     UdpSocket(receiver.port, host=HERE).close()
 
 

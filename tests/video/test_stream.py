@@ -464,3 +464,14 @@ def test_the_facts_say_when_what_was_seen() -> None:
     assert (facts.life, facts.ssrc, facts.source) == (0, 7, ROBOT)
     assert facts.idr_ns == facts.entry_ns and facts.entry_ns < facts.picture_ns
     assert facts.knows_parameter_sets and facts.loss_ns is None
+
+
+def test_what_is_held_is_given_up_in_time_while_only_others_are_heard() -> None:
+    """Garbage and strangers do not keep the last picture back."""
+    feed, sender = Feed(), Sender()
+    feed.give(sender.pictures(range(2)))
+    for packet in without(sender.send(picture(2)), 1):
+        assert feed.stream.receive(packet, ROBOT, feed.now_ns) == []
+    assert feed.stream.receive(b"?", ROBOT, feed.now_ns + HOLD_NS - 1) == []
+    (unit,) = feed.stream.receive(b"?", "192.168.1.66", feed.now_ns + HOLD_NS)
+    assert not unit.is_intact

@@ -123,8 +123,9 @@ class Receiver:
         Raises:
             VideoError: PORT_BUSY or BAD_ADDRESS.
         """
-        if self._thread is not None:
+        if self._thread is not None and self._thread.is_alive():
             return
+        self.stop()  # what is left of one that failed
         settings = self.settings
         sources = None if settings.source is None else addresses_of(settings.source)
         self._socket = UdpSocket(settings.port, host=settings.host, buffer_bytes=settings.receive_buffer_bytes)

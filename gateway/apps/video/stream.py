@@ -139,18 +139,18 @@ class Stream:
         if self._sources is not None and source not in self._sources:
             self._wrong_source = source
             self.tally.add(bad_source=1)
-            return []
+            return self.expire(now_ns)
         packet = parse(datagram, self._payload_type)
         if isinstance(packet, RtpFault):
             self.tally.add(**{packet.value: 1})
             if packet is RtpFault.BAD_PAYLOAD_TYPE:
                 self._wrong_payload_type = payload_type_of(datagram)
-            return []
+            return self.expire(now_ns)
         sender = packet.ssrc, source
         if sender != self._sender:
             if self._packet_ns is not None and now_ns - self._packet_ns < SILENCE_NS:
                 self.tally.add(bad_ssrc=1)
-                return []
+                return self.expire(now_ns)
             self._sender = sender
             self._reorder = Reorder(self.tally, self._window)
             self._clock = None
