@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from gateway.apps.video.errors import VideoCode, VideoError
 
-__all__ = ["Colorspace", "Flags", "HWAccel", "VideoReformatter", "av"]
+__all__ = ["Flags", "HWAccel", "VideoReformatter", "av"]
 
 try:
     import av
     from av.codec.context import Flags
     from av.codec.hwaccel import HWAccel
-    from av.video.reformatter import Colorspace, VideoReformatter
+    from av.video.reformatter import VideoReformatter
 except ImportError as error:
     raise VideoError(
         VideoCode.NO_DECODER,

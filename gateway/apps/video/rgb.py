@@ -12,16 +12,13 @@ from typing import Literal, cast
 import numpy as np
 import numpy.typing as npt
 
-from gateway.apps.video.libav import Colorspace, VideoReformatter, av
+from gateway.apps.video.libav import VideoReformatter, av
 
 __all__ = ["MATRICES", "Matrix", "RgbConverter", "rows_of"]
 
 Matrix = Literal["bt601", "bt709", "bt2020"]
-MATRICES: dict[Matrix, int] = {
-    "bt601": Colorspace.ITU601,
-    "bt709": Colorspace.ITU709,
-    "bt2020": Colorspace.BT2020,
-}
+MATRICES: dict[Matrix, int] = {"bt601": 5, "bt709": 1, "bt2020": 9}
+"""Numbers of libswscale; PyAV has no name for the last one before 17."""
 UNSPECIFIED = 2
 """matrix_coeffs of a stream that does not say (H.265, Table E.5)."""
 CHANNELS = 3
