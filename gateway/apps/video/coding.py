@@ -13,9 +13,9 @@ __all__ = ["CODECS", "Coding"]
 
 CODECS: Final[Mapping[str, str]] = {"h264": "libx264", "h265": "libx265"}
 """By name, who encodes it."""
-INTRA_QUALITY = 20
-QUALITY = 18
-"""Constant rate factors: no visible loss to speak of, about the bitrate of the original."""
+QUALITY = 20
+LIVE_QUALITY = 23
+"""Constant rate factors: little visible loss; live, about the bitrate of the original."""
 PRESETS: Final = {
     ("h264", False): "veryfast",
     ("h264", True): "ultrafast",
@@ -55,7 +55,7 @@ class Coding:
         """What the encoder is told: no picture refers to a later one, so that none waits."""
         options = {
             "preset": PRESETS[self.codec, self.is_live],
-            "crf": str(INTRA_QUALITY if self.is_all_intra else QUALITY),
+            "crf": str(LIVE_QUALITY if self.is_live else QUALITY),
             "bf": "0",
         }
         if self.is_all_intra:
