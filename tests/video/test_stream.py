@@ -279,6 +279,29 @@ def test_fragments_that_do_not_fit_together_break_their_picture(order: list[int]
     assert not unit.is_intact and feed.counts.malformed_fu == 1
 
 
+def test_a_fragment_of_another_unit_does_not_go_on_with_this_one() -> None:
+    """Type, layer and temporal id are those of the first fragment."""
+    for at, value in ((0, 0x63), (1, 2), (2, 19)):
+        feed, sender = Feed(), Sender()
+        feed.give(sender.pictures(range(2)))
+        packets = sender.send([slice_nal(TRAIL, 5000, 1)])
+        wrong = bytearray(packets[2])
+        wrong[12 + at] = value
+        (unit,) = feed.give([[*packets[:2], bytes(wrong), *packets[3:]]])
+        assert not unit.is_intact and feed.counts.malformed_fu == 1
+
+
+def test_a_fragment_without_content_is_none() -> None:
+    """Wherever it stands."""
+    for at in (0, 2, 4):
+        feed, sender = Feed(), Sender()
+        feed.give(sender.pictures(range(2)))
+        packets = sender.send([slice_nal(TRAIL, 5000, 1)])
+        packets[at] = packets[at][:15]
+        feed.give([packets])
+        assert feed.counts.broken == (at > 0) and feed.counts.malformed_fu + feed.counts.cut_short == 1
+
+
 def test_a_fragment_that_begins_and_ends_is_malformed() -> None:
     """RFC 7798 section 4.4.3 forbids it."""
     feed, sender = Feed(), Sender()

@@ -125,6 +125,16 @@ class Tally:
     def __init__(self) -> None:
         self._counts = dict.fromkeys(NAMES, 0)
 
+    def arrive(self, size: int) -> None:
+        """Count a datagram of so many bytes: for each, so cheaply."""
+        counts = self._counts
+        counts["datagrams"] += 1
+        counts["datagram_bytes"] += size
+
+    def accept(self) -> None:
+        """Count a packet of the stream: for each, so cheaply."""
+        self._counts["packets"] += 1
+
     def add(self, **counts: int) -> None:
         """Add to the counters named.
 

@@ -34,9 +34,10 @@ MAX_MALFORMED: Final = {"ap": 3, "fu": 3, "paci": 3, "head": 6}
 LYING_MARKERS: Final = 3
 """Markers followed by more of the same picture, after which none is believed."""
 MAX_PICTURES_LOST: Final = 10_000
-MIN_FU_BYTES: Final = HEADER_BYTES + 2
+FU_HEADER_BYTES: Final = HEADER_BYTES + 1
 _START: Final = 0x80
 _END: Final = 0x40
+_KIND: Final = 0x3F
 
 
 class Depacketiser:
@@ -92,9 +93,18 @@ class Depacketiser:
             rtp_time: Its RTP time, unwrapped [ticks].
             now_ns: Monotonic time [ns].
         """
+        picture, packet = self._picture, ordered.packet
+        if (
+            picture is not None
+            and packet.payload[:FU_HEADER_BYTES] == picture.awaits
+            and picture.rtp_time == rtp_time
+            and not (ordered.lost or packet.is_marked or picture.is_full)
+        ):  # nearly always: the next fragment
+            picture.arrive(ordered.arrived_ns)
+            self._go_on(picture, packet.payload[FU_HEADER_BYTES:], ends=False)
+            return []
         done: list[AccessUnit] = []
         gap = [(ordered.seq - ordered.lost, ordered.seq - 1)] if ordered.lost else []
-        picture = self._picture
         if picture is not None:
             if gap:
                 picture.lose(gap)
@@ -111,8 +121,8 @@ class Depacketiser:
         if picture is None:
             picture = self._begin(rtp_time, gap)
         picture.arrive(ordered.arrived_ns)
-        self._unpack(picture, ordered.packet.payload)
-        if ordered.packet.is_marked and self._early_markers < LYING_MARKERS:
+        self._unpack(picture, packet.payload)
+        if packet.is_marked and self._early_markers < LYING_MARKERS:
             self._end_fragments()
             done += self._finish(picture, now_ns)
             self._ended_time = rtp_time
@@ -179,36 +189,42 @@ class Depacketiser:
             self._add(picture, nal)
 
     def _fragment(self, picture: Picture, payload: bytes) -> None:
-        flags = payload[HEADER_BYTES] if len(payload) >= MIN_FU_BYTES else _START | _END
+        flags = payload[HEADER_BYTES] if len(payload) > FU_HEADER_BYTES else _START | _END
+        kind, piece = flags & _KIND, payload[FU_HEADER_BYTES:]
         starts, ends = bool(flags & _START), bool(flags & _END)
-        header = bytes((payload[0] & 0x81 | (flags & 0x3F) << 1, payload[1])) if len(payload) >= MIN_FU_BYTES else b""
-        piece = payload[MIN_FU_BYTES - 1 :]
-        if (starts and ends) or not is_valid(header + piece):
+        nal = bytes((payload[0] & ~(_KIND << 1) | kind << 1, *payload[1:HEADER_BYTES])) + piece
+        awaits = payload[:HEADER_BYTES] + bytes((kind,))
+        if (starts and ends) or not is_valid(nal):
             self._malformed(picture, "malformed_fu", "fu")
         elif starts:
             self._end_fragments()
             self._has_orphans = False
             self._evenness.begin(len(piece))
-            picture.begin_fragments(header + piece, sees_delimiters=self._sees_delimiters)
-        elif picture.is_fragment_open and self._evenness.is_cut_short(len(piece), is_last=ends):
-            self._tally.add(cut_short=1)
-            picture.break_off()
-            self._has_orphans = True
-        elif picture.is_fragment_open:
-            picture.add_fragment(piece)
-            if ends:
-                self._in_a_row["fu"] = 0
-                nal = picture.end_fragments()
-                if nal_type(nal) in PARAMETER_SETS:
-                    self._look_into(picture, nal)
+            picture.begin_fragments(nal, awaits, sees_delimiters=self._sees_delimiters)
+        elif picture.awaits == awaits:
+            self._go_on(picture, piece, ends=ends)
         elif self._has_orphans:
             picture.is_broken = True
         else:
             self._malformed(picture, "malformed_fu", "fu")
 
+    def _go_on(self, picture: Picture, piece: bytes, *, ends: bool) -> None:
+        """Add the next fragment, or the last one, to the unfinished NAL unit."""
+        if self._evenness.is_cut_short(len(piece), is_last=ends):
+            self._tally.add(cut_short=1)
+            picture.break_off()
+            self._has_orphans = True
+            return
+        picture.add_fragment(piece)
+        if ends:
+            self._in_a_row["fu"] = 0
+            nal = picture.end_fragments()
+            if nal_type(nal) in PARAMETER_SETS:
+                self._look_into(picture, nal)
+
     def _end_fragments(self) -> None:
         """Something else comes: a NAL unit that is unfinished now stays so."""
-        if self._picture is not None and self._picture.is_fragment_open:
+        if self._picture is not None and self._picture.awaits:
             self._malformed(self._picture, "malformed_fu", "fu")
 
     def _malformed(self, picture: Picture, counter: str, kind: str = "") -> None:

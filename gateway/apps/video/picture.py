@@ -42,6 +42,8 @@ class Picture:
         is_headless: Whether its slices do not begin with the first one.
         is_broken: Whether something of it is known to be missing or wrong.
         recovers_after: See `AccessUnit`.
+        awaits: What every further fragment of the unfinished NAL unit begins with, but for the flag of the last one: payload
+            header, FU header; empty when no NAL unit is unfinished.
     """
 
     def __init__(self, rtp_time: int, *, is_begun: bool) -> None:
@@ -57,17 +59,13 @@ class Picture:
         self._size = 0
         self._kinds: set[int] = set()
         self._is_cut = False
-        self._fragment: int | None = None  # where the unfinished NAL unit begins in the parts
+        self.awaits = b""
+        self._fragment = 0  # where the unfinished NAL unit begins in the parts
 
     @property
     def is_full(self) -> bool:
         """Whether it is larger than any picture."""
         return self._size > MAX_PICTURE_BYTES
-
-    @property
-    def is_fragment_open(self) -> bool:
-        """Whether the last NAL unit is unfinished."""
-        return self._fragment is not None
 
     def is_intact(self) -> bool:
         """Return whether all of its packets came, as far as can be told: then its first slice is there, too."""
@@ -112,24 +110,32 @@ class Picture:
         self._kinds.add(kind)
         self._append(START_CODE, nal)
 
-    def begin_fragments(self, nal: bytes, *, sees_delimiters: bool) -> None:
-        """Add the first fragment of a NAL unit, its header put before it."""
+    def begin_fragments(self, nal: bytes, awaits: bytes, *, sees_delimiters: bool) -> None:
+        """Add the first fragment of a NAL unit, its header put before it.
+
+        Args:
+            nal: The NAL unit so far.
+            awaits: See the attribute.
+            sees_delimiters: See `add`.
+        """
+        self.awaits = awaits
         self._fragment = len(self._parts) + 1
         self.add(nal, sees_delimiters=sees_delimiters)
 
     def add_fragment(self, payload: bytes) -> None:
         """Add to the unfinished NAL unit."""
-        self._append(payload)
+        self._parts.append(payload)
+        self._size += len(payload) + OVERHEAD_BYTES
 
     def end_fragments(self) -> bytes:
         """Finish the NAL unit and return it."""
         nal = b"".join(self._parts[self._fragment :])
-        self._fragment = None
+        self.awaits = b""
         return nal
 
     def break_off(self) -> None:
         """Leave the unfinished NAL unit as it is: what came of it can still be decoded, and shown as damaged."""
-        self._fragment = None
+        self.awaits = b""
         self.is_broken = True
 
     def coded(self, sets: ParameterSets) -> tuple[bytes, bool, bool]:

@@ -135,7 +135,7 @@ class Stream:
             now_ns: When it came, monotonic [ns].
         """
         self._datagram_ns = now_ns
-        self.tally.add(datagrams=1, datagram_bytes=len(datagram))
+        self.tally.arrive(len(datagram))
         if self._sources is not None and source not in self._sources:
             self._wrong_source = source
             self.tally.add(bad_source=1)
@@ -155,7 +155,7 @@ class Stream:
             self._reorder = Reorder(self.tally, self._window)
             self._clock = None
         self._packet_ns = now_ns
-        self.tally.add(packets=1)
+        self.tally.accept()
         return self._take(self._reorder.put(packet, now_ns), now_ns)
 
     def expire(self, now_ns: int) -> list[AccessUnit]:
