@@ -145,19 +145,44 @@ def test_what_the_decoder_makes_nothing_of_is_counted():
     assert gathered.reading.errors >= 40 - HELD_BACK
 
 
-@pytest.mark.parametrize("matrix", ["bt601", "bt709", "bt2020"])
-def test_the_matrix_of_unnamed_colours_is_the_callers_choice(matrix):
-    """A pure colour is what that matrix makes of it (ITU-R BT.601, 709, 2020)."""
+WEIGHTS = {"bt601": (0.299, 0.114, 5), "bt709": (0.2126, 0.0722, 1), "bt2020": (0.2627, 0.0593, 9)}
+"""Of red and blue in luma (ITU-R BT.601, 709, 2020), and the number in a stream (H.265, Table E.5)."""
+
+
+def red(matrix, *, is_full=False):
+    """Return a picture that is all red, as YUV by a matrix."""
     from gateway.apps.video.libav import av
 
-    red_of_luma = {"bt601": 0.299, "bt709": 0.2126, "bt2020": 0.2627}[matrix]
-    y, cr = round(16 + 219 * red_of_luma), 240
-    cb = round(128 - 112 * red_of_luma / (1 - {"bt601": 0.114, "bt709": 0.0722, "bt2020": 0.0593}[matrix]))
-    planes = np.full((96, 64), y, np.uint8)
-    planes[64:80], planes[80:] = cb, cr
+    of_red, of_blue, _ = WEIGHTS[matrix]
+    y, cb = of_red, -0.5 * of_red / (1 - of_blue)
+    planes = np.full((96, 64), round(255 * y if is_full else 16 + 219 * y), np.uint8)
+    planes[64:80] = round(128 + (255 if is_full else 224) * cb)
+    planes[80:] = 255 if is_full else 240
     picture = av.VideoFrame.from_ndarray(planes, format="yuv420p")
-    found = RgbConverter(matrix).convert(picture)[32, 32].astype(int)
-    assert np.abs(found - (255, 0, 0)).max() <= 3
+    picture.color_range = 2 if is_full else 1
+    return picture
+
+
+def is_red(rgb):
+    """Return whether a picture is all red."""
+    return np.abs(rgb.astype(int) - (255, 0, 0)).max() <= 3
+
+
+@pytest.mark.parametrize("matrix", WEIGHTS)
+def test_the_matrix_of_unnamed_colours_is_the_callers_choice(matrix):
+    """A pure colour is what that matrix makes of it."""
+    assert is_red(RgbConverter(matrix).convert(red(matrix)))
+    assert not is_red(RgbConverter("bt601" if matrix == "bt709" else "bt709").convert(red(matrix)))
+
+
+@pytest.mark.parametrize("is_full", [False, True])
+@pytest.mark.parametrize("matrix", WEIGHTS)
+def test_a_stream_that_names_its_matrix_and_range_is_believed(matrix, is_full):
+    """Whatever the caller takes for unnamed ones (H.265, E.3.1)."""
+    for assumed in WEIGHTS:
+        picture = red(matrix, is_full=is_full)
+        picture.colorspace = WEIGHTS[matrix][2]
+        assert is_red(RgbConverter(assumed).convert(picture))
 
 
 def test_lines_with_padding_become_a_picture_without():

@@ -18,9 +18,13 @@ __all__ = ["MATRICES", "Matrix", "RgbConverter", "rows_of"]
 
 Matrix = Literal["bt601", "bt709", "bt2020"]
 MATRICES: dict[Matrix, int] = {"bt601": 5, "bt709": 1, "bt2020": 9}
-"""Numbers of libswscale; PyAV has no name for the last one before 17."""
+"""Numbers of libswscale."""
+NAMED = {1: 1, 4: 4, 5: 5, 6: 5, 7: 7, 9: 9, 10: 9}
+"""matrix_coeffs of a stream (H.265, Table E.5) -> number of libswscale, where that knows it."""
 UNSPECIFIED = 2
-"""matrix_coeffs of a stream that does not say (H.265, Table E.5)."""
+FULL_RANGE = 2
+IS_OLD = int(av.__version__.partition(".")[0]) < 17
+"""PyAV 16 takes a matrix only as an argument, and not if the picture bears it; PyAV 17 some only from the picture."""
 CHANNELS = 3
 
 
@@ -37,8 +41,10 @@ class RgbConverter:
 
     def convert(self, picture: av.VideoFrame) -> npt.NDArray[np.uint8]:
         """Return it as RGB of the full range, shape (height, width, 3), not writable; its memory is its own."""
-        matrix = self._matrix if picture.colorspace == UNSPECIFIED else None
-        rgb = self._reformatter.reformat(picture, format="rgb24", src_colorspace=matrix)
+        matrix = NAMED.get(picture.colorspace, self._matrix)
+        picture.colorspace = UNSPECIFIED if IS_OLD else matrix
+        colour_range = FULL_RANGE if picture.color_range == FULL_RANGE else None
+        rgb = self._reformatter.reformat(picture, format="rgb24", src_colorspace=matrix, src_color_range=colour_range)
         return rows_of(rgb)[:, : rgb.width * CHANNELS].reshape(rgb.height, rgb.width, CHANNELS)
 
 
