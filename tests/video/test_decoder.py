@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 
 from gateway.apps.video import decoder as module
+from gateway.apps.video import nvdec
 from gateway.apps.video.damage import Damage
 from gateway.apps.video.decoder import Decoder
 from gateway.apps.video.libav import av
@@ -18,6 +19,7 @@ from gateway.sim.composite import Size
 from gateway.sim.hevc import KeyFrames
 from gateway.sim.pixel_code import read_codes, read_composite
 from tests.video.pictures import broken, coded, units
+from tests.video.stage import until
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -123,6 +125,90 @@ def test_views_of_the_rgb_picture_bear_each_their_own_code(decoder):
     """All six, where §5.2 has them."""
     (done,) = decoder.decode(units(coded(25))[0], None)
     assert set(read_codes(RgbConverter().convert(done.picture)).values()) == {0}
+
+
+class OtherSoftware:
+    """Stands where a GPU's decoder would: a real decoder that may go wrong.
+
+    Args:
+        spoil: Done to each picture.
+    """
+
+    is_open = True
+
+    def __init__(self, spoil=lambda picture: picture):
+        self._context, self._spoil = av.VideoCodecContext.create("hevc", "r"), spoil
+        self.thread_type, self.flags = None, 0
+
+    def decode(self, packet):
+        return [self._spoil(picture) for picture in self._context.decode(packet)]
+
+    def flush_buffers(self):
+        self._context.flush_buffers()
+
+
+def spoilt(picture):
+    """Return a picture with one sample changed."""
+    planes = picture.to_ndarray()
+    planes[7, 9] ^= 1
+    return av.VideoFrame.from_ndarray(planes, format="yuv420p")
+
+
+def probed(monkeypatch, ways):
+    """Return a decoder that has taken these ways to a GPU, and what came out of two groups of pictures."""
+    monkeypatch.setattr(nvdec, "WAYS", ways)
+    made, given, found = Decoder("auto"), units(coded(25)), []
+    for unit in given:
+        found += counters(made, [unit])
+        if made._probe is not None:
+            until(lambda: made._probe.take() is not None, "the proof's end")
+    made.close()
+    return made, found
+
+
+def test_a_gpu_that_decodes_as_the_software_does_is_taken_at_the_next_key_picture(monkeypatch):
+    """Pictures come meanwhile; none is lost and none comes twice when it takes over."""
+    made, found = probed(monkeypatch, {"hevc on cuda": OtherSoftware})
+    assert found == [(n, n) for n in range(25)]
+    assert made.is_nvdec and made.name == "nvdec (hevc on cuda)" and "exactly" in made.note
+
+
+def test_a_gpu_that_decodes_one_sample_wrongly_is_not_taken(monkeypatch):
+    """The next way to it is tried; the reasons are told."""
+
+    def broken_driver():
+        raise RuntimeError("no driver")
+
+    ways = {
+        "without driver": broken_driver,
+        "wrong": lambda: OtherSoftware(spoilt),
+        "small": lambda: OtherSoftware(lambda picture: picture.reformat(width=80)),
+        "strange": lambda: OtherSoftware(lambda picture: picture.reformat(format="p010le")),
+    }
+    made, found = probed(monkeypatch, ways)
+    assert found == [(n, n) for n in range(25)] and not made.is_nvdec
+    for reason in (
+        "without driver: RuntimeError: no driver",
+        "wrong: decoded 1 of 54400 pixels wrongly",
+        "small: gave a picture of 80 x 340, not 160 x 340",
+        "strange: pictures of format p010le cannot be compared",
+    ):
+        assert reason in made.note
+
+
+def test_where_the_better_way_fails_the_other_is_taken(monkeypatch):
+    """hevc_cuvid comes second: it shows each picture one later."""
+    made, found = probed(monkeypatch, {"wrong": lambda: OtherSoftware(spoilt), "hevc_cuvid": OtherSoftware})
+    assert found == [(n, n) for n in range(25)] and made.name == "nvdec (hevc_cuvid)"
+
+
+def test_a_proof_that_nobody_waits_for_is_ended(monkeypatch):
+    """Closing comes first: what it opened is flushed like any other."""
+    monkeypatch.setattr(nvdec, "WAYS", {"hevc on cuda": OtherSoftware})
+    made = Decoder("auto")
+    made.decode(units(coded(25))[0], None)
+    made.close()
+    assert not made.is_nvdec
 
 
 def test_a_decoder_of_the_gpu_that_gives_nothing_any_more_is_given_up(decoder, monkeypatch, caplog):

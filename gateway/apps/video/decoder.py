@@ -10,14 +10,13 @@ Rules
 from __future__ import annotations
 
 import logging
-from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any, Generic, Literal, TypeVar
 
 from gateway.apps.video.access_unit import AccessUnit
 from gateway.apps.video.libav import Flags, av
-from gateway.apps.video.nvdec import open_nvdec
+from gateway.apps.video.nvdec import Probe
 
 __all__ = ["DecodedPicture", "Decoder", "DecoderChoice"]
 
@@ -51,7 +50,7 @@ class Decoder:
     """Decodes the access units of one stream. Not for several threads at once.
 
     Args:
-        choice: `auto` and `nvdec` take the GPU when it decodes the first intact key picture as the software does.
+        choice: `auto` and `nvdec` go over to the GPU once it has decoded a key picture exactly as the software does.
         threads: Of the software decoder; more help only where the stream has slices or wavefronts.
     """
 
@@ -60,11 +59,12 @@ class Decoder:
         self._threads = threads
         self._context = self._software()
         self._is_probing = choice != "software"
+        self._probe: Probe | None = None
         self._given = 0
         self._marks: dict[int, Any] = {}
         self._barren = 0
         self.name = f"software ({threads} slice threads)"
-        self.note = "" if choice == "software" else "NVDEC is tried on the first key picture"
+        self.note = "" if choice == "software" else "NVDEC has not proved itself yet"
         self.errors = 0
         self.last_error = ""
         self.has_begun_anew = False
@@ -82,9 +82,7 @@ class Decoder:
             return []  # FFmpeg would take it for the end of the stream
         if begins:
             self._forget()
-        if self._is_probing and unit.is_irap and unit.is_intact and unit.has_parameter_sets:
-            self._is_probing = False
-            self._probe(unit.data)
+        pictures = self._look_for_nvdec(unit) if self._is_probing else []
         packet = av.Packet(unit.data)
         packet.pts = packet.dts = self._given
         self._marks[self._given] = mark
@@ -92,16 +90,18 @@ class Decoder:
         while len(self._marks) > MAX_PENDING:
             del self._marks[next(iter(self._marks))]
         try:
-            pictures = self._context.decode(packet)
+            pictures += self._context.decode(packet)
         except av.FFmpegError as error:
             self.errors += 1
             self.last_error = f"{type(error).__name__}: {error}"
-            pictures = []
         self._watch(unit, pictures)
         return [DecodedPicture(self._marks.pop(p.pts), p) for p in pictures if p.pts in self._marks]
 
     def close(self) -> None:
         """Give back what it holds; it can be called again and again."""
+        if self._probe is not None:
+            self._probe.close()
+            self._is_probing, self._probe = False, None
         self._forget()
 
     @property
@@ -121,25 +121,36 @@ class Decoder:
         context.thread_count = self._threads
         return context
 
-    def _probe(self, key_picture: bytes) -> None:
-        """Take the GPU if it decodes as the software does; otherwise say why not."""
-        with _dropped_well(self._software()) as software:
-            try:
-                expected = [*software.decode(av.Packet(key_picture)), *software.decode(None)]
-            except av.FFmpegError:
-                expected = []
-        if not expected:
-            self.note = "NVDEC was not tried: the first key picture cannot be decoded at all"
-            return
-        context, why = open_nvdec(key_picture, expected[0], _low_delay)
+    def _look_for_nvdec(self, unit: AccessUnit) -> list[av.VideoFrame]:
+        """Begin the proof with the first key picture; with one after it go over to the GPU, or say at once why not.
+
+        Returns:
+            The pictures that the decoder before still held.
+        """
+        is_key = unit.is_irap and unit.is_intact and unit.has_parameter_sets
+        if self._probe is None:
+            if is_key:
+                self._probe = Probe(unit.data, self._software(), _low_delay)
+            return []
+        if (result := self._probe.take()) is None:
+            return []
+        context, why = result
         if context is None:
+            self._is_probing, self._probe = False, None
             self.note = f"NVDEC is not used: {why}"
             logger.log(logging.WARNING if self._choice == "nvdec" else logging.INFO, "%s", self.note)
-            return
-        self._forget()
+            return []
+        if not is_key:
+            return []
+        self._is_probing, self._probe = False, None
+        rest: list[av.VideoFrame] = []
+        with suppress(av.FFmpegError):
+            rest = self._context.decode(None)
+        self._context.flush_buffers()
         self._context, self.name = context, f"nvdec ({why})"
-        self.note = "NVDEC decoded the first key picture exactly as the software did"
+        self.note = "NVDEC decoded a key picture exactly as the software did"
         logger.info("%s: %s", self.name, self.note)
+        return rest
 
     def _watch(self, unit: AccessUnit, pictures: list[av.VideoFrame]) -> None:
         """Go back to software when the GPU gives nothing any more; decoding then begins anew."""
@@ -160,12 +171,3 @@ def _low_delay(context: av.VideoCodecContext) -> None:
     # Without output_corrupt FFmpeg shows nothing from the loss of a whole picture on until the next key picture comes,
     # and where none comes nothing ever again.
     context.flags |= Flags.low_delay | Flags.output_corrupt
-
-
-@contextmanager
-def _dropped_well(context: av.VideoCodecContext) -> Iterator[av.VideoCodecContext]:
-    try:
-        yield context
-    finally:
-        if context.is_open:
-            context.flush_buffers()

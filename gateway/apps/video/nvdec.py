@@ -3,12 +3,16 @@
 H.265 decoding is exact: two decoders that both work give the same samples. A machine without a GPU, without the driver or
 with a GPU that cannot decode this stream ends in a reason, never in an exception and never in a black picture.
 
+The proof takes the time that a GPU needs to wake up, about a second: it is made in a thread of its own, and pictures come
+from the software meanwhile.
+
 Two ways lead there: FFmpeg's own decoder with CUDA beneath, which gives each picture at once, and `hevc_cuvid`, whose
 parser waits for the picture after it.
 """
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Callable
 
 import numpy as np
@@ -16,7 +20,7 @@ import numpy as np
 from gateway.apps.video.libav import HWAccel, av
 from gateway.apps.video.rgb import rows_of
 
-__all__ = ["WAYS", "difference", "open_nvdec"]
+__all__ = ["WAYS", "Probe", "difference", "open_nvdec"]
 
 COMPARABLE = ("yuv420p", "yuvj420p", "nv12")
 """Formats whose first plane is luma of 8 bits."""
@@ -34,6 +38,53 @@ def _on_cuvid() -> av.VideoCodecContext:
 
 WAYS: dict[str, Callable[[], av.VideoCodecContext]] = {"hevc on cuda": _on_cuda, "hevc_cuvid": _on_cuvid}
 """Ways to NVDEC, the better one first."""
+
+
+class Probe:
+    """Has a GPU prove itself; begins at once.
+
+    Args:
+        key_picture: Annex B, with parameter sets.
+        software: What it is compared with; a decoder of its own.
+        prepare: Sets a context's options before it is opened.
+    """
+
+    def __init__(
+        self,
+        key_picture: bytes,
+        software: av.VideoCodecContext,
+        prepare: Callable[[av.VideoCodecContext], None],
+    ) -> None:
+        self._key_picture = key_picture
+        self._software = software
+        self._prepare = prepare
+        self._result: tuple[av.VideoCodecContext | None, str] = (None, "it has not ended")
+        self._thread = threading.Thread(target=self._run, name="video-nvdec-probe", daemon=True)
+        self._thread.start()
+
+    def take(self) -> tuple[av.VideoCodecContext | None, str] | None:
+        """Return the decoder and its name, or None and why there is none; only None while that is not known."""
+        return None if self._thread.is_alive() else self._result
+
+    def close(self) -> None:
+        """Wait for its end and give up what nobody has taken; not for a decoder that is in use."""
+        self._thread.join()
+        context, _ = self._result
+        if context is not None:
+            context.flush_buffers()
+
+    def _run(self) -> None:
+        software = self._software
+        try:
+            expected = [*software.decode(av.Packet(self._key_picture)), *software.decode(None)]
+        except av.FFmpegError:
+            expected = []
+        if software.is_open:
+            software.flush_buffers()
+        if expected:
+            self._result = open_nvdec(self._key_picture, expected[0], self._prepare)
+        else:
+            self._result = None, "the first key picture cannot be decoded at all"
 
 
 def open_nvdec(
