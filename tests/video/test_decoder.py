@@ -139,6 +139,7 @@ class OtherSoftware:
     def __init__(self, spoil=lambda picture: picture):
         self._context, self._spoil = av.VideoCodecContext.create("hevc", "r"), spoil
         self.thread_type, self.flags = None, 0
+        self.colorspace, self.color_range = 2, 1
 
     def decode(self, packet):
         return [self._spoil(picture) for picture in self._context.decode(packet)]
@@ -152,6 +153,21 @@ def spoilt(picture):
     planes = picture.to_ndarray()
     planes[7, 9] ^= 1
     return av.VideoFrame.from_ndarray(planes, format="yuv420p")
+
+
+def unnamed(picture):
+    """Return a picture as it comes out of a GPU's memory: it does not say how its colours were made."""
+    picture.colorspace, picture.color_range = 2, 0
+    return picture
+
+
+def test_what_the_stream_says_of_its_colours_is_not_lost_on_the_way_from_a_gpu(decoder, monkeypatch):
+    """PyAV copies the samples and the time stamp."""
+    other = OtherSoftware(unnamed)
+    other.colorspace, other.color_range = 1, 2
+    monkeypatch.setattr(decoder, "_context", other)
+    (done,) = decoder.decode(units(coded(25))[0], None)
+    assert (done.picture.colorspace, done.picture.color_range) == (1, 2)
 
 
 def probed(monkeypatch, ways):

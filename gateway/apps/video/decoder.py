@@ -24,6 +24,9 @@ DecoderChoice = Literal["auto", "software", "nvdec"]
 
 MAX_PENDING = 32
 """Pictures that a stream may hold back for reordering, at most: twice the most of H.265 (A.4.2)."""
+UNSPECIFIED_MATRIX = 2
+"""matrix_coeffs of H.265, Table E.5."""
+UNSPECIFIED_RANGE = 0
 BARREN = 30
 """After so many intact access units without a picture a GPU's decoder is given up."""
 
@@ -95,6 +98,8 @@ class Decoder:
             self.errors += 1
             self.last_error = f"{type(error).__name__}: {error}"
         self._watch(unit, pictures)
+        for picture in pictures:
+            self._name_colours(picture)
         return [DecodedPicture(self._marks.pop(p.pts), p) for p in pictures if p.pts in self._marks]
 
     def close(self) -> None:
@@ -151,6 +156,13 @@ class Decoder:
         self.note = "NVDEC decoded a key picture exactly as the software did"
         logger.info("%s: %s", self.name, self.note)
         return rest
+
+    def _name_colours(self, picture: av.VideoFrame) -> None:
+        """Write into a picture what the stream says of its colours: it is lost on the way from a GPU's memory."""
+        if picture.colorspace == UNSPECIFIED_MATRIX:
+            picture.colorspace = self._context.colorspace
+        if picture.color_range == UNSPECIFIED_RANGE:
+            picture.color_range = self._context.color_range
 
     def _watch(self, unit: AccessUnit, pictures: list[av.VideoFrame]) -> None:
         """Go back to software when the GPU gives nothing any more; decoding then begins anew."""
