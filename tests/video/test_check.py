@@ -64,6 +64,18 @@ def test_without_a_stream_each_point_fails_and_says_why(
     assert list(tmp_path.iterdir()) == []
 
 
+def test_a_wrong_payload_type_is_named(capsys: pytest.CaptureFixture[str]) -> None:
+    """What fails says why, as far as it can be known."""
+    port = udp_port()
+    with camera(port, "--payload-type", "97"):
+        video = Video("127.0.0.1", port=port, decoder="software")
+        status = check(video, seconds=1.0, first_s=4.0, folder=None, as_json=True)
+    report = json.loads(capsys.readouterr().out)
+    assert status is ExitStatus.REFUSED
+    assert report["points"][0]["why"][0].startswith("WRONG_PAYLOAD_TYPE: ")
+    assert "97" in report["points"][0]["why"][0]
+
+
 def test_a_stream_that_stops_fails_the_second_point(capsys: pytest.CaptureFixture[str]) -> None:
     """Packets and pictures must become more in each second."""
     port = udp_port()

@@ -7,6 +7,7 @@ import os
 import signal
 import subprocess
 import sys
+import threading
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -87,6 +88,30 @@ def test_a_signal_ends_a_recording_well(tmp_path: Path, number: signal.Signals, 
     end = read_index(index).end
     assert end is not None
     assert info_of(path).timing.pictures == recorded["pictures"] == end.pictures >= 45
+
+
+def test_a_stream_that_pauses_is_told_and_recorded_on(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The sender ends, another one begins: one recording, the pause in its times."""
+    monkeypatch.setattr(record_module, "STALL_S", 0.5)
+    port, path = udp_port(), tmp_path / "take.mkv"
+    done: list[ExitStatus] = []
+    with camera(port, "--for", "2"):
+        thread = threading.Thread(
+            target=lambda: done.append(
+                record(settings(port), path, seconds=5.0, first_s=30.0, is_split=False, as_json=False)
+            )
+        )
+        thread.start()
+        wait_for(lambda: "no picture for 0.5 s" in capsys.readouterr().err, "the pause to be told")
+    with camera(port):
+        thread.join(60)
+    assert done == [ExitStatus.OK]
+    info = info_of(path)
+    assert info.senders == 2
+    assert info.timing.interval_max_ms > 500
+    assert info.damaged == 0
 
 
 def test_without_a_picture_to_begin_with_it_says_so_and_leaves_nothing(tmp_path: Path) -> None:

@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from gateway.apps.video.frame import Frame
     from gateway.apps.video.health import Health
     from gateway.apps.video.receiver import Receiver, ReceiverSettings
+    from gateway.apps.video.recorder import Recorder
     from gateway.apps.video.video import Video
     from gateway.apps.video.views import COMPOSITE, VIEWS
 
@@ -37,6 +38,7 @@ __all__ = [
     "RTPH265VideoInterface",
     "Receiver",
     "ReceiverSettings",
+    "Recorder",
     "Video",
     "VideoCode",
     "VideoError",
@@ -51,6 +53,7 @@ PLACES = {
     "RTPH265VideoInterface": "compat",
     "Receiver": "receiver",
     "ReceiverSettings": "receiver",
+    "Recorder": "recorder",
     "VIEWS": "views",
     "Video": "video",
     "VideoCode": "errors",

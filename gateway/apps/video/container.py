@@ -25,10 +25,10 @@ if TYPE_CHECKING:
     from av.container import OutputContainer
     from av.stream import Stream
 
-__all__ = ["NOMINAL_HZ", "SUFFIXES", "Container", "ticks_of"]
+__all__ = ["SUFFIXES", "TROUBLE", "Container", "ticks_of"]
 
-NOMINAL_HZ = 45
-"""Pictures per second (§5.1), for players that ask the header; the pictures' own times are exact."""
+TROUBLE: Final = (OSError, ValueError, av.FFmpegError)
+"""What reading and writing files raises, with libavformat and without."""
 TICK: Final = Fraction(1, CLOCK_HZ)
 MILLISECOND: Final = Fraction(1, 1000)
 SCALE_NS = 11_111
@@ -92,16 +92,19 @@ class Container:
         Raises:
             OSError: The file cannot be written.
         """
+        options = MATROSKA if self._kind == "matroska" else FRAGMENTED_MP4
         try:
             with av.open(io.BytesIO(unit.data), format="hevc") as first:
-                self.width, self.height = first.streams.video[0].width, first.streams.video[0].height
+                template = first.streams.video[0]
+                self.width, self.height = template.width, template.height
+                if not self.width or not self.height:
+                    return False
+                self._output = av.open(self._file, "w", format=self._kind, options=options)
+                self._stream = self._output.add_stream_from_template(
+                    template, opaque=True
+                )  # else PyAV opens an encoder
         except (av.InvalidDataError, IndexError):
             return False
-        if not self.width or not self.height:
-            return False
-        options = MATROSKA if self._kind == "matroska" else FRAGMENTED_MP4
-        self._output = av.open(self._file, "w", format=self._kind, options=options)
-        self._stream = self._output.add_mux_stream("hevc", rate=NOMINAL_HZ, width=self.width, height=self.height)
         self._stream.time_base = TICK
         return True
 

@@ -11,7 +11,7 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
 from gateway.apps.ending import ExitStatus
-from gateway.apps.video.container import SUFFIXES, ticks_of
+from gateway.apps.video.container import SUFFIXES, TROUBLE, ticks_of
 from gateway.apps.video.growing import is_growing
 from gateway.apps.video.index import Index, index_path, read_index
 from gateway.apps.video.libav import av
@@ -97,7 +97,7 @@ def info_of(recording: Path) -> Info:
             except av.InvalidDataError:  # here it was cut off
                 pass
         index = read_index(index_path(recording)) if index_path(recording).exists() else None
-    except (OSError, ValueError, IndexError) as error:  # libavformat's errors are one of these
+    except (*TROUBLE, IndexError) as error:  # without a stream, the latter
         raise _refused(recording, error) from error
     if not pts:
         raise _refused(recording, ValueError("there is no picture in it"))

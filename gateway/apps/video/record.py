@@ -6,6 +6,7 @@ Ends after a time, with Ctrl-C or SIGTERM, or when the disk is full; always well
 from __future__ import annotations
 
 import json
+import math
 import sys
 import time
 from collections.abc import Callable, Iterator
@@ -29,6 +30,8 @@ __all__ = ["Recorded", "default_path", "opened", "record"]
 
 LOOK_S = 0.2
 """Progress is shown so often [s]."""
+STALL_S = 3.0
+"""When no picture comes for so long, it is said [s]."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -157,11 +160,17 @@ def _follow(
     receiver: Receiver, recorder: Recorder, live: LiveSplit | None, tell: Teller, seconds: float | None, first_s: float
 ) -> None:
     """Show how far the recording is, until it has its length or ends by itself."""
-    began = time.monotonic()
-    is_behind = False
+    began = rose = time.monotonic()
+    is_behind, held = False, 0
     while not recorder.error:
         counts = recorder.counts
         now_s = max(counts.newest_pts, 0) / CLOCK_HZ
+        if counts.pictures > held:
+            held, rose = counts.pictures, time.monotonic()
+        elif held and time.monotonic() - rose > STALL_S:
+            rose = math.inf  # until pictures come again
+            words = [f"{finding.message} -> {finding.hint}" for finding in receiver.why()[:1]]
+            tell.say(f"no picture for {STALL_S:g} s; the recording goes on with the next one: {' '.join(words)}")
         if not counts.pictures:
             if time.monotonic() - began > first_s:
                 raise _silence(receiver, recorder, first_s)

@@ -17,6 +17,7 @@ from types import TracebackType
 from typing import Final
 
 from gateway.apps.video.access_unit import CLOCK_HZ, AccessUnit
+from gateway.apps.video.container import TROUBLE
 from gateway.apps.video.take import Counts, Take
 
 __all__ = ["LEAST_FREE_BYTES", "QUEUE_UNITS", "Recorder"]
@@ -132,12 +133,12 @@ class Recorder:
                 self._write(*item)
             if self._dropped:
                 self._take.drop(self._dropped, TOO_SLOW)
-        except (OSError, ValueError) as error:  # libavformat's errors are one or the other
+        except TROUBLE as error:
             self.error = why = self._in_words(error)
         self._is_open = False
         try:
             self._take.end(why)
-        except (OSError, ValueError) as error:
+        except TROUBLE as error:
             self.error = self.error or self._in_words(error)
 
     def _write(self, unit: AccessUnit, dropped: int) -> None:

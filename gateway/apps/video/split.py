@@ -19,7 +19,7 @@ from typing import Any
 
 from gateway.apps.video.access_unit import CLOCK_HZ
 from gateway.apps.video.coding import Coding
-from gateway.apps.video.container import ticks_of
+from gateway.apps.video.container import TROUBLE, ticks_of
 from gateway.apps.video.growing import Growing
 from gateway.apps.video.index import index_path, read_index
 from gateway.apps.video.libav import av
@@ -149,7 +149,7 @@ class Splitter:
                 files.close()
             if not self._written:
                 raise ValueError("no picture of it can be decoded")
-        except (OSError, ValueError) as error:  # libavformat's errors are one or the other
+        except TROUBLE as error:
             raise _refused(
                 self._recording, f"cannot be split into {self._folder}: {error}", "look at `ta2 video info`"
             ) from error

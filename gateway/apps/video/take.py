@@ -89,7 +89,11 @@ class Take:
             return
         self._life = unit.life
         pts, clean, counts = self._placement.place(unit), self._damage.judge(unit).clean, self.counts
-        self._container.write(unit, pts)
+        try:
+            self._container.write(unit, pts)
+        except av.InvalidDataError:
+            self.drop(1, "no container takes what is left of it")
+            return
         picture = Picture(
             n=counts.pictures,
             pts=pts,

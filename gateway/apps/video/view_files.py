@@ -15,13 +15,14 @@ from typing import Any, Final
 
 from gateway.apps.video.access_unit import CLOCK_HZ
 from gateway.apps.video.coding import Coding
-from gateway.apps.video.container import NOMINAL_HZ
 from gateway.apps.video.libav import av
 from gateway.apps.video.views import VIEWS, pixel_box
 from gateway.errors import Code, Refusal, to_exception
 
 __all__ = ["ViewFiles", "view_paths"]
 
+NOMINAL_HZ = 45
+"""Pictures per second (§5.1), for players that ask the header; the pictures' own times are exact."""
 TICK: Final = Fraction(1, CLOCK_HZ)
 EIGHT_BIT: Final = ("yuv420p", "yuvj420p")
 """Pixel formats that the encoders take as they are; others are converted."""
