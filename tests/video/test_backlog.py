@@ -136,6 +136,8 @@ def test_pictures_that_refer_to_what_was_dropped_are_dropped_with_it() -> None:
         assert len(run.seqs) + run.counts.skipped == 200
     run = Run(units, lambda taken: 180 * MS if taken.seq == 56 else 10 * MS)
     assert run.seqs == [*range(57), 60, *range(64, 200)], "the CRA was in time, and became the way out later"
+    run = Run(units, lambda taken: 300 * MS if taken.seq == 62 else 10 * MS)
+    assert run.seqs == [*range(63), 80, *range(84, 200)], "the CRA came when all was dropped already"
 
 
 def test_a_stream_without_key_pictures_goes_on_after_a_while_with_whatever_comes() -> None:
@@ -153,13 +155,13 @@ def test_time_on_the_network_is_no_backlog() -> None:
     assert Run(late, lambda _: 10 * MS).counts.skipped == 0
 
 
-@pytest.mark.parametrize("gop", [45, 0])
+@pytest.mark.parametrize("gop", [45, 0, 1_000_000])
 def test_what_waits_is_bounded_while_nobody_takes(gop: int) -> None:
     """By a group of pictures, or by the room there is."""
     backlog = Live(Tally())
     for n in range(20_000):
         backlog.put(unit(n, gop=gop))
-        assert len(backlog) <= (gop + 8 if gop else MAX_UNITS)
+        assert len(backlog) <= (gop + 8 if gop == 45 else MAX_UNITS)
 
 
 @given(

@@ -137,7 +137,9 @@ def test_one_packet_far_off_is_a_stray_and_changes_nothing() -> None:
     feed = Feed()
     feed.give(feed.next + 20_000, feed.next, feed.next + 40_000, feed.next + 1)
     assert feed.seqs[-2:] == [feed.next, feed.next + 1]
-    assert feed.count("strays") == 2 and feed.count("lost") == feed.count("resyncs") == 0
+    feed.give(feed.next + 21_000, feed.next + 31_000, feed.next + 21_002, feed.next + 2)
+    assert feed.seqs[-1] == feed.next + 2
+    assert feed.count("strays") == 5 and feed.count("lost") == feed.count("resyncs") == 0
 
 
 @pytest.mark.parametrize("jump", [MAX_DROPOUT + 1, 30_000, -600, -20_000])

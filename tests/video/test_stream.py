@@ -302,6 +302,19 @@ def test_a_fragment_without_content_is_none() -> None:
         assert feed.counts.broken == (at > 0) and feed.counts.malformed_fu + feed.counts.cut_short == 1
 
 
+def test_what_a_loss_leaves_behind_ends_with_its_picture() -> None:
+    """Fragments without a beginning in the next one are another fault, and break that one."""
+    feed, sender = Feed(), Sender()
+    feed.give(sender.pictures(range(2)))
+    damaged, orphans = sender.send([slice_nal(TRAIL, 4000, 1)]), fragments(slice_nal(TRAIL, 4000, 1), 1200)
+    packets = [
+        rtp(part, sender.seq + n, sender.timestamp, marker=n == 2)
+        for n, part in enumerate([*orphans[1:3], slice_nal(TRAIL, 300, 2)])
+    ]
+    (unit,) = feed.give([damaged[1:], packets])
+    assert not unit.is_intact and feed.counts.malformed_fu == 1 and feed.counts.lost == 1
+
+
 def test_a_fragment_that_begins_and_ends_is_malformed() -> None:
     """RFC 7798 section 4.4.3 forbids it."""
     feed, sender = Feed(), Sender()
@@ -439,6 +452,28 @@ def test_an_outage_is_a_loss_and_no_new_life() -> None:
     assert {unit.life for unit in units} == {0} and units[0].seq == 5 + 220
     assert not units[0].is_intact and units[1].is_intact
     assert feed.counts.lost == 9000 and feed.counts.pictures_lost == 220
+
+
+def test_a_jump_within_a_picture_is_a_loss_too() -> None:
+    """The same time before and behind it: no new sender begins in the middle of a picture."""
+    feed, sender = Feed(), Sender()
+    feed.give(sender.pictures(range(2)))
+    parts = fragments(slice_nal(TRAIL, 6000, 1), 1000)
+    packets = [
+        rtp(part, sender.seq + n + (5000 if n > 2 else 0), sender.timestamp, marker=n == len(parts) - 1)
+        for n, part in enumerate(parts)
+    ]
+    (unit,) = feed.give([packets])
+    assert not unit.is_intact and unit.life == 0 and feed.counts.lost == 5000
+
+
+def test_behind_a_lost_delimiter_a_picture_is_not_known_to_have_begun() -> None:
+    """Where a sender sends delimiters, parameter sets alone are no proof."""
+    feed, sender = Feed(), Sender(most=40)
+    nals = [AUD + bytes(20), VPS, SPS, PPS, slice_nal(IDR, 500, 1)]
+    first, second, third = (sender.send(nals) for _ in range(3))
+    units = feed.give([first, without(second, -1), without(third, 0)])
+    assert [unit.is_intact for unit in units] == [True, False, False]
 
 
 def test_a_step_of_the_senders_clock_is_no_new_life() -> None:

@@ -66,7 +66,7 @@ class Live:
             if unit.is_rasl:
                 self._tally.add(skipped=1)
                 return
-            self._drops_leading = unit.is_irap
+            self._drops_leading = False
         self._units.append(unit)
         self._bytes += len(unit.data)
         if unit.is_entry or self._is_full():

@@ -114,8 +114,6 @@ class Depacketiser:
                     self._end_fragments()
                 done += self._finish(picture, now_ns)
                 picture = None
-            else:
-                gap = []
         if ordered.lost:
             self._has_orphans = True
         if picture is None:
@@ -130,6 +128,8 @@ class Depacketiser:
 
     def _begin(self, rtp_time: int, gap: list[tuple[int, int]]) -> Picture:
         is_begun = self._is_between and not gap
+        if is_begun:
+            self._has_orphans = False
         if is_begun and rtp_time == self._ended_time == self._last_time:
             self._early_markers += 1
             self._tally.add(early_markers=1)
@@ -203,9 +203,7 @@ class Depacketiser:
             picture.begin_fragments(nal, awaits, sees_delimiters=self._sees_delimiters)
         elif picture.awaits == awaits:
             self._go_on(picture, piece, ends=ends)
-        elif self._has_orphans:
-            picture.is_broken = True
-        else:
+        elif not self._has_orphans:
             self._malformed(picture, "malformed_fu", "fu")
 
     def _go_on(self, picture: Picture, piece: bytes, *, ends: bool) -> None:

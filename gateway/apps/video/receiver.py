@@ -174,6 +174,8 @@ class Receiver:
     def tap(self, callback: Callable[[AccessUnit], object], *, name: str) -> CallbackTap:
         """Call a function with every coded picture from now on, in a thread of its own; see `CallbackTap`.
 
+        The receiver must have been started; else the tap is over at once.
+
         Args:
             callback: The function.
             name: What it is, for messages.
