@@ -9,7 +9,6 @@ from __future__ import annotations
 import hashlib
 import itertools
 import json
-import os
 import tempfile
 import zlib
 from collections import deque
@@ -170,8 +169,9 @@ def _write(path: Path, pictures: Sequence[Coded]) -> None:
     body = b"\n".join([line, b"".join(picture.data for picture in pictures)])
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        with tempfile.NamedTemporaryFile(dir=path.parent, delete=False) as file:
-            file.write(_MAGIC + zlib.crc32(body).to_bytes(4, "big") + body)
-        os.replace(file.name, path)
+        with tempfile.TemporaryDirectory(dir=path.parent) as place:
+            new = Path(place) / path.name
+            new.write_bytes(_MAGIC + zlib.crc32(body).to_bytes(4, "big") + body)
+            new.replace(path)
     except OSError:  # a cache that cannot be written to is no cache
         return

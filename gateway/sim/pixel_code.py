@@ -4,6 +4,9 @@ Every crop has its own code, 32 cells that are black or white: 24 bits of counte
 bit first. Crops that disagree come from different pictures; a wrong CRC is visible damage. In full-size crops it is a
 row of cells of 16 x 16 pixels, 16 pixels in from the top left corner; in small ones four rows of cells of 8 x 8 pixels,
 8 pixels in.
+
+The counter is that of the cameras' trigger, so it tells the time at which a picture was taken, in periods. When it was
+handed to the network stands in a table (`handover`): the pixels of a loop that was encoded before cannot know that.
 """
 
 from __future__ import annotations
