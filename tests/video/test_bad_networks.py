@@ -7,6 +7,7 @@ picture shown is compared with what an undisturbed decoder makes of what was sen
 from __future__ import annotations
 
 import itertools
+import random
 from dataclasses import dataclass, field, replace
 from functools import cache
 from typing import Any, NamedTuple
@@ -24,6 +25,7 @@ from gateway.sim.film import Film
 from gateway.sim.hevc import Coding, KeyFrames
 from gateway.sim.pixel_code import read_composite
 from gateway.sim.rtp import Packetiser
+from tests.thoroughness import either
 from tests.video.bad_network import ROBOT, BadNetwork, Faults
 
 SMALL = Size(160, 340)
@@ -314,3 +316,21 @@ def test_a_wrong_payload_type_shows_nothing_and_is_counted():
     assert not outcome.shown
     assert outcome.counts.bad_payload_type == outcome.counts.datagrams > 0
     assert play.stream.facts().wrong_payload_type == 97
+
+
+WORST = {"loss_p": 0.05, "burst_p": 0.01, "swap_p": 0.3, "duplicate_p": 0.2, "garbage_p": 0.3, "spoof_p": 0.3}
+STREAMS: tuple[dict[str, Any], ...] = ({}, {"key_frames": KeyFrames.CRA}, {"slices": 3}, {"is_wavefront": True})
+
+
+@pytest.mark.parametrize("seed", range(either(6, 40)))
+def test_no_network_however_it_changes_makes_a_lie(seed):
+    """Anything up to the worst, one after the other, with silence, wrong types and restarts between."""
+    chance = random.Random(seed)
+    play = Play(BadNetwork(seed=seed), **chance.choice(STREAMS))
+    for _ in range(chance.randrange(1, 6)):
+        faults: dict[str, Any] = {name: chance.choice((0, 0, most * chance.random())) for name, most in WORST.items()}
+        faults |= {"is_silent": chance.random() < 0.1, "payload_type": chance.choice((*[None] * 19, 97))}
+        play.send(chance.randrange(1, 60), **faults)
+        if chance.random() < 0.3:
+            play.restart(chance.choice((0.0, 0.1, 0.3, 0.5, 2.0)))
+    assert_honest(play.send(2 * GOP, loss_p=0.0).end())
