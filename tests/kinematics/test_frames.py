@@ -19,6 +19,7 @@ OTHER = {Side.LEFT: "right", Side.RIGHT: "left"}
 
 
 def edge(name, *, own=True, **parts):
+    """Return a fixed transform, calibrated unless said otherwise."""
     return FixedEdge(transform=Transform.of(name, **parts), origin=Origin.ARM_CAMERA_CALIBRATION, is_of_one_robot=own)
 
 
@@ -40,6 +41,7 @@ def tree():
 
 
 def random_joints(rng, stamp_ns=0):
+    """Return joints of both arms inside the limits, stamped one nanosecond apart."""
     return {
         side: joints_at(rng.uniform(JOINT_LOWER_RAD[side], JOINT_UPPER_RAD[side]), stamp_ns + n)
         for n, side in enumerate(Side)

@@ -40,7 +40,7 @@ def test_frames_that_do_not_meet_are_a_type_error():
         with pytest.raises(FrameMismatch, match="not of the same frames"):
             difference(c_T_d)
     for product in (lambda: a_T_b @ np.eye(4), lambda: np.eye(4) @ a_T_b, lambda: a_T_b @ 2.0):
-        with pytest.raises(TypeError, match="unsupported"):
+        with pytest.raises(TypeError):
             product()
 
 
