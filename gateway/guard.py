@@ -44,6 +44,7 @@ from gateway.core.guardian import Guardian, Phase
 from gateway.core.held import Held
 from gateway.core.supervisor import State
 from gateway.core.takeover import LATCHED_BEFORE
+from gateway.core_probe import CoreProbe
 from gateway.cores import LinuxAffinity, spread
 from gateway.dying import DyingProcess
 from gateway.errors import Code, GatewayError
@@ -120,6 +121,7 @@ class Guard:
         self._asked_ns: int | None = None
         self._closely_ns = 0
         self._dying: DyingProcess | None = None
+        self._probe = CoreProbe(os.getppid(), LinuxAffinity(), settings.realtime.fifo_priority)
         self._writers: list[threading.Thread] = []
         self._one_writer = threading.Lock()
         self._is_killed = self._is_open = self._is_armed = self._is_handing = self._has_news = False
@@ -131,6 +133,7 @@ class Guard:
             ending.callback(self._finish_writing)
             ending.callback(self._link.close, CLOSE_NS)
             ending.callback(self._desk.close)
+            ending.callback(self._probe.close)
             self._desk.sweep()
             self._link.open()
             after_link_up = take_measures(self._settings, is_guard=True)
@@ -223,7 +226,7 @@ class Guard:
         if self._guardian.phase is Phase.WATCHING:
             if self._is_killed:
                 return now_ns + (DYING_NS if self._dying else PERIOD_NS)
-            return self._guardian.next_look_ns()
+            return self._guardian.freeze.look_ns
         grid_ns = (now_ns // PERIOD_NS + 1) * PERIOD_NS
         due_ns = self._guardian.engine.next_due_ns()
         return grid_ns if due_ns is None or due_ns <= now_ns else min(grid_ns, due_ns)
@@ -241,8 +244,10 @@ class Guard:
             self._asked_ns = None
         if is_daemon_gone:
             self._begin(held, now_ns)
-        elif self._guardian.is_frozen(held, now_ns) and not self._is_killed:
+        elif not self._is_killed and self._guardian.freeze.is_frozen(held, now_ns, self._probe.ran_ns()):
             self._kill()
+        elif self._guardian.freeze.is_asking:
+            self._probe.ask()
 
     def _begin(self, held: Held | None, now_ns: int) -> None:
         """The daemon is gone: go on in its place, if there is anything to go on with."""

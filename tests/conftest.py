@@ -11,6 +11,7 @@ from typing import Any
 import pytest
 from hypothesis import HealthCheck, Phase, settings
 
+from tests.host import Witnesses, run_again_after_standstills
 from tests.interop.bridge_process import is_required, lacking
 from tests.thoroughness import PROFILE
 
@@ -53,8 +54,32 @@ def pytest_report_header() -> str:
     return f"hypothesis profile of this run: {PROFILE} ({settings().max_examples} examples)"
 
 
+_witnesses: list[Witnesses] = []
+
+
+def pytest_runtest_protocol(item: pytest.Item, nextitem: pytest.Item | None) -> bool | None:
+    """Run end-to-end tests with a witness of this host: see `tests/host.py`."""
+    if item.get_closest_marker("e2e") is None:
+        return None
+    if not _witnesses:
+        _witnesses.append(Witnesses())
+    return run_again_after_standstills(item, nextitem, _witnesses[0])
+
+
+def pytest_unconfigure() -> None:
+    """End the witnesses."""
+    while _witnesses:
+        _witnesses.pop().close()
+
+
 def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
-    """Say in one line why tests with a real bridge are left out, where they are."""
+    """Say which tests were run again, and in one line why tests with a real bridge are left out, where they are."""
+    reports = [report for kind in ("passed", "failed", "error") for report in terminalreporter.getreports(kind)]
+    told = {
+        (report.nodeid, value) for report in reports for name, value in report.user_properties if name == "stood still"
+    }
+    for nodeid, value in sorted(told):
+        terminalreporter.write_line(f"run again because this host stood still for {value}: {nodeid}")
     if (what := lacking()) and not is_required():
         terminalreporter.write_line(f"tests with a real bridge are left out: {what}")
 

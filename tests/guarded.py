@@ -78,8 +78,10 @@ class Guarded(Pair):
         output = super().step(to_ns)
         if self.guardian.phase is Phase.WATCHING:
             self.shown = self.engine.takeover.show(self.now_ns)
-            if self.now_ns >= self.guardian.next_look_ns():
-                assert not self.guardian.is_frozen(self.shown, self.now_ns), "a living daemon was taken for frozen"
+            if self.now_ns >= self.guardian.freeze.look_ns:
+                assert not self.guardian.freeze.is_frozen(self.shown, self.now_ns), (
+                    "a living daemon was taken for frozen"
+                )
                 assert self.guardian.tick(self.now_ns).frames == (), "a watching guard sent something"
         return output
 
@@ -107,8 +109,8 @@ class Guarded(Pair):
         begun_ns = self.now_ns
         self.is_dead = True
         while True:
-            self._listen(max((self.guardian.next_look_ns() - self.now_ns) / MS, 1.0))
-            if self.guardian.is_frozen(self.shown, self.now_ns):
+            self._listen(max((self.guardian.freeze.look_ns - self.now_ns) / MS, 1.0))
+            if self.guardian.freeze.is_frozen(self.shown, self.now_ns):
                 break
             assert self.now_ns - begun_ns < 1000 * MS, "the freeze was never seen"
         took_ms = (self.now_ns - begun_ns) / MS

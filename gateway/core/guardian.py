@@ -6,8 +6,7 @@
 
 Rules (BEHAVIOUR, the guard)
     * Two never write: nothing is sent while the daemon may live. Whoever calls `daemon_ended` has seen its end.
-    * A freeze is ticks missing for 80 ms while something is on the wire. A guard that was late itself counts anew: what
-      held it up may have held up the daemon.
+    * What a freeze is: `freeze.py`.
     * A daemon that ended by itself, or had nothing on the wire, has no successor: DONE.
     * The hold lasts 10 s, then everything goes down; then the guard ends.
     * A guard that stood still for a second while it acted (stopped, or the host slept) sends nothing any more: the robot has
@@ -25,18 +24,16 @@ from enum import Enum
 
 from gateway.core.engine import Engine, Output
 from gateway.core.events import Event, ExitRequested, Suspended, TakenOver
+from gateway.core.freeze import FreezeWatch
 from gateway.core.held import Held
 from gateway.core.supervisor import STREAMING, State
 from gateway.core.takeover import LAST_FRAME_NS
 from gateway.robot import FSM_WATCHDOG_NS
 from gateway.settings import Settings
 
-__all__ = ["HANDED_NS", "LATE_NS", "Guardian", "Phase"]
+__all__ = ["HANDED_NS", "Guardian", "Phase"]
 
 MS = 1_000_000
-
-LATE_NS = 20 * MS
-"""A look that comes later than this after its instant was held up [ns]."""
 
 HANDED_NS = 2 * LAST_FRAME_NS
 """Who was given the hold has it by then, or never [ns]: a setpoint older than half of it is no reference to anybody."""
@@ -67,9 +64,8 @@ class Guardian:
         """Acts in the daemon's place; silent until then."""
         self.engine.is_watched = False
         self.phase = Phase.WATCHING
-        self._freeze_ns = guard.freeze_ns
-        self._anew_ns = 0
-        self._look_ns: int | None = None
+        self.freeze = FreezeWatch(guard.freeze_ns)
+        """Whether the daemon hangs."""
         self._is_ending = False
         self._ticked_ns = 0
         self._handed_ns = 0
@@ -88,23 +84,6 @@ class Guardian:
         return self.engine.takeover.left_ns(now_ns) if self.is_holding else 0
 
     # ------------------------------------------------------------------------------------------------ watching
-
-    def next_look_ns(self) -> int:
-        """Return when to look at the daemon's ticks next [ns]; 0 before the first look."""
-        return self._look_ns or 0
-
-    def is_frozen(self, held: Held | None, now_ns: int) -> bool:
-        """Look at what the daemon last showed, and return whether it must be ended because it no longer ticks.
-
-        Args:
-            held: What it showed; None before its first tick.
-            now_ns: Monotonic time [ns].
-        """
-        if self._look_ns is not None and now_ns - self._look_ns > LATE_NS:
-            self._anew_ns = now_ns
-        since_ns = max(held.at_ns, self._anew_ns) if held is not None and held.is_sending else now_ns
-        self._look_ns = max(since_ns + self._freeze_ns, now_ns + MS)
-        return now_ns - since_ns >= self._freeze_ns
 
     def daemon_ended(self, held: Held | None, now_ns: int, *, is_clean: bool) -> None:
         """The daemon is no more: go on in its place, if there is anything to go on with.

@@ -8,11 +8,11 @@ import pytest
 
 from gateway import robot
 from gateway.core.events import Enable, Estop, FrameKind, Suspended
-from gateway.core.guardian import HANDED_NS, LATE_NS, Guardian, Phase
+from gateway.core.guardian import HANDED_NS, Guardian, Phase
 from gateway.core.held import Held
 from gateway.core.supervisor import State
 from gateway.robot import HOME_Q_RAD
-from gateway.settings import GuardSettings, Settings
+from gateway.settings import Settings
 from gateway.values import Side
 from tests.guarded import Guarded
 from tests.invariants import Monitor
@@ -20,7 +20,6 @@ from tests.pair import MS, START_NS, S
 
 LEAN = (*map(robot.arm_state, Side), robot.FSM_STATE, robot.CURRENT_MODE)
 ARMED = Held(at_ns=START_NS, state="HOLDING", beat="one")
-FREEZE_NS = GuardSettings().freeze_ns
 
 
 def moving(seconds: float = 0.5) -> Guarded:
@@ -35,44 +34,6 @@ def moving(seconds: float = 0.5) -> Guarded:
 
 
 # ------------------------------------------------------------------------------------------------ watching
-
-
-def test_ticks_missing_for_80_ms_are_a_freeze():
-    """Not a nanosecond earlier; the next look is exactly then."""
-    guard = Guardian(Settings())
-    assert not guard.is_frozen(ARMED, START_NS)
-    assert guard.next_look_ns() == START_NS + FREEZE_NS
-    assert not guard.is_frozen(ARMED, START_NS + FREEZE_NS - 1)
-    assert guard.is_frozen(ARMED, START_NS + FREEZE_NS)
-
-
-def test_a_guard_that_was_late_itself_counts_anew():
-    """What held it up may have held up the daemon."""
-    guard = Guardian(Settings())
-    guard.is_frozen(ARMED, START_NS)
-    late_ns = START_NS + FREEZE_NS + LATE_NS + 1
-    assert not guard.is_frozen(ARMED, late_ns)
-    assert guard.next_look_ns() == late_ns + FREEZE_NS
-    assert guard.is_frozen(ARMED, late_ns + FREEZE_NS)
-
-
-def test_a_guard_that_was_a_little_late_does_not():
-    """20 ms are ordinary."""
-    guard = Guardian(Settings())
-    guard.is_frozen(ARMED, START_NS)
-    assert guard.is_frozen(ARMED, START_NS + FREEZE_NS + LATE_NS)
-
-
-@pytest.mark.parametrize(
-    "held",
-    [None, Held(at_ns=START_NS, state="IDLE"), Held(at_ns=START_NS, state="STALE", is_owed=True)],
-    ids=["unborn", "silent", "owing"],
-)
-def test_a_daemon_with_nothing_on_the_wire_is_never_frozen(held):
-    """A person may stop it and look at it: nobody needs a successor."""
-    guard = Guardian(Settings())
-    for n in range(1, 50):
-        assert not guard.is_frozen(held, START_NS + n * FREEZE_NS)
 
 
 @pytest.mark.parametrize(

@@ -7,6 +7,7 @@ second it is marked `sim_only` with the reason:
 * The demo starts a robot of its own.
 * Dead routes: the simulated bridge has a switch for them. A real one must be brought to it, which it refuses to be as
   long as we hold our tokens (wire reference, fact 8); `tests/interop/test_routes.py` does it without them.
+* A core of this host that stands still, whatever the robot is.
 * The memory of thousands of connections is a matter of clients and daemon, and takes a minute.
 
 What is under the surface different, and passes all the same: a killed robot is two processes, node and bridge; after

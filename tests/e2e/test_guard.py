@@ -5,6 +5,8 @@ from __future__ import annotations
 import contextlib
 import os
 import signal
+import subprocess
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -52,6 +54,16 @@ with robot.control(on_loss='hold') as own:
 """The left arm moves by its joints, the right one by its end effector, whose gripper holds; the chassis drives."""
 
 CHASSIS = "/api/chassis/velocity"
+
+SPINNER = """
+import os, sys, time
+os.sched_setaffinity(0, {int(sys.argv[1])})
+os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(90))
+end = time.monotonic() + 0.12
+while time.monotonic() < end:
+    pass
+"""
+"""Keeps a core from everybody for 120 ms, as a host that gives it to another machine does."""
 
 
 class Scene:
@@ -331,6 +343,27 @@ def test_other_gateways_are_kept_away_until_the_last_stop_frame(tmp_path: Path) 
             system.close()
 
     steady(attempt, tmp_path)
+
+
+@pytest.mark.alone
+@pytest.mark.sim_only("what stands still is a core of this host")
+def test_a_core_that_stands_still_is_no_frozen_daemon(tmp_path: Path) -> None:
+    """A busy host takes the daemon's core away for 120 ms, three times: the guard waits, and the daemon goes on."""
+    scene = Scene(tmp_path)
+    try:
+        daemon, guard = scene.system.daemon, scene.guard_pid
+        cores = os.sched_getaffinity(daemon.pid)
+        if len(cores) != 1:  # real time is not permitted here, so that the daemon runs wherever there is room
+            pytest.skip(f"the daemon runs on {len(cores)} cores")
+        for _ in range(3):
+            spun = subprocess.run([sys.executable, "-S", "-c", SPINNER, str(min(cores))], timeout=20, check=False)
+            assert spun.returncode == 0
+            seq = scene.robot.state.seq
+            wait_for(lambda seq=seq: scene.robot.state.seq > seq + 10, "snapshots after the standstill")
+        assert daemon.is_running and (scene.guard_pid, scene.view.guard.lost) == (guard, 0)
+        assert "it is ended" not in daemon.text()
+    finally:
+        scene.close()
 
 
 def test_stop_and_estop_work_while_the_daemon_is_dead(tmp_path: Path) -> None:

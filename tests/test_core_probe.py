@@ -1,0 +1,123 @@
+"""Rules of `gateway.core_probe`: a core answers when it runs, and only a process that is bound to one core has one to ask."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+
+import pytest
+
+from gateway.core_probe import CoreProbe
+from gateway.cores import LinuxAffinity
+
+pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="cores can be chosen on Linux only")
+
+CHILD = "import time; time.sleep(60)"
+SPINNER = """
+import os, sys, time
+os.sched_setaffinity(0, {int(sys.argv[1])})
+os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(int(sys.argv[2])))
+print("ready", flush=True)
+end = time.monotonic() + float(sys.argv[3])
+while time.monotonic() < end:
+    pass
+"""
+
+
+@pytest.fixture
+def child() -> Iterator[subprocess.Popen[bytes]]:
+    """A process that waits."""
+    process = subprocess.Popen([sys.executable, "-S", "-c", CHILD])
+    yield process
+    process.kill()
+    process.wait()
+
+
+@pytest.fixture
+def probe(child: subprocess.Popen[bytes]) -> Iterator[CoreProbe]:
+    """A probe of its core."""
+    made = CoreProbe(child.pid, LinuxAffinity(), 60)
+    yield made
+    made.close()
+
+
+def soon(is_so: Callable[[], object], seconds: float = 5.0) -> bool:
+    """Return whether something is so before its time is over."""
+    deadline = time.monotonic() + seconds
+    while not is_so():
+        if time.monotonic() > deadline:
+            return False
+        time.sleep(0.0005)
+    return True
+
+
+def test_a_core_that_runs_answers_at_once(child: subprocess.Popen[bytes], probe: CoreProbe) -> None:
+    """The answer is not older than the question, each time."""
+    os.sched_setaffinity(child.pid, {min(os.sched_getaffinity(0))})
+    assert probe.ran_ns() == 0
+    for _ in range(3):
+        asked_ns = time.monotonic_ns()
+        probe.ask()
+        assert soon(lambda asked_ns=asked_ns: (probe.ran_ns() or 0) >= asked_ns)
+
+
+def test_a_process_on_several_cores_or_none_has_no_core_to_ask(
+    child: subprocess.Popen[bytes], probe: CoreProbe
+) -> None:
+    """It may run wherever there is room; one that has ended runs nowhere."""
+    if len(os.sched_getaffinity(0)) > 1:
+        assert probe.ran_ns() is None
+        probe.ask()
+    os.sched_setaffinity(child.pid, {min(os.sched_getaffinity(0))})
+    assert probe.ran_ns() is not None
+    child.kill()
+    child.wait()
+    assert probe.ran_ns() is None
+
+
+def test_a_core_that_stands_still_answers_when_it_runs_again(child: subprocess.Popen[bytes], probe: CoreProbe) -> None:
+    """A program that keeps the core above all others, for a third of a second: what is bound to it waits."""
+    cores = sorted(os.sched_getaffinity(0))
+    if len(cores) < 2:
+        pytest.skip("one core only: the test would stand still with it")
+    core = cores[-1]
+    os.sched_setaffinity(child.pid, {core})
+    spinner = subprocess.Popen(
+        [sys.executable, "-S", "-c", SPINNER, str(core), "90", "0.3"], stdout=subprocess.PIPE, stderr=subprocess.PIPE
+    )
+    assert spinner.stdout is not None and spinner.stderr is not None
+    try:
+        if spinner.stdout.readline() != b"ready\n":
+            pytest.skip("no permission to run in real time")
+        probe.ask()
+        asked_ns = time.monotonic_ns()
+        assert soon(lambda: (probe.ran_ns() or 0) >= asked_ns - 1_000_000)
+        assert (probe.ran_ns() or 0) - asked_ns > 100_000_000
+    finally:
+        spinner.kill()
+        spinner.wait()
+        spinner.stdout.close()
+        spinner.stderr.close()
+
+
+class Refusing(LinuxAffinity):
+    """A kernel that moves no thread."""
+
+    def keep(self, thread_id: int, cores: object) -> None:
+        """Refuse."""
+        raise OSError("no such core")
+
+
+def test_a_core_that_cannot_be_asked_counts_as_running(child: subprocess.Popen[bytes]) -> None:
+    """Nothing speaks for a core that stands still: the ticks decide."""
+    probe = CoreProbe(child.pid, Refusing(), 60)
+    try:
+        os.sched_setaffinity(child.pid, {min(os.sched_getaffinity(0))})
+        asked_ns = time.monotonic_ns()
+        probe.ask()
+        assert (probe.ran_ns() or 0) >= asked_ns
+    finally:
+        probe.close()
