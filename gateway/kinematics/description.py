@@ -167,10 +167,9 @@ class Description:
             KeyError: There is no such link.
         """
         by_child = {joint.child: joint for joint in self.joints.values()}
-        chain: list[Joint] = []
-        while link != ROOT:
-            chain.append(by_child[link])
-            link = chain[-1].parent
+        chain = [by_child[link]]
+        while chain[-1].parent in by_child:
+            chain.append(by_child[chain[-1].parent])
         return tuple(reversed(chain))
 
 
