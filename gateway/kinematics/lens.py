@@ -26,7 +26,7 @@ Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 NEWTON_STEPS = 60
-"""More than enough: bisection alone gains a bit each step."""
+"""More than enough: halving the bracket alone gains a bit each step."""
 
 ASPECT_TOLERANCE = 0.002
 """How much the shape of a scaled picture may differ [ratio]: a pixel in 500."""
@@ -238,17 +238,19 @@ class Fisheye:
         reach = self.reach_rad
         low, high = np.zeros_like(bent), np.full_like(bent, reach)
         theta = np.minimum(bent, reach)
+        last_move = np.full_like(bent, reach)
         for _ in range(NEWTON_STEPS):
             error = self._bent(theta) - bent
             low, high = np.where(error < 0.0, theta, low), np.where(error >= 0.0, theta, high)
-            slope = self._slope(theta)
             with np.errstate(divide="ignore", invalid="ignore"):
-                step = theta - error / slope
-            is_inside = (step > low) & (step < high)
-            moved = np.where(is_inside, step, np.where(error == 0.0, theta, 0.5 * (low + high)))
-            if np.nanmax(np.abs(moved - theta), initial=0.0) <= 4e-16 * math.pi:
-                break
+                newton = theta - error / self._slope(theta)
+            # A step that does not halve the one before may go on for ever between two points: halve the bracket instead.
+            is_good = (newton > low) & (newton < high) & (np.abs(newton - theta) <= 0.5 * last_move)
+            moved = np.where(error == 0.0, theta, np.where(is_good, newton, 0.5 * (low + high)))
+            last_move = np.abs(moved - theta)
             theta = moved
+            if np.nanmax(last_move, initial=0.0) <= 4e-16 * math.pi:
+                break
         return np.where(bent <= self._bent(np.array(reach)), theta, np.nan)
 
     def scaled(self, width_px: int, height_px: int) -> Fisheye:
