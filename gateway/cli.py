@@ -346,6 +346,7 @@ def _frames(options: Namespace) -> int:
     wish = Wish(
         joints={side: joints for side in Side if (joints := getattr(options, side.value)) is not None},
         is_live=options.live,
+        urdf=None if options.urdf is None else Path(options.urdf),
         calibration=None if options.calibration is None else Path(options.calibration),
         identity=RobotIdentity(serial=serial, model=link.model) if serial else None,
         chain=None if options.chain is None else tuple(options.chain),

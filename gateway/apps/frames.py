@@ -18,12 +18,11 @@ from gateway.apps.ending import ExitStatus
 from gateway.apps.figures import age_text
 from gateway.errors import Code, GatewayError, Refusal, to_exception
 from gateway.kinematics.calibration import RobotIdentity, load
-from gateway.kinematics.chain import ArmChain
 from gateway.kinematics.conventions import MANUAL
-from gateway.kinematics.description import nominal
 from gateway.kinematics.frames import ROOT, FrameTree, Located
-from gateway.kinematics.sight import robot_frames
+from gateway.kinematics.sight import Sight
 from gateway.kinematics.transform import Transform
+from gateway.kinematics.urdf import from_urdf
 from gateway.robot import HOME_Q_RAD
 from gateway.values import ArmState, Side, ValueRefused
 
@@ -69,6 +68,7 @@ class Wish:
     Attributes:
         joints: Per arm, as given on the command line [rad].
         is_live: Whether the gateway is asked for joints.
+        urdf: A robot's own description in place of ours.
         calibration: File of this robot.
         identity: Which robot this is, if somebody said so.
         chain: Parent and child of the only transform wanted.
@@ -78,6 +78,7 @@ class Wish:
 
     joints: Mapping[Side, Sequence[float]]
     is_live: bool
+    urdf: Path | None
     calibration: Path | None
     identity: RobotIdentity | None
     chain: tuple[str, str] | None
@@ -94,14 +95,13 @@ def show_frames(wish: Wish, target: str | None, timeout_s: float) -> ExitStatus:
         timeout_s: Longest wait for it [s].
 
     Raises:
-        ConfigError: The calibration is not this robot's, or cannot be read.
+        ConfigError: The calibration is not this robot's, or a file cannot be read.
         Disconnected: No gateway answers.
         Rejected: There is no such frame, joints are not finite, or no picture can be drawn.
         Stale: The gateway has no joints of an arm that the chain needs.
     """
     calibration = None if wish.calibration is None else load(wish.calibration, wish.identity)
-    description = nominal()
-    tree = robot_frames(description, {side: ArmChain(description, side) for side in Side}, calibration)
+    tree = Sight.of(calibration, None if wish.urdf is None else from_urdf(wish.urdf)).tree
     posture = measured(target, timeout_s) if wish.is_live else _given(wish.joints)
     if wish.plot is not None:
         _draw(tree, posture, wish.plot)

@@ -30,6 +30,7 @@ def add_frames(commands: Any, add: AddCommand) -> None:  # noqa: ANN401  argpars
             f"--{side}", nargs=7, type=float, metavar="Q", help=f"seven joints of the {side} arm [rad] (manual §4.0.3)"
         )
     frames.add_argument("--calibration", metavar="FILE", help="what was calibrated on this robot (.json, .toml)")
+    frames.add_argument("--urdf", metavar="FILE", help="kinematics of this URDF in place of our own numbers")
     frames.add_argument("--serial", metavar="S", help="serial number of this robot (default: as configured)")
     frames.add_argument("--config", metavar="FILE", help="settings with serial number and model of this robot")
     frames.add_argument(

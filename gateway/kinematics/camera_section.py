@@ -18,6 +18,7 @@ from gateway.kinematics.conventions import Conventions, numbers
 from gateway.kinematics.eyes import Eye, eyes_of
 from gateway.kinematics.frames import FixedEdge, Origin
 from gateway.kinematics.lens import Fisheye, Intrinsics, Lens, Pinhole
+from gateway.kinematics.remap import RemapTable, straightenings
 from gateway.kinematics.stereo import Rectification, StereoPair, rectified_by, turned_level
 from gateway.kinematics.transform import Transform, nearest_rigid
 from gateway.values import ValueRefused
@@ -70,6 +71,18 @@ class CameraCalibration:
         if self.levels is None:
             return turned_level(self.view_pair, field_of_view_rad)
         return rectified_by(self.view_pair, *self.levels, field_of_view_rad)
+
+    def level_tables(self, field_of_view_rad: float) -> dict[str, RemapTable]:
+        """Return, for both views of this camera, the table that straightens and levels it (`RemapTable.apply`).
+
+        Args:
+            field_of_view_rad: Across the width afterwards [rad].
+
+        Raises:
+            ValueRefused: No such field of view.
+        """
+        tables = straightenings(self.view_pair, self.rectification(field_of_view_rad))
+        return {eye.view: table for eye, table in zip(eyes_of(self.name), tables, strict=True)}
 
 
 def camera_of(name: str, row: Mapping[str, Any], conventions: Conventions) -> CameraCalibration:

@@ -14,7 +14,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from gateway.errors import Code, Refusal, to_exception
 from gateway.kinematics.calibration import Calibration
-from gateway.kinematics.description import Description
+from gateway.kinematics.chain import ArmChain
+from gateway.kinematics.description import Description, nominal
 from gateway.kinematics.eyes import EYES, Eye, eyes_of, nominal_lens
 from gateway.kinematics.frames import ForwardKinematics, FrameTree, Located
 from gateway.kinematics.lens import Lens, Projection
@@ -79,6 +80,23 @@ class Sight:
             else:
                 self._lenses[view] = nominal_lens(description.cameras[eye.camera])
                 self._stand_ins.add(view)
+
+    @staticmethod
+    def of(calibration: Calibration | None = None, description: Description | None = None) -> Sight:
+        """Return the eyes of a robot.
+
+        Args:
+            calibration: Of this very robot (`calibration.load`); None for stand-ins.
+            description: Numbers of the body (`urdf.from_urdf`); None for our own.
+        """
+        body = nominal() if description is None else description
+        arms = {side: ArmChain(body, side) for side in Side}
+        return Sight(robot_frames(body, arms, calibration), body, calibration)
+
+    @property
+    def tree(self) -> FrameTree:
+        """Its frames."""
+        return self._tree
 
     def _eye(self, view: str) -> Eye:
         eye = EYES.get(view)

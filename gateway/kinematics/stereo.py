@@ -20,7 +20,7 @@ from gateway.kinematics.lens import Intrinsics, Lens, Pinhole
 from gateway.kinematics.transform import Transform
 from gateway.values import ValueRefused
 
-__all__ = ["Rectification", "StereoPair", "rectified_by", "turned_level"]
+__all__ = ["Rectification", "StereoPair", "level_pinhole", "rectified_by", "turned_level"]
 
 Array = NDArray[np.float64]
 

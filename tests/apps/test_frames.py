@@ -145,6 +145,7 @@ def test_another_robots_calibration_is_refused(shell, tmp_path, words):
         (["--plot", "frames.bmp"], "BAD_REQUEST"),
         (["--plot", "/proc/none/frames.png"], "BAD_REQUEST"),
         (["--calibration", "/none.json"], "BAD_CONFIG"),
+        (["--urdf", "/none.urdf"], "BAD_CONFIG"),
     ],
 )
 def test_what_cannot_be_shown_is_one_line(shell, words, code):

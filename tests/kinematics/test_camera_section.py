@@ -10,7 +10,9 @@ import pytest
 
 from gateway.kinematics.camera_section import camera_of
 from gateway.kinematics.conventions import MANUAL
+from gateway.kinematics.eyes import EYES
 from gateway.kinematics.lens import Fisheye, Pinhole
+from gateway.kinematics.transform import Points
 from gateway.values import ValueRefused
 from tests.kinematics.calibrations import LEVEL, PAIR, camera, wrist_camera
 from tests.kinematics.lenses import EXAMPLE_K
@@ -37,6 +39,29 @@ def test_the_files_own_turns_are_used():
         np.testing.assert_allclose(found.level_R_right, LEVEL.level_R_right, atol=1e-12)
         assert found.pinhole.intrinsics.size_px == (960, 960)
     assert camera_of("head", PLAIN, MANUAL).levels is None
+
+
+def test_both_views_of_the_composite_are_levelled():
+    """A dot that a thing 0.7 m away makes in both raw views is in one row of both levelled ones, f b / z apart (§5.2)."""
+    found = camera_of("head", camera(), MANUAL)
+    tables = found.level_tables(math.radians(80))
+    pair, rectification = found.view_pair, found.rectification(math.radians(80))
+    thing = np.array([0.12, -0.08, 0.7])
+    in_eyes = {"head_left_eye": thing, "head_right_eye": (pair.right_T_left @ Points("head_left_camera", thing)).xyz_m}
+    composite = np.zeros((2720, 1280, 3), np.uint8)
+    at = {}
+    for view, lens in zip(tables, (pair.left, pair.right), strict=True):
+        x0, y0, x1, y1 = EYES[view].box_px
+        rows, columns = np.indices((y1 - y0, x1 - x0))
+        u, v = lens.project(in_eyes[view]).px
+        dot = 255 * np.exp(-((columns - u) ** 2 + (rows - v) ** 2) / 18)
+        composite[y0:y1, x0:x1] = dot[..., None]
+        levelled = tables[view].apply(composite[y0:y1, x0:x1])[..., 0].astype(float)
+        at[view] = np.array([(columns * levelled).sum(), (rows * levelled).sum()]) / levelled.sum()
+    apart = at["head_left_eye"] - at["head_right_eye"]
+    assert abs(apart[1]) < 0.1, "one row"
+    depth = (rectification.level_R_left @ thing)[2]
+    assert rectification.depth_m(apart[0]) == pytest.approx(depth, rel=0.003)
 
 
 def test_r_and_t_of_the_other_direction_are_the_same_pair():

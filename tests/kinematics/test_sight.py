@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -61,8 +63,7 @@ def test_directions_of_pixels_lead_back_to_the_point(own):
     rng = np.random.default_rng(1)
     for view, eye in EYES.items():
         in_eye = Points(eye.frame, rng.uniform((-0.2, -0.2, 0.4), (0.2, 0.2, 1.0), (20, 3)))
-        tree = own._tree
-        points = tree.locate("left_ee", eye.frame, JOINTS).transform @ in_eye
+        points = own.tree.locate("left_ee", eye.frame, JOINTS).transform @ in_eye
         seen = own.project(view, points, JOINTS)
         rays, located = own.rays(view, seen.projection.px, "left_ee", JOINTS)
         distance = np.linalg.norm(in_eye.xyz_m, axis=-1, keepdims=True)
@@ -93,6 +94,19 @@ def test_a_pair_sees_depth(own):
     eyes = [own.rays(f"head_{s}_eye", left, "head_left_camera")[1].transform.p_m for s in ("left", "right")]
     distances, *_ = np.linalg.lstsq(np.stack((rays[0], -rays[1]), -1), eyes[1] - eyes[0], rcond=None)
     np.testing.assert_allclose(eyes[0] + distances[0] * rays[0], point.xyz_m, atol=1e-9)
+
+
+def test_the_robots_own_kinematics_agree_with_the_witness(by_design):
+    """`Sight.of` takes the gateway's own model: every frame where the simulator's geometry has it."""
+    own = Sight.of()
+    for frame in own.tree.frames:
+        mine, other = (sight.tree.locate("virtual_base", frame, JOINTS).transform for sight in (own, by_design))
+        assert mine.distance_to_m(other) < 1e-9 and mine.angle_to_rad(other) < 1e-7
+    turned = replace(
+        nominal(), cameras={**nominal().cameras, "head": replace(nominal().cameras["head"], baseline_m=0.08)}
+    )
+    moved = Sight.of(description=turned).tree.locate("virtual_base", "head_left_camera").transform.p_m
+    np.testing.assert_allclose(moved, (0, 0.04, 0), atol=1e-12)
 
 
 def test_unknown_views_and_missing_joints_are_refused(by_design):
