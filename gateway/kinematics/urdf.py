@@ -165,11 +165,6 @@ def _inertias(path: Path | str, robot: ElementTree.Element) -> Iterator[tuple[st
         if inertial is None:
             continue
         place, mass, tensor = inertial.find("origin"), inertial.find("mass"), inertial.find("inertia")
-        turned = _numbers(path, name, "inertial origin rpy", place, "rpy", "0 0 0")
-        if any(turned):
-            raise _error(
-                path, f"link {name!r} has its inertia in a turned frame, rpy {turned}", "turn it into the link's"
-            )
         (mass_kg,) = _numbers(path, name, "mass", mass, "value", "0")
         moments = [_numbers(path, name, key, tensor, key, "0")[0] for key in ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")]
         com_m = _numbers(path, name, "inertial origin xyz", place, "xyz", "0 0 0")
