@@ -175,6 +175,12 @@ def _by_name(shown: str) -> dict[str, str]:
     return values
 
 
+def _model(options: Namespace) -> int:
+    from gateway.apps.model import check_model
+
+    return check_model(options.urdf, as_json=options.json)
+
+
 # ------------------------------------------------------------------------------------------------------------- clients
 
 
@@ -360,6 +366,7 @@ COMMANDS: Mapping[str, Callable[[Namespace], int]] = {
     "run": _run,
     "sim": _sim,
     "config": _config,
+    "model": _model,
     "status": _status,
     "watch": _watch,
     "why": _why,

@@ -17,7 +17,7 @@ from gateway.kinematics.placement import Placement, Rows, origin
 from gateway.robot import shoulder_frame
 from gateway.values import Side, Vector
 
-__all__ = ["ArmChain", "Line"]
+__all__ = ["ArmChain", "Line", "at_zero"]
 
 Array = NDArray[np.float64]
 
@@ -134,6 +134,14 @@ class ArmChain:
                 (zx * a + zy * e + zz * h, zx * b + zy * f + zz * i, zx * d + zy * g + zz * j),
             ),
         )
+
+
+def at_zero(description: Description, link: str, within: str) -> Placement | None:
+    """Return a link's placement in another one with all joints at zero; None where one of them is not there."""
+    links = {joint.child for joint in description.joints.values()}
+    if not {link, within} <= links:
+        return None
+    return _fixed(description.above(within)).inverse().after(_fixed(description.above(link)))
 
 
 def _fixed(joints: Sequence[Joint]) -> Placement:
