@@ -5,7 +5,7 @@ The only module of the kinematics that imports pinocchio (extra `body`): whoever
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import pinocchio as pin
@@ -27,27 +27,40 @@ def pin_model(description: Description) -> Any:  # noqa: ANN401  pinocchio has n
     """
     model = pin.Model()
     model.name = description.source
-    at: dict[str, tuple[int, Any]] = {}
+    at = {root: _Place(0, 0, pin.SE3.Identity()) for root in _roots(description)}
+    for root, place in at.items():
+        at[root] = _add_link(model, description, root, place)
     for joint in description.joints.values():
-        if joint.parent not in at:
-            at[joint.parent] = (0, pin.SE3.Identity())
-            _add_link(model, description, joint.parent, at[joint.parent])
-        index, placement = at[joint.parent]
+        index, frame, placement = at[joint.parent]
         placement = placement * _se3(origin(joint))
         if joint.kind is not Kind.FIXED:
             index = model.addJoint(index, _motion(joint), placement, joint.name, *_limits(joint))
+            frame = model.addJointFrame(index, frame)
             placement = pin.SE3.Identity()
-        at[joint.child] = (index, placement)
-        _add_link(model, description, joint.child, at[joint.child])
+        at[joint.child] = _add_link(model, description, joint.child, _Place(index, frame, placement))
     return model
 
 
-def _add_link(model: Any, description: Description, link: str, at: tuple[int, Any]) -> None:  # noqa: ANN401
-    index, placement = at
-    model.addFrame(pin.Frame(link, index, placement, pin.FrameType.BODY))
+class _Place(NamedTuple):
+    """Where a link hangs: joint, frame before it, placement in the joint's frame."""
+
+    joint: int
+    frame: int
+    placement: Any
+
+
+def _roots(description: Description) -> list[str]:
+    children = {joint.child for joint in description.joints.values()}
+    return sorted({joint.parent for joint in description.joints.values()} - children)
+
+
+def _add_link(model: Any, description: Description, link: str, place: _Place) -> _Place:  # noqa: ANN401
+    """Add a link's frame and mass; return the place of what hangs on it."""
+    frame = model.addFrame(pin.Frame(link, place.joint, place.frame, place.placement, pin.FrameType.BODY))
     inertia = description.inertias.get(link)
     if inertia is not None:
-        model.appendBodyToJoint(index, _inertia(inertia), placement)
+        model.appendBodyToJoint(place.joint, _inertia(inertia), place.placement)
+    return place._replace(frame=frame)
 
 
 def _motion(joint: Joint) -> Any:  # noqa: ANN401
