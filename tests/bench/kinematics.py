@@ -1,6 +1,6 @@
 """Kinematics: inverse of random configurations in closed form, beside pinocchio's own closed-loop example; forward, Jacobian.
 
-The peer is the loop of pinocchio's "Inverse kinematics (CLIK)" example with its own numbers (eps 1e-4, dt 0.1, damping
+The peer is the loop of pinocchio's "Inverse kinematics (closed-loop)" example with its own numbers (eps 1e-4, dt 0.1, damping
 1e-12, at most 1000 steps), in Python as published, on a model of one arm alone. It knows no limits.
 """
 
@@ -84,7 +84,7 @@ def _inverse_row(name: str, arms: dict[Side, ArmModel], problems: Sequence[Probl
     return Row(
         name=f"inverse kinematics of {len(problems):,}, {name}",
         ours=f"p50 {p50:.0f}, p99 {taken_us[int(0.99 * len(taken_us))]:.0f} us; {part:.3%} solved, {off:.0e} m, rad off",
-        peer=f"CLIK p50 {peer_p50:.0f} us, {peer_part:.1%} within {EPS:g}"
+        peer=f"closed-loop p50 {peer_p50:.0f} us, {peer_part:.1%} within {EPS:g}"
         if peer_p50
         else "pinocchio is not installed",
         ratio=f"{peer_p50 / p50:.0f}x" if peer_p50 else "",
