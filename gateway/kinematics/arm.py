@@ -22,7 +22,7 @@ from gateway.kinematics.sectors import Sector
 from gateway.kinematics.shape import ArmShape, shape_of
 from gateway.kinematics.unreachable import Unreachable, not_found, why_not
 from gateway.robot import HOME_Q_RAD, JOINT_LOWER_RAD, JOINT_UPPER_RAD
-from gateway.values import ARM_DOF, EePose, Side, Vector, require_finite
+from gateway.values import ARM_DOF, EePose, Side, ValueRefused, Vector, require_finite
 
 __all__ = ["CLOSE_M", "CLOSE_RAD", "ArmModel", "NotClosed"]
 
@@ -46,6 +46,9 @@ class ArmModel:
             description is narrower on joints 1 and 2: pass its ranges to keep inside those.
         upper_rad: Highest joint angles, shape (7,) [rad]; None likewise.
 
+    Raises:
+        ValueRefused: Limits of another length, not finite, or a lowest angle that is not below the highest.
+
     Attributes:
         side: Which arm.
         chain: Its forward kinematics.
@@ -60,6 +63,7 @@ class ArmModel:
         self.side = side
         self.lower_rad = JOINT_LOWER_RAD[side] if lower_rad is None else lower_rad
         self.upper_rad = JOINT_UPPER_RAD[side] if upper_rad is None else upper_rad
+        _require_ranges(self.lower_rad, self.upper_rad)
         self.chain = ArmChain(description, side)
         self.shape: ArmShape = shape_of(self.chain)
         self._closed = ClosedForm(self.shape, side, self.lower_rad, self.upper_rad)
@@ -169,3 +173,13 @@ class ArmModel:
             begins.insert(0, nearly.q_rad)
         for begin in begins:
             yield found_from(self.chain, target, begin, self.lower_rad, self.upper_rad)
+
+
+def _require_ranges(lower_rad: Vector, upper_rad: Vector) -> None:
+    require_finite("lower_rad", lower_rad, ARM_DOF)
+    require_finite("upper_rad", upper_rad, ARM_DOF)
+    for joint, (low, high) in enumerate(zip(lower_rad, upper_rad, strict=True), start=1):
+        if not low < high:
+            raise ValueRefused(
+                f"joint {joint} has the range [{low:g}, {high:g}] rad; the lower must be below the upper"
+            )

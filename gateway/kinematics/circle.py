@@ -28,7 +28,8 @@ Wave = tuple[float, float, float]
 """a + b cos ψ + c sin ψ of the arm angle ψ."""
 
 ALIGNED = 1e-10
-"""Square of the sine of a2 below which axes 1 and 3 count as nearly one: a3 then follows from a1, so that the sum is exact."""
+"""Square of the sine of a2 below which axes 1 and 3 count as nearly one: a3 then follows from a1, so that the sum is exact.
+The same for the cosine of a6 and axes 5 and 7."""
 ONE_AXIS = 1e-20
 """... and below which they are one: a1 can be chosen."""
 
@@ -129,7 +130,7 @@ class Circle:
         waves: r01, r21, r11, r10, r12 of the shoulder's rotation matrix, then m02, m22, m12, m10, m11 of the wrist's.
     """
 
-    __slots__ = ("_direction", "_normal", "_outward", "elbow", "free_a1", "waves")
+    __slots__ = ("_columns", "_direction", "_normal", "_outward", "elbow", "free_a1", "waves")
 
     def __init__(
         self, shape: ArmShape, side: Side, line_m: Vector, wrist: tuple[Vector, Vector, Vector], elbow: Elbow
@@ -170,6 +171,8 @@ class Circle:
             (-gy * bw, -gc * bv, gs * bo),
         )
         self._direction = (wx, wy, wz)
+        self._columns = (aw, bw, sense * ao, outward * ao, sense * av, outward * av,
+                         sense * bo, outward * bo, sense * bv, outward * bv)  # fmt: skip
         self._normal = (sense * ox, outward * vx, sense * oz, outward * vz)
         self._outward = 1.0 if side is Side.LEFT else -1.0
 
@@ -204,14 +207,16 @@ class Circle:
             nx, mx, nz, mz = self._normal
             x, z, c1, s1 = nx * c + mx * s, nz * c + mz * s, math.cos(a1), math.sin(a1)
             a3 = math.atan2(c1 * x - s1 * z, math.copysign(1.0, r11) * (s1 * x + c1 * z))
+        a5 = math.atan2(wrist * m02, wrist * m22)
+        a7 = math.atan2(wrist * m10, wrist * m11) if wide > ALIGNED else self._a7(c, s, a5)
         return (
             a1,
             math.atan2(shoulder * sine, r11),
             a3,
             a4,
-            math.atan2(wrist * m02, wrist * m22),
+            a5,
             math.atan2(-m12, wrist * cosine),
-            math.atan2(wrist * m10, wrist * m11),
+            a7,
         ), (
             o * wy - spin * r11,
             shoulder * o * (r21 * wx - r01 * wz) / max(sine, 1e-15),
@@ -221,3 +226,12 @@ class Circle:
             -wrist * o * gx * m22 / max(cosine, 1e-15),
             back,
         )
+
+    def _a7(self, c: float, s: float, a5: float) -> float:
+        """Return a7 where axes 5 and 7 are nearly one: whatever a5 is, the sum comes out right."""
+        aw, bw, aoc, aos, avc, avs, boc, bos, bvc, bvs = self._columns
+        _, _, _, _, gx, gy = self.elbow
+        c5, s5 = math.cos(a5), math.sin(a5)
+        m00, m01 = gx * aw + gy * (aos * s - avc * c), gx * bw + gy * (bos * s - bvc * c)
+        m20, m21 = aoc * c + avs * s, boc * c + bvs * s
+        return math.atan2(s5 * m21 - c5 * m01, c5 * m00 - s5 * m20)

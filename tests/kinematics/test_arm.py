@@ -13,7 +13,7 @@ from gateway.kinematics.description import nominal
 from gateway.kinematics.inverse import Solution
 from gateway.kinematics.numeric import found_from
 from gateway.robot import HOME_Q_RAD
-from gateway.values import Side
+from gateway.values import Side, ValueRefused
 from tests.kinematics.bodies import ARMS, difference, nudged, samples
 from tests.thoroughness import either
 
@@ -108,6 +108,20 @@ def test_narrower_limits_are_kept(side):
         found = arm.inverse(arm.forward(inner), HOME_Q_RAD[side])
         assert isinstance(found, Solution)
         assert all(j.lower <= v <= j.upper for v, j in zip(found.q_rad, joints, strict=True))
+
+
+@pytest.mark.parametrize(
+    ("lower", "upper", "said"),
+    [
+        ((0.0,) * 6, (1.0,) * 7, "lower_rad has 6 values"),
+        ((0.0,) * 7, (1.0,) * 6 + (math.inf,), r"upper_rad\[6\] is inf"),
+        ((0.0,) * 6 + (1.0,), (1.0,) * 7, r"joint 7 has the range \[1, 1\] rad"),
+    ],
+)
+def test_limits_that_are_none_are_refused(lower, upper, said):
+    """A range needs seven lowest angles below seven highest ones."""
+    with pytest.raises(ValueRefused, match=said):
+        ArmModel(nominal(), Side.LEFT, lower, upper)
 
 
 @pytest.mark.parametrize("side", list(Side))

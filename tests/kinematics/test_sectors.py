@@ -7,7 +7,7 @@ import math
 import pytest
 
 from gateway.kinematics.circle import Circle, arm_angle_rad, elbows, wrist_of
-from gateway.kinematics.placement import Placement
+from gateway.kinematics.placement import Placement, rows_from_rpy
 from gateway.kinematics.sectors import sectors, windows
 from gateway.values import Side
 from tests.kinematics.bodies import ARMS, difference, samples
@@ -83,6 +83,32 @@ def test_the_elbow_hangs_below_at_zero_and_is_lifted_outward(side):
             _, y, z = _elbow(arm, branch.q_rad)
             length = math.hypot(y, z)
             assert (y / length, z / length) == pytest.approx(wanted, abs=1e-9)
+
+
+@pytest.mark.parametrize("side", list(Side))
+@pytest.mark.parametrize(
+    "wrist_m", [(-0.4, 0.0, 0.0), (-0.4, 1e-9, 0.0), (-0.4, 0.0, -1e-5), (0.0, 0.4, 0.0), (0.0, 0.0, -0.4)]
+)
+def test_a_wrist_straight_behind_or_along_an_axis_is_reached_as_exactly(side, wrist_m):
+    """Straight behind, "below" has no direction of its own; one is chosen, and the poses are right."""
+    arm = ARMS[side]
+    target = Placement(wrist_m, rows_from_rpy((0.3, -0.2, 0.5)))
+    branches = [branch for n in range(24) for branch in arm.branches(target.pose, n * math.tau / 24)]
+    assert len(branches) == 24 * 8
+    assert max(max(difference(arm.chain.forward(branch.q_rad), target)) for branch in branches) < 1e-12
+
+
+@pytest.mark.parametrize("side", list(Side))
+@pytest.mark.parametrize("off", [0.0, 1e-13, 1e-9, 1e-6, 1e-4])
+def test_axes_in_one_line_take_nothing_from_the_accuracy(side, off):
+    """Axes 1 and 3, or 5 and 7, nearly one: only the sum of their angles is known, and it is known exactly."""
+    arm = ARMS[side]
+    for q in samples(side, 20, seed=3):
+        for number, straight in ((1, 0.0), (5, math.pi / 2)):
+            bent = [straight + off if n == number else v for n, v in enumerate(q)]
+            target = arm.chain.forward(bent)
+            branches = arm.branches(target.pose, arm.arm_angle_rad(bent))
+            assert max(max(difference(arm.chain.forward(branch.q_rad), target)) for branch in branches) < 3e-10
 
 
 def _elbow(arm, q) -> tuple[float, float, float]:
