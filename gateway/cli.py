@@ -185,6 +185,12 @@ def _by_name(shown: str) -> dict[str, str]:
     return values
 
 
+def _model(options: Namespace) -> int:
+    from gateway.apps.model import check_model
+
+    return check_model(options.urdf, as_json=options.json)
+
+
 # ------------------------------------------------------------------------------------------------------------- clients
 
 
@@ -349,16 +355,41 @@ def _ground(options: Namespace) -> int:
     return grounding.lift(outing, options.action, options.speed)
 
 
+def _frames(options: Namespace) -> int:
+    from pathlib import Path
+
+    from gateway import config
+    from gateway.apps.frames import Wish, show_frames
+    from gateway.kinematics.calibration import RobotIdentity
+    from gateway.values import Side
+
+    link = config.load(options.config).link
+    serial = link.serial if options.serial is None else options.serial
+    wish = Wish(
+        joints={side: joints for side in Side if (joints := getattr(options, side.value)) is not None},
+        is_live=options.live,
+        urdf=None if options.urdf is None else Path(options.urdf),
+        calibration=None if options.calibration is None else Path(options.calibration),
+        identity=RobotIdentity(serial=serial, model=link.model) if serial else None,
+        chain=None if options.chain is None else tuple(options.chain),
+        plot=None if options.plot is None else Path(options.plot),
+        as_json=options.json,
+    )
+    return show_frames(wish, options.target, options.timeout_s)
+
+
 COMMANDS: Mapping[str, Callable[[Namespace], int]] = {
     "run": _run,
     "sim": _sim,
     "config": _config,
+    "model": _model,
     "status": _status,
     "watch": _watch,
     "why": _why,
     "topics": _topics,
     "link": _link,
     "events": _events,
+    "frames": _frames,
     "enable": _enable,
     "home": _move,
     "move": _move,

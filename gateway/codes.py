@@ -108,6 +108,7 @@ class Code(str, Enum):
     STREAM_LATE = "STREAM_LATE"
     # the daemon's start
     BAD_CONFIG = "BAD_CONFIG"
+    FOREIGN_CALIBRATION = "FOREIGN_CALIBRATION"
     # the client's side
     CONNECTED = "CONNECTED"
     NOTICES_LOST = "NOTICES_LOST"

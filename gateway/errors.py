@@ -335,6 +335,9 @@ CODES: dict[Code, CodeInfo] = {
     ),
     Code.STREAM_LATE: CodeInfo(error=NotReady, hint="give this host SCHED_FIFO or less load", retryable=True),
     Code.BAD_CONFIG: CodeInfo(error=ConfigError, hint="correct the setting; `ta2 config --show` prints all of them"),
+    Code.FOREIGN_CALIBRATION: CodeInfo(
+        error=ConfigError, hint="use the calibration of this very robot; never copy one (manual A.4, A.6)"
+    ),
     Code.DISCONNECTED: CodeInfo(error=Disconnected, hint="start the daemon with `ta2 run`", retryable=True),
     Code.TIMEOUT: CodeInfo(
         error=GatewayTimeout, hint="look at the state (`ta2 status`), then wait longer", retryable=True

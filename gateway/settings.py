@@ -114,12 +114,14 @@ class LinkSettings:
         endpoint: zenoh endpoint of the robot's router (manual §2.4), e.g. `tcp/192.168.1.20:9000`.
         namespace: Namespace of the robot's bridge, empty for none.
         model: `lite`, `standard` or `lift` (manual §1.2).
+        serial: Serial number, which calibrations of this very robot carry (manual A.4); empty when nobody said it.
         lease_ms: Lease announced to the robot's router [ms]: the fence at the robot's end.
     """
 
     endpoint: str = "tcp/127.0.0.1:9000"
     namespace: str = ""
     model: str = "standard"
+    serial: str = ""
     lease_ms: int = 250
 
     def __post_init__(self) -> None:
@@ -134,6 +136,9 @@ class LinkSettings:
         if self.namespace and NAMESPACE.fullmatch(self.namespace) is None:
             rule = "is no ROS namespace: words of letters, digits and _, joined by /"
             raise SettingsRefused("robot.namespace", self.namespace, rule=rule)
+        if self.serial != self.serial.strip() or not self.serial.isprintable():
+            rule = "is no serial number: printable, without spaces around it"
+            raise SettingsRefused("robot.serial", self.serial, rule=rule, source="manual A.4")
         within("robot.lease_ms", self.lease_ms, 200, 1000, "ms", "fence against stale setpoints")
 
     @property

@@ -271,6 +271,14 @@ def test_a_ros_namespace_passes(namespace: str) -> None:
     assert LinkSettings(namespace=namespace).namespace == namespace
 
 
+@pytest.mark.parametrize("serial", [" TA2-0042", "TA2-0042\n", "TA2\t42"])
+def test_a_serial_number_has_nothing_invisible(serial: str) -> None:
+    """It is compared with what calibration files say (manual A.4)."""
+    assert LinkSettings(serial="TA2-0042").serial == "TA2-0042" and LinkSettings().serial == ""
+    with pytest.raises(SettingsRefused, match="no serial number"):
+        LinkSettings(serial=serial)
+
+
 @pytest.mark.parametrize("namespace", ["*", "**", "a/*", "a//b", "a/", "/", "a b", "$*", "a?b", "a#b", "@/x", "bot-1"])
 def test_a_namespace_cannot_hide_a_wildcard(namespace: str) -> None:
     """One mailbox per topic, no wildcard: a key expression in the namespace would subscribe to all robots."""

@@ -14,7 +14,9 @@ from typing import Any
 from gateway import __version__
 from gateway.apps.ending import STATUS_HELP
 from gateway.apps.follow_arguments import add_follow
+from gateway.apps.frames_arguments import add_frames
 from gateway.apps.ground_arguments import add_ground
+from gateway.apps.model_arguments import add_model
 from gateway.apps.video.commands import add_video
 
 __all__ = ["MODELS", "SIM_ENDPOINT", "endpoint", "joints", "parse", "parser"]
@@ -112,6 +114,8 @@ def parse(arguments: Sequence[str]) -> argparse.Namespace:
         _take_joints(top, options)
     if options.command == "link" and options.robot is None and options.config is None and _asks_for_a_look(options):
         top.error("link: --namespace and --model are for a look without a gateway: name the robot with --robot")
+    if options.command == "frames" and options.live and (options.left or options.right):
+        top.error("frames: joints come from --live or from --left and --right, not from both")
     if options.command == "gripper" and (options.value is not None) != (options.action == "set"):
         top.error("gripper: `set` takes the robot's own input, 0 to 1, the other actions take --force")
     return options
@@ -156,7 +160,9 @@ def parser() -> argparse.ArgumentParser:
     _add_motions(commands)
     add_ground(commands, _client_command)
     add_video(commands, _command)
+    add_frames(commands, _client_command)
     _add_example(commands)
+    add_model(_command(commands, "model", "check the numbers of the robot's body, or of a URDF"))
     _add_stops(commands)
     return top
 

@@ -12,22 +12,23 @@ from rich.console import Console
 from tests.bench.chunks import chunk_rows
 from tests.bench.codec import codec_rows
 from tests.bench.guard import guard_rows
+from tests.bench.kinematics import kinematics_rows
 from tests.bench.table import Row, show
 from tests.bench.tick import tick_rows
 from tests.bench.video import video_rows
 from tests.bench.wire import wire_rows
 
+PARTS = ("codec", "tick", "kinematics", "wire", "guard", "video")
+
 
 def main() -> int:
     """Run the chosen parts and print their tables."""
     parser = argparse.ArgumentParser(prog="bin/bench", description=__doc__)
-    parser.add_argument(
-        "parts", nargs="*", choices=["codec", "tick", "wire", "guard", "video", []], help="which; all by default"
-    )
+    parser.add_argument("parts", nargs="*", choices=[*PARTS, []], help="which; all by default")
     parser.add_argument("--seconds", type=float, default=8.0, help="length of each turn of a video receiver [s]")
     parser.add_argument("--minutes", type=float, default=1.0, help="length of the guard's run under load [min]")
     options = parser.parse_args()
-    parts = options.parts or ["codec", "tick", "wire", "guard", "video"]
+    parts = options.parts or PARTS
     console = Console(width=150 if not sys.stdout.isatty() else None)
     rows: list[Row] = []
     if "codec" in parts:
@@ -36,6 +37,9 @@ def main() -> int:
     if "tick" in parts:
         rows += (found := [*tick_rows(), *chunk_rows()])
         show("engine (virtual time)", found, console)
+    if "kinematics" in parts:
+        rows += (found := kinematics_rows())
+        show("kinematics", found, console)
     if "wire" in parts:
         with tempfile.TemporaryDirectory(prefix="ta2-bench-") as folder:
             rows += (found := wire_rows(Path(folder)))
