@@ -356,26 +356,9 @@ def _ground(options: Namespace) -> int:
 
 
 def _frames(options: Namespace) -> int:
-    from pathlib import Path
+    from gateway.apps.frames import carry_out
 
-    from gateway import config
-    from gateway.apps.frames import Wish, show_frames
-    from gateway.kinematics.calibration import RobotIdentity
-    from gateway.values import Side
-
-    link = config.load(options.config).link
-    serial = link.serial if options.serial is None else options.serial
-    wish = Wish(
-        joints={side: joints for side in Side if (joints := getattr(options, side.value)) is not None},
-        is_live=options.live,
-        urdf=None if options.urdf is None else Path(options.urdf),
-        calibration=None if options.calibration is None else Path(options.calibration),
-        identity=RobotIdentity(serial=serial, model=link.model) if serial else None,
-        chain=None if options.chain is None else tuple(options.chain),
-        plot=None if options.plot is None else Path(options.plot),
-        as_json=options.json,
-    )
-    return show_frames(wish, options.target, options.timeout_s)
+    return carry_out(options)
 
 
 COMMANDS: Mapping[str, Callable[[Namespace], int]] = {

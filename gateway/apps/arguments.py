@@ -17,6 +17,7 @@ from gateway.apps.follow_arguments import add_follow
 from gateway.apps.frames_arguments import add_frames
 from gateway.apps.ground_arguments import add_ground
 from gateway.apps.model_arguments import add_model
+from gateway.apps.stop_arguments import add_stops
 from gateway.apps.video.commands import add_video
 
 __all__ = ["MODELS", "SIM_ENDPOINT", "endpoint", "joints", "parse", "parser"]
@@ -163,7 +164,7 @@ def parser() -> argparse.ArgumentParser:
     add_frames(commands, _client_command)
     _add_example(commands)
     add_model(_command(commands, "model", "check the numbers of the robot's body, or of a URDF"))
-    _add_stops(commands)
+    add_stops(commands, _client_command)
     return top
 
 
@@ -388,14 +389,3 @@ def _add_example(commands: Any) -> None:  # noqa: ANN401  argparse's private cla
     _add_target(example)
     example.add_argument("--show", action="store_true", help="print the program instead of running it")
     example.add_argument("--yes", action="store_true", help="do not ask before moving")
-
-
-def _add_stops(commands: Any) -> None:  # noqa: ANN401  argparse's private class
-    latched = "Anybody may. Motion is refused until `ta2 recover`."
-    for name, text in (
-        ("stop", "stop everything; arms and grip are held"),
-        ("estop", "stop everything and pause the robot; the grip is lost"),
-    ):
-        sub = _client_command(commands, name, text, latched)
-        sub.add_argument("reason", nargs="*", help="shown to the owner and in the log")
-    _client_command(commands, "recover", "clear what holds motion off, if its cause is gone", "Never moves or enables.")

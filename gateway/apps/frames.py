@@ -6,6 +6,7 @@ The JSON obeys the manual's own conventions (A.1) and says so: row-major matrice
 from __future__ import annotations
 
 import json
+from argparse import Namespace
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
@@ -13,6 +14,7 @@ from pathlib import Path
 from rich.console import Console
 from rich.text import Text
 
+from gateway import config
 from gateway.apps.connection import connected
 from gateway.apps.ending import ExitStatus
 from gateway.apps.figures import age_text
@@ -26,7 +28,7 @@ from gateway.kinematics.urdf import from_urdf
 from gateway.robot import HOME_Q_RAD
 from gateway.values import ArmState, Side, ValueRefused
 
-__all__ = ["Posture", "Wish", "chain_document", "document", "kind_of", "lines", "measured", "show_frames"]
+__all__ = ["Posture", "Wish", "carry_out", "chain_document", "document", "kind_of", "lines", "measured", "show_frames"]
 
 STYLES = {"nominal": "", "this robot": "green", "stand-in": "yellow", "joints": "cyan", "ours": "dim"}
 """Kinds of edges with their colours."""
@@ -301,3 +303,24 @@ def chain_document(located: Located, posture: Posture) -> dict[str, object]:
         "joints": posture.source,
         "stamps_ns": {str(side): stamp if posture.is_measured else None for side, stamp in located.stamps_ns.items()},
     }
+
+
+def carry_out(options: Namespace) -> int:
+    """Return the exit status of `ta2 frames`.
+
+    Args:
+        options: As `frames_arguments` reads them.
+    """
+    link = config.load(options.config).link
+    serial = link.serial if options.serial is None else options.serial
+    wish = Wish(
+        joints={side: joints for side in Side if (joints := getattr(options, side.value)) is not None},
+        is_live=options.live,
+        urdf=None if options.urdf is None else Path(options.urdf),
+        calibration=None if options.calibration is None else Path(options.calibration),
+        identity=RobotIdentity(serial=serial, model=link.model) if serial else None,
+        chain=None if options.chain is None else tuple(options.chain),
+        plot=None if options.plot is None else Path(options.plot),
+        as_json=options.json,
+    )
+    return show_frames(wish, options.target, options.timeout_s)
