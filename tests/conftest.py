@@ -76,7 +76,10 @@ def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
     """Say which tests were run again, and in one line why tests with a real bridge are left out, where they are."""
     reports = [report for kind in ("passed", "failed", "error") for report in terminalreporter.getreports(kind)]
     told = {
-        (report.nodeid, value) for report in reports for name, value in report.user_properties if name == "stood still"
+        (report.nodeid, value)
+        for report in reports
+        for name, value in getattr(report, "user_properties", ())  # a module that cannot be read has none
+        if name == "stood still"
     }
     for nodeid, value in sorted(told):
         terminalreporter.write_line(f"run again because this host stood still for {value}: {nodeid}")
