@@ -74,7 +74,8 @@ class _TkWindow:
         height, width = picture.shape[:2]
         try:
             # Tk keeps no reference of its own to what it shows.
-            self._shown = self._photo(data=b"P6 %d %d 255\n" % (width, height) + picture.tobytes(), format="PPM")
+            data = b"P6 %d %d 255\n" % (width, height) + picture.tobytes()
+            self._shown = self._photo(master=self._root, data=data, format="PPM")
             self._label.configure(image=self._shown)
             self._root.update()
         except self._error:  # the display has gone
