@@ -17,6 +17,7 @@ from gateway.apps.follow_arguments import add_follow
 from gateway.apps.frames_arguments import add_frames
 from gateway.apps.ground_arguments import add_ground
 from gateway.apps.model_arguments import add_model
+from gateway.apps.numbers import above_zero
 from gateway.apps.stop_arguments import add_stops
 from gateway.apps.video.commands import add_video
 
@@ -76,26 +77,16 @@ def joints(words: Sequence[str]) -> tuple[float, ...]:
     return tuple(float(word) for word in re.sub(r"[\[\],;]", " ", " ".join(words)).split())
 
 
-def _number(text: str, most: float, what: str) -> float:
-    try:
-        value = float(text)
-    except ValueError:
-        value = float("nan")
-    if not 0.0 < value <= most:  # NaN compares false
-        raise argparse.ArgumentTypeError(f"{text!r} is not a {what} above 0 and up to {most:g}")
-    return value
-
-
 def _seconds(text: str) -> float:
-    return _number(text, 86_400.0, "time [s]")
+    return above_zero(text, 86_400.0, "time [s]")
 
 
 def _factor(text: str) -> float:
-    return _number(text, 1.0, "factor")
+    return above_zero(text, 1.0, "factor")
 
 
 def _distance(text: str) -> float:
-    return _number(text, 0.2, "distance [rad]")
+    return above_zero(text, 0.2, "distance [rad]")
 
 
 def _namespace(text: str) -> str:

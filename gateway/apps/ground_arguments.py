@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import argparse
-import math
 from typing import Any, Protocol
+
+from gateway.apps.numbers import between
 
 __all__ = ["GRIPPER_ACTIONS", "LIFT_ACTIONS", "add_ground"]
 
@@ -71,23 +72,13 @@ def add_ground(commands: Any, add: AddCommand) -> None:  # noqa: ANN401  argpars
         sub.add_argument("--yes", action="store_true", help="do not ask before moving")
 
 
-def _number(text: str, least: float, most: float, what: str) -> float:
-    try:
-        value = float(text)
-    except ValueError:
-        value = math.nan
-    if not least <= value <= most:  # NaN compares false
-        raise argparse.ArgumentTypeError(f"{text.strip()!r} is no {what} from {least:g} to {most:g}")
-    return value
-
-
 def _part(text: str) -> float:
-    return _number(text, 0.0, 1.0, "part")
+    return between(text, 0.0, 1.0, "part")
 
 
 def _velocity(text: str) -> float:
-    return _number(text, -1.0, 1.0, "velocity [m/s, rad/s]")
+    return between(text, -1.0, 1.0, "velocity [m/s, rad/s]")
 
 
 def _seconds(text: str) -> float:
-    return _number(text, 0.05, 600.0, "time [s]")
+    return between(text, 0.05, 600.0, "time [s]")

@@ -24,6 +24,7 @@ from gateway.kinematics.frames import (
     ee_frame,
     wrist_frame,
 )
+from gateway.kinematics.placement import rows_from_rpy
 from gateway.kinematics.transform import Array, Transform
 from gateway.robot import shoulder_frame
 from gateway.values import Side, Vector
@@ -66,11 +67,7 @@ REPLACEABLE: Final = frozenset(
 
 def rotation_of_rpy(rpy_rad: Vector) -> Array:
     """Return the rotation of roll, pitch, yaw about fixed axes, shape (3, 3): Rz(yaw) Ry(pitch) Rx(roll)."""
-    (cr, cp, cy), (sr, sp, sy) = np.cos(rpy_rad), np.sin(rpy_rad)
-    x = np.array([[1, 0, 0], [0, cr, -sr], [0, sr, cr]])
-    y = np.array([[cp, 0, sp], [0, 1, 0], [-sp, 0, cp]])
-    z = np.array([[cy, -sy, 0], [sy, cy, 0], [0, 0, 1]])
-    return np.asarray(z @ y @ x, dtype=np.float64)
+    return np.array(rows_from_rpy(rpy_rad), dtype=np.float64)
 
 
 def nominal_edges(description: Description) -> tuple[FixedEdge, ...]:

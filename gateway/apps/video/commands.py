@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
 
 from gateway.apps.ending import ExitStatus
+from gateway.apps.numbers import above_zero, integer
 
 if TYPE_CHECKING:
     from gateway.apps.video.errors import VideoError
@@ -144,39 +145,19 @@ def _add_decoding(sub: argparse.ArgumentParser) -> None:
 
 
 def _port(text: str) -> int:
-    return _integer(text, 1, 65_535, "UDP port")
+    return integer(text, 1, 65_535, "UDP port")
 
 
 def _payload_type(text: str) -> int:
-    return _integer(text, 0, 127, "RTP payload type")
-
-
-def _integer(text: str, least: int, most: int, what: str) -> int:
-    try:
-        value = int(text)
-    except ValueError:
-        value = least - 1
-    if not least <= value <= most:
-        raise argparse.ArgumentTypeError(f"{text.strip()!r} is no {what} from {least} to {most}")
-    return value
+    return integer(text, 0, 127, "RTP payload type")
 
 
 def _seconds(text: str) -> float:
-    return _number(text, 86_400.0, "time [s]")
+    return above_zero(text, 86_400.0, "time [s]")
 
 
 def _rate(text: str) -> float:
-    return _number(text, 240.0, "rate [Hz]")
-
-
-def _number(text: str, most: float, what: str) -> float:
-    try:
-        value = float(text)
-    except ValueError:
-        value = float("nan")
-    if not 0.0 < value <= most:  # NaN compares false
-        raise argparse.ArgumentTypeError(f"{text.strip()!r} is not a {what} above 0 and up to {most:g}")
-    return value
+    return above_zero(text, 240.0, "rate [Hz]")
 
 
 # ------------------------------------------------------------------------------------------------------------ carry out

@@ -1,0 +1,51 @@
+"""Numbers of the command line, read within bounds; what is no such number is refused with the bounds."""
+
+from __future__ import annotations
+
+import argparse
+import math
+
+__all__ = ["above_zero", "between", "integer"]
+
+
+def above_zero(text: str, most: float, what: str) -> float:
+    """Return a number above 0 and up to `most`.
+
+    Args:
+        text: As it was typed.
+        most: The largest one.
+        what: What it is, with its unit, for the refusal.
+
+    Raises:
+        ArgumentTypeError: It is no number, or out of bounds.
+    """
+    value = _number(text)
+    if not 0.0 < value <= most:  # NaN compares false
+        raise argparse.ArgumentTypeError(f"{text.strip()!r} is not a {what} above 0 and up to {most:g}")
+    return value
+
+
+def between(text: str, least: float, most: float, what: str) -> float:
+    """Return a number from `least` to `most`; else as `above_zero`."""
+    value = _number(text)
+    if not least <= value <= most:  # NaN compares false
+        raise argparse.ArgumentTypeError(f"{text.strip()!r} is no {what} from {least:g} to {most:g}")
+    return value
+
+
+def integer(text: str, least: int, most: int, what: str) -> int:
+    """Return a whole number from `least` to `most`; else as `above_zero`."""
+    try:
+        value = int(text)
+    except ValueError:
+        value = least - 1
+    if not least <= value <= most:
+        raise argparse.ArgumentTypeError(f"{text.strip()!r} is no {what} from {least} to {most}")
+    return value
+
+
+def _number(text: str) -> float:
+    try:
+        return float(text)
+    except ValueError:
+        return math.nan
