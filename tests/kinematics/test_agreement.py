@@ -1,0 +1,136 @@
+"""Agreement: FK against the measured pose, in virtual time; the pose is the witness's."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+
+from gateway.kinematics.agreement import Agreement, ModelJudge, Tolerances
+from gateway.kinematics.chain import ArmChain
+from gateway.sim.geometry import arm_geometry
+from gateway.sim.manual import Side as SimSide
+from gateway.values import EePose, Side, ValueRefused
+from tests.kinematics.bodies import ARMS, nudged
+from tests.kinematics.identities import postures
+
+MS = 1_000_000
+S = 1_000_000_000
+
+
+class Robot:
+    """Sends joints at 100 Hz and, 3 ms later, poses at 50 Hz, of an arm in motion."""
+
+    def __init__(self, side, shift_m=0.0):
+        self.side, self.shift_m, self.now_ns, self._count = side, shift_m, 5 * S, 0
+        self._q = postures(side, 6000, share=0.9)
+        self._arm = arm_geometry(SimSide(side.value))
+
+    def run(self, judge, seconds, *, poses=True, joints=True):
+        """Let time pass; return the verdict at its end."""
+        for _ in range(round(seconds * 100)):
+            self.now_ns += 10 * MS
+            self._count += 1
+            here, there = self._q[self._count - 1], self._q[self._count]
+            if joints:
+                judge.joints(tuple(there.tolist()), self.now_ns)
+            if poses and self._count % 2:
+                at = self._arm.forward(here + 0.3 * (there - here))
+                x, y, z = at.position_m
+                pose = EePose(p_m=(x, y + self.shift_m, z), quat_xyzw=at.quat_xyzw)
+                judge.pose(pose, self.now_ns - 7 * MS)
+        return judge.verdict(self.now_ns)
+
+
+@pytest.mark.parametrize("side", Side)
+def test_our_model_agrees_with_the_witness(side):
+    """In motion, with streams at their own times: residuals of interpolation, far below any tolerance."""
+    verdict = Robot(side).run(ModelJudge(side, ARMS[side].chain), 4.0)
+    assert verdict.state is Agreement.AGREES and verdict.is_usable and verdict.side is side
+    assert verdict.position_m < 5e-5 and verdict.angle_rad < 2e-4 and verdict.pairs == 150
+    assert "FK(joint_states)" in verdict.reason and "mm" in verdict.reason and "mrad" in verdict.reason
+
+
+@pytest.mark.parametrize(
+    ("body", "position", "angle"),
+    [
+        (nudged(Side.LEFT, 4, xyz_m=(0.0, 0.0, 0.012)), (0.011, 0.013), (0.0, 1e-3)),
+        (nudged(Side.LEFT, 7, rpy_rad=(0.0, 0.0, 0.03)), (0.0, 1e-3), (0.029, 0.031)),
+    ],
+)
+def test_another_model_differs_by_its_figure(body, position, angle):
+    """A link that is 12 mm too long; a hand that is turned by 30 mrad; each told in its own unit."""
+    verdict = Robot(Side.LEFT).run(ModelJudge(Side.LEFT, ArmChain(body, Side.LEFT)), 4.0)
+    assert verdict.state is Agreement.DIFFERS and not verdict.is_usable
+    assert position[0] <= verdict.position_m <= position[1] and angle[0] <= verdict.angle_rad <= angle[1]
+    assert f"{1e3 * verdict.position_m:.2f} mm and {1e3 * verdict.angle_rad:.2f} mrad apart" in verdict.reason
+
+
+def test_nothing_known_is_no_yes():
+    """At the beginning, with too few pairs, without poses, without joints: UNKNOWN with the reason."""
+    side = Side.RIGHT
+    judge, robot = ModelJudge(side, ARMS[side].chain), Robot(side)
+    verdict = judge.verdict(robot.now_ns)
+    assert verdict.state is Agreement.UNKNOWN and verdict.position_m is None and "have arrived" in verdict.reason
+    few = robot.run(judge, 0.3)
+    assert few.state is Agreement.UNKNOWN and "20 are needed" in few.reason and not few.is_usable
+    for lacking in ({"poses": False}, {"joints": False}):
+        other = ModelJudge(side, ARMS[side].chain)
+        assert Robot(side).run(other, 3.0, **lacking).state is Agreement.UNKNOWN
+
+
+def test_silence_ends_what_was_known():
+    """Half a second without a pose: no longer known, and after the window nothing is left; then it begins anew."""
+    side = Side.LEFT
+    judge, robot = ModelJudge(side, ARMS[side].chain), Robot(side)
+    assert robot.run(judge, 2.0).is_usable
+    assert robot.run(judge, 0.4, poses=False).is_usable
+    silent = robot.run(judge, 0.2, poses=False)
+    assert silent.state is Agreement.UNKNOWN and "nothing for 0.6 s" in silent.reason
+    assert robot.run(judge, 3.0, poses=False).pairs == 0
+    assert robot.run(judge, 2.0).is_usable
+
+
+def test_a_median_does_not_care_for_some_bad_samples():
+    """A few poses of nowhere do not switch anything off; a lasting shift does, within the window, and ends likewise."""
+    side = Side.LEFT
+    judge, robot = ModelJudge(side, ARMS[side].chain), Robot(side)
+    robot.run(judge, 3.0)
+    robot.shift_m = 0.5
+    assert robot.run(judge, 0.5).is_usable
+    assert robot.run(judge, 1.5).state is Agreement.DIFFERS
+    robot.shift_m = 0.0
+    assert robot.run(judge, 0.5).state is Agreement.DIFFERS
+    assert robot.run(judge, 2.0).is_usable
+
+
+def test_a_model_at_its_bound_does_not_flicker():
+    """Having differed by 6 mm it has to come below 4 mm, not below 5 mm, to be used again."""
+    side = Side.RIGHT
+    judge, robot = ModelJudge(side, ARMS[side].chain), Robot(side)
+    states = []
+    for shift_m in (0.0045, 0.006, 0.0045, 0.0038):
+        robot.shift_m = shift_m
+        states.append(robot.run(judge, 4.0).state)
+    assert states == [Agreement.AGREES, Agreement.DIFFERS, Agreement.DIFFERS, Agreement.AGREES]
+
+
+def test_another_clock_begins_anew():
+    """A robot whose time went back: what was measured before has no age any more."""
+    side = Side.LEFT
+    judge, robot = ModelJudge(side, ARMS[side].chain), Robot(side, shift_m=0.5)
+    robot.run(judge, 3.0)
+    robot.now_ns, robot.shift_m = 1 * S, 0.0
+    assert robot.run(judge, 2.0).is_usable
+    judge.forget()
+    assert judge.verdict(robot.now_ns).state is Agreement.UNKNOWN
+
+
+@pytest.mark.parametrize(
+    "setting",
+    [{"position_m": 0.0}, {"angle_rad": math.nan}, {"window_ns": -1}, {"least_pairs": 0}, {"return_share": 1.1}],
+)
+def test_tolerances_that_judge_nothing_are_refused(setting):
+    """Each has to be above 0; the share up to 1."""
+    with pytest.raises(ValueRefused, match=next(iter(setting))):
+        Tolerances(**setting)
