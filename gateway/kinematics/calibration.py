@@ -10,11 +10,13 @@
      "source": "arm_camera_calibration", "device_specific": true, "matrix": [[...], [...], [...], [0, 0, 0, 1]]}},
  "cameras": {"head": {"model": "opencv_fisheye", "width": 1920, "height": 1920,
      "KL": [fx, fy, cx, cy], "DL": [k1, k2, k3, k4], "KR": ..., "DR": ..., "R": [...], "T": [...],
-     "RRawL_Row": [...], "RRawR_Row": [...]}}}
+     "RRawL_Row": [...], "RRawR_Row": [...]}},
+ "arms": {"left": {...}}}
 ```
 
 JSON or TOML. The manual names the transforms, their four facts, KL, KR, R, T and RRaw*_Row; it does not publish a file,
-so the other keys are ours. Units and order are those that the file's `conventions` say (`conventions.py`).
+so the other keys are ours; `arms` is what `ta2 identify` writes (`arm_section.py`). Units and order are those that the file's
+`conventions` say (`conventions.py`).
 
 A file with anything that belongs to one robot must name that robot, and is refused by a gateway of another or of none.
 """
@@ -30,13 +32,15 @@ from pathlib import Path
 from typing import Any, Final
 
 from gateway.errors import Code, ConfigError, Refusal
+from gateway.kinematics.arm_section import ArmCalibration, arm_of, with_arms
 from gateway.kinematics.camera_section import CameraCalibration, camera_of
 from gateway.kinematics.conventions import Conventions
+from gateway.kinematics.description import Description
 from gateway.kinematics.eyes import CAMERAS
 from gateway.kinematics.frames import MOVING_EDGES, NOMINAL_EDGES, FixedEdge, Origin
 from gateway.kinematics.nominal_frames import REPLACEABLE
 from gateway.kinematics.transform import Transform, frames_of, nearest_rigid
-from gateway.values import ValueRefused
+from gateway.values import Side, ValueRefused
 
 if sys.version_info >= (3, 11):
     import tomllib
@@ -45,7 +49,7 @@ else:  # the same parser under its old name
 
 __all__ = ["Calibration", "RobotIdentity", "load", "read"]
 
-SECTIONS: Final = ("robot", "conventions", "transforms", "cameras")
+SECTIONS: Final = ("robot", "conventions", "transforms", "cameras", "arms")
 TRANSFORM_KEYS: Final = frozenset(
     {"parent_frame", "child_frame", "source", "device_specific", "matrix", "translation", "quaternion", "note"}
 )
@@ -86,12 +90,29 @@ class Calibration:
         robot: Whose it is; None when nothing in it belongs to one robot.
         edges: Transforms, with their origin.
         cameras: Stereo cameras by name (`eyes.CAMERAS`).
+        arms: Joint zeros and displaced frames of the arms that were identified.
     """
 
     path: Path
     robot: RobotIdentity | None
     edges: tuple[FixedEdge, ...] = ()
     cameras: Mapping[str, CameraCalibration] = field(default_factory=dict)
+    arms: Mapping[Side, ArmCalibration] = field(default_factory=dict)
+
+    def body(self, description: Description) -> Description:
+        """Return a description with this robot's own joint zeros and displaced frames built in.
+
+        Args:
+            description: That which they were identified on.
+
+        Raises:
+            ConfigError: BAD_CONFIG, they were identified on other numbers.
+        """
+        try:
+            return with_arms(description, self.arms)
+        except ValueRefused as error:
+            hint = "run `ta2 identify` again with these numbers"
+            raise ConfigError(Refusal(code=Code.BAD_CONFIG, message=f"{self.path}: {error}", hint=hint)) from None
 
 
 def load(path: Path, robot: RobotIdentity | None) -> Calibration:
@@ -175,6 +196,10 @@ def _calibration(path: Path, document: Mapping[str, Any]) -> Calibration:
         if name not in CAMERAS:
             raise ValueRefused(f"cameras.{name} is not known: there are {', '.join(CAMERAS)}")
         cameras[name] = camera_of(name, _table(row, f"cameras.{name}"), conventions)
+    arms = [
+        arm_of(name, _table(row, f"arms.{name}"), conventions)
+        for name, row in _table(document.get("arms", {}), "arms").items()
+    ]
     edges += [camera.edge for name, camera in cameras.items() if camera.edge.transform.name in REPLACEABLE]
     names = [edge.transform.name for edge in edges]
     for name in names:
@@ -184,11 +209,12 @@ def _calibration(path: Path, document: Mapping[str, Any]) -> Calibration:
             )
     _check_head(edges, cameras)
     robot = _robot(document.get("robot"))
-    if robot is None and (cameras or any(edge.is_of_one_robot for edge in edges)):
+    if robot is None and (cameras or arms or any(edge.is_of_one_robot for edge in edges)):
         raise ValueRefused(
             "section 'robot' with serial and model is missing: the file has what belongs to one robot (manual A.4)"
         )
-    return Calibration(path=path, robot=robot, edges=tuple(edges), cameras=cameras)
+    by_side = {arm.side: arm for arm in arms}
+    return Calibration(path=path, robot=robot, edges=tuple(edges), cameras=cameras, arms=by_side)
 
 
 def _robot(section: object) -> RobotIdentity | None:

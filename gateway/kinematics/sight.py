@@ -88,8 +88,13 @@ class Sight:
         Args:
             calibration: Of this very robot (`calibration.load`); None for stand-ins.
             description: Numbers of the body (`urdf.from_urdf`); None for our own.
+
+        Raises:
+            ConfigError: BAD_CONFIG, the calibration has joint zeros that were identified on other numbers.
         """
         body = nominal() if description is None else description
+        if calibration is not None:
+            body = calibration.body(body)
         arms = {side: ArmChain(body, side) for side in Side}
         return Sight(robot_frames(body, arms, calibration), body, calibration)
 
