@@ -17,7 +17,7 @@ from gateway.kinematics.placement import Placement, Rows, origin
 from gateway.robot import shoulder_frame
 from gateway.values import Side, Vector
 
-__all__ = ["ArmChain", "Line", "at_zero"]
+__all__ = ["ArmChain", "Line", "Motion", "at_zero", "in_base"]
 
 Array = NDArray[np.float64]
 
@@ -28,6 +28,11 @@ SNAP = 1e-14
 
 Line = tuple[Vector, Vector]
 """A joint's axis: a point on it [m] and its direction, unit vector."""
+
+
+Motion = tuple[float, ...]
+"""How a link has moved from where it is with the arm at zero: where the shoulder's origin would be carried [m], then the
+rotation's rows, flat, shape (12,)."""
 
 
 class ArmChain:
@@ -85,7 +90,23 @@ class ArmChain:
             columns.append([ay * z - az * y, az * x - ax * z, ax * y - ay * x, ax, ay, az])
         return np.array(columns).T
 
-    def _walk(self, q_rad: Sequence[float], lines: list[float] | None) -> Placement:
+    def walk(self, q_rad: Sequence[float]) -> tuple[list[float], list[Motion]]:
+        """Return where the arm's lines are and how its links have moved, in the shoulder frame.
+
+        Args:
+            q_rad: Joint angles, shape (7,) [rad]; not judged by limits.
+
+        Returns:
+            For each joint its point [m] and axis, flat, shape (42,); for each joint the motion of what it moves.
+        """
+        lines: list[float] = []
+        motions: list[Motion] = []
+        self._walk(q_rad, lines, motions)
+        return lines, motions
+
+    def _walk(
+        self, q_rad: Sequence[float], lines: list[float] | None, motions: list[Motion] | None = None
+    ) -> Placement:
         """Turn joint by joint; add each one's point and axis, where they are now, to `lines`."""
         xx, xy, xz, yx, yy, yz, zx, zy, zz = 1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0
         px = py = pz = 0.0  # of the point that is at the shoulder's origin with the arm at zero
@@ -125,6 +146,8 @@ class ArmChain:
                 wy - (yx * rx + yy * ry + yz * rz),
                 wz - (zx * rx + zy * ry + zz * rz),
             )
+            if motions is not None:
+                motions.append((px, py, pz, xx, xy, xz, yx, yy, yz, zx, zy, zz))
         (x, y, z), ((a, b, d), (e, f, g), (h, i, j)) = self.zero
         return Placement(
             (px + xx * x + xy * y + xz * z, py + yx * x + yy * y + yz * z, pz + zx * x + zy * y + zz * z),
@@ -142,6 +165,15 @@ def at_zero(description: Description, link: str, within: str) -> Placement | Non
     if not {link, within} <= links:
         return None
     return _fixed(description.above(within)).inverse().after(_fixed(description.above(link)))
+
+
+def in_base(description: Description, link: str) -> Placement:
+    """Return a link's placement in `base_link` with all joints at zero.
+
+    Raises:
+        KeyError: There is no such link.
+    """
+    return _fixed(description.above(link))
 
 
 def _fixed(joints: Sequence[Joint]) -> Placement:

@@ -1,0 +1,129 @@
+"""Both arms in a closed loop for tests: real followers and brakes at 100 Hz, led by the rule of `approach.py`."""
+
+from __future__ import annotations
+
+import random
+from functools import cache
+
+from gateway.core.braking import Braking, JointLimits, advance
+from gateway.core.follower import Follower
+from gateway.kinematics.approach import Approach, Motion
+from gateway.kinematics.collision import CollisionModel
+from gateway.kinematics.description import nominal
+from gateway.kinematics.stopping import stop_extent, way_extent
+from gateway.robot import JOINT_LOWER_RAD, JOINT_UPPER_RAD
+from gateway.values import Side
+
+__all__ = ["DT_S", "GuardedArms", "free_posture", "model", "random_joints"]
+
+DT_S = 0.01
+SEVEN = range(7)
+
+
+@cache
+def model():
+    """Return the nominal body."""
+    return CollisionModel(nominal())
+
+
+def random_joints(rng: random.Random):
+    """Return joint angles of both arms anywhere inside the limits."""
+    return {
+        side: tuple(rng.uniform(a, b) for a, b in zip(JOINT_LOWER_RAD[side], JOINT_UPPER_RAD[side], strict=True))
+        for side in Side
+    }
+
+
+def free_posture(rng: random.Random, gap_m: float = 0.03):
+    """Return joint angles at which the body keeps more than a gap."""
+    while True:
+        q_rad = random_joints(rng)
+        if model().posture(q_rad).nearest().gap_m > gap_m:
+            return q_rad
+
+
+class GuardedArms:
+    """Arms that follow targets; the body is looked at where it was one tick before."""
+
+    def __init__(self, start, v_radps: float, a_radps2: float, j_radps3: float, *, is_guarded: bool = True) -> None:
+        zeros = (0.0,) * 7
+        self.v, self.a, self.j = v_radps, a_radps2, j_radps3
+        self.now = {side: (tuple(start[side]), zeros, zeros) for side in Side}
+        self._is_guarded = is_guarded
+        self._rule = Approach(model())
+        self._brakes = {side: Braking(self._limits(side), DT_S) for side in Side}
+        self._followers = {side: Follower(self._brakes[side]) for side in Side}
+        self._seen = dict(start)
+        self.gap = model().posture(start).nearest()
+        self.least_m = self.gap.gap_m
+        self.states = [self.now]
+        self.refused = 0
+        for follower in self._followers.values():
+            follower.begin(1.0)
+
+    def _limits(self, side):
+        lower, upper = JOINT_LOWER_RAD[side], JOINT_UPPER_RAD[side]
+        return JointLimits(v_radps=self.v, a_radps2=self.a, j_radps3=self.j, lower_rad=lower, upper_rad=upper)
+
+    @property
+    def q_rad(self):
+        """Setpoints."""
+        return {side: self.now[side][0] for side in Side}
+
+    def off_rad(self, q_rad) -> float:
+        """Return how far the joint farthest from its goal is."""
+        return max(abs(a - b) for side in Side for a, b in zip(self.now[side][0], q_rad[side], strict=True))
+
+    def stream(self, target, seconds: float) -> None:
+        """Follow a target; stop early when it is reached and all stand."""
+        for side in Side:
+            self._followers[side].target_rad = tuple(target[side])
+        for _ in range(int(seconds / DT_S)):
+            self.tick()
+            if self.off_rad(target) < 1e-9 and not any(map(any, (self.now[side][1] for side in Side))):
+                return
+
+    def tick(self) -> None:
+        """Go on by one setpoint."""
+        wanted = {side: self._followers[side].follow(self.now[side]) for side in Side}
+        if self._is_guarded:
+            wanted = self._led(wanted)
+        self._seen, self.now = self.q_rad, wanted
+        self.states.append(wanted)
+        self.gap = model().posture(self.q_rad).nearest()
+        self.least_m = min(self.least_m, self.gap.gap_m)
+
+    def _led(self, wanted):
+        braked = {side: self._brake(side) for side in Side}
+        motion = Motion(
+            wanted=self._ways(wanted),
+            braked=self._ways(braked),
+            speed_radps={side: wanted[side][1] for side in Side},
+        )
+        verdict = self._rule.judge(model().posture(self._seen), motion)
+        self.refused += not verdict.is_free
+        for side, follower in self._followers.items():
+            speed = min(1.0, verdict.limit_radps[side] / self.v)
+            if speed != follower.speed:
+                follower.begin(speed)
+        return {
+            side: tuple(
+                tuple(w if goes else b for w, b, goes in zip(*rows, verdict.going[side], strict=True))
+                for rows in zip(wanted[side], braked[side], strict=True)
+            )
+            for side in Side
+        }
+
+    def _brake(self, side):
+        brakes = self._brakes[side]
+        ends = [advance(q, v, a, brakes.stop(v, a), DT_S) for q, v, a in zip(*self.now[side], strict=True)]
+        return tuple(zip(*ends, strict=True))
+
+    def _ways(self, states):
+        return {
+            side: [
+                way_extent(self._seen[side][k], (self.now[side][0][k], q[k]), stop_extent(v[k], a[k], self.a, self.j))
+                for k in SEVEN
+            ]
+            for side, (q, v, a) in states.items()
+        }
