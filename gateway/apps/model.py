@@ -10,6 +10,7 @@ from rich.console import Console
 from rich.table import Table
 
 from gateway.apps.ending import ExitStatus
+from gateway.kinematics.clearance import clearances
 from gateway.kinematics.description import nominal
 from gateway.kinematics.model_check import Finding, compared, findings
 from gateway.kinematics.urdf import from_urdf
@@ -28,7 +29,7 @@ def check_model(urdf: str | None, *, as_json: bool) -> ExitStatus:
         ConfigError: The file cannot be used; the message names what is missing.
     """
     description = nominal() if urdf is None else from_urdf(urdf)
-    rows = (*findings(description), *(compared(description) if urdf is not None else ()))
+    rows = (*findings(description), *clearances(description), *(compared(description) if urdf is not None else ()))
     wrong = [row for row in rows if not row.is_good]
     if as_json:
         print(json.dumps(document(description.source, rows), indent=2))

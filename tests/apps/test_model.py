@@ -28,7 +28,7 @@ def test_our_own_numbers_agree(shell):
     """Status 0, the source is told, and every figure agrees."""
     ended = shell.run("model", "check")
     assert ended.status == 0
-    assert "teleavatar_urdf_20260928-v2" in ended.out and "16 figures checked, 0 differ" in ended.out
+    assert "teleavatar_urdf_20260928-v2" in ended.out and "19 figures checked, 0 differ" in ended.out
 
 
 def test_a_urdf_that_differs_ends_with_status_1_and_names_what(shell, tmp_path):
@@ -36,7 +36,7 @@ def test_a_urdf_that_differs_ends_with_status_1_and_names_what(shell, tmp_path):
     path = written(nudged(Side.LEFT, 4, xyz_m=(0.0, 0.0, 0.001)), tmp_path / "mine.urdf")
     ended = shell.run("model", "check", "--urdf", str(path))
     assert ended.status == 1
-    assert "16 figures checked, 1 differ: left_ee at the home of §6.6" in ended.out.replace("\n", " ")
+    assert "19 figures checked, 1 differ: left_ee at the home of §6.6" in ended.out.replace("\n", " ")
 
 
 def test_the_vendors_numbers_as_a_urdf_agree(shell, tmp_path):
@@ -45,7 +45,7 @@ def test_the_vendors_numbers_as_a_urdf_agree(shell, tmp_path):
     ended = shell.run("model", "check", "--urdf", str(path), "--json")
     told = json.loads(ended.out)
     assert ended.status == 0 and told["good"] is True
-    assert len(told["findings"]) == 20
+    assert len(told["findings"]) == 23
     assert [row["allowed"] for row in told["findings"][-4:]] == [None] * 4
 
 

@@ -1,0 +1,193 @@
+"""Hull ends: how far the ends of the parts' lines go on a way of the joints, and what gap that leaves, at the least.
+
+All bounds are rigorous for parts that are apart. An end that joints 1 to n move by d_1..d_n goes by the sum of its slopes
+times d, and leaves that by at most the bend: half the sum of |d_i| |d_k| L_max(i,k), with L_k the most that it can ever be
+away from axis k (Taylor; the second derivative by joints i <= k is a turn by i of a velocity by k). The bend is shared out
+to the later joint of each product. A joint's share is convex in how far it goes, so that only the ends of its way count;
+one that opens more than its share bends keeps the gap wherever it stands still.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from itertools import pairwise
+from operator import mul
+
+from gateway.kinematics.capsules import Capsule
+from gateway.kinematics.chain import Line
+from gateway.kinematics.collision import WIDE_OPEN_M, CollisionModel, Point, Posture, at
+from gateway.kinematics.segments import nearest
+from gateway.kinematics.stopping import STAYS, Extent
+from gateway.values import Side, Vector
+
+__all__ = ["HullEnds", "levers"]
+
+MEET_M = 1e-9
+"""Axes that miss each other by less meet [m]."""
+PARALLEL = 1e-12
+"""Square of the sine below which two axes count as parallel."""
+
+Ways = Mapping[Side, Sequence[Extent]]
+Move = tuple[float, float, float, float, int]
+"""Where an end goes by one joint [m], its bend [m], and the joint's number, 0 to 6."""
+
+
+class HullEnds:
+    """The ends of the parts on a way.
+
+    Args:
+        posture: The body before it.
+        reach: Greatest levers of each part (`levers`).
+        ways: Extents of the joints' ways, shape (7,) per side [rad].
+    """
+
+    def __init__(self, posture: Posture, reach: Sequence[Vector], ways: Ways) -> None:
+        self._posture = posture
+        self._reach = reach
+        self._ways = ways
+        self._moves: dict[int, list[Move]] = {}
+        far = {side: [max(high, -low) for low, high in ways[side]] for side in Side}
+        self._goes_m = [
+            sum(map(mul, row, far[capsule.side])) if row and capsule.side is not None else 0.0
+            for capsule, row in zip(posture.model.capsules, reach, strict=True)
+        ]
+        """How far each part can go at all [m]."""
+
+    def within(self, gap_m: float) -> list[tuple[float, int]]:
+        """Return gaps and numbers of the pairs that might be nearer than a gap somewhere on the way."""
+        goes_m = self._goes_m
+        segments, middles = self._posture.segments, self._posture.middles
+        dist, sqrt = math.dist, math.sqrt
+        found: list[tuple[float, int]] = []
+        for number, (i, j, around_m, radii_m) in enumerate(self._posture.model.pairs):
+            cut_m = gap_m + goes_m[i] + goes_m[j]
+            if dist(middles[i], middles[j]) - around_m < cut_m:
+                now_m = sqrt(nearest(segments[i], segments[j])[0]) - radii_m
+                if now_m < cut_m:
+                    found.append((now_m, number))
+        return found
+
+    def kept_m(self, number: int) -> float:
+        """Return the least gap of a pair on the way, whichever joint goes first [m]."""
+        i, j, _, radii_m = self._posture.model.pairs[number]
+        first, second = self._posture.segments[i], self._posture.segments[j]
+        square, s, t = nearest(first, second)
+        normal = self._posture.normal(i, j, at(first, s), at(second, t))
+        kept_m = math.sqrt(square) - radii_m + self._least(i, s, normal)
+        return kept_m + self._least(j, t, _turned_round(normal)) if self._reach[j] else kept_m
+
+    def closing(self, number: int) -> set[tuple[Side, int]]:
+        """Return the joints, 0 to 6, by which an end of a pair comes nearer on the way."""
+        posture = self._posture
+        i, j, _, _ = posture.model.pairs[number]
+        _, s, t = nearest(posture.segments[i], posture.segments[j])
+        x, y, z = posture.normal(i, j, at(posture.segments[i], s), at(posture.segments[j], t))
+        return {
+            (side, k)
+            for index, (nx, ny, nz) in ((i, (x, y, z)), (j, (-x, -y, -z)))
+            if (side := posture.model.capsules[index].side) is not None and self._reach[index]
+            for end in (0, 1)
+            for wx, wy, wz, bend, k in self._moves_of(index, end)
+            if bend > nx * wx + ny * wy + nz * wz
+        }
+
+    def _least(self, index: int, part: float, normal: Point) -> float:
+        """Return how far a part goes along a direction, at the least [m]: not above 0.
+
+        Args:
+            index: Of the part.
+            part: Where along its line the nearest point is, 0 to 1.
+            normal: Away from the other part, unit vector.
+        """
+        nx, ny, nz = normal
+        _, _, _, ux, uy, uz, _ = self._posture.segments[index]
+        ahead = nx * ux + ny * uy + nz * uz  # how far its end lies behind its begin
+        least = 0.0
+        for end, slack_m in ((0, -part * ahead), (1, (1.0 - part) * ahead)):
+            if slack_m < self._goes_m[index] + least:
+                along_m = slack_m if slack_m > 0.0 else 0.0
+                for wx, wy, wz, bend, _ in self._moves_of(index, end):
+                    step = nx * wx + ny * wy + nz * wz - bend
+                    if step < 0.0:
+                        along_m += step
+                along_m = max(along_m, slack_m - self._goes_m[index])
+                if along_m < least:
+                    least = along_m
+        return least
+
+    def _moves_of(self, index: int, end: int) -> list[Move]:
+        """Return where an end of a part goes by each joint that goes at all; by a joint that goes both ways twice."""
+        found = self._moves.get(2 * index + end)
+        if found is not None:
+            return found
+        found = self._moves[2 * index + end] = []
+        posture = self._posture
+        capsule = posture.model.capsules[index]
+        if capsule.side is None:
+            return found
+        px, py, pz = at(posture.segments[index], float(end))
+        lines, before = posture.lines[capsule.side], 0.0
+        ways, reach = self._ways[capsule.side], self._reach[index]
+        for k in range(capsule.after):
+            way = ways[k]
+            if way == STAYS:
+                continue
+            x, y, z, ax, ay, az = lines[6 * k : 6 * k + 6]
+            x, y, z = px - x, py - y, pz - z
+            x, y, z = ay * z - az * y, az * x - ax * z, ax * y - ay * x
+            for goes in way:
+                if goes != 0.0:
+                    far = abs(goes)
+                    found.append((x * goes, y * goes, z * goes, 0.5 * reach[k] * far * (far + before + before), k))
+            before += max(way[1], -way[0])
+        return found
+
+
+def levers(model: CollisionModel) -> list[Vector]:
+    """Return for each part the most that its ends can ever be away from the axes that move it [m]; empty if none does."""
+    return [
+        _levers(capsule, model.chains[capsule.side].lines) if capsule.side is not None and capsule.after else ()
+        for capsule in model.capsules
+    ]
+
+
+def _levers(capsule: Capsule, lines: Sequence[Line]) -> Vector:
+    ends = [capsule.from_m, capsule.to_m]
+    ends += [tuple(c + WIDE_OPEN_M * d for c, d in zip(end, capsule.opens, strict=True)) for end in ends]
+    moving = lines[: capsule.after]
+    farthest = (max(row) for row in zip(*(_end_levers(end, moving) for end in ends), strict=True))
+    return (*farthest, *(0.0,) * (len(lines) - capsule.after))
+
+
+def _end_levers(end: Vector, lines: Sequence[Line]) -> list[float]:
+    """Add up the way from an end inwards, from axis to axis: no posture makes it longer."""
+    own = lines[-1]
+    found = [math.dist(end, _foot(own, (end, own[1])))]
+    centres = [_foot(a, b) for a, b in pairwise(lines)]
+    middle = _foot(own, (centres[-1], own[1]))
+    # Where the last two axes meet, the end stays as far from there as it is.
+    apart = math.dist(centres[-1], middle)
+    away = math.dist(centres[-1], end) if apart < MEET_M else apart + math.dist(middle, end)
+    found.append(away)
+    for outer, inner in pairwise(reversed(centres)):
+        away += math.dist(outer, inner)
+        found.append(away)
+    return found[::-1]
+
+
+def _foot(a: Line, b: Line) -> Vector:
+    """Return the point of axis a that is nearest to axis b, or to its point where they are parallel."""
+    (p, u), (q, v) = a, b
+    way = [y - x for x, y in zip(p, q, strict=True)]
+    uv = sum(map(mul, u, v))
+    if 1.0 - uv * uv < PARALLEL:
+        along_m = sum(map(mul, way, u))
+        return tuple(x + along_m * c for x, c in zip(p, u, strict=True))
+    along_m = (sum(map(mul, way, u)) - uv * sum(map(mul, way, v))) / (1.0 - uv * uv)
+    return tuple(x + along_m * c for x, c in zip(p, u, strict=True))
+
+
+def _turned_round(direction: Point) -> Point:
+    x, y, z = direction
+    return -x, -y, -z
