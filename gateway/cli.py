@@ -355,10 +355,12 @@ def _ground(options: Namespace) -> int:
     return grounding.lift(outing, options.action, options.speed)
 
 
-def _frames(options: Namespace) -> int:
-    from gateway.apps.frames import carry_out
+def _kinematics(options: Namespace) -> int:
+    from gateway.apps import frames, identify
 
-    return carry_out(options)
+    if options.command == "identify":
+        return identify.carry_out(options)
+    return frames.carry_out(options)
 
 
 COMMANDS: Mapping[str, Callable[[Namespace], int]] = {
@@ -372,7 +374,8 @@ COMMANDS: Mapping[str, Callable[[Namespace], int]] = {
     "topics": _topics,
     "link": _link,
     "events": _events,
-    "frames": _frames,
+    "frames": _kinematics,
+    "identify": _kinematics,
     "enable": _enable,
     "home": _move,
     "move": _move,

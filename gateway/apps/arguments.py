@@ -16,6 +16,7 @@ from gateway.apps.ending import STATUS_HELP
 from gateway.apps.follow_arguments import add_follow
 from gateway.apps.frames_arguments import add_frames
 from gateway.apps.ground_arguments import add_ground
+from gateway.apps.identify_arguments import add_identify
 from gateway.apps.model_arguments import add_model
 from gateway.apps.numbers import above_zero
 from gateway.apps.stop_arguments import add_stops
@@ -153,6 +154,7 @@ def parser() -> argparse.ArgumentParser:
     add_ground(commands, _client_command)
     add_video(commands, _command)
     add_frames(commands, _client_command)
+    add_identify(commands, _client_command)
     _add_example(commands)
     add_model(_command(commands, "model", "check the numbers of the robot's body, or of a URDF"))
     add_stops(commands, _client_command)

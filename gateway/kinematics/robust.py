@@ -32,8 +32,8 @@ NEARLY = 1e-6
 MOST_STEPS = 80
 CLOSE = 1e-11
 """A step shorter than this ends the search [rad, LENGTH_M]."""
-LEAST_SCATTER = 1e-9
-"""Measurements are not trusted further than this [rad, LENGTH_M]: rounding."""
+LEAST_SCATTER = 5e-5
+"""Measurements are not trusted further than this [rad, LENGTH_M]: many may be exact by chance, as those of an arm at rest."""
 BLOCKS = 25
 TO_SIGMA = 1.4826
 """From the median of absolute values to the standard deviation of normal ones."""

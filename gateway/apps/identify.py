@@ -1,0 +1,256 @@
+"""`ta2 identify`: what this robot's arms differ in from the description, from measurements; it drives nothing.
+
+One arm after the other: what was found, how sure, what was left before and after; or why nothing, and how to move. What is
+found can be written to the calibration file of this very robot.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import sys
+from argparse import Namespace
+from collections.abc import Iterator, Mapping
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+from rich.console import Console
+from rich.text import Text
+
+from gateway import config
+from gateway.apps.calibration_writing import robot_to_write_for, write_arms
+from gateway.apps.ending import ExitStatus
+from gateway.apps.pairs import Pairs, keep, measured_live, read_pairs
+from gateway.errors import Code, Refusal, to_exception
+from gateway.kinematics.arm import ArmModel
+from gateway.kinematics.arm_section import ArmCalibration, fingerprint
+from gateway.kinematics.calibration import RobotIdentity
+from gateway.kinematics.description import Description, nominal
+from gateway.kinematics.excitation import LEAST_GAIN, Excitation, distinct, excitation_of
+from gateway.kinematics.identify import Estimate, Identification, Misfit, Unidentified, identify
+from gateway.kinematics.parameters import Group, Parameters
+from gateway.kinematics.urdf import from_urdf
+from gateway.values import ARM_DOF, Side
+
+__all__ = ["Errand", "carry_out", "document", "identify_arms", "lines"]
+
+Result = Identification | Unidentified
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Errand:
+    """What to do.
+
+    Attributes:
+        file: Pairs; None takes them from the gateway.
+        seconds: How long, then [s].
+        keep: Where to write these.
+        sides: Arms that are asked about; None for all that there are pairs of.
+        groups: What is fitted.
+        urdf: A robot's own description in place of ours.
+        out: Calibration file to write to.
+        identity: Which robot this is, if somebody said so.
+        as_json: Whether to print JSON.
+    """
+
+    file: Path | None
+    seconds: float
+    keep: Path | None
+    sides: tuple[Side, ...] | None
+    groups: frozenset[Group]
+    urdf: Path | None
+    out: Path | None
+    identity: RobotIdentity | None
+    as_json: bool
+
+
+def identify_arms(errand: Errand, target: str | None, timeout_s: float) -> ExitStatus:
+    """Identify, print, and write what was found; REFUSED when an arm could not be identified.
+
+    Args:
+        errand: What to do.
+        target: Where the gateway is; None finds its socket. Only asked when there is no file of pairs.
+        timeout_s: Longest wait for it [s].
+
+    Raises:
+        ConfigError: A file cannot be read or written, or nobody said whose calibration to write.
+        Disconnected: No gateway answers.
+        GatewayTimeout: It answers, and then tells nothing.
+        Stale: There are no pairs at all.
+    """
+    description = nominal() if errand.urdf is None else from_urdf(errand.urdf)
+    owner = None if errand.out is None else robot_to_write_for(errand.out, errand.identity)
+    arms = {side: ArmModel(description, side) for side in Side}
+    pairs = _pairs(errand, arms, target, timeout_s)
+    asked = errand.sides or tuple(side for side in Side if pairs[side])
+    if not any(pairs[side] for side in asked):
+        raise to_exception(
+            Refusal(
+                code=Code.PART_STALE,
+                message="no pairs of joints and pose" + (f" of the {asked[0]} arm" if asked else ""),
+                hint="does the gateway see the robot, and does the robot publish current_ee_pose? `ta2 topics` tells",
+            )
+        )
+    results = {side: identify(arms[side], pairs[side], errand.groups) for side in asked}
+    found = {side: result for side, result in results.items() if isinstance(result, Identification)}
+    if errand.as_json:
+        print(json.dumps(document(results, description), ensure_ascii=False, indent=2))
+    else:
+        console = Console(highlight=False)
+        for side, result in results.items():
+            for line in lines(side, result):
+                console.print(line, soft_wrap=True)
+    if errand.out is not None and owner is not None and found:
+        write_arms(errand.out, owner, [_calibration(side, found[side], description) for side in found])
+        print(f"{errand.out}: {', '.join(found)} of robot {owner} written", file=sys.stderr)
+    return ExitStatus.OK if len(found) == len(results) else ExitStatus.REFUSED
+
+
+def _pairs(errand: Errand, arms: Mapping[Side, ArmModel], target: str | None, timeout_s: float) -> Pairs:
+    if errand.file is not None:
+        return read_pairs(errand.file)
+
+    def tell(so_far: Pairs, left_s: float) -> None:
+        said = [_progress(arms[side], so_far, errand.groups) for side in errand.sides or Side]
+        print(f"{left_s:.0f} s left; {'; '.join(said)}", file=sys.stderr)
+
+    pairs = measured_live(target, timeout_s, errand.seconds, tell)
+    if errand.keep is not None:
+        keep(pairs, errand.keep)
+    return pairs
+
+
+def _progress(arm: ArmModel, so_far: Pairs, groups: frozenset[Group]) -> str:
+    """Return how far an arm's postures carry, and what to move next."""
+    import numpy as np
+
+    q_rad = np.array([pair.q_rad for pair in so_far[arm.side]]).reshape(-1, ARM_DOF)
+    q_rad = q_rad[distinct(q_rad)]
+    if len(q_rad) < 2:
+        return f"{arm.side}: stands still"
+    known = excitation_of(Parameters(arm.chain, groups), q_rad, np.array(arm.lower_rad), np.array(arm.upper_rad))
+    move = f", move joint {known.advice[0].joint}" if known.advice else ""
+    return f"{arm.side}: {len(q_rad)} postures, gain {known.gain:.3f} of {LEAST_GAIN:g}{move}"
+
+
+def _calibration(side: Side, found: Identification, description: Description) -> ArmCalibration:
+    angle, length = _worst(found.estimates, "rad"), _worst(found.estimates, "m")
+    sure = f"±{1e3 * angle:.2g} mrad" + (f", ±{1e3 * length:.2g} mm" if length else "")
+    return ArmCalibration(
+        side=side,
+        correction=found.correction,
+        description=description.source,
+        numbers=fingerprint(description, side),
+        note=f"{found.postures} postures, {sure}; {_told(found.validated)} left on pairs not fitted",
+    )
+
+
+def _worst(estimates: tuple[Estimate, ...], unit: str) -> float:
+    return max((row.sigma for row in estimates if row.unit == unit), default=0.0)
+
+
+# ----------------------------------------------------------------------------------------------------------------- text
+
+
+def lines(side: Side, result: Result) -> Iterator[Text]:
+    """Yield what is to be said of an arm.
+
+    Args:
+        side: Which.
+        result: What was found, or why nothing.
+    """
+    if isinstance(result, Unidentified):
+        yield Text.assemble((f"{side} arm: not identified", "bold red"), f": {result.why.value}")
+        yield Text(f"  {result.message}")
+        yield Text(f"  -> {result.hint}", style="yellow")
+        if result.before is not None:
+            yield Text(f"  residual as described: {_told(result.before)} (median)", style="dim")
+    else:
+        yield Text.assemble(
+            (f"{side} arm: identified", "bold green"),
+            f" from {result.postures} postures, {result.share:.0%} with a say",
+        )
+        for row in result.estimates:
+            unit = "mrad" if row.unit == "rad" else "mm"
+            yield Text(f"  {row.name:<24} {1e3 * row.value:>+9.3f} ± {1e3 * row.sigma:.3f} {unit}")
+        yield Text(f"  residual as described    {_told(result.before)} (median)")
+        yield Text(f"  residual corrected       {_told(result.after)}")
+        yield Text(f"  ... on pairs not fitted  {_told(result.validated)}")
+    if result.excitation is not None:
+        yield from _seen(result.excitation)
+
+
+def _seen(excitation: Excitation) -> Iterator[Text]:
+    moved = ", ".join(f"{high - low:.2f}" for low, high in excitation.moved_rad)
+    yield Text(f"  joints 1 to 7 moved through {moved} rad", style="dim")
+    shown = " ".join(f"{value:.2g}" for value in excitation.singular_values)
+    yield Text(f"  gains {shown} (the least must be {LEAST_GAIN:g})", style="dim")
+
+
+def _told(misfit: Misfit) -> str:
+    return f"{1e3 * misfit.position_m:.3f} mm, {1e3 * misfit.angle_rad:.3f} mrad"
+
+
+# ----------------------------------------------------------------------------------------------------------------- JSON
+
+
+def document(results: Mapping[Side, Result], description: Description) -> dict[str, object]:
+    """Return everything for scripts; lengths in metres, angles in radians.
+
+    Args:
+        results: Per arm.
+        description: What they were identified against.
+    """
+    return {"description": description.source, "arms": {side.value: _row(result) for side, result in results.items()}}
+
+
+def _row(result: Result) -> dict[str, object]:
+    facts: dict[str, object] = {
+        "identified": isinstance(result, Identification),
+        "postures": result.postures,
+        "before": None if result.before is None else asdict(result.before),
+        "excitation": None if result.excitation is None else {**asdict(result.excitation), "least": LEAST_GAIN},
+    }
+    if isinstance(result, Unidentified):
+        return {**facts, "why": result.why.name, "message": result.message, "hint": result.hint}
+    correction = result.correction
+    return {
+        **facts,
+        "parameters": [asdict(row) for row in result.estimates],
+        "covariance": result.covariance,
+        "after": asdict(result.after),
+        "validated": asdict(result.validated),
+        "share": result.share,
+        "joint_zero_offsets_rad": correction.offsets_rad,
+        "joint_zero_offsets_deg": [math.degrees(offset) for offset in correction.offsets_rad],
+        "nominal_ee_T_ee": {"p_m": correction.ee.p_m, "quat_xyzw": correction.ee.pose.quat_xyzw},
+        "shoulder_T_nominal_shoulder": {
+            "p_m": correction.shoulder.p_m,
+            "quat_xyzw": correction.shoulder.pose.quat_xyzw,
+        },
+    }
+
+
+def carry_out(options: Namespace) -> int:
+    """Return the exit status of `ta2 identify`.
+
+    Args:
+        options: As `identify_arguments` reads them.
+    """
+    link = config.load(options.config).link
+    serial = link.serial if options.serial is None else options.serial
+    left_out = {Group.EE} if options.joints_only else set()
+    if not options.shoulder:
+        left_out.add(Group.SHOULDER)
+    errand = Errand(
+        file=None if options.file is None else Path(options.file),
+        seconds=options.seconds,
+        keep=None if options.keep is None else Path(options.keep),
+        sides=None if options.arm is None else (Side(options.arm),),
+        groups=frozenset(Group) - left_out,
+        urdf=None if options.urdf is None else Path(options.urdf),
+        out=None if options.out is None else Path(options.out),
+        identity=RobotIdentity(serial=serial, model=link.model) if serial else None,
+        as_json=options.json,
+    )
+    return identify_arms(errand, options.target, options.timeout_s)
