@@ -105,7 +105,7 @@ class Approach:
         limit_radps = dict.fromkeys(Side, math.inf)
         bad: list[int] = []
         for gap_m, number in ends.within(self._margin_m):
-            kept_m = ends.kept_m(number)
+            kept_m = ends.kept_m(gap_m, number)
             room_m, loss_m = USED_RATIO * (gap_m - self._margin_m), gap_m - kept_m
             if loss_m > max(room_m, TOUCHED_M):
                 closing = ends.closing(number)
@@ -132,7 +132,7 @@ class Approach:
             ways: Extents of the ways of the joints since, shape (7,) per side [rad].
         """
         ends = HullEnds(posture, self._levers, ways)
-        return min((ends.kept_m(number) for _, number in ends.within(self._margin_m)), default=math.inf)
+        return min((ends.kept_m(*row) for row in ends.within(self._margin_m)), default=math.inf)
 
     def _is_bad(self, gap_m: float, kept_m: float) -> bool:
         return kept_m < min(self._margin_m, gap_m) - TOUCHED_M
@@ -148,6 +148,6 @@ class Approach:
             for side in Side
         }
         after = HullEnds(posture, self._levers, mixed)
-        if any(self._is_bad(gap_m, after.kept_m(number)) for gap_m, number in after.within(self._margin_m)):
+        if any(self._is_bad(gap_m, after.kept_m(gap_m, number)) for gap_m, number in after.within(self._margin_m)):
             return NONE
         return going

@@ -110,7 +110,7 @@ class Posture:
         first, second = self.model.capsules[i], self.model.capsules[j]
         square, s, t = nearest(self.segments[i], self.segments[j])
         a, b = at(self.segments[i], s), at(self.segments[j], t)
-        normal = self.normal(i, j, a, b)
+        normal = self.normal(i, j, a[0] - b[0], a[1] - b[1], a[2] - b[2])
         slopes = {side: [0.0] * ARM_DOF for side in Side}
         for capsule, point, sign in ((first, a, 1.0), (second, b, -1.0)):
             if capsule.side is not None and capsule.after:
@@ -125,13 +125,11 @@ class Posture:
             slopes={side: tuple(row) for side, row in slopes.items()},
         )
 
-    def normal(self, i: int, j: int, a: Point, b: Point) -> Point:
-        """Return the direction from capsule j's nearest point b to capsule i's a, unit vector."""
-        x, y, z = a[0] - b[0], a[1] - b[1], a[2] - b[2]
+    def normal(self, i: int, j: int, x: float, y: float, z: float) -> Point:
+        """Return the way x, y, z from capsule j's nearest point to capsule i's [m] as a unit vector."""
         length = math.sqrt(x * x + y * y + z * z)
         if length < TOUCHING_M:
-            a, b = at(self.segments[i], 0.5), at(self.segments[j], 0.5)
-            x, y, z = a[0] - b[0], a[1] - b[1], a[2] - b[2]
+            x, y, z = (one - other for one, other in zip(self.middles[i], self.middles[j], strict=True))
             length = math.sqrt(x * x + y * y + z * z)
             if length < TOUCHING_M:
                 return 0.0, 0.0, 1.0

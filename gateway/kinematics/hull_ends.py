@@ -47,6 +47,7 @@ class HullEnds:
         self._reach = reach
         self._ways = ways
         self._moves: dict[int, list[Move]] = {}
+        self._parts: dict[int, tuple[float, float]] = {}
         far = {side: [max(high, -low) for low, high in ways[side]] for side in Side}
         self._goes_m = [
             sum(map(mul, row, far[capsule.side])) if row and capsule.side is not None else 0.0
@@ -63,55 +64,67 @@ class HullEnds:
         for number, (i, j, around_m, radii_m) in enumerate(self._posture.model.pairs):
             cut_m = gap_m + goes_m[i] + goes_m[j]
             if dist(middles[i], middles[j]) - around_m < cut_m:
-                now_m = sqrt(nearest(segments[i], segments[j])[0]) - radii_m
+                square, s, t = nearest(segments[i], segments[j])
+                now_m = sqrt(square) - radii_m
                 if now_m < cut_m:
                     found.append((now_m, number))
+                    self._parts[number] = s, t
         return found
 
-    def kept_m(self, number: int) -> float:
-        """Return the least gap of a pair on the way, whichever joint goes first [m]."""
-        i, j, _, radii_m = self._posture.model.pairs[number]
-        first, second = self._posture.segments[i], self._posture.segments[j]
-        square, s, t = nearest(first, second)
-        normal = self._posture.normal(i, j, at(first, s), at(second, t))
-        kept_m = math.sqrt(square) - radii_m + self._least(i, s, normal)
-        return kept_m + self._least(j, t, _turned_round(normal)) if self._reach[j] else kept_m
+    def kept_m(self, gap_m: float, number: int) -> float:
+        """Return the least gap on the way of a pair that `within` found, whichever joint goes first [m]."""
+        i, j, _, _ = self._posture.model.pairs[number]
+        s, t = self._parts[number]
+        x, y, z = self._normal(number)
+        kept_m = gap_m + self._least(i, s, x, y, z)
+        return kept_m + self._least(j, t, -x, -y, -z) if self._goes_m[j] else kept_m
 
     def closing(self, number: int) -> set[tuple[Side, int]]:
-        """Return the joints, 0 to 6, by which an end of a pair comes nearer on the way."""
-        posture = self._posture
-        i, j, _, _ = posture.model.pairs[number]
-        _, s, t = nearest(posture.segments[i], posture.segments[j])
-        x, y, z = posture.normal(i, j, at(posture.segments[i], s), at(posture.segments[j], t))
+        """Return the joints, 0 to 6, by which an end of a pair that `within` found comes nearer on the way."""
+        model = self._posture.model
+        i, j, _, _ = model.pairs[number]
+        x, y, z = self._normal(number)
         return {
             (side, k)
             for index, (nx, ny, nz) in ((i, (x, y, z)), (j, (-x, -y, -z)))
-            if (side := posture.model.capsules[index].side) is not None and self._reach[index]
+            if (side := model.capsules[index].side) is not None and self._reach[index]
             for end in (0, 1)
             for wx, wy, wz, bend, k in self._moves_of(index, end)
             if bend > nx * wx + ny * wy + nz * wz
         }
 
-    def _least(self, index: int, part: float, normal: Point) -> float:
+    def _normal(self, number: int) -> Point:
+        """Return the direction from a pair's second part to its first."""
+        i, j, _, _ = self._posture.model.pairs[number]
+        s, t = self._parts[number]
+        px, py, pz, ux, uy, uz, _ = self._posture.segments[i]
+        qx, qy, qz, vx, vy, vz, _ = self._posture.segments[j]
+        return self._posture.normal(
+            i, j, px + s * ux - qx - t * vx, py + s * uy - qy - t * vy, pz + s * uz - qz - t * vz
+        )
+
+    def _least(self, index: int, part: float, nx: float, ny: float, nz: float) -> float:
         """Return how far a part goes along a direction, at the least [m]: not above 0.
 
         Args:
             index: Of the part.
             part: Where along its line the nearest point is, 0 to 1.
-            normal: Away from the other part, unit vector.
+            nx: Away from the other part, unit vector.
+            ny: Likewise.
+            nz: Likewise.
         """
-        nx, ny, nz = normal
         _, _, _, ux, uy, uz, _ = self._posture.segments[index]
         ahead = nx * ux + ny * uy + nz * uz  # how far its end lies behind its begin
-        least = 0.0
+        least, goes_m = 0.0, self._goes_m[index]
         for end, slack_m in ((0, -part * ahead), (1, (1.0 - part) * ahead)):
-            if slack_m < self._goes_m[index] + least:
+            if slack_m < goes_m + least:
                 along_m = slack_m if slack_m > 0.0 else 0.0
                 for wx, wy, wz, bend, _ in self._moves_of(index, end):
                     step = nx * wx + ny * wy + nz * wz - bend
                     if step < 0.0:
                         along_m += step
-                along_m = max(along_m, slack_m - self._goes_m[index])
+                if along_m < slack_m - goes_m:
+                    along_m = slack_m - goes_m
                 if along_m < least:
                     least = along_m
         return least
@@ -186,8 +199,3 @@ def _foot(a: Line, b: Line) -> Vector:
         return tuple(x + along_m * c for x, c in zip(p, u, strict=True))
     along_m = (sum(map(mul, way, u)) - uv * sum(map(mul, way, v))) / (1.0 - uv * uv)
     return tuple(x + along_m * c for x, c in zip(p, u, strict=True))
-
-
-def _turned_round(direction: Point) -> Point:
-    x, y, z = direction
-    return -x, -y, -z

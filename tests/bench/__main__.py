@@ -11,6 +11,7 @@ from rich.console import Console
 
 from tests.bench.chunks import chunk_rows
 from tests.bench.codec import codec_rows
+from tests.bench.collision import collision_rows
 from tests.bench.guard import guard_rows
 from tests.bench.kinematics import kinematics_rows
 from tests.bench.table import Row, show
@@ -38,7 +39,7 @@ def main() -> int:
         rows += (found := [*tick_rows(), *chunk_rows()])
         show("engine (virtual time)", found, console)
     if "kinematics" in parts:
-        rows += (found := kinematics_rows())
+        rows += (found := [*kinematics_rows(), *collision_rows()])
         show("kinematics", found, console)
     if "wire" in parts:
         with tempfile.TemporaryDirectory(prefix="ta2-bench-") as folder:

@@ -1,0 +1,148 @@
+"""Collision: distances of all pairs of the body beside pinocchio's (coal's capsules), and the rule by which arms approach.
+
+Without pinocchio the peer is brute force in numpy: all pairs at once, a few array operations.
+"""
+
+from __future__ import annotations
+
+import math
+import random
+import statistics
+import time
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import numpy as np
+
+from gateway.kinematics.chain import in_base
+from gateway.kinematics.collision import WIDE_OPEN_M, CollisionModel
+from gateway.kinematics.description import arm_joint, nominal
+from gateway.robot import HOME_Q_RAD, shoulder_frame
+from gateway.values import Side, Vector
+from tests.bench.table import Row
+from tests.kinematics.guarded_arms import GuardedArms, random_joints
+
+try:
+    import coal
+    import pinocchio as pin
+except ImportError:
+    pin = None
+
+__all__ = ["collision_rows"]
+
+GOAL_US = 150.0
+COUNT = 300
+A_RADPS2, J_RADPS3 = 3.0, 20.0
+"""Limits of a joint by default [rad/s², rad/s³]."""
+
+Both = Mapping[Side, Vector]
+
+
+def collision_rows(count: int = COUNT) -> list[Row]:
+    """Measure postures anywhere inside the limits, and ordinary streaming from home.
+
+    Args:
+        count: Postures; three times as many ticks.
+    """
+    model = CollisionModel(nominal())
+    rng = random.Random(count)
+    postures = [random_joints(rng) for _ in range(count)]
+    ours_us = _median_us(lambda q: model.posture(q).nearest(), postures)
+    peer_name, peer = ("pinocchio", _pinocchio(model)) if pin is not None else ("numpy", _numpy(model))
+    off_m = max(abs(model.posture(q).nearest().gap_m - gap) for q in postures if (gap := peer(q)) > 0.0)
+    peer_us = _median_us(peer, postures)
+    rows = [
+        Row(
+            name=f"nearest of {len(model.pairs)} pairs, both arms",
+            ours=f"p50 {ours_us:.0f} us",
+            peer=f"{peer_name} {peer_us:.0f} us, {off_m:.0e} m apart",
+            ratio=f"{peer_us / ours_us:.1f}x",
+            goal=f"<= {GOAL_US:g} us",
+            good=ours_us <= GOAL_US and off_m < 1e-6,
+        )
+    ]
+    for name, v_radps, goal_us in (("at 0.3 rad/s", 0.3, GOAL_US), ("at 1 rad/s", 1.0, None)):
+        taken = sorted(_rule_us(v_radps, count))
+        p50, p99 = taken[len(taken) // 2], taken[int(0.99 * len(taken))]
+        rows.append(
+            Row(
+                name=f"rule of approach with distances, both arms {name}",
+                ours=f"p50 {p50:.0f}, p99 {p99:.0f} us",
+                goal=f"p50 <= {goal_us:g} us" if goal_us is not None else "",
+                good=p50 <= goal_us if goal_us is not None else None,
+            )
+        )
+    return rows
+
+
+def _rule_us(v_radps: float, count: int) -> list[float]:
+    """Return what a tick's judgement takes [us], all joints streaming to targets anywhere, a new one every second."""
+    rng = random.Random(1)
+    arms = GuardedArms(HOME_Q_RAD, v_radps, A_RADPS2, J_RADPS3)
+    while len(arms.judged_us) < 3 * count:
+        arms.stream(random_joints(rng), 1.0)
+    return arms.judged_us
+
+
+def _pinocchio(model: CollisionModel) -> Callable[[Both], float]:
+    """Return pinocchio's distance of the same capsules and pairs."""
+    from gateway.kinematics.pin_model import pin_model
+
+    body = pin_model(nominal())
+    rest = pin.neutral(body)
+    data = body.createData()
+    pin.forwardKinematics(body, data, rest)
+    shoulders = [in_base(nominal(), shoulder_frame(side)) for side in Side]
+    middle = 0.5 * (np.array(shoulders[0].p_m) + np.array(shoulders[1].p_m))
+    base_T_chest = pin.SE3(np.array(shoulders[0].rows), middle)
+    shapes = pin.GeometryModel()
+    zero: Any = {side: (0.0,) * 7 for side in Side}
+    for capsule, piece in zip(model.capsules, model.posture(zero).segments, strict=True):
+        way, length = np.array(piece[3:6]), math.sqrt(piece[6])
+        turned = pin.Quaternion.FromTwoVectors(np.array([0.0, 0.0, 1.0]), way / length).matrix()
+        placed = base_T_chest * pin.SE3(turned, np.array(piece[:3]) + 0.5 * way)
+        joint = body.getJointId(arm_joint(capsule.side, capsule.after)) if capsule.side and capsule.after else 0
+        shape = coal.Capsule(capsule.radius_m, length)
+        shapes.addGeometryObject(pin.GeometryObject(capsule.name, joint, data.oMi[joint].actInv(placed), shape))
+    for i, j, _, _ in model.pairs:
+        shapes.addCollisionPair(pin.CollisionPair(i, j))
+    found = pin.GeometryData(shapes)
+    index = {side: [body.joints[body.getJointId(arm_joint(side, n))].idx_q for n in range(1, 8)] for side in Side}
+
+    def least(q_rad: Both) -> float:
+        q = rest.copy()
+        for side in Side:
+            q[index[side]] = q_rad[side]
+        number = pin.computeDistances(body, data, shapes, found, q)
+        return found.distanceResults[number].min_distance
+
+    return least
+
+
+def _numpy(model: CollisionModel) -> Callable[[Both], float]:
+    """Return the distance of all pairs at once; posture as ours."""
+    first, second = (np.array([pair[n] for pair in model.pairs]) for n in (0, 1))
+    radii = np.array([pair[3] for pair in model.pairs])
+
+    def least(q_rad: Both) -> float:
+        pieces = np.array(model.posture(q_rad, 0.0, dict.fromkeys(Side, WIDE_OPEN_M)).segments)
+        a, b = pieces[first], pieces[second]
+        r, u, v = a[:, :3] - b[:, :3], a[:, 3:6], b[:, 3:6]
+        uu, vv, uv = a[:, 6], b[:, 6], np.einsum("ij,ij->i", u, v)
+        ur, vr = np.einsum("ij,ij->i", u, r), np.einsum("ij,ij->i", v, r)
+        wide = np.maximum(uu * vv - uv * uv, 1e-15)
+        s = np.clip((uv * vr - ur * vv) / wide, 0.0, 1.0)
+        t = np.clip((uv * s + vr) / vv, 0.0, 1.0)
+        s = np.clip((uv * t - ur) / uu, 0.0, 1.0)
+        return float((np.linalg.norm(r + s[:, None] * u - t[:, None] * v, axis=1) - radii).min())
+
+    return least
+
+
+def _median_us(call: Callable[[Both], object], postures: list[Both]) -> float:
+    taken = []
+    for q_rad in postures:
+        begun = time.perf_counter_ns()
+        call(q_rad)
+        taken.append((time.perf_counter_ns() - begun) / 1e3)
+    return statistics.median(taken)
