@@ -22,7 +22,7 @@ Before that comes to pass, velocities are limited (`Verdict.limit_radps`), so th
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 from gateway.kinematics.collision import CollisionModel, Posture
@@ -51,12 +51,12 @@ class Motion:
 
     Attributes:
         wanted: Extent of each joint's way through the wanted next state and the stop from there, shape (7,) per side [rad].
-        braked: Extent of its way when it brakes now, likewise.
+        braked: Tells the extents of their ways when they brake now, likewise; asked only where something has to brake.
         speed_radps: Velocity of each joint in the wanted state, shape (7,) per side [rad/s].
     """
 
     wanted: Ways
-    braked: Ways
+    braked: Callable[[], Ways]
     speed_radps: Mapping[Side, Sequence[float]]
 
 
@@ -141,10 +141,9 @@ class Approach:
         """Return which joints may go on although some pairs would come too near: those that close none of these."""
         closing = set().union(*(ends.closing(number) for number in bad))
         going = {side: tuple((side, k) not in closing for k in range(ARM_DOF)) for side in Side}
+        braked = motion.braked()
         mixed = {
-            side: [
-                w if go else b for w, b, go in zip(motion.wanted[side], motion.braked[side], going[side], strict=True)
-            ]
+            side: [w if go else b for w, b, go in zip(motion.wanted[side], braked[side], going[side], strict=True)]
             for side in Side
         }
         after = HullEnds(posture, self._levers, mixed)

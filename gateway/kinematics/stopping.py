@@ -40,11 +40,10 @@ def stop_extent(v: float, a: float, a_max: float, j_max: float) -> Extent:
     ahead = first_s * (v + first_s * (0.5 * a - first_s * j_max / 6.0))
     # The rest counted backwards from standstill.
     ahead += j_max * last_s * (last_s * last_s / 6.0 + 0.5 * hold_s * (last_s + hold_s))
-    ends = [ahead]
+    low, high = (ahead, 0.0) if ahead < 0.0 else (0.0, ahead)
     if v < 0.0:  # it goes back first, and turns in the first phase
         turn_s = (a - math.sqrt(max(a * a + 2.0 * j_max * v, 0.0))) / j_max
-        ends.append(turn_s * (v + turn_s * (0.5 * a - turn_s * j_max / 6.0)))
-    low, high = min(0.0, *ends), max(0.0, *ends)
+        low = min(low, turn_s * (v + turn_s * (0.5 * a - turn_s * j_max / 6.0)))
     return (low, high) if sign > 0.0 else (-high, -low)
 
 
@@ -56,6 +55,10 @@ def way_extent(from_rad: float, through: Sequence[float], stop: Extent) -> Exten
         through: Positions that follow, at least one [rad].
         stop: Extent of the stop from the last of them [rad].
     """
-    last = through[-1]
-    low, high = min(*through, last + stop[0], from_rad), max(*through, last + stop[1], from_rad)
+    low, high = through[-1] + stop[0], through[-1] + stop[1]
+    for q in (from_rad, *through):
+        if q < low:
+            low = q
+        elif q > high:
+            high = q
     return low - from_rad, high - from_rad

@@ -101,7 +101,7 @@ class GuardedArms:
         begun_ns = time.perf_counter_ns()
         motion = Motion(
             wanted=self._ways(wanted),
-            braked=self._ways(braked),
+            braked=lambda: self._ways(braked),
             speed_radps={side: wanted[side][1] for side in Side},
         )
         verdict = self._rule.judge(model().posture(self._seen), motion)
