@@ -173,6 +173,8 @@ def lines(side: Side, result: Result) -> Iterator[Text]:
         for row in result.estimates:
             unit = "mrad" if row.unit == "rad" else "mm"
             yield Text(f"  {row.name:<24} {1e3 * row.value:>+9.3f} ± {1e3 * row.sigma:.3f} {unit}")
+        if result.lag_s:
+            yield Text(f"  poses later than told    {1e3 * result.lag_s:>+9.1f} ms")
         yield Text(f"  residual as described    {_told(result.before)} (median)")
         yield Text(f"  residual corrected       {_told(result.after)}")
         yield Text(f"  ... on pairs not fitted  {_told(result.validated)}")
@@ -221,6 +223,7 @@ def _row(result: Result) -> dict[str, object]:
         "after": asdict(result.after),
         "validated": asdict(result.validated),
         "share": result.share,
+        "lag_s": result.lag_s,
         "joint_zero_offsets_rad": correction.offsets_rad,
         "joint_zero_offsets_deg": [math.degrees(offset) for offset in correction.offsets_rad],
         "nominal_ee_T_ee": {"p_m": correction.ee.p_m, "quat_xyzw": correction.ee.pose.quat_xyzw},
@@ -239,7 +242,7 @@ def carry_out(options: Namespace) -> int:
     """
     link = config.load(options.config).link
     serial = link.serial if options.serial is None else options.serial
-    left_out = {Group.EE} if options.joints_only else set()
+    left_out = {Group.LAG, *((Group.EE,) if options.joints_only else ())}
     if not options.shoulder:
         left_out.add(Group.SHOULDER)
     errand = Errand(

@@ -38,6 +38,12 @@ LEAST_SHARE = 0.7
 """Of the pairs that must have a say: else it is not a few that are wrong."""
 MOST_M, MOST_RAD = 2e-3, 7e-3
 """Typical residual that may be left: beyond, it is not zeros and mounts that are wrong (or the other arm's poses)."""
+LAG_RADPS = 0.02
+"""From this speed on, in the mean square, the times of joints and poses matter, and their lag is fitted along."""
+BESIDE = 2
+"""A velocity is taken from the pairs so many places before and after ..."""
+GAP_S = 0.2
+"""... if they are not further apart than this [s]."""
 FOLDS = 5
 MOST_GROWTH = 1.5
 """How much larger the typical residual may be on pairs that were left out than on those that were fitted."""
@@ -96,6 +102,7 @@ class Identification:
         validated: Residual on pairs that took no part in the fit, over all folds.
         postures: How many different ones there were.
         share: Of them that had a say.
+        lag_s: By how much later than their stamps the poses were [s]; 0 where nothing moved, or nobody knows the times.
         excitation: What they could tell.
     """
 
@@ -107,6 +114,7 @@ class Identification:
     validated: Misfit
     postures: int
     share: float
+    lag_s: float
     excitation: Excitation
 
 
@@ -153,9 +161,12 @@ def identify(
         )
     if postures > MOST_PAIRS:
         measured = measured.at(np.linspace(0, postures - 1, MOST_PAIRS).astype(np.intp))
-    parameters = Parameters(arm.chain, groups)
+    is_moving = measured.dq_radps is not None and float(np.sqrt(np.mean(measured.dq_radps**2))) > LAG_RADPS
+    parameters = Parameters(arm.chain, groups | {Group.LAG} if is_moving else groups)
     before = _misfit(residuals(parameters, np.zeros(len(parameters.names)), measured))
-    excitation = excitation_of(parameters, measured.q_rad, np.array(arm.lower_rad), np.array(arm.upper_rad))
+    excitation = excitation_of(
+        Parameters(arm.chain, groups), measured.q_rad, np.array(arm.lower_rad), np.array(arm.upper_rad)
+    )
 
     def no(why: Why, message: str, hint: str) -> Unidentified:
         return Unidentified(
@@ -180,6 +191,7 @@ def identify(
             "are these the poses of this arm, at the same time as its joints? Then other numbers of the body differ",
         )
     estimates = _estimates(parameters, fit)
+    lag_s = float(fit.vector[-1]) if is_moving else 0.0
     worst = max(estimates, key=lambda row: row.sigma / _accuracy(row))
     if 3.0 * worst.sigma > _accuracy(worst):
         return no(
@@ -196,7 +208,7 @@ def identify(
             "repeat the same motion several times, so that every part of it is seen more than once",
         )
     units = parameters.scales
-    covariance = fit.covariance * np.outer(units, units)
+    covariance = (fit.covariance * np.outer(units, units))[: len(estimates), : len(estimates)]
     return Identification(
         correction=parameters.correction(fit.vector),
         estimates=estimates,
@@ -206,16 +218,30 @@ def identify(
         validated=validated,
         postures=postures,
         share=share,
+        lag_s=lag_s,
         excitation=excitation,
     )
 
 
 def _measured(pairs: Sequence[Pair]) -> Measured:
+    q_rad = np.array([pair.q_rad for pair in pairs]).reshape(-1, 7)
     return Measured(
-        np.array([pair.q_rad for pair in pairs]).reshape(-1, 7),
+        q_rad,
         np.array([pair.pose.p_m for pair in pairs]).reshape(-1, 3),
         np.array([rows_from_quat(pair.pose.quat_xyzw) for pair in pairs]).reshape(-1, 3, 3),
+        _velocities(q_rad, np.array([pair.stamp_ns for pair in pairs], dtype=np.int64)),
     )
+
+
+def _velocities(q_rad: Array, stamps_ns: NDArray[np.int64]) -> Array | None:
+    """Return the velocities of the joints, from the pairs around each; 0 beside a gap. None without stamps."""
+    if len(stamps_ns) < 2 * BESIDE + 1 or np.any(np.diff(stamps_ns) <= 0):
+        return None
+    found = np.zeros_like(q_rad)
+    between_s = 1e-9 * (stamps_ns[2 * BESIDE :] - stamps_ns[: -2 * BESIDE])[:, None]
+    slopes = (q_rad[2 * BESIDE :] - q_rad[: -2 * BESIDE]) / between_s
+    found[BESIDE:-BESIDE] = np.where(between_s < GAP_S, slopes, 0.0)
+    return found
 
 
 def _misfit(error: Array) -> Misfit:
@@ -240,6 +266,7 @@ def _estimates(parameters: Parameters, fit: Fit) -> tuple[Estimate, ...]:
         for name, value, sigma, unit in zip(
             parameters.names, values.tolist(), sigmas.tolist(), parameters.units, strict=True
         )
+        if unit != "s"
     )
 
 

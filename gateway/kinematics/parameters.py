@@ -1,8 +1,10 @@
 """Parameters: the numbers that are fitted, in one vector, with their names, and how the end effector moves with each.
 
 Seven joint offsets; five of the end effector's displacement (three lengths, two turns); five of the shoulder's likewise.
-Turns about joint 7's and joint 1's own axis are left out (`correction.py` says why). In the vector, turns are radians and
-lengths are in units of `LENGTH_M`, so that a column of the Jacobian is as long as its effect.
+Turns about joint 7's and joint 1's own axis are left out (`correction.py` says why). The lag is by how much later than its
+stamp a pose was: poses have no stamp of their own, and when they arrived is known to some milliseconds only. In the vector,
+turns are radians, lengths are in units of `LENGTH_M` and the lag is seconds, so that a column of the Jacobian is as long as
+its effect.
 """
 
 from __future__ import annotations
@@ -32,6 +34,7 @@ class Group(str, Enum):
     JOINTS = "joints"
     EE = "ee"
     SHOULDER = "shoulder"
+    LAG = "lag"
 
 
 class Parameters:
@@ -43,7 +46,7 @@ class Parameters:
 
     Attributes:
         names: Of each, for people.
-        units: `rad` or `m`, of each.
+        units: `rad`, `m` or `s`, of each.
         scales: Value of each in its unit for an element of 1 of the vector, shape (k,).
     """
 
@@ -62,6 +65,9 @@ class Parameters:
                 names += [f"{group.value} {axis}" for axis in "xyz"]
                 names += [f"{group.value} turn about {'xyz'[int(np.argmax(np.abs(turn)))]}" for turn in turns]
                 units += ["m"] * 3 + ["rad"] * 2
+        if Group.LAG in groups:
+            names.append("lag")
+            units.append("s")
         self.names: tuple[str, ...] = tuple(names)
         self.units: tuple[str, ...] = tuple(units)
         self.scales = np.array([LENGTH_M if unit == "m" else 1.0 for unit in units])
@@ -75,16 +81,24 @@ class Parameters:
             shoulder=_placement(shoulder, self._shoulder_turns),
         )
 
-    def forward(self, vector: Array, q_rad: Array) -> Many:
-        """Return the corrected arm in many configurations, shape (n, 7) [rad]."""
+    def forward(self, vector: Array, q_rad: Array, dq_radps: Array | None = None) -> Many:
+        """Return the corrected arm in many configurations.
+
+        Args:
+            vector: Parameters, shape (k,).
+            q_rad: Reported joints, shape (n, 7) [rad].
+            dq_radps: Their velocities, shape (n, 7) [rad/s]; needed where the lag is a parameter.
+        """
         offsets, ee, shoulder = self._split(vector)
+        if Group.LAG in self.groups and dq_radps is not None:
+            q_rad = q_rad + float(vector[-1]) * dq_radps
         at = self.batch.forward(q_rad + offsets)
         p = at.p_m + at.rotation @ ee[:3]
         rotation = at.rotation @ rotations_of(ee[3:] @ self._ee_turns)
         turn = rotations_of(shoulder[3:] @ self._shoulder_turns)
         return Many(p @ turn.T + shoulder[:3], turn @ rotation, at.points_m @ turn.T + shoulder[:3], at.axes @ turn.T)
 
-    def jacobian(self, at: Many) -> Array:
+    def jacobian(self, at: Many, dq_radps: Array | None = None) -> Array:
         """Return how the end effector moves with each parameter.
 
         Exact where the turns of end effector and shoulder are zero, and off by as much as these otherwise: good enough for
@@ -92,14 +106,16 @@ class Parameters:
 
         Args:
             at: The corrected arm in n configurations.
+            dq_radps: Velocities of the joints there, shape (n, 7) [rad/s]; needed where the lag is a parameter.
 
         Returns:
             Shape (n, 6, k): translation in units of `LENGTH_M`, then rotation [rad].
         """
         columns: list[Array] = []
+        arms = at.p_m[:, None, :] - at.points_m
+        joints = np.concatenate([np.cross(at.axes, arms) / LENGTH_M, at.axes], axis=2).transpose(0, 2, 1)
         if Group.JOINTS in self.groups:
-            arms = at.p_m[:, None, :] - at.points_m
-            columns += [np.concatenate([np.cross(at.axes, arms) / LENGTH_M, at.axes], axis=2).transpose(0, 2, 1)]
+            columns += [joints]
         none = np.zeros((len(at.p_m), 3, 3))
         if Group.EE in self.groups:
             turns = at.rotation @ self._ee_turns.T
@@ -108,6 +124,8 @@ class Parameters:
             turns = np.broadcast_to(self._shoulder_turns.T, (len(at.p_m), 3, 2))
             swung = np.cross(self._shoulder_turns[None], at.p_m[:, None, :]).transpose(0, 2, 1) / LENGTH_M
             columns += [np.concatenate([none + np.eye(3), none], axis=1), np.concatenate([swung, turns], axis=1)]
+        if Group.LAG in self.groups:
+            columns += [joints @ (np.zeros(joints.shape[::2]) if dq_radps is None else dq_radps)[:, :, None]]
         return np.concatenate(columns, axis=2)
 
     def _split(self, vector: Array) -> tuple[Array, Array, Array]:

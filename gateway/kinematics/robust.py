@@ -46,15 +46,18 @@ class Measured(NamedTuple):
         q_rad: Reported joint angles, shape (n, 7) [rad].
         p_m: Measured end effector's origin in the shoulder frame, shape (n, 3) [m].
         rotation: Its axes as columns, shape (n, 3, 3).
+        dq_radps: Velocities of the joints, shape (n, 7) [rad/s]; None where nobody knows them.
     """
 
     q_rad: Array
     p_m: Array
     rotation: Array
+    dq_radps: Array | None = None
 
     def at(self, index: NDArray[np.integer[Any]]) -> Measured:
         """Return some of them."""
-        return Measured(self.q_rad[index], self.p_m[index], self.rotation[index])
+        dq_radps = None if self.dq_radps is None else self.dq_radps[index]
+        return Measured(self.q_rad[index], self.p_m[index], self.rotation[index], dq_radps)
 
 
 class Fit(NamedTuple):
@@ -73,7 +76,7 @@ class Fit(NamedTuple):
 
 def residuals(parameters: Parameters, vector: Array, measured: Measured) -> Array:
     """Return what the corrected arm does not explain, shape (n, 6): position in units of `LENGTH_M`, then angle [rad]."""
-    at = parameters.forward(vector, measured.q_rad)
+    at = parameters.forward(vector, measured.q_rad, measured.dq_radps)
     turn = turns_of(measured.rotation @ at.rotation.transpose(0, 2, 1))
     return np.concatenate([(measured.p_m - at.p_m) / LENGTH_M, turn], axis=1)
 
@@ -92,7 +95,7 @@ def fitted(parameters: Parameters, measured: Measured, begin: Array | None = Non
     for step_number in range(MOST_STEPS):
         scatter = _scatter(error)
         far = np.linalg.norm(error / scatter, axis=1)
-        jacobian = parameters.jacobian(parameters.forward(vector, measured.q_rad)) / scatter[:, None]
+        jacobian = _jacobian(parameters, vector, measured) / scatter[:, None]
         step = _step(jacobian, error / scatter, _weights(far, is_huber=is_huber), damping)
         moved = residuals(parameters, vector + step, measured)
         if _cost(np.linalg.norm(moved / scatter, axis=1), is_huber=is_huber) <= _cost(far, is_huber=is_huber):
@@ -105,8 +108,12 @@ def fitted(parameters: Parameters, measured: Measured, begin: Array | None = Non
         is_huber = is_huber and length > NEARLY and step_number < HUBER_STEPS
     scatter = _scatter(error)
     weights = _weights(np.linalg.norm(error / scatter, axis=1), is_huber=False)
-    jacobian = parameters.jacobian(parameters.forward(vector, measured.q_rad)) / scatter[:, None]
+    jacobian = _jacobian(parameters, vector, measured) / scatter[:, None]
     return Fit(vector, _covariance(jacobian, error / scatter, weights), weights)
+
+
+def _jacobian(parameters: Parameters, vector: Array, measured: Measured) -> Array:
+    return parameters.jacobian(parameters.forward(vector, measured.q_rad, measured.dq_radps), measured.dq_radps)
 
 
 def _scatter(error: Array) -> Array:

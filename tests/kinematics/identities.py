@@ -31,14 +31,16 @@ def postures(side, count=2000, share=0.8, seed=0):
     return 0.5 * (low + high) + 0.5 * share * (high - low) * waves / np.abs(waves).max(axis=0)
 
 
-def measured(side, q_rad, *, offsets=OFFSETS_RAD, ee_m=EE_M, ee_turn=EE_TURN_RAD, noise=1.0, seed=1):
-    """Return pairs 20 ms apart, as a robot with these offsets would give them."""
+def measured(side, q_rad, *, offsets=OFFSETS_RAD, ee_m=EE_M, ee_turn=EE_TURN_RAD, noise=1.0, seed=1, lag_s=0.0):
+    """Return pairs 20 ms apart, as a robot with these offsets would give them, each pose of so much later than it says."""
     rng = np.random.default_rng(seed)
     arm = arm_geometry(SimSide(side.value))
     hand = rotations_of(np.asarray(ee_turn))
+    places = np.arange(len(q_rad))
+    later = np.stack([np.interp(places + lag_s / 0.02, places, column) for column in q_rad.T], axis=1)
     pairs = []
     for index, q in enumerate(q_rad):
-        at = arm.forward(q + offsets)
+        at = arm.forward(later[index] + offsets)
         rotation = rotation_from_quat(at.quat_xyzw)
         p = np.array(at.position_m) + rotation @ ee_m + noise * NOISE_M * rng.normal(size=3)
         turned = rotations_of(noise * NOISE_RAD * rng.normal(size=3)) @ rotation @ hand

@@ -13,8 +13,13 @@ from gateway.kinematics.parameters import LENGTH_M, Group, Parameters
 from gateway.values import Side
 from tests.kinematics.bodies import ARMS, nudged, samples
 
-CHOICES = [frozenset({Group.JOINTS}), frozenset({Group.JOINTS, Group.EE}), frozenset(Group), frozenset({Group.EE})]
-WHOLE = frozenset(Group)
+CHOICES = [
+    frozenset({Group.JOINTS}),
+    frozenset({Group.JOINTS, Group.EE}),
+    frozenset({Group.JOINTS, Group.EE, Group.SHOULDER}),
+    frozenset({Group.EE}),
+]
+WHOLE = frozenset({Group.JOINTS, Group.EE, Group.SHOULDER})
 
 
 @pytest.mark.parametrize("groups", CHOICES)
@@ -46,6 +51,20 @@ def test_a_vector_and_its_correction_are_the_same_arm(side):
         one = arm.forward(joints)
         np.testing.assert_allclose(many.p_m[index], one.p_m, atol=1e-7)
         np.testing.assert_allclose(many.rotation[index], one.rows, atol=1e-7)
+
+
+def test_the_lag_moves_the_arm_by_its_velocity():
+    """Its column is the derivative, too; without velocities it is nil."""
+    parameters = Parameters(ARMS[Side.LEFT].chain, frozenset({Group.JOINTS, Group.LAG}))
+    q = np.array(list(samples(Side.LEFT, 20)))
+    dq = np.random.default_rng(2).normal(size=q.shape)
+    zero, late = np.zeros(8), np.eye(8)[7] * 1e-6
+    after, before = parameters.forward(zero + late, q, dq), parameters.forward(zero - late, q, dq)
+    column = parameters.jacobian(parameters.forward(zero, q, dq), dq)[:, :, 7]
+    np.testing.assert_allclose(column[:, :3], (after.p_m - before.p_m) / (2e-6 * LENGTH_M), atol=1e-7)
+    turn = turns_of(after.rotation @ before.rotation.transpose(0, 2, 1)) / 2e-6
+    np.testing.assert_allclose(column[:, 3:], turn, atol=1e-7)
+    assert not parameters.jacobian(parameters.forward(zero, q))[:, :, 7].any() and parameters.units[7] == "s"
 
 
 def test_lengths_are_in_metres_outside():
