@@ -83,3 +83,19 @@ def test_the_monitor_sees_a_jump_of_an_end_effector(monkeypatch: pytest.MonkeyPa
     monkeypatch.setattr(stream.reference, "step", lambda: (x - 0.01, *rest))
     with pytest.raises(AssertionError, match=r"the gate had to refuse|\(1\)"):
         pair.run(0.1)
+
+
+HELD_A_TICK_TOO_SHORT = [
+    (
+        True,
+        ("move", "bob", [*BOTH], [0.66, 0.42, 0.32, 0.09, 0.0, 0.0, 0.0], 1.0),
+        0.3,
+        [(("link", "freeze", 0.3), 0.0), (("link", "freeze", 0.15), 0.03), (("link", "freeze", 0.15), 0.6)],
+    )
+]
+"""The 0.8 s of a hold end one tick before HOLDING: the arms were seeded where they sagged to, 20 ms after the last setpoint."""
+
+
+def test_a_hold_that_ends_just_before_holding_goes_on_without_a_jump() -> None:
+    """The robot has noticed nothing, and the arms are under torque."""
+    run_trace(HELD_A_TICK_TOO_SHORT)

@@ -5,6 +5,8 @@ Rules (BEHAVIOUR, stopping and losing)
     * A stall is short when the state is fresh again within 0.8 s, the transport was never lost, and an FSM sample that
       came after it began, and after what had queued up in it, says READY. Then 1.0 goes out at once, still in STALE;
       once the arms can be seeded, HOLDING. If that 1.0 turns out to be wrong, 0.0 follows at once.
+    * A hold that ended with its 0.8 s just before HOLDING goes on as it was, while the robot cannot have noticed: seeded
+      anew the arms would jump under torque.
     * After any other loss a 0.0 that is owed leaves only when a mode and an FSM sample that came since say API and 1-2:
       the robot may be somebody else's by now. An e-stop that may not have been heard asks for FSM 1-2 only.
 
@@ -17,7 +19,8 @@ from gateway.core.conductor import QUIET, Conductor
 from gateway.core.starting import Starting
 from gateway.core.supervisor import STREAMING, State, Trigger
 from gateway.errors import Code
-from gateway.values import OWN_FSM, FsmState
+from gateway.robot import GRIPPER_WATCHDOG_NS
+from gateway.values import OWN_FSM, FsmState, Side
 
 __all__ = ["Stall"]
 
@@ -41,6 +44,9 @@ class Stall:
         self._conductor = conductor
         self._starting = starting
         self._resumed_ns = 0
+        self._silenced: tuple[Side, ...] = ()
+        self._silenced_ns = 0
+        """Whose hold has ended with its time, and when [ns]."""
         self._quiet_ns = conductor.quiet_ns
         """When the robot was last not heard, as far as it was looked at [ns]."""
         self._lost_ns: int | None = None
@@ -74,6 +80,8 @@ class Stall:
             conductor.give_up_resuming()
         if conductor.stale_hold and gone_ns > limit_ns:
             conductor.stale_hold = False
+            self._silenced = tuple(side for side, arm in conductor.body.arms.items() if arm.running)
+            self._silenced_ns = now_ns
             conductor.body.silence_arms()
         if gone_ns > limit_ns and not conductor.resuming:
             conductor.can_resume = False  # what was held is held no more: an unowned lift goes off
@@ -124,7 +132,8 @@ class Stall:
             # Our own 1.0 of a moment ago is out: it may have restarted the robot.
             conductor.body.heartbeat.zeros(now_ns)
         elif all(conductor.seedable(side, now_ns) for side in sides):
-            if not conductor.body.running_arms and self._starting.seed(sides, now_ns) is not None:
+            unnoticed = self._silenced if now_ns - self._silenced_ns < GRIPPER_WATCHDOG_NS else ()
+            if not conductor.body.running_arms and self._starting.seed(sides, now_ns, unnoticed) is not None:
                 self._come_back(now_ns)
             else:
                 conductor.go(State.HOLDING, now_ns, "a short stall is over; the owner resumes explicitly")

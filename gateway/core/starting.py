@@ -11,7 +11,7 @@ When this is done is known to `enabling.py`, `stall.py` and the desk.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Container, Sequence
 
 from gateway.core.conductor import Conductor
 from gateway.core.door import check_start
@@ -38,12 +38,14 @@ class Starting:
     def __init__(self, conductor: Conductor) -> None:
         self._conductor = conductor
 
-    def seed(self, sides: Sequence[Side], now_ns: int) -> Refusal | None:
+    def seed(self, sides: Sequence[Side], now_ns: int, unnoticed: Container[Side] = ()) -> Refusal | None:
         """Start the streams of these arms at their measured positions, or none of them and say why.
 
         Args:
             sides: Arms whose measured state is believed.
             now_ns: Monotonic time [ns].
+            unnoticed: Arms that fell silent at rest, so short a time ago that the robot has not noticed: they go on from
+                their last setpoint.
         """
         conductor = self._conductor
         starts = {}
@@ -54,7 +56,11 @@ class Starting:
             starts[side] = start
         for side, (values, moved) in starts.items():
             conductor.body.grippers[side].start(now_ns, is_kept=conductor.resuming)
-            conductor.body.arms[side].start(values, now_ns)
+            arm = conductor.body.arms[side]
+            if side in unnoticed:
+                arm.start(arm.values, now_ns)
+                continue
+            arm.start(values, now_ns)
             for what in moved:
                 conductor.notice(
                     Code.START_AT_LIMIT,

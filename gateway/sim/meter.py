@@ -18,6 +18,8 @@ __all__ = ["MotionMeter", "SetpointMeter", "StreamMeter"]
 
 Array = NDArray[np.float64]
 
+SILENCE_NS: Final = 50 * MS
+"""A longer silence between setpoints is none of the network's usual."""
 _KEPT_INTERVALS: Final = 20_000
 ALIVE_NS: Final = 1 * S
 """A longer silence ends a stream; what follows is a new one and its interval is no gap."""
@@ -126,6 +128,16 @@ class MotionMeter:
         self._fold()
         self._times_ns, self._positions = [], []
 
+    def go_on(self, q_rad: Array) -> None:
+        """Begin a new time line behind a silence in which one sample may have been lost: the way over it is two steps.
+
+        Args:
+            q_rad: Positions of the next sample, shape (7,) [rad].
+        """
+        if self._positions:
+            np.maximum(self._peaks[0], np.abs(q_rad - self._positions[-1]) / 2.0, out=self._peaks[0])
+        self.break_off()
+
     def add(self, time_ns: int, q_rad: Array) -> None:
         """Take the positions at a time of the time line, which must grow.
 
@@ -172,9 +184,11 @@ def _slopes(times_ns: NDArray[np.int64], values: Array) -> tuple[Array, NDArray[
 class SetpointMeter:
     """Steps, peak speed and acceleration of the setpoints of one arm as they were meant.
 
-    The sender's time line is rebuilt from the mean interval without the outliers, the long ones and the short ones that follow
-    them when setpoints have piled up: a setpoint that arrives late is still one period after the one before it, and
-    network jitter does not look like acceleration.
+    A silence of more than 50 ms ends the time line: whoever sent stood still or died, its last setpoint may never have
+    left, and how fast setpoints were meant to go over it nobody can say. The sender's time line is rebuilt from the mean
+    interval without the outliers, the long ones and the short ones that follow them when setpoints have piled up: a
+    setpoint that arrives late is still one period after the one before it, and network jitter does not look like
+    acceleration.
     """
 
     def __init__(self) -> None:
@@ -203,6 +217,8 @@ class SetpointMeter:
             self._period_ns = self._until_median = 0
             self._early = []
         else:
+            if self._period_ns and now_ns - self._last_ns > SILENCE_NS:
+                self._motion.go_on(q_rad)
             self._intervals_ns.append(max(now_ns - self._last_ns, 1))
             self._until_median -= 1
             if self._until_median <= 0 and len(self._intervals_ns) >= 15:

@@ -136,6 +136,21 @@ def test_streams_that_fell_silent_start_again_where_the_arms_are() -> None:
     assert stage.state is State.HOLDING and FrameKind.ECHO in {frame.kind for frame in frames}
 
 
+@pytest.mark.parametrize(("lasts", "is_noticed"), [(53, False), (75, True)])
+def test_a_hold_whose_time_ended_goes_on_as_it_was_unless_the_robot_may_have_noticed(
+    lasts: int, *, is_noticed: bool
+) -> None:
+    """Under torque the arms must not jump to where they sag; after 100 ms without setpoints the grip is gone anyway."""
+    stage = Stalled(State.HOLDING)
+    held = {frame.topic: frame.values for frame in setpoints(stage.fall_silent(lasts))}
+    stage.q_rad = {side: tuple(q + 0.002 for q in stage.q_rad[side]) for side in Side}
+    frames = setpoints(stage.come_back(60))
+    first = {frame.topic: frame.values for frame in reversed(frames) if frame.kind is FrameKind.ECHO}
+    assert stage.state is State.HOLDING
+    for topic in map(robot.joint_command, Side):
+        assert (first[topic] == held[topic]) is not is_noticed
+
+
 def test_an_arm_that_left_its_limits_meanwhile_is_not_started() -> None:
     """Nothing starts, everything goes to the base."""
     stage = Stalled(State.ACTIVE)

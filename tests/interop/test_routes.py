@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
+import zenoh
 
 from tests.interop.bridge_process import demand
 
@@ -148,11 +149,18 @@ def test_a_node_killed_and_restarted_within_its_lease_is_lost_when_the_lease_end
 
 
 def test_state_that_comes_several_times_is_counted_and_skipped(apart: Apart) -> None:
-    """Two restarts beyond the lease while nobody holds a token: every later subscriber gets each sample three times."""
+    """Two restarts beyond the lease while nobody holds a token: every later subscriber gets each sample two or three times.
+
+    We count what a plain subscriber beside us is given.
+    """
     key = topic_to_key(LEFT)
     session = apart.session()
-    heard: list[int] = []
-    keeper = session.declare_subscriber(key, lambda _: heard.append(1))
+    heard: list[bytes] = []
+
+    def hear(sample: zenoh.Sample) -> None:
+        heard.append(sample.payload.to_bytes())
+
+    keeper = session.declare_subscriber(key, hear)
     tokens = f"@/*/@ros2_lv/MP/{key.replace('/', '§')}/**"
     for _ in range(2):
         wait_for(lambda: len(heard) > 20, "state")
@@ -163,12 +171,15 @@ def test_state_that_comes_several_times_is_counted_and_skipped(apart: Apart) -> 
         apart.start_node()
         keeper.undeclare()
         heard.clear()
-        keeper = session.declare_subscriber(key, lambda _: heard.append(1))
+        keeper = session.declare_subscriber(key, hear)
     wait_for(lambda: len(heard) > 20, "state")
     ears = apart.ears(has_tokens=True)
     wait_for(lambda: ears.samples[LEFT] > 0, "state here")
     ears.mark()
+    heard.clear()
     wait_for(lambda: ears.samples[LEFT] > 600, "a second and more")
     times = 1.0 + ears.duplicates[LEFT] / ears.samples[LEFT]
-    print(f"\n{times:.2f} times, {ears.samples} {ears.duplicates}")
-    assert times > 2.5
+    given = len(heard) / len(set(heard))
+    print(f"\n{times:.2f} times, {given:.2f} beside, {ears.samples} {ears.duplicates}")
+    assert given > 1.9, "the bridge does not send it several times, so nothing is proved"
+    assert times == pytest.approx(given, abs=0.05)

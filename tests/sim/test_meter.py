@@ -148,3 +148,27 @@ def test_a_step_inside_a_stream_is_found():
     for number in range(40):
         meter.add(number * 10 * MS, np.full(7, 0.0 if number < 25 else 0.3))
     assert max(meter.as_dict()["peak_step_rad"]) == pytest.approx(0.3)
+
+
+@pytest.mark.parametrize("is_lost", [False, True], ids=["nothing lost", "one lost"])
+def test_a_setpoint_lost_with_its_sender_does_not_look_like_acceleration(is_lost):
+    """Its sender froze with it, somebody else goes on 90 ms later: no speed is made of that, and no step of two."""
+    meter = SetpointMeter()
+    for number, q in enumerate(sine(np.arange(0.0, 8.0, 0.01))):
+        if number < 400:
+            meter.add(number * 10 * MS, q)
+        elif number > 400 or not is_lost:
+            meter.add(number * 10 * MS + 80 * MS, q)
+    figures = meter.as_dict()
+    assert figures["peak_radps"][0] == pytest.approx(0.4, rel=0.02)
+    assert figures["peak_radps2"][0] == pytest.approx(0.8, rel=0.05)
+    assert figures["peak_step_rad"][0] == pytest.approx(0.004, rel=0.02)
+
+
+def test_a_step_over_a_silence_is_found():
+    """Whoever goes on must go on from there: two setpoints' way is allowed, not more."""
+    meter = SetpointMeter()
+    for number in range(60):
+        late = 80 * MS if number >= 40 else 0
+        meter.add(number * 10 * MS + late, np.full(7, 0.0 if number < 40 else 0.3))
+    assert max(meter.as_dict()["peak_step_rad"]) == pytest.approx(0.15)

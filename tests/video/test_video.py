@@ -12,6 +12,7 @@ from pathlib import Path
 import pytest
 
 from gateway.apps.video import Video, VideoCode, VideoError, VideoTimeout
+from gateway.apps.video.udp import UdpSocket
 from gateway.apps.video.views import COMPOSITE, VIEWS
 from gateway.sim.pixel_code import read_code, read_composite
 from tests.video.stage import GOP, HOST, LENGTH, free_udp_port, sending, until
@@ -213,3 +214,22 @@ def test_a_full_size_stream_of_the_simulated_robot(tmp_path):
     }
     assert all(frame.clean for frame in seen)
     assert all(read_composite(frame.rgb) is not None for frame in seen[::10])
+
+
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnhandledThreadExceptionWarning")
+def test_one_that_failed_is_started_again(monkeypatch):
+    """Whoever waits is told why; starting it once more is all it takes, also while its threads still end."""
+
+    def broken(_):
+        raise OSError(100, "Network is down")
+
+    with a_video() as video, sending(video.port):
+        first = video.wait_frame()
+        monkeypatch.setattr(UdpSocket, "receive", broken)
+        with pytest.raises(VideoError, match="Network is down"):
+            while True:
+                first = video.wait_frame(first.seq)
+        monkeypatch.undo()
+        video.start()
+        with sending(video.port):
+            assert video.wait_frame(first.seq).seq > first.seq

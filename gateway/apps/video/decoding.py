@@ -126,5 +126,6 @@ class Decoding:
             life=given.life,
         )
         self._seq += 1
-        self._newest.publish(frame)
+        # Counted first: who is handed it finds it in the figures.
         self.meter.published(now_ns, now_ns - given.first_packet_ns, now_ns - began_ns, clean=given.verdict.clean)
+        self._newest.publish(frame)

@@ -123,9 +123,9 @@ class Receiver:
         Raises:
             VideoError: PORT_BUSY or BAD_ADDRESS.
         """
-        if self._thread is not None and self._thread.is_alive():
+        if self._thread is not None and self._thread.is_alive() and self._error is None:
             return
-        self.stop()  # what is left of one that failed
+        self.stop()  # what is left of one that failed, and may still be ending
         settings = self.settings
         sources = None if settings.source is None else addresses_of(settings.source)
         self._socket = UdpSocket(settings.port, host=settings.host, buffer_bytes=settings.receive_buffer_bytes)

@@ -102,8 +102,9 @@ class Video:
         Raises:
             VideoError: PORT_BUSY or BAD_ADDRESS.
         """
-        if self._thread is not None:
+        if self.is_running:
             return
+        self.stop()  # what is left of one that failed
         self.receiver.start()
         self.newest.open()
         self._decoder = Decoder(self._choice, threads=self._decoder_threads)
