@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 from hypothesis import HealthCheck, Phase, settings
 
-from tests.host import Witnesses, run_again_after_standstills
+from tests.host import Attempts, Witnesses
 from tests.interop.bridge_process import is_required, lacking
 from tests.thoroughness import PROFILE
 
@@ -55,6 +55,7 @@ def pytest_report_header() -> str:
 
 
 _witnesses: list[Witnesses] = []
+_attempts: list[Attempts] = []
 
 
 def pytest_runtest_protocol(item: pytest.Item, nextitem: pytest.Item | None) -> bool | None:
@@ -63,11 +64,13 @@ def pytest_runtest_protocol(item: pytest.Item, nextitem: pytest.Item | None) -> 
         return None
     if not _witnesses:
         _witnesses.append(Witnesses())
-    return run_again_after_standstills(item, nextitem, _witnesses[0])
+        _attempts.append(Attempts(_witnesses[0]))
+    return _attempts[0].run(item, nextitem)
 
 
 def pytest_unconfigure() -> None:
     """End the witnesses."""
+    _attempts.clear()
     while _witnesses:
         _witnesses.pop().close()
 
@@ -76,13 +79,16 @@ def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
     """Say which tests were run again, and in one line why tests with a real bridge are left out, where they are."""
     reports = [report for kind in ("passed", "failed", "error") for report in terminalreporter.getreports(kind)]
     told = {
-        (report.nodeid, value)
+        (name, report.nodeid, value)
         for report in reports
         for name, value in getattr(report, "user_properties", ())  # a module that cannot be read has none
-        if name == "stood still"
     }
-    for nodeid, value in sorted(told):
-        terminalreporter.write_line(f"run again because this host stood still for {value}: {nodeid}")
+    for name, nodeid, value in sorted(told):
+        if name == "stood still":
+            terminalreporter.write_line(f"run again because this host stood still for {value}: {nodeid}")
+        elif name == "unexplained":
+            terminalreporter.section(f"failed once and nothing explains it, then passed twice: {nodeid}", yellow=True)
+            terminalreporter.write_line(value)
     if (what := lacking()) and not is_required():
         terminalreporter.write_line(f"tests with a real bridge are left out: {what}")
 

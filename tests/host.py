@@ -6,8 +6,11 @@ them. So each core has a witness, a process that does nothing but look at the cl
 load of ours does not hold it up, only the host does.
 
 A failed end-to-end test is run again when a witness stood still while it ran, twice at most; otherwise, and then, the
-failure counts. The report says which tests were run again and why. Where real time is not permitted there is no witness,
-and every failure counts.
+failure counts. One exception in a whole run: of a failure that nothing explains it is asked whether it comes back, because
+not all that a host does is seen by witnesses (its network and its disk are not). It counts unless the test passes twice in
+a row; a second one in the same run counts at once. The report says which tests were run again and why, and shows in full
+how the unexplained one failed: it is to be looked into, not forgotten. Where real time is not permitted there is no
+witness, and all failures are unexplained.
 """
 
 from __future__ import annotations
@@ -21,13 +24,19 @@ import time
 from pathlib import Path
 
 import pytest
+from _pytest.reports import TestReport
 from _pytest.runner import runtestprotocol
 
-__all__ = ["ATTEMPTS", "STANDSTILL_MS", "Witnesses", "run_again_after_standstills"]
+__all__ = ["ATTEMPTS", "PROOFS", "STANDSTILL_MS", "UNEXPLAINED", "Attempts", "Witnesses"]
 
 STANDSTILL_MS = 50
 """A witness that was later than this has stood still [ms]: half of the shortest time after which the gateway acts."""
 ATTEMPTS = 3
+"""Most runs of a test in which the host stood still."""
+UNEXPLAINED = 1
+"""Failures in a run of pytest that nothing explains and that may prove not to come back."""
+PROOFS = 2
+"""So often, one after the other, a test has to pass after one of those."""
 
 WITNESS = """
 import os, sys, time
@@ -90,25 +99,52 @@ class Witnesses:
         self._folder.cleanup()
 
 
-def run_again_after_standstills(item: pytest.Item, nextitem: pytest.Item | None, witnesses: Witnesses) -> bool:
-    """Run an end-to-end test, again when it fails and this host stood still meanwhile; report the last attempt.
+class Attempts:
+    """Runs end-to-end tests, some of them again.
 
     Args:
-        item: The test.
-        nextitem: The one after it, None for the last.
         witnesses: Of this host.
     """
-    item.ihook.pytest_runtest_logstart(nodeid=item.nodeid, location=item.location)
-    for attempt in range(1, ATTEMPTS + 1):
-        begun_ns = time.monotonic_ns()
-        reports = runtestprotocol(item, nextitem=nextitem, log=False)
-        stood_ms = 0.0
-        if attempt < ATTEMPTS and any(report.failed for report in reports):
-            stood_ms = witnesses.standstill_ms(begun_ns)
-        if stood_ms == 0.0:
-            break
-        item.user_properties.append(("stood still", f"{stood_ms:.0f} ms in attempt {attempt}"))
-    for report in reports:
-        item.ihook.pytest_runtest_logreport(report=report)
-    item.ihook.pytest_runtest_logfinish(nodeid=item.nodeid, location=item.location)
-    return True
+
+    def __init__(self, witnesses: Witnesses) -> None:
+        self._witnesses = witnesses
+        self._unexplained = UNEXPLAINED
+
+    def run(self, item: pytest.Item, nextitem: pytest.Item | None) -> bool:
+        """Run a test, again when it fails and that is permitted; report the attempt that counts.
+
+        Args:
+            item: The test.
+            nextitem: The one after it, None for the last.
+        """
+        item.ihook.pytest_runtest_logstart(nodeid=item.nodeid, location=item.location)
+        reports = self._unless_the_host_stood_still(item, nextitem)
+        failures = [report for report in reports if report.failed]
+        if failures and self._unexplained:
+            self._unexplained -= 1
+            told = "\n".join(report.longreprtext for report in failures)
+            for proof in range(1, PROOFS + 1):
+                again = self._unless_the_host_stood_still(item, nextitem)
+                if any(report.failed for report in again):
+                    break
+                if proof == PROOFS:
+                    reports = again
+                    for report in reports:
+                        report.user_properties.append(("unexplained", told))
+        for report in reports:
+            item.ihook.pytest_runtest_logreport(report=report)
+        item.ihook.pytest_runtest_logfinish(nodeid=item.nodeid, location=item.location)
+        return True
+
+    def _unless_the_host_stood_still(self, item: pytest.Item, nextitem: pytest.Item | None) -> list[TestReport]:
+        """Run a test until it passes, or fails by itself; return the reports of the last attempt."""
+        for attempt in range(1, ATTEMPTS + 1):
+            begun_ns = time.monotonic_ns()
+            reports = runtestprotocol(item, nextitem=nextitem, log=False)
+            stood_ms = 0.0
+            if attempt < ATTEMPTS and any(report.failed for report in reports):
+                stood_ms = self._witnesses.standstill_ms(begun_ns)
+            if stood_ms == 0.0:
+                break
+            item.user_properties.append(("stood still", f"{stood_ms:.0f} ms in attempt {attempt}"))
+        return reports
