@@ -104,6 +104,10 @@ class Follower:
         spans = zip(self._limits.lower_rad, self._limits.upper_rad, strict=True)
         self._is_slow = speed * self._limits.v_radps * LONGEST_S < max(upper - lower for lower, upper in spans)
 
+    def disturb(self) -> None:
+        """Take note that the arm goes on otherwise than was planned: with any acceleration within the limits."""
+        self._a_max = self._limits.a_radps2
+
     def forget_lateness(self) -> None:
         """Average anew."""
         self._lateness = 0.0
@@ -174,8 +178,7 @@ class Follower:
 
     def _stopped(self, n: int, now: State) -> tuple[float, ...]:
         """Return the next state of a joint that stops."""
-        # From here on its acceleration may be any within the limits, and ruckig must not plan below it.
-        self._a_max = self._limits.a_radps2
+        self.disturb()  # ruckig must not plan below the acceleration of a stop
         q, v, a = now[0][n], now[1][n], now[2][n]
         return advance(q, v, a, self._braking.stop(v, a), self._braking.period_s)
 

@@ -64,6 +64,10 @@ class JointReference:
         """Setpoints handed out of it."""
         self.passage: Passage | None = None
         """What CHUNK follows, and how it ended; None once something else was asked for."""
+        self._ahead: State | None = None
+        """State of the next setpoint where somebody looked at it before it was handed out."""
+        self._speed = self._bound = 1.0
+        """Factors on the velocity limit: of the followed stream, and of whoever keeps parts of the body apart."""
 
     # ------------------------------------------------------------------------------------------------ what is seen
 
@@ -200,12 +204,28 @@ class JointReference:
             PlanFailed: With joint, value and bound; nothing has changed.
         """
         target = check_goal("target", q_rad, self.limits)
-        if check_speed(speed) != self._follower.speed or self.mode is not ReferenceMode.FOLLOW:
-            self._follower.begin(speed)
-        self.passage = None
+        self._speed = check_speed(speed)
         if self.mode is not ReferenceMode.FOLLOW:
+            self._bound = 1.0
+            self._follower.begin(speed)
             self._enter(ReferenceMode.FOLLOW, None)
+        self._pace()
+        self.passage = self._ahead = None
         self._follower.target_rad = target
+
+    def bound(self, speed: float) -> None:
+        """Bound the velocity of the followed stream, beside its own factor, from the next plan on.
+
+        Args:
+            speed: Factor on the velocity limit, 0 < speed <= 1; 1 for no bound. A new stream begins without one.
+        """
+        self._bound = speed
+        self._pace()
+
+    def _pace(self) -> None:
+        speed = min(self._speed, self._bound)
+        if speed != self._follower.speed:
+            self._follower.begin(speed)
 
     def prepare(self, trajectory: Trajectory, start_s: float, *, rests: bool) -> Passage:
         """Return the way along a trajectory, to be judged and then taken with `track`; nothing changes yet.
@@ -246,34 +266,57 @@ class JointReference:
         self.mode = mode
         self._course = course
         self._steps = 0
+        self._ahead = None
         self._follower.forget_lateness()
 
     # ------------------------------------------------------------------------------------------------ one period
 
+    def ahead(self) -> State:
+        """Return the state of the next setpoint: `step` takes it, unless something else is asked for before. Never raises."""
+        if self._ahead is None:
+            self._ahead = self._next()
+        return self._ahead
+
+    def stop_ahead(self) -> State:
+        """Return the state of the next setpoint if each joint took a step of its stop, whatever moves it now."""
+        return self.state.slow(0.0).at(self.period_s)
+
+    def lead(self, state: State) -> None:
+        """Have the next `step` take this state instead of the one ahead, while a target is followed.
+
+        Args:
+            state: Of each joint either the one ahead or the one of its stop.
+        """
+        self._ahead = state
+        self._follower.disturb()
+
     def step(self) -> Vector:
         """Advance by one period and return the setpoint, shape (7,) [rad]. Never raises."""
+        state = self.ahead()
+        self._ahead = None
+        self._take(state)
         if self._course is not None:
             self._steps += 1
-            time_s = self._steps * self.period_s
-            self._take(self._course.at(time_s))
-            if time_s >= self._course.duration_s:
+            if self._steps * self.period_s >= self._course.duration_s:
                 self._enter(ReferenceMode.HOLD, None)
-        elif self.mode is ReferenceMode.FOLLOW:
-            self._take(self._follower.follow((self._q, self._v, self._a)))
-        elif self.mode is ReferenceMode.CHUNK and self.passage is not None:
-            self._track(self.passage)
+        elif self.mode is ReferenceMode.CHUNK and self.passage is not None and self.passage.outcome is Outcome.DONE:
+            self._enter(ReferenceMode.HOLD, None)
         return self._q
 
-    def _track(self, passage: Passage) -> None:
-        state = passage.step(self.place)
-        if state is not None:
-            self._take(state)
-        if passage.outcome is Outcome.DONE:
-            self._enter(ReferenceMode.HOLD, None)
-        elif state is None:
-            self.brake()
-            self.passage = passage
-            self.step()
+    def _next(self) -> State:
+        if self._course is not None:
+            return self._course.at((self._steps + 1) * self.period_s)
+        if self.mode is ReferenceMode.FOLLOW:
+            return self._follower.follow(self.place)
+        if self.mode is ReferenceMode.CHUNK and self.passage is not None:
+            passage = self.passage
+            state = passage.step(self.place)
+            if state is None:
+                self.brake()
+                self.passage = passage
+                return self._next()
+            return state
+        return self.place
 
     def _take(self, state: State) -> None:
         """Take a state; what rounding put beyond a position limit is put on it."""

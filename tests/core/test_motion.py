@@ -599,3 +599,95 @@ def test_setpoint_and_velocity_have_the_names_that_they_have_in_every_space():
     for _ in range(5):
         arm.step()
     assert (arm.values, arm.rates, arm.forces) == (arm.q_rad, arm.dq_radps, arm.ddq_radps2)
+
+
+# ------------------------------------------------------------------------------------------------ looked at before it is taken
+
+
+@pytest.mark.parametrize("begin", [to_path, to_slow_path, to_stream, to_slow_stream, to_upper, to_upper_stream])
+def test_looking_ahead_changes_nothing_and_tells_what_comes(begin):
+    """Two arms that are asked for the same, one of which is looked at before each setpoint, twice."""
+    seen, unseen = reference(), reference()
+    for ask in (begin, None, to_brake, to_stream, None):
+        for arm in (seen, unseen):
+            if ask is not None:
+                ask(arm)
+        for _ in range(60):
+            ahead = seen.ahead()
+            assert seen.ahead() is ahead
+            assert seen.step() == unseen.step() == ahead[0]
+            assert (seen.place, seen.mode) == (unseen.place, unseen.mode)
+
+
+@pytest.mark.parametrize("rests", [True, False])
+def test_looking_ahead_on_a_trajectory_changes_nothing(rests):
+    """Onto it, along it, and off its end or into its brake."""
+    seen, unseen = reference(), reference()
+    for arm in (seen, unseen):
+        track(arm, swing(), rests=rests)
+    while unseen.mode is not HOLD:
+        ahead = seen.ahead()
+        assert seen.step() == unseen.step() == ahead[0]
+        assert (seen.place, seen.mode) == (unseen.place, unseen.mode)
+    assert seen.passage is not None and unseen.passage is not None
+    assert seen.passage.outcome is unseen.passage.outcome is (Outcome.DONE if rests else Outcome.UNDERRUN)
+
+
+@pytest.mark.parametrize("ask", [to_path, to_brake, to_stream, to_upper_stream])
+def test_what_is_asked_for_after_a_look_ahead_counts(ask):
+    """The setpoint that was looked at is not taken."""
+    looked, plain = reference(), reference()
+    for arm in (looked, plain):
+        to_slow_stream(arm)
+        for _ in range(30):
+            arm.step()
+    looked.ahead()
+    for arm in (looked, plain):
+        ask(arm)
+    assert looked.step() == plain.step()
+
+
+@pytest.mark.parametrize("bounds", [DEFAULT, HARD])
+def test_any_joints_may_take_their_stop_instead_in_any_setpoint(bounds):
+    """Mixed with the wanted state joint by joint, at random, also at a low speed factor: within every limit, and it ends."""
+    rng = random.Random(5)
+    arm = reference(bounds=bounds)
+    recorder = Recorder(arm)
+    for speed in (0.2, 1.0, 0.5):
+        arm.follow(at_home(3, 0.6) if speed == 1.0 else at_home(1, 0.5), speed)
+        for _ in range(150):
+            wanted, stop = arm.ahead(), arm.stop_ahead()
+            goes = [rng.random() < 0.7 for _ in range(ARM_DOF)]
+            mixed = [
+                tuple(w if go else s for w, s, go in zip(*rows, goes, strict=True))
+                for rows in zip(wanted, stop, strict=True)
+            ]
+            arm.lead(tuple(mixed))
+            recorder.step()
+            assert arm.place == tuple(mixed) and arm.mode is FOLLOW
+    recorder.until_rest().check()
+    assert arm.q_rad == at_home(1, 0.5)
+
+
+def test_a_bound_of_a_stream_holds_beside_its_own_factor_until_the_next_stream():
+    """The lower of both counts; a bound in mid-motion slows down inside the limits."""
+    arm = reference()
+    recorder = Recorder(arm)
+    arm.follow(at_home(3, 2.0), 0.8)
+    recorder.step(60)
+    assert max(map(abs, arm.dq_radps)) == pytest.approx(0.8)
+    arm.bound(0.1)
+    recorder.step(60)
+    assert max(map(abs, arm.dq_radps)) == pytest.approx(0.1)
+    arm.follow(at_home(3, 2.1), 0.9)
+    recorder.step(10)
+    assert max(map(abs, arm.dq_radps)) == pytest.approx(0.1)
+    arm.bound(1.0)
+    recorder.step(50)
+    assert max(map(abs, arm.dq_radps)) == pytest.approx(0.9)
+    arm.bound(0.1)
+    arm.brake()
+    recorder.until_rest().check()
+    arm.follow(HOME[LEFT], 0.8)
+    recorder.step(60).check()
+    assert max(map(abs, arm.dq_radps)) == pytest.approx(0.8)
