@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import time
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 
 import numpy as np
@@ -195,3 +197,35 @@ def test_lines_with_padding_become_a_picture_without():
     assert rgb.shape == (340, 162, 3) and rgb[:, :78].max() < 5 and rgb[:, 84:].min() > 100
     with pytest.raises(ValueError, match="cannot set WRITEABLE"):
         rgb.flags.writeable = True
+
+
+class Counting(RgbConverter):
+    """A converter that counts its work, and lets another thread come meanwhile."""
+
+    def __init__(self):
+        super().__init__()
+        self.converted = 0
+
+    def convert(self, picture):
+        self.converted += 1
+        time.sleep(0.01)
+        return super().convert(picture)
+
+
+def test_a_picture_that_nobody_looks_at_is_never_converted():
+    """Only the one that is looked at, once, whoever looks how often; its views are views of that."""
+    newest, converter, frames = Newest(), Counting(), []
+    with newest.listening(lambda: frames.append(newest.frame)):
+        Decoding(Waiting(units(coded(5))), newest, Decoder("software"), converter).run()
+    assert len(frames) >= 5 and converter.converted == 0
+    assert read_composite(frames[3].rgb) == 3 and frames[3].rgb is frames[3].rgb
+    assert np.shares_memory(frames[3]["left_wrist_left_eye"], frames[3].rgb) and converter.converted == 1
+
+
+def test_two_threads_that_look_at_once_get_the_same_array():
+    """It is converted by one of them."""
+    newest, converter = Newest(), Counting()
+    Decoding(Waiting(units(coded(1))), newest, Decoder("software"), converter).run()
+    with ThreadPoolExecutor(4) as pool:
+        arrays = list(pool.map(lambda _: newest.frame.rgb, range(4)))
+    assert converter.converted == 1 and all(array is arrays[0] for array in arrays)

@@ -11,13 +11,14 @@ import pytest
 from gateway.apps.video.errors import VideoCode, VideoError
 from gateway.apps.video.frame import Frame
 from gateway.apps.video.newest import Newest, Pace
+from tests.video.shown import Shown
 
 S = 1_000_000_000
 
 
 def frame(seq):
     """Return a frame with a number."""
-    return Frame(np.zeros((34, 16, 3), np.uint8), seq, rtp_time=0, received_ns=0, published_ns=0, clean=True)
+    return Frame(Shown(np.zeros((34, 16, 3), np.uint8)), seq, rtp_time=0, received_ns=0, published_ns=0, clean=True)
 
 
 def test_a_reader_is_given_what_is_newer_than_what_it_had():

@@ -12,6 +12,7 @@ from gateway.apps.video.errors import VideoCode, VideoError
 from gateway.apps.video.frame import Frame
 from gateway.apps.video.sheet import ROWS, Sheet, write_sheet
 from gateway.apps.video.views import BOXES, VIEWS, pixel_box
+from tests.video.shown import Shown
 
 
 def a_frame(width=1280, height=2720):
@@ -21,7 +22,7 @@ def a_frame(width=1280, height=2720):
         x0, y0, x1, y1 = pixel_box(name, width, height)
         rgb[y0:y1, x0:x1] = colour_of(number)
     rgb.flags.writeable = False
-    return Frame(rgb, 0, rtp_time=0, received_ns=0, published_ns=0, clean=True)
+    return Frame(Shown(rgb), 0, rtp_time=0, received_ns=0, published_ns=0, clean=True)
 
 
 def colour_of(number):
@@ -48,7 +49,7 @@ def test_every_view_is_there_whole_and_once():
 def test_every_view_bears_its_name(width, height, step):
     """There is ink above each, and only there; the sheet is that of its size."""
     sheet = Sheet(width, height, step)
-    empty = sheet.compose(replace(a_frame(width, height), rgb=np.zeros((height, width, 3), np.uint8)))
+    empty = sheet.compose(replace(a_frame(width, height), source=Shown(np.zeros((height, width, 3), np.uint8))))
     assert (empty.max(axis=2) > 200).any()
     titled = sheet.compose(a_frame(width, height), "a title")
     assert (titled != sheet.compose(a_frame(width, height))).any()

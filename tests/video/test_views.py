@@ -7,6 +7,7 @@ import pytest
 
 from gateway.apps.video.frame import Frame
 from gateway.apps.video.views import COMPOSITE, COMPOSITE_SHAPE, VIEWS, pixel_box
+from tests.video.shown import Shown
 
 SIZES = {
     "head_right_eye": (160, 0, 1120, 960),
@@ -23,7 +24,7 @@ def frame() -> Frame:
     """Return a frame whose pixels are all different enough."""
     rgb = np.arange(np.prod(COMPOSITE_SHAPE), dtype=np.uint32).astype(np.uint8).reshape(COMPOSITE_SHAPE)
     rgb.flags.writeable = False
-    return Frame(rgb=rgb, seq=0, rtp_time=180_000, received_ns=1, published_ns=2, clean=True)
+    return Frame(Shown(rgb), seq=0, rtp_time=180_000, received_ns=1, published_ns=2, clean=True)
 
 
 @pytest.mark.parametrize("name", SIZES)

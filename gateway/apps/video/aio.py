@@ -63,7 +63,7 @@ class AsyncVideo:
 
     @property
     def latest(self) -> Frame | None:
-        """The newest frame, however old it is; None before the first."""
+        """The newest frame, however old it is; None before the first. Its RGB is made where it is first looked at."""
         return self.video.latest
 
     @property
@@ -76,12 +76,15 @@ class AsyncVideo:
         return self.video.why()
 
     async def wait_frame(self, after_seq: int = -1, timeout: float = 5.0) -> Frame | None:
-        """Return the newest frame that is newer than another one. As `Video.wait_frame`."""
+        """Return the newest frame that is newer than another one, its RGB made in another thread. As `Video.wait_frame`."""
         deadline = time.monotonic() + timeout
         newest = self.video.newest
         while (frame := newest.peek(after_seq)) is None and newest.is_open:
             if not await self._change(deadline - time.monotonic()):
-                return newest.peek(after_seq)
+                frame = newest.peek(after_seq)
+                break
+        if frame is not None:
+            await asyncio.to_thread(frame.source.array)
         return frame
 
     async def frames(self, max_rate: float | None = None, timeout: float = 5.0) -> AsyncIterator[Frame]:

@@ -15,7 +15,7 @@ from gateway.apps.video.decoder import DecodedPicture, Decoder
 from gateway.apps.video.frame import Frame
 from gateway.apps.video.health import Meter
 from gateway.apps.video.newest import Newest
-from gateway.apps.video.rgb import RgbConverter
+from gateway.apps.video.rgb import LazyRgb, RgbConverter
 from gateway.apps.video.tap import AccessUnits
 
 __all__ = ["Decoding"]
@@ -113,10 +113,9 @@ class Decoding:
         if self._is_strict and not given.verdict.clean:
             self.meter.add(withheld=1)
             return
-        rgb = self._converter.convert(decoded.picture)
         now_ns = time.monotonic_ns()
         frame = Frame(
-            rgb=rgb,
+            source=LazyRgb(self._converter, decoded.picture),
             seq=self._seq,
             rtp_time=given.rtp_time,
             received_ns=given.first_packet_ns,

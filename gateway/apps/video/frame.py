@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 import numpy.typing as npt
@@ -12,7 +13,15 @@ import numpy.typing as npt
 from gateway.apps.video.access_unit import CLOCK_HZ
 from gateway.apps.video.views import VIEWS, view_of
 
-__all__ = ["Frame"]
+__all__ = ["Frame", "RgbSource"]
+
+
+class RgbSource(Protocol):
+    """Where a frame has its RGB from."""
+
+    def array(self) -> npt.NDArray[np.uint8]:
+        """Return it, shape (height, width, 3), not writable; the same one each time."""
+        ...
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -20,7 +29,7 @@ class Frame:
     """A picture of all cameras.
 
     Attributes:
-        rgb: The composite, RGB, shape (2720, 1280, 3), uint8; not writable, and never overwritten.
+        source: Where its RGB comes from.
         seq: Counts published frames, from 0.
         rtp_time: RTP timestamp, unwrapped [ticks of 90 kHz]: the robot's clock of sending, not the cameras' trigger (§5.5).
         received_ns: When the picture's first packet arrived, monotonic [ns].
@@ -30,7 +39,7 @@ class Frame:
         life: Counts senders, from 0.
     """
 
-    rgb: npt.NDArray[np.uint8]
+    source: RgbSource
     seq: int
     rtp_time: int
     received_ns: int
@@ -38,6 +47,14 @@ class Frame:
     clean: bool
     lost: tuple[tuple[int, int], ...] = ()
     life: int = 0
+
+    @property
+    def rgb(self) -> npt.NDArray[np.uint8]:
+        """The composite, RGB, shape (2720, 1280, 3), uint8; not writable, and never overwritten.
+
+        It is converted by whoever asks first, some milliseconds of work: a picture that nobody looks at costs nothing.
+        """
+        return self.source.array()
 
     def __getitem__(self, name: str) -> npt.NDArray[np.uint8]:
         """Return a view by the manual's name (§5.2), `head_camera` for the composite: no copy, not writable.

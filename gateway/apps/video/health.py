@@ -29,7 +29,7 @@ class Reading:
         fps: Published per second, lately; 0 when none came lately.
         latency_ms: From a picture's first packet to its publication, the median of lately [ms]; 0 without any.
         worst_latency_ms: The longest of lately [ms].
-        decode_ms: For decoding and conversion, the median of lately [ms].
+        decode_ms: For decoding, the median of lately [ms]; RGB is made by whoever looks at a frame.
     """
 
     frames: int = 0
