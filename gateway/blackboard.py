@@ -21,9 +21,8 @@ from dataclasses import dataclass
 
 from gateway import robot
 from gateway.codes import Code
-from gateway.core.conductor import LATCH_CODE
 from gateway.core.held import Held, HeldArm
-from gateway.core.supervisor import State
+from gateway.core.supervisor import LATCH_CODE, State
 from gateway.values import ARM_DOF, Side, Vector
 
 __all__ = ["Blackboard", "GuardSaid"]

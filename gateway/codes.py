@@ -53,6 +53,9 @@ class Code(str, Enum):
     NO_LIFT = "NO_LIFT"
     OTHER_GATEWAY = "OTHER_GATEWAY"
     HELD_BY_GUARD = "HELD_BY_GUARD"
+    MODEL_OFF = "MODEL_OFF"
+    MODEL_UNKNOWN = "MODEL_UNKNOWN"
+    MODEL_DIFFERS = "MODEL_DIFFERS"
     EXITING = "EXITING"
     # how a motion or a stream ends
     STREAM_ENDED = "STREAM_ENDED"

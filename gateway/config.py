@@ -49,6 +49,7 @@ SECTIONS = {
     "loss": "loss",
     "enable": "enable",
     "foreign": "foreign",
+    "model": "model",
     "local": "local",
     "realtime": "realtime",
     "guard": "guard",

@@ -24,6 +24,7 @@ from gateway.api import protocol
 from gateway.api.guard_protocol import guard_socket, robot_name
 from gateway.api.service import LocalPlane
 from gateway.config import state_dir
+from gateway.core.body_model import body_model
 from gateway.core.engine import Engine
 from gateway.core.events import Event, ExitRequested, GuardSeen, LinkUp, Notice, Reply
 from gateway.core.snapshot import Snapshot
@@ -190,9 +191,10 @@ def run(settings: Settings, on_ready: Callable[[str], None] | None = None, *, is
 
     Raises:
         NotReady: OTHER_GATEWAY: a daemon for this robot or this socket runs on this host.
-        ConfigError: A listener or a file cannot be as configured.
+        ConfigError: A listener, or a file of the configuration's, cannot be as configured.
     """
     share_reactor()
+    model = body_model(settings)  # before anything is opened: its files may be wrong
     link: RobotLink | None = None
     status = 1
     try:
@@ -205,7 +207,7 @@ def run(settings: Settings, on_ready: Callable[[str], None] | None = None, *, is
             started = state_file.start()
             if started.report:
                 _log.warning("%s", started.report)
-            engine = Engine(settings, started.remembered)
+            engine = Engine(settings, started.remembered, model)
             watched = _Watched(plane, engine)
             ending.enter_context(_signals(watched.ask_to_end))  # to the very end: impatience must skip nothing
             # Before real-time measures, and before this process has anything that another one should not inherit.

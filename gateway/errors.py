@@ -266,6 +266,14 @@ CODES: dict[Code, CodeInfo] = {
     Code.HELD_BY_GUARD: CodeInfo(
         error=NotReady, hint="wait some seconds: the hold is taken over, or ends by itself", retryable=True
     ),
+    Code.MODEL_OFF: CodeInfo(error=NotReady, hint="set `check = true` in section [model] of the configuration"),
+    Code.MODEL_UNKNOWN: CodeInfo(
+        error=NotReady, hint="wait for joints and poses of the arm (manual §4.8); see `ta2 topics`", retryable=True
+    ),
+    Code.MODEL_DIFFERS: CodeInfo(
+        error=NotReady,
+        hint="correct the model: run `ta2 identify`, name its file in `calibration` of section [model], or a URDF in `urdf`",
+    ),
     Code.EXITING: CodeInfo(error=NotReady, hint="start the daemon again: it is going down"),
     Code.STREAM_ENDED: CodeInfo(error=Aborted, hint="open a new stream; it starts where the arm is held"),
     Code.CANCELLED: CodeInfo(error=Cancelled, hint="command a new motion: the arm holds where it braked"),

@@ -24,6 +24,7 @@ __all__ = [
     "LinkSettings",
     "LocalSettings",
     "LossSettings",
+    "ModelSettings",
     "PoseSettings",
     "RealtimeSettings",
     "Settings",
@@ -221,6 +222,41 @@ class ForeignSettings:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class ModelSettings:
+    """The body model: the live check of it, its numbers, and what it is used for.
+
+    Attributes:
+        check: Whether there is a model: FK(joint_states) is compared with `current_ee_pose`, and what needs it may be on.
+        position_tolerance_m: Largest median distance of the two at which the model agrees [m].
+        angle_tolerance_rad: Largest median angle of the two at which the model agrees [rad].
+        window_ns: The medians are over so long [ns].
+        urdf: Path of a URDF whose numbers are used in place of our own; empty for our own.
+        calibration: Path of this robot's own, as `ta2 identify` writes it; empty for none.
+        self_collision: Whether setpoints are kept from driving the body's parts into each other.
+        margin_m: What then stays free between any two parts [m].
+    """
+
+    check: bool = True
+    position_tolerance_m: float = 0.005
+    angle_tolerance_rad: float = 0.02
+    window_ns: int = 3 * S
+    urdf: str = ""
+    calibration: str = ""
+    self_collision: bool = False
+    margin_m: float = 0.02
+
+    def __post_init__(self) -> None:
+        """Refuse tolerances that judge nothing, and a guard without a model."""
+        within("model.position_tolerance_m", self.position_tolerance_m, 0.0005, 0.02, "m", OURS)
+        within("model.angle_tolerance_rad", self.angle_tolerance_rad, 0.002, 0.1, "rad", OURS)
+        within("model.window_ns", self.window_ns, 1 * S, 30 * S, "ns", OURS)
+        within("model.margin_m", self.margin_m, 0.02, 0.2, "m", HARD)
+        if self.self_collision and not self.check:
+            rule = "needs model.check = true: nothing may be kept apart by a model that nobody compares with the robot"
+            raise SettingsRefused("model.self_collision", "true", rule=rule)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class RealtimeSettings:
     """Scheduling of the daemon; everything degrades with one clear line when it is not permitted.
 
@@ -255,4 +291,5 @@ class Settings:
     local: LocalSettings = field(default_factory=LocalSettings)
     realtime: RealtimeSettings = field(default_factory=RealtimeSettings)
     guard: GuardSettings = field(default_factory=GuardSettings)
+    model: ModelSettings = field(default_factory=ModelSettings)
     foreign: ForeignSettings = field(default_factory=ForeignSettings)

@@ -9,6 +9,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Callable, Mapping
 
+from gateway.core.body_model import BodyModel, body_model
 from gateway.core.engine import Engine, Output
 from gateway.core.events import (
     Acquire,
@@ -57,6 +58,7 @@ class Pair:
         sim: Of the robot.
         remembered: What an earlier engine left.
         link: Whether the link is up from the start.
+        model: Of the body, for the engine; None for none.
     """
 
     def __init__(
@@ -66,9 +68,11 @@ class Pair:
         remembered: Remembered | None = None,
         *,
         link: bool = True,
+        model: BodyModel | None = None,
     ) -> None:
         self.settings = settings or Settings()
-        self.engine = Engine(self.settings, remembered)
+        self.model = model
+        self.engine = Engine(self.settings, remembered, model)
         self.robot = SimRobot(sim or SimSettings(state_period_ns=10 * MS), START_NS)
         self.now_ns = START_NS
         self.frames: list[tuple[int, Frame]] = []
@@ -227,7 +231,9 @@ class Pair:
 
     def restart(self) -> None:
         """The daemon dies without a word and another one starts with what was remembered."""
-        self.engine = Engine(self.settings, self.remembered)
+        if self.model is not None:
+            self.model = body_model(self.settings)  # as a new daemon makes it
+        self.engine = Engine(self.settings, self.remembered, self.model)
         self.done = False
         self._to_engine.clear()
         if self.is_up:

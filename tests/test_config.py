@@ -24,6 +24,7 @@ from gateway.settings import (
     LinkSettings,
     LocalSettings,
     LossSettings,
+    ModelSettings,
     PoseSettings,
     RealtimeSettings,
     Settings,
@@ -42,6 +43,7 @@ SECTIONS = {
     "enable": EnableSettings,
     "local": LocalSettings,
     "foreign": ForeignSettings,
+    "model": ModelSettings,
     "realtime": RealtimeSettings,
     "guard": GuardSettings,
 }
@@ -153,6 +155,7 @@ def test_the_default_file_cites_only_sections_that_the_manual_has() -> None:
         "4.5",
         "4.6",
         "4.7",
+        "4.8",
         "4.11.1",
         "4.11.2",
         "4.13",
@@ -212,6 +215,14 @@ SETTINGS = st.builds(
         tls_root_ca=TEXT,
     ),
     foreign=st.builds(ForeignSettings, policy=st.sampled_from(["hold", "warn"])),
+    model=st.builds(
+        ModelSettings,
+        check=st.just(True),
+        self_collision=st.booleans(),
+        window_ns=st.integers(S, 30 * S),
+        urdf=TEXT,
+        calibration=TEXT,
+    ),
     realtime=st.builds(RealtimeSettings, fifo=st.booleans(), fifo_priority=st.integers(21, 90)),
     guard=st.builds(GuardSettings, enabled=st.booleans(), freeze_ns=st.integers(40_000_000, 120_000_000)),
 )
@@ -290,8 +301,8 @@ def test_an_unknown_section_lists_the_known_ones_and_names_the_closest() -> None
     """Sections of the future are errors too: nobody believes in a setting that does nothing."""
     error = _refused("[amr]\nv_radps = 1.0")
     assert (
-        "known: [robot], [arm], [chassis], [lift], [pose], [loss], [enable], [foreign], [local], [realtime]"
-        in error.message
+        "known: [robot], [arm], [chassis], [lift], [pose], [loss], [enable], [foreign], [model], [local], "
+        "[realtime], [guard]" in error.message
     )
     assert error.hint == "did you mean 'arm'?"
 

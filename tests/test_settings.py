@@ -20,6 +20,7 @@ from gateway.settings import (
     LinkSettings,
     LocalSettings,
     LossSettings,
+    ModelSettings,
     PoseSettings,
     RealtimeSettings,
     Settings,
@@ -97,9 +98,23 @@ BOUNDS = [
     Bound(RealtimeSettings, "fifo_priority", 21, 90),
     Bound(GuardSettings, "freeze_ns", 40 * MS, 120 * MS),
     Bound(GuardSettings, "hold_ns", 1_000 * MS, 10_000 * MS),
+    Bound(ModelSettings, "position_tolerance_m", 0.0005, 0.02),
+    Bound(ModelSettings, "angle_tolerance_rad", 0.002, 0.1),
+    Bound(ModelSettings, "window_ns", 1 * S, 30 * S),
+    Bound(ModelSettings, "margin_m", 0.02, 0.2),
 ]
 
-UNBOUNDED = {"lower_rad", "upper_rad", "fifo", "lock_memory", "one_core", "socket_mode", "enabled"}
+UNBOUNDED = {
+    "lower_rad",
+    "upper_rad",
+    "fifo",
+    "lock_memory",
+    "one_core",
+    "socket_mode",
+    "enabled",
+    "check",
+    "self_collision",
+}
 """Fields with rules of their own (below), or without a number."""
 
 
@@ -350,3 +365,11 @@ def test_settings_cannot_be_changed() -> None:
         settings.arm = ArmSettings()
     with pytest.raises(dataclasses.FrozenInstanceError):
         settings.arm.v_radps = 9.0
+
+
+def test_nothing_is_kept_apart_by_a_model_that_nobody_compares() -> None:
+    """The guard stands on the check."""
+    assert ModelSettings(self_collision=True).check
+    with pytest.raises(SettingsRefused, match=r"needs model\.check = true") as refused:
+        ModelSettings(check=False, self_collision=True)
+    assert refused.value.name == "model.self_collision"

@@ -7,6 +7,7 @@ it is collected as notices.
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
+from typing import TYPE_CHECKING
 
 from gateway.core.body import Body
 from gateway.core.claim import Claim
@@ -17,56 +18,27 @@ from gateway.core.motions import Motion, MotionState
 from gateway.core.others import Others
 from gateway.core.store import Store
 from gateway.core.streams.heartbeat import Beat
-from gateway.core.supervisor import ARMED, BASE, STREAMING, Action, Cell, State, Supervisor, Trigger
+from gateway.core.supervisor import (
+    ARMED,
+    BASE,
+    END_CODE,
+    LATCH_CODE,
+    STREAMING,
+    Action,
+    Cell,
+    State,
+    Supervisor,
+    Trigger,
+)
 from gateway.errors import Code, Refusal
 from gateway.robot import CURRENT_MODE
 from gateway.settings import Settings
 from gateway.values import CurrentMode, Side, Space, Vector
 
-__all__ = ["AT_BASE", "END_CODE", "LATCH_CODE", "QUIET", "Conductor", "EnableRecord"]
+if TYPE_CHECKING:  # it takes numpy along, which a guard has no use for
+    from gateway.core.body_model import BodyModel
 
-LATCH_CODE: dict[Trigger, Code] = {
-    Trigger.ESTOP: Code.ESTOP,
-    Trigger.OTHER_STOP: Code.STOPPED_BY_OTHER,
-    Trigger.FSM_ERROR: Code.FSM_ERROR,
-    Trigger.TRACKING: Code.TRACKING_ERROR,
-    Trigger.FOREIGN_TOKEN: Code.FOREIGN_WRITER,
-    Trigger.FOREIGN_DATA: Code.FOREIGN_WRITER,
-    Trigger.FOREIGN_BESIDE_DRIVE: Code.FOREIGN_WRITER,
-    Trigger.GATE_VIOLATION: Code.GATE_VIOLATION,
-    Trigger.JOINT_ORDER: Code.JOINT_ORDER,
-}
-"""Cause under which a trigger latches."""
-
-END_CODE: dict[Trigger, Code] = {
-    **LATCH_CODE,
-    Trigger.OTHER_STOP: Code.STOPPED,
-    Trigger.OWNER_STOP: Code.STOPPED,
-    Trigger.TAKE: Code.LEASE_LOST,
-    Trigger.RELEASE: Code.STOPPED,
-    Trigger.DISABLE: Code.STOPPED,
-    Trigger.CLIENT_LOST: Code.CLIENT_LOST,
-    Trigger.CLIENT_LOST_PAUSE: Code.CLIENT_LOST,
-    Trigger.HOLD_OVER: Code.CLIENT_LOST,
-    Trigger.STALE: Code.STATE_STALE,
-    Trigger.TRANSPORT_LOST: Code.NO_LINK,
-    Trigger.FSM_PAUSE: Code.ROBOT_PAUSED,
-    Trigger.FSM_SLOW_START: Code.ROBOT_PAUSED,
-    Trigger.FSM_FELL: Code.ROBOT_PAUSED,
-    Trigger.FSM_DEAD: Code.FSM_UNKNOWN,
-    Trigger.FSM_FOREIGN: Code.FSM_BUSY,
-    Trigger.VR_MODE: Code.MODE_VR,
-    Trigger.MODE_UNKNOWN: Code.MODE_UNKNOWN,
-    Trigger.ARM_DISABLED: Code.ARM_DISABLED,
-    Trigger.NO_ARM: Code.NO_ARM_ENABLED,
-    Trigger.PART_DEAD: Code.PART_LOST,
-    Trigger.OTHER_GATEWAY: Code.OTHER_GATEWAY,
-    Trigger.ENABLE_TIMEOUT: Code.ENABLE_TIMEOUT,
-    Trigger.EXIT: Code.EXITING,
-    Trigger.LONG_GAP: Code.TICK_LATE,
-    Trigger.SUSPENDED: Code.SUSPENDED,
-}
-"""Code with which motions and streams of targets end, or an enabling fails, when a trigger cuts them."""
+__all__ = ["AT_BASE", "QUIET", "Conductor", "EnableRecord"]
 
 QUIET = frozenset({State.OFFLINE, State.STALE})
 """States in which the robot is not heard."""
@@ -111,10 +83,12 @@ class Conductor:
     Args:
         settings: All of them.
         remembered: What an earlier daemon left: latches and the last epoch.
+        model: Of the body; None where there shall be none.
     """
 
-    def __init__(self, settings: Settings, remembered: Remembered) -> None:
+    def __init__(self, settings: Settings, remembered: Remembered, model: BodyModel | None = None) -> None:
         self.settings = settings
+        self.model = model
         self.store = Store(settings.enable)
         self.lease = Lease(settings.loss, remembered.epoch)
         self.supervisor = Supervisor(remembered.latches)
@@ -188,6 +162,19 @@ class Conductor:
         if self.state is State.ENABLING:
             return self.enable.sides
         return tuple([side for side, arm in self.body.arms.items() if arm.running])
+
+    def forget_state(self) -> None:
+        """Forget what was heard of the robot: the transport was lost, the robot restarted, or this host slept."""
+        self.store.reset()
+        if self.model is not None:
+            self.model.forget()
+
+    def model_refusal(self, side: Side, now_ns: int) -> Refusal | None:
+        """Return why an arm may not be moved by the body model; None while that agrees with the robot."""
+        if self.model is None:
+            message = "there is no body model: section [model] of the configuration switches it off"
+            return Refusal(code=Code.MODEL_OFF, message=message, field="model.check", value="false")
+        return self.model.refusal(side, now_ns)
 
     def able_arms(self, now_ns: int) -> tuple[Side, ...] | None:
         """Return the arms that are enabled, so that they take setpoints of one space; None while the mode is unknown."""

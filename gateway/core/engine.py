@@ -12,7 +12,7 @@ the gate did not clear. A tick that comes too late sends stop frames only: nothi
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 from gateway.core.answers import Answers
 from gateway.core.conditions import Conditions
@@ -32,7 +32,6 @@ from gateway.core.events import (
     Level,
     LinkDown,
     LinkUp,
-    Notice,
     Remembered,
     Reply,
     RobotsAnnounced,
@@ -48,7 +47,7 @@ from gateway.core.events import (
 from gateway.core.gate import Cleared, Gate
 from gateway.core.grounds import Grounds
 from gateway.core.loss import Loss
-from gateway.core.outlet import Outlet
+from gateway.core.outlet import Outlet, Output
 from gateway.core.pace import TICK_NS, Pace, is_idle
 from gateway.core.phases import Phases
 from gateway.core.preconditions import Preconditions
@@ -62,33 +61,13 @@ from gateway.robot import ARM_WATCHDOG_NS, FSM_STATE
 from gateway.settings import Settings
 from gateway.values import FsmState, Side, Vector
 
+if TYPE_CHECKING:
+    from gateway.core.body_model import BodyModel
+
 __all__ = ["Engine", "Output"]
 
 MS = 1_000_000
 S = 1_000_000_000
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Output:
-    """What one tick gives.
-
-    Attributes:
-        frames: For the robot, in the order in which they must leave.
-        replies: For clients.
-        notices: For people and logs.
-        snapshot: When one is due, else None.
-        remembered: When it changed, else None: must reach the disk.
-        done: True when the daemon may end.
-        claim: Number of our claim to command the robot, for other gateways to see; 0 when nothing is claimed.
-    """
-
-    frames: tuple[Cleared, ...]
-    replies: tuple[Reply, ...]
-    notices: tuple[Notice, ...]
-    snapshot: Snapshot | None
-    remembered: Remembered | None
-    done: bool
-    claim: int = 0
 
 
 class Engine:
@@ -97,12 +76,20 @@ class Engine:
     Args:
         settings: All of them.
         remembered: What an earlier daemon left.
+        model: Of the body; None where there shall be none.
         is_guard: Whether this is a guard's: it commands only in a dead daemon's place.
     """
 
-    def __init__(self, settings: Settings, remembered: Remembered | None = None, *, is_guard: bool = False) -> None:
+    def __init__(
+        self,
+        settings: Settings,
+        remembered: Remembered | None = None,
+        model: BodyModel | None = None,
+        *,
+        is_guard: bool = False,
+    ) -> None:
         self._settings = settings
-        self._conductor = Conductor(settings, remembered or Remembered())
+        self._conductor = Conductor(settings, remembered or Remembered(), model)
         self._conditions = Conditions(self._conductor)
         self._loss = Loss(self._conductor)
         self._rivalry = Rivalry(self._conductor)
@@ -188,6 +175,8 @@ class Engine:
             if jumped:
                 conductor.notice(Code.STATE_JUMPED, Level.WARNING, jumped, now_ns, topic=event.topic)
             if isinstance(event, SampleArrived):
+                if conductor.model is not None:
+                    conductor.model.hear(event, now_ns)
                 if event.topic == FSM_STATE and event.value == FsmState.PAUSE:
                     conductor.body.heartbeat.fsm_zero_seen(event.received_ns)
                 told = self._duplication.note(event)
@@ -217,7 +206,7 @@ class Engine:
         elif isinstance(event, Sighting):
             self._rivalry.receive(event)
         elif isinstance(event, Suspended):
-            conductor.store.reset()  # CLOCK_MONOTONIC stood still: what was heard before looks younger than it is
+            conductor.forget_state()  # CLOCK_MONOTONIC stood still: what was heard before looks younger than it is
             conductor.store.disturb(now_ns)
             conductor.notice(
                 Code.SUSPENDED, Level.WARNING, f"this host stood still for {event.slept_ns / S:.1f} s", now_ns
@@ -241,7 +230,7 @@ class Engine:
         self._link_down(now_ns)  # another transport, whoever is at its end: what was under way on the old one is lost
         conductor.transport_up, conductor.router_zid = True, event.router_zid
         self._rivalry.link_up(event.own_zid, now_ns)
-        conductor.store.reset()
+        conductor.forget_state()
         conductor.body.find_transport(now_ns)
         conductor.notice(Code.LINK_UP, Level.INFO, f"linked to the robot's router {event.router_zid}", now_ns)
         if before and before != event.router_zid:
@@ -255,7 +244,7 @@ class Engine:
         if conductor.transport_up:
             conductor.transport_up = False
             conductor.claim.link_down()
-            conductor.store.reset()
+            conductor.forget_state()
             self._duplication.reset()
             conductor.notice(Code.LINK_DOWN, Level.WARNING, "the link to the robot's router is down", now_ns)
             conductor.fire(Trigger.TRANSPORT_LOST, now_ns, "the link to the robot's router is down")

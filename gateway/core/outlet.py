@@ -6,15 +6,41 @@ is a bug or a fault: nothing of that tick leaves but stop frames, and GATE_VIOLA
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 from gateway.core.conductor import Conductor
-from gateway.core.events import Frame, FrameKind
+from gateway.core.events import Frame, FrameKind, Notice, Remembered, Reply
 from gateway.core.gate import Cleared, Gate, GateContext
+from gateway.core.snapshot import Snapshot
 from gateway.core.streams.stream import Stream
 from gateway.core.supervisor import Trigger
 from gateway.errors import Refusal
 from gateway.values import Vector
 
-__all__ = ["Outlet"]
+__all__ = ["Outlet", "Output"]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Output:
+    """What one tick gives.
+
+    Attributes:
+        frames: For the robot, in the order in which they must leave.
+        replies: For clients.
+        notices: For people and logs.
+        snapshot: When one is due, else None.
+        remembered: When it changed, else None: must reach the disk.
+        done: True when the daemon may end.
+        claim: Number of our claim to command the robot, for other gateways to see; 0 when nothing is claimed.
+    """
+
+    frames: tuple[Cleared, ...]
+    replies: tuple[Reply, ...]
+    notices: tuple[Notice, ...]
+    snapshot: Snapshot | None
+    remembered: Remembered | None
+    done: bool
+    claim: int = 0
 
 
 class Outlet:

@@ -25,6 +25,8 @@ from gateway.errors import Code
 __all__ = [
     "ARMED",
     "BASE",
+    "END_CODE",
+    "LATCH_CODE",
     "STREAMING",
     "TABLE",
     "Action",
@@ -268,6 +270,49 @@ TABLE: Mapping[Trigger, Mapping[State, Cell]] = {
     Trigger.SUSPENDED:         _row(BASE_FREE,         DOWN_FREE,    DOWN_FREE,    DOWN_FREE,    DOWN_FREE,    DOWN_FREE,    BASE_FREE),
 }  # fmt: skip
 """Row by trigger, cell by state: BEHAVIOUR, Transitions."""
+
+LATCH_CODE: dict[Trigger, Code] = {
+    Trigger.ESTOP: Code.ESTOP,
+    Trigger.OTHER_STOP: Code.STOPPED_BY_OTHER,
+    Trigger.FSM_ERROR: Code.FSM_ERROR,
+    Trigger.TRACKING: Code.TRACKING_ERROR,
+    Trigger.FOREIGN_TOKEN: Code.FOREIGN_WRITER,
+    Trigger.FOREIGN_DATA: Code.FOREIGN_WRITER,
+    Trigger.FOREIGN_BESIDE_DRIVE: Code.FOREIGN_WRITER,
+    Trigger.GATE_VIOLATION: Code.GATE_VIOLATION,
+    Trigger.JOINT_ORDER: Code.JOINT_ORDER,
+}
+"""Cause under which a trigger latches."""
+
+END_CODE: dict[Trigger, Code] = {
+    **LATCH_CODE,
+    Trigger.OTHER_STOP: Code.STOPPED,
+    Trigger.OWNER_STOP: Code.STOPPED,
+    Trigger.TAKE: Code.LEASE_LOST,
+    Trigger.RELEASE: Code.STOPPED,
+    Trigger.DISABLE: Code.STOPPED,
+    Trigger.CLIENT_LOST: Code.CLIENT_LOST,
+    Trigger.CLIENT_LOST_PAUSE: Code.CLIENT_LOST,
+    Trigger.HOLD_OVER: Code.CLIENT_LOST,
+    Trigger.STALE: Code.STATE_STALE,
+    Trigger.TRANSPORT_LOST: Code.NO_LINK,
+    Trigger.FSM_PAUSE: Code.ROBOT_PAUSED,
+    Trigger.FSM_SLOW_START: Code.ROBOT_PAUSED,
+    Trigger.FSM_FELL: Code.ROBOT_PAUSED,
+    Trigger.FSM_DEAD: Code.FSM_UNKNOWN,
+    Trigger.FSM_FOREIGN: Code.FSM_BUSY,
+    Trigger.VR_MODE: Code.MODE_VR,
+    Trigger.MODE_UNKNOWN: Code.MODE_UNKNOWN,
+    Trigger.ARM_DISABLED: Code.ARM_DISABLED,
+    Trigger.NO_ARM: Code.NO_ARM_ENABLED,
+    Trigger.PART_DEAD: Code.PART_LOST,
+    Trigger.OTHER_GATEWAY: Code.OTHER_GATEWAY,
+    Trigger.ENABLE_TIMEOUT: Code.ENABLE_TIMEOUT,
+    Trigger.EXIT: Code.EXITING,
+    Trigger.LONG_GAP: Code.TICK_LATE,
+    Trigger.SUSPENDED: Code.SUSPENDED,
+}
+"""Code with which motions and streams of targets end, or an enabling fails, when a trigger cuts them."""
 
 
 class Supervisor:

@@ -5,15 +5,18 @@ from __future__ import annotations
 import pytest
 
 from gateway import robot
-from gateway.core.conductor import AT_BASE, END_CODE, LATCH_CODE, Conductor, EnableRecord
-from gateway.core.events import Frame, FrameKind, Level, Notice, OnLimit, Remembered
+from gateway.core.body_model import BodyModel
+from gateway.core.conductor import AT_BASE, Conductor, EnableRecord
+from gateway.core.events import Frame, FrameKind, Level, Notice, OnLimit, Remembered, SampleArrived
 from gateway.core.motion import plan
 from gateway.core.motions import Motion, MotionState
 from gateway.core.streams.heartbeat import Beat
-from gateway.core.supervisor import BASE, STREAMING, TABLE, Action, State, Trigger
+from gateway.core.supervisor import BASE, END_CODE, LATCH_CODE, STREAMING, TABLE, Action, State, Trigger
 from gateway.errors import Code
+from gateway.kinematics.description import nominal
+from gateway.robot import HOME_Q_RAD
 from gateway.settings import Settings
-from gateway.values import Side, Space
+from gateway.values import ArmState, Side, Space
 from tests.core.stage import GOAL, MIDDLE, MS, PLACE, L, R, S, Stage
 
 ZERO, ONE = (0.0,), (1.0,)
@@ -97,6 +100,33 @@ def test_a_new_daemon_remembers_latches_and_never_gives_an_old_epoch():
 def test_an_estop_that_is_remembered_may_not_have_been_heard(code, unheard):
     """The daemon may have died with it; any other latch owes the robot nothing."""
     assert Conductor(Settings(), Remembered(latches={code: "before"})).is_estop_unheard is unheard
+
+
+# ------------------------------------------------------------------------------------------------ the body model
+
+
+def test_without_a_model_nothing_is_moved_by_one():
+    """Switched off in the configuration: refused, with the remedy in the code's table; there is nothing to forget."""
+    conductor = Conductor(Settings(), Remembered())
+    conductor.forget_state()
+    refusal = conductor.model_refusal(L, S)
+    assert refusal is not None and (refusal.code, refusal.field) == (Code.MODEL_OFF, "model.check")
+
+
+def test_what_is_forgotten_of_the_robot_is_forgotten_of_its_model():
+    """Another link may end at another robot: neither freshness nor the verdict is taken along."""
+    model = BodyModel(nominal(), Settings())
+    conductor = Conductor(Settings(), Remembered(), model)
+    for count in range(60):
+        now_ns = S + count * 50 * MS
+        pose = model.arms[L].forward(HOME_Q_RAD[L])
+        state = ArmState(q_rad=HOME_Q_RAD[L], dq_radps=(), tau_nm=(), stamp_ns=now_ns)
+        for topic, value in ((robot.ee_pose(L), pose), (robot.arm_state(L), state)):
+            model.hear(SampleArrived(topic=topic, value=value, received_ns=now_ns), now_ns)
+    assert conductor.model_refusal(L, now_ns) is None
+    conductor.forget_state()
+    refusal = conductor.model_refusal(L, now_ns)
+    assert refusal is not None and refusal.code is Code.MODEL_UNKNOWN
 
 
 # ------------------------------------------------------------------------------------------------ where it rests

@@ -11,6 +11,7 @@ import pytest
 
 from gateway import robot
 from gateway.core.answers import REPLIES_KEPT
+from gateway.core.body_model import BodyModel
 from gateway.core.conditions import Conditions
 from gateway.core.engine import Engine, Output
 from gateway.core.events import (
@@ -50,6 +51,8 @@ from gateway.core.held import Held
 from gateway.core.pace import REST_NS, TICK_NS
 from gateway.core.supervisor import State, Trigger
 from gateway.errors import Code
+from gateway.kinematics.agreement import Agreement
+from gateway.kinematics.description import nominal
 from gateway.settings import LinkSettings, LossSettings, Settings
 from gateway.sim.settings import SimSettings
 from gateway.values import CurrentMode, FsmState, Side, Vector
@@ -120,6 +123,20 @@ def test_a_new_engine_has_nothing_and_sends_nothing():
     )
     output = engine.tick(START_NS)
     assert (output.frames, output.replies, output.notices, output.remembered, output.done) == ((), (), (), None, False)
+
+
+def test_a_body_model_hears_the_robot_and_begins_anew_with_each_link():
+    """It agrees after a second of the witness; another router, or a link that was lost, is another robot until shown."""
+    model = BodyModel(nominal(), Settings())
+    pair = Pair(model=model)
+    pair.run(2.0)
+    assert [model.verdict(side, pair.now_ns).state for side in Side] == [Agreement.AGREES] * 2
+    for lose in (lambda: pair.up("bb"), pair.down, lambda: pair.receive(Suspended(slept_ns=S, at_ns=pair.now_ns))):
+        lose()
+        assert [model.verdict(side, pair.now_ns).pairs for side in Side] == [0, 0]
+        pair.up()
+        pair.run(2.0)
+        assert [model.verdict(side, pair.now_ns).state for side in Side] == [Agreement.AGREES] * 2
 
 
 def test_latches_are_shown_as_a_copy():

@@ -1,0 +1,45 @@
+"""Configured: the description of the body that the settings name: our own numbers or a URDF's, and this robot's calibration.
+
+Whatever is wrong with one of the files is told before a daemon starts with other numbers than those it was told to use.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from gateway.errors import Code, ConfigError, Refusal
+from gateway.kinematics.calibration import RobotIdentity, load
+from gateway.kinematics.description import Description, nominal
+from gateway.kinematics.urdf import from_urdf
+from gateway.settings import Settings
+
+__all__ = ["configured"]
+
+
+def configured(settings: Settings) -> Description:
+    """Return the description that section [model] names, of the robot that section [robot] names.
+
+    Args:
+        settings: All of them.
+
+    Raises:
+        ConfigError: BAD_CONFIG, a file cannot be read, lacks something, holds nothing about arms, or was identified on
+            other numbers; FOREIGN_CALIBRATION, it is another robot's, or nobody said which robot this is.
+    """
+    model, link = settings.model, settings.link
+    description = from_urdf(Path(model.urdf).expanduser()) if model.urdf else nominal()
+    if not model.calibration:
+        return description
+    identity = RobotIdentity(serial=link.serial, model=link.model) if link.serial else None
+    found = load(Path(model.calibration).expanduser(), identity)
+    if not found.arms:
+        raise ConfigError(
+            Refusal(
+                code=Code.BAD_CONFIG,
+                message=f"{found.path}: has no section `arms`: nothing in it corrects the model",
+                field="model.calibration",
+                value=model.calibration,
+                hint="write it with `ta2 identify ... --out FILE`, or leave model.calibration empty",
+            )
+        )
+    return found.body(description)
