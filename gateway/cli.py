@@ -160,29 +160,9 @@ def _ask_sim(options: Namespace) -> int:
 
 
 def _config(options: Namespace) -> int:
-    from gateway import config
+    from gateway.apps.configuring import carry_out
 
-    if options.check is None:
-        print(config.show(config.load(options.show or None)), end="")
-        return ExitStatus.OK
-    values, defaults = (_by_name(config.show(config.load(file))) for file in (options.check, None))
-    changed = [
-        f"  {name} = {value} (default {defaults[name]})" for name, value in values.items() if value != defaults[name]
-    ]
-    print("\n".join([f"{options.check}: good, {len(changed) or 'no'} settings differ from the defaults", *changed]))
-    return ExitStatus.OK
-
-
-def _by_name(shown: str) -> dict[str, str]:
-    """Return the settings of `config.show` by section and key."""
-    section, values = "", {}
-    for line in shown.splitlines():
-        name, equals, value = line.partition(" = ")
-        if equals:
-            values[f"{section}.{name}"] = value
-        elif line:
-            section = line.strip("[]")
-    return values
+    return carry_out(options)
 
 
 def _model(options: Namespace) -> int:

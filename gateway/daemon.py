@@ -19,12 +19,13 @@ from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from types import FrameType
+from typing import TYPE_CHECKING
 
 from gateway.api import protocol
 from gateway.api.guard_protocol import guard_socket, robot_name
 from gateway.api.service import LocalPlane
+from gateway.blas_threads import one_blas_thread
 from gateway.config import state_dir
-from gateway.core.body_model import body_model
 from gateway.core.engine import Engine
 from gateway.core.events import Event, ExitRequested, GuardSeen, LinkUp, Notice, Reply
 from gateway.core.snapshot import Snapshot
@@ -38,6 +39,9 @@ from gateway.realtime import release_interpreter
 from gateway.settings import Settings
 from gateway.state_file import StateFile, StateWriter, path_of
 from gateway.zenoh_threads import share_reactor
+
+if TYPE_CHECKING:
+    from gateway.core.body_model import BodyModel
 
 __all__ = ["run"]
 
@@ -194,7 +198,7 @@ def run(settings: Settings, on_ready: Callable[[str], None] | None = None, *, is
         ConfigError: A listener, or a file of the configuration's, cannot be as configured.
     """
     share_reactor()
-    model = body_model(settings)  # before anything is opened: its files may be wrong
+    model = _model(settings)  # before anything is opened: its files may be wrong
     link: RobotLink | None = None
     status = 1
     try:
@@ -236,6 +240,16 @@ def run(settings: Settings, on_ready: Callable[[str], None] | None = None, *, is
             logging.shutdown()
             os._exit(status)
     return 0
+
+
+def _model(settings: Settings) -> BodyModel | None:
+    """Return the body model; numpy is loaded only for it."""
+    if not settings.model.check:
+        return None
+    one_blas_thread()
+    from gateway.core.body_model import body_model
+
+    return body_model(settings)
 
 
 def _close_writer(writer: StateWriter, state_file: StateFile) -> None:

@@ -16,8 +16,14 @@ import pytest
 from gateway import __version__, cli
 from gateway.apps import arguments
 from gateway.apps.arguments import endpoint, joints, parse
+from gateway.apps.calibration_writing import write_arms
+from gateway.kinematics.arm_section import ArmCalibration, fingerprint
+from gateway.kinematics.calibration import RobotIdentity
+from gateway.kinematics.correction import ArmCorrection
+from gateway.kinematics.description import nominal
 from gateway.robot import VARIANTS
 from gateway.settings import Settings
+from gateway.values import Side
 from tests.apps.shell import Shell
 from tests.e2e.system import ATTEMPTS, STALLED, free_port, run_apart
 from tests.thoroughness import either
@@ -187,6 +193,37 @@ def test_config_shows_what_is_in_effect_and_checks_what_differs(shell, tmp_path)
     assert f"arm.v_radps = 0.4 (default {Settings().arm.v_radps})" in checked.out
     assert "loss.keepalive_ms = 200 (default 250)" in checked.out
     assert "v_radps = 0.4" in shell.run("config", "--show", str(file)).out
+
+
+def test_config_reads_the_files_of_the_body_model_as_the_daemon_would(shell, tmp_path, monkeypatch):
+    """A calibration of this robot, one of another, a URDF that is none; nothing where there shall be no model."""
+    arm = ArmCalibration(
+        side=Side.LEFT,
+        correction=ArmCorrection(offsets_rad=(0.01,) * 7),
+        description=nominal().source,
+        numbers=fingerprint(nominal(), Side.LEFT),
+        note="for tests",
+    )
+    monkeypatch.setattr("gateway.log.configure_log", lambda **_: None)
+    for name in ("share_reactor", "one_blas_thread"):  # they are for a process of its own
+        monkeypatch.setattr(f"gateway.daemon.{name}", lambda: None)
+    own, file = tmp_path / "own.json", tmp_path / "a.toml"
+    write_arms(own, RobotIdentity(serial="TA2-0042", model="standard"), [arm])
+
+    def checked(model: str, serial: str = "TA2-0042"):
+        file.write_text(f'[robot]\nserial = "{serial}"\n[model]\n{model}\n')
+        return shell.run("config", "--check", str(file))
+
+    good = checked(f'calibration = "{own}"')
+    assert good.status == 0 and f"body model: {nominal().source}, corrected by {own}" in good.out
+    other = checked(f'calibration = "{own}"', serial="TA2-0043")
+    assert other.status == 2 and other.err.startswith("FOREIGN_CALIBRATION: ") and " -> " in other.err
+    assert shell.run("run", "--config", str(file)).err == other.err, "nothing is opened with it"
+    file.with_suffix(".urdf").write_text("<robot/>")
+    bare = checked(f'urdf = "{file.with_suffix(".urdf")}"')
+    assert bare.status == 2 and "lacks 18 of what is needed: joint 'armL1_joint' (or 'l_joint1')" in bare.err
+    off = checked(f'check = false\ncalibration = "{own}"', serial="")
+    assert off.status == 0 and "body model" not in off.out
 
 
 def test_sim_is_built_as_asked(shell, monkeypatch):

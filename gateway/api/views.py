@@ -21,6 +21,7 @@ __all__ = [
     "LinkView",
     "LoopView",
     "ModeView",
+    "ModelView",
     "MotionView",
     "MotorView",
     "OtherView",
@@ -100,6 +101,17 @@ class MotorView(Struct, frozen=True, kw_only=True):
     age_ns: int
 
 
+class ModelView(Struct, frozen=True, kw_only=True):
+    """Whether the body model agrees with an arm: `agrees`, `differs` or `unknown`, why, and by how much (medians)."""
+
+    state: str
+    reason: str
+    pairs: int
+    position_m: float | None
+    angle_rad: float | None
+    lag_ns: int
+
+
 class ArmView(Struct, frozen=True, kw_only=True):
     """One arm: measured joints and end-effector pose (shoulder frame, xyzw), reference, distance between them."""
 
@@ -117,6 +129,7 @@ class ArmView(Struct, frozen=True, kw_only=True):
     ref_v_mps: tuple[float, ...] = ()
     ref_w_radps: tuple[float, ...] = ()
     tracking_m: float | None = None
+    model: ModelView | None = None
 
 
 class TopicView(Struct, frozen=True, kw_only=True):

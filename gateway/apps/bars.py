@@ -10,7 +10,8 @@ from collections.abc import Iterator, Sequence
 from rich.text import Text
 
 from gateway.api import protocol
-from gateway.apps.figures import age_text, joints_text
+from gateway.apps.figures import age_text, joints_text, model_text
+from gateway.apps.style import MODEL_STYLES
 
 __all__ = ["arm_rows", "bar"]
 
@@ -66,6 +67,7 @@ def arm_rows(view: protocol.Snapshot, info: protocol.Info, since_ns: int, width:
     column = (width - 2) // 2
     for left, right in zip(*(_arm(side, view, info, since_ns, column) for side in SIDES), strict=True):
         left.truncate(column, overflow="ellipsis", pad=True)
+        right.truncate(column, overflow="ellipsis")
         yield left + Text("  ") + right
 
 
@@ -89,10 +91,12 @@ def _arm(side: str, view: protocol.Snapshot, info: protocol.Info, since_ns: int,
 
 
 def _place(arm: protocol.ArmView) -> Text:
-    """Return where the end effector is, and its setpoint where poses are sent."""
+    """Return where the end effector is, its setpoint where poses are sent, and how far the body model is from it."""
     line = Text(f"p {joints_text(arm.p_m)} m" if arm.p_m else "p -")
     if arm.ref_p_m:
         line.append(f" ◆ {joints_text(arm.ref_p_m)}", style="bold magenta")
+    if arm.model is not None and not (arm.ref_p_m and arm.model.state == "agrees"):
+        line.append(f"  {model_text(arm.model)}", style=MODEL_STYLES.get(arm.model.state, ""))
     return line
 
 

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from gateway.api.protocol import FSM_NAMES
+from gateway.api.protocol import FSM_NAMES, ModelView
 from gateway.robot import TOPICS
 
-__all__ = ["age_limit_ns", "age_text", "fsm_text", "joints_text", "rate_text", "since_text", "topic_text"]
+__all__ = ["age_limit_ns", "age_text", "fsm_text", "joints_text", "model_text", "rate_text", "since_text", "topic_text"]
 
 MS = 1_000_000
 S = 1_000_000_000
@@ -51,6 +51,14 @@ def rate_text(rate_hz: float) -> str:
 def joints_text(q_rad: Sequence[float]) -> str:
     """Return joint values with three decimals, in columns."""
     return " ".join(f"{q:+.3f}" for q in q_rad)
+
+
+def model_text(model: ModelView) -> str:
+    """Return how far the body model is from an arm, what matters most first."""
+    if model.position_m is None or model.angle_rad is None:
+        return f"model {model.state}"
+    figures = f"{1e3 * model.position_m:.1f} mm {1e3 * model.angle_rad:.1f} mrad"
+    return f"model {figures}" if model.state == "agrees" else f"model {model.state.upper()} {figures}"
 
 
 def topic_text(topic: str) -> str:

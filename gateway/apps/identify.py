@@ -240,7 +240,8 @@ def carry_out(options: Namespace) -> int:
     Args:
         options: As `identify_arguments` reads them.
     """
-    link = config.load(options.config).link
+    settings = config.load(options.config)
+    link, urdf = settings.link, options.urdf or settings.model.urdf
     serial = link.serial if options.serial is None else options.serial
     left_out = {Group.LAG, *((Group.EE,) if options.joints_only else ())}
     if not options.shoulder:
@@ -251,7 +252,7 @@ def carry_out(options: Namespace) -> int:
         keep=None if options.keep is None else Path(options.keep),
         sides=None if options.arm is None else (Side(options.arm),),
         groups=frozenset(Group) - left_out,
-        urdf=None if options.urdf is None else Path(options.urdf),
+        urdf=Path(urdf).expanduser() if urdf else None,
         out=None if options.out is None else Path(options.out),
         identity=RobotIdentity(serial=serial, model=link.model) if serial else None,
         as_json=options.json,

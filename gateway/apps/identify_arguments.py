@@ -32,7 +32,7 @@ def add_identify(commands: Any, add: AddCommand) -> None:  # noqa: ANN401  argpa
         "--joints-only", action="store_true", help="only the joints' zeros, not the end effector's frame"
     )
     identify.add_argument("--shoulder", action="store_true", help="the shoulder's frame too")
-    identify.add_argument("--urdf", metavar="FILE", help="against this URDF in place of our own numbers")
+    identify.add_argument("--urdf", metavar="FILE", help="against this URDF (default: as configured, our own numbers)")
     identify.add_argument("--keep", metavar="FILE", help="write the pairs that were measured live to FILE (.jsonl)")
     identify.add_argument(
         "--out",
@@ -40,7 +40,7 @@ def add_identify(commands: Any, add: AddCommand) -> None:  # noqa: ANN401  argpa
         help="write what was found to this robot's calibration (.json), new or into what is there",
     )
     identify.add_argument("--serial", metavar="S", help="serial number of this robot (default: as configured)")
-    identify.add_argument("--config", metavar="FILE", help="settings with serial number and model of this robot")
+    identify.add_argument("--config", metavar="FILE", help="settings of this robot: serial number, model, URDF")
 
 
 def _seconds(text: str) -> float:

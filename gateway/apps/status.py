@@ -16,7 +16,7 @@ from gateway.apps.connection import connected
 from gateway.apps.ending import ExitStatus
 from gateway.apps.figures import age_text, fsm_text, joints_text, rate_text, since_text, topic_text
 from gateway.apps.others import is_in_the_way, other_text, others_in_order
-from gateway.apps.style import STEP_MARKS, STEP_STYLES, state_style
+from gateway.apps.style import MODEL_STYLES, STEP_MARKS, STEP_STYLES, state_style
 from gateway.client import Health
 
 __all__ = ["lines", "show_status"]
@@ -81,6 +81,7 @@ def lines(info: protocol.Info, view: protocol.Snapshot) -> Iterator[Text]:
         yield _row("others", f"and {len(others) - OTHERS_SHOWN} more")
     for side in SIDES:
         yield from _arm(side, view.arms[side])
+    yield _row("body model", *_model(view))
     yield _row("grippers", ", ".join(f"{side} {_gripper(view.grippers.get(side))}" for side in SIDES))
     yield _row("streams", _streams(view))
     for motion in view.motions[-2:]:
@@ -140,6 +141,22 @@ def _arm(side: str, arm: protocol.ArmView) -> Iterator[Text]:
         yield _row("  setpoint", f"{setpoint}, off by {arm.tracking_m * 1e3:.1f} mm, {arm.tracking_rad:.3f} rad")
     elif arm.streaming and arm.tracking_rad is not None:
         yield _row("  setpoint", f"{joints_text(arm.q_ref_rad)} rad, off by {arm.tracking_rad:.3f}")
+
+
+def _model(view: protocol.Snapshot) -> tuple[str, str]:
+    """Return how far the body model is from each arm, and the style of the worse one."""
+    models = {side: model for side in SIDES if (model := view.arms[side].model) is not None}
+    if not models:
+        return "none (model.check = false)", ""
+    words = [f"{side} {model.state}{_figures(model)}" for side, model in models.items()]
+    worst = [state for state in MODEL_STYLES if any(model.state == state for model in models.values())][-1:]
+    return ", ".join(words), "".join(MODEL_STYLES[state] for state in worst)
+
+
+def _figures(model: protocol.ModelView) -> str:
+    if model.position_m is None or model.angle_rad is None:
+        return ""
+    return f" ({1e3 * model.position_m:.2f} mm, {1e3 * model.angle_rad:.2f} mrad)"
 
 
 def _gripper(motor: protocol.MotorView | None) -> str:

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from gateway.api import protocol
 
-__all__ = ["NOTICE_STYLES", "STEP_MARKS", "STEP_STYLES", "state_style"]
+__all__ = ["MODEL_STYLES", "NOTICE_STYLES", "STEP_MARKS", "STEP_STYLES", "state_style"]
 
 STEP_STYLES = {"error": "bold red", "warning": "yellow", "info": "cyan"}
 STEP_MARKS = {"error": "!!", "warning": " !", "info": " ·"}
 NOTICE_STYLES = {"error": "bold red", "warning": "yellow", "info": ""}
+MODEL_STYLES = {"agrees": "dim", "unknown": "yellow", "differs": "red"}
+"""Verdicts on the body model, the worst last."""
 
 STATES = {
     "ACTIVE": "bold green",

@@ -158,6 +158,11 @@ class ArmState(MotorState):
         """Distance between setpoint and measured end effector [m]; None while no poses are sent."""
         return self._view.tracking_m
 
+    @property
+    def model(self) -> protocol.ModelView | None:
+        """How far the body model agrees with this arm: FK of its joints against its measured pose; None without a model."""
+        return self._view.model
+
 
 @dataclass(frozen=True, slots=True, repr=False)
 class RobotState:

@@ -4,7 +4,7 @@ What moves the robot by the model asks `refusal` first. It is None only while FK
 near each other for some seconds (`kinematics.agreement`); not knowing is a no. The judge hears what the engine hears, as it
 arrives, and begins anew with each link and each robot.
 
-Costs: a sample of joints is kept, a pose is compared 25 times a second, a verdict is worked out five times a second.
+Costs: a sample of joints is kept, a pose is compared 20 times a second, a verdict is worked out every 0.4 s.
 """
 
 from __future__ import annotations
@@ -24,11 +24,15 @@ __all__ = ["BodyModel", "body_model"]
 
 MS = 1_000_000
 
-COMPARED_NS = 40 * MS
+COMPARED_NS = 50 * MS
 """Poses of an arm are compared this far apart [ns], less the jitter of their arrival."""
 JITTER_NS = 5 * MS
-JUDGED_NS = 200 * MS
+LEAST_PAIRS = 12
+"""Fewer comparisons say nothing: 0.6 s of them, and what the shortest window has where each third look finds a pose."""
+JUDGED_NS = 400 * MS
 """A verdict is worked out anew after this long [ns]."""
+TURN_NS = {Side.LEFT: 0, Side.RIGHT: JUDGED_NS // 2}
+"""The arms' turns are apart, so that no tick bears both [ns]."""
 BOUND_NS = 120 * MS
 """Longest time between the joints around a pose [ns]: while nobody watches they come 50 ms apart."""
 
@@ -61,6 +65,7 @@ class BodyModel:
             angle_rad=model.angle_tolerance_rad,
             window_ns=model.window_ns,
             bound_ns=BOUND_NS,
+            least_pairs=LEAST_PAIRS,
         )
         self._tolerances = tolerances
         self._judges = {side: ModelJudge(side, self.arms[side].chain, tolerances) for side in Side}
@@ -93,15 +98,16 @@ class BodyModel:
         self._verdicts.clear()
 
     def verdict(self, side: Side, now_ns: int) -> Verdict:
-        """Return what is known of an arm's model, at most 0.2 s old.
+        """Return what is known of an arm's model, at most 0.4 s old.
 
         Args:
             side: Which arm.
             now_ns: Monotonic time [ns].
         """
+        turn = (now_ns + TURN_NS[side]) // JUDGED_NS
         kept = self._verdicts.get(side)
-        if kept is None or now_ns - kept[0] >= JUDGED_NS:
-            kept = self._verdicts[side] = now_ns, self._judges[side].verdict(now_ns)
+        if kept is None or turn != kept[0]:
+            kept = self._verdicts[side] = turn, self._judges[side].verdict(now_ns)
         return kept[1]
 
     def refusal(self, side: Side, now_ns: int) -> Refusal | None:

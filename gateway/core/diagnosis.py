@@ -172,6 +172,7 @@ class Diagnosis:
                 *self._route(now_ns),
                 *self._heartbeat(now_ns),
                 *self._late(now_ns),
+                *self._model(now_ns),
             ]
         elif not is_late:
             self._of_silence = list(self._silent(self._up_ns, now_ns))
@@ -310,6 +311,18 @@ class Diagnosis:
                 )
                 facts = {"gap_ms": gap_ns / MS, "bound_ms": bound_ns / MS, "watchdog_ms": row.watchdog_ns / MS}
                 yield _Symptom(Code.STREAM_LATE, stream.topic, text, at_ns - gap_ns, facts)
+
+    def _model(self, now_ns: int) -> Iterator[_Symptom]:
+        """Arms whose poses are not those of the model: what would move them by it is off."""
+        model = self._conductor.model
+        if model is None:
+            return
+        for side in Side:
+            verdict = model.verdict(side, now_ns)
+            if verdict.is_differing:
+                text = f"the {side} arm is not as modelled, and is not moved by the model: {verdict.reason}"
+                facts = {"position_m": verdict.position_m or 0.0, "angle_rad": verdict.angle_rad or 0.0}
+                yield _Symptom(Code.MODEL_DIFFERS, f"{side}_arm", text, facts=facts)
 
     # ------------------------------------------------------------------------------------------------ arms
 

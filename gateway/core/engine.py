@@ -175,7 +175,7 @@ class Engine:
             if jumped:
                 conductor.notice(Code.STATE_JUMPED, Level.WARNING, jumped, now_ns, topic=event.topic)
             if isinstance(event, SampleArrived):
-                if conductor.model is not None:
+                if conductor.model is not None and conductor.store.value(event.topic) is event.value:  # believed
                     conductor.model.hear(event, now_ns)
                 if event.topic == FSM_STATE and event.value == FsmState.PAUSE:
                     conductor.body.heartbeat.fsm_zero_seen(event.received_ns)

@@ -26,6 +26,7 @@ __all__ = [
     "LinkView",
     "LoopView",
     "ModeView",
+    "ModelView",
     "MotionView",
     "MotorView",
     "OtherView",
@@ -143,6 +144,26 @@ class MotorView(Struct, frozen=True, kw_only=True):
     age_ns: int
 
 
+class ModelView(Struct, frozen=True, kw_only=True):
+    """How far FK(joint_states) and `current_ee_pose` of an arm are apart: whether it may be moved by the body model.
+
+    Attributes:
+        state: `agrees`, `differs`, or `unknown` while too little has been compared; only the first is a yes.
+        reason: Why, with figures.
+        pairs: How many comparisons this is of.
+        position_m: Median distance over the last seconds [m]; None without comparisons.
+        angle_rad: Median angle [rad]; None without comparisons.
+        lag_ns: By how much later than it seems the pose was measured, as far as motion tells [ns]; 0 without any.
+    """
+
+    state: str
+    reason: str
+    pairs: int
+    position_m: float | None
+    angle_rad: float | None
+    lag_ns: int
+
+
 class ArmView(Struct, frozen=True, kw_only=True):
     """One arm.
 
@@ -161,6 +182,7 @@ class ArmView(Struct, frozen=True, kw_only=True):
         streaming: Whether setpoints are being sent.
         tracking_rad: Largest joint distance, or the angle, between setpoint and measured [rad]; None while off.
         tracking_m: Distance between setpoint and measured position [m]; None while off, and for joints.
+        model: How far the body model agrees with it; None where the configuration has no model.
     """
 
     measured: MotorView | None
@@ -177,6 +199,7 @@ class ArmView(Struct, frozen=True, kw_only=True):
     ref_v_mps: Vector
     ref_w_radps: Vector
     tracking_m: float | None
+    model: ModelView | None
 
 
 class TopicView(Struct, frozen=True, kw_only=True):

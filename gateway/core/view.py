@@ -17,6 +17,7 @@ from gateway.core.snapshot import (
     LiftView,
     LinkView,
     LoopView,
+    ModelView,
     ModeView,
     MotorView,
     OthersView,
@@ -183,6 +184,21 @@ def _arm(conductor: Conductor, side: Side, state: str, ee_pose: str, now_ns: int
         streaming=arm.running,
         tracking_rad=None if gap is None else gap.rad,
         tracking_m=gap.m if gap is not None and is_pose else None,
+        model=_model(conductor, side, now_ns),
+    )
+
+
+def _model(conductor: Conductor, side: Side, now_ns: int) -> ModelView | None:
+    if conductor.model is None:
+        return None
+    verdict = conductor.model.verdict(side, now_ns)
+    return ModelView(
+        state=verdict.state.value,
+        reason=verdict.reason,
+        pairs=verdict.pairs,
+        position_m=verdict.position_m,
+        angle_rad=verdict.angle_rad,
+        lag_ns=round(1e9 * verdict.lag_s),
     )
 
 

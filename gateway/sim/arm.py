@@ -56,6 +56,7 @@ class SimArm:
         is_blocked: Something holds the arm mechanically (fault).
         has_ik: Whether the robot's IK works (fault).
         margin_rad: How much tighter than §4.13 this robot clips (fault), shape (7,) [rad].
+        zero_rad: By how much the joints really are beyond the angles that are told and taken (fault), shape (7,) [rad].
         measured_offset_rad: Added to what the encoders say (fault), shape (7,) [rad].
         accepted: Number of valid commands so far.
         unsolved: Number of poses so far for which its IK found nothing.
@@ -71,6 +72,7 @@ class SimArm:
         self.is_blocked = False
         self.has_ik = True
         self.margin_rad = np.zeros(DOF)
+        self.zero_rad = np.zeros(DOF)
         self.measured_offset_rad = np.zeros(DOF)
         self.accepted = 0
         self.unsolved = 0
@@ -133,14 +135,14 @@ class SimArm:
         solution = None
         if self.has_ik and all(map(math.isfinite, numbers)) and any(pose.quat_xyzw):
             start = self.target_rad if self.is_streamed else self.q_rad
-            solution = self._geometry.inverse(pose, start)
+            solution = self._geometry.inverse(pose, start + self.zero_rad)
         if solution is None:
             self.unsolved += 1
             self._is_protected = True
             self._last_ns = now_ns
             self._journal.note(now_ns, "IK_INVALID", f"{self.side.value} arm target_pose", f"{numbers} (§4.10)")
             return False
-        self._accept(solution, now_ns)
+        self._accept(solution - self.zero_rad, now_ns)
         return True
 
     def _accept(self, target: Array, now_ns: int) -> None:

@@ -76,6 +76,11 @@ FAULTS: Final[Mapping[str, FaultKind]] = {
     "jump": FaultKind(
         scope="robot", required={**_SIDE, "joint": _NUMBER, "delta_rad": _NUMBER}, help="measured joint 1-7 is off"
     ),
+    "joint_zero": FaultKind(
+        scope="robot",
+        required={**_SIDE, "joint": _NUMBER, "delta_rad": _NUMBER},
+        help="joint 1-7 really is this far from the angle that it reports and takes: the end effector is elsewhere",
+    ),
     "tight_limit": FaultKind(
         scope="robot",
         required={**_SIDE, "joint": _NUMBER, "margin_rad": _NUMBER},

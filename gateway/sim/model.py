@@ -358,12 +358,14 @@ class SimRobot:
                 arm.drop_stream()
             arm.is_blocked = any(fault.name == "blocked" for fault in own)
             arm.has_ik = not any(fault.name == "no_ik" for fault in own)
-            arm.measured_offset_rad[:] = arm.margin_rad[:] = 0.0
+            arm.measured_offset_rad[:] = arm.margin_rad[:] = arm.zero_rad[:] = 0.0
             for fault in own:
                 if fault.name == "jump":
                     arm.measured_offset_rad[fault.joint - 1] += fault.number
                 elif fault.name == "tight_limit":
                     arm.margin_rad[fault.joint - 1] += fault.number
+                elif fault.name == "joint_zero":
+                    arm.zero_rad[fault.joint - 1] += fault.number
         self._redrive()
 
     def reset_stats(self) -> None:

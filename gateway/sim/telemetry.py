@@ -143,7 +143,7 @@ class Telemetry:
                 if arm_topic in topics:
                     due.append((arm_topic, self._arm(side, position, velocity, now_ns)))
                 if pose_topic in topics:
-                    due.append((pose_topic, _pose(side, position)))
+                    due.append((pose_topic, _pose(side, position + arm.zero_rad)))
                 if gripper_topic in topics:
                     due.append((gripper_topic, self._gripper(grippers[side], number, now_ns)))
             if CHASSIS_STATE in topics:
@@ -205,7 +205,7 @@ class Telemetry:
 
 
 def _pose(side: Side, position: Array) -> geometry_msgs.Pose:
-    """Return the end-effector pose message that belongs to measured joint positions (§4.0.2)."""
+    """Return the end-effector pose message that belongs to joint positions, as the geometry has them (§4.0.2)."""
     pose: EePose = arm_geometry(side).forward(position.tolist())
     x, y, z = pose.position_m
     qx, qy, qz, qw = pose.quat_xyzw

@@ -18,6 +18,7 @@ from gateway.core.snapshot import (
     LeaseView,
     LinkView,
     LoopView,
+    ModelView,
     ModeView,
     MotionView,
     MotorView,
@@ -57,6 +58,9 @@ def a_snapshot(seq=1, at_ns=1000, **changes):
         ref_v_mps=(),
         ref_w_radps=(),
         tracking_m=None,
+        model=ModelView(
+            state="agrees", reason="0.20 mm apart", pairs=70, position_m=2e-4, angle_rad=1e-3, lag_ns=4_000_000
+        ),
     )
     gripper = MotorView(q_rad=(0.2,), dq_radps=(0.0,), tau_nm=(0.1,), stamp_ns=17, age_ns=2_000_000)
     snapshot = Snapshot(

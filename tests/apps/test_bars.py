@@ -96,3 +96,30 @@ def test_an_arm_in_end_effector_mode_shows_its_setpoint_beside_the_measured_plac
     rows = list(arm_rows(a_view(arms={"left": arm, "right": arm}), INFO, 0, 200))
     assert "off by 10.0 mm" in rows[0].plain
     assert "p +0.300 +0.100 -0.200 m ◆ +0.310 +0.100 -0.200" in rows[8].plain
+
+
+@pytest.mark.parametrize(
+    ("model", "text"),
+    [
+        (None, "p +0.300 +0.100 -0.200 m"),
+        ({}, "p +0.300 +0.100 -0.200 m  model 0.2 mm 1.0 mrad"),
+        ({"state": "differs", "position_m": 0.0123}, "p +0.300 +0.100 -0.200 m  model DIFFERS 12.3 mm 1.0 mrad"),
+        ({"state": "unknown", "position_m": None}, "p +0.300 +0.100 -0.200 m  model unknown"),
+        ({"state": "of a later gateway"}, "p +0.300 +0.100 -0.200 m  model OF A LATER GATEWAY 0.2 mm 1.0 mrad"),
+    ],
+)
+def test_how_far_the_body_model_is_from_an_arm_stands_beside_its_place(model, text):
+    """Millimetres first: in 80 columns they are still seen; nothing where there is no model."""
+    arm = a_snapshot().arms["left"]
+    arm = replace(arm, model=None if model is None else replace(arm.model, **model))
+    assert list(arm_rows(a_view(arms={"left": arm, "right": arm}), INFO, 0, 200))[8].plain[:98].rstrip() == text
+    narrow = list(arm_rows(a_view(arms={"left": arm, "right": arm}), INFO, 0, 80))[8]
+    assert narrow.cell_len <= 80 and text[:38] in narrow.plain
+
+
+def test_a_pose_setpoint_goes_before_a_model_that_agrees():
+    """Both do not fit; one that differs is shown wherever there is room."""
+    arm = replace(a_snapshot().arms["left"], ref_p_m=(0.31, 0.1, -0.2))
+    other = replace(arm, model=replace(arm.model, state="differs"))
+    place = list(arm_rows(a_view(arms={"left": arm, "right": other}), INFO, 0, 200))[8].plain
+    assert "model" not in place[:99] and "model DIFFERS" in place[99:]

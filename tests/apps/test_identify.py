@@ -155,6 +155,10 @@ def test_a_urdf_of_ones_own_is_what_it_is_compared_with(shell, pairs, tmp_path):
     """A file that is not there is refused; the option reaches the model."""
     ended = shell.run("identify", pairs, "--urdf", str(tmp_path / "none.urdf"))
     assert ended.status == 2 and ended.err.startswith("BAD_CONFIG: ")
+    settings = tmp_path / "a.toml"
+    settings.write_text(f'[model]\nurdf = "{tmp_path / "configured.urdf"}"\n')
+    configured = shell.run("identify", pairs, "--config", str(settings))
+    assert configured.status == 2 and "configured.urdf" in configured.err, "what the gateway uses is what is identified"
 
 
 @pytest.mark.parametrize(

@@ -99,3 +99,19 @@ def test_status_shows_the_guard(shell, guard, said):
     facts = {"expected": True, "pid": 43, "linked": True, "lost": 0, "earlier_holds": False}
     shell.world.engine.show(guard=GuardView(**(facts | guard)))
     assert said in shell.run("status").out
+
+
+def test_the_body_model_is_told_for_each_arm():
+    """Verdict and figures; coloured by the worse one; and that there is none."""
+    arm = a_snapshot().arms["left"]
+    states = {
+        "left": arm,
+        "right": replace(arm, model=replace(arm.model, state="differs", position_m=0.0071)),
+    }
+    assert "body model left agrees (0.20 mm, 1.00 mrad), right differs (7.10 mm, 1.00 mrad)" in text_of(arms=states)
+    (row,) = [line for line in lines(INFO, a_view(arms=states)) if line.plain.startswith("body model")]
+    assert row.spans[-1].style == "red"
+    unknown = replace(arm, model=replace(arm.model, state="unknown", position_m=None, angle_rad=None, pairs=0))
+    assert "body model left unknown, right unknown\n" in text_of(arms={"left": unknown, "right": unknown})
+    none = replace(arm, model=None)
+    assert "body model none (model.check = false)" in text_of(arms={"left": none, "right": none})

@@ -13,6 +13,7 @@ from itertools import pairwise
 import numpy as np
 
 from gateway import robot
+from gateway.core.body_model import body_model
 from gateway.core.events import Disable, Enable, Frame, FrameKind, LinkUp, Move, Remembered, SampleArrived, Stop
 from gateway.core.snapshot import MotionView, TargetView
 from gateway.errors import Code
@@ -44,6 +45,7 @@ class Scene(Pair):
         loss: Stages of a loss; `QUICK` where their length is not the point.
         foreign: What is done about foreign writers.
         snapshot_hz: How often a snapshot is made; `see` needs 50.
+        is_modelled: Whether the engine has the body model of these settings.
     """
 
     def __init__(
@@ -56,6 +58,7 @@ class Scene(Pair):
         loss: LossSettings | None = None,
         foreign: ForeignSettings | None = None,
         snapshot_hz: float = 1.0,
+        is_modelled: bool = False,
     ) -> None:
         settings = Settings(
             arm=arm or ArmSettings(),
@@ -64,7 +67,8 @@ class Scene(Pair):
             local=LocalSettings(snapshot_hz=snapshot_hz),
             link=LinkSettings(model=model),
         )
-        super().__init__(settings, sim or SimSettings(state_period_ns=10 * MS, model=model), remembered)
+        body = body_model(settings) if is_modelled else None
+        super().__init__(settings, sim or SimSettings(state_period_ns=10 * MS, model=model), remembered, model=body)
         self.topics = LEAN
         self.epoch = 0
         self.before_last: Callable[[], object] = lambda: None

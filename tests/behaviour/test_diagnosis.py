@@ -37,7 +37,7 @@ LEFT = robot.arm_state(Side.LEFT)
 
 def whole(state: str, right_mode: str = "joint") -> Scene:
     """Return a scene in which every topic is heard, with snapshots at 50 Hz."""
-    pair = Scene(SimSettings(state_period_ns=10 * MS, right_mode=right_mode), snapshot_hz=50)
+    pair = Scene(SimSettings(state_period_ns=10 * MS, right_mode=right_mode), snapshot_hz=50, is_modelled=True)
     pair.topics = robot.STATE_TOPICS
     return scene(state, pair)
 
@@ -214,6 +214,12 @@ SCRIPTS = {
         _then(_inject(fault="tight_limit", side="right", joint=6, margin_rad=1.1), to_home(0.25)),
         _off_by(Side.RIGHT, 0.04),
         Code.CLIPPED_BY_ROBOT,
+    ),
+    "a joint whose zero is off": Script(
+        "HOLDING",
+        _inject(fault="joint_zero", side="right", joint=4, delta_rad=0.06),
+        lambda p: p.now_ns > p.mark_ns + 1500 * MS,  # half of the window
+        Code.MODEL_DIFFERS,
     ),
     "VR mode": Script(
         "HOLDING",
@@ -435,6 +441,7 @@ class Day(Scene):
             SimSettings(state_period_ns=50 * MS, model="lift"),
             model="lift",
             arm=ArmSettings(rate_hz=50.0),
+            is_modelled=True,
         )
         self.topics = robot.STATE_TOPICS
         self.random = random.Random(7)

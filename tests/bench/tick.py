@@ -7,8 +7,10 @@ import time
 from collections.abc import Callable
 
 from gateway.core import requests
+from gateway.core.body_model import body_model
 from gateway.core.engine import Output
 from gateway.robot import HOME_Q_RAD
+from gateway.settings import Settings
 from gateway.values import Side
 from tests.bench.table import Row
 from tests.pair import MS, Pair, S
@@ -65,9 +67,9 @@ def _held() -> _Stopwatch:
     return _run(pair, SECONDS)
 
 
-def _moving(*, everything: bool) -> _Stopwatch:
+def _moving(*, everything: bool, is_modelled: bool = False) -> _Stopwatch:
     """Both arms go to the initial position and back; with everything: grippers grip and the chassis drives, too."""
-    pair = Pair()
+    pair = Pair(model=body_model(Settings()) if is_modelled else None)
     epoch = pair.activate()
     hung = {side: tuple(arm.q_rad) for side, arm in zip(HOME_Q_RAD, pair.robot.arms.values(), strict=True)}
     goals = [HOME_Q_RAD, hung]
@@ -103,11 +105,12 @@ def _row(name: str, watch: _Stopwatch) -> Row:
 
 
 def tick_rows() -> list[Row]:
-    """Measure the tick in four scenes."""
+    """Measure the tick in five scenes."""
     scenes: dict[str, Callable[[], _Stopwatch]] = {
         "nobody owns, nobody watches": _at_rest,
         "both arms held, watched": _held,
         "both arms moving, watched": lambda: _moving(everything=False),
         "arms, grippers and chassis, watched": lambda: _moving(everything=True),
+        "the same, the model checked live": lambda: _moving(everything=True, is_modelled=True),
     }
     return [_row(name, scene()) for name, scene in scenes.items()]

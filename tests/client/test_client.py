@@ -80,6 +80,7 @@ def test_state_has_units_shapes_and_ages(world, robot):
         arm.q[0] = 1.0
     assert arm.age == pytest.approx(0.002, abs=0.011)
     assert arm.pose.p.shape == (3,) and arm.pose.quat_xyzw.shape == (4,) and arm.pose.frame == "left_shoulder_base"
+    assert arm.model is not None and (arm.model.state, arm.model.position_m) == ("agrees", 2e-4)
     assert arm.q_ref.shape == (0,) and not arm.is_streaming and arm.tracking_error is None
     world.engine.frozen = True
     world.run(0.5)

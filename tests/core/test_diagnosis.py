@@ -8,14 +8,17 @@ import pytest
 
 from gateway import robot
 from gateway.codes import Code
+from gateway.core.body_model import BodyModel
 from gateway.core.diagnosis import PERIOD_NS, Diagnosis
 from gateway.core.elsewhere import elsewhere, twins
 from gateway.core.events import ForeignData, Gateway, SampleArrived, SampleRefused
 from gateway.core.motion import plan
 from gateway.core.snapshot import Finding
 from gateway.core.supervisor import State
-from gateway.values import EePose, FsmState, MotorState
-from tests.core.stage import GOAL, MODE, MS, OFFSET_NS, TICK_NS, L, R, Stage
+from gateway.kinematics.description import nominal
+from gateway.settings import Settings
+from gateway.values import ArmState, EePose, FsmState, MotorState
+from tests.core.stage import GOAL, MIDDLE, MODE, MS, OFFSET_NS, PLACE, TICK_NS, L, R, Stage
 
 OTHERS = tuple(
     topic
@@ -346,6 +349,28 @@ def moving(stage: Watched) -> Watched:
     for side, path in plan({side: arms[side].reference for side in (L, R)}, GOAL).items():
         arms[side].follow_path(path, stage.epoch)
     return stage
+
+
+def test_an_arm_that_is_not_as_modelled_is_told_with_both_figures():
+    """A robot with its hands elsewhere: the one that was compared is told, and only while the two differ."""
+    stage = Watched(State.IDLE, poses={L, R})
+    stage.conductor.model = model = BodyModel(nominal(), Settings())
+    stage.spend(100)
+    assert stage.codes == []
+    pose = EePose(p_m=PLACE[L][:3], quat_xyzw=PLACE[L][3:])
+    state = ArmState(q_rad=MIDDLE[L], dq_radps=(), tau_nm=(), stamp_ns=0)
+    for _ in range(100):
+        for topic, value in ((robot.ee_pose(L), pose), (robot.arm_state(L), state)):
+            model.hear(SampleArrived(topic=topic, value=value, received_ns=stage.now_ns), stage.now_ns)
+        stage.spend(2)
+    symptom = stage.only(Code.MODEL_DIFFERS)
+    verdict = model.verdict(L, stage.now_ns)
+    assert verdict.reason in symptom.message
+    assert "left arm" in symptom.message and "ta2 identify" in symptom.hint
+    assert symptom.facts == {"position_m": verdict.position_m, "angle_rad": verdict.angle_rad}
+    model.forget()
+    stage.spend(20)
+    assert stage.codes == []
 
 
 def test_arms_that_do_not_follow_are_told():

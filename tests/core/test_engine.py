@@ -139,6 +139,17 @@ def test_a_body_model_hears_the_robot_and_begins_anew_with_each_link():
         assert [model.verdict(side, pair.now_ns).state for side in Side] == [Agreement.AGREES] * 2
 
 
+def test_a_body_model_hears_only_what_is_believed():
+    """Joints that come again and again with their old stamp say nothing about where the arm is now."""
+    model = BodyModel(nominal(), Settings())
+    pair = Pair(model=model)
+    pair.run(2.0)
+    pair.robot.inject({"fault": "freeze", "topic": robot.arm_state(L)}, pair.now_ns)
+    pair.run(1.0)
+    states = [model.verdict(side, pair.now_ns).state for side in Side]
+    assert states == [Agreement.UNKNOWN, Agreement.AGREES]
+
+
 def test_latches_are_shown_as_a_copy():
     """Who looks at them cannot clear them: only `recover` does (DESIGN §8.7)."""
     engine = Engine(Settings(), Remembered(epoch=4, latches={Code.ESTOP: "estop() by ann"}))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import pytest
 
 from gateway import robot
+from gateway.core.body_model import BodyModel
 from gateway.core.events import ForeignData, Gateway, Means, OnLimit, SampleArrived, Writer
 from gateway.core.motion import plan
 from gateway.core.snapshot import (
@@ -16,6 +17,7 @@ from gateway.core.snapshot import (
     LiftView,
     LinkView,
     LoopView,
+    ModelView,
     ModeView,
     MotorView,
     OthersView,
@@ -25,7 +27,9 @@ from gateway.core.snapshot import (
 from gateway.core.supervisor import State
 from gateway.core.view import build
 from gateway.errors import Code
-from gateway.values import EePose, MotorState, Side
+from gateway.kinematics.description import nominal
+from gateway.settings import Settings
+from gateway.values import ArmState, EePose, MotorState, Side
 from tests.core.stage import GOAL, MIDDLE, MS, OFFSET_NS, PLACE, L, R, S, Stage
 
 LOOP = LoopView(ticks=8, skipped=1, late_ns=2, worst_late_ns=3)
@@ -44,6 +48,7 @@ def test_before_the_first_sample_nothing_is_known():
     assert seen.arms["left"] == ArmView(
         measured=None, p_m=(), quat_xyzw=(), pose_age_ns=None, q_ref_rad=(), dq_ref_radps=(), streaming=False,
         tracking_rad=None, space="joint", ref_p_m=(), ref_quat_xyzw=(), ref_v_mps=(), ref_w_radps=(), tracking_m=None,
+        model=None,
     )  # fmt: skip
     assert (seen.grippers, seen.chassis) == ({"left": None, "right": None}, None)
     assert seen.link == LinkView(up=True, router_zid="aa", fresh=False, age_ns=None)
@@ -303,3 +308,29 @@ def test_a_streaming_end_effector_shows_its_setpoint_and_how_far_the_arm_is_off(
     assert (right.ref_v_mps, right.ref_w_radps) == ((0.0,) * 3, (0.0,) * 3)
     assert (right.tracking_m, right.tracking_rad) == (pytest.approx(0.02), pytest.approx(0.0))
     assert (arms["left"].space, arms["left"].tracking_m) == ("joint", None)
+
+
+def test_what_is_known_of_the_body_model_is_shown_for_each_arm():
+    """Verdict, figures and reason as the model has them; nothing where there is none."""
+    stage = Stage(State.IDLE, poses={L, R})
+    assert look(stage).arms["left"].model is None
+    stage.conductor.model = model = BodyModel(nominal(), Settings())
+    assert look(stage).arms["left"].model == ModelView(
+        state="unknown",
+        reason="no joints and pose of one instant have arrived",
+        pairs=0,
+        position_m=None,
+        angle_rad=None,
+        lag_ns=0,
+    )
+    pose = EePose(p_m=PLACE[L][:3], quat_xyzw=PLACE[L][3:])
+    state = ArmState(q_rad=MIDDLE[L], dq_radps=(), tau_nm=(), stamp_ns=0)
+    for _ in range(60):
+        stage.now_ns += 50 * MS
+        for topic, value in ((robot.ee_pose(L), pose), (robot.arm_state(L), state)):
+            model.hear(SampleArrived(topic=topic, value=value, received_ns=stage.now_ns), stage.now_ns)
+    seen = {side: arm.model for side, arm in look(stage).arms.items()}
+    verdict = model.verdict(L, stage.now_ns)
+    assert (seen["left"].state, seen["left"].reason, seen["left"].pairs) == ("differs", verdict.reason, 60)
+    assert (seen["left"].position_m, seen["left"].angle_rad) == (verdict.position_m, verdict.angle_rad)
+    assert seen["right"].state == "unknown"

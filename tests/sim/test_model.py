@@ -389,6 +389,29 @@ def test_a_blocked_arm_falls_behind_its_target():
     assert user.robot.arms[Side.LEFT].deviation_rad > 0.35
 
 
+def test_a_joint_whose_zero_is_off_puts_the_hand_elsewhere():
+    """It reports and takes the angles of before; the pose is that of the real ones, and the robot's own IK knows them."""
+    robot = SimRobot(SimSettings(noise_rad=0.0, left_mode="pose"), 0)
+    before = dict(robot.advance(0))
+    robot.inject({"fault": "joint_zero", "side": "left", "joint": 2, "delta_rad": -0.05}, 0)
+    after = dict(robot.advance(5 * MS))
+    assert after["/left_arm/joint_states"].position == before["/left_arm/joint_states"].position
+    q_rad = np.array(after["/left_arm/joint_states"].position)
+    real = arm_geometry(Side.LEFT).forward(q_rad + np.array([0, -0.05, 0, 0, 0, 0, 0]))
+    pose = after["/left_arm/current_ee_pose"]
+    assert (pose.position.x, pose.position.y, pose.position.z) == pytest.approx(real.position_m, abs=1e-12)
+    moved = math.dist(real.position_m, arm_geometry(Side.LEFT).forward(q_rad).position_m)
+    assert moved > 0.01
+    arm = robot.arms[Side.LEFT]
+    assert arm.command_pose(real, 5 * MS)
+    assert arm.target_rad == pytest.approx(q_rad, abs=2e-3)
+    robot.clear("joint_zero")
+    assert (
+        dict(robot.advance(10 * MS))["/left_arm/current_ee_pose"].position
+        == before["/left_arm/current_ee_pose"].position
+    )
+
+
 def test_a_tight_limit_clips_inside_the_manuals():
     """This robot stops short of §4.13 on one joint; the others follow, and nothing is said but in its own log."""
     user = User(SimRobot())
