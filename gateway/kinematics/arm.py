@@ -12,6 +12,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from gateway.kinematics.bend import CLOSE_M, CLOSE_RAD, Bend
 from gateway.kinematics.chain import ArmChain
 from gateway.kinematics.description import Description
 from gateway.kinematics.dexterity import Dexterity, dexterity
@@ -25,11 +26,6 @@ from gateway.robot import HOME_Q_RAD, JOINT_LOWER_RAD, JOINT_UPPER_RAD
 from gateway.values import ARM_DOF, EePose, Side, ValueRefused, Vector, require_finite
 
 __all__ = ["CLOSE_M", "CLOSE_RAD", "ArmModel", "NotClosed"]
-
-CLOSE_M = 1e-9
-"""A numerical solution is one when it is at least this close [m] ..."""
-CLOSE_RAD = 1e-9
-"""... and this close [rad]."""
 
 
 class NotClosed(ValueError):
@@ -120,6 +116,16 @@ class ArmModel:
             if found.error_m < CLOSE_M and found.error_rad < CLOSE_RAD:
                 return Solution(found.q_rad, self._closed.arm_angle_rad(found.q_rad))
         return None
+
+    def bend(self, q_rad: Sequence[float]) -> Bend:
+        """Return how the arm is bent at joint angles, shape (7,) [rad]: for what goes on from there, smoothly.
+
+        Raises:
+            NotClosed: The arm's axes do not meet, not even nearly.
+        """
+        if not self.shape.is_near:
+            self._exact()
+        return Bend(self._closed, self.chain, q_rad, is_exact=self.shape.is_exact)
 
     def branches(self, pose: EePose, arm_angle_rad: float) -> tuple[Branch, ...]:
         """Return all joint angles that take a pose with an arm angle, those inside the limits first.

@@ -18,7 +18,7 @@ from gateway.kinematics.sectors import SLACK_RAD, Sector, Window, points, sector
 from gateway.kinematics.shape import ArmShape
 from gateway.values import Side, Vector
 
-__all__ = ["Branch", "ClosedForm", "Solution"]
+__all__ = ["Branch", "ClosedForm", "Solution", "Swivel"]
 
 ENOUGH = 1e-2
 """A step whose joint travel is this part of the distance to the seed changes that by its square: not worth taking."""
@@ -59,6 +59,30 @@ class Branch(NamedTuple):
     q_rad: Vector
     beyond_rad: float
     joint: int
+
+
+class Swivel:
+    """The joint angles for one pose as a function of the arm angle, bent as a neighbour is: smooth in both.
+
+    Args:
+        circle: Of the pose.
+        signs: Of the joint angles against the angles of the circle.
+        shoulder: Sign of the sine of a2.
+        wrist: Sign of the cosine of a6.
+        off_rad: What is added to each joint angle, shape (7,) [rad]; empty for nothing.
+    """
+
+    __slots__ = ("_circle", "_off_rad", "_shoulder", "_signs", "_wrist")
+
+    def __init__(self, circle: Circle, signs: Vector, shoulder: float, wrist: float, off_rad: Vector) -> None:
+        self._circle, self._signs, self._shoulder, self._wrist = circle, signs, shoulder, wrist
+        self._off_rad = off_rad
+
+    def at(self, arm_angle_rad: float) -> Vector:
+        """Return the joint angles, shape (7,) [rad]; not judged by limits."""
+        angles, _ = self._circle.at(arm_angle_rad, self._shoulder, self._wrist)
+        q_rad = tuple([s * a for s, a in zip(self._signs, angles, strict=True)])
+        return tuple([q + off for q, off in zip(q_rad, self._off_rad, strict=True)]) if self._off_rad else q_rad
 
 
 class _Best(NamedTuple):
@@ -111,6 +135,26 @@ class ClosedForm:
         if best is NONE:
             return None
         return Solution(self._turned(best.angles), math.remainder(best.arm_angle_rad, math.tau))
+
+    def swivel(self, target: Placement, seed_rad: Sequence[float], off_rad: Vector = ()) -> Swivel | None:
+        """Return the joint angles for a pose by arm angle, elbow, shoulder and wrist bent as a seed's are.
+
+        Args:
+            target: End effector in the shoulder frame.
+            seed_rad: Joint angles, shape (7,) [rad].
+            off_rad: What is added to each joint angle, shape (7,) [rad]; empty for nothing.
+
+        Returns:
+            None when the wrist is out of reach of the bare bones.
+        """
+        seed = self._turned(seed_rad)
+        circles = self._circles(target, is_bare=True)
+        if not circles:
+            return None
+        circle = min(circles, key=lambda one: abs(one.elbow.a4 - seed[3]))
+        circle.free_a1 = seed[0]
+        shoulder = math.copysign(1.0, seed[1] or self._lower[1] + self._upper[1])
+        return Swivel(circle, self._shape.signs, shoulder, math.copysign(1.0, math.cos(seed[5])), off_rad)
 
     def branches(self, target: Placement, arm_angle_rad: float) -> tuple[Branch, ...]:
         """Return every way to reach a pose with an arm angle, those inside the limits first.
