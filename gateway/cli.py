@@ -115,20 +115,16 @@ def _run(options: Namespace) -> int:
 def _sim(options: Namespace) -> int:
     if options.ask is not None:
         return _ask_sim(options)
-    from gateway.sim.node import main_sim
-    from gateway.sim.settings import settings_of
+    from gateway.sim.sender import DEFAULT_TO
+    from gateway.sim.starting import CannotStart, start
 
-    if not options.camera and options.camera_to is None:
-        return main_sim(options.listen, settings_of(options))
-    from gateway.sim.camera_process import DEFAULT_TO, CameraProcess
-    from gateway.sim.hevc import EncoderMissing
-
+    if options.camera and options.camera_to is None:
+        options.camera_to = DEFAULT_TO
     try:
-        camera = CameraProcess(options.camera_to or DEFAULT_TO, options.seed)
-    except (EncoderMissing, ValueError) as error:
-        raise to_exception(Refusal(code=Code.BAD_REQUEST, message=str(error))) from None
-    with camera:
-        return main_sim(options.listen, settings_of(options))
+        return start(options)
+    except CannotStart as error:
+        hint = "`ta2 sim --help` lists what can be chosen"
+        raise to_exception(Refusal(code=Code.BAD_REQUEST, message=str(error), hint=hint)) from None
 
 
 def _ask_sim(options: Namespace) -> int:

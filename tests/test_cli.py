@@ -229,7 +229,7 @@ def test_config_reads_the_files_of_the_body_model_as_the_daemon_would(shell, tmp
 def test_sim_is_built_as_asked(shell, monkeypatch):
     """Modes of one arm win over the mode of both; parts that are switched off are off."""
     seen = []
-    monkeypatch.setattr("gateway.sim.node.main_sim", lambda listen, settings: seen.append((listen, settings)) or 0)
+    monkeypatch.setattr("gateway.sim.starting.main_sim", lambda listen, settings: seen.append((listen, settings)) or 0)
     words = ["--mode", "pose", "--left-mode", "joint", "--model", "lift", "--seed", "3", "--disable", "chassis"]
     assert shell.run("sim", "--listen", "127.0.0.1:19592", *words).status == 0
     ((listen, settings),) = seen

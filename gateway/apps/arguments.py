@@ -19,6 +19,7 @@ from gateway.apps.ground_arguments import add_ground
 from gateway.apps.identify_arguments import add_identify
 from gateway.apps.model_arguments import add_model
 from gateway.apps.numbers import above_zero
+from gateway.apps.sim_arguments import add_physics
 from gateway.apps.stop_arguments import add_stops
 from gateway.apps.video.commands import add_video
 
@@ -243,6 +244,7 @@ def _add_sim(sim: argparse.ArgumentParser) -> None:
     sim.add_argument(
         "--disable", action="append", default=[], choices=PARTS, help="a part that is switched off; may be repeated"
     )
+    add_physics(sim)
     sim.add_argument("--camera", action="store_true", help="send its camera's pictures too, as RTP/H.265 (manual §5.1)")
     sim.add_argument(
         "--camera-to", metavar="HOST:PORT", help="where to; turns --camera on (default 127.0.0.1:8890, as the robot's)"

@@ -5,10 +5,9 @@ from __future__ import annotations
 import argparse
 import sys
 
-from gateway.sim.camera_process import CameraProcess
-from gateway.sim.hevc import EncoderMissing
-from gateway.sim.node import DEFAULT_LISTEN, main_sim
-from gateway.sim.settings import settings_of
+from gateway.sim.node import DEFAULT_LISTEN
+from gateway.sim.settings import PHYSICS
+from gateway.sim.starting import CannotStart, start
 
 
 def command_line() -> argparse.ArgumentParser:
@@ -24,6 +23,10 @@ def command_line() -> argparse.ArgumentParser:
     parser.add_argument(
         "--disable", action="append", default=[], choices=("left_arm", "right_arm", "chassis", "lift_servo")
     )
+    parser.add_argument(
+        "--physics", choices=PHYSICS, default=PHYSICS[0], help="how it moves: as lags and speeds, or with forces"
+    )
+    parser.add_argument("--viewer", action="store_true", help="show it in a window; needs --physics mujoco")
     parser.add_argument("--camera-to", metavar="HOST:PORT", help="send its camera's pictures there (default: none)")
     return parser
 
@@ -31,12 +34,9 @@ def command_line() -> argparse.ArgumentParser:
 def main(arguments: list[str] | None = None) -> int:
     """Parse the arguments and run; return the exit code."""
     options = command_line().parse_args(arguments)
-    if options.camera_to is None:
-        return main_sim(options.listen, settings_of(options))
     try:
-        with CameraProcess(options.camera_to, options.seed):
-            return main_sim(options.listen, settings_of(options))
-    except (EncoderMissing, ValueError) as error:
+        return start(options)
+    except CannotStart as error:
         sys.stderr.write(f"{error}\n")
         return 1
 

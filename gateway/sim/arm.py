@@ -4,7 +4,7 @@ Rules: only `position` counts and only by index (§4.3, §4.10); fewer than seve
 outside §4.13 are clipped silently; a gap of more than 0.15 s, an invalid IK result, PAUSE and ERROR put it under a
 zero-velocity command, which is no position hold (§4.10). In SLOW_START the followed target approaches the commanded
 one at 0.5 rad/s; in READY it is the commanded one. Each joint follows as a first-order lag, solved exactly for any
-step.
+step; or `gateway.sim.physics` moves it, by what `guide` says that the servos follow.
 
 Choices, where the manual is silent: an infinite value is refused; of more than seven values the first seven count; a
 zero or non-finite quaternion or position is an invalid IK input.
@@ -60,6 +60,7 @@ class SimArm:
         measured_offset_rad: Added to what the encoders say (fault), shape (7,) [rad].
         accepted: Number of valid commands so far.
         unsolved: Number of poses so far for which its IK found nothing.
+        effort_nm: Torques of the motors, shape (7,) [N·m]; None unless somebody simulates forces.
     """
 
     def __init__(self, side: Side, settings: SimSettings, journal: Journal) -> None:
@@ -78,6 +79,7 @@ class SimArm:
         self.unsolved = 0
         self.clips = 0
         self.stream_losses = 0
+        self.effort_nm: Array | None = None
         self._journal = journal
         self._geometry = arm_geometry(side)
         self._lower, self._upper = LOWER_RAD[side], UPPER_RAD[side]
@@ -207,6 +209,34 @@ class SimArm:
             self._reference = self.q_rad.copy()
         self._drive = drive
         self._is_resting = self._is_resting and drive is Drive.STILL
+
+    def guide(self, duration_ns: int) -> Array | None:
+        """Let time pass for what the motors follow, and return it; the motion itself is up to `place`.
+
+        Args:
+            duration_ns: Length of the step [ns].
+
+        Returns:
+            Joint positions that the servos hold, shape (7,) [rad]; None under the zero-velocity command (§4.10).
+        """
+        if self._drive is Drive.STILL:
+            return None
+        if self._drive is Drive.FOLLOW:
+            self._reference = self.target_rad
+        elif duration_ns:
+            step = SLOW_START_RADPS * duration_ns / S
+            self._reference = self._reference + np.clip(self.target_rad - self._reference, -step, step)
+        return self._reference
+
+    def place(self, q_rad: Array, v_radps: Array, effort_nm: Array) -> None:
+        """Say where the arm got to; instead of `move`, by whoever simulates forces.
+
+        Args:
+            q_rad: Joint positions, shape (7,) [rad].
+            v_radps: Joint velocities, shape (7,) [rad/s].
+            effort_nm: Torques of the motors, shape (7,) [N·m].
+        """
+        self.q_rad, self.v_radps, self.effort_nm = q_rad, v_radps, effort_nm
 
     def move(self, duration_ns: int) -> None:
         """Let time pass under the present drive, exactly.

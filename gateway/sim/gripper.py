@@ -112,6 +112,10 @@ class SimGripper:
         """Motor torque now [N·m], positive opens."""
         return self._torque_nm if self.is_engaged else 0.0
 
+    def place(self, angle_rad: float, v_radps: float) -> None:
+        """Say where the motor got to [rad, rad/s]; instead of `move`, by whoever simulates forces."""
+        self.angle_rad, self.v_radps = angle_rad, v_radps
+
     def move(self, duration_ns: int) -> None:
         """Let time pass: the motor turns under its torque until a stop or an object.
 

@@ -19,6 +19,7 @@ from cdr_types.messages import geometry_msgs, sensor_msgs, std_msgs
 from cdr_types.registry import message_type
 from gateway.sim.arm import Drive, SimArm
 from gateway.sim.chassis import SimChassis
+from gateway.sim.dynamics import Parts, dynamics_of
 from gateway.sim.faults import DelayLine, Fault, FaultBook, FaultError, parse_fault
 from gateway.sim.fsm import StateMachine
 from gateway.sim.gripper import SimGripper
@@ -75,6 +76,7 @@ class SimRobot:
         grippers: Grippers by side.
         chassis: Chassis.
         lift: Lift, None on models without one.
+        dynamics: How its parts move: as lags and speeds, or as bodies with forces.
         journal: The robot's own log and counters.
         api_mode: API mode (True) or VR mode.
         faults: The acting faults.
@@ -90,6 +92,9 @@ class SimRobot:
         Args:
             settings: What to simulate; the defaults are a standard robot ready for joint commands.
             start_ns: First point of the publishing grids [ns].
+
+        Raises:
+            PhysicsMissing: The settings ask for MuJoCo, and it is not installed.
         """
         self.settings = settings or SimSettings()
         self.now_ns = start_ns
@@ -101,6 +106,10 @@ class SimRobot:
         self.lift: SimLift | None = None
         if self.settings.has_lift:
             self.lift = SimLift(self.journal, start_ns, is_configured=self.settings.enable_lift_servo)
+        parts = Parts(
+            arms=self.arms, grippers=self.grippers, chassis=self.chassis, lift=self.lift, journal=self.journal
+        )
+        self.dynamics = dynamics_of(self.settings, parts, start_ns)
         self.api_mode = self.settings.api_mode
         self.faults = FaultBook()
         self.commands = command_topics(has_lift=self.settings.has_lift)
@@ -260,7 +269,7 @@ class SimRobot:
             event_ns = self._next_event_ns()
             next_ns = min(until_ns, event_ns)
             if next_ns > self.now_ns:
-                self._move(next_ns - self.now_ns)
+                self.dynamics.move(self.now_ns, next_ns - self.now_ns)
                 self.now_ns = next_ns
             if event_ns <= self.now_ns:
                 self._fire()
@@ -275,14 +284,6 @@ class SimRobot:
             if deadline_ns is not None and deadline_ns < next_ns:
                 next_ns = deadline_ns
         return next_ns
-
-    def _move(self, duration_ns: int) -> None:
-        for side in _SIDES:
-            self.arms[side].move(duration_ns)
-            self.grippers[side].move(duration_ns)
-        self.chassis.move(duration_ns)
-        if self.lift is not None:
-            self.lift.move_to(self.now_ns + duration_ns)
 
     def _fire(self) -> None:
         """Let happen what is due now."""

@@ -84,6 +84,7 @@ class SimNode:
             now_ns: Time [ns].
         """
         self._end_faults(now_ns)
+        self.robot.dynamics.shed(now_ns)
         bridge = self._bridge
         if bridge is None:
             self.robot.advance(now_ns, latest_only=True, topics=())

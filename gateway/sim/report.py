@@ -52,6 +52,7 @@ def stats(robot: SimRobot) -> dict[str, object]:
             for side, arm in robot.arms.items()
         },
         "counts": dict(robot.journal.counts),
+        **_physics(robot.dynamics.pace()),
     }
 
 
@@ -81,7 +82,12 @@ def state(robot: SimRobot) -> dict[str, object]:
         if lift is None
         else {"lowered_m": lift.lowered_m, "motor_radps": lift.motor_radps, "is_powered": lift.is_powered},
         "faults": [fault.name for fault in robot.faults.active()],
+        **_physics(robot.dynamics.report()),
     }
+
+
+def _physics(told: dict[str, object] | None) -> dict[str, object]:
+    return {} if told is None else {"physics": told}
 
 
 def ee_pose(message: geometry_msgs.Pose) -> EePose:

@@ -12,7 +12,10 @@ from typing import Final
 
 from gateway.sim.manual import DOF, MS, ArmMode, S, Side
 
-__all__ = ["HANGING_RAD", "SimSettings", "settings_of"]
+__all__ = ["HANGING_RAD", "PHYSICS", "SimSettings", "settings_of"]
+
+PHYSICS: Final = ("kinematic", "mujoco")
+"""How a robot can move: as lags and speeds, or with forces; the first is the default."""
 
 HANGING_RAD: Final = {
     Side.LEFT: (0.05, 1.35, -0.08, 0.55, 0.10, 0.06, -0.05),
@@ -52,6 +55,9 @@ class SimSettings:
         noise_radps: Standard deviation of the measured velocities [rad/s].
         state_period_ns: Period of the 200 Hz topics; longer ones make long runs in virtual time cheaper [ns].
         clock_offset_ns: The robot's clock minus the time it is stepped with [ns]; the two clocks never agree.
+        physics: `kinematic`: each part follows as a lag or at a speed; `mujoco`: as a body with forces, contacts and
+            things on a table (extra `sim`). Then what only the lag needs has no effect: `lag_s`, `brake_s`, `sag_rad`,
+            `creep_radps`.
         left_object_rad: Motor angle at which the left gripper meets an object; None when empty [rad].
         right_object_rad: The same of the right gripper.
         grip_survives_pause: Whether the gripper keeps its torque in PAUSE while the arm's stream goes on. §4.4 ties the
@@ -77,6 +83,7 @@ class SimSettings:
     noise_radps: float = 2e-3
     state_period_ns: int = 5 * MS
     clock_offset_ns: int = 1_790_000_000 * S + 123_456_789
+    physics: str = "kinematic"
     left_object_rad: float | None = None
     right_object_rad: float | None = None
     grip_survives_pause: bool = True
@@ -85,6 +92,12 @@ class SimSettings:
         """Refuse names and numbers that mean nothing."""
         if self.model not in _MODELS:
             raise ValueError(f"model {self.model!r} is not one of {', '.join(_MODELS)}")
+        if self.physics not in PHYSICS:
+            raise ValueError(f"physics {self.physics!r} is not one of {', '.join(PHYSICS)}")
+        if self.physics != "kinematic" and (self.left_object_rad, self.right_object_rad) != (None, None):
+            raise ValueError(
+                "an object at a motor angle is for physics 'kinematic': with forces, things lie on the table"
+            )
         for name in ("left_mode", "right_mode"):
             if getattr(self, name) not in _MODES:
                 raise ValueError(f"{name} {getattr(self, name)!r} is not one of {', '.join(_MODES)}")
@@ -123,7 +136,8 @@ def settings_of(options: Namespace) -> SimSettings:
     """Return the settings that the command line asks for.
 
     Args:
-        options: With model, mode, left_mode, right_mode, namespace, seed and disable (names of disabled parts).
+        options: With model, mode, left_mode, right_mode, namespace, seed, physics and disable (names of disabled
+            parts).
     """
     return SimSettings(
         model=options.model,
@@ -131,6 +145,7 @@ def settings_of(options: Namespace) -> SimSettings:
         right_mode=options.right_mode or options.mode,
         namespace=options.namespace,
         seed=options.seed,
+        physics=options.physics,
         enable_left_arm="left_arm" not in options.disable,
         enable_right_arm="right_arm" not in options.disable,
         enable_chassis="chassis" not in options.disable,

@@ -141,7 +141,7 @@ class Telemetry:
                 arm_topic, pose_topic, gripper_topic = _SIDE_TOPICS[side]
                 position, velocity = self._measured(arm, number)
                 if arm_topic in topics:
-                    due.append((arm_topic, self._arm(side, position, velocity, now_ns)))
+                    due.append((arm_topic, self._arm(arm, position, velocity, now_ns)))
                 if pose_topic in topics:
                     due.append((pose_topic, _pose(side, position + arm.zero_rad)))
                 if gripper_topic in topics:
@@ -168,9 +168,11 @@ class Telemetry:
         row = number % _ROWS
         return arm.q_rad + arm.measured_offset_rad + positions[row], arm.v_radps + velocities[row]
 
-    def _arm(self, side: Side, position: Array, velocity: Array, now_ns: int) -> sensor_msgs.JointState:
+    def _arm(self, arm: SimArm, position: Array, velocity: Array, now_ns: int) -> sensor_msgs.JointState:
         """Return the joint state message of an arm (§4.8)."""
-        effort = self._holding[side] - 0.5 * velocity
+        side, effort = arm.side, arm.effort_nm
+        if effort is None:  # no forces are simulated
+            effort = self._holding[side] - 0.5 * velocity
         return sensor_msgs.JointState(
             header=self._header(now_ns, f"{side.value}_arm"),
             name=list(self._names[side]),

@@ -5,6 +5,7 @@ from __future__ import annotations
 import pytest
 
 from gateway.sim import __main__ as program
+from gateway.sim import starting
 from gateway.sim.settings import SimSettings
 
 
@@ -12,7 +13,7 @@ from gateway.sim.settings import SimSettings
 def started(monkeypatch):
     """What the program would run."""
     calls: list[tuple[str, SimSettings]] = []
-    monkeypatch.setattr(program, "main_sim", lambda listen, settings: calls.append((listen, settings)) or 7)
+    monkeypatch.setattr(starting, "main_sim", lambda listen, settings: calls.append((listen, settings)) or 7)
     return calls
 
 
@@ -25,12 +26,13 @@ def test_without_arguments_it_is_the_default_robot_on_the_default_port(started):
 def test_every_argument_reaches_the_settings(started):
     """Modes of both arms or of each, model, seed, endpoint, namespace, disabled parts."""
     words = "--listen tcp/127.0.0.1:9 --mode pose --right-mode joint --model lift --seed 4 --namespace bot1 --disable left_arm"
-    program.main([*words.split(), "--disable", "chassis"])
+    program.main([*words.split(), "--disable", "chassis", "--physics", "mujoco"])
     expected = SimSettings(
         model="lift",
         left_mode="pose",
         right_mode="joint",
         seed=4,
+        physics="mujoco",
         namespace="bot1",
         enable_left_arm=False,
         enable_chassis=False,

@@ -1,0 +1,22 @@
+"""How a simulated robot moves and whether one looks at it, as arguments of `ta2 sim`. Knows nothing of what they do."""
+
+from __future__ import annotations
+
+import argparse
+
+__all__ = ["add_physics"]
+
+
+def add_physics(sim: argparse.ArgumentParser) -> None:
+    """Add `--physics`, `--viewer` and `--headless`."""
+    sim.add_argument(
+        "--physics",
+        choices=("kinematic", "mujoco"),
+        default="kinematic",
+        help="how it moves: as lags and speeds, or with forces, contacts and a table of things (default %(default)s)",
+    )
+    sight = sim.add_mutually_exclusive_group()
+    sight.add_argument(
+        "--viewer", action="store_true", help="show it in a window; needs --physics mujoco and a display"
+    )
+    sight.add_argument("--headless", dest="viewer", action="store_false", help="show no window (default)")

@@ -1,0 +1,1 @@
+"""The simulated robot's body under physics: MuJoCo behind the extra `sim`. Nothing else of the simulation needs it."""

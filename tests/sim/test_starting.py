@@ -1,0 +1,71 @@
+"""From options to a robot: what is refused before anything listens, and that nothing is imported that is not asked for."""
+
+from __future__ import annotations
+
+import sys
+
+import pytest
+
+from gateway.sim import starting
+from gateway.sim.__main__ import command_line, main
+from gateway.sim.settings import SimSettings
+from gateway.sim.starting import CannotStart, start
+
+
+@pytest.fixture
+def started(monkeypatch):
+    """What would run."""
+    calls: list[tuple[str, SimSettings]] = []
+    monkeypatch.setattr(starting, "main_sim", lambda listen, settings, **more: calls.append((listen, settings)) or 3)
+    return calls
+
+
+def options(*words: str):
+    """Parsed words."""
+    return command_line().parse_args(words)
+
+
+def test_a_window_without_physics_is_refused(started):
+    """There are no bodies to show; the words to add are told."""
+    with pytest.raises(CannotStart, match="add --physics mujoco"):
+        start(options("--viewer"))
+    assert started == []
+
+
+def test_a_window_without_its_library_is_refused(started, monkeypatch):
+    """The name of what is missing, and the extra that has it."""
+    monkeypatch.setitem(sys.modules, "glfw", None)
+    monkeypatch.delitem(sys.modules, "gateway.sim.physics.viewed_node", raising=False)
+    with pytest.raises(CannotStart, match=r"--viewer needs glfw: pip install 'teleavatar-gateway\[sim\]'"):
+        start(options("--viewer", "--physics", "mujoco"))
+    assert started == []
+
+
+def test_physics_that_is_missing_is_one_line_and_exit_status_1(monkeypatch, capsys):
+    """Nothing listens then."""
+    monkeypatch.setitem(sys.modules, "mujoco", None)
+    for name in [name for name in sys.modules if name.startswith("gateway.sim.physics.")]:
+        monkeypatch.delitem(sys.modules, name)
+    assert main(["--physics", "mujoco", "--listen", "tcp/127.0.0.1:19148"]) == 1
+    said = capsys.readouterr()
+    assert "MuJoCo, which is not installed" in said.err and said.out == "" and said.err.count("\n") == 1
+
+
+def test_a_camera_s_address_that_is_none_is_refused(started):
+    """Before the robot listens."""
+    with pytest.raises(CannotStart, match="nowhere"):
+        start(options("--camera-to", "nowhere"))
+    assert started == []
+
+
+def test_a_name_that_is_none_is_refused(started):
+    """What settings refuse is told as it is."""
+    with pytest.raises(CannotStart, match="namespace"):
+        start(options("--namespace", "a b"))
+    assert started == []
+
+
+def test_the_exit_status_is_passed_on(started):
+    """Of whatever ran."""
+    assert start(options("--physics", "mujoco")) == 3
+    assert started == [("tcp/127.0.0.1:9000", SimSettings(physics="mujoco"))]
