@@ -514,6 +514,16 @@ WHY = {
         "diagnosis::a_topic_that_never_came_is_told_after_the_links_first_seconds",
         "diagnosis::without_a_link_nothing_is_inferred",
     ),
+    "(is it this robot's body?)": (
+        "model::a_nominal_robot_agrees_within_two_seconds",
+        "model::a_nominal_robot_agrees_however_fast_it_moves",
+        "model::another_body_is_told_within_five_seconds_and_over_as_soon",
+        "model::a_new_link_ends_in_nothing_known",
+        "model::without_poses_nothing_is_known",
+        "model::a_robot_that_differs_agrees_after_it_was_identified",
+        "core/body_model::a_robot_of_our_numbers_may_be_moved_by_them",
+        "core/body_model::another_robot_is_told_with_figure_and_bound",
+    ),
 }
 
 ELSE = {
