@@ -14,12 +14,13 @@ from tests.bench.codec import codec_rows
 from tests.bench.collision import collision_rows
 from tests.bench.guard import guard_rows
 from tests.bench.kinematics import kinematics_rows
+from tests.bench.physics import physics_rows
 from tests.bench.table import Row, show
 from tests.bench.tick import tick_rows
 from tests.bench.video import video_rows
 from tests.bench.wire import wire_rows
 
-PARTS = ("codec", "tick", "kinematics", "wire", "guard", "video")
+PARTS = ("codec", "tick", "kinematics", "physics", "wire", "guard", "video")
 
 
 def main() -> int:
@@ -41,6 +42,9 @@ def main() -> int:
     if "kinematics" in parts:
         rows += (found := [*kinematics_rows(), *collision_rows()])
         show("kinematics", found, console)
+    if "physics" in parts:
+        rows += (found := physics_rows())
+        show("simulated robot with forces (cameras off)", found, console)
     if "wire" in parts:
         with tempfile.TemporaryDirectory(prefix="ta2-bench-") as folder:
             rows += (found := wire_rows(Path(folder)))
