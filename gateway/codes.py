@@ -21,6 +21,7 @@ class Code(str, Enum):
     TOO_LATE = "TOO_LATE"
     CANNOT_JOIN = "CANNOT_JOIN"
     WRONG_FRAME = "WRONG_FRAME"
+    GOAL_TOO_NEAR = "GOAL_TOO_NEAR"
     UNKNOWN_MOTION = "UNKNOWN_MOTION"
     UNKNOWN_STREAM = "UNKNOWN_STREAM"
     # the lease
@@ -56,6 +57,7 @@ class Code(str, Enum):
     MODEL_OFF = "MODEL_OFF"
     MODEL_UNKNOWN = "MODEL_UNKNOWN"
     MODEL_DIFFERS = "MODEL_DIFFERS"
+    UNGUARDED = "UNGUARDED"
     EXITING = "EXITING"
     # how a motion or a stream ends
     STREAM_ENDED = "STREAM_ENDED"
@@ -68,6 +70,7 @@ class Code(str, Enum):
     PATH_TOLERANCE = "PATH_TOLERANCE"
     GOAL_TOLERANCE = "GOAL_TOLERANCE"
     UNDERRUN = "UNDERRUN"
+    COLLISION_AHEAD = "COLLISION_AHEAD"
     PLAN_FAILED = "PLAN_FAILED"
     TARGET_EXPIRED = "TARGET_EXPIRED"
     # latches
@@ -100,6 +103,7 @@ class Code(str, Enum):
     TAKEN_OVER = "TAKEN_OVER"
     MOTION_ENDED = "MOTION_ENDED"
     WALK = "WALK"
+    GUARDED = "GUARDED"
     # findings: why the robot does not do what it is told, inferred (some of the codes above are findings, too)
     TRACKING_STALL = "TRACKING_STALL"
     HEARTBEAT_NOT_EFFECTIVE = "HEARTBEAT_NOT_EFFECTIVE"

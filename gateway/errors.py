@@ -219,6 +219,10 @@ CODES: dict[Code, CodeInfo] = {
     Code.WRONG_FRAME: CodeInfo(
         error=Rejected, hint="give the arm's own frame: left_shoulder_base or right_shoulder_base"
     ),
+    Code.GOAL_TOO_NEAR: CodeInfo(
+        error=Rejected,
+        hint="give a goal that leaves the bound between the parts named, or move the other arm away first",
+    ),
     Code.OUT_OF_RANGE: CodeInfo(error=Rejected, hint="stay inside the bound, or ask for on_limit='clip'"),
     Code.JUMP_TOO_FAR: CodeInfo(error=Rejected, hint="start where the arm is held, or move there first"),
     Code.TOO_FAST: CodeInfo(error=Rejected, hint="ask for stretch, the factor by which it becomes slower"),
@@ -274,6 +278,10 @@ CODES: dict[Code, CodeInfo] = {
         error=NotReady,
         hint="correct the model: run `ta2 identify`, name its file in `calibration` of section [model], or a URDF in `urdf`",
     ),
+    Code.UNGUARDED: CodeInfo(
+        error=NotReady,
+        hint="set the arm to joint mode in the robot's web page, or `self_collision = false` in section [model]",
+    ),
     Code.EXITING: CodeInfo(error=NotReady, hint="start the daemon again: it is going down"),
     Code.STREAM_ENDED: CodeInfo(error=Aborted, hint="open a new stream; it starts where the arm is held"),
     Code.CANCELLED: CodeInfo(error=Cancelled, hint="command a new motion: the arm holds where it braked"),
@@ -288,6 +296,9 @@ CODES: dict[Code, CodeInfo] = {
     Code.GOAL_TOLERANCE: CodeInfo(error=Aborted, hint="look for load or contact, or ask for more time or tolerance"),
     Code.UNDERRUN: CodeInfo(
         error=Aborted, hint="send the next chunk before this one ends, or end it at rest", retryable=True
+    ),
+    Code.COLLISION_AHEAD: CodeInfo(
+        error=Aborted, hint="move around the parts named, slower past them, or move the other arm away first"
     ),
     Code.PLAN_FAILED: CodeInfo(error=Aborted, hint="report the message: this is a bug of the gateway"),
     Code.TARGET_EXPIRED: CodeInfo(error=Aborted, hint="send targets more often than their expiry", retryable=True),

@@ -16,6 +16,7 @@ NOTICES_ONLY = {
     Code.STATE_DUPLICATED,
     Code.STATE_JUMPED,
     Code.GUARD_LOST,
+    Code.GUARDED,
     Code.TAKEN_OVER,
     Code.ROUTE_DEAD,
     Code.ROUTE_LOST,

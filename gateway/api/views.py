@@ -28,6 +28,7 @@ __all__ = [
     "OthersView",
     "RefusalView",
     "Snapshot",
+    "SpacingView",
     "StreamView",
     "TargetView",
     "TopicView",
@@ -265,6 +266,18 @@ class RefusalView(Struct, frozen=True, kw_only=True):
     hint: str
 
 
+class SpacingView(Struct, frozen=True, kw_only=True):
+    """How near parts of the body are to each other, as measured, and whether arms are kept apart."""
+
+    on: bool
+    why: str
+    gap_m: float | None
+    first: str
+    second: str
+    margin_m: float
+    held: tuple[str, ...]
+
+
 class Snapshot(Struct, frozen=True, kw_only=True):
     """All of it at one instant; `seq` rises by one with each."""
 
@@ -293,3 +306,4 @@ class Snapshot(Struct, frozen=True, kw_only=True):
     refusals: dict[str, RefusalView]
     guard: GuardView
     others: OthersView
+    spacing: SpacingView | None = None

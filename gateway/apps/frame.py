@@ -36,6 +36,8 @@ TALL = 30
 TOPIC_WIDTH = 48
 LATE_NS = 20_000_000
 """The gap bounds of the streams hold for ticks up to this late [ns]."""
+NEAR = 2.0
+"""Parts of the body with less than so many times the margin between them are near."""
 SLOW = 0.8
 """A topic below this part of its nominal rate is slow."""
 
@@ -243,6 +245,7 @@ def _traffic(view: protocol.Snapshot) -> Iterator[Text]:
             yield Text(f"targets {target.side} #{target.seq}{refused}{limited}", style="yellow" if refused else "green")
     yield from _ground(view)
     yield from _motions(view)
+    yield from _spacing(view.spacing)
     yield _loop(view.loop)
     yield from off
 
@@ -267,6 +270,20 @@ def _loop(loop: protocol.LoopView) -> Text:
     late_ns = loop.worst_late_ns
     text = f"{'loop late by':<19} {'':>5} {age_text(late_ns).replace(' ', ''):>5}"
     return Text(text, style="yellow" if late_ns > LATE_NS else "dim")
+
+
+def _spacing(spacing: protocol.SpacingView | None) -> Iterator[Text]:
+    """Yield how near parts of the body are to each other, where arms are kept apart, or why they are not."""
+    if spacing is None:
+        return
+    if spacing.gap_m is None:
+        yield Text(f"not kept apart: {spacing.why or 'joints not heard'}", style="yellow")
+        return
+    is_near = bool(spacing.held) or spacing.gap_m < NEAR * spacing.margin_m
+    style = "bold yellow" if is_near else "dim"
+    held = f", {'+'.join(spacing.held)} held back" if spacing.held else ""
+    yield Text(f"{1e3 * spacing.gap_m:.0f} mm of {1e3 * spacing.margin_m:.0f} mm free{held}", style=style)
+    yield Text(f"  {spacing.first} - {spacing.second}", style=style)
 
 
 def _motions(view: protocol.Snapshot) -> Iterator[Text]:

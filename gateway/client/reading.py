@@ -236,6 +236,11 @@ class RobotState:
         return self.view.others
 
     @property
+    def spacing(self) -> protocol.SpacingView | None:
+        """How near parts of the body are to each other; None where nobody asked for arms to be kept apart."""
+        return self.view.spacing
+
+    @property
     def left_arm(self) -> ArmState:
         """The left arm."""
         return self.arm("left")

@@ -9,11 +9,15 @@ Costs: a sample of joints is kept, a pose is compared 20 times a second, a verdi
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 from gateway import robot
 from gateway.core.events import SampleArrived
 from gateway.errors import Code, Refusal
 from gateway.kinematics.agreement import Agreement, ModelJudge, Tolerances, Verdict
+from gateway.kinematics.approach import Approach
 from gateway.kinematics.arm import ArmModel
+from gateway.kinematics.capsules import hull
 from gateway.kinematics.collision import CollisionModel
 from gateway.kinematics.configured import configured
 from gateway.kinematics.description import Description
@@ -53,13 +57,18 @@ class BodyModel:
         source: Where the numbers come from, for people.
         arms: Forward and inverse kinematics, within the configured position limits.
         collision: How near the body's parts are to each other; None while nothing is kept apart.
+        approach: How quickly they may come nearer; None while nothing is kept apart.
     """
 
     def __init__(self, description: Description, settings: Settings) -> None:
         arm, model = settings.arm, settings.model
         self.source = description.source
         self.arms = {side: ArmModel(description, side, arm.lower_rad[side], arm.upper_rad[side]) for side in Side}
-        self.collision = CollisionModel(description) if model.self_collision else None
+        self.collision: CollisionModel | None = None
+        self.approach: Approach | None = None
+        if model.self_collision:
+            self.collision = CollisionModel(description, replace(hull(), margin_m=model.margin_m))
+            self.approach = Approach(self.collision)
         tolerances = Tolerances(
             position_m=model.position_tolerance_m,
             angle_rad=model.angle_tolerance_rad,

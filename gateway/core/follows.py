@@ -22,6 +22,7 @@ from gateway.core.pose_door import check_frame
 from gateway.core.pose_follower import followed
 from gateway.core.pose_trajectory import PoseTrajectory
 from gateway.core.quaternion import angle_rad
+from gateway.core.room import check_goals
 from gateway.core.supervisor import Trigger
 from gateway.core.tolerance import Tolerances, check_tolerances
 from gateway.core.trajectory import Trajectory
@@ -124,6 +125,9 @@ class Follows:
         refusal = check_start(now_ns - begins_ns, chunk.duration_s)
         for side in chunk.trajectories:
             refusal = refusal or self._objection(side, request)
+        if chunk.space is Space.JOINT:
+            goals = {side: trajectory.points[-1] for side, trajectory in chunk.trajectories.items()}
+            refusal = refusal or check_goals(self._conductor, goals, now_ns)
         return refusal or (tolerances, begins_ns)
 
     def _whereabouts(self, side: Side, request: Follow, into_s: float, now_ns: int) -> Vector | None:

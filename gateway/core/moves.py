@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import TypeAlias
 
-from gateway.core import door
+from gateway.core import door, room
 from gateway.core.conductor import Conductor
 from gateway.core.events import Cancel, CloseStream, CommandRequested, Hold, Move, MovePose, OpenStream, TargetArrived
 from gateway.core.gap import Gap
@@ -64,6 +64,9 @@ class Moves:
             if goal.clipped:
                 clipped[side.value] = list(goal.clipped)
         tolerance_rad = conductor.settings.arm.settle_rad if request.tolerance_rad is None else request.tolerance_rad
+        too_near = room.check_goals(conductor, goals, now_ns)
+        if too_near is not None:
+            return too_near
         answer = self._go(goals, request.epoch, request.speed, Gap(tolerance_rad), now_ns)
         if isinstance(answer, Refusal):
             return answer

@@ -12,6 +12,7 @@ from gateway.core.conductor import Conductor
 from gateway.core.events import Frame, FrameKind, Notice, Remembered, Reply
 from gateway.core.gate import Cleared, Gate, GateContext
 from gateway.core.snapshot import Snapshot
+from gateway.core.spacing import Spacing
 from gateway.core.streams.stream import Stream
 from gateway.core.supervisor import Trigger
 from gateway.errors import Refusal
@@ -54,6 +55,7 @@ class Outlet:
     def __init__(self, conductor: Conductor, gate: Gate) -> None:
         self._conductor = conductor
         self._gate = gate
+        self._spacing = Spacing(conductor)
 
     def resume(self, topic: str, values: Vector, step: Vector) -> None:
         """Let a stream go on with the last frame of another process's: values, and its step from the one before."""
@@ -66,6 +68,8 @@ class Outlet:
             now_ns: Monotonic time [ns].
             stops_only: A late tick or a panic: nothing but stop frames.
         """
+        if not stops_only:
+            self._spacing.look(now_ns)
         cleared: list[Cleared] = []
         context = self._context(now_ns)
         conductor = self._conductor

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from gateway.core import door
+from gateway.core import door, room
 from gateway.core.conductor import Conductor
 from gateway.core.door import Fitness
 from gateway.core.events import CommandRequested
@@ -136,7 +136,11 @@ class Permit:
             spaces={side: space if side in sides else conductor.body.arms[side].space for side in moved},
         )
         ordered = (*sides, *(side for side in conductor.sides if side not in sides))
-        return door.check_arms(fitness, ordered) or self._held(now_ns)
+        return (
+            door.check_arms(fitness, ordered)
+            or self._held(now_ns)
+            or room.check_unguarded(conductor, sides, space, now_ns)
+        )
 
     def ground(self, command: CommandRequested, epoch: int, now_ns: int) -> Refusal | None:
         """Refuse unless the owner may drive chassis or lift now; neither needs the arms to be enabled.

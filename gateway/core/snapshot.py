@@ -33,6 +33,7 @@ __all__ = [
     "OthersView",
     "RefusalView",
     "Snapshot",
+    "SpacingView",
     "StreamView",
     "TargetView",
     "TopicView",
@@ -328,6 +329,28 @@ class RefusalView(Struct, frozen=True, kw_only=True):
     hint: str
 
 
+class SpacingView(Struct, frozen=True, kw_only=True):
+    """How near parts of the body are to each other, as measured, and whether arms are kept apart.
+
+    Attributes:
+        on: Whether setpoints are kept from bringing parts nearer than the margin.
+        why: Why not; empty while they are.
+        gap_m: Free distance of the nearest pair, negative inside each other [m]; None while it is off.
+        first: Name of one part of that pair, e.g. `left_palm`; empty while it is off.
+        second: Name of the other.
+        margin_m: What has to stay free [m].
+        held: Arms whose targets are not followed on because of it: `left`, `right`.
+    """
+
+    on: bool
+    why: str
+    gap_m: float | None
+    first: str
+    second: str
+    margin_m: float
+    held: tuple[str, ...]
+
+
 class Snapshot(Struct, frozen=True, kw_only=True):
     """All of it at one instant.
 
@@ -346,6 +369,7 @@ class Snapshot(Struct, frozen=True, kw_only=True):
         drive: What the chassis is told.
         lift: What the lift is told; None on a model without one.
         others: Who else commands the robot, or could.
+        spacing: How near parts of the body are to each other; None where nobody asked for them to be kept apart.
     """
 
     seq: int
@@ -373,3 +397,4 @@ class Snapshot(Struct, frozen=True, kw_only=True):
     refusals: dict[str, RefusalView]
     guard: GuardView
     others: OthersView
+    spacing: SpacingView | None

@@ -99,6 +99,7 @@ def build(
             armed=conductor.claim.is_confirmed,
             seen=tuple(_others(conductor.others, now_ns)),
         ),
+        spacing=body.spacing,
     )
 
 

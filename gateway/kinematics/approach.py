@@ -14,23 +14,29 @@ The rule of a tick (`Approach.judge`):
 
 1. A motion whose every pair keeps the margin is let go. Where a pair is inside the margin already, it must not get nearer.
 2. Else the joints that close such a pair brake, and the others go on: parting is always possible, together or joint by joint.
+   Arms whose joints hang together (one path for all) brake as a whole.
 3. Else all brake. That is safe, because the state they brake from was let go by 1 or 2: its stop keeps the margin.
 
 Before that comes to pass, velocities are limited (`Verdict.limit_radps`), so that parts come to rest softly.
+
+What is true of a way is true of every way inside it. So a motion may give wider ways along (`Motion.spare`): where these
+keep the margin as well, nothing has to be judged until it leaves them.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping
+
+import numpy as np
+from numpy.typing import NDArray
 
 from gateway.kinematics.collision import CollisionModel, Posture
-from gateway.kinematics.hull_ends import HullEnds, levers
-from gateway.kinematics.stopping import Extent
+from gateway.kinematics.hull_ends import HullEnds, Parts, Reach
+from gateway.kinematics.judgement import ALL, NONE, Going, Motion, Verdict, Ways
 from gateway.values import ARM_DOF, Side
 
-__all__ = ["Approach", "Motion", "Verdict"]
+__all__ = ["Approach"]
 
 USED_RATIO = 0.7
 """Part of the room to the margin that stops may use before velocities are limited."""
@@ -39,47 +45,9 @@ CREEP_RADPS = 0.02
 TOUCHED_M = 1e-9
 """Rounding of a gap that stays as it is [m]."""
 
-Going = Mapping[Side, Sequence[bool]]
-Ways = Mapping[Side, Sequence[Extent]]
-ALL: Going = {side: (True,) * ARM_DOF for side in Side}
-NONE: Going = {side: (False,) * ARM_DOF for side in Side}
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Motion:
-    """What the joints of both arms may do from where the body was looked at.
-
-    Attributes:
-        wanted: Extent of each joint's way through the wanted next state and the stop from there, shape (7,) per side [rad].
-        braked: Tells the extents of their ways when they brake now, likewise; asked only where something has to brake.
-        speed_radps: Velocity of each joint in the wanted state, shape (7,) per side [rad/s].
-    """
-
-    wanted: Ways
-    braked: Callable[[], Ways]
-    speed_radps: Mapping[Side, Sequence[float]]
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Verdict:
-    """What may be done.
-
-    Attributes:
-        going: Which joints may take the wanted step, shape (7,) per side; the others take a step of their stop.
-        limit_radps: Velocity limit for the next plan of each arm [rad/s]; infinite where nothing is near.
-        pair: Number of the pair that keeps least on the wanted way (`Posture.told`); -1 if none may come inside the margin.
-        kept_m: Gap that it keeps, at least [m]; infinite without one.
-    """
-
-    going: Going
-    limit_radps: Mapping[Side, float]
-    pair: int
-    kept_m: float
-
-    @property
-    def is_free(self) -> bool:
-        """Whether the whole motion may go on."""
-        return all(all(row) for row in self.going.values())
+Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+NO_LIMIT: Mapping[Side, float] = dict.fromkeys(Side, math.inf)
 
 
 class Approach:
@@ -91,7 +59,7 @@ class Approach:
 
     def __init__(self, model: CollisionModel) -> None:
         self._margin_m = model.margin_m
-        self._levers = levers(model)
+        self._parts = Parts(model)
 
     def judge(self, posture: Posture, motion: Motion) -> Verdict:
         """Return what a motion may do.
@@ -100,28 +68,34 @@ class Approach:
             posture: The body when it was looked at.
             motion: What is wanted of its joints since.
         """
-        ends = HullEnds(posture, self._levers, motion.wanted)
-        least_m, decided = math.inf, -1
-        limit_radps = dict.fromkeys(Side, math.inf)
-        bad: list[int] = []
-        for gap_m, number in ends.within(self._margin_m):
-            kept_m = ends.kept_m(gap_m, number)
-            room_m, loss_m = USED_RATIO * (gap_m - self._margin_m), gap_m - kept_m
-            if loss_m > max(room_m, TOUCHED_M):
-                closing = ends.closing(number)
-                fastest = max(abs(motion.speed_radps[side][k]) for side, k in closing)
-                limit = max(fastest * max(room_m, 0.0) / loss_m, CREEP_RADPS)
-                for side in {side for side, _ in closing}:
-                    limit_radps[side] = min(limit_radps[side], limit)
-            if kept_m < least_m:
-                least_m, decided = kept_m, number
-            if self._is_bad(gap_m, kept_m):
-                bad.append(number)
+        margin_m, wanted = self._margin_m, Reach(self._parts, motion.wanted)
+        widest = wanted if motion.spare is None else Reach(self._parts, motion.spare)
+        ends = HullEnds(posture, self._parts, widest, margin_m)
+        gap_m = ends.gap_m
+        room_m = np.maximum(USED_RATIO * (gap_m - margin_m), TOUCHED_M)
+        kept, has_spare = ends.on(widest), False
+        if motion.spare is not None:
+            has_spare = not self._is_bad(gap_m, kept.gap_m).any()
+            if has_spare and not (gap_m - kept.gap_m > room_m).any():
+                return Verdict(going=ALL, limit_radps=NO_LIMIT, pair=-1, kept_m=math.inf, has_spare=True)
+            kept = ends.on(wanted)
+        if not len(gap_m):
+            return Verdict(going=ALL, limit_radps=NO_LIMIT, pair=-1, kept_m=math.inf)
+        limit_radps, loss_m = dict(NO_LIMIT), gap_m - kept.gap_m
+        for row in np.nonzero(loss_m > room_m)[0].tolist():
+            closing = kept.closing([row])
+            fastest = max(abs(motion.speed_radps[side][k]) for side, k in closing)
+            limit = max(fastest * float(room_m[row] / loss_m[row]), CREEP_RADPS)
+            for side in {side for side, _ in closing}:
+                limit_radps[side] = min(limit_radps[side], limit)
+        bad = np.nonzero(self._is_bad(gap_m, kept.gap_m))[0]
+        least = int(bad[kept.gap_m[bad].argmin()] if len(bad) else kept.gap_m.argmin())
         return Verdict(
-            going=self._parting(posture, motion, ends, bad) if bad else ALL,
+            going=self._parting(posture, motion, kept.closing(bad.tolist())) if len(bad) else ALL,
             limit_radps=limit_radps,
-            pair=decided,
-            kept_m=least_m,
+            pair=int(ends.numbers[least]),
+            kept_m=float(kept.gap_m[least]),
+            has_spare=has_spare,
         )
 
     def kept_m(self, posture: Posture, ways: Ways) -> float:
@@ -131,22 +105,21 @@ class Approach:
             posture: The body when it was looked at.
             ways: Extents of the ways of the joints since, shape (7,) per side [rad].
         """
-        ends = HullEnds(posture, self._levers, ways)
-        return min((ends.kept_m(*row) for row in ends.within(self._margin_m)), default=math.inf)
+        reach = Reach(self._parts, ways)
+        return float(HullEnds(posture, self._parts, reach, self._margin_m).on(reach).gap_m.min(initial=math.inf))
 
-    def _is_bad(self, gap_m: float, kept_m: float) -> bool:
-        return kept_m < min(self._margin_m, gap_m) - TOUCHED_M
+    def _is_bad(self, gap_m: Array, kept_m: Array) -> Flags:
+        return np.asarray(kept_m < np.minimum(self._margin_m, gap_m) - TOUCHED_M)
 
-    def _parting(self, posture: Posture, motion: Motion, ends: HullEnds, bad: Sequence[int]) -> Going:
+    def _parting(self, posture: Posture, motion: Motion, closing: set[tuple[Side, int]]) -> Going:
         """Return which joints may go on although some pairs would come too near: those that close none of these."""
-        closing = set().union(*(ends.closing(number) for number in bad))
-        going = {side: tuple((side, k) not in closing for k in range(ARM_DOF)) for side in Side}
+        whole = {side for row in motion.together if any(side in row for side, _ in closing) for side in row}
+        going = {side: tuple(side not in whole and (side, k) not in closing for k in range(ARM_DOF)) for side in Side}
         braked = motion.braked()
         mixed = {
             side: [w if go else b for w, b, go in zip(motion.wanted[side], braked[side], going[side], strict=True)]
             for side in Side
         }
-        after = HullEnds(posture, self._levers, mixed)
-        if any(self._is_bad(gap_m, after.kept_m(gap_m, number)) for gap_m, number in after.within(self._margin_m)):
-            return NONE
-        return going
+        reach = Reach(self._parts, mixed)
+        after = HullEnds(posture, self._parts, reach, self._margin_m)
+        return NONE if self._is_bad(after.gap_m, after.on(reach).gap_m).any() else going

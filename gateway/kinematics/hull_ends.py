@@ -5,6 +5,8 @@ times d, and leaves that by at most the bend: half the sum of |d_i| |d_k| L_max(
 away from axis k (Taylor; the second derivative by joints i <= k is a turn by i of a velocity by k). The bend is shared out
 to the later joint of each product. A joint's share is convex in how far it goes, so that only the ends of its way count;
 one that opens more than its share bends keeps the gap wherever it stands still.
+
+In arrays: on a way of all joints at speed a hundred pairs may come near, and each costs more alone than all together.
 """
 
 from __future__ import annotations
@@ -14,147 +16,219 @@ from collections.abc import Mapping, Sequence
 from itertools import pairwise
 from operator import mul
 
+import numpy as np
+from numpy.typing import NDArray
+
 from gateway.kinematics.capsules import Capsule
 from gateway.kinematics.chain import Line
-from gateway.kinematics.collision import WIDE_OPEN_M, CollisionModel, Point, Posture, at
-from gateway.kinematics.segments import nearest
-from gateway.kinematics.stopping import STAYS, Extent
-from gateway.values import Side, Vector
+from gateway.kinematics.collision import WIDE_OPEN_M, CollisionModel, Posture
+from gateway.kinematics.segments import PARALLEL as PARALLEL_PIECES
+from gateway.kinematics.stopping import Extent
+from gateway.values import ARM_DOF, Side, Vector
 
-__all__ = ["HullEnds", "levers"]
+__all__ = ["HullEnds", "Kept", "Parts", "Reach", "levers"]
 
 MEET_M = 1e-9
 """Axes that miss each other by less meet [m]."""
 PARALLEL = 1e-12
 """Square of the sine below which two axes count as parallel."""
+TOUCHING_M = 1e-9
+"""Lines nearer than this have no direction between them [m]: `Posture.normal` gives one."""
 
+LEAST_M2 = 1e-30
+"""Square of the length of a piece that is a point [m²]."""
+
+Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+Numbers = NDArray[np.intp]
 Ways = Mapping[Side, Sequence[Extent]]
-Move = tuple[float, float, float, float, int]
-"""Where an end goes by one joint [m], its bend [m], and the joint's number, 0 to 6."""
+
+SIDES = tuple(Side)
+ARM_OF = {side: number for number, side in enumerate(Side)}
+
+
+class Parts:
+    """What of a body's parts does not change with its posture, as arrays.
+
+    Args:
+        model: Parts and pairs; those that joints move come first.
+    """
+
+    def __init__(self, model: CollisionModel) -> None:
+        capsules = model.capsules
+        self.moving = sum(1 for capsule in capsules if capsule.after)
+        """How many parts joints move."""
+        self.arm = np.array([ARM_OF[c.side] if c.side is not None and c.after else 0 for c in capsules])
+        """Which arm moves each part, 0 or 1; of no meaning where none does."""
+        self.reach_m = np.array([row or (0.0,) * ARM_DOF for row in levers(model)])
+        """Greatest levers of each part by its arm's joints, shape (parts, 7); 0 where a joint does not move it."""
+        after = np.array([capsule.after for capsule in capsules[: self.moving]])
+        self.moved = (np.arange(ARM_DOF) < after[:, None]).astype(float)[:, None]
+        """Which joints move each moving part, 1 or 0, shape (moving, 1, 7)."""
+        pairs = np.array(model.pairs)
+        self.first, self.second = pairs[:, 0].astype(np.intp), pairs[:, 1].astype(np.intp)
+        self.around_m, self.radii_m = pairs[:, 2].copy(), pairs[:, 3].copy()
+
+
+class Reach:
+    """What some ways of the joints mean for each part.
+
+    Args:
+        parts: Of the body.
+        ways: Extents of the joints' ways, shape (7,) per side [rad].
+
+    Attributes:
+        low_rad: How far the joints that move each part go back, shape (parts, 7).
+        high_rad: How far they go forth.
+        low_bend_m: By how much turning may leave the tangent, back.
+        high_bend_m: The same, forth.
+        goes_m: How far each part can go at all, shape (parts,).
+    """
+
+    __slots__ = ("goes_m", "high_bend_m", "high_rad", "low_bend_m", "low_rad")
+
+    def __init__(self, parts: Parts, ways: Ways) -> None:
+        goes = np.array([ways[side] for side in Side])
+        low, high = goes[..., 0], goes[..., 1]
+        far = np.maximum(high, -low)
+        before = np.cumsum(far, axis=1) - far
+        before += before
+        self.low_rad, self.high_rad = low[parts.arm], high[parts.arm]
+        self.low_bend_m = (0.5 * low * (low - before))[parts.arm] * parts.reach_m
+        self.high_bend_m = (0.5 * high * (high + before))[parts.arm] * parts.reach_m
+        self.goes_m = np.einsum("ij,ij->i", parts.reach_m, far[parts.arm])
 
 
 class HullEnds:
-    """The ends of the parts on a way.
+    """The ends of the parts that might come near on some ways.
 
     Args:
         posture: The body before it.
-        reach: Greatest levers of each part (`levers`).
-        ways: Extents of the joints' ways, shape (7,) per side [rad].
+        parts: Of this body.
+        reach: What the ways mean.
+        gap_m: Only pairs that might be nearer than this somewhere on these ways are looked at [m].
+
+    Attributes:
+        numbers: Of these pairs (`Posture.told`).
+        gap_m: Their gaps before it [m].
     """
 
-    def __init__(self, posture: Posture, reach: Sequence[Vector], ways: Ways) -> None:
-        self._posture = posture
-        self._reach = reach
-        self._ways = ways
-        self._moves: dict[int, list[Move]] = {}
-        self._parts: dict[int, tuple[float, float]] = {}
-        far = {side: [max(high, -low) for low, high in ways[side]] for side in Side}
-        self._goes_m = [
-            sum(map(mul, row, far[capsule.side])) if row and capsule.side is not None else 0.0
-            for capsule, row in zip(posture.model.capsules, reach, strict=True)
-        ]
-        """How far each part can go at all [m]."""
+    def __init__(self, posture: Posture, parts: Parts, reach: Reach, gap_m: float) -> None:
+        pieces = np.array(posture.segments).T
+        first, second = parts.first, parts.second
+        middle = pieces[:3] + 0.5 * pieces[3:6]
+        apart = middle[:, first] - middle[:, second]
+        cut_m = reach.goes_m[first] + reach.goes_m[second] + gap_m
+        outside_m = cut_m + parts.around_m
+        numbers = np.nonzero(np.einsum("ij,ij->j", apart, apart) < outside_m * outside_m)[0]
+        i, j = first[numbers], second[numbers]
+        s, t, between = _nearest(pieces[:, i], pieces[:, j])
+        length = np.sqrt(np.einsum("ij,ij->j", between, between))
+        gaps_m = length - parts.radii_m[numbers]
+        near = np.nonzero(gaps_m < cut_m[numbers])[0]
+        self.numbers: Numbers = numbers[near]
+        self.gap_m: Array = gaps_m[near]
+        self._parts = parts
+        # Each pair has two rows: one for each of its parts, with the way away from the other.
+        self._part: Numbers = np.concatenate((i[near], j[near]))
+        if len(near):
+            i, j, length, normal = i[near], j[near], length[near], between[:, near]
+            for row in np.nonzero(length < TOUCHING_M)[0]:
+                normal[:, row], length[row] = posture.normal(int(i[row]), int(j[row]), 0.0, 0.0, 0.0), 1.0
+            normal /= length
+            away = np.concatenate((normal, -normal), axis=1)
+            # How far a part's end lies behind its begin.
+            ahead_m = np.einsum("ij,ij->j", away, pieces[3:6, self._part])
+            behind_m = np.concatenate((s[near], t[near])) * ahead_m
+            self._slack_m = np.stack((-behind_m, ahead_m - behind_m), axis=1)
+            self._slope = np.einsum("ij,jeki->jek", away, self._swings(posture, pieces)[self._part])
 
-    def within(self, gap_m: float) -> list[tuple[float, int]]:
-        """Return gaps and numbers of the pairs that might be nearer than a gap somewhere on the way."""
-        goes_m = self._goes_m
-        segments, middles = self._posture.segments, self._posture.middles
-        dist, sqrt = math.dist, math.sqrt
-        found: list[tuple[float, int]] = []
-        for number, (i, j, around_m, radii_m) in enumerate(self._posture.model.pairs):
-            cut_m = gap_m + goes_m[i] + goes_m[j]
-            if dist(middles[i], middles[j]) - around_m < cut_m:
-                square, s, t = nearest(segments[i], segments[j])
-                now_m = sqrt(square) - radii_m
-                if now_m < cut_m:
-                    found.append((now_m, number))
-                    self._parts[number] = s, t
-        return found
+    def _swings(self, posture: Posture, pieces: Array) -> Array:
+        """Return how both ends of each part move by each joint of its arm, shape (parts, 2, 7, 3) [m/rad]."""
+        count, parts = self._parts.moving, self._parts
+        lines = np.array([posture.lines[side] for side in Side]).reshape(len(Side), ARM_DOF, 6).transpose(2, 0, 1)
+        own = lines[:, parts.arm[:count], None]  # (6, moving, 1, 7)
+        begin = pieces[:3, :count]
+        x, y, z = np.stack((begin, begin + pieces[3:6, :count]), axis=2)[..., None] - own[:3]
+        ax, ay, az = own[3:] * parts.moved
+        swings = np.zeros((pieces.shape[1], 2, ARM_DOF, 3))
+        moving = swings[:count]
+        moving[..., 0] = ay * z - az * y
+        moving[..., 1] = az * x - ax * z
+        moving[..., 2] = ax * y - ay * x
+        return swings
 
-    def kept_m(self, gap_m: float, number: int) -> float:
-        """Return the least gap on the way of a pair that `within` found, whichever joint goes first [m]."""
-        i, j, _, _ = self._posture.model.pairs[number]
-        s, t = self._parts[number]
-        x, y, z = self._normal(number)
-        kept_m = gap_m + self._least(i, s, x, y, z)
-        return kept_m + self._least(j, t, -x, -y, -z) if self._goes_m[j] else kept_m
-
-    def closing(self, number: int) -> set[tuple[Side, int]]:
-        """Return the joints, 0 to 6, by which an end of a pair that `within` found comes nearer on the way."""
-        model = self._posture.model
-        i, j, _, _ = model.pairs[number]
-        x, y, z = self._normal(number)
-        return {
-            (side, k)
-            for index, (nx, ny, nz) in ((i, (x, y, z)), (j, (-x, -y, -z)))
-            if (side := model.capsules[index].side) is not None and self._reach[index]
-            for end in (0, 1)
-            for wx, wy, wz, bend, k in self._moves_of(index, end)
-            if bend > nx * wx + ny * wy + nz * wz
-        }
-
-    def _normal(self, number: int) -> Point:
-        """Return the direction from a pair's second part to its first."""
-        i, j, _, _ = self._posture.model.pairs[number]
-        s, t = self._parts[number]
-        px, py, pz, ux, uy, uz, _ = self._posture.segments[i]
-        qx, qy, qz, vx, vy, vz, _ = self._posture.segments[j]
-        return self._posture.normal(
-            i, j, px + s * ux - qx - t * vx, py + s * uy - qy - t * vy, pz + s * uz - qz - t * vz
-        )
-
-    def _least(self, index: int, part: float, nx: float, ny: float, nz: float) -> float:
-        """Return how far a part goes along a direction, at the least [m]: not above 0.
+    def on(self, reach: Reach) -> Kept:
+        """Return what these pairs keep on ways inside those given first.
 
         Args:
-            index: Of the part.
-            part: Where along its line the nearest point is, 0 to 1.
-            nx: Away from the other part, unit vector.
-            ny: Likewise.
-            nz: Likewise.
+            reach: What the ways mean.
         """
-        _, _, _, ux, uy, uz, _ = self._posture.segments[index]
-        ahead = nx * ux + ny * uy + nz * uz  # how far its end lies behind its begin
-        least, goes_m = 0.0, self._goes_m[index]
-        for end, slack_m in ((0, -part * ahead), (1, (1.0 - part) * ahead)):
-            if slack_m < goes_m + least:
-                along_m = slack_m if slack_m > 0.0 else 0.0
-                for wx, wy, wz, bend, _ in self._moves_of(index, end):
-                    step = nx * wx + ny * wy + nz * wz - bend
-                    if step < 0.0:
-                        along_m += step
-                if along_m < slack_m - goes_m:
-                    along_m = slack_m - goes_m
-                if along_m < least:
-                    least = along_m
-        return least
+        part = self._part
+        if not len(part):
+            return Kept(self, self.gap_m, np.empty((0, ARM_DOF), dtype=bool))
+        low = self._slope * reach.low_rad[part][:, None] - reach.low_bend_m[part][:, None]
+        high = self._slope * reach.high_rad[part][:, None] - reach.high_bend_m[part][:, None]
+        np.minimum(low, 0.0, out=low)
+        np.minimum(high, 0.0, out=high)
+        low += high
+        along_m = np.maximum(self._slack_m, 0.0) + low.sum(axis=2)
+        np.maximum(along_m, self._slack_m - reach.goes_m[part][:, None], out=along_m)
+        least_m = np.minimum(along_m[:, 0], along_m[:, 1])
+        np.minimum(least_m, 0.0, out=least_m)
+        count = len(self.numbers)
+        return Kept(self, self.gap_m + least_m[:count] + least_m[count:], (low < 0.0).any(axis=1))
 
-    def _moves_of(self, index: int, end: int) -> list[Move]:
-        """Return where an end of a part goes by each joint that goes at all; by a joint that goes both ways twice."""
-        found = self._moves.get(2 * index + end)
-        if found is not None:
-            return found
-        found = self._moves[2 * index + end] = []
-        posture = self._posture
-        capsule = posture.model.capsules[index]
-        if capsule.side is None:
-            return found
-        px, py, pz = at(posture.segments[index], float(end))
-        lines, before = posture.lines[capsule.side], 0.0
-        ways, reach = self._ways[capsule.side], self._reach[index]
-        for k in range(capsule.after):
-            way = ways[k]
-            if way == STAYS:
-                continue
-            x, y, z, ax, ay, az = lines[6 * k : 6 * k + 6]
-            x, y, z = px - x, py - y, pz - z
-            x, y, z = ay * z - az * y, az * x - ax * z, ax * y - ay * x
-            for goes in way:
-                if goes != 0.0:
-                    far = abs(goes)
-                    found.append((x * goes, y * goes, z * goes, 0.5 * reach[k] * far * (far + before + before), k))
-            before += max(way[1], -way[0])
-        return found
+    def joints(self, rows: Sequence[int], closes: Flags) -> set[tuple[Side, int]]:
+        """Return the joints, 0 to 6, that are flagged for one of the parts of some pairs.
+
+        Args:
+            rows: Of these pairs in `numbers`.
+            closes: Flags for each part, those of the first parts of all pairs before those of the second, shape (2n, 7).
+        """
+        count = len(self.numbers)
+        return {
+            (SIDES[self._parts.arm[self._part[part]]], int(k))
+            for row in rows
+            for part in (row, row + count)
+            for k in np.nonzero(closes[part])[0]
+        }
+
+
+class Kept:
+    """What some pairs keep on a way.
+
+    Args:
+        ends: Of their parts.
+        gap_m: Least gap of each, whichever joint goes first [m].
+        closes: Joints by which an end comes nearer, per part.
+    """
+
+    __slots__ = ("_closes", "_ends", "gap_m")
+
+    def __init__(self, ends: HullEnds, gap_m: Array, closes: Flags) -> None:
+        self._ends = ends
+        self._closes = closes
+        self.gap_m = gap_m
+
+    def closing(self, rows: Sequence[int]) -> set[tuple[Side, int]]:
+        """Return the joints, 0 to 6, by which some of these pairs come nearer; `rows` as in `HullEnds.numbers`."""
+        return self._ends.joints(rows, self._closes)
+
+
+def _nearest(a: Array, b: Array) -> tuple[Array, Array, Array]:
+    """Return where along both the nearest points of pieces are, 0 to 1, and the way between them (`segments.nearest`)."""
+    r, u, v = a[:3] - b[:3], a[3:6], b[3:6]
+    uu, vv = np.maximum(a[6], LEAST_M2), np.maximum(b[6], LEAST_M2)
+    ur, vr, uv = np.einsum("ij,ij->j", u, r), np.einsum("ij,ij->j", v, r), np.einsum("ij,ij->j", u, v)
+    both = uu * vv
+    wide = both - uv * uv
+    s = np.where(wide > PARALLEL_PIECES * both, uv * vr - ur * vv, 0.0) / np.maximum(wide, PARALLEL_PIECES * both)
+    s = np.minimum(np.maximum(s, 0.0), 1.0)
+    at = (uv * s + vr) / vv
+    t = np.minimum(np.maximum(at, 0.0), 1.0)
+    s = np.where(t == at, s, np.minimum(np.maximum((uv * t - ur) / uu, 0.0), 1.0))
+    return s, t, r + s * u - t * v
 
 
 def levers(model: CollisionModel) -> list[Vector]:

@@ -25,6 +25,7 @@ from gateway.core.snapshot import (
     OthersView,
     OtherView,
     Snapshot,
+    SpacingView,
     StreamView,
     TargetView,
     TopicView,
@@ -132,6 +133,9 @@ def a_snapshot(seq=1, at_ns=1000, **changes):
             seen=(
                 OtherView(kind="gateway", topic="", zid="b2", link="", since_ns=7, last_ns=None, count=0, armed=False),
             ),
+        ),
+        spacing=SpacingView(
+            on=True, why="", gap_m=0.143, first="left_palm", second="right_forearm", margin_m=0.02, held=()
         ),
     )
     return replace(snapshot, **changes)

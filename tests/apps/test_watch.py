@@ -17,7 +17,7 @@ from gateway.apps.frame import Picture, Remark, frame
 from gateway.apps.watch import Viewer, plain_line
 from gateway.client import connect
 from gateway.core.events import Level, Notice
-from gateway.core.snapshot import LeaseView, LinkView, MotionView, StreamView, TargetView
+from gateway.core.snapshot import LeaseView, LinkView, MotionView, SpacingView, StreamView, TargetView
 from gateway.errors import Code
 from tests.api.stand_in import a_snapshot
 from tests.apps.views import INFO, MS, S, a_view, all_topics, owned
@@ -63,6 +63,7 @@ MOVING = {
         ),
     ),
 }
+SPACING = SpacingView(on=True, why="", gap_m=0.143, first="left_palm", second="right_forearm", margin_m=0.02, held=())
 LATCHED = {
     "shown": "FAULT",
     "latches": {"TRACKING_ERROR": "left arm joint 4 is 0.35 rad off", "STOPPED_BY_OTHER": "stop() by a colleague"},
@@ -133,6 +134,29 @@ def test_a_frame_of_a_moving_robot_has_the_key_facts(width, height):
     ):  # fmt: skip
         assert fact in text, fact
     assert text.count("●") == 14
+
+
+@pytest.mark.parametrize(
+    ("seen", "words", "style"),
+    [
+        ({}, ("143 mm of 20 mm free", "left_palm - right_forearm"), "dim"),
+        ({"gap_m": 0.031}, ("31 mm of 20 mm free",), "bold yellow"),
+        ({"gap_m": 0.05, "held": ("left", "right")}, ("50 mm of 20 mm free, left+right held back",), "bold yellow"),
+        ({"on": False, "why": "the model differs", "gap_m": None}, ("not kept apart: the model differs",), "yellow"),
+        ({"gap_m": None}, ("not kept apart: joints not heard",), "yellow"),
+    ],
+)
+def test_a_frame_shows_how_near_the_arms_are(seen, words, style):
+    """Gap, margin and pair where arms are kept apart, and loudly when it is little; else why they are not."""
+    lines = frame(picture(spacing=replace(SPACING, **seen)), 120, 40)
+    assert all(word in text_of(lines) for word in words)
+    line = next(line for line in lines if words[0] in line.plain)
+    assert style in {str(span.style) for span in line.spans}
+
+
+def test_a_frame_says_nothing_of_what_nobody_asked_for():
+    """Where arms are not to be kept apart."""
+    assert "mm free" not in text_of(frame(picture(spacing=None), 120, 40))
 
 
 def test_what_is_latched_is_as_loud_as_a_terminal_can_be():

@@ -5,28 +5,20 @@ Without pinocchio the peer is brute force in numpy: all pairs at once, a few arr
 
 from __future__ import annotations
 
-import math
 import random
 import statistics
 import time
 from collections.abc import Callable, Mapping
-from typing import Any
 
 import numpy as np
 
-from gateway.kinematics.chain import in_base
 from gateway.kinematics.collision import WIDE_OPEN_M, CollisionModel
-from gateway.kinematics.description import arm_joint, nominal
-from gateway.robot import HOME_Q_RAD, shoulder_frame
+from gateway.kinematics.description import nominal
+from gateway.robot import HOME_Q_RAD
 from gateway.values import Side, Vector
 from tests.bench.table import Row
 from tests.kinematics.guarded_arms import GuardedArms, random_joints
-
-try:
-    import coal
-    import pinocchio as pin
-except ImportError:
-    pin = None
+from tests.kinematics.peer import has_pinocchio, pinocchio_least
 
 __all__ = ["collision_rows"]
 
@@ -48,7 +40,7 @@ def collision_rows(count: int = COUNT) -> list[Row]:
     rng = random.Random(count)
     postures = [random_joints(rng) for _ in range(count)]
     ours_us = _median_us(lambda q: model.posture(q).nearest(), postures)
-    peer_name, peer = ("pinocchio", _pinocchio(model)) if pin is not None else ("numpy", _numpy(model))
+    peer_name, peer = ("pinocchio", pinocchio_least(model)) if has_pinocchio() else ("numpy", _numpy(model))
     off_m = max(abs(model.posture(q).nearest().gap_m - gap) for q in postures if (gap := peer(q)) > 0.0)
     peer_us = _median_us(peer, postures)
     rows = [
@@ -82,41 +74,6 @@ def _rule_us(v_radps: float, count: int) -> list[float]:
     while len(arms.judged_us) < 3 * count:
         arms.stream(random_joints(rng), 1.0)
     return arms.judged_us
-
-
-def _pinocchio(model: CollisionModel) -> Callable[[Both], float]:
-    """Return pinocchio's distance of the same capsules and pairs."""
-    from gateway.kinematics.pin_model import pin_model
-
-    body = pin_model(nominal())
-    rest = pin.neutral(body)
-    data = body.createData()
-    pin.forwardKinematics(body, data, rest)
-    shoulders = [in_base(nominal(), shoulder_frame(side)) for side in Side]
-    middle = 0.5 * (np.array(shoulders[0].p_m) + np.array(shoulders[1].p_m))
-    base_T_chest = pin.SE3(np.array(shoulders[0].rows), middle)
-    shapes = pin.GeometryModel()
-    zero: Any = {side: (0.0,) * 7 for side in Side}
-    for capsule, piece in zip(model.capsules, model.posture(zero).segments, strict=True):
-        way, length = np.array(piece[3:6]), math.sqrt(piece[6])
-        turned = pin.Quaternion.FromTwoVectors(np.array([0.0, 0.0, 1.0]), way / length).matrix()
-        placed = base_T_chest * pin.SE3(turned, np.array(piece[:3]) + 0.5 * way)
-        joint = body.getJointId(arm_joint(capsule.side, capsule.after)) if capsule.side and capsule.after else 0
-        shape = coal.Capsule(capsule.radius_m, length)
-        shapes.addGeometryObject(pin.GeometryObject(capsule.name, joint, data.oMi[joint].actInv(placed), shape))
-    for i, j, _, _ in model.pairs:
-        shapes.addCollisionPair(pin.CollisionPair(i, j))
-    found = pin.GeometryData(shapes)
-    index = {side: [body.joints[body.getJointId(arm_joint(side, n))].idx_q for n in range(1, 8)] for side in Side}
-
-    def least(q_rad: Both) -> float:
-        q = rest.copy()
-        for side in Side:
-            q[index[side]] = q_rad[side]
-        number = pin.computeDistances(body, data, shapes, found, q)
-        return found.distanceResults[number].min_distance
-
-    return least
 
 
 def _numpy(model: CollisionModel) -> Callable[[Both], float]:

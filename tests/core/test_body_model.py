@@ -152,3 +152,11 @@ def test_the_settings_say_whether_there_is_a_model(tmp_path):
     assert body_model(Settings()).source == nominal().source
     with pytest.raises(ConfigError, match="cannot be read"):
         body_model(Settings(model=ModelSettings(urdf=str(tmp_path / "no.urdf"))))
+
+
+def test_the_margin_that_is_kept_is_that_of_the_settings():
+    """The hull is built only where arms are to be kept apart, with what the configuration leaves free."""
+    settings = Settings(model=ModelSettings(self_collision=True, margin_m=0.05))
+    model = BodyModel(nominal(), settings)
+    assert model.collision is not None and model.collision.margin_m == 0.05 and model.approach is not None
+    assert BodyModel(nominal(), Settings()).approach is None

@@ -8,16 +8,26 @@ from functools import cache
 
 from gateway.core.braking import Braking, JointLimits, advance
 from gateway.core.follower import Follower
-from gateway.kinematics.approach import Approach, Motion
+from gateway.kinematics.approach import Approach
 from gateway.kinematics.collision import CollisionModel
 from gateway.kinematics.description import nominal
+from gateway.kinematics.judgement import Motion
 from gateway.kinematics.stopping import stop_extent, way_extent
 from gateway.robot import JOINT_LOWER_RAD, JOINT_UPPER_RAD
 from gateway.values import Side
 
-__all__ = ["DT_S", "GuardedArms", "free_posture", "model", "random_joints"]
+__all__ = ["DT_S", "LIMITS", "MARGIN_M", "MEET", "ROUNDING_M", "GuardedArms", "free_posture", "model", "random_joints"]
 
 DT_S = 0.01
+MARGIN_M = 0.02
+ROUNDING_M = 1e-6
+LIMITS = [(1.0, 3.0, 20.0), (3.0, 15.0, 300.0), (0.1, 3.0, 20.0), (3.0, 3.0, 20.0), (0.5, 1.0, 5.0), (3.0, 1.0, 300.0)]
+"""Velocity, acceleration, jerk: the defaults, the hard limits, and what a config may mix."""
+MEET = {
+    Side.LEFT: (1.49, 1.28, -1.14, 1.75, 0.72, -0.66, 0.57),
+    Side.RIGHT: (-1.65, -0.99, 1.07, -2.02, 0.56, 0.25, -0.65),
+}
+"""Both hands in the same place before the chest, if they could."""
 SEVEN = range(7)
 
 

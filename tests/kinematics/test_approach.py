@@ -8,24 +8,23 @@ from itertools import pairwise
 
 import pytest
 
-from gateway.kinematics.approach import Approach, Motion
+from gateway.kinematics.approach import Approach
+from gateway.kinematics.judgement import Motion
 from gateway.kinematics.stopping import STAYS
 from gateway.robot import HOME_Q_RAD, JOINT_LOWER_RAD, JOINT_UPPER_RAD
 from gateway.values import Side
-from tests.kinematics.guarded_arms import DT_S, GuardedArms, free_posture, model, random_joints
+from tests.kinematics.guarded_arms import (
+    DT_S,
+    LIMITS,
+    MARGIN_M,
+    MEET,
+    ROUNDING_M,
+    GuardedArms,
+    free_posture,
+    model,
+    random_joints,
+)
 from tests.thoroughness import either
-
-LIMITS = [(1.0, 3.0, 20.0), (3.0, 15.0, 300.0), (0.1, 3.0, 20.0), (3.0, 3.0, 20.0), (0.5, 1.0, 5.0), (3.0, 1.0, 300.0)]
-"""Velocity, acceleration, jerk: the defaults, the hard limits, and what a config may mix."""
-
-MEET = {
-    Side.LEFT: (1.49, 1.28, -1.14, 1.75, 0.72, -0.66, 0.57),
-    Side.RIGHT: (-1.65, -0.99, 1.07, -2.02, 0.56, 0.25, -0.65),
-}
-"""Both hands in the same place before the chest, if they could."""
-
-MARGIN_M = 0.02
-ROUNDING_M = 1e-6
 
 
 def test_the_target_of_these_tests_would_be_a_collision():

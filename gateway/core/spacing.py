@@ -1,0 +1,274 @@
+"""Spacing: parts of the body are kept apart while arms move by joint setpoints, tick by tick.
+
+    next setpoints of both arms, looked at  ->  Approach.judge  ->  taken, or a step of the stop instead
+
+Rules
+    * On where the configuration asks for it (`model.self_collision`) and the model agrees with the robot, for both arms. When
+      it does not, motion by joints goes on as it would without a model, and that is told.
+    * An arm that follows a target is slowed down, then stopped, joint by joint: joints that close a gap which would become too
+      narrow take a step of their stop, the others go on. So it can always be led away again.
+    * A path or a trajectory is one motion: it ends with COLLISION_AHEAD, and its arms brake.
+    * Stops, holds and walks (a reference that is led to where its arm is) are never changed; others mind them.
+    * An arm whose joints nobody here commands (end-effector mode, or no stream) stands where it is measured, and may go on as
+      far as its measured velocity takes it. That is a guess: by poses it is not moved while this is on (`room.py`).
+    * It is setpoints that keep the margin. The arms follow them within the bound of the tracking error.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING
+
+from gateway.core.conductor import Conductor
+from gateway.core.events import Level
+from gateway.core.motion import JointReference, ReferenceMode
+from gateway.core.motions import MotionState
+from gateway.core.path import REST, State
+from gateway.core.room import whereabouts, why_off
+from gateway.core.snapshot import SpacingView
+from gateway.errors import Code
+from gateway.kinematics.judgement import Motion, Verdict, Ways
+from gateway.kinematics.stopping import STAYS, Extent, stop_extent, way_extent
+from gateway.values import Side, Vector
+
+if TYPE_CHECKING:  # they take numpy along, which a guard has no use for
+    from gateway.core.body_model import BodyModel
+    from gateway.kinematics.collision import Posture
+
+__all__ = ["Spacing"]
+
+MS = 1_000_000
+S = 1_000_000_000
+
+SHOWN_NS = 100 * MS
+"""The nearest pair is looked for this far apart [ns]."""
+QUIET_NS = 1 * S
+"""A stream that was not held back for so long is told of anew [ns]."""
+SPARE_S = 0.08
+"""How far ahead of their stops joints are judged at most, where there is room [s]."""
+LEAST_SPARE_S = 0.02
+"""Judging less far ahead saves nothing [s]."""
+SPARE_RADPS = 0.05
+"""... and as if they were faster by so much, both ways [rad/s]."""
+TIGHT_TICKS = 8
+"""For so many ticks after there was no such room nobody asks for it."""
+ADRIFT_RADPS = 0.05
+"""An arm that nobody here commands stands, below this [rad/s]: noise, and sagging."""
+
+WHOLE = (ReferenceMode.PATH, ReferenceMode.CHUNK)
+"""What moves all joints of an arm as one."""
+
+Moved = Mapping[Side, JointReference]
+
+
+class Spacing:
+    """Leads the setpoints of both arms apart.
+
+    Args:
+        conductor: Arms, model, and where notices go.
+    """
+
+    def __init__(self, conductor: Conductor) -> None:
+        self._conductor = conductor
+        arm = conductor.settings.arm
+        self._v_radps, self._a_radps2, self._j_radps3 = arm.v_radps, arm.a_radps2, arm.j_radps3
+        self._was_off_told = False
+        self._free: list[Extent] | None = None
+        """Where every joint of both arms may be, in any mixture [rad]; None where that is not known."""
+        self._spare_s = SPARE_S
+        self._tight = 0
+        self._shown_ns = -S
+        self._held_ns: dict[Side, int] = {}
+        """When each arm that follows a target was held back last [ns]."""
+
+    def look(self, now_ns: int) -> None:
+        """Look at the setpoints of this tick before they are taken, and change what has to be changed.
+
+        Args:
+            now_ns: Monotonic time [ns].
+        """
+        model = self._conductor.model
+        if model is None or model.approach is None:
+            return
+        refusal, here = why_off(self._conductor, now_ns), whereabouts(self._conductor)
+        why = "" if refusal is None else refusal.message
+        moved = self._moved(now_ns)
+        is_moving = any(reference.ahead() != reference.place for reference in moved.values())
+        self._tell_off(why, now_ns, is_moving=is_moving)
+        if why or len(here) < len(Side):
+            self._free = None
+            self._held_ns.clear()
+            for reference in moved.values():
+                reference.bound(1.0)
+        elif is_moving:
+            self._judge(model, here, moved, now_ns)
+        self._show(model, why=why, now_ns=now_ns)
+
+    def _moved(self, now_ns: int) -> Moved:
+        """Return the references of the arms whose next joint setpoint leaves in this tick."""
+        arms = self._conductor.body.joint_arms
+        return {
+            side: arm.reference
+            for side, arm in arms.items()
+            if (due_ns := arm.next_due_ns()) is not None and due_ns <= now_ns
+        }
+
+    # ------------------------------------------------------------------------------------------------ the rule
+
+    def _judge(self, model: BodyModel, here: Mapping[Side, Vector], moved: Moved, now_ns: int) -> None:
+        wanted = {side: reference.ahead() for side, reference in moved.items()}
+        ways = {side: self._way(side, here[side], wanted.get(side)) for side in Side}
+        assert model.approach is not None and model.collision is not None
+        if self._is_free(here, ways):
+            return
+        posture, motion = model.collision.posture(here), self._motion(here, moved, wanted, ways)
+        verdict = model.approach.judge(posture, motion)
+        self._keep_free(here, motion, is_free=verdict.has_spare)
+        if not verdict.is_free:
+            self._hold_back(posture, moved, verdict, now_ns)
+        for side, reference in moved.items():
+            if reference.mode is ReferenceMode.FOLLOW:
+                reference.bound(min(1.0, verdict.limit_radps[side] / self._v_radps))
+
+    def _motion(self, here: Mapping[Side, Vector], moved: Moved, wanted: Mapping[Side, State], ways: Ways) -> Motion:
+        """Return what the rule is asked."""
+        self._tight = max(self._tight - 1, 0)
+        return Motion(
+            wanted=ways,
+            braked=lambda: {side: self._braked(side, here[side], ways, moved.get(side)) for side in Side},
+            speed_radps={side: wanted[side][1] if side in wanted else REST for side in Side},
+            together=self._together(moved),
+            spare=None if self._tight else {side: _wider(ways[side], wanted.get(side), self._spare_s) for side in Side},
+        )
+
+    def _keep_free(self, here: Mapping[Side, Vector], motion: Motion, *, is_free: bool) -> None:
+        """Keep what was found free beyond what was asked; ask for more next time, or for less."""
+        self._free = None
+        if motion.spare is None:
+            return
+        if is_free:
+            rows = [(here[side], motion.spare[side]) for side in Side]
+            self._free = [(q + low, q + high) for row in rows for q, (low, high) in zip(*row, strict=True)]
+            self._spare_s = min(1.5 * self._spare_s, SPARE_S)
+        elif self._spare_s > LEAST_SPARE_S:
+            self._spare_s *= 0.5
+        else:
+            self._tight = TIGHT_TICKS
+
+    def _is_free(self, here: Mapping[Side, Vector], ways: Ways) -> bool:
+        """Whether ways lie inside what was found free before."""
+        if self._free is None:
+            return False
+        free = iter(self._free)
+        for side in Side:
+            for q, (low, high), (lowest, highest) in zip(here[side], ways[side], free, strict=False):
+                if q + low < lowest or q + high > highest:
+                    return False
+        return True
+
+    def _way(self, side: Side, here: Vector, wanted: State | None) -> list[Extent]:
+        """Return how far the joints of an arm may go from where they are, through the wanted state and its stop [rad]."""
+        a_max, j_max = self._a_radps2, self._j_radps3
+        if wanted is not None:
+            return [
+                way_extent(q, (to,), stop_extent(v, a, a_max, j_max)) for q, to, v, a in zip(here, *wanted, strict=True)
+            ]
+        arm, measured = self._conductor.body.joint_arms[side], self._conductor.store.arm(side)
+        if arm.running:  # not due in this tick
+            return [stop_extent(v, a, a_max, j_max) for v, a in zip(arm.rates, arm.forces, strict=True)]
+        speeds = measured.dq_radps if measured is not None and measured.dq_radps else REST
+        return [STAYS if abs(v) < ADRIFT_RADPS else stop_extent(v, 0.0, a_max, j_max) for v in speeds]
+
+    def _braked(self, side: Side, here: Vector, ways: Ways, reference: JointReference | None) -> Sequence[Extent]:
+        """Return how far the joints of an arm go when they brake now [rad]; on its way where nobody here can brake it."""
+        if reference is None or self._conductor.body.joint_arms[side].is_walking:
+            return ways[side]
+        return self._way(side, here, reference.stop_ahead())
+
+    def _together(self, moved: Moved) -> list[tuple[Side, ...]]:
+        """Return which arms can only go on or brake as a whole: those on paths, two of one motion at once."""
+        rows: list[tuple[Side, ...]] = []
+        for side, reference in moved.items():
+            if reference.mode in WHOLE:
+                motion = self._conductor.body.motions.of(side)
+                rows.append((side,) if motion is None else tuple(motion.goals))
+        return rows
+
+    # ------------------------------------------------------------------------------------------------ what it does
+
+    def _hold_back(self, posture: Posture, moved: Moved, verdict: Verdict, now_ns: int) -> None:
+        """Have joints that may not go on take a step of their stop: alone on a stream, all of them on a path."""
+        near = posture.told(verdict.pair)
+        margin_m = posture.model.margin_m
+        parts = (
+            f"{near.first} and {near.second} are {1e3 * near.gap_m:.0f} mm apart and might come to "
+            f"{1e3 * verdict.kept_m:.0f} mm, {1e3 * margin_m:.0f} mm must stay free"
+        )
+        body = self._conductor.body
+        for side, reference in moved.items():
+            arm, going = body.joint_arms[side], verdict.going[side]
+            if all(going) or arm.is_walking:
+                continue
+            if reference.mode is ReferenceMode.FOLLOW:
+                reference.lead(_mixed(reference.ahead(), reference.stop_ahead(), going))
+                self._tell_held(side, parts, now_ns)
+            elif reference.mode in WHOLE:
+                ended = body.drop_driver(side, MotionState.ABORTED, Code.COLLISION_AHEAD, f"{parts}: it brakes")
+                arm.brake()
+                self._conductor.report_ended(ended, now_ns)
+
+    def _tell_held(self, side: Side, parts: str, now_ns: int) -> None:
+        told_ns = self._held_ns.get(side)
+        self._held_ns[side] = now_ns
+        if told_ns is None or now_ns - told_ns > QUIET_NS:
+            text = f"the targets of the {side} arm are not followed on: {parts}"
+            self._conductor.notice(Code.COLLISION_AHEAD, Level.WARNING, text, now_ns, side=side.value)
+
+    def _tell_off(self, why: str, now_ns: int, *, is_moving: bool) -> None:
+        """Tell once that arms move and are not kept apart, and once that they are again."""
+        if why and not self._was_off_told and is_moving:
+            self._was_off_told = True
+            self._conductor.notice(Code.UNGUARDED, Level.WARNING, f"arms are not kept apart: {why}", now_ns)
+        elif not why and self._was_off_told:
+            self._was_off_told = False
+            self._conductor.notice(Code.GUARDED, Level.INFO, "arms are kept apart again", now_ns)
+
+    # ------------------------------------------------------------------------------------------------ what is seen
+
+    def _show(self, model: BodyModel, *, why: str, now_ns: int) -> None:
+        """Show the nearest pair of the measured body, ten times a second."""
+        if now_ns // SHOWN_NS == self._shown_ns // SHOWN_NS:
+            return
+        self._shown_ns = now_ns
+        assert model.collision is not None
+        measured = {side: arm.q_rad for side in Side if (arm := self._conductor.store.arm(side)) is not None}
+        near = None
+        if not why and len(measured) == len(Side):
+            near = model.collision.posture(measured).nearest()
+        self._conductor.body.spacing = SpacingView(
+            on=not why,
+            why=why,
+            gap_m=None if near is None else near.gap_m,
+            first="" if near is None else near.first,
+            second="" if near is None else near.second,
+            margin_m=model.collision.margin_m,
+            held=tuple([side.value for side, at_ns in self._held_ns.items() if now_ns - at_ns < SHOWN_NS]),
+        )
+
+
+def _wider(ways: Sequence[Extent], wanted: State | None, spare_s: float) -> list[Extent]:
+    """Return ways that hold those of the next ticks as well, where the joints go on as they do [rad]."""
+    speeds = REST if wanted is None else wanted[1]
+    return [
+        (low + spare_s * (min(v, 0.0) - SPARE_RADPS), high + spare_s * (max(v, 0.0) + SPARE_RADPS))
+        for (low, high), v in zip(ways, speeds, strict=True)
+    ]
+
+
+def _mixed(wanted: State, braked: State, going: Sequence[bool]) -> State:
+    """Return a state of the joints that go on, and of those that take a step of their stop."""
+    q_rad, dq_radps, ddq_radps2 = (
+        tuple([w if go else b for w, b, go in zip(*rows, going, strict=True)])
+        for rows in zip(wanted, braked, strict=True)
+    )
+    return q_rad, dq_radps, ddq_radps2

@@ -1,0 +1,62 @@
+"""Judgement: what the rule of approach is asked about the next step of both arms, and what it answers (`approach.py`).
+
+Plain values, for those who ask tick by tick and for those who never do: no array library comes along with them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+
+from gateway.kinematics.stopping import Extent
+from gateway.values import ARM_DOF, Side
+
+__all__ = ["ALL", "NONE", "Going", "Motion", "Verdict", "Ways"]
+
+Going = Mapping[Side, Sequence[bool]]
+Ways = Mapping[Side, Sequence[Extent]]
+ALL: Going = {side: (True,) * ARM_DOF for side in Side}
+NONE: Going = {side: (False,) * ARM_DOF for side in Side}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Motion:
+    """What the joints of both arms may do from where the body was looked at.
+
+    Attributes:
+        wanted: Extent of each joint's way through the wanted next state and the stop from there, shape (7,) per side [rad].
+        braked: Tells the extents of their ways when they brake now, likewise; asked only where something has to brake.
+        speed_radps: Velocity of each joint in the wanted state, shape (7,) per side [rad/s].
+        together: Arms whose joints go on or brake as a whole; those of one row all at once.
+        spare: Ways that hold the wanted ones; None where nobody asks for more.
+    """
+
+    wanted: Ways
+    braked: Callable[[], Ways]
+    speed_radps: Mapping[Side, Sequence[float]]
+    together: Sequence[Sequence[Side]] = ()
+    spare: Ways | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Verdict:
+    """What may be done.
+
+    Attributes:
+        going: Which joints may take the wanted step, shape (7,) per side; the others take a step of their stop.
+        limit_radps: Velocity limit for the next plan of each arm [rad/s]; infinite where nothing is near.
+        pair: Number of the pair that keeps least on the wanted way (`Posture.told`); -1 if none may come inside the margin.
+        kept_m: Gap that it keeps, at least [m]; infinite without one.
+        has_spare: Whether all pairs keep the margin on the spare ways as well.
+    """
+
+    going: Going
+    limit_radps: Mapping[Side, float]
+    pair: int
+    kept_m: float
+    has_spare: bool = False
+
+    @property
+    def is_free(self) -> bool:
+        """Whether the whole motion may go on."""
+        return all(all(row) for row in self.going.values())

@@ -1,0 +1,134 @@
+"""Arms that are kept apart, as a whole and in virtual time: whatever is streamed, moved or followed, 2 cm stay free."""
+
+from __future__ import annotations
+
+import math
+import random
+
+import pytest
+
+from gateway.core import requests
+from gateway.core.chunk import prepare
+from gateway.errors import Code
+from gateway.robot import HOME_Q_RAD
+from gateway.settings import ArmSettings
+from gateway.values import Side
+from tests.kinematics.guarded_arms import LIMITS, MARGIN_M, MEET, ROUNDING_M, free_posture, model, random_joints
+from tests.kinematics.peer import has_pinocchio, pinocchio_least
+from tests.spaced import SpacedPair
+from tests.thoroughness import either
+
+L, R = Side.LEFT, Side.RIGHT
+SAG_M = 0.004
+"""How much nearer the simulated arms come than their setpoints: they lag, and sag by some milliradians."""
+
+
+def limits(v_radps, a_radps2, j_radps3):
+    """Return settings of arms."""
+    return ArmSettings(v_radps=v_radps, a_radps2=a_radps2, j_radps3=j_radps3)
+
+
+def test_without_it_these_targets_are_a_collision():
+    """What the other tests show is not that nothing was near."""
+    pair = SpacedPair(asked=False)
+    pair.lead(HOME_Q_RAD, 10.0)
+    pair.lead(MEET, 6.0)
+    assert pair.least_m < -0.05
+
+
+@pytest.mark.parametrize("limit", LIMITS)
+def test_arms_that_stream_towards_each_other_stop_with_two_centimetres_left_and_part_again(limit):
+    """By the setpoints and by pinocchio's capsules as well; the robot's own arms come as near as they sag."""
+    pair, slow = SpacedPair(limits(*limit)), 3.0 if limit[0] < 0.3 else 1.0
+    pair.lead(HOME_Q_RAD, 8.0 * slow)
+    pair.lead(MEET, 8.0 * slow)
+    near = pair.look()
+    assert pair.least_m >= MARGIN_M - ROUNDING_M and pair.least_measured_m >= MARGIN_M - SAG_M
+    assert near.gap_m < MARGIN_M + 0.01 and pair.off_rad(MEET) > 0.05
+    assert {near.first.partition("_")[0], near.second.partition("_")[0]} == {"left", "right"}
+    if has_pinocchio():
+        assert pinocchio_least(model())(pair.setpoints) == pytest.approx(near.gap_m, abs=1e-6)
+    spacing = pair.see().spacing
+    assert spacing is not None and spacing.on and spacing.gap_m == pytest.approx(near.gap_m, abs=SAG_M)
+    assert spacing.held
+    assert pair.codes().count(Code.COLLISION_AHEAD) >= 1
+    pair.lead(HOME_Q_RAD, 10.0 * slow)
+    assert pair.off_rad(HOME_Q_RAD) < 1e-9 and pair.least_m >= MARGIN_M - ROUNDING_M
+    assert pair.state == "ACTIVE" and not pair.engine.latches
+
+
+def test_random_targets_at_any_limits_keep_the_margin():
+    """Both arms, new targets before the last ones are reached, in collision or not, limits anywhere in the config's range."""
+    rng, held = random.Random(17), 0
+    for _ in range(either(5, 24)):
+        limit = (math.exp(rng.uniform(-1.0, math.log(3.0))), rng.uniform(1.0, 15.0), rng.uniform(5.0, 300.0))
+        pair = SpacedPair(limits(*limit))
+        for _ in range(5):
+            pair.lead(
+                {side: random_joints(rng)[side] for side in rng.choice([(L,), (R,), (L, R), (L, R)])},
+                rng.uniform(0.3, 2.5),
+            )
+        held += Code.COLLISION_AHEAD in pair.codes()
+        assert pair.least_m >= MARGIN_M - ROUNDING_M, (limit, pair.look())
+        assert pair.state == "ACTIVE" and not pair.engine.latches
+    assert held
+
+
+def test_random_moves_end_at_their_goals_or_before_anything_is_touched():
+    """Goals that are free: most are reached; where the straight way leads through something, the motion ends before it."""
+    rng, ended = random.Random(23), []
+    pair = SpacedPair()
+    for _ in range(either(8, 40)):
+        goals = free_posture(rng)
+        sides = rng.choice([(L,), (R,), (L, R)])
+        reply = pair.ask(requests.Move(epoch=pair.epoch, targets_rad={side: goals[side] for side in sides}))
+        if reply.refusal is not None:
+            assert reply.refusal.code is Code.GOAL_TOO_NEAR
+            continue
+        for _ in range(1000):
+            pair.step()
+            pair.look()
+            if not pair.conductor.body.motions.running:
+                break
+        ended.append(pair.conductor.body.motions.views()[-1].code)
+        assert pair.least_m >= MARGIN_M - ROUNDING_M
+    assert set(ended) == {"", "COLLISION_AHEAD"}
+
+
+def test_a_stop_near_the_other_arm_is_a_stop_as_quick_as_ever():
+    """At full speed towards each other: both arms rest after v/a + a/j, with the margin left."""
+    pair = SpacedPair()
+    pair.lead(HOME_Q_RAD, 8.0)
+    pair.lead(MEET, 0.7)
+    assert not pair.conductor.body.is_at_rest
+    pair.granted(requests.Stop())
+    pair.run(0.55)
+    assert pair.conductor.body.is_at_rest and pair.state == "HOLDING"
+    pair.look()
+    assert pair.least_m >= MARGIN_M - ROUNDING_M
+
+
+def script(pair):
+    """Move, stream, follow a chunk and brake, far from everything; return all frames as they left."""
+    pair.move(pair.epoch, HOME_Q_RAD, speed=0.3)
+    pair.run(5.0)
+    aside = {side: tuple(q + 0.1 * (n % 3 - 1) for n, q in enumerate(HOME_Q_RAD[side])) for side in Side}
+    pair.lead(aside, 1.0)
+    pair.lead({L: HOME_Q_RAD[L]}, 0.5)
+    begin = pair.setpoints[R]
+    rows = [tuple(q + 0.002 * n for q in begin) for n in range(20)]
+    pair.granted(requests.Follow(epoch=pair.epoch, chunk=prepare({R: rows}, dt_s=0.05)))
+    pair.run(0.6)
+    pair.granted(requests.Stop())
+    pair.run(1.0)
+    return [(at_ns, frame.topic, frame.kind, frame.values) for at_ns, frame in pair.frames]
+
+
+def test_where_it_is_off_and_where_nothing_is_near_not_a_bit_of_a_setpoint_is_another():
+    """Without a model, with one that keeps nothing apart, and with one that does: the same frames at the same times."""
+    without = script(SpacedPair(asked=False, has_model=False))
+    assert len(without) > 1000
+    assert script(SpacedPair(asked=False)) == without
+    kept = SpacedPair()
+    assert script(kept) == without
+    assert kept.see().spacing.on and Code.COLLISION_AHEAD not in kept.codes()
