@@ -94,10 +94,6 @@ class SimSettings:
             raise ValueError(f"model {self.model!r} is not one of {', '.join(_MODELS)}")
         if self.physics not in PHYSICS:
             raise ValueError(f"physics {self.physics!r} is not one of {', '.join(PHYSICS)}")
-        if self.physics != "kinematic" and (self.left_object_rad, self.right_object_rad) != (None, None):
-            raise ValueError(
-                "an object at a motor angle is for physics 'kinematic': with forces, things lie on the table"
-            )
         for name in ("left_mode", "right_mode"):
             if getattr(self, name) not in _MODES:
                 raise ValueError(f"{name} {getattr(self, name)!r} is not one of {', '.join(_MODES)}")

@@ -54,6 +54,9 @@ MACHINE_BOUND_MS = 30.0
 """A gap bound is judged only when the plain loop was never later than this [ms]."""
 
 
+PHYSICS = os.environ.get("TA2_PHYSICS", "")
+"""How the simulated robots move: empty as usual, `mujoco` with forces. The tests are the same for both."""
+
 STALLED = ("STATE_STALE", "PART_STALE", "PART_LOST", "TICK_LATE", "CLIENT_LOST")
 """How a motion rightly ends on a machine that stood still for a tenth of a second: whoever judges no time begins again."""
 
@@ -273,6 +276,8 @@ class System:
         has_guard: bool = True,
     ) -> None:
         self.folder = folder
+        if PHYSICS and "--physics" not in sim_options:
+            sim_options = (*sim_options, "--physics", PHYSICS)
         self.sim_options = sim_options
         self.sim_port = free_port()
         self.endpoint, self.control_endpoint = self.endpoints()

@@ -47,8 +47,6 @@ def test_another_missing_module_is_not_taken_for_mujoco(monkeypatch, no_mujoco):
 
 
 def test_settings_know_the_kinds_of_physics():
-    """Another word, and an object at a motor angle beside physics, mean nothing."""
+    """Another word means nothing."""
     with pytest.raises(ValueError, match="physics 'bullet' is not one of kinematic, mujoco"):
         SimSettings(physics="bullet")
-    with pytest.raises(ValueError, match="things lie on the table"):
-        SimSettings(physics="mujoco", right_object_rad=0.3)

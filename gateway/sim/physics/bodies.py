@@ -49,7 +49,10 @@ class Bodies:
         self._mark_ns, self._mark_steps = start_ns, 0
         for side in Side:
             self.world.pose_arm(side, parts.arms[side].q_rad)
-            self.world.pose_gripper(side, parts.grippers[side].angle_rad)
+            gripper = parts.grippers[side]
+            self.world.pose_gripper(side, gripper.angle_rad)
+            if gripper.object_rad is not None:
+                self.world.block_gripper(side, min(gripper.object_rad, gripper.angle_rad))
         if parts.lift is not None:
             self.world.pose_lift(parts.lift.lowered_m)
         self._sense()

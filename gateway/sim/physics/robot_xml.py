@@ -209,13 +209,13 @@ class _Sections:
 
     def _add_palm(self, hand: Element, side: Side) -> None:
         mirror = 1.0 if side is Side.LEFT else -1.0
-        middle = (0.055, -0.0068, -0.0215 * mirror)
+        middle = (0.0425, -0.0068, -0.0215 * mirror)  # it ends before the wrist camera's picture begins
         self._add_shape(
             hand,
             _reaching(side),
             name=f"{side.value}_palm",
             type="box",
-            size=(0.055, 0.030, 0.050),
+            size=(0.0425, 0.024, 0.050),
             pos=middle,
             class_="arm",
         )

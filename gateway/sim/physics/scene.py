@@ -47,7 +47,9 @@ def scene_xml(*, has_lift: bool) -> str:
     root = Element("mujoco", {"model": "teleavatar2"})
     add(root, "compiler", angle="radian", autolimits="true")
     add(root, "option", timestep=STEP_NS / 1e9, integrator="implicitfast", cone="elliptic", impratio=10.0)
-    add(add(root, "visual"), "global", offwidth=1280.0, offheight=1280.0)
+    visual = add(root, "visual")
+    add(visual, "global", offwidth="1280", offheight="1280")
+    add(visual, "headlight", ambient=(0.35, 0.35, 0.35), diffuse=(0.5, 0.5, 0.5))
     _add_looks(root)
     world = add(root, "worldbody")
     add(world, "light", pos=(0.0, 0.0, 3.5), dir=(0.2, 0.0, -1.0), castshadow="false")
@@ -72,6 +74,8 @@ def scene_xml(*, has_lift: bool) -> str:
 
 def _add_looks(root: Element) -> None:
     assets = add(root, "asset")
+    sky = {"rgb1": (0.62, 0.72, 0.82), "rgb2": (0.30, 0.38, 0.48)}
+    add(assets, "texture", type="skybox", builtin="gradient", width="64", height="384", **sky)
     add(
         assets,
         "texture",

@@ -111,6 +111,10 @@ class World:
                 self.data.joint(f"{name}_{part}{number}").qpos[0] = angle_rad
         mujoco.mj_forward(self.model, self.data)
 
+    def block_gripper(self, side: Side, motor_rad: float) -> None:
+        """Let a gripper's motor meet something hard when it closes to an angle [rad]: a thing that is nowhere else."""
+        self.model.jnt_range[self.model.joint(f"{side.value}_rotor").id, 0] = motor_rad
+
     def pose_lift(self, lowered_m: float) -> None:
         """Put the lift somewhere below its top at rest [m]; for the start. Does nothing where there is no lift."""
         if self.has_lift:

@@ -27,11 +27,12 @@ class Hands:
 
     Args:
         model: `standard` or `lift`.
-        start_ns: When the robot starts [ns].
+        robot: The robot, if it is to be another one than the usual of its model, without noise.
     """
 
-    def __init__(self, model: str = "standard", start_ns: int = 0) -> None:
-        self.robot = SimRobot(SimSettings(physics="mujoco", model=model, noise_rad=0.0, noise_radps=0.0), start_ns)
+    def __init__(self, model: str = "standard", robot: SimRobot | None = None) -> None:
+        settings = SimSettings(physics="mujoco", model=model, noise_rad=0.0, noise_radps=0.0)
+        self.robot = robot or SimRobot(settings)
         self.world = self.robot.dynamics.world
         self.targets = {side: arm.q_rad.copy() for side, arm in self.robot.arms.items()}
         self.levels: dict[Side, float] = {}

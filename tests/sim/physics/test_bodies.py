@@ -128,6 +128,20 @@ def test_the_grip_is_lost_100_ms_after_the_arm_s_stream():
     assert user.world.data.actuator("right_gripper").force[0] == 0.0
 
 
+def test_a_gripper_meets_the_object_of_the_settings():
+    """The thing that only the settings know of stops the motor as it does without physics; opening is free."""
+    robot = SimRobot(SimSettings(physics="mujoco", left_object_rad=0.3))
+    user = Hands(robot=robot)
+    user.levels.update({side: 0.8 for side in Side})
+    user.wait(3.0)
+    assert robot.grippers[LEFT].angle_rad == pytest.approx(0.3, abs=0.01)
+    assert robot.grippers[Side.RIGHT].angle_rad == pytest.approx(0.0, abs=0.01)
+    assert robot.grippers[LEFT].effort_nm < -1.0
+    user.levels[LEFT] = 0.0
+    user.wait(2.0)
+    assert robot.grippers[LEFT].angle_rad == pytest.approx(1.0, abs=0.01)
+
+
 def test_wheels_turn_as_the_chassis_is_told_and_carry_the_base():
     """Wheel states are those of the commanded speeds (§4.5); the base is where its wheels took it, watchdog included."""
     user = Hands()
