@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import argparse
+from pathlib import Path
 
 __all__ = ["add_physics"]
 
 
 def add_physics(sim: argparse.ArgumentParser) -> None:
-    """Add `--physics`, `--viewer` and `--headless`."""
+    """Add `--physics`, `--viewer`, `--headless` and `--record`."""
     sim.add_argument(
         "--physics",
         choices=("kinematic", "mujoco"),
@@ -20,3 +21,9 @@ def add_physics(sim: argparse.ArgumentParser) -> None:
         "--viewer", action="store_true", help="show it in a window; needs --physics mujoco and a display"
     )
     sight.add_argument("--headless", dest="viewer", action="store_false", help="show no window (default)")
+    sim.add_argument(
+        "--record",
+        type=Path,
+        metavar="FILE",
+        help="film the scene from the side, *.mp4; needs --physics mujoco, no display",
+    )

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import sys
+from pathlib import Path
 
 from gateway.sim.node import DEFAULT_LISTEN
 from gateway.sim.settings import PHYSICS
@@ -27,6 +28,7 @@ def command_line() -> argparse.ArgumentParser:
         "--physics", choices=PHYSICS, default=PHYSICS[0], help="how it moves: as lags and speeds, or with forces"
     )
     parser.add_argument("--viewer", action="store_true", help="show it in a window; needs --physics mujoco")
+    parser.add_argument("--record", type=Path, metavar="FILE", help="film it, *.mp4; needs --physics mujoco")
     parser.add_argument("--camera-to", metavar="HOST:PORT", help="send its camera's pictures there (default: none)")
     return parser
 

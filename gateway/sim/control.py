@@ -6,6 +6,7 @@
 | `{"do": "stats"}` | what the robot saw of its users (`report.stats`) |
 | `{"do": "reset_stats"}` | these figures start anew |
 | `{"do": "state"}` | the robot's true state (`report.state`) |
+| `{"do": "world"}` | where everything of the scene is, for who draws it (physics only) |
 | `{"do": "log", "since": 0}` | entries of the robot's own log with a larger number |
 | `{"do": "fault", "fault": "freeze", ...}` | a fault begins (grammar in `faults`) |
 | `{"do": "faults"}` | the known faults and the acting ones |
@@ -57,6 +58,7 @@ class Control:
             "stats": self._stats,
             "reset_stats": self._reset_stats,
             "state": self._state,
+            "world": self._world,
             "log": self._log,
             "fault": self._fault,
             "faults": self._faults,
@@ -92,6 +94,12 @@ class Control:
 
     def _state(self, _: Mapping[str, object], __: int) -> Answer:
         return report.state(self._robot)
+
+    def _world(self, _: Mapping[str, object], __: int) -> Answer:
+        positions = self._robot.dynamics.positions()
+        if positions is None:
+            raise FaultError("world: this robot has no scene; start one with --physics mujoco")
+        return {"positions": positions}
 
     def _log(self, request: Mapping[str, object], _: int) -> Answer:
         since = request.get("since", 0)

@@ -68,6 +68,10 @@ class Dynamics(Protocol):
         """Return how its own time passes, JSON-able; None where it has none."""
         ...
 
+    def positions(self) -> list[float] | None:
+        """Return where everything is, for who draws the scene; None where there is none."""
+        ...
+
     def report(self) -> dict[str, object] | None:
         """Return what there is to tell beyond the parts, JSON-able; None for nothing."""
         ...
@@ -94,6 +98,9 @@ class FirstOrder:
 
     def pace(self) -> None:
         """It has no time of its own."""
+
+    def positions(self) -> None:
+        """There is no scene."""
 
     def report(self) -> None:
         """There is nothing beyond the parts."""

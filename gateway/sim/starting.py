@@ -24,7 +24,8 @@ def start(options: Namespace) -> int:
     """Run a simulated robot until it is asked to end; return the exit code.
 
     Args:
-        options: What `settings_of` needs, with listen, viewer, and camera_to: HOST:PORT of its pictures or None.
+        options: What `settings_of` needs, with listen, viewer, record (file of a film, or None) and camera_to (HOST:PORT
+            of its pictures, or None).
 
     Raises:
         CannotStart: Settings that mean nothing together; MuJoCo, an encoder or a display missing.
@@ -36,7 +37,9 @@ def start(options: Namespace) -> int:
     make = _viewed(settings) if options.viewer else None
     with ExitStack() as stack:
         if options.camera_to is not None:
-            _film(stack, options)
+            _send_pictures(stack, options)
+        if options.record is not None:
+            _film(stack, options, settings)
         try:
             if make is None:
                 return main_sim(options.listen, settings)
@@ -45,7 +48,18 @@ def start(options: Namespace) -> int:
             raise CannotStart(str(error)) from error
 
 
-def _film(stack: ExitStack, options: Namespace) -> None:
+def _film(stack: ExitStack, options: Namespace, settings: SimSettings) -> None:
+    if settings.physics != "mujoco":
+        raise CannotStart("a film shows bodies with forces: add --physics mujoco, or leave --record out")
+    from gateway.sim.physics.film_process import FilmProcess
+
+    try:
+        stack.enter_context(FilmProcess(options.listen, options.record))
+    except ValueError as error:
+        raise CannotStart(str(error)) from error
+
+
+def _send_pictures(stack: ExitStack, options: Namespace) -> None:
     from gateway.sim.camera_process import CameraProcess
     from gateway.sim.hevc import EncoderMissing
 

@@ -51,6 +51,16 @@ def test_physics_that_is_missing_is_one_line_and_exit_status_1(monkeypatch, caps
     assert "MuJoCo, which is not installed" in said.err and said.out == "" and said.err.count("\n") == 1
 
 
+def test_a_film_needs_physics_and_a_folder(started, tmp_path):
+    """Before the robot listens: there is a scene to film, and a place for the file."""
+    with pytest.raises(CannotStart, match="add --physics mujoco"):
+        start(options("--record", str(tmp_path / "a.mp4")))
+    for wrong in ("nowhere/a.mp4", str(tmp_path / "a.avi")):
+        with pytest.raises(CannotStart, match=r"an \.mp4 file in a folder that exists, not "):
+            start(options("--physics", "mujoco", "--record", wrong))
+    assert started == []
+
+
 def test_a_camera_s_address_that_is_none_is_refused(started):
     """Before the robot listens."""
     with pytest.raises(CannotStart, match="nowhere"):

@@ -139,6 +139,10 @@ class Bodies:
             "real_time_factor": self.real_time_factor,
         }
 
+    def positions(self) -> list[float]:
+        """Return where everything is, for who draws it."""
+        return self.world.positions()
+
     def report(self) -> dict[str, object]:
         """Return the world's true state: places on the ground's frame, x forward at the start, z up."""
         x_m, y_m, yaw_rad = self.world.base()

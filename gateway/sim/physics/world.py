@@ -216,6 +216,10 @@ class World:
         """Return how far below its top the lift is [m]; None where there is none."""
         return float(self.data.qpos[self._qpos["lift"]]) if self.has_lift else None
 
+    def positions(self) -> list[float]:
+        """Return where everything is, in MuJoCo's own coordinates: for who draws this very scene."""
+        return list(map(float, self.data.qpos))
+
     def place(self, name: str) -> Placed:
         """Return where a thing or a frame of the robot is.
 

@@ -259,3 +259,12 @@ def test_the_control_channel_tells_the_world_s_true_state():
     assert report.stats(robot)["physics"]["real_time_factor"] == pytest.approx(1.0, abs=1e-2)
     kinematic = SimRobot(SimSettings(model="lift"))
     assert "physics" not in report.state(kinematic) and "physics" not in report.stats(kinematic)
+
+
+def test_positions_are_handed_out_to_who_draws_the_scene():
+    """All of them for the robot with forces; a robot without a scene says how to get one."""
+    robot = SimRobot(SimSettings(physics="mujoco"))
+    answer = json.loads(Control(robot, NoNode()).answer('{"do": "world"}', robot.now_ns))
+    assert answer == {"ok": True, "positions": robot.dynamics.world.data.qpos.tolist()}
+    refused = json.loads(Control(SimRobot(), NoNode()).answer('{"do": "world"}', 0))
+    assert not refused["ok"] and "--physics mujoco" in refused["error"]

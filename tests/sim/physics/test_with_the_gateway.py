@@ -7,6 +7,7 @@ import pytest
 from gateway import robot
 from gateway.core.events import DriveChassis, SetGripper, Stop
 from gateway.errors import Code
+from gateway.settings import ArmSettings, Settings
 from gateway.sim.settings import SimSettings
 from gateway.values import Side
 from tests.pair import MS, Pair
@@ -39,6 +40,36 @@ def test_home_is_reached_at_full_speed_without_a_latch(pair):
     assert ended(pair) == ["reached"]
     assert worst_rad < 0.15  # the aborting bound is 0.3
     assert Code.LATCH_CHANGED not in pair.codes()
+
+
+def test_the_fastest_limits_stay_within_the_bound_on_the_tracking_error():
+    """3 rad/s, 15 rad/s², 300 rad/s³: home and back are reached; 0.3 rad would abort."""
+    arm = ArmSettings(v_radps=3.0, a_radps2=15.0, j_radps3=300.0)
+    pair = Pair(Settings(arm=arm), SimSettings(physics="mujoco", state_period_ns=10 * MS))
+    epoch = pair.activate()
+    hanging = {side: tuple(arm.q_rad.tolist()) for side, arm in pair.robot.arms.items()}
+    worst_rad = 0.0
+    for number, goal in enumerate((HOME, hanging), start=1):
+        pair.move(epoch, goal)
+        while len(ended(pair)) < number:
+            pair.run(0.01)
+            worst_rad = max(worst_rad, *(arm.deviation_rad for arm in pair.robot.arms.values()))
+    assert ended(pair) == ["reached", "reached"]
+    assert 0.1 < worst_rad < 0.28
+
+
+def test_an_arm_that_meets_the_table_is_stopped_by_the_bound_on_the_tracking_error():
+    """The base carries stretched hands against the table; the gateway latches TRACKING_ERROR and drives no further."""
+    pair = Pair(sim=SimSettings(physics="mujoco", state_period_ns=10 * MS))
+    epoch = pair.activate()
+    pair.move(epoch, HOME)
+    pair.run_until(lambda: bool(ended(pair)))
+    drive = DriveChassis(epoch=epoch, vx_mps=0.2, vy_mps=0.0, wz_radps=0.0, expiry_ns=3_000 * MS)
+    pair.granted(drive)
+    pair.run_until(lambda: "TRACKING_ERROR" in pair.see().latches, 8.0)
+    pair.run(2.0)
+    assert 0.15 < pair.robot.dynamics.world.base()[0] < 0.75
+    assert pair.robot.chassis.velocity == [0.0, 0.0, 0.0]
 
 
 def test_stop_brings_the_arms_to_rest_where_they_are(pair):
