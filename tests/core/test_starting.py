@@ -66,6 +66,20 @@ def test_a_silent_stream_starts_at_its_measured_position_and_no_other_starts(sid
         assert first.values == second.values == scene.q_rad[side] != MIDDLE[side]
 
 
+def test_an_arm_whose_silence_the_robot_has_not_noticed_goes_on_from_its_last_setpoint():
+    """A torque holds it off its setpoint: the place where it is would be a step; the other arm starts where it is."""
+    scene = Scene(State.IDLE)
+    scene.starting.seed((L, R), scene.now_ns)
+    held = {side: scene.arm_frames(side, 1)[-1].values for side in (L, R)}
+    scene.conductor.body.silence_arms()
+    scene.push(L, TOP_RAD + 0.04)
+    scene.push(R, 0.1)
+    assert scene.starting.seed((L, R), scene.now_ns, unnoticed=(L,)) is None
+    assert scene.reference(L) == held[L] and scene.reference(R) == scene.q_rad[R] != held[R]
+    assert scene.arm_frames(L, 1)[-1].values == held[L]
+    assert scene.conductor.notices == []
+
+
 @pytest.mark.parametrize(("by_rad", "start_rad"), [(TOP_RAD + 0.04, TOP_RAD), (-TOP_RAD - 0.04, -TOP_RAD)])
 def test_an_arm_just_outside_a_limit_starts_at_the_limit_and_it_is_told(by_rad, start_rad):
     """Noise at the end of a range is no reason to refuse; the other joints start where they are."""
