@@ -241,7 +241,10 @@ def _move(options: Namespace) -> int:
     from gateway.apps.moving import Manner, home, to_joints, to_poses
 
     is_clipping = options.command != "home" and options.clip
-    manner = Manner(speed=options.speed, tolerance_rad=options.tolerance, is_clipping=is_clipping)
+    is_straight = options.command == "move-pose" and options.straight
+    manner = Manner(
+        speed=options.speed, tolerance_rad=options.tolerance, is_clipping=is_clipping, is_straight=is_straight
+    )
     errand = _errand(options)
     if options.command == "home":
         return carry_out(errand, home(manner))

@@ -136,6 +136,8 @@ class MovePose(Incoming, frozen=True):
         tolerance_m: Settling tolerance of the position [m]; null for the configured one.
         tolerance_rad: Settling tolerance of the orientation [rad]; null for the configured one.
         on_limit: What happens to a position beyond the reach.
+        straight: Whether an arm in joint mode goes straight, too; else its joints go as they like. Working that out takes some
+            tenths of a second, in which the motion is `queued`.
     """
 
     epoch: Count
@@ -145,6 +147,7 @@ class MovePose(Incoming, frozen=True):
     tolerance_m: float | None = None
     tolerance_rad: float | None = None
     on_limit: OnLimitName = "reject"
+    straight: bool = False
 
 
 class OpenStream(Incoming, frozen=True):

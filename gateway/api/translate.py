@@ -177,6 +177,7 @@ def _to_move_pose(move: protocol.MovePose) -> events.MovePose | Refusal:
         tolerance_m=move.tolerance_m,
         tolerance_rad=move.tolerance_rad,
         on_limit=events.OnLimit(move.on_limit),
+        straight=move.straight,
     )
 
 

@@ -319,7 +319,7 @@ def _add_motions(commands: Any) -> None:  # noqa: ANN401  argparse's private cla
     for name, text in (
         ("home", "move both arms to the initial position of manual §6.6: enable, move, disable"),
         ("move", "move one or both arms to joint positions: enable, move, disable"),
-        ("move-pose", "move one or both end effectors to poses, straight: enable, move, disable"),
+        ("move-pose", "move one or both end effectors to poses: enable, move, disable"),
     ):
         motion = _client_command(
             commands,
@@ -351,8 +351,10 @@ def _add_motions(commands: Any) -> None:  # noqa: ANN401  argparse's private cla
             f"--{side}",
             nargs="+",
             metavar="P",
-            help=f"x y z [m] qx qy qz qw of the {side} end effector in {side}_shoulder_base, for an arm in end-effector mode",
+            help=f"x y z [m] qx qy qz qw of the {side} end effector in {side}_shoulder_base (manual §4.0.1)",
         )
+    straight = "go straight in joint mode, too; in end-effector mode the arms always do"
+    motions[2].add_argument("--straight", action="store_true", help=straight)
     motions[2].add_argument("--clip", action="store_true", help="move a position beyond the reach to its end")
     move.add_argument("--by", action="store_true", help="the joints are offsets from where the arms are")
     move.add_argument("--clip", action="store_true", help="move a target outside the limits to the limit, and say so")

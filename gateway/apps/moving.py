@@ -27,11 +27,13 @@ class Manner:
         speed: Factor on the velocity limit.
         tolerance_rad: Reached within this [rad]; None for the configured one.
         is_clipping: Whether a goal outside the limits is moved to the limit.
+        is_straight: Whether end effectors go straight in joint mode, too.
     """
 
     speed: float
     tolerance_rad: float | None
     is_clipping: bool = False
+    is_straight: bool = False
 
     @property
     def on_limit(self) -> protocol.OnLimitName:
@@ -63,14 +65,20 @@ class Plan:
         """Yield what will move and how far.
 
         Raises:
-            NotReady: An arm is in the other control mode.
+            NotReady: An arm is in the other control mode; for poses, the arms are in different ones.
             Stale: An arm was never measured.
             Rejected: OUT_OF_RANGE, the goal is outside the limits and not to be clipped.
         """
-        other = "move" if self.is_pose else "move-pose"
-        for side in self.targets_rad:
-            require_mode(side, robot.state, is_pose=self.is_pose, remedy=f"`ta2 {other}`")
-        return _pose_preview(errand, self, robot) if self.is_pose else _preview(errand, self, robot)
+        if not self.is_pose:
+            for side in self.targets_rad:
+                require_mode(side, robot.state, is_pose=False, remedy="`ta2 move-pose`")
+            return _preview(errand, self, robot)
+        mode = robot.state.mode
+        is_joint = mode is not None and all(mode.joint_mode.get(side, True) for side in self.targets_rad)
+        if not is_joint:
+            for side in self.targets_rad:
+                require_mode(side, robot.state, is_pose=True, remedy="`ta2 move-pose` for one arm after the other")
+        return _pose_preview(errand, self, robot, by_joints=is_joint and not self.manner.is_straight)
 
     @property
     def stages(self) -> Sequence[Stage]:
@@ -89,7 +97,8 @@ class Plan:
                 side: PoseTarget(values[:3], values[3:], f"{side}_shoulder_base")
                 for side, values in self.targets_rad.items()
             }
-            return own.move_pose(
+            start_poses = own.move_linear if manner.is_straight else own.move_pose
+            return start_poses(
                 targets, speed=manner.speed, tolerance_rad=manner.tolerance_rad, on_limit=manner.on_limit
             )
         start = own.move_by if self.is_offset else own.move_to
@@ -169,18 +178,20 @@ def _preview(errand: Errand, plan: Plan, robot: Robot) -> Iterator[str]:
     yield f"  takes about {longest_s:.1f} s, then the arms are {errand.after}"
 
 
-def _pose_preview(errand: Errand, plan: Plan, robot: Robot) -> Iterator[str]:
+def _pose_preview(errand: Errand, plan: Plan, robot: Robot, *, by_joints: bool) -> Iterator[str]:
     """Yield how far end effectors will move and turn."""
     info, state, speed = robot.info, robot.state, plan.manner.speed
     v_mps, w_radps = speed * info.pose_v_mps, speed * info.pose_w_radps
     arms = " and ".join(plan.targets_rad)
-    yield f"{errand.command}: {arms} {plan.what}, with up to {v_mps:g} m/s and {w_radps:g} rad/s"
+    fastest = f"{speed * info.v_radps:g} rad/s of each joint" if by_joints else f"{v_mps:g} m/s and {w_radps:g} rad/s"
+    yield f"{errand.command}: {arms} {plan.what}, with up to {fastest}"
+    how = "as the joints like" if by_joints else "straight"
     for side, target in plan.targets_rad.items():
         goal = within_reach(side, target, info, plan.manner.on_limit)
         pose = state.arm(side).pose
         cosine = min(1.0, abs(sum(a * b for a, b in zip(map(float, pose.quat_xyzw), goal[3:], strict=True))))
         moved_m, turned_rad = math.dist(tuple(map(float, pose.p)), goal[:3]), 2.0 * math.acos(cosine)
-        yield f"  {side + ' arm':<9} by {moved_m * 1e3:.0f} mm and {turned_rad:.3f} rad, straight"
+        yield f"  {side + ' arm':<9} by {moved_m * 1e3:.0f} mm and {turned_rad:.3f} rad, {how}"
     yield f"  then the arms are {errand.after}"
 
 

@@ -5,9 +5,11 @@
 
 from __future__ import annotations
 
+from gateway.client.arm_control import ArmControl
 from gateway.client.chunks import FollowCheck
 from gateway.client.client import EventStream, Robot, connect
-from gateway.client.control import ArmControl, Control, JointStream, MotionHandle, PoseStream
+from gateway.client.control import Control
+from gateway.client.handles import JointStream, MotionHandle, PoseStream
 from gateway.client.health import Health
 from gateway.client.over_zenoh import Credentials
 from gateway.client.parts import ChassisControl, ChassisStream, GripperControl, LiftControl, LiftStream

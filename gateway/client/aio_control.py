@@ -157,8 +157,23 @@ class Control(Ownership):
         tolerance_rad: float | None = None,
         on_limit: protocol.OnLimitName = "reject",
     ) -> MotionHandle:
-        """Move one or both end effectors to poses, straight; returns when it was accepted."""
-        accepted = await run(self._session, self._move_pose(targets, speed, tolerance_m, tolerance_rad, on_limit))
+        """Move one or both end effectors to poses; returns when it was accepted."""
+        accepted = await run(
+            self._session, self._move_pose(targets, False, speed, tolerance_m, tolerance_rad, on_limit)
+        )
+        return MotionHandle(*accepted)
+
+    async def move_linear(
+        self,
+        targets: Mapping[str, PoseLike],
+        *,
+        speed: float = 1.0,
+        tolerance_m: float | None = None,
+        tolerance_rad: float | None = None,
+        on_limit: protocol.OnLimitName = "reject",
+    ) -> MotionHandle:
+        """Move one or both end effectors straight to poses, in either control mode; returns when it was accepted."""
+        accepted = await run(self._session, self._move_pose(targets, True, speed, tolerance_m, tolerance_rad, on_limit))
         return MotionHandle(*accepted)
 
 
@@ -240,6 +255,26 @@ class ArmControl:
     ) -> MotionHandle:
         """Move this arm's end effector to a pose in its own shoulder frame."""
         return await self._control.move_pose(
+            {self.side: PoseTarget(p, quat_xyzw, frame)},
+            speed=speed,
+            tolerance_m=tolerance_m,
+            tolerance_rad=tolerance_rad,
+            on_limit=on_limit,
+        )
+
+    async def move_linear(
+        self,
+        p: ArrayLike,
+        quat_xyzw: ArrayLike,
+        *,
+        frame: str,
+        speed: float = 1.0,
+        tolerance_m: float | None = None,
+        tolerance_rad: float | None = None,
+        on_limit: protocol.OnLimitName = "reject",
+    ) -> MotionHandle:
+        """Move this arm's end effector straight to a pose, in either control mode."""
+        return await self._control.move_linear(
             {self.side: PoseTarget(p, quat_xyzw, frame)},
             speed=speed,
             tolerance_m=tolerance_m,

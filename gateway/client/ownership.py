@@ -137,6 +137,7 @@ class Ownership:
     def _move_pose(
         self,
         targets: Mapping[str, PoseLike],
+        straight: bool,
         speed: float,
         tolerance_m: float | None,
         tolerance_rad: float | None,
@@ -146,6 +147,7 @@ class Ownership:
         command = move_pose(
             lease.epoch,
             targets,
+            straight=straight,
             speed=speed,
             tolerance_m=tolerance_m,
             tolerance_rad=tolerance_rad,

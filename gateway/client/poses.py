@@ -194,12 +194,13 @@ def move_pose(
     epoch: int,
     targets: Mapping[str, PoseLike],
     *,
+    straight: bool = False,
     speed: float,
     tolerance_m: float | None,
     tolerance_rad: float | None,
     on_limit: protocol.OnLimitName,
 ) -> protocol.MovePose:
-    """Return the request for a straight motion of one or both end effectors.
+    """Return the request for a motion of one or both end effectors to poses, in joint mode straight or not.
 
     Raises:
         Rejected: WRONG_SHAPE (no arm, an unknown one, not a pose), NOT_FINITE, OUT_OF_RANGE or WRONG_FRAME.
@@ -224,4 +225,5 @@ def move_pose(
         tolerance_m=None if tolerance_m is None else number("tolerance_m", tolerance_m),
         tolerance_rad=None if tolerance_rad is None else number("tolerance_rad", tolerance_rad),
         on_limit=on_limit,
+        straight=straight,
     )

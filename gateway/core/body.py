@@ -189,6 +189,8 @@ class Body:
         """Take note of what was sent and measured; return the motions that ended."""
         running = self.motions.running
         for motion in running:
+            if not motion.is_planned:
+                continue
             broken = self._broken(motion, measured)
             if broken is not None:
                 self.motions.end(motion, MotionState.ABORTED, *broken)
@@ -196,7 +198,7 @@ class Body:
                     self.arms[side].brake()
                 continue
             progress = {side: self.arms[side].progress for side in motion.goals}
-            self.motions.advance(motion, progress, measured, now_ns)
+            self.motions.advance(motion, progress, motion.where(measured), now_ns)
         return [motion for motion in running if not motion.is_running]
 
     def _broken(self, motion: Motion, measured: Mapping[Side, Vector | None]) -> tuple[Code, str] | None:

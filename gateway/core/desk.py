@@ -11,6 +11,7 @@ from functools import partial
 from typing import TypeAlias
 
 from gateway.core import door
+from gateway.core.cartesian import Cartesian
 from gateway.core.conductor import Conductor
 from gateway.core.driving import Driving
 from gateway.core.events import (
@@ -72,6 +73,7 @@ class Desk:
         driving = Driving(conductor, self._permit)
         gripping = Gripping(conductor, self._permit)
         follows = Follows(conductor, self._permit, self._moves)
+        self._cartesian = Cartesian(conductor, self._permit, self._moves)
         self.may: dict[str, May] = {
             "enable": self._may_enable,
             **{f"{side}_arm": partial(self._may_move, side) for side in Side},
@@ -90,7 +92,7 @@ class Desk:
             Move: self._moves.move,
             Follow: follows.follow,
             CheckFollow: follows.check,
-            MovePose: self._moves.move_pose,
+            MovePose: self._cartesian.move_pose,
             OpenStream: self._moves.open_stream,
             CloseStream: self._moves.close_stream,
             Hold: self._moves.hold,
@@ -267,6 +269,10 @@ class Desk:
     def take_target(self, target: TargetArrived, now_ns: int) -> None:
         """Follow a streamed target if it may be followed; its stream says why not."""
         self._moves.take_target(target, now_ns)
+
+    def move_on(self, now_ns: int) -> None:
+        """Go on with requests that take more than one tick."""
+        self._cartesian.step(now_ns)
 
     # ------------------------------------------------------------------------------------------------ stop, recover
 

@@ -351,6 +351,7 @@ class Engine:
         conductor = self._conductor
         self._phases.step(now_ns)
         self._grounds.step(now_ns)
+        self._desk.move_on(now_ns)
         for side in conductor.body.expire_targets(now_ns):
             conductor.notice(
                 Code.TARGET_EXPIRED,

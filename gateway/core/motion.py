@@ -22,6 +22,7 @@ from enum import Enum
 
 from gateway.core.braking import Braking, JointLimits
 from gateway.core.follower import Follower
+from gateway.core.line_path import LinePath
 from gateway.core.passage import Outcome, Passage
 from gateway.core.path import REST, Path, PlanFailed, Slowing, Start, State, check_entry, check_goal, check_speed
 from gateway.core.planner import plan_paths
@@ -58,7 +59,7 @@ class JointReference:
         self._follower = Follower(self._braking)
         self._q: Vector = self._braking.land(REST, REST)
         self._v = self._a = REST
-        self._course: Path | Slowing | None = None
+        self._course: Path | LinePath | Slowing | None = None
         """What PATH and BRAKE sample."""
         self._steps = 0
         """Setpoints handed out of it."""
@@ -176,7 +177,7 @@ class JointReference:
         self._enter(ReferenceMode.HOLD, None)
         self.brake()
 
-    def start(self, path: Path) -> None:
+    def start(self, path: Path | LinePath) -> None:
         """Follow a path.
 
         Args:
@@ -262,7 +263,7 @@ class JointReference:
         elif self.mode is not ReferenceMode.BRAKE:
             self._enter(ReferenceMode.BRAKE, self.state.slow(0.0))
 
-    def _enter(self, mode: ReferenceMode, course: Path | Slowing | None) -> None:
+    def _enter(self, mode: ReferenceMode, course: Path | LinePath | Slowing | None) -> None:
         self.mode = mode
         self._course = course
         self._steps = 0

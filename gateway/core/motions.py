@@ -9,7 +9,7 @@ A motion of two arms ends for both: what takes one arm away ends the motion, and
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from enum import Enum
 from operator import attrgetter
@@ -82,6 +82,10 @@ class Motion:
         self.duration_ns = duration_ns
         self.terms = terms
         self.state = MotionState.QUEUED
+        self.is_planned = True
+        """Whether its way is known; until then it is queued, and nothing of it is judged."""
+        self.seen: Callable[[Side, Vector], Vector] | None = None
+        """What turns the joints that are measured into values of its space, by the body model; None where none is needed."""
         self.progress = 0.0
         self.error: Gap | None = None
         """Measured distance to the goal, the worst of all arms; None when it is not known."""
@@ -96,6 +100,18 @@ class Motion:
     def is_running(self) -> bool:
         """Whether it has not ended."""
         return self.state in RUNNING
+
+    def where(self, measured: Mapping[Side, Vector | None]) -> Mapping[Side, Vector | None]:
+        """Return what is measured of its arms, in its own space.
+
+        Args:
+            measured: Per side, in the space of the arm's setpoints; None when it is not fresh.
+        """
+        seen = self.seen
+        if seen is None:
+            return measured
+        rows = {side: measured[side] for side in self.goals}
+        return {side: None if values is None else seen(side, values) for side, values in rows.items()}
 
     def view(self) -> MotionView:
         """Return what the outside may see."""

@@ -168,7 +168,9 @@ class CheckFollow:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MovePose:
-    """Point to point for end effectors, straight, position and orientation of all named arms ending together.
+    """Point to point for end effectors, position and orientation of all named arms ending together.
+
+    Arms in end-effector mode go straight; those in joint mode by the body model, straight or as their joints like.
 
     Attributes:
         epoch: Lease epoch.
@@ -178,6 +180,7 @@ class MovePose:
         tolerance_m: Settling tolerance of the position [m]; None for the configured one.
         tolerance_rad: Settling tolerance of the orientation [rad]; None for the configured one.
         on_limit: Reject, or move a position beyond the reach to its end.
+        straight: Whether an arm in joint mode goes straight, too; else its joints go as they like.
     """
 
     epoch: int
@@ -187,6 +190,7 @@ class MovePose:
     tolerance_m: float | None = None
     tolerance_rad: float | None = None
     on_limit: OnLimit = OnLimit.REJECT
+    straight: bool = False
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

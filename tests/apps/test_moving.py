@@ -140,15 +140,32 @@ def test_a_pose_beyond_the_reach_is_refused_before_anything_is_asked_for(shell):
     assert shell.run("move-pose", "--left", "0.6", *POSE[1:], "--clip").status == 0
 
 
-@pytest.mark.parametrize(("command", "values", "mode", "other"), [
-    ("move", GOAL, "end-effector", "move-pose"), ("move-pose", POSE, "joint", "move"),
+@pytest.mark.parametrize(("options", "straight", "how"), [
+    ([], False, "as the joints like"), (["--straight"], True, "straight"),
 ])  # fmt: skip
-def test_an_arm_in_the_other_control_mode_is_refused_with_the_command_that_fits(shell, command, values, mode, other):
+def test_move_pose_moves_an_arm_in_joint_mode_too_straight_if_wanted(shell, options, straight, how):
+    """By the gateway's model of the body: what limits it is said before, and asked for."""
+    ended = shell.run("move-pose", "--left", *POSE, "--speed", "0.4", *options)
+    assert ended.status == 0, ended.err
+    assert request_of(shell, requests.MovePose).straight is straight
+    assert f"left arm  by 50 mm and 0.000 rad, {how}" in ended.err
+    assert ("0.4 rad/s of each joint" in ended.err) is not straight
+
+
+def test_an_arm_in_the_other_control_mode_is_refused_with_the_command_that_fits(shell):
     """Before anybody is asked, and before the robot is owned."""
-    in_pose_mode(shell, *(["left"] if mode == "end-effector" else []))
-    ended = shell.run(command, "--left", *values)
-    assert ended.status == 1 and ended.err.startswith(f"WRONG_CONTROL_MODE: the left arm is in {mode} mode")
-    assert f"ta2 {other}`" in ended.err and shell.world.engine.names() == []
+    in_pose_mode(shell, "left")
+    ended = shell.run("move", "--left", *GOAL)
+    assert ended.status == 1 and ended.err.startswith("WRONG_CONTROL_MODE: the left arm is in end-effector mode")
+    assert "ta2 move-pose`" in ended.err and shell.world.engine.names() == []
+
+
+def test_poses_for_arms_in_different_control_modes_are_refused(shell):
+    """One after the other they can be gone to."""
+    in_pose_mode(shell, "left")
+    ended = shell.run("move-pose", "--left", *POSE, "--right", *POSE)
+    assert ended.status == 1 and ended.err.startswith("WRONG_CONTROL_MODE: the right arm is in joint mode")
+    assert "one arm after the other" in ended.err and shell.world.engine.names() == []
 
 
 def test_home_leaves_an_arm_in_end_effector_mode_alone_and_says_so(shell):

@@ -177,11 +177,11 @@ def test_a_stream_of_poses_is_followed_and_expires() -> None:
         ({"targets": {R: (0.3, 0.0, 0.0, 0.0, 0.0, 0.0, 2.0)}}, Code.OUT_OF_RANGE),
         ({"targets": {R: (0.3, 0.0, 0.0, 0.0, 0.0, 0.0, math.nan)}}, Code.NOT_FINITE),
         ({"targets": {L: (0.3, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)}, "frames": {L: robot.shoulder_frame(L)}},
-         Code.WRONG_CONTROL_MODE),
+         Code.MODEL_OFF),
     ],
 )  # fmt: skip
 def test_what_is_no_pose_for_this_arm_is_refused(how, code) -> None:
-    """The wrong arm's frame, none, beyond the reach, no orientation, not finite, or an arm in joint mode."""
+    """The wrong arm's frame, none, beyond the reach, no orientation, not finite, or an arm in joint mode and no body model."""
     pair = mixed()
     request = {"epoch": pair.epoch, "targets": {R: beside(pair)}, "frames": {R: FRAME}, **how}
     assert pair.refused(MovePose(**request), "ann").code is code

@@ -10,7 +10,7 @@ import pytest
 
 from gateway.client import StopResult, aio
 from gateway.core import events
-from gateway.core.events import Level, Notice
+from gateway.core.events import Level, MovePose, Notice
 from gateway.errors import Aborted, Code, Disconnected, LeaseError, OutcomeUnknown, Refusal, Rejected
 from tests.api.daemon import eventually
 from tests.api.stand_in import START_Q
@@ -33,6 +33,9 @@ def test_the_whole_way_works_as_in_the_blocking_client(world):
                 assert result.sides == ("left",)
                 handle = await own.move_by({"right": np.zeros(7)})
                 await handle.cancel()
+                pose = {"frame": "left_shoulder_base"}
+                for go in (own.left_arm.move_pose, own.left_arm.move_linear):
+                    await (await go((0.3, 0.1, -0.2), (0.0, 0.0, 0.0, 1.0), **pose)).cancel()
                 async with own.left_arm.stream(rate_hz=50) as out:
                     for _ in range(5):
                         assert np.allclose(out.set(out.q), out.q)
@@ -55,6 +58,7 @@ def test_the_whole_way_works_as_in_the_blocking_client(world):
             "Move",
             "Move",
             "Cancel",
+            *("MovePose", "Cancel", "MovePose", "Cancel"),
             "OpenStream",
             "CloseStream",
             "Hold",
@@ -65,6 +69,8 @@ def test_the_whole_way_works_as_in_the_blocking_client(world):
         ),
         *("Release", "Stop", "Estop", "Recover"),
     ]
+    poses = [request for _, request in world.engine.requests if isinstance(request, MovePose)]
+    assert [request.straight for request in poses] == [False, True]
     assert len(world.engine.targets) == 5
     world.run(0.02)
     assert len(world.engine.gone) == 1

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from gateway.client import connect
+from gateway.client import PoseTarget, connect
 from gateway.core import events
 from gateway.errors import (
     Aborted,
@@ -311,6 +311,26 @@ def test_two_arms_move_in_one_motion(world, own):
     _, request = world.engine.requests[-1]
     assert set(request.targets_rad) == {Side.LEFT, Side.RIGHT}
     assert request.relative and request.tolerance_rad == 0.02 and request.on_limit is events.OnLimit.CLIP
+
+
+@pytest.mark.parametrize("straight", [False, True])
+def test_a_pose_is_gone_to_straight_only_where_that_is_asked_for(world, own, straight):
+    """`move_pose` and `move_linear` of an arm are those of both arms, with one of them, in its frame."""
+    go, both = (own.left_arm.move_linear, own.move_linear) if straight else (own.left_arm.move_pose, own.move_pose)
+    p, quat = (0.3, 0.1, -0.2), (0.0, 0.0, 0.0, 1.0)
+    go(p, quat, frame="left_shoulder_base", speed=0.4, tolerance_m=0.002)
+    _, request = world.engine.requests[-1]
+    assert request == events.MovePose(
+        epoch=1,
+        targets={Side.LEFT: (*p, *quat)},
+        frames={Side.LEFT: "left_shoulder_base"},
+        speed=0.4,
+        tolerance_m=0.002,
+        straight=straight,
+    )
+    both({side: PoseTarget(p, quat, f"{side}_shoulder_base") for side in ("left", "right")})
+    _, request = world.engine.requests[-1]
+    assert (set(request.targets), request.straight) == ({Side.LEFT, Side.RIGHT}, straight)
 
 
 def test_clipped_joints_are_named(own):

@@ -83,6 +83,9 @@ def test_a_request_names_each_arm_with_its_frame():
     request = move_pose(3, targets, speed=0.5, tolerance_m=0.001, tolerance_rad=None, on_limit="reject")
     assert list(request.targets) == ["left", "right"] == list(request.frames)
     assert (request.epoch, request.speed, request.tolerance_m) == (3, 0.5, 0.001)
+    assert not request.straight
+    how = {"speed": 1.0, "tolerance_m": None, "tolerance_rad": None, "on_limit": "reject"}
+    assert move_pose(3, targets, straight=True, **how).straight
 
 
 @pytest.mark.parametrize("targets", [{}, {"middle": PoseTarget((0.3, 0.0, 0.0), UNIT, LEFT)}])

@@ -455,3 +455,16 @@ def test_a_plan_is_made_in_the_space_of_each_arm():
     assert set(joints) == {L} and set(poses) == {R}
     both = body.plan({L: GOAL[L], R: further}, 1.0)
     assert set(both) == {L, R} and all(path.duration_s > 0.0 for path in both.values())
+
+
+def test_a_motion_whose_way_is_not_known_yet_is_not_judged():
+    """It waits as long as that takes: no progress, no end; from then on as any other."""
+    course = Course(L, R)
+    motion = course.body.motions.open({L: MIDDLE[L]}, None, 0)
+    motion.is_planned = False
+    measured = {L: MIDDLE[L], R: MIDDLE[R]}
+    assert course.body.advance_motions(measured, course.now_ns + 60 * S) == []
+    assert (motion.state, motion.progress) == (MotionState.QUEUED, 0.0)
+    motion.is_planned = True
+    course.body.advance_motions(measured, course.now_ns)
+    assert motion.progress == 1.0

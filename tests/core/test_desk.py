@@ -589,3 +589,11 @@ def test_what_a_kind_of_request_would_meet_can_be_asked_without_asking_for_it():
     assert desk.may["left_arm"](command, stage.epoch, stage.now_ns).code is Code.NOT_ENABLED
     assert desk.may["enable"](command, stage.epoch + 1, stage.now_ns).code is Code.NOT_OWNER
     assert "lift" not in desk.may and "lift" in Desk(Stage(model="lift").conductor, stage.phases).may
+
+
+def test_the_desk_goes_on_with_what_takes_more_than_one_tick(monkeypatch):
+    """Once a tick, whatever it is."""
+    scene, steps = Scene(State.ACTIVE), []
+    monkeypatch.setattr(scene.desk._cartesian, "step", steps.append)
+    scene.desk.move_on(scene.now_ns)
+    assert steps == [scene.now_ns]

@@ -327,3 +327,12 @@ def test_an_end_effector_that_does_not_arrive_is_told_with_both_distances(book):
         book.advance(motion, {L: 1.0}, {L: (0.32, 0.0, -0.2, 0.0, 0.0, 0.0, 1.0)}, now_ns)
     assert motion.code is Code.SETTLE_TIMEOUT
     assert "0.02 m and 0 rad" in motion.message and "0.005 m and 0.05 rad is asked for" in motion.message
+
+
+def test_a_motion_may_be_measured_in_another_space_than_its_arms(book):
+    """What turns joints into its own values is asked for each arm that is fresh; without it they are what is measured."""
+    motion = book.open({L: (0.3,) * 7}, None, 2 * S, space=Space.POSE)
+    assert motion.where({L: HOME[L], R: None}) == {L: HOME[L], R: None}
+    motion.seen = lambda side, q_rad: (float(side is L), *q_rad[1:])
+    assert motion.where({L: HOME[L], R: HOME[R]}) == {L: (1.0, *HOME[L][1:])}
+    assert motion.where({L: None, R: HOME[R]}) == {L: None}
