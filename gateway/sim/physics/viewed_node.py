@@ -5,6 +5,7 @@ The window draws in a thread of its own, without a graphics card on the processo
 
 from __future__ import annotations
 
+import threading
 import warnings
 from typing import Any, Final
 
@@ -19,6 +20,7 @@ from gateway.sim.settings import SimSettings
 __all__ = ["DisplayMissing", "ViewedNode", "require_display"]
 
 _PERIOD_NS: Final = S // 30
+_PATIENCE_S: Final = 10.0
 
 
 class DisplayMissing(RuntimeError):
@@ -59,9 +61,11 @@ class ViewedNode(SimNode):
             self.close()
             raise TypeError(f"physics {settings.physics!r} has no bodies to show")
         world = dynamics.world
+        before = set(threading.enumerate())
         self._viewer: Any = mujoco.viewer.launch_passive(
             world.model, world.data, show_left_ui=False, show_right_ui=False
         )
+        self._drawing = set(threading.enumerate()) - before
         self._shown_ns = 0
         dynamics.begin(self._clock())  # the window took its time
 
@@ -84,4 +88,6 @@ class ViewedNode(SimNode):
         viewer, self._viewer = getattr(self, "_viewer", None), None
         if viewer is not None:
             viewer.close()
+            for thread in self._drawing:  # it must not draw any more when the interpreter ends
+                thread.join(_PATIENCE_S)
         super().close()
