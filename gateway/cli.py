@@ -79,6 +79,9 @@ def _run(options: Namespace) -> int:
     from dataclasses import replace
     from pathlib import Path
 
+    from gateway.blas_threads import one_blas_thread
+
+    one_blas_thread()  # before anything takes numpy along; the guard inherits it
     from gateway import config, daemon, log
     from gateway.api.protocol import default_socket
 

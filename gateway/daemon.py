@@ -24,7 +24,6 @@ from typing import TYPE_CHECKING
 from gateway.api import protocol
 from gateway.api.guard_protocol import guard_socket, robot_name
 from gateway.api.service import LocalPlane
-from gateway.blas_threads import one_blas_thread
 from gateway.config import state_dir
 from gateway.core.engine import Engine
 from gateway.core.events import Event, ExitRequested, GuardSeen, LinkUp, Notice, Reply
@@ -246,7 +245,6 @@ def _model(settings: Settings) -> BodyModel | None:
     """Return the body model; numpy is loaded only for it."""
     if not settings.model.check:
         return None
-    one_blas_thread()
     from gateway.core.body_model import body_model
 
     return body_model(settings)

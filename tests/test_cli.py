@@ -35,6 +35,7 @@ NOBODY = "tcp/127.0.0.1:19591"
 @pytest.fixture
 def shell(monkeypatch, capsys):
     """A shell whose commands find a scripted engine."""
+    monkeypatch.setattr("gateway.blas_threads.one_blas_thread", lambda: None)  # for a process of its own
     return Shell(monkeypatch, capsys)
 
 
@@ -205,8 +206,9 @@ def test_config_reads_the_files_of_the_body_model_as_the_daemon_would(shell, tmp
         note="for tests",
     )
     monkeypatch.setattr("gateway.log.configure_log", lambda **_: None)
-    for name in ("share_reactor", "one_blas_thread"):  # they are for a process of its own
-        monkeypatch.setattr(f"gateway.daemon.{name}", lambda: None)
+    monkeypatch.setattr("gateway.daemon.share_reactor", lambda: None)  # for a process of its own
+    asked: list[str] = []
+    monkeypatch.setattr("gateway.blas_threads.one_blas_thread", lambda: asked.append("one thread"))
     own, file = tmp_path / "own.json", tmp_path / "a.toml"
     write_arms(own, RobotIdentity(serial="TA2-0042", model="standard"), [arm])
 
@@ -218,7 +220,8 @@ def test_config_reads_the_files_of_the_body_model_as_the_daemon_would(shell, tmp
     assert good.status == 0 and f"body model: {nominal().source}, corrected by {own}" in good.out
     other = checked(f'calibration = "{own}"', serial="TA2-0043")
     assert other.status == 2 and other.err.startswith("FOREIGN_CALIBRATION: ") and " -> " in other.err
-    assert shell.run("run", "--config", str(file)).err == other.err, "nothing is opened with it"
+    assert not asked and shell.run("run", "--config", str(file)).err == other.err, "nothing is opened with it"
+    assert asked == ["one thread"]
     file.with_suffix(".urdf").write_text("<robot/>")
     bare = checked(f'urdf = "{file.with_suffix(".urdf")}"')
     assert bare.status == 2 and "lacks 18 of what is needed: joint 'armL1_joint' (or 'l_joint1')" in bare.err
