@@ -36,7 +36,7 @@ STILL = 100.0
 """How much the speed must change before a lag is believed [1/s²]: squares of speeds in tolerances per second, added up. With
 this a lag of 20 ms is half believed when what it explains is a fifth of a tolerance."""
 FAR = 10.0
-"""A residual of more tolerances than this is no lag's."""
+"""A residual that is so many tolerances beyond what the longest lag makes is none's."""
 STANDING: Vector = (0.0, 0.0, 0.0)
 
 
@@ -264,10 +264,11 @@ class ModelJudge:
         turn = turn_rad(at.rows, rows_from_quat(pair.pose.quat_xyzw))
         last, self._last = self._last, (pair.stamp_ns, at)
         v_mps = w_radps = STANDING
-        if last is not None and pair.stamp_ns - last[0] <= NEIGHBOURS_NS:
+        if last is not None and 0 < pair.stamp_ns - last[0] <= NEIGHBOURS_NS:
             per_s = 1e9 / (pair.stamp_ns - last[0])
             v_mps = tuple([per_s * (a - b) for a, b in zip(at.p_m, last[1].p_m, strict=True)])
             w_radps = tuple([per_s * c for c in turn_rad(last[1].rows, at.rows)])
+        off, square = self._product(off_m, off_m, turn, turn), self._product(v_mps, v_mps, w_radps, w_radps)
         return _Residual(
             stamp_ns=pair.stamp_ns,
             off_m=off_m,
@@ -275,8 +276,8 @@ class ModelJudge:
             v_mps=v_mps,
             w_radps=w_radps,
             along=self._product(off_m, v_mps, turn, w_radps),
-            square=self._product(v_mps, v_mps, w_radps, w_radps),
-            is_near=self._product(off_m, off_m, turn, turn) < FAR * FAR,
+            square=square,
+            is_near=math.sqrt(off) < FAR + math.sqrt(square) * self._tolerances.lag_ns / 1e9,
         )
 
     def _product(self, a_m: Vector, b_m: Vector, a_rad: Vector, b_rad: Vector) -> float:

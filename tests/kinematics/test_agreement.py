@@ -90,6 +90,24 @@ def test_what_a_lag_explains_is_not_held_against_the_model(side, lag_s):
     )
 
 
+def test_a_strict_judge_finds_the_lag_as_well():
+    """Tolerances of half a millimetre and two milliradians: what 20 ms make of a motion is many times that."""
+    strict = Tolerances(position_m=0.0005, angle_rad=0.002)
+    verdict = Robot(Side.LEFT, lag_s=0.02).run(ModelJudge(Side.LEFT, ARMS[Side.LEFT].chain, strict), 6.0)
+    assert verdict.lag_s == pytest.approx(0.02, abs=2e-3) and verdict.position_m < 1e-3
+
+
+def test_a_clock_that_goes_back_to_the_very_same_instant_tells_no_speed():
+    """Joints of another clock begin anew; a pose of the old one's last instant is one more, and nothing is divided by 0."""
+    arm = ARMS[Side.LEFT]
+    judge, pose = ModelJudge(Side.LEFT, arm.chain), arm.forward(HOME_Q_RAD[Side.LEFT])
+    for stamp_ns in (S, 2 * S, S):
+        judge.joints(HOME_Q_RAD[Side.LEFT], stamp_ns)
+        judge.pose(pose, S)
+    verdict = judge.verdict(2 * S)
+    assert (verdict.pairs, verdict.position_m) == (2, pytest.approx(0.0, abs=1e-9))
+
+
 @pytest.mark.parametrize("shift_m", [0.006, 0.012, 0.2])
 def test_no_lag_explains_what_is_there_at_any_speed(shift_m):
     """A hand that is elsewhere, in motion and with a lag beside it: the distance is what it is, to half a millimetre."""
