@@ -300,6 +300,10 @@ CODES: dict[Code, CodeInfo] = {
     Code.COLLISION_AHEAD: CodeInfo(
         error=Aborted, hint="move around the parts named, slower past them, or move the other arm away first"
     ),
+    Code.NO_STRAIGHT_WAY: CodeInfo(
+        error=Aborted,
+        hint="use move_pose(), which lets the joints go as they like; or go slower, turned otherwise or by way of another pose",
+    ),
     Code.PLAN_FAILED: CodeInfo(error=Aborted, hint="report the message: this is a bug of the gateway"),
     Code.TARGET_EXPIRED: CodeInfo(error=Aborted, hint="send targets more often than their expiry", retryable=True),
     Code.TICK_LATE: CodeInfo(

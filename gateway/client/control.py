@@ -261,7 +261,7 @@ class Control(Ownership):
         the arms come to rest first; the whole way is worked out (some tenths of a second, in which the motion is `queued`)
         and nothing moves unless all of it can be: joints inside their limits, no part of the body too near to another where
         that is watched, slowed down where joints need it. Else it ends as Aborted: `result` tells the first place that
-        cannot be, with value, bound and remedy (OUT_OF_RANGE, TOO_FAST, PLAN_FAILED). The model must agree with the robot to
+        cannot be, with value and bound (NO_STRAIGHT_WAY, COLLISION_AHEAD). The model must agree with the robot to
         the end: MODEL_DIFFERS or MODEL_UNKNOWN end it as well, and the arms brake.
         """
         accepted = run(self._session, self._move_pose(targets, True, speed, tolerance_m, tolerance_rad, on_limit))

@@ -24,7 +24,7 @@ from ruckig import InputParameter, Profile, Ruckig, Trajectory
 
 from gateway.core.braking import JointLimits
 from gateway.core.line import Line
-from gateway.core.line_curve import Curve, by_joints_instead, place
+from gateway.core.line_curve import Curve, place
 from gateway.core.pose_state import PoseDynamics
 from gateway.core.solver import NoPlan, solve
 from gateway.errors import Code, Refusal
@@ -149,7 +149,7 @@ def clock_for(
     worst = yield from _worst(law, curves, reins)
     stretch = worst.stretch * ROOM if worst.stretch > 1.0 else 1.0
     clock = LineClock(law=law, stretch=stretch, slowness=stretch * law.duration / free_s)
-    return clock if clock.slowness <= SLOWEST else _too_slow(clock, worst, speed)
+    return clock if clock.slowness <= SLOWEST else _too_slow(clock, worst)
 
 
 def _pose_limits(
@@ -243,10 +243,10 @@ def _time_s(law: Trajectory, part: float) -> float:
     return float(law.duration) if time_s is None else time_s
 
 
-def _too_slow(clock: LineClock, worst: _Worst, speed: float) -> Refusal:
+def _too_slow(clock: LineClock, worst: _Worst) -> Refusal:
     joint = f"{worst.side} arm joint {worst.joint + 1} ({ARM_JOINTS[worst.side][worst.joint]})"
     return Refusal(
-        code=Code.TOO_FAST,
+        code=Code.NO_STRAIGHT_WAY,
         message=(
             f"{place(worst.part)} {joint} would have to {VERBS[worst.order]} up to {worst.value:.3g} {UNITS[worst.order]} to "
             f"keep the hand on the line, {worst.bound:g} {UNITS[worst.order]} is the limit: slowed down to fit, the motion "
@@ -256,5 +256,4 @@ def _too_slow(clock: LineClock, worst: _Worst, speed: float) -> Refusal:
         value=f"{worst.value:.6g}",
         bound=f"{worst.bound:g}",
         unit=UNITS[worst.order],
-        hint=by_joints_instead(f"ask for less speed than {speed:g}"),
     )

@@ -27,7 +27,7 @@ from gateway.values import ARM_DOF, Side, Vector
 if TYPE_CHECKING:  # it takes numpy along, which a guard has no use for
     from gateway.kinematics.arm import ArmModel
 
-__all__ = ["OFF_M", "OFF_RAD", "Coarse", "Curve", "by_joints_instead", "parts_for", "place", "solve"]
+__all__ = ["OFF_M", "OFF_RAD", "Coarse", "Curve", "parts_for", "place", "solve"]
 
 STEP_M = 0.01
 """Way from place to place [m] ..."""
@@ -85,11 +85,6 @@ def parts_for(lines: Sequence[Line], finer: int = 1) -> Vector:
 def place(part: float) -> str:
     """Return a place on the way in words."""
     return f"at {part:.0%} of the way"
-
-
-def by_joints_instead(what: str) -> str:
-    """Return the remedy for a line that cannot be followed."""
-    return f"{what}, go by way of another pose, or let the joints go there as they like with move_pose()"
 
 
 def solve(
@@ -170,7 +165,7 @@ def _outside(side: Side, part: float, q_rad: Vector, limits: JointLimits) -> Ref
         if not lower - SLACK_RAD <= q <= upper + SLACK_RAD:
             name = ARM_JOINTS[side][n]
             return Refusal(
-                code=Code.OUT_OF_RANGE,
+                code=Code.NO_STRAIGHT_WAY,
                 message=(
                     f"the straight way leaves the limits: {place(part)} {side} arm joint {n + 1} ({name}) would be at "
                     f"{q:.4f} rad, outside [{lower:.2f}, {upper:.2f}] rad (manual §4.13 or tighter configuration)"
@@ -179,19 +174,17 @@ def _outside(side: Side, part: float, q_rad: Vector, limits: JointLimits) -> Ref
                 value=f"{q:.6g}",
                 bound=f"[{lower:g}, {upper:g}]",
                 unit="rad",
-                hint=by_joints_instead("turn the hand otherwise"),
             )
     return None
 
 
 def _out_of_reach(side: Side, part: float) -> Refusal:
     return Refusal(
-        code=Code.OUT_OF_RANGE,
+        code=Code.NO_STRAIGHT_WAY,
         message=f"the straight way leaves the reach: {place(part)} the {side} arm's wrist is nearer to the shoulder, or "
         "further from it, than any angle of the elbow allows",
         field=f"{side}_arm",
         value=f"{part:.4f}",
         bound="1",
         unit="of the way",
-        hint=by_joints_instead("keep the hand further from the shoulder"),
     )

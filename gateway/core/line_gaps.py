@@ -65,7 +65,7 @@ def _next(postures: Postures, number: int, room_m: float) -> int:
 
 def _refusal(nearest: Nearness, margin_m: float, where: str) -> Refusal:
     return Refusal(
-        code=Code.OUT_OF_RANGE,
+        code=Code.COLLISION_AHEAD,
         message=f"{where} {nearest.first} would be {1e3 * nearest.gap_m:.0f} mm from {nearest.second}, "
         f"{1e3 * margin_m:.0f} mm have to stay free",
         field=nearest.first,

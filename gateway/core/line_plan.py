@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, TypeAlias
 
 from gateway.core.line import Line, line_to
 from gateway.core.line_clock import SLOWEST, LineClock, Reins, clock_for
-from gateway.core.line_curve import Coarse, Curve, by_joints_instead, parts_for, place, solve
+from gateway.core.line_curve import Coarse, Curve, parts_for, place, solve
 from gateway.core.line_elbow import Elbow, chosen
 from gateway.core.line_gaps import too_near
 from gateway.core.line_path import LinePath, Unstoppable, unstoppable
@@ -132,14 +132,13 @@ def _curves(
         else:
             return curves
     return Refusal(
-        code=Code.PLAN_FAILED,
+        code=Code.NO_STRAIGHT_WAY,
         message=f"{place(coarse.part)} the {side} arm's joints would have to turn too sharply to keep the hand on the line: "
         "it is near a singular posture, or a joint runs along its limit",
         field=f"{side}_arm",
         value=f"{coarse.part:.4f}",
         bound="1",
         unit="of the way",
-        hint=by_joints_instead("turn the hand otherwise"),
     )
 
 
@@ -163,7 +162,7 @@ def _stoppable(
 
 def _not_closed(side: Side, arm: ArmModel) -> Refusal:
     return Refusal(
-        code=Code.PLAN_FAILED,
+        code=Code.NO_STRAIGHT_WAY,
         message=f"the {side} arm of the body model has no closed form, which a straight way needs: {arm.shape.worst} "
         f"({arm.shape.gap:.3g})",
         field=f"{side}_arm",
@@ -175,7 +174,7 @@ def _cannot_stop(side: Side, found: Unstoppable, path: LinePath) -> Refusal:
     limits, n = path.start.braking.limits, found.joint
     bound = f"[{limits.lower_rad[n]:g}, {limits.upper_rad[n]:g}]"
     return Refusal(
-        code=Code.OUT_OF_RANGE,
+        code=Code.NO_STRAIGHT_WAY,
         message=f"{place(found.part)} {side} arm joint {n + 1} ({ARM_JOINTS[side][n]}) could not stop inside {bound} rad from "
         f"{found.q_rad:.4f} rad at {found.dq_radps:.3g} rad/s, however slowly the line is followed ({SLOWEST:g} times "
         "slower is the bound)",
@@ -183,5 +182,4 @@ def _cannot_stop(side: Side, found: Unstoppable, path: LinePath) -> Refusal:
         value=f"{found.q_rad:.6g}",
         bound=bound,
         unit="rad",
-        hint=by_joints_instead("turn the hand otherwise"),
     )

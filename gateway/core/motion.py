@@ -146,6 +146,12 @@ class JointReference:
         rest = [self._braking.rest(q, v, a) for q, v, a in zip(self._q, self._v, self._a, strict=True)]
         return self._braking.land(rest, rest)
 
+    def end_q_rad(self) -> Vector:
+        """Return where its path ends; without one where it would come to rest if it braked now, shape (7,) [rad]."""
+        if self._course is None or isinstance(self._course, Slowing):
+            return self.rest_q_rad()
+        return self._course.end_rad
+
     # ------------------------------------------------------------------------------------------------ what is asked
 
     def seed(self, q_rad: Sequence[float]) -> None:

@@ -81,14 +81,13 @@ def test_a_line_on_which_a_joint_leaves_its_limits_is_refused_with_the_place():
     refusal, _ = solved(beside(L, (-0.1, 0.0, 0.0)), limits=limits)
     assert isinstance(refusal, Refusal)
     assert (refusal.code, refusal.field, refusal.bound, refusal.unit) == (
-        Code.OUT_OF_RANGE,
+        Code.NO_STRAIGHT_WAY,
         "left_arm[3]",
         "[0.25, 0.95]",
         "rad",
     )
     assert float(refusal.value) > 0.95
     assert "of the way left arm joint 4 (" in refusal.message
-    assert "move_pose()" in refusal.hint
 
 
 def test_a_wrist_beyond_the_reach_is_told_where():
@@ -97,7 +96,7 @@ def test_a_wrist_beyond_the_reach_is_told_where():
     begin = HOME[L]
     refusal, _ = solved(replace(begin, p_m=tuple(4.0 * c for c in begin.p_m)), limits=free)
     assert isinstance(refusal, Refusal)
-    assert (refusal.code, refusal.field, refusal.unit) == (Code.OUT_OF_RANGE, "left_arm", "of the way")
+    assert (refusal.code, refusal.field, refusal.unit) == (Code.NO_STRAIGHT_WAY, "left_arm", "of the way")
     assert 0.0 < float(refusal.value) < 1.0
     assert "leaves the reach" in refusal.message
 

@@ -77,7 +77,7 @@ def test_a_refusal_names_both_parts_the_gap_and_the_margin():
     """Value, bound and unit as any refusal; in millimetres for people."""
     refusal, _ = look(together())
     assert refusal is not None
-    assert (refusal.code, refusal.bound, refusal.unit) == (Code.OUT_OF_RANGE, "0.02", "m")
+    assert (refusal.code, refusal.bound, refusal.unit) == (Code.COLLISION_AHEAD, "0.02", "m")
     assert refusal.field in {capsule.name for capsule in model().capsules}
     assert "20 mm have to stay free" in refusal.message
 

@@ -71,18 +71,18 @@ def test_joints_that_turn_too_sharply_are_refused(monkeypatch):
 
     monkeypatch.setattr(module, "solve", coarse)
     refusal = planned(beside(L, (0.05, 0.0, 0.1)))
-    assert (refusal.code, refusal.field, refusal.unit) == (Code.PLAN_FAILED, "left_arm", "of the way")
+    assert (refusal.code, refusal.field, refusal.unit) == (Code.NO_STRAIGHT_WAY, "left_arm", "of the way")
     assert "at 50% of the way" in refusal.message
     assert asked == [15, 27, 51]
 
 
 def test_a_refusal_of_the_curve_or_of_the_clock_is_that_of_the_plan():
     """Outside the limits; and too fast for weak joints."""
-    assert planned(beside(L, (0.4, 0.3, 0.5))).code is Code.OUT_OF_RANGE
+    assert planned(beside(L, (0.4, 0.3, 0.5))).code is Code.NO_STRAIGHT_WAY
     one = going(L, beside(L, (0.0, 0.0, 0.15)))
     weak = Braking(replace(LIMITS[L], v_radps=0.003), DT_S)
     refusal, _ = finished(plan_lines({L: replace(one, start=replace(one.start, braking=weak))}, FREE, 1.0))
-    assert refusal.code is Code.TOO_FAST
+    assert refusal.code is Code.NO_STRAIGHT_WAY
 
 
 def test_what_has_to_stay_free_is_looked_at_with_the_other_arm_where_it_is():
@@ -104,7 +104,7 @@ def test_what_has_to_stay_free_is_looked_at_with_the_other_arm_where_it_is():
     beside_it = Body(model=model(), margin_m=0.02, q_rad={**HOME_Q_RAD, R: in_the_way.q_rad})
     blocked = planned(beside(L, (0.0, -0.2, 0.0)), body=beside_it)
     assert isinstance(blocked, Refusal)
-    assert (blocked.code, blocked.unit) == (Code.OUT_OF_RANGE, "m")
+    assert (blocked.code, blocked.unit) == (Code.COLLISION_AHEAD, "m")
     assert "of the way" in blocked.message
 
 
@@ -133,7 +133,7 @@ def test_one_that_can_never_be_stopped_is_refused(monkeypatch):
     monkeypatch.setattr(module, "unstoppable", never)
     refusal = planned(beside(L, (0.05, 0.0, 0.1)))
     assert (refusal.code, refusal.field, refusal.value, refusal.unit) == (
-        Code.OUT_OF_RANGE,
+        Code.NO_STRAIGHT_WAY,
         "left_arm[3]",
         "0.26",
         "rad",
@@ -159,7 +159,7 @@ def test_an_arm_without_even_nearly_a_closed_form_is_refused_before_any_work():
     arm = ArmModel(nudged(L, 5, xyz_m=(0.1, 0.05, 0.0), rpy_rad=(0.5, 0.0, 0.0)), L)
     one = replace(going(L, beside(L, (0.05, 0.0, 0.0))), arm=arm)
     refusal, pieces = finished(plan_lines({L: one}, FREE, 1.0))
-    assert (refusal.code, pieces) == (Code.PLAN_FAILED, 1)
+    assert (refusal.code, pieces) == (Code.NO_STRAIGHT_WAY, 1)
     assert "closed form" in refusal.message
 
 

@@ -691,3 +691,16 @@ def test_a_bound_of_a_stream_holds_beside_its_own_factor_until_the_next_stream()
     arm.follow(HOME[LEFT], 0.8)
     recorder.step(60).check()
     assert max(map(abs, arm.dq_radps)) == pytest.approx(0.8)
+
+
+def test_where_an_arm_is_bound_for_is_the_end_of_its_path():
+    """While it follows one; else where a brake would take it."""
+    arm = reference()
+    assert arm.end_q_rad() == HOME[LEFT]
+    goal = at_home(1, HOME[LEFT][1] - 0.3)
+    arm.start(plan({LEFT: arm}, {LEFT: goal})[LEFT])
+    for _ in range(20):
+        arm.step()
+    assert arm.end_q_rad() == pytest.approx(goal)
+    arm.brake()
+    assert arm.end_q_rad() == arm.rest_q_rad() != goal
