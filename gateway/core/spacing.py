@@ -26,8 +26,9 @@ from gateway.core.motions import MotionState
 from gateway.core.path import REST, State
 from gateway.core.room import whereabouts, why_off
 from gateway.core.snapshot import SpacingView
+from gateway.core.stops import Stops
 from gateway.errors import Code
-from gateway.kinematics.judgement import Motion, Verdict, Ways
+from gateway.kinematics.judgement import Going, Motion, Verdict, Ways
 from gateway.kinematics.stopping import STAYS, Extent, stop_extent, way_extent
 from gateway.values import Side, Vector
 
@@ -138,6 +139,7 @@ class Spacing:
             braked=lambda: {side: self._braked(side, here[side], ways, moved.get(side)) for side in Side},
             speed_radps={side: wanted[side][1] if side in wanted else REST for side in Side},
             together=self._together(moved),
+            course=lambda going: self._stops(here, moved, wanted, ways, going),
             spare=None if self._tight else {side: _wider(ways[side], wanted.get(side), self._spare_s) for side in Side},
         )
 
@@ -184,6 +186,17 @@ class Spacing:
         if reference is None or self._conductor.body.joint_arms[side].is_walking:
             return ways[side]
         return self._way(side, here, reference.stop_ahead())
+
+    def _stops(
+        self, here: Mapping[Side, Vector], moved: Moved, wanted: Mapping[Side, State], ways: Ways, going: Going
+    ) -> Stops:
+        """Return how both arms go when some joints take the wanted step, the others one of their stop, and then all brake."""
+        after = {
+            side: state if all(going[side]) else _mixed(state, moved[side].stop_ahead(), going[side])
+            for side, state in wanted.items()
+        }
+        one = next(iter(moved.values()))
+        return Stops(here, after, ways, one.limits, one.period_s)
 
     def _together(self, moved: Moved) -> list[tuple[Side, ...]]:
         """Return which arms can only go on or brake as a whole: those on paths, two of one motion at once."""

@@ -17,6 +17,10 @@ The rule of a tick (`Approach.judge`):
    Arms whose joints hang together (one path for all) brake as a whole.
 3. Else all brake. That is safe, because the state they brake from was let go by 1 or 2: its stop keeps the margin.
 
+What 3 needs is less than what the bound above gives: only that the margin is kept when all joints brake at once. Where they go
+then is known (`Motion.course`). So a pair that any order of the joints might bring too near is looked at along that course,
+piece by piece, before it counts as bad.
+
 Before that comes to pass, velocities are limited (`Verdict.limit_radps`), so that parts come to rest softly.
 
 What is true of a way is true of every way inside it. So a motion may give wider ways along (`Motion.spare`): where these
@@ -32,14 +36,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gateway.kinematics.collision import CollisionModel, Posture
-from gateway.kinematics.hull_ends import HullEnds, Parts, Reach
-from gateway.kinematics.judgement import ALL, NONE, Going, Motion, Verdict, Ways
+from gateway.kinematics.hull_ends import HullEnds, Kept, Parts, Reach
+from gateway.kinematics.judgement import ALL, NONE, Course, Going, Motion, Verdict, Ways
 from gateway.values import ARM_DOF, Side
 
 __all__ = ["Approach"]
 
 USED_RATIO = 0.7
 """Part of the room to the margin that stops may use before velocities are limited."""
+EARLY = 0.35
+"""A piece of a course is parted here: a stop has gone half of its way by then."""
+MOST_LOOKS = 5
+"""So many pieces of a course are looked at, not more: each costs as much as a judgement."""
 CREEP_RADPS = 0.02
 """Velocities are not limited below this [rad/s]: what is left of the way is taken at a creep."""
 TOUCHED_M = 1e-9
@@ -47,6 +55,7 @@ TOUCHED_M = 1e-9
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
+Numbers = NDArray[np.intp]
 NO_LIMIT: Mapping[Side, float] = dict.fromkeys(Side, math.inf)
 
 
@@ -88,10 +97,10 @@ class Approach:
             limit = max(fastest * float(room_m[row] / loss_m[row]), CREEP_RADPS)
             for side in {side for side, _ in closing}:
                 limit_radps[side] = min(limit_radps[side], limit)
-        bad = np.nonzero(self._is_bad(gap_m, kept.gap_m))[0]
-        least = int(bad[kept.gap_m[bad].argmin()] if len(bad) else kept.gap_m.argmin())
+        bad = self._bad(posture, motion, ALL, ends, kept)
+        least = bad[int(kept.gap_m[bad].argmin())] if bad else int(kept.gap_m.argmin())
         return Verdict(
-            going=self._parting(posture, motion, kept.closing(bad.tolist())) if len(bad) else ALL,
+            going=self._parting(posture, motion, kept.closing(bad)) if bad else ALL,
             limit_radps=limit_radps,
             pair=int(ends.numbers[least]),
             kept_m=float(kept.gap_m[least]),
@@ -122,4 +131,41 @@ class Approach:
         }
         reach = Reach(self._parts, mixed)
         after = HullEnds(posture, self._parts, reach, self._margin_m)
-        return NONE if self._is_bad(after.gap_m, after.on(reach).gap_m).any() else going
+        return NONE if self._bad(posture, motion, going, after, after.on(reach)) else going
+
+    def _bad(self, posture: Posture, motion: Motion, going: Going, ends: HullEnds, kept: Kept) -> list[int]:
+        """Return which pairs would come too near if some joints go on and the others brake, as rows of `ends`."""
+        bad = np.nonzero(self._is_bad(ends.gap_m, kept.gap_m))[0]
+        if not len(bad) or motion.course is None:
+            return bad.tolist()
+        floor_m = np.zeros(len(posture.model.pairs))
+        floor_m[ends.numbers] = np.minimum(self._margin_m, ends.gap_m) - TOUCHED_M
+        is_kept = self._is_kept(posture, motion.course(going), ends.numbers[bad], floor_m)
+        return [] if is_kept else bad.tolist()
+
+    def _is_kept(self, posture: Posture, course: Course, numbers: Numbers, floor_m: Array) -> bool:
+        """Return whether some pairs keep what they must along a course, as far as a few looks can tell.
+
+        Args:
+            posture: The body at its beginning.
+            course: Where the joints go.
+            numbers: Of the pairs.
+            floor_m: What each pair of all must keep [m].
+        """
+        middle_s = EARLY * course.duration_s
+        pieces, looks = [(middle_s, course.duration_s), (0.0, middle_s)], 0
+        while pieces:
+            if looks == MOST_LOOKS:
+                return False
+            looks += 1
+            from_s, to_s = pieces.pop()
+            there = posture if from_s == 0.0 else posture.model.posture(course.at(from_s))
+            reach = Reach(self._parts, course.ways(from_s, to_s))
+            ends = HullEnds(there, self._parts, reach, self._margin_m, numbers)
+            floor = floor_m[ends.numbers]
+            if (ends.gap_m < floor).any():
+                return False
+            if (ends.on(reach).gap_m < floor).any():
+                middle_s = from_s + EARLY * (to_s - from_s)
+                pieces += [(middle_s, to_s), (from_s, middle_s)]
+        return True

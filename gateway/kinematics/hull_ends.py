@@ -107,26 +107,31 @@ class HullEnds:
         parts: Of this body.
         reach: What the ways mean.
         gap_m: Only pairs that might be nearer than this somewhere on these ways are looked at [m].
+        among: Numbers of the pairs to choose from; None for all.
 
     Attributes:
         numbers: Of these pairs (`Posture.told`).
         gap_m: Their gaps before it [m].
     """
 
-    def __init__(self, posture: Posture, parts: Parts, reach: Reach, gap_m: float) -> None:
+    def __init__(
+        self, posture: Posture, parts: Parts, reach: Reach, gap_m: float, among: Numbers | None = None
+    ) -> None:
         pieces = np.array(posture.segments).T
-        first, second = parts.first, parts.second
+        first, second, around_m, radii_m = parts.first, parts.second, parts.around_m, parts.radii_m
+        if among is not None:
+            first, second, around_m, radii_m = first[among], second[among], around_m[among], radii_m[among]
         middle = pieces[:3] + 0.5 * pieces[3:6]
         apart = middle[:, first] - middle[:, second]
         cut_m = reach.goes_m[first] + reach.goes_m[second] + gap_m
-        outside_m = cut_m + parts.around_m
+        outside_m = cut_m + around_m
         numbers = np.nonzero(np.einsum("ij,ij->j", apart, apart) < outside_m * outside_m)[0]
         i, j = first[numbers], second[numbers]
         s, t, between = _nearest(pieces[:, i], pieces[:, j])
         length = np.sqrt(np.einsum("ij,ij->j", between, between))
-        gaps_m = length - parts.radii_m[numbers]
+        gaps_m = length - radii_m[numbers]
         near = np.nonzero(gaps_m < cut_m[numbers])[0]
-        self.numbers: Numbers = numbers[near]
+        self.numbers: Numbers = numbers[near] if among is None else among[numbers[near]]
         self.gap_m: Array = gaps_m[near]
         self._parts = parts
         # Each pair has two rows: one for each of its parts, with the way away from the other.

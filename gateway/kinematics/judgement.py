@@ -7,16 +7,35 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Protocol
 
 from gateway.kinematics.stopping import Extent
-from gateway.values import ARM_DOF, Side
+from gateway.values import ARM_DOF, Side, Vector
 
-__all__ = ["ALL", "NONE", "Going", "Motion", "Verdict", "Ways"]
+__all__ = ["ALL", "NONE", "Course", "Going", "Motion", "Verdict", "Ways"]
 
 Going = Mapping[Side, Sequence[bool]]
 Ways = Mapping[Side, Sequence[Extent]]
 ALL: Going = {side: (True,) * ARM_DOF for side in Side}
 NONE: Going = {side: (False,) * ARM_DOF for side in Side}
+
+
+class Course(Protocol):
+    """How the joints of both arms go when they take a step and then all brake, at once.
+
+    Attributes:
+        duration_s: Until all stand [s].
+    """
+
+    duration_s: float
+
+    def at(self, time_s: float) -> Mapping[Side, Vector]:
+        """Return where the joints are at a time after the step, or at 0, per side shape (7,) [rad]."""
+        ...
+
+    def ways(self, from_s: float, to_s: float) -> Ways:
+        """Return how far they go between two such times from where they are at the first [rad]."""
+        ...
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -29,6 +48,8 @@ class Motion:
         speed_radps: Velocity of each joint in the wanted state, shape (7,) per side [rad/s].
         together: Arms whose joints go on or brake as a whole; those of one row all at once.
         spare: Ways that hold the wanted ones; None where nobody asks for more.
+        course: Tells how all joints go if some take the wanted step and the others one of their stop, and then all brake;
+            None where that is not known, so that any order of the joints has to be reckoned with.
     """
 
     wanted: Ways
@@ -36,6 +57,7 @@ class Motion:
     speed_radps: Mapping[Side, Sequence[float]]
     together: Sequence[Sequence[Side]] = ()
     spare: Ways | None = None
+    course: Callable[[Going], Course] | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
