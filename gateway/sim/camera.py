@@ -1,7 +1,9 @@
 """`python -m gateway.sim.camera`: the simulated robot's camera as a program of its own, so that it disturbs no control.
 
 It encodes live where the machine is at least twice as fast as the pictures come, and else plays a loop that it encodes
-once and keeps in the user's cache folder. Ends with SIGINT, SIGTERM, after a time, or with its parent.
+once and keeps in the user's cache folder. With `--scene` its pictures are what the robot's eyes see in a simulation with
+forces: as many as this machine draws and encodes, at the times of their triggers, and how many is said every ten seconds.
+Ends with SIGINT, SIGTERM, after a time, or with its parent.
 """
 
 from __future__ import annotations
@@ -16,12 +18,14 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 from gateway.sim.composite import FULL, Size
 from gateway.sim.film import Coded, Film, Interrupted, live
 from gateway.sim.handover import HandOvers
 from gateway.sim.hevc import Coding, EncoderMissing, Hevc, KeyFrames
+from gateway.sim.reaching import reached
+from gateway.sim.remote import SimUnreachable
 from gateway.sim.rig import Rig
 from gateway.sim.rtp import PAYLOAD_TYPE
 from gateway.sim.sender import DEFAULT_TO, S, Sender, address_of
@@ -30,6 +34,8 @@ __all__ = ["cache_folder", "command_line", "main"]
 
 HEADROOM: Final = 2.0
 """So many times faster than the pictures come must encoding be, to be done live (choice)."""
+SCENE_GOP: Final = 4
+"""Pictures per group at most when a scene is drawn: there are few in a second, and who joins waits for the first of one."""
 TABLE_SLOTS: Final = 1 << 16
 
 
@@ -60,6 +66,7 @@ def command_line() -> argparse.ArgumentParser:
     parser.add_argument("--miss", type=float, default=0.0, metavar="P", help="probability of a missed trigger, if live")
     parser.add_argument("--spread", type=float, default=0.5, help="part of a period in which packets leave")
     parser.add_argument("--payload-type", type=int, default=PAYLOAD_TYPE, help="default: %(default)s")
+    parser.add_argument("--scene", metavar="ENDPOINT", help="show the scene of the simulation that listens there")
     parser.add_argument("--seed", type=int, default=0, help="of the patterns (default: %(default)s)")
     parser.add_argument("--stream-seed", type=int, help="of SSRC, sequence number, timestamp (default: new ones)")
     parser.add_argument("--table", type=Path, help="file for the time at which each picture was handed over")
@@ -102,6 +109,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
         _send(options, is_unwanted)
     except Interrupted:
         return 0
+    except SimUnreachable as error:
+        if is_unwanted():  # the robot ended first
+            return 0
+        sys.stderr.write(f"camera: {error}\n")
+        return 1
     except (EncoderMissing, ValueError, OSError) as error:
         sys.stderr.write(f"camera: {error}\n")
         return 1
@@ -116,7 +128,7 @@ def _send(options: argparse.Namespace, is_unwanted: Callable[[], bool]) -> None:
         width=options.size.width,
         height=options.size.height,
         rate_hz=options.rate,
-        gop=options.gop,
+        gop=options.gop if options.scene is None else min(options.gop, SCENE_GOP),
         bit_rate_bps=int(options.mbps * 1e6),
         key_frames=KeyFrames(options.key_frames),
         repeats_headers=not options.headers_once,
@@ -125,7 +137,10 @@ def _send(options: argparse.Namespace, is_unwanted: Callable[[], bool]) -> None:
     )
     with contextlib.ExitStack() as stack:
         table = None if options.table is None else stack.enter_context(HandOvers(options.table, TABLE_SLOTS))
-        pictures, how = _pictures(options, coding, is_unwanted)
+        if options.scene is not None:
+            pictures, how = _scene(options, coding, is_unwanted, stack)
+        else:
+            pictures, how = _pictures(options, coding, is_unwanted)
         sender = Sender(
             options.to,
             pictures,
@@ -160,6 +175,41 @@ def _pictures(
         _say(f"encoding a loop of {options.pictures} pictures once, kept in {folder}")
     film = Film.of(coding, options.pictures, seed=seed, folder=folder, should_stop=is_unwanted)
     return film.play(options.first), f"a loop of {len(film.pictures)} pictures"
+
+
+def _scene(
+    options: argparse.Namespace, coding: Coding, is_unwanted: Callable[[], bool], stack: contextlib.ExitStack
+) -> tuple[Iterator[Coded], str]:
+    """Return what the robot's eyes see in a running simulation, and in words what draws it."""
+    from gateway.sim.physics.drawing import DrawingMissing  # MuJoCo: only a scene needs it
+    from gateway.sim.physics.eyes import Eyes
+
+    control = stack.enter_context(reached(options.scene, is_unwanted))
+    has_lift = control.ask("ping")["model"] == "lift"
+
+    def positions() -> Sequence[float]:
+        told: Any = control.ask("world")["positions"]
+        return list(map(float, told))
+
+    try:
+        eyes = stack.enter_context(Eyes(positions, has_lift=has_lift, size=options.size))
+    except DrawingMissing as error:
+        _say(f"test pictures instead of the scene: {error}")
+        return _pictures(options, coding, is_unwanted)
+    rig = Rig(options.size, coding.rate_hz, options.seed, options.miss, eyes.cameras)
+    return _counted(live(coding, rig, options.first)), f"the scene, drawn by {eyes.backend}"
+
+
+def _counted(pictures: Iterator[Coded]) -> Iterator[Coded]:
+    """Pass pictures on, and say every ten seconds how many come in one."""
+    begin_ns, count = time.monotonic_ns(), 0
+    for picture in pictures:
+        yield picture
+        count += 1
+        passed_ns = time.monotonic_ns() - begin_ns
+        if passed_ns >= 10 * S:
+            _say(f"{count * S / passed_ns:.1f} pictures a second")
+            begin_ns, count = time.monotonic_ns(), 0
 
 
 def _encoding_hz(coding: Coding, is_unwanted: Callable[[], bool]) -> float:

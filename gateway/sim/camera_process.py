@@ -26,17 +26,20 @@ class CameraProcess:
     Args:
         to: `HOST:PORT` to send to.
         seed: Of its patterns.
+        scene: Where the simulation listens whose scene it shows; None for test pictures.
 
     Raises:
         EncoderMissing: If PyAV is not installed: told here, before a robot begins to listen.
         ValueError: If the address is none.
     """
 
-    def __init__(self, to: str, seed: int = 0) -> None:
+    def __init__(self, to: str, seed: int = 0, scene: str | None = None) -> None:
         address_of(to)
         if importlib.util.find_spec("av") is None:
             raise EncoderMissing(f"the simulated camera encodes with PyAV, which is not here: {REMEDY}")
         options = ["--to", to, "--seed", str(seed), "--parent", str(os.getpid()), *SETTINGS]
+        if scene is not None:
+            options += ["--scene", scene]
         self._command = [sys.executable, "-m", "gateway.sim.camera", *options]
         self._process: subprocess.Popen[bytes] | None = None
 

@@ -56,6 +56,14 @@ class Dynamics(Protocol):
         """
         ...
 
+    def begin(self, now_ns: int) -> None:
+        """Go on from now: what took long before anything moved is no lost time.
+
+        Args:
+            now_ns: Now [ns].
+        """
+        ...
+
     def shed(self, now_ns: int) -> None:
         """Give up what can no longer be caught up with: for who steps in real time, before each step.
 
@@ -92,6 +100,9 @@ class FirstOrder:
         parts.chassis.move(duration_ns)
         if parts.lift is not None:
             parts.lift.move_to(now_ns + duration_ns)
+
+    def begin(self, now_ns: int) -> None:
+        """Nothing is ever lost."""
 
     def shed(self, now_ns: int) -> None:
         """Nothing is ever too late: a long step costs what a short one does."""

@@ -233,6 +233,7 @@ def run(
         sys.setswitchinterval(0.0005)  # an arrival is stamped by another thread: it must not wait 5 ms for this one
         gc.collect()
         gc.freeze()
+        node.robot.dynamics.begin(time.monotonic_ns())
         while not (should_stop() or node.is_ending):
             ahead_ns = node.robot.next_state_ns - time.monotonic_ns()
             if ahead_ns > 0:

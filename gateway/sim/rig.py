@@ -3,22 +3,33 @@
 from __future__ import annotations
 
 import random
+from collections.abc import Sequence
+from typing import Protocol
 
 from gateway.sim.composite import CHANNELS, FULL, Size
 from gateway.sim.mailbox import Mailboxes, Shot
 from gateway.sim.picture import Planes, TestCamera, stitch
 
-__all__ = ["Rig"]
+__all__ = ["Camera", "Rig"]
+
+
+class Camera(Protocol):
+    """One capture channel."""
+
+    def shoot(self, counter: int) -> Planes:
+        """Return the channel's picture at a trigger."""
+        ...
 
 
 class Rig:
-    """Four test cameras, triggered together; they deliver in a random order.
+    """Four cameras, triggered together; they deliver in a random order.
 
     Args:
         size: Of the composite [pixels].
         rate_hz: Of the trigger.
         seed: Of patterns, order and misses.
         miss_p: Probability that a camera misses a trigger.
+        cameras: One for each channel; None for test cameras.
 
     Attributes:
         mailboxes: With the counters of the synchronisation.
@@ -27,9 +38,16 @@ class Rig:
         ValueError: If the composite cannot be cut, or its crops have no room for the code.
     """
 
-    def __init__(self, size: Size = FULL, rate_hz: int = 45, seed: int = 0, miss_p: float = 0.0) -> None:
+    def __init__(
+        self,
+        size: Size = FULL,
+        rate_hz: int = 45,
+        seed: int = 0,
+        miss_p: float = 0.0,
+        cameras: Sequence[Camera] | None = None,
+    ) -> None:
         self.mailboxes: Mailboxes[Planes] = Mailboxes(len(CHANNELS))
-        self._cameras = [TestCamera(channel, size, seed) for channel in range(len(CHANNELS))]
+        self._cameras = cameras or [TestCamera(channel, size, seed) for channel in range(len(CHANNELS))]
         self._rate_hz, self._miss_p = rate_hz, miss_p
         self._chance = random.Random(seed)
 

@@ -37,7 +37,7 @@ def start(options: Namespace) -> int:
     make = _viewed(settings) if options.viewer else None
     with ExitStack() as stack:
         if options.camera_to is not None:
-            _send_pictures(stack, options)
+            _send_pictures(stack, options, settings)
         if options.record is not None:
             _film(stack, options, settings)
         try:
@@ -59,12 +59,13 @@ def _film(stack: ExitStack, options: Namespace, settings: SimSettings) -> None:
         raise CannotStart(str(error)) from error
 
 
-def _send_pictures(stack: ExitStack, options: Namespace) -> None:
+def _send_pictures(stack: ExitStack, options: Namespace, settings: SimSettings) -> None:
     from gateway.sim.camera_process import CameraProcess
     from gateway.sim.hevc import EncoderMissing
 
     try:
-        stack.enter_context(CameraProcess(options.camera_to, options.seed))
+        scene = options.listen if settings.physics == "mujoco" else None
+        stack.enter_context(CameraProcess(options.camera_to, options.seed, scene))
     except (EncoderMissing, ValueError) as error:
         raise CannotStart(str(error)) from error
 

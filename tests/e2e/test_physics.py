@@ -1,7 +1,7 @@
 """A task on the robot with forces, end to end: simulator, daemon and client as processes, judged by the world's state.
 
 The client commands with the public API only: poses of the left hand, its gripper, the base and the lift. Where block and
-robot are, it is told by the simulation's control channel, in place of eyes: pictures of the scene are not rendered.
+robot are, it is told by the simulation's control channel, in place of a perception that finds them in the pictures.
 """
 
 from __future__ import annotations

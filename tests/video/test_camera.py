@@ -17,7 +17,7 @@ import pytest
 from gateway import cli
 from gateway.apps.arguments import parse
 from gateway.sim import __main__ as program
-from gateway.sim import camera, camera_process
+from gateway.sim import camera, camera_process, starting
 from gateway.sim.camera_process import CameraProcess
 from gateway.sim.handover import HandOvers
 from gateway.sim.hevc import EncoderMissing
@@ -163,12 +163,11 @@ def test_words_that_mean_nothing_are_refused(words, capsys):
 def test_without_pyav_no_robot_is_started(monkeypatch, capsys):
     """The remedy is told instead: at once, not after a minute without pictures."""
     monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
-    monkeypatch.setattr(program, "main_sim", lambda *_: pytest.fail("the robot was started"))
+    monkeypatch.setattr(starting, "main_sim", lambda *_, **__: pytest.fail("the robot was started"))
     with pytest.raises(EncoderMissing, match=r"teleavatar-gateway\[video\]"):
         CameraProcess("127.0.0.1:8890")
     assert program.main(["--camera-to", "127.0.0.1:8890"]) == 1
     assert "teleavatar-gateway[video]" in capsys.readouterr().err
-    monkeypatch.setattr("gateway.sim.node.main_sim", lambda *_: pytest.fail("the robot was started"))
     assert cli.main(["sim", "--camera"]) == 1
     assert "teleavatar-gateway[video]" in capsys.readouterr().err
 

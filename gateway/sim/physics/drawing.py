@@ -59,11 +59,13 @@ class Drawing:
         self._scene: Any = mujoco.MjvScene(self._model, maxgeom=_SHAPES)
         self._option: Any = mujoco.MjvOption()
         self._camera: Any = mujoco.MjvCamera()
+        self._eye: Any = mujoco.MjvCamera()
+        self._eye.type = mujoco.mjtCamera.mjCAMERA_FIXED
         for name, value in _LOOK.items():
             setattr(self._camera, name, value)
 
-    def draw(self, positions: Sequence[float]) -> NDArray[np.uint8]:
-        """Return the scene seen from the side, shape (height, width, 3), RGB.
+    def pose(self, positions: Sequence[float]) -> None:
+        """Put everything where it is.
 
         Args:
             positions: Of everything, as `World.positions` gives them.
@@ -76,11 +78,42 @@ class Drawing:
         self._data.qpos[:] = positions
         mujoco.mj_kinematics(self._model, self._data)
         mujoco.mj_camlight(self._model, self._data)
+
+    def draw(self, positions: Sequence[float]) -> NDArray[np.uint8]:
+        """Return the scene seen from the side, shape (height, width, 3), RGB.
+
+        Args:
+            positions: As for `pose`.
+
+        Raises:
+            ValueError: They are those of another model.
+        """
+        self.pose(positions)
+        return self._picture(self._camera, self.width, self.height)
+
+    def look(self, eye: str, width: int, height: int, fovy_deg: float) -> NDArray[np.uint8]:
+        """Return what an eye of the robot sees without its lens, shape (height, width, 3), RGB.
+
+        Args:
+            eye: Such as `head_left_eye`.
+            width: Of the picture, at most that of the view [pixels].
+            height: The same.
+            fovy_deg: Field of view from top to bottom [deg].
+
+        Raises:
+            KeyError: There is no such eye.
+        """
+        number = self._model.camera(eye).id
+        self._model.cam_fovy[number] = fovy_deg
+        self._eye.fixedcamid = number
+        return self._picture(self._eye, width, height)
+
+    def _picture(self, camera: Any, width: int, height: int) -> NDArray[np.uint8]:  # noqa: ANN401  MuJoCo's own class
         everything = mujoco.mjtCatBit.mjCAT_ALL
-        mujoco.mjv_updateScene(self._model, self._data, self._option, None, self._camera, everything, self._scene)
-        frame = mujoco.MjrRect(0, 0, self.width, self.height)
+        mujoco.mjv_updateScene(self._model, self._data, self._option, None, camera, everything, self._scene)
+        frame = mujoco.MjrRect(0, 0, width, height)
         mujoco.mjr_render(frame, self._scene, self._context)
-        picture = np.empty((self.height, self.width, 3), np.uint8)
+        picture = np.empty((height, width, 3), np.uint8)
         mujoco.mjr_readPixels(picture, None, frame, self._context)
         return np.ascontiguousarray(picture[::-1])
 

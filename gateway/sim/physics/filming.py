@@ -20,6 +20,7 @@ from typing import Any, Final
 
 from gateway.sim.manual import S
 from gateway.sim.physics.drawing import Drawing, DrawingMissing
+from gateway.sim.reaching import reached
 from gateway.sim.remote import SimControl, SimUnreachable
 
 __all__ = ["command_line", "main"]
@@ -53,7 +54,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
     try:
         os.nice(19)
-        with _reached(options.at, is_over) as control:
+        with reached(options.at, is_over) as control:
             _film(control, options, is_over)
     except (DrawingMissing, OSError, ValueError) as error:
         sys.stderr.write(f"film: {error}\n")
@@ -62,21 +63,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
         for number, handler in before.items():
             signal.signal(number, handler)
     return 0
-
-
-def _reached(endpoint: str, is_over: Callable[[], bool]) -> SimControl:
-    """Return the control channel of a simulation that may still be starting."""
-    end_ns = time.monotonic_ns() + 20 * S
-    while True:
-        try:
-            control = SimControl(endpoint)
-            control.ask("ping")
-        except SimUnreachable:
-            if is_over() or time.monotonic_ns() > end_ns:
-                raise
-            time.sleep(0.05)
-        else:
-            return control
 
 
 def _film(control: SimControl, options: argparse.Namespace, is_over: Callable[[], bool]) -> None:

@@ -49,6 +49,7 @@ def scene_xml(*, has_lift: bool) -> str:
     add(root, "option", timestep=STEP_NS / 1e9, integrator="implicitfast", cone="elliptic", impratio=10.0)
     visual = add(root, "visual")
     add(visual, "global", offwidth="1280", offheight="1280")
+    add(visual, "quality", offsamples="0", shadowsize="0")  # drawn on the processor
     add(visual, "headlight", ambient=(0.35, 0.35, 0.35), diffuse=(0.5, 0.5, 0.5))
     _add_looks(root)
     world = add(root, "worldbody")

@@ -67,7 +67,6 @@ class ViewedNode(SimNode):
         )
         self._drawing = set(threading.enumerate()) - before
         self._shown_ns = 0
-        dynamics.begin(self._clock())  # the window took its time
 
     def step(self, now_ns: int) -> None:
         """Take a cycle, and show the world when it is time.
