@@ -10,7 +10,7 @@ import pytest
 from gateway.core import requests
 from gateway.core.chunk import prepare
 from gateway.errors import Code
-from gateway.robot import HOME_Q_RAD
+from gateway.robot import HOME_Q_RAD, shoulder_frame
 from gateway.settings import ArmSettings
 from gateway.values import Side
 from tests.kinematics.guarded_arms import LIMITS, MARGIN_M, MEET, ROUNDING_M, free_posture, model, random_joints
@@ -19,6 +19,7 @@ from tests.spaced import SpacedPair
 from tests.thoroughness import either
 
 L, R = Side.LEFT, Side.RIGHT
+FRAMES = {side: shoulder_frame(side) for side in Side}
 SAG_M = 0.004
 """How much nearer the simulated arms come than their setpoints: they lag, and sag by some milliradians."""
 
@@ -132,3 +133,28 @@ def test_where_it_is_off_and_where_nothing_is_near_not_a_bit_of_a_setpoint_is_an
     kept = SpacedPair()
     assert script(kept) == without
     assert kept.see().spacing.on and Code.COLLISION_AHEAD not in kept.codes()
+
+
+@pytest.mark.parametrize("straight", [True, False])
+def test_poses_of_an_arm_in_joint_mode_are_kept_apart_like_any_path(straight):
+    """By the body model, beside an arm that is in the way or is not: reached, or ended before anything is touched."""
+    pair, states = SpacedPair(), []
+    pair.lead(HOME_Q_RAD, 8.0)
+    held = pair.conductor.model.arms[L].forward(HOME_Q_RAD[L])
+    for way_m in ((0.0, -0.1, 0.0), (-0.05, -0.35, 0.05), (0.0, 0.0, 0.0)):
+        target = (*(a + b for a, b in zip(held.p_m, way_m, strict=True)), *held.quat_xyzw)
+        asked = requests.MovePose(epoch=pair.epoch, targets={L: target}, frames=FRAMES, straight=straight)
+        reply = pair.ask(asked)
+        if reply.refusal is not None:
+            states.append(reply.refusal.code.value)
+            continue
+        for _ in range(1500):
+            pair.step()
+            pair.look()
+            if not pair.conductor.body.motions.running:
+                break
+        view = pair.conductor.body.motions.views()[-1]
+        states.append(view.code or view.state)
+        assert pair.least_m >= MARGIN_M - ROUNDING_M
+    assert states[0] == states[2] == "reached" and states[1] == "COLLISION_AHEAD", states
+    assert pair.state == "ACTIVE" and not pair.engine.latches

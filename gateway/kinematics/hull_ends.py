@@ -141,11 +141,15 @@ class HullEnds:
             for row in np.nonzero(length < TOUCHING_M)[0]:
                 normal[:, row], length[row] = posture.normal(int(i[row]), int(j[row]), 0.0, 0.0, 0.0), 1.0
             normal /= length
-            away = np.concatenate((normal, -normal), axis=1)
+            away = np.empty((3, 2 * len(near)))
+            away[:, : len(near)] = normal
+            np.negative(normal, out=away[:, len(near) :])
             # How far a part's end lies behind its begin.
             ahead_m = np.einsum("ij,ij->j", away, pieces[3:6, self._part])
             behind_m = np.concatenate((s[near], t[near])) * ahead_m
-            self._slack_m = np.stack((-behind_m, ahead_m - behind_m), axis=1)
+            self._slack_m = np.empty((2 * len(near), 2))
+            np.negative(behind_m, out=self._slack_m[:, 0])
+            np.subtract(ahead_m, behind_m, out=self._slack_m[:, 1])
             self._slope = np.einsum("ij,jeki->jek", away, self._swings(posture, pieces)[self._part])
 
     def _swings(self, posture: Posture, pieces: Array) -> Array:
@@ -153,8 +157,10 @@ class HullEnds:
         count, parts = self._parts.moving, self._parts
         lines = np.array([posture.lines[side] for side in Side]).reshape(len(Side), ARM_DOF, 6).transpose(2, 0, 1)
         own = lines[:, parts.arm[:count], None]  # (6, moving, 1, 7)
-        begin = pieces[:3, :count]
-        x, y, z = np.stack((begin, begin + pieces[3:6, :count]), axis=2)[..., None] - own[:3]
+        ends = np.empty((3, count, 2, 1))
+        ends[..., 0, 0] = pieces[:3, :count]
+        np.add(pieces[:3, :count], pieces[3:6, :count], out=ends[..., 1, 0])
+        x, y, z = ends - own[:3]
         ax, ay, az = own[3:] * parts.moved
         swings = np.zeros((pieces.shape[1], 2, ARM_DOF, 3))
         moving = swings[:count]
