@@ -260,14 +260,14 @@ class ModelJudge:
 
     def _compared(self, pair: Pair) -> _Residual:
         at = self._arm.forward(pair.q_rad)
-        off_m = tuple([a - b for a, b in zip(pair.pose.p_m, at.p_m, strict=True)])
+        off_m = _minus(pair.pose.p_m, at.p_m)
         turn = turn_rad(at.rows, rows_from_quat(pair.pose.quat_xyzw))
         last, self._last = self._last, (pair.stamp_ns, at)
         v_mps = w_radps = STANDING
         if last is not None and 0 < pair.stamp_ns - last[0] <= NEIGHBOURS_NS:
             per_s = 1e9 / (pair.stamp_ns - last[0])
-            v_mps = tuple([per_s * (a - b) for a, b in zip(at.p_m, last[1].p_m, strict=True)])
-            w_radps = tuple([per_s * c for c in turn_rad(last[1].rows, at.rows)])
+            v_mps = _times(per_s, _minus(at.p_m, last[1].p_m))
+            w_radps = _times(per_s, turn_rad(last[1].rows, at.rows))
         off, square = self._product(off_m, off_m, turn, turn), self._product(v_mps, v_mps, w_radps, w_radps)
         return _Residual(
             stamp_ns=pair.stamp_ns,
@@ -282,9 +282,19 @@ class ModelJudge:
 
     def _product(self, a_m: Vector, b_m: Vector, a_rad: Vector, b_rad: Vector) -> float:
         """Return the scalar product of two displacements, lengths and angles in tolerances."""
-        lengths = sum([a * b for a, b in zip(a_m, b_m, strict=True)])
-        angles = sum([a * b for a, b in zip(a_rad, b_rad, strict=True)])
+        (ax, ay, az), (bx, by, bz), (cx, cy, cz), (dx, dy, dz) = a_m, b_m, a_rad, b_rad
+        lengths, angles = ax * bx + ay * by + az * bz, cx * dx + cy * dy + cz * dz
         return lengths / self._tolerances.position_m**2 + angles / self._tolerances.angle_rad**2
+
+
+def _minus(a: Vector, b: Vector) -> Vector:
+    (ax, ay, az), (bx, by, bz) = a, b
+    return ax - bx, ay - by, az - bz
+
+
+def _times(factor: float, a: Vector) -> Vector:
+    x, y, z = a
+    return factor * x, factor * y, factor * z
 
 
 def _mean(rows: Sequence[Vector]) -> Vector:

@@ -106,9 +106,19 @@ def quat_from_rows(rows: Rows) -> Vector:
 
 def turn_rad(a: Rows, b: Rows) -> Vector:
     """Return the rotation vector, in the parent, that turns orientation `a` into `b` on the shorter way [rad]."""
-    relative = [[sum(p * q for p, q in zip(to, start, strict=True)) for start in a] for to in b]
-    (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = relative
+    (ax, ay, az), (bx, by, bz), (cx, cy, cz) = a
+    (dx, dy, dz), (ex, ey, ez), (fx, fy, fz) = b
+    xx, yy, zz = dx * ax + dy * ay + dz * az, ex * bx + ey * by + ez * bz, fx * cx + fy * cy + fz * cz
+    xy, yx = dx * bx + dy * by + dz * bz, ex * ax + ey * ay + ez * az
+    xz, zx = dx * cx + dy * cy + dz * cz, fx * ax + fy * ay + fz * az
+    yz, zy = ex * cx + ey * cy + ez * cz, fx * bx + fy * by + fz * bz
+    trace = xx + yy + zz
+    if trace > 0.0:  # up to some 120 degrees the part that is not symmetric tells everything
+        x, y, z = 0.5 * (zy - yz), 0.5 * (xz - zx), 0.5 * (yx - xy)
+        sine = math.sqrt(x * x + y * y + z * z)
+        factor = 1.0 if sine < 1e-12 else math.atan2(sine, 0.5 * (trace - 1.0)) / sine
+        return x * factor, y * factor, z * factor
     x, y, z, w = quat_from_rows(((xx, xy, xz), (yx, yy, yz), (zx, zy, zz)))
     length = math.sqrt(x * x + y * y + z * z)
-    factor = 2.0 if length < 1e-12 else 2.0 * math.atan2(length, w) / length
+    factor = 2.0 * math.atan2(length, w) / length
     return x * factor, y * factor, z * factor

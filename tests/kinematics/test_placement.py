@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from gateway.kinematics.placement import Placement, quat_from_rows, rows_from_quat, rows_from_rpy, turn_rad
@@ -59,6 +59,10 @@ def test_placements_chain_and_turn_back(rpy_a, p_a, rpy_b, p_b, point):
     assert np.allclose(Placement.of(a.pose).rows, a.rows, atol=1e-14)
 
 
+@example((0.3, -0.2, 0.1), 0.0, (1.0, 0.0, 0.0))
+@example((0.3, -0.2, 0.1), 1e-9, (1.0, -1.0, 0.5))
+@example((0.3, -0.2, 0.1), 2.0, (0.0, 1.0, 0.5))
+@example((0.3, -0.2, 0.1), 2.2, (0.0, 1.0, 0.5))
 @given(rpys, st.floats(0.0, 3.1), st.tuples(*[st.floats(-1.0, 1.0)] * 3).filter(lambda v: math.hypot(*v) > 0.1))
 def test_the_turn_between_orientations_is_axis_times_angle_in_the_parent(rpy, angle, axis):
     """Turned by a known angle about a known axis of the parent, that is what comes out."""
