@@ -40,7 +40,7 @@ if TYPE_CHECKING:  # it takes numpy along, which a guard has no use for
 
 __all__ = ["PIECES", "Cartesian"]
 
-PIECES = 4
+PIECES = 3
 """Pieces of work in one tick; each takes about 0.1 ms."""
 STEP_RAD = 0.03
 """Joint travel between two postures of a joint motion that are looked at."""

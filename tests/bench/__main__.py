@@ -14,6 +14,7 @@ from tests.bench.codec import codec_rows
 from tests.bench.collision import collision_rows
 from tests.bench.guard import guard_rows
 from tests.bench.kinematics import kinematics_rows
+from tests.bench.lines import line_rows
 from tests.bench.model_check import model_check_rows
 from tests.bench.physics import physics_rows
 from tests.bench.table import Row, show
@@ -41,7 +42,7 @@ def main() -> int:
         rows += (found := [*tick_rows(), *chunk_rows()])
         show("engine (virtual time)", found, console)
     if "kinematics" in parts:
-        rows += (found := [*kinematics_rows(), *collision_rows(), *model_check_rows()])
+        rows += (found := [*kinematics_rows(), *collision_rows(), *line_rows(), *model_check_rows()])
         show("kinematics", found, console)
     if "physics" in parts:
         rows += (found := physics_rows())
