@@ -98,6 +98,16 @@ def test_what_was_never_measured_is_stale_not_zero(robot):
     assert robot.state.left_gripper.q.shape == (1,)
 
 
+def test_how_near_the_arms_are_is_in_the_state(world, robot):
+    """Where arms are kept apart: the nearest pair, its gap and the margin; None where nobody asked for it."""
+    spacing = robot.state.spacing
+    assert spacing is not None and (spacing.first, spacing.second) == ("left_palm", "right_forearm")
+    assert (spacing.gap_m, spacing.margin_m, spacing.on, spacing.held) == (0.143, 0.02, True, ())
+    world.engine.show(spacing=None)
+    world.run(0.05)
+    assert robot.state.spacing is None
+
+
 def test_a_state_does_not_change_after_it_was_taken(world, robot):
     """A state is of one instant: later snapshots make later states."""
     state = robot.state
