@@ -12,6 +12,9 @@ Rules
     * An arm whose joints nobody here commands (end-effector mode, or no stream) stands where it is measured, and may go on as
       far as its measured velocity takes it. That is a guess: by poses it is not moved while this is on (`room.py`).
     * It is setpoints that keep the margin. The arms follow them within the bound of the tracking error.
+
+A judgement costs 0.2 to 0.5 ms. So wider ways are judged along, as far ahead as there is room, and nothing is asked again
+until the arms leave them: at 0.3 rad/s in most ticks; at 1 rad/s, with parts near, in few.
 """
 
 from __future__ import annotations

@@ -77,8 +77,8 @@ class Approach:
             posture: The body when it was looked at.
             motion: What is wanted of its joints since.
         """
-        margin_m, wanted = self._margin_m, Reach(self._parts, motion.wanted)
-        widest = wanted if motion.spare is None else Reach(self._parts, motion.spare)
+        margin_m = self._margin_m
+        widest = Reach(self._parts, motion.wanted if motion.spare is None else motion.spare)
         ends = HullEnds(posture, self._parts, widest, margin_m)
         gap_m = ends.gap_m
         room_m = np.maximum(USED_RATIO * (gap_m - margin_m), TOUCHED_M)
@@ -87,7 +87,7 @@ class Approach:
             has_spare = not self._is_bad(gap_m, kept.gap_m).any()
             if has_spare and not (gap_m - kept.gap_m > room_m).any():
                 return Verdict(going=ALL, limit_radps=NO_LIMIT, pair=-1, kept_m=math.inf, has_spare=True)
-            kept = ends.on(wanted)
+            kept = ends.on(Reach(self._parts, motion.wanted))
         if not len(gap_m):
             return Verdict(going=ALL, limit_radps=NO_LIMIT, pair=-1, kept_m=math.inf)
         limit_radps, loss_m = dict(NO_LIMIT), gap_m - kept.gap_m

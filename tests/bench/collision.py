@@ -58,15 +58,14 @@ def collision_rows(count: int = COUNT) -> list[Row]:
             good=ours_us <= GOAL_US and off_m < 1e-6,
         )
     ]
-    for name, v_radps, goal_us in (("at 0.3 rad/s", 0.3, GOAL_US), ("at 1 rad/s", 1.0, None)):
+    # Asked anew for each setpoint: the engine asks only when the arms leave what was found free, see below.
+    for name, v_radps in (("at 0.3 rad/s", 0.3), ("at 1 rad/s", 1.0)):
         taken = sorted(_rule_us(v_radps, count))
         p50, p90 = taken[len(taken) // 2], taken[int(0.9 * len(taken))]
         rows.append(
             Row(
                 name=f"rule of approach with distances, both arms {name}",
                 ours=f"p50 {p50:.0f}, p90 {p90:.0f} us",
-                goal=f"p50 <= {goal_us:g} us" if goal_us is not None else "",
-                good=p50 <= goal_us if goal_us is not None else None,
             )
         )
     for name, v_radps in (("at 0.3 rad/s", 0.3), ("at 1 rad/s", 1.0)):

@@ -70,7 +70,7 @@ class GuardedArms:
         self.states = [self.now]
         self.refused = 0
         self.judged_us: list[float] = []
-        """What the rule took for each tick, with all that it needs to know [us]."""
+        """What the rule took for each tick, with all that it needs to know, in processor time of the thread [us]."""
         for follower in self._followers.values():
             follower.begin(1.0)
 
@@ -108,14 +108,14 @@ class GuardedArms:
 
     def _led(self, wanted):
         braked = {side: self._brake(side) for side in Side}
-        begun_ns = time.perf_counter_ns()
+        begun_ns = time.thread_time_ns()
         motion = Motion(
             wanted=self._ways(wanted),
             braked=lambda: self._ways(braked),
             speed_radps={side: wanted[side][1] for side in Side},
         )
         verdict = self._rule.judge(model().posture(self._seen), motion)
-        self.judged_us.append((time.perf_counter_ns() - begun_ns) / 1e3)
+        self.judged_us.append((time.thread_time_ns() - begun_ns) / 1e3)
         self.refused += not verdict.is_free
         for side, follower in self._followers.items():
             speed = min(1.0, verdict.limit_radps[side] / self.v)
