@@ -16,7 +16,7 @@ import pytest
 
 from gateway.apps.calibration_writing import write_arms
 from gateway.client import Control, Robot
-from gateway.errors import Aborted
+from gateway.errors import GatewayError
 from gateway.kinematics.arm_section import ArmCalibration, fingerprint
 from gateway.kinematics.calibration import RobotIdentity
 from gateway.kinematics.correction import ArmCorrection
@@ -83,9 +83,10 @@ def wandering(own: Control, speed: float) -> Iterator[None]:
                 return
             try:
                 own.move_to(goal, speed=speed).result(timeout=60.0)
-            except Aborted as ended:  # this host stood still for a moment: on with the next one
+            except GatewayError as ended:  # this host stood still for a moment: on with the next one
                 if ended.code.value not in STALLED:
                     raise
+                time.sleep(0.2)
 
     walker = threading.Thread(target=wander)
     walker.start()
@@ -119,7 +120,9 @@ def test_a_body_that_is_not_the_models_is_told_identified_and_corrected(tmp_path
             why = json.loads(ta2(system, "why", "--socket", system.target, "--json").stdout)
             (finding,) = [finding for finding in why["findings"] if finding["code"] == "MODEL_DIFFERS"]
             assert finding["facts"]["angle_rad"] > 0.02 and "ta2 identify" in finding["hint"]
-            for _ in range(ATTEMPTS):
+            for _ in range(
+                max(ATTEMPTS, 2)
+            ):  # refused when this host was too busy: 3 sigma of 0.14 mrad, 0.2 are promised
                 with wandering(own, speed=0.3):
                     # Only what is off: the hand's frame beside it takes a minute of motion, and virtual time has that.
                     words = ["--live", "--seconds", "20", "--arm", "left", "--joints-only"]
