@@ -7,6 +7,7 @@ import math
 import pytest
 
 from gateway import robot
+from gateway.core import room
 from gateway.core.events import (
     Cancel,
     CloseStream,
@@ -498,3 +499,19 @@ def test_a_stream_of_poses_needs_the_frame_of_its_arm(frame):
     """The other arm's would be another place."""
     scene = Scene(poses=(R,))
     assert scene.refused(OpenStream(epoch=scene.epoch, side=R, space=Space.POSE, frame=frame)).code is Code.WRONG_FRAME
+
+
+def test_a_goal_that_leaves_too_little_room_is_refused_without_a_trace(monkeypatch):
+    """What keeps parts of the body apart is asked about all goals of a motion, before anything ends or begins."""
+    scene, asked = Scene(), []
+    too_near = Refusal(code=Code.GOAL_TOO_NEAR, message="two parts")
+
+    def check_goals(conductor, goals, now_ns):
+        asked.append((conductor, dict(goals), now_ns))
+        return too_near
+
+    monkeypatch.setattr(room, "check_goals", check_goals)
+    request = Move(epoch=scene.epoch, targets_rad={L: GOAL[L]})
+    assert scene.ask(request) is too_near
+    assert asked == [(scene.conductor, {L: GOAL[L]}, scene.now_ns)]
+    assert scene.body.motions.running == ()
