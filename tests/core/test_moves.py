@@ -26,8 +26,11 @@ from gateway.core.moves import Facts, Moves
 from gateway.core.permit import Permit
 from gateway.core.supervisor import State
 from gateway.errors import Code, Refusal
+from gateway.robot import HOME_Q_RAD
 from gateway.values import Side, Space, Vector
 from tests.core.stage import GOAL, MIDDLE, MS, PLACE, L, R, S, Stage
+from tests.kinematics.guarded_arms import MEET
+from tests.spaced import SpacedPair
 
 HOLD, PATH, FOLLOW, CHUNK, BRAKE = ReferenceMode
 OUTSIDE: Vector = (9.0, *GOAL[L][1:])
@@ -185,6 +188,16 @@ def test_a_relative_motion_starts_at_the_reference_not_at_the_measured_arm(scene
     offset = (0.2, -0.1, 0.0, 0.0, 0.0, 0.0, 0.0)
     facts = scene.granted(scene.to({L: offset}, relative=True))
     assert facts["q_rad"] == {"left": [a + b for a, b in zip(MIDDLE[L], offset, strict=True)]}
+
+
+def test_a_goal_where_the_arms_would_meet_is_refused_and_what_is_under_way_goes_on():
+    """Where arms are kept apart: the door is before the plan, and nothing is superseded."""
+    pair = SpacedPair()
+    first = pair.move(pair.epoch, HOME_Q_RAD, speed=0.3)
+    refusal = pair.refused(Move(epoch=pair.epoch, targets_rad=MEET))
+    assert refusal.code is Code.GOAL_TOO_NEAR
+    (motion,) = pair.conductor.body.motions.running
+    assert motion.motion_id == first
 
 
 def test_clipping_is_asked_for_and_reported(scene):
