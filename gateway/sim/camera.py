@@ -181,9 +181,11 @@ def _scene(
     options: argparse.Namespace, coding: Coding, is_unwanted: Callable[[], bool], stack: contextlib.ExitStack
 ) -> tuple[Iterator[Coded], str]:
     """Return what the robot's eyes see in a running simulation, and in words what draws it."""
-    from gateway.sim.physics.drawing import DrawingMissing  # MuJoCo: only a scene needs it
-    from gateway.sim.physics.eyes import Eyes
-
+    try:
+        from gateway.sim.physics.drawing import DrawingMissing  # MuJoCo: only a scene needs it
+        from gateway.sim.physics.eyes import Eyes
+    except ModuleNotFoundError as error:
+        raise ValueError(f"--scene needs {error.name}: pip install 'teleavatar-gateway[sim,video]'") from None
     control = stack.enter_context(reached(options.scene, is_unwanted))
     has_lift = control.ask("ping")["model"] == "lift"
 

@@ -18,11 +18,15 @@ from gateway.sim.lift import SimLift
 from gateway.sim.manual import Side
 from gateway.sim.settings import SimSettings
 
-__all__ = ["Dynamics", "FirstOrder", "Parts", "PhysicsMissing", "dynamics_of"]
+__all__ = ["Dynamics", "FirstOrder", "Parts", "PhysicsMissing", "WorldUnstable", "dynamics_of"]
 
 
 class PhysicsMissing(ImportError):
     """MuJoCo was asked for and is not installed."""
+
+
+class WorldUnstable(RuntimeError):
+    """The solver lost the world: positions or speeds became invalid."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -53,6 +57,9 @@ class Dynamics(Protocol):
         Args:
             now_ns: Beginning [ns].
             duration_ns: Length [ns].
+
+        Raises:
+            WorldUnstable: Forces had no solution.
         """
         ...
 

@@ -25,6 +25,7 @@ import zenoh
 
 from gateway.sim.bridge import CONTROL_KEY, Bridge
 from gateway.sim.control import Control
+from gateway.sim.dynamics import WorldUnstable
 from gateway.sim.faults import Fault
 from gateway.sim.manual import MS, STATE_TOPICS, S
 from gateway.sim.model import SimRobot
@@ -301,6 +302,9 @@ def main_sim(
         sys.stderr.write(
             f"cannot listen on {listen}: {error}\nAnother simulation or a bridge may use this port already.\n"
         )
+        return 1
+    except WorldUnstable as error:
+        sys.stderr.write(f"{error}\n")
         return 1
     finally:
         for number, handler in previous.items():

@@ -172,6 +172,16 @@ def test_without_pyav_no_robot_is_started(monkeypatch, capsys):
     assert "teleavatar-gateway[video]" in capsys.readouterr().err
 
 
+def test_a_scene_without_what_draws_it_is_one_line(monkeypatch, capsys):
+    """The name of what is missing and the extras that have it; nothing is asked of anybody."""
+    monkeypatch.setitem(sys.modules, "mujoco", None)
+    for name in [name for name in sys.modules if name.startswith("gateway.sim.physics.")]:
+        monkeypatch.delitem(sys.modules, name)
+    assert camera.main(["--scene", "tcp/127.0.0.1:19147", "--to", "127.0.0.1:19146"]) == 1
+    said = capsys.readouterr().err
+    assert said == "camera: --scene needs mujoco: pip install 'teleavatar-gateway[sim,video]'\n"
+
+
 def test_an_address_that_is_none_is_refused_before_anything_is_started():
     """With an example."""
     with pytest.raises(ValueError, match="HOST:PORT"):

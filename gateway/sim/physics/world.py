@@ -13,22 +13,19 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from gateway.sim.dynamics import WorldUnstable
 from gateway.sim.manual import DOF, Side
 from gateway.sim.physics.body_numbers import quat_wxyz
 from gateway.sim.physics.linkage import hand_angles
 from gateway.sim.physics.robot_xml import SERVO_GROUPS, arm_joint, hand_link
 from gateway.sim.physics.scene import STEP_NS, THINGS, scene_xml
 
-__all__ = ["Placed", "World", "WorldUnstable"]
+__all__ = ["Placed", "World"]
 
 Array = NDArray[np.float64]
 
 _WHEELS: Final = ("wheel1", "wheel2", "wheel3")
 _BASE: Final = ("base_x", "base_y", "base_yaw")
-
-
-class WorldUnstable(RuntimeError):
-    """The solver lost the world: positions or speeds became invalid."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -10,6 +10,7 @@ import pytest
 from gateway.kinematics.description import nominal
 from gateway.kinematics.gripper import Gripper
 from gateway.sim.chassis import wheel_matrix
+from gateway.sim.dynamics import WorldUnstable
 from gateway.sim.geometry import EePose, arm_geometry
 from gateway.sim.manual import EXAMPLE_HOME_RAD, Side
 from gateway.sim.physics.linkage import OPEN_RAD
@@ -20,7 +21,7 @@ from tests.sim.physics.mujoco_needed import REASON
 
 mujoco = pytest.importorskip("mujoco", reason=REASON)
 
-from gateway.sim.physics.world import World, WorldUnstable
+from gateway.sim.physics.world import World
 
 HOME = {side: np.array(EXAMPLE_HOME_RAD[side]) for side in Side}
 BLOCK_M = 2.0 * THINGS["block"][1][0]
