@@ -84,6 +84,7 @@ SHELL_WORDS = {
     "recover()": "`ta2 recover`",
     "enable()": "`ta2 enable`",
     "stop()": "`ta2 stop`",
+    "use move_pose(), which": "use `ta2 move-pose` without --straight, which",
     "connect()": "`ta2 --help`",
 }
 """What a program calls -> what a person types."""

@@ -44,8 +44,9 @@ PER_TICK = 20
 """Payloads that lie there together when the loop looks."""
 BLOCK = 1_000
 """Payloads from one wild spell to the next."""
-WILD = 80
-"""Of a block, so many may be well-formed stops, takeovers and releases; then the nurse comes."""
+WILD = either(140, 80)
+"""Of a block, so many may be well-formed stops, takeovers and releases; then the nurse comes. More where blocks are few: each
+kind is to be accepted at least once."""
 
 HARSH = ("take", "release", "abandon", "disable", "stop", "estop")
 """Kinds that end what the nurse has brought about."""
