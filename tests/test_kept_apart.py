@@ -93,7 +93,8 @@ def test_random_moves_end_at_their_goals_or_before_anything_is_touched():
                 break
         ended.append(pair.conductor.body.motions.views()[-1].code)
         assert pair.least_m >= MARGIN_M - ROUNDING_M
-    assert set(ended) == {"", "COLLISION_AHEAD"} and ended.count("") > 2 * ended.count("COLLISION_AHEAD")
+    # Straight ways between random postures of the whole range lead through the body about every other time.
+    assert set(ended) == {"", "COLLISION_AHEAD"} and ended.count("") > ended.count("COLLISION_AHEAD")
 
 
 def test_a_stop_near_the_other_arm_is_a_stop_as_quick_as_ever():
