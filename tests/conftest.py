@@ -5,7 +5,9 @@ Knows nothing of the packages under test; fixtures live beside the tests that us
 
 from __future__ import annotations
 
+import os
 import signal
+import sys
 from typing import Any
 
 import pytest
@@ -68,11 +70,29 @@ def pytest_runtest_protocol(item: pytest.Item, nextitem: pytest.Item | None) -> 
     return _attempts[0].run(item, nextitem)
 
 
-def pytest_unconfigure() -> None:
-    """End the witnesses."""
+_status: list[int] = []
+
+
+def pytest_sessionfinish(exitstatus: int) -> None:
+    """Keep the status for the end."""
+    _status.append(int(exitstatus))
+
+
+@pytest.hookimpl(trylast=True)
+def pytest_unconfigure(config: pytest.Config) -> None:
+    """End the witnesses, and after end-to-end tests this process, whose reports are written by now.
+
+    Threads of zenoh and DDS may still be on their way into Python then: the interpreter's own end once aborted such a run,
+    all tests of which had passed ("exception not rethrown").
+    """
+    was_end_to_end = bool(_witnesses)
     _attempts.clear()
     while _witnesses:
         _witnesses.pop().close()
+    if was_end_to_end and _status and not hasattr(config, "workerinput"):
+        sys.stdout.flush()
+        sys.stderr.flush()
+        os._exit(_status[-1])
 
 
 def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
