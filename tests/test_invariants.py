@@ -167,6 +167,19 @@ class Trace:
     def play(self, step: tuple[Any, ...]) -> None:
         getattr(self, f"do_{step[0]}")(*step[1:])
 
+    def play_all(self, trace: list[Any]) -> None:
+        """Play a trace: rounds of what an owner does and what happens meanwhile, then the clean end of the daemon."""
+        for is_healed, motion, wait_s, happenings in trace:
+            self.resume(is_healed=is_healed)
+            self.play(motion)
+            self.pair.run(wait_s)
+            for happening, after_s in happenings:
+                self.play(happening)
+                self.pair.run(after_s)
+        self.pair.robot.clear()
+        self.pair.receive(ExitRequested(at_ns=self.pair.now_ns))
+        self.pair.run_until(lambda: self.pair.done, 5.0)
+
     def resume(self, *, is_healed: bool) -> None:
         """Do what an owner does to get on: recover, acquire, enable, wait a while."""
         if self.pair.state == "ACTIVE" and self.pair.engine.owner_id == "ann" and "ann" in self.pair.alive:
@@ -405,16 +418,7 @@ def run_trace(trace: list[Any], poses: tuple[Side, ...] = ()) -> Trace:
     pair = lean_pair(poses)
     player = Trace(pair, poses)
     player.epoch["ann"] = pair.activate("ann")
-    for is_healed, motion, wait_s, happenings in trace:
-        player.resume(is_healed=is_healed)
-        player.play(motion)
-        pair.run(wait_s)
-        for happening, after_s in happenings:
-            player.play(happening)
-            pair.run(after_s)
-    pair.robot.clear()
-    pair.receive(ExitRequested(at_ns=pair.now_ns))
-    pair.run_until(lambda: pair.done, 5.0)
+    player.play_all(trace)
     return player
 
 

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from gateway import robot
 from gateway.core.body_model import body_model
-from gateway.core.events import ExitRequested, Move, MovePose
+from gateway.core.events import Move, MovePose
 from gateway.core.quaternion import exp, multiply
 from gateway.settings import LinkSettings, LocalSettings, Settings
 from gateway.sim.settings import SimSettings
@@ -80,16 +80,7 @@ def run_trace(trace: list[Any]) -> Lined:
     player.epoch["ann"] = pair.activate("ann")
     pair.granted(Move(epoch=player.epoch["ann"], targets_rad=robot.HOME_Q_RAD), "ann")
     pair.run(3.0)
-    for is_healed, motion, wait_s, then in trace:
-        player.resume(is_healed=is_healed)
-        player.play(motion)
-        pair.run(wait_s)
-        for happening, after_s in then:
-            player.play(happening)
-            pair.run(after_s)
-    pair.robot.clear()
-    pair.receive(ExitRequested(at_ns=pair.now_ns))
-    pair.run_until(lambda: pair.done, 5.0)
+    player.play_all(trace)
     return player
 
 

@@ -5,10 +5,9 @@
 
 from __future__ import annotations
 
-from gateway.client.arm_control import ArmControl
 from gateway.client.chunks import FollowCheck
 from gateway.client.client import EventStream, Robot, connect
-from gateway.client.control import Control
+from gateway.client.control import ArmControl, Control
 from gateway.client.handles import JointStream, MotionHandle, PoseStream
 from gateway.client.health import Health
 from gateway.client.over_zenoh import Credentials

@@ -106,10 +106,10 @@ class Ownership:
             self._session.abandon()
 
     def _enable(self, timeout: float) -> Procedure[None]:
-        return procedures.enable(self._session, self._owned(), seconds("timeout", timeout))
+        yield from procedures.enable(self._session, self._owned(), seconds("timeout", timeout))
 
     def _disable(self, timeout: float) -> Procedure[None]:
-        return procedures.disable(self._session, self._owned(), seconds("timeout", timeout))
+        yield from procedures.disable(self._session, self._owned(), seconds("timeout", timeout))
 
     def _hold(self, sides: tuple[protocol.SideName, ...] = SIDES) -> Procedure[None]:
         yield from procedures.request(self._session, protocol.Hold(epoch=self.epoch, sides=sides))
@@ -130,7 +130,7 @@ class Ownership:
         lease = self._owned()
         return (yield from self._start(lease, follow(lease.epoch, points, dt, **wishes)))
 
-    def _start(self, lease: Lease, command: protocol.Move | protocol.Follow) -> Procedure[Accepted]:
+    def _start(self, lease: Lease, command: protocol.Move | protocol.Follow | protocol.MovePose) -> Procedure[Accepted]:
         motion, facts = yield from procedures.start_motion(self._session, command)
         return self._session, lease, motion, facts
 
@@ -153,5 +153,4 @@ class Ownership:
             tolerance_rad=tolerance_rad,
             on_limit=on_limit,
         )
-        motion, facts = yield from procedures.start_motion(self._session, command)
-        return self._session, lease, motion, facts
+        return (yield from self._start(lease, command))
