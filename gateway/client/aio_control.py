@@ -12,8 +12,9 @@ from typing import Any, TypeVar
 
 from gateway.api import protocol
 from gateway.client.aio_parts import ChassisControl, GripperControl, LiftControl
+from gateway.client.arm_commands import ArmCommands
 from gateway.client.awaiting import run
-from gateway.client.commands import ArmCommands, MotionCommands
+from gateway.client.commands import MotionCommands
 from gateway.client.door import OnExitName
 from gateway.client.motion import MotionRecord
 from gateway.client.ownership import Accepted

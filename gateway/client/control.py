@@ -5,8 +5,9 @@ from __future__ import annotations
 from types import TracebackType
 
 from gateway.api import protocol
+from gateway.client.arm_commands import ArmCommands
 from gateway.client.blocking import run
-from gateway.client.commands import ArmCommands, MotionCommands
+from gateway.client.commands import MotionCommands
 from gateway.client.door import OnExitName
 from gateway.client.handles import JointStream, MotionHandle, PoseStream
 from gateway.client.ownership import Accepted
