@@ -1,7 +1,8 @@
 """A real bridge as a process: which one, with what configuration.
 
 The program is what `bin/bridge build` made, or what `TA2_BRIDGE` names. Without one, tests that need it are skipped,
-unless `TA2_INTEROP=required` says that they must run, as in CI.
+unless `TA2_INTEROP=required` says that they must run, as in CI: a user has no bridge, and building one takes Rust and five
+minutes.
 """
 
 from __future__ import annotations
@@ -14,11 +15,12 @@ import subprocess
 from pathlib import Path
 from typing import Final
 
-import pytest
+from tests import leaving_out
 
 __all__ = ["BRIDGE_LEASE_MS", "bridge_program", "bridge_settings", "demand", "is_required", "lacking", "start_bridge"]
 
 ROOT: Final = Path(__file__).resolve().parents[2]
+_VARIABLE: Final = "TA2_INTEROP"
 BRIDGE_LEASE_MS: Final = 10_000
 """The default of zenoh, which a robot's bridge has unless its configuration says otherwise [ms]."""
 
@@ -46,7 +48,7 @@ def lacking(*, bridge: bool = True) -> str:
 
 def is_required() -> bool:
     """Return whether tests that lack something must fail instead of being left out."""
-    return os.environ.get("TA2_INTEROP") == "required"
+    return leaving_out.is_required(_VARIABLE)
 
 
 def demand(*, bridge: bool = True, module: bool = False) -> None:
@@ -56,12 +58,8 @@ def demand(*, bridge: bool = True, module: bool = False) -> None:
         bridge: Whether it needs a bridge too, and not only the DDS side of one.
         module: Whether this is called while the module is imported, for all its tests.
     """
-    what = lacking(bridge=bridge)
-    if what and is_required():
-        pytest.fail(what, pytrace=False)
-    if what:
-        # A user has no bridge: building one takes Rust and five minutes. CI builds one and requires it, see above.
-        pytest.skip(what, allow_module_level=module)
+    if what := lacking(bridge=bridge):
+        leaving_out.leave_out(what, _VARIABLE, module=module)
 
 
 def bridge_settings(

@@ -7,6 +7,7 @@ import sys
 import numpy as np
 import pytest
 
+from tests.sim.physics.drawing_needed import demand_drawing
 from tests.sim.physics.mujoco_needed import REASON
 
 pytest.importorskip("mujoco", reason=REASON)
@@ -18,11 +19,8 @@ from gateway.sim.physics.world import World
 @pytest.fixture
 def drawing():
     """A small view of the lift model's scene."""
-    try:
-        made = Drawing(has_lift=True, width=320, height=240)
-    except DrawingMissing as error:
-        pytest.skip(str(error))
-    with made:
+    demand_drawing()
+    with Drawing(has_lift=True, width=320, height=240) as made:
         yield made
 
 

@@ -9,13 +9,13 @@ from gateway.sim.composite import CROPS, Size, crop_box
 from gateway.sim.manual import EXAMPLE_HOME_RAD, Side
 from gateway.sim.physics.body_numbers import body_numbers
 from gateway.sim.rig import Rig
+from tests.sim.physics.drawing_needed import demand_drawing
 from tests.sim.physics.mujoco_needed import REASON
 from tests.sim.physics.test_lens import seen_at
 
 pytest.importorskip("mujoco", reason=REASON)
 av = pytest.importorskip("av")
 
-from gateway.sim.physics.drawing import DrawingMissing
 from gateway.sim.physics.eyes import Eyes
 from gateway.sim.physics.world import World
 
@@ -44,11 +44,8 @@ def eyes(world):
         asked.append(1)
         return world.positions()
 
-    try:
-        made = Eyes(ask, has_lift=True, size=SIZE)
-    except DrawingMissing as error:
-        pytest.skip(str(error))
-    with made:
+    demand_drawing()
+    with Eyes(ask, has_lift=True, size=SIZE) as made:
         made.asked = asked
         yield made
 

@@ -10,22 +10,18 @@ import time
 import pytest
 
 from tests.e2e.system import free_port, wait_for
+from tests.sim.physics.drawing_needed import demand_drawing
 from tests.sim.physics.mujoco_needed import REASON
 
 pytest.importorskip("mujoco", reason=REASON)
 av = pytest.importorskip("av")
-
-from gateway.sim.physics.drawing import Drawing, DrawingMissing
 
 pytestmark = pytest.mark.e2e
 
 
 def test_a_film_lasts_as_long_as_the_clock_says_and_is_whole_when_the_robot_has_ended(tmp_path):
     """`--record` beside a robot: pictures with times of their own, the last one near the end, however few there are."""
-    try:
-        Drawing(has_lift=False, width=64, height=64).close()
-    except DrawingMissing as error:
-        pytest.skip(str(error))
+    demand_drawing()
     endpoint, film, log = f"tcp/127.0.0.1:{free_port()}", tmp_path / "a.mp4", tmp_path / "sim.log"
     words = ["-m", "gateway.sim", "--physics", "mujoco", "--listen", endpoint, "--record", str(film)]
     with open(log, "w") as stream:

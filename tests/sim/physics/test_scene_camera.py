@@ -10,6 +10,7 @@ import pytest
 
 from gateway.sim.remote import SimControl
 from tests.e2e.system import free_port, wait_for
+from tests.sim.physics.drawing_needed import demand_drawing
 from tests.sim.physics.mujoco_needed import REASON
 from tests.video.sending import udp_port
 
@@ -17,7 +18,6 @@ pytest.importorskip("mujoco", reason=REASON)
 pytest.importorskip("av")
 
 from gateway.apps.video import Video
-from gateway.sim.physics.drawing import Drawing, DrawingMissing
 
 pytestmark = pytest.mark.e2e
 
@@ -30,11 +30,8 @@ def red(picture: np.ndarray) -> int:
 
 @pytest.fixture
 def endpoint():
-    """Where a simulation may listen; skipped where nothing draws."""
-    try:
-        Drawing(has_lift=False, width=64, height=64).close()
-    except DrawingMissing as error:
-        pytest.skip(str(error))
+    """Where a simulation may listen, if something draws here."""
+    demand_drawing()
     return f"tcp/127.0.0.1:{free_port()}"
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import shutil
 import subprocess
 import sys
 import time
@@ -12,6 +11,7 @@ import pytest
 
 from gateway.sim.remote import SimControl
 from tests.e2e.system import free_port, wait_for
+from tests.sim.physics.drawing_needed import demand_screen
 from tests.sim.physics.mujoco_needed import REASON
 
 pytest.importorskip("mujoco", reason=REASON)
@@ -32,9 +32,9 @@ def test_without_a_display_there_is_one_line_and_no_robot():
     assert "no display for a window" in ended.stderr and "--headless" in ended.stderr and ended.stderr.count("\n") == 1
 
 
-@pytest.mark.skipif(shutil.which("Xvfb") is None, reason="no Xvfb here to open a window on")
 def test_on_a_display_the_robot_lives_with_its_window(tmp_path):
     """Time of physics passes while it is shown; asked to end, it closes its window and ends with status 0."""
+    demand_screen()
     read, write = os.pipe()
     screen = ["Xvfb", "-displayfd", str(write), "-screen", "0", "640x480x24", "-nolisten", "tcp"]
     with open(tmp_path / "xvfb.log", "w") as log:
