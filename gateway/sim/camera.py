@@ -12,7 +12,6 @@ import argparse
 import contextlib
 import json
 import os
-import signal
 import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
@@ -20,6 +19,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any, Final
 
+from gateway.sim.companion import until_told
 from gateway.sim.composite import FULL, Size
 from gateway.sim.film import Coded, Film, Interrupted, live
 from gateway.sim.handover import HandOvers
@@ -97,29 +97,17 @@ def main(arguments: Sequence[str] | None = None) -> int:
         arguments: Without the program's name; None for this process's own.
     """
     options = command_line().parse_args(arguments)
-    ended: list[int] = []
-    numbers = (signal.SIGINT, signal.SIGTERM)
-    before = {number: signal.signal(number, lambda number, _: ended.append(number)) for number in numbers}
-
-    def is_unwanted() -> bool:
-        return bool(ended) or (options.parent is not None and os.getppid() != options.parent)
-
-    try:
-        os.nice(options.nice)
-        _send(options, is_unwanted)
-    except Interrupted:
-        return 0
-    except SimUnreachable as error:
-        if is_unwanted():  # the robot ended first
+    with until_told(options.parent) as is_unwanted:
+        try:
+            os.nice(options.nice)
+            _send(options, is_unwanted)
+        except Interrupted:
             return 0
-        sys.stderr.write(f"camera: {error}\n")
-        return 1
-    except (EncoderMissing, ValueError, OSError) as error:
-        sys.stderr.write(f"camera: {error}\n")
-        return 1
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
+        except (EncoderMissing, ValueError, OSError) as error:
+            if isinstance(error, SimUnreachable) and is_unwanted():  # the robot ended first
+                return 0
+            sys.stderr.write(f"camera: {error}\n")
+            return 1
     return 0
 
 

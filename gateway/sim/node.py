@@ -13,7 +13,6 @@ import contextlib
 import ctypes
 import gc
 import os
-import signal
 import subprocess
 import sys
 import time
@@ -24,6 +23,7 @@ from typing import Final
 import zenoh
 
 from gateway.sim.bridge import CONTROL_KEY, Bridge
+from gateway.sim.companion import until_told
 from gateway.sim.control import Control
 from gateway.sim.dynamics import WorldUnstable
 from gateway.sim.faults import Fault
@@ -285,11 +285,6 @@ def main_sim(
         ready: Called once when the robot can be reached.
         make: Makes the robot and what lies before it.
     """
-    signals: list[int] = []
-    previous = {
-        number: signal.signal(number, lambda number, _: signals.append(number))
-        for number in (signal.SIGINT, signal.SIGTERM)
-    }
 
     def write(line: str) -> None:
         with contextlib.suppress(BrokenPipeError):  # nobody reads any more; the robot goes on
@@ -297,7 +292,8 @@ def main_sim(
             sys.stdout.flush()
 
     try:
-        run(settings or SimSettings(), listen, should_stop=lambda: bool(signals), ready=ready, write=write, make=make)
+        with until_told() as should_stop:
+            run(settings or SimSettings(), listen, should_stop=should_stop, ready=ready, write=write, make=make)
     except zenoh.ZError as error:
         sys.stderr.write(
             f"cannot listen on {listen}: {error}\nAnother simulation or a bridge may use this port already.\n"
@@ -306,9 +302,6 @@ def main_sim(
     except WorldUnstable as error:
         sys.stderr.write(f"{error}\n")
         return 1
-    finally:
-        for number, handler in previous.items():
-            signal.signal(number, handler)
     return 0
 
 

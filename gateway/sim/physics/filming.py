@@ -10,7 +10,6 @@ from __future__ import annotations
 import argparse
 import contextlib
 import os
-import signal
 import sys
 import time
 from collections.abc import Callable, Sequence
@@ -18,6 +17,7 @@ from fractions import Fraction
 from pathlib import Path
 from typing import Any, Final
 
+from gateway.sim.companion import until_told
 from gateway.sim.manual import S
 from gateway.sim.physics.drawing import Drawing, DrawingMissing
 from gateway.sim.reaching import reached
@@ -45,23 +45,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
         arguments: Without the program's name; None for this process's own.
     """
     options = command_line().parse_args(arguments)
-    ended: list[int] = []
-    numbers = (signal.SIGINT, signal.SIGTERM)
-    before = {number: signal.signal(number, lambda number, _: ended.append(number)) for number in numbers}
-
-    def is_over() -> bool:
-        return bool(ended) or (options.parent is not None and os.getppid() != options.parent)
-
-    try:
-        os.nice(19)
-        with reached(options.at, is_over) as control:
-            _film(control, options, is_over)
-    except (DrawingMissing, OSError, ValueError) as error:
-        sys.stderr.write(f"film: {error}\n")
-        return 1
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
+    with until_told(options.parent) as is_over:
+        try:
+            os.nice(19)
+            with reached(options.at, is_over) as control:
+                _film(control, options, is_over)
+        except (DrawingMissing, OSError, ValueError) as error:
+            sys.stderr.write(f"film: {error}\n")
+            return 1
     return 0
 
 
