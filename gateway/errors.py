@@ -304,7 +304,10 @@ CODES: dict[Code, CodeInfo] = {
         error=Aborted,
         hint="use move_pose(), which lets the joints go as they like; or go slower, turned otherwise or by way of another pose",
     ),
-    Code.PLAN_FAILED: CodeInfo(error=Aborted, hint="report the message: this is a bug of the gateway"),
+    Code.PLAN_FAILED: CodeInfo(
+        error=Aborted,
+        hint="ask again from rest, slower, or by way of another pose; if there is no plan then either, report the message",
+    ),
     Code.TARGET_EXPIRED: CodeInfo(error=Aborted, hint="send targets more often than their expiry", retryable=True),
     Code.TICK_LATE: CodeInfo(
         error=Aborted,

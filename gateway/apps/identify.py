@@ -20,17 +20,18 @@ from rich.text import Text
 from gateway import config
 from gateway.apps.calibration_writing import robot_to_write_for, write_arms
 from gateway.apps.ending import ExitStatus
+from gateway.apps.looking_on import LookingOn
 from gateway.apps.pairs import Pairs, keep, measured_live, read_pairs
 from gateway.errors import Code, Refusal, to_exception
 from gateway.kinematics.arm import ArmModel
 from gateway.kinematics.arm_section import ArmCalibration, fingerprint
 from gateway.kinematics.calibration import RobotIdentity
 from gateway.kinematics.description import Description, nominal
-from gateway.kinematics.excitation import LEAST_GAIN, Excitation, distinct, excitation_of
+from gateway.kinematics.excitation import LEAST_GAIN, Excitation
 from gateway.kinematics.identify import Estimate, Identification, Misfit, Unidentified, identify
-from gateway.kinematics.parameters import Group, Parameters
+from gateway.kinematics.parameters import Group
 from gateway.kinematics.urdf import from_urdf
-from gateway.values import ARM_DOF, Side
+from gateway.values import Side
 
 __all__ = ["Errand", "carry_out", "document", "identify_arms", "lines"]
 
@@ -43,7 +44,7 @@ class Errand:
 
     Attributes:
         file: Pairs; None takes them from the gateway.
-        seconds: How long, then [s].
+        seconds: For how long at most, then [s]: it ends when there is enough.
         keep: Where to write these.
         sides: Arms that are asked about; None for all that there are pairs of.
         groups: What is fitted.
@@ -110,27 +111,11 @@ def _pairs(errand: Errand, arms: Mapping[Side, ArmModel], target: str | None, ti
     if errand.file is not None:
         return read_pairs(errand.file)
 
-    def tell(so_far: Pairs, left_s: float) -> None:
-        said = [_progress(arms[side], so_far, errand.groups) for side in errand.sides or Side]
-        print(f"{left_s:.0f} s left; {'; '.join(said)}", file=sys.stderr)
-
-    pairs = measured_live(target, timeout_s, errand.seconds, tell)
+    looking_on = LookingOn(arms, errand.sides or tuple(Side), errand.groups)
+    pairs = measured_live(target, timeout_s, errand.seconds, looking_on)
     if errand.keep is not None:
         keep(pairs, errand.keep)
     return pairs
-
-
-def _progress(arm: ArmModel, so_far: Pairs, groups: frozenset[Group]) -> str:
-    """Return how far an arm's postures carry, and what to move next."""
-    import numpy as np
-
-    q_rad = np.array([pair.q_rad for pair in so_far[arm.side]]).reshape(-1, ARM_DOF)
-    q_rad = q_rad[distinct(q_rad)]
-    if len(q_rad) < 2:
-        return f"{arm.side}: stands still"
-    known = excitation_of(Parameters(arm.chain, groups), q_rad, np.array(arm.lower_rad), np.array(arm.upper_rad))
-    move = f", move joint {known.advice[0].joint}" if known.advice else ""
-    return f"{arm.side}: {len(q_rad)} postures, gain {known.gain:.3f} of {LEAST_GAIN:g}{move}"
 
 
 def _calibration(side: Side, found: Identification, description: Description) -> ArmCalibration:

@@ -16,14 +16,19 @@ def add_identify(commands: Any, add: AddCommand) -> None:  # noqa: ANN401  argpa
         commands,
         "identify",
         "find joint zeros and end effector of this robot's arms from joints and poses that were measured",
-        "Moves nothing: somebody else moves the arms, slowly, all joints, through much of their range, while --live looks on. "
+        "Moves nothing: somebody else moves the arms, slowly, all joints, through much of their range, while --live looks on, "
+        "says what is missing, and ends when there is enough. "
         "Status 1 when an arm cannot be identified; the reason says how to move so that it can.",
     )
     source = identify.add_mutually_exclusive_group(required=True)
     source.add_argument("file", nargs="?", metavar="FILE", help="pairs of joints and poses (.jsonl, .csv)")
     source.add_argument("--live", action="store_true", help="take them from the gateway")
     identify.add_argument(
-        "--seconds", type=_seconds, default=60.0, metavar="S", help="how long to look on with --live [s] (default 60)"
+        "--seconds",
+        type=_seconds,
+        default=180.0,
+        metavar="S",
+        help="how long to look on with --live at most [s]; it ends as soon as there is enough (default 180)",
     )
     identify.add_argument(
         "--arm", choices=("left", "right"), help="only this arm (default: all that there are pairs of)"

@@ -93,9 +93,9 @@ def keep(pairs: Pairs, path: Path) -> None:
 
 
 def measured_live(
-    target: str | None, timeout_s: float, seconds: float, on_second: Callable[[Pairs, float], None]
+    target: str | None, timeout_s: float, seconds: float, on_second: Callable[[Pairs, float, float], bool]
 ) -> Pairs:
-    """Return the pairs that the gateway sees for some seconds. Nothing is owned and nothing is moved.
+    """Return the pairs that the gateway sees, until there is enough. Nothing is owned and nothing is moved.
 
     Joints and pose are paired by when they arrived at the gateway: the pose has no stamp (manual §4.8). Ctrl-C ends it
     early, with what there is.
@@ -103,8 +103,9 @@ def measured_live(
     Args:
         target: Where the gateway is; None finds its socket.
         timeout_s: Longest wait for it [s].
-        seconds: How long [s].
-        on_second: Called every second with what there is and how many seconds are left.
+        seconds: For how long at most [s].
+        on_second: Called every second with what there is, how many seconds have passed and how many are left; returns
+            whether there is enough.
 
     Raises:
         Disconnected: No gateway answers.
@@ -131,7 +132,8 @@ def measured_live(
                     break
                 if int(passed_s) > told:
                     told = int(passed_s)
-                    on_second(found, seconds - passed_s)
+                    if on_second(found, passed_s, seconds - passed_s):
+                        break
         except KeyboardInterrupt:
             pass
     return found

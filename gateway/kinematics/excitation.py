@@ -79,15 +79,16 @@ class Excitation:
         return self.gain >= LEAST_GAIN
 
 
-def distinct(q_rad: Array) -> NDArray[np.intp]:
+def distinct(q_rad: Array, step_rad: float = STEP_RAD) -> NDArray[np.intp]:
     """Return the indices of postures that differ from the one kept before, shape (m,).
 
     Args:
         q_rad: In the order of time, shape (n, 7) [rad].
+        step_rad: By so much at least, in one joint [rad].
     """
     kept = [0] if len(q_rad) else []
     for index in range(1, len(q_rad)):
-        if np.abs(q_rad[index] - q_rad[kept[-1]]).max() >= STEP_RAD:
+        if np.abs(q_rad[index] - q_rad[kept[-1]]).max() >= step_rad:
             kept.append(index)
     return np.array(kept, dtype=np.intp)
 

@@ -32,6 +32,9 @@ ACCURACY_M = 0.2e-3
 """Promised of every length likewise."""
 LEAST_POSTURES = 50
 """Different ones; fewer leave nothing to check the fit on."""
+FINE_RAD = 0.002
+"""Pairs nearer than this to the one before in all joints are left out: ten times the noise of a joint, so that an arm that
+stands still does not count for more and more, and one that creeps does."""
 MOST_PAIRS = 4000
 """More are thinned out evenly: they change nothing and take time."""
 LEAST_SHARE = 0.7
@@ -129,6 +132,7 @@ class Unidentified:
         postures: How many different ones there were.
         before: Residual of the description as it is; None without pairs.
         excitation: What they could tell; None without pairs.
+        missing: NOISY: times as many pairs of the same motion would do; None for other reasons.
     """
 
     why: Why
@@ -137,6 +141,7 @@ class Unidentified:
     postures: int
     before: Misfit | None = None
     excitation: Excitation | None = None
+    missing: float | None = None
 
 
 def identify(
@@ -150,8 +155,8 @@ def identify(
         groups: What is fitted; at least one.
     """
     measured = _measured(pairs)
-    measured = measured.at(distinct(measured.q_rad))
-    postures = len(measured.q_rad)
+    shown_rad = measured.q_rad[distinct(measured.q_rad)]
+    postures = len(shown_rad)
     if postures < LEAST_POSTURES:
         return Unidentified(
             why=Why.FEW,
@@ -159,18 +164,25 @@ def identify(
             hint="move all joints of the arm slowly, through as much of their range as there is room for",
             postures=postures,
         )
-    if postures > MOST_PAIRS:
-        measured = measured.at(np.linspace(0, postures - 1, MOST_PAIRS).astype(np.intp))
-    is_moving = measured.dq_radps is not None and float(np.sqrt(np.mean(measured.dq_radps**2))) > LAG_RADPS
+    measured, is_moving = _timed(measured.at(distinct(measured.q_rad, FINE_RAD)))
+    count = len(measured.q_rad)
+    if count > MOST_PAIRS:
+        measured = measured.at(np.linspace(0, count - 1, MOST_PAIRS).astype(np.intp))
     parameters = Parameters(arm.chain, groups | {Group.LAG} if is_moving else groups)
     before = _misfit(residuals(parameters, np.zeros(len(parameters.names)), measured))
     excitation = excitation_of(
-        Parameters(arm.chain, groups), measured.q_rad, np.array(arm.lower_rad), np.array(arm.upper_rad)
+        Parameters(arm.chain, groups), shown_rad, np.array(arm.lower_rad), np.array(arm.upper_rad)
     )
 
-    def no(why: Why, message: str, hint: str) -> Unidentified:
+    def no(why: Why, message: str, hint: str, missing: float | None = None) -> Unidentified:
         return Unidentified(
-            why=why, message=message, hint=hint, postures=postures, before=before, excitation=excitation
+            why=why,
+            message=message,
+            hint=hint,
+            postures=postures,
+            before=before,
+            excitation=excitation,
+            missing=missing,
         )
 
     if not excitation.is_enough:
@@ -193,12 +205,14 @@ def identify(
     estimates = _estimates(parameters, fit)
     lag_s = float(fit.vector[-1]) if is_moving else 0.0
     worst = max(estimates, key=lambda row: row.sigma / _accuracy(row))
-    if 3.0 * worst.sigma > _accuracy(worst):
+    missing = (3.0 * worst.sigma / _accuracy(worst)) ** 2
+    if missing > 1.0:
         return no(
             Why.NOISY,
             f"{worst.name} is known to ±{3e3 * worst.sigma:.2g} {'mm' if worst.unit == 'm' else 'mrad'} (3 sigma), "
             f"{1e3 * _accuracy(worst):g} is promised",
-            "take more pairs, move slower, and through more of the range",
+            f"take more pairs, some {missing:.1f} times as many of such motion, or move through more of the range",
+            missing,
         )
     validated = _validated(parameters, measured, fit.vector)
     if _growth(validated, after) > MOST_GROWTH:
@@ -234,14 +248,27 @@ def _measured(pairs: Sequence[Pair]) -> Measured:
 
 
 def _velocities(q_rad: Array, stamps_ns: NDArray[np.int64]) -> Array | None:
-    """Return the velocities of the joints, from the pairs around each; 0 beside a gap. None without stamps."""
+    """Return the velocities of the joints, from the pairs around each; NaN beside a gap. None without stamps."""
     if len(stamps_ns) < 2 * BESIDE + 1 or np.any(np.diff(stamps_ns) <= 0):
         return None
-    found = np.zeros_like(q_rad)
+    found = np.full_like(q_rad, np.nan)
     between_s = 1e-9 * (stamps_ns[2 * BESIDE :] - stamps_ns[: -2 * BESIDE])[:, None]
     slopes = (q_rad[2 * BESIDE :] - q_rad[: -2 * BESIDE]) / between_s
-    found[BESIDE:-BESIDE] = np.where(between_s < GAP_S, slopes, 0.0)
+    found[BESIDE:-BESIDE] = np.where(between_s < GAP_S, slopes, np.nan)
     return found
+
+
+def _timed(measured: Measured) -> tuple[Measured, bool]:
+    """Return the pairs that can be used, and whether their times matter.
+
+    Where they do, what has no velocity is left out: a lag that is not known of shifts it by as much as the promise and more.
+    """
+    if measured.dq_radps is None:
+        return measured, False
+    known = np.isfinite(measured.dq_radps).all(axis=1)
+    if not known.any() or float(np.sqrt(np.mean(measured.dq_radps[known] ** 2))) <= LAG_RADPS:
+        return measured._replace(dq_radps=None), False
+    return measured.at(np.flatnonzero(known)), True
 
 
 def _misfit(error: Array) -> Misfit:

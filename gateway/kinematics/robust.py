@@ -4,6 +4,10 @@ Levenberg-Marquardt on residuals that are divided by their own scatter, position
 measurement is off as a whole: Huber's first, which lets everybody have a say, then Tukey's, which ends that of the worst.
 (Huber, Robust Statistics, 1981; Beaton and Tukey, 1974; scatter by the median of absolute residuals.)
 
+When an arm moves, a pose whose time is known to a millisecond or two is off by that along the motion, and in no other
+direction. So where the lag is a parameter a residual has another scatter along the velocity of the end effector than across
+it: the faster the arm, the less the one direction of six says, and the other five say what they said before.
+
 The covariance is the larger, parameter by parameter, of two: from the scatter alone, and from blocks of measurements that
 follow each other in time, whose errors need not be independent (sandwich of clusters).
 """
@@ -16,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gateway.kinematics.batch import turns_of
-from gateway.kinematics.parameters import LENGTH_M, Parameters
+from gateway.kinematics.parameters import LENGTH_M, Group, Parameters
 
 __all__ = ["Fit", "Measured", "fitted", "residuals"]
 
@@ -35,6 +39,10 @@ CLOSE = 1e-11
 LEAST_SCATTER = 5e-5
 """Measurements are not trusted further than this [rad, LENGTH_M]: many may be exact by chance, as those of an arm at rest."""
 BLOCKS = 25
+DIRECTIONS = 6
+"""Of a residual; where an arm moves, one of them is along the motion."""
+SLOW = 1e-12
+"""Motion below this has no direction [scatter/s]."""
 TO_SIGMA = 1.4826
 """From the median of absolute values to the standard deviation of normal ones."""
 
@@ -74,6 +82,26 @@ class Fit(NamedTuple):
     weights: Array
 
 
+class Noise(NamedTuple):
+    """How residuals scatter.
+
+    Attributes:
+        scatter: Standard deviation across the motion, shape (6,).
+        along: Directions of the motion in units of it, shape (n, 6); zero where nothing moves.
+        less: What is taken off a residual in that direction, 0 to 1, shape (n,).
+    """
+
+    scatter: Array
+    along: Array
+    less: Array
+
+    def white(self, rows: Array) -> Array:
+        """Return residuals, or the columns of a Jacobian, in units of their scatter, shape (n, 6, k) as given."""
+        scaled = rows / self.scatter[:, None]
+        told = np.einsum("ni,nik->nk", self.along, scaled) * self.less[:, None]
+        return np.asarray(scaled - self.along[:, :, None] * told[:, None, :])
+
+
 def residuals(parameters: Parameters, vector: Array, measured: Measured) -> Array:
     """Return what the corrected arm does not explain, shape (n, 6): position in units of `LENGTH_M`, then angle [rad]."""
     at = parameters.forward(vector, measured.q_rad, measured.dq_radps)
@@ -93,12 +121,12 @@ def fitted(parameters: Parameters, measured: Measured, begin: Array | None = Non
     damping, is_huber = 1e-6, True
     error = residuals(parameters, vector, measured)
     for step_number in range(MOST_STEPS):
-        scatter = _scatter(error)
-        far = np.linalg.norm(error / scatter, axis=1)
-        jacobian = _jacobian(parameters, vector, measured) / scatter[:, None]
-        step = _step(jacobian, error / scatter, _weights(far, is_huber=is_huber), damping)
+        noise, jacobian, white = _seen(parameters, vector, measured, error)
+        far = np.linalg.norm(white, axis=1)
+        step = _step(jacobian, white, _weights(far, is_huber=is_huber), damping)
         moved = residuals(parameters, vector + step, measured)
-        if _cost(np.linalg.norm(moved / scatter, axis=1), is_huber=is_huber) <= _cost(far, is_huber=is_huber):
+        after = np.linalg.norm(noise.white(moved[:, :, None]), axis=(1, 2))
+        if _cost(after, is_huber=is_huber) <= _cost(far, is_huber=is_huber):
             vector, error, damping = vector + step, moved, max(0.1 * damping, 1e-12)
         else:
             damping = max(10.0 * damping, 1e-6)
@@ -106,14 +134,48 @@ def fitted(parameters: Parameters, measured: Measured, begin: Array | None = Non
         if length < CLOSE and not is_huber:
             break
         is_huber = is_huber and length > NEARLY and step_number < HUBER_STEPS
-    scatter = _scatter(error)
-    weights = _weights(np.linalg.norm(error / scatter, axis=1), is_huber=False)
-    jacobian = _jacobian(parameters, vector, measured) / scatter[:, None]
-    return Fit(vector, _covariance(jacobian, error / scatter, weights), weights)
+    _, jacobian, white = _seen(parameters, vector, measured, error)
+    weights = _weights(np.linalg.norm(white, axis=1), is_huber=False)
+    return Fit(vector, _covariance(jacobian, white, weights), weights)
 
 
-def _jacobian(parameters: Parameters, vector: Array, measured: Measured) -> Array:
-    return parameters.jacobian(parameters.forward(vector, measured.q_rad, measured.dq_radps), measured.dq_radps)
+def _seen(parameters: Parameters, vector: Array, measured: Measured, error: Array) -> tuple[Noise, Array, Array]:
+    """Return how residuals scatter, and Jacobian, shape (n, 6, k), and residuals, shape (n, 6), in units of that."""
+    jacobian = parameters.jacobian(parameters.forward(vector, measured.q_rad, measured.dq_radps), measured.dq_radps)
+    noise = _noise(error, jacobian[:, :, -1] if Group.LAG in parameters.groups else np.zeros_like(error))
+    return noise, noise.white(jacobian), noise.white(error[:, :, None])[:, :, 0]
+
+
+def _noise(error: Array, speed: Array) -> Noise:
+    """Return the scatter of residuals across the motion, and how far that of the times adds to it along.
+
+    The uncertainty of the times is that of the faster half of the pairs, where it tells most.
+
+    Args:
+        error: Residuals, shape (n, 6).
+        speed: How these change with time, shape (n, 6).
+    """
+    across = error - _part(error, _unit(speed))
+    is_moving = bool(np.median(np.linalg.norm(speed, axis=1)) > 0.0)
+    lost = DIRECTIONS / (DIRECTIONS - 1.0) if is_moving else 1.0
+    scatter = _scatter(across) * lost**0.5
+    rates = np.linalg.norm(speed / scatter, axis=1)
+    along = _unit(speed / scatter)
+    fast = rates >= np.median(rates)
+    size = TO_SIGMA * float(np.median(np.abs(np.einsum("ni,ni->n", along, error / scatter)[fast])))
+    timing_s = max(size**2 - 1.0, 0.0) ** 0.5 / max(float(np.median(rates[fast])), SLOW)
+    return Noise(scatter, along, 1.0 - 1.0 / np.sqrt(1.0 + (timing_s * rates) ** 2))
+
+
+def _unit(rows: Array) -> Array:
+    """Return rows of length 1, shape as given; of those that are hardly there, zeros."""
+    lengths = np.linalg.norm(rows, axis=1)
+    return np.asarray(np.where(lengths > SLOW, 1.0 / np.maximum(lengths, SLOW), 0.0)[:, None] * rows)
+
+
+def _part(rows: Array, along: Array) -> Array:
+    """Return the part of each row along a direction."""
+    return np.asarray(np.einsum("ni,ni->n", rows, along)[:, None] * along)
 
 
 def _scatter(error: Array) -> Array:

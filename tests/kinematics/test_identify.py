@@ -92,6 +92,27 @@ def test_a_lag_between_the_streams_is_found_along():
     assert isinstance(unstamped, Unidentified), "without stamps nobody can know, and nobody pretends to"
 
 
+def test_a_lag_that_wavers_spoils_nothing():
+    """Times that scatter by 3 ms about their lag, and a host that stood still now and then: still as promised."""
+    side = Side.LEFT
+    rng = np.random.default_rng(3)
+    pairs = measured(side, postures(side, 3500), lag_s=0.018 + 3e-3 * rng.normal(size=3500))
+    whole = [pair for index, pair in enumerate(pairs) if index % 200 > 14]
+    found = identify(ARMS[side], whole)
+    promised(found)
+    assert found.share > 0.95 and found.lag_s == pytest.approx(0.018, abs=1e-3)
+
+
+def test_postures_that_are_held_have_no_lag():
+    """One pair of each, seconds apart: nobody knows how fast the arm was, and it does not matter."""
+    side = Side.LEFT
+    q = postures(side)[::4]
+    pairs = [replace(pair, stamp_ns=100 * pair.stamp_ns) for pair in measured(side, q, noise=0.3)]
+    found = identify(ARMS[side], pairs)
+    promised(found)
+    assert found.lag_s == 0.0
+
+
 def test_outliers_are_left_out():
     """A fifth of the poses of another posture: still as promised, and told."""
     side = Side.LEFT
@@ -151,7 +172,8 @@ def test_too_much_scatter_is_refused():
     side = Side.LEFT
     found = identify(ARMS[side], measured(side, postures(side), noise=4.0))
     assert isinstance(found, Unidentified) and found.why is Why.NOISY
-    assert "(3 sigma), 0.2 is promised" in found.message and "take more pairs" in found.hint
+    assert "(3 sigma), 0.2 is promised" in found.message and found.missing is not None and found.missing > 1.5
+    assert f"take more pairs, some {found.missing:.1f} times as many" in found.hint
 
 
 def test_the_other_arms_poses_are_refused():
