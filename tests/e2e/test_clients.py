@@ -390,6 +390,7 @@ for count in range(int(sys.argv[2])):
 """
 
 
+@pytest.mark.thorough
 @pytest.mark.slow
 @pytest.mark.sim_only("a matter of clients and daemon, a minute long")
 def test_memory_is_flat_over_thousands_of_connections(system: System) -> None:

@@ -97,6 +97,7 @@ def wandering(own: Control, speed: float) -> Iterator[None]:
         walker.join(60.0)
 
 
+@pytest.mark.thorough
 @pytest.mark.sim_only("a minute of motion, of which another wire to the robot changes nothing")
 def test_a_body_that_is_not_the_models_is_told_identified_and_corrected(tmp_path: Path, systems: Systems) -> None:
     """Nominal: agrees, in motion too. Zeros off: differs within 5 s. Identified from its own motion: agrees again."""

@@ -121,6 +121,7 @@ def work(robot: Robot, system: System) -> None:
         lift_by(own, system, 0.1)
 
 
+@pytest.mark.thorough
 def test_a_block_is_picked_from_the_table_and_put_on_the_mark(tmp_path: Path, systems: Systems) -> None:
     """0.5 m of driving, 0.1 m of lifting, a grip from above: the block lies on the mark, and physics kept up with the clock."""
     for attempt in range(ATTEMPTS):

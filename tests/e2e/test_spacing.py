@@ -70,6 +70,7 @@ def work(robot: Robot) -> None:
                 assert tuple(map(float, robot.state.arm(side.value).q_ref)) == pytest.approx(HOME_Q_RAD[side], abs=1e-6)
 
 
+@pytest.mark.thorough
 def test_both_hands_that_are_led_together_stop_before_they_meet(tmp_path: Path, systems: Systems) -> None:
     """Refused as a goal; as streams slowed down and held back with the margin left; led home again."""
 

@@ -162,6 +162,7 @@ PLAYED = """
 for word in "$@"; do
     case $word in --junitxml=*) report=${word#--junitxml=} ;; esac
 done
+case "$*" in "-m pytest"*) printf '%s\n' "$*" >>"$0.calls" ;; esac
 case "$*" in
     *version_info*) echo 3.12.3 ;;
     *sched_getaffinity*) echo 2 ;;
@@ -174,25 +175,41 @@ esac
 """An interpreter whose pytest passes one test in every run, fails one more in one run, and breaks off in another."""
 
 
+def put_played(checkout: Path, fails: str = "", breaks: str = "") -> Path:
+    """Make such an interpreter that of the checkout; return the file in which it lists its runs of pytest."""
+    python = checkout / ".venv/bin/python"
+    put_script(python, PLAYED.replace("@FAILS@", fails).replace("@BREAKS@", breaks).replace("@PYTHON@", sys.executable))
+    stamp = f"{checkout}\n3.12.3\n{(checkout / 'pyproject.toml').read_text(encoding='utf-8')}"
+    (checkout / ".venv/.installed-test").write_text(stamp, encoding="utf-8")
+    return checkout / ".venv/bin/python.calls"
+
+
 @pytest.mark.parametrize(
     ("fails", "breaks", "said"),
     [
         ("", "", "3 passed"),
         ("quick", "", "1 failed, 3 passed"),
-        ("e2e", "", "1 failed, 3 passed"),
-        ("alone", "", "1 failed, 3 passed"),
-        ("", "quick", "1 failed, 2 passed"),
-        ("", "e2e", "1 failed, 2 passed"),
-        ("", "alone", "1 failed, 2 passed"),
+        pytest.param("e2e", "", "1 failed, 3 passed", marks=pytest.mark.thorough),
+        pytest.param("alone", "", "1 failed, 3 passed", marks=pytest.mark.thorough),
+        pytest.param("", "quick", "1 failed, 2 passed", marks=pytest.mark.thorough),
+        pytest.param("", "e2e", "1 failed, 2 passed", marks=pytest.mark.thorough),
+        pytest.param("", "alone", "1 failed, 2 passed", marks=pytest.mark.thorough),
         ("quick", "alone", "2 failed, 2 passed"),
     ],
 )
 def test_a_failure_in_any_part_fails_the_whole_run(checkout: Path, fails: str, breaks: str, said: str) -> None:
     """bin/test has three parts: one that fails or leaves no report fails it, and the closing line sums up all of them."""
-    played = PLAYED.replace("@FAILS@", fails).replace("@BREAKS@", breaks).replace("@PYTHON@", sys.executable)
-    put_script(checkout / ".venv/bin/python", played)
-    stamp = f"{checkout}\n3.12.3\n{(checkout / 'pyproject.toml').read_text(encoding='utf-8')}"
-    (checkout / ".venv/.installed-test").write_text(stamp, encoding="utf-8")
+    put_played(checkout, fails=fails, breaks=breaks)
     result = subprocess.run([checkout / "bin/test"], capture_output=True, text=True, timeout=120, check=False)
     assert re.fullmatch(rf"=+ {said} in \d+\.00s \(\d+:\d\d:\d\d\) =+", result.stdout.splitlines()[-1])
     assert (result.returncode == 0) is (said == "3 passed"), result.stderr
+
+
+@pytest.mark.parametrize(("profile", "is_left_out"), [("", True), ("dev", True), ("ci", False), ("long", False)])
+def test_what_takes_long_to_prove_a_little_more_is_run_by_ci(checkout: Path, profile: str, is_left_out: bool) -> None:
+    """Without arguments bin/test leaves out what is marked thorough, in each of its parts; CI and releases do not."""
+    calls = put_played(checkout)
+    environment = {**os.environ, "TA2_HYPOTHESIS_PROFILE": profile}
+    subprocess.run([checkout / "bin/test"], env=environment, capture_output=True, timeout=120, check=True)
+    runs = calls.read_text(encoding="utf-8").splitlines()
+    assert len(runs) == 3 and [("not thorough" in run) for run in runs] == [is_left_out] * 3

@@ -59,7 +59,7 @@ def pixels_of(path: Path) -> Iterator[tuple[int, bytes]]:
             yield ticks_of(picture.pts, picture.time_base), bytes(picture.to_ndarray(format="gray"))
 
 
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", [0, *(pytest.param(n, marks=pytest.mark.thorough) for n in (1, 2))])
 @pytest.mark.parametrize("name", ["take.mkv", "take.mp4"])
 @pytest.mark.parametrize(
     "faults",
