@@ -13,6 +13,9 @@ Rules it obeys
       a freeze. `ta2 run --no-guard` is for debuggers.
     * Ctrl-C in the daemon's terminal does not reach it (it has a session of its own); SIGTERM ends what it holds, or what it
       is about to hold: who ends a service asks both processes. One of long ago is no wish any more.
+    * What others command is the daemon's to hear while it ticks: it lets the robot go at once, and what it has on the wire is
+      all that may be gone on with. The guard hears it too from the first doubt on, while ticks are missing or when it acts. To
+      hear the daemon's own commands come back from the router would cost more than all else that the guard does.
     * The disk is written from a thread: a latch of the guard's reaches the state file, or the daemon that takes over.
 """
 
@@ -75,6 +78,8 @@ DYING_NS = 500_000
 """A daemon that was killed is looked at this often [ns]."""
 LISTEN_NS = 40_000_000
 """The robot is listened to this often while the guard waits [ns]: a state is at most twice as old then, which is fresh."""
+DOUBT_NS = 30_000_000
+"""Ticks that are missing for so long are a doubt [ns]."""
 FIRST_CLAIM = 1
 HANDED_S = 0.3
 """The claim stays seen this long after the hold was handed over [s]: until that of the daemon is."""
@@ -113,7 +118,7 @@ class Guard:
         self._life, self._daemon = files.life, files.daemon
         self._board = Blackboard(files.board)
         self._guardian = Guardian(settings)
-        self._link = RobotLink(settings.link, topics=DECIDING, stamped=())
+        self._link = RobotLink(settings.link, topics=DECIDING, stamped=(), hears_commands=False)
         beside = Path(settings.local.socket or default_socket())
         name = robot_name(settings.link.endpoint, settings.link.namespace)
         self._desk = GuardDesk(str(guard_socket(beside)), settings.local.socket_mode, name)
@@ -167,6 +172,7 @@ class Guard:
                 self._show_claim(0)
             if self._is_acting and not self._is_open:  # only now: the frames come first
                 self._is_open = True
+                self._link.hear_commands()
                 self._desk.open()
             self._board.say(os.getpid(), now_ns, self._link.zid, is_linked=self._link.is_up)
             deadline_ns = self._next_ns(now_ns)
@@ -240,6 +246,8 @@ class Guard:
         # Nor after the robot's own watchdogs have acted: it would disturb whoever commands the robot since.
         is_current = held is not None and now_ns - held.at_ns < FSM_WATCHDOG_NS
         self._is_armed = held is not None and held.is_sending and is_known and is_current
+        if held is not None and held.is_sending and now_ns - held.at_ns >= DOUBT_NS:
+            self._link.hear_commands()
         if self._asked_ns is not None and now_ns - self._asked_ns > ASKED_NS:
             self._asked_ns = None
         if is_daemon_gone:

@@ -63,10 +63,8 @@ S = 1_000_000_000
 
 LATE_NS = 15_000_000
 """After a pause of more than this everything is decoded at once [ns]: its turn is over."""
-
 CLAIM_END_S = 0.2
-"""How long the end waits for the thread of our token: it hangs only where the session hangs, too."""
-
+"""How long the end waits for our token's thread: it hangs only where the session hangs, too."""
 STEP_S = 0.25
 """Period of the link's own thread."""
 FAULT_PAUSE_S = 2.0
@@ -86,6 +84,7 @@ class RobotLink:
         stamped: Those of them whose samples are stamped when they arrive, which wakes a thread for each; the others
             count as old as they can be.
         is_reader: Whether to look only.
+        hears_commands: Whether to hear what others command from the beginning; else from `hear_commands` on.
 
     Attributes:
         undelivered: Frames that `publish` did not hand to zenoh because there was no transport or no session.
@@ -103,8 +102,10 @@ class RobotLink:
         stamped: Collection[str] = STAMPED,
         *,
         is_reader: bool = False,
+        hears_commands: bool = True,
     ) -> None:
         self.undelivered = 0
+        self._hears_commands = hears_commands
         self._settings = settings
         self._clock = clock
         self._wall_clock = wall_clock
@@ -118,8 +119,7 @@ class RobotLink:
         self._mailboxes = mailboxes_of(topics, stamped)
         self._slots = slots_of(self._mailboxes)
         self._every = [1, 2, 2, 2]
-        self._polls = 0
-        self._polled_ns = 0
+        self._polls = self._polled_ns = 0
         # From other threads to the loop: appended there, taken here, each one atomic operation.
         self._transport = TransportNews()
         self._observations: deque[RouteObserved | RobotsAnnounced] = deque()
@@ -191,6 +191,13 @@ class RobotLink:
         """
         self._friends.add(zid)
         self._own_news.append(Befriended(zid=zid, at_ns=self._clock()))
+
+    def hear_commands(self) -> None:
+        """Hear what others command from now on, on later sessions too. Any thread; returns at once."""
+        if not self._hears_commands:
+            self._hears_commands = True
+            if (session := self._session) is not None:
+                session.hear_commands()
 
     # ---------------------------------------------------------------------------------------------- the loop's thread
 
@@ -341,6 +348,8 @@ class RobotLink:
         self._foreign = foreign
         self._claim.attach(session)
         session.listen()  # only now: who is told of a transport can publish
+        if self._hears_commands:  # last: who wants it from now on finds the session itself
+            session.hear_commands()
         self._follow(discovery, foreign, session)
 
     def _drop(self, opened: zenoh.Session) -> None:

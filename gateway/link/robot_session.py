@@ -1,8 +1,9 @@
 """One open zenoh session to the robot's router, with everything declared on it.
 
 Order of the declarations: the token that a gateway is here, command keys, transport events, our other liveliness tokens,
-subscriptions, tokens of others. A token per state topic comes before its subscription, since without it somebody else's
-leaving subscriber ends our state for good (wire.md fact 8). After a reconnect zenoh declares all of it again by itself.
+subscriptions, tokens of others, and last, or when it is wanted, what others command. A token per state topic comes before
+its subscription, since without it somebody else's leaving subscriber ends our state for good (wire.md fact 8). After a
+reconnect zenoh declares all of it again by itself.
 
 Callbacks only stamp and store. They run in Python threads of their own, one per subscription (`indirect=True`): called
 directly from zenoh's one reader thread, each sample would wait for the GIL in line with all others. Two runs each with
@@ -18,6 +19,7 @@ has its own priority, so that a late 0.0 is neither dropped behind setpoints nor
 
 from __future__ import annotations
 
+import contextlib
 import logging
 import threading
 import time
@@ -116,6 +118,7 @@ class RobotSession:
         self._puts = {topic: self._sender(topic) for topic in commands}
         self._subscribers: dict[str, zenoh.Subscriber[Any]] = {}  # Any: with a callback or with a ring
         self._commands: Callable[[], Sequence[zenoh.Sample]] = tuple
+        self._hearing = threading.Lock()
         self._kept: list[Any] = []  # Any: whatever zenoh declares; dropping one would undeclare it
 
     def listen(self) -> None:
@@ -127,12 +130,24 @@ class RobotSession:
         self._subscribers = {topic: self._subscribe(topic) for topic in self._listener.mailboxes}
         for keys, take in ((ALL_TOKENS, self._on_token), (gateway_tokens(self._namespace), self._on_gateway)):
             self._kept.append(session.liveliness().declare_subscriber(keys, callback(take), history=True))
-        # Of remote origin: our own puts do not come back. A ring that the loop empties: nothing wakes while nobody sends.
-        ring = session.declare_subscriber(
-            self._command_keys, zenoh.handlers.RingChannel(CAPACITY), allowed_origin=zenoh.Locality.REMOTE
-        )
-        self._kept.append(ring)
-        self._commands = _drain(ring.try_recv)
+
+    def hear_commands(self) -> None:
+        """Hear the commands of others from now on. Any thread; returns at once: to declare takes long where the link hangs.
+
+        Never undone: a subscriber that leaves may end what others hear (wire.md fact 8).
+        """
+        threading.Thread(target=self._hear_commands, name="hear-commands", daemon=True).start()
+
+    def _hear_commands(self) -> None:
+        with self._hearing, contextlib.suppress(zenoh.ZError):  # closed: the next session is asked in its turn
+            if self._commands is tuple:
+                # Of remote origin: our own puts do not come back. A ring that the loop empties: nothing wakes while nobody
+                # sends.
+                ring = self._session.declare_subscriber(
+                    self._command_keys, zenoh.handlers.RingChannel(CAPACITY), allowed_origin=zenoh.Locality.REMOTE
+                )
+                self._kept.append(ring)
+                self._commands = _drain(ring.try_recv)
 
     def declare_armed(self) -> Callable[[], None]:
         """Show other gateways that we command the robot; return what ends that.

@@ -20,6 +20,7 @@ from gateway.errors import Disconnected
 from gateway.link.gateway_token import gateway_tokens, parse_gateway_token
 from gateway.values import Side
 from tests.e2e.system import System, joint_topics, steady, wait_for
+from tests.stranger import Stranger
 
 pytestmark = pytest.mark.e2e
 
@@ -341,6 +342,39 @@ def test_other_gateways_are_kept_away_until_the_last_stop_frame(tmp_path: Path) 
                 return []
         finally:
             system.close()
+
+    steady(attempt, tmp_path)
+
+
+def test_a_guard_that_holds_lets_go_when_somebody_else_commands(tmp_path: Path) -> None:
+    """It hears nobody's commands while it waits, since its daemon does; as soon as it acts it must."""
+
+    def attempt(folder: Path) -> list[str]:
+        scene = Scene(folder)
+        stranger = None
+        try:
+            guard = scene.guard_pid
+            system = scene.system
+            system.daemon.send(signal.SIGKILL)
+            wait_for(lambda: "TAKEN_OVER" in system.daemon.text(), "a hold")
+            if "not ticked" in system.daemon.text():
+                return ["the daemon stood still for 80 ms"]
+            stranger = Stranger(system.endpoint)
+            begun = scene.count()
+            wait_for(lambda: scene.count() > begun + 20, "hold frames")
+
+            def is_heard() -> bool:
+                stranger.put(CHASSIS, (0.0, 0.0, 0.0))
+                stranger.put(facts.FSM_ENABLE, (0.0,))
+                return "commands that we did not send" in system.daemon.text()
+
+            wait_for(is_heard, "the guard hears somebody else", 5.0)
+            wait_for(lambda: gone(guard), "the end of the guard", 5.0)
+            return []
+        finally:
+            if stranger is not None:
+                stranger.close()
+            scene.close()
 
     steady(attempt, tmp_path)
 

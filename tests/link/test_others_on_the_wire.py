@@ -243,3 +243,45 @@ def test_a_friend_is_introduced_in_the_order_of_events(place):
     place.wait(lambda: place.told(ForeignData), SOON_S)
     kinds = [type(event) for event in place.events if isinstance(event, (Befriended, ForeignData))]
     assert kinds == [Befriended, ForeignData] and place.told(ForeignData)[0].zid == guard.zid
+
+
+def test_who_hears_no_commands_does_so_as_soon_as_it_wants_to_and_after_the_next_connecting(place):
+    """As a guard does: nothing of what others command comes back to it while it waits."""
+    stranger = place.stranger()
+    guard = RobotLink(LinkSettings(endpoint=place.robot.endpoint), hears_commands=False)
+    guard.open()
+    try:
+        wait_until(lambda: guard.is_up, 5.0, "the guard's link")
+        place.hears(lambda: stranger.put(ARM, Q_RAD))  # whoever listens hears it
+        assert not any(isinstance(event, ForeignData) for event in guard.poll())
+
+        def hears() -> bool:
+            stranger.put(ARM, Q_RAD)
+            return any(isinstance(event, ForeignData) for event in guard.poll())
+
+        for _ in range(2):  # whoever doubts goes on doubting, and nothing is declared twice
+            guard.hear_commands()
+        wait_until(hears, 5.0, "a foreign command")
+        place.robot.kill()
+        wait_until(lambda: not guard.is_up, 5.0, "the end of the link")
+        place.robot.start()
+        wait_until(lambda: guard.is_up, 10.0, "a link again")
+        wait_until(hears, 5.0, "a foreign command on the new link")
+    finally:
+        assert guard.close(5 * S)
+
+
+def test_a_link_that_was_told_to_hear_commands_before_it_is_open_hears_them(place):
+    """Its first session declares what was wanted before there was one."""
+    stranger = place.stranger()
+    guard = RobotLink(LinkSettings(endpoint=place.robot.endpoint), hears_commands=False)
+    guard.hear_commands()
+    guard.open()
+    try:
+        wait_until(
+            lambda: (stranger.put(ARM, Q_RAD), any(isinstance(event, ForeignData) for event in guard.poll()))[1],
+            5.0,
+            "a foreign command",
+        )
+    finally:
+        assert guard.close(5 * S)
