@@ -22,7 +22,10 @@ _PATIENCE_NS: Final = 20 * MS
 """Further behind than this, time of physics is given up [ns]."""
 
 _SLOW: Final = 0.95
-"""A real-time factor below this is told."""
+"""A real-time factor below this is told: at once, then with the worst of every ..."""
+
+_TOLD_EVERY_NS: Final = 30 * S
+"""... while [ns], and once when it is over."""
 
 
 class Bodies:
@@ -47,6 +50,8 @@ class Bodies:
         self._due_ns = start_ns + STEP_NS
         self._lost_ns = 0
         self._mark_ns, self._mark_steps = start_ns, 0
+        self._worst = 1.0
+        self._tell_ns: int | None = None  # again, while it is too slow
         for side in Side:
             self.world.pose_arm(side, parts.arms[side].q_rad)
             gripper = parts.grippers[side]
@@ -105,11 +110,16 @@ class Bodies:
         is_first = self.real_time_factor is None
         self.real_time_factor = factor
         self._mark_ns, self._mark_steps = now_ns, self.world.steps
-        if factor < _SLOW:
-            text = f"real-time factor {factor:.2f}: motions are slower than a robot's, this machine is too busy or too slow"
-            self._parts.journal.note(now_ns, "PHYSICS_SLOW", "physics", text)
-        elif is_first:
-            self._parts.journal.note(now_ns, "PHYSICS", "physics", f"real-time factor {factor:.2f}")
+        if factor >= _SLOW:
+            if is_first or self._tell_ns is not None:
+                self._parts.journal.note(now_ns, "PHYSICS", "physics", f"real-time factor {factor:.2f}")
+            self._tell_ns = None
+            return
+        self._worst = min(self._worst, factor)
+        if self._tell_ns is None or now_ns >= self._tell_ns:
+            text = f"real-time factor {self._worst:.2f}: motions are slower than a robot's"
+            self._parts.journal.note(now_ns, "PHYSICS_SLOW", "physics", f"{text}, this machine is too busy or too slow")
+            self._worst, self._tell_ns = 1.0, now_ns + _TOLD_EVERY_NS
 
     def shed(self, now_ns: int) -> None:
         """Give up whole steps that are more than 20 ms behind.

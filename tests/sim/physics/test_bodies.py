@@ -226,6 +226,23 @@ def test_a_machine_that_is_too_slow_loses_time_of_physics_and_says_so():
     assert "real-time factor 0.5" in entry.text
 
 
+def test_slowness_is_told_at_once_then_twice_a_minute_with_the_worst_and_when_it_is_over():
+    """Not every second: whoever runs it on a busy machine reads other lines too."""
+    robot = SimRobot(SimSettings(physics="mujoco"))
+    now_ms = 0
+    for seconds, cycle_ms in ((2, 10), (10, 40), (10, 80), (15, 40), (3, 10)):
+        for _ in range(seconds * 1000 // cycle_ms):
+            now_ms += cycle_ms
+            robot.dynamics.shed(now_ms * MS)  # what is over 20 ms is not simulated
+            robot.advance(now_ms * MS, latest_only=True)
+    told = [
+        (entry.code, entry.text.removeprefix("physics: real-time factor ")[:3])
+        for entry in robot.journal.entries
+        if entry.code.startswith("PHYSICS")
+    ]
+    assert told == [("PHYSICS", "1.0"), ("PHYSICS_SLOW", "0.5"), ("PHYSICS_SLOW", "0.2"), ("PHYSICS", "1.0")]
+
+
 def test_who_keeps_up_loses_nothing():
     """Cycles of 5 ms, and one of 20."""
     robot = SimRobot(SimSettings(physics="mujoco"))
