@@ -269,6 +269,7 @@ def test_an_arm_in_each_control_mode_is_held_and_handed_over(tmp_path: Path) -> 
     steady(attempt, tmp_path)
 
 
+@pytest.mark.thorough
 @pytest.mark.alone
 def test_a_hold_outlives_a_daemon_that_dies_before_it_has_taken_it(tmp_path: Path) -> None:
     """Started and killed again: the guard that holds is found by the third daemon, and by whoever stops meanwhile."""

@@ -84,6 +84,7 @@ def test_the_page_of_a_gateway_and_that_of_a_look_tell_the_same_wire(tmp_path: P
         assert "WHO IS THERE" in ta2_link(*at)
 
 
+@pytest.mark.thorough
 def test_a_robot_with_a_namespace_is_found_offered_and_driven(tmp_path: Path, systems: Systems) -> None:
     """Without the setting nothing moves and everything names it; with it the robot is like any other."""
     system = systems(tmp_path, sim_options=("--namespace", "bot1"))

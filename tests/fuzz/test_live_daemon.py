@@ -124,6 +124,7 @@ def run_attacks(system: System, side: str, target: str) -> dict[str, Any]:
     return report
 
 
+@pytest.mark.thorough
 def test_hostile_clients_do_not_harm_the_daemon(system: System) -> None:
     """Raw queries, puts, deletions and declarations on every key of the local plane, a megabyte ending each batch."""
     report = run_attacks(system, "local", system.target)
@@ -136,6 +137,7 @@ def test_hostile_clients_do_not_harm_the_daemon(system: System) -> None:
     assert min(codes["BAD_REQUEST"], codes["no refusal"]) > PAYLOADS // 50, codes
 
 
+@pytest.mark.thorough
 def test_hostile_samples_do_not_harm_the_daemon(system: System) -> None:
     """Raw samples on the robot's state keys among the robot's own, and of tokens of a bridge that raves."""
     report = run_attacks(system, "robot", system.endpoint)

@@ -133,6 +133,7 @@ def test_6_7_lifts_pauses_lowers_and_disables():
     assert not robot.lift.is_powered
 
 
+@pytest.mark.thorough
 @pytest.mark.e2e
 def test_examples_in_pose_mode_over_the_wire():
     """6.1 and 6.3 over loopback zenoh against the node as a process."""
@@ -151,6 +152,7 @@ def test_examples_in_pose_mode_over_the_wire():
             user.close()
 
 
+@pytest.mark.thorough
 @pytest.mark.e2e
 def test_examples_in_joint_mode_over_the_wire():
     """6.6, 6.2, 6.5 and in CI also 6.4 and 6.7, over loopback zenoh against the node as a process."""

@@ -194,7 +194,7 @@ def put_played(checkout: Path, fails: str = "", breaks: str = "") -> Path:
         pytest.param("", "quick", "1 failed, 2 passed", marks=pytest.mark.thorough),
         pytest.param("", "e2e", "1 failed, 2 passed", marks=pytest.mark.thorough),
         pytest.param("", "alone", "1 failed, 2 passed", marks=pytest.mark.thorough),
-        ("quick", "alone", "2 failed, 2 passed"),
+        pytest.param("quick", "alone", "2 failed, 2 passed", marks=pytest.mark.thorough),
     ],
 )
 def test_a_failure_in_any_part_fails_the_whole_run(checkout: Path, fails: str, breaks: str, said: str) -> None:
@@ -205,7 +205,7 @@ def test_a_failure_in_any_part_fails_the_whole_run(checkout: Path, fails: str, b
     assert (result.returncode == 0) is (said == "3 passed"), result.stderr
 
 
-@pytest.mark.parametrize(("profile", "is_left_out"), [("", True), ("dev", True), ("ci", False), ("long", False)])
+@pytest.mark.parametrize(("profile", "is_left_out"), [("", True), ("ci", False)])
 def test_what_takes_long_to_prove_a_little_more_is_run_by_ci(checkout: Path, profile: str, is_left_out: bool) -> None:
     """Without arguments bin/test leaves out what is marked thorough, in each of its parts; CI and releases do not."""
     calls = put_played(checkout)
