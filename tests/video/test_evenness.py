@@ -80,3 +80,19 @@ def test_a_sender_may_change_its_habits():
     assert found == [True] * (MOST - ENOUGH + 1) + [False] * (40 - MOST + ENOUGH - 1)
     assert not any(nal(evenness, 900, 900, 900, 300) for _ in range(40))
     assert nal(evenness, 900, 500, 700, 300)
+
+
+def test_many_of_the_same_size_can_be_told_at_once():
+    """They count as if each had been taken."""
+    evenness = known()
+    evenness.begin(900)
+    evenness.repeat(40)
+    assert evenness.is_cut_short(899, is_last=False) is False and evenness.is_cut_short(700, is_last=False) is True
+    uneven = Evenness()
+    for _ in range(START + MOST):
+        nal(uneven, 500, 900, 300)
+    for _ in range(2 * MOST):
+        uneven.begin(900)
+        uneven.repeat(2)
+        assert not uneven.is_cut_short(300, is_last=True)
+    assert nal(uneven, 500, 900, 300), "it was even lately"

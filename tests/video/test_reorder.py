@@ -170,3 +170,22 @@ def test_what_is_held_is_bounded() -> None:
     for n in range(2000):
         feed.give(feed.next + 1 + 7 * n % 2999)
         assert len(feed.reorder._held) <= 16
+
+
+def test_packets_that_went_by_are_known_to_have_come() -> None:
+    """Over the turn of the numbers: the next one is in order, and each of them coming again is a duplicate."""
+    feed = Feed()
+    assert feed.reorder.is_newest(packet(feed.next - 1))
+    feed.reorder.pass_over(300)
+    assert feed.reorder.is_newest(packet(feed.next + 299)) and not feed.reorder.is_newest(packet(feed.next - 1))
+    feed.give(feed.next + 7, feed.next + 299, feed.next + 300)
+    assert feed.count("duplicates") == 2 and feed.seqs[-1] == feed.next + 300
+    assert feed.out[-1].seq == feed.out[-2].seq + 301 and feed.count("lost") == 0
+
+
+def test_nothing_is_the_newest_while_something_is_held_or_before_anything_came() -> None:
+    """What is held may be its successor's successor."""
+    assert not Reorder(Tally()).is_newest(packet(7))
+    feed = Feed()
+    feed.give(feed.next + 1)
+    assert not feed.reorder.is_newest(packet(feed.next - 1))

@@ -135,6 +135,10 @@ class Tally:
         """Count a packet of the stream: for each, so cheaply."""
         self._counts["packets"] += 1
 
+    def accept_all(self, count: int, size: int) -> None:
+        """Count so many datagrams of so many bytes each, all of them packets of the stream."""
+        self.add(datagrams=count, datagram_bytes=count * size, packets=count)
+
     def add(self, **counts: int) -> None:
         """Add to the counters named.
 

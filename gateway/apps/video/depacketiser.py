@@ -81,6 +81,11 @@ class Depacketiser:
         return self._picture is not None
 
     @property
+    def awaits(self) -> bytes:
+        """What the next fragment begins with; see `Picture.awaits`."""
+        return b"" if self._picture is None else self._picture.awaits
+
+    @property
     def unsupported(self) -> str:
         """What in the stream goes on being malformed: `ap`, `fu`, `paci` or `head`; empty when nothing does."""
         return next((kind for kind, most in MAX_MALFORMED.items() if self._in_a_row[kind] >= most), "")
@@ -125,6 +130,12 @@ class Depacketiser:
             done += self._finish(picture, now_ns)
             self._ended_time = rtp_time
         return done
+
+    def extend(self, pieces: list[bytes]) -> None:
+        """Take the next fragments of the unfinished NAL unit, without their headers, each of the size of the one before."""
+        assert self._picture is not None
+        self._evenness.repeat(len(pieces))
+        self._picture.add_fragments(*pieces)
 
     def _begin(self, rtp_time: int, gap: list[tuple[int, int]]) -> Picture:
         is_begun = self._is_between and not gap
@@ -213,7 +224,7 @@ class Depacketiser:
             picture.break_off()
             self._has_orphans = True
             return
-        picture.add_fragment(piece)
+        picture.add_fragments(piece)
         if ends:
             self._in_a_row["fu"] = 0
             nal = picture.end_fragments()

@@ -61,3 +61,7 @@ class Evenness:
         if is_last and self._count > 2:
             self._score = min(MOST, self._score + 1)
         return False
+
+    def repeat(self, count: int) -> None:
+        """Take so many fragments more of the size of the newest one, none of them the last one."""
+        self._count += count

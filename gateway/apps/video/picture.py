@@ -122,10 +122,9 @@ class Picture:
         self._fragment = len(self._parts) + 1
         self.add(nal, sees_delimiters=sees_delimiters)
 
-    def add_fragment(self, payload: bytes) -> None:
+    def add_fragments(self, *payloads: bytes) -> None:
         """Add to the unfinished NAL unit."""
-        self._parts.append(payload)
-        self._size += len(payload) + OVERHEAD_BYTES
+        self._append(*payloads)
 
     def end_fragments(self) -> bytes:
         """Finish the NAL unit and return it."""
@@ -155,7 +154,7 @@ class Picture:
 
     def _append(self, *parts: bytes) -> None:
         self._parts += parts
-        self._size += sum(map(len, parts)) + OVERHEAD_BYTES
+        self._size += sum(map(len, parts)) + len(parts) * OVERHEAD_BYTES
 
 
 def joined(ranges: Ranges, more: Ranges) -> Ranges:

@@ -77,6 +77,17 @@ class Reorder:
         self._received = 0  # bit n: whether the packet n + 1 before the next one came
         self._stray: tuple[RtpPacket, int] | None = None
 
+    def is_newest(self, packet: RtpPacket) -> bool:
+        """Return whether a packet is the last whose turn it was, with nothing held behind it: its successor is next."""
+        return self._next is not None and not self._held and (self._next - packet.seq) % _TURN == 1
+
+    def pass_over(self, count: int) -> None:
+        """Take in that the next packets came, in order, and went by; only while nothing is held."""
+        assert self._next is not None
+        self._received = (self._received << count | (1 << count) - 1) & _REMEMBERED
+        self._next += count
+        self._stray = None
+
     def put(self, packet: RtpPacket, now_ns: int) -> list[Ordered]:
         """Take a packet; return those whose turn it is now.
 

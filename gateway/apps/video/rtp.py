@@ -9,12 +9,14 @@ import struct
 from enum import Enum
 from typing import Final, NamedTuple
 
-__all__ = ["PAYLOAD_TYPE", "RtpFault", "RtpPacket", "parse", "payload_type_of"]
+__all__ = ["HEADER_BYTES", "PAYLOAD_TYPE", "RtpFault", "RtpPacket", "parse", "payload_type_of"]
 
 PAYLOAD_TYPE: Final = 96
 """Payload type of the robot's stream unless it is told otherwise (§5.1)."""
 
 _HEADER: Final = struct.Struct("!BBHII")
+HEADER_BYTES: Final = _HEADER.size
+"""Of a header without sources and extension."""
 _VERSION: Final = 2
 _HAS_PADDING: Final = 0x20
 _HAS_EXTENSION: Final = 0x10

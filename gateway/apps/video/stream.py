@@ -7,6 +7,7 @@ Rules
     * A new sender is a new life: sequence, time, parameter sets and the picture begun belong to the old one. A jump of the
       RTP time together with one of the sequence is a restart of the same sender, and a new life, too; a jump of the time
       alone is its clock's.
+    * Fragments that bring nothing new are put aside and handed on together (`streak`).
 
 Pure: datagrams and times in, pictures out. One thread at a time; `counts` and `facts` may be read from any.
 """
@@ -24,6 +25,7 @@ from gateway.apps.video.nal import NalType
 from gateway.apps.video.reorder import WINDOW, Ordered, Reorder
 from gateway.apps.video.rtp import PAYLOAD_TYPE, RtpFault, RtpPacket, parse, payload_type_of
 from gateway.apps.video.rtp_clock import RtpClock
+from gateway.apps.video.streak import Streak
 
 __all__ = ["SILENCE_NS", "Stream", "StreamFacts"]
 
@@ -94,6 +96,7 @@ class Stream:
         self._sender: tuple[int, str] | None = None
         self._reorder = Reorder(self.tally, window)
         self._clock: RtpClock | None = None
+        self._streak: Streak | None = None
         self._depacketiser = Depacketiser(self.tally, ssrc=0, life=-1, seq=0)
         self._life = -1
         self._life_ns: int | None = None
@@ -135,6 +138,11 @@ class Stream:
             now_ns: When it came, monotonic [ns].
         """
         self._datagram_ns = now_ns
+        if (streak := self._streak) is not None:
+            if streak.takes(datagram, source):
+                self._packet_ns = now_ns
+                return []
+            self._end_streak(streak)
         self.tally.arrive(len(datagram))
         if self._sources is not None and source not in self._sources:
             self._wrong_source = source
@@ -156,7 +164,10 @@ class Stream:
             self._clock = None
         self._packet_ns = now_ns
         self.tally.accept()
-        return self._take(self._reorder.put(packet, now_ns), now_ns)
+        units = self._take(self._reorder.put(packet, now_ns), now_ns)
+        if (awaits := self._depacketiser.awaits) and self._reorder.is_newest(packet):
+            self._streak = Streak(packet, awaits, source, self._payload_type)
+        return units
 
     def expire(self, now_ns: int) -> list[AccessUnit]:
         """Give up packets that were waited for too long, while nothing comes; return the pictures complete then.
@@ -164,7 +175,17 @@ class Stream:
         Args:
             now_ns: Monotonic time [ns].
         """
+        if self._streak is not None:
+            self._end_streak(self._streak)
         return self._take(self._reorder.expire(now_ns), now_ns)
+
+    def _end_streak(self, streak: Streak) -> None:
+        """Hand what was put aside to the layers."""
+        self._streak = None
+        if count := len(streak.pieces):
+            self.tally.accept_all(count, streak.size)
+            self._reorder.pass_over(count)
+            self._depacketiser.extend(streak.pieces)
 
     def _take(self, packets: list[Ordered], now_ns: int) -> list[AccessUnit]:
         units: list[AccessUnit] = []
