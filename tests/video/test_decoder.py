@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import subprocess
 import sys
+import threading
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from gateway.apps.video import decoder as module
@@ -244,6 +246,119 @@ def test_a_decoder_of_the_gpu_that_gives_nothing_any_more_is_given_up(decoder, m
     assert decoder.has_begun_anew and not decoder.is_nvdec and "given up" in decoder.note and "given up" in caplog.text
     assert counters(decoder, given[module.BARREN :]) == [(n, n) for n in range(module.BARREN, 60)]
     assert not decoder.has_begun_anew
+
+
+@pytest.mark.parametrize(
+    "error", [av.error.ExternalError(1, "device lost"), RuntimeError("gone"), MemoryError()], ids=repr
+)
+def test_a_decoder_of_the_gpu_that_fails_later_is_given_up_soon(monkeypatch, error):
+    """It was proved and taken, then refuses everything: software goes on at the next key picture, and the reason is told."""
+    given = units(coded(60))
+
+    class Failing(OtherSoftware):
+        left = 15  # the key picture of the proof, the end of it, then 13 pictures
+
+        def decode(self, packet):
+            self.left -= 1
+            if self.left < 0:
+                raise error
+            return super().decode(packet)
+
+    monkeypatch.setattr(nvdec, "WAYS", {"hevc on cuda": Failing})
+    made, damage, found = Decoder("auto"), Damage(), []
+    for unit in given:
+        verdict = damage.judge(unit)
+        if not verdict.is_decodable:
+            continue
+        found += counters(made, [unit])
+        if made.has_begun_anew:
+            damage.begin_anew()
+        if made._probe is not None:
+            until(lambda: made._probe.take() is not None, "the proof's end")
+    made.close()
+    assert found == [(n, n) for n in (*range(23), *range(30, 60))]
+    assert not made.is_nvdec and "given up" in made.note and type(error).__name__ in made.note
+    assert made.errors == 3
+
+
+def test_a_damaged_picture_that_a_gpu_refuses_does_not_end_it(decoder, monkeypatch):
+    """That is no fault of its own."""
+
+    class Refusing:
+        is_open = False
+
+        def decode(self, packet):
+            raise av.error.InvalidDataError(1, "no picture in it")
+
+    monkeypatch.setattr(decoder, "_context", Refusing())
+    decoder.name = "nvdec (hevc on cuda)"
+    for unit in units(coded(60))[: module.BARREN]:
+        decoder.decode(broken(unit), None)
+    assert decoder.is_nvdec and decoder.errors == module.BARREN
+
+
+def test_a_build_without_cuda_does_not_pass_for_a_gpu(monkeypatch):
+    """PyAV then decodes in software without a word, and software decodes exactly as software does."""
+    monkeypatch.setattr(nvdec, "HWAccel", lambda kind, **words: None)
+    context, why = nvdec.open_nvdec(coded(25)[0], expected(coded(25)[0]), module._low_delay)
+    assert context is None and "hevc on cuda: NotImplementedError: this FFmpeg was built without CUDA" in why
+
+
+def expected(key_picture):
+    """Return a picture as software decodes it."""
+    context = av.VideoCodecContext.create("hevc", "r")
+    (picture,) = [*context.decode(av.Packet(key_picture)), *context.decode(None)]
+    return picture
+
+
+def test_where_there_is_no_gpu_both_ways_say_why():
+    """On this machine as it is: never an exception, and never a decoder that was not proved."""
+    context, why = nvdec.open_nvdec(coded(25)[0], expected(coded(25)[0]), module._low_delay)
+    if context is None:
+        assert why.startswith("hevc on cuda: ") and "; hevc_cuvid: " in why
+    else:  # there is one, and it has proved itself
+        assert why in nvdec.WAYS
+        context.flush_buffers()
+
+
+def test_a_way_that_raises_what_nobody_expects_is_a_reason_too(monkeypatch, caplog):
+    """Another version of PyAV may have another interface: software goes on, with the error in the note and in the log."""
+
+    def changed():
+        raise TypeError("create() takes 2 arguments")
+
+    made, found = probed(monkeypatch, {"hevc on cuda": changed})
+    assert found == [(n, n) for n in range(25)]
+    assert made.note == "NVDEC is not used: the proof ended by an error, TypeError: create() takes 2 arguments"
+    assert "the proof of NVDEC" in caplog.text
+
+
+def test_a_driver_that_hangs_holds_nobody_up(monkeypatch, caplog):
+    """Pictures come from software, and closing does not wait for ever; what it opens in the end is of no use to anybody."""
+    answer = threading.Event()
+
+    def hangs():
+        answer.wait(60.0)
+        return OtherSoftware()
+
+    monkeypatch.setattr(nvdec, "WAYS", {"hevc on cuda": hangs})
+    monkeypatch.setattr(nvdec, "CLOSE_S", 0.01)
+    made = Decoder("auto")
+    assert counters(made, units(coded(25))) == [(n, n) for n in range(25)]
+    made.close()
+    assert "has not answered" in caplog.text and not made.is_nvdec
+    answer.set()
+
+
+@pytest.mark.parametrize("matrix", [1, 2, 6, 9])
+@pytest.mark.parametrize("colour_range", [0, 1, 2])
+def test_a_picture_of_a_gpu_has_the_colours_of_the_same_picture_decoded_in_software(matrix, colour_range):
+    """It comes with its colours in one plane (NV12); the RGB is the same to the bit, whatever the stream says of it."""
+    convert, planar = RgbConverter().convert, expected(coded(25)[0])
+    interleaved = planar.reformat(format="nv12")
+    for picture in (planar, interleaved):
+        picture.colorspace, picture.color_range = matrix, colour_range
+    assert np.array_equal(convert(interleaved), convert(planar))
 
 
 def test_dropping_a_decoder_never_hangs():

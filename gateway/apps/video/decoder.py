@@ -16,7 +16,7 @@ from typing import Any, Generic, Literal, TypeVar
 
 from gateway.apps.video.access_unit import AccessUnit
 from gateway.apps.video.libav import Flags, av
-from gateway.apps.video.nvdec import Probe
+from gateway.apps.video.nvdec import FAILURES, Probe
 
 __all__ = ["DecodedPicture", "Decoder", "DecoderChoice"]
 
@@ -28,7 +28,9 @@ UNSPECIFIED_MATRIX = 2
 """matrix_coeffs of H.265, Table E.5."""
 UNSPECIFIED_RANGE = 0
 BARREN = 30
-"""After so many intact access units without a picture a GPU's decoder is given up."""
+"""After so many intact access units without a picture a GPU's decoder is given up ..."""
+ERROR_WEIGHT = 10
+"""... where one that it refuses counts for so many: what is intact is not refused by a decoder that works."""
 
 logger = logging.getLogger(__name__)
 
@@ -92,12 +94,14 @@ class Decoder:
         self._given += 1
         while len(self._marks) > MAX_PENDING:
             del self._marks[next(iter(self._marks))]
+        weight = 1
         try:
             pictures += self._context.decode(packet)
-        except av.FFmpegError as error:
+        except FAILURES as error:
+            weight = ERROR_WEIGHT
             self.errors += 1
             self.last_error = f"{type(error).__name__}: {error}"
-        self._watch(unit, pictures)
+        self._watch(unit, pictures, weight)
         for picture in pictures:
             self._name_colours(picture)
         return [DecodedPicture(self._marks.pop(p.pts), p) for p in pictures if p.pts in self._marks]
@@ -164,14 +168,14 @@ class Decoder:
         if picture.color_range == UNSPECIFIED_RANGE:
             picture.color_range = self._context.color_range
 
-    def _watch(self, unit: AccessUnit, pictures: list[av.VideoFrame]) -> None:
+    def _watch(self, unit: AccessUnit, pictures: list[av.VideoFrame], weight: int) -> None:
         """Go back to software when the GPU gives nothing any more; decoding then begins anew."""
         if pictures or not self.is_nvdec:
             self._barren = 0
             return
-        self._barren += unit.is_intact
+        self._barren += weight * unit.is_intact
         if self._barren >= BARREN:
-            self.note = f"NVDEC was given up: no picture from {self._barren} access units. {self.last_error}".rstrip()
+            self.note = f"NVDEC was given up: no picture from intact access units. {self.last_error}".rstrip()
             logger.warning("%s", self.note)
             self._forget()
             self._context, self.name = self._software(), f"software ({self._threads} slice threads)"

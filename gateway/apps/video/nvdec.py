@@ -12,6 +12,7 @@ parser waits for the picture after it.
 
 from __future__ import annotations
 
+import logging
 import threading
 from collections.abc import Callable
 
@@ -20,14 +21,23 @@ import numpy as np
 from gateway.apps.video.libav import HWAccel, av
 from gateway.apps.video.rgb import rows_of
 
-__all__ = ["WAYS", "Probe", "difference", "open_nvdec"]
+__all__ = ["FAILURES", "WAYS", "Probe", "difference", "open_nvdec"]
 
 COMPARABLE = ("yuv420p", "yuvj420p", "nv12")
 """Formats whose first plane is luma of 8 bits."""
+FAILURES = (av.FFmpegError, RuntimeError, ValueError, NotImplementedError, MemoryError)
+"""What PyAV raises when a way does not exist, or fails later on."""
+CLOSE_S = 5.0
+"""Longest wait for a proof that nobody wants any more [s]: a driver that hangs must not hold up whoever ends."""
+
+logger = logging.getLogger(__name__)
 
 
 def _on_cuda() -> av.VideoCodecContext:
-    return av.VideoCodecContext.create("hevc", "r", HWAccel("cuda", allow_software_fallback=False))
+    context = av.VideoCodecContext.create("hevc", "r", HWAccel("cuda", allow_software_fallback=False))
+    if not context.is_hwaccel:  # PyAV makes one of software then, without a word: it would pass every proof
+        raise NotImplementedError("this FFmpeg was built without CUDA for H.265")
+    return context
 
 
 def _on_cuvid() -> av.VideoCodecContext:
@@ -67,13 +77,21 @@ class Probe:
         return None if self._thread.is_alive() else self._result
 
     def close(self) -> None:
-        """Wait for its end and give up what nobody has taken; not for a decoder that is in use."""
-        self._thread.join()
-        context, _ = self._result
-        if context is not None:
+        """Wait for its end, not for long, and give up what nobody has taken; not for a decoder that is in use."""
+        self._thread.join(CLOSE_S)
+        if (result := self.take()) is None:
+            logger.warning("NVDEC's driver has not answered the proof: it is left behind")
+        elif (context := result[0]) is not None:
             context.flush_buffers()
 
     def _run(self) -> None:
+        try:
+            self._result = self._prove()
+        except Exception as error:
+            logger.warning("the proof of NVDEC ended by an error", exc_info=error)
+            self._result = None, f"the proof ended by an error, {type(error).__name__}: {error}"
+
+    def _prove(self) -> tuple[av.VideoCodecContext | None, str]:
         software = self._software
         try:
             expected = [*software.decode(av.Packet(self._key_picture)), *software.decode(None)]
@@ -81,10 +99,9 @@ class Probe:
             expected = []
         if software.is_open:
             software.flush_buffers()
-        if expected:
-            self._result = open_nvdec(self._key_picture, expected[0], self._prepare)
-        else:
-            self._result = None, "the first key picture cannot be decoded at all"
+        if not expected:
+            return None, "the first key picture cannot be decoded at all"
+        return open_nvdec(self._key_picture, expected[0], self._prepare)
 
 
 def open_nvdec(
@@ -105,7 +122,7 @@ def open_nvdec(
             prepare(context)
             found = [*context.decode(av.Packet(key_picture)), *context.decode(None)]
             reason = difference(found[0], expected) if found else "gave no picture"
-        except (av.FFmpegError, RuntimeError, ValueError, NotImplementedError) as error:
+        except FAILURES as error:
             reason = f"{type(error).__name__}: {error}"
         if context is not None and context.is_open:
             context.flush_buffers()  # before it is used again, and before it is dropped
