@@ -8,7 +8,9 @@ Rules
 
 from __future__ import annotations
 
+import atexit
 import json
+import os
 import threading
 import time
 from collections.abc import Callable
@@ -219,7 +221,10 @@ class _Answer:
 
 
 class Pulse:
-    """A daemon thread that beats on an absolute grid until it is stopped.
+    """A daemon thread that beats on an absolute grid until it is stopped, or Python is about to end.
+
+    It must not be inside zenoh then: Python before 3.14 unwinds a daemon thread that comes back, and zenoh's Rust aborts
+    the process over that ("exception not rethrown").
 
     Args:
         period_ns: Distance of two beats [ns]; the first comes at once.
@@ -230,6 +235,8 @@ class Pulse:
         self._period_ns = period_ns
         self._beat = beat
         self._stopped = threading.Event()
+        self._pid = os.getpid()
+        atexit.register(self._end_with_python)
         self._thread = threading.Thread(target=self._run, name="ta2-keepalive", daemon=True)
         self._thread.start()
 
@@ -244,9 +251,14 @@ class Pulse:
 
     def stop(self) -> None:
         """End; waits for a beat in progress unless the beat itself asks."""
+        atexit.unregister(self._end_with_python)
         self._stopped.set()
         if self._thread is not threading.current_thread():
             self._thread.join(1.0)
+
+    def _end_with_python(self) -> None:
+        if os.getpid() == self._pid:  # a forked process has no such thread
+            self.stop()
 
 
 def _disconnected(message: str, hint: str = "") -> GatewayError:

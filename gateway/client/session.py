@@ -12,6 +12,7 @@ It sends and remembers; waiting is the shells' business (`waits` says for what),
 
 from __future__ import annotations
 
+import atexit
 import contextlib
 import logging
 import os
@@ -31,6 +32,9 @@ __all__ = ["Lease", "Motion", "Session", "Sighting"]
 
 GONE_NS = 1_000_000_000
 """A daemon that is away for longer is gone; shorter is a hiccup of the connection [ns]."""
+
+CLOSING_S = 3.0
+"""So long Python waits at its end for a connection that is being closed [s]: usual are milliseconds."""
 
 log = logging.getLogger(__name__)
 
@@ -359,7 +363,8 @@ class Session:
 def _close_forgotten(transport: Transport, beating: list[Callable[[], None]], pid: int) -> None:
     """Close the connection of a session that was dropped without `close`; a robot that it owned is left held.
 
-    From a thread of its own: the last reference may go anywhere, also in the middle of a callback of the transport.
+    From a thread of its own: the last reference may go anywhere, also in the middle of a callback of the transport. Python
+    waits for it before it ends: a thread that came back from zenoh afterwards would abort the process (`over_zenoh.Pulse`).
     """
     if os.getpid() != pid:
         return
@@ -368,9 +373,14 @@ def _close_forgotten(transport: Transport, beating: list[Callable[[], None]], pi
         for stop in list(beating):
             stop()
         transport.close()
+        atexit.unregister(thread.join)
 
-    with contextlib.suppress(RuntimeError):  # the interpreter is ending, and the connection with it
-        threading.Thread(target=close, name="ta2-close", daemon=True).start()
+    thread = threading.Thread(target=close, name="ta2-close", daemon=True)
+    atexit.register(thread.join, CLOSING_S)
+    try:
+        thread.start()
+    except RuntimeError:  # the interpreter is ending, and the connection with it
+        atexit.unregister(thread.join)
 
 
 def _ignore(_: bytes | None) -> None:

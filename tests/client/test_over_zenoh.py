@@ -10,6 +10,7 @@ import subprocess
 import sys
 import threading
 import time
+from contextlib import ExitStack
 
 import numpy as np
 import pytest
@@ -52,6 +53,42 @@ with connect(sys.argv[1], name="child") as robot, robot.control(on_exit="release
         print("interrupted", own.is_open, flush=True)
         raise
 """
+
+
+HASTY = """
+import sys, time
+from gateway.client import connect
+robot = connect(sys.argv[1], name="hasty")
+transport = robot._session.transport
+beats = [transport.every(20_000, lambda: transport.put("ta2/nobody", b"beat")) for _ in range(4)]
+print("up", flush=True)
+time.sleep(0.05)
+"""
+FORGETFUL = """
+import sys
+from gateway.client import connect
+robots = [connect(sys.argv[1], name=f"forgetful{n}") for n in range(4)]
+robots.clear()
+print("up", flush=True)
+"""
+
+
+@pytest.mark.parametrize("program", [HASTY, FORGETFUL], ids=["keepalives", "closings"])
+def test_a_program_that_closes_nothing_ends_well(daemon, program):
+    """Twenty times, with threads of ours inside zenoh at the end: keepalives, and what closes robots that nobody holds.
+
+    Before 3.14 Python unwinds a daemon thread that comes back after its end, over zenoh's frames, which abort the process.
+    """
+    words = [sys.executable, "-c", program, f"unix:{daemon.socket}"]
+    for _ in range(5):
+        with ExitStack() as stack:
+            running = [
+                stack.enter_context(subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True))
+                for _ in range(4)
+            ]
+            for process in running:
+                said = process.communicate(timeout=30)
+                assert (process.returncode, *said) == (0, "up\n", "")
 
 
 def test_the_whole_way(daemon):
