@@ -1,8 +1,9 @@
 """Systems for end-to-end tests, ended whatever happens; each test with each robot.
 
-The robots: the simulated one on zenoh, and the same model as a node on a DDS graph behind a real bridge
-(`tests/interop/dds_robot.py`). Every test is the same for both, with the same bounds, and where one is not for the
-second it is marked `sim_only` with the reason:
+The robots: the simulated one on zenoh, the same model as a node on a DDS graph behind a real bridge
+(`tests/interop/dds_robot.py`), and where `TA2_PHYSICS=mujoco` says so, as in CI, the first with a body that forces move.
+Every test is the same for all, with the same bounds. One that proves nothing of how a body moves is marked
+`body_free` with the reason and does without forces; one that is for the first robot alone is marked `sim_only`:
 
 * The demo starts a robot of its own.
 * Dead routes: the simulated bridge has a switch for them. A real one must be brought to it, which it refuses to be as
@@ -18,6 +19,7 @@ by CycloneDDS's own serializer.
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -29,16 +31,20 @@ from tests.interop.bridge_process import demand, is_required, lacking
 
 
 def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
-    """Give every test both robots, unless it says that it is not for the second one, or there is none."""
+    """Give every test all robots, unless it says that it is not for one, or there is none."""
     kinds: list[Any] = ["sim"]
-    if metafunc.definition.get_closest_marker("sim_only") is None and (is_required() or not lacking()):
-        kinds.append(pytest.param("dds", marks=pytest.mark.interop))
+    marker = metafunc.definition.get_closest_marker
+    if marker("sim_only") is None:
+        if is_required() or not lacking():
+            kinds.append(pytest.param("dds", marks=pytest.mark.interop))
+        if os.environ.get("TA2_PHYSICS") == "mujoco" and marker("body_free") is None:
+            kinds.append(pytest.param("forces", marks=pytest.mark.forces))
     metafunc.parametrize("robot_kind", kinds, indirect=True)
 
 
 @pytest.fixture(autouse=True)
 def robot_kind(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> str:
-    """Choose the robot of a test: `sim` or `dds`."""
+    """Choose the robot of a test: `sim`, `dds` or `forces`."""
     kind: str = request.param
     if kind == "dds":
         demand()

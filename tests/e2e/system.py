@@ -54,9 +54,6 @@ MACHINE_BOUND_MS = 30.0
 """A gap bound is judged only when the plain loop was never later than this [ms]."""
 
 
-PHYSICS = os.environ.get("TA2_PHYSICS", "")
-"""How the simulated robots move: empty as usual, `mujoco` with forces. The tests are the same for both."""
-
 STALLED = ("STATE_STALE", "PART_STALE", "PART_LOST", "TICK_LATE", "CLIENT_LOST")
 """How a motion rightly ends on a machine that stood still for a tenth of a second: whoever judges no time begins again."""
 
@@ -249,7 +246,8 @@ class System:
     """A simulated robot and a daemon, each a process.
 
     The robot's wire is the simulated bridge or, with the kind `dds`, a DDS graph with a real bridge before it: another
-    program and another port for the tests' questions, nothing else.
+    program and another port for the tests' questions, nothing else. With the kind `forces` it is the first, whose body moves
+    with forces.
 
     Args:
         folder: For sockets, state and logs.
@@ -261,7 +259,7 @@ class System:
     """
 
     kind: ClassVar[str] = "sim"
-    """`sim` or `dds`; chosen for each test by the fixture `robot_kind`."""
+    """`sim`, `forces` or `dds`; chosen for each test by the fixture `robot_kind`."""
     robot_place: tuple[str, ...] = ()
     daemon_place: tuple[str, ...] = ()
     """Put before the robot's and the daemon's interpreter, where they do not run beside the test."""
@@ -276,8 +274,8 @@ class System:
         has_guard: bool = True,
     ) -> None:
         self.folder = folder
-        if PHYSICS and "--physics" not in sim_options:
-            sim_options = (*sim_options, "--physics", PHYSICS)
+        if self.kind == "forces":
+            sim_options = (*sim_options, "--physics", "mujoco")
         self.sim_options = sim_options
         self.sim_port = free_port()
         self.endpoint, self.control_endpoint = self.endpoints()
@@ -294,11 +292,11 @@ class System:
     def endpoints(self) -> tuple[str, str]:
         """Return where the robot listens, and where it is asked by the tests."""
         endpoint = f"tcp/127.0.0.1:{self.sim_port}"
-        return endpoint, endpoint if self.kind == "sim" else f"tcp/127.0.0.1:{free_port()}"
+        return endpoint, endpoint if self.kind != "dds" else f"tcp/127.0.0.1:{free_port()}"
 
     def start_sim(self) -> Process:
         """Start the simulated robot."""
-        if self.kind == "sim":
+        if self.kind != "dds":
             arguments = ["-m", "gateway.sim", "--listen", self.endpoint, *self.sim_options]
             return Process("sim", arguments, self.folder, before=self.robot_place)
         from tests.interop.dds_node import loopback  # CycloneDDS is not everywhere
@@ -328,7 +326,7 @@ class System:
         """Connect a client of this process, as soon as the daemon sees a live robot."""
         robot = wait_for(lambda: connect(self.target, name=name, timeout_s=1.0), "a daemon", tell=self.logs)
         wait_for(lambda: robot.state.link.fresh and robot.state.mode is not None, "a live robot", tell=self.logs)
-        if self.kind == "sim":
+        if self.kind != "dds":
             run_apart(self.sim.pid)
         assert isinstance(robot, Robot)
         return robot

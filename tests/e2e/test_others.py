@@ -17,7 +17,7 @@ from gateway.values import Side
 from tests.e2e.system import Process, Relay, System, steady, wait_for
 from tests.stranger import Stranger
 
-pytestmark = pytest.mark.e2e
+pytestmark = [pytest.mark.e2e, pytest.mark.body_free("who else commands is the matter")]
 
 Systems = Callable[..., System]
 

@@ -13,7 +13,7 @@ import pytest
 from tests.e2e.system import ATTEMPTS, ROOT, STALLED, System
 from tests.thoroughness import IS_THOROUGH
 
-pytestmark = pytest.mark.e2e
+pytestmark = [pytest.mark.e2e, pytest.mark.body_free("the words are the matter, and the heart's tests move both arms")]
 
 
 def test_the_readmes_first_program_moves_both_arms(tmp_path: Path, systems: Callable[..., System]) -> None:

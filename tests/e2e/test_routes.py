@@ -14,7 +14,7 @@ from gateway.values import Side
 from tests.e2e.system import System, wait_for
 from tests.stranger import Stranger
 
-pytestmark = pytest.mark.e2e
+pytestmark = [pytest.mark.e2e, pytest.mark.body_free("the wire is the matter")]
 
 Systems = Callable[..., System]
 

@@ -15,7 +15,11 @@ from gateway.values import Side
 from tests.e2e.system import System, steady, wait_for
 from tests.kinematics.guarded_arms import MARGIN_M, MEET, model
 
-pytestmark = [pytest.mark.e2e, pytest.mark.alone]
+pytestmark = [
+    pytest.mark.e2e,
+    pytest.mark.alone,
+    pytest.mark.body_free("it is setpoints that keep the margin, and they are the same whatever follows them"),
+]
 
 Systems = Callable[..., System]
 STARVED = {
