@@ -1,0 +1,42 @@
+"""The README's pictures: there, small, and drawn by this repository itself."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import pytest
+from PIL import Image
+
+from tests.sim.physics.drawing_needed import demand_drawing
+from tests.sim.physics.mujoco_needed import REASON
+from tests.tooling.readme_pictures import FOLDER, PICTURES, draw
+
+ROOT = Path(__file__).resolve().parents[2]
+MOST_BYTES = 150_000
+
+
+def size_px(file: Path) -> tuple[int, int]:
+    """Return a picture's width and height."""
+    with Image.open(file) as picture:
+        return picture.size
+
+
+def test_every_picture_of_the_readme_is_there_and_small() -> None:
+    """And none lies about that the README does not show."""
+    shown = re.findall(r"!\[[^]]+\]\(([^)]+)\)", (ROOT / "README.md").read_text(encoding="utf-8"))
+    assert {ROOT / name for name in shown} == set(FOLDER.iterdir()) >= {FOLDER / name for name in PICTURES}
+    for file in FOLDER.iterdir():
+        assert min(size_px(file)) > 100 and file.stat().st_size < MOST_BYTES, file
+
+
+@pytest.mark.slow
+def test_the_pictures_can_be_drawn_anew(tmp_path: Path) -> None:
+    """By one command, in the same sizes: what is shown is what the programs draw now."""
+    pytest.importorskip("mujoco", reason=REASON)
+    pytest.importorskip("matplotlib")
+    demand_drawing()
+    draw(tmp_path)
+    for name in PICTURES:
+        assert size_px(tmp_path / name) == size_px(FOLDER / name)
+        assert (tmp_path / name).stat().st_size < MOST_BYTES
