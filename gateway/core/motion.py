@@ -152,6 +152,10 @@ class JointReference:
             return self.rest_q_rad()
         return self._course.end_rad
 
+    def aim_q_rad(self) -> Vector:
+        """Return where what it follows leads it, its target or its path's end; else where it would rest, shape (7,) [rad]."""
+        return self._follower.target_rad if self.mode is ReferenceMode.FOLLOW else self.end_q_rad()
+
     # ------------------------------------------------------------------------------------------------ what is asked
 
     def seed(self, q_rad: Sequence[float]) -> None:

@@ -1,20 +1,22 @@
 """Spacing: parts of the body are kept apart while arms move by joint setpoints, tick by tick.
 
-    next setpoints of both arms, looked at  ->  Approach.judge  ->  taken, or a step of the stop instead
+    next setpoints of both arms, looked at  ->  Look.judge  ->  taken, or a step of the stop instead
 
 Rules
     * On where the configuration asks for it (`model.self_collision`) and the model agrees with the robot, for both arms. When
       it does not, motion by joints goes on as it would without a model, and that is told.
     * An arm that follows a target is slowed down, then stopped, joint by joint: joints that close a gap which would become too
-      narrow take a step of their stop, the others go on. So it can always be led away again.
+      narrow take a step of their stop, the others go on. So it can always be led away again, also out of where what opens one
+      gap closes another.
     * A path or a trajectory is one motion: it ends with COLLISION_AHEAD, and its arms brake.
     * Stops, holds and walks (a reference that is led to where its arm is) are never changed; others mind them.
     * An arm whose joints nobody here commands (end-effector mode, or no stream) stands where it is measured, and may go on as
       far as its measured velocity takes it. That is a guess: by poses it is not moved while this is on (`room.py`).
     * It is setpoints that keep the margin. The arms follow them within the bound of the tracking error.
 
-A judgement costs 0.2 to 0.5 ms. So wider ways are judged along, as far ahead as there is room, and nothing is asked again
-until the arms leave them: at 0.3 rad/s in most ticks; at 1 rad/s, with parts near, in few.
+A look at the body costs 0.2 to 0.5 ms. So it serves for the next ticks as well, as far as its bounds let their ways pass, which
+costs a third. Wider ways are judged along, as far ahead as there is room (`spare.py`), and nothing is asked until the arms
+leave them: at 0.3 rad/s in most ticks; at 1 rad/s, with parts near, in two of five.
 """
 
 from __future__ import annotations
@@ -29,6 +31,7 @@ from gateway.core.motions import MotionState
 from gateway.core.path import REST, State
 from gateway.core.room import whereabouts, why_off
 from gateway.core.snapshot import SpacingView
+from gateway.core.spare import Spare, wider
 from gateway.core.stops import Stops
 from gateway.errors import Code
 from gateway.kinematics.judgement import Going, Motion, Verdict, Ways
@@ -37,7 +40,8 @@ from gateway.values import Side, Vector
 
 if TYPE_CHECKING:  # they take numpy along, which a guard has no use for
     from gateway.core.body_model import BodyModel
-    from gateway.kinematics.collision import Posture
+    from gateway.kinematics.approach import Look
+    from gateway.kinematics.collision import CollisionModel
 
 __all__ = ["Spacing"]
 
@@ -48,14 +52,10 @@ SHOWN_NS = 100 * MS
 """The nearest pair is looked for this far apart [ns]."""
 QUIET_NS = 1 * S
 """A stream that was not held back for so long is told of anew [ns]."""
-SPARE_S = 0.08
-"""How far ahead of their stops joints are judged at most, where there is room [s]."""
-LEAST_SPARE_S = 0.02
-"""Judging less far ahead saves nothing [s]."""
-SPARE_RADPS = 0.05
-"""... and as if they were faster by so much, both ways [rad/s]."""
-TIGHT_TICKS = 8
-"""For so many ticks after there was no such room nobody asks for it."""
+LOOK_RAD = 0.2
+"""A look at the body serves until a joint is so much further than it would have been in that tick [rad]."""
+LIMITED_TICKS = 4
+"""So many ticks apart the velocity limits are worked out while nothing has to be held back."""
 ADRIFT_RADPS = 0.05
 """An arm that nobody here commands stands, below this [rad/s]: noise, and sagging."""
 
@@ -77,10 +77,10 @@ class Spacing:
         arm = conductor.settings.arm
         self._v_radps, self._a_radps2, self._j_radps3 = arm.v_radps, arm.a_radps2, arm.j_radps3
         self._was_off_told = False
-        self._free: list[Extent] | None = None
-        """Where every joint of both arms may be, in any mixture [rad]; None where that is not known."""
-        self._spare_s = SPARE_S
-        self._tight = 0
+        self._spare = Spare()
+        self._look: Look | None = None
+        """The last look at the body; None where it is of no use any more."""
+        self._ticks = 0
         self._shown_ns = -S
         self._held_ns: dict[Side, int] = {}
         """When each arm that follows a target was held back last [ns]."""
@@ -100,7 +100,8 @@ class Spacing:
         is_moving = any(reference.ahead() != reference.place for reference in moved.values())
         self._tell_off(why, now_ns, is_moving=is_moving)
         if why or len(here) < len(Side):
-            self._free = None
+            self._spare.drop()
+            self._look = None
             self._held_ns.clear()
             for reference in moved.values():
                 reference.bound(1.0)
@@ -121,74 +122,77 @@ class Spacing:
 
     def _judge(self, model: BodyModel, here: Mapping[Side, Vector], moved: Moved, now_ns: int) -> None:
         wanted = {side: reference.ahead() for side, reference in moved.items()}
-        ways = {side: self._way(side, here[side], wanted.get(side)) for side in Side}
         assert model.approach is not None and model.collision is not None
-        if self._is_free(here, ways):
+        if self._look is not None and self._passes(self._look, here, moved, wanted):
             return
-        posture, motion = model.collision.posture(here), self._motion(here, moved, wanted, ways)
-        verdict = model.approach.judge(posture, motion)
-        self._keep_free(here, motion, is_free=verdict.has_spare)
-        if not verdict.is_free:
-            self._hold_back(posture, moved, verdict, now_ns)
-        for side, reference in moved.items():
-            if reference.mode is ReferenceMode.FOLLOW:
-                reference.bound(min(1.0, verdict.limit_radps[side] / self._v_radps))
-
-    def _motion(self, here: Mapping[Side, Vector], moved: Moved, wanted: Mapping[Side, State], ways: Ways) -> Motion:
-        """Return what the rule is asked."""
-        self._tight = max(self._tight - 1, 0)
-        return Motion(
-            wanted=ways,
-            braked=lambda: {side: self._braked(side, here[side], ways, moved.get(side)) for side in Side},
-            speed_radps={side: wanted[side][1] if side in wanted else REST for side in Side},
-            together=self._together(moved),
-            course=lambda going: self._stops(here, moved, wanted, ways, going),
-            spare=None if self._tight else {side: _wider(ways[side], wanted.get(side), self._spare_s) for side in Side},
+        ways, aims = self._ways(here, here, wanted), self._aims(moved)
+        spare = self._spare.ask(here, ways, wanted, aims)
+        look = model.approach.look(here, wider(here, ways if spare is None else spare, wanted, aims, LOOK_RAD))
+        verdict = look.judge(
+            Motion(
+                wanted=ways,
+                braked=lambda: {side: self._braked(side, here[side], ways, moved.get(side)) for side in Side},
+                speed_radps={side: wanted[side][1] if side in wanted else REST for side in Side},
+                together=self._together(moved),
+                course=lambda going: self._stops(here, moved, wanted, ways, going),
+                spare=spare,
+            )
         )
+        self._look = look
+        self._spare.keep(here, spare, is_free=verdict.has_spare)
+        if not verdict.is_free:
+            self._hold_back(model.collision, here, moved, verdict, now_ns)
+        self._bound(moved, verdict.limit_radps)
 
-    def _keep_free(self, here: Mapping[Side, Vector], motion: Motion, *, is_free: bool) -> None:
-        """Keep what was found free beyond what was asked; ask for more next time, or for less."""
-        self._free = None
-        if motion.spare is None:
-            return
-        if is_free:
-            rows = [(here[side], motion.spare[side]) for side in Side]
-            self._free = [(q + low, q + high) for row in rows for q, (low, high) in zip(*row, strict=True)]
-            self._spare_s = min(1.5 * self._spare_s, SPARE_S)
-        elif self._spare_s > LEAST_SPARE_S:
-            self._spare_s *= 0.5
-        else:
-            self._tight = TIGHT_TICKS
-
-    def _is_free(self, here: Mapping[Side, Vector], ways: Ways) -> bool:
-        """Whether ways lie inside what was found free before."""
-        if self._free is None:
+    def _passes(self, look: Look, here: Mapping[Side, Vector], moved: Moved, wanted: Mapping[Side, State]) -> bool:
+        """Whether all may go on, as far as the last look at the body tells."""
+        ways = self._ways(look.here, here, wanted)
+        if self._spare.holds(look.here, ways):
+            return True
+        spare = self._spare.ask(look.here, ways, wanted, self._aims(moved))
+        passing = look.passing(ways, spare)
+        if passing is None:
             return False
-        free = iter(self._free)
-        for side in Side:
-            for q, (low, high), (lowest, highest) in zip(here[side], ways[side], free, strict=False):
-                if q + low < lowest or q + high > highest:
-                    return False
+        self._spare.keep(look.here, spare, is_free=passing.has_spare)
+        self._ticks += 1
+        if self._ticks % LIMITED_TICKS == 0:
+            self._bound(moved, passing.limits({side: wanted[side][1] if side in wanted else REST for side in Side}))
         return True
 
-    def _way(self, side: Side, here: Vector, wanted: State | None) -> list[Extent]:
-        """Return how far the joints of an arm may go from where they are, through the wanted state and its stop [rad]."""
+    def _bound(self, moved: Moved, limit_radps: Mapping[Side, float]) -> None:
+        """Limit the velocity of arms that follow targets [rad/s]."""
+        for side, reference in moved.items():
+            if reference.mode is ReferenceMode.FOLLOW:
+                reference.bound(min(1.0, limit_radps[side] / self._v_radps))
+
+    def _aims(self, moved: Moved) -> dict[Side, Vector]:
+        return {side: reference.aim_q_rad() for side, reference in moved.items()}
+
+    def _ways(self, origin: Mapping[Side, Vector], here: Mapping[Side, Vector], wanted: Mapping[Side, State]) -> Ways:
+        """Return how far the joints may go from where the body was looked at, through where they are now [rad]."""
+        return {side: self._way(side, origin[side], here[side], wanted.get(side)) for side in Side}
+
+    def _way(self, side: Side, origin: Vector, here: Vector, wanted: State | None) -> list[Extent]:
+        """Return how far an arm may go from an origin, through where it is and the wanted state, and its stop [rad]."""
         a_max, j_max = self._a_radps2, self._j_radps3
         if wanted is not None:
             return [
-                way_extent(q, (to,), stop_extent(v, a, a_max, j_max)) for q, to, v, a in zip(here, *wanted, strict=True)
+                way_extent(begin, (q, to), stop_extent(v, a, a_max, j_max))
+                for begin, q, to, v, a in zip(origin, here, *wanted, strict=True)
             ]
         arm, measured = self._conductor.body.joint_arms[side], self._conductor.store.arm(side)
         if arm.running:  # not due in this tick
-            return [stop_extent(v, a, a_max, j_max) for v, a in zip(arm.rates, arm.forces, strict=True)]
-        speeds = measured.dq_radps if measured is not None and measured.dq_radps else REST
-        return [STAYS if abs(v) < ADRIFT_RADPS else stop_extent(v, 0.0, a_max, j_max) for v in speeds]
+            stops = [stop_extent(v, a, a_max, j_max) for v, a in zip(arm.rates, arm.forces, strict=True)]
+        else:
+            speeds = measured.dq_radps if measured is not None and measured.dq_radps else REST
+            stops = [STAYS if abs(v) < ADRIFT_RADPS else stop_extent(v, 0.0, a_max, j_max) for v in speeds]
+        return [way_extent(begin, (q,), stop) for begin, q, stop in zip(origin, here, stops, strict=True)]
 
     def _braked(self, side: Side, here: Vector, ways: Ways, reference: JointReference | None) -> Sequence[Extent]:
         """Return how far the joints of an arm go when they brake now [rad]; on its way where nobody here can brake it."""
         if reference is None or self._conductor.body.joint_arms[side].is_walking:
             return ways[side]
-        return self._way(side, here, reference.stop_ahead())
+        return self._way(side, here, here, reference.stop_ahead())
 
     def _stops(
         self, here: Mapping[Side, Vector], moved: Moved, wanted: Mapping[Side, State], ways: Ways, going: Going
@@ -212,11 +216,13 @@ class Spacing:
 
     # ------------------------------------------------------------------------------------------------ what it does
 
-    def _hold_back(self, posture: Posture, moved: Moved, verdict: Verdict, now_ns: int) -> None:
+    def _hold_back(
+        self, parts: CollisionModel, here: Mapping[Side, Vector], moved: Moved, verdict: Verdict, now_ns: int
+    ) -> None:
         """Have joints that may not go on take a step of their stop: alone on a stream, all of them on a path."""
-        near = posture.told(verdict.pair)
-        margin_m = posture.model.margin_m
-        parts = (
+        near = parts.posture(here).told(verdict.pair)
+        margin_m = parts.margin_m
+        text = (
             f"{near.first} and {near.second} are {1e3 * near.gap_m:.0f} mm apart and might come to "
             f"{1e3 * verdict.kept_m:.0f} mm, {1e3 * margin_m:.0f} mm must stay free"
         )
@@ -227,9 +233,9 @@ class Spacing:
                 continue
             if reference.mode is ReferenceMode.FOLLOW:
                 reference.lead(_mixed(reference.ahead(), reference.stop_ahead(), going))
-                self._tell_held(side, parts, now_ns)
+                self._tell_held(side, text, now_ns)
             elif reference.mode in WHOLE:
-                ended = body.drop_driver(side, MotionState.ABORTED, Code.COLLISION_AHEAD, f"{parts}: it brakes")
+                ended = body.drop_driver(side, MotionState.ABORTED, Code.COLLISION_AHEAD, f"{text}: it brakes")
                 arm.brake()
                 self._conductor.report_ended(ended, now_ns)
 
@@ -270,15 +276,6 @@ class Spacing:
             margin_m=model.collision.margin_m,
             held=tuple([side.value for side, at_ns in self._held_ns.items() if now_ns - at_ns < SHOWN_NS]),
         )
-
-
-def _wider(ways: Sequence[Extent], wanted: State | None, spare_s: float) -> list[Extent]:
-    """Return ways that hold those of the next ticks as well, where the joints go on as they do [rad]."""
-    speeds = REST if wanted is None else wanted[1]
-    return [
-        (low + spare_s * (min(v, 0.0) - SPARE_RADPS), high + spare_s * (max(v, 0.0) + SPARE_RADPS))
-        for (low, high), v in zip(ways, speeds, strict=True)
-    ]
 
 
 def _mixed(wanted: State, braked: State, going: Sequence[bool]) -> State:

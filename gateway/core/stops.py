@@ -6,15 +6,22 @@ in the same instant, so that where the joints are together is known for every in
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import math
+from collections.abc import Mapping, Sequence
 
 from gateway.core.braking import JointLimits, Ramp, advance, duration, ramp
 from gateway.core.path import State
 from gateway.kinematics.judgement import Ways
-from gateway.kinematics.stopping import Extent, stop_extent
+from gateway.kinematics.stopping import STAYS, Extent, stop_extent
 from gateway.values import Side, Vector
 
-__all__ = ["Stops"]
+__all__ = ["MOST_SETPOINTS", "Stops"]
+
+MOST_SETPOINTS = 12
+"""A course of so many setpoints, or fewer, is told setpoint by setpoint."""
+
+ROUNDING = 1e-9
+"""Of a number of setpoints."""
 
 Joint = tuple[float, float, float, Ramp]
 """Position [rad], velocity [rad/s] and acceleration [rad/s²] after the step, and the stop from there."""
@@ -53,46 +60,62 @@ class Stops:
         stops_s = [duration(stop) for joints in self._joints.values() for *_, stop in joints]
         self.duration_s = period_s + max(stops_s, default=0.0)
 
-    def at(self, time_s: float) -> dict[Side, Vector]:
-        """Return where the joints are [rad]; between the beginning and the end of the step: at its end.
+    def pieces(self, parts: Sequence[float]) -> tuple[list[Mapping[Side, Vector]], list[Ways]]:
+        """Return the course in pieces: where the joints are when each begins [rad], and how far they go in it from there [rad].
 
         Args:
-            time_s: Since the beginning [s].
+            parts: Where pieces are parted: parts of the course's duration, between 0 and 1, ascending. What would be within
+                the step is at its end.
         """
-        if time_s <= 0.0:
-            return dict(self._here)
-        found, after_s = dict(self._here), self._after(time_s)
-        for side, joints in self._joints.items():
-            found[side] = tuple([advance(q, v, a, stop, after_s)[0] for q, v, a, stop in joints])
+        times_s = [max(part * self.duration_s - self._period_s, 0.0) for part in (*parts, 1.0)]
+        rows: dict[Side, list[tuple[list[float], list[Extent]]]] = {
+            side: [
+                self._course(q, joint, times_s) for q, joint in zip(self._here[side], self._joints[side], strict=True)
+            ]
+            for side in self._joints
+        }
+        begins: list[Mapping[Side, Vector]] = []
+        ways: list[Ways] = []
+        for number in range(len(times_s)):
+            begins.append(
+                {
+                    side: tuple([row[0][number] for row in rows[side]]) if side in rows else self._here[side]
+                    for side in Side
+                }
+            )
+            ways.append(
+                {side: [row[1][number] for row in rows[side]] if side in rows else self._adrift[side] for side in Side}
+            )
+        return begins, ways
+
+    def setpoints(self) -> list[Mapping[Side, Vector]] | None:
+        """Return where the joints are at each setpoint of a short course [rad]; None of a long one, or if an arm drifts."""
+        count = math.ceil(self.duration_s / self._period_s - ROUNDING)
+        drifts = any(way != STAYS for side in Side if side not in self._joints for way in self._adrift[side])
+        if count > MOST_SETPOINTS or drifts:
+            return None
+        found: list[Mapping[Side, Vector]] = []
+        for number in range(count):
+            places = {
+                side: tuple([advance(q, v, a, stop, number * self._period_s)[0] for q, v, a, stop in joints])
+                for side, joints in self._joints.items()
+            }
+            found.append({**self._here, **places})
         return found
 
-    def ways(self, from_s: float, to_s: float) -> dict[Side, list[Extent]]:
-        """Return how far the joints go in between from where they are at `from_s`: at most, back and forth [rad].
-
-        Args:
-            from_s: Begin [s].
-            to_s: End [s]; of a time within the step its end counts.
-        """
-        return {
-            side: [self._way(self._here[side][k], joint, from_s, to_s) for k, joint in enumerate(self._joints[side])]
-            if side in self._joints
-            else list(self._adrift[side])
-            for side in Side
-        }
-
-    def _way(self, here: float, joint: Joint, from_s: float, to_s: float) -> Extent:
+    def _course(self, here: float, joint: Joint, times_s: Sequence[float]) -> tuple[list[float], list[Extent]]:
+        """Return where a joint is when each piece begins [rad], and how far it goes in it [rad]; pieces end at these times."""
         q, v, a, stop = joint
-        begin = here
-        if from_s > 0.0:
-            q, v, a = advance(q, v, a, stop, self._after(from_s))
+        begins, ways, begin = [], [], here
+        for time_s in times_s:
+            ahead = advance(*joint[:3], stop, time_s)
+            if v * ramp(v, a, 0.0, self._a_max, self._j_max)[3] > 0.0:
+                # It moves one way and accelerates the other already: it turns back, and may end anywhere in between.
+                low, high = stop_extent(v, a, self._a_max, self._j_max)
+            else:
+                low, high = min(ahead[0] - q, 0.0), max(ahead[0] - q, 0.0)
+            begins.append(begin)
+            ways.append((min(q + low - begin, 0.0), max(q + high - begin, 0.0)))
+            q, v, a = ahead
             begin = q
-        if v * ramp(v, a, 0.0, self._a_max, self._j_max)[3] > 0.0:
-            # It moves one way and accelerates the other already: it turns back, and may end anywhere in between.
-            low, high = stop_extent(v, a, self._a_max, self._j_max)
-        else:
-            end = advance(joint[0], joint[1], joint[2], stop, self._after(to_s))[0]
-            low, high = min(end - q, 0.0), max(end - q, 0.0)
-        return min(q + low - begin, 0.0), max(q + high - begin, 0.0)
-
-    def _after(self, time_s: float) -> float:
-        return max(time_s - self._period_s, 0.0)
+        return begins, ways

@@ -149,7 +149,8 @@ class CollisionModel:
     Attributes:
         capsules: Parts of the hull, in its order.
         margin_m: What has to stay free between any two parts [m].
-        pairs: For each watched pair: numbers of its parts, radius of the spheres around both, sum of both radii [m].
+        pairs: For each watched pair: numbers of its parts, radius of the spheres around both, sum of both radii [m];
+            those of two moving parts come first.
     """
 
     def __init__(self, description: Description, shape: Hull | None = None) -> None:
@@ -159,7 +160,7 @@ class CollisionModel:
         self.chains = {side: ArmChain(description, side) for side in Side}
         numbers = {capsule.name: number for number, capsule in enumerate(self.capsules)}
         self.pairs: list[tuple[int, int, float, float]] = []
-        for pair in shape.watched:
+        for pair in sorted(shape.watched, key=lambda pair: not pair.second.after):
             radii_m = pair.first.radius_m + pair.second.radius_m
             halves_m = 0.5 * (
                 math.dist(pair.first.from_m, pair.first.to_m) + math.dist(pair.second.from_m, pair.second.to_m)
@@ -177,7 +178,7 @@ class CollisionModel:
             raise ValueRefused("the two shoulder frames are not parallel, as they are on this robot (A.3)")
         origin = tuple(0.5 * (a + b) for a, b in zip(left.p_m, right.p_m, strict=True))
         chest_T_base = Placement(origin, left.rows).inverse()
-        self._shoulders = {side: chest_T_base.point(at.p_m) for side, at in ((Side.LEFT, left), (Side.RIGHT, right))}
+        self.shoulders = {side: chest_T_base.point(at.p_m) for side, at in ((Side.LEFT, left), (Side.RIGHT, right))}
         self._fixed = [(c, *_ends(c, chest_T_base)) for c in self.capsules if not c.after]
         self._up = chest_T_base.turned((0.0, 0.0, 1.0))
         self._arms = {side: [c for c in self.capsules if c.after and c.side is side] for side in Side}
@@ -214,7 +215,7 @@ class CollisionModel:
     def _arm(self, side: Side, q_rad: Sequence[float], opening_m: float, segments: list[Segment]) -> list[float]:
         """Add an arm's segments; return its lines."""
         lines, motions = self.chains[side].walk(q_rad)
-        sx, sy, sz = self._shoulders[side]
+        sx, sy, sz = self.shoulders[side]
         for capsule in self._arms[side]:
             px, py, pz, xx, xy, xz, yx, yy, yz, zx, zy, zz = motions[capsule.after - 1]
             (ax, ay, az), (bx, by, bz) = capsule.from_m, capsule.to_m

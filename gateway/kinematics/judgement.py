@@ -12,7 +12,7 @@ from typing import Protocol
 from gateway.kinematics.stopping import Extent
 from gateway.values import ARM_DOF, Side, Vector
 
-__all__ = ["ALL", "NONE", "Course", "Going", "Motion", "Verdict", "Ways"]
+__all__ = ["ALL", "NONE", "Course", "Going", "Motion", "Passing", "Verdict", "Ways"]
 
 Going = Mapping[Side, Sequence[bool]]
 Ways = Mapping[Side, Sequence[Extent]]
@@ -21,20 +21,18 @@ NONE: Going = {side: (False,) * ARM_DOF for side in Side}
 
 
 class Course(Protocol):
-    """How the joints of both arms go when they take a step and then all brake, at once.
+    """How the joints of both arms go when they take a step and then all brake, at once."""
 
-    Attributes:
-        duration_s: Until all stand [s].
-    """
+    def pieces(self, parts: Sequence[float]) -> tuple[Sequence[Mapping[Side, Vector]], Sequence[Ways]]:
+        """Return the course in pieces: where the joints are when each begins [rad], and how far they go in it from there [rad].
 
-    duration_s: float
-
-    def at(self, time_s: float) -> Mapping[Side, Vector]:
-        """Return where the joints are at a time after the step, or at 0, per side shape (7,) [rad]."""
+        Args:
+            parts: Where pieces are parted: parts of the course's duration, between 0 and 1, ascending.
+        """
         ...
 
-    def ways(self, from_s: float, to_s: float) -> Ways:
-        """Return how far they go between two such times from where they are at the first [rad]."""
+    def setpoints(self) -> Sequence[Mapping[Side, Vector]] | None:
+        """Return where the joints are at each setpoint of a short course [rad]; None of a long one, or where nobody knows."""
         ...
 
 
@@ -58,6 +56,20 @@ class Motion:
     together: Sequence[Sequence[Side]] = ()
     spare: Ways | None = None
     course: Callable[[Going], Course] | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Passing:
+    """What is known of ways that may be gone.
+
+    Attributes:
+        has_spare: Whether the spare ones may be as well.
+        limits: Tells the velocity limit for the next plan of each arm [rad/s], infinite where nothing is near; needs the
+            velocity of each joint, shape (7,) per side [rad/s].
+    """
+
+    has_spare: bool
+    limits: Callable[[Mapping[Side, Sequence[float]]], Mapping[Side, float]]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

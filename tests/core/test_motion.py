@@ -701,6 +701,9 @@ def test_where_an_arm_is_bound_for_is_the_end_of_its_path():
     arm.start(plan({LEFT: arm}, {LEFT: goal})[LEFT])
     for _ in range(20):
         arm.step()
-    assert arm.end_q_rad() == pytest.approx(goal)
+    assert arm.end_q_rad() == arm.aim_q_rad() == pytest.approx(goal)
     arm.brake()
-    assert arm.end_q_rad() == arm.rest_q_rad() != goal
+    assert arm.end_q_rad() == arm.aim_q_rad() == arm.rest_q_rad() != goal
+    target = at_home(2, 0.1)
+    arm.follow(target)
+    assert arm.aim_q_rad() == target and arm.end_q_rad() == arm.rest_q_rad()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import random
 from dataclasses import replace
+from itertools import pairwise
 
 import pytest
 
@@ -14,7 +15,7 @@ from gateway.core.events import FrameKind, Level, SampleArrived
 from gateway.core.motion import ReferenceMode, plan
 from gateway.core.spacing import ADRIFT_RADPS, Spacing
 from gateway.errors import Code
-from gateway.kinematics.approach import Approach
+from gateway.kinematics.approach import Look
 from gateway.robot import HOME_Q_RAD
 from gateway.sim.settings import SimSettings
 from gateway.values import ArmState, Side
@@ -53,15 +54,28 @@ def reference(pair, side):
 
 
 def judged(monkeypatch):
-    """Count what the rule is asked, with its answers."""
+    """Count what the rule is asked with a new look at the body, with its answers."""
     answers = []
-    judge = Approach.judge
+    judge = Look.judge
 
-    def counted(self, posture, motion):
-        answers.append((motion, judge(self, posture, motion)))
+    def counted(self, motion):
+        answers.append((motion, judge(self, motion)))
         return answers[-1][1]
 
-    monkeypatch.setattr(Approach, "judge", counted)
+    monkeypatch.setattr(Look, "judge", counted)
+    return answers
+
+
+def passed(monkeypatch):
+    """Count what is asked of looks at the body in earlier ticks, with the answers."""
+    answers = []
+    passing = Look.passing
+
+    def counted(self, wanted, spare):
+        answers.append((spare, passing(self, wanted, spare)))
+        return answers[-1][1]
+
+    monkeypatch.setattr(Look, "passing", counted)
     return answers
 
 
@@ -105,6 +119,26 @@ def test_only_joints_that_close_a_gap_are_held_back(monkeypatch):
     assert any(any(row) and not all(row) for _, verdict in answers for row in verdict.going.values()), (
         "joint by joint, not arm by arm"
     )
+    pair.granted(requests.Hold(epoch=pair.epoch, sides=(L,)))
+    del pair.streams[L]
+    pair.lead({R: HOME_Q_RAD[R]}, 8.0)
+    assert pair.off_rad({R: HOME_Q_RAD[R]}) < 1e-9 and pair.least_m >= MARGIN_M - ROUNDING_M
+
+
+def caught():
+    """Return a robot with a left finger caught between both right ones: what opens one gap closes the other."""
+    pair = at_home()
+    pair.lead(MEET, 6.0)
+    near = model().posture(pair.setpoints).within(MARGIN_M + 1e-4)
+    posture = model().posture(pair.setpoints)
+    a, b = (posture.told(number).slopes[R] for _, number in near[:2])
+    assert len(near) >= 2 and sum(x * y < 0.0 for x, y in zip(a, b, strict=True)) >= 5
+    return pair
+
+
+def test_what_is_caught_between_two_parts_can_be_led_out_again():
+    """Joints that open both gaps together go on, although each alone closes one of them: never nearer than the margin."""
+    pair = caught()
     pair.granted(requests.Hold(epoch=pair.epoch, sides=(L,)))
     del pair.streams[L]
     pair.lead({R: HOME_Q_RAD[R]}, 8.0)
@@ -232,7 +266,7 @@ def test_an_arm_that_moves_by_itself_has_the_room_that_it_may_take():
     spacing, arm = Spacing(pair.conductor), pair.conductor.body.joint_arms[R]
     here = arm.values
     arm.brake()
-    assert spacing._way(R, here, None) == [(0.0, 0.0)] * 7  # streamed, not due in this tick
+    assert spacing._way(R, here, here, None) == [(0.0, 0.0)] * 7  # streamed, not due in this tick
     arm.stop()
     topic = robot.arm_state(R)
     for speeds, far in (
@@ -244,7 +278,7 @@ def test_an_arm_that_moves_by_itself_has_the_room_that_it_may_take():
         assert isinstance(state, ArmState)
         moving = replace(state, dq_radps=speeds, stamp_ns=state.stamp_ns + 10 * MS)
         pair.receive(SampleArrived(topic=topic, value=moving, received_ns=pair.now_ns, stamp_ns=moving.stamp_ns))
-        (back, forth), (low, high), *others = spacing._way(R, here, None)
+        (back, forth), (low, high), *others = spacing._way(R, here, here, None)
         assert (back, high) == (0.0, 0.0) and forth == pytest.approx(-low) and forth >= far
         assert others == [(0.0, 0.0)] * 5
 
@@ -301,14 +335,30 @@ def test_the_nearest_pair_of_the_measured_body_is_shown():
 
 
 def test_what_was_found_free_is_not_judged_again_until_it_is_left(monkeypatch):
-    """Far from everything the rule is asked once in several ticks; near something it is asked for as much as there is room."""
-    answers = judged(monkeypatch)
+    """Far from everything the body is looked at once, and nothing is asked again; near something, as much as there is room."""
+    looks, asked = judged(monkeypatch), passed(monkeypatch)
     pair = at_home()
-    answers.clear()
+    looks.clear()
+    asked.clear()
     pair.lead({L: (*HOME_Q_RAD[L][:6], HOME_Q_RAD[L][6] - 0.4)}, 1.0)
-    assert 0 < len(answers) < 30
-    assert all(verdict.has_spare for motion, verdict in answers if motion.spare is not None)
-    answers.clear()
+    assert 0 < len(looks) < 10 and len(asked) < 20
     pair.lead(MEET, 5.0)
-    assert any(motion.spare is not None and not verdict.has_spare for motion, verdict in answers)
-    assert any(motion.spare is None for motion, _ in answers)
+    answers = [(spare, passing) for spare, passing in asked if passing is not None]
+    assert any(spare is not None and not passing.has_spare for spare, passing in answers)
+    assert any(spare is None for spare, _ in answers) and any(passing is None for _, passing in asked)
+    assert len(looks) < len(asked)
+
+
+def test_velocities_are_limited_while_an_earlier_look_says_that_all_may_go_on(monkeypatch):
+    """Before anything has to be held back the arms are slow already: the bound follows every few ticks."""
+    looks, bounds = judged(monkeypatch), []
+    pair = at_home()
+    looks.clear()
+    for _ in range(300):
+        count = len(looks)
+        pair.lead(MEET, 0.01)
+        if any(not verdict.is_free for _, verdict in looks):
+            break
+        if len(looks) == count:
+            bounds.append(min(reference(pair, side)._bound for side in Side))
+    assert any(after < before for before, after in pairwise(bounds))

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import random
+from itertools import pairwise
 
 import pytest
 
 from gateway.core.braking import JointLimits
 from gateway.core.motion import JointReference
-from gateway.core.stops import Stops
+from gateway.core.stops import MOST_SETPOINTS, Stops
 from gateway.kinematics.stopping import STAYS
 from gateway.robot import HOME_Q_RAD, JOINT_LOWER_RAD, JOINT_UPPER_RAD
 from gateway.values import Side
@@ -47,37 +48,58 @@ def test_the_course_is_that_of_the_brakes(seed):
     rng = random.Random(seed)
     arm = moving(L, rng, rng.randint(1, 60))
     course = stops(arm, [STAYS] * 7)
-    assert course.at(0.0) == {L: arm.q_rad, R: HOME_Q_RAD[R]}
-    assert course.at(0.3 * DT)[L] == pytest.approx(arm.ahead()[0], abs=1e-12)  # of a time within the step: its end
+    times_s = [DT * (1 + n) for n in range(int(course.duration_s / DT + 0.5))]
+    begins, ways = course.pieces([min(time_s / course.duration_s, 1.0) for time_s in times_s])
+    assert len(begins) == len(ways) == len(times_s) + 1 and begins[0] == {L: arm.q_rad, R: HOME_Q_RAD[R]}
     arm.step()
     arm.brake()
-    time_s = DT
-    while not arm.is_at_rest:
-        assert course.at(time_s)[L] == pytest.approx(arm.q_rad, abs=1e-9)
+    for begin in begins[1:]:
+        assert begin[L] == pytest.approx(arm.q_rad, abs=1e-9) and begin[R] == HOME_Q_RAD[R]
         arm.step()
-        time_s += DT
-    assert course.duration_s <= time_s + 1e-9 and course.at(time_s)[L] == pytest.approx(arm.q_rad, abs=1e-9)
-    assert course.at(time_s)[R] == HOME_Q_RAD[R]
+    arm.step()
+    assert arm.is_at_rest
 
 
 @pytest.mark.parametrize("seed", range(12))
-def test_the_ways_hold_the_course_between_any_two_times(seed):
+def test_the_ways_hold_the_course_in_each_piece(seed):
     """Also where a joint turns round on the way; the other arm may be anywhere on its own."""
     rng, turned = random.Random(seed), 0
     drift = [(-0.01 * n, 0.02 * n) for n in range(7)]
     for _ in range(20):
         course = stops(moving(L, rng, rng.randint(1, 60)), drift)
-        begin, end = sorted(rng.choice([0.0, 0.5 * DT, rng.uniform(DT, course.duration_s)]) for _ in range(2))
-        ways, at = course.ways(begin, end), course.at(begin)[L]
-        assert ways[R] == drift
-        times = [DT + (max(end, DT) - DT) * n / 50 for n in range(51)] if begin <= DT else []
-        times += [begin + (end - begin) * n / 50 for n in range(51)] if begin > 0.0 else []
-        for time_s in times:
-            there = course.at(max(time_s, DT))[L]
-            for q, to, (low, high) in zip(at, there, ways[L], strict=True):
-                assert low - 1e-9 <= to - q <= high + 1e-9
-        turned += any(low < 0.0 < high for low, high in ways[L])
+        parts = sorted(rng.random() for _ in range(3))
+        fine = sorted({*parts, *(n / 200 for n in range(201))})
+        begins, ways = course.pieces(parts)
+        places, _ = course.pieces(fine)
+        assert all(way[R] == drift for way in ways)
+        for number, (low_part, high_part) in enumerate(pairwise((0.0, *parts, 1.0))):
+            for part, place in zip(fine, places[1:], strict=True):
+                if low_part <= part <= high_part:
+                    for q, to, (low, high) in zip(begins[number][L], place[L], ways[number][L], strict=True):
+                        assert low - 1e-9 <= to - q <= high + 1e-9
+        turned += any(low < 0.0 < high for way in ways for low, high in way[L])
     assert turned or seed
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_a_short_course_is_told_setpoint_by_setpoint(seed):
+    """Those of the brakes, until all joints stand; a longer one is not, nor one beside an arm that drifts."""
+    rng, setpoints = random.Random(seed), None
+    while setpoints is None:
+        arm = moving(L, rng, rng.randint(0, 4))
+        setpoints = stops(arm, [STAYS] * 7).setpoints()
+    assert len(setpoints) <= MOST_SETPOINTS
+    arm.step()
+    arm.brake()
+    for place in setpoints:
+        assert place[L] == pytest.approx(arm.q_rad, abs=1e-9) and place[R] == HOME_Q_RAD[R]
+        arm.step()
+    assert arm.is_at_rest
+    assert stops(moving(L, rng, 0), [(0.0, 1e-4)] * 7).setpoints() is None
+    course = stops(arm, [STAYS] * 7)
+    while course.duration_s < DT * (MOST_SETPOINTS + 1):
+        course = stops(moving(L, rng, 40), [STAYS] * 7)
+    assert course.setpoints() is None
 
 
 def test_arms_that_nobody_moves_take_no_time_but_the_step():
@@ -85,4 +107,4 @@ def test_arms_that_nobody_moves_take_no_time_but_the_step():
     here = {side: HOME_Q_RAD[side] for side in Side}
     still = {side: [STAYS] * 7 for side in Side}
     course = Stops(here, {}, still, moving(L, random.Random(1), 0).limits, DT)
-    assert course.duration_s == DT and course.at(1.0) == here and course.ways(0.0, 1.0) == still
+    assert course.duration_s == DT and course.pieces([0.5]) == ([here, here], [still, still])

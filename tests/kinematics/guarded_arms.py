@@ -114,7 +114,7 @@ class GuardedArms:
             braked=lambda: self._ways(braked),
             speed_radps={side: wanted[side][1] for side in Side},
         )
-        verdict = self._rule.judge(model().posture(self._seen), motion)
+        verdict = self._rule.look(self._seen, motion.wanted).judge(motion)
         self.judged_us.append((time.thread_time_ns() - begun_ns) / 1e3)
         self.refused += not verdict.is_free
         for side, follower in self._followers.items():

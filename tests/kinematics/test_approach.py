@@ -110,7 +110,7 @@ def test_the_kept_gap_holds_for_every_order_in_which_joints_may_go():
             ]
             for side in Side
         }
-        kept_m = min(rule.kept_m(model().posture(q_rad), ways), MARGIN_M)
+        kept_m = min(rule.look(q_rad, ways).kept_m(ways), MARGIN_M)
         told += kept_m < MARGIN_M
         for _ in range(15):
             there = {
@@ -128,7 +128,8 @@ def test_parts_inside_the_margin_may_part_and_may_not_come_nearer():
     rng, rule, seen = random.Random(11), Approach(model()), 0
     still = {side: [STAYS] * 7 for side in Side}
     while seen < 20:
-        posture = model().posture(random_joints(rng))
+        q_rad = random_joints(rng)
+        posture = model().posture(q_rad)
         near = posture.nearest()
         if not 0.002 < near.gap_m < 0.015 or len(posture.within(MARGIN_M)) > 1:
             continue
@@ -139,7 +140,7 @@ def test_parts_inside_the_margin_may_part_and_may_not_come_nearer():
             ways = {s: list(row) for s, row in still.items()}
             ways[side][k] = (min(goes, 0.0), max(goes, 0.0))
             motion = Motion(wanted=ways, braked=lambda: still, speed_radps={s: (0.1,) * 7 for s in Side})
-            verdict = rule.judge(posture, motion)
+            verdict = rule.look(q_rad, ways).judge(motion)
             assert verdict.going[side][k] == (sign > 0.0)
             assert sum(not goes for row in verdict.going.values() for goes in row) == (sign < 0.0)
 
@@ -148,20 +149,22 @@ def test_far_from_everything_nothing_is_limited():
     """At home, slow motions of all joints: free, without a velocity limit."""
     ways = {side: [(-0.001, 0.001)] * 7 for side in Side}
     motion = Motion(wanted=ways, braked=lambda: ways, speed_radps={side: (0.05,) * 7 for side in Side})
-    verdict = Approach(model()).judge(model().posture(HOME_Q_RAD), motion)
-    assert verdict.is_free and verdict.pair == -1 and verdict.kept_m == math.inf
+    look = Approach(model()).look(HOME_Q_RAD, ways)
+    verdict = look.judge(motion)
+    assert look.is_free and verdict.is_free and verdict.pair == -1 and verdict.kept_m == math.inf
     assert all(limit == math.inf for limit in verdict.limit_radps.values())
 
 
 def test_all_joints_brake_where_even_the_brakes_would_come_inside_the_margin():
     """A way that is told late, too far for its own brakes: nobody goes on beside it."""
     rng, rule = random.Random(13), Approach(model())
-    posture = model().posture(free_posture(rng))
+    q_rad = free_posture(rng)
+    posture = model().posture(q_rad)
     near = posture.nearest()
     side, k = max(((s, k) for s in Side for k in range(7)), key=lambda at: abs(near.slopes[at[0]][at[1]]))
     ways = {s: [STAYS] * 7 for s in Side}
     ways[side][k] = (-0.5, 0.5)
     motion = Motion(wanted=ways, braked=lambda: ways, speed_radps={s: (1.0,) * 7 for s in Side})
-    verdict = rule.judge(posture, motion)
+    verdict = rule.look(q_rad, ways).judge(motion)
     assert not any(goes for row in verdict.going.values() for goes in row)
     assert verdict.kept_m < MARGIN_M and posture.told(verdict.pair).gap_m >= near.gap_m
