@@ -14,7 +14,7 @@ from gateway.apps.video.access_unit import AccessUnit
 from gateway.apps.video.counters import Counts
 from gateway.apps.video.nal import split_annex_b
 from gateway.apps.video.reorder import HOLD_NS
-from gateway.apps.video.stream import SILENCE_NS, Stream
+from gateway.apps.video.stream import RESTART_NS, SILENCE_NS, Stream
 from tests.video.packets import (
     AUD,
     CRA,
@@ -405,7 +405,8 @@ def test_another_ssrc_cannot_take_the_stream_over_while_the_first_is_heard() -> 
     units = []
     for n in range(100):
         units += feed.give([sender.send(picture(n)), spoof.send(picture(0, size=500))])
-    assert len(units) == 100 and all(unit.is_intact and unit.ssrc == 7 and unit.life == 0 for unit in units)
+    units += feed.give([sender.send(picture(100))])
+    assert len(units) == 101 and all(unit.is_intact and unit.ssrc == 7 and unit.life == 0 for unit in units)
     assert feed.counts.bad_ssrc == 100 and feed.counts.lives == 1
 
 
@@ -421,6 +422,77 @@ def test_a_new_ssrc_is_taken_after_the_old_one_was_silent_from_its_first_packet_
     assert [unit.seq for unit in units] == [5, 6, 7] and units[0].lost == ()
     assert not units[0].follows(old[-1]) and units[0].is_irap
     assert feed.counts.lives == 2 and feed.counts.abandoned == 1
+
+
+@pytest.mark.parametrize("gap_ms", [0, 60, 150])
+def test_a_sender_that_restarts_is_taken_from_its_first_key_picture_on(gap_ms) -> None:
+    """After 0.1 s of the old one's silence: nothing is lost, and nothing is called another sender's."""
+    feed = Feed()
+    feed.give(Sender().pictures(range(5)))
+    feed.now_ns += gap_ms * MS
+    new = Sender(ssrc=9, seq=65_530, timestamp=12)
+    taken = [len(feed.give([packets])) for packets in new.pictures(range(9))]
+    waits = sum(gap_ms * MS + FRAME_NS * (n + 1) < RESTART_NS for n in range(9))
+    assert taken == [0] * waits + [waits + 1] + [1] * (8 - waits)
+    assert [(unit.life, unit.is_intact, unit.lost) for unit in feed.units[5:]] == [(1, True, ())] * 9
+    assert all(
+        a.first_packet_ns < b.first_packet_ns and a.complete_ns <= b.complete_ns for a, b in pairwise(feed.units)
+    )
+    assert feed.counts.bad_ssrc == 0 and feed.counts.packets == feed.counts.datagrams and feed.counts.lives == 2
+
+
+def test_the_last_packets_of_the_old_sender_may_come_behind_the_first_of_the_new_one() -> None:
+    """The network overtakes by some milliseconds; later ones are a stranger's and change nothing."""
+    feed, old = Feed(), Sender()
+    feed.give(old.pictures(range(5)))
+    last, new = old.send(picture(5)), Sender(ssrc=9)
+    first = new.send(picture(0))
+    feed.give([[*last[:-1], *first[:2], last[-1], *first[2:]]])
+    feed.give(new.pictures(range(1, 6)))
+    assert [(unit.ssrc, unit.is_intact) for unit in feed.units] == [(7, True)] * 6 + [(9, True)] * 6
+    assert feed.give([[last[-1]], *new.pictures(range(6, 8)), old.send(picture(6)), *new.pictures(range(8, 9))])
+    assert feed.units[-1].life == 1 and feed.counts.lives == 2 and feed.counts.bad_ssrc == 1 + len(last)
+
+
+def test_a_restart_without_a_key_picture_waits_for_one_or_for_the_long_silence() -> None:
+    """Whichever comes first: what cannot be decoded is no proof."""
+    feed = Feed()
+    feed.give(Sender().pictures(range(5)))
+    assert feed.give(Sender(ssrc=9).pictures(range(5, 10))) == []
+    feed = Feed()
+    feed.give(Sender().pictures(range(5)))
+    units = feed.give(Sender(ssrc=9).pictures(range(4, 13)))
+    assert units[0].is_irap and units[0].is_intact and len(units) == 3 and feed.counts.bad_ssrc > 0
+
+
+@pytest.mark.parametrize("lost", [0, 2, -1])
+def test_a_restart_whose_first_picture_is_not_whole_waits_for_the_next_one(lost) -> None:
+    """A stranger has to send a stream that can be shown, and so has a sender."""
+    feed, new = Feed(), Sender(ssrc=9)
+    feed.give(Sender().pictures(range(5)))
+    assert feed.give([without(new.send(picture(0)), lost), *new.pictures(range(1, 10))]) == []
+    (unit,) = feed.give(new.pictures([10]))
+    assert unit.is_irap and unit.is_intact and unit.lost == ()
+
+
+def test_another_sender_elsewhere_has_to_wait_for_the_long_silence() -> None:
+    """Also where packets are taken from anywhere: a restart has the same address."""
+    feed = Feed()
+    feed.stream = Stream(None)
+    feed.give(Sender().pictures(range(5)))
+    new = Sender(ssrc=9)
+    assert feed.give(new.pictures(range(12)), source="192.168.1.66") == []
+    feed.give(new.pictures(range(12, 16)), source="192.168.1.66")
+    assert feed.stream.facts().source == "192.168.1.66"
+
+
+def test_a_stranger_at_the_robots_address_cannot_take_over_a_sender_that_is_heard_now_and_then() -> None:
+    """A packet each 90 ms is enough, also while the stranger sends whole streams beside it."""
+    feed, sender, stranger = Feed(), Sender(), Sender(ssrc=9)
+    feed.give(sender.pictures(range(5)))
+    for n in range(5, 40):
+        feed.give([sender.send(picture(n, size=500)), *stranger.pictures(range(3), size=500)])
+    assert feed.counts.lives == 1 and {unit.ssrc for unit in feed.units} == {7}
 
 
 def test_a_new_sender_does_not_inherit_parameter_sets() -> None:

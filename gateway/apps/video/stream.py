@@ -4,6 +4,8 @@ Rules
     * Only addresses that are allowed are listened to; the robot's, unless told otherwise (§2.6.3).
     * One sender at a time, known by SSRC and address. Another one is taken after 0.3 s of silence only: whoever is not
       listened to cannot take the stream over. From its first packet on: its parameter sets may be in it.
+    * One at the same address that has begun with a whole key picture is the sender after a restart: it is taken after
+      0.1 s, from that picture on (`successor`).
     * A new sender is a new life: sequence, time, parameter sets and the picture begun belong to the old one. A jump of the
       RTP time together with one of the sequence is a restart of the same sender, and a new life, too; a jump of the time
       alone is its clock's.
@@ -22,15 +24,18 @@ from gateway.apps.video.access_unit import AccessUnit
 from gateway.apps.video.counters import Tally
 from gateway.apps.video.depacketiser import Depacketiser
 from gateway.apps.video.nal import NalType
-from gateway.apps.video.reorder import WINDOW, Ordered, Reorder
+from gateway.apps.video.reorder import HOLD_NS, WINDOW, Ordered, Reorder
 from gateway.apps.video.rtp import PAYLOAD_TYPE, RtpFault, RtpPacket, parse, payload_type_of
 from gateway.apps.video.rtp_clock import RtpClock
 from gateway.apps.video.streak import Streak
+from gateway.apps.video.successor import Successor
 
-__all__ = ["SILENCE_NS", "Stream", "StreamFacts"]
+__all__ = ["RESTART_NS", "SILENCE_NS", "Stream", "StreamFacts"]
 
 SILENCE_NS: Final = 300_000_000
 """Another sender is taken when the one listened to was silent for so long [ns]."""
+RESTART_NS: Final = 100_000_000
+"""So long is enough [ns] for one that begins as the sender after a restart does: no sender pauses for four pictures."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -97,6 +102,7 @@ class Stream:
         self._reorder = Reorder(self.tally, window)
         self._clock: RtpClock | None = None
         self._streak: Streak | None = None
+        self._successor = Successor()
         self._depacketiser = Depacketiser(self.tally, ssrc=0, life=-1, seq=0)
         self._life = -1
         self._life_ns: int | None = None
@@ -156,18 +162,41 @@ class Stream:
             return self.expire(now_ns)
         sender = packet.ssrc, source
         if sender != self._sender:
-            if self._packet_ns is not None and now_ns - self._packet_ns < SILENCE_NS:
-                self.tally.add(bad_ssrc=1)
-                return self.expire(now_ns)
-            self._sender = sender
-            self._reorder = Reorder(self.tally, self._window)
-            self._clock = None
-        self._packet_ns = now_ns
-        self.tally.accept()
-        units = self._take(self._reorder.put(packet, now_ns), now_ns)
+            return self._hear_another(packet, sender, now_ns)
+        if self._successor.packets and now_ns - self._successor.packets[0][1] > HOLD_NS:  # no packet that was overtaken
+            self.tally.add(bad_ssrc=self._successor.forget())
+        units = self._accept(packet, now_ns, now_ns)
         if (awaits := self._depacketiser.awaits) and self._reorder.is_newest(packet):
             self._streak = Streak(packet, awaits, source, self._payload_type)
         return units
+
+    def _hear_another(self, packet: RtpPacket, sender: tuple[int, str], now_ns: int) -> list[AccessUnit]:
+        """Take a packet of another sender than the one listened to, or none."""
+        successor = self._successor
+        silence_ns = SILENCE_NS if self._packet_ns is None else now_ns - self._packet_ns
+        if silence_ns >= SILENCE_NS:
+            self.tally.add(bad_ssrc=successor.forget())
+            self._listen_to(sender)
+            return self._accept(packet, now_ns, now_ns)
+        self.tally.add(bad_ssrc=successor.keep(packet, sender, now_ns))
+        is_here = self._sender is not None and sender[1] == self._sender[1]
+        if not (silence_ns >= RESTART_NS and is_here and successor.sender == sender and successor.is_ready):
+            return self.expire(now_ns)
+        packets = successor.packets
+        successor.forget()
+        self._listen_to(sender)
+        return [unit for kept, came_ns in packets for unit in self._accept(kept, came_ns, now_ns)]
+
+    def _listen_to(self, sender: tuple[int, str]) -> None:
+        self._sender = sender
+        self._reorder = Reorder(self.tally, self._window)
+        self._clock = None
+
+    def _accept(self, packet: RtpPacket, came_ns: int, now_ns: int) -> list[AccessUnit]:
+        """Take a packet of the sender listened to."""
+        self._packet_ns = now_ns
+        self.tally.accept()
+        return self._take(self._reorder.put(packet, came_ns), now_ns)
 
     def expire(self, now_ns: int) -> list[AccessUnit]:
         """Give up packets that were waited for too long, while nothing comes; return the pictures complete then.
