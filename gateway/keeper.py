@@ -29,6 +29,8 @@ __all__ = ["Keeper"]
 
 _log = logging.getLogger(__name__)
 
+LOOK_NS = 50_000_000
+"""How often is looked at what the guard says of itself [ns]."""
 AGAIN_S = 1.0
 """Between the end of a guard that did not last and the next one [s]."""
 END_S = 1.5
@@ -56,6 +58,7 @@ class Keeper:
         self._process: subprocess.Popen[bytes] | None = None
         self._lost = ""
         self._told: tuple[int, str, bool] | None = None
+        self._looked_ns: int | None = None
         self._is_ending = threading.Event()
         self._thread = threading.Thread(target=self._keep, name="guard-keeper", daemon=True)
 
@@ -79,6 +82,9 @@ class Keeper:
         Args:
             now_ns: Monotonic time [ns].
         """
+        if self._looked_ns is not None and now_ns - self._looked_ns < LOOK_NS and not self._lost:
+            return []
+        self._looked_ns = now_ns
         said, process = self._board.guard(), self._process
         pid = 0 if process is None else process.pid
         is_its_own = pid != 0 and said.pid == pid

@@ -160,6 +160,7 @@ def test_a_guard_that_cannot_be_started_is_no_reason_to_stop(
     wait_until(lambda: len(tries) >= 3)
     assert keeper.poll(1) == [GuardSeen(pid=0, zid="", is_linked=False, at_ns=1)]
     assert keeper.poll(2) == []
+    assert keeper.poll(1 + module.LOOK_NS) == []
     keeper.close(is_clean=True)
     assert "no more processes" in caplog.text
 
