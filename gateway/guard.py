@@ -13,9 +13,9 @@ Rules it obeys
       a freeze. `ta2 run --no-guard` is for debuggers.
     * Ctrl-C in the daemon's terminal does not reach it (it has a session of its own); SIGTERM ends what it holds, or what it
       is about to hold: who ends a service asks both processes. One of long ago is no wish any more.
-    * What others command is the daemon's to hear while it ticks: it lets the robot go at once, and what it has on the wire is
-      all that may be gone on with. The guard hears it too from the first doubt on, while ticks are missing or when it acts. To
-      hear the daemon's own commands come back from the router would cost more than all else that the guard does.
+    * What others command is the daemon's to look for while it ticks: it lets the robot go at once, and what it has on the wire
+      is all that may be gone on with. The guard looks too from the first doubt on, when it asks the daemon's core whether it
+      runs, and when it acts. To hear the daemon's own commands come back would cost as much as all else that the guard does.
     * The disk is written from a thread: a latch of the guard's reaches the state file, or the daemon that takes over.
 """
 
@@ -78,8 +78,6 @@ DYING_NS = 500_000
 """A daemon that was killed is looked at this often [ns]."""
 LISTEN_NS = 40_000_000
 """The robot is listened to this often while the guard waits [ns]: a state is at most twice as old then, which is fresh."""
-DOUBT_NS = 30_000_000
-"""Ticks that are missing for so long are a doubt [ns]."""
 FIRST_CLAIM = 1
 HANDED_S = 0.3
 """The claim stays seen this long after the hold was handed over [s]: until that of the daemon is."""
@@ -246,8 +244,6 @@ class Guard:
         # Nor after the robot's own watchdogs have acted: it would disturb whoever commands the robot since.
         is_current = held is not None and now_ns - held.at_ns < FSM_WATCHDOG_NS
         self._is_armed = held is not None and held.is_sending and is_known and is_current
-        if held is not None and held.is_sending and now_ns - held.at_ns >= DOUBT_NS:
-            self._link.hear_commands()
         if self._asked_ns is not None and now_ns - self._asked_ns > ASKED_NS:
             self._asked_ns = None
         if is_daemon_gone:
@@ -256,6 +252,7 @@ class Guard:
             self._kill()
         elif self._guardian.freeze.is_asking:
             self._probe.ask()
+            self._link.hear_commands()
 
     def _begin(self, held: Held | None, now_ns: int) -> None:
         """The daemon is gone: go on in its place, if there is anything to go on with."""
