@@ -61,6 +61,8 @@ __all__ = ["RobotLink"]
 
 S = 1_000_000_000
 
+TURN_NS = 20_000_000
+"""What does not decide at once is decoded this often [ns], all at once: what caches lose while a loop sleeps is paid once."""
 LATE_NS = 15_000_000
 """After a pause of more than this everything is decoded at once [ns]: its turn is over."""
 CLAIM_END_S = 0.2
@@ -84,7 +86,7 @@ class RobotLink:
         stamped: Those of them whose samples are stamped when they arrive, which wakes a thread for each; the others
             count as old as they can be.
         is_reader: Whether to look only.
-        hears_commands: Whether to hear what others command from the beginning; else from `hear_commands` on.
+        hears_commands: Whether to look for others' commands and publishers at once; else from `hear_commands` on.
 
     Attributes:
         undelivered: Frames that `publish` did not hand to zenoh because there was no transport or no session.
@@ -118,8 +120,8 @@ class RobotLink:
         self._commands = frozenset(() if is_reader else settings.variant.command_topics)
         self._mailboxes = mailboxes_of(topics, stamped)
         self._slots = slots_of(self._mailboxes)
-        self._every = [1, 2, 2, 2]
-        self._polls = self._polled_ns = 0
+        self._period_ns = [0, TURN_NS, TURN_NS, TURN_NS]
+        self._polled_ns = 0
         # From other threads to the loop: appended there, taken here, each one atomic operation.
         self._transport = TransportNews()
         self._observations: deque[RouteObserved | RobotsAnnounced] = deque()
@@ -193,7 +195,7 @@ class RobotLink:
         self._own_news.append(Befriended(zid=zid, at_ns=self._clock()))
 
     def hear_commands(self) -> None:
-        """Hear what others command from now on, on later sessions too. Any thread; returns at once."""
+        """Look for what others command from now on, on later sessions too. Any thread; returns at once."""
         if not self._hears_commands:
             self._hears_commands = True
             if (session := self._session) is not None:
@@ -214,12 +216,11 @@ class RobotLink:
         if foreign is not None and session is not None:
             session.take_commands(foreign.take)
             events += foreign.poll(self.router_zid, is_new_link=is_new_link)
-        self._polls += 1
-        now_ns = self._clock()
-        is_everyones_turn = not is_ordered or now_ns - self._polled_ns > LATE_NS
-        self._polled_ns = now_ns
-        for number, (topic, mailbox, kind) in enumerate(self._slots):
-            if not is_everyones_turn and (self._polls + number) % self._every[kind]:
+        before_ns, self._polled_ns = self._polled_ns, (now_ns := self._clock())
+        is_everyones_turn = not is_ordered or now_ns - before_ns > LATE_NS
+        is_due = [is_everyones_turn or not p or now_ns // p != before_ns // p for p in self._period_ns]
+        for topic, mailbox, kind in self._slots:
+            if not is_due[kind]:
                 continue  # its turn comes. Beside news of the link all are taken: what came before is told before
             arrival = mailbox.look(now_ns) if isinstance(mailbox, Tray) else mailbox.take()
             if arrival is None:
@@ -259,17 +260,17 @@ class RobotLink:
         return max(mailbox.newest_ns or 0 for _, mailbox, kind in self._slots if kind != AT_ONCE)
 
     def pace(self, *, is_moving: bool, is_watched: bool, is_posing: bool = False) -> None:
-        """Say how often to decode, at 100 polls a second: what costs time and serves nobody waits for its turn.
+        """Say how often to decode: what costs time and serves nobody waits for its turn.
 
-        Joints have theirs at every second poll, FSM and mode at each; after a pause everything is decoded.
+        Joints have theirs 50 times a second, FSM and mode at each poll; after a pause everything is decoded.
 
         Args:
             is_moving: Setpoints are sent: what is only shown, which tells of the link, is decoded 50 times a second.
             is_watched: Somebody looks: the same. If neither, 25 times.
             is_posing: An arm is in end-effector mode: its pose decides about motion, at each poll.
         """
-        self._every[SHOWN] = 2 if is_watched or is_moving else 4
-        self._every[POSED] = 1 if is_posing else self._every[SHOWN]
+        self._period_ns[SHOWN] = TURN_NS if is_watched or is_moving else 2 * TURN_NS
+        self._period_ns[POSED] = 0 if is_posing else self._period_ns[SHOWN]
 
     def show(self, claim: int) -> None:
         """Let other gateways see a claim to command the robot; 0 for none. ClaimShown comes when they can. Never waits.
@@ -329,9 +330,7 @@ class RobotLink:
         """Declare everything on a session and follow the bridge until the link closes."""
         self._serving = opened
         own_zid = str(opened.zid())
-        self._discovery = discovery = Discovery(
-            self._settings, own_zid, self._ask, self._friends, tuple(self._mailboxes)
-        )
+        self._discovery = discovery = Discovery(self._settings, own_zid, self._ask, self._friends, (*self._mailboxes,))
         foreign = ForeignWatch(self._settings, discovery.tokens, own_zid, self._clock)
 
         def note(zid: str, is_open: bool, at_ns: int) -> None:
@@ -372,15 +371,15 @@ class RobotLink:
                 self._goes_on(FAULT_PAUSE_S)
 
     def _look(self, discovery: Discovery, foreign: ForeignWatch, session: RobotSession, revival: Revival) -> None:
-        router_zid = self.router_zid
-        if not router_zid:
+        if not (router_zid := self.router_zid):
             for part in (discovery.lose, foreign.lose, revival.forget, self._meter.forget):
                 part()
             return
         tallies = {topic: box.tally for topic, box in self._mailboxes.items()}
         self._meter.note(self._clock(), tallies, self._wall_clock())
         revival.step(self._clock())
-        foreign.ask(self._clock(), router_zid, self._ask)
+        if self._hears_commands:
+            foreign.ask(self._clock(), router_zid, self._ask)
         finding = discovery.step(
             Sight(
                 now_ns=self._clock(),
