@@ -235,8 +235,7 @@ class CommandRequested:
     content: int = 0
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class TargetArrived:
+class TargetArrived(Struct, frozen=True, kw_only=True):
     """The newest streamed target of a stream (latest value slot).
 
     Attributes:

@@ -22,6 +22,8 @@ from __future__ import annotations
 from dataclasses import replace
 from enum import Enum
 
+from msgspec import structs
+
 from gateway.core.engine import Engine, Output
 from gateway.core.events import Event, ExitRequested, Suspended, TakenOver
 from gateway.core.freeze import FreezeWatch
@@ -97,7 +99,7 @@ class Guardian:
             self.phase = Phase.DONE
             return
         age_ns, frame_ns = self._since_ns(held.at_ns, now_ns), self._since_ns(held.last_frame_ns, now_ns)
-        held = replace(held, at_ns=now_ns - age_ns, last_frame_ns=now_ns - frame_ns)
+        held = structs.replace(held, at_ns=now_ns - age_ns, last_frame_ns=now_ns - frame_ns)
         self.engine.tick(now_ns)  # where the robot is now, as far as it was heard; nothing is on the wire yet
         self.engine.receive(TakenOver(held=held, at_ns=now_ns), now_ns)
         self.phase, self._ticked_ns = Phase.ACTING, now_ns
@@ -141,7 +143,7 @@ class Guardian:
             self.end(now_ns)
         output = self.engine.tick(now_ns, late_ns)
         if self.phase is not Phase.ACTING:
-            return replace(output, frames=())
+            return structs.replace(output, frames=())
         if output.done:
             self.phase = Phase.DONE
         return output

@@ -7,9 +7,8 @@ It says what is on the wire and how it moves, never who asked for it: whoever go
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
 
-from msgspec import Struct
+from msgspec import Struct, field
 
 from gateway.values import Side, Vector
 
@@ -32,8 +31,7 @@ class HeldArm(Struct, frozen=True, kw_only=True):
     acceleration: Vector
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Held:
+class Held(Struct, frozen=True, kw_only=True):
     """What is on the wire at one instant.
 
     Attributes:

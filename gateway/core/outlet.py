@@ -6,7 +6,7 @@ is a bug or a fault: nothing of that tick leaves but stop frames, and GATE_VIOLA
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from msgspec import Struct
 
 from gateway.core.conductor import Conductor
 from gateway.core.events import Frame, FrameKind, Notice, Remembered, Reply
@@ -21,8 +21,7 @@ from gateway.values import Vector
 __all__ = ["Outlet", "Output"]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Output:
+class Output(Struct, frozen=True, kw_only=True):
     """What one tick gives.
 
     Attributes:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import replace
 from itertools import pairwise
 
 import msgspec
@@ -737,7 +736,7 @@ def test_a_guards_engine_ends_its_hold_when_the_robot_is_not_heard():
         pair.engine = Engine(pair.settings, is_guard=is_guard)
         pair.up()
         pair.run_until(lambda pair=pair: mode_known(pair) and pair.state == "READ_ONLY")
-        pair.receive(TakenOver(held=replace(held, last_frame_ns=pair.now_ns), at_ns=pair.now_ns))
+        pair.receive(TakenOver(held=msgspec.structs.replace(held, last_frame_ns=pair.now_ns), at_ns=pair.now_ns))
         pair.run(0.1)
         assert pair.state == "HOLDING"
         pair.is_deaf = True

@@ -258,7 +258,7 @@ def test_what_the_robot_says_against_a_hold(happens, why):
     scene = Scene()
     held = scene.held()
     happens(scene)
-    scene.take(replace(held, last_frame_ns=scene.now_ns))
+    scene.take(msgspec.structs.replace(held, last_frame_ns=scene.now_ns))
     assert why in scene.takeover.refused
     assert not scene.body.running_arms
 
@@ -301,7 +301,7 @@ def test_a_setpoint_that_cannot_brake_inside_the_limits_is_not_gone_on_with():
     scene = Scene()
     held = scene.held()
     bad = msgspec.structs.replace(held.arms[R], values=(99.0, *MIDDLE[R][1:]))
-    scene.take(replace(held, arms={L: held.arms[L], R: bad}))
+    scene.take(msgspec.structs.replace(held, arms={L: held.arms[L], R: bad}))
     assert "cannot brake inside the limits" in scene.takeover.refused
     assert not scene.body.running_arms
 

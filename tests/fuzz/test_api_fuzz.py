@@ -12,10 +12,10 @@ import math
 import random
 from collections import Counter, OrderedDict
 from collections.abc import Callable
-from dataclasses import replace
 from typing import Any, get_args
 
 import pytest
+from msgspec import structs
 
 from gateway import robot
 from gateway.api import protocol
@@ -110,7 +110,7 @@ class Judge(Monitor):
             if moves and self.arrived_ns.get((reply.client_id, reply.request_id), 0) > self.stopped_ns:
                 frames = tuple(frame for frame in frames if frame.kind is not FrameKind.MOTION)
         self.arrived_ns.clear()
-        super()._stopped_at_once(replace(output, frames=frames))
+        super()._stopped_at_once(structs.replace(output, frames=frames))
 
 
 class Plane:
@@ -158,7 +158,7 @@ class Plane:
 
     def see(self, output: Output) -> None:
         """Judge a tick's frames, and send what it gives."""
-        self.monitor.see(replace(output, replies=tuple(filter(self._is_new, output.replies))))
+        self.monitor.see(structs.replace(output, replies=tuple(filter(self._is_new, output.replies))))
         self.moved.update(frame.kind for frame in output.frames)
         self.topics.update(frame.topic for frame in output.frames if frame.kind is FrameKind.MOTION)
         self.outbox.send(output.replies, output.notices)
