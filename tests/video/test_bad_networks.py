@@ -96,11 +96,13 @@ class Play:
 
     Args:
         network: On the way.
+        packet_bytes: Of the largest packets.
         settings: Of the film's coding.
     """
 
-    def __init__(self, network: BadNetwork, **settings: Any) -> None:
+    def __init__(self, network: BadNetwork, *, packet_bytes: int = PACKET_BYTES, **settings: Any) -> None:
         self.network = network
+        self._packet_bytes = packet_bytes
         self.now_ns = 1_000_000_000
         self.outcome = Outcome()
         self.stream = Stream({ROBOT})
@@ -109,7 +111,7 @@ class Play:
         self._number = itertools.count()
         self._damage, self._decoder = Damage(), Decoder("software", threads=1)
         self._sent: dict[tuple[int, int], int] = {}
-        self._packetiser = Packetiser(1, max_bytes=PACKET_BYTES)
+        self._packetiser = Packetiser(1, max_bytes=packet_bytes)
         self._lives = itertools.count(2)
         self._tick = 0
 
@@ -132,7 +134,7 @@ class Play:
 
     def restart(self, gap_s: float = 0.5) -> Play:
         """Let the sender be another one, after a while; it goes on in mid-group wherever the film is."""
-        self._packetiser = Packetiser(next(self._lives), max_bytes=PACKET_BYTES)
+        self._packetiser = Packetiser(next(self._lives), max_bytes=self._packet_bytes)
         self._tick = 0
         self.now_ns += int(gap_s * 1e9)
         return self
@@ -213,6 +215,19 @@ def test_what_is_lost_is_flagged_until_the_next_whole_idr(faults, count, least, 
     assert (outcome.counts.cut_short > 0) is ("truncate_p" in faults)
     false_alarms = sum(one.is_right and not one.clean for one in outcome.shown)
     assert false_alarms <= 0.05 * count
+
+
+@pytest.mark.parametrize("packet_bytes", [1400, 3000])
+@pytest.mark.parametrize("seed", range(either(3, 12)))
+def test_each_packet_that_is_cut_short_is_flagged_whatever_the_size_of_packets(packet_bytes, seed):
+    """But the last one of a NAL unit: a picture has a few packets or only two; nothing of a good network is doubted."""
+    network = BadNetwork(seed=seed)
+    play = Play(network, packet_bytes=packet_bytes).send(2 * GOP)
+    assert play.stream.tally.snapshot().cut_short == 0
+    outcome = play.send(150, truncate_p=0.05, truncates_last=False).send(2 * GOP, truncate_p=0.0).end()
+    assert_honest(outcome)
+    assert network.did["truncate"] > 0 and outcome.numbers(clean=False) and heals_at_key_frames(outcome.shown)
+    assert all(one.clean for one in outcome.shown[-GOP:])
 
 
 @pytest.mark.parametrize(

@@ -26,14 +26,23 @@ def known() -> Evenness:
 
 
 @pytest.mark.parametrize(
-    "sizes", [(700, 900, 900, 300), (900, 898, 898, 300), (900, 899, 900, 300), (900, 900, 0, 300), (200, 300)]
+    "sizes",
+    [
+        (700, 900, 900, 300),
+        (900, 898, 898, 300),
+        (900, 899, 900, 300),
+        (900, 900, 0, 300),
+        (200, 300),
+        (500, 300),
+        (899, 9),
+    ],
 )
 def test_a_fragment_cut_short_is_seen(sizes):
     """The first, one in the middle, the first of two."""
     assert nal(known(), *sizes)
 
 
-@pytest.mark.parametrize("sizes", [(900, 900, 300), (900, 1), (900, 900), (400, 400, 400)])
+@pytest.mark.parametrize("sizes", [(900, 900, 300), (900, 1), (900, 900), (400, 400, 400), (1200, 300)])
 def test_a_last_fragment_may_be_shorter_and_other_units_have_other_sizes(sizes):
     """Whether that one was cut short nobody can know."""
     assert not nal(known(), *sizes)
@@ -96,3 +105,29 @@ def test_many_of_the_same_size_can_be_told_at_once():
         uneven.repeat(2)
         assert not uneven.is_cut_short(300, is_last=True)
     assert nal(uneven, 500, 900, 300), "it was even lately"
+
+
+def test_a_sender_of_larger_fragments_is_known_by_them_soon():
+    """Another path, another size: units of two fragments are doubted a few times at most, and judged again later."""
+    evenness = known()
+    found = [nal(evenness, *sizes) for _ in range(MOST) for sizes in ((700, 700, 700, 90), (700, 300))]
+    assert not any(found[MOST:]) and sum(found) <= MOST // 2
+    assert nal(evenness, 500, 300) and not nal(evenness, 700, 300)
+
+
+def test_a_sender_that_spreads_its_bytes_is_not_judged_by_a_size_that_it_does_not_have():
+    """Its units of two fragments are doubted at the very beginning, and never later."""
+    evenness, chance = Evenness(), random.Random(1)
+    found = []
+    for _ in range(200):
+        count, size = chance.choice((2, 2, 3, 5)), chance.randrange(600, 1400)
+        found.append(nal(evenness, *[size] * count))
+    assert not any(found[10:])
+
+
+def test_units_of_two_fragments_alone_tell_nothing():
+    """Whatever the size of the first one."""
+    evenness, chance = Evenness(), random.Random(1)
+    for _ in range(100):
+        size = chance.randrange(300, 1400)
+        assert not nal(evenness, size, size // 2)

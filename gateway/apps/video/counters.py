@@ -39,7 +39,7 @@ class Counts:
         malformed_ap: Aggregation packets that do not add up.
         malformed_fu: Fragments that do not fit together though none is lost.
         malformed_nal: NAL units or payloads whose header is invalid.
-        cut_short: Fragments of another size than their neighbours, from a sender that makes them of one size.
+        cut_short: Fragments of another size than the others, from a sender that makes them of one size.
         paci: PACI packets, which this receiver does not read (RFC 7798 section 4.4.4).
         pictures: Access units made.
         broken: Those of them that are not intact.

@@ -8,7 +8,7 @@ Rules
       between. After a loss it is known to have begun when it begins with what only stands at the beginning.
     * The part of a NAL unit before a loss is kept: it can be shown, flagged.
     * Parameter sets are remembered and put before a picture that decoding can begin with, where they are missing.
-    * A fragment that is shorter than its neighbours was cut short on its way, where the sender makes them of one size.
+    * A fragment that is shorter than others was cut short, where the sender makes them of one size (`evenness`).
     * DONL fields (RFC 7798 section 4.4.1) cannot be told from the packets. They make nearly every AP malformed, and the
       first slice of every picture seem missing: `unsupported` says so when it goes on.
 
