@@ -11,7 +11,8 @@ Rules
     * A path or a trajectory is one motion: it ends with COLLISION_AHEAD, and its arms brake.
     * Stops, holds and walks (a reference that is led to where its arm is) are never changed; others mind them.
     * An arm whose joints nobody here commands (end-effector mode, or no stream) stands where it is measured, and may go on as
-      far as its measured velocity takes it. That is a guess: by poses it is not moved while this is on (`room.py`).
+      far as its measured velocity takes it. That is a guess: by poses it is not moved while this is on (`room.py`), and what
+      moves it by poses when this comes on ends with UNGUARDED: it brakes.
     * It is setpoints that keep the margin. The arms follow them within the bound of the tracking error.
 
 A look at the body costs 0.2 to 0.5 ms. So it serves for the next ticks as well, as far as its bounds let their ways pass, which
@@ -29,14 +30,14 @@ from gateway.core.events import Level
 from gateway.core.motion import JointReference, ReferenceMode
 from gateway.core.motions import MotionState
 from gateway.core.path import REST, State
-from gateway.core.room import whereabouts, why_off
+from gateway.core.room import check_unguarded, whereabouts, why_off
 from gateway.core.snapshot import SpacingView
 from gateway.core.spare import Spare, wider
 from gateway.core.stops import Stops
 from gateway.errors import Code
 from gateway.kinematics.judgement import Going, Motion, Verdict, Ways
 from gateway.kinematics.stopping import STAYS, Extent, stop_extent, way_extent
-from gateway.values import Side, Vector
+from gateway.values import Side, Space, Vector
 
 if TYPE_CHECKING:  # they take numpy along, which a guard has no use for
     from gateway.core.body_model import BodyModel
@@ -107,7 +108,20 @@ class Spacing:
                 reference.bound(1.0)
         elif is_moving:
             self._judge(model, here, moved, now_ns)
+        if not why:
+            self._end_poses(now_ns)
         self._show(model, why=why, now_ns=now_ns)
+
+    def _end_poses(self, now_ns: int) -> None:
+        """End what moves arms by poses: it began while nobody kept arms apart, and could not be begun now."""
+        body = self._conductor.body
+        for side, arm in body.arms.items():
+            if arm.space is Space.POSE and (body.motions.of(side) or body.targets.of(side)):
+                refusal = check_unguarded(self._conductor, (side,), Space.POSE, now_ns)
+                assert refusal is not None
+                text = f"arms are kept apart again, and {refusal.message}: it brakes"
+                self._conductor.report_ended(body.drop_driver(side, MotionState.ABORTED, refusal.code, text), now_ns)
+                self._conductor.notice(refusal.code, Level.WARNING, text, now_ns, side=side.value)
 
     def _moved(self, now_ns: int) -> Moved:
         """Return the references of the arms whose next joint setpoint leaves in this tick."""

@@ -9,16 +9,16 @@ from itertools import pairwise
 import pytest
 
 from gateway import robot
-from gateway.core import requests
+from gateway.core import requests, room
 from gateway.core.chunk import prepare
 from gateway.core.events import FrameKind, Level, SampleArrived
 from gateway.core.motion import ReferenceMode, plan
 from gateway.core.spacing import ADRIFT_RADPS, Spacing
 from gateway.errors import Code
 from gateway.kinematics.approach import Look
-from gateway.robot import HOME_Q_RAD
+from gateway.robot import HOME_Q_RAD, shoulder_frame
 from gateway.sim.settings import SimSettings
-from gateway.values import ArmState, Side
+from gateway.values import ArmState, Side, Space
 from tests.kinematics.guarded_arms import MARGIN_M, MEET, ROUNDING_M, model, random_joints
 from tests.pair import MS
 from tests.spaced import SpacedPair
@@ -281,6 +281,38 @@ def test_an_arm_that_moves_by_itself_has_the_room_that_it_may_take():
         (back, forth), (low, high), *others = spacing._way(R, here, here, None)
         assert (back, high) == (0.0, 0.0) and forth == pytest.approx(-low) and forth >= far
         assert others == [(0.0, 0.0)] * 5
+
+
+@pytest.mark.parametrize("streamed", [True, False])
+def test_what_moves_an_arm_by_poses_ends_when_arms_are_kept_apart_again(streamed):
+    """It began while the model was not known: told with UNGUARDED, the arm brakes; anew it is refused as ever."""
+    pair = SpacedPair(sim=SimSettings(state_period_ns=10 * MS, right_mode="pose"))
+    pair.model.forget()
+    pose = pair.conductor.store.pose(R)
+    assert pose is not None
+    there = (*(0.8 * c for c in pose.p_m), *pose.quat_xyzw)
+    frames = {side: shoulder_frame(side) for side in Side}
+    if streamed:
+        asked = requests.OpenStream(epoch=pair.epoch, side=R, space=Space.POSE, frame=frames[R], speed=0.1)
+        pair.target(pair.epoch, pair.granted(asked)["stream_id"], there)
+    else:
+        pair.granted(requests.MovePose(epoch=pair.epoch, targets={R: there}, frames=frames, speed=0.1))
+    pair.run(0.2)
+    arm = pair.conductor.body.arms[R]
+    assert arm.space is Space.POSE and arm.reference.mode is not ReferenceMode.BRAKE
+    assert not arm.is_at_rest and not told(pair, Code.UNGUARDED)
+    while room.why_off(pair.conductor, pair.now_ns) is not None:
+        pair.step()
+    assert not arm.is_at_rest
+    pair.run(0.5)
+    notice = told(pair, Code.UNGUARDED)[-1]
+    assert notice.facts["side"] == "right" and "it brakes" in notice.message and notice.level is Level.WARNING
+    body = pair.conductor.body
+    assert arm.is_at_rest and not body.targets.running and not body.motions.running and pair.state == "ACTIVE"
+    if not streamed:
+        assert body.motions.views()[-1].code == "UNGUARDED"
+    asked = requests.MovePose(epoch=pair.epoch, targets={R: there}, frames=frames)
+    assert pair.refused(asked).code is Code.UNGUARDED
 
 
 # ------------------------------------------------------------------------------------------------ on and off, and what is seen
