@@ -7,7 +7,8 @@ A straight motion takes milliseconds to work out. It is accepted as `queued`, wh
 rest some pieces of the work are done in every tick. It begins when all of it is known to be possible, from exactly where the
 arms were; else it ends aborted, with the first place that is not, and nothing has moved. Until then it can be cancelled,
 superseded and stopped as any motion. A joint motion to a pose begins at once, as `move_to` does; where parts of the body are
-kept apart its way is looked at before, likewise.
+kept apart its way is looked at before, likewise. A goal that leaves too little room is refused at once: the whole posture of a
+joint motion, of a straight one the hands, which its poses place however the arms will be bent.
 """
 
 from __future__ import annotations
@@ -29,6 +30,7 @@ from gateway.core.motions import Motion, MotionState
 from gateway.core.moves import Answer, Moves
 from gateway.core.permit import Permit
 from gateway.core.pose_door import check_frame, check_pose, check_pose_tolerance
+from gateway.core.room import check_goals
 from gateway.core.supervisor import Trigger
 from gateway.errors import Code, Refusal
 from gateway.robot import ARM_JOINTS
@@ -116,6 +118,9 @@ class Cartesian:
             if isinstance(joints, Refusal):
                 return joints
             goals_rad[side] = joints
+        too_near_there = check_goals(conductor, goals_rad, now_ns, hands_only=request.straight)
+        if too_near_there is not None:
+            return too_near_there
         facts: dict[str, object] = {
             "values": {side.value: list(goal) for side, goal in poses.items()},
             "clipped": clipped,

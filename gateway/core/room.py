@@ -6,11 +6,15 @@ arm where it is bound for; the way to it is not: that is looked at while it is g
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
+from typing import TYPE_CHECKING
 
 from gateway.core.conductor import Conductor
 from gateway.errors import Code, Refusal
-from gateway.values import Side, Space, Vector
+from gateway.values import ARM_DOF, Side, Space, Vector
+
+if TYPE_CHECKING:  # it takes numpy along, which a guard has no use for
+    from gateway.kinematics.collision import CollisionModel
 
 __all__ = ["check_goals", "check_unguarded", "whereabouts", "why_off"]
 
@@ -44,13 +48,16 @@ def whereabouts(conductor: Conductor) -> dict[Side, Vector]:
     return found
 
 
-def check_goals(conductor: Conductor, goals: Mapping[Side, Vector], now_ns: int) -> Refusal | None:
+def check_goals(
+    conductor: Conductor, goals: Mapping[Side, Vector], now_ns: int, *, hands_only: bool = False
+) -> Refusal | None:
     """Refuse goals at which parts of the body would be nearer than the margin, and nearer than they are.
 
     Args:
         conductor: Model, and where the arms are and are bound for.
         goals: Joint angles inside the limits, per side shape (7,) [rad].
         now_ns: Monotonic time [ns].
+        hands_only: Whether only the poses of the hands are sure, and not how the arms will be bent.
     """
     model, here = conductor.model, whereabouts(conductor)
     if model is None or model.collision is None or len(here) < len(Side) or why_off(conductor, now_ns) is not None:
@@ -60,7 +67,7 @@ def check_goals(conductor: Conductor, goals: Mapping[Side, Vector], now_ns: int)
     before = model.collision.posture(here)
     for gap_m, number in posture.within(margin_m):
         now_m = before.told(number).gap_m
-        if gap_m < min(margin_m, now_m) - TOUCHED_M:
+        if gap_m < min(margin_m, now_m) - TOUCHED_M and not (hands_only and _depends(model.collision, number, goals)):
             near = posture.told(number)
             return Refusal(
                 code=Code.GOAL_TOO_NEAR,
@@ -98,6 +105,13 @@ def check_unguarded(conductor: Conductor, sides: Sequence[Side], space: Space, n
         value="end-effector",
         bound="joint",
     )
+
+
+def _depends(parts: CollisionModel, number: int, sides: Collection[Side]) -> bool:
+    """Whether the gap of a pair depends on how these arms are bent, beside the poses of their hands."""
+    first, second, *_ = parts.pairs[number]
+    both = (parts.capsules[first], parts.capsules[second])
+    return any(part.side in sides and 0 < part.after < ARM_DOF for part in both)
 
 
 def _bound_for(conductor: Conductor, side: Side, here: Vector) -> Vector:

@@ -20,6 +20,8 @@ from gateway.values import EePose, Side
 from tests.behaviour.scene import Scene, scene
 from tests.core.lines import planned, used
 from tests.kinematics.bodies import ARMS, difference, nudged, samples
+from tests.kinematics.guarded_arms import MEET
+from tests.spaced import SpacedPair
 
 MS = 1_000_000
 HOME = robot.HOME_Q_RAD
@@ -317,6 +319,20 @@ def test_a_way_on_which_parts_come_too_near_is_refused_and_a_free_one_is_gone(st
     assert held(pair) == begin
     free = until_ended(pair, asked(pair, (0.02, 0.0, 0.05), straight=straight))
     assert (free.state, free.code) == ("reached", "")
+
+
+@pytest.mark.parametrize("straight", [True, False])
+def test_a_goal_that_leaves_too_little_room_is_refused_before_anything_ends(straight):
+    """With pair and distance: both hands in one place; what moved the arm goes on."""
+    pair = SpacedPair()
+    pair.lead(HOME, 8.0)
+    moving = pair.granted(Move(epoch=pair.epoch, targets_rad={R: (*HOME[R][:6], HOME[R][6] + 0.2)}, speed=0.1))
+    hands = {side: ARMS[side].forward(MEET[side]) for side in Side}
+    targets = {side: (*hands[side].p_m, *hands[side].quat_xyzw) for side in Side}
+    refusal = pair.refused(MovePose(epoch=pair.epoch, targets=targets, frames=FRAMES, straight=straight))
+    assert refusal.code is Code.GOAL_TOO_NEAR and "left_" in refusal.message and "right_" in refusal.message
+    assert (refusal.bound, refusal.unit) == (">= 0.02", "m") and float(refusal.value) < 0.02
+    assert pair.conductor.body.motions.find(moving["motion_id"]).is_running
 
 
 def test_an_arm_that_nobody_knows_stands_in_the_way():

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import random
 from dataclasses import replace
 
 import pytest
@@ -15,7 +16,7 @@ from gateway.robot import HOME_Q_RAD
 from gateway.settings import Settings
 from gateway.sim.settings import SimSettings
 from gateway.values import Side, Space
-from tests.kinematics.guarded_arms import MARGIN_M, MEET, model
+from tests.kinematics.guarded_arms import MARGIN_M, MEET, model, random_joints
 from tests.pair import MS
 from tests.spaced import SpacedPair
 
@@ -86,6 +87,27 @@ def test_a_goal_inside_the_margin_is_refused_with_pair_distance_bound_and_remedy
     checked = requests.CheckFollow(follow=requests.Follow(epoch=0, chunk=chunk), from_here=True)
     assert pair.refused(checked).code is Code.GOAL_TOO_NEAR
     assert pair.off_rad(HOME_Q_RAD) < 1e-9 and not pair.conductor.body.motions.running
+
+
+def named(refusal):
+    """Return the parts that a refusal is about."""
+    return set(refusal.message.partition(" would be ")[0].split(" and "))
+
+
+def test_of_a_pose_only_what_it_places_is_judged(pair):
+    """The hands, and what other arms hold: not the elbows of arms that may be bent otherwise on the way there."""
+    refusal = room.check_goals(pair.conductor, MEET, pair.now_ns, hands_only=True)
+    assert refusal is not None and refusal.code is Code.GOAL_TOO_NEAR
+    bent, rng, seen = {"left_upper", "left_forearm"}, random.Random(4), 0
+    while seen < 5:
+        goals = {L: random_joints(rng)[L]}
+        whole = room.check_goals(pair.conductor, goals, pair.now_ns)
+        hand = room.check_goals(pair.conductor, goals, pair.now_ns, hands_only=True)
+        if hand is not None:
+            assert whole is not None and not named(hand) & bent
+        elif whole is not None:
+            assert named(whole) & bent
+            seen += 1
 
 
 def test_a_goal_with_the_margin_left_is_accepted(pair):
