@@ -359,6 +359,10 @@ CODES: dict[Code, CodeInfo] = {
         error=NotReady,
         hint="command a pose that the robot's IK can solve: nearer, away from singularities (manual §4.10)",
     ),
+    Code.SINGULARITY_NEAR: CodeInfo(
+        error=NotReady,
+        hint="wait until the arm is past it, or move around it (elbow stretched, upper arm straight out to the side)",
+    ),
     Code.STREAM_LATE: CodeInfo(error=NotReady, hint="give this host SCHED_FIFO or less load", retryable=True),
     Code.BAD_CONFIG: CodeInfo(error=ConfigError, hint="correct the setting; `ta2 config --show` prints all of them"),
     Code.FOREIGN_CALIBRATION: CodeInfo(

@@ -234,6 +234,12 @@ class ModelSettings:
         calibration: Path of this robot's own, as `ta2 identify` writes it; empty for none.
         self_collision: Whether setpoints are kept from driving the body's parts into each other.
         margin_m: What then stays free between any two parts [m].
+        singularity_slowdown: Whether streams of poses to an arm in end-effector mode are slowed down near singularities, where
+            the robot's own IK would have the joints race. On by default: it can only slow, it never stops an arm, and away
+            from singularities it changes nothing.
+        singularity_radps: What the fastest joint may have to do then [rad/s]. The default is the hard bound of joint motions,
+            so that only what no joint motion could do either is slowed: at full speed every fifth direction of every posture
+            there is, few of those that people work in.
     """
 
     check: bool = True
@@ -244,6 +250,8 @@ class ModelSettings:
     calibration: str = ""
     self_collision: bool = False
     margin_m: float = 0.02
+    singularity_slowdown: bool = True
+    singularity_radps: float = robot.HARD_V_RADPS
 
     def __post_init__(self) -> None:
         """Refuse tolerances that judge nothing, and a guard without a model."""
@@ -251,6 +259,7 @@ class ModelSettings:
         within("model.angle_tolerance_rad", self.angle_tolerance_rad, 0.002, 0.1, "rad", OURS)
         within("model.window_ns", self.window_ns, 1 * S, 30 * S, "ns", OURS)
         within("model.margin_m", self.margin_m, 0.02, 0.2, "m", HARD)
+        within("model.singularity_radps", self.singularity_radps, 0.3, robot.HARD_V_RADPS, "rad/s", HARD)
         if self.self_collision and not self.check:
             rule = "needs model.check = true: nothing may be kept apart by a model that nobody compares with the robot"
             raise SettingsRefused("model.self_collision", "true", rule=rule)

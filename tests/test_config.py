@@ -219,6 +219,7 @@ SETTINGS = st.builds(
         ModelSettings,
         check=st.just(True),
         self_collision=st.booleans(),
+        singularity_slowdown=st.booleans(),
         window_ns=st.integers(S, 30 * S),
         urdf=TEXT,
         calibration=TEXT,

@@ -102,6 +102,7 @@ BOUNDS = [
     Bound(ModelSettings, "angle_tolerance_rad", 0.002, 0.1),
     Bound(ModelSettings, "window_ns", 1 * S, 30 * S),
     Bound(ModelSettings, "margin_m", 0.02, 0.2),
+    Bound(ModelSettings, "singularity_radps", 0.3, 3.0),
 ]
 
 UNBOUNDED = {
@@ -114,6 +115,7 @@ UNBOUNDED = {
     "enabled",
     "check",
     "self_collision",
+    "singularity_slowdown",
 }
 """Fields with rules of their own (below), or without a number."""
 

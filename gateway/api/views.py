@@ -27,6 +27,7 @@ __all__ = [
     "OtherView",
     "OthersView",
     "RefusalView",
+    "SlowingView",
     "Snapshot",
     "SpacingView",
     "StreamView",
@@ -278,6 +279,18 @@ class SpacingView(Struct, frozen=True, kw_only=True):
     held: tuple[str, ...]
 
 
+class SlowingView(Struct, frozen=True, kw_only=True):
+    """How near a singularity an arm is whose poses are streamed: the part of the speed limits left, and the joint to blame."""
+
+    on: bool
+    why: str
+    speed_ratio: float
+    held: bool
+    joint: int
+    joint_radps: float
+    bound_radps: float
+
+
 class Snapshot(Struct, frozen=True, kw_only=True):
     """All of it at one instant; `seq` rises by one with each."""
 
@@ -307,3 +320,4 @@ class Snapshot(Struct, frozen=True, kw_only=True):
     guard: GuardView
     others: OthersView
     spacing: SpacingView | None = None
+    slowing: dict[str, SlowingView] = {}

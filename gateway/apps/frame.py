@@ -16,7 +16,7 @@ Rules
 from __future__ import annotations
 
 import textwrap
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 from rich.text import Text
@@ -243,6 +243,7 @@ def _traffic(view: protocol.Snapshot) -> Iterator[Text]:
             refused = f", {target.refused} bad" if target.refused else ""
             limited = ", limited" if target.limited else ""
             yield Text(f"targets {target.side} #{target.seq}{refused}{limited}", style="yellow" if refused else "green")
+    yield from _slowing(view.slowing)
     yield from _ground(view)
     yield from _motions(view)
     yield from _spacing(view.spacing)
@@ -284,6 +285,14 @@ def _spacing(spacing: protocol.SpacingView | None) -> Iterator[Text]:
     held = f", {'+'.join(spacing.held)} held back" if spacing.held else ""
     yield Text(f"{1e3 * spacing.gap_m:.0f} mm of {1e3 * spacing.margin_m:.0f} mm free{held}", style=style)
     yield Text(f"  {spacing.first} - {spacing.second}", style=style)
+
+
+def _slowing(slowing: Mapping[str, protocol.SlowingView]) -> Iterator[Text]:
+    """Yield the arms whose poses are followed slower near a singularity, and the joint for whose sake."""
+    for side, seen in slowing.items():
+        if seen.held:
+            text = f"{side} at {seen.speed_ratio:.0%}: joint {seen.joint} near a singularity"
+            yield Text(text, style="yellow")
 
 
 def _motions(view: protocol.Snapshot) -> Iterator[Text]:

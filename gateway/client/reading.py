@@ -241,6 +241,11 @@ class RobotState:
         return self.view.spacing
 
     @property
+    def slowing(self) -> dict[str, protocol.SlowingView]:
+        """How near a singularity each arm is whose poses are streamed now, keyed `left`, `right`."""
+        return self.view.slowing
+
+    @property
     def left_arm(self) -> ArmState:
         """The left arm."""
         return self.arm("left")

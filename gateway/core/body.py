@@ -13,7 +13,7 @@ from gateway.core.motion import Path, plan
 from gateway.core.motions import Motion, MotionBook, MotionState
 from gateway.core.passage import Outcome
 from gateway.core.pose_motion import PosePath, plan_poses
-from gateway.core.snapshot import SpacingView
+from gateway.core.snapshot import SlowingView, SpacingView
 from gateway.core.streams.arm import ArmStream
 from gateway.core.streams.chassis import ChassisStream
 from gateway.core.streams.gripper import GripperStream
@@ -52,6 +52,8 @@ class Body:
         self.targets = TargetBook(settings.arm, settings.pose)
         self.spacing: SpacingView | None = None
         """How near parts of the body are to each other; None where nobody asked for them to be kept apart."""
+        self.slowing: dict[Side, SlowingView] = {}
+        """How near a singularity each arm is whose poses are streamed."""
         self.grounds: tuple[GroundStream, ...] = (self.chassis,) if self.lift is None else (self.chassis, self.lift)
         """Chassis and, where there is one, lift."""
         self.streams: tuple[Stream, ...] = (

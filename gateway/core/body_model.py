@@ -21,8 +21,9 @@ from gateway.kinematics.capsules import hull
 from gateway.kinematics.collision import CollisionModel
 from gateway.kinematics.configured import configured
 from gateway.kinematics.description import Description
+from gateway.kinematics.dexterity import joint_speeds
 from gateway.settings import Settings
-from gateway.values import ArmState, EePose, Side
+from gateway.values import ArmState, EePose, Side, Vector
 
 __all__ = ["BodyModel", "body_model"]
 
@@ -105,6 +106,16 @@ class BodyModel:
             judge.forget()
         self._compared_ns.clear()
         self._verdicts.clear()
+
+    def joint_speeds_radps(self, side: Side, q_rad: Vector, rates: Vector) -> Vector:
+        """Return how fast joints have to go for a velocity of their end effector, bounded near singularities.
+
+        Args:
+            side: Which arm.
+            q_rad: Where its joints are, shape (7,) [rad].
+            rates: Velocity [m/s], then angular velocity [rad/s] in the shoulder frame, shape (6,).
+        """
+        return joint_speeds(self.arms[side].jacobian(q_rad), rates)
 
     def verdict(self, side: Side, now_ns: int) -> Verdict:
         """Return what is known of an arm's model, at most 0.4 s old.

@@ -21,7 +21,7 @@ from gateway.codes import Code
 from gateway.core.conductor import Conductor
 from gateway.core.events import Level
 from gateway.core.following import JOINT_GRAIN, POSE_GRAIN, Following, Stall
-from gateway.core.snapshot import Finding
+from gateway.core.snapshot import Finding, SlowingView
 from gateway.core.streams.heartbeat import Beat
 from gateway.core.supervisor import State
 from gateway.errors import CODES
@@ -46,6 +46,8 @@ ROUTE_NS = 500 * MS
 """A route must be said to be bad for this long [ns]: while it is looked into, it may seem so."""
 LATE = 1 / 3
 """A gap of more than this part of the robot's watchdog, and of three periods, is late."""
+SLOWED = 0.9
+"""Poses are told to be followed slower below this part of the speed limits."""
 QUIET_AGAIN_NS = 10 * S
 """The same finding is told again only after this long [ns]."""
 
@@ -327,6 +329,9 @@ class Diagnosis:
     # ------------------------------------------------------------------------------------------------ arms
 
     def _arm(self, side: Side, now_ns: int) -> Iterator[_Symptom]:
+        slowing = self._conductor.body.slowing.get(side)
+        if slowing is not None and slowing.held and slowing.speed_ratio < SLOWED:
+            yield _near_singularity(side, slowing)
         conductor, following = self._conductor, self._following[side]
         arm, measured = conductor.body.arms[side], conductor.measured(side)
         is_driven = arm.running and conductor.state in MOVING
@@ -342,6 +347,16 @@ class Diagnosis:
             stall = following[arm.space].look(arm.values, measured, now_ns)
             if stall is not None:
                 yield _refused_pose(side, arm.values, measured, stall)
+
+
+def _near_singularity(side: Side, slowing: SlowingView) -> _Symptom:
+    name = robot.ARM_JOINTS[side][slowing.joint - 1]
+    text = (
+        f"poses of the {side} arm are followed at {slowing.speed_ratio:.0%} of the speed limits: at all of it joint "
+        f"{slowing.joint} ({name}) would have to go {slowing.joint_radps:.1f} rad/s, up to {slowing.bound_radps:g} is allowed"
+    )
+    facts = {"speed_ratio": slowing.speed_ratio, "joint": slowing.joint, "joint_radps": slowing.joint_radps}
+    return _Symptom(Code.SINGULARITY_NEAR, f"{side}_arm", text, facts=facts)
 
 
 def _stalled_joints(side: Side, stall: Stall) -> _Symptom:

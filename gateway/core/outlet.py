@@ -11,6 +11,7 @@ from msgspec import Struct
 from gateway.core.conductor import Conductor
 from gateway.core.events import Frame, FrameKind, Notice, Remembered, Reply
 from gateway.core.gate import Cleared, Gate, GateContext
+from gateway.core.slowing import Slowing
 from gateway.core.snapshot import Snapshot
 from gateway.core.spacing import Spacing
 from gateway.core.streams.stream import Stream
@@ -55,6 +56,7 @@ class Outlet:
         self._conductor = conductor
         self._gate = gate
         self._spacing = Spacing(conductor)
+        self._slowing = Slowing(conductor)
 
     def resume(self, topic: str, values: Vector, step: Vector) -> None:
         """Let a stream go on with the last frame of another process's: values, and its step from the one before."""
@@ -69,6 +71,7 @@ class Outlet:
         """
         if not stops_only:
             self._spacing.look(now_ns)
+            self._slowing.look(now_ns)
         cleared: list[Cleared] = []
         context = self._context(now_ns)
         conductor = self._conductor

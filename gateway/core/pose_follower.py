@@ -22,7 +22,7 @@ import math
 from ruckig import InputParameter, Ruckig, Synchronization, Trajectory
 
 from gateway.core.braking import OVER_RATIO, ROUNDING_RAD, TINY_RATIO, advance, duration, ramp
-from gateway.core.pose_state import PoseDynamics, PoseState, carry, share
+from gateway.core.pose_state import REST6, PoseDynamics, PoseState, carry, share
 from gateway.core.quaternion import aligned, conjugate, long_log, multiply
 from gateway.core.solver import LONGEST_S, NoPlan, solve
 from gateway.values import Vector
@@ -42,6 +42,9 @@ AXIS_RATIO = math.sqrt(1.0 - EVEN + EVEN / 3.0)
 
 LONGER_RAD = 0.3
 """A target may move so far beyond half a turn before the other way is taken [rad]."""
+
+NEAR_S = 0.1
+"""What is nearer than full speed takes it in this time is not gone for at full speed [s]."""
 
 LIMITED_S = 0.3
 LIMITED_RATIO = 1.2
@@ -75,7 +78,7 @@ class PoseFollower:
         self.faults = 0
         """How many setpoints had to do without ruckig."""
         self._dynamics = dynamics
-        self._speed = 1.0
+        self._speed = self._bound = 1.0
         self._force = 1.0
         """Factor on the acceleration: that of the speed from rest on."""
         self._p_m: Vector = (0.0, 0.0, 0.0)
@@ -112,6 +115,30 @@ class PoseFollower:
     def begin(self) -> None:
         """Begin a stream: the next target is reached on the shorter way."""
         self._has_target, self._force, self._lateness = False, 1.0, 0.0
+        self._bound = 1.0
+
+    def bound(self, speed: float) -> None:
+        """Bound the velocity beside the stream's own factor, from the next setpoint on; above it an axis ramps down to it.
+
+        Args:
+            speed: Factor on the velocity limits, 0 < speed <= 1; 1 for no bound. A new stream begins without one.
+        """
+        self._bound = speed
+
+    def wish(self, now: PoseState) -> Vector:
+        """Return with what velocity it will go to its target from rest, shape (6,) [m/s, rad/s]; 0 where it is there.
+
+        Args:
+            now: The present state.
+        """
+        if not self._has_target:
+            return REST6
+        linear = tuple([x - x0 for x, x0 in zip(self._p_m, now.p_m, strict=True)])
+        parts: list[float] = []
+        for way, group in ((linear, self._dynamics.linear), (self._way(now.quat_xyzw), self._dynamics.angular)):
+            length = math.hypot(*way)
+            parts += [x * min(1.0 / NEAR_S, group.speed / length) if length else 0.0 for x in way]
+        return tuple(parts)
 
     def aim(self, p_m: Vector, quat_xyzw: Vector, speed: float, now: PoseState) -> None:
         """Take a target.
@@ -199,7 +226,7 @@ class PoseFollower:
         speeds: list[float] = []
         for first, group in ((0, dynamics.linear), (3, dynamics.angular)):
             axes = slice(first, first + 3)
-            total = self._speed * group.speed
+            total = min(self._speed, self._bound) * group.speed
             way = [x - x0 for x, x0 in zip(target[axes], start[axes], strict=True)]
             length = math.hypot(*way)
             parts = [(x / length) ** 2 if length else 1.0 / 3.0 for x in way]

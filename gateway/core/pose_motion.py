@@ -228,6 +228,18 @@ class PoseReference:
             self._enter(ReferenceMode.FOLLOW)
         self._follower.aim(p_m, quat, speed, self._state)
 
+    def bound(self, speed: float) -> None:
+        """Bound the velocity of the followed stream, beside its own factor, from the next setpoint on.
+
+        Args:
+            speed: Factor on the velocity limits, 0 < speed <= 1; 1 for no bound. A new stream begins without one.
+        """
+        self._follower.bound(speed)
+
+    def wish(self) -> Vector:
+        """Return with what velocity it will go to the followed target from rest, shape (6,) [m/s, rad/s]."""
+        return self._follower.wish(self._state)
+
     def prepare(self, trajectory: PoseTrajectory, start_s: float, *, rests: bool) -> PosePassage:
         """Return the way along a trajectory, to be judged and then taken with `track`; nothing changes yet.
 

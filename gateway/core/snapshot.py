@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from msgspec import Struct
 
+from gateway.core.body_views import SlowingView, SpacingView
 from gateway.core.ground_views import ChassisView, GripView, LiftView
 from gateway.values import Vector
 
@@ -32,6 +33,7 @@ __all__ = [
     "OtherView",
     "OthersView",
     "RefusalView",
+    "SlowingView",
     "Snapshot",
     "SpacingView",
     "StreamView",
@@ -329,28 +331,6 @@ class RefusalView(Struct, frozen=True, kw_only=True):
     hint: str
 
 
-class SpacingView(Struct, frozen=True, kw_only=True):
-    """How near parts of the body are to each other, as measured, and whether arms are kept apart.
-
-    Attributes:
-        on: Whether setpoints are kept from bringing parts nearer than the margin.
-        why: Why not; empty while they are.
-        gap_m: Free distance of the nearest pair, negative inside each other [m]; None while it is off.
-        first: Name of one part of that pair, e.g. `left_palm`; empty while it is off.
-        second: Name of the other.
-        margin_m: What has to stay free [m].
-        held: Arms whose targets are not followed on because of it: `left`, `right`.
-    """
-
-    on: bool
-    why: str
-    gap_m: float | None
-    first: str
-    second: str
-    margin_m: float
-    held: tuple[str, ...]
-
-
 class Snapshot(Struct, frozen=True, kw_only=True):
     """All of it at one instant.
 
@@ -370,6 +350,7 @@ class Snapshot(Struct, frozen=True, kw_only=True):
         lift: What the lift is told; None on a model without one.
         others: Who else commands the robot, or could.
         spacing: How near parts of the body are to each other; None where nobody asked for them to be kept apart.
+        slowing: Arms whose poses are streamed now, keyed `left`, `right`: how near a singularity each is.
     """
 
     seq: int
@@ -398,3 +379,4 @@ class Snapshot(Struct, frozen=True, kw_only=True):
     guard: GuardView
     others: OthersView
     spacing: SpacingView | None
+    slowing: dict[str, SlowingView]

@@ -100,6 +100,7 @@ def build(
             seen=tuple(_others(conductor.others, now_ns)),
         ),
         spacing=body.spacing,
+        slowing={side.value: view for side, view in body.slowing.items()},
     )
 
 

@@ -137,6 +137,7 @@ def a_snapshot(seq=1, at_ns=1000, **changes):
         spacing=SpacingView(
             on=True, why="", gap_m=0.143, first="left_palm", second="right_forearm", margin_m=0.02, held=()
         ),
+        slowing={},
     )
     return replace(snapshot, **changes)
 

@@ -17,7 +17,7 @@ from gateway.apps.frame import Picture, Remark, frame
 from gateway.apps.watch import Viewer, plain_line
 from gateway.client import connect
 from gateway.core.events import Level, Notice
-from gateway.core.snapshot import LeaseView, LinkView, MotionView, SpacingView, StreamView, TargetView
+from gateway.core.snapshot import LeaseView, LinkView, MotionView, SlowingView, SpacingView, StreamView, TargetView
 from gateway.errors import Code
 from tests.api.stand_in import a_snapshot
 from tests.apps.views import INFO, MS, S, a_view, all_topics, owned
@@ -152,6 +152,13 @@ def test_a_frame_shows_how_near_the_arms_are(seen, words, style):
     assert all(word in text_of(lines) for word in words)
     line = next(line for line in lines if words[0] in line.plain)
     assert style in {str(span.style) for span in line.spans}
+
+
+def test_a_frame_shows_poses_that_are_followed_slower():
+    """Part of the speed and the joint, while that is what holds the arm back."""
+    near = SlowingView(on=True, why="", speed_ratio=0.34, held=True, joint=4, joint_radps=8.8, bound_radps=3.0)
+    shown = text_of(frame(picture(slowing={"left": near, "right": replace(near, held=False)}), 120, 40))
+    assert "left at 34%: joint 4 near a singularity" in shown and "right at" not in shown
 
 
 def test_a_frame_says_nothing_of_what_nobody_asked_for():

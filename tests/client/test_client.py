@@ -8,6 +8,7 @@ import pytest
 from gateway.client import Robot, StopResult, connect
 from gateway.core import events
 from gateway.core.events import Level, Notice
+from gateway.core.snapshot import SlowingView
 from gateway.errors import (
     Code,
     Disconnected,
@@ -106,6 +107,16 @@ def test_how_near_the_arms_are_is_in_the_state(world, robot):
     world.engine.show(spacing=None)
     world.run(0.05)
     assert robot.state.spacing is None
+
+
+def test_how_near_a_singularity_an_arm_is_is_in_the_state(world, robot):
+    """While its poses are streamed: the part of the speed limits that is left, and the joint for whose sake."""
+    assert robot.state.slowing == {}
+    near = SlowingView(on=True, why="", speed_ratio=0.34, held=True, joint=4, joint_radps=8.8, bound_radps=3.0)
+    world.engine.show(slowing={"left": near})
+    world.run(0.05)
+    seen = robot.state.slowing["left"]
+    assert (seen.speed_ratio, seen.held, seen.joint, seen.bound_radps) == (0.34, True, 4, 3.0)
 
 
 def test_a_state_does_not_change_after_it_was_taken(world, robot):

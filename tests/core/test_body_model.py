@@ -61,6 +61,14 @@ def test_a_robot_of_our_numbers_may_be_moved_by_them():
     assert verdict.state is Agreement.AGREES and verdict.position_m < 1e-6
 
 
+def test_the_speeds_of_joints_are_those_of_its_own_arms():
+    """As the Jacobian has them, per side."""
+    model, rates = BodyModel(nominal(), Settings()), (0.1, -0.05, 0.2, 0.3, 0.0, -0.2)
+    for side in Side:
+        dq = model.joint_speeds_radps(side, Q_RAD[side], rates)
+        assert ARMS[side].jacobian(Q_RAD[side]) @ dq == pytest.approx(rates)
+
+
 def test_another_robot_is_told_with_figure_and_bound():
     """A hand that is 9 mm elsewhere: refused on that arm only."""
     model, there = BodyModel(nominal(), Settings()), Robot(off_m=0.009)

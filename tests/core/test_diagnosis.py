@@ -13,7 +13,7 @@ from gateway.core.diagnosis import PERIOD_NS, Diagnosis
 from gateway.core.elsewhere import elsewhere, twins
 from gateway.core.events import ForeignData, Gateway, SampleArrived, SampleRefused
 from gateway.core.motion import plan
-from gateway.core.snapshot import Finding
+from gateway.core.snapshot import Finding, SlowingView
 from gateway.core.supervisor import State
 from gateway.kinematics.description import nominal
 from gateway.settings import Settings
@@ -433,6 +433,27 @@ def test_an_end_effector_that_does_not_follow_is_told():
     stage.spend(90)
     found = stage.only(Code.IK_REFUSED)
     assert found.facts["off_m"] > 0.02 and found.facts["off_rad"] > 0.05 and "right end effector" in found.message
+
+
+def slowed(ratio: float, held: bool) -> SlowingView:
+    """Return what is shown of an arm near a singularity."""
+    return SlowingView(on=True, why="", speed_ratio=ratio, held=held, joint=4, joint_radps=3.0 / ratio, bound_radps=3.0)
+
+
+@pytest.mark.parametrize(("ratio", "held", "is_told"), [(0.34, True, True), (0.34, False, False), (0.95, True, False)])
+def test_poses_that_are_followed_slower_near_a_singularity_are_told(ratio: float, held: bool, is_told: bool):
+    """Only where that is what holds them back, and by more than a tenth: part of the speed, joint, speed and bound."""
+    stage = Watched(State.ACTIVE, poses={R})
+    stage.conductor.body.slowing[R] = slowed(ratio, held)
+    stage.spend(20)
+    assert ("SINGULARITY_NEAR" in stage.codes) is is_told
+    if is_told:
+        found = stage.only(Code.SINGULARITY_NEAR)
+        assert (
+            "right arm are followed at 34%" in found.message
+            and "(r_joint4) would have to go 8.8 rad/s" in found.message
+        )
+        assert found.facts == {"speed_ratio": 0.34, "joint": 4, "joint_radps": pytest.approx(8.82, abs=0.01)}
 
 
 def test_the_other_sign_of_a_quaternion_is_the_same_orientation():

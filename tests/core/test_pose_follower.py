@@ -52,6 +52,46 @@ def test_a_target_is_reached_exactly_and_then_nothing_moves():
     assert len(states) * DT < 2.5
 
 
+@pytest.mark.parametrize("limits", [LIMITS, HARD, WEAK])
+def test_a_bound_that_changes_at_any_moment_keeps_every_limit(limits):
+    """Down to a fiftieth of the speed and up again while it goes; without one it is there as soon as ever."""
+    for seed in range(4):
+        rng = random.Random(seed)
+        start = PoseState(any_pose(rng)[:3], HOME[3:])
+        follower, states = begun(any_pose(rng), limits=limits, now=start), [start, start, start]
+        for _ in range(12):
+            follower.bound(rng.choice((0.02, 0.1, 0.5, 1.0)))
+            for _ in range(rng.choice((1, 5, 30))):
+                states.append(follower.follow(states[-1]))
+        follower.bound(1.0)
+        states += run(follower, states[-1], 4000)[1:]
+        assert states[-1].values == follower.target
+        judge(setpoints(states), limits)
+        assert follower.faults == 0
+
+
+def test_a_bound_holds_until_it_is_lifted_and_a_new_stream_has_none():
+    """A fifth of the linear speed, as the stream's own factor would have it; `begin` forgets it."""
+    target = (-0.30, 0.10, -0.20, *HOME[3:])
+    follower = begun(target)
+    follower.bound(0.2)
+    linear, _ = rates(setpoints(run(follower, HERE, 100)), DT)
+    assert 0.17 * LIMITS.v_mps < max(math.hypot(*v) for v in linear) <= 0.2 * LIMITS.v_mps
+    follower.begin()
+    follower.aim(target[:3], target[3:], 1.0, HERE)
+    assert setpoints(run(follower, HERE)) == setpoints(run(begun(target), HERE))
+
+
+def test_what_it_wishes_for_is_full_speed_towards_the_target():
+    """Linear and angular, less where it is near; nothing without a target, and at it."""
+    target = (0.30, 0.10, -0.50, *about((0.0, 1.0, 0.0), 0.004))
+    follower = begun(target)
+    wish = follower.wish(HERE)
+    assert wish[:3] == pytest.approx((0.0, 0.0, -0.999 * LIMITS.v_mps)) and wish[3:] == pytest.approx((0.0, 0.04, 0.0))
+    assert begun((*HERE.p_m, *HERE.quat_xyzw)).wish(HERE) == REST6
+    assert PoseFollower(PoseDynamics(LIMITS, DT)).wish(HERE) == REST6
+
+
 def test_a_straight_way_along_an_axis_gets_most_of_the_speed():
     """The axis with the way gets more than 85 % of the limit, not the 58 % of an even division."""
     states = run(begun((-0.30, 0.10, -0.20, *HOME[3:])), HERE)

@@ -105,6 +105,21 @@ def test_a_target_is_followed_and_a_path_goes_on_from_there():
     assert arm.values == (0.2, 0.2, 0.2, *HOME[3:])
 
 
+def test_a_followed_target_is_wished_for_and_may_be_bounded():
+    """The wish is full speed towards it; with a bound it takes longer, on the same way to the same place."""
+    steps = []
+    for bound in (1.0, 0.3):
+        arm = reference()
+        arm.follow(GOAL)
+        assert math.hypot(*arm.wish()[:3]) == pytest.approx(0.999 * LIMITS.v_mps)
+        arm.bound(bound)
+        steps.append(0)
+        while arm.values != GOAL:
+            arm.step()
+            steps[-1] += 1
+    assert steps[1] > 2 * steps[0]
+
+
 def test_a_path_to_where_it_rests_is_no_path():
     """The reference goes on holding."""
     arm = reference()
