@@ -224,7 +224,8 @@ class MotionCommands(Ownership, Generic[HandleT, DoneT]):
         the arms come to rest first; the whole way is worked out (some tenths of a second, in which the motion is `queued`)
         and nothing moves unless all of it can be: joints inside their limits, no part of the body too near to another where
         that is watched, slowed down where joints need it. Else it ends as Aborted: `result` tells the first place that
-        cannot be, with value and bound (NO_STRAIGHT_WAY, COLLISION_AHEAD). The model must agree with the robot to
-        the end: MODEL_DIFFERS or MODEL_UNKNOWN end it as well, and the arms brake.
+        cannot be, with value and bound (NO_STRAIGHT_WAY, COLLISION_AHEAD). A pose at which a hand would be too near to
+        something is refused at once (GOAL_TOO_NEAR). The model must agree with the robot to the end: MODEL_DIFFERS or
+        MODEL_UNKNOWN end it as well, and the arms brake.
         """
         return self._begin(self._move_pose(targets, True, speed, tolerance_m, tolerance_rad, on_limit))
