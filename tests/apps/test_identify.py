@@ -109,6 +109,7 @@ def test_nothing_is_written_when_nothing_is_found(shell, pairs, tmp_path):
     assert ended.status == 1 and not path.exists() and "left arm" not in ended.out
 
 
+@pytest.mark.thorough
 def test_live_it_looks_on_and_keeps_what_it_saw(shell, tmp_path):
     """From the gateway's snapshots, paired by arrival; progress each second on standard error; no request is sent.
 
@@ -147,7 +148,12 @@ def test_without_poses_there_is_nothing_to_compare(shell):
 
 
 @pytest.mark.parametrize(
-    ("words", "count"), [(["--joints-only"], 7), (["--shoulder"], 17), (["--joints-only", "--shoulder"], 12)]
+    ("words", "count"),
+    [
+        (["--joints-only"], 7),
+        pytest.param(["--shoulder"], 17, marks=pytest.mark.thorough),
+        (["--joints-only", "--shoulder"], 12),
+    ],
 )
 def test_what_is_fitted_can_be_chosen(shell, pairs, words, count):
     """Joints alone, with the shoulder's frame; the fit of the joints alone says so when that does not explain it."""
@@ -187,6 +193,7 @@ def test_whose_file_it_is_is_asked_before_anything_is_measured(shell, tmp_path):
     assert ended.status == 2 and shell.names == [] and "nobody said which" in ended.err
 
 
+@pytest.mark.thorough
 def test_pairs_of_a_file_may_be_old(shell, pairs, tmp_path):
     """Stamps are not needed where both streams are of the same instants: the order of the lines is the order of time."""
     rows = [{**json.loads(line), "stamp_ns": 0} for line in Path(pairs).read_text().splitlines()]

@@ -29,6 +29,7 @@ def looked_on(pairs, sides=(LEFT,), seconds=60):
     return lines, None
 
 
+@pytest.mark.thorough
 def test_it_ends_as_soon_as_there_is_enough():
     """Before, the worst parameter and how long it will take; what there is then is identified indeed."""
     pairs = {LEFT: measured(LEFT, postures(LEFT, 3000), noise=1.5)}

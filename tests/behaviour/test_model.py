@@ -158,6 +158,7 @@ def test_without_poses_nothing_is_known() -> None:
 # ---------------------------------------------------------------------------------------------------------- calibrated
 
 
+@pytest.mark.thorough
 def test_a_robot_that_differs_agrees_after_it_was_identified(tmp_path: Path) -> None:
     """Joints off by 20 to 60 mrad: found from its own motion, written to its calibration, loaded by the next daemon."""
     pair = modelled("at rest")

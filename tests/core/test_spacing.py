@@ -100,6 +100,7 @@ def test_a_stream_is_slowed_down_then_held_back_and_told_of_once():
     assert pair.see().spacing.held == ()
 
 
+@pytest.mark.thorough
 def test_a_stream_that_is_held_back_again_later_is_told_of_again():
     """After a second without it."""
     pair = at_home()
@@ -136,6 +137,7 @@ def caught():
     return pair
 
 
+@pytest.mark.thorough
 def test_what_is_caught_between_two_parts_can_be_led_out_again():
     """Joints that open both gaps together go on, although each alone closes one of them: never nearer than the margin."""
     pair = caught()
@@ -249,6 +251,7 @@ def test_a_walk_back_to_the_arm_is_never_held_back():
 # ------------------------------------------------------------------------------------------------ who is not commanded here
 
 
+@pytest.mark.thorough
 def test_an_arm_in_end_effector_mode_is_an_obstacle_where_it_is_measured():
     """The joint-mode arm stops before it, and is led away again."""
     pair = SpacedPair(sim=SimSettings(state_period_ns=10 * MS, right_mode="pose"))

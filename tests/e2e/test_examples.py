@@ -135,6 +135,7 @@ def hand_m(system: System, side: Side) -> np.ndarray:
     return np.asarray(arm_geometry(side).forward(q_rad).position_m)
 
 
+@pytest.mark.thorough
 def test_the_left_hand_in_pose_mode(tmp_path: Path, systems: Callable[..., System]) -> None:
     """6.1: the left hand is within 5 mm of the pose, then the robot pauses (§6.1)."""
     system = systems(tmp_path, config=CONFIG, sim_options=("--left-mode", "pose", "--disable", "right_arm"))
@@ -145,6 +146,7 @@ def test_the_left_hand_in_pose_mode(tmp_path: Path, systems: Callable[..., Syste
     assert system.stats()["counts"].get("IK_INVALID") is None
 
 
+@pytest.mark.thorough
 def test_the_grippers_in_pose_mode(tmp_path: Path, systems: Callable[..., System]) -> None:
     """6.3: both hands stay at the pose where they were, and both grippers open with full torque (§6.3)."""
     system = systems(tmp_path, config=CONFIG, sim_options=("--mode", "pose"))

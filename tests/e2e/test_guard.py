@@ -425,6 +425,7 @@ def test_stop_and_estop_work_while_the_daemon_is_dead(tmp_path: Path) -> None:
         scene.close()
 
 
+@pytest.mark.alone
 def test_a_killed_guard_is_told_another_is_started_and_control_goes_on(tmp_path: Path) -> None:
     """The motion does not notice."""
     scene = Scene(tmp_path)

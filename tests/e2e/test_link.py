@@ -45,6 +45,7 @@ def odd_rates(told: dict[str, Any]) -> dict[str, float]:
     return {name: part for name, part in parts.items() if not 0.5 < part < 1.5}
 
 
+@pytest.mark.thorough
 def test_the_page_of_a_gateway_and_that_of_a_look_tell_the_same_wire(tmp_path: Path, systems: Systems) -> None:
     """Each topic with its rate, the robot's versions, both gateways' sessions, and a stranger by id and address."""
     system = systems(tmp_path)

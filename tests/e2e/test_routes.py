@@ -49,6 +49,7 @@ def test_dead_routes_under_a_live_link_are_declared_again_and_nothing_moves(tmp_
         assert max(abs(a - b) for a, b in zip(before, system.arm_q(), strict=True)) < 0.02
 
 
+@pytest.mark.thorough
 @pytest.mark.sim_only("a real bridge has no switch that kills its readers")
 def test_the_remedy_of_a_dead_route_names_who_keeps_it_dead(tmp_path: Path, systems: Systems) -> None:
     """While somebody else subscribes, declaring again cannot help: it is done at most four times, and he is named."""

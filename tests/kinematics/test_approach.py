@@ -48,6 +48,7 @@ def test_arms_that_stream_towards_each_other_stop_with_two_centimetres_left_and_
     assert arms.least_m >= MARGIN_M - ROUNDING_M
 
 
+@pytest.mark.thorough
 def test_any_postures_streamed_at_any_limits_keep_the_margin_and_what_is_near_can_part():
     """Random postures inside the joints' limits, targets in collision or not, limits anywhere in the config's range."""
     rng = random.Random(7)

@@ -40,7 +40,7 @@ def promised(found):
         assert off < 5 * row.sigma and 3 * row.sigma <= ACCURACY_RAD
 
 
-@pytest.mark.parametrize("seed", range(either(2, 4)))
+@pytest.mark.parametrize("seed", range(either(1, 4)))
 @pytest.mark.parametrize("side", Side)
 def test_injected_offsets_come_back_as_promised(side, seed):
     """Within 0.2 mrad and 0.2 mm from 40 s of all joints in motion, with noise of 0.2 mm and 0.5 mrad in each pose."""
@@ -57,7 +57,7 @@ def test_injected_offsets_come_back_as_promised(side, seed):
     assert np.all(np.linalg.eigvalsh(matrix) > 0.0)
 
 
-@pytest.mark.parametrize("side", Side)
+@pytest.mark.parametrize("side", [Side.LEFT, pytest.param(Side.RIGHT, marks=pytest.mark.thorough)])
 def test_the_shoulder_is_told_apart_too(side):
     """All seventeen parameters at once; there is nothing wrong with the shoulder here, and that is what is found."""
     promised(identify(ARMS[side], measured(side, postures(side)), WHOLE))
@@ -92,6 +92,7 @@ def test_a_lag_between_the_streams_is_found_along():
     assert isinstance(unstamped, Unidentified), "without stamps nobody can know, and nobody pretends to"
 
 
+@pytest.mark.thorough
 def test_a_lag_that_wavers_spoils_nothing():
     """Times that scatter by 3 ms about their lag, and a host that stood still now and then: still as promised."""
     side = Side.LEFT
@@ -125,7 +126,7 @@ def test_outliers_are_left_out():
     assert 0.75 < found.share < 0.85
 
 
-@pytest.mark.parametrize("still", range(1, 8))
+@pytest.mark.parametrize("still", [1, *(pytest.param(joint, marks=pytest.mark.thorough) for joint in range(2, 7)), 7])
 def test_one_joint_that_stands_still_is_never_guessed_over(still):
     """Either the rest tells it, as promised, or it refuses; with joint 7 still nobody can tell, and it says so."""
     side = Side.LEFT

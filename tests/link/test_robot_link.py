@@ -549,6 +549,7 @@ def test_a_fault_of_the_diagnosis_does_not_take_the_link_away(make_plane, monkey
     assert plane.link.undelivered == 0
 
 
+@pytest.mark.thorough
 @pytest.mark.e2e
 def test_a_subscription_that_could_not_be_declared_again_is_tried_again(make_plane, monkeypatch, caplog):
     """One failed attempt to revive a route must not leave its topic deaf for ever."""

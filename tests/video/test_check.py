@@ -76,6 +76,7 @@ def test_a_wrong_payload_type_is_named(capsys: pytest.CaptureFixture[str]) -> No
     assert "97" in report["points"][0]["why"][0]
 
 
+@pytest.mark.thorough
 def test_a_stream_that_stops_fails_the_second_point(capsys: pytest.CaptureFixture[str]) -> None:
     """Packets and pictures must become more in each second."""
     port = udp_port()

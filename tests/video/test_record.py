@@ -90,6 +90,7 @@ def test_a_signal_ends_a_recording_well(tmp_path: Path, number: signal.Signals, 
     assert info_of(path).timing.pictures == recorded["pictures"] == end.pictures >= 45
 
 
+@pytest.mark.thorough
 def test_a_stream_that_pauses_is_told_and_recorded_on(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:

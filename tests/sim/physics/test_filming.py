@@ -19,6 +19,7 @@ av = pytest.importorskip("av")
 pytestmark = pytest.mark.e2e
 
 
+@pytest.mark.thorough
 def test_a_film_lasts_as_long_as_the_clock_says_and_is_whole_when_the_robot_has_ended(tmp_path):
     """`--record` beside a robot: pictures with times of their own, the last one near the end, however few there are."""
     demand_drawing()
