@@ -35,6 +35,8 @@ Ways = Mapping[Side, Sequence[Extent]]
 
 SIDES = tuple(Side)
 ZERO, ONE, HALF = np.zeros(()), np.ones(()), np.array(0.5)
+MINUS_ONE = np.array(-1.0)
+"""A factor: `np.negative` into a part of an array takes wrong numbers where those given are 64 bytes apart (NumPy 2.4)."""
 BACK_AND_FORTH = np.array((-1.0, 1.0))[:, None]
 TWICE_BEFORE = np.kron(np.eye(len(SIDES)), np.triu(np.full((ARM_DOF, ARM_DOF), 2.0), 1))
 """Adds up, twice, what joints of the same arm further in have."""
@@ -127,7 +129,7 @@ class HullEnds:
         count, rows = len(length), len(part)
         away = np.empty((count, 5, rows))
         away[:, :3, : len(near)] = between
-        np.negative(between[..., :both], out=away[:, :3, len(near) :])
+        np.multiply(between[..., :both], MINUS_ONE, out=away[:, :3, len(near) :])
         away[:, 3:] = away[:, :2]
         own = pieces.take(part, axis=3)
         along = np.concatenate((s.take(near, axis=1), t.take(near[:both], axis=1)), axis=1)
@@ -135,7 +137,7 @@ class HullEnds:
         ahead_m = np.add.reduce(away[:, :3] * own[:, 1, :3], axis=1)
         along *= ahead_m
         self._slack_m = np.empty((count, 2, rows))
-        np.negative(along, out=self._slack_m[:, 0])
+        np.multiply(along, MINUS_ONE, out=self._slack_m[:, 0])
         np.subtract(ahead_m, along, out=self._slack_m[:, 1])
         turns = crossed(own, away[:, None])
         wrenches = np.empty((count, 6, 2, rows))

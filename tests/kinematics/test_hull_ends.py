@@ -64,7 +64,9 @@ def test_arrays_say_what_plain_floats_say():
 def test_several_postures_at_once_are_as_each_alone():
     """Each with ways of its own, among a few pairs: what one of them has near is told of all."""
     rng, parts = random.Random(9), Parts(model())
-    for _ in range(either(10, 100)):
+    for _ in range(
+        either(20, 100)
+    ):  # in the fifteenth one of eight pairs has two parts that move: numbers 64 bytes apart
         q_rads = [random_joints(rng) for _ in range(3)]
         ways = [random_ways(rng, 0.1) for _ in q_rads]
         among = np.array(sorted(rng.sample(range(len(model().pairs)), 40)))
