@@ -25,7 +25,7 @@ __all__ = ["FAILURES", "WAYS", "Probe", "difference", "open_nvdec"]
 
 COMPARABLE = ("yuv420p", "yuvj420p", "nv12")
 """Formats whose first plane is luma of 8 bits."""
-FAILURES = (av.FFmpegError, RuntimeError, ValueError, NotImplementedError, MemoryError)
+FAILURES = (av.FFmpegError, RuntimeError, ValueError, MemoryError)
 """What PyAV raises when a way does not exist, or fails later on."""
 CLOSE_S = 5.0
 """Longest wait for a proof that nobody wants any more [s]: a driver that hangs must not hold up whoever ends."""
@@ -36,7 +36,7 @@ logger = logging.getLogger(__name__)
 def _on_cuda() -> av.VideoCodecContext:
     context = av.VideoCodecContext.create("hevc", "r", HWAccel("cuda", allow_software_fallback=False))
     if not context.is_hwaccel:  # PyAV makes one of software then, without a word: it would pass every proof
-        raise NotImplementedError("this FFmpeg was built without CUDA for H.265")
+        raise RuntimeError("this FFmpeg was built without CUDA for H.265")
     return context
 
 

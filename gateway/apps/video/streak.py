@@ -18,9 +18,8 @@ from gateway.apps.video.rtp import HEADER_BYTES, RtpPacket
 
 __all__ = ["Streak"]
 
-_HEAD: Final = struct.Struct(
-    "!HH11s"
-)  # version to payload type; sequence number; timestamp, SSRC, both headers of an FU
+_HEAD: Final = struct.Struct("!HH11s")
+"""Version to payload type; sequence number; timestamp, SSRC and both headers of an FU."""
 _TAIL: Final = struct.Struct("!II3s")
 _PLAIN: Final = 0x8000  # version 2; no padding, extension, sources nor marker
 MAX_BYTES: Final = 1 << 20
