@@ -47,7 +47,7 @@ from gateway.link.codec import BadFrame, BadSample, decode_sample, encode_frame,
 from gateway.link.connecting import MAX_RETRY_S, connect
 from gateway.link.discovery import Discovery, Sight
 from gateway.link.foreign_watch import ForeignWatch
-from gateway.link.hearing import AT_ONCE, POSED, SHOWN, STAMPED, mailboxes_of, slots_of
+from gateway.link.hearing import AT_ONCE, STAMPED, mailboxes_of, slots_of
 from gateway.link.mailbox import Tray
 from gateway.link.meter import Meter
 from gateway.link.news import TransportNews, time_of
@@ -55,22 +55,19 @@ from gateway.link.revival import Revival
 from gateway.link.robot_session import RobotSession, SessionListener
 from gateway.link.session_config import session_config
 from gateway.link.survey import gather
+from gateway.link.turns import Turns
 from gateway.settings import LinkSettings, SettingsRefused
 
 __all__ = ["RobotLink"]
 
 S = 1_000_000_000
 
-TURN_NS = 20_000_000
-"""What does not decide at once is decoded this often [ns], all at once: what caches lose while a loop sleeps is paid once."""
-LATE_NS = 15_000_000
-"""After a pause of more than this everything is decoded at once [ns]: its turn is over."""
 CLAIM_END_S = 0.2
-"""How long the end waits for our token's thread: it hangs only where the session hangs, too."""
+"""How long the end waits for the thread of our token [s]: it hangs only where the session hangs, too."""
 STEP_S = 0.25
-"""Period of the link's own thread."""
+"""Period of the link's own thread [s]."""
 FAULT_PAUSE_S = 2.0
-"""How long routes are not looked at after a fault of the diagnosis."""
+"""How long routes are not looked at after a fault of the diagnosis [s]."""
 
 _log = logging.getLogger(__name__)
 
@@ -120,8 +117,7 @@ class RobotLink:
         self._commands = frozenset(() if is_reader else settings.variant.command_topics)
         self._mailboxes = mailboxes_of(topics, stamped)
         self._slots = slots_of(self._mailboxes)
-        self._period_ns = [0, TURN_NS, TURN_NS, TURN_NS]
-        self._polled_ns = 0
+        self._turns = Turns()
         # From other threads to the loop: appended there, taken here, each one atomic operation.
         self._transport = TransportNews()
         self._observations: deque[RouteObserved | RobotsAnnounced] = deque()
@@ -216,9 +212,8 @@ class RobotLink:
         if foreign is not None and session is not None:
             session.take_commands(foreign.take)
             events += foreign.poll(self.router_zid, is_new_link=is_new_link)
-        before_ns, self._polled_ns = self._polled_ns, (now_ns := self._clock())
-        is_everyones_turn = not is_ordered or now_ns - before_ns > LATE_NS
-        is_due = [is_everyones_turn or not p or now_ns // p != before_ns // p for p in self._period_ns]
+        now_ns = self._clock()
+        is_due = self._turns.due(now_ns, is_everyones=not is_ordered)
         for topic, mailbox, kind in self._slots:
             if not is_due[kind]:
                 continue  # its turn comes. Beside news of the link all are taken: what came before is told before
@@ -269,8 +264,7 @@ class RobotLink:
             is_watched: Somebody looks: the same. If neither, 25 times.
             is_posing: An arm is in end-effector mode: its pose decides about motion, at each poll.
         """
-        self._period_ns[SHOWN] = TURN_NS if is_watched or is_moving else 2 * TURN_NS
-        self._period_ns[POSED] = 0 if is_posing else self._period_ns[SHOWN]
+        self._turns.pace(is_moving=is_moving, is_watched=is_watched, is_posing=is_posing)
 
     def show(self, claim: int) -> None:
         """Let other gateways see a claim to command the robot; 0 for none. ClaimShown comes when they can. Never waits.
@@ -330,7 +324,8 @@ class RobotLink:
         """Declare everything on a session and follow the bridge until the link closes."""
         self._serving = opened
         own_zid = str(opened.zid())
-        self._discovery = discovery = Discovery(self._settings, own_zid, self._ask, self._friends, (*self._mailboxes,))
+        topics = tuple(self._mailboxes)
+        self._discovery = discovery = Discovery(self._settings, own_zid, self._ask, self._friends, topics)
         foreign = ForeignWatch(self._settings, discovery.tokens, own_zid, self._clock)
 
         def note(zid: str, is_open: bool, at_ns: int) -> None:
@@ -371,7 +366,8 @@ class RobotLink:
                 self._goes_on(FAULT_PAUSE_S)
 
     def _look(self, discovery: Discovery, foreign: ForeignWatch, session: RobotSession, revival: Revival) -> None:
-        if not (router_zid := self.router_zid):
+        router_zid = self.router_zid
+        if not router_zid:
             for part in (discovery.lose, foreign.lose, revival.forget, self._meter.forget):
                 part()
             return
