@@ -8,6 +8,8 @@ from __future__ import annotations
 import os
 import signal
 import sys
+from collections.abc import Generator
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -49,6 +51,8 @@ if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
 
 E2E_TIMEOUT_S = 300
 SLOW_TIMEOUT_S = 600
+LOG_END = 4000
+"""So many characters of each process's log are told where an end-to-end test fails."""
 
 
 def pytest_report_header() -> str:
@@ -68,6 +72,17 @@ def pytest_runtest_protocol(item: pytest.Item, nextitem: pytest.Item | None) -> 
         _witnesses.append(Witnesses())
         _attempts.append(Attempts(_witnesses[0]))
     return _attempts[0].run(item, nextitem)
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_makereport(item: pytest.Item) -> Generator[None, pytest.TestReport, pytest.TestReport]:
+    """Tell with a failed end-to-end test what its processes had written: why one of them ended stands nowhere else."""
+    report = yield
+    folder = getattr(item, "funcargs", {}).get("tmp_path")
+    if report.failed and isinstance(folder, Path) and item.get_closest_marker("e2e") is not None:
+        for log in sorted(folder.rglob("*.log")):
+            report.sections.append((f"end of {log.relative_to(folder)}", log.read_text(errors="replace")[-LOG_END:]))
+    return report
 
 
 _status: list[int] = []

@@ -122,7 +122,7 @@ class Attempts:
         failures = [report for report in reports if report.failed]
         if failures and self._unexplained:
             self._unexplained -= 1
-            told = "\n".join(report.longreprtext for report in failures)
+            told = "\n".join(_told(report) for report in failures)
             for proof in range(1, PROOFS + 1):
                 again = self._unless_the_host_stood_still(item, nextitem)
                 if any(report.failed for report in again):
@@ -148,3 +148,8 @@ class Attempts:
                 break
             item.user_properties.append(("stood still", f"{stood_ms:.0f} ms in attempt {attempt}"))
         return reports
+
+
+def _told(report: TestReport) -> str:
+    """Return how a test failed, with what was kept beside it."""
+    return "\n".join([report.longreprtext, *(f"--- {title}\n{text}" for title, text in report.sections)])

@@ -63,7 +63,7 @@ def test_a_witness_is_not_held_up_by_our_own_load(witnesses: Witnesses) -> None:
 
 
 CONFTEST = """
-from tests.conftest import pytest_terminal_summary
+from tests.conftest import pytest_runtest_makereport, pytest_terminal_summary
 from tests.host import Attempts
 class Fixed:
     told = {told}
@@ -152,3 +152,19 @@ def test_that_fails_later_too():
     status, report, tried = judged(tmp_path, [], {1}, more)
     assert (status, tried) == (1, 3), report
     assert "1 failed, 2 passed" in report and "test_it.py::test_that_fails_later_too" in report
+
+
+def test_a_failed_end_to_end_test_tells_what_its_processes_wrote(tmp_path: Path) -> None:
+    """Whether it counts or not: why a daemon ended stands in its log alone, and that is gone with the machine."""
+    more = """
+@pytest.mark.e2e
+def test_of_processes(tmp_path, number):
+    (tmp_path / "daemon.log").write_text("the first" + " line" + "." * 5000 + "the last" + " words")
+    assert number > {worst}
+"""
+    for worst, status in ((2, 0), (9, 1)):
+        folder = tmp_path / str(worst)
+        folder.mkdir()
+        found, report, _ = judged(folder, [], set(), more.format(worst=worst))
+        assert found == status, report
+        assert "end of daemon.log" in report and "the last words" in report and "the first line" not in report

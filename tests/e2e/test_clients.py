@@ -83,7 +83,12 @@ class SocketRelay:
                 near.close()
                 continue
             far = socket.socket(socket.AF_UNIX)
-            far.connect(self._target)
+            try:
+                far.connect(self._target)
+            except OSError:  # as a client without a relay would find it
+                near.close()
+                far.close()
+                continue
             self._ends += [near, far]
             for ends in ((near, far, False), (far, near, True)):
                 self._threads.append(threading.Thread(target=self._pump, args=ends, daemon=True))
