@@ -1,16 +1,19 @@
-"""The picture of the frames: each as three short axes, joined to its parent, seen from two sides."""
+"""The picture of the frames: each as three short axes, joined to its parent, seen from two sides without perspective."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import TypeAlias
 
 import matplotlib as mpl
 
 mpl.use("Agg")  # a file, never a window
 import matplotlib.pyplot as plt
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
 
 from gateway.apps.frames import Posture, kind_of
 from gateway.kinematics.frames import ROOT, FrameTree
@@ -28,9 +31,14 @@ KIND_COLOURS = {
     "ours": "tab:gray",
 }
 VIEWS = (("from the front left", 22.0, 35.0), ("from above, ahead is up", 90.0, 180.0))
-"""Titles with elevation and azimuth [deg]."""
+"""Titles with elevation and azimuth of the eye [deg]."""
 NEAR_M = 0.06
 """Frames nearer to each other than this share one label, line by line."""
+LINE_PT, BESIDE_PT, GAP_PT = 9.0, 52.0, 6.0
+"""Height of a line of a label, its distance from its frames, and the least one between two labels [pt]."""
+
+View: TypeAlias = NDArray[np.float64]
+"""Shape (2, 3): what is to the right and what is up on the paper, as unit vectors."""
 
 
 def write_picture(tree: FrameTree, posture: Posture, path: Path) -> None:
@@ -44,37 +52,80 @@ def write_picture(tree: FrameTree, posture: Posture, path: Path) -> None:
     path.parent.mkdir(parents=True, exist_ok=True)
     known = [frame for frame in tree.frames if set(tree.sides_between(ROOT, frame)) <= set(posture.joints)]
     places = {frame: tree.locate(ROOT, frame, posture.joints).transform for frame in known}
-    figure = plt.figure(figsize=(15, 8), layout="constrained")
-    for number, (title, elevation, azimuth) in enumerate(VIEWS, start=1):
-        panel: Any = figure.add_subplot(1, len(VIEWS), number, projection="3d")
-        for frame, place in places.items():
-            for axis, colour in zip(place.rotation.T, AXIS_COLOURS, strict=True):
-                panel.plot(*np.stack((place.p_m, place.p_m + AXIS_M * axis), -1), color=colour, linewidth=1.5)
-            parent = tree.parent(frame)
-            if parent is not None:
-                line = np.stack((places[parent].p_m, place.p_m), -1)
-                panel.plot(*line, color=KIND_COLOURS[kind_of(tree, frame)], linewidth=1.0, linestyle="--")
-        for names in _labels(places):
-            at = places[names[-1]].p_m
-            panel.text(at[0], at[1] - 0.03, at[2], "\n".join(names), fontsize=6, va="center")
-        points = np.array([place.p_m for place in places.values()])
-        middle, half = 0.5 * (points.max(axis=0) + points.min(axis=0)), 0.55 * np.ptp(points, axis=0).max()
-        for name, at in zip("xyz", middle, strict=True):
-            getattr(panel, f"set_{name}lim")(at - half, at + half)
-            getattr(panel, f"set_{name}label")(f"{name} [m]")
-        panel.set_box_aspect((1, 1, 1))
-        panel.set_proj_type("ortho")
-        if elevation == 90.0:
-            panel.set_zticks([])
-            panel.set_zlabel("")
-        panel.view_init(elev=elevation, azim=azimuth)
-        panel.set_title(f"{title}; joints: {posture.source}", fontsize=8)
+    figure, panels = plt.subplots(1, len(VIEWS), figsize=(15, 6.5), layout="constrained")
+    for panel, (title, elevation_deg, azimuth_deg) in zip(panels, VIEWS, strict=True):
+        view = _view(elevation_deg, azimuth_deg)
+        _draw_frames(panel, view, tree, places)
+        panel.set_aspect("equal", adjustable="datalim")
+        panel.margins(x=0.5, y=0.06)
+        panel.set_title(title, fontsize=9)
+        if elevation_deg == 90.0:
+            panel.grid(color="0.92")
+            panel.set_axisbelow(True)
+            panel.set_xlabel("y [m]")
+            panel.set_ylabel("x [m]")
+            panel.xaxis.set_major_formatter(lambda right_m, _: f"{0.0 - right_m:.1f}")
+        else:
+            panel.set_axis_off()
+        _name_frames(figure, panel, view, places)
     shown = {kind_of(tree, frame) for frame in known if frame != ROOT}
     handles = [mpl.lines.Line2D([], [], color=KIND_COLOURS[kind], linestyle="--", label=kind) for kind in KIND_COLOURS]
-    figure.legend(handles=[handle for handle in handles if handle.get_label() in shown], loc="lower center", ncols=5)
-    figure.suptitle(f"frames in {ROOT} (manual, appendix A): x red, y green, z blue")
+    figure.legend(
+        handles=[handle for handle in handles if handle.get_label() in shown], loc="outside lower center", ncols=5
+    )
+    figure.suptitle(
+        f"frames in {ROOT} (manual, appendix A): x red, y green, z blue, each {AXIS_M * 1000:.0f} mm\n"
+        f"joints: {posture.source}",
+        fontsize=11,
+    )
     figure.savefig(path, dpi=130)
     plt.close(figure)
+
+
+def _view(elevation_deg: float, azimuth_deg: float) -> View:
+    """Return how an eye far away sees space; at azimuth 0 it looks from the front, at 90 from the robot's left."""
+    e, a = np.radians((elevation_deg, azimuth_deg))
+    eye = np.array((np.cos(e) * np.cos(a), np.cos(e) * np.sin(a), np.sin(e)))
+    right = np.array((-np.sin(a), np.cos(a), 0.0))
+    return np.stack((right, np.cross(eye, right)))
+
+
+def _draw_frames(panel: Axes, view: View, tree: FrameTree, places: Mapping[str, Transform]) -> None:
+    for frame, place in places.items():
+        parent = tree.parent(frame)
+        if parent is not None:
+            line = np.stack((places[parent].p_m, place.p_m), -1)
+            panel.plot(*(view @ line), color=KIND_COLOURS[kind_of(tree, frame)], linewidth=1.0, linestyle="--")
+        for axis, colour in zip(place.rotation.T, AXIS_COLOURS, strict=True):
+            panel.plot(*(view @ np.stack((place.p_m, place.p_m + AXIS_M * axis), -1)), color=colour, linewidth=1.8)
+
+
+def _name_frames(figure: Figure, panel: Axes, view: View, places: Mapping[str, Transform]) -> None:
+    """Write the names beside their frames, on the side that is farther from the middle, none over another."""
+    panel.autoscale_view()
+    figure.draw_without_rendering()  # only then is known where a place is on the paper
+    dots_per_pt = figure.dpi / 72.0
+    groups = [(names, np.mean([view @ places[name].p_m for name in names], axis=0)) for names in _labels(places)]
+    middle = float(np.mean([at[0] for _, at in groups]))
+    for is_left in (True, False):
+        lowest_pt = np.inf
+        mine = [(names, at) for names, at in groups if (at[0] < middle) == is_left]
+        for names, at in sorted(mine, key=lambda group: -float(group[1][1])):
+            height_pt = LINE_PT * len(names)
+            anchor_pt = float(panel.transData.transform(at)[1]) / dots_per_pt
+            centre_pt = min(anchor_pt, lowest_pt - GAP_PT - 0.5 * height_pt)
+            lowest_pt = centre_pt - 0.5 * height_pt
+            panel.annotate(
+                "\n".join(names),
+                at,
+                xytext=(-BESIDE_PT if is_left else BESIDE_PT, centre_pt - anchor_pt),
+                textcoords="offset points",
+                ha="right" if is_left else "left",
+                va="center",
+                fontsize=7,
+                bbox={"boxstyle": "square,pad=0.1", "facecolor": "white", "edgecolor": "none", "alpha": 0.8},
+                arrowprops={"arrowstyle": "-", "color": "0.6", "linewidth": 0.6},
+            )
 
 
 def _labels(places: Mapping[str, Transform]) -> list[list[str]]:
