@@ -78,6 +78,7 @@ def test_a_process_on_several_cores_or_none_has_no_core_to_ask(
     assert probe.ran_ns() is None
 
 
+@pytest.mark.thorough  # where end-to-end tests run beside it, as by hand, their daemons stood still with this core
 def test_a_core_that_stands_still_answers_when_it_runs_again(child: subprocess.Popen[bytes], probe: CoreProbe) -> None:
     """A program that keeps the core above all others, for a third of a second: what is bound to it waits."""
     cores = sorted(os.sched_getaffinity(0))
