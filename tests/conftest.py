@@ -51,7 +51,7 @@ if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
 
 E2E_TIMEOUT_S = 300
 SLOW_TIMEOUT_S = 600
-LOG_END = 4000
+LOG_END_CHARS = 4000
 """So many characters of each process's log are told where an end-to-end test fails."""
 
 
@@ -81,7 +81,9 @@ def pytest_runtest_makereport(item: pytest.Item) -> Generator[None, pytest.TestR
     folder = getattr(item, "funcargs", {}).get("tmp_path")
     if report.failed and isinstance(folder, Path) and item.get_closest_marker("e2e") is not None:
         for log in sorted(folder.rglob("*.log")):
-            report.sections.append((f"end of {log.relative_to(folder)}", log.read_text(errors="replace")[-LOG_END:]))
+            report.sections.append(
+                (f"end of {log.relative_to(folder)}", log.read_text(errors="replace")[-LOG_END_CHARS:])
+            )
     return report
 
 

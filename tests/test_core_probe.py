@@ -27,6 +27,11 @@ while time.monotonic() < end:
 """
 
 
+URGENT, MORE_URGENT = 1, 3
+"""Priorities under SCHED_FIFO of what is bound to a core, and of what takes the core from it and from its probe: far below
+those of daemons, which end-to-end tests may run beside this file."""
+
+
 @pytest.fixture
 def child() -> Iterator[subprocess.Popen[bytes]]:
     """A process that waits."""
@@ -39,7 +44,7 @@ def child() -> Iterator[subprocess.Popen[bytes]]:
 @pytest.fixture
 def probe(child: subprocess.Popen[bytes]) -> Iterator[CoreProbe]:
     """A probe of its core."""
-    made = CoreProbe(child.pid, LinuxAffinity(), 60)
+    made = CoreProbe(child.pid, LinuxAffinity(), URGENT)
     yield made
     made.close()
 
@@ -78,16 +83,17 @@ def test_a_process_on_several_cores_or_none_has_no_core_to_ask(
     assert probe.ran_ns() is None
 
 
-@pytest.mark.thorough  # where end-to-end tests run beside it, as by hand, their daemons stood still with this core
 def test_a_core_that_stands_still_answers_when_it_runs_again(child: subprocess.Popen[bytes], probe: CoreProbe) -> None:
-    """A program that keeps the core above all others, for a third of a second: what is bound to it waits."""
+    """A program that keeps the core above the probe, for a third of a second: what is bound to it waits."""
     cores = sorted(os.sched_getaffinity(0))
     if len(cores) < 2:
         pytest.skip("one core only: the test would stand still with it")
     core = cores[-1]
     os.sched_setaffinity(child.pid, {core})
     spinner = subprocess.Popen(
-        [sys.executable, "-S", "-c", SPINNER, str(core), "90", "0.3"], stdout=subprocess.PIPE, stderr=subprocess.PIPE
+        [sys.executable, "-S", "-c", SPINNER, str(core), str(MORE_URGENT), "0.3"],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
     )
     assert spinner.stdout is not None and spinner.stderr is not None
     try:

@@ -12,7 +12,6 @@ mpl.use("Agg")  # a file, never a window
 import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from gateway.apps.frames import Posture, kind_of
@@ -34,8 +33,8 @@ VIEWS = (("from the front left", 22.0, 35.0), ("from above, ahead is up", 90.0, 
 """Titles with elevation and azimuth of the eye [deg]."""
 NEAR_M = 0.06
 """Frames nearer to each other than this share one label, line by line."""
-LINE_PT, BESIDE_PT, GAP_PT = 9.0, 52.0, 6.0
-"""Height of a line of a label, its distance from its frames, and the least one between two labels [pt]."""
+LINE_PT, BESIDE_PT, GAP_PT = 9.0, 45.0, 6.0
+"""Height of a line of a label, from the outermost frame to the labels, and the least gap between two labels [pt]."""
 
 View: TypeAlias = NDArray[np.float64]
 """Shape (2, 3): what is to the right and what is up on the paper, as unit vectors."""
@@ -52,12 +51,12 @@ def write_picture(tree: FrameTree, posture: Posture, path: Path) -> None:
     path.parent.mkdir(parents=True, exist_ok=True)
     known = [frame for frame in tree.frames if set(tree.sides_between(ROOT, frame)) <= set(posture.joints)]
     places = {frame: tree.locate(ROOT, frame, posture.joints).transform for frame in known}
-    figure, panels = plt.subplots(1, len(VIEWS), figsize=(15, 6.5), layout="constrained")
-    for panel, (title, elevation_deg, azimuth_deg) in zip(panels, VIEWS, strict=True):
-        view = _view(elevation_deg, azimuth_deg)
+    figure, panels = plt.subplots(1, len(VIEWS), figsize=(15.5, 6.5), dpi=130, layout="constrained")
+    views = [_view(elevation_deg, azimuth_deg) for _, elevation_deg, azimuth_deg in VIEWS]
+    for panel, view, (title, elevation_deg, _) in zip(panels, views, VIEWS, strict=True):
         _draw_frames(panel, view, tree, places)
         panel.set_aspect("equal", adjustable="datalim")
-        panel.margins(x=0.5, y=0.06)
+        panel.margins(x=0.7, y=0.2)
         panel.set_title(title, fontsize=9)
         if elevation_deg == 90.0:
             panel.grid(color="0.92")
@@ -67,7 +66,6 @@ def write_picture(tree: FrameTree, posture: Posture, path: Path) -> None:
             panel.xaxis.set_major_formatter(lambda right_m, _: f"{0.0 - right_m:.1f}")
         else:
             panel.set_axis_off()
-        _name_frames(figure, panel, view, places)
     shown = {kind_of(tree, frame) for frame in known if frame != ROOT}
     handles = [mpl.lines.Line2D([], [], color=KIND_COLOURS[kind], linestyle="--", label=kind) for kind in KIND_COLOURS]
     figure.legend(
@@ -78,7 +76,10 @@ def write_picture(tree: FrameTree, posture: Posture, path: Path) -> None:
         f"joints: {posture.source}",
         fontsize=11,
     )
-    figure.savefig(path, dpi=130)
+    figure.draw_without_rendering()  # only then is known where a place is on the paper; names change nothing of that
+    for panel, view in zip(panels, views, strict=True):
+        _name_frames(panel, view, places, dots_per_pt=figure.dpi / 72.0)
+    figure.savefig(path)
     plt.close(figure)
 
 
@@ -100,32 +101,28 @@ def _draw_frames(panel: Axes, view: View, tree: FrameTree, places: Mapping[str, 
             panel.plot(*(view @ np.stack((place.p_m, place.p_m + AXIS_M * axis), -1)), color=colour, linewidth=1.8)
 
 
-def _name_frames(figure: Figure, panel: Axes, view: View, places: Mapping[str, Transform]) -> None:
-    """Write the names beside their frames, on the side that is farther from the middle, none over another."""
-    panel.autoscale_view()
-    figure.draw_without_rendering()  # only then is known where a place is on the paper
-    dots_per_pt = figure.dpi / 72.0
-    groups = [(names, np.mean([view @ places[name].p_m for name in names], axis=0)) for names in _labels(places)]
-    middle = float(np.mean([at[0] for _, at in groups]))
-    for is_left in (True, False):
+def _name_frames(panel: Axes, view: View, places: Mapping[str, Transform], *, dots_per_pt: float) -> None:
+    """Write the names in a column on either side of what is drawn, each joined to its frames, none over another."""
+    groups = _labels(places)
+    at = np.array([np.mean([view @ places[name].p_m for name in names], axis=0) for names in groups])
+    at_pt = panel.transData.transform(at) / dots_per_pt
+    is_left = at[:, 0] < at[:, 0].mean()
+    for side, column_pt in ((is_left, at_pt[:, 0].min() - BESIDE_PT), (~is_left, at_pt[:, 0].max() + BESIDE_PT)):
         lowest_pt = np.inf
-        mine = [(names, at) for names, at in groups if (at[0] < middle) == is_left]
-        for names, at in sorted(mine, key=lambda group: -float(group[1][1])):
-            height_pt = LINE_PT * len(names)
-            anchor_pt = float(panel.transData.transform(at)[1]) / dots_per_pt
-            centre_pt = min(anchor_pt, lowest_pt - GAP_PT - 0.5 * height_pt)
+        for number in sorted(np.flatnonzero(side), key=lambda number: -float(at_pt[number, 1])):
+            height_pt = LINE_PT * len(groups[number])
+            centre_pt = min(float(at_pt[number, 1]), lowest_pt - GAP_PT - 0.5 * height_pt)
             lowest_pt = centre_pt - 0.5 * height_pt
             panel.annotate(
-                "\n".join(names),
-                at,
-                xytext=(-BESIDE_PT if is_left else BESIDE_PT, centre_pt - anchor_pt),
+                "\n".join(groups[number]),
+                tuple(at[number]),
+                xytext=(column_pt - at_pt[number, 0], centre_pt - at_pt[number, 1]),
                 textcoords="offset points",
-                ha="right" if is_left else "left",
+                ha="right" if side is is_left else "left",
                 va="center",
                 fontsize=7,
-                bbox={"boxstyle": "square,pad=0.1", "facecolor": "white", "edgecolor": "none", "alpha": 0.8},
                 arrowprops={"arrowstyle": "-", "color": "0.6", "linewidth": 0.6},
-            )
+            ).set_in_layout(False)
 
 
 def _labels(places: Mapping[str, Transform]) -> list[list[str]]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
+from itertools import combinations
 
 import numpy as np
 import pytest
@@ -170,6 +171,30 @@ def test_the_picture_is_drawn(shell, tmp_path, suffix):
     if suffix == ".svg":
         for frame in TREE.frames:
             assert f"<!-- {frame} -->".encode() in content
+
+
+@pytest.mark.parametrize("words", [[], ["--left", *"0000000", "--right", *"0000000"]], ids=["initial", "zero"])
+def test_names_in_the_picture_can_be_read(shell, monkeypatch, tmp_path, words):
+    """None lies over another, none leaves the paper: as drawn, with the boxes that matplotlib measures."""
+    from matplotlib.text import Text
+
+    plot = pytest.importorskip("gateway.apps.frames_plot", reason="matplotlib is not installed")
+    drawn = []
+    with monkeypatch.context() as patch:
+        patch.setattr(plot.plt, "close", drawn.append)
+        assert shell.run("frames", *words, "--plot", str(tmp_path / "a.png")).status == 0
+    (figure,) = drawn
+    renderer = figure.canvas.get_renderer()
+    for panel in figure.axes:
+        names = [text for text in panel.texts if text.get_text()]
+        assert {name for text in names for name in text.get_text().split("\n")} == set(TREE.frames)
+        boxes = [(text.get_text(), Text.get_window_extent(text, renderer)) for text in names]  # without its line
+        for (one, box), (other, beside) in combinations(boxes, 2):
+            assert not box.overlaps(beside), f"{one!r} and {other!r}"
+        for name, box in boxes:
+            assert figure.bbox.x0 <= box.x0 and box.x1 <= figure.bbox.x1, name
+            assert figure.bbox.y0 <= box.y0 and box.y1 <= figure.bbox.y1, name
+    plot.plt.close(figure)
 
 
 def test_a_picture_needs_matplotlib(shell, monkeypatch, tmp_path):
