@@ -33,8 +33,7 @@ from gateway.heir import Heir
 from gateway.keeper import Keeper
 from gateway.link.robot_link import RobotLink
 from gateway.loop import Loop
-from gateway.measures import take_measures
-from gateway.realtime import release_interpreter
+from gateway.measures import Measures
 from gateway.settings import Settings
 from gateway.state_file import StateFile, StateWriter, path_of
 from gateway.zenoh_threads import share_reactor
@@ -218,15 +217,16 @@ def run(settings: Settings, on_ready: Callable[[str], None] | None = None, *, is
             ending.callback(guards.close, lambda: status == 0)
             writer = StateWriter(state_file, started)
             ending.callback(_close_writer, writer, state_file)
-            ending.callback(release_interpreter)
+            measures = Measures(settings)
+            ending.callback(measures.undo)
             link = RobotLink(settings.link)
             ending.callback(link.close)
             ending.callback(plane.close)  # first: nobody asks any more
             plane.tell_routes_of(partial(_routes, link))
             plane.open()
             link.open()
-            after_link_up = take_measures(settings)
-            robot = _Link(link, engine, after_link_up, guards)
+            measures.take()
+            robot = _Link(link, engine, measures.renew, guards)
             loop = Loop(engine, robot, watched, on_remembered=writer.write, on_sending=guards.on_sending)
             ending.callback(guards.close, lambda: status == 0)  # first of all: no tick comes any more
             if on_ready is not None:

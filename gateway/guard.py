@@ -31,7 +31,7 @@ import socket
 import sys
 import threading
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from types import FrameType
@@ -57,8 +57,8 @@ from gateway.link.hearing import DECIDING
 from gateway.link.robot_link import RobotLink
 from gateway.log import configure_log
 from gateway.loop import LEVELS
-from gateway.measures import take_measures
-from gateway.realtime import SleepWatch, release_interpreter
+from gateway.measures import Measures
+from gateway.realtime import SleepWatch
 from gateway.robot import FSM_WATCHDOG_NS
 from gateway.settings import Settings
 from gateway.state_file import StateFile, path_of
@@ -121,6 +121,7 @@ class Guard:
         name = robot_name(settings.link.endpoint, settings.link.namespace)
         self._desk = GuardDesk(str(guard_socket(beside)), settings.local.socket_mode, name)
         self._sleep = SleepWatch()
+        self._measures = Measures(settings, is_guard=True)
         self._asked_ns: int | None = None
         self._closely_ns = 0
         self._dying: DyingProcess | None = None
@@ -132,17 +133,17 @@ class Guard:
     def run(self) -> None:
         """Watch until the daemon has ended, act as long as it takes, end."""
         with contextlib.ExitStack() as ending:
-            ending.callback(release_interpreter)
+            ending.callback(self._measures.undo)
             ending.callback(self._finish_writing)
             ending.callback(self._link.close, CLOSE_NS)
             ending.callback(self._desk.close)
             ending.callback(self._probe.close)
             self._desk.sweep()
             self._link.open()
-            after_link_up = take_measures(self._settings, is_guard=True)
+            self._measures.take()
             self._link.pace(is_moving=True, is_watched=False)
             try:
-                self._loop(after_link_up)
+                self._loop()
             except BaseException:  # any bug, a panic of a compiled part too: stop frames, then raise it again
                 _log.exception("the guard ends by an error; its stop frames leave now")
                 if self._is_acting:
@@ -150,11 +151,11 @@ class Guard:
                         self._link.publish(frame)
                 raise
 
-    def _loop(self, after_link_up: Callable[[], None]) -> None:
+    def _loop(self) -> None:
         deadline_ns = time.monotonic_ns()
         while self._guardian.phase is not Phase.DONE:
-            is_daemon_gone = self._wait(deadline_ns, after_link_up) or self._is_dead()
-            now_ns = self._listen(after_link_up, is_needed=is_daemon_gone)
+            is_daemon_gone = self._wait(deadline_ns) or self._is_dead()
+            now_ns = self._listen(is_needed=is_daemon_gone)
             self._answer(now_ns)
             was_acting = self._is_acting
             if self._guardian.phase is Phase.WATCHING:
@@ -189,7 +190,7 @@ class Guard:
 
     # ------------------------------------------------------------------------------------------------ waiting
 
-    def _wait(self, deadline_ns: int, after_link_up: Callable[[], None]) -> bool:
+    def _wait(self, deadline_ns: int) -> bool:
         """Wait until then, for the daemon's end, or for somebody who asks; return whether the daemon has ended.
 
         The robot is listened to meanwhile: what it says must not look old when the daemon ends.
@@ -202,9 +203,9 @@ class Guard:
             ready, _, _ = select.select(files, [], [], min(rest_ns, LISTEN_NS) / S)
             if ready or rest_ns <= LISTEN_NS:
                 return self._life in ready and not os.read(self._life, 64)
-            self._listen(after_link_up)
+            self._listen()
 
-    def _listen(self, after_link_up: Callable[[], None], *, is_needed: bool = False) -> int:
+    def _listen(self, *, is_needed: bool = False) -> int:
         """Hear the robot, and read what it says unless that can wait; return the time at which it was heard [ns]."""
         now_ns = time.monotonic_ns()
         slept_ns = self._sleep.slept_ns()
@@ -222,7 +223,7 @@ class Guard:
         self._closely_ns, self._has_news = now_ns, True
         for event in self._link.poll():
             if isinstance(event, LinkUp):
-                after_link_up()
+                self._measures.renew()
             self._guardian.receive(event, now_ns)
         return now_ns
 

@@ -20,6 +20,7 @@ from gateway import daemon
 from gateway.api.service import LocalPlane
 from gateway.link.robot_link import RobotLink
 from gateway.log import JsonLines, LogWriter, RateLimit
+from gateway.measures import Measures
 from gateway.settings import GuardSettings, LinkSettings, LocalSettings, RealtimeSettings, Settings
 from gateway.state_file import StateWriter
 
@@ -178,7 +179,7 @@ def test_json_lines_have_code_and_facts() -> None:
 
 
 class Parts:
-    """Stands for plane, link and state writer of a daemon; writes down how they end."""
+    """Stands for plane, link, measures and state writer of a daemon; writes down how they end."""
 
     def __init__(self, monkeypatch: pytest.MonkeyPatch, tmp_path: Path, *, link_closes: bool = True) -> None:
         self.ended: list[str] = []
@@ -209,6 +210,11 @@ class Parts:
                 parts.ended.append("writer")
                 return super().close(timeout_s)
 
+        class RealTime(Measures):
+            def undo(self) -> None:
+                parts.ended.append("real time")
+                super().undo()
+
         class Loop:
             def __init__(self, *_: object, **__: object) -> None:
                 pass
@@ -217,7 +223,8 @@ class Parts:
                 parts.in_loop()
 
         monkeypatch.setenv("TA2_STATE_DIR", str(tmp_path / "state"))
-        for name, part in (("LocalPlane", Plane), ("RobotLink", Link), ("StateWriter", Writer), ("Loop", Loop)):
+        stand_ins = {"LocalPlane": Plane, "RobotLink": Link, "Measures": RealTime, "StateWriter": Writer, "Loop": Loop}
+        for name, part in stand_ins.items():
             monkeypatch.setattr(daemon, name, part)
         monkeypatch.setattr(os, "_exit", self.status.append)
         monkeypatch.setattr(logging, "shutdown", lambda: None)
@@ -235,7 +242,7 @@ def test_impatience_at_the_end_skips_nothing(monkeypatch: pytest.MonkeyPatch, tm
     parts = Parts(monkeypatch, tmp_path)
     parts.on_plane_close = lambda: [os.kill(os.getpid(), number) for number in (signal.SIGINT, signal.SIGTERM)]
     assert daemon.run(parts.settings) == 0
-    assert parts.ended == ["plane", "link", "writer"]
+    assert parts.ended == ["plane", "link", "real time", "writer"]
     assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
 
 
@@ -249,7 +256,7 @@ def test_one_part_that_fails_to_close_keeps_no_other_open(monkeypatch: pytest.Mo
     parts.on_plane_close = fail
     with pytest.raises(OSError, match="the plane"):
         daemon.run(parts.settings)
-    assert parts.ended == ["plane", "link", "writer"]
+    assert parts.ended == ["plane", "link", "real time", "writer"]
 
 
 def test_a_session_that_hangs_does_not_keep_a_dead_daemon_alive(
@@ -266,7 +273,7 @@ def test_a_session_that_hangs_does_not_keep_a_dead_daemon_alive(
         daemon.run(parts.settings)
     assert parts.status == [1]
     assert "a bug" in caplog.text
-    assert parts.ended == ["plane", "link", "writer"]
+    assert parts.ended == ["plane", "link", "real time", "writer"]
 
 
 def test_a_session_that_hangs_after_a_clean_end_is_left_behind(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
