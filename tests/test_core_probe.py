@@ -24,6 +24,7 @@ print("ready", flush=True)
 end = time.monotonic() + float(sys.argv[3])
 while time.monotonic() < end:
     pass
+print(time.monotonic_ns(), flush=True)
 """
 
 
@@ -83,31 +84,45 @@ def test_a_process_on_several_cores_or_none_has_no_core_to_ask(
     assert probe.ran_ns() is None
 
 
-def test_a_core_that_stands_still_answers_when_it_runs_again(child: subprocess.Popen[bytes], probe: CoreProbe) -> None:
-    """A program that keeps the core above the probe, for a third of a second: what is bound to it waits."""
+@pytest.fixture
+def contended() -> Iterator[int]:
+    """A core from which this test keeps away: it would stand still there with the rest, and ask when all is over."""
     cores = sorted(os.sched_getaffinity(0))
     if len(cores) < 2:
         pytest.skip("one core only: the test would stand still with it")
-    core = cores[-1]
-    os.sched_setaffinity(child.pid, {core})
-    spinner = subprocess.Popen(
-        [sys.executable, "-S", "-c", SPINNER, str(core), str(MORE_URGENT), "0.3"],
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-    )
-    assert spinner.stdout is not None and spinner.stderr is not None
-    try:
-        if spinner.stdout.readline() != b"ready\n":
-            pytest.skip("no permission to run in real time")
-        probe.ask()
-        asked_ns = time.monotonic_ns()
-        assert soon(lambda: (probe.ran_ns() or 0) >= asked_ns - 1_000_000)
-        assert (probe.ran_ns() or 0) - asked_ns > 100_000_000
-    finally:
-        spinner.kill()
-        spinner.wait()
-        spinner.stdout.close()
-        spinner.stderr.close()
+    os.sched_setaffinity(0, set(cores[:-1]))
+    yield cores[-1]
+    os.sched_setaffinity(0, set(cores))
+
+
+def test_a_core_that_stands_still_answers_when_it_runs_again(
+    child: subprocess.Popen[bytes], probe: CoreProbe, contended: int
+) -> None:
+    """A program keeps the core above the probe, for a third of a second: what is bound to it waits until the end."""
+    os.sched_setaffinity(child.pid, {contended})
+    for _ in range(3):  # the host may hold up this test for as long as the program spins: then it asks too late
+        spinner = subprocess.Popen(
+            [sys.executable, "-S", "-c", SPINNER, str(contended), str(MORE_URGENT), "0.3"],
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+        )
+        assert spinner.stdout is not None and spinner.stderr is not None
+        try:
+            if spinner.stdout.readline() != b"ready\n":
+                pytest.skip("no permission to run in real time")
+            asked_ns = time.monotonic_ns()
+            probe.ask()
+            assert soon(lambda asked_ns=asked_ns: (probe.ran_ns() or 0) >= asked_ns)
+            ended_ns = int(spinner.stdout.readline())
+            assert (probe.ran_ns() or 0) >= ended_ns
+        finally:
+            spinner.kill()
+            spinner.wait()
+            spinner.stdout.close()
+            spinner.stderr.close()
+        if asked_ns < ended_ns - 100_000_000:
+            return
+    pytest.fail("asked too late, three times: nothing is proved")
 
 
 class Refusing(LinuxAffinity):

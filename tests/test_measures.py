@@ -17,6 +17,7 @@ import gc, json, os, sys, threading
 from gateway.measures import Measures
 from gateway.settings import Settings
 
+gc.unfreeze()  # Python 3.12 begins with frozen objects of its own
 done = threading.Event()
 threading.Thread(target=done.wait).start()
 

@@ -35,6 +35,8 @@ NEAR_M = 0.06
 """Frames nearer to each other than this share one label, line by line."""
 LINE_PT, BESIDE_PT, GAP_PT = 9.0, 45.0, 6.0
 """Height of a line of a label, from the outermost frame to the labels, and the least gap between two labels [pt]."""
+ROOM = np.array((2.1, 1.4))
+"""Width and height of a panel, in those of what is drawn in it, at least."""
 
 View: TypeAlias = NDArray[np.float64]
 """Shape (2, 3): what is to the right and what is up on the paper, as unit vectors."""
@@ -55,8 +57,6 @@ def write_picture(tree: FrameTree, posture: Posture, path: Path) -> None:
     views = [_view(elevation_deg, azimuth_deg) for _, elevation_deg, azimuth_deg in VIEWS]
     for panel, view, (title, elevation_deg, _) in zip(panels, views, VIEWS, strict=True):
         _draw_frames(panel, view, tree, places)
-        panel.set_aspect("equal", adjustable="datalim")
-        panel.margins(x=0.7, y=0.2)
         panel.set_title(title, fontsize=9)
         if elevation_deg == 90.0:
             panel.grid(color="0.92")
@@ -76,8 +76,10 @@ def write_picture(tree: FrameTree, posture: Posture, path: Path) -> None:
         f"joints: {posture.source}",
         fontsize=11,
     )
-    figure.draw_without_rendering()  # only then is known where a place is on the paper; names change nothing of that
+    figure.draw_without_rendering()  # only then is known how large a panel is; what follows changes nothing of that
+    figure.set_layout_engine("none")
     for panel, view in zip(panels, views, strict=True):
+        _scale(panel)
         _name_frames(panel, view, places, dots_per_pt=figure.dpi / 72.0)
     figure.savefig(path)
     plt.close(figure)
@@ -99,6 +101,18 @@ def _draw_frames(panel: Axes, view: View, tree: FrameTree, places: Mapping[str, 
             panel.plot(*(view @ line), color=KIND_COLOURS[kind_of(tree, frame)], linewidth=1.0, linestyle="--")
         for axis, colour in zip(place.rotation.T, AXIS_COLOURS, strict=True):
             panel.plot(*(view @ np.stack((place.p_m, place.p_m + AXIS_M * axis), -1)), color=colour, linewidth=1.8)
+
+
+def _scale(panel: Axes) -> None:
+    """Show all that is drawn with room for its names, a metre as long to the right as up.
+
+    `set_aspect` would do the second at the cost of the first: which limits it moves depends on matplotlib's version.
+    """
+    low, high = np.array(panel.dataLim.min), np.array(panel.dataLim.max)
+    size = np.array((panel.bbox.width, panel.bbox.height))
+    middle, half = (low + high) / 2.0, 0.5 * float(np.max(ROOM * (high - low) / size)) * size
+    panel.set_xlim(middle[0] - half[0], middle[0] + half[0])
+    panel.set_ylim(middle[1] - half[1], middle[1] + half[1])
 
 
 def _name_frames(panel: Axes, view: View, places: Mapping[str, Transform], *, dots_per_pt: float) -> None:

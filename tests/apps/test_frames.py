@@ -186,6 +186,8 @@ def test_names_in_the_picture_can_be_read(shell, monkeypatch, tmp_path, words):
     (figure,) = drawn
     renderer = figure.canvas.get_renderer()
     for panel in figure.axes:
+        (per_m, _, _), (_, up_per_m, _), _ = panel.transData.frozen().get_matrix()
+        assert up_per_m == pytest.approx(per_m), "a metre is as long in both directions"
         names = [text for text in panel.texts if text.get_text()]
         assert {name for text in names for name in text.get_text().split("\n")} == set(TREE.frames)
         boxes = [(text.get_text(), Text.get_window_extent(text, renderer)) for text in names]  # without its line
