@@ -6,8 +6,10 @@ long as one of the two does. Each side writes its own part:
     daemon   what is on the wire (two slots, written in turn), that it ends by itself, and which session is its guard's
     guard    its process id, its zenoh id, whether it reaches the robot, and when it last looked
 
-A slot is written whole, then its number: who dies in the middle of it leaves the other slot, which is a tick older. So
-a reader gets a state that was true, without a lock and without waiting for anybody. 5 µs a tick.
+What either says is a record of two slots, written in turn, each with its number and a checksum of both: whoever dies in
+the middle of one, or reads it meanwhile, finds the other, which is one older and whole. So a reader gets what was true,
+without a lock and without waiting for anybody. A number of eight bytes alone would not do: `struct` sets a field to zero
+before it writes it, and some processors show what was written later first. 5 µs a tick.
 
 It knows the shape of `core/held.py` and nothing of processes.
 """
@@ -18,6 +20,8 @@ import mmap
 import os
 import struct
 from dataclasses import dataclass
+from typing import Any
+from zlib import crc32
 
 from gateway import robot
 from gateway.codes import Code
@@ -30,17 +34,17 @@ __all__ = ["Blackboard", "GuardSaid"]
 SIZE = 4096
 ENDED = 0
 """One byte: the daemon ends by itself."""
-COUNT = struct.Struct("=Q")
-COUNT_AT = 8
-"""How many states were written; the newest is in slot `count & 1`."""
-ZID = struct.Struct("33p")
-KNOWN_AT = 16
+CHECKSUM, COUNT = struct.Struct("=L"), struct.Struct("=Q")
+HEAD = struct.Struct("=LQ")
+"""Of a slot: checksum of all that follows; how many were written with this one."""
+KNOWN = struct.Struct("33p")
+KNOWN_AT = 64
 """Zenoh id of the guard's session that the daemon knows to be a friend's."""
 SAID = struct.Struct("=QqB33p")
-SAID_AT = 64
+SAID_AT = 256
 """The guard: process id, last look [ns], linked, zenoh id."""
-SLOTS_AT = (512, 1536)
 SHOWN = struct.Struct("=qqqQBBBBBBBB21d21d2d")
+SHOWN_AT = 1024
 """Tick [ns], newest setpoint [ns], epoch, latches; state, beat, flags; per side the space and whether the gripper is
 streamed, one spare; per side values, rate and acceleration; per side the gripper's value."""
 
@@ -51,8 +55,9 @@ LATCHES = tuple(dict.fromkeys((*LATCH_CODE.values(), Code.STATE_LOST)))
 OWED, ESTOP, CHASSIS, LIFT = 1, 2, 4, 8
 OFF, JOINT, POSE = 0, 1, 2
 NOTHING: Vector = (0.0,) * (3 * ARM_DOF)
+NOTHING_SAID = (0, 0, False, b"")
 TRIES = 5
-"""A reader that was overtaken this often gives up until its next look."""
+"""A reader that finds neither slot whole so often gives up until its next look: the writer has written none, or races."""
 
 SIDES = tuple(Side)
 TOPICS = {
@@ -81,6 +86,45 @@ class GuardSaid:
     zid: str
 
 
+class Record:
+    """What one process says and the other one reads.
+
+    Args:
+        page: The memory.
+        at: Where on it the two slots begin [bytes].
+        body: What is said.
+    """
+
+    def __init__(self, page: mmap.mmap, at: int, body: struct.Struct) -> None:
+        self._page, self._body = page, body
+        self._slots = tuple(slice(begin, begin + HEAD.size + body.size) for begin in (at, at + HEAD.size + body.size))
+        self._count = self._newest()[0]
+
+    def write(self, *values: object) -> None:
+        """Say what becomes the newest."""
+        self._count += 1
+        said = COUNT.pack(self._count) + self._body.pack(*values)
+        self._page[self._slots[self._count & 1]] = CHECKSUM.pack(crc32(said)) + said
+
+    def read(self) -> tuple[Any, ...] | None:
+        """Return the newest; None where nothing was said, or the writer is faster than one can read."""
+        for _ in range(TRIES):
+            count, said = self._newest()
+            if count:
+                return self._body.unpack_from(said, HEAD.size)
+        return None
+
+    def _newest(self) -> tuple[int, bytes]:
+        """Return the number and the bytes of the newest slot that is whole; 0 where none is."""
+        newest = (0, b"")
+        for slot in self._slots:
+            said = self._page[slot]
+            checksum, count = HEAD.unpack_from(said)
+            if count > newest[0] and checksum == crc32(said[CHECKSUM.size :]):
+                newest = (count, said)
+        return newest
+
+
 class Blackboard:
     """The shared page.
 
@@ -94,7 +138,9 @@ class Blackboard:
     def __init__(self, descriptor: int) -> None:
         self.descriptor = descriptor
         self._page = mmap.mmap(descriptor, SIZE)
-        (self._count,) = COUNT.unpack_from(self._page, COUNT_AT)
+        self._known = Record(self._page, KNOWN_AT, KNOWN)
+        self._said = Record(self._page, SAID_AT, SAID)
+        self._shown = Record(self._page, SHOWN_AT, SHOWN)
 
     @classmethod
     def create(cls) -> Blackboard:
@@ -122,10 +168,7 @@ class Blackboard:
         left, right = [held.arms.get(side) for side in SIDES]
         flags = OWED * held.is_owed | ESTOP * held.is_estop | CHASSIS * held.has_chassis | LIFT * held.has_lift
         grippers = [held.grippers.get(side) for side in SIDES]
-        count = self._count + 1
-        SHOWN.pack_into(
-            self._page,
-            SLOTS_AT[count & 1],
+        self._shown.write(
             held.at_ns,
             held.last_frame_ns,
             held.epoch,
@@ -143,8 +186,6 @@ class Blackboard:
             grippers[0] or 0.0,
             grippers[1] or 0.0,
         )
-        COUNT.pack_into(self._page, COUNT_AT, count)
-        self._count = count
 
     def end(self) -> None:
         """Say that the daemon ends by itself: nobody needs to go on."""
@@ -152,19 +193,19 @@ class Blackboard:
 
     def guard(self) -> GuardSaid:
         """Return what the guard said of itself."""
-        pid, looked_ns, is_linked, zid = SAID.unpack_from(self._page, SAID_AT)
+        pid, looked_ns, is_linked, zid = self._said.read() or NOTHING_SAID
         return GuardSaid(pid=pid, looked_ns=looked_ns, is_linked=bool(is_linked), zid=zid.decode("ascii", "replace"))
 
     def know(self, zid: str) -> None:
         """Tell the guard that the daemon knows this session of it, and takes it for no other gateway."""
-        ZID.pack_into(self._page, KNOWN_AT, zid.encode("ascii", "replace"))
+        self._known.write(zid.encode("ascii", "replace"))
 
     # ------------------------------------------------------------------------------------------------ the guard's part
 
     @property
     def known_zid(self) -> str:
         """Zenoh id of the guard's session that the daemon knows; empty before it knows one."""
-        (zid,) = ZID.unpack_from(self._page, KNOWN_AT)
+        (zid,) = self._known.read() or (b"",)
         return bytes(zid).decode("ascii", "replace")
 
     @property
@@ -174,18 +215,12 @@ class Blackboard:
 
     def read(self) -> Held | None:
         """Return what the daemon showed last; None before its first tick, or when it is writing faster than one can read."""
-        for _ in range(TRIES):
-            (count,) = COUNT.unpack_from(self._page, COUNT_AT)
-            if not count:
-                return None
-            numbers = SHOWN.unpack_from(self._page, SLOTS_AT[count & 1])
-            if COUNT.unpack_from(self._page, COUNT_AT) == (count,):
-                return _held(numbers)
-        return None
+        numbers = self._shown.read()
+        return None if numbers is None else _held(numbers)
 
     def say(self, pid: int, looked_ns: int, zid: str, *, is_linked: bool) -> None:
         """Tell the daemon how the guard is."""
-        SAID.pack_into(self._page, SAID_AT, pid, looked_ns, is_linked, zid.encode("ascii", "replace"))
+        self._said.write(pid, looked_ns, is_linked, zid.encode("ascii", "replace"))
 
 
 def _numbers(arm: HeldArm | None) -> Vector:
