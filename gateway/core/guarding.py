@@ -31,6 +31,7 @@ class Guarding:
         """Whether there shall be a guard: its keeper has spoken."""
         self.earlier_holds = False
         """Whether the guard of an earlier daemon holds the robot."""
+        self._zids: set[str] = set()
 
     def is_awaited(self, waited_ns: int) -> bool:
         """Return whether a guard runs that does not reach the robot yet, and is worth waiting for.
@@ -43,14 +44,18 @@ class Guarding:
     def is_held_elsewhere(self, armed_friends: Iterable[str]) -> bool:
         """Return whether the guard of an earlier daemon holds the robot, within our reach or not.
 
+        A session that this daemon's own guards have had is none of that: the guard has left it, or has ended, and what it
+        showed goes away when the router has noticed.
+
         Args:
             armed_friends: Zenoh ids of sessions of ours that show a claim; one that cannot be reached still does.
         """
-        return self.earlier_holds or any(zid != self.zid for zid in armed_friends)
+        return self.earlier_holds or any(zid not in self._zids for zid in armed_friends)
 
     def see(self, seen: GuardSeen) -> str:
         """Take note of the guard; return what is worth telling about one that was lost, empty when none was."""
         self.pid, self.zid, self.is_linked, self.is_expected = seen.pid, seen.zid, seen.is_linked, True
+        self._zids.add(seen.zid)
         if not seen.lost:
             return ""
         self.lost += 1

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import pytest
+
 from gateway.core.events import GuardSeen
 from gateway.core.guarding import WAIT_NS, Guarding
 
@@ -40,6 +42,18 @@ def test_a_hold_elsewhere_is_known_by_its_socket_or_by_its_claim():
     assert guards.is_held_elsewhere(("c4", "9a"))
     guards.earlier_holds = True
     assert guards.is_held_elsewhere(())
+
+
+@pytest.mark.parametrize(
+    "now", [{"zid": "", "is_linked": False}, {"zid": "d5"}, {"pid": 0, "zid": "", "lost": "signal 9"}]
+)
+def test_a_session_that_our_own_guard_has_left_holds_nothing(now: dict[str, object]):
+    """It reconnects, or has ended: what it showed stays until the router has noticed, and is no earlier daemon's."""
+    guards = Guarding()
+    guards.see(seen())
+    guards.see(seen(**now))
+    assert not guards.is_held_elsewhere(("c4",))
+    assert guards.is_held_elsewhere(("c4", "9a"))
 
 
 def test_a_lost_guard_is_counted_and_told():

@@ -8,7 +8,7 @@ import pytest
 
 from gateway import robot
 from gateway.core.elsewhere import elsewhere, twins
-from gateway.core.events import Enable, Gateway, Means, Move, OnLoss, Writer
+from gateway.core.events import Enable, Gateway, GuardSeen, Means, Move, OnLoss, Writer
 from gateway.core.motion import plan
 from gateway.core.permit import REFUSAL_TEXT, Permit
 from gateway.core.supervisor import TABLE, State, Trigger
@@ -424,7 +424,7 @@ def test_a_friend_that_cannot_be_reached_but_shows_a_claim_holds_off_an_enable()
     conductor.others.see_gateways([Gateway(zid="c4", is_armed=True)], scene.now_ns)
     refusal = scene.permit.held_elsewhere()
     assert refusal is not None and refusal.code is Code.HELD_BY_GUARD
-    conductor.guard.zid = "c4"
+    conductor.guard.see(GuardSeen(pid=41, zid="c4", is_linked=True, at_ns=scene.now_ns))
     assert scene.permit.held_elsewhere() is None
 
 

@@ -13,6 +13,7 @@ from gateway.core.events import (
     ForeignTokens,
     Gateway,
     GatewayTokens,
+    GuardSeen,
     Level,
     Means,
     Notice,
@@ -239,7 +240,7 @@ def test_our_own_guards_claim_is_no_reason_not_to_claim():
     scene = Scene()
     scene.conductor.claim.withdraw()
     scene.conductor.others.befriend("9a")
-    scene.conductor.guard.zid = "9a"
+    scene.conductor.guard.see(GuardSeen(pid=41, zid="9a", is_linked=True, at_ns=scene.now_ns))
     scene.gateways(**{"9a": True})
     scene.step()
     assert scene.conductor.claim.number > 0
