@@ -76,6 +76,12 @@ class _Watched:
             events = [*events, ExitRequested(at_ns=time.monotonic_ns())]
         return events
 
+    def poll_stops(self) -> Sequence[Event]:
+        return self._plane.poll_stops()
+
+    def wait_for_stop(self, seconds: float) -> bool:
+        return self._plane.wait_for_stop(seconds)
+
     def wait(self, seconds: float) -> bool:
         return bool(self._signals) or self._plane.wait(seconds)
 

@@ -8,6 +8,7 @@ Rules it obeys
       instant all the same. A daemon that nobody uses costs as little as it can.
     * Streams have grids of their own. The loop wakes at the earliest of them and of its own grid. All grids lie on
       multiples of their periods, so that instants which can fall together do.
+    * A stop ends the sleep: it is served at once, by a tick of its own between the instants of the grids.
     * In a cycle: stop requests first, then what came from the robot, then all other requests, so that decisions see the
       newest state. Then one tick, and its results in this order: frames, replies and notices, what must be remembered,
       the snapshot.
@@ -37,6 +38,9 @@ _log = logging.getLogger(__name__)
 MS = 1_000_000
 PERIOD_NS = 10 * MS
 """100 Hz, the rate of the joint stream (§4.3: 50 Hz or more)."""
+
+STOPS_APART_NS = 2 * MS
+"""A stop is served at once, unless the last tick was less than this ago [ns]."""
 
 LEVELS = {Level.INFO: logging.INFO, Level.WARNING: logging.WARNING, Level.ERROR: logging.ERROR}
 
@@ -127,14 +131,22 @@ class Link(Protocol[F_contra]):
 
 
 class Service(Protocol):
-    """The clients' side; see `api/service.py`. No call but `wait` may wait."""
+    """The clients' side; see `api/service.py`. No call but `wait` and `wait_for_stop` may wait."""
 
     def poll(self) -> Sequence[Event]:
         """Return what came since the last call."""
         ...
 
+    def poll_stops(self) -> Sequence[Event]:
+        """Return the stops that arrived since the last call, and nothing else."""
+        ...
+
     def wait(self, seconds: float) -> bool:
         """Wait for a request, at most so long; return whether there is one."""
+        ...
+
+    def wait_for_stop(self, seconds: float) -> bool:
+        """Wait for a stop, at most so long; return whether there is one."""
         ...
 
     def send(self, replies: Sequence[Reply], notices: Sequence[Notice]) -> None:
@@ -166,7 +178,7 @@ class Loop(Generic[F]):
             dies between the two takes a frame for sent that is lost, never a sent one, or a 1.0, for unsent.
         period_ns: Period of the base grid [ns].
         clock: Monotonic clock [ns].
-        sleep: Sleeps for a time [s]; may end early.
+        sleep: Sleeps for a time [s]; may end early, and says whether it did so for a stop. None waits for one.
         sleep_watch: Tells of suspends; None for the host's clocks.
     """
 
@@ -180,7 +192,7 @@ class Loop(Generic[F]):
         on_sending: Callable[[int], None] = lambda now_ns: None,
         period_ns: int = PERIOD_NS,
         clock: Callable[[], int] = time.monotonic_ns,
-        sleep: Callable[[float], None] = time.sleep,
+        sleep: Callable[[float], bool | None] | None = None,
         sleep_watch: Watch | None = None,
     ) -> None:
         self._engine = engine
@@ -190,7 +202,8 @@ class Loop(Generic[F]):
         self._on_sending = on_sending
         self._period_ns = period_ns
         self._clock = clock
-        self._sleep = sleep
+        self._sleep = service.wait_for_stop if sleep is None else sleep
+        self._ticked_ns = 0
         self._watch: Watch = SleepWatch() if sleep_watch is None else sleep_watch
         self.ticks = 0
         """Ticks run."""
@@ -225,14 +238,14 @@ class Loop(Generic[F]):
         while not done and not stop():
             if is_resting:
                 deadline_ns = grid_ns = self._rest_until(grid_ns)
-            self._sleep_until(deadline_ns)
-            urgent, others = self._poll()
-            now_ns = self._clock()
+            is_early = self._sleep_until(deadline_ns)
+            urgent, others = self._poll(is_early)
+            now_ns = self._ticked_ns = self._clock()
             if now_ns >= grid_ns:
                 missed = (now_ns - grid_ns) // self._period_ns
                 self.skipped += missed
                 grid_ns += (missed + 1) * self._period_ns
-            done = self._cycle(urgent + others, now_ns, now_ns - deadline_ns)
+            done = self._cycle(urgent + others, now_ns, max(now_ns - deadline_ns, 0))
             rest_ns = self._engine.rest_ns // self._period_ns * self._period_ns
             is_resting = rest_ns > self._period_ns
             if is_resting:
@@ -246,13 +259,24 @@ class Loop(Generic[F]):
                 return min(deadline_ns, (self._clock() // self._period_ns + 1) * self._period_ns)
         return deadline_ns
 
-    def _sleep_until(self, deadline_ns: int) -> None:
-        while (rest_ns := deadline_ns - self._clock()) > 0:
-            self._sleep(rest_ns / 1e9)
+    def _sleep_until(self, deadline_ns: int) -> bool:
+        """Sleep until then, or until a stop comes; return whether one did.
 
-    def _poll(self) -> tuple[list[Event], list[Event]]:
-        """Return stop requests, and everything else in the order in which it is to be received."""
-        requests = self._service.poll()
+        Stops that come one upon the other are served together: a flood of them must not keep this thread from all else.
+        """
+        until_ns = deadline_ns
+        while (rest_ns := until_ns - self._clock()) > 0:
+            if self._sleep(rest_ns / 1e9):
+                until_ns = min(self._ticked_ns + STOPS_APART_NS, deadline_ns)
+        return self._clock() < deadline_ns
+
+    def _poll(self, is_early: bool) -> tuple[list[Event], list[Event]]:
+        """Return stop requests, and everything else in the order in which it is to be received.
+
+        Args:
+            is_early: Whether a stop ended the sleep: other requests wait for the instant of the grid.
+        """
+        requests = self._service.poll_stops() if is_early else self._service.poll()
         urgent = [event for event in requests if _is_stop(event)]
         return urgent, [*self._link.poll(), *(event for event in requests if not _is_stop(event))]
 

@@ -51,19 +51,24 @@ class VirtualTime:
     def __init__(self) -> None:
         self.now = START - 3 * MS
         self.slept: list[int] = []
+        self.stop_at: list[int] = []  # when stops come that end a sleep
         self.oversleep: Callable[[int], int] = lambda n: 0
 
     def clock(self) -> int:
         return self.now
 
-    def sleep(self, seconds: float) -> None:
+    def sleep(self, seconds: float) -> bool:
         ns = round(seconds * 1e9)
+        if self.stop_at and self.stop_at[0] <= self.now + ns:
+            self.now = max(self.now, self.stop_at.pop(0))
+            return True
         assert ns > 0, "the loop must not sleep for nothing"
         if self.now < START:
             self.now += ns
-            return
+            return False
         self.now += ns + self.oversleep(len(self.slept))
         self.slept.append(ns)
+        return False
 
 
 @dataclass
@@ -89,6 +94,7 @@ class Bench:
     received: list[Event] = field(default_factory=list)
     from_robot: list[Event] = field(default_factory=list)
     from_clients: list[Event] = field(default_factory=list)
+    stops: list[Event] = field(default_factory=list)
     on_tick: Callable[[int, int], Out] = lambda n, now_ns: Out()
     due: Callable[[int], int | None] = lambda now_ns: None
     panic: Sequence[Frame] = ()
@@ -179,8 +185,17 @@ class Bench:
                 taken, bench.from_clients = bench.from_clients, []
                 return taken
 
+            def poll_stops(self) -> Sequence[Event]:
+                bench.log.append(("poll stops",))
+                taken, bench.stops = bench.stops, []
+                return taken
+
             def wait(self, seconds: float) -> bool:
                 return bench.wait(seconds)
+
+            def wait_for_stop(self, seconds: float) -> bool:
+                time.sleep(seconds)
+                return False
 
             def send(self, replies: Sequence[Reply], notices: Sequence[Notice]) -> None:
                 bench.send(replies, notices)
@@ -658,6 +673,19 @@ def test_a_late_tick_at_rest_is_late_against_the_instant_that_was_meant() -> Non
 
 
 # ----------------------------------------------------------------------------------------------------- the real clock
+
+
+def test_a_stop_is_served_at_once_between_the_instants_of_the_grid() -> None:
+    """A tick of its own, which is not late, with stops alone; the grid stays where it was. One right behind it waits 2 ms."""
+    bench = Bench()
+    first = (START // PERIOD + 3) * PERIOD
+    bench.time.stop_at = [first + 3 * MS, first + 3 * MS + 100_000, first + 3 * MS + 200_000]
+    bench.run(8)
+    instants = [at for at, _ in bench.ticks]
+    assert all(late == 0 for _, late in bench.ticks)
+    assert [at for at in instants if at % PERIOD] == [first + 3 * MS, first + 5 * MS]
+    assert first in instants and first + PERIOD in instants
+    assert bench.names().count("poll stops") == 2
 
 
 def test_with_the_real_clock_the_grid_is_kept_on_the_whole() -> None:

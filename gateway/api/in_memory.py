@@ -13,6 +13,7 @@ from typing import Protocol
 from gateway.api import protocol
 from gateway.api.inbox import Inbox
 from gateway.api.outbox import Outbox
+from gateway.api.stop_lane import StopLane
 from gateway.core import events
 from gateway.core.snapshot import Snapshot
 
@@ -63,8 +64,10 @@ class MemoryPlane:
         self.now_ns = now_ns
         self.reachable = True
         self._daemon_id = daemon_id
-        self._outbox = Outbox(info)
+        self._stops = StopLane()
+        self._outbox = Outbox(info, self._stops)
         self._inbox = Inbox(self._outbox)
+        self._stops.proven = self._inbox.identities.is_proven
         self._outbox.add_audience(self)
         self._listeners: dict[str, Listener] = {}
 
@@ -86,9 +89,13 @@ class MemoryPlane:
         if not self.reachable:
             on_done(None)
             return
-        self._inbox.ask(
-            _MemoryQuestion(key=key, payload=payload, encoding=encoding, received_ns=self.now_ns(), on_done=on_done)
+        question = _MemoryQuestion(
+            key=key, payload=payload, encoding=encoding, received_ns=self.now_ns(), on_done=on_done
         )
+        if key in (protocol.STOP_KEY, protocol.ESTOP_KEY):
+            self._stops.arrive(key, payload, question.received_ns, question)
+            return
+        self._inbox.ask(question)
         while self._inbox.sort(0):
             pass
         self._flush()
@@ -97,8 +104,10 @@ class MemoryPlane:
         """Put a target or a keepalive."""
         if not self.reachable:
             return
-        if key.startswith(f"{protocol.ROOT}/keepalive/"):
-            self._inbox.put_keepalive(protocol.token_id(key), self.now_ns())
+        if key in (protocol.STOP_KEY, protocol.ESTOP_KEY):
+            self._stops.arrive(key, payload, self.now_ns())
+        elif key.startswith(f"{protocol.ROOT}/keepalive/"):
+            self._inbox.put_keepalive(key, self.now_ns())
         else:
             self._inbox.put_target(key, payload, protocol.MSGPACK, self.now_ns())
 
@@ -112,7 +121,7 @@ class MemoryPlane:
 
     def poll(self) -> list[events.Event]:
         """Return what arrived since the last call, stops first."""
-        return self._inbox.poll()
+        return [*self._stops.poll(), *self._inbox.poll()]
 
     def send(self, replies: Sequence[events.Reply], notices: Sequence[events.Notice]) -> None:
         """Deliver replies and notices."""
@@ -126,7 +135,7 @@ class MemoryPlane:
         self._flush()
 
     def _flush(self) -> None:
-        while self._outbox.deliver(0):
+        while self._stops.deliver(0) or self._outbox.deliver(0):
             pass
 
     # ------------------------------------------------------------------------------------------------ as an audience

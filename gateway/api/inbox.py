@@ -3,7 +3,8 @@
 Rules
     * Whoever brings something in (a zenoh callback) only puts it here. One thread reads questions (`sort`); the loop
       thread takes everything (`poll`) and is the only one that does.
-    * An emergency stop, then a stop, come first out of `poll`, whatever lies before them.
+    * Stops have keys and a lane of their own (`stop_lane`). One that comes among other requests, as clients of the first
+      release send it, is a stop as well: an emergency stop, then a stop, come first out of `poll`, whatever lies before them.
     * Of the targets of a stream, and of the keepalives of a client, only the newest is kept: a flood costs nothing.
     * A command whose sender was already told that it did not run is not handed to the loop any more; a stop always is.
     * Chunks take milliseconds to work out. They are put aside, with whatever the same client sends after them, until
@@ -22,7 +23,10 @@ import threading
 from collections import deque
 from collections.abc import Iterator
 
+from msgspec import structs
+
 from gateway.api import protocol
+from gateway.api.identities import Identities
 from gateway.api.outbox import Outbox
 from gateway.api.question import Question
 from gateway.api.translate import printable, to_request, to_target
@@ -43,6 +47,8 @@ MAX_ASIDE = 16
 PER_POLL = 4
 """Requests handed out at a poll, stops not counted: planning a motion takes a millisecond, and setpoints must leave in time.
 A chunk is the last one of its poll: getting two arms onto it in mid-motion takes as long as the others together."""
+STRANGER = "stranger"
+"""Whose stop it is that came under the id of a client whose secret its sender does not have."""
 LOG_PERIOD_NS = 1_000_000_000
 
 log = logging.getLogger(__name__)
@@ -60,6 +66,8 @@ class Inbox:
     def __init__(self, outbox: Outbox) -> None:
         self.malformed = 0
         self.overflown = 0
+        self.identities = Identities()
+        """Who is who: which client has which secret."""
         self._outbox = outbox
         self._unread: queue.SimpleQueue[Question | None] = queue.SimpleQueue()
         self._aside: deque[tuple[protocol.Command, Question]] = deque()
@@ -96,14 +104,22 @@ class Inbox:
             encoding: zenoh encoding; empty for msgpack.
             received_ns: Local monotonic arrival [ns].
         """
+        client_id, _, secret = protocol.put_by(key)
+        if not self.identities.is_proven(client_id, secret):  # before anything is kept or decoded
+            self._complain("malformed", "a target of nobody that is known", received_ns)
+            return
         with self._lock:
             if key in self._targets or len(self._targets) < MAX_STREAMS:
                 self._targets[key] = (payload, encoding, received_ns)
                 return
         self._complain("overflow", f"{MAX_STREAMS} streams have targets waiting", received_ns)
 
-    def put_keepalive(self, client_id: str, received_ns: int) -> None:
-        """Take a sign of life of a client."""
+    def put_keepalive(self, key: str, received_ns: int) -> None:
+        """Take a sign of life of a client, on its key."""
+        client_id, _, secret = protocol.put_by(key)
+        if not self.identities.is_proven(client_id, secret):
+            self._complain("malformed", "a keepalive of nobody that is known", received_ns)
+            return
         with self._lock:
             if client_id in self._seen or len(self._seen) < MAX_CLIENTS:
                 self._seen[client_id] = received_ns
@@ -138,6 +154,10 @@ class Inbox:
             self._read(question)
         return True
 
+    def ring(self) -> None:
+        """Let a waiting `wait` return."""
+        self._arrived.set()
+
     def wake(self) -> None:
         """Let a waiting `sort` return."""
         self._unread.put(None)
@@ -160,6 +180,12 @@ class Inbox:
             self._outbox.refuse(question, 0, error.refusal)
             return
         is_stop = isinstance(command.request, (protocol.Stop, protocol.Estop))
+        if not self.identities.meet(command.client_id, command.secret):
+            self._complain("malformed", f"{command.client_id} is another client's id", question.received_ns)
+            if not is_stop:
+                self._outbox.refuse(question, command.request_id, _is_another(command.client_id))
+                return
+            command = structs.replace(command, client_id=STRANGER)  # a stop all the same, and not the owner's
         is_behind = any(other.client_id == command.client_id for other, _ in self._aside)
         if is_stop or not (is_behind or isinstance(command.request, (protocol.Follow, protocol.CheckFollow))):
             self._take(command, question)
@@ -252,12 +278,12 @@ class Inbox:
                 yield command
 
     def _read_target(self, key: str, payload: bytes, encoding: str, received_ns: int) -> events.TargetArrived | None:
-        client_id, _, stream = key.removeprefix(f"{protocol.ROOT}/target/").partition("/")
+        client_id, stream, _ = protocol.put_by(key)
         try:
             target = protocol.decode_target(payload, encoding)
             stream_id = int(stream)
         except ValueError as error:  # `Malformed` is one too
-            self._complain("malformed", f"target on {key}: {error}", received_ns)
+            self._complain("malformed", f"target of {client_id} on stream {stream}: {error}", received_ns)
             return None
         return to_target(target, client_id, stream_id, received_ns)
 
@@ -277,6 +303,15 @@ def _drain(lane: _Lane) -> Iterator[events.CommandRequested]:
     """Yield what lies in a lane now; what another thread adds meanwhile comes with the next poll."""
     for _ in range(len(lane)):
         yield lane.popleft()
+
+
+def _is_another(client_id: str) -> Refusal:
+    return Refusal(
+        code=Code.NOT_OWNER,
+        message=f"client_id {client_id!r} belongs to another connection: the secret is not its own; nothing was run",
+        field="secret",
+        hint="connect() gives each client an id and a secret of its own; who owns the robot is asked to give it, or take it",
+    )
 
 
 def _too_many() -> Refusal:

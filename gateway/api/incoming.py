@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 
 from msgspec import Meta, Struct
 
-__all__ = ["ClientId", "Count", "Incoming", "Joints", "Name", "Pid", "SideName", "Text"]
+__all__ = ["ClientId", "Count", "Incoming", "Joints", "Name", "Pid", "Secret", "SideName", "Text"]
 
 SideName = Literal["left", "right"]
 
@@ -16,6 +16,7 @@ Pid = Annotated[int, Meta(ge=0, le=2**31)]
 Name = Annotated[str, Meta(min_length=1, max_length=64)]
 Text = Annotated[str, Meta(max_length=512)]
 ClientId = Annotated[str, Meta(pattern=r"^[0-9A-Za-z_-]{1,64}\Z")]
+Secret = Annotated[str, Meta(pattern=r"^[0-9A-Za-z_-]{0,64}\Z")]
 Joints = Annotated[tuple[float, ...], Meta(max_length=64)]
 
 

@@ -12,6 +12,7 @@ __all__ = [
     "CLIENT_TOKENS",
     "COMMAND_KEY",
     "DAEMON_TOKENS",
+    "ESTOP_KEY",
     "EVENT_KEY",
     "FSM_NAMES",
     "HEARTBEAT_TOPIC",
@@ -26,10 +27,12 @@ __all__ = [
     "ROOT",
     "ROUTES_KEY",
     "SNAPSHOT_KEY",
+    "STOP_KEY",
     "TARGET_KEYS",
     "client_token",
     "daemon_token",
     "keepalive_key",
+    "put_by",
     "target_key",
     "token_id",
     "token_version",
@@ -70,26 +73,37 @@ HEARTBEAT_TOPIC: Final = "/api/fsm/enable"
 """Where the daemon sends the FSM heartbeat, as a snapshot's `streams` name it (manual §4.7)."""
 
 ROOT: Final = f"ta2/{PROTOCOL_VERSION}"
+STOP_KEY: Final = "ta2/stop"
+"""Whatever arrives here, a put or a query with any payload or none, is a stop. The same in every version of the protocol."""
+ESTOP_KEY: Final = "ta2/estop"
+"""Whatever arrives here is an e-stop."""
 COMMAND_KEY: Final = f"{ROOT}/command"
 INFO_KEY: Final = f"{ROOT}/info"
 ROUTES_KEY: Final = f"{ROOT}/routes"
 SNAPSHOT_KEY: Final = f"{ROOT}/snapshot"
 EVENT_KEY: Final = f"{ROOT}/event"
-TARGET_KEYS: Final = f"{ROOT}/target/*/*"
-KEEPALIVE_KEYS: Final = f"{ROOT}/keepalive/*"
+TARGET_KEYS: Final = f"{ROOT}/target/**"
+KEEPALIVE_KEYS: Final = f"{ROOT}/keepalive/**"
 CLIENT_TOKENS: Final = f"{ROOT}/alive/client/*"
 DAEMON_TOKENS: Final = "ta2/*/alive/daemon/*"
 """Tokens of daemons of any version."""
 
 
-def target_key(client_id: str, stream_id: int) -> str:
-    """Return the key on which a client puts the targets of one of its streams."""
-    return f"{ROOT}/target/{client_id}/{stream_id}"
+def target_key(client_id: str, stream_id: int, secret: str = "") -> str:
+    """Return the key on which a client puts the targets of one of its streams. Nobody but the daemon sees it."""
+    return f"{ROOT}/target/{client_id}/{stream_id}" + (f"/{secret}" if secret else "")
 
 
-def keepalive_key(client_id: str) -> str:
-    """Return the key on which a client shows that it lives."""
-    return f"{ROOT}/keepalive/{client_id}"
+def keepalive_key(client_id: str, secret: str = "") -> str:
+    """Return the key on which a client shows that it lives. Nobody but the daemon sees it."""
+    return f"{ROOT}/keepalive/{client_id}" + (f"/{secret}" if secret else "")
+
+
+def put_by(key: str) -> tuple[str, str, str]:
+    """Return client, stream and secret in the key of a target or a keepalive; the stream of a keepalive is empty."""
+    _, _, what, client_id, *rest = [*key.split("/", 6), "", "", ""][:6]
+    stream, secret = rest if what == "target" else ("", rest[0])
+    return client_id, stream, secret
 
 
 def client_token(client_id: str) -> str:

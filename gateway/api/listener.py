@@ -98,11 +98,14 @@ def _router(endpoint: str) -> dict[str, Any]:
 
 
 def access_rules() -> dict[str, Any]:
-    """Return what a client may do: ask, put targets and keepalives, show its token, listen. Nothing else."""
+    """Return what a client may do: stop, ask, put targets and keepalives, show its token, listen. Nothing else."""
     questions = [protocol.COMMAND_KEY, protocol.INFO_KEY, protocol.ROUTES_KEY, protocol.SNAPSHOT_KEY]
     puts = [protocol.TARGET_KEYS, protocol.KEEPALIVE_KEYS]
     views = [protocol.SNAPSHOT_KEY, protocol.EVENT_KEY]
+    stops = [protocol.STOP_KEY, protocol.ESTOP_KEY]
     rules = [
+        _allow("stop", "ingress", ["query", "put", "delete"], stops),
+        _allow("take_stop", "egress", ["reply", "declare_queryable", "declare_subscriber"], stops),
         _allow("ask", "ingress", ["query"], questions),
         _allow("answer", "egress", ["reply", "declare_queryable"], questions),
         _allow("put", "ingress", ["put"], puts),

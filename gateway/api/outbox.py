@@ -21,6 +21,7 @@ from functools import partial
 
 from gateway.api import protocol
 from gateway.api.question import Audience, Question, reply_encoding
+from gateway.api.stop_lane import StopLane
 from gateway.api.translate import to_notice, to_refusal, to_reply
 from gateway.core import events
 from gateway.core.snapshot import Snapshot
@@ -42,12 +43,14 @@ class Outbox:
 
     Args:
         info: What does not change while this daemon runs.
+        stops: Answers to stops go this way.
 
     Attributes:
         routes: Tells how the robot's bridge stands to each topic; any thread.
     """
 
-    def __init__(self, info: protocol.Info) -> None:
+    def __init__(self, info: protocol.Info, stops: StopLane) -> None:
+        self._stops = stops
         self.routes: Callable[[], protocol.Routes] = lambda: NO_ROUTES
         self.unanswered = 0
         self.dropped = 0
@@ -135,7 +138,8 @@ class Outbox:
     def send(self, replies: Sequence[events.Reply], notices: Sequence[events.Notice]) -> None:
         """Take replies and notices of one tick; returns at once."""
         for reply in replies:
-            self._jobs.put(partial(self._reply, reply, self._seq))
+            if not self._stops.answer(reply, self._seq):
+                self._jobs.put(partial(self._reply, reply, self._seq))
         for notice in notices:
             self._told += 1  # also those that do not fit: their number is missing, and listeners see that
             self._put(partial(self._notice, notice, self._told))

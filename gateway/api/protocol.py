@@ -2,14 +2,15 @@
 
 ```
 key                                   what                                  who sends        message
+ta2/stop, ta2/estop                   whatever arrives is the stop          anybody            (anything) -> Reply
 ta2/1/command                         query, exactly one reply              client           Command -> Reply
 ta2/1/info                            query                                 client           (empty) -> Info
 ta2/1/routes                          query                                 client           (empty) -> Routes
 ta2/1/snapshot                        query: the newest one                 client           (empty) -> Snapshot
 ta2/1/snapshot                        put at 50 Hz while somebody listens   daemon           Snapshot, seq attached
 ta2/1/event                           put                                   daemon           Notice, number attached
-ta2/1/target/<client>/<stream>        put, the newest wins                  client           Target
-ta2/1/keepalive/<client>              put every 50 ms by the owner          client           (empty)
+ta2/1/target/<client>/<stream>/<secret>  put, the newest wins               client           Target
+ta2/1/keepalive/<client>/<secret>     put every 50 ms by the owner          client           (empty)
 ta2/1/alive/daemon/<id>               liveliness token                      daemon
 ta2/1/alive/client/<client>           liveliness token                      client
 ```
@@ -46,6 +47,7 @@ from gateway.api.keys import (
     CLIENT_TOKENS,
     COMMAND_KEY,
     DAEMON_TOKENS,
+    ESTOP_KEY,
     EVENT_KEY,
     FSM_NAMES,
     HEARTBEAT_TOPIC,
@@ -60,10 +62,12 @@ from gateway.api.keys import (
     ROOT,
     ROUTES_KEY,
     SNAPSHOT_KEY,
+    STOP_KEY,
     TARGET_KEYS,
     client_token,
     daemon_token,
     keepalive_key,
+    put_by,
     target_key,
     token_id,
     token_version,
@@ -135,6 +139,7 @@ __all__ = [
     "CLIENT_TOKENS",
     "COMMAND_KEY",
     "DAEMON_TOKENS",
+    "ESTOP_KEY",
     "EVENT_KEY",
     "FSM_NAMES",
     "HEARTBEAT_TOPIC",
@@ -149,6 +154,7 @@ __all__ = [
     "ROOT",
     "ROUTES_KEY",
     "SNAPSHOT_KEY",
+    "STOP_KEY",
     "TARGET_KEYS",
     "Abandon",
     "Acquire",
@@ -231,6 +237,7 @@ __all__ = [
     "keepalive_key",
     "parse_address",
     "prepare",
+    "put_by",
     "refusal_of",
     "target_key",
     "token_id",

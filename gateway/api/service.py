@@ -5,8 +5,8 @@ Rules
       anything. `open` opens the listeners; `close` gives everything back, in reverse.
     * The unix socket is private until its permission bits stand; a socket file left by a dead daemon is replaced, one
       of a living daemon never is (its lock is held).
-    * One thread reads questions, one sends. The loop thread calls `poll`, `send` and `publish_snapshot`, which never
-      wait for a client, and `wait` when it has nothing else to do.
+    * One thread reads questions, one sends, one answers stops. The loop thread calls `poll`, `send` and
+      `publish_snapshot`, which never wait for a client, and `wait` when it has nothing else to do.
 """
 
 from __future__ import annotations
@@ -26,6 +26,7 @@ from gateway.api.inbox import Inbox
 from gateway.api.instance_lock import InstanceLock, robot_lock_path, socket_lock_path
 from gateway.api.listener import network_configuration, refused_setting, unix_configuration
 from gateway.api.outbox import Outbox
+from gateway.api.stop_lane import StopLane
 from gateway.api.translate import describe
 from gateway.api.zenoh_plane import ZenohPlane
 from gateway.core import events
@@ -59,8 +60,11 @@ class LocalPlane:
         self.info = describe(settings, socket=str(self.socket), pid=os.getpid())
         self._mode = local.socket_mode
         self._network = network_configuration(local)
-        self._outbox = Outbox(self.info)
+        self._stops = StopLane()
+        self._outbox = Outbox(self.info, self._stops)
         self._inbox = Inbox(self._outbox)
+        self._stops.on_arrival = self._inbox.ring
+        self._stops.proven = self._inbox.identities.is_proven
         self._planes: list[ZenohPlane] = []
         self._threads: list[threading.Thread] = []
         self._running = False
@@ -88,7 +92,11 @@ class LocalPlane:
             self.close()
             raise
         self._running = True
-        for name, work in (("ta2-api-read", self._read), ("ta2-api-send", self._send)):
+        for name, work in (
+            ("ta2-api-read", self._read),
+            ("ta2-api-send", self._send),
+            ("ta2-api-stop", self._answer_stops),
+        ):
             thread = threading.Thread(target=work, name=name, daemon=True)
             thread.start()
             self._threads.append(thread)
@@ -103,7 +111,7 @@ class LocalPlane:
 
     def _open(self, configuration: dict[str, object], name: str, value: str) -> None:
         try:
-            plane = ZenohPlane(configuration, self._inbox)
+            plane = ZenohPlane(configuration, self._inbox, self._stops)
         except zenoh.ZError as error:
             raise refused_setting(name, value, f"cannot listen there: {str(error).partition(' at /')[0]}") from None
         self._planes.append(plane)
@@ -119,6 +127,7 @@ class LocalPlane:
         self._running = False
         self._inbox.wake()
         self._outbox.wake()
+        self._stops.wake()
         for thread in self._threads:
             thread.join(timeout_s)
         self._threads.clear()
@@ -138,7 +147,15 @@ class LocalPlane:
 
     def poll(self) -> list[events.Event]:
         """Return what clients sent since the last call: stops first. Never waits."""
-        return self._inbox.poll()
+        return [*self._stops.poll(), *self._inbox.poll()]
+
+    def poll_stops(self) -> list[events.CommandRequested]:
+        """Return the stops that arrived on their own keys since the last call. Never waits."""
+        return self._stops.poll()
+
+    def wait_for_stop(self, seconds: float) -> bool:
+        """Wait for a stop on its own key, at most so long [s]; return whether there is one."""
+        return self._stops.wait(seconds)
 
     def wait(self, seconds: float) -> bool:
         """Wait for a request, at most so long [s]; return whether there is one."""
@@ -176,6 +193,10 @@ class LocalPlane:
     def _read(self) -> None:
         while self._running:
             self._guarded(lambda: self._inbox.sort(IDLE_S))
+
+    def _answer_stops(self) -> None:
+        while self._running or self._stops.deliver(0):
+            self._guarded(lambda: self._stops.deliver(IDLE_S))
 
     def _send(self) -> None:
         while self._running or self._outbox.deliver(0):  # what lies there when we close still goes out

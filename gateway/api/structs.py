@@ -19,7 +19,7 @@ from msgspec import Meta, Struct, field
 
 from gateway.api.chunk_structs import CheckFollow, Follow
 from gateway.api.ground_structs import DisableLift, DriveChassis, DriveLift, SetGripper, StopChassis, StopLift
-from gateway.api.incoming import ClientId, Count, Incoming, Joints, Name, Pid, SideName, Text
+from gateway.api.incoming import ClientId, Count, Incoming, Joints, Name, Pid, Secret, SideName, Text
 
 __all__ = [
     "Abandon",
@@ -245,12 +245,14 @@ class Command(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     Attributes:
         version: `PROTOCOL_VERSION` of the sender.
         client_id: Unique per client; the same as in its liveliness token, keepalives and targets.
+        secret: What proves that `client_id` is this client, from its first command on; no snapshot shows it.
         request_id: Unique per client. The same id again gets the first reply again: a lost reply can be asked for.
         request: What is asked.
     """
 
     version: Count
     client_id: ClientId
+    secret: Secret = ""
     request_id: Count
     request: Request
 

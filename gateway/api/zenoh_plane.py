@@ -17,6 +17,7 @@ import zenoh
 
 from gateway.api import protocol
 from gateway.api.inbox import Inbox
+from gateway.api.stop_lane import StopLane
 
 __all__ = ["ZenohPlane"]
 
@@ -59,14 +60,16 @@ class ZenohPlane:
 
     Args:
         configuration: From `listener`.
-        inbox: Where everything that arrives goes.
+        inbox: Where everything that arrives goes, but stops.
+        stops: Where stops go.
 
     Raises:
         zenoh.ZError: The listener cannot be opened.
     """
 
-    def __init__(self, configuration: dict[str, Any], inbox: Inbox) -> None:
+    def __init__(self, configuration: dict[str, Any], inbox: Inbox, stops: StopLane) -> None:
         self._inbox = inbox
+        self._stops = stops
         self._listened = False
         config = zenoh.Config()
         for key, value in configuration.items():
@@ -88,6 +91,9 @@ class ZenohPlane:
             protocol.EVENT_KEY, encoding=protocol.MSGPACK, congestion_control=drop
         )
         self._snapshots.declare_matching_listener(zenoh.handlers.Callback(self._on_matching, indirect=False))
+        for key in (protocol.STOP_KEY, protocol.ESTOP_KEY):
+            session.declare_queryable(key, zenoh.handlers.Callback(self._on_stop_query, indirect=False))
+            session.declare_subscriber(key, zenoh.handlers.Callback(self._on_stop, indirect=False))
         for key in (protocol.COMMAND_KEY, protocol.INFO_KEY, protocol.ROUTES_KEY, protocol.SNAPSHOT_KEY):
             session.declare_queryable(key, zenoh.handlers.Callback(self._on_query, indirect=False))
         session.declare_subscriber(protocol.TARGET_KEYS, zenoh.handlers.Callback(self._on_target, indirect=False))
@@ -100,6 +106,13 @@ class ZenohPlane:
 
     # ------------------------------------------------------------------------------------------------ zenoh's threads
 
+    def _on_stop(self, sample: zenoh.Sample) -> None:
+        self._stops.arrive(str(sample.key_expr), sample.payload.to_bytes(), time.monotonic_ns())
+
+    def _on_stop_query(self, query: zenoh.Query) -> None:
+        question = _ZenohQuestion(query, time.monotonic_ns())
+        self._stops.arrive(question.key, question.payload, question.received_ns, question)
+
     def _on_query(self, query: zenoh.Query) -> None:
         self._inbox.ask(_ZenohQuestion(query, time.monotonic_ns()))
 
@@ -110,7 +123,7 @@ class ZenohPlane:
         )
 
     def _on_keepalive(self, sample: zenoh.Sample) -> None:
-        self._inbox.put_keepalive(protocol.token_id(str(sample.key_expr)), time.monotonic_ns())
+        self._inbox.put_keepalive(str(sample.key_expr), time.monotonic_ns())
 
     def _on_token(self, sample: zenoh.Sample) -> None:
         if sample.kind == zenoh.SampleKind.DELETE:

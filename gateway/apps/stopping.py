@@ -36,7 +36,7 @@ def stop(command: str, target: str | None, timeout_s: float, reason: str, *, as_
     """
     said = _signed(reason or f"ta2 {command}")
     try:
-        with connected(command, target, timeout_s) as robot:
+        with connected(command, target, timeout_s, greet=False) as robot:
             result = robot.stop(said) if command == "stop" else robot.estop(said)
     except GatewayError as error:
         found = _by_guard(command, target, said) if isinstance(error, Disconnected) else None

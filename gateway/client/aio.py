@@ -73,21 +73,23 @@ def connect(
     timeout_s: float = 5.0,
     credentials: Credentials | None = None,
     transport: Transport | None = None,
+    greet: bool = True,
 ) -> Connecting:
     """Connect to the daemon of a robot, in `async with`, or by awaiting it.
 
     Arguments and exceptions as in `client.connect`.
     """
     session = Session(transport or transport_to(target, credentials), (name or program_name())[:64])
-    return Connecting(session, timeout_s)
+    return Connecting(session, timeout_s, greet)
 
 
 class Connecting:
     """A connection that is being made; await it, or use it in `async with`."""
 
-    def __init__(self, session: Session, timeout_s: float) -> None:
+    def __init__(self, session: Session, timeout_s: float, greet: bool = True) -> None:
         self._session = session
         self._timeout_s = timeout_s
+        self._greet = greet
 
     def __await__(self) -> Generator[Any, None, Robot]:
         return self._connect().__await__()
@@ -103,7 +105,8 @@ class Connecting:
         try:
             timeout_ns = seconds("timeout_s", self._timeout_s)
             await asyncio.to_thread(session.open, self._timeout_s)
-            await run(session, procedures.greet(session, timeout_ns))
+            if self._greet:
+                await run(session, procedures.greet(session, timeout_ns))
         except BaseException:  # cancellation included: nobody will get the robot that could close it
             session.close()
             raise
@@ -218,7 +221,7 @@ class Robot:
         return await self._stopped(protocol.Estop(reason=reason), "estop")
 
     async def _stopped(self, command: protocol.Stop | protocol.Estop, ask: Literal["stop", "estop"]) -> StopResult:
-        result = None if self._session.is_connected else await self._ask_guard(command, ask)
+        result = None if not self._session.daemon or self._session.is_connected else await self._ask_guard(command, ask)
         if result is not None:
             return result
         try:

@@ -59,6 +59,7 @@ def connect(
     timeout_s: float = 5.0,
     credentials: Credentials | None = None,
     transport: Transport | None = None,
+    greet: bool = True,
 ) -> Robot:
     """Connect to the daemon of a robot.
 
@@ -69,6 +70,7 @@ def connect(
         timeout_s: How long to wait for the daemon [s].
         credentials: User, password and certificates, where the daemon asks for them.
         transport: Another way to a daemon, for tests; `target` is ignored then.
+        greet: Whether to wait for the daemon's facts and a first state; False for a stop, which must not wait for them.
 
     Returns:
         A robot to look at; use it in a `with` block, or `close()` it.
@@ -81,7 +83,8 @@ def connect(
     session = Session(transport or transport_to(target, credentials), (name or program_name())[:64])
     try:
         session.open(timeout_s)
-        run(session, procedures.greet(session, seconds("timeout_s", timeout_s)))
+        if greet:
+            run(session, procedures.greet(session, seconds("timeout_s", timeout_s)))
     except BaseException:  # Ctrl-C included: nobody will get the robot that could close it
         session.close()
         raise
@@ -289,7 +292,7 @@ class Robot:
 
     def _stopped(self, command: protocol.Stop | protocol.Estop, ask: Literal["stop", "estop"]) -> StopResult:
         # A daemon that has just died would be waited for: its guard answers at once, or says that it only watches.
-        result = None if self._session.is_connected else self._ask_guard(command, ask)
+        result = None if not self._session.daemon or self._session.is_connected else self._ask_guard(command, ask)
         if result is not None:
             return result
         try:

@@ -18,7 +18,7 @@ from typing import Any, TypeVar
 from gateway.api import protocol
 from gateway.client.identity import is_of_this_process
 from gateway.client.session import Lease, Motion, Session, Sighting
-from gateway.client.waits import Answer, Daemon, Seen, Wait, answered_facts, answered_reply, answered_routes
+from gateway.client.waits import Answer, Daemon, Seen, Stopped, Wait, answered_facts, answered_reply, answered_routes
 from gateway.errors import Aborted, Cancelled, Code, GatewayError, MotionEnded, Refusal, Superseded, to_exception
 
 __all__ = [
@@ -385,7 +385,7 @@ def _ended(code: str, message: str, otherwise: str) -> GatewayError:
 
 def stop(session: Session, command: protocol.Stop | protocol.Estop) -> Procedure[StopResult]:
     """Stop everything; anybody may."""
-    reply = yield from request(session, command)
+    reply: protocol.Reply = yield Stopped(session, command, REQUEST_NS)
     session.stop_undelivered = bool(reply.facts.get("stop_undelivered"))
     return StopResult(undelivered=session.stop_undelivered)
 

@@ -16,6 +16,7 @@ import atexit
 import contextlib
 import logging
 import os
+import secrets
 import threading
 import weakref
 from collections.abc import Callable, Iterator
@@ -51,6 +52,7 @@ class Session:
         self.transport = transport
         self.name = name
         self.client_id = new_client_id()
+        self.secret = secrets.token_hex(16)
         self.changed = threading.Condition()
         self.daemon = ""
         self.other_versions: set[str] = set()
@@ -275,14 +277,18 @@ class Session:
         """Return a request in its envelope."""
         return protocol.encode(
             protocol.Command(
-                version=protocol.PROTOCOL_VERSION, client_id=self.client_id, request_id=request_id, request=request
+                version=protocol.PROTOCOL_VERSION,
+                client_id=self.client_id,
+                secret=self.secret,
+                request_id=request_id,
+                request=request,
             )
         )
 
     def put_target(self, stream_id: int, target: protocol.Target) -> None:
         """Send the newest target of a stream."""
         self.require_own_process()
-        self.transport.put(protocol.target_key(self.client_id, stream_id), protocol.encode(target))
+        self.transport.put(protocol.target_key(self.client_id, stream_id, self.secret), protocol.encode(target))
 
     def keep_alive(self) -> None:
         """Begin to show that this client lives, every 50 ms."""
@@ -302,7 +308,7 @@ class Session:
             self.let_go(lease)
             return
         if not self._gone_since_ns:  # who answers next may be another daemon, to which this client is nobody
-            self.transport.put(protocol.keepalive_key(self.client_id), b"")
+            self.transport.put(protocol.keepalive_key(self.client_id, self.secret), b"")
         try:
             self.observe()
         except GatewayError as error:

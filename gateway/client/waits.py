@@ -23,6 +23,7 @@ __all__ = [
     "Daemon",
     "Pause",
     "Seen",
+    "Stopped",
     "Wait",
     "answered_facts",
     "answered_reply",
@@ -32,6 +33,9 @@ __all__ = [
 
 REPEAT_NS = 100_000_000
 """Shortest time between two attempts to get a lost reply [ns]."""
+
+ALONE_NS = 300_000_000
+"""A stop that nobody took for so long, while no daemon is known, goes elsewhere [ns]."""
 
 T = TypeVar("T")
 T_co = TypeVar("T_co", covariant=True)
@@ -188,6 +192,79 @@ def answered_facts(payload: bytes) -> protocol.Info:
 def answered_routes(payload: bytes) -> protocol.Routes:
     """Return how the robot's bridge stands to each topic."""
     return protocol.decode_routes(payload)
+
+
+class Stopped:
+    """Sends a stop, and waits for what became of it. It leaves first: nothing is asked, and nobody need be known, before.
+
+    A daemon of the first release has no key for stops: where nobody listens there, it goes the old way as well.
+
+    Args:
+        session: Of this client.
+        command: `Stop` or `Estop`.
+        timeout_ns: How long to wait for the answer [ns].
+    """
+
+    def __init__(self, session: Session, command: protocol.Stop | protocol.Estop, timeout_ns: int) -> None:
+        session.require_own_process()
+        if session.is_closed:
+            session.require_daemon()
+        self._session = session
+        is_estop = isinstance(command, protocol.Estop)
+        who = {
+            "client_id": session.client_id,
+            "secret": session.secret,
+            "name": session.name,
+            "reason": command.reason,
+        }
+        self._ways = [
+            (protocol.ESTOP_KEY if is_estop else protocol.STOP_KEY, protocol.encode(who)),
+            (protocol.COMMAND_KEY, session.encode(command, session.next_request_id())),
+        ]
+        self._reply: protocol.Reply | None = None
+        self._under_way = False
+        self._repeat_ns = 0
+        self._begun_ns = session.transport.now_ns()
+        self.deadline_ns = self._begun_ns + timeout_ns
+        self._send(self._begun_ns)
+
+    def _send(self, now_ns: int) -> None:
+        self._under_way = True
+        self._repeat_ns = now_ns + REPEAT_NS
+        key, payload = self._ways[0]
+        self._session.transport.ask(key, payload, max(self.deadline_ns - now_ns, 1_000_000) / 1e9, self._take)
+
+    def _take(self, payload: bytes | None) -> None:
+        with self._session.changed:
+            self._under_way = False
+            if payload is not None:
+                self._reply = protocol.decode_reply(payload)
+        self._session.notify()
+
+    def poll(self, now_ns: int) -> protocol.Reply | None:
+        """Return the reply.
+
+        Raises:
+            GatewayError: The daemon is of the first release, and refused.
+            Disconnected: Nobody is there.
+        """
+        if self._reply is not None:
+            if self._reply.refusal is not None:
+                raise to_exception(protocol.refusal_of(self._reply.refusal))
+            return self._reply
+        if not self._under_way:
+            if now_ns - self._begun_ns > ALONE_NS:
+                self._session.require_daemon()
+            if now_ns >= self._repeat_ns:
+                self._ways.reverse()  # the other way, where this one led to nobody
+                self._send(now_ns)
+        return None
+
+    def expire(self) -> GatewayError:
+        """Say that nobody knows whether it stopped."""
+        return to_exception(
+            Refusal(code=Code.OUTCOME_UNKNOWN, message=f"no answer to the stop of {self._session.name!r} came in time")
+        )
 
 
 class Seen(Generic[T]):

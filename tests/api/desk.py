@@ -5,6 +5,7 @@ from __future__ import annotations
 from gateway.api import protocol
 from gateway.api.inbox import Inbox
 from gateway.api.outbox import Outbox
+from gateway.api.stop_lane import StopLane
 from gateway.api.translate import describe
 from gateway.settings import Settings
 
@@ -54,7 +55,8 @@ class Desk:
     """An inbox and an outbox whose threads are the test."""
 
     def __init__(self):
-        self.outbox = Outbox(describe(Settings(), socket="/s", pid=1))
+        self.stops = StopLane()
+        self.outbox = Outbox(describe(Settings(), socket="/s", pid=1), self.stops)
         self.inbox = Inbox(self.outbox)
 
     def ask(self, *args, **kwargs):

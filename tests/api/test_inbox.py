@@ -17,8 +17,11 @@ from tests.api.samples import HOME, Q, command
 
 @pytest.fixture
 def desk():
-    """An inbox whose threads are the test."""
-    return Desk()
+    """An inbox whose threads are the test; two clients of the first release, without secrets, are known."""
+    desk = Desk()
+    for client_id in ("c0ffee", "me"):
+        desk.inbox.identities.meet(client_id, "")
+    return desk
 
 
 def payload(request, request_id=1, **kwargs):
@@ -77,7 +80,7 @@ def test_stops_come_first_then_signs_of_life_targets_requests_departures(desk):
     desk.inbox.put_target(
         protocol.target_key("c0ffee", 2), protocol.encode(protocol.Target(epoch=1, seq=1, values=Q)), "", 5
     )
-    desk.inbox.put_keepalive("c0ffee", 6)
+    desk.inbox.put_keepalive(protocol.keepalive_key("c0ffee"), 6)
     desk.inbox.put_gone("other", 7)
     desk.ask(payload(protocol.Stop(), 2))
     desk.ask(payload(protocol.Estop(), 3))
@@ -117,7 +120,7 @@ def test_only_the_newest_target_of_a_stream_counts(desk):
 def test_only_the_newest_sign_of_life_counts(desk):
     """Keepalives of one client between two polls are one."""
     for at_ns in range(100):
-        desk.inbox.put_keepalive("me", at_ns)
+        desk.inbox.put_keepalive(protocol.keepalive_key("me"), at_ns)
     assert desk.inbox.poll() == [events.ClientSeen(client_id="me", at_ns=99)]
 
 
@@ -143,7 +146,8 @@ def test_streams_and_clients_are_bounded(desk):
             protocol.target_key("me", number), protocol.encode(protocol.Target(epoch=1, seq=1, values=Q)), "", 0
         )
     for number in range(MAX_CLIENTS + 10):
-        desk.inbox.put_keepalive(f"client{number}", 0)
+        desk.inbox.identities.meet(f"client{number}", "")
+        desk.inbox.put_keepalive(protocol.keepalive_key(f"client{number}"), 0)
         desk.inbox.put_gone(f"client{number}", 0)
     assert desk.inbox.overflown == 30
     assert len(desk.inbox.poll()) == MAX_STREAMS + 2 * MAX_CLIENTS
@@ -267,7 +271,7 @@ def test_requests_that_one_poll_left_end_the_next_wait(desk):
 
 def test_signs_of_life_and_targets_end_no_wait(desk):
     """They come 20 to 100 times a second, and say nothing while nobody owns the robot."""
-    desk.inbox.put_keepalive("c0ffee", 6)
+    desk.inbox.put_keepalive(protocol.keepalive_key("c0ffee"), 6)
     desk.inbox.put_gone("other", 7)
     desk.inbox.put_target(protocol.target_key("c0ffee", 2), b"", "", 5)
     assert not desk.inbox.wait(0.0)

@@ -16,6 +16,7 @@ import zenoh
 
 from gateway.api import protocol
 from gateway.api.service import LocalPlane
+from gateway.core import events
 from gateway.errors import Code, ConfigError, NotReady
 from gateway.settings import LinkSettings, LocalSettings, Settings
 from tests.api.daemon import Daemon, eventually, settings_for
@@ -84,6 +85,19 @@ def test_a_person_can_ask_in_json(daemon, stranger):
     assert json.loads(info)["model"] == "standard"
     (snapshot,) = ask(stranger, protocol.SNAPSHOT_KEY, encoding=protocol.JSON)
     assert json.loads(snapshot)["lease"]["name"] == "curl"
+
+
+@pytest.mark.parametrize(("key", "kind"), [(protocol.STOP_KEY, events.Stop), (protocol.ESTOP_KEY, events.Estop)])
+def test_ten_bytes_from_any_program_are_a_stop(daemon, stranger, key, kind):
+    """A put of anything, a query with anything or nothing, and a delete: each is the stop; a query is answered in JSON."""
+    stranger.put(key, b"0123456789")
+    eventually(lambda: daemon.engine.requests)
+    (reply,) = ask(stranger, key, b'{"version": 99, "request": null}')
+    assert json.loads(reply)["facts"] == {"stop_undelivered": False}
+    assert len(ask(stranger, key)) == 1
+    stranger.delete(key)
+    eventually(lambda: len(daemon.engine.requests) == 4)
+    assert all(isinstance(request, kind) for _, request in daemon.engine.requests)
 
 
 def test_rubbish_is_answered_with_a_code_and_the_daemon_lives(daemon, stranger):

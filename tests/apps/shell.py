@@ -33,9 +33,9 @@ class Shell:
         self._capsys = capsys
         monkeypatch.setattr("gateway.client.connect", self._connect)
 
-    def _connect(self, target=None, *, name=None, timeout_s=5.0):
+    def _connect(self, target=None, *, name=None, timeout_s=5.0, greet=True):
         self.names.append(name)
-        return connect(target, name=name, timeout_s=timeout_s, transport=self.world.transport())
+        return connect(target, name=name, timeout_s=timeout_s, transport=self.world.transport(), greet=greet)
 
     def run(self, *words):
         """Run `ta2 WORDS` to its end."""

@@ -22,8 +22,8 @@ class Shell:
         self._capsys = capsys
         monkeypatch.setattr(
             "gateway.client.connect",
-            lambda target=None, *, name=None, timeout_s=5.0: connect(
-                target, name=name, timeout_s=timeout_s, transport=self.world.transport()
+            lambda target=None, *, name=None, timeout_s=5.0, greet=True: connect(
+                target, name=name, timeout_s=timeout_s, transport=self.world.transport(), greet=greet
             ),
         )
 

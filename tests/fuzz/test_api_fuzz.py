@@ -21,6 +21,7 @@ from gateway import robot
 from gateway.api import protocol
 from gateway.api.inbox import Inbox
 from gateway.api.outbox import Outbox
+from gateway.api.stop_lane import StopLane
 from gateway.api.translate import describe
 from gateway.core.answers import REPLIES_KEPT
 from gateway.core.engine import Output
@@ -119,7 +120,7 @@ class Plane:
     def __init__(self, pair: Pair) -> None:
         self.pair = pair
         self.monitor = Judge(pair)
-        self.outbox = Outbox(describe(pair.settings, socket="/tmp/gw.sock", pid=1))
+        self.outbox = Outbox(describe(pair.settings, socket="/tmp/gw.sock", pid=1), StopLane())
         self.inbox = Inbox(self.outbox)
         self.outbox.add_audience(self)
         self.waiting: list[Question] = []
@@ -392,7 +393,7 @@ class Attacker:
 def lives(rng: random.Random, plane: Plane, *, is_wild: bool) -> None:
     """Sometimes send signs of life, and of death, of clients that exist and that do not."""
     if rng.random() < 0.02:
-        plane.inbox.put_keepalive(rng.choice((*CLIENTS, "", "x" * 999)), plane.pair.now_ns)
+        plane.inbox.put_keepalive(protocol.keepalive_key(rng.choice((*CLIENTS, "", "x" * 999))), plane.pair.now_ns)
     if rng.random() < 0.005:
         plane.inbox.put_gone(rng.choice((OWNER, "stranger") if is_wild else ("stranger", "", "人")), plane.pair.now_ns)
 

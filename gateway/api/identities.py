@@ -1,0 +1,48 @@
+"""Who is who: a client is known by its id, which snapshots show, and proven by its secret, which nothing shows.
+
+The first command under an id binds it to the secret that came along; from then on nobody else passes under it. Ids are
+random and shown only when their client owns the robot, long after that. Any thread may ask.
+"""
+
+from __future__ import annotations
+
+import hmac
+from collections import OrderedDict
+
+__all__ = ["MOST", "Identities"]
+
+MOST = 4096
+"""So many clients are known; who was not heard for longest is forgotten first. An owner is heard every 50 ms."""
+
+
+class Identities:
+    """Ids of clients and their secrets."""
+
+    def __init__(self) -> None:
+        self._secrets: OrderedDict[str, str] = OrderedDict()
+
+    def meet(self, client_id: str, secret: str) -> bool:
+        """Take a command's sender: bind a new id, and say whether a known one is proven. For one thread.
+
+        Args:
+            client_id: Of the command.
+            secret: Of the command; empty for clients of the first release, which anybody can pass for.
+        """
+        known = self._secrets.setdefault(client_id, secret)
+        if len(self._secrets) > MOST:
+            self._secrets.popitem(last=False)
+        return self._matches(client_id, known, secret)
+
+    def is_proven(self, client_id: str, secret: str) -> bool:
+        """Return whether this client is known, and this is its secret."""
+        known = self._secrets.get(client_id)
+        return known is not None and self._matches(client_id, known, secret)
+
+    def _matches(self, client_id: str, known: str, secret: str) -> bool:
+        if not hmac.compare_digest(known.encode(), secret.encode()):
+            return False
+        try:
+            self._secrets.move_to_end(client_id)
+        except KeyError:  # forgotten in this moment
+            return False
+        return True

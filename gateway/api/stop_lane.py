@@ -1,0 +1,206 @@
+"""The lane of stops: whatever arrives on their keys is the stop. It passes nothing that other requests pass.
+
+Rules
+    * Nothing is judged on the way: no version, no field, no number, no encoding, no size. The payload is read only for
+      who asks and why, as far as it can be, and not before the stop itself is on its way.
+    * No lock and no queue is shared with other requests, and the answer has a thread of its own. A stop rings a bell that
+      ends the loop's sleep.
+    * Bounded: of more than `MAX_WAITING` stops that no tick has taken yet, the later ones share the newest one's fate.
+      They are the same stop.
+
+Does not know zenoh or the engine; arrival times are stamped by its callers.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import itertools
+import logging
+import os
+import queue
+import select
+from collections import deque
+from collections.abc import Callable
+from typing import Any
+
+import msgspec
+
+from gateway.api import protocol
+from gateway.api.question import Question
+from gateway.api.translate import printable, to_reply
+from gateway.core import events
+
+__all__ = ["FIRST_NUMBER", "MAX_WAITING", "READ_BYTES", "StopLane"]
+
+MAX_WAITING = 16
+"""Stops that may wait for the loop by themselves; it takes all of them at its next tick."""
+MAX_SHARING = 1024
+"""Questions that may wait for the answer to one stop; more get none, and stop all the same."""
+READ_BYTES = 4096
+"""A longer payload is not looked at: it is a stop without a name or a reason."""
+FIRST_NUMBER = 2**62 + 1
+"""Numbers of stops in the engine: above those that clients give their requests."""
+SOMEBODY = "somebody"
+
+log = logging.getLogger(__name__)
+
+
+class StopLane:
+    """Stops on their way in and their answers on the way out."""
+
+    def __init__(self) -> None:
+        self.taken = 0
+        """Stops that arrived since the start."""
+        self.on_arrival: Callable[[], None] = lambda: None
+        """Called after each stop, from any thread: wakes whoever waits for more than stops."""
+        self.proven: Callable[[str, str], bool] = lambda client_id, secret: False
+        """Whether a client with this id and this secret is who it says."""
+        self._numbers = itertools.count(FIRST_NUMBER)
+        self._waiting: deque[tuple[int, str, bytes, int]] = deque()
+        self._questions: dict[int, list[tuple[Question, str]]] = {}
+        self._answers: queue.SimpleQueue[tuple[list[tuple[Question, str]], protocol.Reply] | None] = queue.SimpleQueue()
+        self._bell, self._ringer = os.pipe()
+        os.set_blocking(self._bell, False)
+        os.set_blocking(self._ringer, False)
+
+    def close(self) -> None:
+        """Give the bell back; nothing may arrive, and nobody may wait any more."""
+        os.close(self._bell)
+        os.close(self._ringer)
+
+    # ------------------------------------------------------------------------------------------------ coming in
+
+    def arrive(self, key: str, payload: bytes, received_ns: int, question: Question | None = None) -> None:
+        """Take a stop; any thread. Never refuses, never waits.
+
+        Args:
+            key: `STOP_KEY` or `ESTOP_KEY`.
+            payload: What came with it; untrusted, and mostly not looked at here.
+            received_ns: Local monotonic arrival [ns].
+            question: Who waits for the answer; None for a put.
+        """
+        self.taken += 1
+        same = [entry for entry in tuple(self._waiting) if entry[1] == key]
+        if len(same) < MAX_WAITING:
+            number = next(self._numbers)
+            if question is not None:  # before the stop: its answer must find it
+                self._questions[number] = [(question, _encoding_of(question, payload))]
+            self._waiting.append((number, key, payload, received_ns))
+        elif question is not None:
+            sharing = self._questions.setdefault(same[-1][0], [])
+            if len(sharing) < MAX_SHARING:
+                sharing.append((question, _encoding_of(question, payload)))
+            else:
+                question.drop()
+        with contextlib.suppress(BlockingIOError):  # it rings already
+            os.write(self._ringer, b"!")
+        self.on_arrival()
+
+    # ------------------------------------------------------------------------------------------------ the loop
+
+    def wait(self, seconds: float) -> bool:
+        """Wait for a stop, at most so long [s]; return whether one came since the last call that said so."""
+        ready, _, _ = select.select([self._bell], [], [], seconds)
+        if not ready:
+            return False
+        self._hush()
+        return True
+
+    def _hush(self) -> None:
+        with contextlib.suppress(BlockingIOError):
+            os.read(self._bell, 65536)
+
+    def poll(self) -> list[events.CommandRequested]:
+        """Return the stops that arrived since the last call, e-stops first."""
+        arrived: list[events.CommandRequested] = []
+        if self._waiting:
+            self._hush()  # first: what comes from here on rings again
+        while self._waiting:
+            number, key, payload, received_ns = self._waiting.popleft()
+            client_id, reason = self._read(payload)
+            is_estop = key == protocol.ESTOP_KEY
+            arrived.append(
+                events.CommandRequested(
+                    client_id=client_id,
+                    request_id=number,
+                    request=events.Estop(reason=reason) if is_estop else events.Stop(reason=reason),
+                    received_ns=received_ns,
+                    content=hash(payload),
+                )
+            )
+        arrived.sort(key=lambda stop: isinstance(stop.request, events.Stop))
+        return arrived
+
+    def answer(self, reply: events.Reply, after_seq: int) -> bool:
+        """Take the engine's reply; False when it is not to a stop of this lane. Never waits."""
+        if reply.request_id < FIRST_NUMBER:
+            return False
+        questions = self._questions.pop(reply.request_id, None)
+        if questions:
+            self._answers.put((questions, to_reply(reply, after_seq)))
+        return True
+
+    # ------------------------------------------------------------------------------------------------ its own thread
+
+    def deliver(self, timeout_s: float) -> bool:
+        """Answer those who wait for the next stop that was carried out; False when there was none in time."""
+        try:
+            job = self._answers.get(timeout=timeout_s) if timeout_s > 0 else self._answers.get_nowait()
+        except queue.Empty:
+            return False
+        if job is not None:
+            questions, reply = job
+            for question, encoding in questions:
+                question.answer(protocol.encode(reply, encoding), encoding)
+        return True
+
+    def wake(self) -> None:
+        """Let a waiting `deliver` return."""
+        self._answers.put(None)
+
+    # ------------------------------------------------------------------------------------------------ inside
+
+    def _read(self, payload: bytes) -> tuple[str, str]:
+        """Return who asks and why, as far as the payload tells: the proven id of a client, else what it calls itself."""
+        said = _said(payload)
+        reason, client_id, secret = (_text(said, name) for name in ("reason", "client_id", "secret"))
+        if client_id and secret and self.proven(client_id, secret):
+            return client_id, reason
+        # In quotes, which no client id has: nobody is taken for the owner by what he calls himself.
+        name = _text(said, "name") or client_id
+        return (f"'{name[:64]}'" if name else SOMEBODY), reason
+
+
+def _said(payload: bytes) -> dict[str, Any]:
+    """Return the fields of a payload: a map in msgpack or JSON, or plain text, which is the reason."""
+    if not payload or len(payload) > READ_BYTES:
+        return {}
+    for decode in (msgspec.json.decode, msgspec.msgpack.decode):
+        try:
+            said = decode(payload)
+        except (ValueError, RecursionError, msgspec.MsgspecError):
+            continue
+        if isinstance(said, dict):
+            return {key: value for key, value in said.items() if isinstance(key, str)}
+        if isinstance(said, str):
+            return {"reason": said}
+    return {"reason": payload.decode("utf-8", "replace")}
+
+
+def _text(said: dict[str, Any], name: str) -> str:
+    value = said.get(name)
+    return printable(value) if isinstance(value, str) else ""
+
+
+def _encoding_of(question: Question, payload: bytes) -> str:
+    """Return how to answer: in msgpack to whoever spoke it or asked for it, else in JSON, which a person can read."""
+    is_map = payload[:1] in _MAP_MARKS
+    return (
+        protocol.MSGPACK
+        if question.encoding == protocol.MSGPACK or (is_map and not question.encoding)
+        else protocol.JSON
+    )
+
+
+_MAP_MARKS = frozenset(bytes([mark]) for mark in (*range(0x80, 0x90), 0xDE, 0xDF))
+"""First bytes of a map in msgpack."""

@@ -1,0 +1,90 @@
+"""Tests of who is who."""
+
+from __future__ import annotations
+
+from gateway.api import protocol
+from gateway.api.identities import MOST, Identities
+from gateway.core import events
+from tests.api.desk import AskedQuestion, Desk
+from tests.api.samples import Q, command
+
+
+def test_the_first_command_binds_an_id_to_its_secret():
+    """From then on nobody else passes under it; who was never met is nobody."""
+    known = Identities()
+    assert not known.is_proven("a", "")
+    assert known.meet("a", "s1") and known.meet("a", "s1") and known.is_proven("a", "s1")
+    assert not known.meet("a", "s2") and not known.meet("a", "") and not known.is_proven("a", "s2")
+    assert known.meet("old", "") and known.is_proven("old", "")  # a client of the first release
+    assert not known.meet("old", "s\u00e9")
+
+
+def test_who_is_heard_is_not_forgotten():
+    """A flood of made-up clients pushes out those that were silent for longest, never one that sends keepalives."""
+    known = Identities()
+    known.meet("owner", "s")
+    known.meet("silent", "s")
+    for number in range(3 * MOST):
+        known.meet(f"made up {number}", "x")
+        if number % 1000 == 0:
+            assert known.is_proven("owner", "s")
+    assert known.is_proven("owner", "s") and not known.is_proven("silent", "s")
+
+
+def said(request, number, secret, client_id="owner"):
+    """Return a command of the owner, or of one who says so."""
+    return protocol.encode(
+        protocol.Command(version=1, client_id=client_id, secret=secret, request_id=number, request=request)
+    )
+
+
+def test_a_stranger_under_the_owners_id_is_nobody():
+    """His commands are refused by name, his keepalives and targets are not heard; his stop is a stranger's."""
+    desk = Desk()
+    desk.ask(said(protocol.Recover(), 1, "s3cret"))
+    posed = [
+        desk.ask(said(protocol.Recover(), 2, "guess")),
+        desk.ask(said(protocol.Release(epoch=1), 3, "")),
+    ]
+    stop = desk.ask(said(protocol.Stop(), 4, "guess"))
+    target = protocol.encode(protocol.Target(epoch=1, seq=1, values=Q))
+    for secret in ("", "guess", "*", "**"):
+        desk.inbox.put_keepalive(protocol.keepalive_key("owner", secret), 5)
+        desk.inbox.put_target(protocol.target_key("owner", 1, secret), target, "", 5)
+    desk.inbox.put_keepalive("ta2/1/keepalive/**", 5)
+    desk.run()
+    stopped, own = desk.inbox.poll()
+    assert isinstance(stopped.request, events.Stop) and stopped.client_id == "stranger" and not stop.answers
+    assert own.request_id == 1 and [question.code for question in posed] == ["NOT_OWNER", "NOT_OWNER"]
+    assert "'owner'" in posed[0].reply.refusal.message
+    desk.inbox.put_keepalive(protocol.keepalive_key("owner", "s3cret"), 6)
+    desk.inbox.put_target(protocol.target_key("owner", 1, "s3cret"), target, "", 7)
+    seen, followed = desk.inbox.poll()
+    assert seen == events.ClientSeen(client_id="owner", at_ns=6)
+    assert (followed.client_id, followed.stream_id) == ("owner", 1)
+
+
+def test_made_up_clients_take_no_place_from_the_owner():
+    """Keepalives and targets on keys of nobody are dropped before they are kept: the owner's are heard among 100,000."""
+    desk = Desk()
+    desk.ask(said(protocol.Recover(), 1, "s"))
+    desk.run()
+    desk.inbox.poll()
+    for number in range(50_000):
+        desk.inbox.put_keepalive(protocol.keepalive_key(f"nobody{number}", "x"), number)
+        desk.inbox.put_target(protocol.target_key(f"nobody{number}", 1, "x"), b"", "", number)
+    desk.inbox.put_keepalive(protocol.keepalive_key("owner", "s"), 5)
+    assert desk.inbox.poll() == [events.ClientSeen(client_id="owner", at_ns=5)]
+
+
+def test_a_question_is_proven_by_its_own_secret():
+    """What a stop says of its sender counts only with the secret."""
+    desk = Desk()
+    desk.ask(said(protocol.Recover(), 1, "s3cret"))
+    desk.run()
+    desk.stops.proven = desk.inbox.identities.is_proven
+    for secret in ("s3cret", "guess"):
+        payload = protocol.encode({"client_id": "owner", "secret": secret})
+        desk.stops.arrive(protocol.STOP_KEY, payload, 0, AskedQuestion(payload))
+    assert [stop.client_id for stop in desk.stops.poll()] == ["owner", "'owner'"]
+    assert command(protocol.Recover()).secret == ""
