@@ -92,7 +92,7 @@ def test_ten_bytes_from_any_program_are_a_stop(daemon, stranger, key, kind):
     """A put of anything, a query with anything or nothing, and a delete: each is the stop; a query is answered in JSON."""
     stranger.put(key, b"0123456789")
     eventually(lambda: daemon.engine.requests)
-    (reply,) = ask(stranger, key, b'{"version": 99, "request": null}')
+    (reply,) = ask(stranger, key, b'{"version": 99, "request": null}', protocol.JSON)
     assert json.loads(reply)["facts"] == {"stop_undelivered": False}
     assert len(ask(stranger, key)) == 1
     stranger.delete(key)
@@ -149,6 +149,7 @@ def test_a_client_cannot_watch_what_others_command(daemon, stranger):
     stranger.liveliness().declare_subscriber(protocol.CLIENT_TOKENS, listen, history=True)
     with session_to(f"unixsock-stream/{daemon.socket}") as owner:
         token = owner.liveliness().declare_token(protocol.client_token("owner"))
+        ask(owner, protocol.COMMAND_KEY, protocol.encode(command(protocol.Recover(), client_id="owner")))
         for seq in range(1, 20):
             owner.put(protocol.target_key("owner", 1), protocol.encode(protocol.Target(epoch=1, seq=seq, values=Q)))
             owner.put(protocol.keepalive_key("owner"), b"")
