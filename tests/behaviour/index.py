@@ -632,6 +632,18 @@ GUARD = {
     "(a normal end)": ("e2e/guard::a_normal_end_is_no_reason_to_hold",),
 }
 
+DOORS = {
+    "(a port on this host)": (
+        "api/listener::on_this_host_nobody_connects_unknown_but_in_words",
+        "api/listener::the_word_for_everybody_is_for_loopback_and_stands_beside_no_users",
+        "api/service::a_port_on_this_host_that_asks_nobody_is_refused_at_start",
+    ),
+    "(a port beyond it)": (
+        "api/listener::beyond_this_host_nobody_connects_unknown",
+        "api/listener::beyond_this_host_users_need_tls",
+    ),
+}
+
 INDEX: dict[str, dict[str, tuple[str, ...] | str]] = {
     "Values": VALUES,
     "Transitions": TRANSITIONS,
@@ -643,6 +655,7 @@ INDEX: dict[str, dict[str, tuple[str, ...] | str]] = {
     "Somebody else": ELSE,
     "What the owner moves": MOTIONS,
     "Why the robot does not do what it is told": WHY,
+    "(Doors)": DOORS,
 }
 """Section -> row -> tests; a text instead names the later work, or the folder, that has the row. Rows in brackets are
 not the behaviour table's own: they stand beside it."""
