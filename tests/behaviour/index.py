@@ -612,6 +612,18 @@ GUARD = {
         "guard::stop_and_estop_work_while_the_daemon_is_dead",
         "e2e/guard::stop_and_estop_work_while_the_daemon_is_dead",
     ),
+    "(a stop gets through)": (
+        "./guard_desk::a_stop_is_its_arrival_however_it_is_written",
+        "./guard_desk::idle_callers_shut_nobody_out",
+        "./guard_desk::the_busiest_process_of_the_busiest_user_makes_room",
+        "./guard_desk::one_look_lets_in_so_many_and_no_more",
+        "./guard_desk::a_caller_that_never_reads_delays_nobody",
+        "./guard_desk::500_hostile_connections_of_one_process_do_not_keep_a_stop_away",
+    ),
+    "(who is given the hold)": (
+        "./guard_desk::only_the_daemons_user_and_root_are_given_the_hold",
+        "./guard_desk::the_heir_and_a_stop_under_way_keep_their_places",
+    ),
     "a restarted daemon": (
         "guard::a_restarted_daemon_takes_the_hold_over_as_unowned_with_the_60_s_anew",
         "guard::a_restarted_daemon_enables_nothing_while_the_guard_holds",
