@@ -645,6 +645,11 @@ GUARD = {
 }
 
 DOORS = {
+    "(a lock of another user)": (
+        "api/instance_lock::another_users_closed_file_does_not_block_the_start_for_ever",
+        "api/instance_lock::another_users_closed_file_counts_while_a_process_holds_it",
+        "api/instance_lock::two_real_users",
+    ),
     "(a port on this host)": (
         "api/listener::on_this_host_nobody_connects_unknown_but_in_words",
         "api/listener::the_word_for_everybody_is_for_loopback_and_stands_beside_no_users",
