@@ -17,6 +17,8 @@ from typing import Literal
 
 import msgspec
 
+from gateway.endpoint import robot_name
+
 __all__ = [
     "MAX_PACKET_BYTES",
     "GuardAnswer",
@@ -84,11 +86,6 @@ _ANSWER = msgspec.json.Decoder(GuardAnswer)
 def guard_socket(socket: Path) -> Path:
     """Return where the guard of the daemon at this socket listens."""
     return socket.with_name(f"{socket.name}.guard")
-
-
-def robot_name(endpoint: str, namespace: str) -> str:
-    """Return what tells one robot from another: a daemon must not take over what was sent to another one."""
-    return f"{endpoint}/{namespace.strip('/')}".rstrip("/")
 
 
 def packed(message: GuardQuestion | GuardAnswer) -> bytes:

@@ -9,8 +9,8 @@ Rules
       that nobody could take before, and say so. Whoever has a lock looks for held ones of that kind behind it: two who
       start at once may both be refused, and never both go on. A process in a container of its own is not in /proc/locks:
       the claim on the robot's router still is between those two.
-    * A robot is known by its endpoint. Two names of one machine are two robots here; the token on the robot's own
-      router tells gateways apart across hosts and names.
+    * A robot is known by its endpoint, however spelt. Two names of one machine are two robots here; the token on the
+      robot's own router tells gateways apart across hosts and names.
 """
 
 from __future__ import annotations
@@ -26,6 +26,7 @@ import tempfile
 from collections.abc import Iterator
 from pathlib import Path
 
+from gateway.endpoint import robot_name
 from gateway.errors import Code, GatewayError, Refusal, to_exception
 
 __all__ = ["InstanceLock", "robot_lock_path", "socket_lock_path"]
@@ -133,16 +134,14 @@ def robot_lock_path(endpoint: str, directory: Path | None = None, namespace: str
     """Return the file that stands for a robot on this host.
 
     Args:
-        endpoint: zenoh endpoint of the robot's router; options after `#` or `?` do not matter.
+        endpoint: zenoh endpoint of the robot's router, however spelt.
         directory: Where to put it; by default the host's directory for locks, or the one for temporary files.
         namespace: Of the robot's bridge: two robots may stand behind one router.
     """
     if directory is None:
         usable = LOCK_DIRECTORY.is_dir() and os.access(LOCK_DIRECTORY, os.W_OK)
         directory = LOCK_DIRECTORY if usable else Path(tempfile.gettempdir())
-    plain = endpoint.split("#")[0].split("?")[0].strip().lower().replace("/localhost:", "/127.0.0.1:")
-    plain = f"{plain}/{namespace.strip('/')}".rstrip("/")
-    return directory / f"ta2-robot-{hashlib.sha256(plain.encode()).hexdigest()[:16]}.lock"
+    return directory / f"ta2-robot-{hashlib.sha256(robot_name(endpoint, namespace).encode()).hexdigest()[:16]}.lock"
 
 
 def _open(path: Path) -> int:
