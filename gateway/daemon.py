@@ -27,6 +27,7 @@ from gateway.api.service import LocalPlane
 from gateway.config import state_dir
 from gateway.core.engine import Engine
 from gateway.core.events import Event, ExitRequested, GuardSeen, LinkUp, Notice, Reply
+from gateway.core.outputs import router_name
 from gateway.core.snapshot import Snapshot
 from gateway.errors import Code
 from gateway.heir import Heir
@@ -34,6 +35,7 @@ from gateway.keeper import Keeper
 from gateway.link.robot_link import RobotLink
 from gateway.loop import Loop
 from gateway.measures import Measures
+from gateway.recall import Recall
 from gateway.settings import Settings
 from gateway.state_file import StateFile, StateWriter, path_of
 from gateway.zenoh_threads import share_reactor
@@ -105,7 +107,7 @@ class _Guards:
     def __init__(self, settings: Settings, engine: Engine, socket: Path, *, is_json_log: bool) -> None:
         self._engine = engine
         name = robot_name(settings.link.endpoint, settings.link.namespace)
-        self._heir = Heir(guard_socket(socket), engine, self._latch, name)
+        self._heir = Heir(guard_socket(socket), engine, _latching(engine), name)
         self._keeper: Keeper | None = None
         if settings.guard.enabled:
             here = replace(settings, local=replace(settings.local, socket=str(socket)))
@@ -116,9 +118,6 @@ class _Guards:
                 _log.error("there is no guard: %s", error)
         else:
             _log.warning("no guard: when this process dies, the robot's own watchdogs stop it, and the grip is lost")
-
-    def _latch(self, code: Code, message: str) -> None:
-        self._engine.takeover.latch(code, message, time.monotonic_ns())
 
     def poll(self) -> list[Event]:
         now_ns = time.monotonic_ns()
@@ -135,6 +134,10 @@ class _Guards:
             self._keeper.close(is_clean=is_clean())
 
 
+def _latching(engine: Engine) -> Callable[[Code, str], None]:
+    return lambda code, message: engine.takeover.latch(code, message, time.monotonic_ns())
+
+
 class _Link:
     """The robot link, telling when a session has brought new threads that must be scheduled like the others.
 
@@ -143,9 +146,21 @@ class _Link:
         engine: Says how closely it must look.
         on_up: Called in the loop's thread after each LinkUp.
         guards: Have something to say, too.
+        recall: Knows what was latched when this robot had another address.
+        namespace: Of the robot.
     """
 
-    def __init__(self, link: RobotLink, engine: Engine, on_up: Callable[[], None], guards: _Guards) -> None:
+    def __init__(
+        self,
+        link: RobotLink,
+        engine: Engine,
+        on_up: Callable[[], None],
+        guards: _Guards,
+        recall: Recall,
+        namespace: str,
+    ) -> None:
+        self._recall = recall
+        self._namespace = namespace
         self._guards = guards
         self._on_up = on_up
         self._link = link
@@ -157,8 +172,10 @@ class _Link:
         engine = self._engine
         self._link.pace(is_moving=engine.is_streaming, is_watched=engine.is_watched, is_posing=engine.is_posing)
         events = self._link.poll()
-        if any(isinstance(event, LinkUp) for event in events):
-            self._on_up()
+        for event in events:
+            if isinstance(event, LinkUp):
+                self._on_up()
+                self._recall.meet(router_name(event.router_zid, self._namespace), _latching(engine))
         of_guards = self._guards.poll()
         for event in of_guards:
             if isinstance(event, GuardSeen) and event.zid:
@@ -207,21 +224,22 @@ def run(settings: Settings, on_ready: Callable[[str], None] | None = None, *, is
     status = 1
     try:
         with contextlib.ExitStack() as ending:  # all of it happens whatever fails, the last pushed first
-            state_file = ending.enter_context(
-                StateFile(path_of(state_dir(), settings.link.endpoint, settings.link.namespace))
-            )
+            robot_of = settings.link.endpoint, settings.link.namespace
+            state_file = ending.enter_context(StateFile(path_of(state_dir(), *robot_of)))
             plane = LocalPlane(settings)
             ending.callback(plane.close)
-            started = state_file.start()
+            recall = Recall(state_file.path, path_of(state_dir(), *robot_of, is_as_spelt=True))
+            started = state_file.start(least_epoch=recall.epoch)
             if started.report:
                 _log.warning("%s", started.report)
             engine = Engine(settings, started.remembered, model)
+            recall.known_here(started.remembered, _latching(engine))
             watched = _Watched(plane, engine)
             ending.enter_context(_signals(watched.ask_to_end))  # to the very end: impatience must skip nothing
             # Before real-time measures, and before this process has anything that another one should not inherit.
             guards = _Guards(settings, engine, plane.socket, is_json_log=is_json_log)
             ending.callback(guards.close, lambda: status == 0)
-            writer = StateWriter(state_file, started)
+            writer = StateWriter(state_file, started, on_saved=recall.saved)
             ending.callback(_close_writer, writer, state_file)
             measures = Measures(settings)
             ending.callback(measures.undo)
@@ -232,7 +250,7 @@ def run(settings: Settings, on_ready: Callable[[str], None] | None = None, *, is
             plane.open()
             link.open()
             measures.take()
-            robot = _Link(link, engine, measures.renew, guards)
+            robot = _Link(link, engine, measures.renew, guards, recall, settings.link.namespace)
             loop = Loop(engine, robot, watched, on_remembered=writer.write, on_sending=guards.on_sending)
             ending.callback(guards.close, lambda: status == 0)  # first of all: no tick comes any more
             if on_ready is not None:

@@ -2,6 +2,10 @@
 
 It answers what needs no engine (how the guard is, what it holds) and gives stops to whoever owns the engine. There is one
 only while a guard acts: the guard of a daemon that is started again, and ends again, must not hide the one that holds.
+
+Nobody shuts others out: who comes is let in and read, and then, where there are too many, whoever was silent longest among
+the connections of the busiest user, of his busiest process, goes. What one look costs is bounded, however many come.
+The hold is given to the guard's own user and to root alone: that of the daemon; who may ask for a stop may not take it.
 """
 
 from __future__ import annotations
@@ -10,6 +14,9 @@ import contextlib
 import logging
 import os
 import socket
+import struct
+from collections import Counter
+from dataclasses import dataclass
 
 import msgspec
 
@@ -23,9 +30,31 @@ _log = logging.getLogger(__name__)
 MS = 1_000_000
 
 MOST_CALLERS = 16
-"""More are turned away."""
+"""More do not stay."""
+MOST_NEWCOMERS = 16
+"""So many are let in at one look; the others wait in the queue for the next, which follows at once."""
+QUEUE = 1024
+"""So many may wait to be let in, where the kernel allows as many."""
 MESSAGE_CHARS = 300
 """No message of a latch takes more of a packet."""
+
+
+@dataclass(slots=True)
+class _Caller:
+    """A connection, with who is at its other end (a process id of 0: of another namespace) and when it was last heard."""
+
+    socket: socket.socket
+    uid: int
+    pid: int
+    heard_ns: int
+    is_waiting: bool = False
+    """Whether its stop is being carried out."""
+
+
+def _peer(caller: socket.socket) -> tuple[int, int]:
+    """Return the user and the process that connected."""
+    pid, uid, _ = struct.unpack("iII", caller.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, 12))
+    return uid, pid
 
 
 class GuardDesk:
@@ -43,14 +72,19 @@ class GuardDesk:
         self._mode = mode
         self._listener: socket.socket | None = None
         self._inode = 0
-        self._callers: dict[int, socket.socket] = {}
+        self._callers: dict[int, _Caller] = {}
+        self._last = 0
+        """Number of the newest caller; none is used again."""
+        self._refused: set[int] = set()
+        """Users of whom was told that they asked for the hold."""
         self._heir: int | None = None
         """Which caller was given the hold."""
 
     @property
     def files(self) -> list[socket.socket]:
         """What to wait for."""
-        return [*([self._listener] if self._listener is not None else []), *self._callers.values()]
+        callers = [caller.socket for caller in self._callers.values()]
+        return [*([self._listener] if self._listener is not None else []), *callers]
 
     def sweep(self) -> None:
         """Take away the socket of a guard that was killed; one that listens stays."""
@@ -75,7 +109,7 @@ class GuardDesk:
             finally:
                 os.umask(before)
             os.chmod(self._path, self._mode)
-            listener.listen(MOST_CALLERS)
+            listener.listen(QUEUE)
             self._inode = os.stat(self._path).st_ino
         except OSError as error:
             listener.close()
@@ -85,8 +119,8 @@ class GuardDesk:
 
     def close(self) -> None:
         """Listen no more; a later guard's socket stays."""
-        for caller in self.files:
-            caller.close()
+        for file in self.files:
+            file.close()
         self._callers.clear()
         if self._listener is not None:
             self._listener = None
@@ -101,24 +135,27 @@ class GuardDesk:
             guardian: Who watches or acts.
             now_ns: Monotonic time [ns].
         """
-        self._accept()
+        self._accept(now_ns)
         stops = []
         for number, caller in list(self._callers.items()):
             try:
-                packet = caller.recv(MAX_PACKET_BYTES)
+                packet = caller.socket.recv(MAX_PACKET_BYTES)
             except BlockingIOError:
                 continue
             except OSError:
                 packet = b""
+            caller.heard_ns = now_ns
             try:
                 question = read_question(packet)
             except ValueError:  # nothing: it hung up; or nothing that we understand
                 self._hang_up(number, guardian, now_ns)
                 continue
             if question.ask in ("stop", "estop") and guardian.phase is Phase.ACTING:
+                caller.is_waiting = True
                 stops.append((number, question))
             else:
                 self._reply(number, self._answer_to(question, number, guardian, now_ns))
+        self._make_room(guardian, now_ns)
         return stops
 
     def stopped(self, number: int, guardian: Guardian, now_ns: int, *, is_undelivered: bool) -> None:
@@ -126,19 +163,45 @@ class GuardDesk:
         answer = self._answer(guardian, now_ns)
         self._reply(number, msgspec.structs.replace(answer, done=True, undelivered=is_undelivered))
 
-    def _accept(self) -> None:
-        while self._listener is not None:
+    def _accept(self, now_ns: int) -> None:
+        for _ in range(MOST_NEWCOMERS):
+            if self._listener is None:
+                return
             try:
                 caller, _ = self._listener.accept()
+                uid, pid = _peer(caller)
             except OSError:  # nobody waits any more
                 return
             caller.setblocking(False)
-            if len(self._callers) >= MOST_CALLERS:
-                caller.close()
-                continue
-            self._callers[caller.fileno()] = caller
+            self._last += 1
+            self._callers[self._last] = _Caller(caller, uid, pid, now_ns)
+
+    def _make_room(self, guardian: Guardian, now_ns: int) -> None:
+        """Hang up on the most silent ones of the busiest user's busiest process; never on a stop, nor on the heir."""
+        excess = len(self._callers) - MOST_CALLERS
+        if excess <= 0:
+            return
+        leaving = {n: c for n, c in self._callers.items() if not c.is_waiting and n != self._heir}
+        of_uid = Counter(caller.uid for caller in leaving.values())
+        of_pid = Counter((caller.uid, caller.pid) for caller in leaving.values())
+        for _ in range(min(excess, len(leaving))):
+            number = min(
+                leaving,
+                key=lambda n: (
+                    -of_uid[leaving[n].uid],
+                    -of_pid[leaving[n].uid, leaving[n].pid],
+                    leaving[n].heard_ns,
+                    n,
+                ),
+            )
+            caller = leaving.pop(number)
+            of_uid[caller.uid] -= 1
+            of_pid[caller.uid, caller.pid] -= 1
+            self._hang_up(number, guardian, now_ns)
 
     def _answer_to(self, question: GuardQuestion, number: int, guardian: Guardian, now_ns: int) -> GuardAnswer:
+        if question.ask == "hand_over" and not self._is_trusted(number):
+            return self._answer(guardian, now_ns)
         if question.ask == "hand_over" and (held := guardian.hand_over(now_ns)) is not None:
             self._heir = number
             raw = msgspec.Raw(msgspec.json.encode(held))
@@ -147,6 +210,19 @@ class GuardDesk:
             guardian.handed_on()
             return msgspec.structs.replace(self._answer(guardian, now_ns), done=True)
         return self._answer(guardian, now_ns)
+
+    def _is_trusted(self, number: int) -> bool:
+        """Whether a caller is of the guard's own user, or root: nobody else's process is the next daemon."""
+        caller = self._callers[number]
+        if caller.uid in (os.geteuid(), 0):
+            return True
+        if caller.uid not in self._refused:  # once: nobody fills the log
+            self._refused.add(caller.uid)
+            _log.warning(
+                "the hold is not given to process %d of user %d: only to user %d, whose daemon this was, or root",
+                *(caller.pid, caller.uid, os.geteuid()),
+            )
+        return False
 
     def _answer(self, guardian: Guardian, now_ns: int) -> GuardAnswer:
         return GuardAnswer(
@@ -160,7 +236,7 @@ class GuardDesk:
 
     def _hang_up(self, number: int, guardian: Guardian, now_ns: int) -> None:
         """A caller is gone; if it was to have the hold, it has died before it had it."""
-        self._callers.pop(number).close()
+        self._callers.pop(number).socket.close()
         if number == self._heir:
             self._heir = None
             guardian.take_back(now_ns)
@@ -168,5 +244,6 @@ class GuardDesk:
     def _reply(self, number: int, answer: GuardAnswer) -> None:
         caller = self._callers.get(number)
         if caller is not None:
+            caller.is_waiting = False
             with contextlib.suppress(OSError):  # it does not listen: it is heard of no more, and will be dropped
-                caller.send(packed(answer))
+                caller.socket.send(packed(answer))

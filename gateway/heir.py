@@ -21,7 +21,14 @@ from pathlib import Path
 
 import msgspec
 
-from gateway.api.guard_protocol import MAX_PACKET_BYTES, GuardAnswer, GuardQuestion, packed, read_answer
+from gateway.api.guard_protocol import (
+    MAX_PACKET_BYTES,
+    GuardAnswer,
+    GuardQuestion,
+    connected,
+    packed,
+    read_answer,
+)
 from gateway.core.engine import Engine
 from gateway.core.events import Event, HeldElsewhere, TakenOver
 from gateway.core.held import Held
@@ -72,10 +79,11 @@ class Heir:
 
     def _look(self, path: Path) -> socket.socket | None:
         """Return a connection to a guard that acts; None where there is none."""
-        caller = socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET)
-        caller.settimeout(LOOK_S)
         try:
-            caller.connect(str(path))
+            caller = connected(path, LOOK_S)
+        except OSError:
+            return None
+        try:
             caller.send(packed(GuardQuestion(ask="status", client="daemon")))
             answer = read_answer(caller.recv(MAX_PACKET_BYTES))
         except (OSError, ValueError):

@@ -155,7 +155,8 @@ class LocalSettings:
     Attributes:
         socket: Path of the unix socket; empty for the default of this user (see `api.protocol.default_socket`).
         socket_mode: Permission bits of the socket.
-        tcp: Further listener `HOST:PORT`, empty for none; beyond loopback it needs users or TLS.
+        tcp: Further listener `HOST:PORT`, empty for none; it needs users or certificates of clients, beyond loopback TLS.
+        tcp_open_to_every_user_of_this_host: Whether a port on loopback asks nobody who he is.
         users_file: zenoh user dictionary (`name:password` a line), empty for none.
         tls_certificate: PEM file of the listener, empty for no TLS.
         tls_private_key: PEM file (PKCS8).
@@ -166,6 +167,7 @@ class LocalSettings:
     socket: str = ""
     socket_mode: int = 0o660
     tcp: str = ""
+    tcp_open_to_every_user_of_this_host: bool = False
     users_file: str = ""
     tls_certificate: str = ""
     tls_private_key: str = ""

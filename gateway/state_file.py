@@ -14,7 +14,7 @@ Rules it obeys
     * One daemon per robot: the file is locked while a daemon has it. The lock is the kernel's and dies with its
       process; a process forked from the daemon without exec would share it.
 
-A robot is known by its endpoint as configured: another spelling of the same address is another file.
+A robot is known by its endpoint in one spelling, and by the routers at which it was found: `recall.py`.
 """
 
 from __future__ import annotations
@@ -27,14 +27,16 @@ import os
 import re
 import secrets
 import threading
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 from types import TracebackType
 
 from gateway.core.events import Remembered
+from gateway.endpoint import robot_name
 from gateway.errors import CODES, Code, ConfigError, NotReady, Refusal
 
-__all__ = ["EPOCH_BLOCK", "Started", "StateFile", "StateWriter", "path_of"]
+__all__ = ["EPOCH_BLOCK", "Started", "StateFile", "StateWriter", "path_of", "read_state"]
 
 _log = logging.getLogger(__name__)
 
@@ -49,17 +51,29 @@ RETRY_S = 1.0
 """How long the writer waits after the disk refused [s]."""
 
 
-def path_of(folder: Path, endpoint: str, namespace: str = "") -> Path:
+def path_of(folder: Path, endpoint: str, namespace: str = "", *, is_as_spelt: bool = False) -> Path:
     """Return the state file of a robot: readable, and unlike that of any other endpoint.
 
     Args:
         folder: Folder of state files.
         endpoint: Endpoint of the robot's router.
         namespace: Namespace of its bridge: two robots may stand behind one router.
+        is_as_spelt: Whether to return the one that an earlier release had for this very spelling.
     """
-    name = f"{endpoint}/{namespace.strip('/')}".rstrip("/")
+    spelt = f"{endpoint}/{namespace.strip('/')}".rstrip("/")
+    name = spelt if is_as_spelt else robot_name(endpoint, namespace)
     digest = hashlib.sha256(name.encode()).hexdigest()[:8]
     return folder / f"{re.sub(r'[^A-Za-z0-9.]+', '_', name)[:80]}-{digest}.json"
+
+
+def read_state(path: Path) -> Remembered:
+    """Return what a state file says.
+
+    Raises:
+        OSError: It cannot be read.
+        ValueError: It is not what `StateFile.save` writes.
+    """
+    return _parse(path.read_bytes())
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -131,11 +145,12 @@ class StateFile:
             os.close(self._lock)
             self._lock = None
 
-    def start(self, block: int = EPOCH_BLOCK) -> Started:
+    def start(self, block: int = EPOCH_BLOCK, least_epoch: int = 0) -> Started:
         """Read the file and reserve epochs, so that the first grants need no disk.
 
         Args:
             block: How many epochs to reserve.
+            least_epoch: Nor was any up to this one to be given again.
 
         Returns:
             What the engine starts from, for `StateWriter` too.
@@ -145,6 +160,7 @@ class StateFile:
         """
         try:
             remembered, report = self._read()
+            remembered = replace(remembered, epoch=max(remembered.epoch, least_epoch))
             reserved = remembered.epoch + block
             self.save(replace(remembered, epoch=reserved))
         except OSError as error:
@@ -158,7 +174,8 @@ class StateFile:
             OSError: The disk refused; the old file is still there.
         """
         latches = {code.value: message for code, message in remembered.latches.items()}
-        document = {"version": VERSION, "epoch": remembered.epoch, "latches": latches, "zids": list(remembered.zids)}
+        document = {"version": VERSION, "epoch": remembered.epoch, "latches": latches}
+        document |= {"zids": list(remembered.zids), "routers": list(remembered.routers)}
         fresh = self.path.with_suffix(".new")
         descriptor = os.open(fresh, os.O_WRONLY | os.O_CREAT | os.O_TRUNC | os.O_CLOEXEC, 0o600)
         with os.fdopen(descriptor, "w", encoding="utf-8") as file:
@@ -228,16 +245,17 @@ def _parse(raw: bytes) -> Remembered:
         raise ValueError("its epoch is no count")
     if not isinstance(latches, dict) or not all(isinstance(message, str) for message in latches.values()):
         raise ValueError("its latches are no texts by code")
-    zids = document.get("zids", [])  # a file of an earlier release has none
-    if not isinstance(zids, list) or not all(isinstance(zid, str) for zid in zids):
-        raise ValueError("its zids are no texts")
+    lists = {name: document.get(name, []) for name in ("zids", "routers")}  # a file of an earlier release has none
+    for name, texts in lists.items():
+        if not isinstance(texts, list) or not all(isinstance(text, str) for text in texts):
+            raise ValueError(f"its {name} are no texts")
     known: dict[Code, str] = {}
     for name, message in latches.items():
         if name in Code.__members__:
             known[Code(name)] = message
         else:
             known[Code.STATE_LOST] = f"a latch of another release: {name}: {message}"
-    return Remembered(epoch=epoch, latches=known, zids=tuple(zids))
+    return Remembered(epoch=epoch, latches=known, zids=tuple(lists["zids"]), routers=tuple(lists["routers"]))
 
 
 class StateWriter:
@@ -250,9 +268,17 @@ class StateWriter:
         file: Open.
         started: As `file.start` returned it.
         block: How many epochs to reserve at once.
+        on_saved: Called in the thread with each state that is on disk; may wait for the disk, too.
     """
 
-    def __init__(self, file: StateFile, started: Started, block: int = EPOCH_BLOCK) -> None:
+    def __init__(
+        self,
+        file: StateFile,
+        started: Started,
+        block: int = EPOCH_BLOCK,
+        on_saved: Callable[[Remembered], None] | None = None,
+    ) -> None:
+        self._on_saved = on_saved
         self._file = file
         self._block = block
         self._written = replace(started.remembered, epoch=started.reserved_epoch)
@@ -321,4 +347,6 @@ class StateWriter:
             _log.warning("the state file %s is written again", self._file.path)
         self._failing = False
         self._written = document
+        if self._on_saved is not None:
+            self._on_saved(wanted)
         return True

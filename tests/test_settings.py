@@ -116,6 +116,7 @@ UNBOUNDED = {
     "check",
     "self_collision",
     "singularity_slowdown",
+    "tcp_open_to_every_user_of_this_host",
 }
 """Fields with rules of their own (below), or without a number."""
 

@@ -2,19 +2,28 @@
 
 One packet each way (SOCK_SEQPACKET, JSON). The socket lies beside the daemon's: `<socket>.guard`. A guard that only
 watches says so, and does nothing: a living daemon is asked itself. This is all that a client must know of the guard.
+
+A stop is its arrival: where a packet is no question, but names one (`{"ask": "estop", "reason": 5}`, cut JSON, a plain
+`STOP`), it is that stop, with name and reason as far as they can be read.
 """
 
 from __future__ import annotations
 
+import re
+import socket
+import struct
 from pathlib import Path
 from typing import Literal
 
 import msgspec
 
+from gateway.endpoint import robot_name
+
 __all__ = [
     "MAX_PACKET_BYTES",
     "GuardAnswer",
     "GuardQuestion",
+    "connected",
     "guard_socket",
     "packed",
     "read_answer",
@@ -24,6 +33,13 @@ __all__ = [
 
 MAX_PACKET_BYTES = 16_384
 """No packet is larger."""
+
+REASON_CHARS = 512
+"""Of a reason, and of the name of who asks: what is longer is cut."""
+
+STOP_WORD = re.compile(rb'(?:\A\W*|"ask"\s*:\s*")(e-?stop|stop)(?!\w)', re.IGNORECASE)
+"""A stop in a packet that is no question: its first word, or what it asks for."""
+TEXT_OF = r'"%s"\s*:\s*"((?:[^"\\]|\\.)*)'
 
 Ask = Literal["status", "stop", "estop", "hand_over", "taken"]
 """`hand_over` and `taken` are a daemon's: give me what you hold; I have it, you may go."""
@@ -72,23 +88,58 @@ def guard_socket(socket: Path) -> Path:
     return socket.with_name(f"{socket.name}.guard")
 
 
-def robot_name(endpoint: str, namespace: str) -> str:
-    """Return what tells one robot from another: a daemon must not take over what was sent to another one."""
-    return f"{endpoint}/{namespace.strip('/')}".rstrip("/")
-
-
 def packed(message: GuardQuestion | GuardAnswer) -> bytes:
     """Return the packet of a message."""
     return msgspec.json.encode(message)
 
 
 def read_question(packet: bytes) -> GuardQuestion:
-    """Return the question in a packet.
+    """Return the question in a packet; a stop also where it cannot be read otherwise.
 
     Raises:
         ValueError: It is none.
     """
-    return _QUESTION.decode(packet)
+    try:
+        question = _QUESTION.decode(packet)
+    except ValueError:  # no JSON, cut, or of other types
+        word = STOP_WORD.search(packet)
+        if word is None:
+            raise
+        ask: Ask = "stop" if word[1].lower() == b"stop" else "estop"
+        rest = packet[word.end() :].decode(errors="replace").strip()
+        text = packet.decode(errors="replace")
+        reason = _text_of("reason", text) if "{" in text else rest
+        question = GuardQuestion(ask=ask, client=_text_of("client", text), reason=reason)
+    return msgspec.structs.replace(
+        question, client=question.client[:REASON_CHARS], reason=question.reason[:REASON_CHARS]
+    )
+
+
+def _text_of(name: str, text: str) -> str:
+    found = re.search(TEXT_OF % name, text)
+    return found[1] if found is not None else ""
+
+
+def connected(path: Path, timeout_s: float) -> socket.socket:
+    """Return a connection to a guard. In a crowd it waits for its place in the queue, which no timeout of Python's does.
+
+    Args:
+        path: Of its socket.
+        timeout_s: Longest wait for a place, then for each packet [s].
+
+    Raises:
+        OSError: Nobody listens there; BlockingIOError: there was no place in time.
+    """
+    caller = socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+    try:
+        seconds, rest = divmod(round(timeout_s * 1e6), 1_000_000)
+        caller.setsockopt(socket.SOL_SOCKET, socket.SO_SNDTIMEO, struct.pack("ll", seconds, rest))
+        caller.connect(str(path))
+        caller.settimeout(timeout_s)
+    except BaseException:
+        caller.close()
+        raise
+    return caller
 
 
 def read_answer(packet: bytes) -> GuardAnswer:

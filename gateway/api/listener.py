@@ -5,8 +5,10 @@ Rules
       shared memory (it leaves files behind when a client is killed).
     * The unix socket and the network have a session each, since zenoh asks users and passwords of both or of neither:
       who may open the socket is decided by its permission bits.
-    * Beyond this host nobody gets in unknown: users with passwords, or TLS with certificates of clients, are demanded.
-      TLS that only encrypts would let anybody who reaches the port drive the robot.
+    * A port has no permission bits: even on loopback every user of this host reaches it. So nobody gets in unknown: users
+      with passwords, or TLS with certificates of clients, are demanded, unless the configuration says in words that all
+      users of this host may drive the robot. TLS that only encrypts would let in anybody who reaches the port.
+    * Beyond this host there is TLS: without it a password, and every command behind it, can be read and used by others.
     * What clients may do is listed, flow by flow; everything else is dropped before it reaches us. A list with both
       flows in one rule would let a viewer inject snapshots.
 
@@ -45,8 +47,8 @@ def network_configuration(local: LocalSettings) -> dict[str, Any] | None:
     """Return the zenoh configuration of the session that listens on the network; None when none is asked for.
 
     Raises:
-        ConfigError: BAD_CONFIG. No host and port, a file is missing, or it would listen beyond this host without
-            knowing who connects.
+        ConfigError: BAD_CONFIG. No host and port, a file is missing, it would listen without knowing who connects, or
+            beyond this host without TLS.
     """
     if not local.tcp:
         return None
@@ -61,13 +63,7 @@ def network_configuration(local: LocalSettings) -> dict[str, Any] | None:
         path = getattr(local, name)
         if path and not os.access(path, os.R_OK):
             raise refused_setting(name, path, "there is no readable file of this name")
-    if not (_is_loopback(host) or local.users_file or local.tls_root_ca):
-        raise refused_setting(
-            "tcp",
-            local.tcp,
-            "beyond this host nobody may connect unknown: users_file, or TLS with tls_root_ca, is needed",
-            bound="127.0.0.1 or [::1]",
-        )
+    _demand_known(local, is_loopback=_is_loopback(host))
     configuration = _router(f"{'tls' if local.tls_certificate else 'tcp'}/{host}:{port}")
     if local.users_file:
         configuration["transport/auth/usrpwd"] = {"dictionary_file": local.users_file}
@@ -78,6 +74,47 @@ def network_configuration(local: LocalSettings) -> dict[str, Any] | None:
             **({"root_ca_certificate": local.tls_root_ca, "enable_mtls": True} if local.tls_root_ca else {}),
         }
     return configuration
+
+
+def _demand_known(local: LocalSettings, *, is_loopback: bool) -> None:
+    """Refuse a port at which strangers would be let in.
+
+    Raises:
+        ConfigError: BAD_CONFIG.
+    """
+    is_known = bool(local.users_file or local.tls_root_ca)
+    if local.tcp_open_to_every_user_of_this_host and (is_known or not is_loopback):
+        raise refused_setting(
+            "tcp_open_to_every_user_of_this_host",
+            "true",
+            "opens a port on loopback to people without a name: not one beyond this host, nor beside users or certificates",
+            bound="false, or tcp on 127.0.0.1 or [::1] without users_file and tls_root_ca",
+            hint=f"set it to false, or local.tcp = {local.tcp!r} to a port on loopback that asks nobody",
+        )
+    if not (is_known or is_loopback):
+        raise refused_setting(
+            "tcp",
+            local.tcp,
+            "beyond this host nobody may connect unknown: TLS with users_file or with tls_root_ca is needed",
+            bound="127.0.0.1 or [::1]",
+            hint="set tls_certificate, tls_private_key and users_file or tls_root_ca, or listen on loopback",
+        )
+    if not (is_loopback or local.tls_certificate):
+        raise refused_setting(
+            "users_file",
+            local.users_file,
+            f"at {local.tcp}, beyond this host, users need TLS: anybody on the way could use their connections",
+            bound="tcp on 127.0.0.1 or [::1] without TLS",
+            hint="set tls_certificate and tls_private_key, or listen on loopback",
+        )
+    if not (is_known or local.tcp_open_to_every_user_of_this_host):
+        raise refused_setting(
+            "tcp",
+            local.tcp,
+            "every user of this host could drive the robot there: users_file or tls_root_ca is needed",
+            bound="a port that knows who connects",
+            hint="set users_file, use the unix socket, or write tcp_open_to_every_user_of_this_host = true",
+        )
 
 
 def _router(endpoint: str) -> dict[str, Any]:
@@ -148,7 +185,7 @@ def _is_loopback(host: str) -> bool:
         return False
 
 
-def refused_setting(name: str, value: str, message: str, bound: str = "") -> ConfigError:
+def refused_setting(name: str, value: str, message: str, bound: str = "", hint: str = "") -> ConfigError:
     """Return the error of a setting of the local plane."""
     return ConfigError(
         Refusal(
@@ -157,6 +194,6 @@ def refused_setting(name: str, value: str, message: str, bound: str = "") -> Con
             field=f"local.{name}",
             value=value,
             bound=bound,
-            hint=CODES[Code.BAD_CONFIG].hint,
+            hint=hint or CODES[Code.BAD_CONFIG].hint,
         )
     )

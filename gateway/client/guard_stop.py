@@ -1,7 +1,8 @@
 """The last resort of a stop: the guard of a daemon that does not answer. One question at a unix socket; asks nothing else.
 
 The guard listens only while its daemon is dead and it acts. Whoever asks in the instant between the two asks again, for a
-moment; where there is no guard nothing is claimed: whoever asked hears of the daemon's silence.
+moment, as does who was hung up on in a crowd: a stop may be asked for twice. Where there is no guard nothing is claimed:
+whoever asked hears of the daemon's silence.
 """
 
 from __future__ import annotations
@@ -11,7 +12,15 @@ import time
 from pathlib import Path
 
 from gateway.api import protocol
-from gateway.api.guard_protocol import MAX_PACKET_BYTES, Ask, GuardQuestion, guard_socket, packed, read_answer
+from gateway.api.guard_protocol import (
+    MAX_PACKET_BYTES,
+    Ask,
+    GuardQuestion,
+    connected,
+    guard_socket,
+    packed,
+    read_answer,
+)
 from gateway.client.procedures import StopResult
 
 __all__ = ["PAUSES_S", "stop_at_guard"]
@@ -44,7 +53,7 @@ def stop_at_guard(address: str, ask: Ask, reason: str, client: str) -> StopResul
     for pause_s in PAUSES_S:
         try:
             return _asked(guard_socket(path), question)
-        except (FileNotFoundError, ConnectionRefusedError):  # not yet, or not at all
+        except (FileNotFoundError, ConnectionError):  # not yet, not at all, or hung up on
             time.sleep(pause_s)
         except (OSError, ValueError):
             return None
@@ -61,9 +70,10 @@ def _asked(path: Path, question: GuardQuestion) -> StopResult | None:
         OSError: Nobody listens there, or answers.
         ValueError: The answer makes no sense.
     """
-    with socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET) as guard:
-        guard.settimeout(ANSWER_S)
-        guard.connect(str(path))
+    with connected(path, ANSWER_S) as guard:
         guard.send(packed(question))
-        answer = read_answer(guard.recv(MAX_PACKET_BYTES))
+        packet = guard.recv(MAX_PACKET_BYTES)
+    if not packet:
+        raise ConnectionResetError("the guard hung up")
+    answer = read_answer(packet)
     return StopResult(undelivered=answer.undelivered, by_guard=True) if answer.done else None

@@ -99,6 +99,7 @@ class Conductor:
         self.transport_up = False
         """Whether a transport to the robot's router is open."""
         self.router_zid = ""
+        self.routers = remembered.routers
         self.routes: dict[str, str] = {}
         """What discovery said last about the way of a topic."""
         self.elsewhere: Refusal | None = None  # robots that are not one robot where we listen
@@ -382,4 +383,9 @@ class Conductor:
 
     def remembered(self) -> Remembered:
         """Return what must survive a restart of the daemon."""
-        return Remembered(epoch=self.lease.epoch, latches=dict(self.supervisor.latches), zids=self.others.friends)
+        return Remembered(
+            epoch=self.lease.epoch,
+            latches=dict(self.supervisor.latches),
+            zids=self.others.friends,
+            routers=self.routers,
+        )

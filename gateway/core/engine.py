@@ -48,6 +48,7 @@ from gateway.core.gate import Cleared, Gate
 from gateway.core.grounds import Grounds
 from gateway.core.loss import Loss
 from gateway.core.outlet import Outlet, Output
+from gateway.core.outputs import found_at
 from gateway.core.pace import TICK_NS, Pace, is_idle
 from gateway.core.phases import Phases
 from gateway.core.preconditions import Preconditions
@@ -229,6 +230,7 @@ class Engine:
         before = conductor.router_zid
         self._link_down(now_ns)  # another transport, whoever is at its end: what was under way on the old one is lost
         conductor.transport_up, conductor.router_zid = True, event.router_zid
+        conductor.routers = found_at(conductor.routers, event.router_zid, self._settings.link.namespace)
         self._rivalry.link_up(event.own_zid, now_ns)
         conductor.forget_state()
         conductor.body.find_transport(now_ns)
@@ -374,8 +376,8 @@ class Engine:
     def _to_remember(self) -> Remembered | None:
         """Return what must reach the disk, when it has changed."""
         conductor, saved = self._conductor, self._saved
-        latches, zids = conductor.supervisor.latches, conductor.others.friends
-        if saved.epoch == conductor.lease.epoch and saved.latches == latches and saved.zids == zids:
+        latches, names = conductor.supervisor.latches, (conductor.others.friends, conductor.routers)
+        if saved.epoch == conductor.lease.epoch and saved.latches == latches and (saved.zids, saved.routers) == names:
             return None
         self._saved = conductor.remembered()
         return self._saved

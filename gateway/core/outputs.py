@@ -9,7 +9,7 @@ from enum import Enum
 from gateway.errors import Code, Refusal
 from gateway.values import Vector
 
-__all__ = ["Frame", "FrameKind", "Level", "Notice", "Remembered", "Reply"]
+__all__ = ["Frame", "FrameKind", "Level", "Notice", "Remembered", "Reply", "found_at", "router_name"]
 
 
 class FrameKind(str, Enum):
@@ -92,6 +92,26 @@ class Reply:
     facts: Mapping[str, object] = field(default_factory=dict)
 
 
+ROUTERS_KEPT = 8
+
+
+def router_name(zid: str, namespace: str) -> str:
+    """Return how a robot is known behind a router, see `Remembered.routers`."""
+    return f"{zid}/{namespace.strip('/')}"
+
+
+def found_at(routers: tuple[str, ...], zid: str, namespace: str) -> tuple[str, ...]:
+    """Return the routers at which a robot was found, with the one at which it is now as the latest.
+
+    Args:
+        routers: Before.
+        zid: Zenoh id of the router.
+        namespace: Of the robot's bridge.
+    """
+    name = router_name(zid, namespace)
+    return (*(router for router in routers if router != name), name)[-ROUTERS_KEPT:]
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Remembered:
     """What survives a restart of the daemon.
@@ -100,8 +120,10 @@ class Remembered:
         epoch: No epoch up to this one is ever given again.
         latches: Causes with their messages.
         zids: Zenoh ids of sessions of ours on the robot plane, the latest last: their tokens and late data are not foreign.
+        routers: At which this robot was found, `ZID/NAMESPACE`, the latest last.
     """
 
     epoch: int = 0
     latches: Mapping[Code, str] = field(default_factory=dict)
     zids: tuple[str, ...] = ()
+    routers: tuple[str, ...] = ()

@@ -160,7 +160,9 @@ class Takeover:
         )
 
     def latch(self, code: Code, message: str, now_ns: int) -> None:
-        """Take a latch over that another process has set, and tell of it."""
+        """Take a latch over that another process has set, and tell of it. An e-stop is sent again as after a restart."""
+        if code is Code.ESTOP and code not in self._conductor.supervisor.latches:
+            self._conductor.is_estop_unheard = True
         self._conductor.latch(code, message, now_ns)
 
     def _objection_to(self, held: Held, now_ns: int) -> str:

@@ -23,11 +23,30 @@ def test_nothing_listens_on_the_network_unless_configured(tmp_path):
     assert unix_configuration(tmp_path / "gw.sock")["listen/endpoints"] == [f"unixsock-stream/{tmp_path}/gw.sock"]
 
 
+OPEN = {"tcp_open_to_every_user_of_this_host": True}
+
+
 @pytest.mark.parametrize("host", ["127.0.0.1", "[::1]", "localhost", "127.3.2.1"])
-def test_this_host_may_connect_unknown(host):
-    """A listener that only this host reaches needs no users."""
-    configuration = network_configuration(LocalSettings(tcp=f"{host}:7448"))
-    assert configuration["listen/endpoints"] == [f"tcp/{host}:7448"]
+def test_on_this_host_nobody_connects_unknown_but_in_words(host, tmp_path):
+    """Loopback lets in every user of the host: users, certificates of clients, or a setting that says so."""
+    tls = files(tmp_path, "tls_certificate", "tls_private_key")
+    for local in (LocalSettings(tcp=f"{host}:7448"), LocalSettings(tcp=f"{host}:7448", **tls)):
+        with pytest.raises(ConfigError, match="every user of this host") as caught:
+            network_configuration(local)
+        assert "tcp_open_to_every_user_of_this_host = true" in caught.value.hint and caught.value.bound
+    users, ca = files(tmp_path, "users_file"), files(tmp_path, "tls_root_ca")
+    for known in (OPEN, users, tls | ca):
+        configuration = network_configuration(LocalSettings(tcp=f"{host}:7448", **known))
+        assert configuration["listen/endpoints"] == [f"{'tls' if known == tls | ca else 'tcp'}/{host}:7448"]
+
+
+def test_the_word_for_everybody_is_for_loopback_and_stands_beside_no_users(tmp_path):
+    """What contradicts itself is refused, not guessed."""
+    users = files(tmp_path, "users_file")
+    for local in (LocalSettings(tcp="0.0.0.0:7448", **OPEN), LocalSettings(tcp="127.0.0.1:7448", **users, **OPEN)):
+        with pytest.raises(ConfigError, match="tcp_open_to_every_user_of_this_host"):
+            network_configuration(local)
+    assert network_configuration(LocalSettings(**OPEN)) is None
 
 
 @pytest.mark.parametrize("host", ["0.0.0.0", "[::]", "192.168.1.5", "robot.lab", "127.0.0.1.evil.org"])
@@ -40,11 +59,21 @@ def test_beyond_this_host_nobody_connects_unknown(host, tmp_path):
         assert caught.value.code is Code.BAD_CONFIG and host in str(caught.value)
 
 
-def test_users_or_certificates_open_the_network(tmp_path):
-    """With a file of users, or with TLS that asks for certificates, it listens."""
+@pytest.mark.parametrize("host", ["0.0.0.0", "[::]", "192.168.1.5", "robot.lab"])
+def test_beyond_this_host_users_need_tls(host, tmp_path):
+    """Without it the password is no proof of who sends what comes behind it."""
     users = files(tmp_path, "users_file")
+    with pytest.raises(ConfigError, match="need TLS") as caught:
+        network_configuration(LocalSettings(tcp=f"{host}:7448", **users))
+    assert caught.value.field == "local.users_file" and "tls_certificate" in caught.value.hint
+
+
+def test_users_or_certificates_open_the_network(tmp_path):
+    """With TLS, and a file of users or certificates of clients, it listens."""
+    users = files(tmp_path, "users_file", "tls_certificate", "tls_private_key")
     configuration = network_configuration(LocalSettings(tcp="0.0.0.0:7448", **users))
     assert configuration["transport/auth/usrpwd"] == {"dictionary_file": users["users_file"]}
+    assert configuration["listen/endpoints"] == ["tls/0.0.0.0:7448"]
     tls = files(tmp_path, "tls_certificate", "tls_private_key", "tls_root_ca")
     configuration = network_configuration(LocalSettings(tcp="0.0.0.0:7448", **tls))
     assert configuration["listen/endpoints"] == ["tls/0.0.0.0:7448"]
@@ -71,7 +100,7 @@ def test_half_a_configuration_is_refused(settings):
 
 
 @pytest.mark.parametrize(
-    "configuration", [unix_configuration("/x"), network_configuration(LocalSettings(tcp="[::1]:1"))]
+    "configuration", [unix_configuration("/x"), network_configuration(LocalSettings(tcp="[::1]:1", **OPEN))]
 )
 def test_the_plane_is_closed_but_for_its_listener(configuration):
     """No scouting, no admin space, no shared memory, no connection outwards, and a list of what is allowed."""

@@ -24,6 +24,8 @@ from tests.api.samples import Q, command
 
 pytestmark = pytest.mark.e2e
 
+OPEN = {"tcp_open_to_every_user_of_this_host": True}
+
 
 def session_to(endpoint, **settings):
     """Return a plain zenoh client session: somebody without our library."""
@@ -302,8 +304,15 @@ def test_the_network_is_shut_unless_configured(daemon):
 
 def test_a_port_on_this_host_serves_like_the_socket(tmp_path):
     """A loopback listener answers too, beside the socket."""
-    with Daemon(tmp_path, tcp="127.0.0.1:19310"), session_to("tcp/127.0.0.1:19310") as client:
+    with Daemon(tmp_path, tcp="127.0.0.1:19310", **OPEN), session_to("tcp/127.0.0.1:19310") as client:
         assert len(ask(client, protocol.INFO_KEY)) == 1
+
+
+def test_a_port_on_this_host_that_asks_nobody_is_refused_at_start(tmp_path):
+    """Every user of the host reaches loopback: it is open to them in words only, and nothing stays locked."""
+    with pytest.raises(ConfigError, match="every user of this host"):
+        LocalPlane(settings_for(tmp_path, tcp="127.0.0.1:19314"), tmp_path)
+    LocalPlane(settings_for(tmp_path), tmp_path).close()
 
 
 def test_listening_beyond_this_host_without_users_is_refused_at_start(tmp_path):
@@ -330,10 +339,10 @@ def test_users_need_their_password_on_the_network_and_none_on_the_socket(tmp_pat
 
 def test_a_port_in_use_is_named(tmp_path):
     """A listener that cannot be opened is a matter of configuration; the socket is given back."""
-    with Daemon(tmp_path, tcp="127.0.0.1:19313"):
+    with Daemon(tmp_path, tcp="127.0.0.1:19313", **OPEN):
         other = tmp_path / "other"
         other.mkdir()
-        plane = LocalPlane(settings_for(other, tcp="127.0.0.1:19313"), other)
+        plane = LocalPlane(settings_for(other, tcp="127.0.0.1:19313", **OPEN), other)
         with pytest.raises(ConfigError, match="19313"):
             plane.open()
         assert not (other / "gw.sock").exists()

@@ -341,6 +341,15 @@ STOPPING = {
         "ending::an_epoch_is_never_reused",
         "ending::a_remembered_estop_is_sent_again_only_where_it_is_needed",
     ),
+    "(under another address)": (
+        "./endpoint::an_address_has_one_spelling",
+        "./recall::every_spelling_of_an_address_has_one_file",
+        "./recall::latches_of_another_address_come_with_the_router",
+        "./recall::epochs_go_on_above_those_of_every_file",
+        "./recall::what_is_cleared_here_is_cleared_there_and_not_before",
+        "./recall::a_latch_that_comes_with_the_router_is_there_before_anything_can_be_enabled",
+        "e2e/heart::an_estop_survives_another_address_of_the_robot",
+    ),
     "`with control()` ends normally": CLIENT,
     "(hold and cancel)": ("stopping::hold_and_cancel_keep_the_lease_the_state_and_the_heartbeat",),
     '`on_loss="pause"`': ("cells::lost, pause", "losing_clients::on_loss_pause_goes_down_at_once"),
@@ -612,6 +621,18 @@ GUARD = {
         "guard::stop_and_estop_work_while_the_daemon_is_dead",
         "e2e/guard::stop_and_estop_work_while_the_daemon_is_dead",
     ),
+    "(a stop gets through)": (
+        "./guard_desk::a_stop_is_its_arrival_however_it_is_written",
+        "./guard_desk::idle_callers_shut_nobody_out",
+        "./guard_desk::the_busiest_process_of_the_busiest_user_makes_room",
+        "./guard_desk::one_look_lets_in_so_many_and_no_more",
+        "./guard_desk::a_caller_that_never_reads_delays_nobody",
+        "./guard_desk::500_hostile_connections_of_one_process_do_not_keep_a_stop_away",
+    ),
+    "(who is given the hold)": (
+        "./guard_desk::only_the_daemons_user_and_root_are_given_the_hold",
+        "./guard_desk::the_heir_and_a_stop_under_way_keep_their_places",
+    ),
     "a restarted daemon": (
         "guard::a_restarted_daemon_takes_the_hold_over_as_unowned_with_the_60_s_anew",
         "guard::a_restarted_daemon_enables_nothing_while_the_guard_holds",
@@ -632,6 +653,23 @@ GUARD = {
     "(a normal end)": ("e2e/guard::a_normal_end_is_no_reason_to_hold",),
 }
 
+DOORS = {
+    "(a lock of another user)": (
+        "api/instance_lock::another_users_closed_file_does_not_block_the_start_for_ever",
+        "api/instance_lock::another_users_closed_file_counts_while_a_process_holds_it",
+        "api/instance_lock::two_real_users",
+    ),
+    "(a port on this host)": (
+        "api/listener::on_this_host_nobody_connects_unknown_but_in_words",
+        "api/listener::the_word_for_everybody_is_for_loopback_and_stands_beside_no_users",
+        "api/service::a_port_on_this_host_that_asks_nobody_is_refused_at_start",
+    ),
+    "(a port beyond it)": (
+        "api/listener::beyond_this_host_nobody_connects_unknown",
+        "api/listener::beyond_this_host_users_need_tls",
+    ),
+}
+
 INDEX: dict[str, dict[str, tuple[str, ...] | str]] = {
     "Values": VALUES,
     "Transitions": TRANSITIONS,
@@ -643,6 +681,7 @@ INDEX: dict[str, dict[str, tuple[str, ...] | str]] = {
     "Somebody else": ELSE,
     "What the owner moves": MOTIONS,
     "Why the robot does not do what it is told": WHY,
+    "(Doors)": DOORS,
 }
 """Section -> row -> tests; a text instead names the later work, or the folder, that has the row. Rows in brackets are
 not the behaviour table's own: they stand beside it."""

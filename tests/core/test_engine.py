@@ -644,12 +644,15 @@ def test_a_zero_that_is_owed_keeps_the_ticks_coming():
 def test_what_must_be_remembered_is_given_when_it_changes_and_only_then():
     """Epochs and latches reach the disk before they matter, and the disk is not written for nothing."""
     pair = pair_of(remembered=Remembered(epoch=4))
+    linked = pair.step().remembered
+    assert linked is not None and linked.routers
+    assert linked == Remembered(epoch=4, routers=linked.routers)
     assert pair.step().remembered is None
     pair.tell(Acquire(name="ann", pid=1))
-    assert pair.step().remembered == Remembered(epoch=5)
+    assert pair.step().remembered == Remembered(epoch=5, routers=linked.routers)
     assert pair.step().remembered is None
     pair.tell(Estop(), "bob")
-    assert pair.step().remembered == Remembered(epoch=5, latches={Code.ESTOP: "estop() by bob"})
+    assert pair.step().remembered == Remembered(epoch=5, latches={Code.ESTOP: "estop() by bob"}, routers=linked.routers)
 
 
 def test_notices_and_replies_are_given_once():

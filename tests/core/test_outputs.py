@@ -8,7 +8,7 @@ import pytest
 
 from gateway import robot
 from gateway.core import outputs
-from gateway.core.outputs import Frame, FrameKind, Level, Notice, Remembered, Reply
+from gateway.core.outputs import ROUTERS_KEPT, Frame, FrameKind, Level, Notice, Remembered, Reply, found_at, router_name
 from gateway.errors import Code, Refusal
 
 FRAME = Frame(topic=robot.FSM_ENABLE, values=(1.0,), kind=FrameKind.BEAT, epoch=0, due_ns=5)
@@ -26,6 +26,14 @@ def test_what_was_given_cannot_be_changed(value):
         type(value)(*(getattr(value, field.name) for field in fields))
     assert not hasattr(value, "__dict__") and dataclasses.replace(value) == value
     assert type(value).__name__ in outputs.__all__ and sorted(outputs.__all__) == outputs.__all__
+
+
+def test_the_routers_of_a_robot_are_kept_the_latest_last():
+    """By zenoh id and namespace, each once, so many and no more."""
+    assert router_name("a1", "/lab/") == "a1/lab"
+    many = tuple(f"{n}/" for n in range(ROUTERS_KEPT))
+    assert found_at(many, "0", "") == (*many[1:], "0/") == found_at((*many[1:], "0/"), "0", "/")
+    assert found_at(many, "new", "") == (*many[1:], "new/")
 
 
 def test_a_frame_is_told_entirely():

@@ -261,6 +261,30 @@ def test_an_estop_survives_the_daemons_death(tmp_path: Path, systems: Systems) -
         wait_for(lambda: robot.state.shown != "ESTOP", "the end of the latch")
 
 
+def test_an_estop_survives_another_address_of_the_robot(tmp_path: Path, systems: Systems) -> None:
+    """Another port of another name: the router says who it is. Cleared there, it is cleared under the first address, too."""
+    system = systems(tmp_path, has_relay=True)
+    addresses = system.robot_endpoint, f"tcp/localhost:{system.sim_port}"
+
+    def latched() -> list[bool]:
+        return ["ESTOP" in file.read_text() for file in (tmp_path / "state").glob("*.json")]
+
+    with system.connect("watcher") as watcher:
+        watcher.estop("test")
+        wait_for(lambda: any(latched()), "the latch on disk")
+    for address, shown in ((addresses[1], "ESTOP"), (addresses[0], "")):
+        system.daemon.send(signal.SIGKILL)
+        system.daemon.wait()
+        system.robot_endpoint = address
+        system.daemon = system.start_daemon()
+        with system.connect("owner") as robot:
+            assert ("ESTOP" in robot.state.latches) is bool(shown)
+            if shown:
+                assert "known from" in robot.state.latches["ESTOP"]
+                robot.recover()
+                wait_for(lambda: latched() == [False, False], "a latch that is cleared in both files")
+
+
 def test_a_takeover_brakes_and_ends_the_old_owner(tmp_path: Path, systems: Systems) -> None:
     """`take` in mid-move: the old owner's handle ends LEASE_LOST, the arms brake and are held, the new owner goes on."""
     system = systems(tmp_path)
