@@ -394,6 +394,14 @@ STOPPING = {
         "time::after_a_gap_in_which_the_robot_stopped_the_arms_the_motion_is_over",
         "motions::a_skipped_tick_delays_a_motion_and_does_not_compress_it",
     ),
+    "(a vanished owner is vanished in real time)": (
+        "time::motion_ends_in_time_after_the_owner_vanished_though_every_tick_is_late",
+        "time::what_a_vanished_owner_asked_before_a_pause_of_ours_does_not_move_after_it",
+        "time::in_any_schedule_of_ticks_nothing_moves_half_a_second_after_the_owners_last_sign_of_life",
+        "time::a_living_owner_is_not_lost_by_a_pause_of_ours",
+        "core/lease::in_any_schedule_of_ticks_nobody_moves_anything_350_ms_after_its_last_sign_of_life",
+        "core/lease::in_any_schedule_of_ticks_a_living_owner_is_not_lost",
+    ),
 }
 
 ROBOT_SIDE = {
