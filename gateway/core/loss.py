@@ -55,7 +55,9 @@ class Loss:
                 self._tell(event.stage, "nobody took over: everything goes down, the grip is lost", now_ns)
         if conductor.lease.is_doubted:  # as at the pause itself: what moves comes to rest, what is held stays held
             ago_ms = conductor.lease.silence_ns / MS
-            conductor.fire(Trigger.LONG_GAP, now_ns, f"the owner was heard {ago_ms:.0f} ms ago, before a tick came late")
+            conductor.fire(
+                Trigger.LONG_GAP, now_ns, f"the owner was heard {ago_ms:.0f} ms ago, before a tick came late"
+            )
 
     def _tell(self, stage: LossStage, message: str, now_ns: int) -> None:
         level = Level.INFO if stage is LossStage.BACK else Level.WARNING
