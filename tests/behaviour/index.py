@@ -409,6 +409,15 @@ ROBOT_SIDE = {
         "robot_side::a_robot_that_pauses_by_itself_is_held_in_pause",
         "robot_side::a_pause_too_short_to_be_seen_is_a_pause",
     ),
+    "(a paused robot's target is where it is)": (
+        "pausing::from_the_tick_of_a_pause_on_the_reference_is_where_the_arm_is",
+        "pausing::an_arm_that_is_led_away_in_a_pause_takes_its_reference_along",
+        "pausing::a_pause_keeps_the_reference_of_an_arm_that_is_not_heard",
+        "pausing::a_pause_keeps_the_reference_of_an_arm_beyond_its_limits",
+        "pausing::one_arm_that_is_disabled_in_a_pause_leaves_the_other_where_it_is",
+        "pausing::a_robot_that_is_only_not_heard_to_run_is_braked",
+        "pausing::while_a_heartbeat_is_not_heard_the_echo_stays_with_the_arm",
+    ),
     "MODE_UNKNOWN": ("robot_side::an_unknown_mode_brakes_and_refuses_motion",),
     "VR mode, FSM 3-6": (
         "robot_side::vr_mode_gets_no_arm_frame_no_1_0_and_no_0_0",
