@@ -15,7 +15,7 @@ from gateway import robot
 from gateway.core.engine import Output
 from gateway.core.events import Frame, FrameKind
 from gateway.errors import Code
-from gateway.values import ArmState, EePose, Side, Vector
+from gateway.values import ArmState, EePose, FsmState, Side, Vector
 from tests.core.pose_judge import rates
 from tests.ground_invariants import GROUND_TOPICS, GroundMonitor
 from tests.pair import MS, Pair, S
@@ -26,7 +26,7 @@ ARM_TOPICS = {**JOINT_TOPICS, **POSE_TOPICS}
 HELD_STATES = {"ACTIVE", "HOLDING", "STOPPING"}
 FRAME_STATES = {
     FrameKind.MOTION: {"ACTIVE"},
-    FrameKind.ECHO: {"ENABLING", "HOLDING", "ACTIVE"},
+    FrameKind.ECHO: {"ENABLING", "HOLDING", "ACTIVE", "PAUSED"},
     FrameKind.BRAKE: {"ACTIVE", "HOLDING", "PAUSED", "STOPPING"},
     FrameKind.WALK: {"ACTIVE", "HOLDING", "PAUSED", "STOPPING"},
     FrameKind.HOLD: {"ENABLING", "ACTIVE", "HOLDING", "PAUSED", "STOPPING", "STALE"},
@@ -68,6 +68,8 @@ class Monitor:
         """Whether the robot was ever made to clip tighter than the manual says; our own limits are judged all the same."""
         self.checked = 0
         self.ground = GroundMonitor(pair)
+        self.paused_ns = -S
+        """When the FSM was last heard to be PAUSE [ns]."""
         self.foreign_until_ns = 0
         """Somebody else's arm or FSM commands came less than 2 s before this [ns]."""
         self.is_beside_gateway = False
@@ -98,6 +100,8 @@ class Monitor:
         """Judge one tick."""
         pair, now_ns = self.pair, self.pair.now_ns
         state = pair.state
+        if self._hears(robot.FSM_STATE, 500 * MS) == FsmState.PAUSE:
+            self.paused_ns = now_ns
         self._latches(output)
         if state != self.state:
             self.state_since_ns, self.came_from = now_ns, self.state
@@ -118,6 +122,9 @@ class Monitor:
             self._alone(frame, now_ns)
             if frame.topic in ARM_TOPICS:
                 self._continuous(frame, now_ns)
+                is_asked = self.state == "ENABLING" and self.last_beat_ns > self.state_since_ns  # it may have started
+                if now_ns == self.paused_ns and not is_asked:
+                    self._stays_with_the_arm(frame)
             elif frame.topic == robot.FSM_ENABLE:
                 self.last_beat, self.last_beat_ns = frame, now_ns
         is_late = now_ns <= self.late_until_ns
@@ -180,9 +187,10 @@ class Monitor:
         is_start = frame.kind is FrameKind.ECHO and (not arm.history or arm.history[-1] != frame.values)
         if is_start:
             was_silent = now_ns - arm.last_ns > 20 * MS
-            assert was_silent or self.state == "ENABLING", "a live stream was seeded anew (1)"
+            is_paused = self.state == "PAUSED" and now_ns - self.paused_ns <= 20 * MS  # one frame later, at most
+            assert was_silent or is_paused or self.state == "ENABLING", "a live stream was seeded anew (1)"
             steady_ns = now_ns - self.pair.steady_since_ns[robot.arm_state(side)]
-            assert self.came_from == "PAUSED" or steady_ns >= 290 * MS, (
+            assert is_paused or self.came_from == "PAUSED" or steady_ns >= 290 * MS, (
                 f"started after {steady_ns / MS} ms of state (1)"
             )
             if is_pose:
@@ -213,6 +221,30 @@ class Monitor:
             for joint in zip(*newest_first[: len(weights)], strict=True):
                 difference = sum(w * q for w, q in zip(weights, joint, strict=True))
                 assert abs(difference) <= bound, f"{name} limit broken: {joint[::-1]} (1)"
+
+    def _hears(self, topic: str, within_ns: int) -> object:
+        """Return what the engine has heard on a topic, while it is young enough."""
+        sample = self.pair.heard.get(topic)
+        age_ns = self.pair.state_age_ns
+        is_young = sample is not None and self.pair.now_ns - sample.received_ns <= within_ns
+        return sample.value if sample is not None and is_young and age_ns is not None and age_ns <= 100 * MS else None
+
+    def _stays_with_the_arm(self, frame: Frame) -> None:
+        """Invariant 9: while the robot's FSM is PAUSE a setpoint is where its arm is, as long as it may be there."""
+        side, settings = ARM_TOPICS[frame.topic], self.pair.settings
+        if self.pair.robot.faults.active("jump"):
+            return  # what is heard is not believed
+        arm, pose = self._hears(robot.arm_state(side), 100 * MS), self._hears(robot.ee_pose(side), 100 * MS)
+        if frame.topic in JOINT_TOPICS and isinstance(arm, ArmState):
+            bounds = list(zip(settings.arm.lower_rad[side], arm.q_rad, settings.arm.upper_rad[side], strict=True))
+            if all(low - 0.05 <= q <= high + 0.05 for low, q, high in bounds):
+                inside = [min(max(q, low), high) for low, q, high in bounds]
+                off_rad = max(abs(a - b) for a, b in zip(frame.values, inside, strict=True))
+                assert off_rad <= 0.02, f"the paused {side} reference is {off_rad} rad from the arm (9)"
+        elif isinstance(arm, ArmState) and isinstance(pose, EePose) and math.hypot(*pose.p_m) <= settings.pose.reach_m:
+            off_m = math.dist(pose.p_m, frame.values[:3])
+            cosine = min(1.0, abs(sum(a * b for a, b in zip(pose.quat_xyzw, frame.values[3:], strict=True))))
+            assert off_m <= 0.002 and 2.0 * math.acos(cosine) <= 0.02, f"the paused {side} pose is {off_m} m off (9)"
 
     def _starts_at_the_pose(self, side: Side, values: Vector) -> None:
         heard = self.pair.heard[robot.ee_pose(side)].value

@@ -22,6 +22,9 @@ __all__ = ["Conditions"]
 REFUSED_NS = 200_000_000
 """A sample that was refused longer ago does not tell why a part's state is old now [ns]."""
 
+STARTED_NS = 150_000_000
+"""A robot that says PAUSE so long after our first 1.0 has not heard it [ns]: three of its FSM samples (manual §4.11.1)."""
+
 
 class Conditions:
     """Reads the robot's condition.
@@ -41,6 +44,21 @@ class Conditions:
         """A new enabling has begun: earlier FSM samples are no answers to it."""
         self._saw_slow_start = False
         self.first_beat_ns = None
+
+    def is_unfollowed(self, now_ns: int) -> bool:
+        """Return whether the robot drives no arm: it is heard, and says that its FSM is PAUSE (manual §4.11.1).
+
+        While a first 1.0 may be under way the word is old: the robot may have started, and the arm have sunk onto its
+        setpoint, before the FSM is heard again.
+
+        Args:
+            now_ns: Monotonic time [ns].
+        """
+        store, beat_ns = self._conductor.store, self.first_beat_ns
+        is_paused = store.is_fresh(now_ns) and store.fsm(now_ns) == FsmState.PAUSE
+        if not is_paused or self._conductor.state is not State.ENABLING or beat_ns is None:
+            return is_paused
+        return (store.fsm_received_ns or 0) > beat_ns + STARTED_NS
 
     def look(self, now_ns: int) -> Iterator[tuple[Trigger, str]]:
         """Give the triggers that hold now, most serious first, each with its reason.

@@ -79,6 +79,11 @@ class Enabling:
         else:
             self._fail(refusal, now_ns)
 
+    def echo_changed(self, now_ns: int) -> None:
+        """What is echoed was set to an arm that has moved meanwhile: the first 1.0 must not overtake that either."""
+        if self._echo_ns is not None:
+            self._echo_ns = now_ns
+
     def _fail(self, refusal: Refusal, now_ns: int) -> None:
         self._conductor.enable.blame(refusal.code, refusal.message)
         self._conductor.fire(Trigger.ENABLE_TIMEOUT, now_ns, refusal.message)

@@ -61,9 +61,10 @@ _ARM_STATES: dict[FrameKind, tuple[str, ...]] = {
     FrameKind.WALK: _RUNNING,
     FrameKind.HOLD: _HELD,
 }
+_SETPOINT_STATES = {**_ARM_STATES, FrameKind.ECHO: ("ENABLING", "HOLDING", "PAUSED")}
 _STATES: dict[str, dict[FrameKind, tuple[str, ...]]] = {
-    **{robot.joint_command(side): _ARM_STATES for side in Side},
-    **{robot.pose_command(side): _ARM_STATES for side in Side},
+    **{robot.joint_command(side): _SETPOINT_STATES for side in Side},
+    **{robot.pose_command(side): _SETPOINT_STATES for side in Side},
     **{
         robot.gripper_command(side): {
             kind: _ARM_STATES[kind] for kind in (FrameKind.MOTION, FrameKind.ECHO, FrameKind.HOLD)
@@ -75,7 +76,8 @@ _STATES: dict[str, dict[FrameKind, tuple[str, ...]]] = {
     robot.FSM_ENABLE: {FrameKind.BEAT: ("ENABLING", "ACTIVE", "HOLDING", "STOPPING")},
 }
 """In which states a kind of frame may leave on a topic, with fresh state. Kinds that are not here never may; stop
-frames are exempt. An echo in HOLDING is the start of a stream that a short stall had silenced."""
+frames are exempt. An echo in HOLDING is the start of a stream that a short stall had silenced; one in PAUSED follows an
+arm that nobody drives."""
 
 
 class GateContext(Struct, frozen=True, kw_only=True):

@@ -7,8 +7,12 @@ The rules:
 * The criterion of life is the client library's keepalive. Silence beyond 250 ms, or the end of its liveliness token,
   is the loss. From that instant two clocks run: after 10 s the lease is free, after 60 s everything goes down.
   The owner who comes back within the first, or a new owner, ends both.
-* Only time in which this process was awake counts as silence: after a late tick the keepalives that came meanwhile
-  are still waiting to be read, so `poll` moves the last keepalive forward by the lateness.
+* A late tick is a pause of this process: keepalives that came in it may still wait to be read. So a silence may be
+  longer by one pause, the longest in it. Not by their sum: between two pauses there was time to read, and a process that
+  is always late would never find out.
+* What a pause explains is not yet a sign of life: an owner that has not been heard for 350 ms is *doubted*. It keeps its
+  lease, and may move nothing until it is heard. So motion ends within half a second of the last sign of life, whatever
+  the ticks do: the loop ends it by itself at a tick that is so late that more than 150 ms lie before it.
 
 It decides nothing about motion: the engine tells the supervisor what `poll` returns.
 """
@@ -29,6 +33,9 @@ __all__ = ["Lease", "LeaseEvent", "LossStage", "Owner"]
 S = 1_000_000_000
 LATE_NS = 20_000_000
 """A tick later than this is a pause of this process; less is ordinary jitter and grants nobody anything [ns]."""
+DOUBT_NS = 100_000_000
+"""Nobody who is silent for longer than this beyond the keepalive's bound may move anything, whatever explains it [ns]."""
+AGAIN = "try again when the keepalive is back"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -87,7 +94,8 @@ class Lease:
         self._epoch = epoch
         self._owner: Owner | None = None
         self._now_ns = 0  # latest tick or grant, for messages
-        self._heard_ns = 0  # last sign of life of the owner, moved forward by our own pauses
+        self._heard_ns = 0  # last sign of life of the owner
+        self._pause_ns = 0, 0  # first and last instant of the pause that explains most of the silence since
         self._abandoned = False
         self._lost_ns: int | None = None  # since when the clocks run against the owner
         self._told_lost = False
@@ -110,9 +118,19 @@ class Lease:
         return self._lost_ns is not None
 
     @property
+    def silence_ns(self) -> int:
+        """How long the owner had not been heard at the latest tick [ns]; 0 without one."""
+        return 0 if self._owner is None else self._now_ns - self._heard_ns
+
+    @property
+    def is_doubted(self) -> bool:
+        """Whether the owner is silent for so long that it may not move anything, though a pause of ours explains it."""
+        return not self.lost and self.silence_ns > self._settings.keepalive_ns + DOUBT_NS
+
+    @property
     def valid_epoch(self) -> int:
-        """The epoch under which motion may leave: 0 while nobody owns the robot or the owner is lost."""
-        return 0 if self._owner is None or self.lost else self._epoch
+        """The epoch under which motion may leave: 0 while nobody owns the robot, or the owner is lost or doubted."""
+        return 0 if self._owner is None or self.lost or self.is_doubted else self._epoch
 
     # ------------------------------------------------------------------------------------------------ who commands
 
@@ -166,7 +184,7 @@ class Lease:
 
         Returns:
             LEASE_STALE for an epoch that is over, NOT_OWNER for anybody else, LEASE_LOST for the owner himself while he
-            counts as lost: what was under way from him when he vanished must not move anything.
+            counts as lost or is doubted: what was under way from him when he vanished must not move anything.
         """
         refusal = self._not_owner(client_id, epoch)
         if refusal is None and self._lost_ns is not None:
@@ -175,8 +193,11 @@ class Lease:
             refusal = Refusal(
                 code=Code.LEASE_LOST,
                 message=f"{how} {ago_s:.1f} s ago; the robot is held",
-                hint="acquire the lease again" if self._abandoned else "try again when the keepalive is back",
+                hint="acquire the lease again" if self._abandoned else AGAIN,
             )
+        elif refusal is None and self.is_doubted:
+            how = f"the gateway stood still, and has not heard your keepalive for {self.silence_ns / S:.1f} s"
+            refusal = Refusal(code=Code.LEASE_LOST, message=how, hint=AGAIN)
         return refusal
 
     # ---------------------------------------------------------------------------------------------- signs of life
@@ -198,18 +219,19 @@ class Lease:
 
         Args:
             now_ns: Monotonic time of the tick [ns].
-            late_ns: How late the tick is [ns]. More than 20 ms is not counted as silence of the owner. Ticks that are
-                skipped, never caught up, cannot be late for longer than has passed: a dead owner is found as soon as
-                this process has been awake for 250 ms.
+            late_ns: How late the tick is [ns]. More than 20 ms is a pause, of which only the longest since the owner's last
+                sign of life is not counted as silence.
 
         Returns:
             What is due, each once, in order.
         """
         self._now_ns = now_ns
-        if late_ns > LATE_NS:
-            self._heard_ns = min(now_ns, self._heard_ns + late_ns)
-        if self._owner is not None and now_ns - self._heard_ns > self._settings.keepalive_ns:
-            self._lose(self._heard_ns + self._settings.keepalive_ns)
+        pause_ns = now_ns - late_ns, now_ns
+        if late_ns > LATE_NS and self._explained_ns(pause_ns) >= self._explained_ns(self._pause_ns):
+            self._pause_ns = pause_ns
+        patience_ns = self._settings.keepalive_ns + self._explained_ns(self._pause_ns)
+        if self.silence_ns > patience_ns:
+            self._lose(self._heard_ns + patience_ns)
         return list(self._due(now_ns))
 
     # ------------------------------------------------------------------------------------------------------ clocks
@@ -256,6 +278,11 @@ class Lease:
             self._owner = Owner(client_id=client_id, name=name, pid=pid, since_ns=now_ns, on_loss=on_loss)
         self._heard_ns = now_ns
         return self._epoch
+
+    def _explained_ns(self, pause_ns: tuple[int, int]) -> int:
+        """Return how much of the silence since the last sign of life a pause explains [ns]."""
+        first_ns, last_ns = pause_ns
+        return max(0, last_ns - max(first_ns, self._heard_ns))
 
     def _is_owner(self, client_id: str) -> bool:
         return self._owner is not None and self._owner.client_id == client_id

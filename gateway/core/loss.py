@@ -14,6 +14,8 @@ from gateway.errors import Code
 
 __all__ = ["STAGE_NAMES", "Loss"]
 
+MS = 1_000_000
+
 STAGE_NAMES = {
     LossStage.LOST: "lost",
     LossStage.BACK: "back",
@@ -51,6 +53,11 @@ class Loss:
                 conductor.fire(Trigger.LEASE_FREE, now_ns, "the lost owner's lease is free")
             elif conductor.fire(Trigger.HOLD_OVER, now_ns, "nobody took over").do:
                 self._tell(event.stage, "nobody took over: everything goes down, the grip is lost", now_ns)
+        if conductor.lease.is_doubted:  # as at the pause itself: what moves comes to rest, what is held stays held
+            ago_ms = conductor.lease.silence_ns / MS
+            conductor.fire(
+                Trigger.LONG_GAP, now_ns, f"the owner was heard {ago_ms:.0f} ms ago, before a tick came late"
+            )
 
     def _tell(self, stage: LossStage, message: str, now_ns: int) -> None:
         level = Level.INFO if stage is LossStage.BACK else Level.WARNING

@@ -87,7 +87,7 @@ class Outlet:
             frame = stream.frame(now_ns)
             if frame is None:
                 continue
-            if frame.kind is FrameKind.ECHO and stream.log.last_ns is None:
+            if frame.kind is FrameKind.ECHO and (stream.log.last_ns is None or stream.log.is_anew):
                 self._gate.forget(stream.topic)
             passed = self._gate.clear(frame, context)
             if isinstance(passed, Refusal):

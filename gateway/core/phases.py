@@ -41,6 +41,7 @@ class Phases:
 
     def __init__(self, conductor: Conductor, conditions: Conditions) -> None:
         self._conductor = conductor
+        self._conditions = conditions
         self.starting = Starting(conductor)
         """How streams begin, and how held references get back to their arms."""
         self.enabling = Enabling(conductor, conditions, self.starting)
@@ -57,6 +58,8 @@ class Phases:
             now_ns: Monotonic time [ns].
         """
         conductor = self._conductor
+        if conductor.state in STREAMING and self._conditions.is_unfollowed(now_ns) and self.starting.stay(now_ns):
+            self.enabling.echo_changed(now_ns)
         if conductor.state is State.ENABLING:
             self.enabling.step(now_ns)
         elif conductor.state is State.STOPPING:

@@ -5,6 +5,11 @@ Rules
       whoever starts it; whether it is inside the limits is asked here, for all arms before the first of them starts.
     * A live stream is never seeded anew: its reference is *walked* to the measured arm inside the limits, so that the
       grip is kept. Else the arm would jump, and the owner of an arm that was pushed away would never get it back.
+    * While the robot's FSM is PAUSE nobody follows a setpoint, and the arm may sag or be led by hand. There the reference
+      is where the arm is: what was ahead of the arm, or left behind by it, must not be followed by whoever lets the robot
+      go again. It is set anew when it is more than a start may be off, so a frame that changes it is a start to the gate.
+      Only a fresh FSM sample that says PAUSE lets this be done: a robot whose FSM is not heard may be following, and a
+      reference that jumps back to an arm at speed would stop it dead.
 
 When this is done is known to `enabling.py`, `stall.py` and the desk.
 """
@@ -23,6 +28,9 @@ from gateway.errors import Code, Refusal
 from gateway.values import Side, Space, Vector
 
 __all__ = ["WALK_SPEED", "Starting"]
+
+NEAR = {Space.JOINT: Gap(0.01), Space.POSE: Gap(0.01, 0.001)}
+"""How far from its arm a stream may start (BEHAVIOUR, starting): a paused reference is not further from it either."""
 
 WALK_SPEED = 0.3
 """Factor on the velocity limit while a held reference is led back to its arm."""
@@ -69,6 +77,26 @@ class Starting:
                     now_ns,
                 )
         return None
+
+    def stay(self, now_ns: int) -> bool:
+        """Set the references of running arms to where these are, which nobody drives; return whether one changed.
+
+        An arm whose state is not fresh, or that is outside its limits, cannot be followed: its reference is kept, at rest.
+
+        Args:
+            now_ns: Monotonic time [ns].
+        """
+        conductor, is_changed = self._conductor, False
+        for side, arm in conductor.body.arms.items():
+            if not arm.running or not conductor.part_fresh(side, now_ns):
+                continue
+            start = self._start(side)
+            if isinstance(start, Refusal):
+                continue
+            if not arm.is_repeating or arm.distance(start[0]).exceeds(NEAR[arm.space]):
+                arm.stay_with(start[0])
+                is_changed = True
+        return is_changed
 
     def why_not(self, side: Side) -> Refusal | None:
         """Return why a stream cannot start where its arm is now; the arm has been heard."""

@@ -403,12 +403,29 @@ STOPPING = {
         "time::after_a_gap_in_which_the_robot_stopped_the_arms_the_motion_is_over",
         "motions::a_skipped_tick_delays_a_motion_and_does_not_compress_it",
     ),
+    "(a vanished owner is vanished in real time)": (
+        "time::motion_ends_in_time_after_the_owner_vanished_though_every_tick_is_late",
+        "time::what_a_vanished_owner_asked_before_a_pause_of_ours_does_not_move_after_it",
+        "time::in_any_schedule_of_ticks_nothing_moves_half_a_second_after_the_owners_last_sign_of_life",
+        "time::a_living_owner_is_not_lost_by_a_pause_of_ours",
+        "core/lease::in_any_schedule_of_ticks_nobody_moves_anything_350_ms_after_its_last_sign_of_life",
+        "core/lease::in_any_schedule_of_ticks_a_living_owner_is_not_lost",
+    ),
 }
 
 ROBOT_SIDE = {
     "PAUSE, or READY -> SLOW_START": (
         "robot_side::a_robot_that_pauses_by_itself_is_held_in_pause",
         "robot_side::a_pause_too_short_to_be_seen_is_a_pause",
+    ),
+    "(a paused robot's target is where it is)": (
+        "pausing::from_the_tick_of_a_pause_on_the_reference_is_where_the_arm_is",
+        "pausing::an_arm_that_is_led_away_in_a_pause_takes_its_reference_along",
+        "pausing::a_pause_keeps_the_reference_of_an_arm_that_is_not_heard",
+        "pausing::a_pause_keeps_the_reference_of_an_arm_beyond_its_limits",
+        "pausing::one_arm_that_is_disabled_in_a_pause_leaves_the_other_where_it_is",
+        "pausing::a_robot_that_is_only_not_heard_to_run_is_braked",
+        "pausing::while_a_heartbeat_is_not_heard_the_echo_stays_with_the_arm",
     ),
     "MODE_UNKNOWN": ("robot_side::an_unknown_mode_brakes_and_refuses_motion",),
     "VR mode, FSM 3-6": (

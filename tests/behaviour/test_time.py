@@ -5,9 +5,13 @@ from __future__ import annotations
 from itertools import pairwise
 
 import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
 
 from gateway import robot
 from gateway.core.events import (
+    ClientSeen,
+    DriveChassis,
     Enable,
     Estop,
     FrameKind,
@@ -16,8 +20,9 @@ from gateway.core.events import (
 )
 from gateway.errors import Code
 from gateway.values import Side
-from tests.behaviour.scene import HOME, scene
+from tests.behaviour.scene import HOME, Scene, scene
 from tests.pair import MS, S
+from tests.thoroughness import traces
 
 # --------------------------------------------------------------------------------------------------- time and host
 
@@ -108,3 +113,83 @@ def test_a_late_tick_still_sends_stop_frames() -> None:
     pair.late_ns = 400 * MS
     output = pair.step(pair.now_ns + 400 * MS)
     assert {frame.topic for frame in output.frames} == {robot.FSM_ENABLE, robot.CHASSIS_VELOCITY}
+
+
+# ------------------------------------------------------------------------------- a vanished owner, however ticks come
+
+
+def freeze_owner(pair: Scene) -> int:
+    """Ann gives her last sign of life in a slow motion of both arms; return when [ns]."""
+    pair.granted(Move(epoch=pair.epoch, targets_rad=HOME, speed=0.05), "ann")
+    pair.run(0.1)
+    pair.receive(ClientSeen(client_id="ann", at_ns=pair.now_ns))
+    pair.alive.discard("ann")
+    return pair.now_ns
+
+
+def late_tick(pair: Scene, late_ms: int) -> None:
+    """The next tick of the 10 ms grid comes late."""
+    pair.late_ns = late_ms * MS
+    pair.step((pair.now_ns // (10 * MS) + 1) * 10 * MS + late_ms * MS)
+
+
+def test_motion_ends_in_time_after_the_owner_vanished_though_every_tick_is_late() -> None:
+    """49 ms each, which is no reason to skip one: one of them explains 49 ms of its silence, not all of them all of it."""
+    pair = scene("at rest")
+    last_ns = freeze_owner(pair)
+    for _ in range(40):
+        late_tick(pair, 49)
+    moved = [at_ns for at_ns, frame in pair.arm_frames() if frame.kind is FrameKind.MOTION]
+    assert last_ns + 200 * MS < max(moved) <= last_ns + 300 * MS and pair.state == "HOLDING"
+
+
+def test_what_a_vanished_owner_asked_before_a_pause_of_ours_does_not_move_after_it() -> None:
+    """It is read 5 s late, with a keepalive of the same time: refused, and the owner is lost 250 ms later."""
+    pair = scene("at rest")
+    pair.alive.discard("ann")
+    pair.receive(ClientSeen(client_id="ann", at_ns=pair.now_ns + 100 * MS))
+    pair.late_ns = 5 * S
+    asked = Move(epoch=pair.epoch, targets_rad=HOME)
+    number = pair.tell(asked, "ann")
+    pair.step(pair.now_ns + 5 * S)
+    refusal = next(reply.refusal for reply in pair.replies if reply.request_id == number)
+    assert refusal is not None and refusal.code is Code.LEASE_LOST and pair.engine.owner_id == "ann"
+    pair.run(0.2)
+    assert pair.engine.owner_id == "ann" and not pair.told(Code.LOSS_STAGE)
+    pair.run(0.1)
+    assert pair.told(Code.LOSS_STAGE) and not pair.moved()
+
+
+def test_a_living_owner_is_not_lost_by_a_pause_of_ours() -> None:
+    """Its keepalives were not read for 2 s; the motion is over, but it owns the robot and moves it again at once."""
+    for ago_ms in (40, 1000, 1900):
+        pair = scene("ACTIVE")
+        pair.is_deaf = True  # what the robot said meanwhile is another matter
+        pair.alive.discard("ann")
+        pair.receive(ClientSeen(client_id="ann", at_ns=pair.now_ns + (2000 - ago_ms) * MS))
+        late_tick(pair, 2000)
+        pair.alive.add("ann")
+        pair.run(0.1)
+        assert pair.engine.owner_id == "ann" and not pair.told(Code.LOSS_STAGE)
+
+
+TICKS = st.lists(st.sampled_from([0, 0, 0, 10, 19, 30, 49, 60, 100, 140, 145, 200, 600]), min_size=1, max_size=40)
+"""How late tick after tick comes [ms]."""
+
+
+@settings(max_examples=traces(40), suppress_health_check=list(HealthCheck), deadline=None)
+@given(ticks=TICKS, queued=st.sets(st.integers(0, 39), max_size=6))
+def test_in_any_schedule_of_ticks_nothing_moves_half_a_second_after_the_owners_last_sign_of_life(
+    ticks: list[int], queued: set[int]
+) -> None:
+    """Arms and chassis, though commands of the vanished owner are read late, again and again."""
+    pair = scene("at rest")
+    last_ns = freeze_owner(pair)
+    for number, late_ms in enumerate([*ticks, *[49] * 12]):
+        if number in queued:
+            pair.tell(Move(epoch=pair.epoch, targets_rad=HOME, speed=0.05), "ann")
+            pair.tell(DriveChassis(epoch=pair.epoch, vx_mps=0.1, vy_mps=0.0, wz_radps=0.0, expiry_ns=3 * S), "ann")
+        late_tick(pair, late_ms)
+    for at_ns, frame in pair.frames:
+        stands = frame.topic == robot.CHASSIS_VELOCITY and not any(frame.values)
+        assert frame.kind is not FrameKind.MOTION or stands or at_ns <= last_ns + 500 * MS, frame

@@ -5,7 +5,7 @@ from __future__ import annotations
 import random
 
 import pytest
-from hypothesis import settings
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, invariant, precondition, rule
 
@@ -283,12 +283,66 @@ def test_ordinary_jitter_grants_nothing(owned):
 
 
 def test_a_dead_client_is_found_though_every_tick_is_late(owned):
-    """Late by 30 ms every 40 ms: 10 ms awake a tick, so 250 ms take a second. A grace never exceeds the present."""
+    """Late by 30 ms every 40 ms: one pause explains 30 ms of the silence, however many there are."""
     told = []
     for n in range(1, 40):
         told += owned.poll(T0 + n * 40 * MS, late_ns=30 * MS)
-    assert stages(told) == [(LOST, 1030)]
+    assert stages(told) == [(LOST, 280)]
     assert Lease(LossSettings(), epoch=0).poll(T0, late_ns=S) == []
+
+
+def test_the_longest_pause_explains_what_the_others_do_not(owned):
+    """And one of before the last sign of life explains nothing."""
+    owned.poll(T0 + 40 * MS, late_ns=40 * MS)
+    owned.poll(T0 + 140 * MS, late_ns=90 * MS)
+    owned.poll(T0 + 180 * MS, late_ns=30 * MS)
+    assert owned.poll(T0 + 340 * MS) == [] and stages(owned.poll(T0 + 341 * MS)) == [(LOST, 340)]
+    owned.seen("alice", T0 + 400 * MS)
+    assert stages(owned.poll(T0 + 651 * MS)) == [(BACK, 400), (LOST, 650)]
+
+
+def test_an_owner_that_only_a_pause_explains_may_move_nothing_until_it_is_heard(owned):
+    """It is not lost, but a command of before the pause must not begin to move now."""
+    assert owned.poll(T0 + 2 * S, late_ns=2 * S) == []
+    doubted = owned.check("alice", 8)
+    assert doubted.code is Code.LEASE_LOST and "stood still" in doubted.message and "2.0 s" in doubted.message
+    assert owned.is_doubted and owned.valid_epoch == 0 and not owned.lost
+    assert acquire(owned, "bob", T0 + 2 * S).code is Code.LEASE_HELD
+    owned.seen("alice", T0 + 2 * S + 10 * MS)
+    assert owned.poll(T0 + 2 * S + 10 * MS) == [] and owned.check("alice", 8) is None and owned.valid_epoch == 8
+
+
+PAUSES = st.lists(st.sampled_from([0, 1, 5, 20, 21, 30, 49, 50, 100, 140, 141, 200, 700, 2_000, 5_000]), max_size=60)
+"""How late tick after tick comes [ms]."""
+
+
+@given(late_ms=PAUSES)
+def test_in_any_schedule_of_ticks_nobody_moves_anything_350_ms_after_its_last_sign_of_life(late_ms):
+    """And he is lost as soon as the silence is longer than the longest pause and 250 ms."""
+    lease, now_ns = Lease(LossSettings(), epoch=7), T0
+    acquire(lease, "alice")
+    for late in [*late_ms, *[0] * 30]:
+        now_ns += (10 + late) * MS
+        lease.poll(now_ns, late * MS)
+        assert lease.valid_epoch == 0 or now_ns - T0 <= 350 * MS
+        assert (lease.check("alice", 8) is None) is (lease.valid_epoch == 8)
+        assert lease.owner is None or lease.lost or now_ns - T0 <= (250 + max(late_ms, default=0)) * MS
+    assert lease.owner is None or lease.lost
+
+
+@given(late_ms=PAUSES, read_late=st.booleans())
+def test_in_any_schedule_of_ticks_a_living_owner_is_not_lost(late_ms, read_late):
+    """Its keepalives come every 50 ms; those that came in a pause are read before the tick, or just after it."""
+    lease, now_ns, next_ns = Lease(LossSettings(), epoch=7), T0, T0
+    acquire(lease, "alice")
+    for late in late_ms:
+        unread_ns = now_ns + 10 * MS if read_late else now_ns + (10 + late) * MS
+        now_ns += (10 + late) * MS
+        while next_ns <= unread_ns:
+            lease.seen("alice", next_ns)
+            next_ns += 50 * MS
+        assert lease.poll(now_ns, late * MS) == []
+        assert read_late or lease.valid_epoch == 8
 
 
 # ------------------------------------------------------------------------------------------------------- the view

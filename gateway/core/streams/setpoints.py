@@ -130,6 +130,25 @@ class SetpointStream:
         self.log.end()
         self._grid.start(now_ns)
 
+    def stay_with(self, values: Vector) -> None:
+        """Repeat where an arm is that nobody drives, from the next frame on; the frames go on in their time.
+
+        Args:
+            values: Where it is, in this space, inside the limits.
+
+        Raises:
+            PlanFailed: It is not inside the limits; nothing has changed.
+        """
+        self._moved.seed(values)
+        self.epoch = 0
+        self._is_first, self._is_walking = True, False
+        self.log.begin_anew()
+
+    @property
+    def is_repeating(self) -> bool:
+        """Whether nothing moves the setpoint, now or later, until somebody asks."""
+        return self._moved.mode is ReferenceMode.HOLD
+
     def enter(self, values: Vector, rates: Vector, forces: Vector, now_ns: int) -> None:
         """Go on where another process's stream was interrupted: brake from its last setpoint, then hold.
 

@@ -55,6 +55,8 @@ class SentLog:
         """Frames sent since the start of the daemon."""
         self.last_ns: int | None = None
         """When the last frame left [ns]; None while the stream is off."""
+        self.is_anew = False
+        """Whether the next frame is a start although none was missing before it."""
         self._times: deque[int] = deque()
         self._gaps: deque[tuple[int, int]] = deque()
 
@@ -66,6 +68,7 @@ class SentLog:
                 self._gaps.pop()
             self._gaps.append((now_ns, gap_ns))
         self.last_ns = now_ns
+        self.is_anew = False
         self.sent += 1
         self._times.append(now_ns)
         if now_ns - self._times[0] > RATE_WINDOW_NS + FORGET_NS:
@@ -75,6 +78,10 @@ class SentLog:
         """The stream went silent on purpose: the silence is no gap, and no part of the next rate."""
         self.last_ns = None
         self._times.clear()
+
+    def begin_anew(self) -> None:
+        """The next frame is a start, in its time."""
+        self.is_anew = True
 
     def _forget(self, now_ns: int) -> None:
         while self._times and now_ns - self._times[0] > RATE_WINDOW_NS:
