@@ -81,7 +81,13 @@ def test_a_long_endpoint_still_has_a_file(file: StateFile, tmp_path: Path) -> No
 def test_the_first_start_is_fresh_and_reserves_a_block(file: StateFile, path: Path) -> None:
     """Nothing is remembered, and the file already names the end of the first block of epochs."""
     assert file.start() == Started(remembered=Remembered(), reserved_epoch=EPOCH_BLOCK)
-    assert json.loads(path.read_text()) == {"version": 1, "epoch": EPOCH_BLOCK, "latches": {}, "zids": [], "routers": []}
+    assert json.loads(path.read_text()) == {
+        "version": 1,
+        "epoch": EPOCH_BLOCK,
+        "latches": {},
+        "zids": [],
+        "routers": [],
+    }
 
 
 def test_file_and_folder_are_for_this_user_only(file: StateFile, path: Path) -> None:
