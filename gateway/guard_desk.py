@@ -4,7 +4,8 @@ It answers what needs no engine (how the guard is, what it holds) and gives stop
 only while a guard acts: the guard of a daemon that is started again, and ends again, must not hide the one that holds.
 
 Nobody shuts others out: who comes is let in and read, and then, where there are too many, whoever was silent longest among
-the connections of the busiest user, of his busiest process, goes. What one look costs is bounded, however many come.
+the connections of the busiest user, of his busiest process, goes; not a stop under way, nor the next daemon. What one look
+costs is bounded, however many come.
 The hold is given to the guard's own user and to root alone: that of the daemon; who may ask for a stop may not take it.
 """
 
@@ -35,6 +36,8 @@ MOST_NEWCOMERS = 16
 """So many are let in at one look; the others wait in the queue for the next, which follows at once."""
 QUEUE = 1024
 """So many may wait to be let in, where the kernel allows as many."""
+SUCCESSOR = "daemon"
+"""As whom the next daemon asks: hung up on, it would begin beside the hold. One keeps its place."""
 MESSAGE_CHARS = 300
 """No message of a latch takes more of a packet."""
 
@@ -49,6 +52,8 @@ class _Caller:
     heard_ns: int
     is_waiting: bool = False
     """Whether its stop is being carried out."""
+    is_successor: bool = False
+    """Whether it is the next daemon, as far as anybody of its user is, waiting until it can hold."""
 
 
 def _peer(caller: socket.socket) -> tuple[int, int]:
@@ -154,6 +159,8 @@ class GuardDesk:
                 caller.is_waiting = True
                 stops.append((number, question))
             else:
+                if question.client == SUCCESSOR and not any(c.is_successor for c in self._callers.values()):
+                    caller.is_successor = caller.uid in (os.geteuid(), 0)
                 self._reply(number, self._answer_to(question, number, guardian, now_ns))
         self._make_room(guardian, now_ns)
         return stops
@@ -181,7 +188,7 @@ class GuardDesk:
         excess = len(self._callers) - MOST_CALLERS
         if excess <= 0:
             return
-        leaving = {n: c for n, c in self._callers.items() if not c.is_waiting and n != self._heir}
+        leaving = {n: c for n, c in self._callers.items() if not (c.is_waiting or c.is_successor or n == self._heir)}
         of_uid = Counter(caller.uid for caller in leaving.values())
         of_pid = Counter((caller.uid, caller.pid) for caller in leaving.values())
         for _ in range(min(excess, len(leaving))):

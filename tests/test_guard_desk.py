@@ -301,6 +301,21 @@ def test_the_heir_and_a_stop_under_way_keep_their_places(place: Place) -> None:
     assert place.ask(heir, ask="taken").done
 
 
+def test_the_next_daemon_keeps_its_place_while_it_waits(place: Place, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Hung up on by a crowd it would begin beside the hold. One of them, of the guard's user: no crowd of daemons does."""
+    who = [(os.geteuid(), pid) for pid in range(1, 4 * MOST_CALLERS)]
+    who.insert(0, (os.geteuid() + 4711, 99))
+    monkeypatch.setattr(guard_desk, "_peer", lambda _: who.pop(0))
+    stranger, successor = place.call(), place.call()
+    place.ask(stranger, ask="status", client="daemon")
+    place.ask(successor, ask="status", client="daemon")
+    for _ in range(2 * MOST_CALLERS):
+        place.pair.run(0.01)
+        place.ask(place.call(), ask="status", client="daemon")
+    assert place.ask(successor, ask="hand_over", client="daemon").done
+    assert [caller.is_successor for caller in place.desk._callers.values()].count(True) == 1
+
+
 @pytest.mark.parametrize(("uid", "is_given"), [(os.geteuid(), True), (0, True), (os.geteuid() + 4711, False)])
 def test_only_the_daemons_user_and_root_are_given_the_hold(
     place: Place, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture, uid: int, *, is_given: bool

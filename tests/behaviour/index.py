@@ -649,6 +649,7 @@ GUARD = {
     "(who is given the hold)": (
         "./guard_desk::only_the_daemons_user_and_root_are_given_the_hold",
         "./guard_desk::the_heir_and_a_stop_under_way_keep_their_places",
+        "./guard_desk::the_next_daemon_keeps_its_place_while_it_waits",
     ),
     "a restarted daemon": (
         "guard::a_restarted_daemon_takes_the_hold_over_as_unowned_with_the_60_s_anew",
