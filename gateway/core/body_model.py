@@ -13,6 +13,7 @@ from dataclasses import replace
 
 from gateway import robot
 from gateway.core.events import SampleArrived
+from gateway.core.gap import Gap, gap
 from gateway.errors import Code, Refusal
 from gateway.kinematics.agreement import Agreement, ModelJudge, Tolerances, Verdict
 from gateway.kinematics.approach import Approach
@@ -23,7 +24,7 @@ from gateway.kinematics.configured import configured
 from gateway.kinematics.description import Description
 from gateway.kinematics.dexterity import joint_speeds
 from gateway.settings import Settings
-from gateway.values import ArmState, EePose, Side, Vector
+from gateway.values import ArmState, EePose, Side, Space, Vector
 
 __all__ = ["BodyModel", "body_model"]
 
@@ -38,6 +39,8 @@ JUDGED_NS = 400 * MS
 """A verdict is worked out anew after this long [ns]."""
 TURN_NS = {Side.LEFT: 0, Side.RIGHT: JUDGED_NS // 2}
 """The arms' turns are apart, so that no tick bears both [ns]."""
+APART_RAD, APART_M = 0.05, 0.02
+"""Beyond the tolerances joints and a pose may be apart by this [rad, m]: a slow arm, and 50 ms between the two."""
 BOUND_NS = 120 * MS
 """Longest time between the joints around a pose [ns]: while nobody watches they come 50 ms apart."""
 
@@ -129,6 +132,24 @@ class BodyModel:
         if kept is None or turn != kept[0]:
             kept = self._verdicts[side] = turn, self._judges[side].verdict(now_ns)
         return kept[1]
+
+    def contradicts(self, side: Side, q_rad: Vector, pose: EePose, now_ns: int) -> bool:
+        """Return whether an arm's joints and its end effector are said to be in different places.
+
+        Only a model that has agreed with this robot can tell; the median of seconds that it goes by is not moved by the
+        sample that is to be judged.
+
+        Args:
+            side: Which arm.
+            q_rad: Measured joints, shape (7,) [rad].
+            pose: Measured pose of its end effector, of about the same time.
+            now_ns: Monotonic time [ns].
+        """
+        if not self.verdict(side, now_ns).is_usable:
+            return False
+        there, limits = self.arms[side].forward(q_rad).values, self._tolerances
+        off = gap(Space.POSE, there, pose.values)
+        return off.exceeds(Gap(limits.angle_rad + APART_RAD, limits.position_m + APART_M))
 
     def refusal(self, side: Side, now_ns: int) -> Refusal | None:
         """Return why an arm may not be moved by the model; None while it agrees with the robot.

@@ -212,7 +212,18 @@ class Conductor:
 
     def seedable(self, side: Side, now_ns: int) -> bool:
         """Return whether an arm's stream may start from its measured state (`Store.seedable`)."""
-        return self.store.seedable(side, now_ns, needs_pose=self.body.arms[side].space is Space.POSE)
+        needs_pose = self.body.arms[side].space is Space.POSE
+        return self.store.seedable(side, now_ns, needs_pose=needs_pose) and self.agreed(side, now_ns)
+
+    def agreed(self, side: Side, now_ns: int) -> bool:
+        """Return whether an arm's latest samples say the same, and its pose as far as the body model can tell."""
+        store = self.store
+        if not self.part_fresh(side, now_ns) or not store.agreed(side):
+            return False
+        arm, pose = store.arm(side), store.pose(side)
+        if self.model is None or arm is None or pose is None or not store.part_fresh(side, now_ns, needs_pose=True):
+            return True
+        return not self.model.contradicts(side, arm.q_rad, pose, now_ns)
 
     def measured(self, side: Side) -> Vector | None:
         """Return where an arm was last measured, in the space of its stream; None before the first sample."""

@@ -3,7 +3,7 @@
     enable -> nobody else claims the robot, steady state for 0.3 s -> echo -> 1.0 after 30 ms -> SLOW_START -> READY
 
 The supervisor's table says what else ends it. From PAUSED the echo begins at once: the streams are live, so there must
-be no gap, and the robot does not follow.
+be no gap, and the robot does not follow. It stays with the arm until the first 1.0, which waits until the arm's samples agree.
 """
 
 from __future__ import annotations
@@ -111,9 +111,13 @@ class Enabling:
                 self._echo(now_ns)
         elif self._conditions.first_beat_ns is not None:
             self._tell_if_unheard(value, now_ns)
-        elif now_ns - self._echo_ns >= BEAT_DELAY_NS:
+        elif now_ns - self._echo_ns >= BEAT_DELAY_NS and self._is_agreed(now_ns):
             conductor.body.heartbeat.ones(now_ns)
             self._conditions.first_beat_ns = now_ns
+
+    def _is_agreed(self, now_ns: int) -> bool:
+        """Return whether all samples of late say that the arms are where they are echoed to be: nobody follows yet."""
+        return all(self._conductor.agreed(side, now_ns) for side in self._conductor.enable.sides)
 
     def _wait_for_claim(self, now_ns: int) -> None:
         """Nothing leaves before other gateways have seen that we are about to command the robot, or one of them is first."""
@@ -128,6 +132,9 @@ class Enabling:
         if self._echo_ns is None:
             waiting = [str(side) for side in self._conductor.enable.sides if not self._conductor.seedable(side, now_ns)]
             return f"no 0.3 s of steady, timely state from the {' and '.join(waiting)} arm"
+        if self._conditions.first_beat_ns is None:
+            waiting = [str(side) for side in self._conductor.enable.sides if not self._conductor.agreed(side, now_ns)]
+            return f"the samples of the {' and '.join(waiting)} arm do not agree: it is being moved, or they are not its own"
         value = store.fsm(now_ns)
         return f"setpoints and heartbeat were sent, the FSM stayed {FSM_NAMES.get(value, value)}"
 

@@ -4,6 +4,13 @@ Rules
     * A sample may differ from the last believed one by what the bound allows in the time between the two, plus a margin.
       Once one is refused that time stands still: else every jump became plausible by waiting, before the part is dead
       and anybody has noticed.
+    * That time is told by our clock. Stamps are the robot's word, or that of somebody on its network: a clock that steps
+      ahead would make any jump plausible. They only make it less: where they say that less time has passed, less has.
+    * A stall of the link makes arrivals lie: what was queued in it comes at once. But then the time was there before, as
+      a gap of arrivals of which the first queued sample took only what its stamp says. What is left of the gap is *spare*
+      for those behind it. So from the last sample before a stall on, no more time is given out than has passed on our
+      clock, and no sample gets more than its stamp claims. Only a gap gives spare time, never more than itself, and for
+      a second at most: a clock that runs slow, or is set back, cannot save any up.
     * A rival that goes on plausibly within itself for the seeding time, which is longer than a part lives without
       samples, is believed: the encoder was set, or we believed the wrong one first. That is told.
 
@@ -18,6 +25,7 @@ from dataclasses import dataclass
 from operator import mul, sub
 from typing import NamedTuple
 
+from gateway.core.arrival import Recent
 from gateway.settings import EnableSettings
 from gateway.values import Vector
 
@@ -31,6 +39,9 @@ JUMP_RADPS = 10.0
 (sqrt(2 g h)/L with h = L = 0.25 m: 9 rad/s). The motors' 17-38 rad/s are no bound for what the links do."""
 JUMP_MPS = 5.5
 """An end effector at the greatest reach, 0.55 m (manual §4.0.4), turned by one such joint."""
+GAP_BUCKET_NS = 100 * MS
+"""The longest gap of arrivals is that of ten of these."""
+
 TURN_RADPS = 30.0
 """Three wrist joints turning the same way."""
 
@@ -88,7 +99,18 @@ class JumpGuard:
         settings: How long a rival must last, and how old a part may become.
     """
 
-    __slots__ = ("_allowed_s", "_believed", "_kind", "_rival", "_rival_since_ns", "_settings", "_slowness", "jumped")
+    __slots__ = (
+        "_allowed_ns",
+        "_believed",
+        "_gaps",
+        "_kind",
+        "_rival",
+        "_rival_since_ns",
+        "_settings",
+        "_slowness",
+        "_spare_ns",
+        "jumped",
+    )
 
     def __init__(self, kind: Kind, settings: EnableSettings) -> None:
         self._kind = kind
@@ -101,7 +123,9 @@ class JumpGuard:
     def believe(self, posture: Posture | None) -> None:
         """Compare with this from now on; with None believe whatever comes next."""
         self._believed, self._rival_since_ns = posture, 0
-        self._allowed_s: float | None = None
+        self._allowed_ns: int | None = None
+        self._spare_ns = 0
+        self._gaps = Recent(max, GAP_BUCKET_NS)
         self._rival: Posture | None = None
 
     def why_not(self, new: Posture) -> str:
@@ -110,10 +134,18 @@ class JumpGuard:
         if old is None:
             self.believe(new)
             return ""
-        allowed_s = self._allowed_s or self._plausible_s(old, new)
+        arrived_ns = new.received_ns - old.received_ns
+        allowed_ns = _passed_ns(old, new, self._spare_ns) if self._allowed_ns is None else self._allowed_ns
+        allowed_s = allowed_ns / S + self._kind.margin_s
         steps = self._kind.steps(old.values, new.values)
         if self._needed_s(steps) <= allowed_s:
-            self.believe(new)
+            if self._allowed_ns is None:
+                self._gaps.add(new.received_ns, arrived_ns)
+                left_ns = max(0, self._spare_ns + arrived_ns - allowed_ns)
+                self._spare_ns = min(left_ns, self._gaps.extreme(new.received_ns, 0))
+                self._believed, self._rival = new, None
+            else:
+                self.believe(new)
             return ""
         if rival is None or not self._goes_on(rival, new):
             self._rival_since_ns = new.received_ns
@@ -126,15 +158,11 @@ class JumpGuard:
             self.believe(new)
             self.jumped = f"{away}; it stays there and is believed from now on"
             return ""
-        self._rival, self._allowed_s = new, allowed_s
+        self._rival, self._allowed_ns = new, allowed_ns
         return (
             f"{away}, at most {allowed_s * bound:.3f} {unit} is plausible "
             f"({bound:g} {unit}/s and {self._kind.margin_s * bound:g} {unit} of noise)"
         )
-
-    def _plausible_s(self, old: Posture, new: Posture) -> float:
-        """Return the time in which it can have moved; arrivals of a burst are close together, stamps are not."""
-        return max(new.received_ns - old.received_ns, new.stamp_ns - old.stamp_ns) / S + self._kind.margin_s
 
     def _needed_s(self, steps: list[float]) -> float:
         needed_s: float = max(map(mul, steps, self._slowness))
@@ -143,4 +171,13 @@ class JumpGuard:
     def _goes_on(self, rival: Posture, new: Posture) -> bool:
         unbroken = new.received_ns - rival.received_ns <= self._settings.stale_ns
         needed_s = self._needed_s(self._kind.steps(rival.values, new.values))
-        return unbroken and needed_s <= self._plausible_s(rival, new)
+        return unbroken and needed_s <= _passed_ns(rival, new, 0) / S + self._kind.margin_s
+
+
+def _passed_ns(old: Posture, new: Posture, spare_ns: int) -> int:
+    """Return the time in which an arm can have moved between two samples: what arrivals allow, or less by the stamps [ns].
+
+    Stamps that do not go on were set back, and tell nothing.
+    """
+    arrived_ns, stamped_ns = new.received_ns - old.received_ns + spare_ns, new.stamp_ns - old.stamp_ns
+    return min(arrived_ns, stamped_ns) if stamped_ns > 0 else arrived_ns - spare_ns

@@ -8,12 +8,15 @@ Every consumer asks here; nobody keeps timers of his own. The rules:
   counted and changes neither value nor age, so a part whose samples are all bad goes stale by itself.
 * Nothing is refused for ever: two samples in a row that are behind but go on between themselves are a robot whose
   clock was set back; a jump that lasts, far beyond the part's death, is the new truth.
-* *Seedable* is stricter than fresh: queued states have fresh receive times, but their stamp lag gives them away.
+* *Seedable* is stricter than fresh: queued states have fresh receive times, but their stamp lag gives them away. And no
+  stream starts from one sample alone: those of the last moments must say the same.
 
 It does not know the supervisor's states, zenoh, CDR or limits of motion.
 """
 
 from __future__ import annotations
+
+from collections import deque
 
 from gateway import robot
 from gateway.core.arrival import Meter, Recent
@@ -22,7 +25,7 @@ from gateway.core.jumps import JOINTS, POSES, JumpGuard, Posture
 from gateway.core.snapshot import TopicView
 from gateway.errors import Code
 from gateway.settings import EnableSettings
-from gateway.values import ArmState, CurrentMode, EePose, MotorState, Side
+from gateway.values import ArmState, CurrentMode, EePose, MotorState, Side, Vector
 
 __all__ = ["Store"]
 
@@ -34,20 +37,39 @@ LAG_BUCKET_NS = 6 * S
 NAMES_WRONG_NS = 1 * S
 
 
+AGREED_NS = 50 * MS
+"""A stream starts where all samples of the last so long [ns] say that the arm is."""
+AGREED_LEAST = 3
+"""Fewer samples do not agree: they may be one."""
+AGREED_RAD = 0.02
+"""How far they may be apart [rad]: noise, and a slow hand (0.4 rad/s). A jump that is small enough to be plausible is
+0.1 rad or more beyond noise; whoever moves an arm faster is not ready to have it started."""
+
+
 class _SeedWindow:
-    """Since when an arm's samples have been coming without a gap and without queueing.
+    """Since when an arm's samples have been coming without a gap and without queueing, and whether they agree.
 
     Lag is arrival (our clock) minus stamp (the robot's); its offset means nothing, its distance from the least lag of
     the last 60 s does. When a sample with much less lag shows that those before it were old, they leave the window,
     too: a backlog that drains cannot pass for a live stream even when nothing was known before it.
     """
 
-    __slots__ = ("_lags", "_newest_ns", "_not_before_ns", "_settings", "_since_ns", "_stamp_ns", "_worst_lag_ns")
+    __slots__ = (
+        "_lags",
+        "_latest",
+        "_newest_ns",
+        "_not_before_ns",
+        "_settings",
+        "_since_ns",
+        "_stamp_ns",
+        "_worst_lag_ns",
+    )
 
     def __init__(self, settings: EnableSettings) -> None:
         self._settings = settings
         self._newest_ns = self._stamp_ns = self._worst_lag_ns = self._not_before_ns = 0
         self._since_ns: int | None = None
+        self._latest: deque[tuple[int, Vector]] = deque()
         self.forget_lag()
 
     def restart(self, not_before_ns: int) -> None:
@@ -59,8 +81,11 @@ class _SeedWindow:
         self._since_ns = None
         self._lags = Recent(min, LAG_BUCKET_NS)
 
-    def add(self, received_ns: int, stamp_ns: int) -> None:
+    def add(self, received_ns: int, stamp_ns: int, q_rad: Vector) -> None:
         """Take a believed sample."""
+        self._latest.append((received_ns, q_rad))
+        while len(self._latest) > AGREED_LEAST and received_ns - self._latest[0][0] > AGREED_NS:
+            self._latest.popleft()
         if stamp_ns < self._stamp_ns:
             self.forget_lag()
         lag_ns, gap_ns = received_ns - stamp_ns, received_ns - self._newest_ns
@@ -82,6 +107,11 @@ class _SeedWindow:
     def is_full(self) -> bool:
         """Return whether the window is long enough, up to the newest sample."""
         return self._since_ns is not None and self._newest_ns - self._since_ns >= self._settings.seed_ns
+
+    def is_agreed(self) -> bool:
+        """Return whether the latest samples say the same of every joint."""
+        joints = zip(*[q_rad for _, q_rad in self._latest], strict=True)
+        return len(self._latest) >= AGREED_LEAST and all(max(q) - min(q) <= AGREED_RAD for q in joints)
 
 
 class _Track:
@@ -243,12 +273,16 @@ class Store:
     def seedable(self, side: Side, now_ns: int, needs_pose: bool = False) -> bool:
         """Return whether a stream may start from this arm's measured state after a stall, a reconnect or a pause.
 
-        It may after 0.3 s of samples without a gap of 100 ms whose stamp lag stayed within 100 ms of the least lag. A pose
-        carries no stamp: where one is needed it must be one that came within that time.
+        It may after 0.3 s of samples without a gap of 100 ms whose stamp lag stayed within 100 ms of the least lag, while
+        the last of them agree. A pose carries no stamp: where one is needed it must be one that came within that time.
         """
         seed, pose_ns = self._seeds[robot.arm_state(side)], self._poses[side].live_ns
         is_timely = not needs_pose or (pose_ns is not None and pose_ns >= (seed.since_ns or 0))
-        return is_timely and self.part_fresh(side, now_ns, needs_pose) and seed.is_full()
+        return is_timely and self.part_fresh(side, now_ns, needs_pose) and seed.is_full() and seed.is_agreed()
+
+    def agreed(self, side: Side) -> bool:
+        """Return whether an arm's latest believed samples say the same, however old they are."""
+        return self._seeds[robot.arm_state(side)].is_agreed()
 
     def timely_since_ns(self) -> int | None:
         """Return since when arms' samples have come without queueing [ns]: whatever arrived before may be old."""
@@ -299,5 +333,5 @@ class Store:
             return ""
         why = self._guards[event.topic].why_not(Posture(value.q_rad, received_ns, value.stamp_ns))
         if not why:
-            self._seeds[event.topic].add(received_ns, value.stamp_ns)
+            self._seeds[event.topic].add(received_ns, value.stamp_ns, value.q_rad)
         return why

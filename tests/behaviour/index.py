@@ -243,6 +243,7 @@ STARTING = {
         "starting::seeding_demands_0_3_s_of_samples_after_a_reconnect",
         "starting::seeding_starts_anew_after_our_own_pause",
         "starting::queued_old_states_do_not_seed",
+        "jumping::an_arm_that_moves_at_full_speed_through_a_stall_goes_on",
         "starting::a_pause_is_left_without_a_gap_and_from_the_measured_state",
     ),
     "a part's state comes back while the link was fresh": (
@@ -453,6 +454,14 @@ ROBOT_SIDE = {
         "poses::an_end_effector_that_is_blocked_is_a_tracking_error",
         "poses::a_held_end_effector_walks_back_to_an_arm_that_was_led_away",
         "poses::an_arm_whose_mode_is_changed_while_it_is_streamed_is_let_go",
+    ),
+    "(a jump is judged by our clock)": (
+        "jumping::a_jump_with_a_stamp_ahead_is_not_started_from",
+        "jumping::a_stream_starts_from_samples_that_agree",
+        "jumping::a_pause_is_left_only_when_the_samples_agree",
+        "jumping::a_stream_does_not_start_where_the_end_effector_is_not",
+        "core/jumps::no_stamp_makes_a_jump_plausible",
+        "core/jumps::no_stall_of_the_link_makes_a_healthy_arm_incredible",
     ),
     "measured jump, NaN, wrong length": (
         "surprises::samples_that_cannot_be_right_make_the_part_dead_in_every_state",

@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from gateway.core.jumps import JOINTS, JUMP_MPS, JUMP_RADPS, POSES, JumpGuard, Posture
 from gateway.settings import EnableSettings
@@ -63,12 +65,75 @@ def test_a_step_may_be_as_long_as_an_arm_needs_for_it(gap_ms: int):
     assert f"at most {bound_rad:.3f} rad is plausible (10 rad/s and 0.1 rad of noise)" in why
 
 
-def test_the_robots_stamps_tell_how_much_time_a_burst_is_about():
-    """Samples that waited arrive together; they are as far apart as their stamps."""
+@pytest.mark.parametrize("ahead_ns", [100 * MS, 10 * S, 3600 * S])
+def test_no_stamp_makes_a_jump_plausible(ahead_ns: int):
+    """A robot's clock that steps ahead, or somebody on its network, says that there was time; our clock knows."""
     feed = Feed()
-    feed.give(ZERO, stamp_ns=0)
-    assert feed.give(joint(1, 1.0), 1 * MS, stamp_ns=100 * MS) == ""
-    assert feed.give(joint(1, 0.0), 1 * MS, stamp_ns=101 * MS) != ""
+    feed.give(ZERO)
+    assert feed.give(joint(1, 0.6), stamp_ns=feed.now_ns + 10 * MS + ahead_ns).startswith("joint 1 is 0.600 rad away")
+    assert feed.give(joint(1, 0.1)) == ""
+
+
+def test_a_stamp_may_say_that_there_was_less_time():
+    """The second sample of a stall is as old as it says, though nothing came before it for long."""
+    feed = Feed()
+    feed.give(ZERO)
+    old_ns = feed.now_ns
+    assert feed.give(joint(1, 0.5), S, stamp_ns=old_ns + 10 * MS) != ""
+    assert feed.give(joint(1, 0.19), 0, stamp_ns=old_ns + 10 * MS) == ""
+
+
+def test_a_gap_of_arrivals_gives_its_time_to_what_was_queued_in_it():
+    """Once: what comes after it has the time since the gap, and that of its own stamp."""
+    feed = Feed()
+    feed.give(ZERO)
+    old_ns = feed.now_ns
+    assert feed.give(ZERO, 500 * MS, stamp_ns=old_ns + 10 * MS) == ""
+    assert feed.give(joint(1, 3.0), 1 * MS, stamp_ns=old_ns + 310 * MS) == ""
+    assert feed.give(joint(1, 0.6), 1 * MS, stamp_ns=old_ns + 610 * MS) != "", (
+        "0.19 s are left, and were asked for 2.4 rad"
+    )
+
+
+def test_a_clock_that_runs_slow_saves_no_time_up():
+    """Nor one that is set back again and again: spare time is at most the longest gap of arrivals."""
+    feed = Feed()
+    stamp_ns = 0
+    for n in range(3000):
+        stamp_ns += 1 if n % 7 else -S
+        assert feed.give(ZERO, stamp_ns=stamp_ns) == ""
+    assert feed.give(joint(1, 0.35), stamp_ns=stamp_ns + 10 * S) != ""
+
+
+@given(
+    data=st.data(),
+    period_ms=st.sampled_from([4, 10, 20]),
+    stalls_ms=st.lists(st.sampled_from([0, 0, 0, 3, 15, 80, 200, 500, 800]), max_size=40),
+    newest_only=st.booleans(),
+)
+def test_no_stall_of_the_link_makes_a_healthy_arm_incredible(data, period_ms, stalls_ms, newest_only):
+    """An arm at 3 rad/s, whose samples wait in stalls and come in bursts, all of them or the newest of each look."""
+    feed, made_ns, turned_at_ns, q, sign = Feed(), 0, 0, 0.0, 1.0
+    queue: list[tuple[int, float]] = []
+    start_ns = feed.now_ns
+    feed.give(ZERO, 0, stamp_ns=5 * S)
+    for stall_ms in [*stalls_ms, 0, 0]:
+        due_ns = feed.now_ns - start_ns + max(stall_ms, period_ms) * MS
+        while made_ns + period_ms * MS <= due_ns:
+            made_ns += period_ms * MS
+            if made_ns - turned_at_ns > 400 * MS and data.draw(st.booleans()):
+                sign, turned_at_ns = -sign, made_ns
+            q += sign * 3.0 * period_ms / 1000
+            queue.append((made_ns, q))
+        after_ns = due_ns - (feed.now_ns - start_ns)
+        looks = data.draw(st.integers(1, 3))
+        while queue:
+            count = len(queue) if looks == 1 else max(1, len(queue) // looks)
+            part, queue = queue[:count], queue[count:]
+            for stamp_ns, value in part[-1:] if newest_only else part:
+                assert feed.give(joint(1, value), after_ns, stamp_ns=5 * S + stamp_ns) == ""
+                after_ns = 0
+            looks = max(1, looks - 1)
 
 
 def test_waiting_makes_no_jump_plausible_but_lasting_does():
