@@ -224,6 +224,7 @@ class Stopped:
         self._reply: protocol.Reply | None = None
         self._under_way = False
         self._repeat_ns = 0
+        self._may_have_run = session.is_connected
         self._begun_ns = session.transport.now_ns()
         self.deadline_ns = self._begun_ns + timeout_ns
         self._send(self._begun_ns)
@@ -246,7 +247,8 @@ class Stopped:
 
         Raises:
             GatewayError: The daemon is of the first release, and refused.
-            Disconnected: Nobody is there.
+            OutcomeUnknown: The daemon went away before it answered.
+            Disconnected: Nobody is there, or was.
         """
         if self._reply is not None:
             if self._reply.refusal is not None:
@@ -254,7 +256,10 @@ class Stopped:
             return self._reply
         if not self._under_way:
             if now_ns - self._begun_ns > ALONE_NS:
-                self._session.require_daemon()
+                try:
+                    self._session.require_daemon()
+                except GatewayError as error:
+                    raise self._unknown(error.refusal.message) if self._may_have_run else error from None
             if now_ns >= self._repeat_ns:
                 self._ways.reverse()  # the other way, where this one led to nobody
                 self._send(now_ns)
@@ -262,9 +267,11 @@ class Stopped:
 
     def expire(self) -> GatewayError:
         """Say that nobody knows whether it stopped."""
-        return to_exception(
-            Refusal(code=Code.OUTCOME_UNKNOWN, message=f"no answer to the stop of {self._session.name!r} came in time")
-        )
+        return self._unknown("no answer came in time")
+
+    def _unknown(self, why: str) -> GatewayError:
+        text = f"the stop of {self._session.name!r} was sent and may or may not have run: {why}"
+        return to_exception(Refusal(code=Code.OUTCOME_UNKNOWN, message=text))
 
 
 class Seen(Generic[T]):
