@@ -394,9 +394,5 @@ class Conductor:
 
     def remembered(self) -> Remembered:
         """Return what must survive a restart of the daemon."""
-        return Remembered(
-            epoch=self.lease.epoch,
-            latches=dict(self.supervisor.latches),
-            zids=self.others.friends,
-            routers=self.routers,
-        )
+        latches = dict(self.supervisor.latches)
+        return Remembered(epoch=self.lease.epoch, latches=latches, zids=self.others.friends, routers=self.routers)
