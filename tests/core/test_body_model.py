@@ -168,3 +168,15 @@ def test_the_margin_that_is_kept_is_that_of_the_settings():
     model = BodyModel(nominal(), settings)
     assert model.collision is not None and model.collision.margin_m == 0.05 and model.approach is not None
     assert BodyModel(nominal(), Settings()).approach is None
+
+
+def test_joints_are_contradicted_by_a_pose_that_is_elsewhere():
+    """Once the model has agreed with the robot; by more than what a slow arm and the tolerance explain."""
+    model, there = BodyModel(nominal(), Settings()), Robot()
+    first, second, *others = Q_RAD[LEFT]
+    off = (first, second + 0.15, *others)
+    pose = ARMS[LEFT].forward(Q_RAD[LEFT])
+    assert not model.contradicts(LEFT, off, pose, there.now_ns), "nothing is known yet"
+    there.hear(model, 1.5)
+    assert model.contradicts(LEFT, off, pose, there.now_ns)
+    assert not model.contradicts(LEFT, (first, second + 0.02, *others), pose, there.now_ns)

@@ -579,3 +579,29 @@ def test_an_arm_that_leaves_pose_mode_is_seen():
     scene.say_mode()
     assert scene.seen == [Trigger.ARM_DISABLED]
     assert "right arm left pose mode" in scene.why(Trigger.ARM_DISABLED)
+
+
+# ------------------------------------------------------------------------------------------- whether anybody follows
+
+
+@pytest.mark.parametrize("value", [None, *FsmState])
+def test_only_a_robot_that_says_pause_follows_nobody(value):
+    """Not hearing of it says nothing: it may be following."""
+    scene = Scene(State.PAUSED)
+    scene.fsm = None if value is None else int(value)
+    scene.run(51)
+    assert scene.conditions.is_unfollowed(scene.now_ns) is (value is FsmState.PAUSE)
+    scene.silence(11)
+    assert not scene.conditions.is_unfollowed(scene.now_ns)
+
+
+def test_while_a_first_heartbeat_is_under_way_nothing_is_known():
+    """The robot may have started before it says so; when it has not after three of its samples, it has not heard us."""
+    scene = Scene(State.ENABLING)
+    scene.says_fsm(int(FsmState.PAUSE))
+    assert scene.conditions.is_unfollowed(scene.now_ns)
+    scene.beat()
+    scene.run(15)
+    assert not scene.conditions.is_unfollowed(scene.now_ns)
+    scene.run(1)
+    assert scene.conditions.is_unfollowed(scene.now_ns)

@@ -709,3 +709,28 @@ def test_poses_decide_once_an_enabled_arm_is_said_to_be_in_end_effector_mode():
     assert not Scene(State.IDLE).conductor.is_posing
     assert Scene(State.IDLE, poses=(R,)).conductor.is_posing
     assert not Conductor(Settings(), Remembered()).is_posing
+
+
+class Doubting(BodyModel):
+    """A model that says what it is told to say."""
+
+    is_against = True
+
+    def contradicts(self, *_: object) -> bool:
+        """Whatever is asked."""
+        return self.is_against
+
+
+def test_an_arm_is_seeded_where_samples_pose_and_model_agree():
+    """A pose that is not heard, or no model, is no objection; a contradiction is, and so are samples that differ."""
+    scene = Scene(poses=(L,))
+    scene.conductor.model = model = Doubting(nominal(), Settings())
+    scene.conductor.choose_spaces((L, R), scene.now_ns)
+    assert not scene.conductor.seedable(L, scene.now_ns) and not scene.conductor.agreed(L, scene.now_ns)
+    assert scene.conductor.seedable(R, scene.now_ns), "its pose is not heard"
+    model.is_against = False
+    assert scene.conductor.seedable(L, scene.now_ns) and scene.conductor.agreed(L, scene.now_ns)
+    scene.push(R, 0.1)
+    assert not scene.conductor.agreed(R, scene.now_ns)
+    scene.deafen(L)
+    assert not scene.conductor.agreed(L, scene.now_ns)

@@ -383,3 +383,29 @@ def test_a_claim_that_was_never_shown_is_what_was_missing():
     scene.begin()
     scene.live(TIMEOUT_TICKS + 1)
     assert scene.verdict == ("failed", Code.ENABLE_TIMEOUT) and "shown our claim" in scene.conductor.enable.message
+
+
+def test_from_paused_no_heartbeat_leaves_before_the_samples_agree():
+    """The echo goes on at once; the first 1.0 waits for an arm that is still being led, and it is told for what."""
+    scene = Scene(State.PAUSED)
+    scene.fsm = PAUSE
+    scene.begin()
+    for _ in range(TIMEOUT_TICKS + 1):
+        scene.q_rad[R] = (scene.q_rad[R][0] + (0.03 if scene.now_ns // TICK_NS % 2 else -0.03), *scene.q_rad[R][1:])
+        scene.live(1)
+    assert scene.conductor.body.heartbeat.beat is not Beat.ONE
+    assert scene.verdict == ("failed", Code.ENABLE_TIMEOUT)
+    assert "samples of the right arm do not agree" in scene.conductor.enable.message
+
+
+def test_a_changed_echo_leaves_before_the_first_heartbeat():
+    """30 ms later, as after the first one."""
+    scene = Scene()
+    scene.begin()
+    scene.enabling.echo_changed(scene.now_ns)  # nothing is echoed yet
+    scene.live(3)
+    assert scene.sent_at_ns(robot.joint_command(L))
+    scene.enabling.echo_changed(scene.now_ns)
+    changed_ns = scene.now_ns
+    scene.live(10)
+    assert scene.sent_at_ns(robot.FSM_ENABLE)[0] - changed_ns == 30 * MS

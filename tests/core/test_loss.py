@@ -8,7 +8,7 @@ from gateway.core.events import Level, OnLoss
 from gateway.core.loss import STAGE_NAMES, Loss
 from gateway.core.supervisor import State
 from gateway.errors import Code
-from tests.core.stage import S, Stage
+from tests.core.stage import MS, S, Stage
 
 
 def stages(stage: Stage) -> list[str]:
@@ -90,3 +90,15 @@ def test_a_pause_of_this_process_is_no_silence_of_the_owner():
     stage.now_ns += S
     loss.look(stage.now_ns, S)
     assert stages(stage) == []
+
+
+def test_an_owner_that_only_a_pause_explains_moves_nothing():
+    """It is not lost; what moves brakes, and is held, until it is heard."""
+    stage = Stage(State.ACTIVE)
+    loss = Loss(stage.conductor)
+    stage.now_ns += 400 * MS
+    stage.hear()
+    loss.look(stage.now_ns, 300 * MS)
+    assert stages(stage) == [] and stage.state is State.HOLDING
+    told = [notice.message for notice in stage.conductor.notices if notice.code is Code.STATE_CHANGED]
+    assert "430 ms ago" in told[0]

@@ -206,3 +206,18 @@ def test_an_estop_while_the_end_settles_puts_it_off() -> None:
     assert not stage.phases.is_done(stage.now_ns)
     stage.fsm = PAUSE
     assert ticks_until_done(stage) * TICK_NS >= 1000 * MS
+
+
+def test_the_reference_of_a_paused_robot_goes_where_its_arm_goes() -> None:
+    """In every state with setpoints, on every tick."""
+    for state in (State.PAUSED, State.ENABLING):
+        stage = Stage(state)
+        stage.fsm = PAUSE
+        go_on(stage, 1)
+        stage.push(L, 0.05)
+        go_on(stage, 1)
+        assert stage.conductor.body.arms[L].values == stage.q_rad[L]
+    stage = Stage(State.PAUSED)
+    stage.push(L, 0.05)
+    go_on(stage, 1)
+    assert stage.conductor.body.arms[L].values != stage.q_rad[L], "this one says READY"

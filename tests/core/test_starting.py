@@ -120,6 +120,9 @@ def test_an_arm_that_is_enabled_again_joins_the_held_one():
     scene = Scene(sides=(L,))
     scene.push(L, -0.1)
     scene.push(R, 0.2)
+    moving = scene.starting.join(scene.now_ns)
+    assert moving is not None and moving.code is Code.PART_STALE, "its samples do not agree yet"
+    scene.run(5)
     assert scene.starting.join(scene.now_ns) is None
     assert scene.running == {L, R} and set(scene.conductor.enable.sides) == {L, R}
     assert (scene.reference(L), scene.reference(R)) == (MIDDLE[L], scene.q_rad[R])
@@ -162,6 +165,7 @@ def test_an_arm_outside_its_limits_does_not_join():
     """The held one is held on, alone."""
     scene = Scene(sides=(L,))
     scene.push(R, TOP_RAD + 0.1)
+    scene.run(5)
     refusal = scene.starting.join(scene.now_ns)
     assert refusal is not None and refusal.code is Code.START_OUTSIDE_LIMITS
     assert scene.running == {L} and scene.conductor.enable.sides == (L,)
@@ -353,3 +357,42 @@ def test_an_arm_that_comes_back_in_the_other_mode_joins_in_that_mode():
     scene.run(1)
     assert scene.starting.join(scene.now_ns) is None
     assert scene.conductor.body.arms[R].values == PLACE[R] and scene.running == {L, R}
+
+
+# ------------------------------------------------------------------------------------------------ stay
+
+
+@pytest.mark.parametrize(("by_rad", "is_changed"), [(0.0, False), (0.009, False), (0.011, True), (-0.3, True)])
+def test_a_reference_that_nobody_follows_stays_within_a_hundredth_of_its_arm(by_rad, is_changed):
+    """The frames go on in their time, at rest; the one that changes it is a start."""
+    scene = Scene(State.PAUSED)
+    scene.push(R, by_rad)
+    assert scene.starting.stay(scene.now_ns) is is_changed
+    first, second = scene.arm_frames(R, 2)
+    assert first.values == second.values == (scene.q_rad[R] if is_changed else MIDDLE[R])
+    assert (first.kind, second.kind) == (FrameKind.ECHO if is_changed else FrameKind.HOLD, FrameKind.HOLD)
+    assert scene.starting.stay(scene.now_ns) is False
+
+
+def test_a_reference_that_nobody_follows_does_not_brake_on():
+    """However near its arm it still is."""
+    scene = Scene(State.PAUSED)
+    arm = scene.conductor.body.arms[L]
+    arm.follow_target(tuple(q + 0.5 for q in MIDDLE[L]), 1.0, scene.epoch)
+    scene.run(8)
+    arm.brake()
+    assert not arm.is_at_rest and scene.starting.stay(scene.now_ns)
+    assert arm.is_at_rest and scene.reference(L) == scene.q_rad[L]
+
+
+def test_an_arm_that_is_silent_dead_or_out_of_its_limits_is_not_followed():
+    """What is sent for it, if anything, stays as it was."""
+    scene = Scene(State.PAUSED, sides=(L,))
+    scene.push(R, 0.2)
+    assert not scene.starting.stay(scene.now_ns)
+    scene.push(L, TOP_RAD + 0.2)
+    assert not scene.starting.stay(scene.now_ns) and scene.reference(L) == MIDDLE[L]
+    scene.push(L, -0.3)
+    scene.dumb = {L}
+    scene.run(11)
+    assert not scene.starting.stay(scene.now_ns) and scene.reference(L) == MIDDLE[L]

@@ -533,3 +533,27 @@ def test_an_arm_whose_pose_is_needed_is_seedable_only_with_a_pose_of_the_same_ti
     hear(now_ns + step_ns, with_pose=True)
     assert store.seedable(Side.LEFT, now_ns + step_ns, needs_pose=True)
     assert not store.seedable(Side.LEFT, now_ns + step_ns + 101_000_000, needs_pose=True)
+
+
+def test_one_sample_is_not_where_an_arm_is(feed):
+    """A stream starts from samples that agree: one that is off stops it until it is 50 ms old, and few are too few."""
+    feed.run(1 * S)
+    assert feed.seedable() and feed.store.agreed(Side.LEFT) and not feed.store.agreed(Side.RIGHT)
+    feed.q = 0.03
+    feed.run(10 * MS)
+    assert feed.store.part_fresh(Side.LEFT, feed.now_ns, False)
+    assert not feed.seedable() and not feed.store.agreed(Side.LEFT)
+    feed.q = 0.0
+    feed.run(50 * MS)
+    assert not feed.seedable()
+    feed.run(10 * MS)
+    assert feed.seedable() and feed.store.agreed(Side.LEFT)
+
+
+def test_a_slow_arm_agrees_with_itself_and_a_fast_one_does_not(feed):
+    """0.3 rad/s and 0.6 rad/s."""
+    for speed_radps, agrees in ((0.3, True), (0.6, False)):
+        for _ in range(60):
+            feed.q += speed_radps * 0.01
+            feed.run(10 * MS)
+        assert feed.store.agreed(Side.LEFT) is agrees is feed.seedable()

@@ -331,3 +331,20 @@ def test_a_stream_shows_what_its_reference_does():
     assert (arm.values, arm.rates, arm.forces) == (reference.q_rad, reference.dq_radps, reference.ddq_radps2)
     assert any(arm.rates) and any(arm.forces)
     assert arm.period_s == 0.01 and 0.0 < arm.progress < 1.0 and not arm.is_limited
+
+
+def test_a_stream_stays_with_an_arm_that_nobody_drives():
+    """In its time, at rest, and as a start: the gate is told by the log, which goes on."""
+    course = Course()
+    course.begin()
+    assert not course.arm.is_repeating
+    for _ in course.run(20):
+        course.arm.log.note(course.now_ns)
+    course.arm.stay_with(course.moved(0.02))
+    assert course.arm.log.is_anew and course.arm.log.last_ns is not None
+    assert course.arm.is_repeating and course.arm.is_at_rest and not course.arm.is_walking
+    first, second = course.run(2)
+    assert (first.kind, first.values, first.epoch, first.due_ns) == (ECHO, course.moved(0.02), 0, T0 + 230 * MS)
+    assert (second.kind, second.values, second.due_ns) == (HOLD, course.moved(0.02), T0 + 240 * MS)
+    course.arm.log.note(course.now_ns)
+    assert not course.arm.log.is_anew

@@ -93,3 +93,12 @@ def test_the_worst_gap_is_known_with_its_end_until_it_is_old() -> None:
     assert log.worst_gap(200_000_000) == (90_000_000, 80_000_000)
     assert log.worst_gap(10_095_000_000) == (100_000_000, 10_000_000)
     assert log.worst_gap(11_000_000_000) is None
+
+
+def test_a_start_in_its_time_is_told_until_it_has_left() -> None:
+    """It is no silence: rate and gaps go on."""
+    log = logged([5 * S, 5 * S + 10 * MS])
+    log.begin_anew()
+    assert log.is_anew and log.view(5 * S + 10 * MS).rate_hz == 100.0
+    log.note(5 * S + 20 * MS)
+    assert not log.is_anew and log.view(5 * S + 20 * MS).rate_hz == 100.0
