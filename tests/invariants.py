@@ -70,6 +70,8 @@ class Monitor:
         self.ground = GroundMonitor(pair)
         self.paused_ns = -S
         """When the FSM was last heard to be PAUSE [ns]."""
+        self.told_pause = False
+        """Whether somebody told the engine last that the FSM is PAUSE, and not the robot, whom `Pair.heard` has."""
         self.foreign_until_ns = 0
         """Somebody else's arm or FSM commands came less than 2 s before this [ns]."""
         self.is_beside_gateway = False
@@ -187,7 +189,8 @@ class Monitor:
         is_start = frame.kind is FrameKind.ECHO and (not arm.history or arm.history[-1] != frame.values)
         if is_start:
             was_silent = now_ns - arm.last_ns > 20 * MS
-            is_paused = self.state == "PAUSED" and now_ns - self.paused_ns <= 20 * MS  # one frame later, at most
+            is_heard = now_ns - self.paused_ns <= 20 * MS  # one frame later, at most
+            is_paused = self.state == "PAUSED" and (is_heard or self.told_pause)
             assert was_silent or is_paused or self.state == "ENABLING", "a live stream was seeded anew (1)"
             steady_ns = now_ns - self.pair.steady_since_ns[robot.arm_state(side)]
             assert is_paused or self.came_from == "PAUSED" or steady_ns >= 290 * MS, (

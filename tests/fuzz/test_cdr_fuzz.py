@@ -26,7 +26,7 @@ from gateway.errors import Code
 from gateway.link.codec import MAX_MODE_CHARACTERS, BadSample, decode_sample, stamp_of
 from gateway.link.mailbox import Mailbox
 from gateway.settings import LocalSettings, Settings
-from gateway.values import ArmState, EePose, MotorState, Side
+from gateway.values import ArmState, EePose, FsmState, MotorState, Side
 from tests.cdr_types.oracle import ros_encode
 from tests.fuzz.hostile import FLOATS, ODD, TEXTS, WORDS, mutated, scratched
 from tests.fuzz.nurse import Nurse
@@ -218,6 +218,8 @@ class Wire:
             self.outcomes["decoded"] += 1
             _assert_sound(value)
             event = SampleArrived(topic=topic, value=value, received_ns=now_ns, stamp_ns=stamp_of(value))
+            if topic == robot.FSM_STATE:
+                self.monitor.told_pause = value == FsmState.PAUSE
         # Not by `pair.receive`: what the monitor takes for the truth is what the robot itself has said.
         self.pair.engine.receive(event, now_ns)
 
