@@ -288,13 +288,15 @@ CODES: dict[Code, CodeInfo] = {
         retryable=True,
     ),
     Code.ENDPOINT_MISSING: CodeInfo(
-        error=NotReady, hint="let somebody watch the robot with a stop endpoint: `ta2 stop-endpoint`", retryable=True
+        error=NotReady,
+        hint="start a stop endpoint where somebody watches the robot: `ta2 stop-endpoint`",
+        retryable=True,
     ),
     Code.ENDPOINT_UNKNOWN: CodeInfo(
-        error=NotReady, hint="register with stop_endpoint() again: it has left, was dismissed, or ended with its daemon"
+        error=NotReady, hint="call stop_endpoint() again: it has left, was dismissed, or ended with its daemon"
     ),
     Code.TOO_MANY_ENDPOINTS: CodeInfo(
-        error=NotReady, hint="let one of them leave; silent ones go with recover(reason='...')", retryable=True
+        error=NotReady, hint="end one of them first; silent ones go with recover(reason='...')", retryable=True
     ),
     Code.EXITING: CodeInfo(error=NotReady, hint="start the daemon again: it is going down"),
     Code.STREAM_ENDED: CodeInfo(error=Aborted, hint="open a new stream; it starts where the arm is held"),

@@ -13,8 +13,8 @@ __all__ = ["StopEndpoint"]
 class StopEndpoint(Attendance):
     """A stop endpoint: while it is registered and not heard, nothing moves. Made by `Robot.stop_endpoint`.
 
-    An `async with` block that ends normally leaves in order. One that is left by an exception, cancellation included, does not: the robot is
-    held as soon as its period is over, or this client closes.
+    An `async with` block that ends normally leaves in order. One that is left by an exception, cancellation included, does
+    not: the robot is held as soon as its period is over, or this client closes.
     """
 
     async def register(self) -> StopEndpoint:
