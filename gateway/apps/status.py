@@ -134,7 +134,8 @@ def _owner(view: protocol.Snapshot, lease: protocol.LeaseView) -> str:
 
 def _endpoint(endpoint: protocol.EndpointView) -> tuple[str, str]:
     """Return who must be heard, and in which style to say it."""
-    text = f"{endpoint.name}, heard {age_text(endpoint.age_ns)} ago, {endpoint.on_silence} after {age_text(endpoint.timeout_ns)}"
+    does = f"{endpoint.on_silence} after {endpoint.timeout_ns / 1e9:g} s"
+    text = f"{endpoint.name}, heard {age_text(endpoint.age_ns)} ago, {does}"
     return (f"{text}: SILENT, nothing moves", "red") if endpoint.is_silent else (text, "")
 
 

@@ -23,7 +23,6 @@ def add_stops(commands: Any, add: AddCommand) -> None:  # noqa: ANN401  argparse
         "stop-endpoint",
         "watch over the robot from this terminal: without it, nothing moves",
         "Enter or space stops the robot, q leaves in order. Whatever else ends or stops this command holds the robot.",
-        shows_json=False,
     )
     watch.add_argument(
         "--within",

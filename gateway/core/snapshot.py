@@ -111,16 +111,7 @@ class ModeView(Struct, frozen=True, kw_only=True):
 
 
 class EndpointView(Struct, frozen=True, kw_only=True):
-    """A stop endpoint.
-
-    Attributes:
-        endpoint_id: As its client was told.
-        name: As its client calls itself.
-        timeout_ns: It is silent when it was not heard for longer [ns].
-        on_silence: `hold` or `pause`.
-        age_ns: Since it was last heard [ns].
-        is_silent: Whether it is: nothing may move then.
-    """
+    """A stop endpoint: its period, what its silence does (`hold`, `pause`), and how long ago it was heard [ns]."""
 
     endpoint_id: int
     name: str
