@@ -81,11 +81,6 @@ class Endpoints:
         """Names of those that are silent."""
         return [endpoint.name for endpoint in self._endpoints.values() if endpoint.is_silent]
 
-    @property
-    def any(self) -> bool:
-        """Whether there are any."""
-        return bool(self._endpoints)
-
     def register(
         self, client_id: str, name: str, timeout_ns: int, on_silence: OnLoss, now_ns: int
     ) -> Endpoint | Refusal:

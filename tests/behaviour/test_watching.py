@@ -52,6 +52,7 @@ def watched(state: str = "ACTIVE", **options: object) -> tuple[Scene, int]:
 def test_silence_ends_anybodys_motion_within_the_period() -> None:
     """Ann moves, bob watches: his check-ins let her move on, her arms brake a tick after his period is over."""
     pair, _ = watched()
+    pair.granted(Move(epoch=pair.epoch, targets_rad=HOME, speed=0.1), "ann")
     for _ in range(5):
         hear(pair)
         pair.run(0.25)

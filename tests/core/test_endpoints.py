@@ -87,7 +87,7 @@ def test_leaving_is_ones_own_and_dismissing_is_for_the_silent(endpoints):
     assert endpoints.dismiss() == ["page"] and [view.name for view in endpoints.views(11 * S)] == ["pad"]
     assert code(endpoints.leave("ann")) is Code.ENDPOINT_UNKNOWN
     left = endpoints.leave("bob")
-    assert isinstance(left, Endpoint) and left.name == "pad" and not endpoints.any
+    assert isinstance(left, Endpoint) and left.name == "pad" and endpoints.views(0) == ()
 
 
 def test_where_one_is_demanded_none_is_refused():
@@ -101,7 +101,7 @@ def test_the_next_daemon_finds_a_latch_while_one_is_registered(endpoints):
     """Beside the others; without endpoints, only the others."""
     latches = {Code.ESTOP: "by bob"}
     assert Endpoints().beside(latches) == latches
-    assert endpoints.any and endpoints.beside(latches) == {
+    assert endpoints.beside(latches) == {
         Code.ENDPOINT_SILENT: "stop endpoints of an earlier daemon: page",
         Code.ESTOP: "by bob",
     }
