@@ -282,7 +282,9 @@ CODES: dict[Code, CodeInfo] = {
         error=NotReady,
         hint="set the arm to joint mode in the robot's web page, or `self_collision = false` in section [model]",
     ),
-    Code.ENDPOINT_SILENT: CodeInfo(error=NotReady, hint="see after the watcher; when it is gone, recover(reason='...')"),
+    Code.ENDPOINT_SILENT: CodeInfo(
+        error=NotReady, hint="see after the watcher; when it is gone, recover(reason='...')"
+    ),
     Code.ENDPOINT_MISSING: CodeInfo(error=NotReady, hint="start `ta2 stop-endpoint` where somebody sees the robot"),
     Code.ENDPOINT_UNKNOWN: CodeInfo(error=NotReady, hint="call stop_endpoint() again"),
     Code.TOO_MANY_ENDPOINTS: CodeInfo(error=NotReady, hint="stop one of them; silent ones: recover(reason='...')"),

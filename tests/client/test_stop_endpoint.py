@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import asyncio
-
 import numpy as np
 import pytest
 
 from gateway.api import protocol
 from gateway.client import aio, connect
-from gateway.errors import Code, Disconnected, NotReady, Rejected
+from gateway.errors import Aborted, Code, Disconnected, NotReady, Rejected
+from tests.client.playing import play
 from tests.client.robot_world import RobotWorld
 
 
@@ -51,7 +50,7 @@ def test_no_thread_of_ours_checks_in(world, robot):
         own.enable()
         endpoint = robot.stop_endpoint(0.3).register()
         motion = own.left_arm.move_by(np.full(7, 0.2), speed=0.05)
-        with pytest.raises(NotReady) as caught:
+        with pytest.raises(Aborted) as caught:
             motion.result(timeout=5.0)
         assert caught.value.code is Code.ENDPOINT_SILENT
         with pytest.raises(NotReady, match="was not heard"):
@@ -135,4 +134,4 @@ def test_the_same_is_true_for_asyncio(world):
             await robot.recover()
             assert endpoint.is_registered
 
-    asyncio.run(asyncio.wait_for(live(), 10))
+    play(world, live)

@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 
 from gateway.client import Control, MotionHandle, Robot
-from gateway.errors import Code, NotReady
+from gateway.errors import Aborted, Code, NotReady
 from tests.e2e.system import ROOT, System, wait_for
 
 pytestmark = [pytest.mark.e2e, pytest.mark.body_free("who watches is the matter")]
@@ -37,6 +37,7 @@ BOUND_NS = 1_000_000_000
 def system(systems, tmp_path: Path) -> System:
     """A robot and its gateway."""
     made: System = systems(tmp_path, has_guard=False)
+    made.connect("first").close()  # it answers
     return made
 
 
@@ -66,7 +67,7 @@ def test_an_endpoint_that_dies_or_stops_holds_somebody_elses_motion(system: Syst
     with moving(system) as (robot, own, motion):
         before_ns = robot.fresh_state().view.at_ns
         watcher.send(number)  # type: ignore[attr-defined]  # a Process
-        with pytest.raises(NotReady) as caught:
+        with pytest.raises(Aborted) as caught:
             motion.result(timeout=10.0)
         assert caught.value.code is Code.ENDPOINT_SILENT
         view = wait_for(lambda: robot.state.view if robot.state.state == "HOLDING" else None, "the hold")
