@@ -116,7 +116,17 @@ def test_every_event_says_when_it_happened(event):
 def test_only_what_moves_nothing_and_stops_need_no_epoch(request_):
     """Everything else is the owner's (DESIGN §5); stop, estop, recover and a mere check are anybody's."""
     assert isinstance(
-        request_, (events.Acquire, events.Take, events.Stop, events.Estop, events.Recover, events.CheckFollow)
+        request_,
+        (
+            events.Acquire,
+            events.Take,
+            events.Stop,
+            events.Estop,
+            events.Recover,
+            events.CheckFollow,
+            events.RegisterEndpoint,
+            events.LeaveEndpoint,
+        ),
     )
 
 
