@@ -230,7 +230,13 @@ def _stop(options: Namespace) -> int:
 def _recover(options: Namespace) -> int:
     from gateway.apps.stopping import recover
 
-    return recover(options.target, options.timeout_s, as_json=options.json)
+    return recover(options.target, options.timeout_s, " ".join(options.reason), as_json=options.json)
+
+
+def _stop_endpoint(options: Namespace) -> int:
+    from gateway.apps.stop_endpoint import watch_over
+
+    return watch_over(options.target, options.timeout_s, options.within, pauses=options.pause)
 
 
 def _enable(options: Namespace) -> int:
@@ -370,6 +376,7 @@ COMMANDS: Mapping[str, Callable[[Namespace], int]] = {
     "example": _example,
     "stop": _stop,
     "estop": _stop,
+    "stop-endpoint": _stop_endpoint,
     "recover": _recover,
 }
 """Who carries out which command."""

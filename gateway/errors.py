@@ -282,6 +282,12 @@ CODES: dict[Code, CodeInfo] = {
         error=NotReady,
         hint="set the arm to joint mode in the robot's web page, or `self_collision = false` in section [model]",
     ),
+    Code.ENDPOINT_SILENT: CodeInfo(
+        error=NotReady, hint="see after the watcher; when it is gone, recover(reason='...')"
+    ),
+    Code.ENDPOINT_MISSING: CodeInfo(error=NotReady, hint="start `ta2 stop-endpoint` where somebody sees the robot"),
+    Code.ENDPOINT_UNKNOWN: CodeInfo(error=NotReady, hint="call stop_endpoint() again"),
+    Code.TOO_MANY_ENDPOINTS: CodeInfo(error=NotReady, hint="stop one of them; silent ones: recover(reason='...')"),
     Code.EXITING: CodeInfo(error=NotReady, hint="start the daemon again: it is going down"),
     Code.STREAM_ENDED: CodeInfo(error=Aborted, hint="open a new stream; it starts where the arm is held"),
     Code.CANCELLED: CodeInfo(error=Cancelled, hint="command a new motion: the arm holds where it braked"),

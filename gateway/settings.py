@@ -162,6 +162,7 @@ class LocalSettings:
         tls_private_key: PEM file (PKCS8).
         tls_root_ca: PEM file; when given, clients must show a certificate of it.
         snapshot_hz: Rate of published snapshots [Hz].
+        demand_stop_endpoint: Whether nothing may move while no stop endpoint is registered.
     """
 
     socket: str = ""
@@ -173,6 +174,7 @@ class LocalSettings:
     tls_private_key: str = ""
     tls_root_ca: str = ""
     snapshot_hz: float = 50.0
+    demand_stop_endpoint: bool = False
 
     def __post_init__(self) -> None:
         """Refuse rates and modes that make no sense. Listener rules are checked when the listener opens."""

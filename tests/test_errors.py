@@ -27,6 +27,7 @@ NOTICES_ONLY = {
     Code.LINK_DOWN,
     Code.ROBOT_RESTARTED,
     Code.LOSS_STAGE,
+    Code.ENDPOINT_CHANGED,
     Code.MOTION_ENDED,
     Code.WALK,
     Code.CONNECTED,

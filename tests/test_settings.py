@@ -117,6 +117,7 @@ UNBOUNDED = {
     "self_collision",
     "singularity_slowdown",
     "tcp_open_to_every_user_of_this_host",
+    "demand_stop_endpoint",
 }
 """Fields with rules of their own (below), or without a number."""
 

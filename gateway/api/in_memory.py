@@ -108,6 +108,8 @@ class MemoryPlane:
             self._stops.arrive(key, payload, self.now_ns())
         elif key.startswith(f"{protocol.ROOT}/keepalive/"):
             self._inbox.put_keepalive(key, self.now_ns())
+        elif key.startswith(f"{protocol.ROOT}/check_in/"):
+            self._inbox.put_check_in(key, self.now_ns())
         else:
             self._inbox.put_target(key, payload, protocol.MSGPACK, self.now_ns())
 

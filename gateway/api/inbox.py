@@ -81,6 +81,7 @@ class Inbox:
         self._waiting = 0
         self._targets: dict[str, tuple[bytes, str, int]] = {}
         self._seen: dict[str, int] = {}
+        self._checked_in: dict[str, int] = {}
         self._gone: dict[str, int] = {}
         self._next_log_ns = 0
 
@@ -125,6 +126,18 @@ class Inbox:
                 self._seen[client_id] = received_ns
                 return
         self._complain("overflow", f"{MAX_CLIENTS} clients send keepalives", received_ns)
+
+    def put_check_in(self, key: str, received_ns: int) -> None:
+        """Take a check-in of a stop endpoint, on its key; kept apart from keepalives, which a client sends by itself."""
+        client_id, _, secret = protocol.put_by(key)
+        if not self.identities.is_proven(client_id, secret):
+            self._complain("malformed", "a check-in of nobody that is known", received_ns)
+            return
+        with self._lock:
+            if client_id in self._checked_in or len(self._checked_in) < MAX_CLIENTS:
+                self._checked_in[client_id] = received_ns
+                return
+        self._complain("overflow", f"{MAX_CLIENTS} clients check in", received_ns)
 
     def put_gone(self, client_id: str, at_ns: int) -> None:
         """Take the end of a client's liveliness token."""
@@ -241,17 +254,20 @@ class Inbox:
         """Return what arrived since the last call: stops, then signs of life, targets, other requests, departures."""
         if self._arrived.is_set():
             self._arrived.clear()  # first: what comes from here on ends the next wait
-        if not (self._seen or self._commands or self._targets or self._estops or self._stops or self._gone):
+        signs = self._seen or self._checked_in or self._gone
+        if not (signs or self._commands or self._targets or self._estops or self._stops):
             return []  # what comes in this very moment is found by the next poll
         with self._lock:
             targets, self._targets = self._targets, {}
             seen, self._seen = self._seen, {}
+            checked_in, self._checked_in = self._checked_in, {}
             gone, self._gone = self._gone, {}
         arrived: list[events.Event] = []
         for stop in (*_drain(self._estops), *_drain(self._stops)):
             self._outbox.take(stop.client_id, stop.request_id)
             arrived.append(stop)
         arrived += [events.ClientSeen(client_id=client, at_ns=at_ns) for client, at_ns in seen.items()]
+        arrived += [events.EndpointHeard(client_id=client, at_ns=at_ns) for client, at_ns in checked_in.items()]
         for key, (payload, encoding, received_ns) in targets.items():
             target = self._read_target(key, payload, encoding, received_ns)
             if target is not None:

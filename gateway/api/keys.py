@@ -9,6 +9,7 @@ from typing import Final
 
 __all__ = [
     "ARM_DOF",
+    "CHECK_IN_KEYS",
     "CLIENT_TOKENS",
     "COMMAND_KEY",
     "DAEMON_TOKENS",
@@ -29,6 +30,7 @@ __all__ = [
     "SNAPSHOT_KEY",
     "STOP_KEY",
     "TARGET_KEYS",
+    "check_in_key",
     "client_token",
     "daemon_token",
     "keepalive_key",
@@ -84,6 +86,7 @@ SNAPSHOT_KEY: Final = f"{ROOT}/snapshot"
 EVENT_KEY: Final = f"{ROOT}/event"
 TARGET_KEYS: Final = f"{ROOT}/target/**"
 KEEPALIVE_KEYS: Final = f"{ROOT}/keepalive/**"
+CHECK_IN_KEYS: Final = f"{ROOT}/check_in/**"
 CLIENT_TOKENS: Final = f"{ROOT}/alive/client/*"
 DAEMON_TOKENS: Final = "ta2/*/alive/daemon/*"
 """Tokens of daemons of any version."""
@@ -99,8 +102,13 @@ def keepalive_key(client_id: str, secret: str = "") -> str:
     return f"{ROOT}/keepalive/{client_id}" + (f"/{secret}" if secret else "")
 
 
+def check_in_key(client_id: str, secret: str) -> str:
+    """Return the key on which a stop endpoint shows that its user lives. Nobody but the daemon sees it."""
+    return f"{ROOT}/check_in/{client_id}/{secret}"
+
+
 def put_by(key: str) -> tuple[str, str, str]:
-    """Return client, stream and secret in the key of a target or a keepalive; the stream of a keepalive is empty."""
+    """Return client, stream and secret in the key of a target, a keepalive or a check-in; only a target has a stream."""
     _, _, what, client_id, *rest = [*key.split("/", 6), "", "", ""][:6]
     stream, secret = rest if what == "target" else ("", rest[0])
     return client_id, stream, secret

@@ -11,6 +11,7 @@ ta2/1/snapshot                        put at 50 Hz while somebody listens   daem
 ta2/1/event                           put                                   daemon           Notice, number attached
 ta2/1/target/<client>/<stream>/<secret>  put, the newest wins               client           Target
 ta2/1/keepalive/<client>/<secret>     put every 50 ms by the owner          client           (empty)
+ta2/1/check_in/<client>/<secret>      put by stop endpoints                 client           (empty)
 ta2/1/alive/daemon/<id>               liveliness token                      daemon
 ta2/1/alive/client/<client>           liveliness token                      client
 ```
@@ -44,6 +45,7 @@ from gateway.api.encoding import (
 from gateway.api.facts import Info, Routes
 from gateway.api.keys import (
     ARM_DOF,
+    CHECK_IN_KEYS,
     CLIENT_TOKENS,
     COMMAND_KEY,
     DAEMON_TOKENS,
@@ -64,6 +66,7 @@ from gateway.api.keys import (
     SNAPSHOT_KEY,
     STOP_KEY,
     TARGET_KEYS,
+    check_in_key,
     client_token,
     daemon_token,
     keepalive_key,
@@ -87,6 +90,7 @@ from gateway.api.structs import (
     Estop,
     Follow,
     Hold,
+    LeaveEndpoint,
     Move,
     MovePose,
     Notice,
@@ -95,6 +99,7 @@ from gateway.api.structs import (
     OpenStream,
     Recover,
     RefusalMessage,
+    RegisterEndpoint,
     Release,
     Reply,
     Request,
@@ -111,6 +116,7 @@ from gateway.api.views import (
     ArmView,
     ChassisView,
     EnableView,
+    EndpointView,
     Finding,
     GripView,
     GuardView,
@@ -136,6 +142,7 @@ from gateway.api.wire_structs import Announcement, Wire, WireBridge, WireNeighbo
 
 __all__ = [
     "ARM_DOF",
+    "CHECK_IN_KEYS",
     "CLIENT_TOKENS",
     "COMMAND_KEY",
     "DAEMON_TOKENS",
@@ -173,6 +180,7 @@ __all__ = [
     "DriveLift",
     "Enable",
     "EnableView",
+    "EndpointView",
     "Estop",
     "Finding",
     "Follow",
@@ -181,6 +189,7 @@ __all__ = [
     "Hold",
     "Info",
     "LeaseView",
+    "LeaveEndpoint",
     "LiftView",
     "LinkView",
     "LoopView",
@@ -200,6 +209,7 @@ __all__ = [
     "Recover",
     "RefusalMessage",
     "RefusalView",
+    "RegisterEndpoint",
     "Release",
     "Reply",
     "Request",
@@ -222,6 +232,7 @@ __all__ = [
     "WireBridge",
     "WireNeighbour",
     "WireTopic",
+    "check_in_key",
     "client_token",
     "daemon_token",
     "decode_command",

@@ -36,6 +36,7 @@ __all__ = [
     "Estop",
     "Follow",
     "Hold",
+    "LeaveEndpoint",
     "Move",
     "MovePose",
     "Notice",
@@ -44,6 +45,7 @@ __all__ = [
     "OpenStream",
     "Recover",
     "RefusalMessage",
+    "RegisterEndpoint",
     "Release",
     "Reply",
     "Request",
@@ -208,8 +210,25 @@ class Estop(Incoming, frozen=True, forbid_unknown_fields=False):
     reason: str = ""
 
 
-class Recover(Incoming, frozen=True):
-    """Clear all latches, or none when a cause persists. Never moves, never enables."""
+class Recover(Incoming, frozen=True, omit_defaults=True):
+    """Clear all latches, or none when a cause persists. Never moves, never enables.
+
+    A reason lets silent stop endpoints go. Reply: `cleared`, `dismissed`.
+    """
+
+    reason: Text = ""
+
+
+class RegisterEndpoint(Incoming, frozen=True):
+    """Promise to be heard: the robot is held, or paused, while this client is not. Reply: `endpoint_id`."""
+
+    name: Name
+    timeout_ns: Count
+    on_silence: OnLossName = "hold"
+
+
+class LeaveEndpoint(Incoming, frozen=True):
+    """Take that promise back."""
 
 
 Request = (
@@ -236,6 +255,8 @@ Request = (
     | Stop
     | Estop
     | Recover
+    | RegisterEndpoint
+    | LeaveEndpoint
 )
 
 

@@ -106,7 +106,15 @@ def to_request(request: protocol.Request) -> events.Request | Refusal:
         case protocol.Estop():
             return events.Estop(reason=printable(request.reason))
         case protocol.Recover():
-            return events.Recover()
+            return events.Recover(reason=printable(request.reason))
+        case protocol.RegisterEndpoint():
+            return events.RegisterEndpoint(
+                name=printable(request.name),
+                timeout_ns=request.timeout_ns,
+                on_silence=events.OnLoss(request.on_silence),
+            )
+        case protocol.LeaveEndpoint():
+            return events.LeaveEndpoint()
 
 
 def _to_move(move: protocol.Move) -> events.Move | Refusal:

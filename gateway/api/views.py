@@ -13,6 +13,7 @@ __all__ = [
     "ArmView",
     "ChassisView",
     "EnableView",
+    "EndpointView",
     "Finding",
     "GripView",
     "GuardView",
@@ -76,6 +77,17 @@ class ModeView(Struct, frozen=True, kw_only=True):
     lift_enabled: bool
     collision_check: bool
     age_ns: int
+
+
+class EndpointView(Struct, frozen=True, kw_only=True):
+    """A stop endpoint: its period, what its silence does, and when it was last heard."""
+
+    endpoint_id: int
+    name: str
+    timeout_ns: int
+    on_silence: str
+    age_ns: int
+    is_silent: bool
 
 
 class LeaseView(Struct, frozen=True, kw_only=True):
@@ -321,3 +333,4 @@ class Snapshot(Struct, frozen=True, kw_only=True):
     others: OthersView
     spacing: SpacingView | None = None
     slowing: dict[str, SlowingView] = {}
+    endpoints: tuple[EndpointView, ...] = ()

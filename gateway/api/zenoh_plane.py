@@ -98,6 +98,7 @@ class ZenohPlane:
             session.declare_queryable(key, zenoh.handlers.Callback(self._on_query, indirect=False))
         session.declare_subscriber(protocol.TARGET_KEYS, zenoh.handlers.Callback(self._on_target, indirect=False))
         session.declare_subscriber(protocol.KEEPALIVE_KEYS, zenoh.handlers.Callback(self._on_keepalive, indirect=False))
+        session.declare_subscriber(protocol.CHECK_IN_KEYS, zenoh.handlers.Callback(self._on_check_in, indirect=False))
         session.liveliness().declare_subscriber(
             protocol.CLIENT_TOKENS, zenoh.handlers.Callback(self._on_token, indirect=False)
         )
@@ -124,6 +125,9 @@ class ZenohPlane:
 
     def _on_keepalive(self, sample: zenoh.Sample) -> None:
         self._inbox.put_keepalive(str(sample.key_expr), time.monotonic_ns())
+
+    def _on_check_in(self, sample: zenoh.Sample) -> None:
+        self._inbox.put_check_in(str(sample.key_expr), time.monotonic_ns())
 
     def _on_token(self, sample: zenoh.Sample) -> None:
         if sample.kind == zenoh.SampleKind.DELETE:

@@ -82,6 +82,8 @@ SHELL_WORDS = {
     "stretch=": "--stretch ",
     "ask for smoothing": "ask for --smoothing",
     "recover()": "`ta2 recover`",
+    "recover(reason='...')": "`ta2 recover REASON`",
+    "call stop_endpoint()": "start `ta2 stop-endpoint`",
     "enable()": "`ta2 enable`",
     "stop()": "`ta2 stop`",
     "use move_pose(), which": "use `ta2 move-pose` without --straight, which",

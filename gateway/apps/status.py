@@ -74,6 +74,8 @@ def lines(info: protocol.Info, view: protocol.Snapshot) -> Iterator[Text]:
     yield _row("FSM", fsm_text(view.fsm))
     yield _row("mode", "unknown" if mode is None else _mode(mode))
     yield _row("owner", _owner(view, lease))
+    for endpoint in view.endpoints:
+        yield _row("endpoint", *_endpoint(endpoint))
     others = others_in_order(view)
     for other in others[:OTHERS_SHOWN]:
         yield _row("others", other_text(other, view.at_ns), "yellow" if is_in_the_way(other) else "")
@@ -128,6 +130,13 @@ def _owner(view: protocol.Snapshot, lease: protocol.LeaseView) -> str:
         return "nobody"
     since = since_text(view.at_ns - lease.since_ns)
     return f"{lease.name} (pid {lease.pid}) for {since}, epoch {lease.epoch}, on loss: {lease.on_loss}"
+
+
+def _endpoint(endpoint: protocol.EndpointView) -> tuple[str, str]:
+    """Return who must be heard, and in which style to say it."""
+    does = f"{endpoint.on_silence} after {endpoint.timeout_ns / 1e9:g} s"
+    text = f"{endpoint.name}, heard {age_text(endpoint.age_ns)} ago, {does}"
+    return (f"{text}: SILENT, nothing moves", "red") if endpoint.is_silent else (text, "")
 
 
 def _arm(side: str, arm: protocol.ArmView) -> Iterator[Text]:

@@ -70,19 +70,29 @@ def _signed(reason: str) -> str:
         return reason
 
 
-def recover(target: str | None, timeout_s: float, *, as_json: bool) -> ExitStatus:
+def recover(target: str | None, timeout_s: float, reason: str = "", *, as_json: bool) -> ExitStatus:
     """Clear what holds motion off, and say what it was.
 
+    Args:
+        target: Where the gateway is; None finds its socket.
+        timeout_s: Longest wait for it [s].
+        reason: Lets silent stop endpoints go.
+        as_json: Whether to print JSON.
+
     Raises:
-        NotReady: LATCH_PERSISTS, or the robot cannot be seen.
+        NotReady: LATCH_PERSISTS, or the robot cannot be seen; ENDPOINT_SILENT without a reason.
     """
     with connected("recover", target, timeout_s) as robot:
         latches = dict(robot.state.latches)
-        robot.recover()
+        silent = [endpoint.name for endpoint in robot.state.endpoints if endpoint.is_silent]
+        robot.recover(_signed(reason) if reason else "")
     if as_json:
-        print(json.dumps({"ok": True, "cleared": latches}, ensure_ascii=False))
-    elif latches:
+        print(json.dumps({"ok": True, "cleared": latches, "dismissed": silent}, ensure_ascii=False))
+        return ExitStatus.OK
+    for name in silent:
+        print(f"stop endpoint {name!r} was let go")
+    if latches:
         print("\n".join(["cleared; nothing moves by itself:", *(f"  {code}: {why}" for code, why in latches.items())]))
-    else:
+    elif not silent:
         print("nothing was held off")
     return ExitStatus.OK

@@ -16,6 +16,7 @@ from gateway.client.poses import PoseTarget
 from gateway.client.procedures import MotionResult, StopResult
 from gateway.client.reading import ArmState, MotorState, Pose, RobotState
 from gateway.client.reasons import Finding, Why
+from gateway.client.stop_endpoint import StopEndpoint
 
 __all__ = [
     "ArmControl",
@@ -40,6 +41,7 @@ __all__ = [
     "PoseTarget",
     "Robot",
     "RobotState",
+    "StopEndpoint",
     "StopResult",
     "Why",
     "connect",

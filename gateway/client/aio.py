@@ -30,6 +30,7 @@ from gateway.api import protocol
 from gateway.client import procedures, watching
 from gateway.client.aio_control import ArmControl, Control, JointStream, MotionHandle, PoseStream
 from gateway.client.aio_parts import ChassisControl, ChassisStream, GripperControl, LiftControl, LiftStream
+from gateway.client.aio_stop_endpoint import StopEndpoint
 from gateway.client.awaiting import run
 from gateway.client.chunks import FollowCheck, Wishes, check_follow
 from gateway.client.door import OnExitName, program_name, require_options, transport_to
@@ -62,6 +63,7 @@ __all__ = [
     "MotionHandle",
     "PoseStream",
     "Robot",
+    "StopEndpoint",
     "connect",
 ]
 
@@ -240,9 +242,13 @@ class Robot:
         session = self._session
         return await asyncio.to_thread(stop_at_guard, session.transport.address, ask, command.reason, session.name)
 
-    async def recover(self) -> None:
-        """Clear all latches, or none when a cause persists. Never moves and never enables."""
-        await run(self._session, procedures.request(self._session, protocol.Recover()))
+    async def recover(self, reason: str = "") -> None:
+        """Clear all latches, or none when a cause persists. As `client.Robot.recover`."""
+        await run(self._session, procedures.request(self._session, protocol.Recover(reason=reason)))
+
+    def stop_endpoint(self, timeout: float = 0.5, on_silence: protocol.OnLossName = "hold") -> StopEndpoint:
+        """Return a stop endpoint, to be used in `async with`. As `client.Robot.stop_endpoint`."""
+        return StopEndpoint(self._session, timeout, on_silence)
 
     def control(
         self,

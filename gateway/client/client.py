@@ -42,6 +42,7 @@ from gateway.client.reasons import Why, why_of
 from gateway.client.requests import seconds
 from gateway.client.session import Session
 from gateway.client.showing import robot_table
+from gateway.client.stop_endpoint import StopEndpoint
 from gateway.client.transport import Transport
 from gateway.errors import Disconnected, OutcomeUnknown
 
@@ -309,13 +310,30 @@ class Robot:
         session = self._session
         return stop_at_guard(session.transport.address, ask, command.reason, session.name)
 
-    def recover(self) -> None:
+    def recover(self, reason: str = "") -> None:
         """Clear all latches, or none when a cause persists. Never moves and never enables.
 
+        Args:
+            reason: Needed to let stop endpoints go that are silent; told to everybody.
+
         Raises:
-            NotReady: LATCH_PERSISTS, or the robot cannot be seen.
+            NotReady: LATCH_PERSISTS, or the robot cannot be seen; ENDPOINT_SILENT without a reason.
         """
-        run(self._session, procedures.request(self._session, protocol.Recover()))
+        run(self._session, procedures.request(self._session, protocol.Recover(reason=reason)))
+
+    def stop_endpoint(self, timeout: float = 0.5, on_silence: protocol.OnLossName = "hold") -> StopEndpoint:
+        """Return a stop endpoint, to be used in a `with` block whose loop calls `check_in()`: a deadman. Anybody may.
+
+        While it is registered and not heard, nothing moves, whoever owns the robot.
+
+        Args:
+            timeout: Its period, [0.1, 10] [s]: it is silent when it was not heard for longer.
+            on_silence: `hold` brakes and holds with the grip kept; `pause` pauses the robot (the grip is lost).
+
+        Raises:
+            Rejected: An argument is none of what it may be.
+        """
+        return StopEndpoint(self._session, timeout, on_silence)
 
     # ------------------------------------------------------------------------------------------------ owning
 

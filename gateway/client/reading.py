@@ -221,6 +221,11 @@ class RobotState:
         return self.view.mode
 
     @property
+    def endpoints(self) -> tuple[protocol.EndpointView, ...]:
+        """Stop endpoints: who must be heard, or the robot is held."""
+        return self.view.endpoints
+
+    @property
     def lease(self) -> protocol.LeaseView:
         """Who owns the robot."""
         return self.view.lease

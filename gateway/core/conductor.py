@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 
 from gateway.core.body import Body
 from gateway.core.claim import Claim
+from gateway.core.endpoints import Endpoints
 from gateway.core.events import Level, Notice, Remembered
 from gateway.core.guarding import Guarding
 from gateway.core.lease import Lease
@@ -92,6 +93,7 @@ class Conductor:
         self.store = Store(settings.enable)
         self.lease = Lease(settings.loss, remembered.epoch)
         self.supervisor = Supervisor(remembered.latches)
+        self.endpoints = Endpoints()
         self.body = Body(settings)
         self.others = Others(remembered.zids, settings.foreign.policy)
         self.claim = Claim()
@@ -394,5 +396,5 @@ class Conductor:
 
     def remembered(self) -> Remembered:
         """Return what must survive a restart of the daemon."""
-        latches = dict(self.supervisor.latches)
+        latches = self.endpoints.beside(self.supervisor.latches)
         return Remembered(epoch=self.lease.epoch, latches=latches, zids=self.others.friends, routers=self.routers)

@@ -29,11 +29,13 @@ from gateway.core.events import (
     Estop,
     Follow,
     Hold,
+    LeaveEndpoint,
     Level,
     Move,
     MovePose,
     OpenStream,
     Recover,
+    RegisterEndpoint,
     Release,
     SetGripper,
     Stop,
@@ -69,6 +71,8 @@ class Desk:
         self._conductor = conductor
         self._phases = phases
         self._permit = Permit(conductor, phases.starting)
+        self.watch = watch = self._permit.watch
+        """Over stop endpoints."""
         self._moves = Moves(conductor, self._permit)
         driving = Driving(conductor, self._permit)
         gripping = Gripping(conductor, self._permit)
@@ -106,6 +110,8 @@ class Desk:
             Stop: self._stop,
             Estop: self._estop,
             Recover: self._recover,
+            RegisterEndpoint: watch.register,
+            LeaveEndpoint: watch.leave,
         }
 
     def answer(self, command: CommandRequested, now_ns: int) -> Answer:
@@ -198,6 +204,7 @@ class Desk:
             or self._permit.after_stop(command)
             or self._permit.state(Trigger.ENABLE, now_ns)
             or self._permit.latches()
+            or self.watch.refusal()
             or self._permit.held_elsewhere()
         )
         if refusal is not None:
@@ -309,7 +316,9 @@ class Desk:
         if conductor.state in {State.OFFLINE, State.STALE}:
             code = Code.NO_LINK if conductor.state is State.OFFLINE else Code.STATE_STALE
             return Refusal(code=code, message=f"recover() needs to see the robot: {REFUSAL_TEXT[code]}")
-        refusal = self._permit.after_stop(command) or self._persisting(latches, now_ns)
+        refusal = (
+            self._permit.after_stop(command) or self._persisting(latches, now_ns) or self.watch.may_recover(request)
+        )
         if refusal is not None:
             return refusal
         conductor.supervisor.clear()
@@ -322,7 +331,8 @@ class Desk:
             refusal = self._phases.starting.walk(now_ns)
             if refusal is not None:
                 conductor.notice(refusal.code, Level.WARNING, refusal.message, now_ns)
-        return {"cleared": [code.value for code in latches]}
+        dismissed = self.watch.dismiss(command, request, now_ns)
+        return {"cleared": [code.value for code in latches], **({"dismissed": dismissed} if dismissed else {})}
 
     def _persisting(self, latches: Mapping[Code, str], now_ns: int) -> Refusal | None:
         """Refuse while the cause of a latch is still there. An FSM that fell silent in ERROR counts as still there."""

@@ -25,6 +25,7 @@ from gateway.core.events import (
     ClientGone,
     ClientSeen,
     CommandRequested,
+    EndpointHeard,
     Estop,
     Event,
     GuardSeen,
@@ -194,6 +195,9 @@ class Engine:
             conductor.lease.seen(event.client_id, event.at_ns)
         elif isinstance(event, ClientGone):
             conductor.lease.gone(event.client_id, event.at_ns)
+            conductor.endpoints.gone(event.client_id, event.at_ns)
+        elif isinstance(event, EndpointHeard):
+            conductor.endpoints.heard(event.client_id, event.at_ns)
         elif isinstance(event, LinkUp):
             self._link_up(event, now_ns)
         elif isinstance(event, LinkDown):
@@ -274,6 +278,7 @@ class Engine:
             # The robot has stopped the arms meanwhile: no setpoint at speed must meet them.
             self._conductor.fire(Trigger.LONG_GAP, now_ns, f"a tick came {late_ns / MS:.0f} ms late")
         self._loss.look(now_ns, late_ns)
+        self._desk.watch.look(now_ns, late_ns)
         self.takeover.step(now_ns)
         self._rivalry.step(now_ns)
         self._look_at_robot(now_ns)
@@ -376,7 +381,10 @@ class Engine:
     def _to_remember(self) -> Remembered | None:
         """Return what must reach the disk, when it has changed."""
         conductor, saved = self._conductor, self._saved
-        latches, names = conductor.supervisor.latches, (conductor.others.friends, conductor.routers)
+        latches, names = (
+            conductor.endpoints.beside(conductor.supervisor.latches),
+            (conductor.others.friends, conductor.routers),
+        )
         if saved.epoch == conductor.lease.epoch and saved.latches == latches and (saved.zids, saved.routers) == names:
             return None
         self._saved = conductor.remembered()

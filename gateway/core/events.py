@@ -29,12 +29,14 @@ from gateway.core.requests import (
     Estop,
     Follow,
     Hold,
+    LeaveEndpoint,
     Move,
     MovePose,
     OnLimit,
     OnLoss,
     OpenStream,
     Recover,
+    RegisterEndpoint,
     Release,
     Request,
     SetGripper,
@@ -73,6 +75,7 @@ __all__ = [
     "DriveChassis",
     "DriveLift",
     "Enable",
+    "EndpointHeard",
     "Estop",
     "Event",
     "ExitRequested",
@@ -86,6 +89,7 @@ __all__ = [
     "GuardSeen",
     "HeldElsewhere",
     "Hold",
+    "LeaveEndpoint",
     "Level",
     "LinkDown",
     "LinkUp",
@@ -97,6 +101,7 @@ __all__ = [
     "OnLoss",
     "OpenStream",
     "Recover",
+    "RegisterEndpoint",
     "Release",
     "Remembered",
     "Reply",
@@ -264,6 +269,14 @@ class ClientSeen:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class EndpointHeard:
+    """A check-in of a stop endpoint."""
+
+    client_id: str
+    at_ns: int
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class ClientGone:
     """A client's liveliness token is gone."""
 
@@ -335,6 +348,7 @@ Event: TypeAlias = (
     | CommandRequested
     | TargetArrived
     | ClientSeen
+    | EndpointHeard
     | ClientGone
     | Suspended
     | TakenOver

@@ -7,9 +7,7 @@ The rules:
 * The criterion of life is the client library's keepalive. Silence beyond 250 ms, or the end of its liveliness token,
   is the loss. From that instant two clocks run: after 10 s the lease is free, after 60 s everything goes down.
   The owner who comes back within the first, or a new owner, ends both.
-* A late tick is a pause of this process: keepalives that came in it may still wait to be read. So a silence may be
-  longer by one pause, the longest in it. Not by their sum: between two pauses there was time to read, and a process that
-  is always late would never find out.
+* A silence may be longer by one pause of this process (`silence.py`).
 * What a pause explains is not yet a sign of life: an owner that has not been heard for 350 ms is *doubted*. It keeps its
   lease, and may move nothing until it is heard. So motion ends within half a second of the last sign of life, whatever
   the ticks do: the loop ends it by itself at a tick that is so late that more than 150 ms lie before it.
@@ -24,6 +22,7 @@ from dataclasses import dataclass, replace
 from enum import Enum
 
 from gateway.core.events import OnLoss
+from gateway.core.silence import Silence
 from gateway.core.snapshot import LeaseView
 from gateway.errors import Code, Refusal
 from gateway.settings import LossSettings
@@ -31,10 +30,6 @@ from gateway.settings import LossSettings
 __all__ = ["Lease", "LeaseEvent", "LossStage", "Owner"]
 
 S = 1_000_000_000
-LATE_NS = 20_000_000
-"""A tick later than this is a pause of this process; less is ordinary jitter and grants nobody anything [ns]."""
-DOUBT_NS = 100_000_000
-"""Nobody who is silent for longer than this beyond the keepalive's bound may move anything, whatever explains it [ns]."""
 AGAIN = "try again when the keepalive is back"
 
 
@@ -94,8 +89,7 @@ class Lease:
         self._epoch = epoch
         self._owner: Owner | None = None
         self._now_ns = 0  # latest tick or grant, for messages
-        self._heard_ns = 0  # last sign of life of the owner
-        self._pause_ns = 0, 0  # first and last instant of the pause that explains most of the silence since
+        self._silence = Silence()  # of the owner
         self._abandoned = False
         self._lost_ns: int | None = None  # since when the clocks run against the owner
         self._told_lost = False
@@ -120,12 +114,12 @@ class Lease:
     @property
     def silence_ns(self) -> int:
         """How long the owner had not been heard at the latest tick [ns]; 0 without one."""
-        return 0 if self._owner is None else self._now_ns - self._heard_ns
+        return 0 if self._owner is None else self._now_ns - self._silence.heard_ns
 
     @property
     def is_doubted(self) -> bool:
         """Whether the owner is silent for so long that it may not move anything, though a pause of ours explains it."""
-        return not self.lost and self.silence_ns > self._settings.keepalive_ns + DOUBT_NS
+        return self._owner is not None and not self.lost and self._silence.is_doubted(self._settings.keepalive_ns)
 
     @property
     def valid_epoch(self) -> int:
@@ -204,14 +198,14 @@ class Lease:
 
     def seen(self, client_id: str, now_ns: int) -> None:
         """Take a keepalive that arrived at `now_ns`: a lost owner is back, unless it abandoned the lease."""
-        if self._is_owner(client_id) and now_ns > self._heard_ns and not self._abandoned:
-            self._heard_ns = now_ns
+        if self._is_owner(client_id) and now_ns > self._silence.heard_ns and not self._abandoned:
+            self._silence.heard_ns = now_ns
             self._revive(now_ns)
 
     def gone(self, client_id: str, now_ns: int) -> None:
         """Take the end of a client's liveliness token: the owner is lost at once; only a later keepalive counts."""
         if self._is_owner(client_id):
-            self._heard_ns = max(self._heard_ns, now_ns)
+            self._silence.heard_ns = max(self._silence.heard_ns, now_ns)
             self._lose(now_ns)
 
     def poll(self, now_ns: int, late_ns: int = 0) -> list[LeaseEvent]:
@@ -226,12 +220,10 @@ class Lease:
             What is due, each once, in order.
         """
         self._now_ns = now_ns
-        pause_ns = now_ns - late_ns, now_ns
-        if late_ns > LATE_NS and self._explained_ns(pause_ns) >= self._explained_ns(self._pause_ns):
-            self._pause_ns = pause_ns
-        patience_ns = self._settings.keepalive_ns + self._explained_ns(self._pause_ns)
+        self._silence.look(now_ns, late_ns)
+        patience_ns = self._silence.patience_ns(self._settings.keepalive_ns)
         if self.silence_ns > patience_ns:
-            self._lose(self._heard_ns + patience_ns)
+            self._lose(self._silence.heard_ns + patience_ns)
         return list(self._due(now_ns))
 
     # ------------------------------------------------------------------------------------------------------ clocks
@@ -276,13 +268,8 @@ class Lease:
             self.clear(now_ns)
             self._epoch += 1
             self._owner = Owner(client_id=client_id, name=name, pid=pid, since_ns=now_ns, on_loss=on_loss)
-        self._heard_ns = now_ns
+        self._silence.heard_ns = now_ns
         return self._epoch
-
-    def _explained_ns(self, pause_ns: tuple[int, int]) -> int:
-        """Return how much of the silence since the last sign of life a pause explains [ns]."""
-        first_ns, last_ns = pause_ns
-        return max(0, last_ns - max(first_ns, self._heard_ns))
 
     def _is_owner(self, client_id: str) -> bool:
         return self._owner is not None and self._owner.client_id == client_id

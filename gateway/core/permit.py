@@ -13,6 +13,7 @@ from gateway.core.door import Fitness
 from gateway.core.events import CommandRequested
 from gateway.core.starting import Starting
 from gateway.core.supervisor import State, Trigger
+from gateway.core.watch import Watch
 from gateway.errors import Code, Refusal
 from gateway.values import Side, Space
 
@@ -43,6 +44,8 @@ class Permit:
     def __init__(self, conductor: Conductor, starting: Starting) -> None:
         self._conductor = conductor
         self._starting = starting
+        self.watch = Watch(conductor)
+        """Over stop endpoints."""
         self._last_stop_ns = -1
         self._takeover_epoch = 0
 
@@ -124,6 +127,7 @@ class Permit:
             or self.after_stop(command)
             or self.state(Trigger.ARM_MOTION, now_ns)
             or self.latches()
+            or self.watch.refusal()
             or self._takeover(epoch)
         )
         if refusal is not None:
@@ -155,6 +159,7 @@ class Permit:
             or self.after_stop(command)
             or self.state(Trigger.GROUND_COMMAND, now_ns)
             or self.latches()
+            or self.watch.refusal()
             or self.held_elsewhere()
             or self.beside_others(now_ns)
             or self._takeover(epoch)

@@ -28,12 +28,14 @@ __all__ = [
     "Estop",
     "Follow",
     "Hold",
+    "LeaveEndpoint",
     "Move",
     "MovePose",
     "OnLimit",
     "OnLoss",
     "OpenStream",
     "Recover",
+    "RegisterEndpoint",
     "Release",
     "Request",
     "SetGripper",
@@ -330,7 +332,29 @@ class Estop:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Recover:
-    """Clear all latches, or none when a cause persists. Never moves, never enables."""
+    """Clear all latches, or none when a cause persists. Never moves, never enables. A reason lets silent stop endpoints go."""
+
+    reason: str = ""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RegisterEndpoint:
+    """Promise to be heard: the robot is held, or paused, while this client is not. Anybody may.
+
+    Attributes:
+        name: Shown to others.
+        timeout_ns: Its period [ns]: it is silent when it was not heard for longer.
+        on_silence: What its silence does.
+    """
+
+    name: str
+    timeout_ns: int
+    on_silence: OnLoss = OnLoss.HOLD
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LeaveEndpoint:
+    """Take that promise back."""
 
 
 Request: TypeAlias = (
@@ -357,4 +381,6 @@ Request: TypeAlias = (
     | Stop
     | Estop
     | Recover
+    | RegisterEndpoint
+    | LeaveEndpoint
 )

@@ -19,6 +19,7 @@ __all__ = [
     "ArmView",
     "ChassisView",
     "EnableView",
+    "EndpointView",
     "Finding",
     "GripView",
     "GuardView",
@@ -107,6 +108,17 @@ class ModeView(Struct, frozen=True, kw_only=True):
     lift_enabled: bool
     collision_check: bool
     age_ns: int
+
+
+class EndpointView(Struct, frozen=True, kw_only=True):
+    """A stop endpoint: its period, what its silence does (`hold`, `pause`), and how long ago it was heard [ns]."""
+
+    endpoint_id: int
+    name: str
+    timeout_ns: int
+    on_silence: str
+    age_ns: int
+    is_silent: bool
 
 
 class LeaseView(Struct, frozen=True, kw_only=True):
@@ -351,6 +363,7 @@ class Snapshot(Struct, frozen=True, kw_only=True):
         others: Who else commands the robot, or could.
         spacing: How near parts of the body are to each other; None where nobody asked for them to be kept apart.
         slowing: Arms whose poses are streamed now, keyed `left`, `right`: how near a singularity each is.
+        endpoints: Stop endpoints: who must be heard, or the robot is held.
     """
 
     seq: int
@@ -380,3 +393,4 @@ class Snapshot(Struct, frozen=True, kw_only=True):
     others: OthersView
     spacing: SpacingView | None
     slowing: dict[str, SlowingView]
+    endpoints: tuple[EndpointView, ...]

@@ -78,6 +78,8 @@ class Trigger(str, Enum):
     CLIENT_LOST = "client lost"
     CLIENT_LOST_PAUSE = "client lost, on_loss = pause"
     LEASE_FREE = "lease free"
+    ENDPOINT_SILENT = "stop endpoint silent"
+    ENDPOINT_SILENT_PAUSE = "stop endpoint silent, on_silence = pause"
     HOLD_OVER = "60 s"
     STALE = "stale"
     FRESH = "fresh"
@@ -237,6 +239,8 @@ TABLE: Mapping[Trigger, Mapping[State, Cell]] = {
     Trigger.CLIENT_LOST:       _row(CUT,               DOWN,         BRAKE,        SAME,      SAME,         SAME,         CUT),
     Trigger.CLIENT_LOST_PAUSE: _row(BASE_FREE,         DOWN_FREE,    DOWN_FREE,    DOWN_FREE,    DOWN_FREE,
                                     Cell(do=(A.LIFT_OFF, A.FREE)), Cell(to=BASE, do=(A.CUT, A.ZERO_IF_OWED, A.LIFT_OFF, A.FREE))),
+    Trigger.ENDPOINT_SILENT:   _row(CUT,               DOWN,         BRAKE,        CUT,          SAME,         SAME,         CUT),
+    Trigger.ENDPOINT_SILENT_PAUSE: _row(CUT,           DOWN,         DOWN,         DOWN,         SAME,         SAME,         OWED),
     Trigger.LEASE_FREE:        _row(Cell(to=BASE, do=(A.LIFT_OFF,)), SAME, SAME,   SAME,         SAME,         SAME,         SAME),
     Trigger.HOLD_OVER:         {**_row(SAME,           SAME,         SAME,         DOWN_LIFT_OFF, DOWN_LIFT_OFF, SAME,       SAME), S.STALE: GO_BASE},
     Trigger.STALE:             {**_row(Cell(to=S.STALE, do=(A.CUT,)), Cell(to=S.STALE, do=(A.CUT, A.ZERO)), Cell(to=S.STALE, do=(A.CUT,)),
@@ -293,6 +297,8 @@ END_CODE: dict[Trigger, Code] = {
     Trigger.DISABLE: Code.STOPPED,
     Trigger.CLIENT_LOST: Code.CLIENT_LOST,
     Trigger.CLIENT_LOST_PAUSE: Code.CLIENT_LOST,
+    Trigger.ENDPOINT_SILENT: Code.ENDPOINT_SILENT,
+    Trigger.ENDPOINT_SILENT_PAUSE: Code.ENDPOINT_SILENT,
     Trigger.HOLD_OVER: Code.CLIENT_LOST,
     Trigger.STALE: Code.STATE_STALE,
     Trigger.TRANSPORT_LOST: Code.NO_LINK,

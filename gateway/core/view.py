@@ -101,6 +101,7 @@ def build(
         ),
         spacing=body.spacing,
         slowing={side.value: view for side, view in body.slowing.items()},
+        endpoints=conductor.endpoints.views(now_ns),
     )
 
 

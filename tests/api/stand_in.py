@@ -138,6 +138,7 @@ def a_snapshot(seq=1, at_ns=1000, **changes):
             on=True, why="", gap_m=0.143, first="left_palm", second="right_forearm", margin_m=0.02, held=()
         ),
         slowing={},
+        endpoints=(),
     )
     return replace(snapshot, **changes)
 

@@ -697,6 +697,28 @@ DOORS = {
     ),
 }
 
+ENDPOINTS = {
+    "(silence)": (
+        "watching::silence_ends_anybodys_motion_within_the_period",
+        "watching::what_an_endpoint_does_in_each_state",
+        "watching::an_endpoint_whose_connection_ends_is_silent_at_once",
+        "watching::each_endpoint_is_judged_by_itself",
+        "watching::chassis_and_grippers_stand_still_too",
+        "watching::a_late_tick_is_no_silence_of_an_endpoint",
+        "watching::no_schedule_of_late_ticks_lets_motion_outlive_an_endpoint",
+        "e2e/watching::an_endpoint_that_dies_or_stops_holds_somebody_elses_motion",
+        "e2e/watching::a_terminal_that_watches",
+    ),
+    "(heard again)": ("watching::nothing_resumes_by_itself_when_an_endpoint_is_heard_again",),
+    "(leaving)": (
+        "watching::what_goes_on_goes_on_when_an_endpoint_leaves_in_order",
+        "watching::recover_lets_silent_endpoints_go_and_needs_a_reason",
+        "e2e/watching::an_endpoint_that_leaves_in_order_stops_nothing",
+    ),
+    "(demanded)": ("watching::where_one_is_demanded_nothing_moves_without",),
+    "(restart)": ("watching::the_next_daemon_waits_for_a_person_who_says_why",),
+}
+
 INDEX: dict[str, dict[str, tuple[str, ...] | str]] = {
     "Values": VALUES,
     "Transitions": TRANSITIONS,
@@ -709,6 +731,7 @@ INDEX: dict[str, dict[str, tuple[str, ...] | str]] = {
     "What the owner moves": MOTIONS,
     "Why the robot does not do what it is told": WHY,
     "(Doors)": DOORS,
+    "(Stop endpoints)": ENDPOINTS,
 }
 """Section -> row -> tests; a text instead names the later work, or the folder, that has the row. Rows in brackets are
 not the behaviour table's own: they stand beside it."""

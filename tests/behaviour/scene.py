@@ -46,6 +46,7 @@ class Scene(Pair):
         foreign: What is done about foreign writers.
         snapshot_hz: How often a snapshot is made; `see` needs 50.
         is_modelled: Whether the engine has the body model of these settings.
+        demands_endpoint: Whether nothing may move without a stop endpoint.
     """
 
     def __init__(
@@ -59,12 +60,13 @@ class Scene(Pair):
         foreign: ForeignSettings | None = None,
         snapshot_hz: float = 1.0,
         is_modelled: bool = False,
+        demands_endpoint: bool = False,
     ) -> None:
         settings = Settings(
             arm=arm or ArmSettings(),
             loss=loss or LossSettings(),
             foreign=foreign or ForeignSettings(),
-            local=LocalSettings(snapshot_hz=snapshot_hz),
+            local=LocalSettings(snapshot_hz=snapshot_hz, demand_stop_endpoint=demands_endpoint),
             link=LinkSettings(model=model),
         )
         body = body_model(settings) if is_modelled else None

@@ -20,6 +20,7 @@ from gateway.core.events import (
     ClientSeen,
     CommandRequested,
     Enable,
+    EndpointHeard,
     Estop,
     ExitRequested,
     ForeignData,
@@ -34,6 +35,7 @@ from gateway.core.events import (
     Notice,
     OnLoss,
     Recover,
+    RegisterEndpoint,
     Release,
     Remembered,
     Reply,
@@ -105,6 +107,19 @@ def topics_of(output: Output) -> list[str]:
 def mode_known(pair):
     """Whether the engine's store has heard `/api/current_mode` on this link."""
     return pair.engine._conductor.store.mode_received_ns is not None
+
+
+def test_check_ins_keep_motion_allowed_and_their_lack_ends_it():
+    """Of a stop endpoint; whoever moves."""
+    pair, epoch = active()
+    pair.granted(RegisterEndpoint(name="page", timeout_ns=200 * MS), "bob")
+    pair.granted(Move(epoch=epoch, targets_rad=beside(pair, by_rad=0.3), speed=0.1))
+    for _ in range(4):
+        pair.receive(EndpointHeard(client_id="bob", at_ns=pair.now_ns))
+        pair.run(0.15)
+    assert pair.state == "ACTIVE"
+    pair.run(0.1)
+    assert pair.state == "HOLDING" and messages(pair, Code.ENDPOINT_SILENT)
 
 
 # ------------------------------------------------------------------------------------------------ what is seen

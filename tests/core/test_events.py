@@ -33,6 +33,7 @@ SAMPLES = (
     events.CommandRequested(client_id="c", request_id=1, request=events.Stop(), received_ns=1),
     events.TargetArrived(client_id="c", stream_id=1, epoch=1, seq=1, values=(0.0,) * 7, received_ns=1),
     events.ClientSeen(client_id="c", at_ns=1),
+    events.EndpointHeard(client_id="c", at_ns=1),
     events.ClientGone(client_id="c", at_ns=1),
     events.Suspended(slept_ns=1, at_ns=1),
     events.TakenOver(held=Held(at_ns=1, state="ACTIVE"), at_ns=1),
@@ -68,6 +69,8 @@ REQUESTS = (
     events.Stop(),
     events.Estop(),
     events.Recover(),
+    events.RegisterEndpoint(name="n", timeout_ns=1),
+    events.LeaveEndpoint(),
 )
 """One of each that a client can ask."""
 
@@ -113,7 +116,17 @@ def test_every_event_says_when_it_happened(event):
 def test_only_what_moves_nothing_and_stops_need_no_epoch(request_):
     """Everything else is the owner's (DESIGN §5); stop, estop, recover and a mere check are anybody's."""
     assert isinstance(
-        request_, (events.Acquire, events.Take, events.Stop, events.Estop, events.Recover, events.CheckFollow)
+        request_,
+        (
+            events.Acquire,
+            events.Take,
+            events.Stop,
+            events.Estop,
+            events.Recover,
+            events.CheckFollow,
+            events.RegisterEndpoint,
+            events.LeaveEndpoint,
+        ),
     )
 
 

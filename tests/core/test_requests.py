@@ -21,12 +21,16 @@ OPEN_TO_ALL = {
     requests.Estop,
     requests.Recover,
     requests.CheckFollow,
+    requests.RegisterEndpoint,
+    requests.LeaveEndpoint,
 }
-"""What needs no lease: asking for one, stopping, recovering (BEHAVIOUR, stopping and losing), judging what nobody follows."""
+"""What needs no lease: asking for one, stopping, recovering (BEHAVIOUR, stopping and losing), judging what nobody follows,
+watching over the robot."""
 CHUNK = prepare({Side.LEFT: (HOME_Q_RAD[Side.LEFT],) * 2}, dt_s=0.1)
 LEFT_HOME = {Side.LEFT: (0.0,) * 7}
 OPTIONS = {
     requests.Acquire: {"name": "n", "pid": 1},
+    requests.RegisterEndpoint: {"name": "n", "timeout_ns": 1},
     requests.Take: {"name": "n", "pid": 1, "reason": "r"},
     requests.Move: {"epoch": 1, "targets_rad": LEFT_HOME},
     requests.Follow: {"epoch": 1, "chunk": CHUNK},
@@ -41,7 +45,7 @@ OPTIONS = {
     requests.DriveLift: {"epoch": 1, "velocity": 0.1},
     **{kind: {"epoch": 1} for kind in (requests.StopChassis, requests.StopLift, requests.DisableLift)},
     **{kind: {"epoch": 1} for kind in (requests.Release, requests.Abandon, requests.Enable, requests.Disable)},
-    **{kind: {} for kind in (requests.Stop, requests.Estop, requests.Recover)},
+    **{kind: {} for kind in (requests.Stop, requests.Estop, requests.Recover, requests.LeaveEndpoint)},
 }
 """The least that must be said to ask for each."""
 

@@ -26,6 +26,8 @@ other's stop                | cut, ground, L          | down, ground, L     | cu
 estop                       | down, ground, [0,0], L  | down, ground, [0,0], L | down, ground, [0,0], L | down, ground, [0,0], L | down, ground, [0,0], L | down, ground, [0,0], L | down, ground, [0,0], L
 client lost                 | cut, free after 10 s    | down, free after 10 s | cut, brake, HOLDING, 10/60 s | 10/60 s        | 10/60 s             | 10 s                | cut, 10 s
 client lost, on_loss = pause| cut, base, free, [0,0]  | down, free, [0,0]   | down, free, [0,0]         | down, free, [0,0]   | down, free, [0,0]   | free, [0,0]         | cut, 0.0 if owed, base, free, [0,0]
+stop endpoint silent        | cut                     | down                | cut, brake, HOLDING       | cut                 | =                   | =                   | cut
+stop endpoint silent, on_silence = pause| cut           | down                | down                      | down                | =                   | =                   | cut, 0.0 if owed, base
 lease free                  | base, [0,0]             | -                   | -                         | unowned             | unowned             | =                   | unowned
 60 s                        | -                       | -                   | -                         | down, [0,0]         | down, [0,0]         | =                   | base / =
 stale                       | STALE, cut              | STALE, cut, 0.0     | STALE, cut                | STALE, cut          | STALE, cut, 0.0     | STALE, cut, 0.0     | =
