@@ -35,7 +35,7 @@ class _Kin:
 
     Attributes:
         taken: Those of its causes that were latched here; the loop's.
-        kept: Those of them that our disk has had; the writer's, as the next.
+        kept: Those of them that our disk has had, or what waited for it; the writer's, as the next.
         cleared: Those of them that it has no more.
     """
 
@@ -93,15 +93,16 @@ class Recall:
             if router in kin.known.routers:
                 _take(kin, latch)
 
-    def saved(self, remembered: Remembered) -> None:
+    def saved(self, remembered: Remembered, forgotten: Set[Code] = frozenset()) -> None:
         """Clear elsewhere what was cleared here. May wait for the disk; of one thread.
 
         Args:
             remembered: What is on disk now.
+            forgotten: Causes in states that waited for the disk before it, and never got there.
         """
         before, self._on_disk = self._on_disk, frozenset(remembered.latches)
         for kin in self._kin:
-            kin.kept |= kin.taken & (before | self._on_disk) - kin.cleared
+            kin.kept |= kin.taken & (before | self._on_disk | forgotten) - kin.cleared
             gone = kin.kept - self._on_disk
             if gone and _clear(kin.path, gone):
                 kin.kept -= gone

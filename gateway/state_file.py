@@ -27,7 +27,7 @@ import os
 import re
 import secrets
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Set
 from dataclasses import dataclass, replace
 from pathlib import Path
 from types import TracebackType
@@ -268,7 +268,8 @@ class StateWriter:
         file: Open.
         started: As `file.start` returned it.
         block: How many epochs to reserve at once.
-        on_saved: Called in the thread with each state that is on disk; may wait for the disk, too.
+        on_saved: Called in the thread with each state that is on disk, and the causes in those that were forgotten in line
+            before it; may wait for the disk, too.
     """
 
     def __init__(
@@ -276,13 +277,14 @@ class StateWriter:
         file: StateFile,
         started: Started,
         block: int = EPOCH_BLOCK,
-        on_saved: Callable[[Remembered], None] | None = None,
+        on_saved: Callable[[Remembered, Set[Code]], None] | None = None,
     ) -> None:
         self._on_saved = on_saved
         self._file = file
         self._block = block
         self._written = replace(started.remembered, epoch=started.reserved_epoch)
         self._wanted: Remembered | None = None
+        self._forgotten: frozenset[Code] = frozenset()
         self._closing = False
         self._failing = False
         self._change = threading.Condition()
@@ -292,6 +294,8 @@ class StateWriter:
     def write(self, remembered: Remembered) -> None:
         """Put a state in line; an older one that still waits is forgotten."""
         with self._change:
+            if self._wanted is not None:
+                self._forgotten |= self._wanted.latches.keys()
             self._wanted = remembered
             self._change.notify()
 
@@ -316,28 +320,32 @@ class StateWriter:
             with self._change:
                 self._change.wait_for(lambda: self._wanted is not None or self._closing)
                 wanted, self._wanted = self._wanted, None
+                forgotten, self._forgotten = self._forgotten, frozenset()
             if wanted is None:
                 return
-            if self._save(wanted):
+            if self._save(wanted, forgotten):
                 continue
             with self._change:
+                self._forgotten |= forgotten
                 if self._wanted is not None:
+                    self._forgotten |= wanted.latches.keys()
                     continue  # a newer state came meanwhile
                 self._wanted = wanted
                 if self._closing:
                     return
                 self._change.wait(RETRY_S)
 
-    def _save(self, wanted: Remembered) -> bool:
+    def _save(self, wanted: Remembered, forgotten: Set[Code]) -> bool:
         """Write a state with its reserved epochs, if the file says something else; return whether it says so now."""
         reserved = self._written.epoch
         if reserved - wanted.epoch < self._block // 2:
             reserved = wanted.epoch + self._block
         document = replace(wanted, epoch=reserved)
-        if document == self._written:
-            return True
         try:
-            self._file.save(document)
+            if document != self._written:
+                self._file.save(document)
+            elif not forgotten:
+                return True
         except OSError as error:
             if not self._failing:
                 _log.error("the state file %s cannot be written: %s; trying again", self._file.path, error)
@@ -348,5 +356,5 @@ class StateWriter:
         self._failing = False
         self._written = document
         if self._on_saved is not None:
-            self._on_saved(wanted)
+            self._on_saved(wanted, forgotten)
         return True

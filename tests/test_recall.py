@@ -99,6 +99,23 @@ def test_what_is_cleared_here_is_cleared_there_and_not_before(tmp_path: Path) ->
     assert read_state(other) == Remembered(epoch=9, latches={Code.FSM_ERROR: "later"}, routers=(ROUTER,), zids=("z",))
 
 
+def test_what_is_cleared_before_our_disk_ever_had_it_is_cleared_there(tmp_path: Path) -> None:
+    """A slow disk: the state with the latch is forgotten in line, and the next one is what the file says already."""
+    own, other = path_of(tmp_path, HERE), path_of(tmp_path, THERE)
+    keep(other, Remembered(latches=ESTOP, routers=(ROUTER,)))
+    recall = Recall(own, own)
+    with StateFile(own) as file:
+        started = file.start()
+        writer = StateWriter(file, started, on_saved=recall.saved)
+        latches, latch = heard()
+        recall.meet(ROUTER, latch)
+        with writer._change:  # the disk is busy with an earlier state
+            writer.write(Remembered(latches=latches))
+            writer.write(started.remembered)
+        assert writer.close(5.0)
+    assert read_state(other).latches == {}
+
+
 def test_what_both_files_have_is_cleared_in_both(tmp_path: Path) -> None:
     """As after a restart between the latch and the person who clears it."""
     own, other = path_of(tmp_path, HERE), path_of(tmp_path, THERE)
