@@ -95,10 +95,9 @@ class MemoryTransport:
                 beat.call()
 
     def every(self, period_ns: int, beat: Callable[[], None]) -> Callable[[], None]:
-        """Call `beat` now, and when time passes on a grid of `period_ns`."""
+        """Call `beat` when time passes, on a grid of `period_ns`."""
         entry = _Beat(period_ns, self._now_ns() + period_ns, beat)
         self._beats.append(entry)
-        beat()
 
         def stop() -> None:
             if entry in self._beats:

@@ -235,7 +235,7 @@ class Pulse:
     the process over that ("exception not rethrown").
 
     Args:
-        period_ns: Distance of two beats [ns]; the first comes at once.
+        period_ns: Distance of two beats [ns], and of the first one from now.
         beat: What to call.
     """
 
@@ -249,13 +249,12 @@ class Pulse:
         self._thread.start()
 
     def _run(self) -> None:
-        due_ns = time.monotonic_ns()
-        while True:
+        now_ns = time.monotonic_ns()
+        due_ns = now_ns + self._period_ns
+        while not self._stopped.wait(max(0, due_ns - now_ns) / 1e9):
             self._beat()
             now_ns = time.monotonic_ns()
             due_ns += max(1, -(-(now_ns - due_ns) // self._period_ns)) * self._period_ns
-            if self._stopped.wait(max(0, due_ns - now_ns) / 1e9):
-                return
 
     def stop(self) -> None:
         """End; waits for a beat in progress unless the beat itself asks."""
