@@ -98,7 +98,7 @@ class Nurse:
                 self.epoch = int(str(self.ask(Take(name="nurse", pid=1, reason="care")).facts["epoch"]))
             else:
                 self.epoch = int(str(self.ask(Acquire(name="nurse", pid=1)).facts["epoch"]))
-            self.ask(Recover())
+            self.ask(Recover(reason="care"))  # with a reason: silent stop endpoints go
             self.ask(Enable(epoch=self.epoch))
             if pair.state == "HOLDING":  # held and healthy: the owner resumes by a motion, here one of no length
                 self._stay()
@@ -113,7 +113,13 @@ class Nurse:
             self.ask(MovePose(epoch=self.epoch, targets=self.places(), frames=FRAMES))
 
     def move_home(self) -> None:
-        """Move both arms to the initial position, or where they were at first; fail unless they are measured there."""
+        """Move both arms to the initial position, or where they were at first; fail unless they are measured there.
+
+        Stop endpoints that were registered meanwhile are waited for: nobody checks in, and they go with the next `recover`.
+        """
+        while self.pair.see().endpoints:
+            self.pair.run(0.1)
+            self.revive()
         joints = {side: q_rad for side, q_rad in HOME_Q_RAD.items() if side not in self.poses}
         if joints:
             self._reach(Move(epoch=self.epoch, targets_rad=joints))
