@@ -68,5 +68,5 @@ class Transport(Protocol):
         ...
 
     def every(self, period_ns: int, beat: Callable[[], None]) -> Callable[[], None]:
-        """Call `beat` on a grid of `period_ns`, a period from now first, from elsewhere, until the returned function is called."""
+        """Call `beat` every `period_ns`, a period from now first, from elsewhere, until the returned function is called."""
         ...

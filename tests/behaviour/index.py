@@ -352,6 +352,13 @@ STOPPING = {
         "e2e/heart::an_estop_survives_another_address_of_the_robot",
     ),
     "`with control()` ends normally": CLIENT,
+    "(a stop is its arrival)": (
+        "api/stop_lane::whatever_arrives_is_the_stop",
+        "api/stop_lane::a_flood_of_stops_is_bounded_and_each_of_them_is_answered",
+        "api/stop_lane::what_lies_in_the_inbox_keeps_no_stop_away",
+        "./loop::a_stop_is_served_at_once_between_the_instants_of_the_grid",
+        "e2e/stopping::whatever_arrives_on_the_keys_of_stops_ends_motion_and_latches",
+    ),
     "(hold and cancel)": ("stopping::hold_and_cancel_keep_the_lease_the_state_and_the_heartbeat",),
     '`on_loss="pause"`': ("cells::lost, pause", "losing_clients::on_loss_pause_goes_down_at_once"),
     "takeover in mid-motion": (
@@ -411,6 +418,13 @@ STOPPING = {
         "time::a_living_owner_is_not_lost_by_a_pause_of_ours",
         "core/lease::in_any_schedule_of_ticks_nobody_moves_anything_350_ms_after_its_last_sign_of_life",
         "core/lease::in_any_schedule_of_ticks_a_living_owner_is_not_lost",
+        "e2e/stopping::a_daemon_that_is_always_late_loses_a_vanished_owner_in_time",
+    ),
+    "(nobody else is the owner)": (
+        "api/identities::the_first_command_binds_an_id_to_its_secret",
+        "api/identities::a_stranger_under_the_owners_id_is_nobody",
+        "api/identities::made_up_clients_take_no_place_from_the_owner",
+        "e2e/stopping::nobody_commands_under_the_owners_id",
     ),
 }
 
@@ -427,6 +441,7 @@ ROBOT_SIDE = {
         "pausing::one_arm_that_is_disabled_in_a_pause_leaves_the_other_where_it_is",
         "pausing::a_robot_that_is_only_not_heard_to_run_is_braked",
         "pausing::while_a_heartbeat_is_not_heard_the_echo_stays_with_the_arm",
+        "e2e/stopping::a_robot_that_pauses_by_itself_takes_its_references_along",
     ),
     "MODE_UNKNOWN": ("robot_side::an_unknown_mode_brakes_and_refuses_motion",),
     "VR mode, FSM 3-6": (
@@ -462,6 +477,7 @@ ROBOT_SIDE = {
         "jumping::a_stream_does_not_start_where_the_end_effector_is_not",
         "core/jumps::no_stamp_makes_a_jump_plausible",
         "core/jumps::no_stall_of_the_link_makes_a_healthy_arm_incredible",
+        "e2e/stopping::a_forged_sample_with_a_stamp_ahead_moves_no_arm",
     ),
     "measured jump, NaN, wrong length": (
         "surprises::samples_that_cannot_be_right_make_the_part_dead_in_every_state",

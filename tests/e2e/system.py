@@ -376,6 +376,10 @@ class System:
         arms = self.robot_state()["arms"]
         return [*arms["left"]["q_rad"], *arms["right"]["q_rad"]]
 
+    def is_still(self) -> bool:
+        """Return whether the robot's arms stand still."""
+        return all(abs(v) < 0.01 for arm in self.robot_state()["arms"].values() for v in arm["v_radps"])
+
     def count(self, topic: str) -> int:
         """Return how many commands arrived on a topic."""
         return int(self.stats()["commands"].get(topic, {"count": 0})["count"])

@@ -41,12 +41,6 @@ def moving(system: System, watcher: Robot) -> None:
     )
 
 
-def still(system: System) -> bool:
-    """Return whether the robot's arms stand still."""
-    arms = system.robot_state()["arms"]
-    return all(abs(v) < 0.01 for arm in arms.values() for v in arm["v_radps"])
-
-
 @pytest.mark.alone
 @pytest.mark.sim_only("the demo starts a robot of its own")
 def test_the_demo_moves_both_arms_there_and_back_and_ends_well(tmp_path: Path) -> None:
@@ -74,7 +68,7 @@ def test_a_killed_client_leaves_the_arms_held_and_the_stages_fire_on_time(tmp_pa
             lost = time.monotonic()
             wait_for(lambda: watcher.state.state == "HOLDING", "HOLDING", 2.0)
             held_after = time.monotonic() - lost
-            wait_for(lambda: still(system), "arms at rest", 3.0)
+            wait_for(lambda: system.is_still(), "arms at rest", 3.0)
             motion = watcher.state.motions[-1]
             assert (motion.state, motion.code) == ("aborted", Code.CLIENT_LOST.value)
             beats, frames = system.count("/api/fsm/enable"), system.count(joint_topics()[0])
@@ -114,7 +108,7 @@ def test_a_frozen_client_is_lost_and_comes_back(tmp_path: Path, systems: Systems
             frozen = time.monotonic()
             wait_for(lambda: watcher.state.state == "HOLDING", "HOLDING", 3.0)
             held_after = time.monotonic() - frozen
-            wait_for(lambda: still(system), "arms at rest", 3.0)
+            wait_for(lambda: system.is_still(), "arms at rest", 3.0)
             assert watcher.state.lease.free_in_ns is not None, "no clock runs"
             client.send(signal.SIGCONT)
             wait_for(lambda: watcher.state.lease.free_in_ns is None, "the clocks to end", 3.0)
@@ -143,7 +137,7 @@ def test_sigterm_brakes_pauses_and_ends_within_five_seconds(tmp_path: Path, syst
         assert time.monotonic() - asked < 5.0
     last = system.stats()["commands"]["/api/fsm/enable"]["last"]
     assert last == 0.0, "the heartbeat did not end with 0.0"
-    wait_for(lambda: system.robot_state()["fsm"] == 0 and still(system), "a paused robot at rest", 2.0)
+    wait_for(lambda: system.robot_state()["fsm"] == 0 and system.is_still(), "a paused robot at rest", 2.0)
     assert all(arm["stream_losses"] <= 1 for arm in system.stats()["arms"].values())
 
 
@@ -190,7 +184,7 @@ def test_a_link_that_stalls_for_two_seconds_delivers_nothing_late(tmp_path: Path
         wait_for(lambda: watcher.state.state == "IDLE", f"IDLE, not {watcher.state.state}", 4.0)
         late = {topic: system.count(topic) - before[topic] for topic in joint_topics()}
         assert all(count <= 12 for count in late.values()), f"late setpoints: {late}"
-        wait_for(lambda: system.robot_state()["fsm"] == 0 and still(system), "a paused robot at rest", 3.0)
+        wait_for(lambda: system.robot_state()["fsm"] == 0 and system.is_still(), "a paused robot at rest", 3.0)
         q = system.arm_q()
         seq = watcher.state.seq
         wait_for(lambda: watcher.state.seq > seq + 50, "a second of snapshots")
@@ -296,7 +290,7 @@ def test_a_takeover_brakes_and_ends_the_old_owner(tmp_path: Path, systems: Syste
         with boss.control(take="test") as own:
             assert client.wait(10.0) != 0
             assert "LEASE_LOST" in client.text(), client.text()
-            wait_for(lambda: boss.state.state == "HOLDING" and still(system), "a held robot")
+            wait_for(lambda: boss.state.state == "HOLDING" and system.is_still(), "a held robot")
             wait_for(lambda: _can_hold(own.left_arm.move_by), "the new owner's motion")
 
 

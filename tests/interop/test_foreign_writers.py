@@ -25,7 +25,7 @@ from gateway.errors import Code, GatewayError
 from gateway.sim.manual import command_topics
 from gateway.values import Side
 from tests.e2e.system import System, wait_for
-from tests.e2e.test_heart import moving, still
+from tests.e2e.test_heart import moving
 from tests.interop.bridge_process import bridge_settings, start_bridge
 from tests.interop.dds_node import ROBOT_DOMAIN, DdsNode, loopback
 from tests.sim.drivers import joints
@@ -129,7 +129,7 @@ def test_an_announcement_stops_us_before_its_first_sample_and_is_named(system: S
         moving(system, watcher)
         elsewhere.appear()
         wait_for(lambda: Code.FOREIGN_WRITER.value in watcher.state.latches, "the latch", 10.0)
-        wait_for(lambda: watcher.state.state == "HOLDING" and still(system), "a hold", 3.0)
+        wait_for(lambda: watcher.state.state == "HOLDING" and system.is_still(), "a hold", 3.0)
         assert system.robot_state()["fsm"] == 2, "nobody writes yet: the arms stay under torque"
         (seen,) = [other for other in watcher.state.others.seen if other.topic == LEFT]
         assert (seen.kind, seen.count) == ("token", 0)
@@ -209,7 +209,7 @@ def test_bytes_that_stop_a_reader_for_half_a_second_end_our_motion_without_a_jum
             session.put(LEFT.strip("/"), payload)
         wait_for(lambda: Code.FOREIGN_WRITER.value in watcher.state.latches, "the latch", 3.0)
         wait_for(lambda: watcher.state.state == "IDLE", f"IDLE, not {watcher.state.state}", 2.0)
-        wait_for(lambda: system.robot_state()["fsm"] == 0 and still(system), "a paused robot at rest", 3.0)
+        wait_for(lambda: system.robot_state()["fsm"] == 0 and system.is_still(), "a paused robot at rest", 3.0)
         q, seq = system.arm_q(), watcher.state.seq
         wait_for(lambda: watcher.state.seq > seq + 50, "a second of snapshots")
         assert max(abs(a - b) for a, b in zip(q, system.arm_q(), strict=True)) < 0.01

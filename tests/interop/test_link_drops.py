@@ -17,7 +17,7 @@ import pytest
 
 from gateway.client import Robot
 from tests.e2e.system import Process, System, joint_topics, wait_for
-from tests.e2e.test_heart import moving, still
+from tests.e2e.test_heart import moving
 from tests.interop.bridge_process import bridge_program, demand
 from tests.interop.cable import FarSystem, demand_cable
 from tests.thoroughness import either
@@ -129,7 +129,7 @@ class Move:
 
     def stays(self, snapshots: int = 75) -> None:
         """Fail when an arm moves during so many snapshots at 50 Hz."""
-        wait_for(lambda: still(self._system), "arms at rest", 3.0)
+        wait_for(lambda: self._system.is_still(), "arms at rest", 3.0)
         before, seq = self._system.arm_q(), self._watcher.state.seq
         wait_for(lambda: self._watcher.state.seq > seq + snapshots, "snapshots")
         after = self._system.arm_q()
