@@ -381,6 +381,14 @@ STOPPING = {
         "losing_the_link::a_backlog_that_still_says_ready_does_not_restart_a_robot_that_was_stopped_meanwhile",
         "losing_the_link::a_1_0_that_was_wrong_after_a_short_stall_is_taken_back_at_once",
     ),
+    "(the last word of a long stall)": (
+        "losing_the_link::the_last_word_of_a_stall_that_outlives_its_time_is_0_0",
+        "losing_the_link::what_is_owed_after_the_last_word_is_paid_all_the_same",
+        "losing_the_link::somebody_elses_robot_gets_no_last_word",
+        "losing_the_link::the_last_word_does_not_end_an_estops_repetition",
+        "core/stall::a_robot_that_is_heard_again_ends_the_last_word_at_once",
+        "core/streams/heartbeat::the_last_word_is_0_0_for_0_3_s_and_settles_nothing",
+    ),
     "0.0 after a loss": (
         "losing_the_link::after_a_long_stall_0_0_is_sent_only_when_the_robot_is_known_to_be_ours",
         "losing_the_link::after_a_long_stall_nothing_is_sent_to_a_robot_that_is_somebody_elses",
@@ -642,6 +650,7 @@ GUARD = {
         "guard::a_holding_guard_is_silent_in_vr_mode_and_beside_another_fsm",
         "guard::a_holding_guard_answers_a_pause_with_0_0",
         "guard::a_holding_guard_does_not_wait_out_a_stall",
+        "guard::the_last_word_of_a_guard_whose_robot_falls_silent_is_0_0",
     ),
     "stop-only": (
         "guard::stop_and_estop_work_while_the_daemon_is_dead",
