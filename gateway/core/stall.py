@@ -8,7 +8,7 @@ Rules (BEHAVIOUR, stopping and losing)
     * A hold that ended with its 0.8 s just before HOLDING goes on as it was, while the robot cannot have noticed: seeded
       anew the arms would jump under torque.
     * When a stall has outlived the time in which it may resume, 0.0 is sent for 0.3 s, to nobody or to a robot that pauses
-      by itself at that time: a bridge hands its newest heartbeat to a robot's node that starts anew, and 1.0 would start
+      by itself at that time: a bridge hands what a dead node has not taken to the one that starts anew, and 1.0 would start
       the robot. Not where the last that was heard is VR mode or FSM 3-6, nor beside anybody else.
     * After any other loss a 0.0 that is owed leaves only when a mode and an FSM sample that came since say API and 1-2:
       the robot may be somebody else's by now. An e-stop that may not have been heard asks for FSM 1-2 only.

@@ -280,7 +280,7 @@ def test_a_stall_that_outlives_its_time_ends_with_0_0_for_0_3_s(state: State) ->
     """Not before it may resume no more; and what is owed stays owed."""
     stage = Stalled(state)
     assert beats(stage.fall_silent(80)) == []
-    assert beats(stage.go_on(31)) == [0.0] * 7
+    assert beats(stage.go_on(31)) == [0.0] * 30
     assert beats(stage.go_on(200)) == [] and stage.state is State.STALE and stage.conductor.body.heartbeat.is_owed
 
 
@@ -329,7 +329,7 @@ def test_a_way_back_that_is_interrupted_late_ends_with_the_last_word() -> None:
     stage = Stalled(State.HOLDING)
     stage.fall_silent(65)
     assert 1.0 in beats(stage.come_back(8))
-    assert beats(stage.fall_silent(60))[-6:] == [0.0] * 6
+    assert beats(stage.fall_silent(60))[-30:] == [0.0] * 30
 
 
 # ---------------------------------------------------------------------------------------------------------- what is owed

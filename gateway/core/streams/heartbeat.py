@@ -21,6 +21,8 @@ SETTLE_NS = 150_000_000
 
 LAST_WORD_NS = 300_000_000
 """How long the last word to a robot that is not heard is repeated [ns]."""
+LAST_WORD_HZ = 100.0
+"""And how often: a bridge keeps the last ten samples that a dead node has not taken (§4.1.1), none of which may be a 1.0."""
 
 
 class Beat(str, Enum):
@@ -49,7 +51,7 @@ class HeartbeatStream:
         """When the last 1.0 left [ns]."""
         self.gave_up_at_ns: int | None = None
         """When the last repetition of 0.0 ended without FSM 0 [ns]; None when none did since the last good one."""
-        self._grid = Grid(robot.TOPICS[self.topic].rate_hz)
+        self._steady, self._quick = Grid(robot.TOPICS[self.topic].rate_hz), Grid(LAST_WORD_HZ)
         self._zero_timeout_ns = zero_timeout_ns
         self._zero_since_ns = 0
         self._is_once = False
@@ -77,6 +79,10 @@ class HeartbeatStream:
         """Whether the 0.0 being repeated is an e-stop's: it goes on even in VR mode and beside other writers."""
         return self._is_estop
 
+    @property
+    def _grid(self) -> Grid:
+        return self._quick if self.is_last_word else self._steady
+
     def ones(self, now_ns: int) -> None:
         """Send 1.0, the first at once. Ends a repetition of 0.0."""
         if self.beat is not Beat.ONE:
@@ -98,6 +104,7 @@ class HeartbeatStream:
         if self.beat is not Beat.ZERO:
             self.zeros(now_ns)
             self._is_brief = True
+            self._quick.start(now_ns)
 
     def zero_once(self, now_ns: int) -> None:
         """Send one 0.0, and only if it is owed: somebody else commands the robot now. An e-stop's repetition goes on."""
