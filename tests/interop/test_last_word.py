@@ -18,13 +18,13 @@ from tests.interop.bridge_process import bridge_settings, demand, start_bridge
 
 demand(module=True)
 
-from tests.e2e.system import Process, System, free_port, wait_for
+from tests.e2e.system import Process, System, free_port, run_apart, wait_for
 from tests.interop.dds_node import ROBOT_DOMAIN, loopback
 
 pytestmark = [pytest.mark.e2e, pytest.mark.interop]
 
-SHORT_S = 0.9
-"""So long after the last state a stall may resume, and nothing can be said [s]."""
+SHORT_S = 1.0
+"""So long after its last state a robot may be back in a short stall, or before ten samples of 0.0 were sent [s]."""
 WATCHED_S = 3.2
 """A node that comes back is watched so long [s]: discovery takes a tenth of a second, at times three seconds."""
 
@@ -74,8 +74,12 @@ def renewed(tmp_path: Path) -> Iterator[Renewed]:
     """A robot that an owner holds enabled, with a node that waits to follow the one of now."""
     system = Renewed(tmp_path, has_guard=False)
     try:
+        wait_for(
+            lambda: "joined" in system.sim.text() and "waiting" in system.next.text(), "both nodes", tell=system.logs
+        )
+        for pid in (system.bridge.pid, system.sim.pid, system.next.pid):
+            run_apart(pid)
         with system.connect() as robot:
-            wait_for(lambda: "waiting" in system.next.text(), "the next node")
             owner = system.client("owner", OWNER)
             wait_for(lambda: "enabled" in owner.text() and robot.state.state == "ACTIVE", "ACTIVE", tell=system.logs)
             wait_for(lambda: "fsm 2" in system.sim.text(), "READY")
