@@ -29,8 +29,15 @@ WATCHED_S = 3.2
 """A node that comes back is watched so long [s]: discovery takes a tenth of a second, at times three seconds."""
 
 OWNER = """
+from gateway.errors import GatewayError
 with robot.control(on_loss='hold') as own:
-    own.enable(timeout=15.0)
+    while True:
+        try:
+            own.enable(timeout=15.0)
+            break
+        except GatewayError as error:  # the machine is busy
+            print(error, flush=True)
+            time.sleep(0.2)
     print("enabled", flush=True)
     time.sleep(60.0)
 """
@@ -81,8 +88,9 @@ def renewed(tmp_path: Path) -> Iterator[Renewed]:
             run_apart(pid)
         with system.connect() as robot:
             owner = system.client("owner", OWNER)
-            wait_for(lambda: "enabled" in owner.text() and robot.state.state == "ACTIVE", "ACTIVE", tell=system.logs)
-            wait_for(lambda: "fsm 2" in system.sim.text(), "READY")
+            wait_for(lambda: "enabled" in owner.text(), "an enabled robot", tell=system.logs)
+            held = {"ACTIVE", "HOLDING"}
+            wait_for(lambda: robot.state.state in held and "fsm 2" in system.sim.text(), "READY", tell=system.logs)
         yield system
     finally:
         system.close()
