@@ -14,8 +14,8 @@ Rules it obeys
     * Ctrl-C in the daemon's terminal does not reach it (it has a session of its own); SIGTERM ends what it holds, or what it
       is about to hold: who ends a service asks both processes. One of long ago is no wish any more.
     * What others command is the daemon's to look for while it ticks: it lets the robot go at once, and what it has on the wire
-      is all that may be gone on with. The guard looks too from the first doubt on, when it asks the daemon's core whether it
-      runs, and when it acts. To hear the daemon's own commands come back would cost as much as all else that the guard does.
+      is all that may be gone on with. The guard looks too from the first doubt on, when it asks whether the daemon could run,
+      and when it acts. To hear the daemon's own commands come back would cost as much as all else that the guard does.
     * The disk is written from a thread: a latch of the guard's reaches the state file, or the daemon that takes over.
 """
 
@@ -250,7 +250,7 @@ class Guard:
         if is_daemon_gone:
             self._begin(held, now_ns)
         elif not self._is_killed and self._guardian.freeze.is_frozen(held, now_ns, self._probe.ran_ns()):
-            self._kill()
+            self._kill(held, now_ns)
         elif self._guardian.freeze.is_asking:
             self._probe.ask()
             self._link.hear_commands()
@@ -266,9 +266,10 @@ class Guard:
         elif held is not None and held.latches and not is_clean:
             self._remember({Code(name): LATCHED_BEFORE for name in held.latches})
 
-    def _kill(self) -> None:
+    def _kill(self, held: Held | None, now_ns: int) -> None:
         """End the frozen daemon, so that it can never send anything again."""
         self._is_killed = True
+        tick_ms = (now_ns - held.at_ns) / 1e6 if held is not None else 0.0
         freeze_ms = self._settings.guard.freeze_ns / 1e6
         if self._daemon < 0:
             _log.error("the daemon has not ticked for %.0f ms, and this kernel has no pidfd to end it by", freeze_ms)
@@ -283,6 +284,7 @@ class Guard:
         with contextlib.suppress(OSError):  # no /proc here: then its pipe tells
             self._dying = DyingProcess(self._daemon)
         _log.error("the daemon has not ticked for %.0f ms while it commands the robot: it is ended", freeze_ms)
+        _log.error("its last tick %.1f ms ago, %s", tick_ms, self._probe.account(now_ns))
 
     def _is_dead(self) -> bool:
         """Return whether the daemon was killed by us and can do nothing any more."""

@@ -1,4 +1,4 @@
-"""Rules of `gateway.core_probe`: a core answers when it runs, and only a process that is bound to one core has one to ask."""
+"""Rules of `gateway.core_probe`: a core answers when it runs, and a process when its turn has come as well."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ import pytest
 
 from gateway.core_probe import CoreProbe
 from gateway.cores import LinuxAffinity
+from gateway.turns import Turn
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="cores can be chosen on Linux only")
 
@@ -70,18 +71,54 @@ def test_a_core_that_runs_answers_at_once(child: subprocess.Popen[bytes], probe:
         assert soon(lambda asked_ns=asked_ns: (probe.ran_ns() or 0) >= asked_ns)
 
 
-def test_a_process_on_several_cores_or_none_has_no_core_to_ask(
+def test_a_process_on_several_cores_is_asked_for_on_the_one_it_ran_on(
     child: subprocess.Popen[bytes], probe: CoreProbe
 ) -> None:
-    """It may run wherever there is room; one that has ended runs nowhere."""
-    if len(os.sched_getaffinity(0)) > 1:
-        assert probe.ran_ns() is None
-        probe.ask()
-    os.sched_setaffinity(child.pid, {min(os.sched_getaffinity(0))})
-    assert probe.ran_ns() is not None
+    """It may run wherever there is room; one that has ended runs nowhere, and nobody is asked."""
+    asked_ns = time.monotonic_ns()
+    probe.ask()
+    assert soon(lambda: (probe.ran_ns() or 0) >= asked_ns)
     child.kill()
     child.wait()
     assert probe.ran_ns() is None
+    probe.ask()
+    assert probe.ran_ns() is None
+
+
+class Patient(Turn):
+    """A process whose turn comes when the test says so."""
+
+    def __init__(self) -> None:
+        super().__init__(os.getpid())
+        self.is_over = False
+
+    def ask(self) -> int:
+        """It wants to run."""
+        return 1
+
+    def has_come(self) -> bool:
+        """Return what the test says."""
+        return self.is_over
+
+
+def test_a_process_that_waits_for_its_turn_on_a_core_that_runs_has_not_answered(child: subprocess.Popen[bytes]) -> None:
+    """The answer is as old as the last look at which it still waited; the account tells both."""
+    os.sched_setaffinity(child.pid, {min(os.sched_getaffinity(0))})
+    turn = Patient()
+    probe = CoreProbe(child.pid, LinuxAffinity(), URGENT, turn)
+    try:
+        assert probe.account(time.monotonic_ns()) == "its core was not asked"
+        asked_ns = time.monotonic_ns()
+        probe.ask()
+        assert soon(lambda: "its core ran" in probe.account(time.monotonic_ns()))
+        assert probe.ran_ns() == 0
+        waited_ns = time.monotonic_ns()
+        assert probe.ran_ns() == 0 and "it could run" not in probe.account(waited_ns)
+        turn.is_over = True
+        assert asked_ns < waited_ns <= (probe.ran_ns() or 0)
+        assert "it could run" in probe.account(time.monotonic_ns())
+    finally:
+        probe.close()
 
 
 @pytest.fixture
@@ -140,6 +177,6 @@ def test_a_core_that_cannot_be_asked_counts_as_running(child: subprocess.Popen[b
         os.sched_setaffinity(child.pid, {min(os.sched_getaffinity(0))})
         asked_ns = time.monotonic_ns()
         probe.ask()
-        assert (probe.ran_ns() or 0) >= asked_ns
+        assert soon(lambda: (probe.ran_ns() or 0) >= asked_ns)  # it has just been moved, and must run there first
     finally:
         probe.close()

@@ -7,6 +7,9 @@ Rules (BEHAVIOUR, stopping and losing)
       once the arms can be seeded, HOLDING. If that 1.0 turns out to be wrong, 0.0 follows at once.
     * A hold that ended with its 0.8 s just before HOLDING goes on as it was, while the robot cannot have noticed: seeded
       anew the arms would jump under torque.
+    * When a stall has outlived the time in which it may resume, 0.0 is sent for 0.3 s, to nobody or to a robot that pauses
+      by itself at that time: a bridge hands what a dead node has not taken to the one that starts anew, and 1.0 would start
+      the robot. Not where the last that was heard is VR mode or FSM 3-6, nor beside anybody else.
     * After any other loss a 0.0 that is owed leaves only when a mode and an FSM sample that came since say API and 1-2:
       the robot may be somebody else's by now. An e-stop that may not have been heard asks for FSM 1-2 only.
 
@@ -63,6 +66,8 @@ class Stall:
         conductor = self._conductor
         if conductor.state is State.STALE:
             self._while_stale(now_ns)
+        if conductor.state is not State.STALE and conductor.body.heartbeat.is_last_word:
+            conductor.body.heartbeat.silence()  # a robot that is heard again says itself what is owed to it
         if conductor.state in QUIET:
             conductor.quiet_ns = now_ns
         if conductor.quiet_ns != self._quiet_ns:
@@ -83,8 +88,11 @@ class Stall:
             self._silenced = tuple(side for side, arm in conductor.body.arms.items() if arm.running)
             self._silenced_ns = now_ns
             conductor.body.silence_arms()
-        if gone_ns > limit_ns and not conductor.resuming:
+        if gone_ns > limit_ns and conductor.can_resume and not conductor.resuming:
             conductor.can_resume = False  # what was held is held no more: an unowned lift goes off
+            mode = conductor.store.mode(now_ns)
+            if not is_fresh and mode is not None and mode.api and conductor.body.heartbeat.is_owed:
+                conductor.body.heartbeat.last_word(now_ns)
         if conductor.resuming:
             if is_fresh:
                 self._resume(now_ns)

@@ -232,6 +232,25 @@ def test_a_holding_guard_does_not_wait_out_a_stall():
     assert not any(pair.sent_on(topic, deaf_ns) for topic in ARMS)
 
 
+def test_the_last_word_of_a_guard_whose_robot_falls_silent_is_0_0():
+    """And of one that finds its daemon dead in a long stall, whether that had its last word or not."""
+    for stall_s in (0.0, 0.6, 1.0):
+        pair, _ = in_motion()
+        if stall_s:
+            pair.is_deaf = True
+            pair.run(stall_s)
+            assert pair.state == "STALE"
+        died_ns = pair.now_ns
+        pair.die()
+        pair.run(0.2)
+        pair.is_deaf = True
+        to_its_end(pair)
+        said = [(at_ns, frame.values[0]) for at_ns, frame in pair.sent_on(robot.FSM_ENABLE, died_ns)]
+        zeros_ns = [at_ns for at_ns, value in said if value == 0.0]
+        assert [value for _, value in said] == sorted((value for _, value in said), reverse=True)
+        assert zeros_ns[-1] - zeros_ns[0] >= 300 * MS
+
+
 @pytest.mark.parametrize("is_estop", [False, True])
 def test_stop_and_estop_work_while_the_daemon_is_dead(is_estop):
     """A stop brakes and keeps the grip; an e-stop pauses the robot at once."""

@@ -13,7 +13,10 @@ from gateway.core.events import (
     Enable,
     Estop,
     ExitRequested,
+    ForeignData,
     FrameKind,
+    Gateway,
+    GatewayTokens,
     LinkUp,
     Move,
     Release,
@@ -44,7 +47,7 @@ def test_stale_is_entered_when_the_newest_state_is_older_than_100_ms() -> None:
     pair = scene("ACTIVE")
     pair.is_deaf = True
     heard_ns = max(sample.received_ns for topic, sample in pair.heard.items() if topic in LEAN[:2])
-    pair.run(1.0)
+    pair.run(0.85)
     after = [frame.kind for at_ns, frame in pair.frames if at_ns - heard_ns > 100 * MS]
     assert pair.state == "STALE" and after == []
 
@@ -58,7 +61,62 @@ def test_at_rest_constant_frames_go_on_for_at_most_0_8_s() -> None:
     assert {frame.kind for _, frame in after} == {FrameKind.HOLD} and len({frame.values for _, frame in after}) == 1
     assert 780 * MS <= after[-1][0] - stale_ns <= 800 * MS
     assert max(b - a for (a, _), (b, _) in pairwise(after)) <= 10 * MS
-    assert not [at_ns for at_ns in pair.beats_at_ns if at_ns >= stale_ns]
+    assert not [v for at_ns, v in zip(pair.beats_at_ns, pair.beats, strict=True) if at_ns >= stale_ns and v != 0.0]
+
+
+@pytest.mark.parametrize("state", ["at rest", "ACTIVE", "HOLDING"])
+def test_the_last_word_of_a_stall_that_outlives_its_time_is_0_0(state: str) -> None:
+    """When it may resume no more: for 0.3 s, so that a robot's node that starts anew is handed no 1.0 by its bridge."""
+    pair = scene(state)
+    stall(pair, 4.0)
+    stale_ns = next(n.at_ns for n in pair.notices if n.facts.get("to") == "STALE")
+    after = [(at, v) for at, v in zip(pair.beats_at_ns, pair.beats, strict=True) if at >= stale_ns]
+    assert {v for _, v in after} == {0.0} and len(after) == 30
+    assert 800 * MS <= after[0][0] - stale_ns <= 820 * MS and after[-1][0] - stale_ns <= 1120 * MS
+    assert pair.told(Code.STOP_NOT_EFFECTIVE) == []
+
+
+def test_what_is_owed_after_the_last_word_is_paid_all_the_same() -> None:
+    """Nobody may have heard it: 0.0 again to a robot that is seen to run, until it pauses."""
+    pair = scene("at rest")
+    pair.robot.inject({"fault": "fsm_value", "value": 2}, pair.now_ns)
+    stall(pair, 3.0)
+    pair.mark()
+    pair.run_until(lambda: 0.0 in pair.beats, 1.5)
+    pair.robot.clear()
+    pair.run_until(lambda: pair.engine.running_topics.count(robot.FSM_ENABLE) == 0, 2.1)
+    assert pair.fsm == 0 and pair.state == "IDLE" and set(pair.beats) == {0.0}
+
+
+@pytest.mark.parametrize("whose", ["vr", "fsm", "gateway", "data"])
+def test_somebody_elses_robot_gets_no_last_word(whose: str) -> None:
+    """VR mode, playback, another gateway, somebody's setpoints, each heard in the stall: no 0.0."""
+    pair = scene("at rest")
+    stall(pair, 0.3)
+    pair.is_deaf = True
+    if whose == "vr":
+        pair.tell_mode(api=False)
+    elif whose == "fsm":
+        pair.is_deaf, pair.topics = False, (robot.FSM_STATE,)
+        pair.robot.inject({"fault": "fsm_value", "value": 3}, pair.now_ns)
+    elif whose == "gateway":
+        pair.receive(GatewayTokens(gateways=(Gateway(zid="b", is_armed=True),), at_ns=pair.now_ns))
+    else:
+        pair.receive(ForeignData(topic=robot.joint_command(Side.LEFT), zid="b", at_ns=pair.now_ns))
+    pair.mark()
+    pair.run(2.0)
+    assert pair.state == "STALE" and pair.beats == []
+
+
+def test_the_last_word_does_not_end_an_estops_repetition() -> None:
+    """2 s of 0.0 from the e-stop on, and again when the robot is back."""
+    pair = scene("at rest")
+    stall(pair, 0.6)
+    pair.is_deaf = True
+    pair.granted(Estop(), "bob")
+    pair.mark()
+    pair.run(3.0)
+    assert set(pair.beats) == {0.0} and 1900 * MS <= pair.beats_at_ns[-1] - pair.beats_at_ns[0] <= 2010 * MS
 
 
 @pytest.mark.parametrize("ending", ["release", "disable", "estop", "vr", "fsm", "error", "exit", "suspend", "no arm"])
@@ -266,6 +324,7 @@ def test_after_a_long_stall_0_0_is_sent_only_when_the_robot_is_known_to_be_ours(
     mode_before = pair.heard[robot.CURRENT_MODE]
     back_ns = pair.now_ns
     pair.run_until(lambda: pair.state == "IDLE", 0.2)
+    pair.mark()
     pair.run_until(lambda: 0.0 in pair.beats, 1.5)
     assert pair.heard[robot.CURRENT_MODE] is not mode_before
     zero_ns = next(at for at, value in zip(pair.beats_at_ns, pair.beats, strict=True) if value == 0.0)

@@ -54,7 +54,7 @@ estop          | ground, L, down | ground, L, 0.0 | ground, L, down | ground, L,
 recover        | ok, nothing    | ok, nothing     | ok, nothing     | ok, =          | ok, =               | ok, =         | ok, =             | ok, stops      | STATE_STALE          | NO_LINK
 client lost    | -              | nothing         | nothing         | down           | hold                | =             | =                 | stops          | =                    | =
 lost, pause    | -              | free, nothing   | free, nothing   | free, down     | free, down          | free, down    | free, down        | free, stops    | free, 0.0, silent    | free, nothing
-stale          | STALE, nothing | STALE, nothing  | STALE, nothing  | STALE, 0.0     | STALE, falls silent | STALE, keeps  | STALE, 0.0, keeps | STALE, 0.0     | =                    | =
+stale          | STALE, nothing | STALE, nothing  | STALE, nothing  | STALE, 0.0     | STALE, falls silent, last word | STALE, keeps, last word | STALE, 0.0, keeps | STALE, 0.0     | =                    | =
 transport lost | OFFLINE        | OFFLINE         | OFFLINE         | OFFLINE        | OFFLINE             | OFFLINE       | OFFLINE           | OFFLINE        | OFFLINE              | =
 FSM READY      | nothing        | nothing         | nothing         | ACTIVE         | =                   | =             | 0.0, PAUSED       | gives up       | -                    | -
 FSM 0          | nothing        | nothing         | nothing         | down           | pauses              | pauses        | =                 | silent         | -                    | -
@@ -251,7 +251,7 @@ def _silent(pair: Scene) -> None:
 
 
 def _falls_silent(pair: Scene) -> None:
-    pair.run(0.9)
+    pair.run(0.75)
     assert pair.arm_frames() == [] and pair.beats == []
 
 
@@ -263,6 +263,13 @@ def _keeps(pair: Scene) -> None:
         assert {f.kind for _, f in frames} == {FrameKind.HOLD} and len({f.values for _, f in frames}) == 1
         assert 790 * MS <= frames[-1][0] - frames[0][0] <= 800 * MS
     assert 1.0 not in pair.beats
+
+
+def _last_word(pair: Scene) -> None:
+    """0.0 for 0.3 s, once it may resume no more."""
+    pair.run(0.6)
+    after_ns = [at_ns - pair.mark_ns for at_ns in pair.beats_at_ns]
+    assert set(pair.beats) == {0.0} and 780 * MS <= after_ns[0] and 250 * MS <= after_ns[-1] - after_ns[0] <= 300 * MS
 
 
 def _goes_on(pair: Scene) -> None:
@@ -316,6 +323,7 @@ WORDS: dict[str, Callable[[Scene], None]] = {
     "silent": _silent,
     "falls silent": _falls_silent,
     "keeps": _keeps,
+    "last word": _last_word,
     "0.0": _zero_at_once,
     "ground": _grounds,
     "free": _free,

@@ -12,7 +12,7 @@ from rich.console import Console
 from tests.bench.chunks import chunk_rows
 from tests.bench.codec import codec_rows
 from tests.bench.collision import collision_rows
-from tests.bench.guard import guard_rows
+from tests.bench.guard import crowd_rows, guard_rows
 from tests.bench.kinematics import kinematics_rows
 from tests.bench.lines import line_rows
 from tests.bench.model_check import model_check_rows
@@ -31,6 +31,8 @@ def main() -> int:
     parser.add_argument("parts", nargs="*", choices=[*PARTS, []], help="which; all by default")
     parser.add_argument("--seconds", type=float, default=8.0, help="length of each turn of a video receiver [s]")
     parser.add_argument("--minutes", type=float, default=1.0, help="length of the guard's run under load [min]")
+    parser.add_argument("--daemons", type=int, default=0, help="the guard: only so many daemons on one core")
+    parser.add_argument("--core", type=int, default=0, help="which core")
     options = parser.parse_args()
     parts = options.parts or PARTS
     console = Console(width=150 if not sys.stdout.isatty() else None)
@@ -53,7 +55,10 @@ def main() -> int:
         show("over the wire (loopback, real processes)", found, console)
     if "guard" in parts:
         with tempfile.TemporaryDirectory(prefix="ta2-bench-") as folder:
-            rows += (found := guard_rows(Path(folder), options.minutes))
+            if options.daemons:
+                rows += (found := crowd_rows(Path(folder), options.minutes, options.daemons, options.core))
+            else:
+                rows += (found := guard_rows(Path(folder), options.minutes))
         show("the guard (loopback, real processes)", found, console)
     if "video" in parts:
         with tempfile.TemporaryDirectory(prefix="ta2-bench-") as folder:

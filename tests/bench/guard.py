@@ -2,21 +2,24 @@
 
 bin/bench guard                     ten takeovers, and one minute under 4 CPU hogs
 bin/bench guard --minutes 10        the same with the long run
+bin/bench guard --daemons 3 --core 1 --minutes 60   only: daemons, robots and hogs together on one core, for so long
 """
 
 from __future__ import annotations
 
 import math
 import os
+import re
 import signal
 import time
 from collections.abc import Callable
 from pathlib import Path
+from typing import ClassVar
 
 from tests.bench.table import Row
 from tests.e2e.system import Process, System, reference_loop, wait_for, worst_gap_ms
 
-__all__ = ["guard_rows"]
+__all__ = ["crowd_rows", "guard_rows"]
 
 TRIALS = 5
 GAP_GOAL_MS = 100.0
@@ -35,12 +38,88 @@ with robot.control() as own:
 """
 
 
-def _moving(folder: Path) -> System:
+STUBBORN = f"""
+while True:
+    try:
+        {MOVER.strip().replace(chr(10), chr(10) + 8 * " ")}
+    except Exception as error:
+        print(error, flush=True)
+        time.sleep(0.5)
+        robot.recover('bench')
+"""
+"""Goes on after each stall, of which there are many where all is crowded."""
+
+
+class Pinned(System):
+    """A system that shares one core with others: robot and daemon, not the guard, which looks for a core by itself."""
+
+    core: ClassVar[int] = 0
+
+    def start_sim(self) -> Process:
+        """Start the robot, there."""
+        return self._pin(super().start_sim())
+
+    def start_daemon(self) -> Process:
+        """Start the daemon, there."""
+        return self._pin(super().start_daemon())
+
+    def _pin(self, process: Process) -> Process:
+        os.sched_setaffinity(process.pid, {self.core})
+        return process
+
+
+def crowd_rows(folder: Path, minutes: float, daemons: int, core: int) -> list[Row]:
+    """Let several daemons move their robots on one core, with hogs; count those that a guard ended.
+
+    Args:
+        folder: For sockets and logs.
+        minutes: For so long [min].
+        daemons: How many.
+        core: Which core.
+    """
+    Pinned.core = core
+    systems: list[System] = []
+    hogs: list[Process] = []
+    try:
+        for n in range(daemons):
+            (folder / f"crowd{n}").mkdir()
+            systems.append(_moving(folder / f"crowd{n}", Pinned, STUBBORN))
+            os.sched_setaffinity(systems[-1].clients[0].pid, {core})
+        hogs = [Process(f"hog{n}", ["-c", HOG], folder) for n in range(HOGS)]
+        for hog in hogs:
+            os.sched_setaffinity(hog.pid, {core})
+        until = time.monotonic() + 60.0 * minutes
+        while time.monotonic() < until and all(system.daemon.is_running for system in systems):
+            time.sleep(0.5)
+        texts = [system.daemon.text() for system in systems]
+    finally:
+        for process in hogs:
+            os.kill(process.pid, signal.SIGKILL)
+            process.end()
+        for system in systems:
+            system.close()
+    for line in "\n".join(texts).splitlines():
+        if "its last tick" in line:
+            print(line)
+    ended = sum(text.count("it is ended") for text in texts)
+    late_ms = [float(ms) for text in texts for ms in re.findall(r"a tick came (\d+) ms late", text)]
+    return [
+        Row(
+            name=f"of {daemons} daemons on one core with {HOGS} CPU hogs, ended in {minutes:g} min",
+            ours=f"{ended}, {len(late_ms)} ticks > 50 ms late, worst {max(late_ms, default=0.0):.0f} ms",
+            peer="none",
+            goal="0",
+            good=ended == 0,
+        )
+    ]
+
+
+def _moving(folder: Path, kind: type[System] = System, program: str = MOVER) -> System:
     """Return a system with a linked guard whose arms move for ever."""
-    system = System(folder)
+    system = kind(folder)
     with system.connect("bench") as robot:
         wait_for(lambda: robot.state.view.guard.linked, "a linked guard")
-        system.client("mover", MOVER)
+        system.client("mover", program)
         wait_for(lambda: robot.state.view.state == "ACTIVE", "ACTIVE")
         wait_for(lambda: any(abs(v) > 0.1 for v in robot.state.view.arms["left"].dq_ref_radps), "motion at speed")
     return system

@@ -272,6 +272,66 @@ def test_arms_that_were_disabled_meanwhile_do_not_come_back(mode_is_known: bool)
     )
 
 
+# ---------------------------------------------------------------------------------------------------------- the last word
+
+
+@pytest.mark.parametrize("state", [State.ACTIVE, State.HOLDING])
+def test_a_stall_that_outlives_its_time_ends_with_0_0_for_0_3_s(state: State) -> None:
+    """Not before it may resume no more; and what is owed stays owed."""
+    stage = Stalled(state)
+    assert beats(stage.fall_silent(80)) == []
+    assert beats(stage.go_on(31)) == [0.0] * 30
+    assert beats(stage.go_on(200)) == [] and stage.state is State.STALE and stage.conductor.body.heartbeat.is_owed
+
+
+@pytest.mark.parametrize("state", [State.IDLE, State.READ_ONLY])
+def test_who_sent_no_1_0_has_no_last_word(state: State) -> None:
+    """Nothing of ours is on the way."""
+    assert beats(Stalled(state).fall_silent(150)) == []
+
+
+def test_a_1_0_that_was_answered_by_a_pause_needs_no_last_word() -> None:
+    """The FSM's own topic may still be heard."""
+    stage = Stalled(State.HOLDING)
+    stage.fall_silent(30)
+    stage.conductor.body.heartbeat.fsm_zero_seen(stage.now_ns)
+    assert beats(stage.go_on(100)) == []
+
+
+@pytest.mark.parametrize("says", ["VR", "FSM 3", "nothing of its mode"])
+def test_there_is_no_last_word_to_a_robot_that_may_be_somebody_elses(says: str) -> None:
+    """A 0.0 would pause the VR operator."""
+    stage = Stalled(State.HOLDING)
+    stage.fall_silent(10)
+    if says == "nothing of its mode":
+        stage.conductor.store.reset()
+    else:
+        stage.dumb, stage.is_deaf, stage.fsm = set(Side), False, 3 if says == "FSM 3" else None
+        stage.mode = None
+        if says == "VR":
+            stage.say_mode(api=False)
+    assert beats(stage.go_on(150)) == []
+
+
+@pytest.mark.parametrize("is_vr", [False, True])
+def test_a_robot_that_is_heard_again_ends_the_last_word_at_once(is_vr: bool) -> None:
+    """What it is owed is known when it has said what it does."""
+    stage = Stalled(State.HOLDING)
+    assert 0.0 in beats(stage.fall_silent(90))
+    stage.mode = replace(MODE, api=False) if is_vr else None
+    assert beats(stage.come_back(40)) == [] and stage.conductor.body.heartbeat.is_owed
+    stage.mode = replace(MODE, api=not is_vr)
+    assert (0.0 in beats(stage.go_on(3))) is not is_vr
+
+
+def test_a_way_back_that_is_interrupted_late_ends_with_the_last_word() -> None:
+    """Its own 1.0 was out a moment before."""
+    stage = Stalled(State.HOLDING)
+    stage.fall_silent(65)
+    assert 1.0 in beats(stage.come_back(8))
+    assert beats(stage.fall_silent(60))[-30:] == [0.0] * 30
+
+
 # ---------------------------------------------------------------------------------------------------------- what is owed
 
 

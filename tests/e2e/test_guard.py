@@ -4,9 +4,12 @@ from __future__ import annotations
 
 import contextlib
 import os
+import re
+import shutil
 import signal
 import subprocess
 import sys
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +21,7 @@ from gateway.client import Robot, connect
 from gateway.client.guard_stop import stop_at_guard
 from gateway.errors import Disconnected
 from gateway.link.gateway_token import gateway_tokens, parse_gateway_token
+from gateway.settings import RealtimeSettings
 from gateway.values import Side
 from tests.e2e.system import System, joint_topics, steady, wait_for
 from tests.stranger import Stranger
@@ -59,12 +63,19 @@ CHASSIS = "/api/chassis/velocity"
 SPINNER = """
 import os, sys, time
 os.sched_setaffinity(0, {int(sys.argv[1])})
-os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(90))
-end = time.monotonic() + 0.12
+os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(int(sys.argv[3])))
+end = time.monotonic() + float(sys.argv[2])
 while time.monotonic() < end:
     pass
 """
-"""Keeps a core from everybody for 120 ms, as a host that gives it to another machine does."""
+"""Keeps a core from everybody for a while, as a host that gives it to another machine does."""
+
+
+def spin(cores: Iterable[int], seconds: float, priority: int = 90) -> bool:
+    """Keep cores from everybody who is not more urgent; return whether that was permitted."""
+    words = [sys.executable, "-S", "-c", SPINNER]
+    spun = [subprocess.Popen([*words, str(core), str(seconds), str(priority)]) for core in cores]
+    return [process.wait(20) for process in spun] == [0] * len(spun)
 
 
 class Scene:
@@ -382,8 +393,9 @@ def test_a_guard_that_holds_lets_go_when_somebody_else_commands(tmp_path: Path) 
 
 @pytest.mark.alone
 @pytest.mark.sim_only("what stands still is a core of this host")
-def test_a_core_that_stands_still_is_no_frozen_daemon(tmp_path: Path) -> None:
-    """A busy host takes the daemon's core away for 120 ms, three times: the guard waits, and the daemon goes on."""
+@pytest.mark.parametrize("priority", [90, RealtimeSettings().fifo_priority], ids=["core", "turn"])
+def test_a_core_that_stands_still_is_no_frozen_daemon(tmp_path: Path, priority: int) -> None:
+    """A busy host takes the daemon's core away for 120 ms, or another daemon does: the guard waits, the daemon goes on."""
     scene = Scene(tmp_path)
     try:
         daemon, guard = scene.system.daemon, scene.guard_pid
@@ -391,14 +403,69 @@ def test_a_core_that_stands_still_is_no_frozen_daemon(tmp_path: Path) -> None:
         if len(cores) != 1:  # real time is not permitted here, so that the daemon runs wherever there is room
             pytest.skip(f"the daemon runs on {len(cores)} cores")
         for _ in range(3):
-            spun = subprocess.run([sys.executable, "-S", "-c", SPINNER, str(min(cores))], timeout=20, check=False)
-            assert spun.returncode == 0
+            assert spin(cores, 0.12, priority)
             seq = scene.robot.state.seq
             wait_for(lambda seq=seq: scene.robot.state.seq > seq + 10, "snapshots after the standstill")
         assert daemon.is_running and (scene.guard_pid, scene.view.guard.lost) == (guard, 0)
         assert "it is ended" not in daemon.text()
     finally:
         scene.close()
+
+
+@pytest.fixture
+def unfavoured(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Daemons and their guards may not run in real time."""
+    if shutil.which("setpriv") is None:
+        pytest.skip("no setpriv to start a daemon with")
+    monkeypatch.setattr(System, "daemon_place", ("setpriv", "--bounding-set=-sys_nice", "--inh-caps=-sys_nice"))
+
+
+@pytest.mark.alone
+@pytest.mark.sim_only("what is busy is a core of this host")
+@pytest.mark.usefixtures("unfavoured")
+def test_a_daemon_without_real_time_that_is_starved_is_no_frozen_one(tmp_path: Path) -> None:
+    """Others keep it from both its cores for 0.2 s, three times: the guard sees that it could not run, and waits."""
+    cores = sorted(os.sched_getaffinity(0))[-2:]
+    if len(cores) < 2 or not spin(cores, 0.001):
+        pytest.skip("one core only, or no permission to keep cores from a daemon")
+    scene = Scene(tmp_path)
+    try:
+        daemon, guard = scene.system.daemon, scene.guard_pid
+        favour(guard)  # whatever keeps the daemon from running does not keep the guard
+        for task in os.listdir(f"/proc/{daemon.pid}/task"):
+            os.sched_setaffinity(int(task), set(cores))
+        assert os.sched_getscheduler(daemon.pid) == os.SCHED_OTHER and "SCHED_FIFO: not taken" in daemon.text()
+        for _ in range(3):
+            assert spin(cores, 0.2, 20)
+            seq = scene.robot.state.seq
+            wait_for(lambda seq=seq: scene.robot.state.seq > seq + 10, "snapshots after the burst")
+        assert daemon.is_running and (scene.guard_pid, scene.view.guard.lost) == (guard, 0)
+        assert "it is ended" not in daemon.text()
+    finally:
+        scene.close()
+
+
+@pytest.mark.alone
+@pytest.mark.sim_only("what is stopped is a process of this host")
+@pytest.mark.usefixtures("unfavoured")
+def test_a_daemon_without_real_time_that_stands_still_is_ended_in_time(tmp_path: Path) -> None:
+    """Nothing keeps it from its core: at 80 ms, as ever, and its log tells what was asked."""
+
+    def attempt(folder: Path) -> list[str]:
+        scene = Scene(folder)
+        try:
+            daemon = scene.system.daemon
+            daemon.send(signal.SIGSTOP)
+            assert daemon.wait() == -signal.SIGKILL
+            found = wait_for(
+                lambda: re.search(r"its last tick ([0-9.]+) ms ago, asked .* could run", daemon.text()), "why"
+            )
+            age_ms = float(found[1])
+            return [] if 80.0 <= age_ms < 110.0 else [f"it was ended after {age_ms} ms"]
+        finally:
+            scene.close()
+
+    steady(attempt, tmp_path)
 
 
 def test_stop_and_estop_work_while_the_daemon_is_dead(tmp_path: Path) -> None:

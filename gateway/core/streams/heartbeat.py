@@ -13,11 +13,16 @@ from gateway.core.events import Frame, FrameKind
 from gateway.core.streams.grid import Grid
 from gateway.core.streams.stream import SentLog
 
-__all__ = ["Beat", "HeartbeatStream"]
+__all__ = ["LAST_WORD_NS", "Beat", "HeartbeatStream"]
 
 SETTLE_NS = 150_000_000
 """An FSM 0 counts as an answer to our last heartbeat only when it arrives this much later [ns]: `/fsm_state` comes at
 20 Hz, so a sample that was already under way may still tell of the time before."""
+
+LAST_WORD_NS = 300_000_000
+"""How long the last word to a robot that is not heard is repeated [ns]."""
+LAST_WORD_HZ = 100.0
+"""And how often: a bridge keeps the last ten samples that a dead node has not taken (§4.1.1), none of which may be a 1.0."""
 
 
 class Beat(str, Enum):
@@ -46,10 +51,11 @@ class HeartbeatStream:
         """When the last 1.0 left [ns]."""
         self.gave_up_at_ns: int | None = None
         """When the last repetition of 0.0 ended without FSM 0 [ns]; None when none did since the last good one."""
-        self._grid = Grid(robot.TOPICS[self.topic].rate_hz)
+        self._steady, self._quick = Grid(robot.TOPICS[self.topic].rate_hz), Grid(LAST_WORD_HZ)
         self._zero_timeout_ns = zero_timeout_ns
         self._zero_since_ns = 0
         self._is_once = False
+        self._is_brief = False
         self._is_estop = False
         self._is_new = False
 
@@ -64,9 +70,18 @@ class HeartbeatStream:
         return self.beat is Beat.ZERO
 
     @property
+    def is_last_word(self) -> bool:
+        """Whether that is but the last word to a robot that is not heard."""
+        return self.is_ending and self._is_brief
+
+    @property
     def is_estop(self) -> bool:
         """Whether the 0.0 being repeated is an e-stop's: it goes on even in VR mode and beside other writers."""
         return self._is_estop
+
+    @property
+    def _grid(self) -> Grid:
+        return self._quick if self.is_last_word else self._steady
 
     def ones(self, now_ns: int) -> None:
         """Send 1.0, the first at once. Ends a repetition of 0.0."""
@@ -78,11 +93,18 @@ class HeartbeatStream:
     def zeros(self, now_ns: int, *, is_estop: bool = False) -> None:
         """Send 0.0, the first at once, then at 20 Hz until FSM 0 is seen or the time is over."""
         self._is_estop = self._is_estop or is_estop
-        if self.beat is Beat.ZERO and not self._is_once and not is_estop:
+        if self.beat is Beat.ZERO and not self._is_once and not self._is_brief and not is_estop:
             return
         self.beat = Beat.ZERO
-        self._is_new, self._is_once, self._zero_since_ns = True, False, now_ns
+        self._is_new, self._is_once, self._is_brief, self._zero_since_ns = True, False, False, now_ns
         self._grid.start(now_ns)
+
+    def last_word(self, now_ns: int) -> None:
+        """Send 0.0 for a moment to a robot that is not heard. It stays owed; a repetition that is under way goes on."""
+        if self.beat is not Beat.ZERO:
+            self.zeros(now_ns)
+            self._is_brief = True
+            self._quick.start(now_ns)
 
     def zero_once(self, now_ns: int) -> None:
         """Send one 0.0, and only if it is owed: somebody else commands the robot now. An e-stop's repetition goes on."""
@@ -92,7 +114,7 @@ class HeartbeatStream:
             self.silence()
             return
         self.beat = Beat.ZERO
-        self._is_new, self._is_once, self._zero_since_ns = True, True, now_ns
+        self._is_new, self._is_once, self._is_brief, self._zero_since_ns = True, True, False, now_ns
         self._grid.start(now_ns)
 
     def silence(self) -> None:
@@ -134,8 +156,8 @@ class HeartbeatStream:
         return Frame(topic=self.topic, values=(0.0,), kind=FrameKind.STOP, epoch=0, due_ns=due_ns)
 
     def _end_zeros(self, now_ns: int) -> None:
-        """Go silent when the single 0.0 has left, or when the repeated one was not answered in time."""
-        if self._is_once:
+        """Go silent when the single 0.0 or the last word has left, or when the repeated one was not answered in time."""
+        if self._is_once or (self._is_brief and now_ns - self._zero_since_ns >= LAST_WORD_NS):
             self.silence()
         elif now_ns - self._zero_since_ns > self._zero_timeout_ns:
             self.gave_up_at_ns = now_ns

@@ -6,7 +6,7 @@ import pytest
 
 from gateway import robot
 from gateway.core.events import Frame, FrameKind
-from gateway.core.streams.heartbeat import Beat, HeartbeatStream
+from gateway.core.streams.heartbeat import LAST_WORD_NS, Beat, HeartbeatStream
 
 MS = 1_000_000
 S = 1_000_000_000
@@ -271,6 +271,49 @@ def test_zeros_that_are_asked_for_after_a_single_one_are_repeated(armed):
     armed.beat.zero_once(armed.now_ns)
     armed.beat.zeros(armed.now_ns)
     assert [at_ms for at_ms, _ in armed.run(200)] == [500, 550, 600, 650]
+
+
+# ------------------------------------------------------------------------------------------------------ the last word
+
+
+def test_the_last_word_is_0_0_for_0_3_s_and_settles_nothing(armed):
+    """Often, so that a bridge keeps nothing else; it stays owed, and its end is no stop that found no hearing."""
+    armed.beat.silence()
+    armed.beat.last_word(armed.now_ns)
+    assert armed.beat.is_last_word and armed.run(1000) == [(at_ms, 0.0) for at_ms in range(500, 800, 10)]
+    assert LAST_WORD_NS == 300 * MS
+    assert (armed.beat.running, armed.beat.is_last_word, armed.beat.is_owed) == (False, False, True)
+    assert armed.beat.gave_up_at_ns is None
+
+
+@pytest.mark.parametrize("is_estop", [False, True])
+def test_the_last_word_makes_no_repetition_shorter(armed, is_estop):
+    """What was begun by somebody's wish goes on as long as it would have."""
+    armed.beat.zeros(armed.now_ns, is_estop=is_estop)
+    armed.run(100)
+    armed.beat.last_word(armed.now_ns)
+    assert not armed.beat.is_last_word and armed.run(3000)[-1] == (2500, 0.0)
+
+
+@pytest.mark.parametrize("how", ["zeros", "estop", "once", "ones", "fsm 0"])
+def test_whatever_is_asked_for_ends_the_last_word(armed, how):
+    """A release, an e-stop, foreign data, a short stall's 1.0 after all; or the robot answers."""
+    armed.beat.last_word(armed.now_ns)
+    armed.run(100)
+    if how in {"zeros", "estop"}:
+        armed.beat.zeros(armed.now_ns, is_estop=how == "estop")
+        assert armed.run(4000)[-1] == (2600, 0.0)
+    elif how == "once":
+        armed.beat.zero_once(armed.now_ns)
+        assert armed.run(500) == [(600, 0.0)] and not armed.beat.is_owed
+    elif how == "ones":
+        armed.beat.ones(armed.now_ns)
+        assert armed.run(500)[-1] == (1050, 1.0)
+    else:
+        armed.now_ns += 100 * MS
+        armed.fsm_zero()
+        assert armed.run(500) == [] and not armed.beat.is_owed
+    assert not armed.beat.is_last_word
 
 
 # ------------------------------------------------------------------------------------------------------ e-stop
