@@ -8,10 +8,10 @@ from __future__ import annotations
 
 import contextlib
 import os
-import threading
 import time
 
 from gateway.cores import Affinity
+from gateway.threads import supervised
 
 __all__ = ["CoreProbe"]
 
@@ -30,7 +30,8 @@ class CoreProbe:
         self._priority = min(priority + 1, 99)
         self._ran_ns = 0
         self._reader, self._writer = os.pipe()
-        self._thread = threading.Thread(target=self._answer, name="core-probe", daemon=True)
+        self._is_closing = False
+        self._thread = supervised(self._answer, "core-probe", may_return=lambda: self._is_closing)
         self._thread.start()
 
     def ask(self) -> None:
@@ -54,6 +55,7 @@ class CoreProbe:
 
     def close(self) -> None:
         """End the thread."""
+        self._is_closing = True
         os.close(self._writer)
         self._thread.join(1.0)
 

@@ -97,7 +97,9 @@ class Ownership:
             yield from procedures.abandon(self._session, lease)
 
     def _end(self) -> Procedure[None]:
-        """End normally, as was asked for at the beginning."""
+        """End normally, as was asked for at the beginning; who did not hear of a lost keepalive hears of it now."""
+        if self._session.unkept is not None and self._session.unkept[0] == self._lease:
+            self._owned()
         return self._release() if self._on_exit == "release" else self._leave()
 
     def _break_off(self) -> None:
