@@ -100,6 +100,7 @@ __all__ = [
     "OnLimit",
     "OnLoss",
     "OpenStream",
+    "PartEnded",
     "Recover",
     "RegisterEndpoint",
     "Release",

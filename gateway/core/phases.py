@@ -125,7 +125,7 @@ class Phases:
             return
         conductor, is_in_time = self._conductor, now_ns - self._broken_ns <= BRAKE_NS
         if conductor.state is State.HOLDING and conductor.guard.is_linked:
-            self._is_left = conductor.body.is_at_rest or not is_in_time
+            self._is_left = conductor.guard.could_hold(now_ns) and (conductor.body.is_at_rest or not is_in_time)
         elif not (conductor.state is State.STALE and conductor.can_resume and conductor.guard.is_linked and is_in_time):
             self._request_exit(now_ns)
 

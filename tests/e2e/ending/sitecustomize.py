@@ -1,14 +1,16 @@
 """Lets a test end one thread of a process that it starts: Python imports this there, being first on PYTHONPATH.
 
 On SIGUSR2 the thread whose name stands in the file `ENDING` gets an exception that is none of Python's own errors, as a
-panic of a compiled part is. It can only come between two instructions of Python; waits without an end are waited in
-slices here, so that it does.
+panic of a compiled part is. Where nothing stands there the names of all threads are written down; for `hang` whoever
+answers stops does so no more. The exception can only come between two instructions of Python: waits without an end are
+waited in slices here, so that it does.
 """
 
 from __future__ import annotations
 
 import contextlib
 import ctypes
+import logging
 import os
 import select
 import signal
@@ -22,7 +24,6 @@ _wait, _popen_wait, _read = threading.Condition.wait, subprocess.Popen.wait, os.
 
 class Panic(BaseException):
     """As zenoh's: a BaseException."""
-
 
 
 def _sliced_wait(self, timeout=None):
@@ -45,17 +46,25 @@ def _sliced_read(descriptor, length):
     return _read(descriptor, length)
 
 
+def _hang(self, timeout_s):
+    threading.Event().wait()
+
+
 def _end(number, frame):
     with open(os.environ["ENDING"], encoding="utf-8") as file:
         wanted = file.read().strip()
-    import logging
+    threads = {thread.name: thread for thread in threading.enumerate()}
+    if not wanted:
+        with open(f"{os.environ['ENDING']}.{os.getpid()}", "w", encoding="utf-8") as file:
+            file.write("".join(f"{name}\n" for name in threads))
+    elif wanted == "hang":
+        from gateway.api.stop_lane import StopLane
 
-    for thread in threading.enumerate():
-        if thread.name == wanted and thread.ident is not None:
-            ctypes.pythonapi.PyThreadState_SetAsyncExc(ctypes.c_ulong(thread.ident), ctypes.py_object(Panic))
-            logging.getLogger("ending").info("the test ends %s", wanted)  # wakes whoever waits for a line
-            return
-    logging.getLogger("ending").error("no thread %s, but %s", wanted, [thread.name for thread in threading.enumerate()])
+        StopLane.deliver = _hang
+    else:
+        ident = ctypes.c_ulong(threads[wanted].ident)
+        ctypes.pythonapi.PyThreadState_SetAsyncExc(ident, ctypes.py_object(Panic))
+        logging.getLogger("ending").info("the test ends %s", wanted)  # wakes whoever waits for a line
 
 
 if "ENDING" in os.environ:
