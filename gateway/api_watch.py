@@ -4,7 +4,8 @@ A thread asks once a second on a key that passes what a stop passes: zenoh's ses
 stops. Floods of other requests pass none of the last, and a daemon that does not tick is judged by `core/freeze.py`.
 
 Rules
-    * Nothing counts before the first answer: the daemon opens its socket after it has started its guard.
+    * Nothing counts before the first answer, or before the daemon commands anything, which somebody asked for: it opens its
+      socket after it has started its guard.
     * A question without an answer counts only where the host explains nothing: this thread asked and gave up on time, and
       the daemon ticked. Else counting begins anew.
 """
@@ -21,6 +22,7 @@ from pathlib import Path
 import zenoh
 
 from gateway.api import protocol
+from gateway.core.held import Held
 from gateway.threads import supervised
 
 __all__ = ["END_MISSES", "SILENT_MISSES", "ApiWatch"]
@@ -47,18 +49,18 @@ class ApiWatch:
 
     Args:
         socket: Of the daemon.
-        ticked_ns: Says when the daemon ticked last [ns]; 0 before.
+        shown: Returns what the daemon showed last; None before its first tick.
 
     Attributes:
         misses: Questions in a row that nobody answered.
     """
 
-    def __init__(self, socket: Path, ticked_ns: Callable[[], int]) -> None:
+    def __init__(self, socket: Path, shown: Callable[[], Held | None]) -> None:
         self.misses = 0
         self._socket = socket
-        self._ticked_ns = ticked_ns
+        self._shown = shown
         self._session: zenoh.Session | None = None
-        self._was_answered = False
+        self._was_open = False
         self._closing = threading.Event()
         self._thread = supervised(self._watch, "api-watch", may_return=self._closing.is_set)
 
@@ -76,9 +78,10 @@ class ApiWatch:
             is_answered = self._ask()
             now_ns = time.monotonic_ns()
             is_late = now_ns - began_ns > PATIENCE_S * 1000 * MS + LATE_NS
-            is_ticking = now_ns - self._ticked_ns() < TICKING_NS
-            self._was_answered |= is_answered
-            if is_answered or is_late or not is_ticking or not self._was_answered:
+            held = self._shown()
+            is_ticking = held is not None and now_ns - held.at_ns < TICKING_NS
+            self._was_open |= is_answered or (held is not None and held.is_sending)
+            if is_answered or is_late or not is_ticking or not self._was_open:
                 self.misses = 0
                 continue
             self.misses += 1

@@ -124,7 +124,7 @@ class Guard:
         self._link = RobotLink(settings.link, topics=DECIDING, stamped=(), hears_commands=False)
         beside = Path(settings.local.socket or default_socket())
         name = robot_name(settings.link.endpoint, settings.link.namespace)
-        self._api = ApiWatch(beside, self._ticked_ns)
+        self._api = ApiWatch(beside, self._board.read)
         self._desk = GuardDesk(str(guard_socket(beside)), settings.local.socket_mode, name)
         self._sleep = SleepWatch()
         self._measures = Measures(settings, is_guard=True)
@@ -197,10 +197,6 @@ class Guard:
         lost = take_lost()
         if lost and self._guardian.phase is Phase.WATCHING and not self._is_killed:
             raise RuntimeError("; ".join(map(str, lost)))
-
-    def _ticked_ns(self) -> int:
-        held = self._board.read()
-        return 0 if held is None else held.at_ns
 
     @property
     def _is_acting(self) -> bool:

@@ -13,10 +13,13 @@ import pytest
 from gateway import api_watch
 from gateway.api.stop_lane import StopLane
 from gateway.api_watch import SILENT_MISSES, ApiWatch
+from gateway.core.held import Held
 from tests.api.daemon import Daemon, eventually
 
-TICKS = time.monotonic_ns
-"""Of a daemon that ticks all the time."""
+
+def ticking(beat: str = "silent") -> Held:
+    """What a daemon shows that ticks all the time."""
+    return Held(at_ns=time.monotonic_ns(), state="ACTIVE", beat=beat)
 
 
 @pytest.fixture(autouse=True)
@@ -29,7 +32,7 @@ def in_haste(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.fixture
 def watch(tmp_path: Path) -> Iterator[ApiWatch]:
     """A watch over the daemon of this test, which ticks."""
-    made = ApiWatch(tmp_path / "gw.sock", TICKS)
+    made = ApiWatch(tmp_path / "gw.sock", ticking)
     made.start()
     yield made
     made.close()
@@ -40,7 +43,7 @@ def test_a_daemon_that_answers_is_well_and_one_whose_lane_hangs_is_not(
 ) -> None:
     """Nothing counts before the first answer; then each question without one does, until there is one again."""
     with Daemon(tmp_path):
-        eventually(lambda: watch._was_answered, 20.0)
+        eventually(lambda: watch._was_open, 20.0)
         go_on = threading.Event()
         deliver = StopLane.deliver
 
@@ -66,8 +69,8 @@ def test_a_daemon_that_has_not_opened_its_socket_yet_misses_nothing(watch: ApiWa
 @pytest.mark.parametrize("why", ["it does not tick", "we are late"])
 def test_what_the_host_explains_counts_anew(tmp_path: Path, why: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """A daemon that does not tick is judged by its ticks; a host that holds up this thread holds up the daemon, too."""
-    watch = ApiWatch(tmp_path / "gw.sock", TICKS if why == "we are late" else lambda: 0)
-    watch._was_answered, watch.misses = True, 4
+    watch = ApiWatch(tmp_path / "gw.sock", ticking if why == "we are late" else lambda: None)
+    watch._was_open, watch.misses = True, 4
     asked: list[int] = []
 
     def ask() -> bool:
@@ -85,11 +88,19 @@ def test_what_the_host_explains_counts_anew(tmp_path: Path, why: str, monkeypatc
 
 def test_a_daemon_that_refuses_at_once_is_asked_no_more_often(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A socket that nobody listens at any more."""
-    watch = ApiWatch(tmp_path / "gw.sock", TICKS)
-    watch._was_answered = True
+    watch = ApiWatch(tmp_path / "gw.sock", ticking)
+    watch._was_open = True
     begun: list[float] = []
     monkeypatch.setattr(watch, "_ask", lambda: begun.append(time.monotonic()) or False)
     watch.start()
     eventually(lambda: watch.misses >= 3, 20.0)
     watch.close()
     assert all(b - a >= 0.09 for a, b in pairwise(begun))
+
+
+def test_a_daemon_that_commands_has_been_asked_to_so_its_api_was_open(tmp_path: Path) -> None:
+    """Though it never answered this guard, which may be its second."""
+    watch = ApiWatch(tmp_path / "gw.sock", lambda: ticking("one"))
+    watch.start()
+    eventually(lambda: watch.misses >= SILENT_MISSES, 20.0)
+    watch.close()
