@@ -147,6 +147,35 @@ def test_a_record_that_cannot_be_shown_does_not_end_the_log() -> None:
     assert text.decode().splitlines()[1] == "next"
 
 
+def test_a_panic_in_the_logs_own_thread_is_in_the_log(capfd: pytest.CaptureFixture[str]) -> None:
+    """It is begun anew: who else could tell of it?"""
+
+    class Panic(BaseException):
+        pass
+
+    class Bad(logging.LogRecord):
+        def getMessage(self) -> str:
+            raise Panic("boom")
+
+    take_lost()
+    with piped() as (writer, reader):
+        handlers, logging.getLogger("gateway.threads").handlers = (
+            logging.getLogger("gateway.threads").handlers,
+            [writer],
+        )
+        try:
+            writer.handle(Bad("x", logging.INFO, __file__, 1, "bad", (), None))
+            text = b""
+            while b"Panic: boom\n" not in text:
+                text += os.read(reader, 65536)
+            writer.handle(record("next"))
+            while b"next\n" not in text:
+                text += os.read(reader, 65536)
+        finally:
+            logging.getLogger("gateway.threads").handlers = handlers
+    assert b"the thread log ended unasked" in text and [lost.name for lost in take_lost()] == ["log"]
+
+
 def test_one_source_may_speak_twenty_times_a_second() -> None:
     """The limit is per line of source and code: a flood of one notice does not hide another one."""
     now = [100.0]

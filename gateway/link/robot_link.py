@@ -304,7 +304,7 @@ class RobotLink:
         self._closing.set()
         if self._worker.ident is not None:  # it was started
             self._worker.join(timeout_ns / S)
-        return self._claim.close(CLAIM_END_S) and not self._worker.is_alive()
+        return self._claim.close(CLAIM_END_S) and not self._worker.is_alive() and self._serving is None
 
     def _note_shown(self, claim: int) -> None:
         self._own_news.append(ClaimShown(claim=claim, at_ns=self._clock()))

@@ -26,18 +26,20 @@ from tests.e2e.test_guard import CHASSIS, favour, gone
 pytestmark = [pytest.mark.e2e, pytest.mark.alone, pytest.mark.sim_only("threads of ours end, whatever the robot is")]
 
 API = ("ta2-api-read", "ta2-api-send", "ta2-api-stop")
-DAEMON = (*API, "state-file", "log", "guard-keeper", "robot-link", "robot-claim")
+DAEMON = (*API, "state-file log", "guard-keeper robot-claim", "robot-link")
+"""Those in one word end in one instant: each cycle costs some seconds."""
 GUARD = ("robot-link", "robot-claim", "core-probe", "api-watch", "log", "MainThread")
 PASSING = ("hear-commands",)
 """It ends by itself, in milliseconds."""
 ZENOHS = ("Dummy-", "pyo3-closure")
 """Threads in which zenoh calls us: an error there ends the call, and nothing else."""
+SILENT = "the API of this gateway does not answer its guard"
 STOP_S = 1.0
 """A stop is answered within this time, by daemon or guard [s]; on a steady machine it takes some 10 ms."""
 
 OWNER = """
 from gateway.errors import LeaseError
-with robot.control(on_loss='hold') as own:
+with robot.control(on_loss='hold', take='the next one') as own:
     own.enable(timeout=10.0)
     goals = [HOME, {s: HOME[s] * 0.7 for s in HOME}]
     try:
@@ -67,7 +69,7 @@ class Ending:
         patch.setenv("ENDING", str(self._word))
 
     def end(self, pid: int, name: str) -> None:
-        """End a thread; or with `hang` the work of the one that answers stops."""
+        """End a thread, or some; or with `hang` the work of the one that answers stops."""
         self._word.write_text(name)
         os.kill(pid, signal.SIGUSR2)
 
@@ -160,12 +162,12 @@ def timed(what: str, broken: list[str], ask: Callable[[], object]) -> None:
         broken.append(f"{what}: the stop was answered after {took_s:.2f} s")
 
 
-def end_daemon(moving: Moving, ending: Ending, name: str, latch: str) -> None:
+def end_daemon(moving: Moving, ending: Ending, name: str) -> None:
     """Lose a part of the daemon in mid-motion; return with the next daemon moving on."""
     moving.begin()
     daemon, robot, guard = moving.system.daemon, moving.robot, moving.view.guard.pid
     assert robot is not None
-    strangers = ending.strangers(daemon.pid, DAEMON)
+    strangers = ending.strangers(daemon.pid, tuple(" ".join(DAEMON).split()))
     assert not strangers, f"the daemon has threads that this test does not end: {strangers}"
     said = len(daemon.text())
     ending.end(daemon.pid, name)
@@ -177,13 +179,16 @@ def end_daemon(moving: Moving, ending: Ending, name: str, latch: str) -> None:
     if name not in API:
         timed(name, moving.broken, lambda: stop_at_guard(moving.system.target, "stop", "test", "test"))
     moving.judge(name)
-    said_text = daemon.text()[said:]
-    assert f"GATEWAY_BROKEN: {latch}" in said_text and "ACTIVE -> HOLDING" in said_text, said_text
+    words = [SILENT] if name == "hang" else [f"the thread {thread} ended unasked: " for thread in name.split()]
+    text = daemon.text()[said:]
+    assert all(f"GATEWAY_BROKEN: {word}" in text for word in words), text
+    if f"ACTIVE -> HOLDING: {words[0]}" not in text and name not in API:  # there a stop may come first
+        moving.broken.append(f"{name}: it was not in motion")
     moving.leave()
     moving.system.daemon = moving.system.start_daemon()
     with moving.system.connect("next") as watcher:
         wait_for(lambda: gone(guard), "the end of the earlier guard")
-        assert latch in watcher.state.latches[Code.GATEWAY_BROKEN.value], watcher.state.latches
+        assert any(word in watcher.state.latches[Code.GATEWAY_BROKEN.value] for word in words), watcher.state.latches
 
 
 def end_guard(moving: Moving, ending: Ending) -> None:
@@ -197,7 +202,8 @@ def end_guard(moving: Moving, ending: Ending) -> None:
         ending.end(first, name)
         wait_for(lambda first=first: gone(first), f"the end of the guard without {name}")
         wait_for(lambda number=number: moving.view.guard.lost == number, "word of it")
-        assert moving.view.state == "ACTIVE"
+        if moving.view.state != "ACTIVE":
+            moving.broken.append(f"guard's {name}: the motion ended")
         wait_for(lambda first=first: moving.view.guard.linked and moving.view.guard.pid != first, "another guard")
         moving.judge(f"guard's {name}")
     moving.leave()
@@ -234,9 +240,8 @@ def test_no_thread_ends_alone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -
         ending = Ending(folder, monkeypatch)
         moving = Moving(folder)
         try:
-            for name in DAEMON:
-                end_daemon(moving, ending, name, f"the thread {name} ended unasked: sitecustomize.Panic")
-            end_daemon(moving, ending, "hang", "the API of this gateway does not answer its guard")
+            for name in (*DAEMON, "hang"):
+                end_daemon(moving, ending, name)
             end_guard(moving, ending)
             end_client(moving, ending)
             end_main(moving.system.daemon, ending)

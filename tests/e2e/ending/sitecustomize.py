@@ -1,6 +1,6 @@
 """Lets a test end one thread of a process that it starts: Python imports this there, being first on PYTHONPATH.
 
-On SIGUSR2 the thread whose name stands in the file `ENDING` gets an exception that is none of Python's own errors, as a
+On SIGUSR2 each thread whose name stands in the file `ENDING` gets an exception that is none of Python's own errors, as a
 panic of a compiled part is. Where nothing stands there the names of all threads are written down; for `hang` whoever
 answers stops does so no more. The exception can only come between two instructions of Python: waits without an end are
 waited in slices here, so that it does.
@@ -62,8 +62,9 @@ def _end(number, frame):
 
         StopLane.deliver = _hang
     else:
-        ident = ctypes.c_ulong(threads[wanted].ident)
-        ctypes.pythonapi.PyThreadState_SetAsyncExc(ident, ctypes.py_object(Panic))
+        for name in wanted.split():
+            ident = ctypes.c_ulong(threads[name].ident)
+            ctypes.pythonapi.PyThreadState_SetAsyncExc(ident, ctypes.py_object(Panic))
         logging.getLogger("ending").info("the test ends %s", wanted)  # wakes whoever waits for a line
 
 
