@@ -98,7 +98,8 @@ class Ownership:
 
     def _end(self) -> Procedure[None]:
         """End normally, as was asked for at the beginning; who did not hear of a lost keepalive hears of it now."""
-        if self._session.unkept is not None and self._session.unkept[0] == self._lease:
+        unkept = self._session.unkept
+        if unkept is not None and unkept[0] == self._lease and not self._session.is_unkept_heard:
             self._owned()
         return self._release() if self._on_exit == "release" else self._leave()
 

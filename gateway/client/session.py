@@ -57,6 +57,8 @@ class Session:
         self.lease: Lease | None = None
         self.unkept: tuple[Lease, str] | None = None
         """The lease whose keepalive ended unasked, and why."""
+        self.is_unkept_heard = False
+        """Whether its user has been told."""
         self.news = News()
         self.snapshots_dropped = 0
         self.stop_undelivered = False
@@ -205,6 +207,7 @@ class Session:
                 )
             )
         if self.unkept is not None and self.unkept[0] == lease:
+            self.is_unkept_heard = True
             raise to_exception(
                 Refusal(
                     code=Code.LEASE_LOST,
@@ -329,7 +332,7 @@ class Session:
     def _lose_beat(self, why: str) -> None:
         """Nothing shows any more that this client lives: end its control, so that it hears of it; the robot is held at once."""
         if self.lease is not None:
-            self.unkept = self.lease, why
+            self.unkept, self.is_unkept_heard = (self.lease, why), False
         self.abandon()
         self.notify()
 
