@@ -6,7 +6,7 @@ import pytest
 
 from gateway import robot
 from gateway.core.events import ExitRequested, Frame, FrameKind, GuardSeen, PartEnded, Stop
-from gateway.core.phases import EXIT_BRAKE_NS, EXIT_NS, EXIT_SETTLE_NS, TELL_NS
+from gateway.core.phases import BRAKE_NS, EXIT_BRAKE_NS, EXIT_NS, EXIT_SETTLE_NS, TELL_NS
 from gateway.core.supervisor import State, Trigger
 from gateway.errors import Code
 from gateway.values import FsmState
@@ -265,3 +265,15 @@ def test_what_no_guard_could_hold_ends_in_order() -> None:
             left += go_on(stage, 1)
         assert stage.state is State.IDLE and set(beats(left)[-1:]) <= {0.0}
     assert not Stage(State.IDLE).phases.is_broken
+
+
+def test_a_hold_that_a_short_stall_interrupts_is_waited_for() -> None:
+    """For as long as it may go on; then the end comes in order."""
+    stage = broken(Stage(State.HOLDING))
+    stage.conductor.fire(Trigger.STALE, stage.now_ns)
+    for wait_ns, is_waiting in ((TELL_NS, True), (BRAKE_NS, False)):
+        stage.now_ns += wait_ns
+        stage.phases.step(stage.now_ns)
+        assert not stage.phases.is_done(stage.now_ns)
+        assert stage.conductor.can_resume == is_waiting
+    assert ticks_until_done(stage) > 0
