@@ -4,7 +4,8 @@ One page of anonymous memory, handed to the guard as an open file: it has no nam
 long as one of the two does. Each side writes its own part:
 
     daemon   what is on the wire (two slots, written in turn), that it ends by itself, and which session is its guard's
-    guard    its process id, its zenoh id, whether it reaches the robot, and when it last looked
+    guard    its process id, its zenoh id, whether it reaches the robot, whether the daemon's API answers it, and when it
+             last looked
 
 What either says is a record of two slots, written in turn, each with its number and a checksum of both: whoever dies in
 the middle of one, or reads it meanwhile, finds the other, which is one older and whole. So a reader gets what was true,
@@ -40,9 +41,9 @@ HEAD = struct.Struct("=LQ")
 KNOWN = struct.Struct("33p")
 KNOWN_AT = 64
 """Zenoh id of the guard's session that the daemon knows to be a friend's."""
-SAID = struct.Struct("=QqB33p")
+SAID = struct.Struct("=QqBB33p")
 SAID_AT = 256
-"""The guard: process id, last look [ns], linked, zenoh id."""
+"""The guard: process id, last look [ns], linked, API silent, zenoh id."""
 SHOWN = struct.Struct("=qqqQBBBBBBBB21d21d2d")
 SHOWN_AT = 1024
 """Tick [ns], newest setpoint [ns], epoch, latches; state, beat, flags; per side the space and whether the gripper is
@@ -55,7 +56,7 @@ LATCHES = tuple(dict.fromkeys((*LATCH_CODE.values(), Code.STATE_LOST)))
 OWED, ESTOP, CHASSIS, LIFT = 1, 2, 4, 8
 OFF, JOINT, POSE = 0, 1, 2
 NOTHING: Vector = (0.0,) * (3 * ARM_DOF)
-NOTHING_SAID = (0, 0, False, b"")
+NOTHING_SAID = (0, 0, False, False, b"")
 TRIES = 5
 """A reader that finds neither slot whole so often gives up until its next look: the writer has written none, or races."""
 
@@ -78,12 +79,14 @@ class GuardSaid:
         looked_ns: When it last looked [ns].
         is_linked: Whether it reaches the robot's router.
         zid: Its zenoh id on the robot plane; empty before it has one.
+        is_api_silent: Whether the daemon's API has not answered it for long.
     """
 
     pid: int
     looked_ns: int
     is_linked: bool
     zid: str
+    is_api_silent: bool
 
 
 class Record:
@@ -193,8 +196,14 @@ class Blackboard:
 
     def guard(self) -> GuardSaid:
         """Return what the guard said of itself."""
-        pid, looked_ns, is_linked, zid = self._said.read() or NOTHING_SAID
-        return GuardSaid(pid=pid, looked_ns=looked_ns, is_linked=bool(is_linked), zid=zid.decode("ascii", "replace"))
+        pid, looked_ns, is_linked, is_silent, zid = self._said.read() or NOTHING_SAID
+        return GuardSaid(
+            pid=pid,
+            looked_ns=looked_ns,
+            is_linked=bool(is_linked),
+            zid=zid.decode("ascii", "replace"),
+            is_api_silent=bool(is_silent),
+        )
 
     def know(self, zid: str) -> None:
         """Tell the guard that the daemon knows this session of it, and takes it for no other gateway."""
@@ -218,9 +227,9 @@ class Blackboard:
         numbers = self._shown.read()
         return None if numbers is None else _held(numbers)
 
-    def say(self, pid: int, looked_ns: int, zid: str, *, is_linked: bool) -> None:
-        """Tell the daemon how the guard is."""
-        self._said.write(pid, looked_ns, is_linked, zid.encode("ascii", "replace"))
+    def say(self, pid: int, looked_ns: int, zid: str, *, is_linked: bool, is_api_silent: bool = False) -> None:
+        """Tell the daemon how the guard is, and how it finds the daemon."""
+        self._said.write(pid, looked_ns, is_linked, is_api_silent, zid.encode("ascii", "replace"))
 
 
 def _numbers(arm: HeldArm | None) -> Vector:

@@ -9,11 +9,11 @@ from __future__ import annotations
 
 import contextlib
 import os
-import threading
 import time
 from pathlib import Path
 
 from gateway.cores import Affinity
+from gateway.threads import supervised
 from gateway.turns import Turn
 
 __all__ = ["CoreProbe"]
@@ -39,7 +39,8 @@ class CoreProbe:
         self._turn = Turn(pid) if turn is None else turn
         self._asked_ns = self._ran_ns = self._waited_ns = self._answered_ns = self._runnable = 0
         self._reader, self._writer = os.pipe()
-        self._thread = threading.Thread(target=self._answer, name="core-probe", daemon=True)
+        self._is_closing = False
+        self._thread = supervised(self._answer, "core-probe", may_return=lambda: self._is_closing)
         self._thread.start()
 
     def ask(self) -> None:
@@ -83,6 +84,7 @@ class CoreProbe:
 
     def close(self) -> None:
         """End the thread."""
+        self._is_closing = True
         os.close(self._writer)
         self._thread.join(1.0)
 

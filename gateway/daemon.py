@@ -2,6 +2,9 @@
 
     locks -> state file -> engine -> guard -> local plane -> robot link -> real-time measures -> loop -> the same way back
 
+A thread that ends unasked is told to the engine, like what the guard finds out; then the process ends as one that died, so
+that its guard goes on with what is held, and the service manager starts another one.
+
 One daemon per robot. It ends by SIGTERM or Ctrl-C: the engine brakes, sends what it owes and says when it is done,
 within 5 s. Nothing here decides anything about the robot.
 """
@@ -19,14 +22,14 @@ from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from types import FrameType
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NoReturn
 
 from gateway.api import protocol
 from gateway.api.guard_protocol import guard_socket, robot_name
 from gateway.api.service import LocalPlane
 from gateway.config import state_dir
 from gateway.core.engine import Engine
-from gateway.core.events import Event, ExitRequested, GuardSeen, LinkUp, Notice, Reply
+from gateway.core.events import Event, ExitRequested, GuardSeen, LinkUp, Notice, PartEnded, Reply
 from gateway.core.outputs import router_name
 from gateway.core.snapshot import Snapshot
 from gateway.errors import Code
@@ -38,6 +41,7 @@ from gateway.measures import Measures
 from gateway.recall import Recall
 from gateway.settings import Settings
 from gateway.state_file import StateFile, StateWriter, path_of
+from gateway.threads import take_lost
 from gateway.zenoh_threads import share_reactor
 
 if TYPE_CHECKING:
@@ -52,7 +56,7 @@ DISK_TIMEOUT_S = 2.0
 
 
 class _Watched:
-    """The local plane with the process's own wishes among its events: the end, and what a new link needs.
+    """The local plane with what is the process's own among its events: the end, and threads that were lost.
 
     Args:
         plane: The local plane.
@@ -69,7 +73,8 @@ class _Watched:
         self._signals.append(number)
 
     def poll(self) -> Sequence[Event]:
-        events = self._plane.poll()
+        lost = [PartEnded(message=str(thread), trace=thread.trace, at_ns=thread.at_ns) for thread in take_lost()]
+        events = [*lost, *self._plane.poll()]
         self._engine.is_watched = self._plane.is_watched
         if self._signals:
             number = self._signals[0]
@@ -212,7 +217,7 @@ def run(settings: Settings, on_ready: Callable[[str], None] | None = None, *, is
         is_json_log: Whether the guard's log is JSON lines, like this process's own.
 
     Returns:
-        Exit status: 0.
+        Exit status: 0. A daemon that lost a thread of its own, or whose API hangs, ends its process with 1.
 
     Raises:
         NotReady: OTHER_GATEWAY: a daemon for this robot or this socket runs on this host.
@@ -256,6 +261,8 @@ def run(settings: Settings, on_ready: Callable[[str], None] | None = None, *, is
             if on_ready is not None:
                 on_ready(str(plane.socket))
             loop.run(lambda: False)
+            if engine.is_broken:
+                _leave(guards, partial(_close_writer, writer, state_file))
             status = 0
     finally:
         if link is not None and not link.close(0):  # zenoh still hangs in its threads: they would keep the process
@@ -263,6 +270,15 @@ def run(settings: Settings, on_ready: Callable[[str], None] | None = None, *, is
             logging.shutdown()
             os._exit(status)
     return 0
+
+
+def _leave(guards: _Guards, save: Callable[[], None]) -> NoReturn:
+    """End a process a part of which has ended: wait for none of the others but the disk, let the guard go on at once."""
+    guards.close(lambda: False)
+    save()
+    _log.critical("a part of this gateway ended, and so does it: start it anew; its latch wants recover()")
+    logging.shutdown()
+    os._exit(1)
 
 
 def _model(settings: Settings) -> BodyModel | None:

@@ -328,6 +328,7 @@ CODES: dict[Code, CodeInfo] = {
     Code.JOINT_ORDER: CodeInfo(
         error=NotReady, hint="check that this is a TeleAvatar 2 (joint order of manual §4.0.3), then recover()"
     ),
+    Code.GATEWAY_BROKEN: CodeInfo(error=InternalError, hint="report the trace in its log; recover() when it is safe"),
     Code.STATE_LOST: CodeInfo(
         error=NotReady, hint="see why the robot was last stopped, make sure it is safe, recover()"
     ),

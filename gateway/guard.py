@@ -16,6 +16,8 @@ Rules it obeys
     * What others command is the daemon's to look for while it ticks: it lets the robot go at once, and what it has on the wire
       is all that may be gone on with. The guard looks too from the first doubt on, when it asks whether the daemon could run,
       and when it acts. To hear the daemon's own commands come back would cost as much as all else that the guard does.
+    * A guard that has lost a thread of its own ends, and its daemon starts another one. While it acts it goes on: a hold
+      without a diagnosis, say, is better than none.
     * The disk is written from a thread: a latch of the guard's reaches the state file, or the daemon that takes over.
 """
 
@@ -33,12 +35,14 @@ import threading
 import time
 from collections.abc import Mapping
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from types import FrameType
 from typing import NamedTuple
 
 from gateway.api.guard_protocol import guard_socket, robot_name
 from gateway.api.protocol import default_socket
+from gateway.api_watch import END_MISSES, SILENT_MISSES, ApiWatch
 from gateway.blackboard import Blackboard
 from gateway.config import state_dir
 from gateway.core.engine import Output
@@ -62,6 +66,7 @@ from gateway.realtime import SleepWatch
 from gateway.robot import FSM_WATCHDOG_NS
 from gateway.settings import Settings
 from gateway.state_file import StateFile, path_of
+from gateway.threads import supervised, take_lost
 from gateway.zenoh_threads import share_reactor
 
 __all__ = ["Files", "Guard", "main"]
@@ -119,6 +124,7 @@ class Guard:
         self._link = RobotLink(settings.link, topics=DECIDING, stamped=(), hears_commands=False)
         beside = Path(settings.local.socket or default_socket())
         name = robot_name(settings.link.endpoint, settings.link.namespace)
+        self._api = ApiWatch(beside, self._board.read)
         self._desk = GuardDesk(str(guard_socket(beside)), settings.local.socket_mode, name)
         self._sleep = SleepWatch()
         self._measures = Measures(settings, is_guard=True)
@@ -138,8 +144,10 @@ class Guard:
             ending.callback(self._link.close, CLOSE_NS)
             ending.callback(self._desk.close)
             ending.callback(self._probe.close)
+            ending.callback(self._api.close)
             self._desk.sweep()
             self._link.open()
+            self._api.start()
             self._measures.take()
             self._link.pace(is_moving=True, is_watched=False)
             try:
@@ -173,12 +181,22 @@ class Guard:
                 self._is_open = True
                 self._link.hear_commands()
                 self._desk.open()
-            self._board.say(os.getpid(), now_ns, self._link.zid, is_linked=self._link.is_up)
+            is_api_silent = self._api.misses >= SILENT_MISSES
+            self._board.say(
+                os.getpid(), now_ns, self._link.zid, is_linked=self._link.is_up, is_api_silent=is_api_silent
+            )
+            self._end_if_incomplete()
             deadline_ns = self._next_ns(now_ns)
         if self._guardian.given_up:
             _log.warning("nothing is sent any more: %s", self._guardian.given_up)
         if self._is_handing:
             select.select([], [], [], HANDED_S)
+
+    def _end_if_incomplete(self) -> None:
+        """End when a thread of this process was lost: the daemon starts another guard. Not while it holds, or is about to."""
+        lost = take_lost()
+        if lost and self._guardian.phase is Phase.WATCHING and not self._is_killed:
+            raise RuntimeError("; ".join(map(str, lost)))
 
     @property
     def _is_acting(self) -> bool:
@@ -250,7 +268,10 @@ class Guard:
         if is_daemon_gone:
             self._begin(held, now_ns)
         elif not self._is_killed and self._guardian.freeze.is_frozen(held, now_ns, self._probe.ran_ns()):
-            self._kill(held, now_ns)
+            why = f"has not ticked for {self._settings.guard.freeze_ns / 1e6:.0f} ms while it commands the robot"
+            self._kill(why, held, now_ns)
+        elif not self._is_killed and self._api.misses >= END_MISSES:
+            self._kill(f"has not answered {END_MISSES} questions, and did not end when it was told", held, now_ns)
         elif self._guardian.freeze.is_asking:
             self._probe.ask()
             self._link.hear_commands()
@@ -266,24 +287,23 @@ class Guard:
         elif held is not None and held.latches and not is_clean:
             self._remember({Code(name): LATCHED_BEFORE for name in held.latches})
 
-    def _kill(self, held: Held | None, now_ns: int) -> None:
-        """End the frozen daemon, so that it can never send anything again."""
+    def _kill(self, why: str, held: Held | None, now_ns: int) -> None:
+        """End the daemon that hangs, so that it can never send anything again."""
         self._is_killed = True
         tick_ms = (now_ns - held.at_ns) / 1e6 if held is not None else 0.0
-        freeze_ms = self._settings.guard.freeze_ns / 1e6
         if self._daemon < 0:
-            _log.error("the daemon has not ticked for %.0f ms, and this kernel has no pidfd to end it by", freeze_ms)
+            _log.error("the daemon %s, and this kernel has no pidfd to end it by", why)
             return
         try:  # first: each millisecond counts against the robot's watchdogs, words do not
             signal.pidfd_send_signal(self._daemon, signal.SIGKILL)
         except ProcessLookupError:  # it has just ended by itself: the pipe says so
             return
         except OSError as error:  # forbidden here: it may come back, and nothing is sent as long as it may
-            _log.error("the daemon has not ticked for %.0f ms, and cannot be ended: %s", freeze_ms, error)
+            _log.error("the daemon %s, and cannot be ended: %s", why, error)
             return
         with contextlib.suppress(OSError):  # no /proc here: then its pipe tells
             self._dying = DyingProcess(self._daemon)
-        _log.error("the daemon has not ticked for %.0f ms while it commands the robot: it is ended", freeze_ms)
+        _log.error("the daemon %s: it is ended", why)
         _log.error("its last tick %.1f ms ago, %s", tick_ms, self._probe.account(now_ns))
 
     def _is_dead(self) -> bool:
@@ -330,7 +350,7 @@ class Guard:
             self._guardian.receive(command, now_ns)
 
     def _remember(self, latches: Mapping[Code, str]) -> None:
-        writer = threading.Thread(target=self._keep, args=(latches,), name="state-file", daemon=True)
+        writer = supervised(partial(self._keep, latches), "state-file")
         writer.start()
         self._writers.append(writer)
 

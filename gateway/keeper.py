@@ -21,9 +21,10 @@ import threading
 import time
 
 from gateway.blackboard import Blackboard
-from gateway.core.events import Event, GuardSeen
+from gateway.core.events import Event, GuardSeen, PartEnded
 from gateway.core.held import Held
 from gateway.settings import Settings
+from gateway.threads import supervised
 
 __all__ = ["Keeper"]
 
@@ -33,6 +34,7 @@ LOOK_NS = 50_000_000
 """How often is looked at what the guard says of itself [ns]."""
 AGAIN_S = 1.0
 """Between the end of a guard that did not last and the next one [s]."""
+API_SILENT = "the API of this gateway does not answer its guard: nobody could stop the robot by it"
 END_S = 1.5
 """Longest wait for the guard at the daemon's end [s]."""
 STEADY_S = 5.0
@@ -57,10 +59,10 @@ class Keeper:
         self._daemon = _own_pidfd()
         self._process: subprocess.Popen[bytes] | None = None
         self._lost = ""
-        self._told: tuple[int, str, bool] | None = None
+        self._told: tuple[int, str, bool, bool] | None = None
         self._looked_ns: int | None = None
         self._is_ending = threading.Event()
-        self._thread = threading.Thread(target=self._keep, name="guard-keeper", daemon=True)
+        self._thread = supervised(self._keep, "guard-keeper", may_return=self._is_ending.is_set)
 
     def start(self) -> None:
         """Start the first guard, and a thread that starts the next ones."""
@@ -88,14 +90,16 @@ class Keeper:
         said, process = self._board.guard(), self._process
         pid = 0 if process is None else process.pid
         is_its_own = pid != 0 and said.pid == pid
-        told = (pid, said.zid if is_its_own else "", is_its_own and said.is_linked)
+        is_silent = is_its_own and said.is_api_silent
+        told = (pid, said.zid if is_its_own else "", is_its_own and said.is_linked, is_silent)
         lost, self._lost = self._lost, ""
         if told == self._told and not lost:  # the first look tells in any case: a guard is expected
             if told[1]:
                 self._board.know(told[1])  # the engine has heard of it by now
             return []
         self._told = told
-        return [GuardSeen(pid=told[0], zid=told[1], is_linked=told[2], at_ns=now_ns, lost=lost)]
+        seen = GuardSeen(pid=told[0], zid=told[1], is_linked=told[2], at_ns=now_ns, lost=lost)
+        return [seen, *([PartEnded(message=API_SILENT, at_ns=now_ns)] if is_silent else ())]
 
     def close(self, *, is_clean: bool) -> None:
         """End: the guard sees the pipe close. May be called again.

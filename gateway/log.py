@@ -11,6 +11,8 @@ import threading
 import time
 from collections.abc import Callable
 
+from gateway.threads import supervised
+
 __all__ = ["JsonLines", "LogWriter", "RateLimit", "configure_log"]
 
 LOG_CAPACITY = 1000
@@ -89,7 +91,7 @@ class LogWriter(logging.Handler):
         self._left_out = 0
         self._counting = threading.Lock()
         self._is_closed = False
-        self._thread = threading.Thread(target=self._run, name="log", daemon=True)
+        self._thread = supervised(self._run, "log", may_return=lambda: self._is_closed, again=True)
         self._thread.start()
 
     def emit(self, record: logging.LogRecord) -> None:

@@ -35,6 +35,7 @@ from types import TracebackType
 from gateway.core.events import Remembered
 from gateway.endpoint import robot_name
 from gateway.errors import CODES, Code, ConfigError, NotReady, Refusal
+from gateway.threads import supervised
 
 __all__ = ["EPOCH_BLOCK", "Started", "StateFile", "StateWriter", "path_of", "read_state"]
 
@@ -288,7 +289,7 @@ class StateWriter:
         self._closing = False
         self._failing = False
         self._change = threading.Condition()
-        self._thread = threading.Thread(target=self._run, name="state-file", daemon=True)
+        self._thread = supervised(self._run, "state-file", may_return=lambda: self._closing, again=True)
         self._thread.start()
 
     def write(self, remembered: Remembered) -> None:

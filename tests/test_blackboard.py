@@ -150,6 +150,9 @@ def test_both_sides_see_each_other(board: Blackboard) -> None:
     other = Blackboard(os.dup(board.descriptor))
     board.write(Held(at_ns=7, state="IDLE"))
     other.say(41, 12, "c4" * 16, is_linked=True)
+    assert not board.guard().is_api_silent
+    other.say(41, 12, "c4" * 16, is_linked=True, is_api_silent=True)
+    assert board.guard().is_api_silent
     assert other.known_zid == ""
     board.know("c4" * 16)
     board.end()

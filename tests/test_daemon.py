@@ -18,11 +18,14 @@ import pytest
 
 from gateway import daemon
 from gateway.api.service import LocalPlane
+from gateway.core.engine import Engine
+from gateway.core.events import PartEnded
 from gateway.link.robot_link import RobotLink
 from gateway.log import JsonLines, LogWriter, RateLimit
 from gateway.measures import Measures
 from gateway.settings import GuardSettings, LinkSettings, LocalSettings, RealtimeSettings, Settings
 from gateway.state_file import StateWriter
+from gateway.threads import supervised, take_lost
 
 ROOT = Path(__file__).resolve().parents[1]
 DEADLINE_S = 20.0
@@ -142,6 +145,35 @@ def test_a_record_that_cannot_be_shown_does_not_end_the_log() -> None:
             text += os.read(reader, 65536)
     assert "cannot be shown: TypeError" in text.decode().splitlines()[0]
     assert text.decode().splitlines()[1] == "next"
+
+
+def test_a_panic_in_the_logs_own_thread_is_in_the_log(capfd: pytest.CaptureFixture[str]) -> None:
+    """It is begun anew: who else could tell of it?"""
+
+    class Panic(BaseException):
+        pass
+
+    class Bad(logging.LogRecord):
+        def getMessage(self) -> str:
+            raise Panic("boom")
+
+    take_lost()
+    with piped() as (writer, reader):
+        handlers, logging.getLogger("gateway.threads").handlers = (
+            logging.getLogger("gateway.threads").handlers,
+            [writer],
+        )
+        try:
+            writer.handle(Bad("x", logging.INFO, __file__, 1, "bad", (), None))
+            text = b""
+            while b"Panic: boom\n" not in text:
+                text += os.read(reader, 65536)
+            writer.handle(record("next"))
+            while b"next\n" not in text:
+                text += os.read(reader, 65536)
+        finally:
+            logging.getLogger("gateway.threads").handlers = handlers
+    assert b"the thread log ended unasked" in text and [lost.name for lost in take_lost()] == ["log"]
 
 
 def test_one_source_may_speak_twenty_times_a_second() -> None:
@@ -274,6 +306,44 @@ def test_a_session_that_hangs_does_not_keep_a_dead_daemon_alive(
     assert parts.status == [1]
     assert "a bug" in caplog.text
     assert parts.ended == ["plane", "link", "real time", "writer"]
+
+
+def test_a_daemon_that_lost_a_thread_ends_as_one_that_died(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    """With status 1 and its state on disk, without a wait for anything else: whatever it is may hang."""
+    parts = Parts(monkeypatch, tmp_path)
+    monkeypatch.setattr(daemon.Engine, "is_broken", True)
+
+    def leave(status: int) -> None:
+        assert parts.ended == ["writer"]
+        raise SystemExit(status)
+
+    monkeypatch.setattr(os, "_exit", leave)
+    with pytest.raises(SystemExit) as ended:
+        daemon.run(parts.settings)
+    assert ended.value.code == 1 and "start it anew" in caplog.text
+
+
+def test_a_lost_thread_is_an_event_of_the_daemons_like_its_end(tmp_path: Path) -> None:
+    """With its trace, once, before what clients ask."""
+    settings = Settings(
+        link=LinkSettings(endpoint=f"tcp/127.0.0.1:{10_000 + os.getpid() % 50_000}"),
+        local=LocalSettings(socket=str(tmp_path / "s")),
+    )
+    take_lost()
+    plane = LocalPlane(settings, tmp_path)
+    try:
+        watched = daemon._Watched(plane, Engine(settings))
+        thread = supervised(lambda: 1 / 0, "ta2-api-read")
+        thread.start()
+        thread.join()
+        (lost,) = watched.poll()
+        assert isinstance(lost, PartEnded) and "ZeroDivisionError" in lost.trace
+        assert lost.message == "the thread ta2-api-read ended unasked: ZeroDivisionError: division by zero"
+        assert list(watched.poll()) == []
+    finally:
+        plane.close()
 
 
 def test_a_session_that_hangs_after_a_clean_end_is_left_behind(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:

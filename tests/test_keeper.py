@@ -14,7 +14,8 @@ from typing import Any
 import pytest
 
 from gateway import keeper as module
-from gateway.core.events import GuardSeen
+from gateway.blackboard import Blackboard
+from gateway.core.events import GuardSeen, PartEnded
 from gateway.core.held import Held, HeldArm
 from gateway.keeper import Keeper
 from gateway.robot import HOME_Q_RAD, joint_command
@@ -176,3 +177,18 @@ def test_without_a_pidfd_there_is_a_guard_all_the_same(
     monkeypatch.setattr(os, "pidfd_open", refuse)
     assert module._own_pidfd() == -1
     assert "cannot end a frozen daemon" in caplog.text
+
+
+def test_a_guard_that_finds_the_api_silent_is_believed_once(keeper: Keeper) -> None:
+    """It is a part of the daemon that ended; what a guard of before said counts no more."""
+    first = seen(keeper, lambda event: event.pid > 0)
+    os.kill(first.pid, signal.SIGSTOP)  # it says nothing itself any more
+    board = Blackboard(os.dup(keeper._board.descriptor))
+    try:
+        for number, (pid, told) in enumerate(((first.pid + 1, 0), (first.pid, 1), (first.pid, 0)), start=1):
+            board.say(pid, 1, "", is_linked=False, is_api_silent=True)
+            events = keeper.poll(time.monotonic_ns() + number * 1_000_000_000)
+            assert [type(event) for event in events].count(PartEnded) == told
+    finally:
+        board.close()
+        os.kill(first.pid, signal.SIGCONT)

@@ -25,6 +25,7 @@ from gateway import state_file
 from gateway.core.events import Remembered
 from gateway.errors import Code, ConfigError, NotReady
 from gateway.state_file import EPOCH_BLOCK, Started, StateFile, StateWriter, path_of
+from gateway.threads import take_lost
 
 ENDPOINT = "tcp/192.168.1.20:9000"
 LATCHED = Remembered(epoch=7, latches={Code.ESTOP: "by Ann", Code.FSM_ERROR: "état −1"})
@@ -485,6 +486,27 @@ def test_a_failing_disk_is_tried_again_and_told_once(
     assert disk.saved == [replace(_latched(1), epoch=EPOCH_BLOCK)]
     assert [record.levelname for record in caplog.records] == ["ERROR", "WARNING"]
     assert "Input/output error" in caplog.records[0].getMessage()
+
+
+def test_a_panic_in_the_writers_thread_keeps_no_later_state_from_the_disk() -> None:
+    """The latch that tells of it is one."""
+    disk = Disk()
+    save, panics = disk.save, [SystemExit("as a panic, none of the errors that a disk has")]
+
+    def panic_once(remembered: Remembered) -> None:
+        if panics:
+            raise panics.pop()
+        save(remembered)
+
+    disk.save = panic_once  # type: ignore[method-assign]
+    take_lost()
+    writer = StateWriter(disk, STARTED)
+    writer.write(_latched(1))
+    _until(lambda: not panics)
+    writer.write(_latched(2))
+    assert writer.close(DEADLINE_S)
+    assert disk.saved == [replace(_latched(2), epoch=EPOCH_BLOCK)]
+    assert [lost.name for lost in take_lost()] == ["state-file"]
 
 
 def test_a_new_state_does_not_wait_for_the_retry_of_an_old_one(monkeypatch: pytest.MonkeyPatch) -> None:

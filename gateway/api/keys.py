@@ -23,6 +23,7 @@ __all__ = [
     "KEEPALIVE_PERIOD_NS",
     "MAX_PAYLOAD_BYTES",
     "MSGPACK",
+    "PING_KEY",
     "PROTOCOL_VERSION",
     "REPLY_WITHIN_NS",
     "ROOT",
@@ -79,6 +80,8 @@ STOP_KEY: Final = "ta2/stop"
 """Whatever arrives here, a put or a query with any payload or none, is a stop. The same in every version of the protocol."""
 ESTOP_KEY: Final = "ta2/estop"
 """Whatever arrives here is an e-stop."""
+PING_KEY: Final = "ta2/ping"
+"""Whoever asks here is answered as one who stops is, with nothing, and nothing happens. The guard asks."""
 COMMAND_KEY: Final = f"{ROOT}/command"
 INFO_KEY: Final = f"{ROOT}/info"
 ROUTES_KEY: Final = f"{ROOT}/routes"

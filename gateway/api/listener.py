@@ -136,7 +136,7 @@ def _router(endpoint: str) -> dict[str, Any]:
 
 def access_rules() -> dict[str, Any]:
     """Return what a client may do: stop, ask, put targets, keepalives and check-ins, show its token, listen. Nothing else."""
-    questions = [protocol.COMMAND_KEY, protocol.INFO_KEY, protocol.ROUTES_KEY, protocol.SNAPSHOT_KEY]
+    questions = [protocol.PING_KEY, protocol.COMMAND_KEY, protocol.INFO_KEY, protocol.ROUTES_KEY, protocol.SNAPSHOT_KEY]
     puts = [protocol.TARGET_KEYS, protocol.KEEPALIVE_KEYS, protocol.CHECK_IN_KEYS]
     views = [protocol.SNAPSHOT_KEY, protocol.EVENT_KEY]
     stops = [protocol.STOP_KEY, protocol.ESTOP_KEY]

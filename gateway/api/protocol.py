@@ -3,6 +3,7 @@
 ```
 key                                   what                                  who sends        message
 ta2/stop, ta2/estop                   whatever arrives is the stop          anybody            (anything) -> Reply
+ta2/ping                              query: whether a stop would be answered  anybody      (anything) -> (empty)
 ta2/1/command                         query, exactly one reply              client           Command -> Reply
 ta2/1/info                            query                                 client           (empty) -> Info
 ta2/1/routes                          query                                 client           (empty) -> Routes
@@ -59,6 +60,7 @@ from gateway.api.keys import (
     KEEPALIVE_PERIOD_NS,
     MAX_PAYLOAD_BYTES,
     MSGPACK,
+    PING_KEY,
     PROTOCOL_VERSION,
     REPLY_WITHIN_NS,
     ROOT,
@@ -156,6 +158,7 @@ __all__ = [
     "KEEPALIVE_PERIOD_NS",
     "MAX_PAYLOAD_BYTES",
     "MSGPACK",
+    "PING_KEY",
     "PROTOCOL_VERSION",
     "REPLY_WITHIN_NS",
     "ROOT",

@@ -32,6 +32,7 @@ from gateway.api.zenoh_plane import ZenohPlane
 from gateway.core import events
 from gateway.core.snapshot import Snapshot
 from gateway.settings import LocalSettings, Settings
+from gateway.threads import supervised
 
 __all__ = ["LocalPlane"]
 
@@ -97,7 +98,7 @@ class LocalPlane:
             ("ta2-api-send", self._send),
             ("ta2-api-stop", self._answer_stops),
         ):
-            thread = threading.Thread(target=work, name=name, daemon=True)
+            thread = supervised(work, name, may_return=lambda: not self._running, again=True)
             thread.start()
             self._threads.append(thread)
 

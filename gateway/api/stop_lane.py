@@ -58,7 +58,9 @@ class StopLane:
         self._numbers = itertools.count(FIRST_NUMBER)
         self._waiting: deque[tuple[int, str, bytes, int]] = deque()
         self._questions: dict[int, list[tuple[Question, str]]] = {}
-        self._answers: queue.SimpleQueue[tuple[list[tuple[Question, str]], protocol.Reply] | None] = queue.SimpleQueue()
+        # Who waits, with the encoding of each, and for what: None for a ping. None in its place only wakes the thread.
+        self._answers: queue.SimpleQueue[tuple[list[tuple[Question, str]], protocol.Reply | None] | None]
+        self._answers = queue.SimpleQueue()
         self._bell, self._ringer = os.pipe()
         os.set_blocking(self._bell, False)
         os.set_blocking(self._ringer, False)
@@ -95,6 +97,13 @@ class StopLane:
         with contextlib.suppress(BlockingIOError):  # it rings already
             os.write(self._ringer, b"!")
         self.on_arrival()
+
+    def ping(self, question: Question) -> None:
+        """Take a question that is answered as a stop is, by the thread that answers stops; any thread. Never waits."""
+        if self._answers.qsize() < MAX_WAITING:
+            self._answers.put(([(question, "")], None))
+        else:
+            question.drop()
 
     # ------------------------------------------------------------------------------------------------ the loop
 
@@ -151,7 +160,7 @@ class StopLane:
         if job is not None:
             questions, reply = job
             for question, encoding in questions:
-                question.answer(protocol.encode(reply, encoding), encoding)
+                question.answer(b"" if reply is None else protocol.encode(reply, encoding), encoding)
         return True
 
     def wake(self) -> None:

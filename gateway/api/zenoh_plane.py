@@ -94,6 +94,7 @@ class ZenohPlane:
         for key in (protocol.STOP_KEY, protocol.ESTOP_KEY):
             session.declare_queryable(key, zenoh.handlers.Callback(self._on_stop_query, indirect=False))
             session.declare_subscriber(key, zenoh.handlers.Callback(self._on_stop, indirect=False))
+        session.declare_queryable(protocol.PING_KEY, zenoh.handlers.Callback(self._on_ping, indirect=False))
         for key in (protocol.COMMAND_KEY, protocol.INFO_KEY, protocol.ROUTES_KEY, protocol.SNAPSHOT_KEY):
             session.declare_queryable(key, zenoh.handlers.Callback(self._on_query, indirect=False))
         session.declare_subscriber(protocol.TARGET_KEYS, zenoh.handlers.Callback(self._on_target, indirect=False))
@@ -113,6 +114,9 @@ class ZenohPlane:
     def _on_stop_query(self, query: zenoh.Query) -> None:
         question = _ZenohQuestion(query, time.monotonic_ns())
         self._stops.arrive(question.key, question.payload, question.received_ns, question)
+
+    def _on_ping(self, query: zenoh.Query) -> None:
+        self._stops.ping(_ZenohQuestion(query, time.monotonic_ns()))
 
     def _on_query(self, query: zenoh.Query) -> None:
         self._inbox.ask(_ZenohQuestion(query, time.monotonic_ns()))

@@ -94,8 +94,8 @@ class MemoryTransport:
                 beat.due_ns += beat.period_ns
                 beat.call()
 
-    def every(self, period_ns: int, beat: Callable[[], None]) -> Callable[[], None]:
-        """Call `beat` when time passes, on a grid of `period_ns`."""
+    def every(self, period_ns: int, beat: Callable[[], None], on_lost: Callable[[str], None]) -> Callable[[], None]:
+        """Call `beat` when time passes, on a grid of `period_ns`; it is never lost."""
         entry = _Beat(period_ns, self._now_ns() + period_ns, beat)
         self._beats.append(entry)
 

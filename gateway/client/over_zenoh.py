@@ -22,6 +22,7 @@ import zenoh
 from gateway.api import protocol
 from gateway.client.transport import Receiver
 from gateway.errors import Code, GatewayError, Refusal, to_exception
+from gateway.threads import supervised
 
 __all__ = ["Credentials", "ZenohTransport"]
 
@@ -151,9 +152,9 @@ class ZenohTransport:
         """Wait for a notification, at most `timeout_s`."""
         changed.wait(timeout_s)
 
-    def every(self, period_ns: int, beat: Callable[[], None]) -> Callable[[], None]:
+    def every(self, period_ns: int, beat: Callable[[], None], on_lost: Callable[[str], None]) -> Callable[[], None]:
         """Call `beat` from a thread of its own, on an absolute grid; missed beats are skipped."""
-        return Pulse(period_ns, beat).stop
+        return Pulse(period_ns, beat, on_lost).stop
 
     # ------------------------------------------------------------------------------------------------ zenoh's threads
 
@@ -237,15 +238,18 @@ class Pulse:
     Args:
         period_ns: Distance of two beats [ns], and of the first one from now.
         beat: What to call.
+        on_lost: Called in the thread, with why, when it ends unasked.
     """
 
-    def __init__(self, period_ns: int, beat: Callable[[], None]) -> None:
+    def __init__(self, period_ns: int, beat: Callable[[], None], on_lost: Callable[[str], None]) -> None:
         self._period_ns = period_ns
         self._beat = beat
         self._stopped = threading.Event()
         self._pid = os.getpid()
         atexit.register(self._end_with_python)
-        self._thread = threading.Thread(target=self._run, name="ta2-keepalive", daemon=True)
+        self._thread = supervised(
+            self._run, "ta2-keepalive", may_return=self._stopped.is_set, on_lost=lambda lost: on_lost(str(lost))
+        )
         self._thread.start()
 
     def _run(self) -> None:

@@ -97,7 +97,10 @@ class Ownership:
             yield from procedures.abandon(self._session, lease)
 
     def _end(self) -> Procedure[None]:
-        """End normally, as was asked for at the beginning."""
+        """End normally, as was asked for at the beginning; who did not hear of a lost keepalive hears of it now."""
+        unkept = self._session.unkept
+        if unkept is not None and unkept[0] == self._lease and not self._session.is_unkept_heard:
+            self._owned()
         return self._release() if self._on_exit == "release" else self._leave()
 
     def _break_off(self) -> None:

@@ -12,7 +12,6 @@ It sends and remembers; waiting is the shells' business (`waits` says for what),
 
 from __future__ import annotations
 
-import atexit
 import contextlib
 import logging
 import os
@@ -22,6 +21,7 @@ import weakref
 from collections.abc import Callable, Iterator
 
 from gateway.api import protocol
+from gateway.client.forgotten import close_forgotten
 from gateway.client.identity import new_client_id
 from gateway.client.inlet import Inlet
 from gateway.client.news import News
@@ -33,9 +33,6 @@ __all__ = ["Lease", "Motion", "Session", "Sighting"]
 
 GONE_NS = 1_000_000_000
 """A daemon that is away for longer is gone; shorter is a hiccup of the connection [ns]."""
-
-CLOSING_S = 3.0
-"""So long Python waits at its end for a connection that is being closed [s]: usual are milliseconds."""
 
 log = logging.getLogger(__name__)
 
@@ -58,6 +55,10 @@ class Session:
         self.other_versions: set[str] = set()
         self.info: protocol.Info | None = None
         self.lease: Lease | None = None
+        self.unkept: tuple[Lease, str] | None = None
+        """The lease whose keepalive ended unasked, and why."""
+        self.is_unkept_heard = False
+        """Whether its user has been told."""
         self.news = News()
         self.snapshots_dropped = 0
         self.stop_undelivered = False
@@ -81,7 +82,7 @@ class Session:
         Raises:
             Disconnected: Nobody listens there.
         """
-        self._finalizer = weakref.finalize(self, _close_forgotten, self.transport, self._beating, self.pid)
+        self._finalizer = weakref.finalize(self, close_forgotten, self.transport, self._beating, self.pid)
         self._finalizer.atexit = False  # a process that ends needs no help, and must not wait for it
         self.transport.open(self.client_id, Inlet(self), timeout_s)
         if self._closed:  # meanwhile, by whoever did not want to wait for it any more
@@ -194,8 +195,8 @@ class Session:
         """Refuse when a lease of ours is over.
 
         Raises:
-            LeaseError: LEASE_LOST, the daemon that gave it is gone and another one answers now; NOT_OWNER, it was given
-                back, left, or another one took its place.
+            LeaseError: LEASE_LOST, the daemon that gave it is gone and another one answers now, or its keepalive ended;
+                NOT_OWNER, it was given back, left, or another one took its place.
         """
         if lease.daemon != self.daemon:
             raise to_exception(
@@ -203,6 +204,15 @@ class Session:
                     code=Code.LEASE_LOST,
                     message=f"the daemon was restarted, and this control (epoch {lease.epoch}) ended with the earlier one",
                     hint="look at the state, then take the lease with a new control(); nothing was sent again",
+                )
+            )
+        if self.unkept is not None and self.unkept[0] == lease:
+            self.is_unkept_heard = True
+            raise to_exception(
+                Refusal(
+                    code=Code.LEASE_LOST,
+                    message=f"this control (epoch {lease.epoch}) ended and the robot is held: {self.unkept[1]}",
+                    hint="report the trace in this process's log; take the lease with a new control()",
                 )
             )
         if self.lease != lease:
@@ -293,14 +303,19 @@ class Session:
     def keep_alive(self) -> None:
         """Begin to show that this client lives, every 50 ms."""
         if not self._beating:
-            beat = weakref.WeakMethod(self._beat)
+            beat, lose = weakref.WeakMethod(self._beat), weakref.WeakMethod(self._lose_beat)
 
             def beat_while_needed() -> None:
                 needed = beat()
                 if needed is not None:
                     needed()
 
-            self._beating.append(self.transport.every(protocol.KEEPALIVE_PERIOD_NS, beat_while_needed))
+            def lose_if_needed(why: str) -> None:
+                needed = lose()
+                if needed is not None:
+                    needed(why)
+
+            self._beating.append(self.transport.every(protocol.KEEPALIVE_PERIOD_NS, beat_while_needed, lose_if_needed))
 
     def _beat(self) -> None:
         lease = self.lease
@@ -313,6 +328,13 @@ class Session:
             self.observe()
         except GatewayError as error:
             log.warning("%s", error)
+
+    def _lose_beat(self, why: str) -> None:
+        """Nothing shows any more that this client lives: end its control, so that it hears of it; the robot is held at once."""
+        if self.lease is not None:
+            self.unkept, self.is_unkept_heard = (self.lease, why), False
+        self.abandon()
+        self.notify()
 
     def own(self, epoch: int) -> Lease:
         """Remember that the robot is ours."""
@@ -364,29 +386,6 @@ class Session:
             self._finalizer.detach()
         self.transport.close()
         self.notify()
-
-
-def _close_forgotten(transport: Transport, beating: list[Callable[[], None]], pid: int) -> None:
-    """Close the connection of a session that was dropped without `close`; a robot that it owned is left held.
-
-    From a thread of its own: the last reference may go anywhere, also in the middle of a callback of the transport. Python
-    waits for it before it ends: a thread that came back from zenoh afterwards would abort the process (`over_zenoh.Pulse`).
-    """
-    if os.getpid() != pid:
-        return
-
-    def close() -> None:
-        for stop in list(beating):
-            stop()
-        transport.close()
-        atexit.unregister(thread.join)
-
-    thread = threading.Thread(target=close, name="ta2-close", daemon=True)
-    atexit.register(thread.join, CLOSING_S)
-    try:
-        thread.start()
-    except RuntimeError:  # the interpreter is ending, and the connection with it
-        atexit.unregister(thread.join)
 
 
 def _ignore(_: bytes | None) -> None:

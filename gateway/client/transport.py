@@ -67,6 +67,9 @@ class Transport(Protocol):
         """Let time pass until `changed` (held by the caller) is notified, at most `timeout_s`."""
         ...
 
-    def every(self, period_ns: int, beat: Callable[[], None]) -> Callable[[], None]:
-        """Call `beat` every `period_ns`, a period from now first, from elsewhere, until the returned function is called."""
+    def every(self, period_ns: int, beat: Callable[[], None], on_lost: Callable[[str], None]) -> Callable[[], None]:
+        """Call `beat` every `period_ns`, a period from now first, from elsewhere, until the returned function is called.
+
+        Should it end before that, `on_lost` is called with why, once.
+        """
         ...

@@ -347,4 +347,7 @@ class Desk:
         wrong = store.name_order_wrong(now_ns)
         if Code.JOINT_ORDER in latches and wrong is not None:
             return Refusal(code=Code.LATCH_PERSISTS, message=wrong, field=Code.JOINT_ORDER.value)
+        if self._phases.is_broken:
+            message = "this gateway is still the one that is broken: it ends now"
+            return Refusal(code=Code.LATCH_PERSISTS, message=message, field=Code.GATEWAY_BROKEN.value)
         return None

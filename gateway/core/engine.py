@@ -122,6 +122,11 @@ class Engine:
         return self._conductor.state
 
     @property
+    def is_broken(self) -> bool:
+        """Whether a part of this process has ended: once done, it must end as one that died, not as one that was asked to."""
+        return self._phases.is_broken
+
+    @property
     def is_posing(self) -> bool:
         """Whether an enabled arm is in end-effector mode: its pose decides about motion."""
         return self._conductor.is_posing
@@ -220,7 +225,7 @@ class Engine:
         elif isinstance(event, (TakenOver, HeldElsewhere, GuardSeen)):
             self.takeover.hear(event, now_ns)
         else:
-            self._phases.request_exit(now_ns)
+            self._phases.end(event, now_ns)
 
     def _see_elsewhere(self, event: RobotsAnnounced, now_ns: int) -> None:
         conductor = self._conductor
@@ -240,9 +245,8 @@ class Engine:
         conductor.body.find_transport(now_ns)
         conductor.notice(Code.LINK_UP, Level.INFO, f"linked to the robot's router {event.router_zid}", now_ns)
         if before and before != event.router_zid:
-            conductor.notice(
-                Code.ROBOT_RESTARTED, Level.WARNING, f"the robot's router is another one than before ({before})", now_ns
-            )
+            text = f"the robot's router is another one than before ({before})"
+            conductor.notice(Code.ROBOT_RESTARTED, Level.WARNING, text, now_ns)
 
     def _link_down(self, now_ns: int) -> None:
         conductor = self._conductor
@@ -381,10 +385,8 @@ class Engine:
     def _to_remember(self) -> Remembered | None:
         """Return what must reach the disk, when it has changed."""
         conductor, saved = self._conductor, self._saved
-        latches, names = (
-            conductor.endpoints.beside(conductor.supervisor.latches),
-            (conductor.others.friends, conductor.routers),
-        )
+        latches = conductor.endpoints.beside(conductor.supervisor.latches)
+        names = conductor.others.friends, conductor.routers
         if saved.epoch == conductor.lease.epoch and saved.latches == latches and (saved.zids, saved.routers) == names:
             return None
         self._saved = conductor.remembered()

@@ -100,6 +100,7 @@ __all__ = [
     "OnLimit",
     "OnLoss",
     "OpenStream",
+    "PartEnded",
     "Recover",
     "RegisterEndpoint",
     "Release",
@@ -331,6 +332,21 @@ class GuardSeen:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class PartEnded:
+    """A part of the daemon does its work no more: one of its threads ended unasked, or its API does not answer.
+
+    Attributes:
+        message: Which, and why, in one sentence.
+        trace: Of what ended it; empty where there is none.
+        at_ns: When [ns].
+    """
+
+    message: str
+    at_ns: int
+    trace: str = ""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class ExitRequested:
     """SIGTERM or Ctrl-C: end cleanly within 5 s."""
 
@@ -354,5 +370,6 @@ Event: TypeAlias = (
     | TakenOver
     | HeldElsewhere
     | GuardSeen
+    | PartEnded
     | ExitRequested
 )

@@ -14,6 +14,9 @@ __all__ = ["WAIT_NS", "Guarding"]
 WAIT_NS = 2_000_000_000
 """How long an enabling waits for a guard that is still connecting [ns]; then it goes on without."""
 
+KNOWS_NS = 1_500_000_000
+"""A guard that has been linked for so long knows all that a hold needs [ns]: the mode comes once a second."""
+
 
 class Guarding:
     """Facts about guards, as the daemon tells them."""
@@ -29,6 +32,7 @@ class Guarding:
         """How many guards this daemon has lost."""
         self.is_expected = False
         """Whether there shall be a guard: its keeper has spoken."""
+        self._linked_ns = 0
         self.earlier_holds = False
         """Whether the guard of an earlier daemon holds the robot."""
         self._zids: set[str] = set()
@@ -40,6 +44,14 @@ class Guarding:
             waited_ns: How long it has been waited for [ns].
         """
         return self.pid != 0 and not self.is_linked and waited_ns < WAIT_NS
+
+    def could_hold(self, now_ns: int) -> bool:
+        """Return whether a guard is linked, and for so long that it could hold what it is left.
+
+        Args:
+            now_ns: Monotonic time [ns].
+        """
+        return self.is_linked and now_ns - self._linked_ns >= KNOWS_NS
 
     def is_held_elsewhere(self, armed_friends: Iterable[str]) -> bool:
         """Return whether the guard of an earlier daemon holds the robot, within our reach or not.
@@ -54,6 +66,8 @@ class Guarding:
 
     def see(self, seen: GuardSeen) -> str:
         """Take note of the guard; return what is worth telling about one that was lost, empty when none was."""
+        if not (self.is_linked and seen.zid == self.zid):
+            self._linked_ns = seen.at_ns
         self.pid, self.zid, self.is_linked, self.is_expected = seen.pid, seen.zid, seen.is_linked, True
         self._zids.add(seen.zid)
         if not seen.lost:

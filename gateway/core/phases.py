@@ -9,7 +9,7 @@ from __future__ import annotations
 from gateway.core.conditions import Conditions
 from gateway.core.conductor import AT_BASE, Conductor
 from gateway.core.enabling import FSM_NAMES, Enabling
-from gateway.core.events import Level
+from gateway.core.events import ExitRequested, Level, PartEnded
 from gateway.core.stall import Stall
 from gateway.core.starting import Starting
 from gateway.core.streams.heartbeat import Beat
@@ -30,6 +30,12 @@ EXIT_BRAKE_NS = 2200 * MS
 EXIT_SETTLE_NS = 50 * MS
 """Frames handed over for sending get this long to leave the process [ns]."""
 
+TELL_NS = 200 * MS
+"""A daemon that is broken goes on for so long in any case [ns]: its notice leaves, and its latch reaches the disk."""
+
+BRAKE_NS = 3 * S
+"""Arms that still brake this long after it [ns] are braked on by the guard."""
+
 
 class Phases:
     """Courses of the supervisor that take more than one tick.
@@ -48,6 +54,8 @@ class Phases:
         """The course of an `enable`."""
         self._stall = Stall(conductor, self.starting)
         self._unheard_ns: int | None = None
+        self._broken_ns: int | None = None
+        self._is_left = False
         self._exit_ns: int | None = None
         self._done_ns: int | None = None
 
@@ -67,6 +75,7 @@ class Phases:
         self._stall.step(now_ns)
         if conductor.state in AT_BASE:
             conductor.go(conductor.base(now_ns), now_ns, "the robot's condition")
+        self._leave(now_ns)
         self._tell_unheard_stop(now_ns)
 
     def _stop(self, now_ns: int) -> None:
@@ -94,8 +103,33 @@ class Phases:
 
     # ------------------------------------------------------------------------------------------------ the end
 
-    def request_exit(self, now_ns: int) -> None:
-        """Begin to end: brake, 0.0, then done."""
+    @property
+    def is_broken(self) -> bool:
+        """Whether a part of this process has ended, so that another process must take its place."""
+        return self._broken_ns is not None
+
+    def end(self, event: ExitRequested | PartEnded, now_ns: int) -> None:
+        """Begin to end: when a part has ended as after a stop, else brake, 0.0, then done."""
+        if not isinstance(event, PartEnded):
+            return self._request_exit(now_ns)
+        conductor = self._conductor
+        facts = {"trace": event.trace} if event.trace else {}
+        conductor.notice(Code.GATEWAY_BROKEN, Level.ERROR, event.message, now_ns, **facts)
+        conductor.is_exiting = True
+        self._broken_ns = now_ns if self._broken_ns is None else self._broken_ns
+        conductor.fire(Trigger.PART_ENDED, now_ns, event.message)
+
+    def _leave(self, now_ns: int) -> None:
+        """Leave what a broken daemon holds to its guard, the grip and all; end in order where nothing is held, or no guard."""
+        if self._broken_ns is None or now_ns - self._broken_ns < TELL_NS or self._exit_ns is not None:
+            return
+        conductor, is_in_time = self._conductor, now_ns - self._broken_ns <= BRAKE_NS
+        if conductor.state is State.HOLDING and conductor.guard.is_linked:
+            self._is_left = conductor.guard.could_hold(now_ns) and (conductor.body.is_at_rest or not is_in_time)
+        elif not (conductor.state is State.STALE and conductor.can_resume and conductor.guard.is_linked and is_in_time):
+            self._request_exit(now_ns)
+
+    def _request_exit(self, now_ns: int) -> None:
         if self._exit_ns is None:
             self._exit_ns = now_ns
             self._conductor.is_exiting = True
@@ -104,7 +138,7 @@ class Phases:
     def is_done(self, now_ns: int) -> bool:
         """Return whether everything that must be sent before the end has been sent."""
         if self._exit_ns is None:
-            return False
+            return self._is_left
         body = self._conductor.body
         is_busy = self._conductor.state in STREAMING or body.heartbeat.beat is Beat.ZERO
         if is_busy or any(ground.running for ground in body.grounds):

@@ -108,6 +108,7 @@ class Trigger(str, Enum):
     AT_REST = "at rest"
     EXIT = "SIGTERM"
     SUSPENDED = "suspend and resume"
+    PART_ENDED = "a part of the daemon ended"
 
 
 class Action(str, Enum):
@@ -271,6 +272,9 @@ TABLE: Mapping[Trigger, Mapping[State, Cell]] = {
     Trigger.ENABLE_TIMEOUT:    _row(SAME,              OWED,         SAME,         SAME,         SAME,         SAME,         SAME),
     Trigger.AT_REST:           _row(SAME,              SAME,         SAME,         SAME,         SAME,         Cell(do=(A.ZERO,)), SAME),
     Trigger.EXIT:              _row(BASE_LIFT_OFF,     DOWN_LIFT_OFF, STOP_FIRST_LIFT_OFF, STOP_FIRST_LIFT_OFF, DOWN_LIFT_OFF, LIFT_OFF, OWED_LIFT_OFF),
+    Trigger.PART_ENDED:        _row(STOP_GROUND_LATCH, Cell(to=BASE, do=(A.CUT, A.GROUND_STOP, A.ZERO, A.LATCH)),
+                                    Cell(to=S.HOLDING, do=(A.CUT, A.GROUND_STOP, A.LATCH)),
+                                    STOP_GROUND_LATCH, STOP_GROUND_LATCH, STOP_GROUND_LATCH, STOP_GROUND_LATCH),
     Trigger.SUSPENDED:         _row(BASE_FREE,         DOWN_FREE,    DOWN_FREE,    DOWN_FREE,    DOWN_FREE,    DOWN_FREE,    BASE_FREE),
 }  # fmt: skip
 """Row by trigger, cell by state: BEHAVIOUR, Transitions."""
@@ -285,6 +289,7 @@ LATCH_CODE: dict[Trigger, Code] = {
     Trigger.FOREIGN_BESIDE_DRIVE: Code.FOREIGN_WRITER,
     Trigger.GATE_VIOLATION: Code.GATE_VIOLATION,
     Trigger.JOINT_ORDER: Code.JOINT_ORDER,
+    Trigger.PART_ENDED: Code.GATEWAY_BROKEN,
 }
 """Cause under which a trigger latches."""
 

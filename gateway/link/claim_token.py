@@ -13,6 +13,8 @@ from typing import Protocol
 
 import zenoh
 
+from gateway.threads import supervised
+
 __all__ = ["ClaimToken", "Declares"]
 
 RETRY_S = 0.2
@@ -44,7 +46,7 @@ class ClaimToken:
         self._is_closing = False
         self._withdraw: Callable[[], None] | None = None
         self._served = 0
-        self._thread = threading.Thread(target=self._run, name="robot-claim", daemon=True)
+        self._thread = supervised(self._run, "robot-claim", may_return=lambda: self._is_closing)
 
     def close(self, timeout_s: float) -> bool:
         """End the thread; the session takes the token with it when it closes. Return whether it ended in time."""

@@ -57,6 +57,7 @@ from gateway.link.session_config import session_config
 from gateway.link.survey import gather
 from gateway.link.turns import Turns
 from gateway.settings import LinkSettings, SettingsRefused
+from gateway.threads import supervised
 
 __all__ = ["RobotLink"]
 
@@ -130,7 +131,7 @@ class RobotLink:
         self._serving: zenoh.Session | None = None
         self._discovery: Discovery | None = None
         self._closing = threading.Event()
-        self._worker = threading.Thread(target=self._work, name="robot-link")
+        self._worker = supervised(self._work, "robot-link", may_return=self._may_end, daemon=False)
 
     @property
     def is_up(self) -> bool:
@@ -303,7 +304,7 @@ class RobotLink:
         self._closing.set()
         if self._worker.ident is not None:  # it was started
             self._worker.join(timeout_ns / S)
-        return self._claim.close(CLAIM_END_S) and not self._worker.is_alive()
+        return self._claim.close(CLAIM_END_S) and not self._worker.is_alive() and self._serving is None
 
     def _note_shown(self, claim: int) -> None:
         self._own_news.append(ClaimShown(claim=claim, at_ns=self._clock()))
@@ -312,12 +313,12 @@ class RobotLink:
 
     def _work(self) -> None:
         while (opened := connect(self._config, self._settings.endpoint, self._goes_on)) is not None:
+            # A panic passes: the session stays, and with it the last way to the robot, until the process ends.
             try:
                 self._serve(opened)
             except Exception:  # noqa: BLE001  # whatever it was: without a session the robot cannot even be stopped
                 _log.exception("the session to %s failed; opening another one", self._settings.endpoint)
-            finally:
-                self._drop(opened)
+            self._drop(opened)
             self._goes_on(MAX_RETRY_S)
 
     def _serve(self, opened: zenoh.Session) -> None:
@@ -388,7 +389,11 @@ class RobotLink:
 
     def _goes_on(self, pause_s: float) -> bool:
         """Wait, then return whether the link is still wanted: nobody closed it and the program has not ended."""
-        return not self._closing.wait(pause_s) and threading.main_thread().is_alive()
+        self._closing.wait(pause_s)
+        return not self._may_end()
+
+    def _may_end(self) -> bool:
+        return self._closing.is_set() or not threading.main_thread().is_alive()
 
     def _ask(self, selector: str) -> dict[str, bytes]:
         session = self._session

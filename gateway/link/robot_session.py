@@ -45,6 +45,7 @@ from gateway import robot
 from gateway.link.gateway_token import format_gateway_token, gateway_tokens
 from gateway.link.mailbox import CAPACITY, Mailbox, Tray
 from gateway.settings import LinkSettings
+from gateway.threads import supervised
 
 __all__ = ["RobotSession", "SessionListener"]
 
@@ -136,7 +137,7 @@ class RobotSession:
 
         Never undone: a subscriber that leaves may end what others hear (wire.md fact 8).
         """
-        threading.Thread(target=self._hear_commands, name="hear-commands", daemon=True).start()
+        supervised(self._hear_commands, "hear-commands").start()
 
     def _hear_commands(self) -> None:
         with self._hearing, contextlib.suppress(zenoh.ZError):  # closed: the next session is asked in its turn

@@ -19,6 +19,7 @@ from gateway.api.service import LocalPlane
 from gateway.core import events
 from gateway.errors import Code, ConfigError, NotReady
 from gateway.settings import LinkSettings, LocalSettings, Settings
+from gateway.threads import take_lost
 from tests.api.daemon import Daemon, eventually, settings_for
 from tests.api.samples import Q, command
 
@@ -100,6 +101,48 @@ def test_ten_bytes_from_any_program_are_a_stop(daemon, stranger, key, kind):
     stranger.delete(key)
     eventually(lambda: len(daemon.engine.requests) == 4)
     assert all(isinstance(request, kind) for _, request in daemon.engine.requests)
+
+
+class Panic(BaseException):
+    """As zenoh's own: none of Python's errors."""
+
+
+def test_a_panic_in_a_callback_is_logged_and_the_next_stop_is_served(daemon, stranger, monkeypatch, caplog):
+    """By zenoh, which ends the call and nothing else: callback, connection and queryable go on."""
+    arrive, panics = daemon.plane._stops.arrive, [Panic("first"), Panic("second")]
+
+    def panic_twice(*arguments):
+        arrive(*arguments)
+        if panics:
+            raise panics.pop(0)
+
+    monkeypatch.setattr(daemon.plane._stops, "arrive", panic_twice)
+    stranger.put(protocol.STOP_KEY, b"")
+    eventually(lambda: len(daemon.engine.requests) == 1)
+    ask(stranger, protocol.STOP_KEY)
+    assert len(ask(stranger, protocol.STOP_KEY)) == 1 and not panics
+    assert len(daemon.engine.requests) == 3
+    assert "Panic: first" in caplog.text and "Panic: second" in caplog.text
+
+
+def test_a_panic_in_a_thread_of_the_plane_is_told_and_the_next_request_is_served(daemon, stranger, monkeypatch):
+    """Each of the three is begun anew: until the daemon has ended it answers, and stops above all."""
+    take_lost()
+    for part, name, thread in (
+        (daemon.plane._inbox, "sort", "ta2-api-read"),
+        (daemon.plane._outbox, "deliver", "ta2-api-send"),
+        (daemon.plane._stops, "deliver", "ta2-api-stop"),
+    ):
+        work = getattr(part, name)
+
+        def panic_once(timeout_s, part=part, name=name, work=work):
+            monkeypatch.setattr(part, name, work)
+            raise Panic("boom")
+
+        monkeypatch.setattr(part, name, panic_once)
+        (lost,) = eventually(take_lost)
+        assert lost.name == thread and lost.why.endswith("Panic: boom")
+        assert len(ask(stranger, protocol.INFO_KEY)) == len(ask(stranger, protocol.STOP_KEY)) == 1
 
 
 def test_rubbish_is_answered_with_a_code_and_the_daemon_lives(daemon, stranger):

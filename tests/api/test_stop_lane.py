@@ -133,3 +133,15 @@ def test_it_closes(lane):
     lane.wake()
     assert lane.deliver(1.0)
     lane.close()
+
+
+def test_a_ping_is_answered_as_a_stop_is_and_stops_nothing(lane):
+    """By the thread that answers stops, with nothing; more of them than anybody needs are dropped."""
+    questions = [AskedQuestion(key=protocol.PING_KEY) for _ in range(MAX_WAITING + 1)]
+    for question in questions:
+        lane.ping(question)
+    assert not lane.wait(0) and lane.poll() == [] and lane.taken == 0
+    while lane.deliver(0):
+        pass
+    assert [question.answers for question in questions] == [[(b"", "")]] * MAX_WAITING + [[]]
+    assert questions[-1].dropped

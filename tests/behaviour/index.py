@@ -751,6 +751,21 @@ ENDPOINTS = {
     "(restart)": ("watching::the_next_daemon_waits_for_a_person_who_says_why",),
 }
 
+THREADS = {
+    "(a part of the daemon ended)": (
+        "threads::a_daemon_that_lost_a_thread_brakes_and_leaves_the_hold_to_its_guard",
+        "threads::without_a_guard_it_ends_as_if_it_had_been_asked_to",
+        "threads::where_nothing_is_held_the_guard_has_nothing_to_go_on_with",
+        "threads::a_guard_that_has_only_just_come_is_waited_for",
+        "threads::a_guard_that_dies_meanwhile_is_not_left_alone_with_the_robot",
+        "threads::arms_that_need_long_to_brake_are_braked_on_by_the_guard",
+        "threads::a_short_stall_is_waited_out_before_the_hold_is_left",
+        "e2e/threads::no_thread_ends_alone",
+    ),
+    "(a stop meanwhile)": ("threads::whoever_stops_is_obeyed_to_the_last_and_nobody_moves_it_any_more",),
+    "(restart)": ("threads::the_latch_survives_a_restart_and_only_recover_clears_it",),
+}
+
 INDEX: dict[str, dict[str, tuple[str, ...] | str]] = {
     "Values": VALUES,
     "Transitions": TRANSITIONS,
@@ -764,6 +779,7 @@ INDEX: dict[str, dict[str, tuple[str, ...] | str]] = {
     "Why the robot does not do what it is told": WHY,
     "(Doors)": DOORS,
     "(Stop endpoints)": ENDPOINTS,
+    "(Threads)": THREADS,
 }
 """Section -> row -> tests; a text instead names the later work, or the folder, that has the row. Rows in brackets are
 not the behaviour table's own: they stand beside it."""

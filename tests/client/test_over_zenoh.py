@@ -19,6 +19,7 @@ from gateway.client import Credentials, connect
 from gateway.client.over_zenoh import Pulse
 from gateway.core.events import Level, Notice
 from gateway.errors import Code, Disconnected, LeaseError, OutcomeUnknown, Rejected
+from gateway.threads import take_lost
 from tests.api.daemon import Daemon, eventually
 from tests.api.stand_in import START_Q
 from tests.api.test_service import end
@@ -61,7 +62,7 @@ from gateway.client import connect
 atexit.register(lambda: transport._session is None or print("callbacks come until Python has ended"))
 robot = connect(sys.argv[1], name="hasty")
 transport = robot._session.transport
-beats = [transport.every(20_000, lambda: transport.put("ta2/nobody", b"beat")) for _ in range(4)]
+beats = [transport.every(20_000, lambda: transport.put("ta2/nobody", b"beat"), print) for _ in range(4)]
 print("up", flush=True)
 time.sleep(0.05)
 """
@@ -292,7 +293,7 @@ def test_a_pulse_skips_what_it_missed():
         if len(beats) == 3:
             time.sleep(0.055)
 
-    pulse = Pulse(10_000_000, beat)
+    pulse = Pulse(10_000_000, beat, on_lost=pytest.fail)
     eventually(lambda: len(beats) >= 8)
     pulse.stop()
     count = len(beats)
@@ -300,6 +301,24 @@ def test_a_pulse_skips_what_it_missed():
     assert gaps[2] >= 55_000_000 and min(gaps) > 1_000_000
     time.sleep(0.05)
     assert len(beats) == count
+
+
+def test_a_pulse_that_ends_unasked_tells_its_owner():
+    """Once, with why; nobody else of this process hears of it."""
+
+    class Panic(BaseException):
+        pass
+
+    def beat():
+        raise Panic("boom")
+
+    told = []
+    pulse = Pulse(10_000_000, beat, told.append)
+    eventually(lambda: told)
+    pulse.stop()
+    (why,) = told
+    assert why.startswith("the thread ta2-keepalive ended unasked:") and why.endswith("Panic: boom")
+    assert take_lost() == []
 
 
 def test_users_connect_with_their_password(tmp_path):

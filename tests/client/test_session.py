@@ -209,3 +209,27 @@ def test_memory_is_flat_over_thousands_of_reconnects(world, robot):
         tracemalloc.stop()
     assert after - before < 20_000, f"{after - before} B more after so many reconnects"
     assert not own.is_open and len(robot._session._listeners) == 0 and robot._session._motions == {}
+
+
+def test_a_keepalive_that_ends_unasked_ends_the_control_loudly(world, robot):
+    """The robot is held at once, by word of us; whoever goes on commanding hears why, or who ends his block without."""
+    own = robot.control().acquire()
+    epoch = own.epoch
+    robot._session._lose_beat("the thread ta2-keepalive ended unasked: Panic: boom")
+    world.run(0.1)
+    assert sent(world, robot)[-1] == "Abandon" and not own.is_open
+    own.__exit__(KeyError, KeyError(), None)  # an error of the user's own is not covered by ours
+    for call in (lambda: own.__exit__(None, None, None), lambda: own.epoch):
+        with pytest.raises(LeaseError, match="ended unasked: Panic: boom") as caught:
+            call()
+        assert caught.value.code is Code.LEASE_LOST
+    own.__exit__(None, None, None)  # who has heard of it may end well
+    with robot.control() as again:
+        assert again.epoch > epoch
+
+
+def test_a_keepalive_that_ends_with_nothing_owned_ends_nothing(world, robot):
+    """It is begun with the next lease."""
+    robot._session._lose_beat("why")
+    with robot.control() as own:
+        assert own.is_open

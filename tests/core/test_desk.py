@@ -23,6 +23,7 @@ from gateway.core.events import (
     Move,
     OnLoss,
     OpenStream,
+    PartEnded,
     Recover,
     Release,
     Request,
@@ -597,3 +598,12 @@ def test_the_desk_goes_on_with_what_takes_more_than_one_tick(monkeypatch):
     monkeypatch.setattr(scene.desk._cartesian, "step", steps.append)
     scene.desk.move_on(scene.now_ns)
     assert steps == [scene.now_ns]
+
+
+def test_a_gateway_that_is_broken_cannot_be_recovered():
+    """It ends; the next one can."""
+    scene = Scene(latches={Code.ESTOP: "before"})
+    scene.phases.end(PartEnded(message="a thread ended", at_ns=scene.now_ns), scene.now_ns)
+    refusal = scene.refused(Recover())
+    assert (refusal.code, refusal.field) == (Code.LATCH_PERSISTS, "GATEWAY_BROKEN")
+    assert set(scene.conductor.supervisor.latches) == {Code.ESTOP, Code.GATEWAY_BROKEN}

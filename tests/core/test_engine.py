@@ -34,6 +34,7 @@ from gateway.core.events import (
     Move,
     Notice,
     OnLoss,
+    PartEnded,
     Recover,
     RegisterEndpoint,
     Release,
@@ -362,6 +363,15 @@ def test_after_a_request_to_end_the_engine_is_done_when_all_is_sent():
     pair.receive(ExitRequested(at_ns=pair.now_ns))
     pair.run_until(lambda: pair.done, 5.0)
     assert pair.robot.fsm.published == FsmState.PAUSE and pair.engine.running_topics == ()
+
+
+def test_an_engine_that_lost_a_part_says_so():
+    """Whoever runs it must not end as if it had been asked to."""
+    pair, _ = active()
+    assert not pair.engine.is_broken
+    pair.receive(PartEnded(message="a thread ended", at_ns=pair.now_ns))
+    pair.run_until(lambda: pair.done, 5.0)
+    assert pair.engine.is_broken and pair.engine.latches == {Code.GATEWAY_BROKEN: "a thread ended"}
 
 
 # ------------------------------------------------------------------------------------------------ requests

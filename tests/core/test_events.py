@@ -39,6 +39,7 @@ SAMPLES = (
     events.TakenOver(held=Held(at_ns=1, state="ACTIVE"), at_ns=1),
     events.HeldElsewhere(is_held=True, at_ns=1),
     events.GuardSeen(pid=1, zid="c4", is_linked=True, at_ns=1),
+    events.PartEnded(message="m", at_ns=1),
     events.ExitRequested(at_ns=1),
 )
 """One of each that the inbox can hold."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from gateway.core.events import GuardSeen
-from gateway.core.guarding import WAIT_NS, Guarding
+from gateway.core.guarding import KNOWS_NS, WAIT_NS, Guarding
 
 
 def seen(**facts: object) -> GuardSeen:
@@ -62,3 +62,17 @@ def test_a_lost_guard_is_counted_and_told():
     assert guards.see(seen(pid=0, is_linked=False, lost="signal 9")).startswith("the guard ended (signal 9)")
     assert guards.see(seen(pid=42, is_linked=False)) == ""
     assert guards.lost == 1
+
+
+def test_a_guard_could_hold_once_it_has_been_linked_for_a_while():
+    """It hears the mode once a second; another session of it begins anew."""
+    guards = Guarding()
+    assert not guards.could_hold(KNOWS_NS)
+    guards.see(seen(at_ns=10))
+    guards.see(seen(at_ns=20))
+    assert not guards.could_hold(9 + KNOWS_NS)
+    assert guards.could_hold(10 + KNOWS_NS)
+    guards.see(seen(at_ns=10 + KNOWS_NS, zid="d5"))
+    assert not guards.could_hold(11 + KNOWS_NS)
+    guards.see(seen(at_ns=20 + KNOWS_NS, is_linked=False))
+    assert not guards.could_hold(9 * KNOWS_NS)

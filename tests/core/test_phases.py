@@ -5,8 +5,8 @@ from __future__ import annotations
 import pytest
 
 from gateway import robot
-from gateway.core.events import Frame, FrameKind, Stop
-from gateway.core.phases import EXIT_BRAKE_NS, EXIT_NS, EXIT_SETTLE_NS
+from gateway.core.events import ExitRequested, Frame, FrameKind, GuardSeen, PartEnded, Stop
+from gateway.core.phases import BRAKE_NS, EXIT_BRAKE_NS, EXIT_NS, EXIT_SETTLE_NS, TELL_NS
 from gateway.core.supervisor import State, Trigger
 from gateway.errors import Code
 from gateway.values import FsmState
@@ -43,7 +43,7 @@ def moving(stage: Stage) -> Stage:
 
 def ending(stage: Stage) -> Stage:
     """Ask the daemon to end."""
-    stage.phases.request_exit(stage.now_ns)
+    stage.phases.end(ExitRequested(at_ns=stage.now_ns), stage.now_ns)
     return stage
 
 
@@ -221,3 +221,59 @@ def test_the_reference_of_a_paused_robot_goes_where_its_arm_goes() -> None:
     stage.push(L, 0.05)
     go_on(stage, 1)
     assert stage.conductor.body.arms[L].values != stage.q_rad[L], "this one says READY"
+
+
+# ------------------------------------------------------------------------------------------------------ a part ended
+
+
+def broken(stage: Stage, *, is_guarded: bool = True) -> Stage:
+    """Lose a thread of the daemon, with a guard that has been linked for long or without one."""
+    if is_guarded:
+        stage.conductor.guard.see(GuardSeen(pid=41, zid="c4", is_linked=True, at_ns=0))
+    lost = PartEnded(message="the thread x ended", trace="Traceback", at_ns=stage.now_ns)
+    stage.phases.end(lost, stage.now_ns)
+    assert stage.phases.is_broken and stage.conductor.is_exiting
+    return stage
+
+
+def test_a_part_that_ends_is_told_latched_and_answered_as_a_stop() -> None:
+    """With its trace, where it has one."""
+    stage = broken(moving(Stage(State.ACTIVE)))
+    assert stage.state is State.HOLDING
+    assert stage.conductor.supervisor.latches == {Code.GATEWAY_BROKEN: "the thread x ended"}
+    (notice,) = [notice for notice in stage.conductor.notices if notice.code is Code.GATEWAY_BROKEN]
+    assert dict(notice.facts) == {"trace": "Traceback"}
+    stage.phases.end(PartEnded(message="another", at_ns=stage.now_ns), stage.now_ns)
+    assert dict(stage.conductor.notices[-1].facts) == {}
+
+
+def test_a_hold_is_left_to_the_guard_at_rest() -> None:
+    """Not before, and never with 0.0; who looks has been told by then."""
+    stage = broken(moving(Stage(State.ACTIVE)))
+    began_ns = stage.now_ns
+    while not stage.phases.is_done(stage.now_ns):
+        assert set(beats(go_on(stage, 1))) <= {1.0}
+    assert stage.conductor.body.is_at_rest and stage.state is State.HOLDING
+    assert stage.now_ns - began_ns >= TELL_NS
+
+
+def test_what_no_guard_could_hold_ends_in_order() -> None:
+    """Without a guard, and where nothing is held."""
+    for stage in (broken(Stage(State.HOLDING), is_guarded=False), broken(Stage(State.IDLE))):
+        left = []
+        while not stage.phases.is_done(stage.now_ns):
+            left += go_on(stage, 1)
+        assert stage.state is State.IDLE and set(beats(left)[-1:]) <= {0.0}
+    assert not Stage(State.IDLE).phases.is_broken
+
+
+def test_a_hold_that_a_short_stall_interrupts_is_waited_for() -> None:
+    """For as long as it may go on; then the end comes in order."""
+    stage = broken(Stage(State.HOLDING))
+    stage.conductor.fire(Trigger.STALE, stage.now_ns)
+    for wait_ns, is_waiting in ((TELL_NS, True), (BRAKE_NS, False)):
+        stage.now_ns += wait_ns
+        stage.phases.step(stage.now_ns)
+        assert not stage.phases.is_done(stage.now_ns)
+        assert stage.conductor.can_resume == is_waiting
+    assert ticks_until_done(stage) > 0

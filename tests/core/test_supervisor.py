@@ -56,6 +56,7 @@ names in another order      | L                       | down, L             | do
 enabling takes too long     | -                       | cut, 0.0 if owed, base | -                      | -                   | -                   | -                   | -
 at rest                     | -                       | -                   | -                         | -                   | -                   | 0.0                 | -
 SIGTERM                     | cut, base, [0,0], exit  | down, [0,0], exit   | brake, STOPPING, [0,0], exit | STOPPING, [0,0], exit | down, [0,0], exit | [0,0], exit         | cut, 0.0 if owed, base, [0,0], exit
+a part of the daemon ended  | cut, ground, L          | down, ground, L     | cut, brake, HOLDING, ground, L | cut, ground, L | cut, ground, L      | cut, ground, L      | cut, ground, L
 suspend and resume          | cut, free, base, [0,0]  | down, free, [0,0]   | down, free, [0,0]         | down, free, [0,0]   | down, free, [0,0]   | down, free, [0,0]   | cut, free, base, [0,0]
 """  # noqa: E501
 

@@ -25,6 +25,7 @@ from gateway.link.hearing import DECIDING, STAMPED
 from gateway.link.revival import GRID_NS
 from gateway.link.robot_session import RobotSession
 from gateway.settings import LinkSettings, SettingsRefused
+from gateway.threads import take_lost
 from gateway.values import Side
 from tests.link.robot_process import ROOT, RobotProcess, wait_until
 from tests.link.stand_in import Keepsake, state_message
@@ -547,6 +548,28 @@ def test_a_fault_of_the_diagnosis_does_not_take_the_link_away(make_plane, monkey
     plane.link.publish(cleared())
     assert wait_until(plane.received)
     assert plane.link.undelivered == 0
+
+
+def test_a_panic_in_the_links_thread_leaves_the_session_to_the_loop(make_plane, monkeypatch):
+    """It is told, and what brakes and holds goes on: a session that closed would hand the arms to the robot's watchdogs."""
+
+    class Panic(BaseException):
+        pass
+
+    def panic(self, sight):
+        raise Panic("boom")
+
+    take_lost()
+    plane = make_plane().connected()
+    monkeypatch.setattr(Discovery, "step", panic)
+    wait_until(lambda: not plane.link._worker.is_alive(), what="the end of the thread")
+    assert [lost.name for lost in take_lost()] == ["robot-link"]
+    plane.wait_for_arm(1.0)
+    plane.link.publish(cleared())
+    assert wait_until(plane.received)
+    assert plane.link.is_up and plane.link.undelivered == 0
+    assert not plane.link.close(0), "who ends the process would wait for zenoh's threads"
+    plane.link._drop(plane.link._serving)
 
 
 @pytest.mark.thorough

@@ -14,6 +14,7 @@ from pathlib import Path
 
 __all__ = [
     "banned_names",
+    "bare_threads",
     "breaches",
     "cloud_calls",
     "heavy_clients",
@@ -29,6 +30,7 @@ BANNED_NAMES = frozenset(
     {"base", "common", "helper", "helpers", "manager", "misc", "shared", "stuff", "tools", "util", "utils"}
 )
 CLIENT_NEEDS = frozenset({"zenoh", "msgspec", "numpy"})
+THREADS = "gateway/threads.py"
 CLOUD_FIELD = "intermediate" + "_positions"
 """The field of ruckig that sends a motion to somebody else's computer."""
 
@@ -162,7 +164,19 @@ def readme_snippets(root: Path) -> Iterator[str]:
             yield f"README.md:{error.lineno}: {error.msg}"
 
 
-RULES = (long_modules, banned_names, missing_exports, cloud_calls, heavy_clients, readme_snippets)
+def bare_threads(root: Path) -> Iterator[str]:
+    """Threads that nobody would miss: each is started by `threads.supervised`, which tells when one ends unasked."""
+    for path in _modules(root, *PACKAGES):
+        if path == root / THREADS:
+            continue
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            called = node.func if isinstance(node, ast.Call) else None
+            name = called.attr if isinstance(called, ast.Attribute) else getattr(called, "id", "")
+            if name in {"Thread", "Timer", "start_new_thread"}:
+                yield f"{path.relative_to(root)}:{node.lineno}: '{name}' starts a thread by itself: use threads.supervised"
+
+
+RULES = (long_modules, banned_names, missing_exports, cloud_calls, heavy_clients, bare_threads, readme_snippets)
 
 
 def breaches(root: Path = ROOT) -> list[str]:

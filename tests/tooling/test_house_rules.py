@@ -27,6 +27,13 @@ BREACHES: list[tuple[Rule, str, str, str]] = [
     (house_rules.missing_exports, "gateway/arm.py", '__all__ = ["Arm"]\n', "names 'Arm'"),
     (house_rules.missing_exports, "gateway/arm.py", '__all__ = ["q"]\n\ndef f():\n    q = 1\n', "names 'q'"),
     (house_rules.cloud_calls, "gateway/core/motion.py", f"x.{house_rules.CLOUD_FIELD} = []\n", "motion.py:1:"),
+    (
+        house_rules.bare_threads,
+        "gateway/loop.py",
+        "import threading\nthreading.Thread(target=f).start()\n",
+        "loop.py:2:",
+    ),
+    (house_rules.bare_threads, "gateway/sim/node.py", "from threading import Timer\nTimer(1, f)\n", "'Timer'"),
     (house_rules.readme_snippets, "README.md", "# Title\n\n```python\nx = 1\nwith :\n```\n", "README.md:5:"),
 ]
 

@@ -12,6 +12,7 @@ import threading
 
 from gateway.apps.video.access_unit import CLOCK_HZ
 from gateway.apps.video.split import Split, Splitter
+from gateway.threads import supervised
 
 __all__ = ["BEHIND_S", "LiveSplit", "be_nice"]
 
@@ -35,7 +36,7 @@ class LiveSplit:
 
     def __init__(self, splitter: Splitter) -> None:
         self._splitter = splitter
-        self._thread = threading.Thread(target=self._run, name="video-split", daemon=True)
+        self._thread = supervised(self._run, "video-split")
         self._over = threading.Event()  # not `join`: Ctrl-C in it makes Python 3.11 believe that the thread has ended
         self._split: Split | None = None
         self._error: Exception | None = None

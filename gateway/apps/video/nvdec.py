@@ -13,13 +13,13 @@ parser waits for the picture after it.
 from __future__ import annotations
 
 import logging
-import threading
 from collections.abc import Callable
 
 import numpy as np
 
 from gateway.apps.video.libav import HWAccel, av
 from gateway.apps.video.rgb import rows_of
+from gateway.threads import supervised
 
 __all__ = ["FAILURES", "WAYS", "Probe", "difference", "open_nvdec"]
 
@@ -69,7 +69,7 @@ class Probe:
         self._software = software
         self._prepare = prepare
         self._result: tuple[av.VideoCodecContext | None, str] = (None, "it has not ended")
-        self._thread = threading.Thread(target=self._run, name="video-nvdec-probe", daemon=True)
+        self._thread = supervised(self._run, "video-nvdec-probe")
         self._thread.start()
 
     def take(self) -> tuple[av.VideoCodecContext | None, str] | None:

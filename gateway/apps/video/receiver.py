@@ -18,6 +18,7 @@ import threading
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from types import TracebackType
 from typing import Final
 
@@ -30,6 +31,7 @@ from gateway.apps.video.rtp import PAYLOAD_TYPE
 from gateway.apps.video.stream import Stream
 from gateway.apps.video.tap import CallbackTap, Tap
 from gateway.apps.video.udp import PORT, RECEIVE_BUFFER_BYTES, UdpSocket, addresses_of
+from gateway.threads import supervised
 
 __all__ = ["Receiver", "ReceiverSettings"]
 
@@ -141,8 +143,8 @@ class Receiver:
         if self._socket.granted_bytes < settings.receive_buffer_bytes:
             for finding in self.why():
                 _log.warning("%s: %s -> %s", finding.code, finding.message, finding.hint)
-        self._thread = threading.Thread(
-            target=self._run, args=(self._socket, self._stream), name="video-receiver", daemon=True
+        self._thread = supervised(
+            partial(self._run, self._socket, self._stream), "video-receiver", may_return=lambda: self._is_stopping
         )
         self._thread.start()
 

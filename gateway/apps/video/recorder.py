@@ -19,6 +19,7 @@ from typing import Final
 from gateway.apps.video.access_unit import CLOCK_HZ, AccessUnit
 from gateway.apps.video.container import TROUBLE
 from gateway.apps.video.take import Counts, Take
+from gateway.threads import supervised
 
 __all__ = ["LEAST_FREE_BYTES", "QUEUE_UNITS", "Recorder"]
 
@@ -63,7 +64,7 @@ class Recorder:
         self._until_look = 0
         self._is_open = True
         self._over = threading.Event()
-        self._thread = threading.Thread(target=self._run, name="video-recorder", daemon=True)
+        self._thread = supervised(self._run, "video-recorder")
         self.error = ""
         """Why the recording ended by itself; empty while it goes on, and when it was ended."""
 

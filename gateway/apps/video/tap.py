@@ -10,6 +10,7 @@ from typing import Protocol
 
 from gateway.apps.video.access_unit import AccessUnit
 from gateway.apps.video.errors import VideoCode, VideoError
+from gateway.threads import supervised
 
 __all__ = ["AccessUnits", "CallbackTap", "Tap"]
 
@@ -131,7 +132,7 @@ class CallbackTap:
         self._leave = leave
         self.error: BaseException | None = None
         """What ended it; None while nothing has."""
-        self._thread = threading.Thread(target=self._run, name=f"video-{name}", daemon=True)
+        self._thread = supervised(self._run, f"video-{name}")
         self._thread.start()
 
     def __enter__(self) -> CallbackTap:

@@ -30,6 +30,7 @@ from gateway.apps.video.receiver import Receiver, ReceiverSettings
 from gateway.apps.video.rgb import Matrix, RgbConverter
 from gateway.apps.video.rtp import PAYLOAD_TYPE
 from gateway.apps.video.udp import PORT, RECEIVE_BUFFER_BYTES
+from gateway.threads import supervised
 
 __all__ = ["Video"]
 
@@ -118,7 +119,7 @@ class Video:
             first_seq=0 if newest is None else newest.seq + 1,
             meter=self._meter,
         )
-        self._thread = threading.Thread(target=self._decoding.run, name="video-decoder", daemon=True)
+        self._thread = supervised(self._decoding.run, "video-decoder")
         self._thread.start()
 
     def stop(self) -> None:
