@@ -157,6 +157,12 @@ class Engine:
         return owner.client_id if owner else None
 
     @property
+    def heeded(self) -> frozenset[str]:
+        """Client ids of the owner and of the stop endpoints: nobody else's signs of life and targets count."""
+        owner = self._conductor.lease.owner
+        return self._conductor.endpoints.client_ids | ({owner.client_id} if owner else set())
+
+    @property
     def open_stream_id(self) -> int | None:
         """Id of the stream of targets that was opened last; None when none is open."""
         streams = self._conductor.body.targets.running
@@ -360,13 +366,8 @@ class Engine:
         self._grounds.step(now_ns)
         self._desk.move_on(now_ns)
         for side in conductor.body.expire_targets(now_ns):
-            conductor.notice(
-                Code.TARGET_EXPIRED,
-                Level.WARNING,
-                f"no target came in time: the {side} arm brakes and holds",
-                now_ns,
-                side=side.value,
-            )
+            text = f"no target came in time: the {side} arm brakes and holds"
+            conductor.notice(Code.TARGET_EXPIRED, Level.WARNING, text, now_ns, side=side.value)
         for stream in conductor.body.targets.running:
             stream.limited = conductor.body.arms[stream.side].is_limited
         if conductor.body.motions.running:
@@ -381,10 +382,8 @@ class Engine:
     def _to_remember(self) -> Remembered | None:
         """Return what must reach the disk, when it has changed."""
         conductor, saved = self._conductor, self._saved
-        latches, names = (
-            conductor.endpoints.beside(conductor.supervisor.latches),
-            (conductor.others.friends, conductor.routers),
-        )
+        latches = conductor.endpoints.beside(conductor.supervisor.latches)
+        names = conductor.others.friends, conductor.routers
         if saved.epoch == conductor.lease.epoch and saved.latches == latches and (saved.zids, saved.routers) == names:
             return None
         self._saved = conductor.remembered()
