@@ -33,6 +33,10 @@ class Identities:
             self._secrets.popitem(last=False)
         return self._matches(client_id, known, secret)
 
+    def secret_of(self, client_id: str) -> str | None:
+        """Return the secret of a client; None when it is not known."""
+        return self._secrets.get(client_id)
+
     def is_proven(self, client_id: str, secret: str) -> bool:
         """Return whether this client is known, and this is its secret."""
         known = self._secrets.get(client_id)

@@ -70,6 +70,7 @@ class MemoryPlane:
         self._stops.proven = self._inbox.identities.is_proven
         self._outbox.add_audience(self)
         self._listeners: dict[str, Listener] = {}
+        self._heeded: frozenset[str] = frozenset()
 
     # ------------------------------------------------------------------------------------------------ the client's side
 
@@ -106,6 +107,8 @@ class MemoryPlane:
             return
         if key in (protocol.STOP_KEY, protocol.ESTOP_KEY):
             self._stops.arrive(key, payload, self.now_ns())
+        elif protocol.put_by(key)[0] not in self._heeded:
+            return
         elif key.startswith(f"{protocol.ROOT}/keepalive/"):
             self._inbox.put_keepalive(key, self.now_ns())
         elif key.startswith(f"{protocol.ROOT}/check_in/"):
@@ -124,6 +127,10 @@ class MemoryPlane:
     def poll(self) -> list[events.Event]:
         """Return what arrived since the last call, stops first."""
         return [*self._stops.poll(), *self._inbox.poll()]
+
+    def heed(self, client_ids: frozenset[str]) -> None:
+        """Let those clients, and nobody else, put targets, keepalives and check-ins."""
+        self._heeded = client_ids
 
     def send(self, replies: Sequence[events.Reply], notices: Sequence[events.Notice]) -> None:
         """Deliver replies and notices."""

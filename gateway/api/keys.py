@@ -35,6 +35,7 @@ __all__ = [
     "client_token",
     "daemon_token",
     "keepalive_key",
+    "lane_keys",
     "put_by",
     "target_key",
     "token_id",
@@ -108,6 +109,16 @@ def keepalive_key(client_id: str, secret: str = "") -> str:
 def check_in_key(client_id: str, secret: str) -> str:
     """Return the key on which a stop endpoint shows that its user lives. Nobody but the daemon sees it."""
     return f"{ROOT}/check_in/{client_id}/{secret}"
+
+
+def lane_keys(client_id: str, secret: str) -> tuple[str, str, str]:
+    """Return the keys of a client's targets, keepalives and check-ins: who does not know its secret cannot write there."""
+    tail = f"/{secret}" if secret else ""
+    return (
+        f"{ROOT}/target/{client_id}/*{tail}",
+        keepalive_key(client_id, secret),
+        f"{ROOT}/check_in/{client_id}{tail}",
+    )
 
 
 def put_by(key: str) -> tuple[str, str, str]:

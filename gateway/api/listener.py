@@ -31,8 +31,25 @@ __all__ = ["access_rules", "network_configuration", "refused_setting", "unix_con
 MAX_MESSAGE_BYTES = 256 * 1024
 """A larger message ends the connection of its sender; larger than `MAX_PAYLOAD_BYTES`, so that that is answered."""
 
-CLIENT_STALL_US = 200_000
-"""A client that does not read for so long while a reply waits for it loses its connection [us]."""
+CLIENT_STALL_US = 5_000
+"""A client that does not read for so long while a reply waits, and 200 kB before it, loses its connection [us]. zenoh sends
+nothing to anybody meanwhile: with 200 ms, arms had nothing for as long."""
+
+HANDSHAKE_MS, HANDSHAKES = 2000, 512
+"""How long who connects may take to say who it is [ms], and how many may be about to; more than may be connected."""
+
+BATCH_BYTES = 1024
+"""What is read of a connection at once, in both directions. zenoh turns to the next connection after 64 of them at most: with
+its own 64 kB, one flood kept all other connections waiting for half a second."""
+
+BATCHES = 16
+"""May wait in the queue to a client: two snapshots."""
+
+VIEW_STALL_US = 1_000
+"""A snapshot that does not fit there within this time is not sent to this client [us]."""
+
+NO_SECRET = "!"
+"""No client has it, so that only wildcards meet its keys: what is put to everybody at once is dropped."""
 
 LEASE_MS = 2000
 """Silence after which a client's connection counts as lost over the network [ms]; the keepalive is what decides."""
@@ -129,8 +146,21 @@ def _router(endpoint: str) -> dict[str, Any]:
         "transport/shared_memory/enabled": False,
         "transport/link/rx/max_message_size": MAX_MESSAGE_BYTES,
         "transport/link/tx/lease": LEASE_MS,
+        "transport/link/tx/batch_size": BATCH_BYTES,
+        "transport/link/tx/queue/size/data": BATCHES,
+        "transport/link/tx/queue/congestion_control/drop/max_wait_before_drop_fragments": VIEW_STALL_US,
         "transport/link/tx/queue/congestion_control/block/wait_before_close": CLIENT_STALL_US,
+        "transport/unicast/accept_timeout": HANDSHAKE_MS,
+        "transport/unicast/accept_pending": HANDSHAKES,
         "access_control": access_rules(),
+        "downsampling": [
+            {
+                "id": "to_everybody",
+                "flows": ["ingress"],
+                "messages": ["put"],
+                "rules": [{"key_expr": key, "freq": 0.0} for key in protocol.lane_keys("*", NO_SECRET)],
+            }
+        ],
     }
 
 
@@ -146,7 +176,6 @@ def access_rules() -> dict[str, Any]:
         _allow("ask", "ingress", ["query"], questions),
         _allow("answer", "egress", ["reply", "declare_queryable"], questions),
         _allow("put", "ingress", ["put"], puts),
-        _allow("take", "egress", ["declare_subscriber"], puts),
         _allow("listen", "ingress", ["declare_subscriber"], views),
         _allow("show", "egress", ["put"], views),
         _allow("client_token", "ingress", ["liveliness_token"], [protocol.CLIENT_TOKENS]),

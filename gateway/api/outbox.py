@@ -144,6 +144,10 @@ class Outbox:
             self._told += 1  # also those that do not fit: their number is missing, and listeners see that
             self._put(partial(self._notice, notice, self._told))
 
+    def do(self, job: Callable[[], None]) -> None:
+        """Let the sender do something before it sends what comes later; returns at once."""
+        self._jobs.put(job)
+
     def publish_snapshot(self, snapshot: Snapshot) -> None:
         """Take the newest snapshot; returns at once. It is sent while somebody listens, and kept for those who ask."""
         self._newest = snapshot

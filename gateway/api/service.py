@@ -16,12 +16,14 @@ import os
 import threading
 import time
 from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
 
 import zenoh
 
 from gateway.api import protocol
 from gateway.api.address import is_private
+from gateway.api.flood_watch import FloodWatch, OrdinaryWhileBusy
 from gateway.api.inbox import Inbox
 from gateway.api.instance_lock import InstanceLock, robot_lock_path, socket_lock_path
 from gateway.api.listener import network_configuration, refused_setting, unix_configuration
@@ -70,6 +72,9 @@ class LocalPlane:
         self._threads: list[threading.Thread] = []
         self._running = False
         _prepare_directory(self.socket, is_default=not local.socket)
+        self._floods = FloodWatch(self._is_own)
+        self._threads_policy = OrdinaryWhileBusy()
+        self._heeded: frozenset[str] = frozenset()
         self._locks = [InstanceLock(socket_lock_path(self.socket), f"socket {self.socket}")]
         try:
             endpoint, namespace = settings.link.endpoint, settings.link.namespace.strip("/")
@@ -101,6 +106,13 @@ class LocalPlane:
             thread = supervised(work, name, may_return=lambda: not self._running, again=True)
             thread.start()
             self._threads.append(thread)
+
+    def _is_own(self, address: object) -> bool:
+        """Whether we listen at a local address: a path, or host and port."""
+        if isinstance(address, str):
+            return address == str(self.socket)
+        port = self._network["listen/endpoints"][0].rpartition(":")[2] if self._network else ""
+        return isinstance(address, tuple) and str(address[1]) == port
 
     def _open_unix(self) -> None:
         before = os.umask(0o777 & ~self._mode)  # the socket is never wider than it will be
@@ -148,6 +160,9 @@ class LocalPlane:
 
     def poll(self) -> list[events.Event]:
         """Return what clients sent since the last call: stops first. Never waits."""
+        now_ns = time.monotonic_ns()
+        if self._floods.look(now_ns):
+            self._threads_policy.look(now_ns, time.process_time_ns())
         return [*self._stops.poll(), *self._inbox.poll()]
 
     def poll_stops(self) -> list[events.CommandRequested]:
@@ -161,6 +176,15 @@ class LocalPlane:
     def wait(self, seconds: float) -> bool:
         """Wait for a request, at most so long [s]; return whether there is one."""
         return self._inbox.wait(seconds)
+
+    def heed(self, client_ids: frozenset[str]) -> None:
+        """Let those clients, and nobody else, put targets, keepalives and check-ins. Call it before `send`. Never waits.
+
+        They can before the replies of that `send` leave.
+        """
+        if client_ids != self._heeded:
+            self._heeded = client_ids
+            self._outbox.do(partial(self._open_lanes, client_ids))
 
     def send(self, replies: Sequence[events.Reply], notices: Sequence[events.Notice]) -> None:
         """Pass on what a tick brought. Never waits. Call it before `publish_snapshot` of the same tick."""
@@ -190,6 +214,12 @@ class LocalPlane:
         }
 
     # ------------------------------------------------------------------------------------------------ own threads
+
+    def _open_lanes(self, client_ids: frozenset[str]) -> None:
+        known = ((client_id, self._inbox.identities.secret_of(client_id)) for client_id in client_ids)
+        lanes = {(client_id, secret) for client_id, secret in known if secret is not None}
+        for plane in self._planes:
+            plane.open_lanes(lanes)
 
     def _read(self) -> None:
         while self._running:

@@ -1,6 +1,7 @@
 """One zenoh session of the local plane: a listener, its keys, and what arrives there. `service.py` has one or two.
 
 Rules
+    * Targets and keepalives are heard on the secret keys of those who matter alone. Nobody is told of these subscriptions.
     * Callbacks run on zenoh's own threads: they stamp and put away, nothing else.
     * Queries are answered from the sender's thread; a query that cannot be answered any more is dropped, never raised.
     * Puts of the daemon are dropped for a client that does not read, never waited for.
@@ -11,6 +12,7 @@ from __future__ import annotations
 import json
 import logging
 import time
+from collections.abc import Set
 from typing import Any
 
 import zenoh
@@ -71,6 +73,7 @@ class ZenohPlane:
         self._inbox = inbox
         self._stops = stops
         self._listened = False
+        self._lanes: dict[tuple[str, str], list[zenoh.Subscriber[None]]] = {}
         config = zenoh.Config()
         for key, value in configuration.items():
             config.insert_json5(key, json.dumps(value))
@@ -97,9 +100,6 @@ class ZenohPlane:
         session.declare_queryable(protocol.PING_KEY, zenoh.handlers.Callback(self._on_ping, indirect=False))
         for key in (protocol.COMMAND_KEY, protocol.INFO_KEY, protocol.ROUTES_KEY, protocol.SNAPSHOT_KEY):
             session.declare_queryable(key, zenoh.handlers.Callback(self._on_query, indirect=False))
-        session.declare_subscriber(protocol.TARGET_KEYS, zenoh.handlers.Callback(self._on_target, indirect=False))
-        session.declare_subscriber(protocol.KEEPALIVE_KEYS, zenoh.handlers.Callback(self._on_keepalive, indirect=False))
-        session.declare_subscriber(protocol.CHECK_IN_KEYS, zenoh.handlers.Callback(self._on_check_in, indirect=False))
         session.liveliness().declare_subscriber(
             protocol.CLIENT_TOKENS, zenoh.handlers.Callback(self._on_token, indirect=False)
         )
@@ -141,6 +141,23 @@ class ZenohPlane:
         self._listened = status.matching
 
     # ------------------------------------------------------------------------------------------------ the sender
+
+    def open_lanes(self, lanes: Set[tuple[str, str]]) -> None:
+        """Take the targets, keepalives and check-ins of these clients, given with their secrets, and of nobody else.
+
+        What others put on such keys ends in zenoh: it costs no line of Python.
+        """
+        for lane in self._lanes.keys() - lanes:
+            for subscriber in self._lanes.pop(lane):
+                subscriber.undeclare()  # type: ignore[no-untyped-call]  # as above
+        for lane in lanes - self._lanes.keys():
+            takers = zip(
+                protocol.lane_keys(*lane), (self._on_target, self._on_keepalive, self._on_check_in), strict=True
+            )
+            self._lanes[lane] = [
+                self._session.declare_subscriber(key, zenoh.handlers.Callback(take, indirect=False))
+                for key, take in takers
+            ]
 
     def wants_snapshots(self) -> bool:
         """Whether anybody listens to snapshots at present."""

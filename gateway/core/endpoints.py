@@ -77,6 +77,11 @@ class Endpoints:
         return next((endpoint for endpoint in self._endpoints.values() if endpoint.is_doubted), None)
 
     @property
+    def client_ids(self) -> frozenset[str]:
+        """Of the clients that registered them."""
+        return frozenset(self._endpoints)
+
+    @property
     def silent(self) -> list[str]:
         """Names of those that are silent."""
         return [endpoint.name for endpoint in self._endpoints.values() if endpoint.is_silent]

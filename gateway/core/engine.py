@@ -138,10 +138,7 @@ class Engine:
 
     @property
     def rest_ns(self) -> int:
-        """How far apart ticks may be now [ns], as long as nobody asks for anything; 0 when each of them counts.
-
-        They may while nobody owns the robot, nothing is sent, owed or asked for, and no course is under way.
-        """
+        """How far apart ticks may be [ns] while nobody owns the robot or asks and nothing is sent, owed or under way; else 0."""
         is_busy = bool(self._commands) or not is_idle(self._conductor)
         return 0 if is_busy else self._pace.rest_ns(is_watched=self.is_watched)
 
@@ -160,6 +157,12 @@ class Engine:
         """Client id of the owner; None when nobody owns the robot."""
         owner = self._conductor.lease.owner
         return owner.client_id if owner else None
+
+    @property
+    def heeded(self) -> frozenset[str]:
+        """Client ids of the owner and of the stop endpoints: nobody else's signs of life and targets count."""
+        owner = self._conductor.lease.owner
+        return self._conductor.endpoints.client_ids | ({owner.client_id} if owner else set())
 
     @property
     def open_stream_id(self) -> int | None:
@@ -364,13 +367,8 @@ class Engine:
         self._grounds.step(now_ns)
         self._desk.move_on(now_ns)
         for side in conductor.body.expire_targets(now_ns):
-            conductor.notice(
-                Code.TARGET_EXPIRED,
-                Level.WARNING,
-                f"no target came in time: the {side} arm brakes and holds",
-                now_ns,
-                side=side.value,
-            )
+            text = f"no target came in time: the {side} arm brakes and holds"
+            conductor.notice(Code.TARGET_EXPIRED, Level.WARNING, text, now_ns, side=side.value)
         for stream in conductor.body.targets.running:
             stream.limited = conductor.body.arms[stream.side].is_limited
         if conductor.body.motions.running:

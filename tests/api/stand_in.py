@@ -197,6 +197,7 @@ class ScriptedEngine:
                 self._countdowns.remove(countdown)
                 countdown[1]()
         notices, self.notices = self.notices, []
+        self.plane.heed(self.heeded)
         self.plane.send(replies, notices)
         self.snapshot = replace(self.snapshot, seq=self.snapshot.seq + 1, at_ns=self.now_ns())
         self.plane.publish_snapshot(self.snapshot)
@@ -238,6 +239,11 @@ class ScriptedEngine:
         return self._answered[key]
 
     # ------------------------------------------------------------------------------------------------ the lease
+
+    @property
+    def heeded(self):
+        """The owner, lost or not."""
+        return frozenset({self.snapshot.lease.client_id} - {""})
 
     def _owns(self, event):
         lease = self.snapshot.lease

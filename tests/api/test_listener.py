@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pytest
+import zenoh
 
 from gateway.api import protocol
 from gateway.api.listener import access_rules, network_configuration, unix_configuration
@@ -108,6 +109,21 @@ def test_the_plane_is_closed_but_for_its_listener(configuration):
     for key in ("scouting/multicast", "scouting/gossip", "adminspace", "transport/shared_memory"):
         assert configuration[f"{key}/enabled"] is False
     assert configuration["access_control"]["default_permission"] == "deny"
+
+
+@pytest.mark.parametrize("secret", ["", "s", "-", "_" * 64])
+def test_what_is_dropped_for_everybody_meets_no_clients_own_keys(secret):
+    """Keys for everybody meet the dropped ones; a client's own keys, whatever its secret, do not."""
+    (dropping,) = unix_configuration("/x")["downsampling"]
+    assert dropping["flows"] == ["ingress"] and dropping["messages"] == ["put"]
+    dropped = [zenoh.KeyExpr(rule["key_expr"]) for rule in dropping["rules"] if rule["freq"] == 0.0]
+    own = [zenoh.KeyExpr(key) for key in protocol.lane_keys("ann", secret)]
+    assert len(dropped) == len(own) == 3
+    for here, lane in zip(dropped, own, strict=True):
+        assert not any(each.intersects(lane) for each in dropped)
+        what = str(lane).split("/")[2]
+        for wild in ("**", f"{what}/**", f"{what}/ann/**", f"{what}/*/**"):
+            assert here.intersects(zenoh.KeyExpr(f"{protocol.ROOT}/{wild}"))
 
 
 def test_no_rule_has_both_directions():

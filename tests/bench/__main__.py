@@ -17,12 +17,13 @@ from tests.bench.kinematics import kinematics_rows
 from tests.bench.lines import line_rows
 from tests.bench.model_check import model_check_rows
 from tests.bench.physics import physics_rows
+from tests.bench.stop import stop_rows
 from tests.bench.table import Row, show
 from tests.bench.tick import tick_rows
 from tests.bench.video import video_rows
 from tests.bench.wire import wire_rows
 
-PARTS = ("codec", "tick", "kinematics", "physics", "wire", "guard", "video")
+PARTS = ("codec", "tick", "kinematics", "physics", "wire", "stop", "guard", "video")
 
 
 def main() -> int:
@@ -33,6 +34,7 @@ def main() -> int:
     parser.add_argument("--minutes", type=float, default=1.0, help="length of the guard's run under load [min]")
     parser.add_argument("--daemons", type=int, default=0, help="the guard: only so many daemons on one core")
     parser.add_argument("--core", type=int, default=0, help="which core")
+    parser.add_argument("--stops", type=int, default=150, help="stops under each flood")
     options = parser.parse_args()
     parts = options.parts or PARTS
     console = Console(width=150 if not sys.stdout.isatty() else None)
@@ -53,6 +55,10 @@ def main() -> int:
         with tempfile.TemporaryDirectory(prefix="ta2-bench-") as folder:
             rows += (found := wire_rows(Path(folder)))
         show("over the wire (loopback, real processes)", found, console)
+    if "stop" in parts:
+        with tempfile.TemporaryDirectory(prefix="ta2-bench-") as folder:
+            rows += (found := stop_rows(Path(folder), options.stops))
+        show("stops and streams while others flood (loopback, real processes)", found, console)
     if "guard" in parts:
         with tempfile.TemporaryDirectory(prefix="ta2-bench-") as folder:
             if options.daemons:

@@ -46,6 +46,7 @@ class RobotWorld:
         for event in self.plane.poll():
             self.pair.receive(event)
         output = self.pair.step()
+        self.plane.heed(self.pair.engine.heeded)
         self.plane.send(output.replies, output.notices)
         if output.snapshot is not None:
             self.plane.publish_snapshot(output.snapshot)

@@ -36,6 +36,14 @@ def test_a_period_is_bounded(timeout_ns, refused):
     assert not refused or (isinstance(answer, Refusal) and answer.bound == "[0.1, 10]" and answer.unit == "s")
 
 
+def test_who_registered_is_known_by_his_client(endpoints):
+    """From registration to leaving."""
+    endpoints.register("bob", "pad", 500 * MS, OnLoss.HOLD, 10 * S)
+    assert endpoints.client_ids == {"ann", "bob"}
+    endpoints.leave("ann")
+    assert endpoints.client_ids == {"bob"}
+
+
 def test_so_many_and_no_more_and_their_names_are_told():
     """The same client may take its own place at any time."""
     endpoints = Endpoints()

@@ -247,6 +247,17 @@ def test_requests_wait_for_the_tick():
     assert pair.step().replies == ()
 
 
+def test_the_owner_and_stop_endpoints_are_heeded():
+    """Nobody else's signs of life count; a lost owner's do, by which he comes back."""
+    pair = pair_of()
+    pair.step()
+    assert pair.engine.heeded == frozenset()
+    pair.tell(Acquire(name="ann", pid=1))
+    pair.tell(RegisterEndpoint(name="page", timeout_ns=S, on_silence=OnLoss.HOLD), client="watcher")
+    pair.step()
+    assert pair.engine.heeded == {"user", "watcher"}
+
+
 def test_of_several_targets_of_a_client_the_newest_is_followed():
     """A latest-value slot: an older one that came later in the same tick is not even refused."""
     pair, epoch = active()

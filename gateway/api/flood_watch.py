@@ -1,0 +1,192 @@
+"""Who sends more than can be read is hung up on, and no flood takes the processor from those who command the robot.
+
+zenoh reads all connections, the robot's too, in the same few threads, as fast as it can. Under SCHED_FIFO a flood would have
+them use up all real time that the kernel grants, after which nobody's thread runs for a while, the loop's neither.
+
+Rules
+    * Suspected is a process of whose connections more lies unread than a healthy client ever leaves there. Where that is so
+      for several looks in turn, and each time another number of bytes, it sends faster than we read: it is hung up on. A
+      number that stays says that we do not read, and is nobody's fault.
+    * Knows a process by what the kernel says of the socket's other end. Where it says nothing (another host, another
+      container), each connection counts for itself.
+    * Where there are too many connections, some of the process that has most of them are hung up on, the oldest first. So
+      there is room for whoever comes to stop.
+    * While this process is busy, all of its threads but the loop's are ordinary ones, before others, until it was calm for
+      a second.
+
+Asks the kernel only, never zenoh. Called by the loop's thread; waits for nothing.
+"""
+
+from __future__ import annotations
+
+import logging
+import os
+import socket
+import struct
+import threading
+import time
+from array import array
+from collections import Counter
+from collections.abc import Callable, Iterator
+from contextlib import suppress
+from fcntl import ioctl
+from termios import FIONREAD
+
+__all__ = ["CALM_NS", "CLOSE_NS", "LOOKS", "MOST_AT_ONCE", "UNREAD_BYTES", "FloodWatch", "OrdinaryWhileBusy"]
+
+MS = 1_000_000
+CALM_NS = 40 * MS
+"""From look to look [ns], as long as nobody is suspected."""
+CLOSE_NS = 10 * MS
+"""From look to look while somebody is [ns]."""
+UNREAD_BYTES = 8 * 1024
+"""What an owner who streams targets sends in a quarter of a second."""
+LOOKS = 4
+"""A client that asks for large things waits for each answer: it is seen with unread bytes twice at most."""
+MOST_CONNECTIONS = 96
+"""More do not stay, but where each is another process's."""
+MOST_AT_ONCE = 16
+"""So many are hung up on at a look: zenoh has work with each."""
+BUSY_SHARE = 0.4
+"""Of one core: a robot at full load, with its client, takes 0.2."""
+CALMED_NS = 1000 * MS
+BEFORE_OTHERS = -20
+LOG_APART_NS = 1000 * MS
+
+log = logging.getLogger(__name__)
+
+
+class FloodWatch:
+    """Hangs up on those who send more than can be read.
+
+    Args:
+        is_own: Whether a local address is one at which this plane listens.
+    """
+
+    def __init__(self, is_own: Callable[[object], bool]) -> None:
+        self.ended = 0
+        """Connections that were ended."""
+        self._is_own = is_own
+        self._due_ns = 0
+        self._logged_ns = 0
+        self._seen = 0
+        """Files that were open at the last look."""
+        self._unread: dict[object, int] = {}
+        """What each peer that is suspected had unread at the last look [bytes]."""
+        self._strikes: Counter[object] = Counter()
+
+    def look(self, now_ns: int) -> bool:
+        """Look who sends too much, if it is time to; return whether it was.
+
+        Args:
+            now_ns: Monotonic time [ns].
+        """
+        if now_ns < self._due_ns:
+            return False
+        unread: Counter[object] = Counter()
+        for connection, count in self._connections():
+            unread[_peer(connection)] += count
+        self._make_room(now_ns)
+        before, self._unread = self._unread, {peer: count for peer, count in unread.items() if count > UNREAD_BYTES}
+        self._strikes = Counter(
+            {peer: self._strikes[peer] + 1 for peer, count in self._unread.items() if before.get(peer) != count}
+        )
+        self._due_ns = now_ns + (CLOSE_NS if self._unread else CALM_NS)
+        flooding = {peer for peer, strikes in self._strikes.items() if strikes >= LOOKS}
+        if flooding:
+            self._hang_up(flooding, now_ns)
+        return True
+
+    def _hang_up(self, peers: set[object], now_ns: int) -> None:
+        self._end(lambda peer: peer in peers, MOST_AT_ONCE)
+        for peer in peers:
+            del self._strikes[peer], self._unread[peer]
+        self._tell(f"flooded by {', '.join(map(str, peers))}", now_ns)
+
+    def _make_room(self, now_ns: int) -> None:
+        if self._seen <= MOST_CONNECTIONS:
+            return
+        held = Counter(_peer(connection) for connection, _ in self._connections(unread_only=False))
+        excess = held.total() - MOST_CONNECTIONS
+        if excess > 0:
+            busiest, count = held.most_common(1)[0]
+            self._end(lambda peer: peer == busiest, min(excess, count - 1, MOST_AT_ONCE))
+            self._tell(f"crowded by {busiest}", now_ns)
+
+    def _end(self, is_meant: Callable[[object], bool], most: int) -> None:
+        for connection, _ in self._connections(unread_only=False):
+            if most > 0 and is_meant(_peer(connection)):
+                connection.shutdown(socket.SHUT_RDWR)
+                self.ended += 1
+                most -= 1
+
+    def _tell(self, what: str, now_ns: int) -> None:
+        if now_ns >= self._logged_ns:
+            self._logged_ns = now_ns + LOG_APART_NS
+            log.warning("%s: hung up (on %d connections so far)", what, self.ended)
+
+    def _connections(self, *, unread_only: bool = True) -> Iterator[tuple[socket.socket, int]]:
+        """Yield the connections that clients have opened, those of which bytes are unread or all, with the count of these."""
+        unread = array("i", [0])
+        try:
+            files = sorted(map(int, os.listdir("/proc/self/fd")))
+        except OSError:  # no more files can be opened: there are too many connections
+            return
+        self._seen = len(files)
+        for number in files:
+            with suppress(OSError):  # no socket, or closed in this moment
+                ioctl(number, FIONREAD, unread)
+                if unread[0] or not unread_only:
+                    connection = socket.socket(fileno=number)
+                    try:
+                        if self._is_own(connection.getsockname()):
+                            yield connection, unread[0]
+                    finally:
+                        connection.detach()  # it is zenoh's
+
+
+def _peer(connection: socket.socket) -> object:
+    """Return what tells the process at the other end from others."""
+    if connection.family == socket.AF_UNIX:
+        pid, _, _ = struct.unpack("iII", connection.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, 12))
+        return f"process {pid}" if pid else f"connection {connection.fileno()}"
+    return f"{connection.getpeername()}"
+
+
+class OrdinaryWhileBusy:
+    """Takes this process's threads, but the one that calls, out of real time while they are busy. Make it in that thread."""
+
+    def __init__(self) -> None:
+        self.lowered: dict[int, tuple[int, int]] = {}
+        """Threads that were taken out of real time, with policy and priority that they had."""
+        self._looked_ns = time.monotonic_ns()
+        self._used_ns = time.process_time_ns()
+        self._busy_ns = self._looked_ns
+
+    def look(self, now_ns: int, used_ns: int) -> None:
+        """Judge the time since the last look.
+
+        Args:
+            now_ns: Monotonic time [ns].
+            used_ns: Processor time that this process has used [ns].
+        """
+        is_busy = used_ns - self._used_ns > BUSY_SHARE * (now_ns - self._looked_ns)
+        self._looked_ns, self._used_ns = now_ns, used_ns
+        if is_busy:
+            self._busy_ns = now_ns
+            self._lower()
+        elif self.lowered and now_ns - self._busy_ns > CALMED_NS:
+            for thread_id, (policy, priority) in self.lowered.items():
+                with suppress(OSError):
+                    os.sched_setscheduler(thread_id, policy, os.sched_param(priority))
+            self.lowered.clear()
+
+    def _lower(self) -> None:
+        with suppress(OSError):  # as above: no more files
+            for thread_id in {int(name) for name in os.listdir("/proc/self/task")} - {threading.get_native_id()}:
+                with suppress(OSError):  # it ended
+                    policy = os.sched_getscheduler(thread_id)
+                    if policy != os.SCHED_OTHER:
+                        self.lowered[thread_id] = policy, os.sched_getparam(thread_id).sched_priority
+                        os.sched_setscheduler(thread_id, os.SCHED_OTHER, os.sched_param(0))
+                        os.setpriority(os.PRIO_PROCESS, thread_id, BEFORE_OTHERS)

@@ -1,0 +1,189 @@
+"""Tests of the watch over floods: who is hung up on, who is not, and which threads leave real time."""
+
+from __future__ import annotations
+
+import os
+import socket
+import threading
+
+import pytest
+
+from gateway.api import flood_watch
+from gateway.api.flood_watch import CALM_NS, CLOSE_NS, LOOKS, MOST_AT_ONCE, UNREAD_BYTES, FloodWatch, OrdinaryWhileBusy
+
+MS = 1_000_000
+
+
+class Place:
+    """A listener with connections, the ends of which are in this process; each counts as another process's."""
+
+    def __init__(self, family, address):
+        self.listener = socket.socket(family)
+        self.listener.bind(address)
+        self.listener.listen(64)
+        self.address = self.listener.getsockname()
+        self.pairs = []
+        self.watch = FloodWatch(lambda name: name == self.address)
+        self.now_ns = CALM_NS
+
+    def connect(self):
+        caller = socket.socket(self.listener.family)
+        caller.connect(self.address)
+        self.pairs.append((caller, self.listener.accept()[0]))
+        return caller
+
+    def look(self):
+        self.now_ns += CALM_NS
+        assert self.watch.look(self.now_ns)
+
+    def close(self):
+        for end in (self.listener, *(end for pair in self.pairs for end in pair)):
+            end.close()
+
+    def is_up(self, caller):
+        """Whether nobody has hung up on a caller."""
+        caller.setblocking(False)
+        try:
+            return caller.recv(1) != b""
+        except BlockingIOError:
+            return True
+
+
+@pytest.fixture(params=["unix", "tcp"])
+def place(request, tmp_path):
+    """A place where clients connect."""
+    made = (
+        Place(socket.AF_UNIX, str(tmp_path / "s"))
+        if request.param == "unix"
+        else Place(socket.AF_INET, ("127.0.0.1", 0))
+    )
+    yield made
+    made.close()
+
+
+def test_who_sends_faster_than_is_read_is_hung_up_on(place, caplog):
+    """Unread bytes that are many and change from look to look are a flood; it is ended and told once a second."""
+    caller = place.connect()
+    for number in range(LOOKS):
+        assert place.is_up(caller)
+        caller.send(bytes(UNREAD_BYTES + 1 if number == 0 else 1))
+        place.look()
+    assert not place.is_up(caller)
+    assert place.watch.ended == 1 and caplog.text.count("flooded by") == 1
+
+
+def test_who_is_not_read_is_nobodys_fault(place):
+    """A large request that lies there unread while this process stands still ends nothing."""
+    caller = place.connect()
+    caller.send(bytes(2 * UNREAD_BYTES))
+    for _ in range(3 * LOOKS):
+        place.look()
+    assert place.is_up(caller) and place.watch.ended == 0
+
+
+def test_small_things_are_no_flood(place):
+    """However often, what stays below the bound is a client's good right."""
+    caller = place.connect()
+    for _ in range(3 * LOOKS):
+        caller.send(bytes(100))
+        place.look()
+    assert place.is_up(caller)
+
+
+def test_others_connections_are_left_alone(place):
+    """Sockets at which this plane does not listen, the robot's say, are not looked at."""
+    place.watch._is_own = lambda name: False
+    caller = place.connect()
+    for _ in range(3 * LOOKS):
+        caller.send(bytes(2 * UNREAD_BYTES // LOOKS))
+        place.look()
+    assert place.is_up(caller)
+
+
+def test_it_looks_closer_while_somebody_is_suspected(place):
+    """Seldom as long as all is well, more often afterwards."""
+    place.look()
+    assert not place.watch.look(place.now_ns + CLOSE_NS)
+    place.connect().send(bytes(2 * UNREAD_BYTES))
+    place.look()
+    assert place.watch.look(place.now_ns + CLOSE_NS)
+
+
+def test_a_crowd_makes_room(place, monkeypatch, caplog):
+    """Of too many connections those of the busiest process go, the oldest first, a few at each look, and never the last."""
+    monkeypatch.setattr(flood_watch, "MOST_CONNECTIONS", 4)
+    monkeypatch.setattr(flood_watch, "_peer", lambda connection: "crowd")
+    callers = [place.connect() for _ in range(MOST_AT_ONCE + 8)]
+    place.look()
+    assert [place.is_up(caller) for caller in callers[:MOST_AT_ONCE]] == [False] * MOST_AT_ONCE
+    assert all(place.is_up(caller) for caller in callers[MOST_AT_ONCE:])
+    assert "crowded by crowd" in caplog.text
+
+
+def test_as_many_processes_may_stay_as_there_are(place, monkeypatch):
+    """Where each connection is another process's nobody is in the way of anybody."""
+    monkeypatch.setattr(flood_watch, "MOST_CONNECTIONS", 2)
+    monkeypatch.setattr(flood_watch, "_peer", lambda connection: connection.fileno())
+    callers = [place.connect() for _ in range(6)]
+    place.look()
+    assert all(place.is_up(caller) for caller in callers)
+
+
+def test_processes_are_told_apart_as_far_as_the_kernel_knows(place):
+    """By their process id on this host, by address and port else."""
+    caller = place.connect()
+    peer = flood_watch._peer(place.pairs[0][1])
+    if place.listener.family == socket.AF_UNIX:
+        assert peer == f"process {os.getpid()}"
+    else:
+        assert peer == str(caller.getsockname())
+
+
+def test_without_files_to_open_it_does_nothing(place, monkeypatch):
+    """A process that has no file left goes on."""
+
+    def none_left(path):
+        raise OSError("too many open files")
+
+    monkeypatch.setattr(os, "listdir", none_left)
+    place.look()
+    OrdinaryWhileBusy()._lower()
+
+
+@pytest.fixture
+def scheduler(monkeypatch):
+    """A kernel in which all threads but this one are under SCHED_FIFO: thread -> policy and priority."""
+    threads = {threading.get_native_id(): (os.SCHED_FIFO, 60), 7: (os.SCHED_FIFO, 40), 8: (os.SCHED_FIFO, 39)}
+    monkeypatch.setattr(os, "listdir", lambda path: [str(number) for number in (*threads, 9)])
+    monkeypatch.setattr(os, "sched_getscheduler", lambda number: threads[number][0] if number in threads else gone())
+    monkeypatch.setattr(os, "sched_getparam", lambda number: os.sched_param(threads[number][1]))
+    monkeypatch.setattr(os, "setpriority", lambda which, number, nice: None)
+    monkeypatch.setattr(
+        os,
+        "sched_setscheduler",
+        lambda number, policy, param: threads.__setitem__(number, (policy, param.sched_priority)),
+    )
+
+    def gone():
+        raise ProcessLookupError
+
+    return threads
+
+
+def test_busy_threads_leave_real_time_and_come_back(scheduler):
+    """All but the loop's, as long as this process is busy and a second longer; each to where it was."""
+    loop = threading.get_native_id()
+    before = dict(scheduler)
+    ordinary = OrdinaryWhileBusy()
+    now_ns, used_ns = ordinary._looked_ns, ordinary._used_ns
+    ordinary.look(now_ns + 100 * MS, used_ns + 20 * MS)
+    assert scheduler == before, "a robot's usual load"
+    ordinary.look(now_ns + 200 * MS, used_ns + 110 * MS)
+    assert scheduler == {loop: (os.SCHED_FIFO, 60), 7: (os.SCHED_OTHER, 0), 8: (os.SCHED_OTHER, 0)}
+    scheduler[7] = (os.SCHED_FIFO, 40)  # a new link has raised it again
+    ordinary.look(now_ns + 300 * MS, used_ns + 200 * MS)
+    assert scheduler[7] == (os.SCHED_OTHER, 0)
+    ordinary.look(now_ns + 1200 * MS, used_ns + 210 * MS)
+    assert scheduler[7] == (os.SCHED_OTHER, 0), "not calm for long enough"
+    ordinary.look(now_ns + 1400 * MS, used_ns + 220 * MS)
+    assert scheduler == before and ordinary.lowered == {}
