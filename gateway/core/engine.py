@@ -138,7 +138,7 @@ class Engine:
 
     @property
     def rest_ns(self) -> int:
-        """How far apart ticks may be [ns] while nobody owns the robot or asks and nothing is sent, owed or under way; else 0."""
+        """How far apart ticks may be [ns] while nobody owns the robot or asks, nothing is sent, owed, under way; else 0."""
         is_busy = bool(self._commands) or not is_idle(self._conductor)
         return 0 if is_busy else self._pace.rest_ns(is_watched=self.is_watched)
 
