@@ -356,7 +356,7 @@ for n in itertools.count():  # whoever was turned away comes again, for ever
 
 
 def test_500_hostile_connections_of_one_process_do_not_keep_a_stop_away(place: Place) -> None:
-    """Half-open, garbage, huge, never reading, coming again at once: a stop is made within 0.3 s all the same."""
+    """Half-open, garbage, huge, never reading, coming again at once: a stop is made within a second all the same."""
     hostile = subprocess.Popen([sys.executable, "-c", HOSTILE, str(place.path)], stdout=subprocess.PIPE)
     looks_s: list[float] = []
     try:
@@ -377,7 +377,7 @@ def test_500_hostile_connections_of_one_process_do_not_keep_a_stop_away(place: P
             asking.start()
             while asking.is_alive():
                 _look(place, looks_s)
-            assert took and took[0] < 0.3, took
+            assert took and took[0] < 1.0, took
             print(f"{ask}: {took[0] * 1e3:.1f} ms")
         assert len(place.desk.files) <= MOST_CALLERS + 1
         looks_s.sort()
