@@ -86,6 +86,8 @@ def pause(seconds):
     threading.Event().wait(seconds)
 pause(0.2)
 print("ready", flush=True)
+while not os.path.exists(sys.argv[5]):
+    pause(0.05)
 for n in range(int(sys.argv[4])):
     now_ns = time.monotonic_ns()
     at_ns = (now_ns // PERIOD_NS + 1) * PERIOD_NS + random.randrange(15_000_000, 30_000_000)
@@ -130,11 +132,13 @@ def _told(waits_ms: list[float]) -> str:
 
 
 def _stop_row(system: System, peer: str, kind: str, stops: int) -> Row:
+    begin = system.folder / f"begin-{kind}"
+    places = [f"unixsock-stream/{system.target}", peer, system.endpoint, str(stops), str(begin)]
+    prober = Process(f"prober-{time.monotonic_ns()}", ["-c", PROBER, *places], system.folder)
+    wait_for(lambda: "ready" in prober.text(), "the prober", tell=prober.text)  # somebody who was connected before
+    favour(prober)
     with _flooded(system, kind, 30.0 + stops / 10):
-        places = [f"unixsock-stream/{system.target}", peer, system.endpoint, str(stops)]
-        prober = Process(f"prober-{time.monotonic_ns()}", ["-c", PROBER, *places], system.folder)
-        wait_for(lambda: "ready" in prober.text(), "the prober", tell=prober.text)
-        favour(prober)
+        begin.touch()
         wait_for(lambda: not prober.is_running, "its stops", 30.0 + stops / 5, tell=prober.text)
     ours, bare = json.loads(prober.text().rsplit("WAITS ", 1)[1])
     p50, p999 = np.percentile(ours, (50, 99.9))
