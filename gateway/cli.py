@@ -79,11 +79,12 @@ def _run(options: Namespace) -> int:
     from dataclasses import replace
     from pathlib import Path
 
-    from gateway.blas_threads import one_blas_thread
+    from gateway.process.blas_threads import one_blas_thread
 
     one_blas_thread()  # before anything takes numpy along; the guard inherits it
-    from gateway import config, daemon, log
+    from gateway import config, daemon
     from gateway.api.protocol import default_socket
+    from gateway.process import log
 
     settings = config.overridden(
         config.load(options.config),

@@ -29,23 +29,23 @@ from gateway.api.guard_protocol import guard_socket, robot_name
 from gateway.api.service import LocalPlane
 from gateway.config import state_dir
 from gateway.core.engine import Engine
-from gateway.core.events import Event, ExitRequested, GuardSeen, LinkUp, Notice, PartEnded, Reply
-from gateway.core.outputs import router_name
-from gateway.core.snapshot import Snapshot
+from gateway.core.messages.events import Event, ExitRequested, GuardSeen, LinkUp, Notice, PartEnded, Reply
+from gateway.core.messages.outputs import router_name
+from gateway.core.messages.snapshot import Snapshot
 from gateway.errors import Code
-from gateway.heir import Heir
-from gateway.keeper import Keeper
+from gateway.guard.heir import Heir
+from gateway.guard.keeper import Keeper
 from gateway.link.robot_link import RobotLink
-from gateway.loop import Loop
-from gateway.measures import Measures
-from gateway.recall import Recall
+from gateway.process.loop import Loop
+from gateway.process.measures import Measures
+from gateway.process.recall import Recall
+from gateway.process.state_file import StateFile, StateWriter, path_of
+from gateway.process.zenoh_threads import share_reactor
 from gateway.settings import Settings
-from gateway.state_file import StateFile, StateWriter, path_of
 from gateway.threads import take_lost
-from gateway.zenoh_threads import share_reactor
 
 if TYPE_CHECKING:
-    from gateway.core.body_model import BodyModel
+    from gateway.core.robot_state.body_model import BodyModel
 
 __all__ = ["run"]
 
@@ -286,7 +286,7 @@ def _model(settings: Settings) -> BodyModel | None:
     """Return the body model; numpy is loaded only for it."""
     if not settings.model.check:
         return None
-    from gateway.core.body_model import body_model
+    from gateway.core.robot_state.body_model import body_model
 
     return body_model(settings)
 

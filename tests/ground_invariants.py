@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from gateway import robot
 from gateway.core.engine import Output
-from gateway.core.events import Frame, FrameKind
+from gateway.core.messages.events import Frame, FrameKind
 from gateway.values import Side, Vector
 from tests.pair import MS, Pair, S
 

@@ -9,7 +9,8 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from gateway.core.engine import Engine, Output
-from gateway.core.events import (
+from gateway.core.guardian import Guardian, Phase
+from gateway.core.messages.events import (
     Event,
     HeldElsewhere,
     LinkDown,
@@ -19,8 +20,7 @@ from gateway.core.events import (
     SampleRefused,
     TakenOver,
 )
-from gateway.core.guardian import Guardian, Phase
-from gateway.core.held import Held
+from gateway.core.messages.held import Held
 from gateway.settings import Settings
 from gateway.sim.settings import SimSettings
 from tests.pair import MS, Pair, S

@@ -13,7 +13,7 @@ from itertools import pairwise
 
 from gateway import robot
 from gateway.core.engine import Output
-from gateway.core.events import Frame, FrameKind
+from gateway.core.messages.events import Frame, FrameKind
 from gateway.errors import Code
 from gateway.values import ArmState, EePose, FsmState, Side, Vector
 from tests.core.pose_judge import rates

@@ -9,9 +9,8 @@ from __future__ import annotations
 import itertools
 from collections.abc import Callable, Mapping
 
-from gateway.core.body_model import BodyModel, body_model
 from gateway.core.engine import Engine, Output
-from gateway.core.events import (
+from gateway.core.messages.events import (
     Acquire,
     ClaimShown,
     ClientGone,
@@ -34,7 +33,8 @@ from gateway.core.events import (
     SampleRefused,
     TargetArrived,
 )
-from gateway.core.snapshot import Snapshot
+from gateway.core.messages.snapshot import Snapshot
+from gateway.core.robot_state.body_model import BodyModel, body_model
 from gateway.errors import Code, Refusal
 from gateway.link.codec import BadSample, from_message, stamp_of, to_message
 from gateway.robot import CURRENT_MODE, MOTION_STATE_TOPICS, STATE_TOPICS

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from gateway import robot
-from gateway.core.body_model import body_model
+from gateway.core.robot_state.body_model import body_model
 from gateway.settings import ArmSettings, LocalSettings, ModelSettings, Settings
 from gateway.sim.settings import SimSettings
 from gateway.values import ArmState, Side, Vector

@@ -35,7 +35,7 @@ NOBODY = "tcp/127.0.0.1:19591"
 @pytest.fixture
 def shell(monkeypatch, capsys):
     """A shell whose commands find a scripted engine."""
-    monkeypatch.setattr("gateway.blas_threads.one_blas_thread", lambda: None)  # for a process of its own
+    monkeypatch.setattr("gateway.process.blas_threads.one_blas_thread", lambda: None)  # for a process of its own
     return Shell(monkeypatch, capsys)
 
 
@@ -140,7 +140,7 @@ def test_run_hands_the_settings_to_the_daemon(shell, monkeypatch, tmp_path):
     file = tmp_path / "a.toml"
     file.write_text('[robot]\nendpoint = "tcp/10.0.0.1:9000"\nmodel = "lite"\n[arm]\nv_radps = 0.4\n')
     seen = {}
-    monkeypatch.setattr("gateway.log.configure_log", lambda *, is_json: seen.update(is_json=is_json))
+    monkeypatch.setattr("gateway.process.log.configure_log", lambda *, is_json: seen.update(is_json=is_json))
     monkeypatch.setattr(
         "gateway.daemon.run",
         lambda settings, on_ready, *, is_json_log: seen.update(settings=settings, is_guards_log_json=is_json_log) or 0,
@@ -161,7 +161,7 @@ def test_run_says_what_to_do_next(shell, monkeypatch, socket):
     """When clients can connect, the next commands stand there ready to be copied; the default socket needs no option."""
     from gateway.api.protocol import default_socket
 
-    monkeypatch.setattr("gateway.log.configure_log", lambda **_: None)
+    monkeypatch.setattr("gateway.process.log.configure_log", lambda **_: None)
     monkeypatch.setattr("gateway.daemon.run", lambda _, on_ready, **__: on_ready(socket or str(default_socket())) or 0)
     text = shell.run("run").err
     option = " --socket '/tmp/with space/gw.sock'" if socket else ""
@@ -205,10 +205,10 @@ def test_config_reads_the_files_of_the_body_model_as_the_daemon_would(shell, tmp
         numbers=fingerprint(nominal(), Side.LEFT),
         note="for tests",
     )
-    monkeypatch.setattr("gateway.log.configure_log", lambda **_: None)
+    monkeypatch.setattr("gateway.process.log.configure_log", lambda **_: None)
     monkeypatch.setattr("gateway.daemon.share_reactor", lambda: None)  # for a process of its own
     asked: list[str] = []
-    monkeypatch.setattr("gateway.blas_threads.one_blas_thread", lambda: asked.append("one thread"))
+    monkeypatch.setattr("gateway.process.blas_threads.one_blas_thread", lambda: asked.append("one thread"))
     own, file = tmp_path / "own.json", tmp_path / "a.toml"
     write_arms(own, RobotIdentity(serial="TA2-0042", model="standard"), [arm])
 

@@ -19,12 +19,12 @@ import pytest
 from gateway import daemon
 from gateway.api.service import LocalPlane
 from gateway.core.engine import Engine
-from gateway.core.events import PartEnded
+from gateway.core.messages.events import PartEnded
 from gateway.link.robot_link import RobotLink
-from gateway.log import JsonLines, LogWriter, RateLimit
-from gateway.measures import Measures
+from gateway.process.log import JsonLines, LogWriter, RateLimit
+from gateway.process.measures import Measures
+from gateway.process.state_file import StateWriter
 from gateway.settings import GuardSettings, LinkSettings, LocalSettings, RealtimeSettings, Settings
-from gateway.state_file import StateWriter
 from gateway.threads import supervised, take_lost
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -33,7 +33,7 @@ DEADLINE_S = 20.0
 
 def record(message: str, *, line: int = 1, code: str = "") -> logging.LogRecord:
     """Return a warning as the loop makes them."""
-    made = logging.LogRecord("gateway.loop", logging.WARNING, "loop.py", line, message, (), None)
+    made = logging.LogRecord("gateway.process.loop", logging.WARNING, "loop.py", line, message, (), None)
     if code:
         made.code = code
     return made
@@ -42,7 +42,7 @@ def record(message: str, *, line: int = 1, code: str = "") -> logging.LogRecord:
 def test_a_log_that_nobody_reads_stops_nobody() -> None:
     """Ctrl-S in the terminal, or a pipe whose reader hangs: whoever logs goes on, and the process can end."""
     program = (
-        "import logging\nfrom gateway.log import configure_log\nconfigure_log(is_json=False)\n"
+        "import logging\nfrom gateway.process.log import configure_log\nconfigure_log(is_json=False)\n"
         "for n in range(20):\n    logging.getLogger('x').warning('%d %s', n, 'x' * 8000)\n"
         "print('still here', flush=True)\n"
     )

@@ -10,7 +10,7 @@ PLAIN = {"description", "judgement", "placement", "stopping"}
 
 SCRIPT = """
 import sys
-import gateway.guard
+import gateway.guard.guard
 print(" ".join(sorted(sys.modules)))
 """
 

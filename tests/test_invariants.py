@@ -14,8 +14,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from gateway import robot
-from gateway.core.chunk import Chunk, prepare
-from gateway.core.events import (
+from gateway.core.messages.events import (
     Abandon,
     Acquire,
     Cancel,
@@ -51,7 +50,8 @@ from gateway.core.events import (
     Take,
     Writer,
 )
-from gateway.core.quaternion import exp, multiply
+from gateway.core.motion.chunk import Chunk, prepare
+from gateway.core.motion.poses.quaternion import exp, multiply
 from gateway.settings import LinkSettings, LocalSettings, Settings
 from gateway.sim.settings import SimSettings
 from gateway.values import Side, Space, Vector

@@ -7,8 +7,8 @@ import random
 
 import pytest
 
-from gateway.core import requests
-from gateway.core.chunk import prepare
+from gateway.core.messages import requests
+from gateway.core.motion.chunk import prepare
 from gateway.errors import Code
 from gateway.robot import HOME_Q_RAD, shoulder_frame
 from gateway.settings import ArmSettings

@@ -10,9 +10,9 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from gateway import robot
-from gateway.core.body_model import body_model
-from gateway.core.events import Move, MovePose
-from gateway.core.quaternion import exp, multiply
+from gateway.core.messages.events import Move, MovePose
+from gateway.core.motion.poses.quaternion import exp, multiply
+from gateway.core.robot_state.body_model import body_model
 from gateway.settings import LinkSettings, LocalSettings, Settings
 from gateway.sim.settings import SimSettings
 from gateway.values import Side

@@ -5,8 +5,8 @@ from __future__ import annotations
 import pytest
 
 from gateway import robot
-from gateway.core.body_model import body_model
-from gateway.core.events import OpenStream, TargetArrived
+from gateway.core.messages.events import OpenStream, TargetArrived
+from gateway.core.robot_state.body_model import body_model
 from gateway.errors import Code
 from gateway.settings import LocalSettings, ModelSettings, Settings
 from gateway.sim.settings import SimSettings

@@ -11,9 +11,9 @@ from itertools import pairwise
 
 import pytest
 
-from gateway.core.chunk import Chunk, prepare
-from gateway.core.events import Cancel, Follow
-from gateway.core.snapshot import MotionView
+from gateway.core.messages.events import Cancel, Follow
+from gateway.core.messages.snapshot import MotionView
+from gateway.core.motion.chunk import Chunk, prepare
 from gateway.errors import Code
 from gateway.values import Side, Vector
 from tests.behaviour.scene import Scene, watched

@@ -14,8 +14,8 @@ from gateway.api import protocol
 from gateway.api.inbox import Inbox
 from gateway.api.outbox import Outbox
 from gateway.api.stop_lane import StopLane
-from gateway.core import events
-from gateway.core.snapshot import Snapshot
+from gateway.core.messages import events
+from gateway.core.messages.snapshot import Snapshot
 
 __all__ = ["Listener", "MemoryPlane"]
 

@@ -30,8 +30,8 @@ from gateway.api.identities import Identities
 from gateway.api.outbox import Outbox
 from gateway.api.question import Question
 from gateway.api.translate import printable, to_request, to_target
-from gateway.core import events
-from gateway.core.answers import number_was_used
+from gateway.core.messages import events
+from gateway.core.requests.answers import number_was_used
 from gateway.errors import Code, Refusal
 
 __all__ = ["MAX_ASIDE", "MAX_CLIENTS", "MAX_STREAMS", "MAX_WAITING", "PER_POLL", "Inbox"]

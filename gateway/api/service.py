@@ -31,8 +31,8 @@ from gateway.api.outbox import Outbox
 from gateway.api.stop_lane import StopLane
 from gateway.api.translate import describe
 from gateway.api.zenoh_plane import ZenohPlane
-from gateway.core import events
-from gateway.core.snapshot import Snapshot
+from gateway.core.messages import events
+from gateway.core.messages.snapshot import Snapshot
 from gateway.settings import LocalSettings, Settings
 from gateway.threads import supervised
 

@@ -28,7 +28,7 @@ import msgspec
 from gateway.api import protocol
 from gateway.api.question import Question
 from gateway.api.translate import printable, to_reply
-from gateway.core import events
+from gateway.core.messages import events
 
 __all__ = ["FIRST_NUMBER", "MAX_WAITING", "READ_BYTES", "StopLane"]
 

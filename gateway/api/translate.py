@@ -17,8 +17,8 @@ from msgspec import structs
 import gateway
 from gateway import robot
 from gateway.api import protocol
-from gateway.core import events
-from gateway.core.chunk import prepare
+from gateway.core.messages import events
+from gateway.core.motion.chunk import prepare
 from gateway.errors import Code, Refusal
 from gateway.settings import Settings
 from gateway.values import ARM_DOF, Side, Space, Vector

@@ -1,6 +1,6 @@
 """The snapshot as structs: what every viewer of the daemon gets.
 
-Field for field the classes of `core/snapshot.py`, where each is documented (tests compare them); unknown fields are
+Field for field the classes of `core/messages/snapshot.py`, where each is documented (tests compare them); unknown fields are
 ignored, so that a later daemon may add some. Ages are given at `at_ns` of the daemon's monotonic clock. Import these
 names from `gateway.api.protocol`.
 """

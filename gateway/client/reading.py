@@ -170,7 +170,7 @@ class RobotState:
 
     Attributes:
         age: Since the snapshot arrived here [s].
-        view: The whole snapshot as it came, documented in `gateway/core/snapshot.py`.
+        view: The whole snapshot as it came, documented in `gateway/core/messages/snapshot.py`.
     """
 
     age: float
@@ -281,7 +281,7 @@ class RobotState:
         return MotorState("chassis", self.view.chassis, self._since_ns)
 
     def grip(self, side: protocol.SideName) -> protocol.GripView:
-        """What a gripper is told; `holding` is an estimate whether it holds something (`gateway/core/grip.py`)."""
+        """What a gripper is told; `holding` is an estimate whether it holds something (`gateway/core/supervision/grip.py`)."""
         return self.view.grips[side]
 
     @property

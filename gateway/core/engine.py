@@ -14,14 +14,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
-from gateway.core.answers import Answers
-from gateway.core.conditions import Conditions
-from gateway.core.conductor import AT_BASE, Conductor
-from gateway.core.desk import Desk
-from gateway.core.diagnosis import Diagnosis
-from gateway.core.duplication import Duplication
-from gateway.core.elsewhere import elsewhere, twins
-from gateway.core.events import (
+from gateway.core.handover.takeover import Takeover
+from gateway.core.messages.events import (
     ClientGone,
     ClientSeen,
     CommandRequested,
@@ -45,26 +39,32 @@ from gateway.core.events import (
     TakenOver,
     TargetArrived,
 )
-from gateway.core.gate import Cleared, Gate
-from gateway.core.grounds import Grounds
-from gateway.core.loss import Loss
-from gateway.core.outlet import Outlet, Output
-from gateway.core.outputs import found_at
-from gateway.core.pace import TICK_NS, Pace, is_idle
-from gateway.core.phases import Phases
-from gateway.core.preconditions import Preconditions
-from gateway.core.rivalry import Rivalry
-from gateway.core.snapshot import Snapshot
-from gateway.core.supervisor import State, Trigger
-from gateway.core.takeover import Takeover
-from gateway.core.view import build
+from gateway.core.messages.outputs import found_at
+from gateway.core.messages.snapshot import Snapshot
+from gateway.core.others.elsewhere import elsewhere, twins
+from gateway.core.output.diagnosis import Diagnosis
+from gateway.core.output.outlet import Outlet, Output
+from gateway.core.output.pace import TICK_NS, Pace, is_idle
+from gateway.core.output.view import build
+from gateway.core.requests.answers import Answers
+from gateway.core.requests.desk import Desk
+from gateway.core.requests.preconditions import Preconditions
+from gateway.core.robot_state.duplication import Duplication
+from gateway.core.streams.gate import Cleared, Gate
+from gateway.core.supervision.conditions import Conditions
+from gateway.core.supervision.conductor import AT_BASE, Conductor
+from gateway.core.supervision.grounds import Grounds
+from gateway.core.supervision.loss import Loss
+from gateway.core.supervision.phases import Phases
+from gateway.core.supervision.rivalry import Rivalry
+from gateway.core.supervision.supervisor import State, Trigger
 from gateway.errors import Code, Refusal
 from gateway.robot import ARM_WATCHDOG_NS, FSM_STATE
 from gateway.settings import Settings
 from gateway.values import FsmState, Side, Vector
 
 if TYPE_CHECKING:
-    from gateway.core.body_model import BodyModel
+    from gateway.core.robot_state.body_model import BodyModel
 
 __all__ = ["Engine", "Output"]
 

@@ -25,11 +25,11 @@ from enum import Enum
 from msgspec import structs
 
 from gateway.core.engine import Engine, Output
-from gateway.core.events import Event, ExitRequested, Suspended, TakenOver
-from gateway.core.freeze import FreezeWatch
-from gateway.core.held import Held
-from gateway.core.supervisor import STREAMING, State
-from gateway.core.takeover import LAST_FRAME_NS
+from gateway.core.handover.freeze import FreezeWatch
+from gateway.core.handover.takeover import LAST_FRAME_NS
+from gateway.core.messages.events import Event, ExitRequested, Suspended, TakenOver
+from gateway.core.messages.held import Held
+from gateway.core.supervision.supervisor import STREAMING, State
 from gateway.robot import FSM_WATCHDOG_NS
 from gateway.settings import Settings
 

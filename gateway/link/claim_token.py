@@ -1,7 +1,7 @@
 """Puts our `armed` token out and takes it in, from a thread of its own: a stalled link can hold a declaration for long.
 
 The loop says which claim it wants to be seen (0: none) and goes on; when the token is out, `shown` is called with that
-claim's number. What a claim means is known to `core/claim.py`.
+claim's number. What a claim means is known to `core/others/claim.py`.
 """
 
 from __future__ import annotations

@@ -27,7 +27,7 @@ from pycdr2 import IdlStruct
 from cdr_types import CdrError, decode, encode, message_type
 from cdr_types.messages import builtin_interfaces, geometry_msgs, sensor_msgs, std_msgs
 from gateway import robot
-from gateway.core.events import StateValue
+from gateway.core.messages.events import StateValue
 from gateway.errors import Code
 from gateway.link.shortcuts import JointWriter, MotorReader, read_pose
 from gateway.values import ArmState, CurrentMode, EePose, MotorState, Side, ValueRefused, Vector

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping
 
-from gateway.core.events import RouteObserved
+from gateway.core.messages.events import RouteObserved
 from gateway.errors import Code
 
 __all__ = ["LOST_AFTER_NS", "CommandWatch"]

@@ -24,7 +24,7 @@ from dataclasses import dataclass
 from cdr_types import BadName
 from cdr_types.keys import Token, TokenKind, parse_token, topic_to_key
 from gateway import robot
-from gateway.core.events import RobotsAnnounced, RouteObserved
+from gateway.core.messages.events import RobotsAnnounced, RouteObserved
 from gateway.errors import Code
 from gateway.link.command_watch import CommandWatch
 from gateway.link.robots import robots_in

@@ -43,7 +43,7 @@ from dataclasses import dataclass, field
 
 from cdr_types.keys import Token, TokenKind, topic_to_key
 from gateway import robot
-from gateway.core.events import Event, ForeignData, ForeignTokens, Gateway, GatewayTokens, Means, Writer
+from gateway.core.messages.events import Event, ForeignData, ForeignTokens, Gateway, GatewayTokens, Means, Writer
 from gateway.link.discovery import Ask, TokenTable
 from gateway.link.gateway_token import GatewayToken, parse_gateway_token
 from gateway.settings import LinkSettings

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections import deque
 
-from gateway.core.events import (
+from gateway.core.messages.events import (
     Event,
     LinkDown,
     LinkUp,

@@ -31,7 +31,7 @@ import zenoh
 
 from gateway import robot
 from gateway.api.protocol import Wire
-from gateway.core.events import (
+from gateway.core.messages.events import (
     Befriended,
     ClaimShown,
     Event,
@@ -41,7 +41,7 @@ from gateway.core.events import (
     SampleArrived,
     SampleRefused,
 )
-from gateway.core.gate import Cleared
+from gateway.core.streams.gate import Cleared
 from gateway.link.claim_token import ClaimToken
 from gateway.link.codec import BadFrame, BadSample, decode_sample, encode_frame, stamp_of
 from gateway.link.connecting import MAX_RETRY_S, connect

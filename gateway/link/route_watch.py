@@ -18,7 +18,7 @@ from __future__ import annotations
 from collections import deque
 from dataclasses import dataclass
 
-from gateway.core.events import RouteObserved
+from gateway.core.messages.events import RouteObserved
 from gateway.errors import Code
 from gateway.robot import Topic
 

@@ -8,8 +8,8 @@ from __future__ import annotations
 
 from msgspec.structs import replace
 
-from gateway.core import events
-from gateway.core.snapshot import (
+from gateway.core.messages import events
+from gateway.core.messages.snapshot import (
     ArmView,
     ChassisView,
     EnableView,

@@ -12,7 +12,7 @@ import pytest
 
 from gateway.api import protocol
 from gateway.api.translate import to_request, to_target
-from gateway.core import events
+from gateway.core.messages import events
 from gateway.errors import Code, Refusal
 from tests.api.samples import REQUESTS, Q, command
 from tests.fuzz.hostile import as_json, mutated, scratched

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from gateway.api import protocol
 from gateway.api.identities import MOST, Identities
-from gateway.core import events
+from gateway.core.messages import events
 from tests.api.desk import AskedQuestion, Desk
 from tests.api.samples import Q, command
 

@@ -9,7 +9,7 @@ import pytest
 from gateway.api import inbox as module
 from gateway.api import protocol
 from gateway.api.inbox import MAX_ASIDE, MAX_CLIENTS, MAX_STREAMS, MAX_WAITING, PER_POLL
-from gateway.core import events
+from gateway.core.messages import events
 from gateway.errors import Code
 from tests.api.desk import AskedQuestion, Desk
 from tests.api.samples import HOME, Q, command

@@ -6,7 +6,7 @@ import pytest
 
 from gateway.api import protocol
 from gateway.api.outbox import MAX_UNSENT
-from gateway.core import events
+from gateway.core.messages import events
 from gateway.errors import Code, Refusal
 from tests.api.desk import AskedQuestion, Desk, KeptAudience
 from tests.api.samples import command

@@ -13,7 +13,7 @@ import msgspec
 import pytest
 
 from gateway.api import protocol
-from gateway.core import events, snapshot
+from gateway.core.messages import events, snapshot
 from gateway.errors import Refusal
 from gateway.values import ARM_DOF, FsmState
 

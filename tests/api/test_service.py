@@ -17,7 +17,7 @@ from msgspec import structs
 
 from gateway.api import protocol
 from gateway.api.service import LocalPlane
-from gateway.core import events
+from gateway.core.messages import events
 from gateway.errors import Code, ConfigError, NotReady
 from gateway.settings import LinkSettings, LocalSettings, Settings
 from gateway.threads import take_lost

@@ -6,7 +6,7 @@ import pytest
 
 from gateway.api import protocol
 from gateway.api.stop_lane import FIRST_NUMBER, MAX_SHARING, MAX_WAITING, READ_BYTES, StopLane
-from gateway.core import events
+from gateway.core.messages import events
 from tests.api.desk import AskedQuestion, Desk
 from tests.api.samples import command
 

@@ -10,7 +10,7 @@ import gateway
 from gateway import robot
 from gateway.api import protocol
 from gateway.api.translate import config_hash, describe, to_notice, to_refusal, to_reply, to_request, to_target
-from gateway.core import events
+from gateway.core.messages import events
 from gateway.errors import Code, Refusal
 from gateway.settings import ArmSettings, ChassisSettings, LiftSettings, Settings
 from gateway.values import Side

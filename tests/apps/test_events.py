@@ -8,7 +8,7 @@ import pytest
 
 from gateway.apps.events import line_of_notice
 from gateway.cli import main
-from gateway.core.events import Level, Notice
+from gateway.core.messages.events import Level, Notice
 from gateway.errors import Code
 from tests.apps.shell import Shell
 

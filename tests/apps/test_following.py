@@ -9,7 +9,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from gateway.core.events import Follow
+from gateway.core.messages.events import Follow
 from tests.client.robot_world import RobotWorld
 
 DT_S = 0.05

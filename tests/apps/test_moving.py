@@ -9,8 +9,8 @@ import pytest
 from msgspec.structs import replace
 
 from gateway.apps import asking, errand
-from gateway.core import requests
-from gateway.core.snapshot import LinkView
+from gateway.core.messages import requests
+from gateway.core.messages.snapshot import LinkView
 from gateway.errors import Code, Refusal
 from gateway.robot import HOME_Q_RAD
 from gateway.values import Side

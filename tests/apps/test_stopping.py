@@ -5,8 +5,8 @@ from __future__ import annotations
 import pytest
 
 from gateway.apps import stopping
-from gateway.core import requests
-from gateway.core.snapshot import LinkView
+from gateway.core.messages import requests
+from gateway.core.messages.snapshot import LinkView
 from gateway.errors import Code, Refusal
 
 

@@ -16,8 +16,16 @@ from gateway.apps import watch as watching
 from gateway.apps.frame import Picture, Remark, frame
 from gateway.apps.watch import Viewer, plain_line
 from gateway.client import connect
-from gateway.core.events import Level, Notice
-from gateway.core.snapshot import LeaseView, LinkView, MotionView, SlowingView, SpacingView, StreamView, TargetView
+from gateway.core.messages.events import Level, Notice
+from gateway.core.messages.snapshot import (
+    LeaseView,
+    LinkView,
+    MotionView,
+    SlowingView,
+    SpacingView,
+    StreamView,
+    TargetView,
+)
 from gateway.errors import Code
 from tests.api.stand_in import a_snapshot
 from tests.apps.views import INFO, MS, S, a_view, all_topics, owned

@@ -7,7 +7,7 @@ from msgspec.structs import replace
 from gateway.apps.advice import next_steps
 from gateway.apps.frame import Picture, frame
 from gateway.apps.status import lines as status_lines
-from gateway.core.snapshot import Finding, RefusalView
+from gateway.core.messages.snapshot import Finding, RefusalView
 from tests.api.stand_in import a_snapshot
 from tests.apps.views import INFO, S, a_view, all_topics
 

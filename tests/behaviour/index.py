@@ -1,8 +1,8 @@
 """Where each row of the behaviour table is proven: section -> row -> tests, or the later work that a row belongs to.
 
-`starting::a_silent_stream` is `tests/behaviour/test_starting.py::test_a_silent_stream`; `core/gate::x` is
-`tests/core/test_gate.py::test_x`; `cells::take` is that row of the table in `test_transitions.py`. `test_index.py` checks
-that all of them exist, and that no test of this folder stands outside.
+`starting::a_silent_stream` is `tests/behaviour/test_starting.py::test_a_silent_stream`; `core/streams/gate::x` is
+`tests/core/streams/test_gate.py::test_x`; `cells::take` is that row of the table in `test_transitions.py`. `test_index.py`
+checks that all of them exist, and that no test of this folder stands outside.
 """
 
 from __future__ import annotations
@@ -22,13 +22,13 @@ VALUES = {
     ),
     "pose speed": (
         "poses::a_pose_motion_arrives_within_5_mm_and_0_05_rad_for_half_a_second",
-        "core/pose_motion::whatever_is_asked_the_setpoints_keep_every_limit",
-        "core/gate::a_pose_moves_and_turns_within_the_configured_velocities",
+        "core/motion/pose_motion::whatever_is_asked_the_setpoints_keep_every_limit",
+        "core/streams/gate::a_pose_moves_and_turns_within_the_configured_velocities",
     ),
     "chassis": (
         "driving::bounds_of_speed_are_refused_and_tell_the_bound",
         "driving::the_chassis_follows_what_it_is_told_at_every_moment",
-        "core/slope::no_sequence_of_wishes_breaks_a_ramp",
+        "core/motion/joints/slope::no_sequence_of_wishes_breaks_a_ramp",
     ),
     "settle": (
         "motions::a_motion_settles_for_0_5_s_within_its_tolerance",
@@ -270,7 +270,7 @@ STARTING = {
         "others::a_gateway_that_comes_while_another_is_armed_claims_nothing",
         "others::a_drive_begins_when_other_gateways_have_seen_the_claim",
         "others::of_a_drive_that_lost_the_claim_nothing_ever_leaves",
-        "core/claim::of_two_that_claim_at_once_exactly_the_smaller_one_is_confirmed",
+        "core/others/claim::of_two_that_claim_at_once_exactly_the_smaller_one_is_confirmed",
     ),
     "`enable` when ENABLING or ACTIVE; FSM 1-2 without our 1.0": (
         "enabling::enable_succeeds_when_it_is_under_way_or_done_and_sends_nothing",
@@ -344,11 +344,11 @@ STOPPING = {
     ),
     "(under another address)": (
         "./endpoint::an_address_has_one_spelling",
-        "./recall::every_spelling_of_an_address_has_one_file",
-        "./recall::latches_of_another_address_come_with_the_router",
-        "./recall::epochs_go_on_above_those_of_every_file",
-        "./recall::what_is_cleared_here_is_cleared_there_and_not_before",
-        "./recall::a_latch_that_comes_with_the_router_is_there_before_anything_can_be_enabled",
+        "process/recall::every_spelling_of_an_address_has_one_file",
+        "process/recall::latches_of_another_address_come_with_the_router",
+        "process/recall::epochs_go_on_above_those_of_every_file",
+        "process/recall::what_is_cleared_here_is_cleared_there_and_not_before",
+        "process/recall::a_latch_that_comes_with_the_router_is_there_before_anything_can_be_enabled",
         "e2e/heart::an_estop_survives_another_address_of_the_robot",
     ),
     "`with control()` ends normally": CLIENT,
@@ -356,7 +356,7 @@ STOPPING = {
         "api/stop_lane::whatever_arrives_is_the_stop",
         "api/stop_lane::a_flood_of_stops_is_bounded_and_each_of_them_is_answered",
         "api/stop_lane::what_lies_in_the_inbox_keeps_no_stop_away",
-        "./loop::a_stop_is_served_at_once_between_the_instants_of_the_grid",
+        "process/loop::a_stop_is_served_at_once_between_the_instants_of_the_grid",
         "e2e/stopping::whatever_arrives_on_the_keys_of_stops_ends_motion_and_latches",
     ),
     "(hold and cancel)": ("stopping::hold_and_cancel_keep_the_lease_the_state_and_the_heartbeat",),
@@ -393,7 +393,7 @@ STOPPING = {
         "losing_the_link::what_is_owed_after_the_last_word_is_paid_all_the_same",
         "losing_the_link::somebody_elses_robot_gets_no_last_word",
         "losing_the_link::the_last_word_does_not_end_an_estops_repetition",
-        "core/stall::a_robot_that_is_heard_again_ends_the_last_word_at_once",
+        "core/supervision/stall::a_robot_that_is_heard_again_ends_the_last_word_at_once",
         "core/streams/heartbeat::the_last_word_is_0_0_for_0_3_s_and_settles_nothing",
     ),
     "0.0 after a loss": (
@@ -424,8 +424,8 @@ STOPPING = {
         "time::what_a_vanished_owner_asked_before_a_pause_of_ours_does_not_move_after_it",
         "time::in_any_schedule_of_ticks_nothing_moves_half_a_second_after_the_owners_last_sign_of_life",
         "time::a_living_owner_is_not_lost_by_a_pause_of_ours",
-        "core/lease::in_any_schedule_of_ticks_nobody_moves_anything_350_ms_after_its_last_sign_of_life",
-        "core/lease::in_any_schedule_of_ticks_a_living_owner_is_not_lost",
+        "core/supervision/lease::in_any_schedule_of_ticks_nobody_moves_anything_350_ms_after_its_last_sign_of_life",
+        "core/supervision/lease::in_any_schedule_of_ticks_a_living_owner_is_not_lost",
         "e2e/stopping::a_daemon_that_is_always_late_loses_a_vanished_owner_in_time",
     ),
     "(nobody else is the owner)": (
@@ -483,8 +483,8 @@ ROBOT_SIDE = {
         "jumping::a_stream_starts_from_samples_that_agree",
         "jumping::a_pause_is_left_only_when_the_samples_agree",
         "jumping::a_stream_does_not_start_where_the_end_effector_is_not",
-        "core/jumps::no_stamp_makes_a_jump_plausible",
-        "core/jumps::no_stall_of_the_link_makes_a_healthy_arm_incredible",
+        "core/robot_state/jumps::no_stamp_makes_a_jump_plausible",
+        "core/robot_state/jumps::no_stall_of_the_link_makes_a_healthy_arm_incredible",
         "e2e/stopping::a_forged_sample_with_a_stamp_ahead_moves_no_arm",
     ),
     "measured jump, NaN, wrong length": (
@@ -530,7 +530,7 @@ BRIDGE = {
         "link/robot_link::a_node_that_leaves_is_a_lost_route_until_it_returns",
     ),
     "state N times": (
-        "core/duplication::every_sample_three_times_is_told_once_with_the_count",
+        "core/robot_state/duplication::every_sample_three_times_is_told_once_with_the_count",
         "core/engine::a_bridge_that_delivers_everything_twice_is_told_once",
     ),
     "(another namespace than ours)": (
@@ -580,16 +580,16 @@ WHY = {
         "model::a_new_link_ends_in_nothing_known",
         "model::without_poses_nothing_is_known",
         "model::a_robot_that_differs_agrees_after_it_was_identified",
-        "core/body_model::a_robot_of_our_numbers_may_be_moved_by_them",
-        "core/body_model::another_robot_is_told_with_figure_and_bound",
+        "core/robot_state/body_model::a_robot_of_our_numbers_may_be_moved_by_them",
+        "core/robot_state/body_model::another_robot_is_told_with_figure_and_bound",
     ),
 }
 
 ELSE = {
     "what counts": (
         "others::nothing_of_our_own_is_an_alarm",
-        "core/others::sessions_of_ours_are_never_foreign",
-        "core/others::publishers_of_another_gateway_are_no_writers",
+        "core/others/others::sessions_of_ours_are_never_foreign",
+        "core/others/others::publishers_of_another_gateway_are_no_writers",
         "link/foreign_watch::a_bridge_that_declares_publishers_for_everything_commands_nothing",
         "interop/ros_user::a_host_that_only_looks_keeps_no_gateway_from_commanding",
     ),
@@ -643,21 +643,21 @@ MOTIONS = {
 
 GUARD = {
     "its own process and session": (
-        "core/enabling::the_guards_session_is_open_before_the_first_frame",
+        "core/supervision/enabling::the_guards_session_is_open_before_the_first_frame",
         "e2e/guard::other_gateways_are_kept_away_until_the_last_stop_frame",
     ),
     "death and freeze": (
         "guard::ticks_missing_for_80_ms_are_a_freeze_and_the_hold_goes_on",
         "e2e/guard::a_dead_daemon_is_followed_by_a_hold_and_the_next_daemon_takes_it",
-        "core/freeze::ticks_missing_for_80_ms_are_a_freeze",
-        "core/freeze::a_guard_that_was_late_itself_counts_anew",
-        "core/freeze::a_daemon_with_nothing_on_the_wire_is_never_frozen",
-        "core/freeze::a_core_that_stands_still_is_no_freeze_of_its_daemon",
-        "core/freeze::a_daemon_that_waits_behind_others_after_its_core_came_back_lives",
-        "core/freeze::turns_that_come_too_rarely_are_judged_in_the_end",
-        "./turns::who_could_run_and_has_not_run_since_waits",
-        "./turns::who_does_not_want_to_run_waits_for_no_core",
-        "./turns::a_thread_behind_one_that_spins_waits_for_no_turn_of_the_process",
+        "core/handover/freeze::ticks_missing_for_80_ms_are_a_freeze",
+        "core/handover/freeze::a_guard_that_was_late_itself_counts_anew",
+        "core/handover/freeze::a_daemon_with_nothing_on_the_wire_is_never_frozen",
+        "core/handover/freeze::a_core_that_stands_still_is_no_freeze_of_its_daemon",
+        "core/handover/freeze::a_daemon_that_waits_behind_others_after_its_core_came_back_lives",
+        "core/handover/freeze::turns_that_come_too_rarely_are_judged_in_the_end",
+        "guard/turns::who_could_run_and_has_not_run_since_waits",
+        "guard/turns::who_does_not_want_to_run_waits_for_no_core",
+        "guard/turns::a_thread_behind_one_that_spins_waits_for_no_turn_of_the_process",
         "e2e/guard::a_core_that_stands_still_is_no_frozen_daemon",
         "e2e/guard::a_daemon_without_real_time_that_is_starved_is_no_frozen_one",
         "e2e/guard::a_daemon_without_real_time_that_stands_still_is_ended_in_time",
@@ -666,8 +666,8 @@ GUARD = {
     ),
     "holds only": (
         "guard::a_last_frame_of_150_ms_ago_is_not_gone_on_with",
-        "core/takeover::what_the_robot_says_against_a_hold",
-        "core/takeover::from_no_other_state_a_hold_goes_on",
+        "core/handover/takeover::what_the_robot_says_against_a_hold",
+        "core/handover/takeover::from_no_other_state_a_hold_goes_on",
     ),
     "while it holds": (
         "guard::a_holding_guard_is_silent_in_vr_mode_and_beside_another_fsm",
@@ -680,23 +680,23 @@ GUARD = {
         "e2e/guard::stop_and_estop_work_while_the_daemon_is_dead",
     ),
     "(a stop gets through)": (
-        "./guard_desk::a_stop_is_its_arrival_however_it_is_written",
-        "./guard_desk::idle_callers_shut_nobody_out",
-        "./guard_desk::the_busiest_process_of_the_busiest_user_makes_room",
-        "./guard_desk::one_look_lets_in_so_many_and_no_more",
-        "./guard_desk::a_caller_that_never_reads_delays_nobody",
-        "./guard_desk::500_hostile_connections_of_one_process_do_not_keep_a_stop_away",
+        "guard/guard_desk::a_stop_is_its_arrival_however_it_is_written",
+        "guard/guard_desk::idle_callers_shut_nobody_out",
+        "guard/guard_desk::the_busiest_process_of_the_busiest_user_makes_room",
+        "guard/guard_desk::one_look_lets_in_so_many_and_no_more",
+        "guard/guard_desk::a_caller_that_never_reads_delays_nobody",
+        "guard/guard_desk::500_hostile_connections_of_one_process_do_not_keep_a_stop_away",
     ),
     "(who is given the hold)": (
-        "./guard_desk::only_the_daemons_user_and_root_are_given_the_hold",
-        "./guard_desk::the_heir_and_a_stop_under_way_keep_their_places",
-        "./guard_desk::the_next_daemon_keeps_its_place_while_it_waits",
+        "guard/guard_desk::only_the_daemons_user_and_root_are_given_the_hold",
+        "guard/guard_desk::the_heir_and_a_stop_under_way_keep_their_places",
+        "guard/guard_desk::the_next_daemon_keeps_its_place_while_it_waits",
     ),
     "a restarted daemon": (
         "guard::a_restarted_daemon_takes_the_hold_over_as_unowned_with_the_60_s_anew",
         "guard::a_restarted_daemon_enables_nothing_while_the_guard_holds",
         "core/guardian::a_hold_whose_new_daemon_hangs_goes_down",
-        "core/takeover::what_was_latched_stays_latched",
+        "core/handover/takeover::what_was_latched_stays_latched",
         "e2e/guard::a_hold_outlives_a_daemon_that_dies_before_it_has_taken_it",
     ),
     "guard dead": (

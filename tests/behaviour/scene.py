@@ -13,9 +13,19 @@ from itertools import pairwise
 import numpy as np
 
 from gateway import robot
-from gateway.core.body_model import body_model
-from gateway.core.events import Disable, Enable, Frame, FrameKind, LinkUp, Move, Remembered, SampleArrived, Stop
-from gateway.core.snapshot import MotionView, TargetView
+from gateway.core.messages.events import (
+    Disable,
+    Enable,
+    Frame,
+    FrameKind,
+    LinkUp,
+    Move,
+    Remembered,
+    SampleArrived,
+    Stop,
+)
+from gateway.core.messages.snapshot import MotionView, TargetView
+from gateway.core.robot_state.body_model import body_model
 from gateway.errors import Code
 from gateway.settings import ArmSettings, ForeignSettings, LinkSettings, LocalSettings, LossSettings, Settings
 from gateway.sim.settings import SimSettings

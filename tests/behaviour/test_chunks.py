@@ -7,9 +7,9 @@ import math
 import pytest
 
 from gateway import robot
-from gateway.core.chunk import Chunk, prepare
-from gateway.core.events import Follow, FrameKind, Stop
-from gateway.core.quaternion import exp, multiply
+from gateway.core.messages.events import Follow, FrameKind, Stop
+from gateway.core.motion.chunk import Chunk, prepare
+from gateway.core.motion.poses.quaternion import exp, multiply
 from gateway.errors import Code
 from gateway.sim.settings import SimSettings
 from gateway.values import Side, Space, Vector

@@ -11,7 +11,7 @@ import pytest
 
 from gateway import robot
 from gateway.codes import Code
-from gateway.core.events import (
+from gateway.core.messages.events import (
     Cancel,
     Disable,
     Enable,
@@ -23,7 +23,7 @@ from gateway.core.events import (
     RouteObserved,
     Stop,
 )
-from gateway.core.snapshot import Finding
+from gateway.core.messages.snapshot import Finding
 from gateway.errors import CODES
 from gateway.settings import ArmSettings
 from gateway.sim.settings import SimSettings

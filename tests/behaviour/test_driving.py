@@ -8,7 +8,7 @@ from itertools import pairwise, product
 import pytest
 
 from gateway import robot
-from gateway.core.events import (
+from gateway.core.messages.events import (
     Abandon,
     Acquire,
     DisableLift,

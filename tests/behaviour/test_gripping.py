@@ -7,7 +7,18 @@ from collections.abc import Callable
 import pytest
 
 from gateway import robot
-from gateway.core.events import Acquire, Disable, Enable, Estop, FrameKind, Move, Release, SetGripper, Stop, Take
+from gateway.core.messages.events import (
+    Acquire,
+    Disable,
+    Enable,
+    Estop,
+    FrameKind,
+    Move,
+    Release,
+    SetGripper,
+    Stop,
+    Take,
+)
 from gateway.errors import Code
 from gateway.sim.settings import SimSettings
 from gateway.values import Side

@@ -7,7 +7,8 @@ from itertools import pairwise
 import pytest
 
 from gateway import robot
-from gateway.core.events import (
+from gateway.core.guardian import Phase
+from gateway.core.messages.events import (
     Acquire,
     CommandRequested,
     Enable,
@@ -20,7 +21,6 @@ from gateway.core.events import (
     SetGripper,
     Stop,
 )
-from gateway.core.guardian import Phase
 from gateway.errors import Code
 from gateway.sim.settings import SimSettings
 from gateway.values import Side

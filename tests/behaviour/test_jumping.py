@@ -8,7 +8,7 @@ import pytest
 from msgspec import structs
 
 from gateway import robot
-from gateway.core.events import Enable, Event, SampleArrived
+from gateway.core.messages.events import Enable, Event, SampleArrived
 from gateway.sim.settings import SimSettings
 from gateway.values import ArmState, Side, Vector
 from tests.behaviour.scene import Scene, scene

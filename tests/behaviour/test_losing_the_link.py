@@ -8,7 +8,7 @@ import msgspec
 import pytest
 
 from gateway import robot
-from gateway.core.events import (
+from gateway.core.messages.events import (
     Disable,
     Enable,
     Estop,

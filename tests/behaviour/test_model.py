@@ -10,8 +10,8 @@ import pytest
 from gateway import robot
 from gateway.apps.calibration_writing import write_arms
 from gateway.codes import Code
-from gateway.core.body_model import body_model
-from gateway.core.snapshot import ModelView, Snapshot
+from gateway.core.messages.snapshot import ModelView, Snapshot
+from gateway.core.robot_state.body_model import body_model
 from gateway.kinematics.arm import ArmModel
 from gateway.kinematics.arm_section import ArmCalibration, fingerprint
 from gateway.kinematics.calibration import RobotIdentity

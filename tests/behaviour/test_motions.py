@@ -7,15 +7,15 @@ from itertools import pairwise
 
 import pytest
 
-from gateway.core import body
-from gateway.core.events import (
+from gateway.core.body import body
+from gateway.core.messages.events import (
     Cancel,
     FrameKind,
     Move,
     OnLimit,
 )
-from gateway.core.motion import PlanFailed
-from gateway.core.snapshot import MotionView
+from gateway.core.messages.snapshot import MotionView
+from gateway.core.motion.motion import PlanFailed
 from gateway.errors import Code
 from gateway.values import Side
 from tests.behaviour.scene import HOME, away, watched

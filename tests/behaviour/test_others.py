@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from gateway import robot
-from gateway.core.events import (
+from gateway.core.messages.events import (
     Acquire,
     Befriended,
     Disable,

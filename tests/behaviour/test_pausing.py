@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from gateway import robot
-from gateway.core.events import Enable, Frame, FrameKind, Move
-from gateway.core.gap import gap
+from gateway.core.messages.events import Enable, Frame, FrameKind, Move
+from gateway.core.motion.gap import gap
 from gateway.sim.settings import SimSettings
 from gateway.values import ArmState, EePose, Side, Space, Vector
 from tests.behaviour.scene import HOME, Scene, scene

@@ -9,7 +9,7 @@ from itertools import pairwise
 import pytest
 
 from gateway import robot
-from gateway.core.events import Enable, FrameKind, Hold, Move, MovePose, OpenStream, Recover, Stop, Take
+from gateway.core.messages.events import Enable, FrameKind, Hold, Move, MovePose, OpenStream, Recover, Stop, Take
 from gateway.errors import Code
 from gateway.settings import PoseSettings, Settings
 from gateway.sim.settings import SimSettings

@@ -16,10 +16,19 @@ import pytest
 
 from gateway import robot
 from gateway.codes import Code
-from gateway.core.desk import Desk
-from gateway.core.events import DriveChassis, DriveLift, Enable, Move, OnLoss, Request, SampleArrived, SetGripper
-from gateway.core.lease import Lease
-from gateway.core.supervisor import State
+from gateway.core.messages.events import (
+    DriveChassis,
+    DriveLift,
+    Enable,
+    Move,
+    OnLoss,
+    Request,
+    SampleArrived,
+    SetGripper,
+)
+from gateway.core.requests.desk import Desk
+from gateway.core.supervision.lease import Lease
+from gateway.core.supervision.supervisor import State
 from gateway.errors import CODES
 from gateway.settings import LossSettings
 from tests.core.stage import GOAL, MODE, L, R, S, Stage

@@ -8,7 +8,7 @@ from collections.abc import Callable
 import pytest
 
 from gateway import robot
-from gateway.core.events import Enable, Estop, Move, Recover, Release, SampleRefused, Stop
+from gateway.core.messages.events import Enable, Estop, Move, Recover, Release, SampleRefused, Stop
 from gateway.errors import Code
 from gateway.values import Side
 from tests.behaviour.scene import HOME, Scene, away, scene

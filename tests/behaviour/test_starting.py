@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from gateway import robot
-from gateway.core.events import (
+from gateway.core.messages.events import (
     Enable,
     FrameKind,
     Move,

@@ -8,7 +8,7 @@ from itertools import pairwise
 import pytest
 
 from gateway import robot
-from gateway.core.events import (
+from gateway.core.messages.events import (
     Cancel,
     CloseStream,
     CommandRequested,

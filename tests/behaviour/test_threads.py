@@ -7,8 +7,8 @@ from itertools import pairwise
 import pytest
 
 from gateway import robot
-from gateway.core.events import Enable, Estop, FrameKind, GuardSeen, Move, PartEnded, Recover, Stop
 from gateway.core.guardian import Phase
+from gateway.core.messages.events import Enable, Estop, FrameKind, GuardSeen, Move, PartEnded, Recover, Stop
 from gateway.errors import Code
 from gateway.settings import ArmSettings
 from gateway.values import Side

@@ -9,7 +9,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from gateway import robot
-from gateway.core.events import (
+from gateway.core.messages.events import (
     ClientSeen,
     DriveChassis,
     Enable,

@@ -12,7 +12,7 @@ from collections.abc import Callable
 import pytest
 
 from gateway import robot
-from gateway.core.events import (
+from gateway.core.messages.events import (
     Acquire,
     Disable,
     Enable,

@@ -7,8 +7,8 @@ import time
 
 from gateway.api import protocol
 from gateway.api.translate import to_request
-from gateway.core import events
 from gateway.core.engine import Output
+from gateway.core.messages import events
 from gateway.errors import Refusal
 from gateway.sim.settings import SimSettings
 from gateway.values import Side

@@ -13,7 +13,7 @@ from unittest.mock import patch
 
 import numpy as np
 
-from gateway.core.spacing import Spacing
+from gateway.core.separation.spacing import Spacing
 from gateway.kinematics.clearance import ordinary
 from gateway.kinematics.collision import WIDE_OPEN_M, CollisionModel
 from gateway.kinematics.description import nominal

@@ -6,9 +6,9 @@ import random
 import statistics
 import time
 
-from gateway.core.cartesian import PIECES
-from gateway.core.line_path import LinePath
-from gateway.core.line_plan import plan_lines
+from gateway.core.motion.lines.line_path import LinePath
+from gateway.core.motion.lines.line_plan import plan_lines
+from gateway.core.requests.cartesian import PIECES
 from gateway.errors import Refusal
 from gateway.robot import HOME_Q_RAD
 from gateway.values import EePose, Side

@@ -32,7 +32,7 @@ from gateway.link.hearing import DECIDING
 from gateway.link.session_config import session_config
 from gateway.robot import COMMAND_TOPICS, STATE_TOPICS, TOPICS
 from gateway.settings import LinkSettings
-from gateway.zenoh_threads import share_reactor
+from gateway.process.zenoh_threads import share_reactor
 endpoint, role = sys.argv[1:]
 share_reactor()
 config = json.loads(session_config(LinkSettings(endpoint=endpoint)))

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from gateway.client import StopResult, aio
-from gateway.core import events
-from gateway.core.events import Level, MovePose, Notice
+from gateway.core.messages import events
+from gateway.core.messages.events import Level, MovePose, Notice
 from gateway.errors import Aborted, Code, Disconnected, LeaseError, OutcomeUnknown, Refusal, Rejected
 from tests.api.daemon import eventually
 from tests.api.stand_in import START_Q

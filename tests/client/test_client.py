@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from gateway.client import Robot, StopResult, connect
-from gateway.core import events
-from gateway.core.events import Level, Notice
-from gateway.core.snapshot import SlowingView
+from gateway.core.messages import events
+from gateway.core.messages.events import Level, Notice
+from gateway.core.messages.snapshot import SlowingView
 from gateway.errors import (
     Code,
     Disconnected,

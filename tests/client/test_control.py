@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from gateway.client import PoseTarget, connect
-from gateway.core import events
+from gateway.core.messages import events
 from gateway.errors import (
     Aborted,
     Cancelled,

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from gateway.client import aio
-from gateway.core.snapshot import Finding, RefusalView
+from gateway.core.messages.snapshot import Finding, RefusalView
 from gateway.errors import Disconnected
 from tests.client.test_aio import play
 

@@ -9,8 +9,8 @@ import pytest
 
 from gateway.api.translate import describe
 from gateway.client.requests import joints, move, number, read_only, seconds, within_limits
-from gateway.core.door import check_goal
-from gateway.core.events import OnLimit
+from gateway.core.limits.door import check_goal
+from gateway.core.messages.events import OnLimit
 from gateway.errors import Code, Refusal, Rejected, to_exception
 from gateway.settings import ArmSettings, Settings
 from gateway.values import Side

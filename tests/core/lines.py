@@ -8,10 +8,10 @@ from collections.abc import Generator, Sequence
 from itertools import pairwise
 from typing import TypeVar
 
-from gateway.core.body import Body as Streams
-from gateway.core.braking import JointLimits
-from gateway.core.line_plan import Body, Going, plan_lines
-from gateway.core.path import Start
+from gateway.core.body.body import Body as Streams
+from gateway.core.motion.joints.braking import JointLimits
+from gateway.core.motion.joints.path import Start
+from gateway.core.motion.lines.line_plan import Body, Going, plan_lines
 from gateway.kinematics.placement import Placement
 from gateway.robot import HOME_Q_RAD
 from gateway.settings import Settings

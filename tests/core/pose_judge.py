@@ -6,8 +6,8 @@ import math
 import random
 from itertools import pairwise
 
-from gateway.core.pose_state import PoseLimits
-from gateway.core.quaternion import dot, exp, multiply, turn, unit
+from gateway.core.motion.poses.pose_state import PoseLimits
+from gateway.core.motion.poses.quaternion import dot, exp, multiply, turn, unit
 
 LIMITS = PoseLimits(v_mps=0.25, a_mps2=1.5, j_mps3=10.0, w_radps=0.8, dw_radps2=5.0, ddw_radps3=30.0, reach_m=0.55)
 HARD = PoseLimits(v_mps=0.5, a_mps2=5.0, j_mps3=100.0, w_radps=1.5, dw_radps2=15.0, ddw_radps3=300.0, reach_m=0.55)

@@ -10,11 +10,11 @@ from collections.abc import Collection, Mapping
 from dataclasses import replace
 
 from gateway import robot
-from gateway.core.conditions import Conditions
-from gateway.core.conductor import Conductor
-from gateway.core.events import CommandRequested, Frame, OnLoss, Remembered, Request, SampleArrived
-from gateway.core.phases import Phases
-from gateway.core.supervisor import State
+from gateway.core.messages.events import CommandRequested, Frame, OnLoss, Remembered, Request, SampleArrived
+from gateway.core.supervision.conditions import Conditions
+from gateway.core.supervision.conductor import Conductor
+from gateway.core.supervision.phases import Phases
+from gateway.core.supervision.supervisor import State
 from gateway.errors import Code
 from gateway.settings import LinkSettings, Settings
 from gateway.values import ArmState, CurrentMode, EePose, FsmState, Side, Space, Vector

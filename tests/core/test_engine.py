@@ -9,11 +9,8 @@ import msgspec
 import pytest
 
 from gateway import robot
-from gateway.core.answers import REPLIES_KEPT
-from gateway.core.body_model import BodyModel
-from gateway.core.conditions import Conditions
 from gateway.core.engine import Engine, Output
-from gateway.core.events import (
+from gateway.core.messages.events import (
     Abandon,
     Acquire,
     Befriended,
@@ -49,9 +46,12 @@ from gateway.core.events import (
     Suspended,
     TakenOver,
 )
-from gateway.core.held import Held
-from gateway.core.pace import REST_NS, TICK_NS
-from gateway.core.supervisor import State, Trigger
+from gateway.core.messages.held import Held
+from gateway.core.output.pace import REST_NS, TICK_NS
+from gateway.core.requests.answers import REPLIES_KEPT
+from gateway.core.robot_state.body_model import BodyModel
+from gateway.core.supervision.conditions import Conditions
+from gateway.core.supervision.supervisor import State, Trigger
 from gateway.errors import Code
 from gateway.kinematics.agreement import Agreement
 from gateway.kinematics.description import nominal

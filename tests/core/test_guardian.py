@@ -7,10 +7,10 @@ from itertools import pairwise
 import pytest
 
 from gateway import robot
-from gateway.core.events import Enable, Estop, FrameKind, Suspended
 from gateway.core.guardian import HANDED_NS, Guardian, Phase
-from gateway.core.held import Held
-from gateway.core.supervisor import State
+from gateway.core.messages.events import Enable, Estop, FrameKind, Suspended
+from gateway.core.messages.held import Held
+from gateway.core.supervision.supervisor import State
 from gateway.robot import HOME_Q_RAD
 from gateway.settings import Settings
 from gateway.values import Side

@@ -9,7 +9,17 @@ import itertools
 import math
 
 from gateway import robot
-from gateway.core.events import Acquire, CommandRequested, Enable, Move, MovePose, Recover, Reply, Request, Take
+from gateway.core.messages.events import (
+    Acquire,
+    CommandRequested,
+    Enable,
+    Move,
+    MovePose,
+    Recover,
+    Reply,
+    Request,
+    Take,
+)
 from gateway.errors import CODES
 from gateway.robot import HOME_Q_RAD
 from gateway.values import ARM_DOF, Side, Vector

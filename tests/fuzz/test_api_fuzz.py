@@ -23,10 +23,10 @@ from gateway.api.inbox import Inbox
 from gateway.api.outbox import Outbox
 from gateway.api.stop_lane import StopLane
 from gateway.api.translate import describe
-from gateway.core.answers import REPLIES_KEPT
+from gateway.core.body.motions import ENDED_KEPT
 from gateway.core.engine import Output
-from gateway.core.events import CommandRequested, Estop, Event, FrameKind, Reply, Stop
-from gateway.core.motions import ENDED_KEPT
+from gateway.core.messages.events import CommandRequested, Estop, Event, FrameKind, Reply, Stop
+from gateway.core.requests.answers import REPLIES_KEPT
 from gateway.errors import CODES, Code
 from gateway.settings import LinkSettings, LocalSettings, Settings
 from gateway.sim.settings import SimSettings

@@ -21,7 +21,7 @@ from cdr_types.messages import builtin_interfaces, geometry_msgs, sensor_msgs, s
 from gateway import robot
 from gateway.api import protocol
 from gateway.core.engine import Output
-from gateway.core.events import FrameKind, Move, SampleArrived, SampleRefused
+from gateway.core.messages.events import FrameKind, Move, SampleArrived, SampleRefused
 from gateway.errors import Code
 from gateway.link.codec import MAX_MODE_CHARACTERS, BadSample, decode_sample, stamp_of
 from gateway.link.mailbox import Mailbox

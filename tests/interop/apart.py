@@ -19,7 +19,7 @@ import pytest
 import zenoh
 
 from gateway import robot
-from gateway.core.events import RouteObserved, SampleArrived
+from gateway.core.messages.events import RouteObserved, SampleArrived
 from gateway.link.robot_link import RobotLink
 from gateway.settings import LinkSettings
 from gateway.sim.manual import STATE_TOPICS

@@ -6,8 +6,8 @@ import random
 import time
 from functools import cache
 
-from gateway.core.braking import Braking, JointLimits, advance
-from gateway.core.follower import Follower
+from gateway.core.motion.joints.braking import Braking, JointLimits, advance
+from gateway.core.motion.joints.follower import Follower
 from gateway.kinematics.approach import Approach
 from gateway.kinematics.collision import CollisionModel
 from gateway.kinematics.description import nominal

@@ -6,7 +6,7 @@ import random
 
 import pytest
 
-from gateway.core.braking import advance, duration, ramp
+from gateway.core.motion.joints.braking import advance, duration, ramp
 from gateway.kinematics.stopping import STAYS, stop_extent, way_extent
 from tests.thoroughness import either
 

@@ -10,7 +10,7 @@ import pytest
 
 from cdr_types.keys import Qos, Token, TokenKind, format_token, presence_key, topic_to_key
 from gateway import robot
-from gateway.core.events import RobotsAnnounced
+from gateway.core.messages.events import RobotsAnnounced
 from gateway.errors import Code
 from gateway.link.discovery import BridgeFacts, Discovery, Sight, TokenTable
 from gateway.settings import LinkSettings

@@ -9,7 +9,7 @@ import zenoh
 
 from cdr_types.keys import Qos, Reliability, Token, TokenKind, format_token, presence_key
 from gateway import robot
-from gateway.core.events import ForeignData, ForeignTokens, Gateway, GatewayTokens, Means, Writer
+from gateway.core.messages.events import ForeignData, ForeignTokens, Gateway, GatewayTokens, Means, Writer
 from gateway.link.discovery import TokenTable
 from gateway.link.foreign_watch import (
     AGAIN_NS,

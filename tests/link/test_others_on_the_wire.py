@@ -8,7 +8,7 @@ import time
 import pytest
 
 from gateway import robot
-from gateway.core.events import (
+from gateway.core.messages.events import (
     Befriended,
     ClaimShown,
     ForeignData,
@@ -19,7 +19,7 @@ from gateway.core.events import (
     LinkUp,
     Means,
 )
-from gateway.core.gate import Cleared
+from gateway.core.streams.gate import Cleared
 from gateway.link import RobotLink
 from gateway.link.discovery import TokenTable
 from gateway.link.foreign_watch import LOOK_PERIOD_NS, ForeignWatch

@@ -15,8 +15,8 @@ import zenoh
 
 from cdr_types import encode
 from gateway import robot
-from gateway.core.events import Frame, FrameKind, LinkDown, LinkUp, RouteObserved, SampleArrived, SampleRefused
-from gateway.core.gate import Cleared
+from gateway.core.messages.events import Frame, FrameKind, LinkDown, LinkUp, RouteObserved, SampleArrived, SampleRefused
+from gateway.core.streams.gate import Cleared
 from gateway.errors import Code
 from gateway.link import RobotLink
 from gateway.link.codec import FRAME_BYTES, BadFrame

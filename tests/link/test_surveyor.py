@@ -11,8 +11,8 @@ import zenoh
 
 from cdr_types.keys import Qos, Reliability, Token, TokenKind, format_token, topic_to_key
 from gateway import robot
-from gateway.core.events import Frame, FrameKind
-from gateway.core.gate import Cleared
+from gateway.core.messages.events import Frame, FrameKind
+from gateway.core.streams.gate import Cleared
 from gateway.link.codec import BadFrame
 from gateway.link.robot_link import RobotLink
 from gateway.link.surveyor import look

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from gateway import robot
-from gateway.core.gap import Gap
-from gateway.core.motion import JointLimits, JointReference
-from gateway.core.passage import Passage
+from gateway.core.motion.gap import Gap
+from gateway.core.motion.joints.passage import Passage
+from gateway.core.motion.motion import JointLimits, JointReference
 from gateway.core.streams.setpoints import SetpointStream
 from gateway.settings import ArmSettings
 from gateway.values import Side, Space

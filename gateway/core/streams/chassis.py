@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from gateway import robot
 from gateway.codes import Code
-from gateway.core.slope import Slope
+from gateway.core.motion.joints.slope import Slope
 from gateway.core.streams.ground import GroundStream
 from gateway.settings import ChassisSettings
 from gateway.values import Vector

@@ -15,7 +15,7 @@ from abc import ABC, abstractmethod
 
 from gateway import robot
 from gateway.codes import Code
-from gateway.core.events import Frame, FrameKind
+from gateway.core.messages.events import Frame, FrameKind
 from gateway.core.streams.grid import Grid
 from gateway.core.streams.stream import SentLog
 from gateway.values import Vector

@@ -9,7 +9,7 @@ from __future__ import annotations
 from enum import Enum
 
 from gateway import robot
-from gateway.core.events import Frame, FrameKind
+from gateway.core.messages.events import Frame, FrameKind
 from gateway.core.streams.grid import Grid
 from gateway.core.streams.stream import SentLog
 

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from gateway import robot
-from gateway.core.gap import Gap
-from gateway.core.pose_motion import PoseLimits, PoseReference
-from gateway.core.pose_passage import PosePassage
+from gateway.core.motion.gap import Gap
+from gateway.core.motion.pose_motion import PoseLimits, PoseReference
+from gateway.core.motion.poses.pose_passage import PosePassage
 from gateway.core.streams.setpoints import SetpointStream
 from gateway.settings import PoseSettings
 from gateway.values import Side, Space

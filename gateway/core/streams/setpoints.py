@@ -10,9 +10,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any, Protocol, TypeAlias
 
-from gateway.core.events import Frame, FrameKind
-from gateway.core.gap import Gap, gap
-from gateway.core.motion import ReferenceMode
+from gateway.core.messages.events import Frame, FrameKind
+from gateway.core.motion.gap import Gap, gap
+from gateway.core.motion.motion import ReferenceMode
 from gateway.core.streams.grid import Grid
 from gateway.core.streams.stream import SentLog
 from gateway.values import Space, Vector

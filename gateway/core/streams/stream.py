@@ -8,8 +8,8 @@ from __future__ import annotations
 from collections import deque
 from typing import Protocol
 
-from gateway.core.events import Frame
-from gateway.core.snapshot import StreamView
+from gateway.core.messages.events import Frame
+from gateway.core.messages.snapshot import StreamView
 
 __all__ = ["SentLog", "Stream"]
 

@@ -5,10 +5,10 @@ from __future__ import annotations
 import pytest
 
 from gateway import robot
-from gateway.core.events import FrameKind
-from gateway.core.gap import Gap
+from gateway.core.messages.events import FrameKind
+from gateway.core.motion.gap import Gap
+from gateway.core.motion.joints.trajectory import interpolate
 from gateway.core.streams.arm import ArmStream
-from gateway.core.trajectory import interpolate
 from gateway.settings import ArmSettings
 from gateway.values import Side, Space
 

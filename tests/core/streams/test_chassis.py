@@ -6,7 +6,7 @@ from itertools import pairwise
 
 from gateway import robot
 from gateway.codes import Code
-from gateway.core.events import Frame, FrameKind
+from gateway.core.messages.events import Frame, FrameKind
 from gateway.core.streams.chassis import ChassisStream
 from gateway.settings import ChassisSettings
 

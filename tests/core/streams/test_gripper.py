@@ -5,7 +5,7 @@ from __future__ import annotations
 from itertools import pairwise
 
 from gateway import robot
-from gateway.core.events import Frame, FrameKind
+from gateway.core.messages.events import Frame, FrameKind
 from gateway.core.streams.gripper import GripperStream
 from gateway.values import Side
 

@@ -8,7 +8,7 @@ import pytest
 
 from gateway import robot
 from gateway.codes import Code
-from gateway.core.events import Frame, FrameKind
+from gateway.core.messages.events import Frame, FrameKind
 from gateway.core.streams.chassis import ChassisStream
 from gateway.core.streams.ground import LIFT_OFF, GroundStream
 from gateway.core.streams.lift import LiftStream

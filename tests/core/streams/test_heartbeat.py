@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from gateway import robot
-from gateway.core.events import Frame, FrameKind
+from gateway.core.messages.events import Frame, FrameKind
 from gateway.core.streams.heartbeat import LAST_WORD_NS, Beat, HeartbeatStream
 
 MS = 1_000_000

@@ -7,10 +7,10 @@ from itertools import pairwise
 import pytest
 
 from gateway import robot
-from gateway.core.events import FrameKind
-from gateway.core.gap import Gap
-from gateway.core.pose_motion import plan_poses
-from gateway.core.pose_trajectory import interpolate_poses
+from gateway.core.messages.events import FrameKind
+from gateway.core.motion.gap import Gap
+from gateway.core.motion.pose_motion import plan_poses
+from gateway.core.motion.poses.pose_trajectory import interpolate_poses
 from gateway.core.streams.pose import PoseStream
 from gateway.settings import PoseSettings
 from gateway.values import Side, Space

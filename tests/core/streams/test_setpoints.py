@@ -7,9 +7,9 @@ from itertools import pairwise
 import pytest
 
 from gateway import robot
-from gateway.core.events import Frame, FrameKind
-from gateway.core.gap import Gap
-from gateway.core.motion import PlanFailed, plan
+from gateway.core.messages.events import Frame, FrameKind
+from gateway.core.motion.gap import Gap
+from gateway.core.motion.motion import PlanFailed, plan
 from gateway.core.streams.arm import ArmStream
 from gateway.settings import ArmSettings
 from gateway.values import Side, Vector

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from gateway import robot
-from gateway.core.events import DriveChassis, SetGripper, Stop
+from gateway.core.messages.events import DriveChassis, SetGripper, Stop
 from gateway.errors import Code
 from gateway.settings import ArmSettings, Settings
 from gateway.sim.settings import SimSettings

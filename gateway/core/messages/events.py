@@ -1,0 +1,375 @@
+"""What the engine takes and gives: frozen values, no behaviour. The inbox log of these replays any incident.
+
+Going in: samples and link events from the robot plane, requests and keepalives from the local plane, and the daemon's own.
+The requests themselves (`requests.py`), what is seen of others (`sightings.py`) and what comes out (`outputs.py`) are
+given on from here.
+Time is integer monotonic nanoseconds of this host. Topics are ROS names of `robot.TOPICS`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TypeAlias
+
+from msgspec import Struct
+
+from gateway.core.messages.held import Held
+from gateway.core.messages.outputs import Frame, FrameKind, Level, Notice, Remembered, Reply
+from gateway.core.messages.requests import (
+    Abandon,
+    Acquire,
+    Cancel,
+    CheckFollow,
+    CloseStream,
+    Disable,
+    DisableLift,
+    DriveChassis,
+    DriveLift,
+    Enable,
+    Estop,
+    Follow,
+    Hold,
+    LeaveEndpoint,
+    Move,
+    MovePose,
+    OnLimit,
+    OnLoss,
+    OpenStream,
+    Recover,
+    RegisterEndpoint,
+    Release,
+    Request,
+    SetGripper,
+    Stop,
+    StopChassis,
+    StopLift,
+    Take,
+)
+from gateway.core.messages.sightings import (
+    Befriended,
+    ClaimShown,
+    ForeignData,
+    ForeignTokens,
+    Gateway,
+    GatewayTokens,
+    Means,
+    Sighting,
+    Writer,
+)
+from gateway.errors import Code
+from gateway.values import ArmState, CurrentMode, EePose, MotorState, Vector
+
+__all__ = [
+    "Abandon",
+    "Acquire",
+    "Befriended",
+    "Cancel",
+    "CheckFollow",
+    "ClaimShown",
+    "ClientGone",
+    "ClientSeen",
+    "CloseStream",
+    "CommandRequested",
+    "Disable",
+    "DisableLift",
+    "DriveChassis",
+    "DriveLift",
+    "Enable",
+    "EndpointHeard",
+    "Estop",
+    "Event",
+    "ExitRequested",
+    "Follow",
+    "ForeignData",
+    "ForeignTokens",
+    "Frame",
+    "FrameKind",
+    "Gateway",
+    "GatewayTokens",
+    "GuardSeen",
+    "HeldElsewhere",
+    "Hold",
+    "LeaveEndpoint",
+    "Level",
+    "LinkDown",
+    "LinkUp",
+    "Means",
+    "Move",
+    "MovePose",
+    "Notice",
+    "OnLimit",
+    "OnLoss",
+    "OpenStream",
+    "PartEnded",
+    "Recover",
+    "RegisterEndpoint",
+    "Release",
+    "Remembered",
+    "Reply",
+    "Request",
+    "RobotsAnnounced",
+    "RouteObserved",
+    "SampleArrived",
+    "SampleRefused",
+    "SetGripper",
+    "Sighting",
+    "StateValue",
+    "Stop",
+    "StopChassis",
+    "StopLift",
+    "Suspended",
+    "Take",
+    "TakenOver",
+    "TargetArrived",
+    "Writer",
+]
+
+StateValue: TypeAlias = ArmState | MotorState | EePose | CurrentMode | int
+"""Decoded state: arm, gripper or chassis motors, pose, mode, or the raw integer of `/fsm_state`."""
+
+
+# ---------------------------------------------------------------------------------------------- from the robot
+
+
+class SampleArrived(Struct, frozen=True, kw_only=True):
+    """The newest sample of a topic since the last tick.
+
+    Attributes:
+        topic: ROS name.
+        value: Decoded value.
+        received_ns: Local monotonic arrival [ns].
+        stamp_ns: Publish time on the robot's clock [ns]; None where the type has none.
+        count: Samples that arrived on this topic since the last such event, this one included, duplicates excluded.
+        duplicates: Duplicates skipped since the last such event.
+        worst_gap_ns: Longest interval between two arrivals since the last such event [ns]; 0 when unknown.
+    """
+
+    topic: str
+    value: StateValue
+    received_ns: int
+    stamp_ns: int | None = None
+    count: int = 1
+    duplicates: int = 0
+    worst_gap_ns: int = 0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SampleRefused:
+    """A sample that could not be believed: bad CDR, NaN, wrong length, other joint names.
+
+    Attributes:
+        topic: ROS name.
+        code: SAMPLE_REFUSED, or JOINT_ORDER when the names contradict manual §4.0.3.
+        message: What was wrong, with value and bound.
+        received_ns: Local monotonic arrival [ns].
+        count: How many since the last such event.
+    """
+
+    topic: str
+    code: Code
+    message: str
+    received_ns: int
+    count: int = 1
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LinkUp:
+    """A transport to the robot's router is open.
+
+    Attributes:
+        router_zid: zenoh id of the router: another one than before means that the robot restarted.
+        at_ns: When [ns].
+        own_zid: zenoh id of our own session.
+    """
+
+    router_zid: str
+    at_ns: int
+    own_zid: str = ""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LinkDown:
+    """No transport to the robot's router any more."""
+
+    at_ns: int
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RouteObserved:
+    """What discovery says about a topic's route: ROUTE_DEAD or ROUTE_LOST with a text, or None when it is alive."""
+
+    topic: str
+    code: Code | None
+    message: str
+    at_ns: int
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RobotsAnnounced:
+    """What the tokens say about robots, as far as it is not one robot where we listen; all empty: that is over.
+
+    Attributes:
+        elsewhere: Namespaces of robots, while nothing is heard under ours.
+        twins: Zenoh ids of bridges, while more than one announces a robot under our namespace.
+        at_ns: When [ns].
+    """
+
+    elsewhere: tuple[str, ...]
+    at_ns: int
+    twins: tuple[str, ...] = ()
+
+
+# ---------------------------------------------------------------------------------------------- from clients
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CommandRequested:
+    """A request that wants exactly one reply.
+
+    Attributes:
+        client_id: Who asks: unique per client process and connection.
+        request_id: Echoed in the reply; a repeated (client_id, request_id) gets the first reply again.
+        request: What is asked.
+        received_ns: Local monotonic arrival [ns].
+        content: Tells requests under one number apart: the same for the same bytes, for as long as this process lives.
+    """
+
+    client_id: str
+    request_id: int
+    request: Request
+    received_ns: int
+    content: int = 0
+
+
+class TargetArrived(Struct, frozen=True, kw_only=True):
+    """The newest streamed target of a stream (latest value slot).
+
+    Attributes:
+        client_id: Who sent it.
+        stream_id: Of the reply to OpenStream.
+        epoch: Lease epoch.
+        seq: Strictly rising per stream; an older one is refused.
+        values: The target in the space of the stream: seven joints [rad], or x, y, z [m], qx, qy, qz, qw; not yet checked.
+        received_ns: Local monotonic arrival [ns].
+    """
+
+    client_id: str
+    stream_id: int
+    epoch: int
+    seq: int
+    values: Vector
+    received_ns: int
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ClientSeen:
+    """A keepalive of a client library."""
+
+    client_id: str
+    at_ns: int
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class EndpointHeard:
+    """A check-in of a stop endpoint."""
+
+    client_id: str
+    at_ns: int
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ClientGone:
+    """A client's liveliness token is gone."""
+
+    client_id: str
+    at_ns: int
+
+
+# ---------------------------------------------------------------------------------------------- from the daemon
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Suspended:
+    """This host slept, or this process stood still: CLOCK_BOOTTIME ran away from CLOCK_MONOTONIC by `slept_ns`."""
+
+    slept_ns: int
+    at_ns: int
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TakenOver:
+    """Another process that commanded the robot has ended, or has handed over: go on with what it had on the wire."""
+
+    held: Held
+    at_ns: int
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class HeldElsewhere:
+    """The guard of an earlier daemon holds the robot, or (with `is_held` false) does so no more."""
+
+    is_held: bool
+    at_ns: int
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class GuardSeen:
+    """How this daemon's guard is.
+
+    Attributes:
+        pid: Its process id; 0 while none runs.
+        zid: Its zenoh id on the robot plane; empty before it has one.
+        is_linked: Whether it is connected to the robot's router.
+        lost: Why the guard before this one ended; empty when it did not.
+        at_ns: When [ns].
+    """
+
+    pid: int
+    zid: str
+    is_linked: bool
+    at_ns: int
+    lost: str = ""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PartEnded:
+    """A part of the daemon does its work no more: one of its threads ended unasked, or its API does not answer.
+
+    Attributes:
+        message: Which, and why, in one sentence.
+        trace: Of what ended it; empty where there is none.
+        at_ns: When [ns].
+    """
+
+    message: str
+    at_ns: int
+    trace: str = ""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ExitRequested:
+    """SIGTERM or Ctrl-C: end cleanly within 5 s."""
+
+    at_ns: int
+
+
+Event: TypeAlias = (
+    SampleArrived
+    | SampleRefused
+    | LinkUp
+    | LinkDown
+    | RouteObserved
+    | RobotsAnnounced
+    | Sighting
+    | CommandRequested
+    | TargetArrived
+    | ClientSeen
+    | EndpointHeard
+    | ClientGone
+    | Suspended
+    | TakenOver
+    | HeldElsewhere
+    | GuardSeen
+    | PartEnded
+    | ExitRequested
+)

@@ -1,0 +1,245 @@
+"""Builds the snapshot: what the outside may see of store, lease, supervisor, body and loop at one instant."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from gateway import robot
+from gateway.core.messages.snapshot import (
+    ArmView,
+    ChassisView,
+    EnableView,
+    Finding,
+    GripView,
+    GuardView,
+    LiftView,
+    LinkView,
+    LoopView,
+    ModelView,
+    ModeView,
+    MotorView,
+    OthersView,
+    OtherView,
+    RefusalView,
+    Snapshot,
+)
+from gateway.core.others.others import Others
+from gateway.core.supervision.conductor import Conductor
+from gateway.values import MotorState, Side, Space
+
+__all__ = ["build"]
+
+ARMS = tuple((side, side.value, robot.arm_state(side), robot.ee_pose(side)) for side in Side)
+GRIPPERS = tuple((side.value, robot.gripper_state(side)) for side in Side)
+SIDES = tuple((side, side.value) for side in Side)
+
+
+def build(
+    conductor: Conductor,
+    findings: tuple[Finding, ...],
+    refusals: dict[str, RefusalView],
+    loop: LoopView,
+    seq: int,
+    now_ns: int,
+) -> Snapshot:
+    """Return the snapshot of this instant.
+
+    Args:
+        conductor: What is shown.
+        findings: Of the diagnosis.
+        refusals: What the owner would be refused.
+        loop: Figures of the control loop.
+        seq: Number of the snapshot.
+        now_ns: Monotonic time [ns].
+    """
+    store, supervisor, body, enable = conductor.store, conductor.supervisor, conductor.body, conductor.enable
+    return Snapshot(
+        seq=seq,
+        at_ns=now_ns,
+        state=supervisor.state.value,
+        shown=supervisor.shown,
+        latches={code.value: message for code, message in supervisor.latches.items()},
+        link=LinkView(
+            up=conductor.transport_up,
+            router_zid=conductor.router_zid if conductor.transport_up else "",
+            fresh=conductor.transport_up and store.is_fresh(now_ns),
+            age_ns=store.link_age_ns(now_ns),
+        ),
+        fsm=store.fsm(now_ns),
+        mode=_mode(conductor, now_ns),
+        lease=conductor.lease.view(now_ns),
+        arms={name: _arm(conductor, side, state, pose, now_ns) for side, name, state, pose in ARMS},
+        grippers={name: _motors(conductor, topic, now_ns) for name, topic in GRIPPERS},
+        chassis=_motors(conductor, robot.CHASSIS_STATE, now_ns),
+        topics={topic: store.topic_view(topic, now_ns) for topic in robot.STATE_TOPICS},
+        streams={stream.topic: stream.log.view(now_ns) for stream in body.streams},
+        motions=body.motions.views(),
+        targets=body.targets.views(),
+        grips={name: _grip(conductor, side) for side, name in SIDES},
+        drive=_drive(conductor, now_ns),
+        lift=_lift(conductor, now_ns),
+        enable=EnableView(
+            attempt=enable.attempt,
+            outcome=enable.outcome,
+            code=enable.code.value if enable.code else "",
+            message=enable.message,
+        ),
+        loop=loop,
+        findings=findings,
+        refusals=refusals,
+        guard=GuardView(
+            expected=conductor.settings.guard.enabled,
+            pid=conductor.guard.pid,
+            linked=conductor.guard.is_linked,
+            lost=conductor.guard.lost,
+            earlier_holds=conductor.guard.earlier_holds,
+        ),
+        others=OthersView(
+            zid=conductor.others.own_zid,
+            armed=conductor.claim.is_confirmed,
+            seen=tuple(_others(conductor.others, now_ns)),
+        ),
+        spacing=body.spacing,
+        slowing={side.value: view for side, view in body.slowing.items()},
+        endpoints=conductor.endpoints.views(now_ns),
+    )
+
+
+def _others(others: Others, now_ns: int) -> Iterator[OtherView]:
+    for trace in others.data(now_ns):
+        yield OtherView(
+            kind="data",
+            topic=trace.topic,
+            zid=trace.zid,
+            link=trace.link,
+            since_ns=trace.since_ns,
+            last_ns=trace.last_ns,
+            count=trace.count,
+            armed=False,
+        )
+    for writer in others.writers:
+        yield OtherView(
+            kind=writer.means.value,
+            topic=writer.topic,
+            zid=writer.zid,
+            link=writer.link,
+            since_ns=others.since_ns(writer),
+            last_ns=None,
+            count=0,
+            armed=False,
+        )
+    for gateway in others.gateways:
+        yield OtherView(
+            kind="gateway",
+            topic="",
+            zid=gateway.zid,
+            link=gateway.link,
+            since_ns=others.since_ns(gateway),
+            last_ns=None,
+            count=0,
+            armed=gateway.is_armed,
+        )
+
+
+def _mode(conductor: Conductor, now_ns: int) -> ModeView | None:
+    mode = conductor.store.mode(now_ns)
+    if mode is None:
+        return None
+    return ModeView(
+        api=mode.api,
+        joint_mode={name: mode.joint_mode[side] for side, name in SIDES},
+        arm_enabled={name: mode.arm_enabled[side] for side, name in SIDES},
+        chassis_enabled=mode.chassis_enabled,
+        lift_enabled=mode.lift_enabled,
+        collision_check=mode.collision_check,
+        age_ns=conductor.store.age_ns(robot.CURRENT_MODE, now_ns) or 0,
+    )
+
+
+def _motors(conductor: Conductor, topic: str, now_ns: int) -> MotorView | None:
+    value = conductor.store.value(topic)
+    age_ns = conductor.store.age_ns(topic, now_ns)
+    if not isinstance(value, MotorState) or age_ns is None:
+        return None
+    return MotorView(
+        q_rad=value.q_rad, dq_radps=value.dq_radps, tau_nm=value.tau_nm, stamp_ns=value.stamp_ns, age_ns=age_ns
+    )
+
+
+def _arm(conductor: Conductor, side: Side, state: str, ee_pose: str, now_ns: int) -> ArmView:
+    arm = conductor.body.arms[side]
+    pose = conductor.store.pose(side)
+    measured = _motors(conductor, state, now_ns)
+    values, rates, off = (arm.values, arm.rates, conductor.measured(side)) if arm.running else ((), (), None)
+    gap, is_pose = None if off is None else arm.distance(off), arm.space is Space.POSE
+    return ArmView(
+        measured=measured,
+        p_m=pose.p_m if pose else (),
+        quat_xyzw=pose.quat_xyzw if pose else (),
+        pose_age_ns=conductor.store.age_ns(ee_pose, now_ns),
+        space=arm.space.value,
+        q_ref_rad=() if is_pose else values,
+        dq_ref_radps=() if is_pose else rates,
+        ref_p_m=values[:3] if is_pose else (),
+        ref_quat_xyzw=values[3:] if is_pose else (),
+        ref_v_mps=rates[:3] if is_pose else (),
+        ref_w_radps=rates[3:] if is_pose else (),
+        streaming=arm.running,
+        tracking_rad=None if gap is None else gap.rad,
+        tracking_m=gap.m if gap is not None and is_pose else None,
+        model=_model(conductor, side, now_ns),
+    )
+
+
+def _model(conductor: Conductor, side: Side, now_ns: int) -> ModelView | None:
+    if conductor.model is None:
+        return None
+    verdict = conductor.model.verdict(side, now_ns)
+    return ModelView(
+        state=verdict.state.value,
+        reason=verdict.reason,
+        pairs=verdict.pairs,
+        position_m=verdict.position_m,
+        angle_rad=verdict.angle_rad,
+        lag_ns=round(1e9 * verdict.lag_s),
+    )
+
+
+def _drive(conductor: Conductor, now_ns: int) -> ChassisView:
+    chassis = conductor.body.chassis
+    return ChassisView(
+        driven=chassis.is_driven,
+        drive_id=chassis.drive_id,
+        code=chassis.code.value if chassis.code else "",
+        wanted_mps=chassis.wanted[:2],
+        wanted_radps=chassis.wanted[2],
+        commanded_mps=chassis.commanded[:2],
+        commanded_radps=chassis.commanded[2],
+        left_ns=chassis.left_ns(now_ns),
+    )
+
+
+def _lift(conductor: Conductor, now_ns: int) -> LiftView | None:
+    lift = conductor.body.lift
+    if lift is None:
+        return None
+    return LiftView(
+        driven=lift.is_driven,
+        drive_id=lift.drive_id,
+        code=lift.code.value if lift.code else "",
+        velocity_ratio=lift.commanded,
+        servo_on=lift.is_in_use,
+        left_ns=lift.left_ns(now_ns),
+    )
+
+
+def _grip(conductor: Conductor, side: Side) -> GripView:
+    gripper = conductor.body.grippers[side]
+    if not gripper.running:
+        return GripView(streaming=False, input_ratio=None, torque_nm=None, holding=None)
+    return GripView(
+        streaming=True,
+        input_ratio=gripper.raw,
+        torque_nm=robot.gripper_torque_nm(gripper.raw),
+        holding=gripper.is_holding,
+    )

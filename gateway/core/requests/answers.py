@@ -1,0 +1,69 @@
+"""Replies that were given, so that a request which is asked for again gets its first reply again and runs once.
+
+Rules
+    * A request is known by its client and its number. Under a number that was used, another request is neither run nor
+      answered with the reply to the first: it would be taken for done.
+    * A stop stops, whatever its number.
+    * Bounded: the latest replies are kept.
+"""
+
+from __future__ import annotations
+
+from collections import OrderedDict
+
+from gateway.core.messages.events import CommandRequested, Estop, Reply, Stop
+from gateway.errors import Code, Refusal
+
+__all__ = ["REPLIES_KEPT", "Answers", "number_was_used"]
+
+REPLIES_KEPT = 2048
+"""So many replies are kept. At most four requests reach a tick, so each is kept for 5 s: longer than a client asks again for
+a reply that was lost (3 s)."""
+
+
+def number_was_used(request_id: int) -> Refusal:
+    """Return the refusal of a request under the number of another one.
+
+    Args:
+        request_id: The number.
+    """
+    return Refusal(
+        code=Code.BAD_REQUEST,
+        message=f"request_id {request_id} was used for another request of this client; this one was not run",
+        field="request_id",
+        value=str(request_id),
+        hint="give each request a number of its own; the same number asks again for a reply that was lost",
+    )
+
+
+class Answers:
+    """The latest replies."""
+
+    def __init__(self) -> None:
+        self._kept: OrderedDict[tuple[str, int], tuple[int, Reply]] = OrderedDict()
+
+    def again(self, command: CommandRequested) -> Reply | None:
+        """Return what a request is answered without being run; None when it is to be run.
+
+        Args:
+            command: The request, as it arrived.
+        """
+        kept = self._kept.get((command.client_id, command.request_id))
+        if kept is None or isinstance(command.request, (Stop, Estop)):
+            return None
+        content, reply = kept
+        if content == command.content:
+            return reply
+        refusal = number_was_used(command.request_id)
+        return Reply(client_id=command.client_id, request_id=command.request_id, refusal=refusal)
+
+    def keep(self, command: CommandRequested, reply: Reply) -> None:
+        """Remember the reply to a request that was run.
+
+        Args:
+            command: The request.
+            reply: To it.
+        """
+        self._kept[command.client_id, command.request_id] = command.content, reply
+        if len(self._kept) > REPLIES_KEPT:
+            self._kept.popitem(last=False)

@@ -1,0 +1,63 @@
+"""Carries out the owner's requests for grippers. They need their arm: without its stream the robot gives no torque (§4.4)."""
+
+from __future__ import annotations
+
+import math
+
+from gateway import robot
+from gateway.codes import Code
+from gateway.core.messages.events import CommandRequested, SetGripper
+from gateway.core.requests.moves import Answer
+from gateway.core.requests.permit import Permit
+from gateway.core.supervision.conductor import Conductor
+from gateway.core.supervision.supervisor import Trigger
+from gateway.errors import Refusal
+from gateway.values import Side
+
+__all__ = ["Gripping"]
+
+
+class Gripping:
+    """Requests for grippers.
+
+    Args:
+        conductor: What is moved.
+        permit: Who may.
+    """
+
+    def __init__(self, conductor: Conductor, permit: Permit) -> None:
+        self._conductor = conductor
+        self._permit = permit
+
+    def may_grip(self, side: Side, command: CommandRequested, epoch: int, now_ns: int) -> Refusal | None:
+        """Refuse unless the owner may command a gripper now, with whatever force."""
+        refusal = self._permit.motion(command, epoch, (), now_ns)
+        if refusal is not None or self._conductor.body.grippers[side].running:
+            return refusal
+        return Refusal(
+            code=Code.NOT_ENABLED,
+            message=f"the {side} arm is not streamed, and without its stream its gripper has no torque (manual §4.4)",
+            field=f"{side}_gripper",
+            value="off",
+            bound="enabled",
+            hint="enable the arm in the robot's configuration if it is not, then call enable()",
+        )
+
+    def set_gripper(self, command: CommandRequested, request: SetGripper, now_ns: int) -> Answer:
+        """Send a gripper another force input."""
+        conductor, name = self._conductor, f"{request.side}_gripper"
+        refusal = self.may_grip(request.side, command, request.epoch, now_ns)
+        if refusal is not None:
+            return refusal
+        if not (math.isfinite(request.raw) and 0.0 <= request.raw <= 1.0):
+            return Refusal(
+                code=Code.OUT_OF_RANGE if math.isfinite(request.raw) else Code.NOT_FINITE,
+                message=f"the {request.side} gripper's input is {request.raw:g}, a number in [0, 1] is needed (manual §4.4)",
+                field=name,
+                value=f"{request.raw:g}",
+                bound="[0, 1]",
+                hint="0 opens most, 0.1 is no torque, 1 closes most",
+            )
+        conductor.fire(Trigger.ARM_MOTION, now_ns, "the owner moves a gripper")
+        conductor.body.grippers[request.side].command(request.raw, request.epoch)
+        return {"raw": request.raw, "torque_nm": robot.gripper_torque_nm(request.raw)}

@@ -1,0 +1,218 @@
+"""Carries out the owner's motion requests: move, stream, hold, cancel. What may pass is `permit.py`'s and `door.py`'s word."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import TypeAlias
+
+from gateway.core.body.motions import Motion, MotionState
+from gateway.core.limits import door
+from gateway.core.limits.pose_door import check_frame, check_pose, check_pose_tolerance
+from gateway.core.messages.events import (
+    Cancel,
+    CloseStream,
+    CommandRequested,
+    Hold,
+    Move,
+    MovePose,
+    OpenStream,
+    TargetArrived,
+)
+from gateway.core.motion.gap import Gap
+from gateway.core.motion.motion import PlanFailed
+from gateway.core.requests.permit import Permit
+from gateway.core.separation import room
+from gateway.core.supervision.conductor import Conductor
+from gateway.core.supervision.supervisor import State, Trigger
+from gateway.errors import Code, Refusal
+from gateway.values import Side, Space, Vector
+
+__all__ = ["Answer", "Facts", "Moves"]
+
+Facts = Mapping[str, object]
+Answer: TypeAlias = Facts | Refusal
+"""What a request gets: facts to go on with, or why nothing was done."""
+
+
+class Moves:
+    """Motion requests of the owner.
+
+    Args:
+        conductor: What is moved.
+        permit: Who may.
+    """
+
+    def __init__(self, conductor: Conductor, permit: Permit) -> None:
+        self._conductor = conductor
+        self._permit = permit
+
+    def move(self, command: CommandRequested, request: Move, now_ns: int) -> Answer:
+        """Plan and begin a point-to-point motion of one or both arms."""
+        conductor = self._conductor
+        sides = tuple(side for side in Side if side in request.targets_rad)
+        if not sides:
+            return Refusal(
+                code=Code.WRONG_SHAPE, message="no arm is named: left, right or both are needed", field="targets_rad"
+            )
+        refusal = (
+            self._permit.motion(command, request.epoch, sides, now_ns)
+            or door.check_speed(request.speed)
+            or door.check_tolerance(request.tolerance_rad)
+        )
+        if refusal is not None:
+            return refusal
+        goals: dict[Side, Vector] = {}
+        clipped: dict[str, list[int]] = {}
+        for side in sides:
+            values, reference = request.targets_rad[side], conductor.body.arms[side].values
+            if request.relative and len(values) == len(reference):
+                values = tuple(a + b for a, b in zip(reference, values, strict=True))
+            goal = door.check_goal(side, values, conductor.settings.arm, request.on_limit)
+            if isinstance(goal, Refusal):
+                return goal
+            goals[side] = goal.q_rad
+            if goal.clipped:
+                clipped[side.value] = list(goal.clipped)
+        tolerance_rad = conductor.settings.arm.settle_rad if request.tolerance_rad is None else request.tolerance_rad
+        too_near = room.check_goals(conductor, goals, now_ns)
+        if too_near is not None:
+            return too_near
+        answer = self._go(goals, request.epoch, request.speed, Gap(tolerance_rad), now_ns)
+        if isinstance(answer, Refusal):
+            return answer
+        return {**answer, "q_rad": {side.value: list(goal) for side, goal in goals.items()}, "clipped": clipped}
+
+    def move_pose(self, command: CommandRequested, request: MovePose, now_ns: int) -> Answer:
+        """Plan and begin a straight motion of one or both end effectors."""
+        conductor = self._conductor
+        settings = conductor.settings.pose
+        sides = tuple(side for side in Side if side in request.targets)
+        if not sides:
+            return Refusal(
+                code=Code.WRONG_SHAPE, message="no arm is named: left, right or both are needed", field="targets"
+            )
+        refusal = self._permit.motion(command, request.epoch, sides, now_ns, Space.POSE) or door.check_speed(
+            request.speed
+        )
+        if refusal is not None:
+            return refusal
+        tolerance = check_pose_tolerance(request.tolerance_m, request.tolerance_rad, settings)
+        if isinstance(tolerance, Refusal):
+            return tolerance
+        goals: dict[Side, Vector] = {}
+        clipped: dict[str, list[int]] = {}
+        for side in sides:
+            goal = check_frame(side, request.frames.get(side, "")) or check_pose(
+                side, request.targets[side], settings, request.on_limit
+            )
+            if isinstance(goal, Refusal):
+                return goal
+            goals[side] = goal.values
+            if goal.clipped:
+                clipped[side.value] = [0, 1, 2]
+        answer = self._go(goals, request.epoch, request.speed, tolerance, now_ns)
+        if isinstance(answer, Refusal):
+            return answer
+        return {**answer, "values": {side.value: list(goal) for side, goal in goals.items()}, "clipped": clipped}
+
+    def _go(self, goals: Mapping[Side, Vector], epoch: int, speed: float, tolerance: Gap, now_ns: int) -> Answer:
+        """Plan a motion to checked goals, take the arms over, and begin it."""
+        conductor = self._conductor
+        try:
+            paths = conductor.body.plan(goals, speed)
+        except PlanFailed as failed:
+            return Refusal(code=Code.PLAN_FAILED, message=f"no path inside the limits: {failed}")
+        self.free(tuple(goals), MotionState.SUPERSEDED, Code.SUPERSEDED, "a later motion took the arm over", now_ns)
+        conductor.fire(Trigger.ARM_MOTION, now_ns, "the owner moves")
+        duration_ns = max(path.duration_ns for path in paths.values())
+        space = conductor.body.arms[next(iter(goals))].space
+        motion = conductor.body.motions.open(goals, tolerance, duration_ns, space=space)
+        for side, path in paths.items():
+            conductor.body.arms[side].follow_path(path, epoch)
+        return {"motion_id": motion.motion_id, "duration_ns": duration_ns}
+
+    def free(self, sides: Sequence[Side], state: MotionState, code: Code, message: str, now_ns: int) -> None:
+        """End what drives these arms; they brake until something else moves them."""
+        ended: list[Motion] = []
+        for side in sides:
+            ended += self._conductor.body.drop_driver(side, state, code, message)
+        self._conductor.report_ended(ended, now_ns)
+
+    def open_stream(self, command: CommandRequested, request: OpenStream, now_ns: int) -> Answer:
+        """Open a stream of targets for one arm; it starts at the present reference."""
+        conductor = self._conductor
+        refusal = (
+            self._permit.motion(command, request.epoch, (request.side,), now_ns, request.space)
+            or (check_frame(request.side, request.frame) if request.space is Space.POSE else None)
+            or door.check_speed(request.speed)
+            or door.check_expiry(request.expiry_ns)
+        )
+        if refusal is not None:
+            return refusal
+        self.free((request.side,), MotionState.SUPERSEDED, Code.SUPERSEDED, "a stream took the arm over", now_ns)
+        conductor.fire(Trigger.ARM_MOTION, now_ns, "the owner streams")
+        stream = conductor.body.targets.open(
+            request.side,
+            command.client_id,
+            request.epoch,
+            request.speed,
+            request.on_limit,
+            request.expiry_ns,
+            request.space,
+        )
+        return {"stream_id": stream.stream_id, "values": list(conductor.body.arms[request.side].values)}
+
+    def take_target(self, target: TargetArrived, now_ns: int) -> None:
+        """Follow a streamed target if it may be followed; its stream says why not.
+
+        Args:
+            target: As it arrived.
+            now_ns: Monotonic time [ns].
+        """
+        conductor = self._conductor
+        if self._permit.is_before_stop(target.received_ns):
+            return
+        accepted = conductor.body.targets.accept(target)
+        if accepted is None or conductor.state is not State.ACTIVE:
+            return
+        stream, values = accepted
+        conductor.body.arms[stream.side].follow_target(values, stream.speed, stream.epoch)
+
+    def close_stream(self, command: CommandRequested, request: CloseStream, now_ns: int) -> Answer:
+        """End a stream of targets: the arm brakes and holds."""
+        refusal = self._permit.owner(command, request.epoch)
+        if refusal is not None:
+            return refusal
+        stream = self._conductor.body.targets.find(request.stream_id)
+        if stream is None:
+            return Refusal(
+                code=Code.UNKNOWN_STREAM, message=f"there is no stream {request.stream_id}", field="stream_id"
+            )
+        if stream.is_open:
+            self.free((stream.side,), MotionState.CANCELLED, Code.CANCELLED, "closed", now_ns)
+        return {"code": stream.code.value if stream.code else ""}
+
+    def hold(self, command: CommandRequested, request: Hold, now_ns: int) -> Answer:
+        """End what drives the named arms; they brake and hold."""
+        refusal = self._permit.owner(command, request.epoch)
+        if refusal is not None:
+            return refusal
+        self.free(request.sides, MotionState.CANCELLED, Code.CANCELLED, "hold was asked for", now_ns)
+        for side in request.sides:
+            if self._conductor.body.arms[side].running:
+                self._conductor.body.arms[side].brake()
+        return {}
+
+    def cancel(self, command: CommandRequested, request: Cancel, now_ns: int) -> Answer:
+        """End one motion; its arms brake and hold."""
+        refusal = self._permit.owner(command, request.epoch)
+        if refusal is not None:
+            return refusal
+        motion = self._conductor.body.motions.find(request.motion_id)
+        if motion is None:
+            return Refusal(
+                code=Code.UNKNOWN_MOTION, message=f"there is no motion {request.motion_id}", field="motion_id"
+            )
+        if motion.is_running:
+            self.free(tuple(motion.goals), MotionState.CANCELLED, Code.CANCELLED, "cancelled by the owner", now_ns)
+        return {"state": motion.state.value}

@@ -1,0 +1,205 @@
+"""Stop endpoints: clients that promise to be heard, and without whom the robot is held, whoever owns it (as Spot has it).
+
+Rules
+    * Each is judged by itself: by its own period, and by one pause of this process (`silence.py`). Whose connection ends
+      without having left is silent at once.
+    * Silence is a condition, not a latch: nothing may move until all are heard again, left, or were dismissed by `recover`
+      with a reason. Nothing resumes by itself when one is heard again.
+    * An endpoint that is heard is dismissed by nobody but itself: a person relies on it.
+    * They do not survive the daemon, but a latch does which says that they were there: `recover` with a reason ends it.
+
+It decides nothing about motion: `watch.py` tells the supervisor what `look` returns.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from gateway.core.messages.requests import OnLoss
+from gateway.core.messages.snapshot import EndpointView
+from gateway.core.supervision.silence import Silence
+from gateway.errors import Code, Refusal
+
+__all__ = ["LONGEST_NS", "MOST", "SHORTEST_NS", "Endpoint", "Endpoints"]
+
+S = 1_000_000_000
+MOST = 8
+"""So many stop endpoints may be registered at once."""
+SHORTEST_NS, LONGEST_NS = S // 10, 10 * S
+"""Bounds of a period [ns]."""
+
+
+@dataclass(slots=True, kw_only=True)
+class Endpoint:
+    """One of them.
+
+    Attributes:
+        endpoint_id: Rises by one with each that is registered.
+        client_id: Of the client that registered it; a client has one at most.
+        name: As the client calls itself.
+        timeout_ns: It is silent when it was not heard for longer [ns].
+        on_silence: What its silence does.
+        silence: Since it was last heard.
+        is_silent: Whether it is, and was told to be.
+    """
+
+    endpoint_id: int
+    client_id: str
+    name: str
+    timeout_ns: int
+    on_silence: OnLoss
+    silence: Silence
+    is_silent: bool = False
+
+    @property
+    def is_doubted(self) -> bool:
+        """Whether only a pause of this process explains that it was not heard."""
+        return not self.is_silent and self.silence.is_doubted(self.timeout_ns)
+
+    @property
+    def text(self) -> str:
+        """What it does, in words."""
+        silence_s, bound_s = self.silence.ns / S, self.timeout_ns / S
+        return f"stop endpoint {self.name!r} was not heard for {silence_s:.2f} s ({bound_s:g} s is its bound)"
+
+
+class Endpoints:
+    """All of them."""
+
+    def __init__(self) -> None:
+        self._endpoints: dict[str, Endpoint] = {}
+        self._latest_id = 0
+
+    @property
+    def doubted(self) -> Endpoint | None:
+        """One that only a pause of this process explains; None when there is none."""
+        return next((endpoint for endpoint in self._endpoints.values() if endpoint.is_doubted), None)
+
+    @property
+    def client_ids(self) -> frozenset[str]:
+        """Of the clients that registered them."""
+        return frozenset(self._endpoints)
+
+    @property
+    def silent(self) -> list[str]:
+        """Names of those that are silent."""
+        return [endpoint.name for endpoint in self._endpoints.values() if endpoint.is_silent]
+
+    def register(
+        self, client_id: str, name: str, timeout_ns: int, on_silence: OnLoss, now_ns: int
+    ) -> Endpoint | Refusal:
+        """Take one in; its registration is its first sign of life. Another one of the same client takes the place of the first.
+
+        Returns:
+            The endpoint, or OUT_OF_RANGE for its period, or TOO_MANY_ENDPOINTS.
+        """
+        if not SHORTEST_NS <= timeout_ns <= LONGEST_NS:
+            bound = f"[{SHORTEST_NS / S:g}, {LONGEST_NS / S:g}]"
+            return Refusal(
+                code=Code.OUT_OF_RANGE,
+                message=f"the period of a stop endpoint is {timeout_ns / S:g} s, outside {bound} s",
+                field="timeout_ns",
+                value=f"{timeout_ns / S:g}",
+                bound=bound,
+                unit="s",
+                hint="stay inside the bound, and check in four times as often",
+            )
+        if client_id not in self._endpoints and len(self._endpoints) >= MOST:
+            names = ", ".join(endpoint.name for endpoint in self._endpoints.values())
+            return Refusal(
+                code=Code.TOO_MANY_ENDPOINTS,
+                message=f"{MOST} stop endpoints are registered already: {names}",
+                field="endpoints",
+                value=str(MOST),
+                bound=str(MOST),
+            )
+        self._latest_id += 1
+        endpoint = Endpoint(
+            endpoint_id=self._latest_id,
+            client_id=client_id,
+            name=name,
+            timeout_ns=timeout_ns,
+            on_silence=on_silence,
+            silence=Silence(now_ns),
+        )
+        self._endpoints[client_id] = endpoint
+        return endpoint
+
+    def leave(self, client_id: str) -> Endpoint | Refusal:
+        """Let one go by its own wish; ENDPOINT_UNKNOWN when this client has none."""
+        if client_id not in self._endpoints:
+            return Refusal(code=Code.ENDPOINT_UNKNOWN, message="this client is not registered as a stop endpoint")
+        return self._endpoints.pop(client_id)
+
+    def dismiss(self) -> list[str]:
+        """Let all go that are silent; return their names."""
+        gone = self.silent
+        self._endpoints = {who: endpoint for who, endpoint in self._endpoints.items() if not endpoint.is_silent}
+        return gone
+
+    def heard(self, client_id: str, at_ns: int) -> None:
+        """Take a check-in that arrived at `at_ns` [ns]."""
+        endpoint = self._endpoints.get(client_id)
+        if endpoint is not None:
+            endpoint.silence.heard_ns = max(endpoint.silence.heard_ns, at_ns)
+
+    def gone(self, client_id: str, at_ns: int) -> None:
+        """Take the end of a client's connection: only a later check-in counts."""
+        endpoint = self._endpoints.get(client_id)
+        if endpoint is not None:  # as if it had been silent for its whole period since
+            endpoint.silence = Silence(at_ns - endpoint.timeout_ns - 1)
+
+    def look(self, now_ns: int, late_ns: int) -> list[Endpoint]:
+        """Let time pass until a tick that is `late_ns` late [ns]; return those that fell silent or are heard again."""
+        changed = []
+        for endpoint in self._endpoints.values():
+            endpoint.silence.look(now_ns, late_ns)
+            is_silent = endpoint.silence.ns > endpoint.silence.patience_ns(endpoint.timeout_ns)
+            if is_silent is not endpoint.is_silent:
+                endpoint.is_silent = is_silent
+                changed.append(endpoint)
+        return changed
+
+    def refusal(self, *, is_demanded: bool) -> Refusal | None:
+        """Refuse motion while one is silent or doubted, or while there is none and the configuration demands one."""
+        for endpoint in self._endpoints.values():
+            if endpoint.is_silent or endpoint.is_doubted:
+                return Refusal(
+                    code=Code.ENDPOINT_SILENT,
+                    message=endpoint.text,
+                    field="endpoints",
+                    value=f"{endpoint.silence.ns / S:.2f}",
+                    bound=f"{endpoint.timeout_ns / S:g}",
+                    unit="s",
+                )
+        if is_demanded and not self._endpoints:
+            return Refusal(
+                code=Code.ENDPOINT_MISSING,
+                message="no stop endpoint is registered, and the configuration demands one (local.demand_stop_endpoint)",
+                field="endpoints",
+                value="0",
+                bound="1",
+            )
+        return None
+
+    def beside(self, latches: Mapping[Code, str]) -> dict[Code, str]:
+        """Return the latches as the next daemon must find them: it knows nobody who was registered here."""
+        if not self._endpoints:
+            return dict(latches)
+        names = ", ".join(endpoint.name for endpoint in self._endpoints.values())
+        return {Code.ENDPOINT_SILENT: f"stop endpoints of an earlier daemon: {names}", **latches}
+
+    def views(self, now_ns: int) -> tuple[EndpointView, ...]:
+        """Return what the outside may see."""
+        return tuple(
+            EndpointView(
+                endpoint_id=endpoint.endpoint_id,
+                name=endpoint.name,
+                timeout_ns=endpoint.timeout_ns,
+                on_silence=endpoint.on_silence.value,
+                age_ns=max(0, now_ns - endpoint.silence.heard_ns),
+                is_silent=endpoint.is_silent,
+            )
+            for endpoint in self._endpoints.values()
+        )
