@@ -1,4 +1,4 @@
-"""Where each row of the behaviour table is proven: section -> row -> tests, or the later work that a row belongs to.
+"""Where each row of `docs/reference/behaviour.md` is proven: section -> row -> tests, or the later work that has a row.
 
 `starting::a_silent_stream` is `tests/behaviour/test_starting.py::test_a_silent_stream`; `core/streams/gate::x` is
 `tests/core/streams/test_gate.py::test_x`; `cells::take` is that row of the table in `test_transitions.py`. `test_index.py`
@@ -218,7 +218,7 @@ TRANSITIONS = {
         "time::a_suspend_frees_the_lease_and_takes_everything_down",
         "time::a_suspend_that_finds_only_old_state_holds_nothing_either",
     ),
-    "(names in another order)": ("cells::joint order",),
+    "names in another order": ("cells::joint order",),
     "(the table is whole)": ("transitions::every_event_is_judged_in_every_state_or_said_to_be_impossible",),
 }
 
@@ -292,7 +292,7 @@ STOPPING = {
         "stopping::recover_ends_the_repetition_of_an_estop_that_was_not_heard",
         "time::a_late_tick_still_sends_stop_frames",
     ),
-    "(zeros on every way out)": (
+    "zeros on every way out": (
         "driving::zeros_leave_at_once_and_for_a_second_on_every_way_out",
         "driving::a_client_that_freezes_is_stopped_by_the_expiry_or_the_keepalive",
         "driving::a_lost_transport_is_followed_by_zeros_when_it_is_back",
@@ -305,7 +305,7 @@ STOPPING = {
         "stopping::a_stop_ends_motions_and_streams_with_its_code",
         "stopping::a_model_without_a_lift_gets_no_lift_frames",
     ),
-    "(requests from before a stop)": (
+    "requests from before a stop": (
         "stopping::what_was_asked_before_a_stop_is_refused_after_it",
         "stopping::a_target_from_before_a_stop_moves_nothing",
         "stopping::a_repeated_request_gets_its_first_reply_again",
@@ -342,7 +342,7 @@ STOPPING = {
         "ending::an_epoch_is_never_reused",
         "ending::a_remembered_estop_is_sent_again_only_where_it_is_needed",
     ),
-    "(under another address)": (
+    "under another address": (
         "./endpoint::an_address_has_one_spelling",
         "process/recall::every_spelling_of_an_address_has_one_file",
         "process/recall::latches_of_another_address_come_with_the_router",
@@ -352,14 +352,14 @@ STOPPING = {
         "e2e/heart::an_estop_survives_another_address_of_the_robot",
     ),
     "`with control()` ends normally": CLIENT,
-    "(a stop is its arrival)": (
+    "a stop is its arrival": (
         "api/stop_lane::whatever_arrives_is_the_stop",
         "api/stop_lane::a_flood_of_stops_is_bounded_and_each_of_them_is_answered",
         "api/stop_lane::what_lies_in_the_inbox_keeps_no_stop_away",
         "process/loop::a_stop_is_served_at_once_between_the_instants_of_the_grid",
         "e2e/stopping::whatever_arrives_on_the_keys_of_stops_ends_motion_and_latches",
     ),
-    "(hold and cancel)": ("stopping::hold_and_cancel_keep_the_lease_the_state_and_the_heartbeat",),
+    "hold and cancel": ("stopping::hold_and_cancel_keep_the_lease_the_state_and_the_heartbeat",),
     '`on_loss="pause"`': ("cells::lost, pause", "losing_clients::on_loss_pause_goes_down_at_once"),
     "takeover in mid-motion": (
         "losing_clients::a_takeover_in_mid_motion_brakes_first",
@@ -388,7 +388,7 @@ STOPPING = {
         "losing_the_link::a_backlog_that_still_says_ready_does_not_restart_a_robot_that_was_stopped_meanwhile",
         "losing_the_link::a_1_0_that_was_wrong_after_a_short_stall_is_taken_back_at_once",
     ),
-    "(the last word of a long stall)": (
+    "the last word of a long stall": (
         "losing_the_link::the_last_word_of_a_stall_that_outlives_its_time_is_0_0",
         "losing_the_link::what_is_owed_after_the_last_word_is_paid_all_the_same",
         "losing_the_link::somebody_elses_robot_gets_no_last_word",
@@ -419,7 +419,7 @@ STOPPING = {
         "time::after_a_gap_in_which_the_robot_stopped_the_arms_the_motion_is_over",
         "motions::a_skipped_tick_delays_a_motion_and_does_not_compress_it",
     ),
-    "(a vanished owner is vanished in real time)": (
+    "a vanished owner is vanished in real time": (
         "time::motion_ends_in_time_after_the_owner_vanished_though_every_tick_is_late",
         "time::what_a_vanished_owner_asked_before_a_pause_of_ours_does_not_move_after_it",
         "time::in_any_schedule_of_ticks_nothing_moves_half_a_second_after_the_owners_last_sign_of_life",
@@ -428,7 +428,7 @@ STOPPING = {
         "core/supervision/lease::in_any_schedule_of_ticks_a_living_owner_is_not_lost",
         "e2e/stopping::a_daemon_that_is_always_late_loses_a_vanished_owner_in_time",
     ),
-    "(nobody else is the owner)": (
+    "nobody else is the owner": (
         "api/identities::the_first_command_binds_an_id_to_its_secret",
         "api/identities::a_stranger_under_the_owners_id_is_nobody",
         "api/identities::made_up_clients_take_no_place_from_the_owner",
@@ -441,7 +441,7 @@ ROBOT_SIDE = {
         "robot_side::a_robot_that_pauses_by_itself_is_held_in_pause",
         "robot_side::a_pause_too_short_to_be_seen_is_a_pause",
     ),
-    "(a paused robot's target is where it is)": (
+    "a paused robot's target is where it is": (
         "pausing::from_the_tick_of_a_pause_on_the_reference_is_where_the_arm_is",
         "pausing::an_arm_that_is_led_away_in_a_pause_takes_its_reference_along",
         "pausing::a_pause_keeps_the_reference_of_an_arm_that_is_not_heard",
@@ -461,7 +461,7 @@ ROBOT_SIDE = {
         "enabling::an_arm_that_is_enabled_again_joins_only_at_the_next_enable",
         "enabling::an_arm_joins_only_from_a_steady_state",
     ),
-    "(mixed control modes)": (
+    "mixed control modes": (
         "enabling::only_arms_that_are_enabled_are_streamed",
         "poses::each_arm_of_a_mixed_robot_is_streamed_in_its_own_space",
         "poses::a_pose_stream_starts_within_a_millimetre_of_the_measured_pose",
@@ -478,7 +478,7 @@ ROBOT_SIDE = {
         "poses::a_held_end_effector_walks_back_to_an_arm_that_was_led_away",
         "poses::an_arm_whose_mode_is_changed_while_it_is_streamed_is_let_go",
     ),
-    "(a jump is judged by our clock)": (
+    "a jump is judged by our clock": (
         "jumping::a_jump_with_a_stamp_ahead_is_not_started_from",
         "jumping::a_stream_starts_from_samples_that_agree",
         "jumping::a_pause_is_left_only_when_the_samples_agree",
@@ -498,9 +498,7 @@ ROBOT_SIDE = {
         "surprises::a_mode_that_cannot_be_read_is_unknown_after_3_s_with_the_reason",
         "robot_side::samples_that_cannot_be_believed_are_counted_and_the_part_goes_dead_if_they_last",
     ),
-    "(duplicated and reordered stamps)": (
-        "surprises::stamps_that_repeat_jump_or_come_in_another_order_change_nothing",
-    ),
+    "duplicated and reordered stamps": ("surprises::stamps_that_repeat_jump_or_come_in_another_order_change_nothing",),
     "names in another order than §4.0.3": ("robot_side::joint_names_in_another_order_are_latched",),
     "robot restarted (new router zid)": (
         "losing_the_link::another_transport_is_a_lost_one",
@@ -510,7 +508,7 @@ ROBOT_SIDE = {
         "others::an_announcement_while_nothing_of_ours_runs_is_a_condition",
         "robot_side::an_fsm_error_while_nothing_of_ours_ran_is_a_condition",
     ),
-    "(people hear of it once)": ("robot_side::what_lasts_is_told_once",),
+    "people hear of it once": ("robot_side::what_lasts_is_told_once",),
 }
 
 BRIDGE = {
@@ -533,7 +531,7 @@ BRIDGE = {
         "core/robot_state/duplication::every_sample_three_times_is_told_once_with_the_count",
         "core/engine::a_bridge_that_delivers_everything_twice_is_told_once",
     ),
-    "(another namespace than ours)": (
+    "another namespace than ours": (
         "link/robots::a_robot_is_who_announces_its_state_machine_and_an_arm",
         "link/discovery::a_robot_under_another_namespace_is_told_once_when_none_is_under_ours",
         "link/discovery::what_is_under_our_own_namespace_or_was_heard_is_our_robot",
@@ -541,7 +539,7 @@ BRIDGE = {
         "link/surveyor::of_several_robots_none_is_taken",
         "e2e/link::a_robot_with_a_namespace_is_found_offered_and_driven",
     ),
-    "(two robots under one namespace)": (
+    "two robots under one namespace": (
         "link/discovery::several_bridges_that_announce_a_robot_under_our_namespace_are_told_at_once",
         "diagnosis::beside_a_second_robot_under_our_namespace_nothing_begins",
     ),
@@ -556,7 +554,7 @@ WHY = {
         "preconditions::every_row_of_the_oracle_matters",
         "preconditions::the_states_of_the_situations_are_all_there_are",
     ),
-    "(a code for each of eight faults)": (
+    "a code for each of eight faults": (
         "diagnosis::a_fault_is_recognised_within_1_s_of_its_first_symptom",
         "diagnosis::the_numbers_of_a_finding_are_facts",
         "diagnosis::the_first_thing_that_fails_is_told_as_a_notice_once",
@@ -573,7 +571,7 @@ WHY = {
         "diagnosis::a_topic_that_never_came_is_told_after_the_links_first_seconds",
         "diagnosis::without_a_link_nothing_is_inferred",
     ),
-    "(is it this robot's body?)": (
+    "is it this robot's body?": (
         "model::a_nominal_robot_agrees_within_two_seconds",
         "model::a_nominal_robot_agrees_however_fast_it_moves",
         "model::another_body_is_told_within_five_seconds_and_over_as_soon",
@@ -679,7 +677,7 @@ GUARD = {
         "guard::stop_and_estop_work_while_the_daemon_is_dead",
         "e2e/guard::stop_and_estop_work_while_the_daemon_is_dead",
     ),
-    "(a stop gets through)": (
+    "a stop gets through": (
         "guard/guard_desk::a_stop_is_its_arrival_however_it_is_written",
         "guard/guard_desk::idle_callers_shut_nobody_out",
         "guard/guard_desk::the_busiest_process_of_the_busiest_user_makes_room",
@@ -687,7 +685,7 @@ GUARD = {
         "guard/guard_desk::a_caller_that_never_reads_delays_nobody",
         "guard/guard_desk::500_hostile_connections_of_one_process_do_not_keep_a_stop_away",
     ),
-    "(who is given the hold)": (
+    "who is given the hold": (
         "guard/guard_desk::only_the_daemons_user_and_root_are_given_the_hold",
         "guard/guard_desk::the_heir_and_a_stop_under_way_keep_their_places",
         "guard/guard_desk::the_next_daemon_keeps_its_place_while_it_waits",
@@ -703,34 +701,34 @@ GUARD = {
         "guard::a_lost_guard_is_told_and_control_goes_on",
         "e2e/guard::a_killed_guard_is_told_another_is_started_and_control_goes_on",
     ),
-    "(in each space)": (
+    "in each space": (
         "guard::an_arm_in_end_effector_mode_is_braked_held_and_handed_over_like_the_other",
         "e2e/guard::an_arm_in_each_control_mode_is_held_and_handed_over",
         "guard::a_dead_daemons_arms_are_braked_and_held_for_10_s",
     ),
     "no guard, or both dead": ("e2e/guard::with_both_killed_the_robots_own_watchdogs_act",),
-    "(a normal end)": ("e2e/guard::a_normal_end_is_no_reason_to_hold",),
+    "a normal end": ("e2e/guard::a_normal_end_is_no_reason_to_hold",),
 }
 
 DOORS = {
-    "(a lock of another user)": (
+    "a lock of another user": (
         "api/instance_lock::another_users_closed_file_does_not_block_the_start_for_ever",
         "api/instance_lock::another_users_closed_file_counts_while_a_process_holds_it",
         "api/instance_lock::two_real_users",
     ),
-    "(a port on this host)": (
+    "a port on this host": (
         "api/listener::on_this_host_nobody_connects_unknown_but_in_words",
         "api/listener::the_word_for_everybody_is_for_loopback_and_stands_beside_no_users",
         "api/service::a_port_on_this_host_that_asks_nobody_is_refused_at_start",
     ),
-    "(a port beyond it)": (
+    "a port beyond it": (
         "api/listener::beyond_this_host_nobody_connects_unknown",
         "api/listener::beyond_this_host_users_need_tls",
     ),
 }
 
 ENDPOINTS = {
-    "(silence)": (
+    "silence": (
         "watching::silence_ends_anybodys_motion_within_the_period",
         "watching::what_an_endpoint_does_in_each_state",
         "watching::an_endpoint_whose_connection_ends_is_silent_at_once",
@@ -741,18 +739,18 @@ ENDPOINTS = {
         "e2e/watching::an_endpoint_that_dies_or_stops_holds_somebody_elses_motion",
         "e2e/watching::a_terminal_that_watches",
     ),
-    "(heard again)": ("watching::nothing_resumes_by_itself_when_an_endpoint_is_heard_again",),
-    "(leaving)": (
+    "heard again": ("watching::nothing_resumes_by_itself_when_an_endpoint_is_heard_again",),
+    "leaving": (
         "watching::what_goes_on_goes_on_when_an_endpoint_leaves_in_order",
         "watching::recover_lets_silent_endpoints_go_and_needs_a_reason",
         "e2e/watching::an_endpoint_that_leaves_in_order_stops_nothing",
     ),
-    "(demanded)": ("watching::where_one_is_demanded_nothing_moves_without",),
-    "(restart)": ("watching::the_next_daemon_waits_for_a_person_who_says_why",),
+    "demanded": ("watching::where_one_is_demanded_nothing_moves_without",),
+    "restart": ("watching::the_next_daemon_waits_for_a_person_who_says_why",),
 }
 
 THREADS = {
-    "(a part of the daemon ended)": (
+    "a part of the daemon ended": (
         "threads::a_daemon_that_lost_a_thread_brakes_and_leaves_the_hold_to_its_guard",
         "threads::without_a_guard_it_ends_as_if_it_had_been_asked_to",
         "threads::where_nothing_is_held_the_guard_has_nothing_to_go_on_with",
@@ -762,8 +760,8 @@ THREADS = {
         "threads::a_short_stall_is_waited_out_before_the_hold_is_left",
         "e2e/threads::no_thread_ends_alone",
     ),
-    "(a stop meanwhile)": ("threads::whoever_stops_is_obeyed_to_the_last_and_nobody_moves_it_any_more",),
-    "(restart)": ("threads::the_latch_survives_a_restart_and_only_recover_clears_it",),
+    "a stop meanwhile": ("threads::whoever_stops_is_obeyed_to_the_last_and_nobody_moves_it_any_more",),
+    "restart": ("threads::the_latch_survives_a_restart_and_only_recover_clears_it",),
 }
 
 INDEX: dict[str, dict[str, tuple[str, ...] | str]] = {
@@ -777,9 +775,9 @@ INDEX: dict[str, dict[str, tuple[str, ...] | str]] = {
     "Somebody else": ELSE,
     "What the owner moves": MOTIONS,
     "Why the robot does not do what it is told": WHY,
-    "(Doors)": DOORS,
-    "(Stop endpoints)": ENDPOINTS,
-    "(Threads)": THREADS,
+    "Doors": DOORS,
+    "Stop endpoints": ENDPOINTS,
+    "Threads": THREADS,
 }
-"""Section -> row -> tests; a text instead names the later work, or the folder, that has the row. Rows in brackets are
-not the behaviour table's own: they stand beside it."""
+"""Section -> row -> tests; a text instead names the later work, or the folder, that has the row. The row in brackets is about
+the page itself."""

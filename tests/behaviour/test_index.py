@@ -10,6 +10,7 @@ from tests.behaviour.index import INDEX, LATER
 from tests.behaviour.test_transitions import EVENTS
 
 TESTS = Path(__file__).resolve().parents[1]
+PAGE = TESTS.parent / "docs/reference/behaviour.md"
 NAMED = [name for rows in INDEX.values() for tests in rows.values() if not isinstance(tests, str) for name in tests]
 
 
@@ -28,6 +29,22 @@ def file_of(place: str) -> Path:
     """Return the file that a place of the index stands for."""
     folder, _, name = place.rpartition("/")
     return TESTS / (folder or "behaviour") / f"test_{name}.py"
+
+
+def rows_of_the_page() -> dict[str, set[str]]:
+    """Return the rows of each section of the behaviour page by their first cells."""
+    sections: dict[str, set[str]] = {}
+    for part in PAGE.read_text(encoding="utf-8").split("\n## ")[1:]:
+        title, _, body = part.partition("\n")
+        rows = [line.split(" | ")[0].removeprefix("| ") for line in body.splitlines() if line.startswith("| ")]
+        sections[title] = set(rows[1:])  # without the head
+    return sections
+
+
+def test_the_page_and_the_index_have_the_same_rows() -> None:
+    """Each row of the page has its tests, and each test its row."""
+    proven = {section: {row for row in rows if not row.startswith("(")} for section, rows in INDEX.items()}
+    assert rows_of_the_page() == proven
 
 
 def test_every_test_that_the_index_names_exists() -> None:
