@@ -14,13 +14,15 @@ Rules
     * While this process is busy, all of its threads but the loop's are ordinary ones, before others, until it was calm for
       a second.
 
-Asks the kernel only, never zenoh. Called by the loop's thread; waits for nothing.
+Asks the kernel only, never zenoh. Who floods is looked for in a thread of its own, since that takes a millisecond. Whether
+this process is busy is the loop's to see, since nobody else gets to run then.
 """
 
 from __future__ import annotations
 
 import logging
 import os
+import random
 import socket
 import struct
 import threading
@@ -45,6 +47,8 @@ LOOKS = 4
 """A client that asks for large things waits for each answer: it is seen with unread bytes twice at most."""
 MOST_CONNECTIONS = 96
 """More do not stay, but where each is another process's."""
+LOOKED_AT = 128
+"""So many open files are looked at, picked at random where there are more: a look must not keep Python's lock for long."""
 MOST_AT_ONCE = 16
 """So many are hung up on at a look: zenoh has work with each."""
 BUSY_SHARE = 0.4
@@ -67,7 +71,8 @@ class FloodWatch:
         self.ended = 0
         """Connections that were ended."""
         self._is_own = is_own
-        self._due_ns = 0
+        self.due_ns = 0
+        """When to look next [ns]."""
         self._logged_ns = 0
         self._seen = 0
         """Files that were open at the last look."""
@@ -75,14 +80,12 @@ class FloodWatch:
         """What each peer that is suspected had unread at the last look [bytes]."""
         self._strikes: Counter[object] = Counter()
 
-    def look(self, now_ns: int) -> bool:
-        """Look who sends too much, if it is time to; return whether it was.
+    def look(self, now_ns: int) -> None:
+        """Look who sends too much.
 
         Args:
             now_ns: Monotonic time [ns].
         """
-        if now_ns < self._due_ns:
-            return False
         unread: Counter[object] = Counter()
         for connection, count in self._connections():
             unread[_peer(connection)] += count
@@ -91,11 +94,10 @@ class FloodWatch:
         self._strikes = Counter(
             {peer: self._strikes[peer] + 1 for peer, count in self._unread.items() if before.get(peer) != count}
         )
-        self._due_ns = now_ns + (CLOSE_NS if self._unread else CALM_NS)
+        self.due_ns = now_ns + (CLOSE_NS if self._unread else CALM_NS)
         flooding = {peer for peer, strikes in self._strikes.items() if strikes >= LOOKS}
         if flooding:
             self._hang_up(flooding, now_ns)
-        return True
 
     def _hang_up(self, peers: set[object], now_ns: int) -> None:
         self._end(lambda peer: peer in peers, MOST_AT_ONCE)
@@ -133,6 +135,8 @@ class FloodWatch:
         except OSError:  # no more files can be opened: there are too many connections
             return
         self._seen = len(files)
+        if self._seen > LOOKED_AT:
+            files = sorted(random.sample(files, LOOKED_AT))
         for number in files:
             with suppress(OSError):  # no socket, or closed in this moment
                 ioctl(number, FIONREAD, unread)
@@ -154,7 +158,7 @@ def _peer(connection: socket.socket) -> object:
 
 
 class OrdinaryWhileBusy:
-    """Takes this process's threads, but the one that calls, out of real time while they are busy. Make it in that thread."""
+    """Takes this process's threads, but the one that calls, out of real time while they are busy."""
 
     def __init__(self) -> None:
         self.lowered: dict[int, tuple[int, int]] = {}
@@ -163,7 +167,16 @@ class OrdinaryWhileBusy:
         self._used_ns = time.process_time_ns()
         self._busy_ns = self._looked_ns
 
-    def look(self, now_ns: int, used_ns: int) -> None:
+    def look(self, now_ns: int) -> None:
+        """Judge the time since the last look, if it is time to.
+
+        Args:
+            now_ns: Monotonic time [ns].
+        """
+        if now_ns - self._looked_ns >= CALM_NS:
+            self.judge(now_ns, time.process_time_ns())
+
+    def judge(self, now_ns: int, used_ns: int) -> None:
         """Judge the time since the last look.
 
         Args:

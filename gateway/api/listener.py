@@ -31,9 +31,9 @@ __all__ = ["access_rules", "network_configuration", "refused_setting", "unix_con
 MAX_MESSAGE_BYTES = 256 * 1024
 """A larger message ends the connection of its sender; larger than `MAX_PAYLOAD_BYTES`, so that that is answered."""
 
-CLIENT_STALL_US = 5_000
-"""A client that does not read for so long while a reply waits, and 200 kB before it, loses its connection [us]. zenoh sends
-nothing to anybody meanwhile: with 200 ms, arms had nothing for as long."""
+CLIENT_STALL_US = 50_000
+"""A client that does not read for so long while what must reach it waits, and 200 kB before it, loses its connection [us].
+Answers are none of that: zenoh would wait for room to say that they are complete, and keep Python's lock meanwhile."""
 
 HANDSHAKE_MS, HANDSHAKES = 2000, 512
 """How long who connects may take to say who it is [ms], and how many may be about to; more than may be connected."""
@@ -43,10 +43,10 @@ BATCH_BYTES = 1024
 its own 64 kB, one flood kept all other connections waiting for half a second."""
 
 BATCHES = 16
-"""May wait in the queue to a client: two snapshots."""
+"""May wait in the queue to a client: two snapshots. zenoh takes no more."""
 
-VIEW_STALL_US = 1_000
-"""A snapshot that does not fit there within this time is not sent to this client [us]."""
+VIEW_STALL_US = 5_000
+"""A snapshot or an answer that does not fit there within this time is not sent to this client [us]."""
 
 NO_SECRET = "!"
 """No client has it, so that only wildcards meet its keys: what is put to everybody at once is dropped."""
@@ -148,11 +148,21 @@ def _router(endpoint: str) -> dict[str, Any]:
         "transport/link/tx/lease": LEASE_MS,
         "transport/link/tx/batch_size": BATCH_BYTES,
         "transport/link/tx/queue/size/data": BATCHES,
+        "transport/link/tx/queue/congestion_control/drop/wait_before_drop": VIEW_STALL_US,
         "transport/link/tx/queue/congestion_control/drop/max_wait_before_drop_fragments": VIEW_STALL_US,
         "transport/link/tx/queue/congestion_control/block/wait_before_close": CLIENT_STALL_US,
         "transport/unicast/accept_timeout": HANDSHAKE_MS,
         "transport/unicast/accept_pending": HANDSHAKES,
         "access_control": access_rules(),
+        # Answers have the QoS of their questions: nobody is waited for who asks and does not read.
+        "qos/network": [
+            {
+                "id": "answers_wait_for_nobody",
+                "flows": ["ingress"],
+                "messages": ["query"],
+                "overwrite": {"congestion_control": "drop"},
+            }
+        ],
         "downsampling": [
             {
                 "id": "to_everybody",

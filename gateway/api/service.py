@@ -5,7 +5,7 @@ Rules
       anything. `open` opens the listeners; `close` gives everything back, in reverse.
     * The unix socket is private until its permission bits stand; a socket file left by a dead daemon is replaced, one
       of a living daemon never is (its lock is held).
-    * One thread reads questions, one sends, one answers stops. The loop thread calls `poll`, `send` and
+    * One thread reads questions, one sends, one answers stops, one looks who floods. The loop thread calls `poll`, `send` and
       `publish_snapshot`, which never wait for a client, and `wait` when it has nothing else to do.
 """
 
@@ -73,7 +73,8 @@ class LocalPlane:
         self._running = False
         _prepare_directory(self.socket, is_default=not local.socket)
         self._floods = FloodWatch(self._is_own)
-        self._threads_policy = OrdinaryWhileBusy()
+        self._policy = OrdinaryWhileBusy()
+        self._is_closing = threading.Event()
         self._heeded: frozenset[str] = frozenset()
         self._locks = [InstanceLock(socket_lock_path(self.socket), f"socket {self.socket}")]
         try:
@@ -102,6 +103,7 @@ class LocalPlane:
             ("ta2-api-read", self._read),
             ("ta2-api-send", self._send),
             ("ta2-api-stop", self._answer_stops),
+            ("ta2-api-floods", self._watch_floods),
         ):
             thread = supervised(work, name, may_return=lambda: not self._running, again=True)
             thread.start()
@@ -138,6 +140,7 @@ class LocalPlane:
             timeout_s: How long to wait for what is still to be sent, and for each thread [s].
         """
         self._running = False
+        self._is_closing.set()
         self._inbox.wake()
         self._outbox.wake()
         self._stops.wake()
@@ -160,9 +163,7 @@ class LocalPlane:
 
     def poll(self) -> list[events.Event]:
         """Return what clients sent since the last call: stops first. Never waits."""
-        now_ns = time.monotonic_ns()
-        if self._floods.look(now_ns):
-            self._threads_policy.look(now_ns, time.process_time_ns())
+        self._policy.look(time.monotonic_ns())
         return [*self._stops.poll(), *self._inbox.poll()]
 
     def poll_stops(self) -> list[events.CommandRequested]:
@@ -233,6 +234,11 @@ class LocalPlane:
         while self._running or self._outbox.deliver(0):  # what lies there when we close still goes out
             self._guarded(lambda: self._outbox.deliver(IDLE_S))
             self._guarded(lambda: self._outbox.expire(time.monotonic_ns()))
+
+    def _watch_floods(self) -> None:
+        while not self._is_closing.wait(max(self._floods.due_ns - time.monotonic_ns(), 0) / 1e9):
+            now_ns = time.monotonic_ns()
+            self._guarded(lambda now_ns=now_ns: self._floods.look(now_ns))  # type: ignore[misc]
 
     def _guarded(self, work: Callable[[], object]) -> None:
         try:

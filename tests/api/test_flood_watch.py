@@ -34,7 +34,7 @@ class Place:
 
     def look(self):
         self.now_ns += CALM_NS
-        assert self.watch.look(self.now_ns)
+        self.watch.look(self.now_ns)
 
     def close(self):
         for end in (self.listener, *(end for pair in self.pairs for end in pair)):
@@ -103,10 +103,10 @@ def test_others_connections_are_left_alone(place):
 def test_it_looks_closer_while_somebody_is_suspected(place):
     """Seldom as long as all is well, more often afterwards."""
     place.look()
-    assert not place.watch.look(place.now_ns + CLOSE_NS)
+    assert place.watch.due_ns == place.now_ns + CALM_NS
     place.connect().send(bytes(2 * UNREAD_BYTES))
     place.look()
-    assert place.watch.look(place.now_ns + CLOSE_NS)
+    assert place.watch.due_ns == place.now_ns + CLOSE_NS
 
 
 def test_a_crowd_makes_room(place, monkeypatch, caplog):
@@ -176,14 +176,14 @@ def test_busy_threads_leave_real_time_and_come_back(scheduler):
     before = dict(scheduler)
     ordinary = OrdinaryWhileBusy()
     now_ns, used_ns = ordinary._looked_ns, ordinary._used_ns
-    ordinary.look(now_ns + 100 * MS, used_ns + 20 * MS)
+    ordinary.judge(now_ns + 100 * MS, used_ns + 20 * MS)
     assert scheduler == before, "a robot's usual load"
-    ordinary.look(now_ns + 200 * MS, used_ns + 110 * MS)
+    ordinary.judge(now_ns + 200 * MS, used_ns + 110 * MS)
     assert scheduler == {loop: (os.SCHED_FIFO, 60), 7: (os.SCHED_OTHER, 0), 8: (os.SCHED_OTHER, 0)}
     scheduler[7] = (os.SCHED_FIFO, 40)  # a new link has raised it again
-    ordinary.look(now_ns + 300 * MS, used_ns + 200 * MS)
+    ordinary.judge(now_ns + 300 * MS, used_ns + 200 * MS)
     assert scheduler[7] == (os.SCHED_OTHER, 0)
-    ordinary.look(now_ns + 1200 * MS, used_ns + 210 * MS)
+    ordinary.judge(now_ns + 1200 * MS, used_ns + 210 * MS)
     assert scheduler[7] == (os.SCHED_OTHER, 0), "not calm for long enough"
-    ordinary.look(now_ns + 1400 * MS, used_ns + 220 * MS)
+    ordinary.judge(now_ns + 1400 * MS, used_ns + 220 * MS)
     assert scheduler == before and ordinary.lowered == {}
