@@ -9,8 +9,8 @@ Rules
       number that stays says that we do not read, and is nobody's fault.
     * Knows a process by what the kernel says of the socket's other end. Where it says nothing (another host, another
       container), each connection counts for itself.
-    * Where there are too many connections, some of the process that has most of them are hung up on, the oldest first. So
-      there is room for whoever comes to stop.
+    * Where there are too many connections, some of the process that has most of them are hung up on. So there is room for
+      whoever comes to stop.
     * While this process is busy, all of its threads but the loop's are ordinary ones, before others, until it was calm for
       a second.
 
