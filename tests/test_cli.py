@@ -127,6 +127,12 @@ def test_what_makes_no_sense_is_a_usage_error(shell, words):
     assert shell.names == []
 
 
+@pytest.mark.parametrize("words", [["home", "fast"], ["status", "--js"], ["move"], ["frames", "--live", "--left", "0"]])
+def test_a_wrong_command_line_shows_the_usage_of_its_command(shell, words):
+    """Not the list of all commands."""
+    assert shell.run(*words).err.startswith(f"usage: ta2 {words[0]} ")
+
+
 def test_models_are_those_of_the_robot():
     """The names written out for the help text are the keys of the table."""
     assert tuple(VARIANTS) == arguments.MODELS

@@ -8,14 +8,14 @@ from __future__ import annotations
 
 import argparse
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from gateway import __version__
 from gateway.apps.ending import STATUS_HELP
 from gateway.apps.follow_arguments import add_follow
 from gateway.apps.frames_arguments import add_frames
-from gateway.apps.ground_arguments import add_ground
+from gateway.apps.ground_arguments import add_ground, take_velocity
 from gateway.apps.identify_arguments import add_identify
 from gateway.apps.model_arguments import add_model
 from gateway.apps.numbers import above_zero
@@ -102,16 +102,21 @@ def _namespace(text: str) -> str:
 
 def parse(arguments: Sequence[str]) -> argparse.Namespace:
     """Return the options; ends the process with status 2 and a line of usage when they make no sense."""
-    top = parser()
-    options = top.parse_args([f" {word}" if NEGATIVE.match(word) else word for word in arguments])
+    top, commands = _parsers()
+    options, unknown = top.parse_known_args([f" {word}" if NEGATIVE.match(word) else word for word in arguments])
+    sub = commands[options.command]  # the usage of the command that a person wanted, not a list of all
+    if unknown:
+        sub.error(f"unrecognized arguments: {' '.join(unknown)}")
     if options.command in ("move", "move-pose"):
-        _take_joints(top, options)
+        _take_joints(sub, options)
+    if options.command == "drive":
+        take_velocity(sub, options)
     if options.command == "link" and options.robot is None and options.config is None and _asks_for_a_look(options):
-        top.error("link: --namespace and --model are for a look without a gateway: name the robot with --robot")
+        sub.error("--namespace and --model are for a look without a gateway: name the robot with --robot")
     if options.command == "frames" and options.live and (options.left or options.right):
-        top.error("frames: joints come from --live or from --left and --right, not from both")
+        sub.error("joints come from --live or from --left and --right, not from both")
     if options.command == "gripper" and (options.value is not None) != (options.action == "set"):
-        top.error("gripper: `set` takes the robot's own input, 0 to 1, the other actions take --force")
+        sub.error("`set` takes the robot's own input, 0 to 1, the other actions take --force")
     return options
 
 
@@ -119,7 +124,7 @@ def _asks_for_a_look(options: argparse.Namespace) -> bool:
     return options.namespace is not None or options.model is not None
 
 
-def _take_joints(top: argparse.ArgumentParser, options: argparse.Namespace) -> None:
+def _take_joints(sub: argparse.ArgumentParser, options: argparse.Namespace) -> None:
     what = "numbers of a pose" if options.command == "move-pose" else "joints [rad]"
     for side in ("left", "right"):
         words = getattr(options, side)
@@ -128,16 +133,21 @@ def _take_joints(top: argparse.ArgumentParser, options: argparse.Namespace) -> N
         try:
             values = joints(words)
         except ValueError as error:
-            top.error(f"--{side}: {error}; {ARM_DOF} {what} are needed")
+            sub.error(f"--{side}: {error}; {ARM_DOF} {what} are needed")
         if len(values) != ARM_DOF:
-            top.error(f"--{side}: {len(values)} values; {ARM_DOF} {what} are needed (manual §4.0.3, §4.2)")
+            sub.error(f"--{side}: {len(values)} values; {ARM_DOF} {what} are needed (manual §4.0.3, §4.2)")
         setattr(options, side, values)
     if options.left is None and options.right is None:
-        top.error(f"{options.command}: which arm? --left and seven {what}, --right and seven, or both")
+        sub.error(f"which arm? --left and seven {what}, --right and seven, or both")
 
 
 def parser() -> argparse.ArgumentParser:
     """Return the parser of the whole command line; `options.command` says which command it is."""
+    return _parsers()[0]
+
+
+def _parsers() -> tuple[argparse.ArgumentParser, Mapping[str, argparse.ArgumentParser]]:
+    """Return the parser of the whole command line, and those of its commands."""
     top = argparse.ArgumentParser(
         prog="ta2",
         description="The gateway to a TeleAvatar 2 robot: run it, look at it, move the arms, stop.",
@@ -159,7 +169,7 @@ def parser() -> argparse.ArgumentParser:
     _add_example(commands)
     add_model(_command(commands, "model", "check the numbers of the robot's body, or of a URDF"))
     add_stops(commands, _client_command)
-    return top
+    return top, commands.choices
 
 
 def _command(commands: Any, name: str, text: str, more: str = "") -> argparse.ArgumentParser:  # noqa: ANN401  argparse's private class

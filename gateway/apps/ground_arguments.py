@@ -7,10 +7,11 @@ from typing import Any, Protocol
 
 from gateway.apps.numbers import between
 
-__all__ = ["GRIPPER_ACTIONS", "LIFT_ACTIONS", "add_ground"]
+__all__ = ["GRIPPER_ACTIONS", "LIFT_ACTIONS", "add_ground", "take_velocity"]
 
 GRIPPER_ACTIONS = ("grip", "open", "relax", "set")
 LIFT_ACTIONS = ("up", "down", "off")
+AXES = ("vx", "vy", "wz")
 
 
 class AddCommand(Protocol):
@@ -52,6 +53,13 @@ def add_ground(commands: Any, add: AddCommand) -> None:  # noqa: ANN401  argpars
         "drive the chassis at a velocity for a time, then ramp down",
         "Nobody measures how far it comes (manual §4.5). Ctrl-C stops it.",
     )
+    drive.add_argument(
+        "velocity",
+        nargs="*",
+        type=_velocity,
+        metavar="VX VY WZ",
+        help="along x and y [m/s], around z [rad/s]; those left out are 0. Or by name:",
+    )
     for name, what in (("vx", "along x [m/s]"), ("vy", "along y [m/s]"), ("wz", "around z [rad/s]")):
         drive.add_argument(f"--{name}", type=_velocity, default=0.0, metavar="V", help=f"{what} (default 0)")
     lift = add(
@@ -70,6 +78,17 @@ def add_ground(commands: Any, add: AddCommand) -> None:  # noqa: ANN401  argpars
         )
         sub.add_argument("--take", metavar="REASON", help="take the robot from its owner, who is shown the reason")
         sub.add_argument("--yes", action="store_true", help="do not ask before moving")
+
+
+def take_velocity(drive: argparse.ArgumentParser, options: argparse.Namespace) -> None:
+    """Put the velocity that was given by place where the one by name is; end the process when there are both, or too many."""
+    by_place = options.velocity
+    if len(by_place) > len(AXES):
+        drive.error(f"{len(by_place)} velocities; VX VY WZ are three at most")
+    if by_place and any(getattr(options, axis) for axis in AXES):
+        drive.error("a velocity stands by place (VX VY WZ) or by name (--vx, --vy, --wz), not both")
+    for axis, value in zip(AXES, by_place, strict=False):
+        setattr(options, axis, value)
 
 
 def _part(text: str) -> float:

@@ -51,12 +51,13 @@ def shell(monkeypatch, capsys):
 
 def test_drive_drives_for_its_time_and_gives_the_robot_back(shell):
     """Zeros follow; what was done is told, to scripts as JSON."""
-    status, out, err = shell.run("drive", "--vx", "-0.1", "--wz", "1e-1", "--for", "2", "--yes")
-    assert status == 0 and out == "drove with (-0.1, 0) m/s, 0.1 rad/s for 2 s; released\n", err
+    for words in (("--vx", "-0.1", "--wz", "1e-1"), ("-0.1", "0", "1e-1")):  # by name, and as a person types it first
+        status, out, err = shell.run("drive", *words, "--for", "1", "--yes")
+        assert status == 0 and out == "drove with (-0.1, 0) m/s, 0.1 rad/s for 1 s; released\n", err
     chassis = shell.world.pair.robot.chassis
     assert -0.25 < chassis.travel[0] < -0.1 and not any(chassis.velocity) and shell.owner() is None
     assert "the chassis drives with" in err
-    status, out, _ = shell.run("drive", "--vx", "0.1", "--for", "0.5", "--json")
+    status, out, _ = shell.run("drive", "0.1", "--for", "0.5", "--json")
     assert status == 0 and json.loads(out) == {
         "ok": True, "vx": 0.1, "vy": 0.0, "wz": 0.0, "for_s": 0.5, "held": False,
     }  # fmt: skip
@@ -123,6 +124,9 @@ def test_a_held_grip_is_kept_by_the_commands_that_follow(shell):
         ("gripper", "both", "grip"),
         ("gripper", "left", "grip", "--force", "2"),
         ("drive", "--vx", "fast"),
+        ("drive", "fast"),
+        ("drive", "0.1", "0", "0", "0"),
+        ("drive", "0.1", "--wz", "0.1"),
         ("drive", "--for", "0"),
         ("lift", "sideways"),
         ("lift", "up", "--speed", "nan"),
