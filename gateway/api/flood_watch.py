@@ -87,8 +87,8 @@ class FloodWatch:
             now_ns: Monotonic time [ns].
         """
         unread: Counter[object] = Counter()
-        for connection, count in self._connections():
-            unread[_peer(connection)] += count
+        for _, peer, count in self._connections():
+            unread[peer] += count
         self._make_room(now_ns)
         before, self._unread = self._unread, {peer: count for peer, count in unread.items() if count > UNREAD_BYTES}
         self._strikes = Counter(
@@ -108,7 +108,7 @@ class FloodWatch:
     def _make_room(self, now_ns: int) -> None:
         if self._seen <= MOST_CONNECTIONS:
             return
-        held = Counter(_peer(connection) for connection, _ in self._connections(unread_only=False))
+        held = Counter(peer for _, peer, _ in self._connections(unread_only=False))
         excess = held.total() - MOST_CONNECTIONS
         if excess > 0:
             busiest, count = held.most_common(1)[0]
@@ -116,19 +116,20 @@ class FloodWatch:
             self._tell(f"crowded by {busiest}", now_ns)
 
     def _end(self, is_meant: Callable[[object], bool], most: int) -> None:
-        for connection, _ in self._connections(unread_only=False):
-            if most > 0 and is_meant(_peer(connection)):
-                connection.shutdown(socket.SHUT_RDWR)
-                self.ended += 1
-                most -= 1
+        for connection, peer, _ in self._connections(unread_only=False):
+            if most > 0 and is_meant(peer):
+                with suppress(OSError):  # closed in this moment
+                    connection.shutdown(socket.SHUT_RDWR)
+                    self.ended += 1
+                    most -= 1
 
     def _tell(self, what: str, now_ns: int) -> None:
         if now_ns >= self._logged_ns:
             self._logged_ns = now_ns + LOG_APART_NS
             log.warning("%s: hung up (on %d connections so far)", what, self.ended)
 
-    def _connections(self, *, unread_only: bool = True) -> Iterator[tuple[socket.socket, int]]:
-        """Yield the connections that clients have opened, those of which bytes are unread or all, with the count of these."""
+    def _connections(self, *, unread_only: bool = True) -> Iterator[tuple[socket.socket, object, int]]:
+        """Yield the connections that clients have opened, with whose they are and how many bytes are unread: these, or all."""
         unread = array("i", [0])
         try:
             files = sorted(map(int, os.listdir("/proc/self/fd")))
@@ -144,7 +145,7 @@ class FloodWatch:
                     connection = socket.socket(fileno=number)
                     try:
                         if self._is_own(connection.getsockname()):
-                            yield connection, unread[0]
+                            yield connection, _peer(connection), unread[0]
                     finally:
                         connection.detach()  # it is zenoh's
 

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import socket
 import threading
+from contextlib import suppress
 
 import pytest
 
@@ -137,6 +139,25 @@ def test_processes_are_told_apart_as_far_as_the_kernel_knows(place):
         assert peer == f"process {os.getpid()}"
     else:
         assert peer == str(caller.getsockname())
+
+
+def test_a_connection_that_is_closed_in_this_moment_hides_nobody(place, monkeypatch):
+    """By zenoh, while a look goes on: the others are judged all the same."""
+    closed, flooder = place.connect(), place.connect()
+    peer = flood_watch._peer
+
+    def just_closed(connection):
+        if connection.fileno() == place.pairs[0][1].fileno():
+            raise OSError(errno.EBADF, "closed")
+        return peer(connection)
+
+    monkeypatch.setattr(flood_watch, "_peer", just_closed)
+    for _ in range(LOOKS + 2):
+        for caller in (closed, flooder):
+            with suppress(BrokenPipeError, ConnectionResetError):  # hung up on
+                caller.send(bytes(UNREAD_BYTES + 1))
+        place.look()
+    assert place.is_up(closed) and not place.is_up(flooder)
 
 
 def test_without_files_to_open_it_does_nothing(place, monkeypatch):
