@@ -86,6 +86,7 @@ class FloodWatch:
         Args:
             now_ns: Monotonic time [ns].
         """
+        self.due_ns = now_ns + CALM_NS
         unread: Counter[object] = Counter()
         for _, peer, count in self._connections():
             unread[peer] += count
@@ -94,7 +95,8 @@ class FloodWatch:
         self._strikes = Counter(
             {peer: self._strikes[peer] + 1 for peer, count in self._unread.items() if before.get(peer) != count}
         )
-        self.due_ns = now_ns + (CLOSE_NS if self._unread else CALM_NS)
+        if self._unread:
+            self.due_ns = now_ns + CLOSE_NS
         flooding = {peer for peer, strikes in self._strikes.items() if strikes >= LOOKS}
         if flooding:
             self._hang_up(flooding, now_ns)
@@ -162,8 +164,8 @@ class OrdinaryWhileBusy:
     """Takes this process's threads, but the one that calls, out of real time while they are busy."""
 
     def __init__(self) -> None:
-        self.lowered: dict[int, tuple[int, int]] = {}
-        """Threads that were taken out of real time, with policy and priority that they had."""
+        self.lowered: dict[int, tuple[int, int, int]] = {}
+        """Threads that were taken out of real time, with policy, priority and nice value that they had."""
         self._looked_ns = time.monotonic_ns()
         self._used_ns = time.process_time_ns()
         self._busy_ns = self._looked_ns
@@ -190,8 +192,9 @@ class OrdinaryWhileBusy:
             self._busy_ns = now_ns
             self._lower()
         elif self.lowered and now_ns - self._busy_ns > CALMED_NS:
-            for thread_id, (policy, priority) in self.lowered.items():
+            for thread_id, (policy, priority, nice) in self.lowered.items():
                 with suppress(OSError):
+                    os.setpriority(os.PRIO_PROCESS, thread_id, nice)  # or processes that it starts would have ours
                     os.sched_setscheduler(thread_id, policy, os.sched_param(priority))
             self.lowered.clear()
 
@@ -201,6 +204,7 @@ class OrdinaryWhileBusy:
                 with suppress(OSError):  # it ended
                     policy = os.sched_getscheduler(thread_id)
                     if policy != os.SCHED_OTHER:
-                        self.lowered[thread_id] = policy, os.sched_getparam(thread_id).sched_priority
+                        *_, nice = self.lowered.get(thread_id) or (os.getpriority(os.PRIO_PROCESS, thread_id),)
+                        self.lowered[thread_id] = policy, os.sched_getparam(thread_id).sched_priority, nice
                         os.sched_setscheduler(thread_id, os.SCHED_OTHER, os.sched_param(0))
                         os.setpriority(os.PRIO_PROCESS, thread_id, BEFORE_OTHERS)

@@ -237,8 +237,7 @@ class LocalPlane:
 
     def _watch_floods(self) -> None:
         while not self._is_closing.wait(max(self._floods.due_ns - time.monotonic_ns(), 0) / 1e9):
-            now_ns = time.monotonic_ns()
-            self._guarded(lambda now_ns=now_ns: self._floods.look(now_ns))  # type: ignore[misc]
+            self._guarded(lambda: self._floods.look(time.monotonic_ns()))
 
     def _guarded(self, work: Callable[[], object]) -> None:
         try:

@@ -30,12 +30,14 @@ from gateway.api.question import Question
 from gateway.api.translate import printable, to_reply
 from gateway.core.messages import events
 
-__all__ = ["FIRST_NUMBER", "MAX_WAITING", "READ_BYTES", "StopLane"]
+__all__ = ["ANSWERING_NS", "FIRST_NUMBER", "MAX_WAITING", "READ_BYTES", "StopLane"]
 
 MAX_WAITING = 16
 """Stops that may wait for the loop by themselves; it takes all of them at its next tick."""
 MAX_SHARING = 1024
 """Questions that may wait for the answer to one stop; more get none, and stop all the same."""
+ANSWERING_NS = 500_000_000
+"""The thread that answers is alive which has answered a question that is not older than this [ns]."""
 READ_BYTES = 4096
 """A longer payload is not looked at: it is a stop without a name or a reason."""
 FIRST_NUMBER = 2**62 + 1
@@ -61,6 +63,8 @@ class StopLane:
         # Who waits, with the encoding of each, and for what: None for a ping. None in its place only wakes the thread.
         self._answers: queue.SimpleQueue[tuple[list[tuple[Question, str]], protocol.Reply | None] | None]
         self._answers = queue.SimpleQueue()
+        self._answered_ns = 0
+        """When the latest question arrived that the thread has answered [ns]."""
         self._bell, self._ringer = os.pipe()
         os.set_blocking(self._bell, False)
         os.set_blocking(self._ringer, False)
@@ -99,9 +103,14 @@ class StopLane:
         self.on_arrival()
 
     def ping(self, question: Question) -> None:
-        """Take a question that is answered as a stop is, by the thread that answers stops; any thread. Never waits."""
+        """Take a question that is answered as a stop is, by the thread that answers stops; any thread. Never waits.
+
+        In a crowd it is answered at once while that thread is seen to answer others: nobody can make it look dead by asking.
+        """
         if self._answers.qsize() < MAX_WAITING:
             self._answers.put(([(question, "")], None))
+        elif question.received_ns - self._answered_ns < ANSWERING_NS:
+            question.answer(b"", "")
         else:
             question.drop()
 
@@ -161,6 +170,7 @@ class StopLane:
             questions, reply = job
             for question, encoding in questions:
                 question.answer(b"" if reply is None else protocol.encode(reply, encoding), encoding)
+                self._answered_ns = max(self._answered_ns, question.received_ns)
         return True
 
     def wake(self) -> None:

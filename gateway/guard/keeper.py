@@ -136,6 +136,9 @@ class Keeper:
                 return
             with contextlib.suppress(OSError, AttributeError):  # a process inherits its scheduling from this thread
                 os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
+                os.setpriority(
+                    os.PRIO_PROCESS, 0, os.getpriority(os.PRIO_PROCESS, os.getpid())
+                )  # as its main thread has
             self._process = self._spawn()
 
     def _spawn(self) -> subprocess.Popen[bytes] | None:

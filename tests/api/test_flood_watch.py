@@ -175,11 +175,13 @@ def test_without_files_to_open_it_does_nothing(place, monkeypatch):
 @pytest.fixture
 def scheduler(monkeypatch):
     """A kernel in which all threads but this one are under SCHED_FIFO: thread -> policy and priority."""
+    nices = {}
     threads = {threading.get_native_id(): (os.SCHED_FIFO, 60), 7: (os.SCHED_FIFO, 40), 8: (os.SCHED_FIFO, 39)}
     monkeypatch.setattr(os, "listdir", lambda path: [str(number) for number in (*threads, 9)])
     monkeypatch.setattr(os, "sched_getscheduler", lambda number: threads[number][0] if number in threads else gone())
     monkeypatch.setattr(os, "sched_getparam", lambda number: os.sched_param(threads[number][1]))
-    monkeypatch.setattr(os, "setpriority", lambda which, number, nice: None)
+    monkeypatch.setattr(os, "getpriority", lambda which, number: nices.get(number, 0))
+    monkeypatch.setattr(os, "setpriority", lambda which, number, nice: nices.__setitem__(number, nice))
     monkeypatch.setattr(
         os,
         "sched_setscheduler",
@@ -189,12 +191,12 @@ def scheduler(monkeypatch):
     def gone():
         raise ProcessLookupError
 
-    return threads
+    return threads, nices
 
 
 def test_busy_threads_leave_real_time_and_come_back(scheduler):
     """All but the loop's, as long as this process is busy and a second longer; each to where it was."""
-    loop = threading.get_native_id()
+    loop, (scheduler, nices) = threading.get_native_id(), scheduler
     before = dict(scheduler)
     ordinary = OrdinaryWhileBusy()
     now_ns, used_ns = ordinary._looked_ns, ordinary._used_ns
@@ -202,6 +204,7 @@ def test_busy_threads_leave_real_time_and_come_back(scheduler):
     assert scheduler == before, "a robot's usual load"
     ordinary.judge(now_ns + 200 * MS, used_ns + 110 * MS)
     assert scheduler == {loop: (os.SCHED_FIFO, 60), 7: (os.SCHED_OTHER, 0), 8: (os.SCHED_OTHER, 0)}
+    assert nices == {7: -20, 8: -20}
     scheduler[7] = (os.SCHED_FIFO, 40)  # a new link has raised it again
     ordinary.judge(now_ns + 300 * MS, used_ns + 200 * MS)
     assert scheduler[7] == (os.SCHED_OTHER, 0)
@@ -209,3 +212,4 @@ def test_busy_threads_leave_real_time_and_come_back(scheduler):
     assert scheduler[7] == (os.SCHED_OTHER, 0), "not calm for long enough"
     ordinary.judge(now_ns + 1400 * MS, used_ns + 220 * MS)
     assert scheduler == before and ordinary.lowered == {}
+    assert nices == {7: 0, 8: 0}, "what they start would have it, too"

@@ -5,10 +5,12 @@ from __future__ import annotations
 import pytest
 
 from gateway.api import protocol
-from gateway.api.stop_lane import FIRST_NUMBER, MAX_SHARING, MAX_WAITING, READ_BYTES, StopLane
+from gateway.api.stop_lane import ANSWERING_NS, FIRST_NUMBER, MAX_SHARING, MAX_WAITING, READ_BYTES, StopLane
 from gateway.core.messages import events
 from tests.api.desk import AskedQuestion, Desk
 from tests.api.samples import command
+
+S = 1_000_000_000
 
 
 @pytest.fixture
@@ -135,13 +137,30 @@ def test_it_closes(lane):
     lane.close()
 
 
-def test_a_ping_is_answered_as_a_stop_is_and_stops_nothing(lane):
-    """By the thread that answers stops, with nothing; more of them than anybody needs are dropped."""
-    questions = [AskedQuestion(key=protocol.PING_KEY) for _ in range(MAX_WAITING + 1)]
+def pings(lane, received_ns, count=MAX_WAITING + 1):
+    """Ask so often, all in the same moment."""
+    questions = [AskedQuestion(key=protocol.PING_KEY, received_ns=received_ns) for _ in range(count)]
     for question in questions:
         lane.ping(question)
+    return questions
+
+
+def test_a_ping_is_answered_as_a_stop_is_and_stops_nothing(lane):
+    """By the thread that answers stops, with nothing; while that answers none, more of them than anybody needs are dropped."""
+    questions = pings(lane, 10 * S)
     assert not lane.wait(0) and lane.poll() == [] and lane.taken == 0
     while lane.deliver(0):
         pass
     assert [question.answers for question in questions] == [[(b"", "")]] * MAX_WAITING + [[]]
     assert questions[-1].dropped
+
+
+def test_nobody_can_make_the_answering_thread_look_dead_by_asking(lane):
+    """In a crowd a ping is answered at once while that thread answers others; when it does not, none is."""
+    pings(lane, 10 * S)
+    assert lane.deliver(0)
+    pings(lane, 10 * S, 1)  # as many wait as may
+    (crowded,) = pings(lane, 10 * S + ANSWERING_NS - 1, 1)
+    assert crowded.answers == [(b"", "")] and not crowded.dropped
+    (later,) = pings(lane, 10 * S + ANSWERING_NS, 1)
+    assert later.dropped and not later.answers
