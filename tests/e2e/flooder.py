@@ -138,10 +138,15 @@ def snapshots(flood: Flood) -> None:
     flood.ask(f"{ROOT}/snapshot", lambda: b"")
 
 
+def pings(flood: Flood) -> None:
+    """Questions whether anybody is there, which the guard asks, too."""
+    flood.ask("ta2/ping", lambda: b"")
+
+
 FLOODS: dict[str, Callable[[Flood], None]] = {
     flood.__name__: flood
     for flood in (
-        keepalives, targets, wildcards, large_puts, own_keys, large_questions, questions, chunks, snapshots
+        keepalives, targets, wildcards, large_puts, own_keys, large_questions, questions, chunks, snapshots, pings
     )
 }  # fmt: skip
 

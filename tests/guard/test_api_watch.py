@@ -57,11 +57,18 @@ def test_a_daemon_that_answers_is_well_and_one_whose_lane_hangs_is_not(
         eventually(lambda: watch.misses == 0, 20.0)
 
 
-def test_a_daemon_that_has_not_opened_its_socket_yet_misses_nothing(watch: ApiWatch) -> None:
+def test_a_daemon_that_has_not_opened_its_socket_yet_misses_nothing(
+    watch: ApiWatch, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """The guard is started first."""
     asked: list[bool] = []
     ask = watch._ask
-    watch._ask = lambda: asked.append(ask()) or asked[-1]  # type: ignore[method-assign, func-returns-value]
+
+    def noted() -> bool:
+        asked.append(ask())
+        return asked[-1]
+
+    monkeypatch.setattr(watch, "_ask", noted)
     eventually(lambda: len(asked) > SILENT_MISSES, 20.0)
     assert not any(asked) and watch.misses == 0
 

@@ -488,7 +488,7 @@ def test_a_failing_disk_is_tried_again_and_told_once(
     assert "Input/output error" in caplog.records[0].getMessage()
 
 
-def test_a_panic_in_the_writers_thread_keeps_no_later_state_from_the_disk() -> None:
+def test_a_panic_in_the_writers_thread_keeps_no_later_state_from_the_disk(monkeypatch: pytest.MonkeyPatch) -> None:
     """The latch that tells of it is one."""
     disk = Disk()
     save, panics = disk.save, [SystemExit("as a panic, none of the errors that a disk has")]
@@ -498,7 +498,7 @@ def test_a_panic_in_the_writers_thread_keeps_no_later_state_from_the_disk() -> N
             raise panics.pop()
         save(remembered)
 
-    disk.save = panic_once  # type: ignore[method-assign]
+    monkeypatch.setattr(disk, "save", panic_once)
     take_lost()
     writer = StateWriter(disk, STARTED)
     writer.write(_latched(1))
