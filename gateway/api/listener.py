@@ -35,8 +35,10 @@ CLIENT_STALL_US = 50_000
 """A client that does not read for so long while what must reach it waits, and 200 kB before it, loses its connection [us].
 Answers are none of that: zenoh would wait for room to say that they are complete, and keep Python's lock meanwhile."""
 
-HANDSHAKE_MS, HANDSHAKES = 2000, 512
-"""How long who connects may take to say who it is [ms], and how many may be about to; more than may be connected."""
+HANDSHAKES = 100
+"""So many may be about to say who they are: zenoh turns to each of them before it reads what others have sent."""
+HERE_MS, BEYOND_MS = 1000, 5000
+"""How long that may take on this host's socket, and over a network [ms]."""
 
 BATCH_BYTES = 1024
 """What is read of a connection at once, in both directions. zenoh turns to the next connection after 64 of them at most: with
@@ -48,6 +50,9 @@ BATCHES = 16
 VIEW_STALL_US = 5_000
 """A snapshot or an answer that does not fit there within this time is not sent to this client [us]."""
 
+PINGS_HZ = 5.0
+"""More of one connection end in zenoh. The guard asks once a second."""
+
 NO_SECRET = "!"
 """No client has it, so that only wildcards meet its keys: what is put to everybody at once is dropped."""
 
@@ -57,7 +62,7 @@ LEASE_MS = 2000
 
 def unix_configuration(path: Path) -> dict[str, Any]:
     """Return the zenoh configuration of the session that listens on a unix socket."""
-    return _router(f"unixsock-stream/{path}")
+    return _router(f"unixsock-stream/{path}", HERE_MS)
 
 
 def network_configuration(local: LocalSettings) -> dict[str, Any] | None:
@@ -81,7 +86,7 @@ def network_configuration(local: LocalSettings) -> dict[str, Any] | None:
         if path and not os.access(path, os.R_OK):
             raise refused_setting(name, path, "there is no readable file of this name")
     _demand_known(local, is_loopback=_is_loopback(host))
-    configuration = _router(f"{'tls' if local.tls_certificate else 'tcp'}/{host}:{port}")
+    configuration = _router(f"{'tls' if local.tls_certificate else 'tcp'}/{host}:{port}", BEYOND_MS)
     if local.users_file:
         configuration["transport/auth/usrpwd"] = {"dictionary_file": local.users_file}
     if local.tls_certificate:
@@ -134,7 +139,7 @@ def _demand_known(local: LocalSettings, *, is_loopback: bool) -> None:
         )
 
 
-def _router(endpoint: str) -> dict[str, Any]:
+def _router(endpoint: str, handshake_ms: int) -> dict[str, Any]:
     return {
         "mode": "router",
         "listen/endpoints": [endpoint],
@@ -151,7 +156,7 @@ def _router(endpoint: str) -> dict[str, Any]:
         "transport/link/tx/queue/congestion_control/drop/wait_before_drop": VIEW_STALL_US,
         "transport/link/tx/queue/congestion_control/drop/max_wait_before_drop_fragments": VIEW_STALL_US,
         "transport/link/tx/queue/congestion_control/block/wait_before_close": CLIENT_STALL_US,
-        "transport/unicast/accept_timeout": HANDSHAKE_MS,
+        "transport/unicast/accept_timeout": handshake_ms,
         "transport/unicast/accept_pending": HANDSHAKES,
         "access_control": access_rules(),
         # Answers have the QoS of their questions: nobody is waited for who asks and does not read.
@@ -169,7 +174,13 @@ def _router(endpoint: str) -> dict[str, Any]:
                 "flows": ["ingress"],
                 "messages": ["put"],
                 "rules": [{"key_expr": key, "freq": 0.0} for key in protocol.lane_keys("*", NO_SECRET)],
-            }
+            },
+            {
+                "id": "pings",
+                "flows": ["ingress"],
+                "messages": ["query"],
+                "rules": [{"key_expr": protocol.PING_KEY, "freq": PINGS_HZ}],
+            },
         ],
     }
 

@@ -114,7 +114,9 @@ def test_the_plane_is_closed_but_for_its_listener(configuration):
 @pytest.mark.parametrize("secret", ["", "s", "-", "_" * 64])
 def test_what_is_dropped_for_everybody_meets_no_clients_own_keys(secret):
     """Keys for everybody meet the dropped ones; a client's own keys, whatever its secret, do not."""
-    (dropping,) = unix_configuration("/x")["downsampling"]
+    dropping, pings = unix_configuration("/x")["downsampling"]
+    assert pings["flows"] == ["ingress"] and pings["messages"] == ["query"]
+    assert [rule["key_expr"] for rule in pings["rules"]] == [protocol.PING_KEY], "no stop is ever one too many"
     assert dropping["flows"] == ["ingress"] and dropping["messages"] == ["put"]
     dropped = [zenoh.KeyExpr(rule["key_expr"]) for rule in dropping["rules"] if rule["freq"] == 0.0]
     own = [zenoh.KeyExpr(key) for key in protocol.lane_keys("ann", secret)]

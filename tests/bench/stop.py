@@ -25,6 +25,7 @@ import numpy as np
 from tests.bench.processor import favour
 from tests.bench.table import Row
 from tests.e2e.system import Process, System, joint_topics, wait_for, worst_gap_ms
+from tests.e2e.test_floods import OWNER
 
 __all__ = ["stop_rows"]
 
@@ -38,23 +39,6 @@ FLOODS = {
     "chunks": 4, "snapshots": 4, "pings": 4, "sessions": 1, "half_open": 4, "deaf": 1,
 }  # fmt: skip
 """Kind of flood (see `tests/e2e/flooder.py`) -> processes."""
-
-OWNER = """
-import math
-with robot.control() as own:
-    own.enable(timeout=12.0)
-    outs = [arm.stream(rate_hz=50).__enter__() for arm in (own.left_arm, own.right_arm)]
-    starts = [out.q.copy() for out in outs]
-    print("driving", flush=True)
-    begun = time.monotonic()
-    while True:
-        swing = 0.1 * (1 - math.cos(2 * (time.monotonic() - begun)))
-        for out, start in zip(outs, starts):
-            target = start.copy()
-            target[6] += swing
-            out.set(target)
-        outs[0].tick()
-"""
 
 SUBSCRIBER = """
 import json, sys, time, zenoh

@@ -27,7 +27,7 @@ Systems = Callable[..., System]
 
 FLOODS = (
     ("keepalives", 4), ("wildcards", 1), ("own_keys", 1), ("large_puts", 4), ("questions", 1), ("large_questions", 4),
-    ("chunks", 1), ("half_open", 1), ("deaf", 1), ("sessions", 1),
+    ("chunks", 1), ("pings", 4), ("half_open", 1), ("deaf", 1), ("sessions", 1),
 )  # fmt: skip
 """Kinds of `tests/e2e/flooder.py`, and how many processes."""
 FRAMES = 80
