@@ -31,11 +31,11 @@ from gateway.config import state_dir
 from gateway.core.engine import Engine
 from gateway.core.messages.events import Event, ExitRequested, GuardSeen, LinkUp, Notice, PartEnded, Reply
 from gateway.core.messages.outputs import router_name
-from gateway.core.messages.snapshot import Snapshot
 from gateway.errors import Code
 from gateway.guard.heir import Heir
 from gateway.guard.keeper import Keeper
 from gateway.link.robot_link import RobotLink
+from gateway.messages.snapshot import Snapshot
 from gateway.process.loop import Loop
 from gateway.process.measures import Measures
 from gateway.process.recall import Recall

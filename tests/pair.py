@@ -33,10 +33,11 @@ from gateway.core.messages.events import (
     SampleRefused,
     TargetArrived,
 )
-from gateway.core.messages.snapshot import Snapshot
+from gateway.core.motion.chunk import Chunk
 from gateway.core.robot_state.body_model import BodyModel, body_model
 from gateway.errors import Code, Refusal
 from gateway.link.codec import BadSample, from_message, stamp_of, to_message
+from gateway.messages.snapshot import Snapshot
 from gateway.robot import CURRENT_MODE, MOTION_STATE_TOPICS, STATE_TOPICS
 from gateway.settings import Settings
 from gateway.sim.model import SimRobot
@@ -284,12 +285,11 @@ class Pair:
 
     # ------------------------------------------------------------------------------------------------ clients
 
-    def tell(self, request: Request, client: str = "user") -> int:
-        """Send a request as a client, without waiting; return its id."""
+    def tell(self, request: Request, client: str = "user", chunk: Chunk | None = None) -> int:
+        """Send a request as a client, and the motion of its points if it is worked out, without waiting; return its id."""
         request_id = next(self._ids)
-        self.receive(
-            CommandRequested(client_id=client, request_id=request_id, request=request, received_ns=self.now_ns)
-        )
+        asked = {"client_id": client, "request_id": request_id, "request": request, "chunk": chunk}
+        self.receive(CommandRequested(**asked, received_ns=self.now_ns))
         return request_id
 
     def ask(self, request: Request, client: str = "user") -> Reply:

@@ -50,7 +50,6 @@ from gateway.core.messages.events import (
     Take,
     Writer,
 )
-from gateway.core.motion.chunk import Chunk, prepare
 from gateway.core.motion.poses.quaternion import exp, multiply
 from gateway.settings import LinkSettings, LocalSettings, Settings
 from gateway.sim.settings import SimSettings
@@ -248,18 +247,19 @@ class Trace:
                 is_pose = space is Space.POSE
                 swing = self._pose_swing if is_pose else self._swing
                 rows = {side: swing(side, a, b, c) for side in those}
-                made = prepare(rows, dt_s=0.02 + 0.05 * d, smoothing_s=0.1, space=space)
-                if isinstance(made, Chunk):
-                    request = Follow(
-                        epoch=self.epoch[client],
-                        chunk=made,
-                        frames={side: robot.shoulder_frame(side) for side in those if is_pose},
-                        open_end=c < 0.5,
-                        start_in_ns=round((0.5 * b - 0.3) * S),
-                        path_tolerance={side: (0.05, 0.2) if is_pose else (0.2,) * 7 for side in those if a < 0.3},
-                    )
-                    reply = self.pair.ask(request, client)
-                    self.last_motion = int(str(reply.facts.get("motion_id", self.last_motion)))
+                request = Follow(
+                    epoch=self.epoch[client],
+                    points=rows,
+                    dt_s=0.02 + 0.05 * d,
+                    smoothing_s=0.1,
+                    space=space,
+                    frames={side: robot.shoulder_frame(side) for side in those if is_pose},
+                    open_end=c < 0.5,
+                    start_in_ns=round((0.5 * b - 0.3) * S),
+                    path_tolerance={side: (0.05, 0.2) if is_pose else (0.2,) * 7 for side in those if a < 0.3},
+                )
+                reply = self.pair.ask(request, client)
+                self.last_motion = int(str(reply.facts.get("motion_id", self.last_motion)))
             self.pair.run(0.05 + 0.4 * d)
 
     def _pose_swing(self, side: Side, a: float, b: float, c: float) -> list[Vector]:

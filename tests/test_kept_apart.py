@@ -7,9 +7,8 @@ import random
 
 import pytest
 
-from gateway.core.messages import requests
-from gateway.core.motion.chunk import prepare
 from gateway.errors import Code
+from gateway.messages import requests
 from gateway.robot import HOME_Q_RAD, shoulder_frame
 from gateway.settings import ArmSettings
 from gateway.values import Side
@@ -121,7 +120,7 @@ def script(pair):
     pair.lead({L: HOME_Q_RAD[L]}, 0.5)
     begin = pair.setpoints[R]
     rows = [tuple(q + 0.002 * n for q in begin) for n in range(20)]
-    pair.granted(requests.Follow(epoch=pair.epoch, chunk=prepare({R: rows}, dt_s=0.05)))
+    pair.granted(requests.Follow(epoch=pair.epoch, points={R: rows}, dt_s=0.05))
     pair.run(0.6)
     pair.granted(requests.Stop())
     pair.run(1.0)

@@ -12,9 +12,8 @@ from itertools import pairwise
 import pytest
 
 from gateway.core.messages.events import Cancel, Follow
-from gateway.core.messages.snapshot import MotionView
-from gateway.core.motion.chunk import Chunk, prepare
 from gateway.errors import Code
+from gateway.messages.snapshot import MotionView
 from gateway.values import Side, Vector
 from tests.behaviour.scene import Scene, watched
 from tests.invariants import Monitor
@@ -48,9 +47,7 @@ def rise(count: int = 31, size_rad: float = 0.3) -> list[float]:
 
 def follow(pair: Scene, points: dict[Side, list[Vector]], dt_s: float = 0.1, **how: object) -> int:
     """Follow points; return the motion."""
-    chunk = prepare(points, dt_s=dt_s)
-    assert isinstance(chunk, Chunk), chunk
-    motion_id = pair.granted(Follow(epoch=pair.epoch, chunk=chunk, **how), "ann")["motion_id"]
+    motion_id = pair.granted(Follow(epoch=pair.epoch, points=points, dt_s=dt_s, **how), "ann")["motion_id"]
     assert isinstance(motion_id, int)
     return motion_id
 
@@ -160,8 +157,8 @@ def test_chunks_five_times_a_second_that_come_late_never_stop_or_turn_the_arm(pa
             way = 0.15 * (t - 0.5 * math.tanh(t / 0.5))
             for side, q in held.items():
                 points[side].append(tuple(x + (way if j == 0 else 0.0) + rng.gauss(0.0, 3e-4) for j, x in enumerate(q)))
-        chunk = prepare(points, dt_s=1 / 30, smoothing_s=0.15)
-        request = Follow(epoch=pair.epoch, chunk=chunk, open_end=True, start_at_ns=began_ns + round(observed_s * S))
+        how = {"dt_s": 1 / 30, "smoothing_s": 0.15, "open_end": True}
+        request = Follow(epoch=pair.epoch, points=points, start_at_ns=began_ns + round(observed_s * S), **how)
         pair.granted(request, "ann")
         pair.run(0.2)
     topic_frames = [frame.values[0] for at_ns, frame in pair.arm_frames(LEFT) if at_ns - began_ns > 2 * S]
@@ -180,6 +177,6 @@ def test_a_policy_that_stops_sending_leaves_the_arm_held(pair: Scene) -> None:
 
 def test_a_late_chunk_does_not_move_the_arm_and_says_how_late_it_is(pair: Scene) -> None:
     """All its points have passed."""
-    chunk = prepare(path(pair, 0.0, 0.01, 0.02), dt_s=0.1)
-    refusal = pair.refused(Follow(epoch=pair.epoch, chunk=chunk, start_at_ns=pair.now_ns - S), "ann")
+    points = path(pair, 0.0, 0.01, 0.02)
+    refusal = pair.refused(Follow(epoch=pair.epoch, points=points, dt_s=0.1, start_at_ns=pair.now_ns - S), "ann")
     assert refusal.code is Code.TOO_LATE and not pair.moved()

@@ -15,11 +15,12 @@ from typing import Final, Generic, TypeVar
 
 import msgspec
 
-from gateway.api.facts import Info, Routes
 from gateway.api.keys import JSON, MAX_PAYLOAD_BYTES, MSGPACK, PROTOCOL_VERSION
-from gateway.api.structs import Command, Estop, Notice, RefusalMessage, Reply, Stop, Target
-from gateway.api.views import Snapshot
 from gateway.errors import Code, Refusal
+from gateway.messages.envelopes import Command, Notice, Reply, Target
+from gateway.messages.facts import Info, Routes
+from gateway.messages.requests import Estop, Stop
+from gateway.messages.snapshot import RefusalMessage, Snapshot
 
 __all__ = [
     "Malformed",
@@ -134,7 +135,7 @@ def prepare() -> None:
 
 
 def encode(message: object, encoding: str = MSGPACK) -> bytes:
-    """Return the bytes of a message: a struct of this protocol, or a core value of the same shape.
+    """Return the bytes of a message: a struct of this protocol.
 
     Args:
         message: What to send.

@@ -15,7 +15,7 @@ from gateway.api.inbox import Inbox
 from gateway.api.outbox import Outbox
 from gateway.api.stop_lane import StopLane
 from gateway.core.messages import events
-from gateway.core.messages.snapshot import Snapshot
+from gateway.messages.snapshot import Snapshot
 
 __all__ = ["Listener", "MemoryPlane"]
 

@@ -210,16 +210,18 @@ class Inbox:
 
     def _take(self, command: protocol.Command, question: Question) -> None:
         """Lay a command where the loop finds it, or refuse it."""
-        request = to_request(command.request)
-        if isinstance(request, Refusal):
-            self._outbox.refuse(question, command.request_id, request)
+        taken = to_request(command.request)
+        if isinstance(taken, Refusal):
+            self._outbox.refuse(question, command.request_id, taken)
             return
+        request, chunk = taken
         event = events.CommandRequested(
             client_id=command.client_id,
             request_id=command.request_id,
             request=request,
             received_ns=question.received_ns,
             content=hash(question.payload),
+            chunk=chunk,
         )
         lane = self._stop_lane(request)
         # Also of stops: as many of them wait for the loop already.

@@ -24,8 +24,8 @@ from gateway.api.question import Audience, Question, reply_encoding
 from gateway.api.stop_lane import StopLane
 from gateway.api.translate import to_notice, to_refusal, to_reply
 from gateway.core.messages import events
-from gateway.core.messages.snapshot import Snapshot
 from gateway.errors import Code, Refusal
+from gateway.messages.snapshot import Snapshot
 
 __all__ = ["MAX_UNSENT", "Outbox"]
 

@@ -23,8 +23,8 @@ Rules
       uses the same. Puts of the daemon are msgpack. No encoding means msgpack.
     * A payload above `MAX_PAYLOAD_BYTES` is refused before it is looked at.
 
-This module and what it imports are all that `gateway.client` knows of the daemon: msgspec, the standard library and
-`gateway.errors`. It opens nothing and sends nothing.
+This module and what it imports are all that `gateway.client` knows of the daemon: msgspec, the standard library,
+`gateway.messages`, `gateway.values` and `gateway.errors`. It opens nothing and sends nothing.
 """
 
 from __future__ import annotations
@@ -43,7 +43,6 @@ from gateway.api.encoding import (
     prepare,
     refusal_of,
 )
-from gateway.api.facts import Info, Routes
 from gateway.api.keys import (
     ARM_DOF,
     CHECK_IN_KEYS,
@@ -78,13 +77,15 @@ from gateway.api.keys import (
     token_id,
     token_version,
 )
-from gateway.api.structs import (
+from gateway.messages.envelopes import Command, Notice, Reply, Target
+from gateway.messages.facts import Info, Routes
+from gateway.messages.incoming import OnLimit, OnLimitName, OnLoss, OnLossName, SideName, SpaceName
+from gateway.messages.requests import (
     Abandon,
     Acquire,
     Cancel,
     CheckFollow,
     CloseStream,
-    Command,
     Disable,
     DisableLift,
     DriveChassis,
@@ -96,26 +97,18 @@ from gateway.api.structs import (
     LeaveEndpoint,
     Move,
     MovePose,
-    Notice,
-    OnLimitName,
-    OnLossName,
     OpenStream,
     Recover,
-    RefusalMessage,
     RegisterEndpoint,
     Release,
-    Reply,
     Request,
     SetGripper,
-    SideName,
-    SpaceName,
     Stop,
     StopChassis,
     StopLift,
     Take,
-    Target,
 )
-from gateway.api.views import (
+from gateway.messages.snapshot import (
     ArmView,
     ChassisView,
     EnableView,
@@ -133,7 +126,7 @@ from gateway.api.views import (
     MotorView,
     OthersView,
     OtherView,
-    RefusalView,
+    RefusalMessage,
     SlowingView,
     Snapshot,
     SpacingView,
@@ -141,7 +134,8 @@ from gateway.api.views import (
     TargetView,
     TopicView,
 )
-from gateway.api.wire_structs import Announcement, Wire, WireBridge, WireNeighbour, WireTopic
+from gateway.messages.wire import Announcement, Wire, WireBridge, WireNeighbour, WireTopic
+from gateway.values import Side, Space
 
 __all__ = [
     "ARM_DOF",
@@ -205,23 +199,26 @@ __all__ = [
     "Move",
     "MovePose",
     "Notice",
+    "OnLimit",
     "OnLimitName",
+    "OnLoss",
     "OnLossName",
     "OpenStream",
     "OtherView",
     "OthersView",
     "Recover",
     "RefusalMessage",
-    "RefusalView",
     "RegisterEndpoint",
     "Release",
     "Reply",
     "Request",
     "Routes",
     "SetGripper",
+    "Side",
     "SideName",
     "SlowingView",
     "Snapshot",
+    "Space",
     "SpaceName",
     "SpacingView",
     "Stop",

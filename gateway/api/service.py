@@ -32,7 +32,7 @@ from gateway.api.stop_lane import StopLane
 from gateway.api.translate import describe
 from gateway.api.zenoh_plane import ZenohPlane
 from gateway.core.messages import events
-from gateway.core.messages.snapshot import Snapshot
+from gateway.messages.snapshot import Snapshot
 from gateway.settings import LocalSettings, Settings
 from gateway.threads import supervised
 

@@ -1,7 +1,7 @@
-"""Protocol structs to core values and back: the only module that knows both.
+"""What comes in made fit for the engine, and what the engine gives made fit for the wire.
 
 Rules
-    * Form is judged here (how many joints, which sides), with the door's code; limits and finiteness are the core's.
+    * Form is judged here (how many joints, how many arms), with the door's code; limits and finiteness are the core's.
     * Text of clients is shown to people and written to logs: what cannot be printed is replaced, and it is cut.
     * A stop comes through whatever its reason looks like.
 """
@@ -11,6 +11,7 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
+from typing import TypeVar
 
 from msgspec import structs
 
@@ -18,12 +19,16 @@ import gateway
 from gateway import robot
 from gateway.api import protocol
 from gateway.core.messages import events
-from gateway.core.motion.chunk import prepare
+from gateway.core.motion.chunk import Chunk
+from gateway.core.requests.follows import worked_out
 from gateway.errors import Code, Refusal
+from gateway.messages.requests import CheckFollow, Follow, Hold, Move, MovePose, Request
 from gateway.settings import Settings
-from gateway.values import ARM_DOF, Side, Space, Vector
+from gateway.values import ARM_DOF, Side, Vector
 
 __all__ = ["config_hash", "describe", "printable", "to_notice", "to_refusal", "to_reply", "to_request", "to_target"]
+
+_R = TypeVar("_R", bound=Request)
 
 POSE_WIDTH = 7
 """Numbers of a pose: position and quaternion."""
@@ -32,161 +37,56 @@ MAX_REASON = 256
 """Longest text of a client that is passed on or logged [characters]."""
 
 
-def to_request(request: protocol.Request) -> events.Request | Refusal:
-    """Return the core's request, or why it cannot be one.
+def to_request(request: Request) -> tuple[Request, Chunk | None] | Refusal:
+    """Return a request that is fit to be shown and judged, and the motion through its points if it has any; or a refusal.
 
     Args:
         request: As decoded.
-
-    Returns:
-        The request, or a refusal with WRONG_SHAPE.
     """
-    match request:
-        case protocol.Acquire():
-            return events.Acquire(name=printable(request.name), pid=request.pid, on_loss=events.OnLoss(request.on_loss))
-        case protocol.Take():
-            return events.Take(
-                name=printable(request.name),
-                pid=request.pid,
-                reason=printable(request.reason),
-                on_loss=events.OnLoss(request.on_loss),
-            )
-        case protocol.Release():
-            return events.Release(epoch=request.epoch)
-        case protocol.Abandon():
-            return events.Abandon(epoch=request.epoch)
-        case protocol.Enable():
-            return events.Enable(epoch=request.epoch)
-        case protocol.Disable():
-            return events.Disable(epoch=request.epoch)
-        case protocol.Move():
-            return _to_move(request)
-        case protocol.Follow():
-            return _to_follow(request)
-        case protocol.CheckFollow():
-            follow = _to_follow(request.follow)
-            return (
-                follow
-                if isinstance(follow, Refusal)
-                else events.CheckFollow(follow=follow, from_here=request.from_here)
-            )
-        case protocol.MovePose():
-            return _to_move_pose(request)
-        case protocol.OpenStream():
-            return events.OpenStream(
-                epoch=request.epoch,
-                side=Side(request.side),
-                space=Space(request.space),
-                frame=printable(request.frame),
-                speed=request.speed,
-                on_limit=events.OnLimit(request.on_limit),
-                expiry_ns=request.expiry_ns,
-            )
-        case protocol.CloseStream():
-            return events.CloseStream(epoch=request.epoch, stream_id=request.stream_id)
-        case protocol.Hold():
-            sides = tuple(side for side in Side if side.value in request.sides)
-            return events.Hold(epoch=request.epoch, sides=sides) if sides else _no_arm("sides")
-        case protocol.Cancel():
-            return events.Cancel(epoch=request.epoch, motion_id=request.motion_id)
-        case protocol.SetGripper():
-            return events.SetGripper(epoch=request.epoch, side=Side(request.side), raw=request.raw)
-        case protocol.DriveChassis():
-            return events.DriveChassis(**structs.asdict(request))
-        case protocol.StopChassis():
-            return events.StopChassis(epoch=request.epoch)
-        case protocol.DriveLift():
-            return events.DriveLift(**structs.asdict(request))
-        case protocol.StopLift():
-            return events.StopLift(epoch=request.epoch)
-        case protocol.DisableLift():
-            return events.DisableLift(epoch=request.epoch)
-        case protocol.Stop():
-            return events.Stop(reason=printable(request.reason))
-        case protocol.Estop():
-            return events.Estop(reason=printable(request.reason))
-        case protocol.Recover():
-            return events.Recover(reason=printable(request.reason))
-        case protocol.RegisterEndpoint():
-            return events.RegisterEndpoint(
-                name=printable(request.name),
-                timeout_ns=request.timeout_ns,
-                on_silence=events.OnLoss(request.on_silence),
-            )
-        case protocol.LeaveEndpoint():
-            return events.LeaveEndpoint()
-
-
-def _to_move(move: protocol.Move) -> events.Move | Refusal:
-    if not move.targets_rad:
-        return _no_arm("targets_rad")
-    for side, q_rad in move.targets_rad.items():
-        if len(q_rad) != ARM_DOF:
-            return Refusal(
-                code=Code.WRONG_SHAPE,
-                message=f"the {side} arm got {len(q_rad)} joint values, {ARM_DOF} are needed (manual §4.0.3)",
-                field=f"{side}_arm",
-                value=str(len(q_rad)),
-                bound=str(ARM_DOF),
-            )
-    return events.Move(
-        epoch=move.epoch,
-        targets_rad={Side(side): q_rad for side, q_rad in move.targets_rad.items()},
-        relative=move.relative,
-        speed=move.speed,
-        tolerance_rad=move.tolerance_rad,
-        on_limit=events.OnLimit(move.on_limit),
-    )
-
-
-def _to_follow(follow: protocol.Follow) -> events.Follow | Refusal:
-    """Work out the motion through the points here: it takes some milliseconds, which the loop does not have."""
-    chunk = prepare(
-        {side: follow.points[side.value] for side in Side if side.value in follow.points},
-        dt_s=follow.dt_s,
-        times_s=follow.times_s,
-        stretch=follow.stretch,
-        smoothing_s=follow.smoothing_s,
-        space=Space(follow.space),
-    )
+    wrong = _wrong_shape(request)
+    if wrong is not None:
+        return wrong
+    chunk = worked_out(request) if isinstance(request, (Follow, CheckFollow)) else None
     if isinstance(chunk, Refusal):
         return chunk
-    return events.Follow(
-        epoch=follow.epoch,
-        chunk=chunk,
-        frames={Side(side): printable(frame) for side, frame in follow.frames.items()},
-        open_end=follow.open_end,
-        start_at_ns=follow.start_at_ns,
-        start_in_ns=follow.start_in_ns,
-        path_tolerance={Side(side): values for side, values in follow.path_tolerance.items()},
-        goal_tolerance={Side(side): values for side, values in follow.goal_tolerance.items()},
-        goal_time_ns=follow.goal_time_ns,
-    )
+    return _shown(request), chunk
 
 
-def _to_move_pose(move: protocol.MovePose) -> events.MovePose | Refusal:
-    if not move.targets:
-        return _no_arm("targets")
-    for side, values in move.targets.items():
-        if len(values) != POSE_WIDTH:
+def _shown(request: _R) -> _R:
+    """Return a request whose texts can be shown."""
+    changed: dict[str, object] = {}
+    for name in request.__struct_fields__:
+        value = getattr(request, name)
+        if type(value) is str:  # an enum is one of its own words
+            changed[name] = printable(value)
+        elif name == "frames":
+            changed[name] = {side: printable(frame) for side, frame in value.items()}
+        elif name == "follow":
+            changed[name] = _shown(value)
+    return structs.replace(request, **changed) if changed else request
+
+
+def _wrong_shape(request: Request) -> Refusal | None:
+    """Return what is wrong with how many arms are named, or how many numbers each has; of chunks others say it."""
+    match request:
+        case Move(targets_rad=named):
+            field, unit, needed, source = "targets_rad", "joint values", ARM_DOF, " (manual §4.0.3)"
+        case MovePose(targets=named):
+            field, unit, needed, source = "targets", "values of a pose", POSE_WIDTH, ": x, y, z, qx, qy, qz, qw"
+        case Hold(sides=()):
+            return _no_arm("sides")
+        case _:
+            return None
+    for side, values in named.items():
+        if len(values) != needed:
             return Refusal(
                 code=Code.WRONG_SHAPE,
-                message=f"the {side} arm got a pose of {len(values)} values, {POSE_WIDTH} are needed: "
-                "x, y, z, qx, qy, qz, qw",
+                message=f"the {side} arm got {len(values)} {unit}, {needed} are needed{source}",
                 field=f"{side}_arm",
                 value=str(len(values)),
-                bound=str(POSE_WIDTH),
+                bound=str(needed),
             )
-    return events.MovePose(
-        epoch=move.epoch,
-        targets={Side(side): values for side, values in move.targets.items()},
-        frames={Side(side): printable(frame) for side, frame in move.frames.items()},
-        speed=move.speed,
-        tolerance_m=move.tolerance_m,
-        tolerance_rad=move.tolerance_rad,
-        on_limit=events.OnLimit(move.on_limit),
-        straight=move.straight,
-    )
+    return None if named else _no_arm(field)
 
 
 def _no_arm(field: str) -> Refusal:

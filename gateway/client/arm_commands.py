@@ -139,7 +139,7 @@ class ArmCommands(Generic[HandleT, DoneT, JointStreamT, PoseStreamT]):
 
     def hold(self) -> DoneT:
         """Brake this arm and hold it; ends its motion as cancelled, or its stream."""
-        return self._control._do(self._control._hold((self.side,)))
+        return self._control._do(self._control._hold((protocol.Side(self.side),)))
 
     @overload
     def stream(

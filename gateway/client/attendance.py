@@ -7,13 +7,11 @@ from __future__ import annotations
 
 from gateway.api import protocol
 from gateway.client.procedures import Procedure, request
-from gateway.client.requests import seconds
+from gateway.client.requests import chosen, seconds
 from gateway.client.session import Session
 from gateway.errors import Code, GatewayError, Refusal, to_exception
 
 __all__ = ["Attendance"]
-
-ON_SILENCE = ("hold", "pause")
 
 
 class Attendance:
@@ -29,12 +27,9 @@ class Attendance:
     """
 
     def __init__(self, session: Session, timeout_s: float, on_silence: protocol.OnLossName) -> None:
-        if on_silence not in ON_SILENCE:
-            message = f"on_silence is {on_silence!r}, one of {', '.join(ON_SILENCE)} is needed"
-            raise to_exception(Refusal(code=Code.BAD_REQUEST, message=message, field="on_silence"))
         self._session = session
         self._timeout_ns = seconds("timeout", timeout_s)
-        self._on_silence: protocol.OnLossName = on_silence
+        self._on_silence = chosen(protocol.OnLoss, "on_silence", on_silence)
         self._endpoint_id = 0
         self._daemon = ""
         self._after_seq = 0

@@ -104,7 +104,7 @@ def follow(
     return protocol.Follow(
         epoch=epoch,
         points={side: _rows(side, points[side]) for side in sides},
-        space="joint" if frames is None else "pose",
+        space=protocol.Space.JOINT if frames is None else protocol.Space.POSE,
         frames={side: str(frames[side]) for side in sides if side in frames} if frames is not None else {},
         dt_s=None if dt is None else number("dt", dt),
         times_s=None if times is None else _times(times),
@@ -148,8 +148,8 @@ def _times(times: ArrayLike) -> tuple[float, ...]:
 
 
 def _tolerances(
-    name: str, sides: Sequence[protocol.SideName], tolerance: Tolerance, *, is_pose: bool
-) -> dict[protocol.SideName, tuple[float | None, ...]]:
+    name: str, sides: Sequence[protocol.Side], tolerance: Tolerance, *, is_pose: bool
+) -> dict[protocol.Side, tuple[float | None, ...]]:
     if tolerance is None:
         return {}
     if isinstance(tolerance, Iterable) and not isinstance(tolerance, (str, bytes)):

@@ -78,7 +78,9 @@ def set_gripper(session: Session, lease: Lease, side: protocol.SideName, raw: fl
         NotReady: Its arm is not enabled, or the robot not in a state for it.
         Rejected: The input is none.
     """
-    yield from request(session, protocol.SetGripper(epoch=lease.epoch, side=side, raw=number("raw", raw)))
+    yield from request(
+        session, protocol.SetGripper(epoch=lease.epoch, side=protocol.Side(side), raw=number("raw", raw))
+    )
 
 
 def drive_chassis(

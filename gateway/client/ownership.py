@@ -114,7 +114,7 @@ class Ownership:
     def _disable(self, timeout: float) -> Procedure[None]:
         yield from procedures.disable(self._session, self._owned(), seconds("timeout", timeout))
 
-    def _hold(self, sides: tuple[protocol.SideName, ...] = SIDES) -> Procedure[None]:
+    def _hold(self, sides: tuple[protocol.Side, ...] = SIDES) -> Procedure[None]:
         yield from procedures.request(self._session, protocol.Hold(epoch=self.epoch, sides=sides))
 
     def _move(

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Protocol
 
 from gateway.api import protocol
-from gateway.client.requests import SIDES, number, numeric
+from gateway.client.requests import SIDES, chosen, number, numeric
 from gateway.errors import Code, Refusal, to_exception
 
 if TYPE_CHECKING:
@@ -224,6 +224,6 @@ def move_pose(
         speed=number("speed", speed),
         tolerance_m=None if tolerance_m is None else number("tolerance_m", tolerance_m),
         tolerance_rad=None if tolerance_rad is None else number("tolerance_rad", tolerance_rad),
-        on_limit=on_limit,
+        on_limit=chosen(protocol.OnLimit, "on_limit", on_limit),
         straight=straight,
     )

@@ -17,6 +17,7 @@ from typing import Any, TypeVar
 
 from gateway.api import protocol
 from gateway.client.identity import is_of_this_process
+from gateway.client.requests import chosen
 from gateway.client.session import Lease, Motion, Session, Sighting
 from gateway.client.waits import Answer, Daemon, Seen, Stopped, Wait, answered_facts, answered_reply, answered_routes
 from gateway.errors import Aborted, Cancelled, Code, GatewayError, MotionEnded, Refusal, Superseded, to_exception
@@ -167,11 +168,10 @@ def acquire(session: Session, on_loss: protocol.OnLossName, take: str | None, ti
     yield from get_info(session)
     session.keep_alive()
     try:
-        command: protocol.Request = (
-            protocol.Acquire(name=session.name, pid=session.pid, on_loss=on_loss)
-            if take is None
-            else protocol.Take(name=session.name, pid=session.pid, reason=take, on_loss=on_loss)
-        )
+        name, pid, loss = session.name, session.pid, chosen(protocol.OnLoss, "on_loss", on_loss)
+        command: protocol.Request = protocol.Acquire(name=name, pid=pid, on_loss=loss)
+        if take is not None:
+            command = protocol.Take(name=name, pid=pid, reason=take, on_loss=loss)
         reply = yield from request(session, command)
         lease = session.own(_fact(reply, "epoch"))
     except GatewayError as error:

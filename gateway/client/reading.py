@@ -170,7 +170,7 @@ class RobotState:
 
     Attributes:
         age: Since the snapshot arrived here [s].
-        view: The whole snapshot as it came, documented in `gateway/core/messages/snapshot.py`.
+        view: The whole snapshot as it came, documented in `gateway/messages/snapshot.py`.
     """
 
     age: float

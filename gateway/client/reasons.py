@@ -56,7 +56,7 @@ class Why:
     state: str
     findings: tuple[Finding, ...]
     latches: Mapping[str, str]
-    refusals: Mapping[str, protocol.RefusalView]
+    refusals: Mapping[str, protocol.RefusalMessage]
     age: float
 
     def __bool__(self) -> bool:

@@ -8,7 +8,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, SupportsFloat, SupportsIndex
+from enum import Enum
+from typing import TYPE_CHECKING, SupportsFloat, SupportsIndex, TypeVar
 
 from gateway.api import protocol
 from gateway.errors import Code, GatewayError, Refusal, to_exception
@@ -17,9 +18,11 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import ArrayLike, NDArray
 
-__all__ = ["SIDES", "joints", "move", "number", "numeric", "read_only", "seconds", "within_limits"]
+__all__ = ["SIDES", "chosen", "joints", "move", "number", "numeric", "read_only", "seconds", "within_limits"]
 
-SIDES: tuple[protocol.SideName, ...] = ("left", "right")
+SIDES = tuple(protocol.Side)
+
+_Choice = TypeVar("_Choice", bound=Enum)
 
 
 def read_only(values: tuple[float, ...]) -> NDArray[np.float64]:
@@ -87,6 +90,27 @@ _WORDS = frozenset("bcSU")
 def _kind(value: object) -> str:
     """Return the kind of a numpy value, without numpy; empty for anything else."""
     return str(getattr(getattr(value, "dtype", None), "kind", ""))
+
+
+def chosen(choices: type[_Choice], name: str, value: str) -> _Choice:
+    """Return one of the words that a parameter may be, as the protocol has it.
+
+    Raises:
+        Rejected: BAD_REQUEST, with the words that there are.
+    """
+    try:
+        return choices(value)
+    except ValueError:
+        words = ", ".join(choice.value for choice in choices)
+        raise to_exception(
+            Refusal(
+                code=Code.BAD_REQUEST,
+                message=f"{name} is {value!r}, one of {words} is needed",
+                field=name,
+                value=str(value),
+                bound=words,
+            )
+        ) from None
 
 
 def joints(side: str, q_rad: ArrayLike) -> tuple[float, ...]:
@@ -196,7 +220,7 @@ def move(
         relative=relative,
         speed=number("speed", speed),
         tolerance_rad=None if tolerance_rad is None else number("tolerance", tolerance_rad),
-        on_limit=on_limit,
+        on_limit=chosen(protocol.OnLimit, "on_limit", on_limit),
     )
 
 

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 from gateway.api import protocol
 from gateway.client.poses import numbers, within_reach
 from gateway.client.procedures import Procedure, open_stream, request
-from gateway.client.requests import joints, number, read_only, seconds, within_limits
+from gateway.client.requests import chosen, joints, number, read_only, seconds, within_limits
 from gateway.client.session import Lease, Session
 from gateway.client.watching import pause
 from gateway.errors import Code, Refusal, to_exception
@@ -84,11 +84,11 @@ class TargetStream:
         self._period_ns = round(1e9 / rate_hz)
         self._opening = protocol.OpenStream(
             epoch=lease.epoch,
-            side=side,
-            space="pose" if frame else "joint",
+            side=protocol.Side(side),
+            space=protocol.Space.POSE if frame else protocol.Space.JOINT,
             frame=frame,
             speed=number("speed", options.speed),
-            on_limit=options.on_limit,
+            on_limit=chosen(protocol.OnLimit, "on_limit", options.on_limit),
             expiry_ns=None if options.expiry is None else seconds("expiry", options.expiry),
         )
         self._stream_id = 0

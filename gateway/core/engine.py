@@ -40,7 +40,6 @@ from gateway.core.messages.events import (
     TargetArrived,
 )
 from gateway.core.messages.outputs import found_at
-from gateway.core.messages.snapshot import Snapshot
 from gateway.core.others.elsewhere import elsewhere, twins
 from gateway.core.output.diagnosis import Diagnosis
 from gateway.core.output.outlet import Outlet, Output
@@ -59,6 +58,7 @@ from gateway.core.supervision.phases import Phases
 from gateway.core.supervision.rivalry import Rivalry
 from gateway.core.supervision.supervisor import State, Trigger
 from gateway.errors import Code, Refusal
+from gateway.messages.snapshot import Snapshot
 from gateway.robot import ARM_WATCHDOG_NS, FSM_STATE
 from gateway.settings import Settings
 from gateway.values import FsmState, Side, Vector

@@ -39,7 +39,7 @@ from gateway.core.messages.events import (
     Stop,
     Suspended,
 )
-from gateway.core.messages.snapshot import Snapshot
+from gateway.messages.snapshot import Snapshot
 from gateway.process.realtime import SleepWatch
 
 __all__ = ["Engine", "Link", "Loop", "Output", "Service", "Watch"]

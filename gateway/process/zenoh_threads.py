@@ -17,7 +17,7 @@ from collections.abc import MutableMapping
 __all__ = ["VARIABLE", "share_reactor"]
 
 VARIABLE = "ZENOH_RUNTIME"
-SHARED = "(app: (handover: rx), acc: (handover: rx))"
+SHARED = "(rx: (worker_threads: 6), app: (handover: rx), acc: (handover: rx))"
 
 
 def share_reactor(environ: MutableMapping[str, str] | None = None) -> None:

@@ -9,7 +9,8 @@ from __future__ import annotations
 from msgspec.structs import replace
 
 from gateway.core.messages import events
-from gateway.core.messages.snapshot import (
+from gateway.errors import Code, Refusal
+from gateway.messages.snapshot import (
     ArmView,
     ChassisView,
     EnableView,
@@ -30,7 +31,6 @@ from gateway.core.messages.snapshot import (
     TargetView,
     TopicView,
 )
-from gateway.errors import Code, Refusal
 
 TICK_NS = 10_000_000
 START_Q = (0.1, 0.5, -0.3, 0.9, 0.2, -0.1, 0.3)
@@ -366,8 +366,8 @@ class ScriptedEngine:
         return self._begin(event, event.request.targets, {"clipped": {}})
 
     def _on_follow(self, event):
-        goals = {side: trajectory.points[-1] for side, trajectory in event.request.chunk.trajectories.items()}
-        return self._begin(event, goals, {"skipped": 0, "moved": event.request.chunk.moved})
+        goals = {side: points[-1] for side, points in event.request.points.items()}
+        return self._begin(event, goals, {"skipped": 0, "moved": event.chunk.moved})
 
     def _begin(self, event, goals, facts):
         refusal = self._owns(event)

@@ -14,35 +14,20 @@ from gateway.core.messages import events
 from gateway.errors import Code, Refusal
 from gateway.settings import ArmSettings, ChassisSettings, LiftSettings, Settings
 from gateway.values import Side
+from tests.api import samples
 from tests.api.samples import REQUESTS, Q
 
 
 @pytest.mark.parametrize("request_", REQUESTS, ids=lambda request: type(request).__name__)
-def test_every_request_becomes_the_cores(request_):
-    """The class of the same name, with the same values in the core's own types."""
-    core = to_request(request_)
-    _assert_same(core, request_)
-    assert isinstance(getattr(core, "on_loss", events.OnLoss.HOLD), events.OnLoss)
-    assert isinstance(getattr(core, "on_limit", events.OnLimit.CLIP), events.OnLimit)
-
-
-def _assert_same(core, request_):
-    assert type(core).__name__ == type(request_).__name__
-    for name in type(core).__slots__:
-        ours, theirs = getattr(core, name), getattr(request_, name, None)
-        if name == "targets_rad":
-            assert {side.value: q for side, q in ours.items()} == theirs and all(isinstance(s, Side) for s in ours)
-        elif name == "chunk":
-            assert {side.value for side in ours.trajectories} == set(request_.points)
-            assert all(len(t.points) == len(request_.points[s.value]) for s, t in ours.trajectories.items())
-        elif isinstance(theirs, dict):
-            assert {side.value: values for side, values in ours.items()} == theirs
-        elif name == "sides":
-            assert tuple(side.value for side in ours) == theirs
-        elif name == "follow":
-            _assert_same(ours, theirs)
-        else:
-            assert ours == theirs
+def test_a_request_arrives_as_it_was_sent(request_):
+    """The engine gets the very values of the client, and beside a chunk the motion through its points."""
+    sent = samples.command(request_)
+    for encoding in (protocol.MSGPACK, protocol.JSON):
+        taken, chunk = to_request(protocol.decode_command(protocol.encode(sent, encoding), encoding).request)
+        assert taken == request_
+        assert isinstance(getattr(taken, "on_loss", events.OnLoss.HOLD), events.OnLoss)
+        assert isinstance(getattr(taken, "on_limit", events.OnLimit.CLIP), events.OnLimit)
+        assert (chunk is not None) is isinstance(taken, (events.Follow, events.CheckFollow))
 
 
 @pytest.mark.parametrize(
@@ -65,18 +50,14 @@ def test_a_wrong_shape_is_told_with_arm_and_number(request_, field, value):
     assert (refusal.field, refusal.value) == (field, value)
 
 
-def test_sides_named_twice_are_one():
-    """Naming an arm twice means it once, in the order left, right."""
-    assert to_request(protocol.Hold(epoch=1, sides=("right", "left", "right"))) == events.Hold(
-        epoch=1, sides=(Side.LEFT, Side.RIGHT)
-    )
-
-
 def test_text_of_clients_is_made_fit_to_be_shown():
     """Control characters would act on a terminal: they are replaced; long reasons are cut, and still stop."""
-    taken = to_request(protocol.Take(name="a\x1b[31mb", pid=1, reason="x\ny\u202e"))
+    taken, _ = to_request(protocol.Take(name="a\x1b[31mb", pid=1, reason="x\ny\u202e"))
     assert taken.name == "a?[31mb" and taken.reason == "x?y?"
-    stop = to_request(protocol.Stop(reason="é" * 10_000))
+    follow = protocol.Follow(epoch=1, points={"left": (Q, Q)}, dt_s=0.1, frames={"left": "a\x07"})
+    check, _ = to_request(protocol.CheckFollow(follow=follow))
+    assert check.follow.frames == {"left": "a?"}
+    stop, _ = to_request(protocol.Stop(reason="é" * 10_000))
     assert isinstance(stop, events.Stop) and stop.reason == "é" * 256
 
 

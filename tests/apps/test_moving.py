@@ -9,9 +9,9 @@ import pytest
 from msgspec.structs import replace
 
 from gateway.apps import asking, errand
-from gateway.core.messages import requests
-from gateway.core.messages.snapshot import LinkView
 from gateway.errors import Code, Refusal
+from gateway.messages import requests
+from gateway.messages.snapshot import LinkView
 from gateway.robot import HOME_Q_RAD
 from gateway.values import Side
 from tests.api.stand_in import START_Q, a_snapshot

@@ -8,7 +8,7 @@ from gateway.apps.advice import next_steps
 from gateway.apps.others import foreign_on, other_text, others_in_order
 from gateway.apps.status import lines
 from gateway.apps.topics import document, foreign_lines
-from gateway.core.messages.snapshot import OthersView, OtherView
+from gateway.messages.snapshot import OthersView, OtherView
 from tests.apps.views import INFO, MS, S, a_view
 
 ARM = "/api/left_arm/joint_cmd"

@@ -5,9 +5,9 @@ from __future__ import annotations
 import pytest
 
 from gateway.apps import stopping
-from gateway.core.messages import requests
-from gateway.core.messages.snapshot import LinkView
 from gateway.errors import Code, Refusal
+from gateway.messages import requests
+from gateway.messages.snapshot import LinkView
 
 
 @pytest.mark.parametrize(("command", "kind"), [("stop", requests.Stop), ("estop", requests.Estop)])

@@ -6,7 +6,7 @@ from msgspec.structs import replace
 
 from gateway.api import protocol
 from gateway.apps.topics import document, lines, route_lines
-from gateway.core.messages.snapshot import StreamView
+from gateway.messages.snapshot import StreamView
 from gateway.robot import STATE_TOPICS, TOPICS, VARIANTS
 from tests.apps.views import INFO, MS, S, a_view, all_topics
 

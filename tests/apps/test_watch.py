@@ -17,7 +17,8 @@ from gateway.apps.frame import Picture, Remark, frame
 from gateway.apps.watch import Viewer, plain_line
 from gateway.client import connect
 from gateway.core.messages.events import Level, Notice
-from gateway.core.messages.snapshot import (
+from gateway.errors import Code
+from gateway.messages.snapshot import (
     LeaseView,
     LinkView,
     MotionView,
@@ -26,7 +27,6 @@ from gateway.core.messages.snapshot import (
     StreamView,
     TargetView,
 )
-from gateway.errors import Code
 from tests.api.stand_in import a_snapshot
 from tests.apps.views import INFO, MS, S, a_view, all_topics, owned
 from tests.client.world import World

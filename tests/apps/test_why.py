@@ -7,7 +7,7 @@ from msgspec.structs import replace
 from gateway.apps.advice import next_steps
 from gateway.apps.frame import Picture, frame
 from gateway.apps.status import lines as status_lines
-from gateway.core.messages.snapshot import Finding, RefusalView
+from gateway.messages.snapshot import Finding, RefusalMessage
 from tests.api.stand_in import a_snapshot
 from tests.apps.views import INFO, S, a_view, all_topics
 
@@ -18,7 +18,7 @@ STALL = Finding(
     since_ns=998 * S,
     facts={"joint": 7.0, "off_rad": 0.4},
 )
-NOT_ENABLED = RefusalView(
+NOT_ENABLED = RefusalMessage(
     code="NOT_ENABLED",
     message="the arms are not enabled",
     field="",

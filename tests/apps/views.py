@@ -6,7 +6,7 @@ from msgspec.structs import replace
 
 from gateway.api import protocol
 from gateway.api.translate import describe
-from gateway.core.messages.snapshot import LeaseView, StreamView, TopicView
+from gateway.messages.snapshot import LeaseView, StreamView, TopicView
 from gateway.robot import COMMAND_TOPICS, STATE_TOPICS, TOPICS
 from gateway.settings import Settings
 from tests.api.stand_in import a_snapshot

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import pytest
 
 from gateway import robot
 from gateway.core.messages.events import Follow, FrameKind, Stop
-from gateway.core.motion.chunk import Chunk, prepare
 from gateway.core.motion.poses.quaternion import exp, multiply
 from gateway.errors import Code
 from gateway.sim.settings import SimSettings
@@ -20,20 +20,18 @@ from tests.pair import MS, S
 LEFT, RIGHT = Side.LEFT, Side.RIGHT
 
 
-def chunk_from(pair: Scene, *sides: Side, off_rad: float = 0.0, count: int = 60, rate: float = 1.0) -> Chunk:
+def chunk_from(pair: Scene, *sides: Side, off_rad: float = 0.0, count: int = 60, rate: float = 1.0) -> dict[str, Any]:
     """A swing of joint 3 by 0.2 rad at 30 Hz, beginning so far from where these arms are held."""
     swings = [0.1 * (1.0 - math.cos(rate * n / 30)) + off_rad for n in range(count)]
     held = pair.arm_frames_now()
     points = {side: [(*held[side][:2], held[side][2] + s, *held[side][3:]) for s in swings] for side in sides}
-    made = prepare(points, dt_s=1 / 30)
-    assert isinstance(made, Chunk)
-    return made
+    return {"points": points, "dt_s": 1 / 30}
 
 
 def test_a_chunk_may_begin_a_tenth_of_a_radian_from_the_reference() -> None:
     """It is joined inside all limits, and reached."""
     pair = watched()
-    motion = pair.granted(Follow(epoch=pair.epoch, chunk=chunk_from(pair, LEFT, off_rad=0.099)), "ann")["motion_id"]
+    motion = pair.granted(Follow(epoch=pair.epoch, **chunk_from(pair, LEFT, off_rad=0.099)), "ann")["motion_id"]
     pair.run(3.0)
     assert pair.motion_view(motion).state == "reached"
 
@@ -41,7 +39,7 @@ def test_a_chunk_may_begin_a_tenth_of_a_radian_from_the_reference() -> None:
 def test_a_chunk_that_begins_farther_away_is_refused() -> None:
     """With joint, value, bound and what to do; nothing moves."""
     pair = watched()
-    refusal = pair.refused(Follow(epoch=pair.epoch, chunk=chunk_from(pair, LEFT, off_rad=0.101)), "ann")
+    refusal = pair.refused(Follow(epoch=pair.epoch, **chunk_from(pair, LEFT, off_rad=0.101)), "ann")
     assert (refusal.code, refusal.field, refusal.unit) == (Code.JUMP_TOO_FAR, "left_arm[0][2]", "rad")
     assert refusal.value.startswith("0.101") and refusal.bound == "0.1"
     pair.run(0.2)
@@ -51,7 +49,7 @@ def test_a_chunk_that_begins_farther_away_is_refused() -> None:
 def test_a_chunk_of_two_arms_of_which_one_is_lost_aborts_for_both() -> None:
     """With a code for each; the other arm brakes and holds."""
     pair = watched()
-    motion = pair.granted(Follow(epoch=pair.epoch, chunk=chunk_from(pair, LEFT, RIGHT)), "ann")["motion_id"]
+    motion = pair.granted(Follow(epoch=pair.epoch, **chunk_from(pair, LEFT, RIGHT)), "ann")["motion_id"]
     pair.run(0.8)
     pair.mark()
     pair.disable_arm(RIGHT)
@@ -64,9 +62,9 @@ def test_a_chunk_of_two_arms_of_which_one_is_lost_aborts_for_both() -> None:
 def test_a_stop_ends_a_chunk_and_one_that_waits() -> None:
     """The chunk under way and its successor alike: the arms brake and hold, and nothing begins later."""
     pair = watched()
-    pair.granted(Follow(epoch=pair.epoch, chunk=chunk_from(pair, LEFT, RIGHT), open_end=True), "ann")
+    pair.granted(Follow(epoch=pair.epoch, **chunk_from(pair, LEFT, RIGHT), open_end=True), "ann")
     pair.run(0.8)
-    later = Follow(epoch=pair.epoch, chunk=chunk_from(pair, LEFT, RIGHT), start_in_ns=400_000_000)
+    later = Follow(epoch=pair.epoch, **chunk_from(pair, LEFT, RIGHT), start_in_ns=400_000_000)
     motion = pair.granted(later, "ann")["motion_id"]
     pair.run(0.1)
     pair.granted(Stop(), "ann")
@@ -89,7 +87,7 @@ def mixed() -> Scene:
     return scene("at rest", pair)
 
 
-def poses_from(pair: Scene, *, off_m: float = 0.0, count: int = 60, rate: float = 1.2) -> Chunk:
+def poses_from(pair: Scene, *, off_m: float = 0.0, count: int = 60, rate: float = 1.2) -> dict[str, Any]:
     """A swing of the right end effector by 5 cm at 30 Hz, turning a little, beginning so far from where it is held."""
     x, y, z, *quat = pair.sent_on(robot.pose_command(RIGHT))[-1][1].values
     rows = []
@@ -98,9 +96,7 @@ def poses_from(pair: Scene, *, off_m: float = 0.0, count: int = 60, rate: float 
         turned = multiply(exp((0.0, 0.0, 0.1 * s)), tuple(quat))
         sign = -1.0 if n % 3 == 0 else 1.0
         rows.append((x - 0.025 * s, y, z + 0.01 * s + off_m, *(sign * c for c in turned)))
-    made = prepare({RIGHT: rows}, dt_s=1 / 30, space=Space.POSE)
-    assert isinstance(made, Chunk), made
-    return made
+    return {"points": {RIGHT: rows}, "dt_s": 1 / 30, "space": Space.POSE}
 
 
 def poses_sent(pair: Scene) -> list[Vector]:
@@ -110,14 +106,14 @@ def poses_sent(pair: Scene) -> list[Vector]:
 
 def test_a_chunk_of_poses_may_begin_two_centimetres_from_the_reference(mixed: Scene) -> None:
     """It is followed inside all limits, its quaternions in any signs, and reached; its successor takes over at speed."""
-    first = Follow(epoch=mixed.epoch, chunk=poses_from(mixed, off_m=0.019), frames=FRAMES, open_end=True)
+    first = Follow(epoch=mixed.epoch, **poses_from(mixed, off_m=0.019), frames=FRAMES, open_end=True)
     mixed.granted(first, "ann")
     chunk = poses_from(mixed, off_m=0.019)
     mixed.run(0.8)
     tolerances = {RIGHT: (0.03, 0.2)}
     later = Follow(
         epoch=mixed.epoch,
-        chunk=chunk,
+        **chunk,
         frames=FRAMES,
         start_in_ns=-810 * MS,
         path_tolerance=tolerances,
@@ -127,28 +123,28 @@ def test_a_chunk_of_poses_may_begin_two_centimetres_from_the_reference(mixed: Sc
     assert facts["skipped"] in {24, 25}
     mixed.run_until(lambda: mixed.motion_view(facts["motion_id"]).state == "reached", 6.0)
     judge(poses_sent(mixed), LIMITS)
-    goal = chunk.trajectories[RIGHT].points[-1]
+    goal = chunk["points"][RIGHT][-1]
     assert math.dist(poses_sent(mixed)[-1][:3], goal[:3]) < 1e-6
 
 
 def test_a_chunk_of_poses_that_begins_farther_away_is_refused(mixed: Scene) -> None:
     """As is one in the other arm's frame, one in no frame, and one of joints for an arm in end-effector mode."""
-    far = mixed.refused(Follow(epoch=mixed.epoch, chunk=poses_from(mixed, off_m=0.021), frames=FRAMES), "ann")
+    far = mixed.refused(Follow(epoch=mixed.epoch, **poses_from(mixed, off_m=0.021), frames=FRAMES), "ann")
     assert (far.code, far.unit, far.bound) == (Code.JUMP_TOO_FAR, "m", "0.02")
     chunk = poses_from(mixed)
     other = {RIGHT: robot.shoulder_frame(LEFT)}
-    assert mixed.refused(Follow(epoch=mixed.epoch, chunk=chunk, frames=other), "ann").code is Code.WRONG_FRAME
-    assert mixed.refused(Follow(epoch=mixed.epoch, chunk=chunk), "ann").code is Code.WRONG_FRAME
-    joints = prepare({RIGHT: [robot.HOME_Q_RAD[RIGHT]] * 3}, dt_s=0.1)
-    assert mixed.refused(Follow(epoch=mixed.epoch, chunk=joints), "ann").code is Code.WRONG_CONTROL_MODE
+    assert mixed.refused(Follow(epoch=mixed.epoch, **chunk, frames=other), "ann").code is Code.WRONG_FRAME
+    assert mixed.refused(Follow(epoch=mixed.epoch, **chunk), "ann").code is Code.WRONG_FRAME
+    joints = {"points": {RIGHT: [robot.HOME_Q_RAD[RIGHT]] * 3}, "dt_s": 0.1}
+    assert mixed.refused(Follow(epoch=mixed.epoch, **joints), "ann").code is Code.WRONG_CONTROL_MODE
     fast = poses_from(mixed, rate=9.0)
-    refusal = mixed.refused(Follow(epoch=mixed.epoch, chunk=fast, frames=FRAMES), "ann")
+    refusal = mixed.refused(Follow(epoch=mixed.epoch, **fast, frames=FRAMES), "ann")
     assert refusal.code is Code.TOO_FAST and "stretch=" in refusal.hint
 
 
 def test_a_chunk_of_poses_that_runs_out_brakes_and_holds(mixed: Scene) -> None:
     """UNDERRUN; the end effector comes to rest inside its limits."""
-    request = Follow(epoch=mixed.epoch, chunk=poses_from(mixed, count=30), frames=FRAMES, open_end=True)
+    request = Follow(epoch=mixed.epoch, **poses_from(mixed, count=30), frames=FRAMES, open_end=True)
     motion = mixed.granted(request, "ann")["motion_id"]
     mixed.run(3.0)
     assert mixed.motion_view(motion).code == "UNDERRUN"

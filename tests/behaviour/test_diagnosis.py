@@ -23,8 +23,8 @@ from gateway.core.messages.events import (
     RouteObserved,
     Stop,
 )
-from gateway.core.messages.snapshot import Finding
 from gateway.errors import CODES
+from gateway.messages.snapshot import Finding
 from gateway.settings import ArmSettings
 from gateway.sim.settings import SimSettings
 from gateway.values import Side

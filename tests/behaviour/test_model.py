@@ -10,7 +10,6 @@ import pytest
 from gateway import robot
 from gateway.apps.calibration_writing import write_arms
 from gateway.codes import Code
-from gateway.core.messages.snapshot import ModelView, Snapshot
 from gateway.core.robot_state.body_model import body_model
 from gateway.kinematics.arm import ArmModel
 from gateway.kinematics.arm_section import ArmCalibration, fingerprint
@@ -19,6 +18,7 @@ from gateway.kinematics.description import nominal
 from gateway.kinematics.identify import Identification, identify
 from gateway.kinematics.pairing import Pair, Pairing
 from gateway.kinematics.parameters import Group
+from gateway.messages.snapshot import ModelView, Snapshot
 from gateway.settings import ArmSettings, LinkSettings, LocalSettings, ModelSettings, Settings
 from gateway.sim.settings import SimSettings
 from gateway.values import Side

@@ -14,9 +14,9 @@ from gateway.core.messages.events import (
     Move,
     OnLimit,
 )
-from gateway.core.messages.snapshot import MotionView
 from gateway.core.motion.motion import PlanFailed
 from gateway.errors import Code
+from gateway.messages.snapshot import MotionView
 from gateway.values import Side
 from tests.behaviour.scene import HOME, away, watched
 from tests.pair import MS

@@ -9,6 +9,7 @@ from gateway.api import protocol
 from gateway.api.translate import to_request
 from gateway.core.engine import Output
 from gateway.core.messages import events
+from gateway.core.motion.chunk import Chunk
 from gateway.errors import Refusal
 from gateway.sim.settings import SimSettings
 from gateway.values import Side
@@ -17,8 +18,6 @@ from tests.pair import MS, Pair
 
 __all__ = ["chunk_rows"]
 
-SPACES: tuple[protocol.SpaceName, ...] = ("joint", "pose")
-SIDES: tuple[protocol.SideName, ...] = ("left", "right")
 POINTS = (50, 450)
 ROUNDS = 12
 GOAL_MS = 5.0
@@ -27,19 +26,19 @@ PERIOD_MS = 10.0
 DT_S = 0.02
 
 
-def _request(pair: Pair, epoch: int, space: protocol.SpaceName, count: int) -> protocol.Follow:
+def _request(pair: Pair, epoch: int, space: protocol.Space, count: int) -> protocol.Follow:
     """Return a swing of both arms from where they are held."""
-    points: dict[protocol.SideName, tuple[tuple[float, ...], ...]] = {}
-    for side in SIDES:
+    points: dict[Side, tuple[tuple[float, ...], ...]] = {}
+    for side in Side:
         arm = pair.see().arms[side]
-        held = arm.q_ref_rad if space == "joint" else (*arm.ref_p_m, *arm.ref_quat_xyzw)
+        held = arm.q_ref_rad if space is protocol.Space.JOINT else (*arm.ref_p_m, *arm.ref_quat_xyzw)
         ways = [0.02 * (math.cos(0.8 * n * DT_S) - 1.0) for n in range(count)]
         points[side] = tuple((held[0] + way, *held[1:]) for way in ways)
-    frames = {side: f"{side}_shoulder_base" for side in SIDES} if space == "pose" else {}
+    frames = {side: f"{side}_shoulder_base" for side in Side} if space is protocol.Space.POSE else {}
     return protocol.Follow(epoch=epoch, points=points, space=space, frames=frames, dt_s=DT_S)
 
 
-def _accepting_ms(pair: Pair, request: events.Request) -> float:
+def _accepting_ms(pair: Pair, request: events.Request, chunk: Chunk | None) -> float:
     """Return the time of the tick that accepts a chunk [ms]; in processor time of this thread."""
     engine = pair.engine
     tick, accepting_ms = engine.tick, 0.0
@@ -53,7 +52,7 @@ def _accepting_ms(pair: Pair, request: events.Request) -> float:
             accepting_ms = (time.thread_time_ns() - begun_ns) / MS
         return output
 
-    pair.tell(request)
+    pair.tell(request, chunk=chunk)
     engine.tick = timed
     try:
         pair.run_until(lambda: accepting_ms > 0.0)
@@ -65,7 +64,7 @@ def _accepting_ms(pair: Pair, request: events.Request) -> float:
 def chunk_rows() -> list[Row]:
     """Measure chunks of joints and of poses, each taking over from the one before it in mid-motion."""
     rows: list[Row] = []
-    for space in SPACES:
+    for space in protocol.Space:
         pair = Pair(sim=SimSettings(state_period_ns=10 * MS, left_mode=space, right_mode=space))
         epoch = pair.activate()
         for count in POINTS:
@@ -73,10 +72,10 @@ def chunk_rows() -> list[Row]:
             beside_ms, in_tick_ms = [], []
             for _ in range(ROUNDS):
                 begun_ns = time.thread_time_ns()
-                request = to_request(wanted)
+                taken = to_request(wanted)
                 beside_ms.append((time.thread_time_ns() - begun_ns) / MS)
-                assert not isinstance(request, Refusal), request
-                in_tick_ms.append(_accepting_ms(pair, request))
+                assert not isinstance(taken, Refusal), taken
+                in_tick_ms.append(_accepting_ms(pair, *taken))
                 pair.run(0.1)
             pair.granted(events.Hold(epoch=epoch, sides=tuple(Side)))
             pair.run(1.0)

@@ -10,8 +10,8 @@ import time
 from collections.abc import Callable
 
 from gateway.core.engine import Output
-from gateway.core.messages import requests
 from gateway.core.robot_state.body_model import body_model
+from gateway.messages import requests
 from gateway.robot import HOME_Q_RAD
 from gateway.settings import Settings
 from gateway.values import Side

@@ -8,7 +8,6 @@ import pytest
 from gateway.client import Robot, StopResult, connect
 from gateway.core.messages import events
 from gateway.core.messages.events import Level, Notice
-from gateway.core.messages.snapshot import SlowingView
 from gateway.errors import (
     Code,
     Disconnected,
@@ -19,6 +18,7 @@ from gateway.errors import (
     Rejected,
     Stale,
 )
+from gateway.messages.snapshot import SlowingView
 from tests.api.stand_in import START_Q, a_snapshot
 
 

@@ -616,8 +616,8 @@ def test_a_chunk_is_asked_for_with_everything_that_was_wished(world, own):
         goal_time=1.5,
     )
     request = asked(world)
-    assert isinstance(request, events.Follow) and list(request.chunk.trajectories) == [Side.LEFT]
-    assert request.chunk.duration_s == pytest.approx(0.6) and request.open_end
+    assert isinstance(request, events.Follow) and list(request.points) == [Side.LEFT]
+    assert (request.dt_s, request.stretch, request.smoothing_s, request.open_end) == (0.1, 2.0, 0.1, True)
     assert (request.start_at_ns, request.start_in_ns, request.goal_time_ns) == (None, -300_000_000, 1_500_000_000)
     assert request.path_tolerance == {Side.LEFT: (0.2,) * 7}
     assert request.goal_tolerance == {Side.LEFT: (0.1, None, None, None, None, None, 0.1)}
@@ -629,8 +629,8 @@ def test_both_arms_follow_on_one_clock(world, own):
     rights = np.tile(np.asarray([-0.5, -0.92, 0.52, -1.28, 0.32, 0.55, -0.52]), (4, 1))
     own.follow({"right": rights, "left": ROWS}, times=[0.0, 0.1, 0.2, 0.4], start_at=12.5)
     request = asked(world)
-    assert list(request.chunk.trajectories) == [Side.LEFT, Side.RIGHT]
-    assert request.start_at_ns == 12_500_000_000 and request.chunk.duration_s == pytest.approx(0.4)
+    assert list(request.points) == [Side.LEFT, Side.RIGHT]
+    assert request.start_at_ns == 12_500_000_000 and request.times_s == (0.0, 0.1, 0.2, 0.4)
 
 
 @pytest.mark.parametrize(
@@ -664,10 +664,10 @@ def test_poses_are_followed_in_the_frame_that_is_named(world, own):
     poses = np.tile([0.3, -0.1, -0.2, 0.0, 0.0, 0.0, 1.0], (4, 1)) + np.linspace(0.0, 0.01, 4)[:, None] * np.eye(7)[0]
     own.right_arm.follow(poses, 0.1, frame="right_shoulder_base", path_tolerance=[0.02, None])
     request = asked(world)
-    assert request.chunk.space is Space.POSE and request.frames == {Side.RIGHT: "right_shoulder_base"}
+    assert request.space is Space.POSE and request.frames == {Side.RIGHT: "right_shoulder_base"}
     assert request.path_tolerance == {Side.RIGHT: (0.02, None)}
     own.follow({"right": poses}, 0.1, frames={"right": "right_shoulder_base"})
-    assert asked(world).chunk.space is Space.POSE
+    assert asked(world).space is Space.POSE
     for tolerance in (0.02, [0.1] * 7):
         with pytest.raises(Rejected) as caught:
             own.right_arm.follow(poses, 0.1, frame="right_shoulder_base", goal_tolerance=tolerance)

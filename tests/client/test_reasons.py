@@ -5,8 +5,8 @@ from __future__ import annotations
 import pytest
 
 from gateway.client import aio
-from gateway.core.messages.snapshot import Finding, RefusalView
 from gateway.errors import Disconnected
+from gateway.messages.snapshot import Finding, RefusalMessage
 from tests.client.test_aio import play
 
 S = 1_000_000_000
@@ -54,7 +54,7 @@ def test_latches_are_reasons_too(world, robot):
 
 def test_what_would_be_refused_is_known_before_it_is_asked(world, robot):
     """By kind of request, with code, words and remedy; not a fault in itself."""
-    refusal = RefusalView(
+    refusal = RefusalMessage(
         code="NOT_ENABLED", message="the arms are not enabled", field="", value="", bound="", unit="", hint="enable()"
     )
     world.engine.show(refusals={"left_arm": refusal, "right_arm": refusal})

@@ -10,8 +10,8 @@ import pytest
 from gateway.client import aio, connect
 from gateway.client.news import KEPT
 from gateway.core.messages.events import Level, Notice
-from gateway.core.messages.snapshot import LinkView
 from gateway.errors import Code, Disconnected, GatewayTimeout, Rejected, Stale
+from gateway.messages.snapshot import LinkView
 from tests.api.stand_in import a_snapshot
 from tests.client.test_aio import play
 

@@ -34,8 +34,8 @@ from gateway.core.messages.events import (
     Stop,
     Suspended,
 )
-from gateway.core.messages.snapshot import Snapshot
 from gateway.errors import Code
+from gateway.messages.snapshot import Snapshot
 from gateway.process import loop as loop_module
 from gateway.process.loop import Loop
 

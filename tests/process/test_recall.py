@@ -11,8 +11,8 @@ import pytest
 from gateway.core.engine import Engine
 from gateway.core.messages.events import CommandRequested, LinkUp, Remembered
 from gateway.core.messages.outputs import ROUTERS_KEPT, found_at, router_name
-from gateway.core.messages.requests import Enable
 from gateway.errors import Code
+from gateway.messages.requests import Enable
 from gateway.process.recall import Recall
 from gateway.process.state_file import EPOCH_BLOCK, StateFile, StateWriter, path_of, read_state
 from gateway.settings import LinkSettings, Settings

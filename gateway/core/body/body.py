@@ -11,7 +11,6 @@ from functools import partial
 
 from gateway.core.body.motions import Motion, MotionBook, MotionState
 from gateway.core.body.targets import TargetBook
-from gateway.core.messages.snapshot import SlowingView, SpacingView
 from gateway.core.motion.joints.passage import Outcome
 from gateway.core.motion.motion import Path, plan
 from gateway.core.motion.pose_motion import PosePath, plan_poses
@@ -26,6 +25,7 @@ from gateway.core.streams.pose import PoseStream
 from gateway.core.streams.setpoints import SetpointStream
 from gateway.core.streams.stream import Stream
 from gateway.errors import Code
+from gateway.messages.snapshot import SlowingView, SpacingView
 from gateway.settings import Settings
 from gateway.values import Side, Space, Vector
 

@@ -14,10 +14,10 @@ from dataclasses import dataclass
 from enum import Enum
 from operator import attrgetter
 
-from gateway.core.messages.snapshot import MotionView
 from gateway.core.motion.gap import Gap, gap
 from gateway.core.motion.tolerance import Deviation, Tolerances, first_beyond
 from gateway.errors import Code
+from gateway.messages.snapshot import MotionView
 from gateway.settings import ArmSettings, PoseSettings
 from gateway.values import Side, Space, Vector
 

@@ -12,8 +12,8 @@ from operator import attrgetter
 from gateway.core.limits.door import check_goal
 from gateway.core.limits.pose_door import check_pose
 from gateway.core.messages.events import OnLimit, TargetArrived
-from gateway.core.messages.snapshot import TargetView
 from gateway.errors import Code, Refusal
+from gateway.messages.snapshot import TargetView
 from gateway.settings import ArmSettings, PoseSettings
 from gateway.values import Side, Space, Vector
 

@@ -1,6 +1,6 @@
-"""What goes in and what comes out, as frozen values without behaviour.
+"""What only the engine takes and gives, as frozen values without behaviour; what users say and see is `gateway.messages`.
 
-In: `events.py` and `requests.py`. Out: `outputs.py` (frames, replies, notices) and `snapshot.py`; `held.py` is what a daemon
-shows to its guard.
+In: `events.py`, with what is seen of others (`sightings.py`). Out: `outputs.py` (frames, replies, notices); `held.py` is what
+a daemon shows to its guard.
 Read first: `events.py`.
 """

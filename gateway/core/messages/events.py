@@ -15,7 +15,21 @@ from msgspec import Struct
 
 from gateway.core.messages.held import Held
 from gateway.core.messages.outputs import Frame, FrameKind, Level, Notice, Remembered, Reply
-from gateway.core.messages.requests import (
+from gateway.core.messages.sightings import (
+    Befriended,
+    ClaimShown,
+    ForeignData,
+    ForeignTokens,
+    Gateway,
+    GatewayTokens,
+    Means,
+    Sighting,
+    Writer,
+)
+from gateway.core.motion.chunk import Chunk
+from gateway.errors import Code
+from gateway.messages.incoming import OnLimit, OnLoss
+from gateway.messages.requests import (
     Abandon,
     Acquire,
     Cancel,
@@ -32,8 +46,6 @@ from gateway.core.messages.requests import (
     LeaveEndpoint,
     Move,
     MovePose,
-    OnLimit,
-    OnLoss,
     OpenStream,
     Recover,
     RegisterEndpoint,
@@ -45,18 +57,6 @@ from gateway.core.messages.requests import (
     StopLift,
     Take,
 )
-from gateway.core.messages.sightings import (
-    Befriended,
-    ClaimShown,
-    ForeignData,
-    ForeignTokens,
-    Gateway,
-    GatewayTokens,
-    Means,
-    Sighting,
-    Writer,
-)
-from gateway.errors import Code
 from gateway.values import ArmState, CurrentMode, EePose, MotorState, Vector
 
 __all__ = [
@@ -232,6 +232,8 @@ class CommandRequested:
         request: What is asked.
         received_ns: Local monotonic arrival [ns].
         content: Tells requests under one number apart: the same for the same bytes, for as long as this process lives.
+        chunk: The motion through the points of a `Follow` or `CheckFollow`, where somebody has worked it out already: it takes
+            milliseconds.
     """
 
     client_id: str
@@ -239,6 +241,7 @@ class CommandRequested:
     request: Request
     received_ns: int
     content: int = 0
+    chunk: Chunk | None = None
 
 
 class TargetArrived(Struct, frozen=True, kw_only=True):

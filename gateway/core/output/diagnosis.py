@@ -19,12 +19,12 @@ from dataclasses import dataclass, field
 from gateway import robot
 from gateway.codes import Code
 from gateway.core.messages.events import Level
-from gateway.core.messages.snapshot import Finding, SlowingView
 from gateway.core.robot_state.following import JOINT_GRAIN, POSE_GRAIN, Following, Stall
 from gateway.core.streams.heartbeat import Beat
 from gateway.core.supervision.conductor import Conductor
 from gateway.core.supervision.supervisor import State
 from gateway.errors import CODES
+from gateway.messages.snapshot import Finding, SlowingView
 from gateway.values import FsmState, Side, Space, Vector
 
 __all__ = ["PERIOD_NS", "Diagnosis", "Finding"]

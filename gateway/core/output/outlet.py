@@ -9,7 +9,6 @@ from __future__ import annotations
 from msgspec import Struct
 
 from gateway.core.messages.events import Frame, FrameKind, Notice, Remembered, Reply
-from gateway.core.messages.snapshot import Snapshot
 from gateway.core.separation.slowing import Slowing
 from gateway.core.separation.spacing import Spacing
 from gateway.core.streams.gate import Cleared, Gate, GateContext
@@ -17,6 +16,7 @@ from gateway.core.streams.stream import Stream
 from gateway.core.supervision.conductor import Conductor
 from gateway.core.supervision.supervisor import Trigger
 from gateway.errors import Refusal
+from gateway.messages.snapshot import Snapshot
 from gateway.values import Vector
 
 __all__ = ["Outlet", "Output"]

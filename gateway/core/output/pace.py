@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections import deque
 
-from gateway.core.messages.snapshot import LoopView
 from gateway.core.supervision.conductor import AT_BASE, Conductor
+from gateway.messages.snapshot import LoopView
 
 __all__ = ["REST_NS", "TICK_NS", "Pace", "is_idle"]
 

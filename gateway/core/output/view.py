@@ -5,7 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from gateway import robot
-from gateway.core.messages.snapshot import (
+from gateway.core.others.others import Others
+from gateway.core.supervision.conductor import Conductor
+from gateway.messages.snapshot import (
     ArmView,
     ChassisView,
     EnableView,
@@ -20,11 +22,9 @@ from gateway.core.messages.snapshot import (
     MotorView,
     OthersView,
     OtherView,
-    RefusalView,
+    RefusalMessage,
     Snapshot,
 )
-from gateway.core.others.others import Others
-from gateway.core.supervision.conductor import Conductor
 from gateway.values import MotorState, Side, Space
 
 __all__ = ["build"]
@@ -37,7 +37,7 @@ SIDES = tuple((side, side.value) for side in Side)
 def build(
     conductor: Conductor,
     findings: tuple[Finding, ...],
-    refusals: dict[str, RefusalView],
+    refusals: dict[str, RefusalMessage],
     loop: LoopView,
     seq: int,
     now_ns: int,

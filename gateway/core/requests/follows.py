@@ -14,7 +14,7 @@ from functools import partial
 from gateway.core.body.motions import MotionState, Terms
 from gateway.core.limits.pose_door import check_frame
 from gateway.core.messages.events import CheckFollow, CommandRequested, Follow
-from gateway.core.motion.chunk import Chunk, check_jump, check_motion, check_start
+from gateway.core.motion.chunk import Chunk, check_jump, check_motion, check_start, prepare
 from gateway.core.motion.joints.trajectory import Trajectory
 from gateway.core.motion.poses.pose_chunk import check_pose_jump, check_pose_motion
 from gateway.core.motion.poses.pose_follower import followed
@@ -29,9 +29,25 @@ from gateway.core.supervision.supervisor import Trigger
 from gateway.errors import Code, Refusal
 from gateway.values import ARM_DOF, Side, Space, Vector
 
-__all__ = ["Follows"]
+__all__ = ["Follows", "worked_out"]
 
 S = 1_000_000_000
+
+
+def worked_out(request: Follow | CheckFollow) -> Chunk | Refusal:
+    """Return the motion through the points of a chunk, or why there is none.
+
+    It takes milliseconds, which the loop does not have: who reads requests does it, and hands it on with the event.
+    """
+    follow = request.follow if isinstance(request, CheckFollow) else request
+    return prepare(
+        follow.points,
+        dt_s=follow.dt_s,
+        times_s=follow.times_s,
+        stretch=follow.stretch,
+        smoothing_s=follow.smoothing_s,
+        space=follow.space,
+    )
 
 
 class Follows:
@@ -50,19 +66,21 @@ class Follows:
 
     def follow(self, command: CommandRequested, request: Follow, now_ns: int) -> Answer:
         """Judge a chunk whole, then begin to follow it with one or both arms."""
-        conductor, chunk = self._conductor, request.chunk
+        conductor, chunk = self._conductor, command.chunk or worked_out(request)
+        if isinstance(chunk, Refusal):
+            return chunk
         sides = tuple(chunk.trajectories)
         refusal = self._permit.motion(command, request.epoch, sides, now_ns, chunk.space)
         if refusal is not None:
             return refusal
-        judged = self._judge(command, request, now_ns)
+        judged = self._judge(command, request, chunk, now_ns)
         if isinstance(judged, Refusal):
             return judged
         tolerances, begins_ns = judged
         into_s = (now_ns - begins_ns) / S
         tracks: dict[Side, Callable[[], None]] = {}
         for side in sides:
-            track = self._join(side, request, into_s)
+            track = self._join(side, request, chunk, into_s)
             if isinstance(track, Refusal):
                 return track
             tracks[side] = track
@@ -89,14 +107,19 @@ class Follows:
         What a motion needs besides (lease, mode, fresh state) is told by the snapshot's refusals. The way onto the
         trajectory is not planned: that is done in the tick in which it is followed.
         """
-        follow, chunk = request.follow, request.follow.chunk
-        judged = self._judge(command, follow, now_ns)
+        follow, chunk = request.follow, command.chunk or worked_out(request)
+        if isinstance(chunk, Refusal):
+            return chunk
+        judged = self._judge(command, follow, chunk, now_ns)
         if isinstance(judged, Refusal):
             return judged
         into_s = (now_ns - judged[1]) / S
         away: dict[str, list[float]] = {}
         for side, trajectory in chunk.trajectories.items():
-            here, begin = self._whereabouts(side, follow, into_s, now_ns), trajectory.at(into_s)[0]
+            here, begin = (
+                self._whereabouts(side, chunk, into_s, now_ns, rests=not follow.open_end),
+                trajectory.at(into_s)[0],
+            )
             if here is not None:
                 jump = _check_jump(side, chunk.space, begin, into_s, here)
                 away[side.value] = list(_apart(chunk.space, begin, here))
@@ -115,24 +138,25 @@ class Follows:
             "away": away,
         }
 
-    def _judge(self, command: CommandRequested, request: Follow, now_ns: int) -> tuple[Tolerances, int] | Refusal:
+    def _judge(
+        self, command: CommandRequested, request: Follow, chunk: Chunk, now_ns: int
+    ) -> tuple[Tolerances, int] | Refusal:
         """Judge a chunk as such: return its tolerances and when its first point is passed [ns], or what is wrong with it."""
-        chunk = request.chunk
-        tolerances = self._tolerances(request)
+        tolerances = self._tolerances(request, chunk)
         if isinstance(tolerances, Refusal):
             return tolerances
         begins_ns = _begins_ns(command, request, now_ns) + round(chunk.offset_s * S)
         refusal = check_start(now_ns - begins_ns, chunk.duration_s)
         for side in chunk.trajectories:
-            refusal = refusal or self._objection(side, request)
+            refusal = refusal or self._objection(side, request, chunk.trajectories[side])
         if chunk.space is Space.JOINT:
             goals = {side: trajectory.points[-1] for side, trajectory in chunk.trajectories.items()}
             refusal = refusal or check_goals(self._conductor, goals, now_ns)
         return refusal or (tolerances, begins_ns)
 
-    def _whereabouts(self, side: Side, request: Follow, into_s: float, now_ns: int) -> Vector | None:
+    def _whereabouts(self, side: Side, chunk: Chunk, into_s: float, now_ns: int, *, rests: bool) -> Vector | None:
         """Return where an arm will be when a chunk begins: its reference, else where it was measured; None: unknown."""
-        body, trajectory, rests = self._conductor.body, request.chunk.trajectories[side], not request.open_end
+        body, trajectory = self._conductor.body, chunk.trajectories[side]
         if isinstance(trajectory, PoseTrajectory):
             pose_arm = body.pose_arms[side]
             if pose_arm.running:
@@ -141,7 +165,7 @@ class Follows:
             arm = body.joint_arms[side]
             if arm.running:
                 return arm.reference.origin(arm.reference.prepare(trajectory, into_s, rests=rests))
-        store, needs_pose = self._conductor.store, request.chunk.space is Space.POSE
+        store, needs_pose = self._conductor.store, chunk.space is Space.POSE
         if not store.part_fresh(side, now_ns, needs_pose=needs_pose):
             return None
         pose, measured = store.pose(side), store.arm(side)
@@ -149,10 +173,10 @@ class Follows:
             return None if pose is None else pose.values
         return None if measured is None else measured.q_rad
 
-    def _tolerances(self, request: Follow) -> Tolerances | Refusal:
-        arm, pose, space = self._conductor.settings.arm, self._conductor.settings.pose, request.chunk.space
+    def _tolerances(self, request: Follow, chunk: Chunk) -> Tolerances | Refusal:
+        arm, pose, space = self._conductor.settings.arm, self._conductor.settings.pose, chunk.space
         return check_tolerances(
-            tuple(request.chunk.trajectories),
+            tuple(chunk.trajectories),
             request.path_tolerance,
             request.goal_tolerance,
             request.goal_time_ns,
@@ -161,17 +185,16 @@ class Follows:
             space,
         )
 
-    def _objection(self, side: Side, request: Follow) -> Refusal | None:
+    def _objection(self, side: Side, request: Follow, trajectory: Trajectory | PoseTrajectory) -> Refusal | None:
         """Return what is wrong with the motion of an arm as such."""
-        trajectory = request.chunk.trajectories[side]
         if isinstance(trajectory, Trajectory):
             return check_motion(side, trajectory, self._conductor.settings.arm)
         bounds = followed(self._conductor.body.pose_arms[side].reference.dynamics)
         return check_frame(side, request.frames.get(side, "")) or check_pose_motion(side, trajectory, bounds)
 
-    def _join(self, side: Side, request: Follow, into_s: float) -> Callable[[], None] | Refusal:
+    def _join(self, side: Side, request: Follow, chunk: Chunk, into_s: float) -> Callable[[], None] | Refusal:
         """Find an arm's way onto its trajectory; return what takes it, or why there is none."""
-        trajectory, rests, epoch = request.chunk.trajectories[side], not request.open_end, request.epoch
+        trajectory, rests, epoch = chunk.trajectories[side], not request.open_end, request.epoch
         if isinstance(trajectory, PoseTrajectory):
             pose_arm = self._conductor.body.pose_arms[side]
             pose_way = pose_arm.reference.prepare(trajectory, into_s, rests=rests)

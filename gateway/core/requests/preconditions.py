@@ -11,11 +11,11 @@ from __future__ import annotations
 from typing import TypeAlias
 
 from gateway.core.messages.events import CommandRequested, Recover
-from gateway.core.messages.snapshot import RefusalView
 from gateway.core.requests.desk import Desk
 from gateway.core.supervision.conductor import Conductor
 from gateway.core.supervision.supervisor import State
 from gateway.errors import CODES, Refusal
+from gateway.messages.snapshot import RefusalMessage
 
 __all__ = ["PERIOD_NS", "Preconditions"]
 
@@ -37,7 +37,7 @@ class Preconditions:
         self._conductor = conductor
         self._may = desk.may
         self._key: _Key | None = None
-        self.refusals: dict[str, RefusalView] = {}
+        self.refusals: dict[str, RefusalMessage] = {}
         """By kind of request why it would be refused; kinds that would be accepted are left out."""
 
     def look(self, now_ns: int) -> None:
@@ -61,8 +61,8 @@ class Preconditions:
         self.refusals = {kind: _view(refusal) for kind, refusal in refusals.items() if refusal is not None}
 
 
-def _view(refusal: Refusal) -> RefusalView:
-    return RefusalView(
+def _view(refusal: Refusal) -> RefusalMessage:
+    return RefusalMessage(
         code=refusal.code.value,
         message=refusal.message,
         field=refusal.field,

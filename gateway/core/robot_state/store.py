@@ -20,10 +20,10 @@ from collections import deque
 
 from gateway import robot
 from gateway.core.messages.events import SampleArrived, SampleRefused, StateValue
-from gateway.core.messages.snapshot import TopicView
 from gateway.core.robot_state.arrival import Meter, Recent
 from gateway.core.robot_state.jumps import JOINTS, POSES, JumpGuard, Posture
 from gateway.errors import Code
+from gateway.messages.snapshot import TopicView
 from gateway.settings import EnableSettings
 from gateway.values import ArmState, CurrentMode, EePose, MotorState, Side, Vector
 

@@ -30,13 +30,13 @@ import math
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, NamedTuple
 
-from gateway.core.messages.body_views import SlowingView
 from gateway.core.messages.events import Level
 from gateway.core.motion.motion import ReferenceMode
 from gateway.core.motion.pose_motion import PoseReference
 from gateway.core.motion.poses.pose_state import PoseDynamics
 from gateway.core.supervision.conductor import Conductor
 from gateway.errors import Code, Refusal
+from gateway.messages.body_views import SlowingView
 from gateway.values import ARM_DOF, Side, Vector
 
 if TYPE_CHECKING:  # it takes numpy along, which a guard has no use for

@@ -27,7 +27,6 @@ from typing import TYPE_CHECKING
 
 from gateway.core.body.motions import MotionState
 from gateway.core.messages.events import Level
-from gateway.core.messages.snapshot import SpacingView
 from gateway.core.motion.joints.path import REST, State
 from gateway.core.motion.joints.stops import Stops
 from gateway.core.motion.motion import JointReference, ReferenceMode
@@ -37,6 +36,7 @@ from gateway.core.supervision.conductor import Conductor
 from gateway.errors import Code
 from gateway.kinematics.judgement import Going, Motion, Verdict, Ways
 from gateway.kinematics.stopping import STAYS, Extent, stop_extent, way_extent
+from gateway.messages.snapshot import SpacingView
 from gateway.values import Side, Space, Vector
 
 if TYPE_CHECKING:  # they take numpy along, which a guard has no use for

@@ -9,7 +9,7 @@ from collections import deque
 from typing import Protocol
 
 from gateway.core.messages.events import Frame
-from gateway.core.messages.snapshot import StreamView
+from gateway.messages.snapshot import StreamView
 
 __all__ = ["SentLog", "Stream"]
 

@@ -16,10 +16,10 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from gateway.core.messages.requests import OnLoss
-from gateway.core.messages.snapshot import EndpointView
 from gateway.core.supervision.silence import Silence
 from gateway.errors import Code, Refusal
+from gateway.messages.incoming import OnLoss
+from gateway.messages.snapshot import EndpointView
 
 __all__ = ["LONGEST_NS", "MOST", "SHORTEST_NS", "Endpoint", "Endpoints"]
 

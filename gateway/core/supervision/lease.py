@@ -22,9 +22,9 @@ from dataclasses import dataclass, replace
 from enum import Enum
 
 from gateway.core.messages.events import OnLoss
-from gateway.core.messages.snapshot import LeaseView
 from gateway.core.supervision.silence import Silence
 from gateway.errors import Code, Refusal
+from gateway.messages.snapshot import LeaseView
 from gateway.settings import LossSettings
 
 __all__ = ["Lease", "LeaseEvent", "LossStage", "Owner"]

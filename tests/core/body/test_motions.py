@@ -6,10 +6,10 @@ import pytest
 
 from gateway import robot
 from gateway.core.body.motions import ENDED_KEPT, Motion, MotionBook, MotionState, Terms
-from gateway.core.messages.snapshot import MotionView
 from gateway.core.motion.gap import Gap
 from gateway.core.motion.tolerance import Tolerances
 from gateway.errors import Code
+from gateway.messages.snapshot import MotionView
 from gateway.settings import ArmSettings
 from gateway.values import Side, Space, Vector
 

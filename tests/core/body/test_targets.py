@@ -9,8 +9,8 @@ import pytest
 from gateway import robot
 from gateway.core.body.targets import ENDED_KEPT, TargetBook, TargetStream
 from gateway.core.messages.events import OnLimit, TargetArrived
-from gateway.core.messages.snapshot import TargetView
 from gateway.errors import Code
+from gateway.messages.snapshot import TargetView
 from gateway.settings import ArmSettings
 from gateway.values import Side, Space, Vector
 

@@ -12,7 +12,6 @@ import pytest
 
 from gateway.core.messages import events
 from gateway.core.messages.held import Held
-from gateway.core.motion.chunk import prepare
 from gateway.errors import Code
 from gateway.robot import HOME_Q_RAD
 from gateway.values import ArmState, Side
@@ -51,9 +50,9 @@ REQUESTS = (
     events.Enable(epoch=1),
     events.Disable(epoch=1),
     events.Move(epoch=1, targets_rad={Side.LEFT: (0.0,) * 7}),
-    events.Follow(epoch=1, chunk=prepare({Side.LEFT: (HOME_Q_RAD[Side.LEFT],) * 2}, dt_s=0.1)),
+    events.Follow(epoch=1, points={Side.LEFT: (HOME_Q_RAD[Side.LEFT],) * 2}, dt_s=0.1),
     events.CheckFollow(
-        follow=events.Follow(epoch=1, chunk=prepare({Side.LEFT: (HOME_Q_RAD[Side.LEFT],) * 2}, dt_s=0.1)),
+        follow=events.Follow(epoch=1, points={Side.LEFT: (HOME_Q_RAD[Side.LEFT],) * 2}, dt_s=0.1),
         from_here=False,
     ),
     events.MovePose(epoch=1, targets={Side.LEFT: (0.0,) * 7}, frames={}),

@@ -9,13 +9,13 @@ import pytest
 from gateway import robot
 from gateway.codes import Code
 from gateway.core.messages.events import ForeignData, Gateway, SampleArrived, SampleRefused
-from gateway.core.messages.snapshot import Finding, SlowingView
 from gateway.core.motion.motion import plan
 from gateway.core.others.elsewhere import elsewhere, twins
 from gateway.core.output.diagnosis import PERIOD_NS, Diagnosis
 from gateway.core.robot_state.body_model import BodyModel
 from gateway.core.supervision.supervisor import State
 from gateway.kinematics.description import nominal
+from gateway.messages.snapshot import Finding, SlowingView
 from gateway.settings import Settings
 from gateway.values import ArmState, EePose, FsmState, MotorState
 from tests.core.stage import GOAL, MIDDLE, MODE, MS, OFFSET_NS, PLACE, TICK_NS, L, R, Stage

@@ -6,7 +6,13 @@ import pytest
 
 from gateway import robot
 from gateway.core.messages.events import ForeignData, Gateway, Means, OnLimit, SampleArrived, Writer
-from gateway.core.messages.snapshot import (
+from gateway.core.motion.motion import plan
+from gateway.core.output.view import build
+from gateway.core.robot_state.body_model import BodyModel
+from gateway.core.supervision.supervisor import State
+from gateway.errors import Code
+from gateway.kinematics.description import nominal
+from gateway.messages.snapshot import (
     ArmView,
     ChassisView,
     EnableView,
@@ -22,12 +28,6 @@ from gateway.core.messages.snapshot import (
     OtherView,
     Snapshot,
 )
-from gateway.core.motion.motion import plan
-from gateway.core.output.view import build
-from gateway.core.robot_state.body_model import BodyModel
-from gateway.core.supervision.supervisor import State
-from gateway.errors import Code
-from gateway.kinematics.description import nominal
 from gateway.settings import Settings
 from gateway.values import ArmState, EePose, MotorState, Side
 from tests.core.stage import GOAL, MIDDLE, MS, OFFSET_NS, PLACE, L, R, S, Stage

@@ -6,6 +6,7 @@ import math
 from dataclasses import replace
 
 import pytest
+from msgspec import structs
 
 from gateway import robot
 from gateway.core.messages.events import DisableLift, DriveChassis, DriveLift, FrameKind, StopChassis, StopLift
@@ -98,7 +99,7 @@ def test_only_the_owner_with_the_current_epoch_drives_and_stops():
     )
     for request in requests:
         assert code(scene.ask(request, "bob")) is Code.NOT_OWNER
-        assert isinstance(scene.ask(replace(request, epoch=scene.epoch + 1)), Refusal)
+        assert isinstance(scene.ask(structs.replace(request, epoch=scene.epoch + 1)), Refusal)
     assert not scene.body.chassis.running and not scene.body.lift.running
 
 
@@ -201,6 +202,6 @@ def test_a_model_without_a_lift_says_so(model):
     """Its owner, at least, and first that he is not, where he is not."""
     scene = Scene(model=model)
     for request in (DriveLift(epoch=1, velocity=0.1), StopLift(epoch=1), DisableLift(epoch=1)):
-        assert code(scene.ask(replace(request, epoch=scene.epoch))) is Code.NO_LIFT
+        assert code(scene.ask(structs.replace(request, epoch=scene.epoch))) is Code.NO_LIFT
         assert code(scene.ask(request, "bob")) is Code.NOT_OWNER
     assert scene.drive() == {"drive_id": 1}

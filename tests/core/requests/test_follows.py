@@ -12,7 +12,7 @@ from gateway.core.messages.events import CheckFollow, Follow, Hold, Move, OpenSt
 from gateway.core.motion.chunk import Chunk, prepare
 from gateway.core.motion.joints.passage import Outcome
 from gateway.core.motion.motion import ReferenceMode
-from gateway.core.requests.follows import Follows
+from gateway.core.requests.follows import Follows, worked_out
 from gateway.core.requests.moves import Facts, Moves
 from gateway.core.requests.permit import Permit
 from gateway.core.supervision.supervisor import State
@@ -51,15 +51,16 @@ class Scene(Stage):
 
     def ask(self, chunk: Chunk, *, sent_ns: int = 0, **how: object) -> Facts | Refusal:
         """Ask to follow a chunk that was sent so long ago."""
-        request = Follow(**{"epoch": self.epoch, "chunk": chunk, **how})
-        command = self.command(request, received_ns=self.now_ns - sent_ns)
+        request = Follow(**{"epoch": self.epoch, "points": {}, **how})
+        command = replace(self.command(request, received_ns=self.now_ns - sent_ns), chunk=chunk)
         return self.follows.follow(command, request, self.now_ns)
 
     def check(self, chunk: Chunk, *, from_here: bool = True, **how: object) -> Facts | Refusal:
         """Have a chunk judged by somebody who does not own the robot; nothing may have changed."""
         before = self.look()
-        request = CheckFollow(follow=Follow(**{"epoch": 0, "chunk": chunk, **how}), from_here=from_here)
-        answer = self.follows.check(self.command(request, client="bob"), request, self.now_ns)
+        request = CheckFollow(follow=Follow(**{"epoch": 0, "points": {}, **how}), from_here=from_here)
+        command = replace(self.command(request, client="bob"), chunk=chunk)
+        answer = self.follows.check(command, request, self.now_ns)
         assert self.look() == before, "a check left a trace"
         return answer
 
@@ -99,6 +100,21 @@ def scene() -> Scene:
 
 
 # ------------------------------------------------------------------------------------------------ accepted
+
+
+def test_points_that_nobody_has_worked_out_are_worked_out_or_refused(scene):
+    """The engine needs nobody's preparation: it only costs it time."""
+    points = {L: [MIDDLE[L]] * 3}
+    request = Follow(epoch=scene.epoch, points=points, dt_s=0.1)
+    answer = scene.follows.follow(scene.command(request), request, scene.now_ns)
+    assert answer["duration_ns"] == 200 * MS and worked_out(request) == prepare(points, dt_s=0.1)
+    for wrong in (Follow(epoch=scene.epoch, points={}, dt_s=0.1), Follow(epoch=scene.epoch, points=points)):
+        check = CheckFollow(follow=wrong)
+        for refusal in (
+            scene.follows.follow(scene.command(wrong), wrong, scene.now_ns),
+            scene.follows.check(scene.command(check), check, scene.now_ns),
+        ):
+            assert isinstance(refusal, Refusal) and refusal == worked_out(wrong) == worked_out(check)
 
 
 def test_a_chunk_of_both_arms_is_one_motion_on_one_clock(scene):

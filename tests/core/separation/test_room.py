@@ -7,12 +7,11 @@ from dataclasses import replace
 
 import pytest
 
-from gateway.core.messages import requests
 from gateway.core.messages.events import Remembered
-from gateway.core.motion.chunk import prepare
 from gateway.core.separation import room
 from gateway.core.supervision.conductor import Conductor
 from gateway.errors import CODES, Code
+from gateway.messages import requests
 from gateway.robot import HOME_Q_RAD
 from gateway.settings import Settings
 from gateway.sim.settings import SimSettings
@@ -82,10 +81,9 @@ def test_a_goal_inside_the_margin_is_refused_with_pair_distance_bound_and_remedy
     assert refusal.field == "left_arm and right_arm"
     assert ("inside each other" in refusal.message) == (near.gap_m < 0.0)
     points = {side: [HOME_Q_RAD[side], asked[side]] for side in Side}
-    chunk = prepare(points, dt_s=20.0)
-    again = pair.refused(requests.Follow(epoch=pair.epoch, chunk=chunk))
+    again = pair.refused(requests.Follow(epoch=pair.epoch, points=points, dt_s=20.0))
     assert replace(again, message="") == replace(refusal, message="")
-    checked = requests.CheckFollow(follow=requests.Follow(epoch=0, chunk=chunk), from_here=True)
+    checked = requests.CheckFollow(follow=requests.Follow(epoch=0, points=points, dt_s=20.0), from_here=True)
     assert pair.refused(checked).code is Code.GOAL_TOO_NEAR
     assert pair.off_rad(HOME_Q_RAD) < 1e-9 and not pair.conductor.body.motions.running
 

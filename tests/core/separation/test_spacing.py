@@ -9,14 +9,13 @@ from itertools import pairwise
 import pytest
 
 from gateway import robot
-from gateway.core.messages import requests
 from gateway.core.messages.events import FrameKind, Level, SampleArrived
-from gateway.core.motion.chunk import prepare
 from gateway.core.motion.motion import ReferenceMode, plan
 from gateway.core.separation import room
 from gateway.core.separation.spacing import ADRIFT_RADPS, Spacing
 from gateway.errors import Code
 from gateway.kinematics.approach import Look
+from gateway.messages import requests
 from gateway.robot import HOME_Q_RAD, shoulder_frame
 from gateway.sim.settings import SimSettings
 from gateway.values import ArmState, Side, Space
@@ -187,7 +186,7 @@ def test_a_trajectory_that_leads_into_the_other_arm_ends_and_the_arm_brakes():
     pair.lead({L: MEET[L], R: HOME_Q_RAD[R]}, 8.0)
     there, back = MEET[R], HOME_Q_RAD[R]
     rows = [tuple(a + (b - a) * part for a, b in zip(back, there, strict=True)) for part in (0.0, 0.5, 1.0, 0.5, 0.0)]
-    facts = pair.granted(requests.Follow(epoch=pair.epoch, chunk=prepare({R: rows}, dt_s=2.0)))
+    facts = pair.granted(requests.Follow(epoch=pair.epoch, points={R: rows}, dt_s=2.0))
     for _ in range(800):
         pair.step()
         pair.look()

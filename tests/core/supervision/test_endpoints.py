@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import pytest
 
-from gateway.core.messages.requests import OnLoss
 from gateway.core.supervision.endpoints import LONGEST_NS, MOST, SHORTEST_NS, Endpoint, Endpoints
 from gateway.errors import Code, Refusal
+from gateway.messages.requests import OnLoss
 
 MS = 1_000_000
 S = 1_000_000_000

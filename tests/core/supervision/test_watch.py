@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import pytest
+from msgspec import structs
 
 from gateway.core.messages.events import CommandRequested, LeaveEndpoint, OnLoss, Recover, RegisterEndpoint
 from gateway.core.supervision.supervisor import State
@@ -28,7 +29,7 @@ def watched(state: State, on_silence: OnLoss = OnLoss.HOLD, *, is_demanded: bool
         conductor.settings, local=replace(conductor.settings.local, demand_stop_endpoint=is_demanded)
     )
     watch = Watch(conductor)
-    page = replace(PAGE, on_silence=on_silence)
+    page = structs.replace(PAGE, on_silence=on_silence)
     assert watch.register(by("bob", page, stage), page, stage.now_ns) == {"endpoint_id": 1}
     return stage, watch
 
@@ -77,7 +78,7 @@ def test_motion_rests_while_only_a_pause_of_ours_explains_a_silence():
 def test_a_daemon_that_ends_takes_nobody_in_and_a_wrong_period_is_refused():
     """With codes."""
     stage, watch = watched(State.IDLE)
-    wrong = replace(PAGE, timeout_ns=1)
+    wrong = structs.replace(PAGE, timeout_ns=1)
     refusal = watch.register(by("bob", wrong, stage), wrong, stage.now_ns)
     assert isinstance(refusal, Refusal) and refusal.code is Code.OUT_OF_RANGE
     stage.conductor.is_exiting = True

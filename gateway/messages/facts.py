@@ -1,6 +1,6 @@
 """What a daemon says about itself and its ways to the robot when it is asked, as structs.
 
-Tolerant, as all that comes out (`structs.py`): a later daemon may add fields. Import these names from
+Tolerant, as all that comes out: a later daemon may add fields. Import these names from
 `gateway.api.protocol`.
 """
 
@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from msgspec import Struct
 
-from gateway.api.wire_structs import Wire
+from gateway.messages.wire import Wire
 
 __all__ = ["Info", "Routes"]
 

@@ -1,18 +1,16 @@
 """What the outside may see of the engine, as plain frozen values: published at 50 Hz, shown by every viewer.
 
-Ages are given at `at_ns` of the daemon's monotonic clock. Field names are the wire's: `api/protocol.py` has a struct of
-the same shape for each class here (a test compares them).
-
-They are msgspec's structs and not dataclasses because 50 times a second some forty of them are made and written: a view
-takes a twentieth of the time to make, a snapshot a seventh to encode.
+Ages are given at `at_ns` of the daemon's monotonic clock. The engine makes them, the wire carries them, the client wraps
+them. A reader ignores fields that it does not know; fields that came later have a default, for snapshots of an earlier
+daemon, and the engine says every one of them all the same.
 """
 
 from __future__ import annotations
 
 from msgspec import Struct
 
-from gateway.core.messages.body_views import SlowingView, SpacingView
-from gateway.core.messages.ground_views import ChassisView, GripView, LiftView
+from gateway.messages.body_views import SlowingView, SpacingView
+from gateway.messages.ground_views import ChassisView, GripView, LiftView
 from gateway.values import Vector
 
 __all__ = [
@@ -33,7 +31,7 @@ __all__ = [
     "MotorView",
     "OtherView",
     "OthersView",
-    "RefusalView",
+    "RefusalMessage",
     "SlowingView",
     "Snapshot",
     "SpacingView",
@@ -208,13 +206,13 @@ class ArmView(Struct, frozen=True, kw_only=True):
     dq_ref_radps: Vector
     streaming: bool
     tracking_rad: float | None
-    space: str
-    ref_p_m: Vector
-    ref_quat_xyzw: Vector
-    ref_v_mps: Vector
-    ref_w_radps: Vector
-    tracking_m: float | None
-    model: ModelView | None
+    space: str = "joint"
+    ref_p_m: Vector = ()
+    ref_quat_xyzw: Vector = ()
+    ref_v_mps: Vector = ()
+    ref_w_radps: Vector = ()
+    tracking_m: float | None = None
+    model: ModelView | None = None
 
 
 class TopicView(Struct, frozen=True, kw_only=True):
@@ -262,7 +260,7 @@ class TargetView(Struct, frozen=True, kw_only=True):
     refusal_code: str
     refusal_message: str
     limited: bool
-    space: str
+    space: str = "joint"
 
 
 class MotionView(Struct, frozen=True, kw_only=True):
@@ -289,8 +287,8 @@ class MotionView(Struct, frozen=True, kw_only=True):
     duration_ns: int
     code: str
     message: str
-    space: str
-    error_m: float | None
+    space: str = "joint"
+    error_m: float | None = None
 
 
 class EnableView(Struct, frozen=True, kw_only=True):
@@ -331,16 +329,19 @@ class Finding(Struct, frozen=True, kw_only=True):
     facts: dict[str, float]
 
 
-class RefusalView(Struct, frozen=True, kw_only=True):
-    """Why a kind of request would be refused now, as the refusal itself would say it."""
+class RefusalMessage(Struct, frozen=True, kw_only=True):
+    """Why a request was not carried out; the fields of `gateway.errors.Refusal`.
+
+    `code` is text here: a later daemon may know codes that this client does not.
+    """
 
     code: str
     message: str
-    field: str
-    value: str
-    bound: str
-    unit: str
-    hint: str
+    field: str = ""
+    value: str = ""
+    bound: str = ""
+    unit: str = ""
+    hint: str = ""
 
 
 class Snapshot(Struct, frozen=True, kw_only=True):
@@ -388,9 +389,9 @@ class Snapshot(Struct, frozen=True, kw_only=True):
     enable: EnableView
     loop: LoopView
     findings: tuple[Finding, ...]
-    refusals: dict[str, RefusalView]
+    refusals: dict[str, RefusalMessage]
     guard: GuardView
     others: OthersView
-    spacing: SpacingView | None
-    slowing: dict[str, SlowingView]
-    endpoints: tuple[EndpointView, ...]
+    spacing: SpacingView | None = None
+    slowing: dict[str, SlowingView] = {}
+    endpoints: tuple[EndpointView, ...] = ()

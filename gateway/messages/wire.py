@@ -1,6 +1,6 @@
 """The state of the wire as structs: routers, bridges, topics and who else is there. `gateway.link.survey` makes them.
 
-Tolerant, as all that comes out (`structs.py`): a later daemon may add fields. Import these names from
+Tolerant, as all that comes out: a later daemon may add fields. Import these names from
 `gateway.api.protocol`.
 """
 

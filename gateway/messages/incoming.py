@@ -1,0 +1,71 @@
+"""What every request has in common: its base, its tag, and the types of its fields."""
+
+from __future__ import annotations
+
+import re
+from enum import Enum
+from typing import Annotated, Literal
+
+from msgspec import Meta, Struct
+
+__all__ = [
+    "ClientId",
+    "Count",
+    "Incoming",
+    "Joints",
+    "Name",
+    "Offset",
+    "OnLimit",
+    "OnLimitName",
+    "OnLoss",
+    "OnLossName",
+    "Pid",
+    "Points",
+    "Secret",
+    "SideName",
+    "SpaceName",
+    "Text",
+    "Times",
+    "Tolerances",
+]
+
+Count = Annotated[int, Meta(ge=0, le=2**62)]
+Pid = Annotated[int, Meta(ge=0, le=2**31)]
+Name = Annotated[str, Meta(min_length=1, max_length=64)]
+Text = Annotated[str, Meta(max_length=512)]
+ClientId = Annotated[str, Meta(pattern=r"^[0-9A-Za-z_-]{1,64}\Z")]
+Secret = Annotated[str, Meta(pattern=r"^[0-9A-Za-z_-]{0,64}\Z")]
+Joints = Annotated[tuple[float, ...], Meta(max_length=64)]
+Points = Annotated[tuple[Joints, ...], Meta(max_length=4096)]
+Times = Annotated[tuple[float, ...], Meta(max_length=4096)]
+Tolerances = Annotated[tuple[float | None, ...], Meta(max_length=64)]
+Offset = Annotated[int, Meta(ge=-(2**62), le=2**62)]
+
+# How a user writes them.
+SideName = Literal["left", "right"]
+SpaceName = Literal["joint", "pose"]
+OnLossName = Literal["hold", "pause"]
+OnLimitName = Literal["reject", "clip"]
+
+
+class OnLoss(str, Enum):
+    """What happens when the owner vanishes: keep holding, or pause the robot at once."""
+
+    HOLD = "hold"
+    PAUSE = "pause"
+
+
+class OnLimit(str, Enum):
+    """What happens to a target outside the limits: refused, or clipped and reported."""
+
+    REJECT = "reject"
+    CLIP = "clip"
+
+
+def _tag(class_name: str) -> str:
+    """Return the tag of a request class: `OpenStream` -> `open_stream`."""
+    return re.sub(r"(?<=[a-z])(?=[A-Z])", "_", class_name).lower()
+
+
+class Incoming(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True, tag_field="type", tag=_tag):
+    """A request; its JSON form has a `type` beside its fields."""
