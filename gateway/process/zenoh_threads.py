@@ -4,7 +4,11 @@ By default zenoh opens its sockets in one runtime (`app`) and reads them in anot
 that waits at the socket wakes another one, which reads it. With `app` handed over to `rx`, whoever waits also reads.
 Measured on a process that takes the robot's whole state, 1,420 samples a second: 2.3 to 2.6 % of a core against 3.0 to
 3.3 %. The same is true of sockets that clients have opened, which `acc` waits at: 188 wake-ups a second in a daemon whose
-client streams targets. The two `rx` threads stay two, so that one which waits does not hold the other plane up.
+client streams targets.
+
+There are six `rx` threads. One that reads from a client that floods goes on for as long as there is something to read; with
+two, two of them held the robot's own socket up for 100 ms on two busy cores (2 losses of its state in 15 floods of four
+processes; none in 25 with six, at the same cost).
 
 zenoh reads this from the environment when its first runtime starts; what a user set there himself stays.
 """

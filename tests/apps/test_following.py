@@ -8,6 +8,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from msgspec import structs
 
 from gateway.core.messages.events import Follow
 from tests.client.robot_world import RobotWorld
@@ -145,7 +146,7 @@ def test_a_part_that_is_refused_on_the_way_leaves_the_arms_held(robot, tmp_path,
     def receive(event, now_ns):
         request = getattr(event, "request", None)
         if isinstance(request, Follow) and request.start_at_ns is not None:  # a later part, under an epoch that is none
-            event = replace(event, request=replace(request, epoch=2**40))
+            event = replace(event, request=structs.replace(request, epoch=2**40))
         take(event, now_ns)
 
     monkeypatch.setattr(engine, "receive", receive)

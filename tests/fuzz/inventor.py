@@ -64,8 +64,8 @@ class Inventor:
             return self._struct(kind)
         if isinstance(kind, inspect.UnionType):
             return self._value(rng.choice(kind.types))
-        if isinstance(kind, inspect.LiteralType):
-            return rng.choice(kind.values)
+        if isinstance(kind, inspect.EnumType):
+            return rng.choice([choice.value for choice in kind.cls])
         if isinstance(kind, inspect.DictType):
             return {self._value(kind.key_type): self._value(kind.value_type) for _ in range(rng.randint(0, 2))}
         if isinstance(kind, (inspect.VarTupleType, inspect.ListType)):
