@@ -20,8 +20,10 @@ T = TypeVar("T")
 U = TypeVar("U")
 
 
-def either(usual: T, thorough: T) -> T:
-    """Return the amount of a usual run, or that of CI and of a run before a release."""
+def either(usual: T, thorough: T, release: T | None = None) -> T:
+    """Return the amount of a usual run, that of CI, or that of a run before a release where it is another."""
+    if PROFILE == "long" and release is not None:
+        return release
     return thorough if IS_THOROUGH else usual
 
 

@@ -39,6 +39,10 @@ __all__ = ["CALM_NS", "CLOSE_NS", "LOOKS", "MOST_AT_ONCE", "UNREAD_BYTES", "Floo
 MS = 1_000_000
 CALM_NS = 40 * MS
 """From look to look [ns], as long as nobody is suspected."""
+QUIET_NS = 400 * MS
+"""The same while this process does little [ns]: what is sent to it is read, then."""
+QUIET_SHARE = 0.15
+"""Of one core."""
 CLOSE_NS = 10 * MS
 """From look to look while somebody is [ns]."""
 UNREAD_BYTES = 8 * 1024
@@ -74,11 +78,27 @@ class FloodWatch:
         self.due_ns = 0
         """When to look next [ns]."""
         self._logged_ns = 0
+        self._looked_ns = 0
+        self._glanced_ns, self._used_ns = time.monotonic_ns(), time.process_time_ns()
         self._seen = 0
         """Files that were open at the last look."""
         self._unread: dict[object, int] = {}
         """What each peer that is suspected had unread at the last look [bytes]."""
         self._strikes: Counter[object] = Counter()
+
+    def glance(self, now_ns: int, used_ns: int) -> None:
+        """Look, unless there was a look lately and this process has done little since the last glance.
+
+        Args:
+            now_ns: Monotonic time [ns].
+            used_ns: Processor time that this process has used [ns].
+        """
+        is_quiet = used_ns - self._used_ns < QUIET_SHARE * (now_ns - self._glanced_ns)
+        self._glanced_ns, self._used_ns = now_ns, used_ns
+        if is_quiet and not self._unread and now_ns - self._looked_ns < QUIET_NS:
+            self.due_ns = now_ns + CALM_NS
+        else:
+            self.look(now_ns)
 
     def look(self, now_ns: int) -> None:
         """Look who sends too much.
@@ -86,7 +106,7 @@ class FloodWatch:
         Args:
             now_ns: Monotonic time [ns].
         """
-        self.due_ns = now_ns + CALM_NS
+        self._looked_ns, self.due_ns = now_ns, now_ns + CALM_NS
         unread: Counter[object] = Counter()
         for _, peer, count in self._connections():
             unread[peer] += count

@@ -237,7 +237,7 @@ class LocalPlane:
 
     def _watch_floods(self) -> None:
         while not self._is_closing.wait(max(self._floods.due_ns - time.monotonic_ns(), 0) / 1e9):
-            self._guarded(lambda: self._floods.look(time.monotonic_ns()))
+            self._guarded(lambda: self._floods.glance(time.monotonic_ns(), time.process_time_ns()))
 
     def _guarded(self, work: Callable[[], object]) -> None:
         try:

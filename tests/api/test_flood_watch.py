@@ -11,7 +11,16 @@ from contextlib import suppress
 import pytest
 
 from gateway.api import flood_watch
-from gateway.api.flood_watch import CALM_NS, CLOSE_NS, LOOKS, MOST_AT_ONCE, UNREAD_BYTES, FloodWatch, OrdinaryWhileBusy
+from gateway.api.flood_watch import (
+    CALM_NS,
+    CLOSE_NS,
+    LOOKS,
+    MOST_AT_ONCE,
+    QUIET_NS,
+    UNREAD_BYTES,
+    FloodWatch,
+    OrdinaryWhileBusy,
+)
 
 MS = 1_000_000
 
@@ -62,6 +71,27 @@ def place(request, tmp_path, monkeypatch):
     )
     yield made
     made.close()
+
+
+def test_a_process_that_does_little_looks_seldom(place):
+    """A busy process, one that suspects somebody, and everyone at times looks at its files: else all that is sent is read."""
+    watch, looks = place.watch, []
+    watch.look, look = lambda now_ns: looks.append(now_ns) or look(now_ns), watch.look
+    now_ns, used_ns = watch._glanced_ns, watch._used_ns
+
+    def glance(share):
+        nonlocal now_ns, used_ns
+        now_ns, used_ns = now_ns + CALM_NS, used_ns + int(share * CALM_NS)
+        before = len(looks)
+        watch.glance(now_ns, used_ns)
+        return len(looks) > before
+
+    assert glance(0.0)  # the first
+    quiet = [glance(0.1) for _ in range(2 * QUIET_NS // CALM_NS)]
+    assert quiet.count(True) == 2 and not any(quiet[:8])
+    assert glance(0.2) and not glance(0.1)
+    place.connect().send(bytes(UNREAD_BYTES + 1))
+    assert glance(0.2) and watch.due_ns == now_ns + CLOSE_NS and glance(0.0)
 
 
 def test_who_sends_faster_than_is_read_is_hung_up_on(place, caplog):
