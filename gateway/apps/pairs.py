@@ -186,5 +186,5 @@ def _numbers(values: object) -> tuple[float, ...]:
 
 
 def _refused(message: str) -> ConfigError:
-    hint = "the form of both kinds of file is in the README, section 'The arms' kinematics'"
+    hint = "the form of both kinds of file is in docs/how-to/body-model.md"
     return ConfigError(Refusal(code=Code.BAD_CONFIG, message=message, hint=hint))

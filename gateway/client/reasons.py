@@ -22,7 +22,7 @@ class Finding:
     """One thing that seems to keep the robot from doing what it is told.
 
     Attributes:
-        code: Stable code, e.g. `TRACKING_STALL` (table of errors in the README).
+        code: Stable code, e.g. `TRACKING_STALL` (docs/reference/codes.md).
         message: What is seen, in one sentence.
         hint: What to do.
         since: For how long [s].

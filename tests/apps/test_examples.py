@@ -155,8 +155,8 @@ def test_where_nobody_sits_nobody_is_asked(monkeypatch):
     assert asking.confirmed()
 
 
-def test_the_readme_shows_two_examples_as_they_stand():
-    """What a reader copies out of the README is what is tested, to the letter."""
-    readme = (Path(__file__).parents[2] / "README.md").read_text(encoding="utf-8")
-    shown = [block for block in re.findall(r"```python\n(.*?)```", readme, flags=re.DOTALL) if "Manual §" in block]
+def test_the_docs_show_two_examples_as_they_stand():
+    """What a reader copies out of the page is what is tested, to the letter."""
+    page = (Path(__file__).parents[2] / "docs/how-to/examples.md").read_text(encoding="utf-8")
+    shown = [block for block in re.findall(r"```python\n(.*?)```", page, flags=re.DOTALL) if "Manual §" in block]
     assert len(shown) == 2 and {source(number) for number in NUMBERS} >= set(shown)

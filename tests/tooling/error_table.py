@@ -1,6 +1,6 @@
-"""The README's table of errors, written from the code table: what a user reads is what the code raises.
+"""The table of errors in the docs, written from the code table: what a user reads is what the code raises.
 
-`python -m tests.tooling.error_table` writes it into the README; with `--check` it only says whether it is the same.
+`python -m tests.tooling.error_table` writes it into the page; with `--check` it only says whether it is the same.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from gateway.errors import CODES, GatewayError
 
 __all__ = ["BEGIN", "END", "main", "section", "with_section"]
 
-README = Path(__file__).resolve().parents[2] / "README.md"
+PAGE = Path(__file__).resolve().parents[2] / "docs/reference/codes.md"
 BEGIN = "<!-- errors: written by `python -m tests.tooling.error_table` -->"
 END = "<!-- end of errors -->"
 
@@ -53,27 +53,27 @@ def section() -> str:
     return "\n".join([*lines, "", "</details>"])
 
 
-def with_section(readme: str) -> str:
-    """Return the README with the table as it must be.
+def with_section(page: str) -> str:
+    """Return the page with the table as it must be.
 
     Args:
-        readme: The README as it is.
+        page: As it is.
 
     Raises:
         ValueError: The markers are not there, once each.
     """
     pattern = re.compile(f"{re.escape(BEGIN)}\n.*?{re.escape(END)}", re.DOTALL)
-    written, count = pattern.subn(lambda _: f"{BEGIN}\n\n{section()}\n\n{END}", readme)
+    written, count = pattern.subn(lambda _: f"{BEGIN}\n\n{section()}\n\n{END}", page)
     if count != 1:
-        raise ValueError(f"the README must have {BEGIN} and {END} once, it has {count}")
+        raise ValueError(f"the page must have {BEGIN} and {END} once, it has {count}")
     return written
 
 
-def main(arguments: list[str], path: Path = README) -> int:
+def main(arguments: list[str], path: Path = PAGE) -> int:
     """Write the table, or say that it is not the code table's; return the exit status."""
-    readme = path.read_text(encoding="utf-8")
-    wanted = with_section(readme)
-    if wanted == readme:
+    page = path.read_text(encoding="utf-8")
+    wanted = with_section(page)
+    if wanted == page:
         return 0
     if "--check" in arguments:
         print(f"{path.name}: the table of errors is not that of gateway/errors.py; python -m tests.tooling.error_table")

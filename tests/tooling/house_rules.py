@@ -16,11 +16,12 @@ __all__ = [
     "banned_names",
     "bare_threads",
     "breaches",
+    "broken_links",
     "cloud_calls",
     "heavy_clients",
     "long_modules",
     "missing_exports",
-    "readme_snippets",
+    "snippets",
 ]
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -153,15 +154,44 @@ def _imported(path: Path) -> Iterator[str]:
             todo.extend(ast.iter_child_nodes(node))
 
 
-def readme_snippets(root: Path) -> Iterator[str]:
-    """Python snippets of the README that do not compile."""
-    text = (root / "README.md").read_text(encoding="utf-8")
-    for match in re.finditer(r"^```python\n(.*?)^```", text, flags=re.DOTALL | re.MULTILINE):
-        line = text.count("\n", 0, match.start(1))
-        try:
-            ast.parse("\n" * line + match.group(1))
-        except SyntaxError as error:
-            yield f"README.md:{error.lineno}: {error.msg}"
+def snippets(root: Path) -> Iterator[str]:
+    """Python snippets of README and docs that do not compile."""
+    for page in _pages(root):
+        text = page.read_text(encoding="utf-8")
+        for match in re.finditer(r"^```python\n(.*?)^```", text, flags=re.DOTALL | re.MULTILINE):
+            line = text.count("\n", 0, match.start(1))
+            try:
+                ast.parse("\n" * line + match.group(1))
+            except SyntaxError as error:
+                yield f"{page.relative_to(root)}:{error.lineno}: {error.msg}"
+
+
+def broken_links(root: Path) -> Iterator[str]:
+    """Links of README and docs to files, or to headings of pages, that are not there."""
+    for page in _pages(root):
+        for target in re.findall(r"\]\(([^)\s]+)\)", page.read_text(encoding="utf-8")):
+            name, _, anchor = target.partition("#")
+            there = (page.parent / name).resolve() if name else page
+            if target.startswith(("http://", "https://")):
+                continue
+            if not there.exists():
+                yield f"{page.relative_to(root)}: nothing is at {target}"
+            elif anchor and anchor not in _anchors(there):
+                yield f"{page.relative_to(root)}: no heading is at {target}"
+
+
+def _pages(root: Path) -> list[Path]:
+    return [
+        page
+        for page in (root / "README.md", root / "CONTRIBUTING.md", *sorted((root / "docs").rglob("*.md")))
+        if page.exists()
+    ]
+
+
+def _anchors(page: Path) -> set[str]:
+    """Return what headings of a page are linked by."""
+    headings = re.findall(r"^#+ (.*)$", page.read_text(encoding="utf-8"), flags=re.MULTILINE)
+    return {re.sub(r"[^\w\- ]", "", heading.lower()).replace(" ", "-") for heading in headings}
 
 
 def bare_threads(root: Path) -> Iterator[str]:
@@ -176,7 +206,7 @@ def bare_threads(root: Path) -> Iterator[str]:
                 yield f"{path.relative_to(root)}:{node.lineno}: '{name}' starts a thread by itself: use threads.supervised"
 
 
-RULES = (long_modules, banned_names, missing_exports, cloud_calls, heavy_clients, bare_threads, readme_snippets)
+RULES = (long_modules, banned_names, missing_exports, cloud_calls, heavy_clients, bare_threads, snippets, broken_links)
 
 
 def breaches(root: Path = ROOT) -> list[str]:

@@ -1,4 +1,4 @@
-"""The README's pictures of the body, drawn anew: `python -m tests.tooling.readme_pictures`.
+"""The docs' pictures of the body, drawn anew: `python -m tests.tooling.readme_pictures`.
 
 The frames as `ta2 frames` draws them, and the robot with forces at its table.
 """
@@ -62,7 +62,7 @@ def _draw_robot(file: Path) -> None:
 
 
 def main() -> int:
-    """Draw into the README's folder; return the exit status."""
+    """Draw into the docs' folder; return the exit status."""
     draw(FOLDER)
     for name in PICTURES:
         sys.stdout.write(f"{FOLDER / name}: {(FOLDER / name).stat().st_size} bytes\n")

@@ -1,4 +1,4 @@
-"""The README's table of errors is the code table."""
+"""The table of errors in the docs is the code table."""
 
 from __future__ import annotations
 
@@ -7,10 +7,10 @@ from pathlib import Path
 import pytest
 
 from gateway.errors import CODES
-from tests.tooling.error_table import BEGIN, END, README, main, section, with_section
+from tests.tooling.error_table import BEGIN, END, PAGE, main, section, with_section
 
 
-def test_the_readme_has_the_table_of_the_code() -> None:
+def test_the_page_has_the_table_of_the_code() -> None:
     """When this fails: `python -m tests.tooling.error_table`."""
     assert main(["--check"]) == 0
 
@@ -26,18 +26,18 @@ def test_every_code_stands_in_the_table_with_its_remedy() -> None:
 
 def test_an_old_table_is_found_and_rewritten(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """`--check` fails on any difference and changes nothing; without it the table is written, and all else is kept."""
-    readme = tmp_path / "README.md"
-    readme.write_text(README.read_text(encoding="utf-8").replace("`NOT_OWNER`", "`NOT_OWNED`"), encoding="utf-8")
-    old = readme.read_text(encoding="utf-8")
-    assert main(["--check"], readme) == 1 and "table of errors" in capsys.readouterr().out
-    assert readme.read_text(encoding="utf-8") == old
-    assert main([], readme) == 0
-    assert readme.read_text(encoding="utf-8") == README.read_text(encoding="utf-8")
-    assert main(["--check"], readme) == 0
+    page = tmp_path / "codes.md"
+    page.write_text(PAGE.read_text(encoding="utf-8").replace("`NOT_OWNER`", "`NOT_OWNED`"), encoding="utf-8")
+    old = page.read_text(encoding="utf-8")
+    assert main(["--check"], page) == 1 and "table of errors" in capsys.readouterr().out
+    assert page.read_text(encoding="utf-8") == old
+    assert main([], page) == 0
+    assert page.read_text(encoding="utf-8") == PAGE.read_text(encoding="utf-8")
+    assert main(["--check"], page) == 0
 
 
 @pytest.mark.parametrize("text", ["no markers", f"{BEGIN}\n{END}\n{BEGIN}\n{END}"], ids=["none", "two"])
 def test_markers_must_be_there_once(text: str) -> None:
-    """A README that lost its markers is not quietly left without a table."""
+    """A page that lost its markers is not quietly left without a table."""
     with pytest.raises(ValueError, match="once"):
         with_section(text)

@@ -34,7 +34,9 @@ BREACHES: list[tuple[Rule, str, str, str]] = [
         "loop.py:2:",
     ),
     (house_rules.bare_threads, "gateway/sim/node.py", "from threading import Timer\nTimer(1, f)\n", "'Timer'"),
-    (house_rules.readme_snippets, "README.md", "# Title\n\n```python\nx = 1\nwith :\n```\n", "README.md:5:"),
+    (house_rules.broken_links, "README.md", "[here](docs/nowhere.md)\n", "nothing is at docs/nowhere.md"),
+    (house_rules.broken_links, "docs/a.md", "# A\n[b](#b)\n", "no heading is at #b"),
+    (house_rules.snippets, "README.md", "# Title\n\n```python\nx = 1\nwith :\n```\n", "README.md:5:"),
 ]
 
 
@@ -82,5 +84,5 @@ def test_what_the_client_needs_is_followed_through_other_modules(tmp_path: Path)
 
 
 def test_the_readme_shows_python() -> None:
-    """The README has Python snippets; else the rule that they compile would pass on nothing."""
+    """There are Python snippets; else the rule that they compile would pass on nothing."""
     assert (house_rules.ROOT / "README.md").read_text(encoding="utf-8").count("```python\n") >= 1

@@ -1,4 +1,4 @@
-"""The README's pictures: there, small, and drawn by this repository itself."""
+"""The pictures of README and docs: there, small, and drawn by this repository itself."""
 
 from __future__ import annotations
 
@@ -22,11 +22,13 @@ def size_px(file: Path) -> tuple[int, int]:
         return picture.size
 
 
-def test_every_picture_of_the_readme_is_there_and_small() -> None:
-    """And none lies about that the README does not show."""
-    shown = re.findall(r"!\[[^]]+\]\(([^)]+)\)", (ROOT / "README.md").read_text(encoding="utf-8"))
+def test_every_picture_is_there_and_small() -> None:
+    """And none lies about that no page shows."""
+    pages = [ROOT / "README.md", *(ROOT / "docs").rglob("*.md")]
+    pictures = [(page, re.findall(r"!\[[^]]+\]\(([^)]+)\)", page.read_text(encoding="utf-8"))) for page in pages]
+    shown = {(page.parent / name).resolve() for page, names in pictures for name in names}
     there = {file for file in FOLDER.iterdir() if file.suffix in {".png", ".jpg"}}
-    assert {ROOT / name for name in shown} == there >= {FOLDER / name for name in PICTURES}
+    assert shown == there >= {FOLDER / name for name in PICTURES}
     for file in there:
         assert min(size_px(file)) > 100 and file.stat().st_size < MOST_BYTES, file
 

@@ -1,4 +1,4 @@
-"""The README's program for the cameras runs as it stands, against the simulated camera."""
+"""The program of the page on cameras runs as it stands, against the simulated camera."""
 
 from __future__ import annotations
 
@@ -17,12 +17,10 @@ from tests.video.sending import camera, udp_port
 pytestmark = pytest.mark.e2e
 
 
-def test_the_readmes_program_prints_frames(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Copied out of the README, with nothing changed but the port."""
+def test_the_pages_program_prints_frames(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Copied out of the page, with nothing changed but the port."""
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
-    text = (ROOT / "README.md").read_text()
-    section = text.partition("## The cameras\n")[2].partition("\n## ")[0]
-    (program,) = re.findall(r"```python\n(.*?)```", section, flags=re.DOTALL)
+    (program,) = re.findall(r"```python\n(.*?)```", (ROOT / "docs/how-to/cameras.md").read_text(), flags=re.DOTALL)
     port = udp_port()
     changed = program.replace('Video("127.0.0.1")', f'Video("127.0.0.1", port={port})')
     assert changed != program
