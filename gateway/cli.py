@@ -19,12 +19,12 @@ from types import FrameType
 from typing import TYPE_CHECKING
 
 from gateway import __version__
-from gateway.apps.arguments import parse
-from gateway.apps.ending import ExitStatus, Interrupted, report
+from gateway.apps.command_line.arguments import parse
+from gateway.apps.terminal.ending import ExitStatus, Interrupted, report
 from gateway.errors import Code, GatewayError, Refusal, to_exception
 
 if TYPE_CHECKING:
-    from gateway.apps.errand import Errand
+    from gateway.apps.motion.errand import Errand
 
 __all__ = ["COMMANDS", "main"]
 
@@ -119,7 +119,7 @@ def _run(options: Namespace) -> int:
 def _sim(options: Namespace) -> int:
     if options.ask is not None:
         return _ask_sim(options)
-    from gateway.sim.sender import DEFAULT_TO
+    from gateway.sim.camera.sender import DEFAULT_TO
     from gateway.sim.starting import CannotStart, start
 
     if options.camera and options.camera_to is None:
@@ -166,7 +166,7 @@ def _config(options: Namespace) -> int:
 
 
 def _model(options: Namespace) -> int:
-    from gateway.apps.model import check_model
+    from gateway.apps.body.model import check_model
 
     return check_model(options.urdf, as_json=options.json)
 
@@ -175,25 +175,25 @@ def _model(options: Namespace) -> int:
 
 
 def _status(options: Namespace) -> int:
-    from gateway.apps.status import show_status
+    from gateway.apps.looking.status import show_status
 
     return show_status(options.target, options.timeout_s, as_json=options.json)
 
 
 def _why(options: Namespace) -> int:
-    from gateway.apps.why import show_why
+    from gateway.apps.looking.why import show_why
 
     return show_why(options.target, options.timeout_s, as_json=options.json)
 
 
 def _topics(options: Namespace) -> int:
-    from gateway.apps.topics import show_topics
+    from gateway.apps.looking.topics import show_topics
 
     return show_topics(options.target, options.timeout_s, as_json=options.json)
 
 
 def _link(options: Namespace) -> int:
-    from gateway.apps import link
+    from gateway.apps.looking import link
 
     if options.robot is None and options.config is None:
         return link.show_link(options.target, options.timeout_s, as_json=options.json)
@@ -211,44 +211,44 @@ def _link(options: Namespace) -> int:
 
 
 def _watch(options: Namespace) -> int:
-    from gateway.apps.watch import watch
+    from gateway.apps.looking.watch import watch
 
     return watch(options.target, options.timeout_s, once=options.once)
 
 
 def _events(options: Namespace) -> int:
-    from gateway.apps.events import show_events
+    from gateway.apps.looking.events import show_events
 
     return show_events(options.target, options.timeout_s, silence_s=options.silence, as_json=options.json)
 
 
 def _stop(options: Namespace) -> int:
-    from gateway.apps.stopping import stop
+    from gateway.apps.motion.stopping import stop
 
     return stop(options.command, options.target, options.timeout_s, " ".join(options.reason), as_json=options.json)
 
 
 def _recover(options: Namespace) -> int:
-    from gateway.apps.stopping import recover
+    from gateway.apps.motion.stopping import recover
 
     return recover(options.target, options.timeout_s, " ".join(options.reason), as_json=options.json)
 
 
 def _stop_endpoint(options: Namespace) -> int:
-    from gateway.apps.stop_endpoint import watch_over
+    from gateway.apps.motion.stop_endpoint import watch_over
 
     return watch_over(options.target, options.timeout_s, options.within, pauses=options.pause)
 
 
 def _enable(options: Namespace) -> int:
-    from gateway.apps.enabling import enable
+    from gateway.apps.motion.enabling import enable
 
     return enable(options.target, options.timeout_s, options.take)
 
 
 def _move(options: Namespace) -> int:
-    from gateway.apps.errand import carry_out
-    from gateway.apps.moving import Manner, home, to_joints, to_poses
+    from gateway.apps.motion.errand import carry_out
+    from gateway.apps.motion.moving import Manner, home, to_joints, to_poses
 
     is_clipping = options.command != "home" and options.clip
     is_straight = options.command == "move-pose" and options.straight
@@ -268,8 +268,8 @@ def _move(options: Namespace) -> int:
 def _follow(options: Namespace) -> int:
     from pathlib import Path
 
-    from gateway.apps import following
-    from gateway.apps.passing import Passing
+    from gateway.apps.motion import following
+    from gateway.apps.motion.passing import Passing
 
     passing = Passing(
         arm=options.arm,
@@ -295,7 +295,7 @@ def _one_or_all(values: list[float] | None) -> float | list[float] | None:
 
 
 def _errand(options: Namespace) -> Errand:
-    from gateway.apps.errand import Errand
+    from gateway.apps.motion.errand import Errand
 
     return Errand(
         command=options.command,
@@ -319,13 +319,13 @@ def _example(options: Namespace) -> int:
 
 
 def _video(options: Namespace) -> int:
-    from gateway.apps.video.commands import carry_out
+    from gateway.apps.cameras.commands import carry_out
 
     return carry_out(options)
 
 
 def _ground(options: Namespace) -> int:
-    from gateway.apps import grounding
+    from gateway.apps.motion import grounding
 
     outing = grounding.Outing(
         command=options.command,
@@ -345,7 +345,7 @@ def _ground(options: Namespace) -> int:
 
 
 def _kinematics(options: Namespace) -> int:
-    from gateway.apps import frames, identify
+    from gateway.apps.body import frames, identify
 
     if options.command == "identify":
         return identify.carry_out(options)

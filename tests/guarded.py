@@ -22,7 +22,7 @@ from gateway.core.messages.events import (
 )
 from gateway.core.messages.held import Held
 from gateway.settings import Settings
-from gateway.sim.settings import SimSettings
+from gateway.sim.robot.settings import SimSettings
 from tests.pair import MS, Pair, S
 
 __all__ = ["Guarded"]

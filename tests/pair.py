@@ -40,8 +40,8 @@ from gateway.link.codec import BadSample, from_message, stamp_of, to_message
 from gateway.messages.snapshot import Snapshot
 from gateway.robot import CURRENT_MODE, MOTION_STATE_TOPICS, STATE_TOPICS
 from gateway.settings import Settings
-from gateway.sim.model import SimRobot
-from gateway.sim.settings import SimSettings
+from gateway.sim.robot.model import SimRobot
+from gateway.sim.robot.settings import SimSettings
 from gateway.values import Side, Vector
 
 MS = 1_000_000

@@ -5,7 +5,7 @@ from __future__ import annotations
 from gateway import robot
 from gateway.core.robot_state.body_model import body_model
 from gateway.settings import ArmSettings, LocalSettings, ModelSettings, Settings
-from gateway.sim.settings import SimSettings
+from gateway.sim.robot.settings import SimSettings
 from gateway.values import ArmState, Side, Vector
 from tests.kinematics.guarded_arms import model
 from tests.pair import MS, Pair

@@ -11,7 +11,7 @@ import zenoh
 from cdr_types.keys import Qos, Reliability, Token, TokenKind, format_token, topic_to_key
 from gateway import robot
 from gateway.link.codec import encode_frame
-from gateway.link.gateway_token import format_gateway_token
+from gateway.link.others.gateway_token import format_gateway_token
 
 __all__ = ["Stranger"]
 

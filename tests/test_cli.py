@@ -14,11 +14,11 @@ from pathlib import Path
 import pytest
 
 from gateway import __version__, cli
-from gateway.apps import arguments
-from gateway.apps.arguments import endpoint, joints, parse
-from gateway.apps.calibration_writing import write_arms
-from gateway.kinematics.arm_section import ArmCalibration, fingerprint
+from gateway.apps.body.calibration_writing import write_arms
+from gateway.apps.command_line import arguments
+from gateway.apps.command_line.arguments import endpoint, joints, parse
 from gateway.kinematics.calibration import RobotIdentity
+from gateway.kinematics.calibration_file.arm_section import ArmCalibration, fingerprint
 from gateway.kinematics.correction import ArmCorrection
 from gateway.kinematics.description import nominal
 from gateway.robot import VARIANTS

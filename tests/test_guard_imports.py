@@ -5,7 +5,7 @@ from __future__ import annotations
 import subprocess
 import sys
 
-PLAIN = {"description", "judgement", "placement", "stopping"}
+PLAIN = {"description", "placement", "separation", "separation.judgement", "separation.stopping"}
 """Modules of kinematics that are plain values and formulas: what the engine that guard and daemon share names them for."""
 
 SCRIPT = """

@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from gateway import robot
 from gateway.core.guardian import Phase
 from gateway.settings import LocalSettings, Settings
-from gateway.sim.settings import SimSettings
+from gateway.sim.robot.settings import SimSettings
 from gateway.values import FsmState, Side
 from tests.guarded import Guarded
 from tests.pair import MS, S

@@ -52,7 +52,7 @@ from gateway.core.messages.events import (
 )
 from gateway.core.motion.poses.quaternion import exp, multiply
 from gateway.settings import LinkSettings, LocalSettings, Settings
-from gateway.sim.settings import SimSettings
+from gateway.sim.robot.settings import SimSettings
 from gateway.values import Side, Space, Vector
 from tests import thoroughness
 from tests.invariants import POSE_TOPICS, Monitor

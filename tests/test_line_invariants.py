@@ -14,7 +14,7 @@ from gateway.core.messages.events import Move, MovePose
 from gateway.core.motion.poses.quaternion import exp, multiply
 from gateway.core.robot_state.body_model import body_model
 from gateway.settings import LinkSettings, LocalSettings, Settings
-from gateway.sim.settings import SimSettings
+from gateway.sim.robot.settings import SimSettings
 from gateway.values import Side
 from tests import thoroughness
 from tests.kinematics.bodies import ARMS

@@ -9,7 +9,7 @@ from gateway.core.messages.events import OpenStream, TargetArrived
 from gateway.core.robot_state.body_model import body_model
 from gateway.errors import Code
 from gateway.settings import LocalSettings, ModelSettings, Settings
-from gateway.sim.settings import SimSettings
+from gateway.sim.robot.settings import SimSettings
 from gateway.values import ArmState, Side, Space
 from tests.kinematics.bodies import ARMS
 from tests.pair import MS, Pair

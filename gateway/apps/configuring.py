@@ -5,7 +5,7 @@ from __future__ import annotations
 from argparse import Namespace
 
 from gateway import config
-from gateway.apps.ending import ExitStatus
+from gateway.apps.terminal.ending import ExitStatus
 from gateway.kinematics.configured import configured
 from gateway.settings import Settings
 

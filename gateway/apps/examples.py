@@ -6,8 +6,8 @@ import importlib
 import inspect
 import sys
 
-from gateway.apps.asking import confirmed
-from gateway.apps.ending import ExitStatus
+from gateway.apps.terminal.asking import confirmed
+from gateway.apps.terminal.ending import ExitStatus
 from gateway.errors import Code, Refusal, to_exception
 from gateway.examples import EXAMPLES
 

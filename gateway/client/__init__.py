@@ -5,17 +5,17 @@
 
 from __future__ import annotations
 
-from gateway.client.chunks import FollowCheck
+from gateway.client.asking.chunks import FollowCheck
+from gateway.client.asking.poses import PoseTarget
+from gateway.client.asking.results import MotionResult, StopResult
 from gateway.client.client import EventStream, Robot, connect
+from gateway.client.connection.over_zenoh import Credentials
 from gateway.client.control import ArmControl, Control
 from gateway.client.handles import JointStream, MotionHandle, PoseStream
-from gateway.client.health import Health
-from gateway.client.over_zenoh import Credentials
 from gateway.client.parts import ChassisControl, ChassisStream, GripperControl, LiftControl, LiftStream
-from gateway.client.poses import PoseTarget
-from gateway.client.procedures import MotionResult, StopResult
-from gateway.client.reading import ArmState, MotorState, Pose, RobotState
-from gateway.client.reasons import Finding, Why
+from gateway.client.state.health import Health
+from gateway.client.state.reading import ArmState, MotorState, Pose, RobotState
+from gateway.client.state.reasons import Finding, Why
 from gateway.client.stop_endpoint import StopEndpoint
 
 __all__ = [

@@ -27,22 +27,22 @@ from collections.abc import AsyncIterator, Generator, Mapping
 from typing import TYPE_CHECKING, Any, Literal
 
 from gateway.api import protocol
-from gateway.client import procedures, watching
 from gateway.client.aio_control import ArmControl, Control, JointStream, MotionHandle, PoseStream
 from gateway.client.aio_parts import ChassisControl, ChassisStream, GripperControl, LiftControl, LiftStream
 from gateway.client.aio_stop_endpoint import StopEndpoint
+from gateway.client.asking import procedures, watching
+from gateway.client.asking.chunks import FollowCheck, Wishes, check_follow
+from gateway.client.asking.door import OnExitName, program_name, require_options, transport_to
+from gateway.client.asking.requests import seconds
+from gateway.client.asking.results import StopResult
 from gateway.client.awaiting import run
-from gateway.client.chunks import FollowCheck, Wishes, check_follow
-from gateway.client.door import OnExitName, program_name, require_options, transport_to
-from gateway.client.health import Health, health_of
-from gateway.client.over_zenoh import Credentials
-from gateway.client.procedures import StopResult
-from gateway.client.reading import RobotState, state_of
-from gateway.client.reasons import Why, why_of
-from gateway.client.requests import seconds
-from gateway.client.session import Session
-from gateway.client.showing import robot_table
-from gateway.client.transport import Transport
+from gateway.client.connection.over_zenoh import Credentials
+from gateway.client.connection.session import Session
+from gateway.client.connection.transport import Transport
+from gateway.client.state.health import Health, health_of
+from gateway.client.state.reading import RobotState, state_of
+from gateway.client.state.reasons import Why, why_of
+from gateway.client.state.showing import robot_table
 from gateway.errors import Disconnected, OutcomeUnknown
 
 if TYPE_CHECKING:
@@ -237,7 +237,7 @@ class Robot:
     async def _ask_guard(
         self, command: protocol.Stop | protocol.Estop, ask: Literal["stop", "estop"]
     ) -> StopResult | None:
-        from gateway.client.guard_stop import stop_at_guard  # a dead daemon is rare, and imports take time
+        from gateway.client.asking.guard_stop import stop_at_guard  # a dead daemon is rare, and imports take time
 
         session = self._session
         return await asyncio.to_thread(stop_at_guard, session.transport.address, ask, command.reason, session.name)

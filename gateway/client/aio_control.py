@@ -12,15 +12,16 @@ from typing import Any, TypeVar
 
 from gateway.api import protocol
 from gateway.client.aio_parts import ChassisControl, GripperControl, LiftControl
-from gateway.client.arm_commands import ArmCommands
+from gateway.client.asking.arm_commands import ArmCommands
+from gateway.client.asking.commands import MotionCommands
+from gateway.client.asking.door import OnExitName
+from gateway.client.asking.motion import MotionRecord
+from gateway.client.asking.ownership import Accepted
+from gateway.client.asking.procedures import Procedure
+from gateway.client.asking.results import MotionResult
+from gateway.client.asking.stream import JointTargets, PoseTargets, TargetStream
 from gateway.client.awaiting import run
-from gateway.client.commands import MotionCommands
-from gateway.client.door import OnExitName
-from gateway.client.motion import MotionRecord
-from gateway.client.ownership import Accepted
-from gateway.client.procedures import MotionResult, Procedure
-from gateway.client.session import Session
-from gateway.client.stream import JointTargets, PoseTargets, TargetStream
+from gateway.client.connection.session import Session
 from gateway.errors import GatewayError
 
 __all__ = ["ArmControl", "Control", "JointStream", "MotionHandle", "PoseStream"]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from types import TracebackType
 
-from gateway.client.attendance import Attendance
+from gateway.client.asking.attendance import Attendance
 from gateway.client.awaiting import run
 
 __all__ = ["StopEndpoint"]

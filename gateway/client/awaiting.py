@@ -6,10 +6,10 @@ import asyncio
 import contextlib
 from typing import Any, TypeVar
 
+from gateway.client.asking.procedures import Procedure
+from gateway.client.asking.waits import Wait
 from gateway.client.blocking import SLICE_S
-from gateway.client.procedures import Procedure
-from gateway.client.session import Session
-from gateway.client.waits import Wait
+from gateway.client.connection.session import Session
 from gateway.errors import GatewayError
 
 __all__ = ["run"]

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from typing import Any, TypeVar
 
-from gateway.client.procedures import Procedure
-from gateway.client.session import Session
-from gateway.client.waits import Wait
+from gateway.client.asking.procedures import Procedure
+from gateway.client.asking.waits import Wait
+from gateway.client.connection.session import Session
 from gateway.errors import GatewayError
 
 __all__ = ["SLICE_S", "run"]

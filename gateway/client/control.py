@@ -5,15 +5,15 @@ from __future__ import annotations
 from types import TracebackType
 
 from gateway.api import protocol
-from gateway.client.arm_commands import ArmCommands
+from gateway.client.asking.arm_commands import ArmCommands
+from gateway.client.asking.commands import MotionCommands
+from gateway.client.asking.door import OnExitName
+from gateway.client.asking.ownership import Accepted
+from gateway.client.asking.procedures import Procedure
 from gateway.client.blocking import run
-from gateway.client.commands import MotionCommands
-from gateway.client.door import OnExitName
+from gateway.client.connection.session import Session
 from gateway.client.handles import JointStream, MotionHandle, PoseStream
-from gateway.client.ownership import Accepted
 from gateway.client.parts import ChassisControl, GripperControl, LiftControl
-from gateway.client.procedures import Procedure
-from gateway.client.session import Session
 
 __all__ = ["ArmControl", "Control"]
 

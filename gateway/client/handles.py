@@ -5,10 +5,10 @@ from __future__ import annotations
 from types import TracebackType
 from typing import TypeVar
 
+from gateway.client.asking.motion import MotionRecord
+from gateway.client.asking.results import MotionResult
+from gateway.client.asking.stream import JointTargets, PoseTargets, TargetStream
 from gateway.client.blocking import run
-from gateway.client.motion import MotionRecord
-from gateway.client.procedures import MotionResult
-from gateway.client.stream import JointTargets, PoseTargets, TargetStream
 from gateway.errors import GatewayError
 
 __all__ = ["JointStream", "MotionHandle", "PoseStream"]

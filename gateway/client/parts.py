@@ -5,9 +5,9 @@ from __future__ import annotations
 from types import TracebackType
 from typing import TypeVar
 
+from gateway.client.asking.orders import ChassisOrders, GripperOrders, LiftOrders
+from gateway.client.asking.velocity_stream import ChassisVelocities, LiftVelocities, VelocityStream
 from gateway.client.blocking import run
-from gateway.client.orders import ChassisOrders, GripperOrders, LiftOrders
-from gateway.client.velocity_stream import ChassisVelocities, LiftVelocities, VelocityStream
 
 __all__ = ["ChassisControl", "ChassisStream", "GripperControl", "LiftControl", "LiftStream"]
 

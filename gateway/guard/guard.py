@@ -55,7 +55,7 @@ from gateway.guard.blackboard import Blackboard
 from gateway.guard.core_probe import CoreProbe
 from gateway.guard.dying import DyingProcess
 from gateway.guard.guard_desk import GuardDesk
-from gateway.link.discovery import Discovery
+from gateway.link.discovery.discovery import Discovery
 from gateway.link.hearing import DECIDING
 from gateway.link.robot_link import RobotLink
 from gateway.process.cores import LinuxAffinity, spread

@@ -12,16 +12,16 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from gateway.kinematics.bend import CLOSE_M, CLOSE_RAD, Bend
-from gateway.kinematics.chain import ArmChain
 from gateway.kinematics.description import Description
-from gateway.kinematics.dexterity import Dexterity, dexterity
-from gateway.kinematics.inverse import Branch, ClosedForm, Solution
-from gateway.kinematics.numeric import Found, found_from
 from gateway.kinematics.placement import Placement
-from gateway.kinematics.sectors import Sector
-from gateway.kinematics.shape import ArmShape, shape_of
-from gateway.kinematics.unreachable import Unreachable, not_found, why_not
+from gateway.kinematics.solving.bend import CLOSE_M, CLOSE_RAD, Bend
+from gateway.kinematics.solving.chain import ArmChain
+from gateway.kinematics.solving.dexterity import Dexterity, dexterity
+from gateway.kinematics.solving.inverse import Branch, ClosedForm, Solution
+from gateway.kinematics.solving.numeric import Found, found_from
+from gateway.kinematics.solving.sectors import Sector
+from gateway.kinematics.solving.shape import ArmShape, shape_of
+from gateway.kinematics.solving.unreachable import Unreachable, not_found, why_not
 from gateway.robot import HOME_Q_RAD, JOINT_LOWER_RAD, JOINT_UPPER_RAD
 from gateway.values import ARM_DOF, EePose, Side, ValueRefused, Vector, require_finite
 

@@ -32,11 +32,11 @@ from pathlib import Path
 from typing import Any, Final
 
 from gateway.errors import Code, ConfigError, Refusal
-from gateway.kinematics.arm_section import ArmCalibration, arm_of, with_arms
-from gateway.kinematics.camera_section import CameraCalibration, camera_of
-from gateway.kinematics.conventions import Conventions
+from gateway.kinematics.calibration_file.arm_section import ArmCalibration, arm_of, with_arms
+from gateway.kinematics.calibration_file.camera_section import CameraCalibration, camera_of
+from gateway.kinematics.calibration_file.conventions import Conventions
+from gateway.kinematics.cameras.eyes import CAMERAS
 from gateway.kinematics.description import Description
-from gateway.kinematics.eyes import CAMERAS
 from gateway.kinematics.frames import MOVING_EDGES, NOMINAL_EDGES, FixedEdge, Origin
 from gateway.kinematics.nominal_frames import REPLACEABLE
 from gateway.kinematics.transform import Transform, frames_of, nearest_rigid

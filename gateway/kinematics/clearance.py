@@ -12,8 +12,8 @@ from itertools import product
 from gateway.kinematics.arm import ArmModel
 from gateway.kinematics.collision import CollisionModel, Nearness
 from gateway.kinematics.description import Description
-from gateway.kinematics.inverse import Solution
 from gateway.kinematics.model_check import Finding
+from gateway.kinematics.solving.inverse import Solution
 from gateway.robot import HOME_Q_RAD
 from gateway.values import EePose, Side, Vector
 

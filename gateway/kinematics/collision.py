@@ -14,10 +14,10 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from gateway.kinematics.capsules import BASE, CHEST, Capsule, Hull, hull
-from gateway.kinematics.chain import ArmChain, in_base
 from gateway.kinematics.description import Description
 from gateway.kinematics.placement import Placement
-from gateway.kinematics.segments import Segment, nearest, segment
+from gateway.kinematics.separation.segments import Segment, nearest, segment
+from gateway.kinematics.solving.chain import ArmChain, in_base
 from gateway.robot import shoulder_frame
 from gateway.values import ARM_DOF, Side, ValueRefused, Vector, require_finite
 

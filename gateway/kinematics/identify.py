@@ -16,11 +16,11 @@ from numpy.typing import NDArray
 
 from gateway.kinematics.arm import ArmModel
 from gateway.kinematics.correction import ArmCorrection
-from gateway.kinematics.excitation import LEAST_GAIN, Excitation, distinct, excitation_of
-from gateway.kinematics.pairing import Pair
-from gateway.kinematics.parameters import LENGTH_M, Group, Parameters
+from gateway.kinematics.identification.excitation import LEAST_GAIN, Excitation, distinct, excitation_of
+from gateway.kinematics.identification.pairing import Pair
+from gateway.kinematics.identification.parameters import LENGTH_M, Group, Parameters
+from gateway.kinematics.identification.robust import Fit, Measured, fitted, residuals
 from gateway.kinematics.placement import rows_from_quat
-from gateway.kinematics.robust import Fit, Measured, fitted, residuals
 
 __all__ = ["ACCURACY_M", "ACCURACY_RAD", "Estimate", "Identification", "Misfit", "Unidentified", "Why", "identify"]
 

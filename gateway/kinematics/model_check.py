@@ -13,10 +13,10 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 from gateway.kinematics.arm import ArmModel
-from gateway.kinematics.chain import at_zero
 from gateway.kinematics.description import Description, nominal
-from gateway.kinematics.inverse import Solution
 from gateway.kinematics.placement import Placement, turn_rad
+from gateway.kinematics.solving.chain import at_zero
+from gateway.kinematics.solving.inverse import Solution
 from gateway.robot import HOME_Q_RAD, JOINT_LOWER_RAD, JOINT_UPPER_RAD, MAX_ARM_LEN_M, shoulder_frame
 from gateway.values import EePose, Side, Vector
 

@@ -14,12 +14,12 @@ from numpy.typing import ArrayLike, NDArray
 
 from gateway.errors import Code, Refusal, to_exception
 from gateway.kinematics.calibration import Calibration
-from gateway.kinematics.chain import ArmChain
+from gateway.kinematics.cameras.eyes import EYES, Eye, eyes_of, nominal_lens
+from gateway.kinematics.cameras.lens import Lens, Projection
 from gateway.kinematics.description import Description, nominal
-from gateway.kinematics.eyes import EYES, Eye, eyes_of, nominal_lens
 from gateway.kinematics.frames import ForwardKinematics, FrameTree, Located
-from gateway.kinematics.lens import Lens, Projection
 from gateway.kinematics.nominal_frames import calibrated, nominal_edges
+from gateway.kinematics.solving.chain import ArmChain
 from gateway.kinematics.transform import Points
 from gateway.values import ArmState, Side
 

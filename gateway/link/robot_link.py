@@ -42,16 +42,16 @@ from gateway.core.messages.events import (
     SampleRefused,
 )
 from gateway.core.streams.gate import Cleared
-from gateway.link.claim_token import ClaimToken
 from gateway.link.codec import BadFrame, BadSample, decode_sample, encode_frame, stamp_of
 from gateway.link.connecting import MAX_RETRY_S, connect
-from gateway.link.discovery import Discovery, Sight
-from gateway.link.foreign_watch import ForeignWatch
+from gateway.link.discovery.discovery import Discovery, Sight
+from gateway.link.discovery.revival import Revival
 from gateway.link.hearing import AT_ONCE, STAMPED, mailboxes_of, slots_of
 from gateway.link.mailbox import Tray
 from gateway.link.meter import Meter
 from gateway.link.news import TransportNews, time_of
-from gateway.link.revival import Revival
+from gateway.link.others.claim_token import ClaimToken
+from gateway.link.others.foreign_watch import ForeignWatch
 from gateway.link.robot_session import RobotSession, SessionListener
 from gateway.link.session_config import session_config
 from gateway.link.survey import gather

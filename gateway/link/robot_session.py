@@ -42,8 +42,8 @@ from cdr_types.keys import (
     topic_to_key,
 )
 from gateway import robot
-from gateway.link.gateway_token import format_gateway_token, gateway_tokens
 from gateway.link.mailbox import CAPACITY, Mailbox, Tray
+from gateway.link.others.gateway_token import format_gateway_token, gateway_tokens
 from gateway.settings import LinkSettings
 from gateway.threads import supervised
 

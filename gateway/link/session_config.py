@@ -30,8 +30,8 @@ from typing import Final
 
 from cdr_types.keys import ALL_TOKENS, topic_to_key
 from gateway import robot
-from gateway.link.foreign_watch import publishers_of
-from gateway.link.gateway_token import format_gateway_token, gateway_tokens
+from gateway.link.others.foreign_watch import publishers_of
+from gateway.link.others.gateway_token import format_gateway_token, gateway_tokens
 from gateway.settings import LinkSettings
 
 __all__ = ["OPEN_TIMEOUT_MS", "session_config"]

@@ -15,12 +15,12 @@ from cdr_types.qos import format_qos
 from gateway import robot
 from gateway.api.protocol import Announcement, Wire, WireBridge, WireNeighbour, WireTopic
 from gateway.errors import Code
-from gateway.link.discovery import BridgeFacts, Discovery
-from gateway.link.foreign_watch import ForeignWatch, Neighbours, Session
+from gateway.link.discovery.discovery import BridgeFacts, Discovery
+from gateway.link.discovery.robots import robots_in
+from gateway.link.discovery.route_watch import silence_ns
 from gateway.link.meter import Figure, Meter
 from gateway.link.news import TransportNews
-from gateway.link.robots import robots_in
-from gateway.link.route_watch import silence_ns
+from gateway.link.others.foreign_watch import ForeignWatch, Neighbours, Session
 from gateway.settings import LinkSettings
 
 __all__ = ["KEPT", "Known", "gather", "survey"]

@@ -7,7 +7,7 @@ import sys
 from pathlib import Path
 
 from gateway.sim.node import DEFAULT_LISTEN
-from gateway.sim.settings import PHYSICS
+from gateway.sim.robot.settings import PHYSICS
 from gateway.sim.starting import CannotStart, start
 
 

@@ -23,9 +23,9 @@ from collections.abc import Callable, Mapping
 from dataclasses import asdict
 from typing import Protocol
 
-from gateway.sim import report
-from gateway.sim.faults import FAULTS, Fault, FaultError, parse_fault
-from gateway.sim.model import SimRobot
+from gateway.sim.robot import report
+from gateway.sim.robot.faults import FAULTS, Fault, FaultError, parse_fault
+from gateway.sim.robot.model import SimRobot
 
 __all__ = ["Control", "NodeFaults"]
 

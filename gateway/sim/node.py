@@ -25,11 +25,11 @@ import zenoh
 from gateway.sim.bridge import CONTROL_KEY, Bridge
 from gateway.sim.companion import until_told
 from gateway.sim.control import Control
-from gateway.sim.dynamics import WorldUnstable
-from gateway.sim.faults import Fault
-from gateway.sim.manual import MS, STATE_TOPICS, S
-from gateway.sim.model import SimRobot
-from gateway.sim.settings import SimSettings
+from gateway.sim.robot.dynamics import WorldUnstable
+from gateway.sim.robot.faults import Fault
+from gateway.sim.robot.manual import MS, STATE_TOPICS, S
+from gateway.sim.robot.model import SimRobot
+from gateway.sim.robot.settings import SimSettings
 from gateway.sim.wire import Wire
 
 __all__ = ["DEFAULT_LISTEN", "SimNode", "main_sim", "run"]

@@ -71,7 +71,7 @@ class SimControl:
         raise SimUnreachable(f"the simulation at {self._endpoint} did not answer {do!r} in {self._timeout_s} s")
 
     def fault(self, name: str, **values: object) -> None:
-        """Let a fault begin (grammar in `gateway.sim.faults`)."""
+        """Let a fault begin (grammar in `gateway.sim.robot.faults`)."""
         self.ask("fault", fault=name, **values)
 
     def close(self) -> None:

@@ -9,9 +9,9 @@ from argparse import Namespace
 from collections.abc import Callable
 from contextlib import ExitStack
 
-from gateway.sim.dynamics import PhysicsMissing
 from gateway.sim.node import SimNode, main_sim
-from gateway.sim.settings import SimSettings, settings_of
+from gateway.sim.robot.dynamics import PhysicsMissing
+from gateway.sim.robot.settings import SimSettings, settings_of
 
 __all__ = ["CannotStart", "start"]
 
@@ -60,8 +60,8 @@ def _film(stack: ExitStack, options: Namespace, settings: SimSettings) -> None:
 
 
 def _send_pictures(stack: ExitStack, options: Namespace, settings: SimSettings) -> None:
-    from gateway.sim.camera_process import CameraProcess
-    from gateway.sim.hevc import EncoderMissing
+    from gateway.sim.camera.camera_process import CameraProcess
+    from gateway.sim.camera.hevc import EncoderMissing
 
     try:
         scene = options.listen if settings.physics == "mujoco" else None

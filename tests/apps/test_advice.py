@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 from msgspec.structs import replace
 
-from gateway.apps.advice import next_steps
+from gateway.apps.terminal.advice import next_steps
 from gateway.messages.snapshot import EnableView, LinkView
 from tests.api.stand_in import a_snapshot
 from tests.apps.views import INFO, MS, S, a_view, all_topics, owned

@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from msgspec.structs import replace
 
-from gateway.apps.bars import arm_rows, bar
+from gateway.apps.terminal.bars import arm_rows, bar
 from tests.api.stand_in import a_snapshot
 from tests.apps.views import INFO, S, a_view
 

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import pytest
 
-from gateway.apps.calibration_writing import robot_to_write_for, write_arms
+from gateway.apps.body.calibration_writing import robot_to_write_for, write_arms
 from gateway.errors import Code, ConfigError
 from gateway.kinematics.calibration import load
 from gateway.values import Side

@@ -6,7 +6,15 @@ import json
 
 import pytest
 
-from gateway.apps.ending import ExitStatus, for_stopping, in_shell_words, line_of, report, status_of, undelivered
+from gateway.apps.terminal.ending import (
+    ExitStatus,
+    for_stopping,
+    in_shell_words,
+    line_of,
+    report,
+    status_of,
+    undelivered,
+)
 from gateway.errors import CODES, Code, Refusal, to_exception
 
 

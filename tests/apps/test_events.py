@@ -6,7 +6,7 @@ import json
 
 import pytest
 
-from gateway.apps.events import line_of_notice
+from gateway.apps.looking.events import line_of_notice
 from gateway.cli import main
 from gateway.core.messages.events import Level, Notice
 from gateway.errors import Code

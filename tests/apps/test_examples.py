@@ -14,7 +14,8 @@ from pathlib import Path
 
 import pytest
 
-from gateway.apps import asking, examples
+from gateway.apps import examples
+from gateway.apps.terminal import asking
 from gateway.examples import EXAMPLES, Example
 from tests.apps.shell import Shell
 

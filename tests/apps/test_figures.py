@@ -6,7 +6,15 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from gateway.apps.figures import age_limit_ns, age_text, fsm_text, joints_text, rate_text, since_text, topic_text
+from gateway.apps.terminal.figures import (
+    age_limit_ns,
+    age_text,
+    fsm_text,
+    joints_text,
+    rate_text,
+    since_text,
+    topic_text,
+)
 
 MS = 1_000_000
 S = 1_000_000_000

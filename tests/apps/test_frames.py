@@ -10,7 +10,7 @@ from itertools import combinations
 import numpy as np
 import pytest
 
-from gateway.apps.frames import MEANINGS, Posture, document, kind_of, lines
+from gateway.apps.body.frames import MEANINGS, Posture, document, kind_of, lines
 from gateway.kinematics.description import nominal
 from gateway.kinematics.frames import ROOT
 from gateway.kinematics.sight import robot_frames
@@ -178,7 +178,7 @@ def test_names_in_the_picture_can_be_read(shell, monkeypatch, tmp_path, words):
     """None lies over another, none leaves the paper: as drawn, with the boxes that matplotlib measures."""
     from matplotlib.text import Text
 
-    plot = pytest.importorskip("gateway.apps.frames_plot", reason="matplotlib is not installed")
+    plot = pytest.importorskip("gateway.apps.body.frames_plot", reason="matplotlib is not installed")
     drawn = []
     with monkeypatch.context() as patch:
         patch.setattr(plot.plt, "close", drawn.append)
@@ -201,7 +201,7 @@ def test_names_in_the_picture_can_be_read(shell, monkeypatch, tmp_path, words):
 
 def test_a_picture_needs_matplotlib(shell, monkeypatch, tmp_path):
     """Without it the answer says how to get it."""
-    monkeypatch.setitem(sys.modules, "gateway.apps.frames_plot", None)
+    monkeypatch.setitem(sys.modules, "gateway.apps.body.frames_plot", None)
     ended = shell.run("frames", "--plot", str(tmp_path / "a.png"))
     assert ended.status == 1 and "matplotlib is not installed" in ended.err and "[demo]" in ended.err
 

@@ -6,7 +6,7 @@ import json
 
 import pytest
 
-from gateway.apps.frame import Picture, frame
+from gateway.apps.looking.frame import Picture, frame
 from gateway.cli import main
 from gateway.client import connect
 from gateway.values import Side

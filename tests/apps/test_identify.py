@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 from msgspec.structs import replace as shown_as
 
-from gateway.apps.pairs import keep, read_pairs
+from gateway.apps.body.pairs import keep, read_pairs
 from gateway.kinematics.calibration import RobotIdentity, load
-from gateway.sim.geometry import arm_geometry
-from gateway.sim.manual import Side as SimSide
+from gateway.sim.robot.geometry import arm_geometry
+from gateway.sim.robot.manual import Side as SimSide
 from gateway.values import Side
 from tests.kinematics.identities import EE_M, OFFSETS_RAD, measured, postures
 

@@ -8,9 +8,9 @@ from msgspec.structs import replace
 from gateway import robot
 from gateway.api import protocol
 from gateway.api.protocol import Announcement, Wire, WireBridge, WireNeighbour, WireTopic
-from gateway.apps.link import document, show_look
-from gateway.apps.link_findings import findings_of, names_of
-from gateway.apps.link_page import lines, qos_text
+from gateway.apps.looking.link import document, show_look
+from gateway.apps.looking.link_findings import findings_of, names_of
+from gateway.apps.looking.link_page import lines, qos_text
 from gateway.settings import LinkSettings
 
 MS = 1_000_000

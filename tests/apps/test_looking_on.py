@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from gateway.apps.looking_on import FIRST_S, LookingOn
+from gateway.apps.body.looking_on import FIRST_S, LookingOn
+from gateway.kinematics.identification.parameters import Group
 from gateway.kinematics.identify import Identification, identify
-from gateway.kinematics.parameters import Group
 from gateway.values import Side
 from tests.kinematics.bodies import ARMS
 from tests.kinematics.identities import measured, postures

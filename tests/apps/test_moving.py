@@ -8,7 +8,8 @@ import signal
 import pytest
 from msgspec.structs import replace
 
-from gateway.apps import asking, errand
+from gateway.apps.motion import errand
+from gateway.apps.terminal import asking
 from gateway.errors import Code, Refusal
 from gateway.messages import requests
 from gateway.messages.snapshot import LinkView
@@ -211,7 +212,7 @@ def _plain_teller(teller):
     """Return a teller that is plain although somebody pretends to sit at a terminal."""
     from contextlib import contextmanager
 
-    from gateway.apps.progress import _Lines
+    from gateway.apps.terminal.progress import _Lines
 
     @contextmanager
     def plain():

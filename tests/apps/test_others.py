@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import json
 
-from gateway.apps.advice import next_steps
-from gateway.apps.others import foreign_on, other_text, others_in_order
-from gateway.apps.status import lines
-from gateway.apps.topics import document, foreign_lines
+from gateway.apps.looking.status import lines
+from gateway.apps.looking.topics import document, foreign_lines
+from gateway.apps.terminal.advice import next_steps
+from gateway.apps.terminal.others import foreign_on, other_text, others_in_order
 from gateway.messages.snapshot import OthersView, OtherView
 from tests.apps.views import INFO, MS, S, a_view
 

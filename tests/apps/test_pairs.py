@@ -6,7 +6,7 @@ import json
 
 import pytest
 
-from gateway.apps.pairs import keep, read_pairs
+from gateway.apps.body.pairs import keep, read_pairs
 from gateway.errors import Code, ConfigError
 from gateway.values import Side
 from tests.kinematics.identities import measured, postures

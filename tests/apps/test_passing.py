@@ -8,8 +8,18 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from gateway.apps.passing import LEAST_POINTS, PART_POINTS, PART_S, SHARED_POINTS, chosen, cut, dt_of, located, space_of
-from gateway.apps.recording import Recording
+from gateway.apps.motion.passing import (
+    LEAST_POINTS,
+    PART_POINTS,
+    PART_S,
+    SHARED_POINTS,
+    chosen,
+    cut,
+    dt_of,
+    located,
+    space_of,
+)
+from gateway.apps.motion.recording import Recording
 from gateway.errors import Code, Refusal, Rejected, to_exception
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import io
 import sys
 
-from gateway.apps.progress import teller
+from gateway.apps.terminal.progress import teller
 
 
 class Terminal(io.StringIO):

@@ -7,7 +7,7 @@ import json
 import numpy as np
 import pytest
 
-from gateway.apps.recording import MAX_BYTES, read
+from gateway.apps.motion.recording import MAX_BYTES, read
 from gateway.errors import Code, Rejected
 
 LEFT = np.arange(21.0).reshape(3, 7)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 from msgspec.structs import replace
 
-from gateway.apps.status import lines
+from gateway.apps.looking.status import lines
 from gateway.messages.snapshot import GuardView, MotionView, StreamView
 from tests.api.stand_in import START_Q, a_snapshot
 from tests.apps.views import INFO, MS, S, a_view, owned

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from gateway.apps import stopping
+from gateway.apps.motion import stopping
 from gateway.errors import Code, Refusal
 from gateway.messages import requests
 from gateway.messages.snapshot import LinkView

@@ -5,7 +5,7 @@ from __future__ import annotations
 from msgspec.structs import replace
 
 from gateway.api import protocol
-from gateway.apps.topics import document, lines, route_lines
+from gateway.apps.looking.topics import document, lines, route_lines
 from gateway.messages.snapshot import StreamView
 from gateway.robot import STATE_TOPICS, TOPICS, VARIANTS
 from tests.apps.views import INFO, MS, S, a_view, all_topics

@@ -12,9 +12,9 @@ from hypothesis import strategies as st
 from msgspec.structs import replace
 from rich.console import Console
 
-from gateway.apps import watch as watching
-from gateway.apps.frame import Picture, Remark, frame
-from gateway.apps.watch import Viewer, plain_line
+from gateway.apps.looking import watch as watching
+from gateway.apps.looking.frame import Picture, Remark, frame
+from gateway.apps.looking.watch import Viewer, plain_line
 from gateway.client import connect
 from gateway.core.messages.events import Level, Notice
 from gateway.errors import Code

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from msgspec.structs import replace
 
-from gateway.apps.advice import next_steps
-from gateway.apps.frame import Picture, frame
-from gateway.apps.status import lines as status_lines
+from gateway.apps.looking.frame import Picture, frame
+from gateway.apps.looking.status import lines as status_lines
+from gateway.apps.terminal.advice import next_steps
 from gateway.messages.snapshot import Finding, RefusalMessage
 from tests.api.stand_in import a_snapshot
 from tests.apps.views import INFO, S, a_view, all_topics

@@ -28,7 +28,7 @@ from gateway.core.robot_state.body_model import body_model
 from gateway.errors import Code
 from gateway.messages.snapshot import MotionView, TargetView
 from gateway.settings import ArmSettings, ForeignSettings, LinkSettings, LocalSettings, LossSettings, Settings
-from gateway.sim.settings import SimSettings
+from gateway.sim.robot.settings import SimSettings
 from gateway.values import Side, Vector
 from tests.pair import MS, Pair, S
 

@@ -11,7 +11,7 @@ from gateway import robot
 from gateway.core.messages.events import Follow, FrameKind, Stop
 from gateway.core.motion.poses.quaternion import exp, multiply
 from gateway.errors import Code
-from gateway.sim.settings import SimSettings
+from gateway.sim.robot.settings import SimSettings
 from gateway.values import Side, Space, Vector
 from tests.behaviour.scene import Scene, scene, watched
 from tests.core.pose_judge import LIMITS, judge

@@ -26,7 +26,7 @@ from gateway.core.messages.events import (
 from gateway.errors import CODES
 from gateway.messages.snapshot import Finding
 from gateway.settings import ArmSettings
-from gateway.sim.settings import SimSettings
+from gateway.sim.robot.settings import SimSettings
 from gateway.values import Side
 from tests.behaviour.scene import HOME, Scene, scene
 from tests.pair import MS, START_NS, S

@@ -18,7 +18,7 @@ from gateway.core.messages.events import (
     Stop,
 )
 from gateway.errors import Code
-from gateway.sim.settings import SimSettings
+from gateway.sim.robot.settings import SimSettings
 from gateway.values import Side
 from tests.behaviour.scene import HOME, LEAN, Scene, away, scene
 from tests.pair import MS

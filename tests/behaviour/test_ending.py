@@ -17,7 +17,7 @@ from gateway.core.messages.events import (
 )
 from gateway.errors import Code
 from gateway.settings import ArmSettings
-from gateway.sim.settings import SimSettings
+from gateway.sim.robot.settings import SimSettings
 from tests.behaviour.scene import HOME, REACHED_BY, Scene, scene
 from tests.pair import MS, S
 

@@ -20,7 +20,7 @@ from gateway.core.messages.events import (
     Take,
 )
 from gateway.errors import Code
-from gateway.sim.settings import SimSettings
+from gateway.sim.robot.settings import SimSettings
 from gateway.values import Side
 from tests.behaviour.scene import HOME, LEAN, QUICK, Scene, scene
 from tests.pair import MS, S

@@ -22,7 +22,7 @@ from gateway.core.messages.events import (
     Stop,
 )
 from gateway.errors import Code
-from gateway.sim.settings import SimSettings
+from gateway.sim.robot.settings import SimSettings
 from gateway.values import Side
 from tests.behaviour.scene import HOME, LEAN
 from tests.core.pose_judge import LIMITS as POSE_LIMITS

@@ -9,7 +9,7 @@ from msgspec import structs
 
 from gateway import robot
 from gateway.core.messages.events import Enable, Event, SampleArrived
-from gateway.sim.settings import SimSettings
+from gateway.sim.robot.settings import SimSettings
 from gateway.values import ArmState, Side, Vector
 from tests.behaviour.scene import Scene, scene
 from tests.pair import MS, S

@@ -8,19 +8,19 @@ from pathlib import Path
 import pytest
 
 from gateway import robot
-from gateway.apps.calibration_writing import write_arms
+from gateway.apps.body.calibration_writing import write_arms
 from gateway.codes import Code
 from gateway.core.robot_state.body_model import body_model
 from gateway.kinematics.arm import ArmModel
-from gateway.kinematics.arm_section import ArmCalibration, fingerprint
 from gateway.kinematics.calibration import RobotIdentity
+from gateway.kinematics.calibration_file.arm_section import ArmCalibration, fingerprint
 from gateway.kinematics.description import nominal
+from gateway.kinematics.identification.pairing import Pair, Pairing
+from gateway.kinematics.identification.parameters import Group
 from gateway.kinematics.identify import Identification, identify
-from gateway.kinematics.pairing import Pair, Pairing
-from gateway.kinematics.parameters import Group
 from gateway.messages.snapshot import ModelView, Snapshot
 from gateway.settings import ArmSettings, LinkSettings, LocalSettings, ModelSettings, Settings
-from gateway.sim.settings import SimSettings
+from gateway.sim.robot.settings import SimSettings
 from gateway.values import Side
 from tests.behaviour.scene import Scene, scene
 from tests.pair import MS

@@ -8,7 +8,7 @@ import pytest
 from gateway import robot
 from gateway.core.messages.events import Enable, Frame, FrameKind, Move
 from gateway.core.motion.gap import gap
-from gateway.sim.settings import SimSettings
+from gateway.sim.robot.settings import SimSettings
 from gateway.values import ArmState, EePose, Side, Space, Vector
 from tests.behaviour.scene import HOME, Scene, scene
 from tests.pair import MS

@@ -12,7 +12,7 @@ from gateway import robot
 from gateway.core.messages.events import Enable, FrameKind, Hold, Move, MovePose, OpenStream, Recover, Stop, Take
 from gateway.errors import Code
 from gateway.settings import PoseSettings, Settings
-from gateway.sim.settings import SimSettings
+from gateway.sim.robot.settings import SimSettings
 from gateway.values import Side, Space
 from tests.behaviour.scene import Scene, away, scene
 from tests.core.pose_judge import LIMITS, judge

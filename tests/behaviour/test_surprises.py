@@ -13,7 +13,7 @@ import pytest
 from gateway import robot
 from gateway.codes import Code
 from gateway.core.messages.events import Enable, FrameKind, LinkUp, Move, SampleRefused
-from gateway.sim.settings import SimSettings
+from gateway.sim.robot.settings import SimSettings
 from gateway.values import Side
 from tests.behaviour.scene import HOME, Scene, away, scene
 from tests.behaviour.test_transitions import WORDS

@@ -11,7 +11,7 @@ from gateway.core.engine import Output
 from gateway.core.messages import events
 from gateway.core.motion.chunk import Chunk
 from gateway.errors import Refusal
-from gateway.sim.settings import SimSettings
+from gateway.sim.robot.settings import SimSettings
 from gateway.values import Side
 from tests.bench.table import Row
 from tests.pair import MS, Pair

@@ -17,7 +17,7 @@ import zenoh
 
 from cdr_types.encapsulation import peek_stamp
 from gateway import robot as facts
-from gateway.sim.manual import STATE_TOPICS, command_topics
+from gateway.sim.robot.manual import STATE_TOPICS, command_topics
 from gateway.values import Side
 from tests.bench.table import Row
 from tests.e2e.system import System, wait_for

@@ -5,9 +5,9 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 
-from gateway.kinematics.agreement import ModelJudge
 from gateway.kinematics.arm import ArmModel
 from gateway.kinematics.description import nominal
+from gateway.kinematics.identification.agreement import ModelJudge
 from gateway.robot import HOME_Q_RAD
 from gateway.values import Side
 from tests.bench.table import Row

@@ -14,10 +14,18 @@ import time
 import numpy as np
 
 from cdr_types.messages import std_msgs
-from gateway.sim.manual import CHASSIS_CMD, EXAMPLE_HOME_RAD, FSM_ENABLE, MS, Side, gripper_cmd_topic, joint_cmd_topic
-from gateway.sim.model import SimRobot
 from gateway.sim.remote import SimControl, SimUnreachable
-from gateway.sim.settings import SimSettings
+from gateway.sim.robot.manual import (
+    CHASSIS_CMD,
+    EXAMPLE_HOME_RAD,
+    FSM_ENABLE,
+    MS,
+    Side,
+    gripper_cmd_topic,
+    joint_cmd_topic,
+)
+from gateway.sim.robot.model import SimRobot
+from gateway.sim.robot.settings import SimSettings
 from tests.bench.table import Row
 from tests.e2e.system import free_port
 from tests.sim.drivers import joints

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from gateway.apps.video.video import Video
+from gateway.video.video import Video
 from tests.bench.watching import Watch
 
 

@@ -12,9 +12,9 @@ import time
 from pathlib import Path
 from typing import Any
 
-from gateway.sim.composite import FULL, crop_box
-from gateway.sim.handover import HandOvers
-from gateway.sim.pixel_code import read_code
+from gateway.sim.camera.composite import FULL, crop_box
+from gateway.sim.camera.handover import HandOvers
+from gateway.sim.camera.pixel_code import read_code
 
 __all__ = ["Watch"]
 

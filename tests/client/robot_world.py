@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from gateway.api.in_memory import MemoryPlane
 from gateway.api.translate import describe
-from gateway.client.in_memory import MemoryTransport
+from gateway.client.connection.in_memory import MemoryTransport
 from gateway.settings import ChassisSettings, LinkSettings, LocalSettings, Settings
-from gateway.sim.settings import SimSettings
+from gateway.sim.robot.settings import SimSettings
 from tests.pair import MS, Pair
 
 __all__ = ["RobotWorld"]

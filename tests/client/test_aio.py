@@ -265,7 +265,7 @@ def test_the_first_state_of_a_new_daemon_is_waited_for(world):
 def test_a_stop_of_a_dead_daemon_goes_to_its_guard(world, monkeypatch):
     """As in the blocking client, without holding up the event loop."""
     answers = [StopResult(undelivered=False, by_guard=True), None, None, StopResult(undelivered=False, by_guard=True)]
-    monkeypatch.setattr("gateway.client.guard_stop.stop_at_guard", lambda *_: answers.pop(0))
+    monkeypatch.setattr("gateway.client.asking.guard_stop.stop_at_guard", lambda *_: answers.pop(0))
 
     async def scene():
         async with aio.connect(transport=world.transport()) as robot:

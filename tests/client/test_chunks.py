@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from gateway.client.chunks import follow
+from gateway.client.asking.chunks import follow
 from gateway.errors import Code, Rejected
 
 ROW = [0.1] * 7

@@ -280,7 +280,7 @@ def test_a_closed_client_says_so(world, robot):
 
 def test_a_forked_process_is_told_to_connect_itself(world, robot, monkeypatch):
     """Zenoh's threads do not survive a fork: the child is told so instead of hanging."""
-    monkeypatch.setattr("gateway.client.session.os.getpid", lambda: 1)
+    monkeypatch.setattr("gateway.client.connection.session.os.getpid", lambda: 1)
     with pytest.raises(Disconnected, match="forked"):
         _ = robot.state
     with pytest.raises(Disconnected, match="forked"):
@@ -308,7 +308,7 @@ def test_a_stop_of_a_dead_daemon_goes_to_its_guard(world, monkeypatch, ask):
         asked.append(question)
         return answers.pop(0)
 
-    monkeypatch.setattr("gateway.client.guard_stop.stop_at_guard", guard)
+    monkeypatch.setattr("gateway.client.asking.guard_stop.stop_at_guard", guard)
     with connect(transport=world.transport(), name="ann") as robot:
         world.plane.set_reachable(False)
         world.run(0.02)

@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 
 from gateway.client import Credentials, connect
-from gateway.client.over_zenoh import Pulse
+from gateway.client.connection.over_zenoh import Pulse
 from gateway.core.messages.events import Level, Notice
 from gateway.errors import Code, Disconnected, LeaseError, OutcomeUnknown, Rejected
 from gateway.threads import take_lost

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from gateway.api import translate
-from gateway.client.poses import PoseTarget, frame_of, move_pose, numbers, require_space, within_reach
+from gateway.client.asking.poses import PoseTarget, frame_of, move_pose, numbers, require_space, within_reach
 from gateway.core.limits.pose_door import check_pose
 from gateway.errors import Code, Rejected
 from gateway.settings import PoseSettings, Settings

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from gateway.api.translate import describe
-from gateway.client.requests import joints, move, number, read_only, seconds, within_limits
+from gateway.client.asking.requests import joints, move, number, read_only, seconds, within_limits
 from gateway.core.limits.door import check_goal
 from gateway.core.messages.events import OnLimit
 from gateway.errors import Code, Refusal, Rejected, to_exception

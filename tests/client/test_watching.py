@@ -8,7 +8,7 @@ import itertools
 import pytest
 
 from gateway.client import aio, connect
-from gateway.client.news import KEPT
+from gateway.client.connection.news import KEPT
 from gateway.core.messages.events import Level, Notice
 from gateway.errors import Code, Disconnected, GatewayTimeout, Rejected, Stale
 from gateway.messages.snapshot import LinkView

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from gateway.api.in_memory import MemoryPlane
 from gateway.api.translate import describe
-from gateway.client.in_memory import MemoryTransport
+from gateway.client.connection.in_memory import MemoryTransport
 from gateway.settings import Settings
 from tests.api.stand_in import TICK_NS, ScriptedEngine
 

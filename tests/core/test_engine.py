@@ -53,10 +53,10 @@ from gateway.core.robot_state.body_model import BodyModel
 from gateway.core.supervision.conditions import Conditions
 from gateway.core.supervision.supervisor import State, Trigger
 from gateway.errors import Code
-from gateway.kinematics.agreement import Agreement
 from gateway.kinematics.description import nominal
+from gateway.kinematics.identification.agreement import Agreement
 from gateway.settings import LinkSettings, LossSettings, Settings
-from gateway.sim.settings import SimSettings
+from gateway.sim.robot.settings import SimSettings
 from gateway.values import CurrentMode, FsmState, Side, Vector
 from tests.pair import MS, START_NS, Pair, S
 

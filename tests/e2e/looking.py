@@ -14,10 +14,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from gateway.apps.video import Video
 from gateway.kinematics.calibration import RobotIdentity, load
 from gateway.kinematics.sight import Sight
 from gateway.sim.physics.body_numbers import body_numbers
+from gateway.video import Video
 from tests.e2e.system import Process
 from tests.video.sending import udp_port
 

@@ -15,8 +15,8 @@ import numpy as np
 import pytest
 
 from gateway.examples import EXAMPLES
-from gateway.sim.geometry import arm_geometry
-from gateway.sim.manual import EXAMPLE_HOME_RAD, Side
+from gateway.sim.robot.geometry import arm_geometry
+from gateway.sim.robot.manual import EXAMPLE_HOME_RAD, Side
 from tests.e2e.system import ROOT, STALLED, System, wait_for
 from tests.sim.drivers import TARGET_61_M, TARGET_64
 

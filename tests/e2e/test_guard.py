@@ -18,9 +18,9 @@ import zenoh
 
 from gateway import robot as facts
 from gateway.client import Robot, connect
-from gateway.client.guard_stop import stop_at_guard
+from gateway.client.asking.guard_stop import stop_at_guard
 from gateway.errors import Disconnected
-from gateway.link.gateway_token import gateway_tokens, parse_gateway_token
+from gateway.link.others.gateway_token import gateway_tokens, parse_gateway_token
 from gateway.settings import RealtimeSettings
 from gateway.values import Side
 from tests.e2e.system import System, joint_topics, steady, wait_for

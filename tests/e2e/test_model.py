@@ -14,11 +14,11 @@ from pathlib import Path
 
 import pytest
 
-from gateway.apps.calibration_writing import write_arms
+from gateway.apps.body.calibration_writing import write_arms
 from gateway.client import Control, Robot
 from gateway.errors import GatewayError
-from gateway.kinematics.arm_section import ArmCalibration, fingerprint
 from gateway.kinematics.calibration import RobotIdentity
+from gateway.kinematics.calibration_file.arm_section import ArmCalibration, fingerprint
 from gateway.kinematics.correction import ArmCorrection
 from gateway.kinematics.description import nominal
 from gateway.robot import JOINT_LOWER_RAD, JOINT_UPPER_RAD

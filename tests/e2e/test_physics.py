@@ -21,8 +21,8 @@ import pytest
 from gateway import robot as facts
 from gateway.client import Control, Robot
 from gateway.errors import GatewayError
-from gateway.sim.geometry import quat_from_rotation
 from gateway.sim.physics.scene import MARK_M
+from gateway.sim.robot.geometry import quat_from_rotation
 from tests.e2e.system import ATTEMPTS, STALLED, System, wait_for
 from tests.sim.physics.drawing_needed import demand_drawing
 from tests.sim.physics.mujoco_needed import REASON

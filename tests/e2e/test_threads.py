@@ -16,8 +16,8 @@ from typing import Any
 import pytest
 
 from gateway.client import Robot
+from gateway.client.asking.guard_stop import stop_at_guard
 from gateway.client.control import Control
-from gateway.client.guard_stop import stop_at_guard
 from gateway.errors import Code, GatewayError
 from gateway.values import Side
 from tests.e2e.system import Process, System, joint_topics, steady, wait_for, worst_gap_ms

@@ -29,7 +29,7 @@ from gateway.core.messages.events import CommandRequested, Estop, Event, FrameKi
 from gateway.core.requests.answers import REPLIES_KEPT
 from gateway.errors import CODES, Code
 from gateway.settings import LinkSettings, LocalSettings, Settings
-from gateway.sim.settings import SimSettings
+from gateway.sim.robot.settings import SimSettings
 from gateway.values import Side
 from tests.fuzz.hostile import TEXTS, as_json, as_msgpack, monster, mutated, scratched, twisted
 from tests.fuzz.inventor import KINDS, Inventor

@@ -28,9 +28,9 @@ from gateway.api.guard_protocol import (
     read_question,
     robot_name,
 )
-from gateway.client import guard_stop
-from gateway.client.guard_stop import stop_at_guard
-from gateway.client.procedures import StopResult
+from gateway.client.asking import guard_stop
+from gateway.client.asking.guard_stop import stop_at_guard
+from gateway.client.asking.results import StopResult
 from gateway.core.engine import Engine
 from gateway.core.guardian import Phase
 from gateway.core.messages.events import GuardSeen, HeldElsewhere, TakenOver

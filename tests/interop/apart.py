@@ -22,8 +22,8 @@ from gateway import robot
 from gateway.core.messages.events import RouteObserved, SampleArrived
 from gateway.link.robot_link import RobotLink
 from gateway.settings import LinkSettings
-from gateway.sim.manual import STATE_TOPICS
 from gateway.sim.remote import SimControl
+from gateway.sim.robot.manual import STATE_TOPICS
 from tests.e2e.system import Process, free_port, wait_for
 from tests.interop.bridge_process import bridge_settings, start_bridge
 from tests.interop.dds_node import ROBOT_DOMAIN, DdsNode, loopback

@@ -18,7 +18,7 @@ from typing import Any
 import zenoh
 
 from gateway.api import protocol
-from gateway.sim.manual import LOWER_RAD, UPPER_RAD, Side
+from gateway.sim.robot.manual import LOWER_RAD, UPPER_RAD, Side
 from tests.fuzz.attacker import connect
 from tests.fuzz.inventor import KINDS, Inventor
 

@@ -22,10 +22,10 @@ from pycdr2 import IdlStruct
 
 from gateway.sim.__main__ import command_line
 from gateway.sim.bridge import CONTROL_KEY, bridge_config
-from gateway.sim.faults import Fault, FaultError
-from gateway.sim.manual import STATE_TOPICS
 from gateway.sim.node import SimNode, main_sim
-from gateway.sim.settings import SimSettings, settings_of
+from gateway.sim.robot.faults import Fault, FaultError
+from gateway.sim.robot.manual import STATE_TOPICS
+from gateway.sim.robot.settings import SimSettings, settings_of
 from gateway.sim.wire import Arrival
 from tests.interop.bridge_process import bridge_settings, start_bridge
 from tests.interop.dds_node import ROBOT_DOMAIN, DdsNode

@@ -22,7 +22,7 @@ demand(module=True)
 from gateway import robot as facts
 from gateway.client import Robot
 from gateway.errors import Code, GatewayError
-from gateway.sim.manual import command_topics
+from gateway.sim.robot.manual import command_topics
 from gateway.values import Side
 from tests.e2e.system import System, wait_for
 from tests.e2e.test_heart import moving

@@ -15,7 +15,7 @@ from tests.interop.bridge_process import demand
 demand(module=True)
 
 from cdr_types.messages import geometry_msgs, sensor_msgs, std_msgs
-from gateway.sim.manual import (
+from gateway.sim.robot.manual import (
     CHASSIS_CMD,
     FSM_ENABLE,
     LIFT_CMD,

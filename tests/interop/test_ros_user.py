@@ -31,7 +31,8 @@ from pycdr2 import IdlStruct
 from gateway.client import connect
 from gateway.link.surveyor import look
 from gateway.settings import LinkSettings
-from gateway.sim.manual import (
+from gateway.sim.remote import SimControl
+from gateway.sim.robot.manual import (
     COMMAND_TOPICS,
     CURRENT_MODE,
     EXAMPLE_HOME_RAD,
@@ -44,7 +45,6 @@ from gateway.sim.manual import (
     command_topics,
     joint_cmd_topic,
 )
-from gateway.sim.remote import SimControl
 from tests.e2e.system import Process, free_port, wait_for
 from tests.interop.bridge_process import bridge_settings, start_bridge
 from tests.interop.dds_node import DdsNode, loopback

@@ -16,7 +16,7 @@ demand(module=True)
 
 from cdr_types.keys import topic_to_key
 from gateway.errors import Code
-from gateway.sim.manual import FSM_ENABLE, STATE_TOPICS, Side, arm_state_topic
+from gateway.sim.robot.manual import FSM_ENABLE, STATE_TOPICS, Side, arm_state_topic
 from tests.e2e.system import wait_for
 from tests.interop.apart import LEASE_S, Apart, Host
 

@@ -15,9 +15,9 @@ from typing import Final
 from pycdr2 import IdlStruct
 
 from gateway.sim.__main__ import command_line
-from gateway.sim.manual import FSM_ENABLE, Side, joint_cmd_topic
 from gateway.sim.node import SimNode, main_sim
-from gateway.sim.settings import SimSettings, settings_of
+from gateway.sim.robot.manual import FSM_ENABLE, Side, joint_cmd_topic
+from gateway.sim.robot.settings import SimSettings, settings_of
 from tests.interop.dds_robot import DdsRobot
 
 __all__ = ["main"]

@@ -5,8 +5,8 @@ from __future__ import annotations
 from types import SimpleNamespace
 
 from gateway.kinematics.transform import Transform
-from gateway.sim.geometry import arm_geometry
-from gateway.sim.manual import Side as SimSide
+from gateway.sim.robot.geometry import arm_geometry
+from gateway.sim.robot.manual import Side as SimSide
 from gateway.values import ArmState, Side
 
 

@@ -9,8 +9,8 @@ from dataclasses import asdict
 import numpy as np
 
 from gateway.kinematics.calibration import RobotIdentity
-from gateway.kinematics.conventions import MANUAL
-from gateway.kinematics.stereo import turned_level
+from gateway.kinematics.calibration_file.conventions import MANUAL
+from gateway.kinematics.cameras.stereo import turned_level
 from gateway.kinematics.transform import Transform
 from tests.kinematics.lenses import EXAMPLE_K, skewed_pair
 

@@ -8,11 +8,11 @@ from functools import cache
 
 from gateway.core.motion.joints.braking import Braking, JointLimits, advance
 from gateway.core.motion.joints.follower import Follower
-from gateway.kinematics.approach import Approach
 from gateway.kinematics.collision import CollisionModel
 from gateway.kinematics.description import nominal
-from gateway.kinematics.judgement import Motion
-from gateway.kinematics.stopping import stop_extent, way_extent
+from gateway.kinematics.separation.approach import Approach
+from gateway.kinematics.separation.judgement import Motion
+from gateway.kinematics.separation.stopping import stop_extent, way_extent
 from gateway.robot import JOINT_LOWER_RAD, JOINT_UPPER_RAD
 from gateway.values import Side
 

@@ -6,12 +6,12 @@ import math
 
 import numpy as np
 
-from gateway.kinematics.batch import rotations_of
-from gateway.kinematics.pairing import Pair
+from gateway.kinematics.identification.pairing import Pair
 from gateway.kinematics.placement import quat_from_rows
+from gateway.kinematics.solving.batch import rotations_of
 from gateway.robot import JOINT_LOWER_RAD, JOINT_UPPER_RAD
-from gateway.sim.geometry import arm_geometry, rotation_from_quat
-from gateway.sim.manual import Side as SimSide
+from gateway.sim.robot.geometry import arm_geometry, rotation_from_quat
+from gateway.sim.robot.manual import Side as SimSide
 from gateway.values import EePose
 
 OFFSETS_RAD = np.array([4.0, -7.0, 11.0, -3.0, 9.0, -6.0, 15.0]) * 1e-3

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from gateway.kinematics.lens import Fisheye, Intrinsics
+from gateway.kinematics.cameras.lens import Fisheye, Intrinsics
+from gateway.kinematics.cameras.stereo import StereoPair
 from gateway.kinematics.nominal_frames import rotation_of_rpy
-from gateway.kinematics.stereo import StereoPair
 from gateway.kinematics.transform import Transform
 
 EXAMPLE = Intrinsics(fx_px=957.752, fy_px=957.058, cx_px=953.094, cy_px=961.864, width_px=1920, height_px=1920)

@@ -9,9 +9,9 @@ from typing import Any
 
 import numpy as np
 
-from gateway.kinematics.chain import in_base
 from gateway.kinematics.collision import CollisionModel
 from gateway.kinematics.description import arm_joint, nominal
+from gateway.kinematics.solving.chain import in_base
 from gateway.robot import shoulder_frame
 from gateway.values import Side, Vector
 

@@ -7,8 +7,8 @@ from collections.abc import Mapping, Sequence
 from operator import mul
 
 from gateway.kinematics.collision import Point, Posture, at
-from gateway.kinematics.segments import nearest
-from gateway.kinematics.stopping import STAYS, Extent
+from gateway.kinematics.separation.segments import nearest
+from gateway.kinematics.separation.stopping import STAYS, Extent
 from gateway.values import Side, Vector
 
 __all__ = ["PlainEnds"]

@@ -6,11 +6,11 @@ import math
 
 import pytest
 
-from gateway.kinematics.agreement import MOST_PAIRS, Agreement, ModelJudge, Tolerances
-from gateway.kinematics.chain import ArmChain
+from gateway.kinematics.identification.agreement import MOST_PAIRS, Agreement, ModelJudge, Tolerances
+from gateway.kinematics.solving.chain import ArmChain
 from gateway.robot import HOME_Q_RAD
-from gateway.sim.geometry import arm_geometry
-from gateway.sim.manual import Side as SimSide
+from gateway.sim.robot.geometry import arm_geometry
+from gateway.sim.robot.manual import Side as SimSide
 from gateway.values import EePose, Side, ValueRefused
 from tests.kinematics.bodies import ARMS, nudged
 from tests.kinematics.identities import postures

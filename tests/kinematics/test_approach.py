@@ -8,9 +8,9 @@ from itertools import pairwise
 
 import pytest
 
-from gateway.kinematics.approach import Approach
-from gateway.kinematics.judgement import Motion
-from gateway.kinematics.stopping import STAYS
+from gateway.kinematics.separation.approach import Approach
+from gateway.kinematics.separation.judgement import Motion
+from gateway.kinematics.separation.stopping import STAYS
 from gateway.robot import HOME_Q_RAD, JOINT_LOWER_RAD, JOINT_UPPER_RAD
 from gateway.values import Side
 from tests.kinematics.guarded_arms import (

@@ -10,8 +10,8 @@ import pytest
 
 from gateway.kinematics.arm import ArmModel, NotClosed
 from gateway.kinematics.description import nominal
-from gateway.kinematics.inverse import Solution
-from gateway.kinematics.numeric import found_from
+from gateway.kinematics.solving.inverse import Solution
+from gateway.kinematics.solving.numeric import found_from
 from gateway.robot import HOME_Q_RAD
 from gateway.values import Side, ValueRefused
 from tests.kinematics.bodies import ARMS, difference, nudged, samples

@@ -9,15 +9,21 @@ import numpy as np
 import pytest
 
 from gateway.errors import Code, ConfigError
-from gateway.kinematics.arm_section import MOST_OFFSET_RAD, ArmCalibration, arm_of, fingerprint, with_arms
 from gateway.kinematics.calibration import load, read
-from gateway.kinematics.chain import ArmChain
-from gateway.kinematics.conventions import MANUAL
+from gateway.kinematics.calibration_file.arm_section import (
+    MOST_OFFSET_RAD,
+    ArmCalibration,
+    arm_of,
+    fingerprint,
+    with_arms,
+)
+from gateway.kinematics.calibration_file.conventions import MANUAL
 from gateway.kinematics.correction import ArmCorrection, corrected
 from gateway.kinematics.description import nominal
 from gateway.kinematics.frames import ee_frame
 from gateway.kinematics.placement import Placement, rows_from_rpy
 from gateway.kinematics.sight import Sight
+from gateway.kinematics.solving.chain import ArmChain
 from gateway.robot import HOME_Q_RAD
 from gateway.values import Side
 from tests.kinematics.arms import joints_at

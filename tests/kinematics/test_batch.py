@@ -7,8 +7,8 @@ import math
 import numpy as np
 import pytest
 
-from gateway.kinematics.batch import ArmBatch, rotations_of, turns_of
-from gateway.kinematics.chain import ArmChain
+from gateway.kinematics.solving.batch import ArmBatch, rotations_of, turns_of
+from gateway.kinematics.solving.chain import ArmChain
 from gateway.values import Side
 from tests.kinematics.bodies import ARMS, nudged, samples
 

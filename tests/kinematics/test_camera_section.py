@@ -8,10 +8,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from gateway.kinematics.camera_section import camera_of
-from gateway.kinematics.conventions import MANUAL
-from gateway.kinematics.eyes import EYES
-from gateway.kinematics.lens import Fisheye, Pinhole
+from gateway.kinematics.calibration_file.camera_section import camera_of
+from gateway.kinematics.calibration_file.conventions import MANUAL
+from gateway.kinematics.cameras.eyes import EYES
+from gateway.kinematics.cameras.lens import Fisheye, Pinhole
 from gateway.kinematics.transform import Points
 from gateway.values import ValueRefused
 from tests.kinematics.calibrations import LEVEL, PAIR, camera, wrist_camera

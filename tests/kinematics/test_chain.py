@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from gateway.kinematics.chain import ArmChain
 from gateway.kinematics.description import nominal
+from gateway.kinematics.solving.chain import ArmChain
 from gateway.robot import HOME_Q_RAD
-from gateway.sim import manual
-from gateway.sim.geometry import arm_geometry
+from gateway.sim.robot import manual
+from gateway.sim.robot.geometry import arm_geometry
 from gateway.values import Side
 from tests.kinematics.bodies import difference, nudged, samples
 

@@ -13,8 +13,8 @@ from gateway.kinematics.capsules import hull
 from gateway.kinematics.collision import CollisionModel
 from gateway.kinematics.description import nominal
 from gateway.robot import HOME_Q_RAD
-from gateway.sim import manual
-from gateway.sim.geometry import arm_geometry
+from gateway.sim.robot import manual
+from gateway.sim.robot.geometry import arm_geometry
 from gateway.values import Side, ValueRefused
 from tests.kinematics.guarded_arms import free_posture, model, random_joints
 from tests.thoroughness import either

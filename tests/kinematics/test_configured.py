@@ -7,9 +7,9 @@ from dataclasses import asdict
 import pytest
 
 from gateway.errors import Code, ConfigError
-from gateway.kinematics.arm_section import ArmCalibration, fingerprint
+from gateway.kinematics.calibration_file.arm_section import ArmCalibration, fingerprint
+from gateway.kinematics.calibration_file.conventions import MANUAL
 from gateway.kinematics.configured import configured
-from gateway.kinematics.conventions import MANUAL
 from gateway.kinematics.correction import ArmCorrection, corrected
 from gateway.kinematics.description import nominal
 from gateway.settings import LinkSettings, ModelSettings, Settings

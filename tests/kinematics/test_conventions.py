@@ -8,7 +8,7 @@ from dataclasses import asdict, replace
 import numpy as np
 import pytest
 
-from gateway.kinematics.conventions import MANUAL, ONLY_FOR_PAIRS, WORDS, Conventions, numbers
+from gateway.kinematics.calibration_file.conventions import MANUAL, ONLY_FOR_PAIRS, WORDS, Conventions, numbers
 from gateway.values import ValueRefused
 
 SAID = asdict(MANUAL)

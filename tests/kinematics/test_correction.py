@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 from gateway.kinematics.arm import ArmModel
-from gateway.kinematics.chain import ArmChain
 from gateway.kinematics.correction import NOWHERE, ArmCorrection, corrected
 from gateway.kinematics.description import nominal
-from gateway.kinematics.inverse import Solution
 from gateway.kinematics.placement import Placement, rows_from_rpy
+from gateway.kinematics.solving.chain import ArmChain
+from gateway.kinematics.solving.inverse import Solution
 from gateway.values import Side, ValueRefused
 from tests.kinematics.bodies import ARMS, difference, samples
 

@@ -7,7 +7,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from gateway.kinematics.dexterity import FLOOR, LENGTH_M, dexterity, joint_speeds
+from gateway.kinematics.solving.dexterity import FLOOR, LENGTH_M, dexterity, joint_speeds
 from gateway.robot import HOME_Q_RAD, JOINT_LOWER_RAD, JOINT_UPPER_RAD
 from gateway.values import Side
 from tests.kinematics.bodies import ARMS

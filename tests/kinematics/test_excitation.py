@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from gateway.kinematics.excitation import LEAST_GAIN, distinct, excitation_of
-from gateway.kinematics.parameters import Group, Parameters
+from gateway.kinematics.identification.excitation import LEAST_GAIN, distinct, excitation_of
+from gateway.kinematics.identification.parameters import Group, Parameters
 from gateway.values import Side
 from tests.kinematics.bodies import ARMS
 from tests.kinematics.identities import postures

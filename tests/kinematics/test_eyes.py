@@ -7,8 +7,8 @@ import math
 import numpy as np
 import pytest
 
+from gateway.kinematics.cameras.eyes import CAMERAS, EYES, eyes_of, nominal_lens
 from gateway.kinematics.description import nominal
-from gateway.kinematics.eyes import CAMERAS, EYES, eyes_of, nominal_lens
 from gateway.kinematics.frames import FrameTree
 from gateway.kinematics.nominal_frames import nominal_edges
 from tests.kinematics.arms import WITNESSES

@@ -7,10 +7,10 @@ import random
 import numpy as np
 import pytest
 
-from gateway.kinematics.hull_ends import HullEnds, Reach
-from gateway.kinematics.levers import levers
-from gateway.kinematics.stance import Parts, Stance
-from gateway.kinematics.stopping import STAYS
+from gateway.kinematics.separation.hull_ends import HullEnds, Reach
+from gateway.kinematics.separation.levers import levers
+from gateway.kinematics.separation.stance import Parts, Stance
+from gateway.kinematics.separation.stopping import STAYS
 from gateway.values import ARM_DOF, Side
 from tests.kinematics.guarded_arms import MARGIN_M, model, random_joints
 from tests.kinematics.plain_ends import PlainEnds

@@ -10,6 +10,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from gateway.kinematics.identification.parameters import Group
 from gateway.kinematics.identify import (
     ACCURACY_M,
     ACCURACY_RAD,
@@ -19,7 +20,6 @@ from gateway.kinematics.identify import (
     Why,
     identify,
 )
-from gateway.kinematics.parameters import Group
 from gateway.values import EePose, Side
 from tests.kinematics.bodies import ARMS
 from tests.kinematics.identities import EE_M, EE_TURN_RAD, NOISE_M, OFFSETS_RAD, measured, postures

@@ -7,9 +7,9 @@ import random
 
 import pytest
 
-from gateway.kinematics.inverse import Solution
 from gateway.kinematics.placement import Placement
-from gateway.kinematics.unreachable import Unreachable
+from gateway.kinematics.solving.inverse import Solution
+from gateway.kinematics.solving.unreachable import Unreachable
 from gateway.robot import HOME_Q_RAD
 from gateway.values import EePose, Side, ValueRefused
 from tests.kinematics.bodies import ARMS, difference, samples

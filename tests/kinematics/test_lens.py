@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from gateway.kinematics.lens import Fisheye, Intrinsics, Pinhole
+from gateway.kinematics.cameras.lens import Fisheye, Intrinsics, Pinhole
 from gateway.values import ValueRefused
 from tests.kinematics.lenses import EXAMPLE, EXAMPLE_K, cone, example_lens
 from tests.thoroughness import either

@@ -6,7 +6,7 @@ import math
 import random
 
 from gateway.kinematics.collision import at
-from gateway.kinematics.levers import levers
+from gateway.kinematics.separation.levers import levers
 from gateway.values import ARM_DOF
 from tests.kinematics.guarded_arms import model, random_joints
 from tests.thoroughness import either

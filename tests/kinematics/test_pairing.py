@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from gateway.kinematics.pairing import MOST_WAITING, Pair, Pairing
+from gateway.kinematics.identification.pairing import MOST_WAITING, Pair, Pairing
 from gateway.values import EePose, ValueRefused
 
 MS = 1_000_000

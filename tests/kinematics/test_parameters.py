@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from gateway.kinematics.batch import turns_of
-from gateway.kinematics.chain import ArmChain
 from gateway.kinematics.correction import corrected
 from gateway.kinematics.description import nominal
-from gateway.kinematics.parameters import LENGTH_M, Group, Parameters
+from gateway.kinematics.identification.parameters import LENGTH_M, Group, Parameters
+from gateway.kinematics.solving.batch import turns_of
+from gateway.kinematics.solving.chain import ArmChain
 from gateway.values import Side
 from tests.kinematics.bodies import ARMS, nudged, samples
 

@@ -9,10 +9,10 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from gateway.kinematics import remap
-from gateway.kinematics.lens import Pinhole
-from gateway.kinematics.remap import RemapTable, straightening, straightenings
-from gateway.kinematics.stereo import level_pinhole, turned_level
+from gateway.kinematics.cameras import remap
+from gateway.kinematics.cameras.lens import Pinhole
+from gateway.kinematics.cameras.remap import RemapTable, straightening, straightenings
+from gateway.kinematics.cameras.stereo import level_pinhole, turned_level
 from gateway.values import ValueRefused
 from tests.kinematics.lenses import example_lens, skewed_pair
 

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from gateway.kinematics.batch import rotations_of
-from gateway.kinematics.parameters import Group, Parameters
+from gateway.kinematics.identification.parameters import Group, Parameters
+from gateway.kinematics.identification.robust import Measured, fitted, residuals
 from gateway.kinematics.placement import rows_from_quat
-from gateway.kinematics.robust import Measured, fitted, residuals
+from gateway.kinematics.solving.batch import rotations_of
 from gateway.values import Side
 from tests.kinematics.bodies import ARMS
 from tests.kinematics.identities import EE_M, EE_TURN_RAD, OFFSETS_RAD, measured, postures

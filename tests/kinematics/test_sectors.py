@@ -6,9 +6,9 @@ import math
 
 import pytest
 
-from gateway.kinematics.circle import Circle, arm_angle_rad, elbows, wrist_of
 from gateway.kinematics.placement import Placement, rows_from_rpy
-from gateway.kinematics.sectors import sectors, windows
+from gateway.kinematics.solving.circle import Circle, arm_angle_rad, elbows, wrist_of
+from gateway.kinematics.solving.sectors import sectors, windows
 from gateway.values import Side
 from tests.kinematics.bodies import ARMS, difference, samples
 from tests.thoroughness import either

@@ -7,7 +7,7 @@ import random
 
 import pytest
 
-from gateway.kinematics.segments import nearest, segment
+from gateway.kinematics.separation.segments import nearest, segment
 from tests.thoroughness import either
 
 

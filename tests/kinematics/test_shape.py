@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import pytest
 
-from gateway.kinematics.chain import ArmChain
 from gateway.kinematics.description import nominal
-from gateway.kinematics.shape import shape_of
+from gateway.kinematics.solving.chain import ArmChain
+from gateway.kinematics.solving.shape import shape_of
 from gateway.values import Side
 from tests.kinematics.bodies import nudged
 

@@ -9,8 +9,8 @@ import pytest
 
 from gateway.errors import Code, Rejected, Stale
 from gateway.kinematics.calibration import load
+from gateway.kinematics.cameras.eyes import EYES
 from gateway.kinematics.description import nominal
-from gateway.kinematics.eyes import EYES
 from gateway.kinematics.sight import Sight, robot_frames
 from gateway.kinematics.transform import Points
 from gateway.robot import HOME_Q_RAD

@@ -7,7 +7,7 @@ import random
 import numpy as np
 import pytest
 
-from gateway.kinematics.stance import JOINTS, Parts
+from gateway.kinematics.separation.stance import JOINTS, Parts
 from gateway.values import Side
 from tests.kinematics.guarded_arms import model, random_joints
 

@@ -7,8 +7,8 @@ import math
 import numpy as np
 import pytest
 
-from gateway.kinematics.lens import Pinhole
-from gateway.kinematics.stereo import StereoPair, level_pinhole, rectified_by, turned_level
+from gateway.kinematics.cameras.lens import Pinhole
+from gateway.kinematics.cameras.stereo import StereoPair, level_pinhole, rectified_by, turned_level
 from gateway.kinematics.transform import Points, Transform
 from gateway.values import ValueRefused
 from tests.kinematics.lenses import example_lens, skewed_pair

@@ -7,7 +7,7 @@ import random
 import pytest
 
 from gateway.core.motion.joints.braking import advance, duration, ramp
-from gateway.kinematics.stopping import STAYS, stop_extent, way_extent
+from gateway.kinematics.separation.stopping import STAYS, stop_extent, way_extent
 from tests.thoroughness import either
 
 

@@ -9,8 +9,8 @@ import pytest
 from gateway.errors import Code
 from gateway.kinematics.arm import ArmModel
 from gateway.kinematics.description import nominal
-from gateway.kinematics.inverse import Solution
 from gateway.kinematics.placement import Placement, rows_from_rpy
+from gateway.kinematics.solving.inverse import Solution
 from gateway.robot import HOME_Q_RAD, MAX_ARM_LEN_M
 from gateway.values import Side
 from tests.kinematics.bodies import ARMS, samples

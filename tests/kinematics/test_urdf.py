@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from gateway.errors import Code, ConfigError
-from gateway.kinematics.chain import ArmChain
 from gateway.kinematics.description import nominal
+from gateway.kinematics.solving.chain import ArmChain
 from gateway.kinematics.urdf import from_urdf
 from gateway.values import Side
 from tests.kinematics.bodies import nudged, samples

@@ -1,4 +1,4 @@
-"""Rules of `gateway.link.claim_token`: shown when it is out, from a thread of its own, through failures and new sessions."""
+"""Rules of `link.others.claim_token`: shown when it is out, from a thread of its own, through failures and new sessions."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import threading
 import pytest
 import zenoh
 
-from gateway.link.claim_token import ClaimToken
+from gateway.link.others.claim_token import ClaimToken
 from tests.link.robot_process import wait_until
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from gateway.errors import Code
-from gateway.link.command_watch import LOST_AFTER_NS, CommandWatch
+from gateway.link.discovery.command_watch import LOST_AFTER_NS, CommandWatch
 
 ROBOT, HOST = "aa", "bb"
 ENABLE, LEFT = "/api/fsm/enable", "/api/left_arm/joint_cmd"

@@ -1,4 +1,4 @@
-"""Rules of `gateway.link.discovery`: what tokens and admin space make of a topic. Answers are given here."""
+"""Rules of `gateway.link.discovery.discovery`: what tokens and admin space make of a topic. Answers are given here."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from cdr_types.keys import Qos, Token, TokenKind, format_token, presence_key, to
 from gateway import robot
 from gateway.core.messages.events import RobotsAnnounced
 from gateway.errors import Code
-from gateway.link.discovery import BridgeFacts, Discovery, Sight, TokenTable
+from gateway.link.discovery.discovery import BridgeFacts, Discovery, Sight, TokenTable
 from gateway.settings import LinkSettings
 from gateway.values import Side
 

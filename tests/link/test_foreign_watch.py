@@ -1,4 +1,4 @@
-"""Rules of `gateway.link.foreign_watch`: everybody on a command key is seen, named as far as possible, and told once."""
+"""Rules of `gateway.link.others.foreign_watch`: everybody on a command key is seen, named as far as possible, and told once."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ import zenoh
 from cdr_types.keys import Qos, Reliability, Token, TokenKind, format_token, presence_key
 from gateway import robot
 from gateway.core.messages.events import ForeignData, ForeignTokens, Gateway, GatewayTokens, Means, Writer
-from gateway.link.discovery import TokenTable
-from gateway.link.foreign_watch import (
+from gateway.link.discovery.discovery import TokenTable
+from gateway.link.others.foreign_watch import (
     AGAIN_NS,
     LOOK_PERIOD_NS,
     OTHERS_KEPT,
@@ -22,7 +22,7 @@ from gateway.link.foreign_watch import (
     Session,
     publishers_of,
 )
-from gateway.link.gateway_token import GatewayToken
+from gateway.link.others.gateway_token import GatewayToken
 from gateway.settings import LinkSettings
 from gateway.values import Side
 

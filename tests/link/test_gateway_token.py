@@ -1,11 +1,11 @@
-"""Rules of `gateway.link.gateway_token`: what is written is read back, and nothing else is taken for a gateway."""
+"""Rules of `gateway.link.others.gateway_token`: what is written is read back, and nothing else is taken for a gateway."""
 
 from __future__ import annotations
 
 import pytest
 import zenoh
 
-from gateway.link.gateway_token import GatewayToken, format_gateway_token, gateway_tokens, parse_gateway_token
+from gateway.link.others.gateway_token import GatewayToken, format_gateway_token, gateway_tokens, parse_gateway_token
 
 
 @pytest.mark.parametrize("namespace", ["", "bot1", "/lab/bot1/"])

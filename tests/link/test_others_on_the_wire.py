@@ -21,8 +21,8 @@ from gateway.core.messages.events import (
 )
 from gateway.core.streams.gate import Cleared
 from gateway.link import RobotLink
-from gateway.link.discovery import TokenTable
-from gateway.link.foreign_watch import LOOK_PERIOD_NS, ForeignWatch
+from gateway.link.discovery.discovery import TokenTable
+from gateway.link.others.foreign_watch import LOOK_PERIOD_NS, ForeignWatch
 from gateway.settings import LinkSettings
 from gateway.values import Side
 from tests.link.robot_process import RobotProcess, wait_until

@@ -1,11 +1,11 @@
-"""Rules of `gateway.link.revival`: two processes that find a route dead are out together, whatever instant each finds it."""
+"""Rules of `link.discovery.revival`: two processes that find a route dead are out together, whatever instant each finds it."""
 
 from __future__ import annotations
 
 import pytest
 
-from gateway.link.revival import GRID_NS, Revival
-from gateway.link.route_watch import MAX_REVIVALS, REVIVAL_WINDOW_NS, Evidence, RouteWatch
+from gateway.link.discovery.revival import GRID_NS, Revival
+from gateway.link.discovery.route_watch import MAX_REVIVALS, REVIVAL_WINDOW_NS, Evidence, RouteWatch
 from gateway.robot import TOPICS, arm_state
 from gateway.values import Side
 

@@ -20,9 +20,9 @@ from gateway.core.streams.gate import Cleared
 from gateway.errors import Code
 from gateway.link import RobotLink
 from gateway.link.codec import FRAME_BYTES, BadFrame
-from gateway.link.discovery import Discovery
+from gateway.link.discovery.discovery import Discovery
+from gateway.link.discovery.revival import GRID_NS
 from gateway.link.hearing import DECIDING, STAMPED
-from gateway.link.revival import GRID_NS
 from gateway.link.robot_session import RobotSession
 from gateway.settings import LinkSettings, SettingsRefused
 from gateway.threads import take_lost

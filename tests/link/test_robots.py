@@ -1,4 +1,4 @@
-"""Rules of `gateway.link.robots`: what counts as a robot, and under which namespace it stands."""
+"""Rules of `gateway.link.discovery.robots`: what counts as a robot, and under which namespace it stands."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import pytest
 
 from cdr_types.keys import Qos, Token, TokenKind
 from gateway import robot
-from gateway.link.robots import robots_in
+from gateway.link.discovery.robots import robots_in
 from gateway.values import Side
 
 ARM = robot.arm_state(Side.LEFT)

@@ -1,4 +1,4 @@
-"""Rules of `gateway.link.route_watch`: when a silent route is dead or lost, and how often to revive it."""
+"""Rules of `gateway.link.discovery.route_watch`: when a silent route is dead or lost, and how often to revive it."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import pytest
 
 from gateway import robot
 from gateway.errors import Code
-from gateway.link.route_watch import GONE_NS, MAX_REVIVALS, REVIVAL_WINDOW_NS, Evidence, RouteWatch
+from gateway.link.discovery.route_watch import GONE_NS, MAX_REVIVALS, REVIVAL_WINDOW_NS, Evidence, RouteWatch
 from gateway.values import Side
 
 MS = 1_000_000

@@ -9,10 +9,10 @@ import pytest
 from cdr_types.keys import Qos, Reliability, Token, TokenKind, topic_to_key
 from gateway import robot
 from gateway.errors import Code
-from gateway.link.discovery import BridgeFacts
-from gateway.link.foreign_watch import Neighbours, Session
-from gateway.link.gateway_token import GatewayToken
+from gateway.link.discovery.discovery import BridgeFacts
 from gateway.link.meter import Figure
+from gateway.link.others.foreign_watch import Neighbours, Session
+from gateway.link.others.gateway_token import GatewayToken
 from gateway.link.survey import KEPT, Known, survey
 from gateway.settings import LinkSettings
 from gateway.values import Side

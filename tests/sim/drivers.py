@@ -13,7 +13,7 @@ import numpy as np
 from pycdr2 import IdlStruct
 
 from cdr_types.messages import geometry_msgs, sensor_msgs, std_msgs
-from gateway.sim.manual import EXAMPLE_HOME_RAD, MS, Fsm, S, Side
+from gateway.sim.robot.manual import EXAMPLE_HOME_RAD, MS, Fsm, S, Side
 
 Out = list[tuple[str, IdlStruct]]
 

@@ -7,11 +7,11 @@ import math
 import numpy as np
 import pytest
 
-from gateway.sim.arm import Drive, SimArm
-from gateway.sim.geometry import EePose, arm_geometry
-from gateway.sim.journal import Journal
-from gateway.sim.manual import LOWER_RAD, MS, UPPER_RAD, S, Side
-from gateway.sim.settings import HANGING_RAD, SimSettings
+from gateway.sim.robot.arm import Drive, SimArm
+from gateway.sim.robot.geometry import EePose, arm_geometry
+from gateway.sim.robot.journal import Journal
+from gateway.sim.robot.manual import LOWER_RAD, MS, UPPER_RAD, S, Side
+from gateway.sim.robot.settings import HANGING_RAD, SimSettings
 
 LIMP = SimSettings(sag_rad=(0.0,) * 7)
 START = np.array(HANGING_RAD[Side.LEFT])

@@ -10,7 +10,7 @@ import zenoh
 from cdr_types.keys import Token, TokenKind, format_token, parse_token
 from cdr_types.messages import std_msgs
 from gateway.sim.bridge import QOS, Bridge, bridge_config
-from gateway.sim.manual import FLOAT32, FSM_ENABLE, FSM_STATE, INT32
+from gateway.sim.robot.manual import FLOAT32, FSM_ENABLE, FSM_STATE, INT32
 from tests.sim.wire import until, user_session
 
 pytestmark = pytest.mark.e2e

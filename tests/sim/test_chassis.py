@@ -9,9 +9,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from gateway.sim.chassis import WHEEL_RADIUS_M, SimChassis, ramp, wheel_matrix
-from gateway.sim.journal import Journal
-from gateway.sim.manual import MS, S
+from gateway.sim.robot.chassis import WHEEL_RADIUS_M, SimChassis, ramp, wheel_matrix
+from gateway.sim.robot.journal import Journal
+from gateway.sim.robot.manual import MS, S
 
 
 def chassis() -> SimChassis:

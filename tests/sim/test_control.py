@@ -8,9 +8,9 @@ import pytest
 
 from cdr_types.messages import std_msgs
 from gateway.sim.control import Control
-from gateway.sim.faults import FAULTS
-from gateway.sim.manual import S
-from gateway.sim.model import SimRobot
+from gateway.sim.robot.faults import FAULTS
+from gateway.sim.robot.manual import S
+from gateway.sim.robot.model import SimRobot
 from tests.sim.drivers import joints
 
 

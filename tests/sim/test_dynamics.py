@@ -6,10 +6,10 @@ import sys
 
 import pytest
 
-from gateway.sim.dynamics import FirstOrder, PhysicsMissing
-from gateway.sim.manual import S
-from gateway.sim.model import SimRobot
-from gateway.sim.settings import SimSettings
+from gateway.sim.robot.dynamics import FirstOrder, PhysicsMissing
+from gateway.sim.robot.manual import S
+from gateway.sim.robot.model import SimRobot
+from gateway.sim.robot.settings import SimSettings
 
 
 @pytest.fixture

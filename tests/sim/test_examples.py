@@ -7,12 +7,12 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from gateway.sim import report
-from gateway.sim.geometry import arm_geometry
-from gateway.sim.manual import EXAMPLE_HOME_RAD, MS, Fsm, S, Side
-from gateway.sim.model import SimRobot
 from gateway.sim.remote import SimControl
-from gateway.sim.settings import SimSettings
+from gateway.sim.robot import report
+from gateway.sim.robot.geometry import arm_geometry
+from gateway.sim.robot.manual import EXAMPLE_HOME_RAD, MS, Fsm, S, Side
+from gateway.sim.robot.model import SimRobot
+from gateway.sim.robot.settings import SimSettings
 from tests.sim import drivers
 from tests.sim.wire import User, sim_process, until
 from tests.thoroughness import IS_THOROUGH

@@ -7,8 +7,8 @@ import math
 import pytest
 
 from cdr_types.messages import geometry_msgs, sensor_msgs, std_msgs
-from gateway.sim.faults import FAULTS, DelayLine, FaultBook, FaultError, parse_fault
-from gateway.sim.manual import MS, STATE_TOPICS, S
+from gateway.sim.robot.faults import FAULTS, DelayLine, FaultBook, FaultError, parse_fault
+from gateway.sim.robot.manual import MS, STATE_TOPICS, S
 
 STATE = "/left_arm/joint_states"
 ENOUGH = {

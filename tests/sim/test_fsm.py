@@ -6,8 +6,8 @@ import math
 
 import pytest
 
-from gateway.sim.fsm import StateMachine
-from gateway.sim.manual import Fsm, S
+from gateway.sim.robot.fsm import StateMachine
+from gateway.sim.robot.manual import Fsm, S
 
 
 def started() -> StateMachine:

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from gateway.sim.geometry import (
+from gateway.sim.robot.geometry import (
     POSE_TOLERANCE_M,
     POSE_TOLERANCE_RAD,
     EePose,
@@ -16,8 +16,8 @@ from gateway.sim.geometry import (
     rotation_from_quat,
     rotation_vector,
 )
-from gateway.sim.manual import EXAMPLE_HOME_RAD, LOWER_RAD, UPPER_RAD, Side
-from gateway.sim.settings import HANGING_RAD
+from gateway.sim.robot.manual import EXAMPLE_HOME_RAD, LOWER_RAD, UPPER_RAD, Side
+from gateway.sim.robot.settings import HANGING_RAD
 
 # Checks published with the numbers (kinematics facts): forward kinematics of the home of §6.6, one solution of §6.1.
 HOME = {

@@ -6,10 +6,10 @@ import math
 
 import pytest
 
-from gateway.sim.gripper import OPEN_RAD, SimGripper, torque_nm
-from gateway.sim.journal import Journal
-from gateway.sim.manual import GRIPPER_TORQUE_NM, MS, S, Side
-from gateway.sim.settings import SimSettings
+from gateway.sim.robot.gripper import OPEN_RAD, SimGripper, torque_nm
+from gateway.sim.robot.journal import Journal
+from gateway.sim.robot.manual import GRIPPER_TORQUE_NM, MS, S, Side
+from gateway.sim.robot.settings import SimSettings
 
 
 def gripper(**settings) -> SimGripper:

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from gateway.sim.journal import Journal
-from gateway.sim.manual import MS, S
+from gateway.sim.robot.journal import Journal
+from gateway.sim.robot.manual import MS, S
 
 
 def test_every_event_counts_but_repeats_are_written_once_a_second():

@@ -6,9 +6,9 @@ import math
 
 import pytest
 
-from gateway.sim.journal import Journal
-from gateway.sim.lift import LOWEST_M, SimLift
-from gateway.sim.manual import LIFT_MOTOR_RADPS, MS, S
+from gateway.sim.robot.journal import Journal
+from gateway.sim.robot.lift import LOWEST_M, SimLift
+from gateway.sim.robot.manual import LIFT_MOTOR_RADPS, MS, S
 
 
 def lift(*, is_configured: bool = True) -> SimLift:

@@ -6,7 +6,7 @@ import pytest
 
 from gateway.sim import __main__ as program
 from gateway.sim import starting
-from gateway.sim.settings import SimSettings
+from gateway.sim.robot.settings import SimSettings
 
 
 @pytest.fixture

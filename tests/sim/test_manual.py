@@ -5,8 +5,8 @@ from __future__ import annotations
 import pytest
 
 from gateway import robot
-from gateway.sim import manual
-from gateway.sim.manual import Side
+from gateway.sim.robot import manual
+from gateway.sim.robot.manual import Side
 from gateway.values import Side as GatewaySide
 
 

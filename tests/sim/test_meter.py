@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from gateway.sim.manual import MS, S
-from gateway.sim.meter import MotionMeter, SetpointMeter, StreamMeter
+from gateway.sim.robot.manual import MS, S
+from gateway.sim.robot.meter import MotionMeter, SetpointMeter, StreamMeter
 
 
 def test_intervals_are_measured_at_arrival():

@@ -11,12 +11,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from cdr_types.messages import geometry_msgs, std_msgs
-from gateway.sim import report
-from gateway.sim.faults import FaultError
-from gateway.sim.geometry import arm_geometry
-from gateway.sim.manual import LOWER_RAD, MS, UPPER_RAD, Fsm, S, Side
-from gateway.sim.model import SimRobot
-from gateway.sim.settings import HANGING_RAD, SimSettings
+from gateway.sim.robot import report
+from gateway.sim.robot.faults import FaultError
+from gateway.sim.robot.geometry import arm_geometry
+from gateway.sim.robot.manual import LOWER_RAD, MS, UPPER_RAD, Fsm, S, Side
+from gateway.sim.robot.model import SimRobot
+from gateway.sim.robot.settings import HANGING_RAD, SimSettings
 from tests.sim.drivers import as_pose, joints
 
 LEFT_CMD, RIGHT_CMD = "/api/left_arm/joint_cmd", "/api/right_arm/joint_cmd"

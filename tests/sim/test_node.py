@@ -15,11 +15,11 @@ import pytest
 import zenoh
 
 from cdr_types.messages import std_msgs
-from gateway.sim.faults import parse_fault
-from gateway.sim.manual import STATE_TOPICS, Fsm, S, Side
 from gateway.sim.node import SimNode, main_sim, run
 from gateway.sim.remote import SimControl
-from gateway.sim.settings import HANGING_RAD, SimSettings
+from gateway.sim.robot.faults import parse_fault
+from gateway.sim.robot.manual import STATE_TOPICS, Fsm, S, Side
+from gateway.sim.robot.settings import HANGING_RAD, SimSettings
 from tests.sim.drivers import joints
 from tests.sim.wire import User, sim_process, until
 

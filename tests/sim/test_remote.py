@@ -9,7 +9,7 @@ import pytest
 
 from gateway.sim.node import SimNode
 from gateway.sim.remote import SimControl, SimUnreachable
-from gateway.sim.settings import SimSettings
+from gateway.sim.robot.settings import SimSettings
 
 pytestmark = pytest.mark.e2e
 

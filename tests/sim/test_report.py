@@ -7,10 +7,10 @@ import json
 import pytest
 
 from cdr_types.messages import builtin_interfaces, geometry_msgs, sensor_msgs, std_msgs
-from gateway.sim import report
-from gateway.sim.manual import MS, S
-from gateway.sim.model import SimRobot
-from gateway.sim.settings import SimSettings
+from gateway.sim.robot import report
+from gateway.sim.robot.manual import MS, S
+from gateway.sim.robot.model import SimRobot
+from gateway.sim.robot.settings import SimSettings
 from tests.sim.drivers import joints
 
 

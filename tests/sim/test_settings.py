@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import pytest
 
-from gateway.sim.geometry import arm_geometry
-from gateway.sim.manual import LOWER_RAD, UPPER_RAD, ArmMode, Side
-from gateway.sim.settings import HANGING_RAD, SimSettings
+from gateway.sim.robot.geometry import arm_geometry
+from gateway.sim.robot.manual import LOWER_RAD, UPPER_RAD, ArmMode, Side
+from gateway.sim.robot.settings import HANGING_RAD, SimSettings
 
 
 @pytest.mark.parametrize("side", Side)

@@ -8,7 +8,7 @@ import pytest
 
 from gateway.sim import starting
 from gateway.sim.__main__ import command_line, main
-from gateway.sim.settings import SimSettings
+from gateway.sim.robot.settings import SimSettings
 from gateway.sim.starting import CannotStart, start
 
 

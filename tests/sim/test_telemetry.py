@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from gateway.sim.geometry import arm_geometry
-from gateway.sim.manual import MS, STATE_TOPICS, S, Side
-from gateway.sim.model import SimRobot
-from gateway.sim.settings import HANGING_RAD, SimSettings
-from gateway.sim.telemetry import Grid
+from gateway.sim.robot.geometry import arm_geometry
+from gateway.sim.robot.manual import MS, STATE_TOPICS, S, Side
+from gateway.sim.robot.model import SimRobot
+from gateway.sim.robot.settings import HANGING_RAD, SimSettings
+from gateway.sim.robot.telemetry import Grid
 
 
 def one_cycle(robot: SimRobot, now_ns: int = 0) -> dict:

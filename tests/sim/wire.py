@@ -16,7 +16,7 @@ from pycdr2 import IdlStruct
 from cdr_types import decode, encode
 from cdr_types.keys import topic_to_key
 from cdr_types.registry import message_type
-from gateway.sim.manual import STATE_TOPICS
+from gateway.sim.robot.manual import STATE_TOPICS
 from tests.sim.drivers import Node
 
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 import ast
 import re
 import sys
+from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -18,6 +19,7 @@ __all__ = [
     "breaches",
     "broken_links",
     "cloud_calls",
+    "crowded_folders",
     "heavy_clients",
     "long_modules",
     "missing_exports",
@@ -27,6 +29,7 @@ __all__ = [
 ROOT = Path(__file__).resolve().parents[2]
 PACKAGES = ("gateway", "cdr_types")
 MAX_LINES = 400
+MOST_MODULES = 20
 BANNED_NAMES = frozenset(
     {"base", "common", "helper", "helpers", "manager", "misc", "shared", "stuff", "tools", "util", "utils"}
 )
@@ -47,6 +50,14 @@ def long_modules(root: Path) -> Iterator[str]:
         lines = len(path.read_text(encoding="utf-8").splitlines())
         if lines > MAX_LINES:
             yield f"{path.relative_to(root)}: {lines} lines, {MAX_LINES} are allowed: split it by concept"
+
+
+def crowded_folders(root: Path) -> Iterator[str]:
+    """Folders in which a stranger does not find his way."""
+    folders = Counter(path.parent for path in _modules(root, *PACKAGES))
+    for folder, count in sorted(folders.items()):
+        if count > MOST_MODULES:
+            yield f"{folder.relative_to(root)}: {count} modules, {MOST_MODULES} are allowed: make rooms of it"
 
 
 def banned_names(root: Path) -> Iterator[str]:
@@ -206,7 +217,17 @@ def bare_threads(root: Path) -> Iterator[str]:
                 yield f"{path.relative_to(root)}:{node.lineno}: '{name}' starts a thread by itself: use threads.supervised"
 
 
-RULES = (long_modules, banned_names, missing_exports, cloud_calls, heavy_clients, bare_threads, snippets, broken_links)
+RULES = (
+    long_modules,
+    crowded_folders,
+    banned_names,
+    missing_exports,
+    cloud_calls,
+    heavy_clients,
+    bare_threads,
+    snippets,
+    broken_links,
+)
 
 
 def breaches(root: Path = ROOT) -> list[str]:

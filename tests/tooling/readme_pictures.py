@@ -12,7 +12,7 @@ from typing import Final
 import numpy as np
 from PIL import Image
 
-from gateway.sim.manual import EXAMPLE_HOME_RAD, Side
+from gateway.sim.robot.manual import EXAMPLE_HOME_RAD, Side
 
 __all__ = ["FOLDER", "PICTURES", "draw", "main"]
 

@@ -83,6 +83,17 @@ def test_what_the_client_needs_is_followed_through_other_modules(tmp_path: Path)
     assert breach.startswith("gateway/api/protocol.py <- gateway/client/__init__.py: needs 'ruckig'")
 
 
+def test_a_crowded_folder_is_found_and_named(tmp_path: Path) -> None:
+    """One module more than a stranger can look through."""
+    folder = tmp_path / "gateway" / "link"
+    folder.mkdir(parents=True)
+    for number in range(house_rules.MOST_MODULES + 1):
+        (folder / f"part_{number}.py").write_text("")
+        told = list(house_rules.crowded_folders(tmp_path))
+        assert bool(told) is (number == house_rules.MOST_MODULES)
+    assert told[0].startswith("gateway/link: 21 modules")
+
+
 def test_the_readme_shows_python() -> None:
     """There are Python snippets; else the rule that they compile would pass on nothing."""
     assert (house_rules.ROOT / "README.md").read_text(encoding="utf-8").count("```python\n") >= 1

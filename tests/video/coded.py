@@ -9,7 +9,7 @@ from functools import cache
 import av
 import numpy as np
 
-from gateway.apps.video.access_unit import AccessUnit
+from gateway.video.hevc.access_unit import AccessUnit
 
 __all__ = ["GOP", "HEIGHT", "PERIOD_NS", "PERIOD_TICKS", "WIDTH", "grey_of", "units"]
 

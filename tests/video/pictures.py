@@ -6,11 +6,11 @@ from dataclasses import replace
 from functools import cache
 from typing import Any
 
-from gateway.apps.video.access_unit import AccessUnit
-from gateway.sim.annexb import is_irap, nal_type, nal_units
-from gateway.sim.composite import CHANNELS, Size
-from gateway.sim.hevc import Coding, Hevc
-from gateway.sim.picture import TestCamera, stitch
+from gateway.sim.camera.annexb import is_irap, nal_type, nal_units
+from gateway.sim.camera.composite import CHANNELS, Size
+from gateway.sim.camera.hevc import Coding, Hevc
+from gateway.sim.camera.picture import TestCamera, stitch
+from gateway.video.hevc.access_unit import AccessUnit
 
 __all__ = ["SMALL", "STEP", "broken", "coded", "units"]
 

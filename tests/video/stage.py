@@ -12,9 +12,9 @@ from typing import Any
 
 import pytest
 
-from gateway.sim.film import Film
-from gateway.sim.hevc import Coding
-from gateway.sim.sender import Sender
+from gateway.sim.camera.film import Film
+from gateway.sim.camera.hevc import Coding
+from gateway.sim.camera.sender import Sender
 
 __all__ = ["GOP", "HOST", "LENGTH", "film", "free_udp_port", "sending", "until"]
 

@@ -1,4 +1,4 @@
-"""Rules of `gateway.sim.annexb`: byte streams come apart at start codes and nowhere else (H.265 annex B)."""
+"""Rules of `gateway.sim.camera.annexb`: byte streams come apart at start codes and nowhere else (H.265 annex B)."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from gateway.sim.annexb import is_irap, joined, nal_type, nal_units, without_parameter_sets
+from gateway.sim.camera.annexb import is_irap, joined, nal_type, nal_units, without_parameter_sets
 
 VPS, SPS, PPS, IDR, CRA, TRAIL = (bytes((kind << 1, 1, 7)) for kind in (32, 33, 34, 20, 21, 1))
 

@@ -1,4 +1,4 @@
-"""Rules of `gateway.apps.video.backlog`: latency does not grow, whatever the taker does; what is dropped is counted."""
+"""Rules of `gateway.video.receiving.backlog`: latency does not grow, whatever the taker does; what is dropped is counted."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from gateway.apps.video.access_unit import AccessUnit
-from gateway.apps.video.backlog import BLIND_NS, MAX_AGE_NS, MAX_UNITS, Keeping, Live
-from gateway.apps.video.counters import Counts, Tally
+from gateway.video.hevc.access_unit import AccessUnit
+from gateway.video.receiving.backlog import BLIND_NS, MAX_AGE_NS, MAX_UNITS, Keeping, Live
+from gateway.video.receiving.counters import Counts, Tally
 
 MS = 1_000_000
 S = 1_000_000_000

@@ -16,15 +16,15 @@ import av
 import numpy as np
 import pytest
 
-from gateway.apps.video.counters import Counts
-from gateway.apps.video.damage import Damage
-from gateway.apps.video.decoder import Decoder
-from gateway.apps.video.stream import Stream
-from gateway.sim.composite import Size
-from gateway.sim.film import Film
-from gateway.sim.hevc import Coding, KeyFrames
-from gateway.sim.pixel_code import read_composite
-from gateway.sim.rtp import Packetiser
+from gateway.sim.camera.composite import Size
+from gateway.sim.camera.film import Film
+from gateway.sim.camera.hevc import Coding, KeyFrames
+from gateway.sim.camera.pixel_code import read_composite
+from gateway.sim.camera.rtp import Packetiser
+from gateway.video.decoding.damage import Damage
+from gateway.video.decoding.decoder import Decoder
+from gateway.video.receiving.counters import Counts
+from gateway.video.receiving.stream import Stream
 from tests.thoroughness import either
 from tests.video.bad_network import ROBOT, BadNetwork, Faults
 

@@ -7,9 +7,9 @@ from contextlib import contextmanager
 
 import pytest
 
-from gateway.apps.video import Frame, Video, VideoCode
-from gateway.sim.pixel_code import read_composite
-from gateway.sim.sender import Sender
+from gateway.sim.camera.pixel_code import read_composite
+from gateway.sim.camera.sender import Sender
+from gateway.video import Frame, Video, VideoCode
 from tests.video.bad_network import BadNetwork, Faults, Relay, relay
 from tests.video.stage import GOP, HOST, sending, until
 

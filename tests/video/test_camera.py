@@ -15,12 +15,14 @@ from pathlib import Path
 import pytest
 
 from gateway import cli
-from gateway.apps.arguments import parse
+from gateway.apps.command_line.arguments import parse
 from gateway.sim import __main__ as program
-from gateway.sim import camera, camera_process, starting
-from gateway.sim.camera_process import CameraProcess
-from gateway.sim.handover import HandOvers
-from gateway.sim.hevc import EncoderMissing
+from gateway.sim import starting
+from gateway.sim.camera import __main__ as camera
+from gateway.sim.camera import camera_process
+from gateway.sim.camera.camera_process import CameraProcess
+from gateway.sim.camera.handover import HandOvers
+from gateway.sim.camera.hevc import EncoderMissing
 from tests.e2e.system import ROOT, Process, free_port, wait_for
 
 pytest.importorskip("av")
@@ -132,7 +134,7 @@ def test_a_simulated_robot_sends_its_pictures_and_takes_its_camera_along(receive
 def _small_camera_in(folder: Path) -> None:
     """Let programs started with this folder on their path send small pictures: full-size ones take long to encode."""
     (folder / "sitecustomize.py").write_text(
-        f"import gateway.sim.camera_process as process\nprocess.SETTINGS = (*process.SETTINGS, *{SMALL!r})\n"
+        f"import gateway.sim.camera.camera_process as process\nprocess.SETTINGS = (*process.SETTINGS, *{SMALL!r})\n"
     )
 
 

@@ -11,10 +11,10 @@ from pathlib import Path
 
 import pytest
 
-from gateway.apps.video import RTPH265VideoInterface, VideoError
-from gateway.apps.video.shim import MODULE
+from gateway.apps.cameras.shim import MODULE
 from gateway.cli import main
-from gateway.sim.pixel_code import read_code, read_composite
+from gateway.sim.camera.pixel_code import read_code, read_composite
+from gateway.video import RTPH265VideoInterface, VideoError
 from tests.video.stage import HOST, free_udp_port, sending, until
 
 ROOT = Path(__file__).resolve().parents[2]

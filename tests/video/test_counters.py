@@ -1,10 +1,10 @@
-"""Rules of `gateway.apps.video.counters`: numbers that do not change once they were read, and no name that is none."""
+"""Rules of `gateway.video.receiving.counters`: numbers that do not change once they were read, and no name that is none."""
 
 from __future__ import annotations
 
 import pytest
 
-from gateway.apps.video.counters import Counts, Tally
+from gateway.video.receiving.counters import Counts, Tally
 
 
 def test_a_snapshot_does_not_change_and_cannot_be_changed() -> None:

@@ -6,8 +6,8 @@ from dataclasses import replace
 
 import pytest
 
-from gateway.apps.video.access_unit import AccessUnit
-from gateway.apps.video.damage import MAX_RANGES, Damage, Verdict
+from gateway.video.decoding.damage import MAX_RANGES, Damage, Verdict
+from gateway.video.hevc.access_unit import AccessUnit
 
 KEY = AccessUnit(
     data=b"",

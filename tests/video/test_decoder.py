@@ -11,15 +11,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from gateway.apps.video import decoder as module
-from gateway.apps.video import nvdec
-from gateway.apps.video.damage import Damage
-from gateway.apps.video.decoder import Decoder
-from gateway.apps.video.libav import av
-from gateway.apps.video.rgb import RgbConverter
-from gateway.sim.composite import Size
-from gateway.sim.hevc import KeyFrames
-from gateway.sim.pixel_code import read_codes, read_composite
+from gateway.sim.camera.composite import Size
+from gateway.sim.camera.hevc import KeyFrames
+from gateway.sim.camera.pixel_code import read_codes, read_composite
+from gateway.video.decoding import decoder as module
+from gateway.video.decoding import nvdec
+from gateway.video.decoding.damage import Damage
+from gateway.video.decoding.decoder import Decoder
+from gateway.video.decoding.libav import av
+from gateway.video.decoding.rgb import RgbConverter
 from tests.video.pictures import broken, coded, units
 from tests.video.stage import until
 
@@ -364,7 +364,7 @@ def test_a_picture_of_a_gpu_has_the_colours_of_the_same_picture_decoded_in_softw
 def test_dropping_a_decoder_never_hangs():
     """PyAV waits for ever for one with threads that still holds pictures (notes §6): here it is flushed before."""
     program = (
-        "from gateway.apps.video.decoder import Decoder\n"
+        "from gateway.video.decoding.decoder import Decoder\n"
         "from tests.video.pictures import coded, units\n"
         "for n in range(20):\n"
         "    decoder = Decoder('auto', threads=4)\n"

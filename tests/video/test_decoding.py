@@ -9,12 +9,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from gateway.apps.video.decoder import Decoder
-from gateway.apps.video.decoding import HELD_BACK, Decoding
-from gateway.apps.video.errors import VideoCode, VideoError
-from gateway.apps.video.newest import Newest
-from gateway.apps.video.rgb import RgbConverter
-from gateway.sim.pixel_code import read_codes, read_composite
+from gateway.sim.camera.pixel_code import read_codes, read_composite
+from gateway.video.decoding.decoder import Decoder
+from gateway.video.decoding.decoding import HELD_BACK, Decoding
+from gateway.video.decoding.newest import Newest
+from gateway.video.decoding.rgb import RgbConverter
+from gateway.video.errors import VideoCode, VideoError
 from tests.video.pictures import STEP, broken, coded, units
 
 
@@ -153,7 +153,7 @@ WEIGHTS = {"bt601": (0.299, 0.114, 5), "bt709": (0.2126, 0.0722, 1), "bt2020": (
 
 def red(matrix, *, is_full=False):
     """Return a picture that is all red, as YUV by a matrix."""
-    from gateway.apps.video.libav import av
+    from gateway.video.decoding.libav import av
 
     of_red, of_blue, _ = WEIGHTS[matrix]
     y, cb = of_red, -0.5 * of_red / (1 - of_blue)
@@ -189,7 +189,7 @@ def test_a_stream_that_names_its_matrix_and_range_is_believed(matrix, is_full):
 
 def test_lines_with_padding_become_a_picture_without():
     """A width that is no multiple of the decoder's alignment."""
-    from gateway.apps.video.libav import av
+    from gateway.video.decoding.libav import av
 
     planes = np.full((510, 162), 128, np.uint8)
     planes[:340, :80] = 16

@@ -1,4 +1,4 @@
-"""Rules of `gateway.apps.video.evenness`: a fragment cut short is seen, and senders with habits of their own are let be."""
+"""Rules of `video.receiving.evenness`: a fragment cut short is seen, and senders with habits of their own are let be."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from gateway.apps.video.evenness import ENOUGH, MOST, START, Evenness
+from gateway.video.receiving.evenness import ENOUGH, MOST, START, Evenness
 
 
 def nal(evenness: Evenness, *sizes: int) -> bool:

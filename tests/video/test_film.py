@@ -1,4 +1,4 @@
-"""Rules of `gateway.sim.film` and `rig`: pictures in order of their counters, a loop encoded once and kept whole."""
+"""Rules of `gateway.sim.camera.film` and `rig`: pictures in order of their counters, a loop encoded once and kept whole."""
 
 from __future__ import annotations
 
@@ -7,11 +7,11 @@ from pathlib import Path
 
 import pytest
 
-from gateway.sim.composite import Size
-from gateway.sim.film import Coded, Film, Interrupted, live
-from gateway.sim.hevc import Coding
-from gateway.sim.pixel_code import read_composite
-from gateway.sim.rig import Rig
+from gateway.sim.camera.composite import Size
+from gateway.sim.camera.film import Coded, Film, Interrupted, live
+from gateway.sim.camera.hevc import Coding
+from gateway.sim.camera.pixel_code import read_composite
+from gateway.sim.camera.rig import Rig
 
 pytest.importorskip("av")
 

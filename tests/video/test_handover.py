@@ -1,4 +1,4 @@
-"""Rules of `gateway.sim.handover`: what one process notes, another finds, and nothing else."""
+"""Rules of `gateway.sim.camera.handover`: what one process notes, another finds, and nothing else."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from gateway.sim.handover import HandOver, HandOvers
+from gateway.sim.camera.handover import HandOver, HandOvers
 
 ONE, TWO = HandOver(1_000, 90, 0xFFFFFFFF), HandOver(2_000, 0xFFFFFFFF, 7)
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from gateway.apps.video.health import Meter, Reading
+from gateway.video.receiving.health import Meter, Reading
 
 PERIOD_NS = 20_000_000
 MS = 1_000_000

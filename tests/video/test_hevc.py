@@ -1,4 +1,4 @@
-"""Rules of `gateway.sim.hevc`, decoded with PyAV: every picture comes out, and the stream has the shape asked for."""
+"""Rules of `gateway.sim.camera.hevc`, decoded with PyAV: every picture comes out, and the stream has the shape asked for."""
 
 from __future__ import annotations
 
@@ -8,11 +8,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from gateway.sim.annexb import is_irap, nal_type, nal_units
-from gateway.sim.composite import Size
-from gateway.sim.hevc import Coding, EncoderMissing, Hevc, KeyFrames
-from gateway.sim.picture import Planes, TestCamera, stitch
-from gateway.sim.pixel_code import read_composite
+from gateway.sim.camera.annexb import is_irap, nal_type, nal_units
+from gateway.sim.camera.composite import Size
+from gateway.sim.camera.hevc import Coding, EncoderMissing, Hevc, KeyFrames
+from gateway.sim.camera.picture import Planes, TestCamera, stitch
+from gateway.sim.camera.pixel_code import read_composite
 
 av = pytest.importorskip("av")
 

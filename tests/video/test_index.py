@@ -1,4 +1,4 @@
-"""Rules of `gateway.apps.video.index`: what was written is read, and half a line breaks nothing."""
+"""Rules of `gateway.video.recording.index`: what was written is read, and half a line breaks nothing."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from gateway.apps.video.index import Dropped, End, Header, IndexWriter, Line, Picture, index_path, read_index
+from gateway.video.recording.index import Dropped, End, Header, IndexWriter, Line, Picture, index_path, read_index
 
 HEADER = Header(
     file="a.mkv",

@@ -1,4 +1,4 @@
-"""Rules of `gateway.apps.video.info` and `measures`: what a recording holds, from the file, and honest about the rest."""
+"""Rules of `gateway.apps.cameras.info` and `measures`: what a recording holds, from the file, and honest about the rest."""
 
 from __future__ import annotations
 
@@ -9,12 +9,12 @@ from pathlib import Path
 
 import pytest
 
-from gateway.apps.video.access_unit import AccessUnit
-from gateway.apps.video.index import Picture, index_path
-from gateway.apps.video.info import info_of, lines, show_info
-from gateway.apps.video.measures import arrival_of, stretches, timing_of
-from gateway.apps.video.take import Take
+from gateway.apps.cameras.info import info_of, lines, show_info
 from gateway.errors import Rejected
+from gateway.video.hevc.access_unit import AccessUnit
+from gateway.video.recording.index import Picture, index_path
+from gateway.video.recording.measures import arrival_of, stretches, timing_of
+from gateway.video.recording.take import Take
 from tests.video.coded import GOP, units
 
 

@@ -7,9 +7,9 @@ from collections import deque
 from collections.abc import Sequence
 from pathlib import Path
 
-from gateway.apps.video.nal import START_CODE
-from gateway.apps.video.picture import MAX_PICTURE_BYTES
-from gateway.apps.video.stream import Stream
+from gateway.video.hevc.nal import START_CODE
+from gateway.video.hevc.picture import MAX_PICTURE_BYTES
+from gateway.video.receiving.stream import Stream
 from tests.thoroughness import either
 from tests.video.packets import Sender
 

@@ -8,9 +8,9 @@ import time
 import numpy as np
 import pytest
 
-from gateway.apps.video.errors import VideoCode, VideoError
-from gateway.apps.video.frame import Frame
-from gateway.apps.video.newest import Newest, Pace
+from gateway.video.decoding.frame import Frame
+from gateway.video.decoding.newest import Newest, Pace
+from gateway.video.errors import VideoCode, VideoError
 from tests.video.shown import Shown
 
 S = 1_000_000_000

@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from gateway.apps.video.views import VIEWS, pixel_box
-from gateway.sim.composite import CHANNELS, CROPS, FULL, Size, channel_rows, crop_box, crops_of
-from gateway.sim.lettering import lettering
-from gateway.sim.picture import Planes, TestCamera, stitch
-from gateway.sim.pixel_code import read_codes, read_composite
+from gateway.sim.camera.composite import CHANNELS, CROPS, FULL, Size, channel_rows, crop_box, crops_of
+from gateway.sim.camera.lettering import lettering
+from gateway.sim.camera.picture import Planes, TestCamera, stitch
+from gateway.sim.camera.pixel_code import read_codes, read_composite
+from gateway.video.decoding.views import VIEWS, pixel_box
 
 SMALL = Size(160, 340)
 

@@ -1,4 +1,4 @@
-"""Rules of `gateway.sim.pixel_code`: what was written is read, and damage is never read as another picture."""
+"""Rules of `gateway.sim.camera.pixel_code`: what was written is read, and damage is never read as another picture."""
 
 from __future__ import annotations
 
@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from gateway.sim.composite import CROPS, Size, crop_box
-from gateway.sim.pixel_code import COUNTERS, crc8, layout_of, read_code, read_codes, read_composite, write_code
+from gateway.sim.camera.composite import CROPS, Size, crop_box
+from gateway.sim.camera.pixel_code import COUNTERS, crc8, layout_of, read_code, read_codes, read_composite, write_code
 
 SMALL = Size(160, 340)
 

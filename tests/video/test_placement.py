@@ -1,4 +1,4 @@
-"""Rules of `gateway.apps.video.placement`: RTP time within a life, arrival across lives, never backwards."""
+"""Rules of `gateway.video.recording.placement`: RTP time within a life, arrival across lives, never backwards."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ from itertools import pairwise
 from hypothesis import given
 from hypothesis import strategies as st
 
-from gateway.apps.video.access_unit import CLOCK_HZ, AccessUnit
-from gateway.apps.video.placement import RUNAWAY_S, Placement
+from gateway.video.hevc.access_unit import CLOCK_HZ, AccessUnit
+from gateway.video.recording.placement import RUNAWAY_S, Placement
 
 S = 1_000_000_000
 UNIT = AccessUnit(

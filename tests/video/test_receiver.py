@@ -9,11 +9,11 @@ from collections.abc import Callable, Iterator
 
 import pytest
 
-from gateway.apps.video.access_unit import AccessUnit
-from gateway.apps.video.errors import VideoCode, VideoError
-from gateway.apps.video.nal import split_annex_b
-from gateway.apps.video.receiver import Receiver, ReceiverSettings
-from gateway.apps.video.udp import UdpSocket, addresses_of
+from gateway.video.errors import VideoCode, VideoError
+from gateway.video.hevc.access_unit import AccessUnit
+from gateway.video.hevc.nal import split_annex_b
+from gateway.video.receiving.receiver import Receiver, ReceiverSettings
+from gateway.video.receiving.udp import UdpSocket, addresses_of
 from tests.video.packets import Sender, picture, rtp
 
 pytestmark = pytest.mark.e2e
@@ -96,8 +96,8 @@ def test_who_takes_from_a_receiver_that_was_not_started_is_not_kept_waiting() ->
 
 def test_findings_are_about_the_last_seconds(out: socket.socket, monkeypatch: pytest.MonkeyPatch) -> None:
     """What was wrong and is not any more is not told any more; the counters keep it."""
-    monkeypatch.setattr("gateway.apps.video.receiver.RECENT_NS", 1)
-    monkeypatch.setattr("gateway.apps.video.receiver.DROPPED_EVERY_NS", 1)
+    monkeypatch.setattr("gateway.video.receiving.receiver.RECENT_NS", 1)
+    monkeypatch.setattr("gateway.video.receiving.receiver.DROPPED_EVERY_NS", 1)
     with Receiver(settings()) as receiver:
         send(out, receiver, [b"garbage"])
         wait_for(lambda: receiver.counts.too_short)
@@ -152,7 +152,7 @@ def test_another_payload_type_is_told_while_it_comes(out: socket.socket) -> None
 def test_the_buffer_that_was_granted_is_told(monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture) -> None:
     """And how to raise it, where the kernel caps it; a warning at the start."""
     asked = 1 << 30
-    monkeypatch.setattr("gateway.apps.video.udp._SO_RCVBUFFORCE", 12_345)  # as for a user without privileges
+    monkeypatch.setattr("gateway.video.receiving.udp._SO_RCVBUFFORCE", 12_345)  # as for a user without privileges
     with Receiver(settings(receive_buffer_bytes=asked)) as receiver:
         granted = receiver.granted_bytes
         assert granted is not None and 0 < granted < asked

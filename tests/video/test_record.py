@@ -1,4 +1,4 @@
-"""Rules of `gateway.apps.video.record` and `live_split`: a recording ends well, whoever ends it."""
+"""Rules of `gateway.apps.cameras.record` and `live_split`: a recording ends well, whoever ends it."""
 
 from __future__ import annotations
 
@@ -13,15 +13,15 @@ from pathlib import Path
 
 import pytest
 
-from gateway.apps.ending import ExitStatus
-from gateway.apps.video import record as record_module
-from gateway.apps.video.errors import VideoTimeout
-from gateway.apps.video.index import index_path, read_index
-from gateway.apps.video.info import info_of
-from gateway.apps.video.receiver import ReceiverSettings
-from gateway.apps.video.record import default_path, record
-from gateway.apps.video.views import VIEWS
+from gateway.apps.cameras import record as record_module
+from gateway.apps.cameras.info import info_of
+from gateway.apps.cameras.record import default_path, record
+from gateway.apps.terminal.ending import ExitStatus
 from gateway.errors import Rejected
+from gateway.video.decoding.views import VIEWS
+from gateway.video.errors import VideoTimeout
+from gateway.video.receiving.receiver import ReceiverSettings
+from gateway.video.recording.index import index_path, read_index
 from tests.e2e.system import wait_for
 from tests.video.sending import camera, udp_port
 

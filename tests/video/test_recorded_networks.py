@@ -9,11 +9,11 @@ from pathlib import Path
 import av
 import pytest
 
-from gateway.apps.video.container import ticks_of
-from gateway.apps.video.index import Index, index_path, read_index
-from gateway.apps.video.stream import Stream
-from gateway.apps.video.take import Take
-from gateway.sim.rtp import Packetiser
+from gateway.sim.camera.rtp import Packetiser
+from gateway.video.receiving.stream import Stream
+from gateway.video.recording.container import ticks_of
+from gateway.video.recording.index import Index, index_path, read_index
+from gateway.video.recording.take import Take
 from tests.video.bad_network import ROBOT, BadNetwork, Faults
 from tests.video.coded import GOP, PERIOD_NS, units
 

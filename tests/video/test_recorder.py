@@ -1,4 +1,4 @@
-"""Rules of `gateway.apps.video.recorder`: it survives being killed, a full disk and a slow one, and never blocks."""
+"""Rules of `gateway.video.recording.recorder`: it survives being killed, a full disk and a slow one, and never blocks."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ from pathlib import Path
 import av
 import pytest
 
-from gateway.apps.video.index import index_path, read_index
-from gateway.apps.video.recorder import Recorder
+from gateway.video.recording.index import index_path, read_index
+from gateway.video.recording.recorder import Recorder
 from tests.e2e.system import wait_for
 from tests.video.coded import GOP, units
 
@@ -20,7 +20,7 @@ PACED = """
 import sys, time
 from dataclasses import replace
 from pathlib import Path
-from gateway.apps.video.recorder import Recorder
+from gateway.video.recording.recorder import Recorder
 from tests.e2e.system import wait_for
 from tests.video.coded import units
 recorder = Recorder(Path(sys.argv[1]))
@@ -36,7 +36,7 @@ for lap in range(1000):
 FULL = """
 import resource, sys, time
 from pathlib import Path
-from gateway.apps.video.recorder import Recorder
+from gateway.video.recording.recorder import Recorder
 from tests.e2e.system import wait_for
 from tests.video.coded import units
 resource.setrlimit(resource.RLIMIT_FSIZE, (8_000, 8_000))

@@ -1,4 +1,4 @@
-"""Rules of `gateway.apps.video.reorder`: order restored within the window, everything else counted as what it is."""
+"""Rules of `gateway.video.receiving.reorder`: order restored within the window, everything else counted as what it is."""
 
 from __future__ import annotations
 
@@ -6,9 +6,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from gateway.apps.video.counters import Tally
-from gateway.apps.video.reorder import HOLD_NS, MAX_DROPOUT, START, Ordered, Reorder
-from gateway.apps.video.rtp import RtpPacket
+from gateway.video.receiving.counters import Tally
+from gateway.video.receiving.reorder import HOLD_NS, MAX_DROPOUT, START, Ordered, Reorder
+from gateway.video.receiving.rtp import RtpPacket
 
 MS = 1_000_000
 

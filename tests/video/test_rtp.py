@@ -1,4 +1,4 @@
-"""Rules of `gateway.apps.video.rtp`: a datagram is a packet of the stream, or it is said why not (RFC 3550 section 5.1)."""
+"""Rules of `video.receiving.rtp`: a datagram is a packet of the stream, or it is said why not (RFC 3550 section 5.1)."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from gateway.apps.video.rtp import RtpFault, RtpPacket, parse, payload_type_of
+from gateway.video.receiving.rtp import RtpFault, RtpPacket, parse, payload_type_of
 from tests.video.packets import rtp
 
 PAYLOAD = b"\x26\x01\xaf\x11\x22"

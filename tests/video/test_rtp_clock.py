@@ -1,11 +1,11 @@
-"""Rules of `gateway.apps.video.rtp_clock`: a time that never falls, and jumps that are recognised."""
+"""Rules of `gateway.video.receiving.rtp_clock`: a time that never falls, and jumps that are recognised."""
 
 from __future__ import annotations
 
 from hypothesis import given
 from hypothesis import strategies as st
 
-from gateway.apps.video.rtp_clock import RtpClock
+from gateway.video.receiving.rtp_clock import RtpClock
 from tests.video.packets import TICKS
 
 S = 1_000_000_000

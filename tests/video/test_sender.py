@@ -1,4 +1,4 @@
-"""Rules of `gateway.sim.sender`, in virtual time: an absolute grid, packets spread, restarts as a new sender."""
+"""Rules of `gateway.sim.camera.sender`, in virtual time: an absolute grid, packets spread, restarts as a new sender."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ from pathlib import Path
 
 import pytest
 
-from gateway.sim import sender as module
-from gateway.sim.annexb import joined
-from gateway.sim.film import Coded
-from gateway.sim.handover import HandOvers
-from gateway.sim.sender import S, Sender, address_of
+from gateway.sim.camera import sender as module
+from gateway.sim.camera.annexb import joined
+from gateway.sim.camera.film import Coded
+from gateway.sim.camera.handover import HandOvers
+from gateway.sim.camera.sender import S, Sender, address_of
 
 PERIOD_NS = S // 45
 TO = ("127.0.0.1", 8890)

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from gateway.apps.video.errors import VideoCode, VideoError
-from gateway.apps.video.frame import Frame
-from gateway.apps.video.sheet import ROWS, Sheet, write_sheet
-from gateway.apps.video.views import BOXES, VIEWS, pixel_box
+from gateway.video.decoding.frame import Frame
+from gateway.video.decoding.views import BOXES, VIEWS, pixel_box
+from gateway.video.errors import VideoCode, VideoError
+from gateway.video.sheet import ROWS, Sheet, write_sheet
 from tests.video.shown import Shown
 
 

@@ -1,4 +1,4 @@
-"""Rules of `gateway.sim.rtp`: RFC 3550 headers, RFC 7798 payloads, and nothing lost or added between them."""
+"""Rules of `gateway.sim.camera.rtp`: RFC 3550 headers, RFC 7798 payloads, and nothing lost or added between them."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from gateway.sim.annexb import joined, nal_units
-from gateway.sim.rtp import Packetiser
+from gateway.sim.camera.annexb import joined, nal_units
+from gateway.sim.camera.rtp import Packetiser
 
 SMALL = b"\x40\x01small"
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from gateway.apps.video.source import host_of, robot_address
 from gateway.errors import Code, ConfigError
+from gateway.video.receiving.source import host_of, robot_address
 
 
 @pytest.mark.parametrize(

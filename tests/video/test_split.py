@@ -1,4 +1,4 @@
-"""Rules of `gateway.apps.video.split`, `view_files`, `coding` and `growing`: six files, exact times, damage told."""
+"""Rules of `gateway.video.recording.split`, `view_files`, `coding` and `growing`: six files, exact times, damage told."""
 
 from __future__ import annotations
 
@@ -12,16 +12,16 @@ import av
 import numpy as np
 import pytest
 
-from gateway.apps.video.access_unit import AccessUnit
-from gateway.apps.video.coding import Coding
-from gateway.apps.video.container import ticks_of
-from gateway.apps.video.growing import Growing
-from gateway.apps.video.index import index_path
-from gateway.apps.video.split import DAMAGED, Splitter, split_folder
-from gateway.apps.video.take import Take
-from gateway.apps.video.view_files import ViewFiles, view_paths
-from gateway.apps.video.views import VIEWS, pixel_box
 from gateway.errors import Rejected
+from gateway.video.decoding.views import VIEWS, pixel_box
+from gateway.video.hevc.access_unit import AccessUnit
+from gateway.video.recording.coding import Coding
+from gateway.video.recording.container import ticks_of
+from gateway.video.recording.growing import Growing
+from gateway.video.recording.index import index_path
+from gateway.video.recording.split import DAMAGED, Splitter, split_folder
+from gateway.video.recording.take import Take
+from gateway.video.recording.view_files import ViewFiles, view_paths
 from tests.e2e.system import wait_for
 from tests.video.coded import GOP, HEIGHT, WIDTH, units
 

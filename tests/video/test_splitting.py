@@ -1,4 +1,4 @@
-"""Rules of `gateway.apps.video.splitting` and of the verbs that record: what is asked for on the command line is done."""
+"""Rules of `gateway.apps.cameras.splitting` and of the verbs that record: what is asked for on the command line is done."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ from pathlib import Path
 
 import pytest
 
-from gateway.apps.ending import ExitStatus
-from gateway.apps.video.commands import add_video, carry_out
-from gateway.apps.video.index import index_path
-from gateway.apps.video.info import info_of
-from gateway.apps.video.take import Take
-from gateway.apps.video.views import VIEWS
+from gateway.apps.cameras.commands import add_video, carry_out
+from gateway.apps.cameras.info import info_of
+from gateway.apps.terminal.ending import ExitStatus
 from gateway.errors import Rejected
+from gateway.video.decoding.views import VIEWS
+from gateway.video.recording.index import index_path
+from gateway.video.recording.take import Take
 from tests.e2e.system import wait_for
 from tests.video.coded import units
 

@@ -1,4 +1,4 @@
-"""Rules of `gateway.apps.video.streak`: it takes only what is just what is expected, and changes nothing but the cost."""
+"""Rules of `gateway.video.receiving.streak`: it takes only what is just what is expected, and changes nothing but the cost."""
 
 from __future__ import annotations
 
@@ -7,12 +7,12 @@ import struct
 
 import pytest
 
-from gateway.apps.video.access_unit import AccessUnit
-from gateway.apps.video.counters import Counts
-from gateway.apps.video.nal import split_annex_b
-from gateway.apps.video.rtp import RtpPacket, parse
-from gateway.apps.video.streak import MAX_BYTES, Streak
-from gateway.apps.video.stream import Stream
+from gateway.video.hevc.access_unit import AccessUnit
+from gateway.video.hevc.nal import split_annex_b
+from gateway.video.receiving.counters import Counts
+from gateway.video.receiving.rtp import RtpPacket, parse
+from gateway.video.receiving.streak import MAX_BYTES, Streak
+from gateway.video.receiving.stream import Stream
 from tests.video.bad_network import ROBOT, BadNetwork, Faults
 from tests.video.packets import IDR, Sender, fragments, picture, rtp, slice_nal
 
@@ -121,7 +121,7 @@ def test_pictures_and_counters_are_the_same_without_it(faults: Faults, seed: int
 def test_most_packets_of_a_good_network_take_the_short_way(monkeypatch) -> None:
     """All but the first ones and the last one of a picture."""
     sender, layered = Sender(), []
-    monkeypatch.setattr("gateway.apps.video.stream.parse", lambda *words: layered.append(1) or parse(*words))
+    monkeypatch.setattr("gateway.video.receiving.stream.parse", lambda *words: layered.append(1) or parse(*words))
     datagrams = [packet for n in range(20) for packet in sender.send(picture(n, size=50_000))]
     _, counts = received([(packet, ROBOT, 10**9 + n) for n, packet in enumerate(datagrams)])
     assert counts.packets == len(datagrams) > 20 * 40

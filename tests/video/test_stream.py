@@ -10,11 +10,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from gateway.apps.video.access_unit import AccessUnit
-from gateway.apps.video.counters import Counts
-from gateway.apps.video.nal import split_annex_b
-from gateway.apps.video.reorder import HOLD_NS
-from gateway.apps.video.stream import RESTART_NS, SILENCE_NS, Stream
+from gateway.video.hevc.access_unit import AccessUnit
+from gateway.video.hevc.nal import split_annex_b
+from gateway.video.receiving.counters import Counts
+from gateway.video.receiving.reorder import HOLD_NS
+from gateway.video.receiving.stream import RESTART_NS, SILENCE_NS, Stream
 from tests.video.packets import (
     AUD,
     CRA,

@@ -1,4 +1,4 @@
-"""Rules of `gateway.apps.video.successor`: a whole key picture with parameter sets is a proof, nothing less."""
+"""Rules of `gateway.video.receiving.successor`: a whole key picture with parameter sets is a proof, nothing less."""
 
 from __future__ import annotations
 
@@ -6,8 +6,8 @@ import random
 
 import pytest
 
-from gateway.apps.video.rtp import RtpPacket, parse
-from gateway.apps.video.successor import MAX_PACKETS, Successor
+from gateway.video.receiving.rtp import RtpPacket, parse
+from gateway.video.receiving.successor import MAX_PACKETS, Successor
 from tests.video.packets import CRA, IDR, PPS, SPS, TRAIL, VPS, Sender, picture, slice_nal
 
 OTHER = (9, "192.168.1.20")

@@ -1,4 +1,4 @@
-"""Rules of `gateway.sim.mailbox`: the synchronisation of §5.5, for all orders in which cameras can deliver."""
+"""Rules of `gateway.sim.camera.mailbox`: the synchronisation of §5.5, for all orders in which cameras can deliver."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from gateway.sim.mailbox import Mailboxes, Shot
+from gateway.sim.camera.mailbox import Mailboxes, Shot
 
 CAMERAS = 4
 PERIOD_MS = 22

@@ -1,4 +1,4 @@
-"""Rules of `gateway.apps.video.take` and `container`: pictures bit for bit, exact times, an honest index."""
+"""Rules of `gateway.video.recording.take` and `container`: pictures bit for bit, exact times, an honest index."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ from pathlib import Path
 import av
 import pytest
 
-from gateway.apps.video.access_unit import AccessUnit
-from gateway.apps.video.container import ticks_of
-from gateway.apps.video.index import Index, index_path, read_index
-from gateway.apps.video.take import Take
 from gateway.errors import Rejected
+from gateway.video.hevc.access_unit import AccessUnit
+from gateway.video.recording.container import ticks_of
+from gateway.video.recording.index import Index, index_path, read_index
+from gateway.video.recording.take import Take
 from tests.video.coded import GOP, HEIGHT, PERIOD_TICKS, WIDTH, units
 
 NAMES = ("take.mkv", "take.mp4")

@@ -1,4 +1,4 @@
-"""Rules of `gateway.apps.video.tap`: a taker waits for pictures, the receiver never for a taker; errors are told."""
+"""Rules of `gateway.video.receiving.tap`: a taker waits for pictures, the receiver never for a taker; errors are told."""
 
 from __future__ import annotations
 
@@ -7,11 +7,11 @@ import time
 
 import pytest
 
-from gateway.apps.video.access_unit import AccessUnit
-from gateway.apps.video.backlog import Keeping
-from gateway.apps.video.counters import Tally
-from gateway.apps.video.errors import VideoCode, VideoError
-from gateway.apps.video.tap import CallbackTap, Tap
+from gateway.video.errors import VideoCode, VideoError
+from gateway.video.hevc.access_unit import AccessUnit
+from gateway.video.receiving.backlog import Keeping
+from gateway.video.receiving.counters import Tally
+from gateway.video.receiving.tap import CallbackTap, Tap
 from tests.video.test_backlog import unit
 
 DEADLINE_S = 20.0

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 import subprocess
 import sys
 import threading
@@ -11,10 +12,11 @@ from pathlib import Path
 
 import pytest
 
-from gateway.apps.video import Video, VideoCode, VideoError, VideoTimeout
-from gateway.apps.video.udp import UdpSocket
-from gateway.apps.video.views import COMPOSITE, VIEWS
-from gateway.sim.pixel_code import read_code, read_composite
+from gateway import video
+from gateway.sim.camera.pixel_code import read_code, read_composite
+from gateway.video import Video, VideoCode, VideoError, VideoTimeout
+from gateway.video.decoding.views import COMPOSITE, VIEWS
+from gateway.video.receiving.udp import UdpSocket
 from tests.video.stage import GOP, HOST, LENGTH, free_udp_port, sending, until
 
 pytestmark = pytest.mark.e2e
@@ -161,7 +163,7 @@ def test_a_port_that_is_taken_is_a_clear_error():
 def test_a_program_that_forgets_to_stop_ends_nevertheless():
     """Its threads do not hold it, and its decoder is not waited for."""
     program = (
-        "from gateway.apps.video import Video\n"
+        "from gateway.video import Video\n"
         "import sys\n"
         "video = Video('127.0.0.1', port=int(sys.argv[1]), host='127.0.0.1')\n"
         "video.start()\n"
@@ -177,8 +179,8 @@ def test_importing_the_package_does_not_load_av():
     program = (
         "import sys\n"
         "sys.modules['av'] = None\n"
-        "import gateway.apps.video as video\n"
-        "from gateway.apps.video import Frame, VideoError, VIEWS\n"
+        "import gateway.video as video\n"
+        "from gateway.video import Frame, VideoError, VIEWS\n"
         "try:\n"
         "    video.Video\n"
         "except VideoError as error:\n"
@@ -233,3 +235,10 @@ def test_one_that_failed_is_started_again(monkeypatch):
         video.start()
         with sending(video.port):
             assert video.wait_frame(first.seq).seq > first.seq
+
+
+def test_the_old_place_gives_the_same_and_says_where_it_went():
+    """For one release: who imports from there is told, and gets what there is."""
+    with pytest.warns(DeprecationWarning, match="gateway.video"):
+        old = importlib.import_module("gateway.apps.video")
+    assert all(getattr(old, name) is getattr(video, name) for name in video.__all__)

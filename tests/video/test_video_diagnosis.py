@@ -1,4 +1,4 @@
-"""Rules of `gateway.apps.video.diagnosis`: what is wrong is told in words, with its code and a remedy; else nothing is."""
+"""Rules of `gateway.video.receiving.diagnosis`: what is wrong is told in words, with its code and a remedy; else nothing is."""
 
 from __future__ import annotations
 
@@ -6,10 +6,10 @@ from dataclasses import replace
 
 import pytest
 
-from gateway.apps.video.counters import Counts
-from gateway.apps.video.diagnosis import NO_IDR_NS, UNSUPPORTED, DecoderFacts, Facts, Finding, why
-from gateway.apps.video.errors import VideoCode
-from gateway.apps.video.stream import StreamFacts
+from gateway.video.errors import VideoCode
+from gateway.video.receiving.counters import Counts
+from gateway.video.receiving.diagnosis import NO_IDR_NS, UNSUPPORTED, DecoderFacts, Facts, Finding, why
+from gateway.video.receiving.stream import StreamFacts
 
 S = 1_000_000_000
 MS = 1_000_000

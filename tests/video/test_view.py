@@ -5,10 +5,10 @@ from __future__ import annotations
 import pytest
 from PIL import Image
 
-from gateway.apps.video import Video, VideoTimeout
-from gateway.apps.video.view import view
-from gateway.apps.video.window import open_window
+from gateway.apps.cameras.view import view
 from gateway.cli import main
+from gateway.video import Video, VideoTimeout
+from gateway.video.window import open_window
 from tests.video.stage import HOST, free_udp_port, sending
 
 pytestmark = pytest.mark.e2e
@@ -74,7 +74,7 @@ def test_no_picture_is_status_3_and_says_why(capsys):
 
 def test_a_stream_that_ends_closes_the_window(monkeypatch):
     """It says why, instead of showing an old picture as if it were live."""
-    monkeypatch.setattr("gateway.apps.video.view.SILENCE_S", 0.2)
+    monkeypatch.setattr("gateway.apps.cameras.view.SILENCE_S", 0.2)
     window, video = FivePictures(), a_video()
     with pytest.raises(VideoTimeout, match=r"0\.2 s"), sending(video.receiver.settings.port) as sender:
 

@@ -1,12 +1,12 @@
-"""Rules of `gateway.apps.video.views` and `frame`: the manual's boxes in pixels, no copies, nothing writable."""
+"""Rules of `gateway.video.decoding.views` and `frame`: the manual's boxes in pixels, no copies, nothing writable."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
 
-from gateway.apps.video.frame import Frame
-from gateway.apps.video.views import COMPOSITE, COMPOSITE_SHAPE, VIEWS, pixel_box
+from gateway.video.decoding.frame import Frame
+from gateway.video.decoding.views import COMPOSITE, COMPOSITE_SHAPE, VIEWS, pixel_box
 from tests.video.shown import Shown
 
 SIZES = {

@@ -1,70 +1,20 @@
-"""The robot's video stream: received, decoded, cut into its six views, recorded (§3.1.2, 5.1-5.3).
-
-Knows nothing of the daemon: the robot sends its pictures straight to this host, as RTP/H.265 on udp/8890.
-
-```
-from gateway.apps.video import Video
-
-with Video(source="192.168.1.100") as video:
-    for frame in video.frames(max_rate=10):
-        use(frame["head_left_eye"], frame["left_wrist_left_eye"], frame.age, frame.clean)
-```
-
-What needs PyAV is loaded when it is asked for: the parts that do not, and the client, work without it.
-"""
+"""Moved: `gateway.video` is the library of the robot's cameras. This place goes with the next release."""
 
 from __future__ import annotations
 
-from importlib import import_module
+import warnings
 from typing import TYPE_CHECKING
 
+import gateway.video
+
 if TYPE_CHECKING:
-    from gateway.apps.video.aio import AsyncVideo
-    from gateway.apps.video.compat import RTPH265VideoInterface
-    from gateway.apps.video.errors import VideoCode, VideoError, VideoTimeout
-    from gateway.apps.video.frame import Frame
-    from gateway.apps.video.health import Health
-    from gateway.apps.video.receiver import Receiver, ReceiverSettings
-    from gateway.apps.video.recorder import Recorder
-    from gateway.apps.video.video import Video
-    from gateway.apps.video.views import COMPOSITE, VIEWS
+    from gateway.video import Video
 
-__all__ = [
-    "COMPOSITE",
-    "VIEWS",
-    "AsyncVideo",
-    "Frame",
-    "Health",
-    "RTPH265VideoInterface",
-    "Receiver",
-    "ReceiverSettings",
-    "Recorder",
-    "Video",
-    "VideoCode",
-    "VideoError",
-    "VideoTimeout",
-]
+__all__ = ["Video"]
 
-PLACES = {
-    "AsyncVideo": "aio",
-    "COMPOSITE": "views",
-    "Frame": "frame",
-    "Health": "health",
-    "RTPH265VideoInterface": "compat",
-    "Receiver": "receiver",
-    "ReceiverSettings": "receiver",
-    "Recorder": "recorder",
-    "VIEWS": "views",
-    "Video": "video",
-    "VideoCode": "errors",
-    "VideoError": "errors",
-    "VideoTimeout": "errors",
-}
-"""Module of each name."""
+warnings.warn("gateway.apps.video has moved to gateway.video", DeprecationWarning, stacklevel=2)
 
 
 def __getattr__(name: str) -> object:
-    """Load what is asked for."""
-    if name not in PLACES:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    return getattr(import_module(f"{__name__}.{PLACES[name]}"), name)
+    """Give what is asked for from its new place."""
+    return getattr(gateway.video, name)

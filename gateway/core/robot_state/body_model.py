@@ -15,14 +15,14 @@ from gateway import robot
 from gateway.core.messages.events import SampleArrived
 from gateway.core.motion.gap import Gap, gap
 from gateway.errors import Code, Refusal
-from gateway.kinematics.agreement import Agreement, ModelJudge, Tolerances, Verdict
-from gateway.kinematics.approach import Approach
 from gateway.kinematics.arm import ArmModel
 from gateway.kinematics.capsules import hull
 from gateway.kinematics.collision import CollisionModel
 from gateway.kinematics.configured import configured
 from gateway.kinematics.description import Description
-from gateway.kinematics.dexterity import joint_speeds
+from gateway.kinematics.identification.agreement import Agreement, ModelJudge, Tolerances, Verdict
+from gateway.kinematics.separation.approach import Approach
+from gateway.kinematics.solving.dexterity import joint_speeds
 from gateway.settings import Settings
 from gateway.values import ArmState, EePose, Side, Space, Vector
 

@@ -34,15 +34,15 @@ from gateway.core.separation.room import check_unguarded, whereabouts, why_off
 from gateway.core.separation.spare import Spare, wider
 from gateway.core.supervision.conductor import Conductor
 from gateway.errors import Code
-from gateway.kinematics.judgement import Going, Motion, Verdict, Ways
-from gateway.kinematics.stopping import STAYS, Extent, stop_extent, way_extent
+from gateway.kinematics.separation.judgement import Going, Motion, Verdict, Ways
+from gateway.kinematics.separation.stopping import STAYS, Extent, stop_extent, way_extent
 from gateway.messages.snapshot import SpacingView
 from gateway.values import Side, Space, Vector
 
 if TYPE_CHECKING:  # they take numpy along, which a guard has no use for
     from gateway.core.robot_state.body_model import BodyModel
-    from gateway.kinematics.approach import Look
     from gateway.kinematics.collision import CollisionModel
+    from gateway.kinematics.separation.approach import Look
 
 __all__ = ["Spacing"]
 

@@ -10,8 +10,8 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 
 from gateway.core.motion.joints.path import State
-from gateway.kinematics.judgement import Ways
-from gateway.kinematics.stopping import Extent
+from gateway.kinematics.separation.judgement import Ways
+from gateway.kinematics.separation.stopping import Extent
 from gateway.values import Side, Vector
 
 __all__ = ["Spare", "wider"]

@@ -10,11 +10,11 @@ from __future__ import annotations
 
 from typing import Final
 
-from gateway.sim.chassis import wheel_matrix
-from gateway.sim.dynamics import Parts
-from gateway.sim.manual import MS, S, Side
 from gateway.sim.physics.scene import STEP_NS, THINGS
 from gateway.sim.physics.world import World
+from gateway.sim.robot.chassis import wheel_matrix
+from gateway.sim.robot.dynamics import Parts
+from gateway.sim.robot.manual import MS, S, Side
 
 __all__ = ["Bodies"]
 

@@ -13,11 +13,11 @@ import av
 import numpy as np
 from numpy.typing import NDArray
 
-from gateway.sim.composite import CHANNELS, Size, channel_rows, crop_box, crops_of
+from gateway.sim.camera.composite import CHANNELS, Size, channel_rows, crop_box, crops_of
+from gateway.sim.camera.picture import Planes
 from gateway.sim.physics.body_numbers import body_numbers
 from gateway.sim.physics.drawing import Drawing
 from gateway.sim.physics.lens import Lens, lens_of
-from gateway.sim.picture import Planes
 
 __all__ = ["Eyes", "SceneCamera"]
 

@@ -18,10 +18,10 @@ from pathlib import Path
 from typing import Any, Final
 
 from gateway.sim.companion import until_told
-from gateway.sim.manual import S
 from gateway.sim.physics.drawing import Drawing, DrawingMissing
 from gateway.sim.reaching import reached
 from gateway.sim.remote import SimControl, SimUnreachable
+from gateway.sim.robot.manual import S
 
 __all__ = ["command_line", "main"]
 

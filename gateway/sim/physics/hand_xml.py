@@ -13,9 +13,9 @@ from __future__ import annotations
 
 from typing import Final
 
-from gateway.sim.manual import Side
 from gateway.sim.physics.elements import TOUCH, Element, Touch, add
 from gateway.sim.physics.linkage import OPEN_RAD, FingerPins, HandPins, hand_pins
+from gateway.sim.robot.manual import Side
 
 __all__ = ["MOVING_MASS_KG", "add_hand"]
 

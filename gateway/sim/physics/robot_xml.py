@@ -20,11 +20,11 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from gateway.sim.lift import LOWEST_M
-from gateway.sim.manual import DOF, LOWER_RAD, UPPER_RAD, Side
 from gateway.sim.physics.body_numbers import BodyNumbers, Joint, transform
 from gateway.sim.physics.elements import TOUCH, Element, Touch, add, placed
 from gateway.sim.physics.hand_xml import MOVING_MASS_KG, add_hand
+from gateway.sim.robot.lift import LOWEST_M
+from gateway.sim.robot.manual import DOF, LOWER_RAD, UPPER_RAD, Side
 
 __all__ = ["FIXED_LOWERED_M", "SERVO_GROUPS", "add_robot", "arm_joint", "hand_link", "robot_mass_kg"]
 

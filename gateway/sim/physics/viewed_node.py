@@ -12,10 +12,10 @@ from typing import Any, Final
 import glfw
 import mujoco.viewer
 
-from gateway.sim.manual import S
 from gateway.sim.node import DEFAULT_LISTEN, SimNode
 from gateway.sim.physics.bodies import Bodies
-from gateway.sim.settings import SimSettings
+from gateway.sim.robot.manual import S
+from gateway.sim.robot.settings import SimSettings
 
 __all__ = ["DisplayMissing", "ViewedNode", "require_display"]
 

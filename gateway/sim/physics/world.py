@@ -13,12 +13,12 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from gateway.sim.dynamics import WorldUnstable
-from gateway.sim.manual import DOF, Side
 from gateway.sim.physics.body_numbers import quat_wxyz
 from gateway.sim.physics.linkage import hand_angles
 from gateway.sim.physics.robot_xml import SERVO_GROUPS, arm_joint, hand_link
 from gateway.sim.physics.scene import STEP_NS, THINGS, scene_xml
+from gateway.sim.robot.dynamics import WorldUnstable
+from gateway.sim.robot.manual import DOF, Side
 
 __all__ = ["Placed", "World"]
 

@@ -15,7 +15,7 @@ from gateway.errors import Code, Refusal
 from gateway.kinematics.arm import ArmModel
 from gateway.kinematics.collision import CollisionModel
 from gateway.kinematics.description import nominal
-from gateway.sim.settings import SimSettings
+from gateway.sim.robot.settings import SimSettings
 from gateway.values import EePose, Side
 from tests.behaviour.scene import Scene, scene
 from tests.core.lines import planned, used

@@ -8,8 +8,8 @@ from gateway import robot
 from gateway.core.messages.events import SampleArrived
 from gateway.core.robot_state.body_model import JUDGED_NS, BodyModel, arrival_ns, body_model
 from gateway.errors import Code, ConfigError
-from gateway.kinematics.agreement import Agreement
 from gateway.kinematics.description import nominal
+from gateway.kinematics.identification.agreement import Agreement
 from gateway.settings import ArmSettings, ModelSettings, Settings
 from gateway.values import ArmState, EePose, Side
 from tests.kinematics.bodies import ARMS, nudged

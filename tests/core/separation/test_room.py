@@ -14,7 +14,7 @@ from gateway.errors import CODES, Code
 from gateway.messages import requests
 from gateway.robot import HOME_Q_RAD
 from gateway.settings import Settings
-from gateway.sim.settings import SimSettings
+from gateway.sim.robot.settings import SimSettings
 from gateway.values import Side, Space
 from tests.kinematics.guarded_arms import MARGIN_M, MEET, model, random_joints
 from tests.pair import MS

@@ -14,8 +14,8 @@ from gateway.core.separation.slowing import Slowing, predicted
 from gateway.core.supervision.conductor import Conductor
 from gateway.errors import Code, Refusal
 from gateway.kinematics.description import nominal
-from gateway.kinematics.dexterity import LENGTH_M
 from gateway.kinematics.placement import rows_from_quat, turn_rad
+from gateway.kinematics.solving.dexterity import LENGTH_M
 from gateway.settings import ModelSettings, PoseSettings, Settings
 from gateway.values import ArmState, Side
 from tests.core.pose_judge import judge

@@ -14,10 +14,10 @@ from gateway.core.motion.motion import ReferenceMode, plan
 from gateway.core.separation import room
 from gateway.core.separation.spacing import ADRIFT_RADPS, Spacing
 from gateway.errors import Code
-from gateway.kinematics.approach import Look
+from gateway.kinematics.separation.approach import Look
 from gateway.messages import requests
 from gateway.robot import HOME_Q_RAD, shoulder_frame
-from gateway.sim.settings import SimSettings
+from gateway.sim.robot.settings import SimSettings
 from gateway.values import ArmState, Side, Space
 from tests.kinematics.guarded_arms import MARGIN_M, MEET, ROUNDING_M, model, random_joints
 from tests.pair import MS

@@ -7,10 +7,10 @@ from collections.abc import Mapping
 import numpy as np
 
 from cdr_types.messages import std_msgs
-from gateway.sim.geometry import EePose, arm_geometry, quat_from_rotation
-from gateway.sim.manual import CHASSIS_CMD, FSM_ENABLE, LIFT_CMD, MS, S, Side, gripper_cmd_topic, joint_cmd_topic
-from gateway.sim.model import SimRobot
-from gateway.sim.settings import SimSettings
+from gateway.sim.robot.geometry import EePose, arm_geometry, quat_from_rotation
+from gateway.sim.robot.manual import CHASSIS_CMD, FSM_ENABLE, LIFT_CMD, MS, S, Side, gripper_cmd_topic, joint_cmd_topic
+from gateway.sim.robot.model import SimRobot
+from gateway.sim.robot.settings import SimSettings
 from tests.sim.drivers import joints
 
 __all__ = ["DOWN", "GRIP_M", "Hands"]

@@ -9,9 +9,10 @@ import numpy as np
 import pytest
 
 from cdr_types.messages import std_msgs
-from gateway.sim import report
 from gateway.sim.control import Control
-from gateway.sim.manual import (
+from gateway.sim.physics.scene import MARK_M
+from gateway.sim.robot import report
+from gateway.sim.robot.manual import (
     CHASSIS_CMD,
     EXAMPLE_HOME_RAD,
     FSM_ENABLE,
@@ -22,9 +23,8 @@ from gateway.sim.manual import (
     arm_state_topic,
     joint_cmd_topic,
 )
-from gateway.sim.model import SimRobot
-from gateway.sim.physics.scene import MARK_M
-from gateway.sim.settings import HANGING_RAD, SimSettings
+from gateway.sim.robot.model import SimRobot
+from gateway.sim.robot.settings import HANGING_RAD, SimSettings
 from tests.sim.drivers import joints
 from tests.sim.physics.mujoco_needed import REASON
 

@@ -9,8 +9,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from gateway.sim.geometry import rotation_from_quat
 from gateway.sim.physics.body_numbers import DATA, body_numbers, quat_wxyz, transform
+from gateway.sim.robot.geometry import rotation_from_quat
 
 angles = st.floats(-np.pi, np.pi)
 

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from gateway.sim.composite import CROPS, Size, crop_box
-from gateway.sim.manual import EXAMPLE_HOME_RAD, Side
+from gateway.sim.camera.composite import CROPS, Size, crop_box
+from gateway.sim.camera.rig import Rig
 from gateway.sim.physics.body_numbers import body_numbers
-from gateway.sim.rig import Rig
+from gateway.sim.robot.manual import EXAMPLE_HOME_RAD, Side
 from tests.sim.physics.drawing_needed import demand_drawing
 from tests.sim.physics.mujoco_needed import REASON
 from tests.sim.physics.test_lens import seen_at

@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from gateway.sim.geometry import arm_geometry, quat_from_rotation, rotation_from_quat, rotation_vector
-from gateway.sim.manual import DOF, LOWER_RAD, UPPER_RAD, Side
 from gateway.sim.physics.body_numbers import body_numbers
 from gateway.sim.physics.robot_xml import FIXED_LOWERED_M, MOVING_MASS_KG, arm_joint, robot_mass_kg
 from gateway.sim.physics.scene import STEP_NS, TABLE_TOP_M, THINGS, scene_xml
+from gateway.sim.robot.geometry import arm_geometry, quat_from_rotation, rotation_from_quat, rotation_vector
+from gateway.sim.robot.manual import DOF, LOWER_RAD, UPPER_RAD, Side
 from tests.sim.physics.mujoco_needed import REASON
 
 mujoco = pytest.importorskip("mujoco", reason=REASON)

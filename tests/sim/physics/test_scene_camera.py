@@ -17,7 +17,7 @@ from tests.video.sending import udp_port
 pytest.importorskip("mujoco", reason=REASON)
 pytest.importorskip("av")
 
-from gateway.apps.video import Video
+from gateway.video import Video
 
 pytestmark = pytest.mark.e2e
 

@@ -7,7 +7,7 @@ import math
 import pytest
 
 from gateway.sim.node import SimNode, main_sim
-from gateway.sim.settings import SimSettings
+from gateway.sim.robot.settings import SimSettings
 from tests.e2e.system import free_port
 from tests.sim.physics.mujoco_needed import REASON
 

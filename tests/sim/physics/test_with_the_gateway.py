@@ -8,7 +8,7 @@ from gateway import robot
 from gateway.core.messages.events import DriveChassis, SetGripper, Stop
 from gateway.errors import Code
 from gateway.settings import ArmSettings, Settings
-from gateway.sim.settings import SimSettings
+from gateway.sim.robot.settings import SimSettings
 from gateway.values import Side
 from tests.pair import MS, Pair
 from tests.sim.physics.mujoco_needed import REASON

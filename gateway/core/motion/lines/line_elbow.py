@@ -20,7 +20,7 @@ from gateway.values import Vector
 
 if TYPE_CHECKING:  # it takes numpy along, which a guard has no use for
     from gateway.kinematics.arm import ArmModel
-    from gateway.kinematics.inverse import Swivel
+    from gateway.kinematics.solving.inverse import Swivel
 
 __all__ = ["Elbow", "chosen"]
 

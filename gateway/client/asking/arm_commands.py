@@ -1,0 +1,195 @@
+"""What an owner asks of one arm, said once for the blocking and the asyncio control, as `commands` for both arms."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Generic, Literal, TypeVar, overload
+
+from gateway.api import protocol
+from gateway.client.asking.chunks import Tolerance
+from gateway.client.asking.commands import DoneT, HandleT, MotionCommands
+from gateway.client.asking.poses import PoseLike, PoseTarget, frame_of, require_space
+from gateway.client.asking.stream import JointTargets, PoseTargets, StreamOptions
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike
+
+__all__ = ["ArmCommands"]
+
+JointStreamT = TypeVar("JointStreamT", bound=JointTargets)
+PoseStreamT = TypeVar("PoseStreamT", bound=PoseTargets)
+
+
+class ArmCommands(Generic[HandleT, DoneT, JointStreamT, PoseStreamT]):
+    """One arm of a control.
+
+    Args:
+        control: Of both.
+        side: Which one.
+    """
+
+    _joint_stream: type[JointStreamT]
+    _pose_stream: type[PoseStreamT]
+
+    def __init__(self, control: MotionCommands[HandleT, DoneT], side: protocol.SideName) -> None:
+        self._control = control
+        self.side = side
+
+    def __repr__(self) -> str:
+        """Show which arm of which control."""
+        return f"<{self.side} arm of {self._control!r}>"
+
+    def move_to(
+        self,
+        q: ArrayLike,
+        *,
+        speed: float = 1.0,
+        tolerance: float | None = None,
+        on_limit: protocol.OnLimitName = "reject",
+    ) -> HandleT:
+        """Move this arm to seven joint positions [rad]; see `Control.move_to`."""
+        return self._control._begin(self._control._move({self.side: q}, False, speed, tolerance, on_limit))
+
+    def move_by(
+        self,
+        dq: ArrayLike,
+        *,
+        speed: float = 1.0,
+        tolerance: float | None = None,
+        on_limit: protocol.OnLimitName = "reject",
+    ) -> HandleT:
+        """Move this arm by seven joint offsets [rad]; see `Control.move_to`."""
+        return self._control._begin(self._control._move({self.side: dq}, True, speed, tolerance, on_limit))
+
+    def follow(
+        self,
+        points: ArrayLike,
+        dt: float | None = None,
+        *,
+        frame: str | None = None,
+        times: ArrayLike | None = None,
+        start_at: float | None = None,
+        start_in: float | None = None,
+        open_end: bool = False,
+        stretch: float = 1.0,
+        smoothing: float = 0.0,
+        path_tolerance: Tolerance = None,
+        goal_tolerance: Tolerance = None,
+        goal_time: float | None = None,
+    ) -> HandleT:
+        """Follow points with this arm, shape (N, 7), joints [rad] or with `frame` poses; see `Control.follow`."""
+        return self._control.follow(
+            {self.side: points},
+            dt,
+            frames=None if frame is None else {self.side: frame},
+            times=times,
+            start_at=start_at,
+            start_in=start_in,
+            open_end=open_end,
+            stretch=stretch,
+            smoothing=smoothing,
+            path_tolerance=path_tolerance,
+            goal_tolerance=goal_tolerance,
+            goal_time=goal_time,
+        )
+
+    def move_pose(
+        self,
+        p: ArrayLike,
+        quat_xyzw: ArrayLike,
+        *,
+        frame: str,
+        speed: float = 1.0,
+        tolerance_m: float | None = None,
+        tolerance_rad: float | None = None,
+        on_limit: protocol.OnLimitName = "reject",
+    ) -> HandleT:
+        """Move this arm's end effector to a pose in its own shoulder frame; see `Control.move_pose`.
+
+        Args:
+            p: Position [m], shape (3,).
+            quat_xyzw: Orientation, norm 1, shape (4,); either sign.
+            frame: `left_shoulder_base` or `right_shoulder_base`: that of this arm (manual §4.0.1).
+            speed: Factor on the velocity limits, 0 < speed <= 1.
+            tolerance_m: Reached when the position is measured within this of the goal [m]; None for the configured one ...
+            tolerance_rad: ... and the orientation within this [rad].
+            on_limit: `reject` or `clip`.
+        """
+        target: dict[str, PoseLike] = {self.side: PoseTarget(p, quat_xyzw, frame)}
+        return self._control._begin(
+            self._control._move_pose(target, False, speed, tolerance_m, tolerance_rad, on_limit)
+        )
+
+    def move_linear(
+        self,
+        p: ArrayLike,
+        quat_xyzw: ArrayLike,
+        *,
+        frame: str,
+        speed: float = 1.0,
+        tolerance_m: float | None = None,
+        tolerance_rad: float | None = None,
+        on_limit: protocol.OnLimitName = "reject",
+    ) -> HandleT:
+        """Move this arm's end effector straight to a pose, in either control mode; see `Control.move_linear`.
+
+        Arguments as in `move_pose`.
+        """
+        target: dict[str, PoseLike] = {self.side: PoseTarget(p, quat_xyzw, frame)}
+        return self._control._begin(self._control._move_pose(target, True, speed, tolerance_m, tolerance_rad, on_limit))
+
+    def hold(self) -> DoneT:
+        """Brake this arm and hold it; ends its motion as cancelled, or its stream."""
+        return self._control._do(self._control._hold((protocol.Side(self.side),)))
+
+    @overload
+    def stream(
+        self,
+        space: Literal["joint"] = "joint",
+        rate_hz: float = 50.0,
+        *,
+        speed: float = 1.0,
+        on_limit: protocol.OnLimitName = "reject",
+        expiry: float | None = None,
+    ) -> JointStreamT: ...
+
+    @overload
+    def stream(
+        self,
+        space: Literal["pose"],
+        rate_hz: float = 50.0,
+        *,
+        frame: str,
+        speed: float = 1.0,
+        on_limit: protocol.OnLimitName = "reject",
+        expiry: float | None = None,
+    ) -> PoseStreamT: ...
+
+    def stream(
+        self,
+        space: protocol.SpaceName = "joint",
+        rate_hz: float = 50.0,
+        *,
+        frame: str | None = None,
+        speed: float = 1.0,
+        on_limit: protocol.OnLimitName = "reject",
+        expiry: float | None = None,
+    ) -> JointStreamT | PoseStreamT:
+        """Return a stream of targets for this arm, to be used in a `with` block.
+
+        Args:
+            space: `joint`, or `pose` for an arm in end-effector mode.
+            rate_hz: Rate of `tick` [Hz], 1 to 100; targets may also be set without ticking.
+            frame: Of poses: `left_shoulder_base` or `right_shoulder_base`, that of this arm (manual §4.0.1).
+            speed: Factor on the velocity limit, 0 < speed <= 1.
+            on_limit: `reject` refuses a target outside the limits, `clip` moves it to the limit.
+            expiry: A target that has no successor for so long makes the arm brake and hold [s], 0.05 to 3; None for
+                the configured time (1.5 s).
+
+        Raises:
+            Rejected: WRONG_FRAME, a stream of poses without a frame, or in another arm's; OUT_OF_RANGE, the rate.
+        """
+        require_space(space)
+        owner, how = self._control, StreamOptions(rate_hz=rate_hz, speed=speed, on_limit=on_limit, expiry=expiry)
+        if space == "joint":
+            return self._joint_stream(owner._session, owner._owned(), self.side, how)
+        return self._pose_stream(owner._session, owner._owned(), self.side, how, frame_of(self.side, frame))

@@ -1,0 +1,229 @@
+"""Poses of end effectors as a user says them: shape, numbers, norm, frame and reach checked before anything is sent.
+
+Pure, as `requests.py`: the same mistake is the same exception here and in the daemon. A pose is a position [m] and a
+quaternion in xyzw, in the arm's own shoulder frame, which must be named (manual §4.0.1, §4.2).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Protocol
+
+from gateway.api import protocol
+from gateway.client.asking.requests import SIDES, chosen, number, numeric
+from gateway.errors import Code, Refusal, to_exception
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike
+
+__all__ = ["PoseLike", "PoseTarget", "frame_of", "move_pose", "numbers", "require_space", "within_reach"]
+
+NORM_TOLERANCE = 1e-3
+"""How far the norm of a quaternion may be from 1; the daemon normalises it."""
+
+
+class PoseLike(Protocol):
+    """A pose in a frame: `PoseTarget`, or a measured one as `state.left_arm.pose`."""
+
+    @property
+    def p(self) -> ArrayLike:
+        """Position [m], shape (3,)."""
+        ...
+
+    @property
+    def quat_xyzw(self) -> ArrayLike:
+        """Orientation, shape (4,)."""
+        ...
+
+    @property
+    def frame(self) -> str:
+        """Name of the frame."""
+        ...
+
+
+@dataclass(frozen=True, slots=True)
+class PoseTarget:
+    """Where an end effector shall be.
+
+    Attributes:
+        p: Position [m], anything that numpy takes as shape (3,).
+        quat_xyzw: Orientation, norm 1, shape (4,); either sign.
+        frame: `left_shoulder_base` or `right_shoulder_base`: that of the arm (manual §4.0.1).
+    """
+
+    p: ArrayLike
+    quat_xyzw: ArrayLike
+    frame: str
+
+
+def numbers(side: str, p: ArrayLike, quat_xyzw: ArrayLike) -> tuple[float, ...]:
+    """Return a pose as seven finite numbers with a unit quaternion: x, y, z [m], qx, qy, qz, qw.
+
+    Args:
+        side: `left` or `right`.
+        p: Position [m], shape (3,).
+        quat_xyzw: Orientation, shape (4,).
+
+    Raises:
+        Rejected: WRONG_SHAPE, NOT_FINITE, or OUT_OF_RANGE for the norm.
+    """
+    values = (*_vector(side, "position", p, 3), *_vector(side, "quaternion", quat_xyzw, 4))
+    norm = math.hypot(*values[3:])
+    if abs(norm - 1.0) > NORM_TOLERANCE:
+        raise to_exception(
+            Refusal(
+                code=Code.OUT_OF_RANGE,
+                message=f"the quaternion for the {side} arm has norm {norm:.6g}, 1 is needed (xyzw, manual §4.2)",
+                field=f"{side}_arm.quat_xyzw",
+                value=f"{norm:.6g}",
+                bound=f"[{1.0 - NORM_TOLERANCE}, {1.0 + NORM_TOLERANCE}]",
+                hint="give the quaternion as x, y, z, w with norm 1",
+            )
+        )
+    return values
+
+
+def _vector(side: str, what: str, given: ArrayLike, length: int) -> tuple[float, ...]:
+    wrong = ""
+    try:
+        array = numeric(given)
+    except (TypeError, ValueError, OverflowError) as error:
+        wrong, kind = f"is no vector of numbers ({error})", type(given).__name__
+    else:
+        if array.shape != (length,):
+            wrong, kind = f"has shape {array.shape}", str(array.shape)
+    if wrong:
+        raise to_exception(
+            Refusal(
+                code=Code.WRONG_SHAPE,
+                message=f"the {what} for the {side} arm {wrong}, {length} values are needed",
+                field=f"{side}_arm",
+                value=kind,
+                bound=f"({length},)",
+            )
+        )
+    values = tuple(array.tolist())
+    for index, value in enumerate(values):
+        if not math.isfinite(value):
+            raise to_exception(
+                Refusal(
+                    code=Code.NOT_FINITE,
+                    message=f"the {what} for the {side} arm has {value} at {index}, a finite number is needed",
+                    field=f"{side}_arm.{'p_m' if length == 3 else 'quat_xyzw'}[{index}]",
+                    value=str(value),
+                )
+            )
+    return values
+
+
+def frame_of(side: str, frame: str | None) -> str:
+    """Return the name of the frame of a pose, if it is the arm's own.
+
+    Raises:
+        Rejected: WRONG_FRAME: none, or another one.
+    """
+    wanted = f"{side}_shoulder_base"
+    if frame == wanted:
+        return wanted
+    said = f"is in frame {frame!r}" if frame else "has no frame"
+    raise to_exception(
+        Refusal(
+            code=Code.WRONG_FRAME,
+            message=f"the pose for the {side} arm {said}, {wanted!r} is needed (manual §4.0.1)",
+            field=f"{side}_arm.frame",
+            value=frame or "",
+            bound=wanted,
+        )
+    )
+
+
+def require_space(space: str) -> None:
+    """Refuse what is no space of setpoints.
+
+    Raises:
+        Rejected: BAD_REQUEST.
+    """
+    if space not in ("joint", "pose"):
+        raise to_exception(
+            Refusal(
+                code=Code.BAD_REQUEST,
+                message=f"there are streams of 'joint' and of 'pose' targets, none of {space!r}",
+                field="space",
+                value=str(space),
+                bound="joint, pose",
+            )
+        )
+
+
+def within_reach(
+    side: str, values: tuple[float, ...], info: protocol.Info, on_limit: protocol.OnLimitName
+) -> tuple[float, ...]:
+    """Return a pose inside the configured reach: as it is, or moved to its end when that was asked for.
+
+    Args:
+        side: `left` or `right`.
+        values: x, y, z [m], qx, qy, qz, qw.
+        info: Of the daemon, with the reach.
+        on_limit: `reject` or `clip`.
+
+    Raises:
+        Rejected: OUT_OF_RANGE, with value and bound.
+    """
+    reach_m = math.hypot(*values[:3])
+    if reach_m <= info.reach_m:
+        return values
+    if on_limit == "clip":
+        factor = info.reach_m / reach_m * (1.0 - 1e-12)  # rounding must not put it outside again
+        return (*(x * factor for x in values[:3]), *values[3:])
+    raise to_exception(
+        Refusal(
+            code=Code.OUT_OF_RANGE,
+            message=f"the pose for the {side} arm is {reach_m:.4f} m from its shoulder, outside [0, {info.reach_m}] m "
+            "(manual §4.0.4 or tighter configuration)",
+            field=f"{side}_arm.p_m",
+            value=f"{reach_m:.6g}",
+            bound=f"[0, {info.reach_m}]",
+            unit="m",
+        )
+    )
+
+
+def move_pose(
+    epoch: int,
+    targets: Mapping[str, PoseLike],
+    *,
+    straight: bool = False,
+    speed: float,
+    tolerance_m: float | None,
+    tolerance_rad: float | None,
+    on_limit: protocol.OnLimitName,
+) -> protocol.MovePose:
+    """Return the request for a motion of one or both end effectors to poses, in joint mode straight or not.
+
+    Raises:
+        Rejected: WRONG_SHAPE (no arm, an unknown one, not a pose), NOT_FINITE, OUT_OF_RANGE or WRONG_FRAME.
+    """
+    unknown = [str(side) for side in targets if side not in SIDES]
+    if unknown or not targets:
+        raise to_exception(
+            Refusal(
+                code=Code.WRONG_SHAPE,
+                message=f"a motion of {unknown or 'no arm'} was asked for, 'left' and 'right' exist",
+                field="targets",
+                value=", ".join(unknown),
+                bound="left, right",
+            )
+        )
+    named = {side: targets[side] for side in SIDES if side in targets}
+    return protocol.MovePose(
+        epoch=epoch,
+        targets={side: numbers(side, pose.p, pose.quat_xyzw) for side, pose in named.items()},
+        frames={side: frame_of(side, pose.frame) for side, pose in named.items()},
+        speed=number("speed", speed),
+        tolerance_m=None if tolerance_m is None else number("tolerance_m", tolerance_m),
+        tolerance_rad=None if tolerance_rad is None else number("tolerance_rad", tolerance_rad),
+        on_limit=chosen(protocol.OnLimit, "on_limit", on_limit),
+        straight=straight,
+    )

@@ -1,0 +1,149 @@
+"""How the robot's parts move under what its rules ask of them: as lags and speeds, or as bodies with forces.
+
+The rules (state machine, watchdogs, modes, clipping, ramps, torque table) are the same for both and know nothing of this;
+a dynamics only turns them into motion.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Protocol
+
+from gateway.sim.robot.arm import SimArm
+from gateway.sim.robot.chassis import SimChassis
+from gateway.sim.robot.gripper import SimGripper
+from gateway.sim.robot.journal import Journal
+from gateway.sim.robot.lift import SimLift
+from gateway.sim.robot.manual import Side
+from gateway.sim.robot.settings import SimSettings
+
+__all__ = ["Dynamics", "FirstOrder", "Parts", "PhysicsMissing", "WorldUnstable", "dynamics_of"]
+
+
+class PhysicsMissing(ImportError):
+    """MuJoCo was asked for and is not installed."""
+
+
+class WorldUnstable(RuntimeError):
+    """The solver lost the world: positions or speeds became invalid."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Parts:
+    """The parts that move.
+
+    Attributes:
+        arms: By side.
+        grippers: By side.
+        chassis: Chassis.
+        lift: Lift, None on models without one.
+        journal: For what there is to tell.
+    """
+
+    arms: Mapping[Side, SimArm]
+    grippers: Mapping[Side, SimGripper]
+    chassis: SimChassis
+    lift: SimLift | None
+    journal: Journal
+
+
+class Dynamics(Protocol):
+    """Moves the parts."""
+
+    def move(self, now_ns: int, duration_ns: int) -> None:
+        """Let time pass; nothing changes about what the rules ask meanwhile.
+
+        Args:
+            now_ns: Beginning [ns].
+            duration_ns: Length [ns].
+
+        Raises:
+            WorldUnstable: Forces had no solution.
+        """
+        ...
+
+    def begin(self, now_ns: int) -> None:
+        """Go on from now: what took long before anything moved is no lost time.
+
+        Args:
+            now_ns: Now [ns].
+        """
+        ...
+
+    def shed(self, now_ns: int) -> None:
+        """Give up what can no longer be caught up with: for who steps in real time, before each step.
+
+        Args:
+            now_ns: Up to when the next step will go [ns].
+        """
+        ...
+
+    def pace(self) -> dict[str, object] | None:
+        """Return how its own time passes, JSON-able; None where it has none."""
+        ...
+
+    def positions(self) -> list[float] | None:
+        """Return where everything is, for who draws the scene; None where there is none."""
+        ...
+
+    def report(self) -> dict[str, object] | None:
+        """Return what there is to tell beyond the parts, JSON-able; None for nothing."""
+        ...
+
+
+class FirstOrder:
+    """Every part moves by its own exact solution, whatever the length of the step."""
+
+    def __init__(self, parts: Parts) -> None:
+        self._parts = parts
+
+    def move(self, now_ns: int, duration_ns: int) -> None:
+        """Let time pass."""
+        parts = self._parts
+        for side in Side:
+            parts.arms[side].move(duration_ns)
+            parts.grippers[side].move(duration_ns)
+        parts.chassis.move(duration_ns)
+        if parts.lift is not None:
+            parts.lift.move_to(now_ns + duration_ns)
+
+    def begin(self, now_ns: int) -> None:
+        """Nothing is ever lost."""
+
+    def shed(self, now_ns: int) -> None:
+        """Nothing is ever too late: a long step costs what a short one does."""
+
+    def pace(self) -> None:
+        """It has no time of its own."""
+
+    def positions(self) -> None:
+        """There is no scene."""
+
+    def report(self) -> None:
+        """There is nothing beyond the parts."""
+
+
+def dynamics_of(settings: SimSettings, parts: Parts, start_ns: int) -> Dynamics:
+    """Return the dynamics that the settings ask for.
+
+    Args:
+        settings: What to simulate.
+        parts: What moves.
+        start_ns: Now [ns].
+
+    Raises:
+        PhysicsMissing: MuJoCo is asked for and not installed.
+    """
+    if settings.physics == "kinematic":
+        return FirstOrder(parts)
+    try:
+        from gateway.sim.physics.bodies import Bodies  # MuJoCo: only who asks for it has it
+    except ModuleNotFoundError as error:
+        if error.name != "mujoco":
+            raise
+        raise PhysicsMissing(
+            "physics 'mujoco' needs MuJoCo, which is not installed: pip install 'teleavatar-gateway[sim]', "
+            "in a checkout .venv/bin/pip install -e '.[sim]'"
+        ) from error
+    return Bodies(parts, start_ns)

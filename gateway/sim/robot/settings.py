@@ -1,0 +1,149 @@
+"""What can be chosen about a simulated robot: model, modes, enabled parts, dynamics, noise, clock.
+
+Everything has a default that makes a healthy standard robot in API mode with both arms enabled in joint mode.
+"""
+
+from __future__ import annotations
+
+import re
+from argparse import Namespace
+from dataclasses import dataclass
+from typing import Final
+
+from gateway.sim.robot.manual import DOF, MS, ArmMode, S, Side
+
+__all__ = ["HANGING_RAD", "PHYSICS", "SimSettings", "settings_of"]
+
+PHYSICS: Final = ("kinematic", "mujoco")
+"""How a robot can move: as lags and speeds, or with forces; the first is the default."""
+
+HANGING_RAD: Final = {
+    Side.LEFT: (0.05, 1.35, -0.08, 0.55, 0.10, 0.06, -0.05),
+    Side.RIGHT: (-0.05, -1.35, 0.08, -0.55, -0.10, -0.06, 0.05),
+}
+"""Where the arms hang when the robot starts [rad] (choice): inside §4.13, hands beside and a little before the hips.
+
+The right arm is the mirror image of the left: every joint angle negated.
+"""
+
+_NAMESPACE: Final = re.compile(r"/?[A-Za-z0-9_]+(/[A-Za-z0-9_]+)*")
+_MODELS: Final = ("lite", "standard", "lift")
+_MODES: Final = {"joint": ArmMode.JOINT, "pose": ArmMode.POSE}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SimSettings:
+    """Settings of a simulated robot.
+
+    Attributes:
+        model: `lite`, `standard` or `lift` (§1.2); only `lift` has `/api/servo/cmd`.
+        left_mode: `joint` or `pose`, the left arm's control mode (§2.3).
+        right_mode: The same of the right arm.
+        api_mode: API mode; False is VR mode (§2.3).
+        enable_left_arm: Whether the left arm is enabled in the configuration (§2.3).
+        enable_right_arm: The same of the right arm.
+        enable_chassis: The same of the chassis.
+        enable_lift_servo: The same of the lift; without effect on models that have none.
+        enable_collision_check: Only reported in `/api/current_mode`.
+        namespace: Of its bridge: put before every topic's key on the wire; empty for none.
+        seed: Seed of the measurement noise.
+        lag_s: Time constant of an arm following its target [s] (choice; §6.1 must arrive before the 0.15 s are over).
+        brake_s: Time constant with which an arm comes to rest under a zero-velocity command [s] (choice).
+        sag_rad: Offset of the left arm below its target under gravity, per joint [rad] (choice); mirrored on the right.
+        creep_radps: How fast an arm without position hold sinks, along `sag_rad`'s signs [rad/s] (choice, §4.10).
+        noise_rad: Standard deviation of the measured positions [rad].
+        noise_radps: Standard deviation of the measured velocities [rad/s].
+        state_period_ns: Period of the 200 Hz topics; longer ones make long runs in virtual time cheaper [ns].
+        clock_offset_ns: The robot's clock minus the time it is stepped with [ns]; the two clocks never agree.
+        physics: `kinematic`: each part follows as a lag or at a speed; `mujoco`: as a body with forces, contacts and
+            things on a table (extra `sim`). Then what only the lag needs has no effect: `lag_s`, `brake_s`, `sag_rad`,
+            `creep_radps`.
+        left_object_rad: Motor angle at which the left gripper meets an object; None when empty [rad].
+        right_object_rad: The same of the right gripper.
+        grip_survives_pause: Whether the gripper keeps its torque in PAUSE while the arm's stream goes on. §4.4 ties the
+            torque to that stream only, so the default is True; False is the careful reading of §4.1.
+    """
+
+    model: str = "standard"
+    left_mode: str = "joint"
+    right_mode: str = "joint"
+    api_mode: bool = True
+    enable_left_arm: bool = True
+    enable_right_arm: bool = True
+    enable_chassis: bool = True
+    enable_lift_servo: bool = True
+    enable_collision_check: bool = True
+    namespace: str = ""
+    seed: int = 0
+    lag_s: float = 0.04
+    brake_s: float = 0.02
+    sag_rad: tuple[float, ...] = (-0.003, 0.002, -0.0005, -0.002, 0.0003, 0.0003, 0.0002)
+    creep_radps: float = 0.0
+    noise_rad: float = 2e-4
+    noise_radps: float = 2e-3
+    state_period_ns: int = 5 * MS
+    clock_offset_ns: int = 1_790_000_000 * S + 123_456_789
+    physics: str = "kinematic"
+    left_object_rad: float | None = None
+    right_object_rad: float | None = None
+    grip_survives_pause: bool = True
+
+    def __post_init__(self) -> None:
+        """Refuse names and numbers that mean nothing."""
+        if self.model not in _MODELS:
+            raise ValueError(f"model {self.model!r} is not one of {', '.join(_MODELS)}")
+        if self.physics not in PHYSICS:
+            raise ValueError(f"physics {self.physics!r} is not one of {', '.join(PHYSICS)}")
+        for name in ("left_mode", "right_mode"):
+            if getattr(self, name) not in _MODES:
+                raise ValueError(f"{name} {getattr(self, name)!r} is not one of {', '.join(_MODES)}")
+        if self.namespace and _NAMESPACE.fullmatch(self.namespace) is None:
+            raise ValueError(f"namespace {self.namespace!r} is not made of words of letters, digits and _, joined by /")
+        if len(self.sag_rad) != DOF:
+            raise ValueError(f"sag_rad has {len(self.sag_rad)} values, an arm has {DOF} joints")
+        if not (0.0 < self.lag_s <= 0.05 and 0.0 < self.brake_s <= 0.05):
+            raise ValueError(f"lag_s {self.lag_s} and brake_s {self.brake_s} must lie in (0, 0.05] s")
+        if self.state_period_ns < MS:
+            raise ValueError(f"state_period_ns {self.state_period_ns} is below 1 ms")
+
+    @property
+    def has_lift(self) -> bool:
+        """Whether this model has a lift (§1.2)."""
+        return self.model == "lift"
+
+    def arm_mode(self, side: Side) -> ArmMode:
+        """Return the configured control mode of an arm."""
+        return _MODES[self.left_mode if side is Side.LEFT else self.right_mode]
+
+    def arm_enabled(self, side: Side) -> bool:
+        """Return whether an arm is enabled in the configuration."""
+        return self.enable_left_arm if side is Side.LEFT else self.enable_right_arm
+
+    def object_rad(self, side: Side) -> float | None:
+        """Return the motor angle at which a gripper meets an object, if there is one [rad]."""
+        return self.left_object_rad if side is Side.LEFT else self.right_object_rad
+
+    def sag(self, side: Side) -> tuple[float, ...]:
+        """Return the gravity offset of an arm, per joint [rad]."""
+        return self.sag_rad if side is Side.LEFT else tuple(-value for value in self.sag_rad)
+
+
+def settings_of(options: Namespace) -> SimSettings:
+    """Return the settings that the command line asks for.
+
+    Args:
+        options: With model, mode, left_mode, right_mode, namespace, seed, physics and disable (names of disabled
+            parts).
+    """
+    return SimSettings(
+        model=options.model,
+        left_mode=options.left_mode or options.mode,
+        right_mode=options.right_mode or options.mode,
+        namespace=options.namespace,
+        seed=options.seed,
+        physics=options.physics,
+        enable_left_arm="left_arm" not in options.disable,
+        enable_right_arm="right_arm" not in options.disable,
+        enable_chassis="chassis" not in options.disable,
+        enable_lift_servo="lift_servo" not in options.disable,
+    )
