@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from gateway.api.in_memory import MemoryPlane
 from gateway.api.translate import describe
-from gateway.client.connection.in_memory import MemoryTransport
 from gateway.settings import ChassisSettings, LinkSettings, LocalSettings, Settings
 from gateway.sim.robot.settings import SimSettings
+from tests.memory_plane import MemoryPlane
+from tests.memory_transport import MemoryTransport
 from tests.pair import MS, Pair
 
 __all__ = ["RobotWorld"]

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from gateway.api.in_memory import MemoryPlane
 from gateway.api.translate import describe
-from gateway.client.connection.in_memory import MemoryTransport
 from gateway.settings import Settings
 from tests.api.stand_in import TICK_NS, ScriptedEngine
+from tests.memory_plane import MemoryPlane
+from tests.memory_transport import MemoryTransport
 
 
 class World:

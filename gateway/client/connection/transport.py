@@ -1,4 +1,4 @@
-"""What a client needs from the outside: bytes to and from a daemon, and time. `over_zenoh` and `in_memory` provide it.
+"""What a client needs from the outside: bytes to and from a daemon, and time. `over_zenoh` provides it, tests have another.
 
 Rules
     * Callbacks of the receiver may come from any thread, and may come before the call that caused them returns.

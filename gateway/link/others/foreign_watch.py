@@ -244,9 +244,6 @@ class ForeignWatch:
             for (topic, zid), count in found.items()
         ]
 
-    def _is_writer(self, kind: TokenKind, key: str) -> bool:
-        return kind is TokenKind.MP and key in self._commands
-
     def _plain_publishers(self, tokens: Iterable[Token]) -> frozenset[tuple[str, str]]:
         """Return who declared a publisher and is no bridge."""
         bridges = {token.zid for token in tokens if token.kind is TokenKind.PRESENCE}

@@ -1,6 +1,6 @@
 """The transport without a network: a client and an engine in one thread, in the engine's time. For tests.
 
-The other half is `gateway.api.in_memory.MemoryPlane`, known here by its shape only. Waiting pumps: each wait calls
+The other half is `tests.memory_plane.MemoryPlane`, known here by its shape only. Waiting pumps: each wait calls
 `pump`, which runs the engine for one tick and moves its clock, so that a blocking client needs no second thread.
 """
 

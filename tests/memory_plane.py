@@ -1,7 +1,7 @@
 """The local plane without a network: joins clients and an engine inside one thread, for tests in virtual time.
 
 The same inbox and outbox as behind the sockets, without the threads: a question is read when it is asked, a reply is
-delivered when it is sent. `gateway.client.connection.in_memory` is the other half; it knows this class by its shape only.
+delivered when it is sent. `tests.memory_transport` is the other half; it knows this class by its shape only.
 """
 
 from __future__ import annotations
