@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 import fcntl
 import os
-import pty
 import select
 import shutil
 import struct
@@ -52,19 +51,26 @@ def offered_by_fish(script: Path, line: str) -> set[str]:
 
 def offered_by_zsh(script: Path, line: str) -> set[str]:
     """Return the words on the screen after zsh was asked for a list."""
-    child, terminal = pty.fork()
-    if child == 0:
-        os.chdir(script.parent)
-        os.execvpe("zsh", ["zsh", "-f", "-i"], {**os.environ, "TERM": "dumb", "HOME": str(script.parent)})
+    terminal, inside = os.openpty()
+    fcntl.ioctl(terminal, termios.TIOCSWINSZ, struct.pack("HHHH", 200, 200, 0, 0))
+    zsh = subprocess.Popen(
+        ["zsh", "-f", "-i"],
+        cwd=script.parent,
+        env={**os.environ, "TERM": "dumb"},
+        stdin=inside,
+        stdout=inside,
+        stderr=inside,
+        start_new_session=True,
+    )
+    os.close(inside)
     try:
-        fcntl.ioctl(terminal, termios.TIOCSWINSZ, struct.pack("HHHH", 200, 200, 0, 0))
         os.write(terminal, ZSH.encode())
         _read_until(terminal, "READY ")
         os.write(terminal, (line + CTRL_D + CTRL_U + "print DO''NE\n").encode())
         screen = _read_until(terminal, "DONE\r\n")
     finally:
-        os.kill(child, 9)
-        os.waitpid(child, 0)
+        zsh.kill()
+        zsh.wait()
         os.close(terminal)
     return set(screen.rpartition(line)[0].split())
 

@@ -44,7 +44,7 @@ class Installed:
         command = [str(self._home / "bin/ta2"), *words]
         if without:
             hide = f"import sys; sys.modules[{without!r}] = None; from gateway.cli import main; sys.exit(main())"
-            command = [str(self.python), "-c", hide, *words]
+            command = [str(self.python), "-I", "-c", hide, *words]
         return subprocess.run(
             command, cwd=self.folder, env=self._environment, capture_output=True, text=True, timeout=120, check=False
         )
