@@ -258,8 +258,7 @@ def _move(options: Namespace) -> int:
     errand = _errand(options)
     if options.command == "home":
         return carry_out(errand, home(manner))
-    sides = {"left": options.left, "right": options.right}
-    named = {side: values for side, values in sides.items() if values is not None}
+    named = {side: values for side in ("left", "right") if (values := getattr(options, side)) is not None}
     if options.command == "move-pose":
         return carry_out(errand, to_poses(manner, named))
     return carry_out(errand, to_joints(manner, named, is_offset=options.by))
@@ -316,6 +315,18 @@ def _example(options: Namespace) -> int:
     if options.show:
         return examples.show_example(options.number)
     return examples.run_example(options.number, options.target, asks=not options.yes)
+
+
+def _demo(options: Namespace) -> int:
+    from gateway.apps.demo import demonstrate
+
+    return demonstrate(options.speed, options.plot, options.seed)
+
+
+def _completion(options: Namespace) -> int:
+    from gateway.apps.completion import print_script
+
+    return print_script(options.shell)
 
 
 def _video(options: Namespace) -> int:
@@ -375,6 +386,8 @@ COMMANDS: Mapping[str, Callable[[Namespace], int]] = {
     "lift": _ground,
     "video": _video,
     "example": _example,
+    "demo": _demo,
+    "completion": _completion,
     "stop": _stop,
     "estop": _stop,
     "stop-endpoint": _stop_endpoint,

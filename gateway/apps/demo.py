@@ -1,4 +1,4 @@
-"""The whole path on one machine: a simulated robot, the daemon, and a client that moves both arms. `bin/demo`.
+"""`ta2 demo`: the whole path on one machine: a simulated robot, the daemon, and a client that moves both arms.
 
 Starts `ta2 sim` and `ta2 run` as processes of their own, moves both arms to the initial position of manual §6.6 through
 waypoints and back to where they hung, and tells what the robot saw: velocity and acceleration against the limits, final
@@ -10,7 +10,6 @@ through the control channel that no real robot has.
 
 from __future__ import annotations
 
-import argparse
 import json
 import os
 import socket
@@ -22,7 +21,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import zenoh
@@ -31,13 +30,16 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
-from gateway.apps.demo_plot import Recording, write_plot
+from gateway.apps.terminal.ending import ExitStatus
 from gateway.client import Control, MotionHandle, Robot, connect
-from gateway.errors import Disconnected, GatewayError
+from gateway.errors import Code, Disconnected, GatewayError, Refusal, to_exception
 from gateway.robot import HOME_Q_RAD
 from gateway.values import Side
 
-__all__ = ["main"]
+if TYPE_CHECKING:
+    from gateway.apps.demo_plot import Recording
+
+__all__ = ["demonstrate"]
 
 FINAL_ERROR_RAD = 0.05
 """How near both arms must come to their goals [rad] (manual §6.6)."""
@@ -88,6 +90,7 @@ def _process(name: str, arguments: Sequence[str], log: Path, environment: Mappin
             stdin=subprocess.DEVNULL,
             stdout=stream,
             stderr=subprocess.STDOUT,
+            cwd=log.parent,  # `-m` looks there first: a folder `gateway` of the user's must not be taken for this package
             env=dict(environment),
             start_new_session=True,  # Ctrl-C in the demo must not reach them: they end in order
         )
@@ -246,43 +249,61 @@ def _show(findings: Sequence[Finding], console: Console) -> None:
     console.print(table)
 
 
-def _arguments(arguments: Sequence[str] | None) -> argparse.Namespace:
-    parser = argparse.ArgumentParser(
-        prog="bin/demo",
-        description="Start a simulated robot and the gateway, move both arms to the initial position and back, and report.",
-    )
-    parser.add_argument("--speed", type=float, default=0.8, help="factor on the velocity limit (default 0.8)")
-    parser.add_argument("--plot", type=Path, default=Path("out/demo.png"), help="where the plot goes: .png or .svg")
-    parser.add_argument("--seed", type=int, default=0, help="seed of the simulated robot's noise")
-    return parser.parse_args(arguments)
+def demonstrate(speed: float, plot: Path, seed: int) -> int:
+    """Run the demo; return the exit status.
 
+    Args:
+        speed: Factor on the velocity limit, above 0 and up to 1.
+        plot: Where the plot goes: .png or .svg.
+        seed: Of the simulated robot's noise.
 
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the demo; return the exit status."""
-    options = _arguments(arguments)
+    Raises:
+        GatewayError: BAD_REQUEST: the plot cannot be drawn, which is said before anything starts; or whatever the gateway
+            refused.
+    """
+    plot = plot.absolute()
+    recording = _recording(plot)
+    from gateway.apps.demo_plot import write_plot
+
     console = Console()
     with tempfile.TemporaryDirectory(prefix="ta2-demo-") as folder:
         try:
-            findings = _run(options, Path(folder), console)
-        except GatewayError as error:
-            console.print(f"[bold red]the demo failed[/] {error}", soft_wrap=True)
-            return 1
+            findings = _run(speed, seed, recording, Path(folder), console)
         except KeyboardInterrupt:
             console.print("interrupted: the daemon brakes the arms and pauses the robot")
-            return 130
+            raise
+    write_plot(recording, plot)
+    console.print(f"plot of commanded and measured joints: {plot}", soft_wrap=True)
     _show(findings, console)
     is_good = all(finding.good for finding in findings)
     console.print("[bold green]all good[/]" if is_good else "[bold red]something is not as it should be[/]")
-    return 0 if is_good else 1
+    return ExitStatus.OK if is_good else ExitStatus.REFUSED
 
 
-def _run(options: argparse.Namespace, folder: Path, console: Console) -> list[Finding]:
+def _recording(plot: Path) -> Recording:
+    """Return an empty recording that can be drawn there."""
+    try:
+        from gateway.apps.demo_plot import Recording
+    except ImportError:
+        raise _no_plot("matplotlib is not installed", "pip install 'teleavatar-gateway[demo]'") from None
+    try:
+        plot.parent.mkdir(parents=True, exist_ok=True)
+        tempfile.TemporaryFile(dir=plot.parent).close()
+    except OSError as error:
+        raise _no_plot(f"{plot}: {error.strerror or error}", "name another place: --plot FILE") from None
+    return Recording()
+
+
+def _no_plot(message: str, hint: str) -> GatewayError:
+    return to_exception(Refusal(code=Code.BAD_REQUEST, message=f"no plot: {message}", field="plot", hint=hint))
+
+
+def _run(speed: float, seed: int, recording: Recording, folder: Path, console: Console) -> list[Finding]:
     endpoint = f"tcp/127.0.0.1:{_free_port()}"
     target = str(folder / "gateway.sock")
     environment = {**os.environ, "TA2_STATE_DIR": str(folder / "state")}
-    sim = ["sim", "--listen", endpoint, "--seed", str(options.seed)]
+    sim = ["sim", "--listen", endpoint, "--seed", str(seed)]
     daemon = ["run", "--robot", endpoint, "--socket", target]
-    recording = Recording()
     console.print(f"simulated robot at {endpoint}, gateway at {target}", soft_wrap=True)
     with _process("the simulated robot", sim, folder / "sim.log", environment):
         with _process("the gateway", daemon, folder / "run.log", environment):
@@ -290,15 +311,12 @@ def _run(options: argparse.Namespace, folder: Path, console: Console) -> list[Fi
                 with robot.control() as own:
                     own.enable(timeout=12.0)
                     console.print(
-                        f"enabled: FSM {robot.state.fsm_name}; both arms move at {options.speed:g} of the velocity limit"
+                        f"enabled: FSM {robot.state.fsm_name}; both arms move at {speed:g} of the velocity limit"
                     )
-                    error_rad = _perform(robot, own, options.speed, recording, console)
+                    error_rad = _perform(robot, own, speed, recording, console)
                     stats = _sim_stats(endpoint)
                     findings = _findings(stats, robot, error_rad)
                 findings.append(_paused(robot))
-    plot = options.plot.absolute()
-    write_plot(recording, plot)
-    console.print(f"plot of commanded and measured joints: {plot}", soft_wrap=True)
     return findings
 
 
@@ -309,7 +327,3 @@ def _paused(robot: Robot) -> Finding:
         if state.fsm == 0 or time.monotonic() > deadline:
             break
     return Finding(name="robot at the end", value=f"FSM {state.fsm_name}", bound="FSM PAUSE", good=state.fsm == 0)
-
-
-if __name__ == "__main__":
-    sys.exit(main())

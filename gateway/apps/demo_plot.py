@@ -42,9 +42,8 @@ def write_plot(recording: Recording, path: Path) -> None:
 
     Args:
         recording: At least one row.
-        path: `.png` or `.svg`; the folder is made.
+        path: `.png` or `.svg`, in a folder that is there.
     """
-    path.parent.mkdir(parents=True, exist_ok=True)
     times_s = np.array(recording.times_s) - recording.times_s[0]
     figure, panels = plt.subplots(3, 1, figsize=(11, 9), sharex=True, height_ratios=(3, 3, 1.4), layout="constrained")
     colours = plt.get_cmap("tab10").colors  # type: ignore[attr-defined]  # a listed colour map has them

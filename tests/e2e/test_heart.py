@@ -47,7 +47,7 @@ def test_the_demo_moves_both_arms_there_and_back_and_ends_well(tmp_path: Path) -
     """The main job: `bin/demo` without its set-up; exit status 0 says that every figure of its report is good."""
     plot = tmp_path / "plot.png"
     done = subprocess.run(
-        [sys.executable, "-m", "gateway.apps.demo", "--plot", str(plot)],
+        [sys.executable, "-m", "gateway.cli", "demo", "--plot", str(plot)],
         cwd=ROOT, capture_output=True, text=True, timeout=120, check=False,
     )  # fmt: skip
     assert done.returncode == 0, done.stdout + done.stderr

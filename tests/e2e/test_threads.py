@@ -1,12 +1,14 @@
 """Each thread of daemon, guard, client and simulated robot ends in mid-motion, by a panic: what the robot sees of it.
 
-One robot for all of them: after each daemon the next one takes the hold over, is recovered, and moves on.
+One robot for all of them: after each daemon the next one takes the hold over, is recovered, and moves on. Beside them a
+daemon of which nothing ends, and which answers nobody.
 """
 
 from __future__ import annotations
 
 import contextlib
 import os
+import re
 import signal
 import time
 from collections.abc import Callable
@@ -19,9 +21,10 @@ from gateway.client import Robot
 from gateway.client.asking.guard_stop import stop_at_guard
 from gateway.client.control import Control
 from gateway.errors import Code, GatewayError
+from gateway.guard.api_watch import END_MISSES, PATIENCE_S
 from gateway.values import Side
 from tests.e2e.system import Process, System, joint_topics, steady, wait_for, worst_gap_ms
-from tests.e2e.test_guard import favour, gone
+from tests.e2e.test_guard import MOVER, Scene, favour, gone, is_taken_over
 
 pytestmark = [pytest.mark.e2e, pytest.mark.alone, pytest.mark.sim_only("threads of ours end, whatever the robot is")]
 
@@ -53,6 +56,9 @@ with robot.control(on_loss='hold', take='the next one') as own:
         print('ended:', error.code, error.message, flush=True)
 """
 
+SLOW_MOVER = MOVER.replace("speed=0.6", "speed=0.3")
+"""What a tick covers that comes late on a busy host is no step, then."""
+
 
 class Ending:
     """Ends threads of processes that were started after it was made.
@@ -69,7 +75,7 @@ class Ending:
         patch.setenv("ENDING", str(self._word))
 
     def end(self, pid: int, name: str) -> None:
-        """End a thread, or some; or with `hang` the work of the one that answers stops."""
+        """End a thread, or some; or with `hang` and `deaf` the work of the one that answers stops."""
         self._word.write_text(name)
         os.kill(pid, signal.SIGUSR2)
 
@@ -256,5 +262,52 @@ def test_no_thread_ends_alone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -
         finally:
             moving.leave()
             moving.system.close()
+
+    steady(attempt, tmp_path)
+
+
+def test_a_daemon_that_moves_on_and_answers_nobody_is_ended_by_its_guard(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Not before 15 unanswered questions: arm gaps below 100 ms, no step, the grip kept, a stop answered by the guard."""
+
+    def attempt(folder: Path) -> list[str]:
+        ending = Ending(folder, monkeypatch)
+        scene = Scene(folder, mover=SLOW_MOVER)
+        daemon, guard, broken = scene.system.daemon, scene.guard_pid, []
+        try:
+            begun = time.monotonic()
+            ending.end(daemon.pid, "deaf")
+            wait_for(
+                lambda: f"({END_MISSES - 1})" in daemon.text(), "the last question but one", 4 * END_MISSES * PATIENCE_S
+            )
+            scene.system.control.ask("reset_stats")  # what a busy host does to a motion of 15 s is not the matter here
+            status = daemon.wait()
+            took_s = time.monotonic() - begun
+            before = scene.count()
+            wait_for(lambda: scene.count() > before + 20, "setpoints of the guard", tell=daemon.text)
+            timed("deaf", broken, lambda: stop_at_guard(scene.system.target, "stop", "test", "test"))
+            text = daemon.text()
+            if "has not ticked" in text:
+                return [*broken, "the daemon stood still for 80 ms"]
+            asked = text.partition(": it is ended")[0]
+            missed = [int(number) for number in re.findall(r"did not answer within 1 s \((\d+)\)", asked)]
+            assert status == -signal.SIGKILL and missed[-END_MISSES:] == list(range(1, END_MISSES + 1)), text
+            assert f"has not answered {END_MISSES} questions" in text and took_s > (END_MISSES - 1) * PATIENCE_S
+            assert "the daemon has ended without a word; it was in ACTIVE" in text, text
+            if (gap_ms := scene.gap_ms()) >= 100.0:
+                broken.append(f"arm gap {gap_ms} ms")
+            if scene.system.robot_state()["fsm"] != 2:
+                broken.append("the robot paused")
+            if scene.grip_nm() > -0.5 or scene.system.stats()["counts"].get("GRIPPER_WATCHDOG"):
+                broken.append("the grip was lost")
+            wait_for(lambda: scene.chassis_mps() == 0.0 and scene.system.is_still(), "a robot at rest", 3.0)
+            broken += scene.steps()
+            second = is_taken_over(scene, guard, broken)
+            if second is not None:
+                second.close()
+            return broken
+        finally:
+            scene.close()
 
     steady(attempt, tmp_path)

@@ -108,7 +108,7 @@ def test_a_current_environment_is_used_without_installing(checkout: Path, progra
         timeout=120,
         check=True,
     )
-    assert result.stdout == "-I -m gateway.apps.demo --seed 1\n"
+    assert result.stdout == "-I -m gateway.cli demo --seed 1\n"
     assert result.stderr == ""
 
 

@@ -13,6 +13,7 @@ from typing import Any
 
 from gateway import __version__
 from gateway.apps.cameras.commands import add_video
+from gateway.apps.command_line.first_arguments import add_first
 from gateway.apps.command_line.follow_arguments import add_follow
 from gateway.apps.command_line.frames_arguments import add_frames
 from gateway.apps.command_line.ground_arguments import add_ground, take_velocity
@@ -167,6 +168,7 @@ def _parsers() -> tuple[argparse.ArgumentParser, Mapping[str, argparse.ArgumentP
     add_frames(commands, _client_command)
     add_identify(commands, _client_command)
     _add_example(commands)
+    add_first(commands, _command)
     add_model(_command(commands, "model", "check the numbers of the robot's body, or of a URDF"))
     add_stops(commands, _client_command)
     return top, commands.choices

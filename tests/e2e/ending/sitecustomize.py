@@ -2,8 +2,8 @@
 
 On SIGUSR2 each thread whose name stands in the file `ENDING` gets an exception that is none of Python's own errors, as a
 panic of a compiled part is. Where nothing stands there the names of all threads are written down; for `hang` whoever
-answers stops does so no more. The exception can only come between two instructions of Python: waits without an end are
-waited in slices here, so that it does.
+answers stops does so no more, and for `deaf` the daemon does not hear from its guard that this is so, either. The exception
+can only come between two instructions of Python: waits without an end are waited in slices here, so that it does.
 """
 
 from __future__ import annotations
@@ -50,6 +50,10 @@ def _hang(self, timeout_s):
     threading.Event().wait()
 
 
+def _hear_nothing(self, now_ns):
+    return []
+
+
 def _end(number, frame):
     with open(os.environ["ENDING"], encoding="utf-8") as file:
         wanted = file.read().strip()
@@ -57,10 +61,13 @@ def _end(number, frame):
     if not wanted:
         with open(f"{os.environ['ENDING']}.{os.getpid()}", "w", encoding="utf-8") as file:
             file.write("".join(f"{name}\n" for name in threads))
-    elif wanted == "hang":
+    elif wanted in ("hang", "deaf"):
         from gateway.api.stop_lane import StopLane
+        from gateway.guard.keeper import Keeper
 
         StopLane.deliver = _hang
+        if wanted == "deaf":
+            Keeper.poll = _hear_nothing
     else:
         for name in wanted.split():
             ident = ctypes.c_ulong(threads[name].ident)
