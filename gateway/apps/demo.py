@@ -33,6 +33,7 @@ from rich.table import Table
 from gateway.apps.terminal.ending import ExitStatus
 from gateway.client import Control, MotionHandle, Robot, connect
 from gateway.errors import Code, Disconnected, GatewayError, Refusal, to_exception
+from gateway.process.own_module import own_module
 from gateway.robot import HOME_Q_RAD
 from gateway.values import Side
 
@@ -86,11 +87,10 @@ def _process(name: str, arguments: Sequence[str], log: Path, environment: Mappin
     """Run `ta2` with arguments; end it by SIGTERM and see that it ends."""
     with log.open("w") as stream:
         process = subprocess.Popen(
-            [sys.executable, "-m", "gateway.cli", *arguments],
+            own_module("gateway.cli", *arguments),
             stdin=subprocess.DEVNULL,
             stdout=stream,
             stderr=subprocess.STDOUT,
-            cwd=log.parent,  # `-m` looks there first: a folder `gateway` of the user's must not be taken for this package
             env=dict(environment),
             start_new_session=True,  # Ctrl-C in the demo must not reach them: they end in order
         )

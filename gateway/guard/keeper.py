@@ -16,13 +16,13 @@ import logging
 import os
 import pickle
 import subprocess
-import sys
 import threading
 import time
 
 from gateway.core.messages.events import Event, GuardSeen, PartEnded
 from gateway.core.messages.held import Held
 from gateway.guard.blackboard import Blackboard
+from gateway.process.own_module import own_module
 from gateway.settings import Settings
 from gateway.threads import supervised
 
@@ -146,7 +146,7 @@ class Keeper:
         numbers = [str(number) for number in (self._board.descriptor, self._life, self._daemon)]
         try:
             process = subprocess.Popen(
-                [sys.executable, "-m", "gateway.guard.guard", *numbers],
+                own_module("gateway.guard.guard", *numbers),
                 stdin=subprocess.PIPE,
                 pass_fds=files,
                 start_new_session=True,

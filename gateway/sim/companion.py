@@ -9,9 +9,10 @@ import contextlib
 import os
 import signal
 import subprocess
-import sys
 from collections.abc import Callable, Iterator, Sequence
 from types import TracebackType
+
+from gateway.process.own_module import own_module
 
 __all__ = ["Companion", "until_told"]
 
@@ -20,13 +21,13 @@ class Companion:
     """A program beside this one, from `with` to its end.
 
     Args:
-        module: Of Python, to be run; it takes `--parent`.
+        module: Of this package, to be run; it takes `--parent`.
         words: Its command line.
         patience_s: So long its orderly end is waited for [s]; then it is killed.
     """
 
     def __init__(self, module: str, words: Sequence[str], patience_s: float) -> None:
-        self._command = [sys.executable, "-m", module, *words, "--parent", str(os.getpid())]
+        self._command = own_module(module, *words, "--parent", str(os.getpid()))
         self._patience_s = patience_s
         self._process: subprocess.Popen[bytes] | None = None
 

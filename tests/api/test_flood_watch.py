@@ -234,7 +234,9 @@ def test_busy_threads_leave_real_time_and_come_back(scheduler):
     assert scheduler == before, "a robot's usual load"
     ordinary.judge(now_ns + 200 * MS, used_ns + 110 * MS)
     assert scheduler == {loop: (os.SCHED_FIFO, 60), 7: (os.SCHED_OTHER, 0), 8: (os.SCHED_OTHER, 0)}
-    assert nices == {7: -5, 8: -5}, "before others, but the owner's program on the same core still runs: at -20 it did not"
+    assert nices == {7: -5, 8: -5}, (
+        "before others, but the owner's program on the same core still runs: at -20 it did not"
+    )
     scheduler[7] = (os.SCHED_FIFO, 40)  # a new link has raised it again
     ordinary.judge(now_ns + 300 * MS, used_ns + 200 * MS)
     assert scheduler[7] == (os.SCHED_OTHER, 0)
