@@ -26,6 +26,9 @@ __all__ = ["GENERATED", "PAGES", "loads_elsewhere", "on_files", "on_page_markdow
 ROOT = Path(__file__).resolve().parents[3]
 LOG = logging.getLogger("mkdocs.plugins.gateway")
 
+OUTPUT = "<!-- output -->\n```text"
+"""How a block begins that shows what the one before it prints (`tests/e2e/pages.py`)."""
+
 GENERATED: dict[str, Callable[[], str]] = {
     "reference/client.md": client_page.page,
     "reference/commands.md": commands_page.page,
@@ -62,11 +65,12 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
 
 
 def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Files) -> str:
-    """Let links lead to pages, and what is folded be Markdown too."""
+    """Let links lead to pages, what is folded be Markdown too, and what a block prints look like that."""
     uri = page.file.src_uri
     if uri == "index.md":
         page.meta["hide"] = ["navigation"]  # it would list this page alone
-    return with_links(markdown, uri).replace("<details>", '<details markdown="1">')
+    markdown = markdown.replace("<details>", '<details markdown="1">')
+    return with_links(markdown.replace(OUTPUT, "``` {.text .output}"), uri)
 
 
 def with_links(markdown: str, uri: str) -> str:
