@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from typing import Any, get_args
 
 import msgspec
@@ -16,7 +17,7 @@ from tests.tooling.site.markdown import attributes, cell, prose, table
 
 __all__ = ["page"]
 
-SHORT = {"integer": "whole number", "number": "number", "string": "text", "boolean": "true, false", "null": "null"}
+SHORT = {"integer": "whole number", "number": "number", "string": "text", "boolean": "true or false", "null": "null"}
 
 EXAMPLE = Command(
     version=protocol.PROTOCOL_VERSION,
@@ -117,10 +118,14 @@ def _shown(schema: dict[str, Any], components: dict[str, Any]) -> str:
     if "enum" in schema:
         return " or ".join(f"`{msgspec.json.encode(value).decode()}`" for value in schema["enum"])
     if schema.get("type") == "array":
-        return f"list of {_shown(schema.get('items') or {}, components)}"
+        return f"list of {_many(_shown(schema.get('items') or {}, components))}"
     if schema.get("type") == "object":
-        return f"object of {_shown(schema.get('additionalProperties') or {}, components)}"
+        return f"object of {_many(_shown(schema.get('additionalProperties') or {}, components))}"
     return SHORT.get(schema.get("type", ""), "anything")
+
+
+def _many(shown: str) -> str:
+    return re.sub(r"^(whole number|number|text|list|object)\b", r"\1s", shown)
 
 
 def _anchor(target: dict[str, Any], name: str) -> str:
