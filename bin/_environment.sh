@@ -1,8 +1,8 @@
 # shellcheck shell=bash
 # Virtual environments for the commands beside this file. To be sourced; ROOT is the checkout.
 #
-#   environment NAME EXTRA [PYTHON]   makes ROOT/NAME, installs this checkout with EXTRA (base, demo, body, test or dev) and
-#                                     sets ENV_PYTHON. Does nothing when a stamp says that it is up to date.
+#   environment NAME EXTRA [PYTHON]   makes ROOT/NAME, installs this checkout with EXTRA (base, demo, body, test, docs or dev)
+#                                     and sets ENV_PYTHON. Does nothing when a stamp says that it is up to date.
 #   optional_packages NAME EXTRA      adds EXTRA if it can be had, says so and goes on if not.
 #   find_python VERSION               sets FOUND_PYTHON to an interpreter of that minor version that really runs,
 #                                     or FOUND_PYTHON="" and NOT_FOUND to the reason.

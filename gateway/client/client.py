@@ -66,7 +66,7 @@ def connect(
 
     Args:
         target: `unix:/path`, a bare path, `tcp/HOST:PORT` or `tls/HOST:PORT`; None finds the socket by itself
-            (`TA2_SOCKET`, this user's runtime directory, /tmp/ta2-<uid>, /run/ta2).
+            (`TA2_SOCKET`, this user's runtime directory, `/tmp/ta2-<uid>`, `/run/ta2`).
         name: How others see this client; by default the name of the program.
         timeout_s: How long to wait for the daemon [s].
         credentials: User, password and certificates, where the daemon asks for them.
@@ -327,7 +327,7 @@ class Robot:
         While it is registered and not heard, nothing moves, whoever owns the robot.
 
         Args:
-            timeout: Its period, [0.1, 10] [s]: it is silent when it was not heard for longer.
+            timeout: Its period [s], 0.1 to 10: it is silent when it was not heard for longer.
             on_silence: `hold` brakes and holds with the grip kept; `pause` pauses the robot (the grip is lost).
 
         Raises:
