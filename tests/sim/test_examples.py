@@ -198,7 +198,10 @@ def test_examples_in_joint_mode_over_the_wire():
                 arms = control.ask("state")["arms"]
                 for side in Side:
                     assert arms[side.value]["q_rad"] == pytest.approx(drivers.TARGET_64[side], abs=0.02)
+            held = [arm["q_rad"] for arm in control.ask("state")["arms"].values()]
             user.play(drivers.GripInJointMode(), 1.5)
+            now = [arm["q_rad"] for arm in control.ask("state")["arms"].values()]
+            assert np.max(np.abs(np.subtract(now, held))) < 0.05
             assert all(g["angle_rad"] == 1.0 for g in control.ask("state")["grippers"].values())
             user.play(drivers.DriveChassis(), 5.0)
             until(lambda: control.ask("state")["chassis"]["velocity"] == [0.0, 0.0, 0.0])
