@@ -49,6 +49,9 @@ S = 1_000_000_000
 START_NS = 1_000 * S
 KEEPALIVE_NS = 50 * MS
 TICK_NS = 10 * MS
+COMPLIANCE_RADPNM = 1e-3
+"""A harder robot than `ta2 sim`: its arms hang up to 3 mrad below their setpoints, so whoever takes the measured state for a
+setpoint lets them sink."""
 
 
 class Pair:
@@ -74,7 +77,9 @@ class Pair:
         self.settings = settings or Settings()
         self.model = model
         self.engine = Engine(self.settings, remembered, model)
-        self.robot = SimRobot(sim or SimSettings(state_period_ns=10 * MS), START_NS)
+        self.robot = SimRobot(
+            sim or SimSettings(state_period_ns=10 * MS, compliance_radpnm=COMPLIANCE_RADPNM), START_NS
+        )
         self.now_ns = START_NS
         self.frames: list[tuple[int, Frame]] = []
         """Everything that left the engine, with its time."""

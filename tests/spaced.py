@@ -8,7 +8,7 @@ from gateway.settings import ArmSettings, LocalSettings, ModelSettings, Settings
 from gateway.sim.robot.settings import SimSettings
 from gateway.values import ArmState, Side, Vector
 from tests.kinematics.guarded_arms import model
-from tests.pair import MS, Pair
+from tests.pair import Pair
 
 __all__ = ["SpacedPair"]
 
@@ -42,7 +42,7 @@ class SpacedPair(Pair):
             local=LocalSettings(snapshot_hz=10.0),
             model=ModelSettings(check=has_model, self_collision=asked),
         )
-        super().__init__(settings, sim or SimSettings(state_period_ns=10 * MS), model=body_model(settings))
+        super().__init__(settings, sim, model=body_model(settings))
         self.topics = TOPICS
         self.epoch = self.activate()
         self.streams: dict[Side, int] = {}

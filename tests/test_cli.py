@@ -94,6 +94,7 @@ def test_negative_numbers_are_numbers_in_every_notation():
     options = parse(["move", "--right", "-0.1,-0.2,-3.", "[-4.", "-1e-2]", "-.6,", "7"])
     assert options.right == (-0.1, -0.2, -3.0, -4.0, -0.01, -0.6, 7.0)
     assert parse(["sim", "--seed", "-3"]).seed == -3
+    assert parse(["sim", "--clock-offset-s", "-1.5e-2"]).clock_offset_s == -0.015
 
 
 @pytest.mark.parametrize(
@@ -116,6 +117,8 @@ def test_negative_numbers_are_numbers_in_every_notation():
         ["config"],
         ["config", "--show", "--check", "x"],
         ["sim", "--model", "mini"],
+        ["sim", "--clock-offset-s", "inf"],
+        ["sim", "--clock-drift-ppm", "2000"],
         ["run", "--model", "mini"],
         ["sim", "fault"],
     ],

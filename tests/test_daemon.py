@@ -188,7 +188,7 @@ def test_one_source_may_speak_twenty_times_a_second() -> None:
 
 
 def test_a_wall_clock_that_is_set_back_silences_nobody() -> None:
-    """BEHAVIOUR, wall clock jumps: nothing. Also not the log, for as long as the jump was."""
+    """BEHAVIOUR, a wall clock jumps: nothing. Also not the log, for as long as the jump was."""
     now = [100.0]
     limit = RateLimit(clock=lambda: now[0])
     for n in range(25):

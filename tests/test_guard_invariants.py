@@ -18,7 +18,7 @@ from gateway.settings import LocalSettings, Settings
 from gateway.sim.robot.settings import SimSettings
 from gateway.values import FsmState, Side
 from tests.guarded import Guarded
-from tests.pair import MS, S
+from tests.pair import COMPLIANCE_RADPNM, MS, S
 from tests.test_invariants import LEAN, Trace, motions, traces
 from tests.thoroughness import either
 
@@ -28,7 +28,10 @@ pytestmark = pytest.mark.slow
 def guarded(poses: tuple[Side, ...] = ()) -> tuple[Guarded, Trace]:
     """A guarded pair that carries only what matters here, ACTIVE, and who plays with it; some arms in end-effector mode."""
     modes = {f"{side}_mode": "pose" for side in poses}
-    pair = Guarded(Settings(local=LocalSettings(snapshot_hz=1.0)), SimSettings(state_period_ns=10 * MS, **modes))
+    pair = Guarded(
+        Settings(local=LocalSettings(snapshot_hz=1.0)),
+        SimSettings(state_period_ns=10 * MS, **modes, compliance_radpnm=COMPLIANCE_RADPNM),
+    )
     pair.topics = (*LEAN, *map(robot.ee_pose, poses))
     player = Trace(pair, poses)
     pair.on_succession = lambda: player.monitor.latches.clear()

@@ -56,7 +56,7 @@ from gateway.sim.robot.settings import SimSettings
 from gateway.values import Side, Space, Vector
 from tests import thoroughness
 from tests.invariants import POSE_TOPICS, Monitor
-from tests.pair import MS, Pair, S
+from tests.pair import COMPLIANCE_RADPNM, MS, Pair, S
 
 pytestmark = pytest.mark.slow
 
@@ -408,7 +408,9 @@ def lean_pair(poses: tuple[Side, ...] = ()) -> Pair:
     """Return a pair that carries only what matters here."""
     settings_ = Settings(local=LocalSettings(snapshot_hz=1.0), link=LinkSettings(model="lift"))
     modes = {f"{side}_mode": "pose" for side in poses}
-    pair = Pair(settings_, SimSettings(state_period_ns=10 * MS, model="lift", **modes))
+    pair = Pair(
+        settings_, SimSettings(state_period_ns=10 * MS, model="lift", **modes, compliance_radpnm=COMPLIANCE_RADPNM)
+    )
     pair.topics = (*LEAN, *map(robot.ee_pose, poses))
     return pair
 

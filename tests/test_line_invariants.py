@@ -18,7 +18,7 @@ from gateway.sim.robot.settings import SimSettings
 from gateway.values import Side
 from tests import thoroughness
 from tests.kinematics.bodies import ARMS
-from tests.pair import MS, Pair
+from tests.pair import COMPLIANCE_RADPNM, MS, Pair
 from tests.test_invariants import LEAN, Trace, clients, disturbances, goals, sides, speeds, waits
 
 pytestmark = pytest.mark.slow
@@ -73,7 +73,7 @@ traces = st.lists(
 def run_trace(trace: list[Any]) -> Lined:
     """Play one trace from an ACTIVE robot at home, whose model agrees, to a clean end; every tick is judged."""
     settings_ = Settings(local=LocalSettings(snapshot_hz=1.0), link=LinkSettings(model="lift"))
-    sim = SimSettings(state_period_ns=10 * MS, model="lift")
+    sim = SimSettings(state_period_ns=10 * MS, model="lift", compliance_radpnm=COMPLIANCE_RADPNM)
     pair = Pair(settings_, sim, model=body_model(settings_))
     pair.topics = (*LEAN, *map(robot.ee_pose, Side))
     player = Lined(pair)

@@ -37,6 +37,7 @@ __all__ = ["DEFAULT_LISTEN", "SimNode", "main_sim", "run"]
 DEFAULT_LISTEN: Final = "tcp/127.0.0.1:9000"
 _REOPEN_TRIES: Final = 100
 _LINES_PER_S: Final = 10
+_SET_NS: Final = 10 * MS  # a wall clock that is further off than this was set
 _PR_SET_TIMERSLACK: Final = 29
 
 
@@ -49,7 +50,11 @@ class SimNode:
     """
 
     def __init__(
-        self, settings: SimSettings, listen: str = DEFAULT_LISTEN, clock: Callable[[], int] = time.monotonic_ns
+        self,
+        settings: SimSettings,
+        listen: str = DEFAULT_LISTEN,
+        clock: Callable[[], int] = time.monotonic_ns,
+        wall_clock: Callable[[], int] = time.time_ns,
     ) -> None:
         """Listen and announce the robot.
 
@@ -57,13 +62,14 @@ class SimNode:
             settings: What to simulate.
             listen: Endpoint of the router.
             clock: Monotonic time [ns].
+            wall_clock: What the robot's clock goes by [ns since 1970].
 
         Raises:
             zenoh.ZError: If the endpoint cannot be listened on.
         """
-        self._listen, self._clock = listen, clock
+        self._listen, self._clock, self._wall_clock = listen, clock, wall_clock
         self._namespace = settings.namespace
-        self.robot = SimRobot(settings, start_ns=clock())
+        self.robot = SimRobot(settings, start_ns=clock(), epoch_ns=wall_clock() - clock())
         self.is_ending = False
         self._control = Control(self.robot, self)
         self._timed: list[tuple[Fault, int]] = []
@@ -85,6 +91,7 @@ class SimNode:
             now_ns: Time [ns].
         """
         self._end_faults(now_ns)
+        self._follow_wall_clock()
         self.robot.dynamics.shed(now_ns)
         bridge = self._bridge
         if bridge is None:
@@ -98,6 +105,13 @@ class SimNode:
             bridge.publish(topic, message)
         while bridge.queries and self._bridge is bridge:
             self._answer(bridge, bridge.queries.popleft(), now_ns)
+
+    def _follow_wall_clock(self) -> None:
+        """Set the robot's clock when its host's was set, or the host slept; not for what passes between two looks at clocks."""
+        before_ns = self._clock()
+        epoch_ns = self._wall_clock() - before_ns
+        if abs(epoch_ns - self.robot.clock.epoch_ns) > _SET_NS > self._clock() - before_ns:
+            self.robot.clock.epoch_ns = epoch_ns
 
     def _take(self, bridge: Wire, topic: str, payload: bytes | None, arrival_ns: int) -> None:
         if payload is None:

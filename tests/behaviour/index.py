@@ -406,9 +406,12 @@ STOPPING = {
         "losing_the_link::another_transport_is_a_lost_one",
         "losing_the_link::a_transport_that_is_back_in_the_same_tick_was_lost_all_the_same",
     ),
-    "wall clock jumps": (
+    "a wall clock is off, jumps or drifts": (
         "time::a_jump_of_the_robots_clock_changes_nothing",
         "time::enabling_works_after_a_jump_of_the_robots_clock",
+        "time::a_robots_clock_that_is_off_and_drifts_changes_nothing",
+        "time::enabling_knows_old_state_whatever_the_robots_clock",
+        "time::a_drift_that_begins_and_ends_in_mid_motion_changes_nothing",
     ),
     "own suspend": (
         "time::a_suspend_frees_the_lease_and_takes_everything_down",

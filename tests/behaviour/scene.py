@@ -30,7 +30,7 @@ from gateway.messages.snapshot import MotionView, TargetView
 from gateway.settings import ArmSettings, ForeignSettings, LinkSettings, LocalSettings, LossSettings, Settings
 from gateway.sim.robot.settings import SimSettings
 from gateway.values import Side, Vector
-from tests.pair import MS, Pair, S
+from tests.pair import COMPLIANCE_RADPNM, MS, Pair, S
 
 __all__ = ["HOME", "LEAN", "QUICK", "REACHED_BY", "Scene", "away", "scene", "watched"]
 
@@ -80,7 +80,8 @@ class Scene(Pair):
             link=LinkSettings(model=model),
         )
         body = body_model(settings) if is_modelled else None
-        super().__init__(settings, sim or SimSettings(state_period_ns=10 * MS, model=model), remembered, model=body)
+        sim = sim or SimSettings(state_period_ns=10 * MS, model=model, compliance_radpnm=COMPLIANCE_RADPNM)
+        super().__init__(settings, sim, remembered, model=body)
         self.topics = LEAN
         self.epoch = 0
         self.before_last: Callable[[], object] = lambda: None

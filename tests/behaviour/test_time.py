@@ -19,9 +19,10 @@ from gateway.core.messages.events import (
     Suspended,
 )
 from gateway.errors import Code
+from gateway.sim.robot.settings import SimSettings
 from gateway.values import Side
 from tests.behaviour.scene import HOME, Scene, scene
-from tests.pair import MS, S
+from tests.pair import COMPLIANCE_RADPNM, MS, S
 from tests.thoroughness import traces
 
 # --------------------------------------------------------------------------------------------------- time and host
@@ -45,6 +46,63 @@ def test_enabling_works_after_a_jump_of_the_robots_clock() -> None:
         pair.robot.inject({"fault": "clock_step", "step_s": step_s}, pair.now_ns)
         pair.granted(Enable(epoch=pair.epoch), "ann")
         pair.run_until(lambda pair=pair: pair.state == "ACTIVE", 10.0)
+
+
+OFF = [(-64 * 86_400.0, 500.0), (-0.05, -500.0), (0.05, 500.0), (3600.0, -500.0)]
+"""Clocks of robots: how far ahead at the start [s], how much faster [ppm]; 500 ppm is as fast as a host's clock is slewed."""
+
+
+def off(offset_s: float, drift_ppm: float, state: str) -> Scene:
+    """A robot whose clock is off and drifts, longer than the gateway remembers the least lag."""
+    clock = {"clock_offset_ns": round(offset_s * S), "clock_drift_ppm": drift_ppm}
+    sim = SimSettings(state_period_ns=10 * MS, compliance_radpnm=COMPLIANCE_RADPNM, **clock)
+    pair = scene(state, Scene(sim, snapshot_hz=50))
+    pair.run(70.0)
+    return pair
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("clock", OFF)
+def test_a_robots_clock_that_is_off_and_drifts_changes_nothing(clock: tuple[float, float]) -> None:
+    """Nothing goes stale, is refused or judged milder: no setpoint is late, a jump is refused, a long one kills its part."""
+    pair = off(*clock, "HOLDING")
+    topic, jump = robot.arm_state(Side.LEFT), {"fault": "jump", "side": "left", "joint": 2, "delta_rad": 0.6}
+    assert pair.state == "HOLDING" and all(pair.gap_ms(robot.joint_command(side)) <= 11 for side in Side)
+    assert pair.see().topics[topic].refused == 0
+    motion = pair.granted(Move(epoch=pair.epoch, targets_rad=HOME), "ann")["motion_id"]
+    pair.robot.inject({**jump, "duration_s": 0.05}, pair.now_ns)
+    pair.run(0.15)
+    assert pair.state == "ACTIVE" and pair.see().topics[topic].refused >= 4
+    pair.robot.inject({**jump, "duration_s": 0.2}, pair.now_ns)
+    pair.run_until(lambda: pair.state == "HOLDING", 0.13)
+    assert pair.motion_view(motion).code == "PART_LOST"
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("clock", OFF)
+def test_enabling_knows_old_state_whatever_the_robots_clock(clock: tuple[float, float]) -> None:
+    """An arm may start at once by what comes in time, and not by what waited in the link for 0.3 s."""
+    pair = off(*clock, "IDLE")
+    pair.granted(Enable(epoch=pair.epoch), "ann")
+    pair.run(0.05)
+    assert pair.arm_frames(Side.LEFT)
+    pair = off(*clock, "IDLE")
+    pair.robot.inject({"fault": "delay", "topic": robot.arm_state(Side.LEFT), "delay_s": 0.3}, pair.now_ns)
+    pair.run(1.0)
+    pair.granted(Enable(epoch=pair.epoch), "ann")
+    pair.run(1.0)
+    assert pair.arm_frames(Side.LEFT) == [] and pair.state != "ACTIVE"
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("drift_ppm", [500.0, -500.0])
+def test_a_drift_that_begins_and_ends_in_mid_motion_changes_nothing(drift_ppm: float) -> None:
+    """As where a robot's clock is slewed towards its time server's."""
+    pair = scene("ACTIVE")
+    pair.robot.inject({"fault": "clock_drift", "drift_ppm": drift_ppm, "duration_s": 30.0}, pair.now_ns)
+    pair.run(60.0)
+    assert all(pair.gap_ms(robot.joint_command(side)) <= 11 for side in Side) and not pair.told(Code.PART_LOST)
+    pair.granted(Move(epoch=pair.epoch, targets_rad=HOME), "ann")
 
 
 @pytest.mark.parametrize("state", ["IDLE", "ENABLING", "ACTIVE", "HOLDING", "PAUSED", "STOPPING", "STALE"])

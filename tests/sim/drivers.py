@@ -137,12 +137,16 @@ class MoveToPose(Node):
 
 
 class GripInJointMode(Node):
-    """§6.2: echo the measured joints of both arms at 50 Hz and send 0.04 to both grippers."""
+    """§6.2: echo the measured joints of both arms and send 0.04 to both grippers.
 
-    def __init__(self) -> None:
+    Args:
+        period_ns: Of the echo [ns]; the example's is 20 ms.
+    """
+
+    def __init__(self, period_ns: int = 20 * MS) -> None:
         super().__init__()
         self.every(50 * MS, self.heartbeat)
-        self.every(20 * MS, self._echo)
+        self.every(period_ns, self._echo)
 
     def _echo(self) -> Out:
         states = {side: self.latest.get(f"/{side.value}_arm/joint_states") for side in Side}

@@ -13,11 +13,11 @@ from gateway.sim.robot.journal import Journal
 from gateway.sim.robot.manual import LOWER_RAD, MS, UPPER_RAD, S, Side
 from gateway.sim.robot.settings import HANGING_RAD, SimSettings
 
-LIMP = SimSettings(sag_rad=(0.0,) * 7)
+STIFF = SimSettings()
 START = np.array(HANGING_RAD[Side.LEFT])
 
 
-def arm(settings: SimSettings = LIMP, side: Side = Side.LEFT) -> SimArm:
+def arm(settings: SimSettings = STIFF, side: Side = Side.LEFT) -> SimArm:
     """An arm without gravity offset."""
     return SimArm(side, settings, Journal())
 
@@ -99,12 +99,14 @@ def test_creep_sinks_an_arm_that_is_not_held():
     assert sim.q_rad[0] - START[0] == pytest.approx(-0.002)
 
 
-def test_gravity_offset_shows_while_following():
-    """A held target is missed by the gravity offset, mirrored on the right, and by nothing else."""
+@pytest.mark.parametrize("compliance_radpnm", [0.0, 1e-3])
+def test_gravity_offset_shows_while_following(compliance_radpnm):
+    """A held target is missed by what the servos give under gravity, mirrored on the right, and by nothing else."""
+    settings = SimSettings(compliance_radpnm=compliance_radpnm)
     for side in Side:
-        sim = arm(SimSettings(), side)
+        sim = arm(settings, side)
         follow(sim, HANGING_RAD[side], 1 * S)
-        assert sim.q_rad - HANGING_RAD[side] == pytest.approx(SimSettings().sag(side), abs=1e-9)
+        assert sim.q_rad - HANGING_RAD[side] == pytest.approx(settings.sag_rad(side), abs=1e-9)
 
 
 def test_exactly_seven_values_are_needed():

@@ -12,8 +12,9 @@ from gateway.sim.robot import report
 from gateway.sim.robot.geometry import arm_geometry
 from gateway.sim.robot.manual import EXAMPLE_HOME_RAD, MS, Fsm, S, Side
 from gateway.sim.robot.model import SimRobot
-from gateway.sim.robot.settings import SimSettings
+from gateway.sim.robot.settings import HANGING_RAD, PHYSICS, SimSettings
 from tests.sim import drivers
+from tests.sim.physics.mujoco_needed import REASON
 from tests.sim.wire import User, sim_process, until
 from tests.thoroughness import IS_THOROUGH
 
@@ -75,8 +76,37 @@ def test_6_2_keeps_both_streams_and_opens_both_grippers():
         assert robot.arms[side].stream_losses == 0
 
 
+def strayed_by_echo_rad(settings: SimSettings, rate_hz: int, limit_s: float) -> float:
+    """Return how far a joint of either arm got from where it hung while §6.2 echoed what was measured [rad]."""
+    strayed_rad = 0.0
+
+    def watch(robot: SimRobot) -> None:
+        nonlocal strayed_rad
+        for side, arm in robot.arms.items():
+            strayed_rad = max(strayed_rad, float(np.max(np.abs(arm.q_rad - HANGING_RAD[side]))))
+
+    robot = play(drivers.GripInJointMode(S // rate_hz), settings, limit_s, ends=False, watch=watch)
+    assert robot.fsm.state is Fsm.READY and all(arm.stream_losses == 0 for arm in robot.arms.values())
+    return strayed_rad
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("rate_hz", [20, 50])
+@pytest.mark.parametrize("physics", PHYSICS)
+def test_6_2_holds_both_arms_for_a_minute(physics, rate_hz):
+    """Its echo of measured joints is how the manual holds an arm: within 0.05 rad, with noise, on both bodies."""
+    if physics == "mujoco":
+        pytest.importorskip("mujoco", reason=REASON)
+    assert strayed_by_echo_rad(SimSettings(physics=physics), rate_hz, 60.0) < 0.05
+
+
+def test_an_echo_lets_compliant_arms_sink():
+    """Each echo lets them down by what the servos give under gravity once more: 0.3 rad in 5 s by 3 mrad."""
+    assert strayed_by_echo_rad(SimSettings(compliance_radpnm=1e-3), 50, 5.0) > 0.2
+
+
 def test_6_3_holds_the_latched_pose_and_opens_both_grippers():
-    """The pose does not wander, unlike an echo of the measured one; 0.0 opens with full torque."""
+    """The pose does not wander; 0.0 opens with full torque."""
     robot = play(drivers.GripInPoseMode(), SimSettings(left_mode="pose", right_mode="pose"), 2.0, ends=False)
     begin = {side: arm_geometry(side).forward(SimRobot().arms[side].q_rad) for side in Side}
     for side in Side:
@@ -168,7 +198,10 @@ def test_examples_in_joint_mode_over_the_wire():
                 arms = control.ask("state")["arms"]
                 for side in Side:
                     assert arms[side.value]["q_rad"] == pytest.approx(drivers.TARGET_64[side], abs=0.02)
+            held = [arm["q_rad"] for arm in control.ask("state")["arms"].values()]
             user.play(drivers.GripInJointMode(), 1.5)
+            now = [arm["q_rad"] for arm in control.ask("state")["arms"].values()]
+            assert np.max(np.abs(np.subtract(now, held))) < 0.05
             assert all(g["angle_rad"] == 1.0 for g in control.ask("state")["grippers"].values())
             user.play(drivers.DriveChassis(), 5.0)
             until(lambda: control.ask("state")["chassis"]["velocity"] == [0.0, 0.0, 0.0])

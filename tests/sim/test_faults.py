@@ -22,6 +22,7 @@ ENOUGH = {
     "delta_rad": 0.5,
     "margin_rad": 0.3,
     "step_s": 3600.0,
+    "drift_ppm": -500.0,
 }
 
 

@@ -6,6 +6,7 @@ import pytest
 
 from gateway.sim import __main__ as program
 from gateway.sim import starting
+from gateway.sim.robot.manual import MS
 from gateway.sim.robot.settings import SimSettings
 
 
@@ -24,9 +25,10 @@ def test_without_arguments_it_is_the_default_robot_on_the_default_port(started):
 
 
 def test_every_argument_reaches_the_settings(started):
-    """Modes of both arms or of each, model, seed, endpoint, namespace, disabled parts."""
+    """Modes of both arms or of each, model, seed, endpoint, namespace, disabled parts, clock."""
     words = "--listen tcp/127.0.0.1:9 --mode pose --right-mode joint --model lift --seed 4 --namespace bot1 --disable left_arm"
-    program.main([*words.split(), "--disable", "chassis", "--physics", "mujoco"])
+    clock = "--clock-offset-s -0.05 --clock-drift-ppm 40"
+    program.main([*words.split(), "--disable", "chassis", "--physics", "mujoco", *clock.split()])
     expected = SimSettings(
         model="lift",
         left_mode="pose",
@@ -36,6 +38,8 @@ def test_every_argument_reaches_the_settings(started):
         namespace="bot1",
         enable_left_arm=False,
         enable_chassis=False,
+        clock_offset_ns=-50 * MS,
+        clock_drift_ppm=40.0,
     )
     assert started == [("tcp/127.0.0.1:9", expected)]
 

@@ -152,7 +152,7 @@ def test_commands_every_150_ms_keep_the_stream():
 
 def test_limits_are_clipped_and_only_the_journal_tells():
     """A target beyond §4.13 is followed up to the limit."""
-    user = User(SimRobot(SimSettings(sag_rad=(0.0,) * 7)))
+    user = User(SimRobot(SimSettings()))
     user.ready()
     user.targets[Side.LEFT] = np.array(UPPER_RAD[Side.LEFT]) + 0.4
     user.targets[Side.RIGHT] = np.array(LOWER_RAD[Side.RIGHT]) - 0.4
@@ -164,7 +164,7 @@ def test_limits_are_clipped_and_only_the_journal_tells():
 
 def test_names_are_ignored():
     """The array order decides, whatever the names say (§4.0.3, §4.10)."""
-    user = User(SimRobot(SimSettings(sag_rad=(0.0,) * 7)))
+    user = User(SimRobot(SimSettings()))
     user.ready()
     target = START[Side.LEFT] + np.array([0.1, 0, 0, 0, 0, 0, -0.1])
     names = [f"l_joint{n}" for n in range(7, 0, -1)]
@@ -197,7 +197,7 @@ def test_an_arm_takes_only_the_commands_of_its_mode(mode, topic):
 
 def test_pose_mode_moves_the_hand_to_the_pose():
     """In pose mode the robot's own IK turns targets into motion (§4.2)."""
-    robot = SimRobot(SimSettings(left_mode="pose", sag_rad=(0.0,) * 7))
+    robot = SimRobot(SimSettings(left_mode="pose"))
     user = User(robot)
     user.live(0.4, arms=(Side.RIGHT,))
     pose = arm_geometry(Side.LEFT).forward(START[Side.LEFT])
@@ -440,11 +440,29 @@ def test_an_arm_without_ik_takes_no_pose():
 
 def test_a_clock_step_moves_the_stamps_only():
     """One hour ahead: stamps jump, rates stay."""
-    robot = SimRobot(SimSettings(clock_offset_ns=0))
+    robot = SimRobot(epoch_ns=0)
     robot.inject({"fault": "clock_step", "step_s": 3600.0}, 0)
     published = [m for topic, m in robot.advance(1 * S) if topic == "/left_arm/joint_states"]
     assert published[-1].header.stamp.sec == 3601
     assert len(published) == 201
+
+
+def test_a_clock_drift_adds_to_that_of_the_settings_and_what_it_made_stays():
+    """100 ppm of its own and 900 more for ten seconds: 10 ms there, and 1 ms in the ten seconds after it."""
+    robot = SimRobot(SimSettings(clock_drift_ppm=100.0, clock_offset_ns=-5 * S), epoch_ns=5 * S)
+    robot.inject({"fault": "clock_drift", "drift_ppm": 900.0, "duration_s": 10.0}, 0)
+    robot.advance(10 * S, topics=())
+    assert robot.clock.stamp_ns(10 * S) == 10 * S + 10 * MS
+    robot.advance(20 * S, topics=())
+    assert robot.clock.stamp_ns(20 * S) == 20 * S + 11 * MS
+
+
+def test_a_clock_beyond_2038_stops_nothing():
+    """The seconds of a stamp are an int32: they go on from the other end."""
+    robot = SimRobot(epoch_ns=0)
+    robot.inject({"fault": "clock_step", "step_s": 2.0**31}, 0)
+    published = dict(robot.advance(0))["/left_arm/joint_states"]
+    assert published.header.stamp.sec == -(2**31)
 
 
 def test_a_pinned_fsm_value_is_published():
@@ -472,7 +490,7 @@ def test_a_delayed_command_acts_late():
 
 def test_a_delayed_state_arrives_late_with_its_old_stamp():
     """Every message is shifted, none is lost."""
-    robot = SimRobot(SimSettings(clock_offset_ns=0))
+    robot = SimRobot(epoch_ns=0)
     robot.inject({"fault": "delay", "topic": "/left_arm/joint_states", "delay_s": 0.1}, 0)
     assert not [1 for topic, _ in robot.advance(99 * MS) if topic == "/left_arm/joint_states"]
     late = [m for topic, m in robot.advance(150 * MS) if topic == "/left_arm/joint_states"]
@@ -538,10 +556,10 @@ def test_the_robot_does_not_depend_on_how_it_is_stepped(targets, step_ns, gap_ms
 
 def test_a_long_hold_neither_drifts_nor_trips_a_watchdog():
     """After twenty seconds of the same target the arm stands where it stood, and no stream was lost."""
-    user = User(SimRobot(SimSettings(state_period_ns=10 * MS)))
+    user = User(SimRobot(SimSettings(state_period_ns=10 * MS, compliance_radpnm=1e-3)))
     user.ready()
     user.live(20.0)
     robot = user.robot
     assert robot.fsm.state is Fsm.READY
     assert robot.arms[Side.LEFT].stream_losses == 0
-    assert robot.arms[Side.LEFT].q_rad - START[Side.LEFT] == pytest.approx(robot.settings.sag(Side.LEFT), abs=1e-9)
+    assert robot.arms[Side.LEFT].q_rad - START[Side.LEFT] == pytest.approx(robot.settings.sag_rad(Side.LEFT), abs=1e-9)

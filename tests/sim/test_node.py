@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 import os
 import signal
@@ -18,7 +19,7 @@ from cdr_types.messages import std_msgs
 from gateway.sim.node import SimNode, main_sim, run
 from gateway.sim.remote import SimControl
 from gateway.sim.robot.faults import parse_fault
-from gateway.sim.robot.manual import STATE_TOPICS, Fsm, S, Side
+from gateway.sim.robot.manual import MS, STATE_TOPICS, Fsm, S, Side
 from gateway.sim.robot.settings import HANGING_RAD, SimSettings
 from tests.sim.drivers import joints
 from tests.sim.wire import User, sim_process, until
@@ -73,6 +74,34 @@ def test_bytes_that_are_no_message_are_ignored(node, user, payload):
     until(lambda: node.robot.journal.counts["INVALID_CDR"] == 1, pump=lambda: step(node))
     user.put("/api/fsm/enable", std_msgs.Float32(data=1.0))
     until(lambda: node.robot.fsm.state is Fsm.SLOW_START, pump=lambda: step(node))
+
+
+def test_stamps_are_the_hosts_wall_clock_and_follow_it_when_it_is_set(node, user):
+    """A subscriber on this host sees them as old as their way; an hour's step of the host's clock is one of the robot's."""
+    heard: list[int] = []
+    hour_ns = 3600 * S
+
+    def ago_ns() -> int:
+        """How old the newest stamp is by this host's clock, within what one look takes."""
+        heard.extend(
+            message.header.stamp.sec * S + message.header.stamp.nanosec
+            for topic, message in user.messages()
+            if topic == STATE
+        )
+        return time.time_ns() - heard[-1] if heard else -S
+
+    until(lambda: 0 <= ago_ns() < 200 * MS, pump=lambda: step(node))
+    node._wall_clock = lambda: time.time_ns() + hour_ns
+    until(lambda: 0 <= ago_ns() + hour_ns < 200 * MS, pump=lambda: step(node))
+
+
+def test_looks_at_the_clocks_that_took_long_set_nothing(node):
+    """Whoever is kept from running between two looks knows only that time has passed."""
+    late_ns = itertools.count(0, 50 * MS)
+    before_ns = node.robot.clock.epoch_ns
+    node._clock = lambda: time.monotonic_ns() + next(late_ns)
+    step(node)
+    assert node.robot.clock.epoch_ns == before_ns
 
 
 def test_a_delete_is_ignored(node, user):

@@ -35,13 +35,18 @@ def test_sides_are_told_apart():
     assert (settings.arm_mode(Side.LEFT), settings.arm_mode(Side.RIGHT)) == (ArmMode.JOINT, ArmMode.POSE)
     assert (settings.arm_enabled(Side.LEFT), settings.arm_enabled(Side.RIGHT)) == (False, True)
     assert (settings.object_rad(Side.LEFT), settings.object_rad(Side.RIGHT)) == (0.3, None)
-    assert settings.sag(Side.RIGHT) == tuple(-value for value in settings.sag(Side.LEFT))
+    assert settings.holding_nm(Side.RIGHT) == tuple(-value for value in settings.holding_nm(Side.LEFT))
     assert settings.has_lift
 
 
-def test_default_gravity_offset_is_small_and_lowers_the_hand():
-    """Holding the home pose the hand sinks by some millimetres at most; no joint is off by 0.02 rad."""
-    sag = SimSettings().sag(Side.LEFT)
+def test_servos_carry_gravity_unless_they_are_compliant():
+    """By default a held arm stands on its target."""
+    assert not any(SimSettings().sag_rad(Side.LEFT))
+
+
+def test_compliant_servos_lower_the_hand_a_little():
+    """Holding the home pose the hand sinks by some millimetres; no joint is off by 0.02 rad."""
+    sag = SimSettings(compliance_radpnm=1e-3).sag_rad(Side.LEFT)
     geometry = arm_geometry(Side.LEFT)
     q = (0.41, 1.16, -0.47, 0.90, 0.23, -0.15, 0.60)
     sunk_m = (
@@ -58,7 +63,9 @@ def test_default_gravity_offset_is_small_and_lowers_the_hand():
         ({"left_mode": "velocity"}, "left_mode"),
         ({"right_mode": ""}, "right_mode"),
         ({"namespace": "bot*"}, "namespace"),
-        ({"sag_rad": (0.0,)}, "sag_rad"),
+        ({"compliance_radpnm": -1e-3}, "compliance_radpnm"),
+        ({"clock_drift_ppm": 1001.0}, "clock_drift_ppm"),
+        ({"clock_drift_ppm": float("nan")}, "clock_drift_ppm"),
         ({"lag_s": 0.2}, "lag_s"),
         ({"brake_s": 0.0}, "brake_s"),
         ({"state_period_ns": 1}, "state_period_ns"),

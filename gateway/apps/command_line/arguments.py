@@ -20,7 +20,7 @@ from gateway.apps.command_line.ground_arguments import add_ground, take_velocity
 from gateway.apps.command_line.identify_arguments import add_identify
 from gateway.apps.command_line.model_arguments import add_model
 from gateway.apps.command_line.numbers import above_zero
-from gateway.apps.command_line.sim_arguments import add_physics
+from gateway.apps.command_line.sim_arguments import add_clock, add_physics
 from gateway.apps.command_line.stop_arguments import add_stops
 from gateway.apps.terminal.ending import STATUS_HELP
 
@@ -257,6 +257,7 @@ def _add_sim(sim: argparse.ArgumentParser) -> None:
         "--disable", action="append", default=[], choices=PARTS, help="a part that is switched off; may be repeated"
     )
     add_physics(sim)
+    add_clock(sim)
     sim.add_argument("--camera", action="store_true", help="send its camera's pictures too, as RTP/H.265 (manual §5.1)")
     sim.add_argument(
         "--camera-to", metavar="HOST:PORT", help="where to; turns --camera on (default 127.0.0.1:8890, as the robot's)"

@@ -1,11 +1,13 @@
-"""How a simulated robot moves and whether one looks at it, as arguments of `ta2 sim`. Knows nothing of what they do."""
+"""How a simulated robot moves, whether one looks at it, and its clock, as arguments of `ta2 sim`; not what they do."""
 
 from __future__ import annotations
 
 import argparse
 from pathlib import Path
 
-__all__ = ["add_physics"]
+from gateway.apps.command_line.numbers import between
+
+__all__ = ["add_clock", "add_physics"]
 
 
 def add_physics(sim: argparse.ArgumentParser) -> None:
@@ -27,3 +29,29 @@ def add_physics(sim: argparse.ArgumentParser) -> None:
         metavar="FILE",
         help="film the scene from the side, *.mp4; needs --physics mujoco, no display",
     )
+
+
+def add_clock(sim: argparse.ArgumentParser) -> None:
+    """Add `--clock-offset-s` and `--clock-drift-ppm`."""
+    sim.add_argument(
+        "--clock-offset-s",
+        type=_offset,
+        default=0.0,
+        metavar="S",
+        help="how far its clock, which stamps its state, is ahead of this host's at the start [s] (default %(default)g)",
+    )
+    sim.add_argument(
+        "--clock-drift-ppm",
+        type=_drift,
+        default=0.0,
+        metavar="PPM",
+        help="how much faster than this host's its clock runs [ppm] (default %(default)g)",
+    )
+
+
+def _offset(text: str) -> float:
+    return between(text, -1e8, 1e8, "offset [s]")
+
+
+def _drift(text: str) -> float:
+    return between(text, -1000.0, 1000.0, "drift [ppm]")

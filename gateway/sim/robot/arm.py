@@ -4,7 +4,8 @@ Rules: only `position` counts and only by index (§4.3, §4.10); fewer than seve
 outside §4.13 are clipped silently; a gap of more than 0.15 s, an invalid IK result, PAUSE and ERROR put it under a
 zero-velocity command, which is no position hold (§4.10). In SLOW_START the followed target approaches the commanded
 one at 0.5 rad/s; in READY it is the commanded one. Each joint follows as a first-order lag, solved exactly for any
-step; or `gateway.sim.physics` moves it, by what `guide` says that the servos follow.
+step, onto its target: the servos carry gravity (`SimSettings.compliance_radpnm` says why). Or `gateway.sim.physics` moves
+it, by what `guide` says that the servos follow.
 
 Choices, where the manual is silent: an infinite value is refused; of more than seven values the first seven count; a
 zero or non-finite quaternion or position is an invalid IK input.
@@ -83,8 +84,8 @@ class SimArm:
         self._journal = journal
         self._geometry = arm_geometry(side)
         self._lower, self._upper = LOWER_RAD[side], UPPER_RAD[side]
-        self._sag = np.array(settings.sag(side))
-        self._creep = np.sign(self._sag) * settings.creep_radps
+        self._sag = np.array(settings.sag_rad(side))
+        self._creep = -np.sign(settings.holding_nm(side)) * settings.creep_radps
         self._creeps = settings.creep_radps != 0.0
         self._is_resting = False
         self._lag_s, self._brake_s = settings.lag_s, settings.brake_s

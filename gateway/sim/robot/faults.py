@@ -89,6 +89,9 @@ FAULTS: Final[Mapping[str, FaultKind]] = {
     "no_ik": FaultKind(scope="robot", required=_SIDE, help="the robot's IK finds no joint angles for any pose"),
     "blocked": FaultKind(scope="robot", required=_SIDE, help="something holds the arm: it does not follow"),
     "clock_step": FaultKind(scope="robot", required={"step_s": _NUMBER}, help="the robot's clock is off by this"),
+    "clock_drift": FaultKind(
+        scope="robot", required={"drift_ppm": _NUMBER}, help="the robot's clock runs fast by this; what it gained stays"
+    ),
     "router_stop": FaultKind(scope="node", help="the router ends and listens again after duration_s (1 s)"),
     "frozen": FaultKind(scope="node", help="the whole process stands still for duration_s (1 s): a frozen link"),
     "route_dead": FaultKind(scope="node", required=_TOPIC, help="the bridge has lost its reader of a state topic"),
@@ -107,7 +110,7 @@ class Fault:
         topic: The topic it acts on; `*` for every state topic; empty for other scopes.
         side: Left or right; empty where it does not matter.
         mode: Control mode; empty where it does not matter.
-        number: Its one figure: delay_s, copies, value, delta_rad, margin_rad or step_s.
+        number: Its one figure: delay_s, copies, value, delta_rad, margin_rad, step_s or drift_ppm.
         joint: Joint number from 1.
         duration_s: How long, None until cleared [s].
     """

@@ -19,6 +19,7 @@ from cdr_types.messages import geometry_msgs, sensor_msgs, std_msgs
 from cdr_types.registry import message_type
 from gateway.sim.robot.arm import Drive, SimArm
 from gateway.sim.robot.chassis import SimChassis
+from gateway.sim.robot.clock import VIRTUAL_EPOCH_NS, RobotClock
 from gateway.sim.robot.dynamics import Parts, dynamics_of
 from gateway.sim.robot.faults import DelayLine, Fault, FaultBook, FaultError, parse_fault
 from gateway.sim.robot.fsm import StateMachine
@@ -77,6 +78,7 @@ class SimRobot:
         chassis: Chassis.
         lift: Lift, None on models without one.
         dynamics: How its parts move: as lags and speeds, or as bodies with forces.
+        clock: Stamps what it publishes.
         journal: The robot's own log and counters.
         api_mode: API mode (True) or VR mode.
         faults: The acting faults.
@@ -86,12 +88,15 @@ class SimRobot:
         motions: How the arms moved, by side.
     """
 
-    def __init__(self, settings: SimSettings | None = None, start_ns: int = 0) -> None:
+    def __init__(
+        self, settings: SimSettings | None = None, start_ns: int = 0, epoch_ns: int = VIRTUAL_EPOCH_NS
+    ) -> None:
         """Hang the arms and start publishing.
 
         Args:
             settings: What to simulate; the defaults are a standard robot ready for joint commands.
             start_ns: First point of the publishing grids [ns].
+            epoch_ns: The wall clock minus the time that it is stepped with [ns].
 
         Raises:
             PhysicsMissing: The settings ask for MuJoCo, and it is not installed.
@@ -120,7 +125,9 @@ class SimRobot:
         self._timed: list[_Timed] = [self.fsm, self.faults, self.chassis, *self.arms.values(), *self.grippers.values()]
         if self.lift is not None:
             self._timed.append(self.lift)
-        self._telemetry = Telemetry(self.settings, start_ns)
+        self.clock = RobotClock(epoch_ns, start_ns)
+        self.clock.mistune(start_ns, self.settings.clock_offset_ns, self.settings.clock_drift_ppm)
+        self._telemetry = Telemetry(self.settings, start_ns, self.clock)
         self._check_grid = Grid(start_ns, 50 * MS)
         self._outbox, self._inbox = DelayLine(), DelayLine()
 
@@ -347,8 +354,11 @@ class SimRobot:
         self.fsm.pin(pins[-1] if pins else None)
         self.fsm.is_held = any(fault.name == "pause" for fault in active)
         self.api_mode = self.settings.api_mode and not any(fault.name == "vr_mode" for fault in active)
-        steps = sum(fault.number for fault in active if fault.name == "clock_step")
-        self._telemetry.clock_offset_ns = self.settings.clock_offset_ns + round(steps * S)
+        step_s = sum(fault.number for fault in active if fault.name == "clock_step")
+        drift_ppm = sum(fault.number for fault in active if fault.name == "clock_drift")
+        settings = self.settings
+        offset_ns = settings.clock_offset_ns + round(step_s * S)
+        self.clock.mistune(self.now_ns, offset_ns, settings.clock_drift_ppm + drift_ppm)
         for side, arm in self.arms.items():
             own = [fault for fault in active if fault.side == side.value]
             enabled = self.settings.arm_enabled(side) and not any(fault.name == "arm_disabled" for fault in own)

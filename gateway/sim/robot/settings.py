@@ -10,7 +10,7 @@ from argparse import Namespace
 from dataclasses import dataclass
 from typing import Final
 
-from gateway.sim.robot.manual import DOF, MS, ArmMode, S, Side
+from gateway.sim.robot.manual import MS, ArmMode, S, Side
 
 __all__ = ["HANGING_RAD", "PHYSICS", "SimSettings", "settings_of"]
 
@@ -26,6 +26,9 @@ HANGING_RAD: Final = {
 The right arm is the mirror image of the left: every joint angle negated.
 """
 
+_HOLDING_NM: Final = (3.0, -2.0, 0.5, 2.0, -0.3, -0.3, -0.2)
+"""Torques that hold the left arm up, wherever it is [N·m] (choice); mirrored on the right. A round figure for the kinematic
+robot; with `physics` the torques are those of the bodies."""
 _NAMESPACE: Final = re.compile(r"/?[A-Za-z0-9_]+(/[A-Za-z0-9_]+)*")
 _MODELS: Final = ("lite", "standard", "lift")
 _MODES: Final = {"joint": ArmMode.JOINT, "pose": ArmMode.POSE}
@@ -49,15 +52,19 @@ class SimSettings:
         seed: Seed of the measurement noise.
         lag_s: Time constant of an arm following its target [s] (choice; §6.1 must arrive before the 0.15 s are over).
         brake_s: Time constant with which an arm comes to rest under a zero-velocity command [s] (choice).
-        sag_rad: Offset of the left arm below its target under gravity, per joint [rad] (choice); mirrored on the right.
-        creep_radps: How fast an arm without position hold sinks, along `sag_rad`'s signs [rad/s] (choice, §4.10).
+        compliance_radpnm: How far a held joint stays below its target per N·m that gravity asks of its motor [rad/(N·m)].
+            0: the servos carry gravity, as those of the vendor's MuJoCo example do, and stand on their targets. The manual
+            does not say so (assumption), but §6.2 holds both arms by echoing what is measured: were that below the target
+            by any constant, each echo would let the arm down by it once more.
+        creep_radps: How fast an arm without position hold sinks under gravity [rad/s] (choice, §4.10).
         noise_rad: Standard deviation of the measured positions [rad].
         noise_radps: Standard deviation of the measured velocities [rad/s].
         state_period_ns: Period of the 200 Hz topics; longer ones make long runs in virtual time cheaper [ns].
-        clock_offset_ns: The robot's clock minus the time it is stepped with [ns]; the two clocks never agree.
+        clock_offset_ns: How far the robot's clock is ahead of its host's wall clock at the start [ns].
+        clock_drift_ppm: How much faster than it the robot's clock runs [ppm].
         physics: `kinematic`: each part follows as a lag or at a speed; `mujoco`: as a body with forces, contacts and
-            things on a table (extra `sim`). Then what only the lag needs has no effect: `lag_s`, `brake_s`, `sag_rad`,
-            `creep_radps`.
+            things on a table (extra `sim`). Then what only the lag needs has no effect: `lag_s`, `brake_s`,
+            `compliance_radpnm`, `creep_radps`.
         left_object_rad: Motor angle at which the left gripper meets an object; None when empty [rad].
         right_object_rad: The same of the right gripper.
         grip_survives_pause: Whether the gripper keeps its torque in PAUSE while the arm's stream goes on. §4.4 ties the
@@ -77,12 +84,13 @@ class SimSettings:
     seed: int = 0
     lag_s: float = 0.04
     brake_s: float = 0.02
-    sag_rad: tuple[float, ...] = (-0.003, 0.002, -0.0005, -0.002, 0.0003, 0.0003, 0.0002)
+    compliance_radpnm: float = 0.0
     creep_radps: float = 0.0
     noise_rad: float = 2e-4
     noise_radps: float = 2e-3
     state_period_ns: int = 5 * MS
-    clock_offset_ns: int = 1_790_000_000 * S + 123_456_789
+    clock_offset_ns: int = 0
+    clock_drift_ppm: float = 0.0
     physics: str = "kinematic"
     left_object_rad: float | None = None
     right_object_rad: float | None = None
@@ -99,8 +107,10 @@ class SimSettings:
                 raise ValueError(f"{name} {getattr(self, name)!r} is not one of {', '.join(_MODES)}")
         if self.namespace and _NAMESPACE.fullmatch(self.namespace) is None:
             raise ValueError(f"namespace {self.namespace!r} is not made of words of letters, digits and _, joined by /")
-        if len(self.sag_rad) != DOF:
-            raise ValueError(f"sag_rad has {len(self.sag_rad)} values, an arm has {DOF} joints")
+        if not 0.0 <= self.compliance_radpnm <= 0.01:
+            raise ValueError(f"compliance_radpnm {self.compliance_radpnm} is outside [0, 0.01] rad/(N·m)")
+        if not abs(self.clock_drift_ppm) <= 1000.0:  # NaN compares false
+            raise ValueError(f"clock_drift_ppm {self.clock_drift_ppm} is outside [-1000, 1000] ppm")
         if not (0.0 < self.lag_s <= 0.05 and 0.0 < self.brake_s <= 0.05):
             raise ValueError(f"lag_s {self.lag_s} and brake_s {self.brake_s} must lie in (0, 0.05] s")
         if self.state_period_ns < MS:
@@ -123,17 +133,24 @@ class SimSettings:
         """Return the motor angle at which a gripper meets an object, if there is one [rad]."""
         return self.left_object_rad if side is Side.LEFT else self.right_object_rad
 
-    def sag(self, side: Side) -> tuple[float, ...]:
-        """Return the gravity offset of an arm, per joint [rad]."""
-        return self.sag_rad if side is Side.LEFT else tuple(-value for value in self.sag_rad)
+    def holding_nm(self, side: Side) -> tuple[float, ...]:
+        """Return the torques that hold an arm up, per joint [N·m]."""
+        return _HOLDING_NM if side is Side.LEFT else tuple(-torque_nm for torque_nm in _HOLDING_NM)
+
+    def sag_rad(self, side: Side) -> tuple[float, ...]:
+        """Return how far from its target a held arm stays under gravity, per joint [rad]."""
+        return tuple(-torque_nm * self.compliance_radpnm for torque_nm in self.holding_nm(side))
 
 
 def settings_of(options: Namespace) -> SimSettings:
     """Return the settings that the command line asks for.
 
     Args:
-        options: With model, mode, left_mode, right_mode, namespace, seed, physics and disable (names of disabled
-            parts).
+        options: With model, mode, left_mode, right_mode, namespace, seed, physics, clock_offset_s, clock_drift_ppm and
+            disable (names of disabled parts).
+
+    Raises:
+        ValueError: They mean nothing together.
     """
     return SimSettings(
         model=options.model,
@@ -142,6 +159,8 @@ def settings_of(options: Namespace) -> SimSettings:
         namespace=options.namespace,
         seed=options.seed,
         physics=options.physics,
+        clock_offset_ns=round(options.clock_offset_s * S),
+        clock_drift_ppm=options.clock_drift_ppm,
         enable_left_arm="left_arm" not in options.disable,
         enable_right_arm="right_arm" not in options.disable,
         enable_chassis="chassis" not in options.disable,

@@ -2,7 +2,8 @@
 
 Rates (§4.1.1, §4.11): joint states, gripper states, chassis and end-effector poses 200 Hz, `/fsm_state` 20 Hz,
 `/api/current_mode` 1 Hz. Layout, names and frame ids as sampled in §4.8. The noise of a grid point depends on the
-seed and on its number only, never on how the robot is stepped.
+seed and on its number only, never on how the robot is stepped. It favours no direction, not even for those who look at every
+n-th point only: what they see would add up where they echo it (§6.2).
 """
 
 from __future__ import annotations
@@ -18,6 +19,7 @@ from pycdr2 import IdlStruct
 from cdr_types.messages import builtin_interfaces, geometry_msgs, sensor_msgs, std_msgs
 from gateway.sim.robot.arm import SimArm
 from gateway.sim.robot.chassis import SimChassis
+from gateway.sim.robot.clock import RobotClock
 from gateway.sim.robot.geometry import EePose, arm_geometry
 from gateway.sim.robot.gripper import SimGripper
 from gateway.sim.robot.manual import (
@@ -40,9 +42,8 @@ __all__ = ["Grid", "Telemetry"]
 
 Array = NDArray[np.float64]
 
-_ROWS: Final = 1024
+_ROWS: Final = 1021  # a prime: whoever takes every n-th row sees all of them before any again
 _COLUMNS: Final = 2 * (2 * DOF + 2) + 6
-_HOLDING_NM_PER_RAD: Final = 1000.0  # turns the sag into a plausible holding torque (choice)
 _SIDE_TOPICS: Final = {side: (arm_state_topic(side), ee_pose_topic(side), gripper_state_topic(side)) for side in Side}
 _ALL: Final[frozenset[str]] = frozenset(STATE_TOPICS)
 _CHASSIS_NAMES: Final = ("chassis_joint1", "chassis_joint2", "chassis_joint3")
@@ -50,8 +51,9 @@ _CHASSIS_NAMES: Final = ("chassis_joint1", "chassis_joint2", "chassis_joint3")
 
 @lru_cache(maxsize=8)
 def _noise_table(seed: int) -> Array:
-    """Return unit noise, one row per grid point modulo 1024, shape (1024, 38)."""
+    """Return unit noise of mean zero, one row per grid point modulo `_ROWS`, shape (1021, 38)."""
     table = np.random.default_rng(seed).standard_normal((_ROWS, _COLUMNS))
+    table -= table.mean(axis=0)
     table.setflags(write=False)
     return table
 
@@ -81,16 +83,15 @@ class Telemetry:
     """Builds the messages that are due.
 
     Attributes:
-        clock_offset_ns: The robot's clock minus stepping time [ns]; a fault can move it.
         state_grid: Grid of the 200 Hz topics.
     """
 
-    def __init__(self, settings: SimSettings, start_ns: int) -> None:
+    def __init__(self, settings: SimSettings, start_ns: int, clock: RobotClock) -> None:
         self.state_grid = Grid(start_ns, settings.state_period_ns)
         self._period_ns = settings.state_period_ns
         self._fsm_grid = Grid(start_ns, 50 * MS)
         self._mode_grid = Grid(start_ns, 1 * S)
-        self.clock_offset_ns = settings.clock_offset_ns
+        self._clock = clock
         noise = _noise_table(settings.seed)
         self._arm_noise = {
             side: (
@@ -101,7 +102,7 @@ class Telemetry:
         }
         self._noise = noise[:, 4 * DOF :]
         self._noise_rad, self._noise_radps = settings.noise_rad, settings.noise_radps
-        self._holding = {side: np.array(settings.sag(side)) * -_HOLDING_NM_PER_RAD for side in Side}
+        self._holding = {side: np.array(settings.holding_nm(side)) for side in Side}
         self._names = {side: list(joint_names(side)) for side in Side}
 
     @property
@@ -159,7 +160,8 @@ class Telemetry:
         return due
 
     def _header(self, now_ns: int, frame_id: str) -> std_msgs.Header:
-        sec, nanosec = divmod(now_ns + self.clock_offset_ns, S)
+        sec, nanosec = divmod(self._clock.stamp_ns(now_ns), S)
+        sec = (sec + 2**31) % 2**32 - 2**31  # an int32, which a fault can make overflow
         return std_msgs.Header(stamp=builtin_interfaces.Time(sec=sec, nanosec=nanosec), frame_id=frame_id)
 
     def _measured(self, arm: SimArm, number: int) -> tuple[Array, Array]:

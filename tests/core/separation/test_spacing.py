@@ -20,10 +20,15 @@ from gateway.robot import HOME_Q_RAD, shoulder_frame
 from gateway.sim.robot.settings import SimSettings
 from gateway.values import ArmState, Side, Space
 from tests.kinematics.guarded_arms import MARGIN_M, MEET, ROUNDING_M, model, random_joints
-from tests.pair import MS
+from tests.pair import COMPLIANCE_RADPNM, MS
 from tests.spaced import SpacedPair
 
 L, R = Side.LEFT, Side.RIGHT
+
+
+LOOSE = SimSettings(state_period_ns=10 * MS, compliance_radpnm=COMPLIANCE_RADPNM, seed=2)
+"""A robot that gets out of where its fingers catch each other. Not each does: noise of 30 µrad in where they met decides, and
+with other seeds the arm that is led stays where it is."""
 
 
 def at_home(**changes):
@@ -115,7 +120,7 @@ def test_a_stream_that_is_held_back_again_later_is_told_of_again():
 def test_only_joints_that_close_a_gap_are_held_back(monkeypatch):
     """Joint by joint, not arm by arm; and beside an arm that rests at the margin the other one goes where it likes."""
     answers = judged(monkeypatch)
-    pair = at_home()
+    pair = at_home(sim=LOOSE)
     pair.lead(MEET, 6.0)
     assert any(any(row) and not all(row) for _, verdict in answers for row in verdict.going.values()), (
         "joint by joint, not arm by arm"
@@ -128,7 +133,7 @@ def test_only_joints_that_close_a_gap_are_held_back(monkeypatch):
 
 def caught():
     """Return a robot with a left finger caught between both right ones: what opens one gap closes the other."""
-    pair = at_home()
+    pair = at_home(sim=LOOSE)
     pair.lead(MEET, 6.0)
     near = model().posture(pair.setpoints).within(MARGIN_M + 1e-4)
     posture = model().posture(pair.setpoints)
