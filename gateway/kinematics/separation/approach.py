@@ -189,7 +189,10 @@ class Look:
         flags = dict(zip(Side, closing.reshape(len(Side), ARM_DOF).tolist(), strict=True))
         whole = {side for row in motion.together if any(any(flags[one]) for one in row) for side in row}
         going: Going = {side: tuple([side not in whole and not flag for flag in flags[side]]) for side in Side}
-        if self._is_sound(motion, going):
+        is_stuck = not any(
+            flag and speed for side in Side for flag, speed in zip(going[side], motion.speed_radps[side], strict=True)
+        )
+        if not is_stuck and self._is_sound(motion, going):
             return going
         going = self._opening(motion, bad, whole)
         return going if self._is_sound(motion, going) else NONE
