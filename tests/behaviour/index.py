@@ -516,18 +516,18 @@ ROBOT_SIDE = {
 
 BRIDGE = {
     "state dead, transport up, tokens there, admin shows no DDS reader": (
-        "link/route_watch::a_silent_announced_route_without_a_reader_is_dead_and_revived",
-        "link/route_watch::attempts_back_off",
-        "link/route_watch::never_more_than_four_revivals_a_minute",
-        "link/route_watch::the_remedy_names_who_else_subscribes",
-        "link/discovery::who_may_keep_a_route_dead_is_named_with_the_address",
+        "link/discovery/route_watch::a_silent_announced_route_without_a_reader_is_dead_and_revived",
+        "link/discovery/route_watch::attempts_back_off",
+        "link/discovery/route_watch::never_more_than_four_revivals_a_minute",
+        "link/discovery/route_watch::the_remedy_names_who_else_subscribes",
+        "link/discovery/discovery::who_may_keep_a_route_dead_is_named_with_the_address",
         "link/robot_link::a_dead_route_is_revived",
         "core/engine::a_dead_route_is_told_and_a_live_one_is_not",
         "losing_the_link::stale_is_entered_when_the_newest_state_is_older_than_100_ms",
     ),
     "state dead, transport up, tokens gone": (
-        "link/route_watch::silence_without_an_announcement_is_a_lost_route",
-        "link/discovery::all_topics_lost_at_once_are_all_observed_without_a_question",
+        "link/discovery/route_watch::silence_without_an_announcement_is_a_lost_route",
+        "link/discovery/discovery::all_topics_lost_at_once_are_all_observed_without_a_question",
         "link/robot_link::a_node_that_leaves_is_a_lost_route_until_it_returns",
     ),
     "state N times": (
@@ -535,15 +535,15 @@ BRIDGE = {
         "core/engine::a_bridge_that_delivers_everything_twice_is_told_once",
     ),
     "another namespace than ours": (
-        "link/robots::a_robot_is_who_announces_its_state_machine_and_an_arm",
-        "link/discovery::a_robot_under_another_namespace_is_told_once_when_none_is_under_ours",
-        "link/discovery::what_is_under_our_own_namespace_or_was_heard_is_our_robot",
+        "link/discovery/robots::a_robot_is_who_announces_its_state_machine_and_an_arm",
+        "link/discovery/discovery::a_robot_under_another_namespace_is_told_once_when_none_is_under_ours",
+        "link/discovery/discovery::what_is_under_our_own_namespace_or_was_heard_is_our_robot",
         "diagnosis::a_robot_under_another_namespace_is_offered_and_several_are_listed",
         "link/surveyor::of_several_robots_none_is_taken",
         "e2e/link::a_robot_with_a_namespace_is_found_offered_and_driven",
     ),
     "two robots under one namespace": (
-        "link/discovery::several_bridges_that_announce_a_robot_under_our_namespace_are_told_at_once",
+        "link/discovery/discovery::several_bridges_that_announce_a_robot_under_our_namespace_are_told_at_once",
         "diagnosis::beside_a_second_robot_under_our_namespace_nothing_begins",
     ),
     "1.0 out > 1.5 s, FSM stays PAUSE": (
@@ -591,7 +591,7 @@ ELSE = {
         "others::nothing_of_our_own_is_an_alarm",
         "core/others/others::sessions_of_ours_are_never_foreign",
         "core/others/others::publishers_of_another_gateway_are_no_writers",
-        "link/foreign_watch::a_bridge_that_declares_publishers_for_everything_commands_nothing",
+        "link/others/foreign_watch::a_bridge_that_declares_publishers_for_everything_commands_nothing",
         "interop/ros_user::a_host_that_only_looks_keeps_no_gateway_from_commanding",
     ),
     "foreign data": (

@@ -30,7 +30,7 @@ ANSWER_S = 0.06
 """How late the arm of these tests is."""
 DAMPING = 0.02
 SINGULAR = (0.9, 0.0, 0.0, -0.6, -0.7, 0.5, -0.2)
-"""Inside the limits; see `tests/kinematics/test_dexterity.py`."""
+"""Inside the limits; see `tests/kinematics/solving/test_dexterity.py`."""
 OTHER_MODEL = Refusal(code=Code.MODEL_DIFFERS, message="9 mm and 0 mrad apart, up to 5 mm are allowed")
 
 

@@ -12,7 +12,7 @@ from gateway.errors import Code, ConfigError
 from gateway.kinematics.calibration import load
 from gateway.values import Side
 from tests.kinematics.calibrations import OTHER_ROBOT, ROBOT, document, written
-from tests.kinematics.test_arm_section import entry
+from tests.kinematics.calibration_file.test_arm_section import entry
 
 
 def test_a_new_file_says_whose_it_is(tmp_path):

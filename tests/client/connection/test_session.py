@@ -13,7 +13,7 @@ from gateway.client import connect
 from gateway.errors import Code, Disconnected, LeaseError, OutcomeUnknown
 from tests.api.daemon import eventually
 from tests.api.stand_in import START_Q, a_snapshot
-from tests.client.test_watching import restart
+from tests.client.asking.test_watching import restart
 from tests.thoroughness import either
 
 

@@ -15,7 +15,7 @@ from tests.apps.shell import Shell
 from tests.kinematics.bodies import nudged
 from tests.kinematics.urdfs import written
 
-ROOT = Path(__file__).parents[2]
+ROOT = Path(__file__).parents[3]
 
 
 @pytest.fixture

@@ -12,7 +12,7 @@ from gateway.video.hevc.access_unit import AccessUnit
 from gateway.video.receiving.backlog import Keeping
 from gateway.video.receiving.counters import Tally
 from gateway.video.receiving.tap import CallbackTap, Tap
-from tests.video.test_backlog import unit
+from tests.video.receiving.test_backlog import unit
 
 DEADLINE_S = 20.0
 
