@@ -25,7 +25,7 @@ KEPT = 128
 LATE_SHARE = 1 / 64
 """This part of the targets may be later than the margin allows, but for `SPARE_NS`."""
 
-SPARE_NS = 300_000
+SPARE_NS = 500_000
 """Added to the margin [ns]: what the next target may be later than those that were seen."""
 
 OLD_NS = 1_000_000_000
