@@ -6,8 +6,8 @@ compared, which may be those of two hosts, and whatever lies between is in it: a
 `tick` to `set`, the way to the daemon.
 
 Rules
-    * The wake lies a margin before the median of the latest wakes that would have done: as far as the late ones of the last
-      seconds lie before it, and a little more.
+    * The margin is what would have served the last seconds best: the earlier the wake, the fewer targets miss their setpoint,
+      and the longer all others wait. One that misses counts as `MISS_COST` periods of waiting. A little is added.
     * The average rate is the caller's. One that divides the rate of the setpoints keeps one place in their grid; any other is
       woken at the instant nearest to its own grid, and never twice for one setpoint.
     * Without a word of the daemon for a second, and above the rate of the setpoints, the caller keeps his own grid.
@@ -19,11 +19,11 @@ from collections import deque
 
 __all__ = ["Phase"]
 
-KEPT = 128
-"""So many targets are remembered; 2.6 s at 50 Hz."""
+KEPT = 256
+"""So many targets are remembered; five seconds at 50 Hz."""
 
-LATE_SHARE = 1 / 64
-"""This part of the targets may be later than the margin allows, but for `SPARE_NS`."""
+MISS_COST = 5
+"""So many periods of a setpoint may the other targets wait together for one not to miss: a millisecond each for one in 50."""
 
 SPARE_NS = 500_000
 """Added to the margin [ns]: what the next target may be later than those that were seen."""
@@ -50,6 +50,8 @@ class Phase:
         """Sequence numbers of targets, with the wake that led to them [ns]."""
         self._latest: deque[tuple[int, int]] = deque(maxlen=KEPT)
         """When the daemon told of a target [ns], and the latest wake that would have done for it [ns]."""
+        self._usual_ns = 0
+        """The median of these, but for whole periods [ns]."""
 
     def sent(self, seq: int, now_ns: int) -> None:
         """Learn that a target was sent; one that took longer than a tick does not say what a tick needs."""
@@ -95,12 +97,13 @@ class Phase:
         """Return a wake that is just in time, but for whole periods [ns]."""
         while len(self._latest) > 1 and now_ns - self._latest[0][0] > FORGOTTEN_NS:
             self._latest.popleft()
-        period_ns, near_ns = self._setpoint_ns, self._latest[-1][1]
-        for _ in range(2):  # about the newest one, which may be far off, then about the median
-            off_ns = sorted(_wrapped(latest_ns - near_ns, period_ns) for _, latest_ns in self._latest)
-            near_ns += off_ns[len(off_ns) // 2]
-        off_ns = sorted(_wrapped(latest_ns - near_ns, period_ns) for _, latest_ns in self._latest)
-        return near_ns + off_ns[int(len(off_ns) * LATE_SHARE)] - SPARE_NS
+        period_ns, base_ns = self._setpoint_ns, self._usual_ns - self._setpoint_ns // 2
+        late_first_ns = sorted([(latest_ns - base_ns) % period_ns for _, latest_ns in self._latest])
+        half = len(late_first_ns) // 2
+        self._usual_ns = base_ns + late_first_ns[half]
+        cost_ns = MISS_COST * period_ns / len(late_first_ns)
+        _, best_ns = min([(missed * cost_ns - at_ns, at_ns) for missed, at_ns in enumerate(late_first_ns[: half + 1])])
+        return base_ns + best_ns - SPARE_NS
 
 
 def _wrapped(off_ns: int, period_ns: int) -> int:
