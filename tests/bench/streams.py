@@ -1,4 +1,5 @@
-"""Full load: every command stream that there is at once, its rate at the robot, and what that costs the daemon and its guard.
+"""Full load: every command stream that there is at once, its rate at the robot, and what that costs the daemon and its guard,
+beside an empty subscriber and beside what a user would run instead (`host_bridge`).
 
 A driver in a process of its own owns the robot: it streams targets to the arms in joint mode at 50 Hz, closes the grippers
 of all arms that are streamed and drives the chassis. A second robot has its right arm in end-effector mode.
@@ -154,7 +155,7 @@ def _driven_rows(
 
 
 def full_load_rows(folder: Path, pause: Callable[[float], None], seconds: float) -> list[Row]:
-    """Measure full load; some 40 s.
+    """Measure full load; about a minute.
 
     Args:
         folder: For sockets, state and logs.

@@ -112,7 +112,7 @@ def _cpu_row(title: str, system: System, subscriber: Process, goal: float | None
 
 
 def wire_rows(folder: Path) -> list[Row]:
-    """Measure everything that needs processes; about two minutes."""
+    """Measure everything that needs processes; about four minutes."""
     rows: list[Row] = []
     peer_endpoint = f"tcp/127.0.0.1:{free_port()}"
     peer_sim = Process("peer-sim", ["-m", "gateway.sim", "--listen", peer_endpoint], folder)

@@ -22,8 +22,8 @@ __all__ = ["Phase"]
 KEPT = 256
 """So many targets are remembered; five seconds at 50 Hz."""
 
-MISS_COST = 5
-"""So many periods of a setpoint may the other targets wait together for one not to miss: a millisecond each for one in 50."""
+MISS_COST = 3
+"""So many periods may the other targets wait together for one not to miss its setpoint: each 0.6 ms of 10 for one in 50."""
 
 SPARE_NS = 500_000
 """Added to the margin [ns]: what the next target may be later than those that were seen."""
