@@ -1,8 +1,8 @@
-"""Full load: every command stream that there is at once, its rate at the robot, and what that costs the daemon and its guard,
-beside an empty subscriber and beside what a user would run instead (`host_bridge`).
+"""Full load: every command stream that there is at once, its rate at the robot, and what that costs the daemon and its guard.
 
-A driver in a process of its own owns the robot: it streams targets to the arms in joint mode at 50 Hz, closes the grippers
-of all arms that are streamed and drives the chassis. A second robot has its right arm in end-effector mode.
+That stands beside an empty subscriber, and beside what a user would run instead (`host_bridge`). A driver in a process of
+its own owns the robot: it streams targets to the arms in joint mode at 50 Hz, closes the grippers of all arms that are
+streamed and drives the chassis. A second robot has its right arm in end-effector mode.
 """
 
 from __future__ import annotations
