@@ -49,7 +49,7 @@ class _AsyncStream(TargetStream):
     """What both streams wait for, under asyncio."""
 
     async def tick(self) -> None:
-        """Wait for the next instant of the grid; raises when the stream has ended or a target was refused."""
+        """Wait for the next instant, as the blocking one; raises when the stream has ended or a target was refused."""
         await run(self._session, self._tick())
 
     async def __aenter__(self: StreamT) -> StreamT:

@@ -48,7 +48,7 @@ class _BlockingStream(TargetStream):
     """What both streams wait for."""
 
     def tick(self) -> None:
-        """Wait for the next instant of the grid; a late one is skipped, not caught up.
+        """Wait for the next instant: of a paced stream, where its next target is just in time; a late one is skipped.
 
         Raises:
             GatewayError: The stream has ended, or a target was refused; class, `.code` and message say why.

@@ -249,6 +249,8 @@ class TargetView(Struct, frozen=True, kw_only=True):
         refusal_code: Code of the last refusal; empty when none.
         refusal_message: Its message.
         limited: Whether the reference lags because the targets ask for more than the limits allow.
+        lead_ns: By how much the last accepted target came before the instant of the next setpoint, which was the first to
+            follow it [ns]; negative when that setpoint was late itself. None before the first target that was followed.
     """
 
     stream_id: int
@@ -261,6 +263,7 @@ class TargetView(Struct, frozen=True, kw_only=True):
     refusal_message: str
     limited: bool
     space: str = "joint"
+    lead_ns: int | None = None
 
 
 class MotionView(Struct, frozen=True, kw_only=True):

@@ -480,7 +480,9 @@ class ScriptedEngine:
         self.targets.append(event)
         self.show(
             targets=tuple(
-                replace(t, seq=event.seq) if t.stream_id == event.stream_id and t.open else t
+                replace(t, seq=event.seq, lead_ns=self.now_ns() - event.received_ns)
+                if t.stream_id == event.stream_id and t.open
+                else t
                 for t in self.snapshot.targets
             )
         )

@@ -98,7 +98,7 @@ def family(pid: int) -> list[int]:
 def cpu_row(
     name: str,
     whole: list[int],
-    peer: int,
+    peer: int | dict[str, int],
     pause: Callable[[float], None],
     seconds: float,
     goal: float | None,
@@ -109,25 +109,28 @@ def cpu_row(
     Args:
         name: What is measured.
         whole: The daemon, and what else belongs to it.
-        peer: The subscriber.
+        peer: The subscriber, or the processes of another peer by what they are called.
         pause: Lets time pass [s].
         seconds: How long.
         goal: At most so many times the peer's; None when it is only told.
         rest: What all but the first of the processes are called.
     """
-    pids = [*whole, peer]
+    peers = {"empty callbacks": peer} if isinstance(peer, int) else peer
+    pids = [*whole, *peers.values()]
     before = {each: cpu_s(each) for each in pids}
     begun = time.monotonic()
     pause(seconds)
     elapsed = time.monotonic() - begun
     share = {each: (cpu_s(each) - before[each]) / elapsed * 100 for each in pids}
-    plain = share.pop(peer)
+    parts = {called: share.pop(pid) for called, pid in peers.items()}
+    plain = sum(parts.values())
+    told = ", ".join(f"{called} {part:.1f}" for called, part in parts.items()) if len(parts) > 1 else next(iter(parts))
     ours = sum(share.values())
     others = f" ({rest} {ours - share[whole[0]]:.1f})" if len(share) > 1 else ""
     return Row(
         name=name,
         ours=f"{ours:.1f} %{others}",
-        peer=f"{plain:.1f} % (empty callbacks)",
+        peer=f"{plain:.1f} % ({told})",
         ratio=f"{ours / plain:.2f}x",
         goal="" if goal is None else f"<= {goal:g}x",
         good=None if goal is None else ours / plain <= goal,

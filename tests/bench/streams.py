@@ -1,7 +1,8 @@
 """Full load: every command stream that there is at once, its rate at the robot, and what that costs the daemon and its guard.
 
-A driver in a process of its own owns the robot: it streams targets to the arms in joint mode at 50 Hz, closes the grippers
-of all arms that are streamed and drives the chassis. A second robot has its right arm in end-effector mode.
+That stands beside an empty subscriber, and beside what a user would run instead (`host_bridge`). A driver in a process of
+its own owns the robot: it streams targets to the arms in joint mode at 50 Hz, closes the grippers of all arms that are
+streamed and drives the chassis. A second robot has its right arm in end-effector mode.
 """
 
 from __future__ import annotations
@@ -15,11 +16,15 @@ from typing import Any
 
 from gateway import robot
 from gateway.values import Side
+from tests.bench.host_bridge import host_peer, lacking_row
 from tests.bench.processor import bare_of, cpu_row, family, favour, peer_of
 from tests.bench.table import Row
 from tests.e2e.system import Process, System, joint_topics, wait_for
 
 __all__ = ["full_load_rows"]
+
+HOST_GOAL = 1.0
+"""Processor time of daemon and guard, beside a host bridge with a bare DDS node."""
 
 DRIVER = """
 import math
@@ -111,8 +116,18 @@ def _bare_row(system: System, subscriber: Process, pause: Callable[[float], None
         return cpu_row(name, pids, subscriber.pid, pause, seconds, None, rest="as a guard hears")
 
 
+def _host_row(system: System, topics: list[str], pause: Callable[[float], None], seconds: float) -> Row:
+    """Measure beside what a user would run instead: a host bridge and a bare DDS node, with the same traffic."""
+    name = "CPU of daemon and guard, all streams, beside a host bridge and a bare DDS node"
+    missing = lacking_row(name)
+    if missing is not None:
+        return missing
+    with host_peer(system.folder, topics, pause) as peer:
+        return cpu_row(name, family(system.daemon.pid), peer, pause, seconds, HOST_GOAL)
+
+
 def _driven_rows(
-    system: System, title: str, pause: Callable[[float], None], seconds: float, *, goal: float, dies: bool
+    system: System, title: str, pause: Callable[[float], None], seconds: float, *, dies: bool
 ) -> list[Row]:
     """Drive everything that a system has, and measure; at the end the daemon may be killed."""
     with ExitStack() as ending:
@@ -127,18 +142,20 @@ def _driven_rows(
         pause(1.0)
         system.control.ask("reset_stats")
         cpu = cpu_row(
-            f"CPU of daemon and guard, {title}", family(system.daemon.pid), subscriber.pid, pause, seconds, goal
+            f"CPU of daemon and guard, {title}", family(system.daemon.pid), subscriber.pid, pause, seconds, None
         )
         assert driver.is_running, driver.text()
         commands: Any = system.stats()["commands"]
-        rows = [cpu, *_rate_rows(commands, [t for t in robot.COMMAND_TOPICS if t in commands], title)]
+        topics = [topic for topic in robot.COMMAND_TOPICS if commands.get(topic, {"count": 0})["count"]]
+        rows = [cpu, *_rate_rows(commands, topics, title)]
         if dies:
+            rows.append(_host_row(system, topics, pause, seconds))
             rows.append(_bare_row(system, subscriber, pause, seconds))
         return rows + (_takeover_rows(system, pause) if dies else [])
 
 
 def full_load_rows(folder: Path, pause: Callable[[float], None], seconds: float) -> list[Row]:
-    """Measure full load; some 40 s.
+    """Measure full load; about a minute.
 
     Args:
         folder: For sockets, state and logs.
@@ -165,7 +182,7 @@ def full_load_rows(folder: Path, pause: Callable[[float], None], seconds: float)
                     "the robot's control mode",
                 )
             title = "all streams" if mode is None else "all streams, right arm by poses"
-            rows += _driven_rows(system, title, pause, seconds, goal=1.8, dies=mode is None)
+            rows += _driven_rows(system, title, pause, seconds, dies=mode is None)
         finally:
             system.close()
     return rows

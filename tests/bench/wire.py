@@ -14,12 +14,9 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-import zenoh
-
-from gateway.client import Control
 from gateway.sim.remote import SimControl
 from tests.bench.dds import dds_rows
+from tests.bench.latency import latency_rows
 from tests.bench.processor import cpu_row, family, favour, peer_of
 from tests.bench.streams import full_load_rows
 from tests.bench.table import Row
@@ -114,46 +111,8 @@ def _cpu_row(title: str, system: System, subscriber: Process, goal: float | None
     return cpu_row(name, whole, subscriber.pid, _pass, WINDOW_S, goal)
 
 
-def _latency_row(system: System, own: Control) -> Row:
-    """Time from `stream.set` in this process to the first changed setpoint at the robot's router."""
-    arrivals: list[int] = []
-    last: list[bytes] = [b""]
-
-    def hear(sample: zenoh.Sample) -> None:
-        body = sample.payload.to_bytes()[-7 * 8 * 3 - 8 :]  # positions and what follows: no stamp
-        if body != last[0]:
-            last[0] = body
-            arrivals.append(time.monotonic_ns())
-
-    config = {
-        "mode": "client",
-        "connect": {"endpoints": [system.endpoint]},
-        "scouting": {"multicast": {"enabled": False}},
-    }
-    waits_ms = []
-    with zenoh.open(zenoh.Config.from_json5(str(config).replace("'", '"').replace("False", "false"))) as session:
-        session.declare_subscriber("api/left_arm/joint_cmd", hear)
-        with own.left_arm.stream(rate_hz=50) as out:
-            start = out.q.copy()
-            for n in range(25):
-                _pass(0.15 + 0.0037 * n)  # at rest again, at another phase of the tick
-                arrivals.clear()
-                target = start.copy()
-                target[6] += 0.002 if n % 2 == 0 else 0.0
-                sent = time.monotonic_ns()
-                out.set(target)
-                wait_for(lambda: arrivals, "the setpoint", 2.0)
-                waits_ms.append((arrivals[0] - sent) / 1e6)
-    return Row(
-        name="client set -> first changed setpoint at the robot",
-        ours=f"p50 {np.percentile(waits_ms, 50):.1f} ms, p95 {np.percentile(waits_ms, 95):.1f} ms",
-        peer="one tick is 10 ms",
-        ratio=f"{np.percentile(waits_ms, 50) / 10:.2f} ticks",
-    )
-
-
 def wire_rows(folder: Path) -> list[Row]:
-    """Measure everything that needs processes; about two minutes."""
+    """Measure everything that needs processes; about four minutes."""
     rows: list[Row] = []
     peer_endpoint = f"tcp/127.0.0.1:{free_port()}"
     peer_sim = Process("peer-sim", ["-m", "gateway.sim", "--listen", peer_endpoint], folder)
@@ -176,7 +135,7 @@ def wire_rows(folder: Path) -> list[Row]:
                 helpers.pop(0).end()
                 rows += _interval_rows("quiet", system, peer, 0)
                 rows += _interval_rows("4 CPU hogs", system, peer, 4)
-                rows.append(_latency_row(system, own))
+                rows += latency_rows(system.endpoint, own)
     finally:
         for process in (*helpers, peer_sim):
             process.end()

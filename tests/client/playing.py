@@ -7,12 +7,12 @@ import asyncio
 __all__ = ["play"]
 
 
-def play(world, scene):
-    """Run a coroutine function and return its result; the world ticks whenever it waits. At most 30 s of real time."""
+def play(world, scene, step_s=0.01):
+    """Run a coroutine function and return its result; the world goes on by a step whenever it waits. At most 30 real s."""
 
     async def pump():
         while True:
-            world.run(0.01)
+            world.run(step_s)
             await asyncio.sleep(0)
 
     async def both():

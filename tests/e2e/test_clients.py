@@ -313,6 +313,23 @@ def test_a_notebook_runs_its_cells_again_and_again(system: System) -> None:
         names["robot"].close()
 
 
+def test_a_paced_stream_learns_from_the_daemon_how_early_its_targets_come(system: System) -> None:
+    """Every target is taken, at the rate that was asked for on average, and the daemon tells what it is paced by."""
+    with system.connect("pacer") as robot, robot.control() as own:
+        own.enable(timeout=12.0)
+        for paced in (True, False):
+            with own.left_arm.stream(rate_hz=40, paced=paced) as out:
+                begun = time.monotonic()
+                for _ in range(80):
+                    out.set(out.q)
+                    out.tick()
+                passed = time.monotonic() - begun
+                assert (80 + out.skipped - 2) / 40 < passed
+                wait_for(lambda out=out: out.accepted == 80, "the last target")
+                (view,) = [view for view in robot.state.view.targets if view.open]
+                assert view.lead_ns is not None and view.lead_ns <= 10_000_000
+
+
 def test_both_clients_live_in_one_running_loop(system: System) -> None:
     """A program of asyncio may use the blocking client beside its twin; streams, states and events go on in one loop."""
 

@@ -150,6 +150,7 @@ class ArmCommands(Generic[HandleT, DoneT, JointStreamT, PoseStreamT]):
         speed: float = 1.0,
         on_limit: protocol.OnLimitName = "reject",
         expiry: float | None = None,
+        paced: bool = True,
     ) -> JointStreamT: ...
 
     @overload
@@ -162,6 +163,7 @@ class ArmCommands(Generic[HandleT, DoneT, JointStreamT, PoseStreamT]):
         speed: float = 1.0,
         on_limit: protocol.OnLimitName = "reject",
         expiry: float | None = None,
+        paced: bool = True,
     ) -> PoseStreamT: ...
 
     def stream(
@@ -173,6 +175,7 @@ class ArmCommands(Generic[HandleT, DoneT, JointStreamT, PoseStreamT]):
         speed: float = 1.0,
         on_limit: protocol.OnLimitName = "reject",
         expiry: float | None = None,
+        paced: bool = True,
     ) -> JointStreamT | PoseStreamT:
         """Return a stream of targets for this arm, to be used in a `with` block.
 
@@ -184,12 +187,15 @@ class ArmCommands(Generic[HandleT, DoneT, JointStreamT, PoseStreamT]):
             on_limit: `reject` refuses a target outside the limits, `clip` moves it to the limit.
             expiry: A target that has no successor for so long makes the arm brake and hold [s], 0.05 to 3; None for
                 the configured time (1.5 s).
+            paced: Whether `tick` returns where the next target is just in time for a setpoint, at the same average rate;
+                False keeps a grid of even intervals, and a target waits for up to a setpoint's period.
 
         Raises:
             Rejected: WRONG_FRAME, a stream of poses without a frame, or in another arm's; OUT_OF_RANGE, the rate.
         """
         require_space(space)
-        owner, how = self._control, StreamOptions(rate_hz=rate_hz, speed=speed, on_limit=on_limit, expiry=expiry)
+        owner = self._control
+        how = StreamOptions(rate_hz=rate_hz, speed=speed, on_limit=on_limit, expiry=expiry, paced=paced)
         if space == "joint":
             return self._joint_stream(owner._session, owner._owned(), self.side, how)
         return self._pose_stream(owner._session, owner._owned(), self.side, how, frame_of(self.side, frame))

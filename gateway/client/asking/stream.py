@@ -3,7 +3,8 @@
 Rules
     * A target is checked here like the daemon checks it, so that the mistake is told where it was made. What `set` returns
       is what goes out.
-    * `tick` paces on an absolute grid: a late tick is not caught up, its periods are skipped and counted.
+    * `tick` paces on an absolute grid: a late tick is not caught up, its periods are skipped and counted. A paced stream
+      moves its instants to where the next target is just in time for a setpoint (`phase`).
     * A stream that ended, or a target that was refused, is told at the next `tick`, with code and message.
 """
 
@@ -14,6 +15,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from gateway.api import protocol
+from gateway.client.asking.phase import Phase
 from gateway.client.asking.poses import numbers, within_reach
 from gateway.client.asking.procedures import Procedure, open_stream, request
 from gateway.client.asking.requests import chosen, joints, number, read_only, seconds, within_limits
@@ -37,12 +39,14 @@ class StreamOptions:
         speed: Factor on the velocity limit, 0 < speed <= 1.
         on_limit: `reject` or `clip`.
         expiry: Life of a target [s]; None for the configured one.
+        paced: Whether ticks are moved to where the next target is just in time.
     """
 
     rate_hz: float
     speed: float
     on_limit: protocol.OnLimitName
     expiry: float | None
+    paced: bool = True
 
 
 class TargetStream:
@@ -82,6 +86,7 @@ class TargetStream:
         self._lease = lease
         self._on_limit: protocol.OnLimitName = options.on_limit
         self._period_ns = round(1e9 / rate_hz)
+        self._phase = Phase(self._period_ns) if options.paced else None
         self._opening = protocol.OpenStream(
             epoch=lease.epoch,
             side=protocol.Side(side),
@@ -118,6 +123,8 @@ class TargetStream:
     def _put(self, values: tuple[float, ...]) -> None:
         self._seq += 1
         target = protocol.Target(epoch=self._lease.epoch, seq=self._seq, values=values)
+        if self._phase is not None:
+            self._phase.sent(self._seq, self._session.transport.now_ns())
         self._session.put_target(self._stream_id, target)
         self._values = values
 
@@ -138,7 +145,10 @@ class TargetStream:
             missed = -(-(now_ns - self._due_ns) // self._period_ns)
             self._due_ns += missed * self._period_ns
             self.skipped += missed
-        yield from pause(self._due_ns)
+        wake_ns = self._due_ns
+        if self._phase is not None:
+            wake_ns, self._due_ns = self._phase.wake(self._due_ns, now_ns)
+        yield from pause(wake_ns)
         self._check()
 
     def _close(self) -> Procedure[None]:
@@ -168,7 +178,11 @@ class TargetStream:
         if sighting is None or sighting.view.seq <= self._after_seq:
             return False
         found = (view for view in sighting.view.targets if view.stream_id == self._stream_id)
-        self._view = next(found, None)
+        self._view = view = next(found, None)
+        info = self._session.info
+        if self._phase is not None and info is not None and view is not None and view.lead_ns is not None:
+            setpoint_ns = round(1e9 / (info.pose_rate_hz if self._opening.frame else info.arm_rate_hz))
+            self._phase.hear(view.seq, view.lead_ns, setpoint_ns, self._session.transport.now_ns())
         return True
 
     def _check(self) -> None:

@@ -64,6 +64,8 @@ class TargetStream:
         self.refused = 0
         self.refusal: Refusal | None = None
         self.limited = False
+        self.lead_ns: int | None = None
+        """By how much the last target that is followed came before its first setpoint [ns]; None before there was one."""
 
     @property
     def is_open(self) -> bool:
@@ -83,6 +85,7 @@ class TargetStream:
             refusal_code=self.refusal.code.value if self.refusal else "",
             refusal_message=self.refusal.message if self.refusal else "",
             limited=self.limited,
+            lead_ns=self.lead_ns,
         )
 
 

@@ -176,7 +176,10 @@ class Moves:
         if accepted is None or conductor.state is not State.ACTIVE:
             return
         stream, values = accepted
-        conductor.body.arms[stream.side].follow_target(values, stream.speed, stream.epoch)
+        arm = conductor.body.arms[stream.side]
+        arm.follow_target(values, stream.speed, stream.epoch)
+        due_ns = arm.next_due_ns()
+        stream.lead_ns = None if due_ns is None else due_ns - target.received_ns
 
     def close_stream(self, command: CommandRequested, request: CloseStream, now_ns: int) -> Answer:
         """End a stream of targets: the arm brakes and holds."""

@@ -318,6 +318,30 @@ def test_a_target_is_followed_at_its_streams_speed_and_epoch(scene):
     assert 0.1 < max(scene.body.arms[L].reference.dq_radps) <= 0.5
 
 
+@pytest.mark.parametrize("early_ns", [0, 3 * MS])
+def test_a_stream_tells_how_early_a_target_came_for_its_setpoint(scene, early_ns):
+    """Measured to the instant of the grid, not to a late tick: a commander can be just in time for the next one."""
+    stream_id = scene.stream()
+    record = scene.body.targets.find(stream_id)
+    assert record.lead_ns is None
+    scene.run(1)
+    due_ns = scene.body.arms[L].next_due_ns()
+    scene.now_ns = due_ns + 2 * MS
+    scene.target(stream_id, received_ns=due_ns - early_ns)
+    assert record.lead_ns == early_ns and record.view().lead_ns == early_ns
+    scene.run(1)
+    scene.target(stream_id, seq=2, received_ns=scene.now_ns)
+    assert record.lead_ns == scene.body.arms[L].next_due_ns() - scene.now_ns > 0
+
+
+def test_a_target_for_an_arm_that_is_silent_has_no_setpoint_to_be_in_time_for(scene):
+    """Then there is nothing to tell."""
+    stream_id = scene.stream()
+    scene.body.arms[L].stop()
+    scene.target(stream_id)
+    assert scene.body.targets.find(stream_id).lead_ns is None
+
+
 def test_a_target_that_arrived_before_a_stop_is_dropped(scene):
     """Nobody is told: it was right when it was sent. It moves nothing and never will (DESIGN §8.5)."""
     stream_id = scene.stream(L)
