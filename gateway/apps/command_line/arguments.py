@@ -20,7 +20,7 @@ from gateway.apps.command_line.ground_arguments import add_ground, take_velocity
 from gateway.apps.command_line.identify_arguments import add_identify
 from gateway.apps.command_line.model_arguments import add_model
 from gateway.apps.command_line.numbers import above_zero
-from gateway.apps.command_line.sim_arguments import add_clock, add_physics
+from gateway.apps.command_line.sim_arguments import add_camera, add_clock, add_physics
 from gateway.apps.command_line.stop_arguments import add_stops
 from gateway.apps.terminal.ending import STATUS_HELP
 
@@ -258,10 +258,7 @@ def _add_sim(sim: argparse.ArgumentParser) -> None:
     )
     add_physics(sim)
     add_clock(sim)
-    sim.add_argument("--camera", action="store_true", help="send its camera's pictures too, as RTP/H.265 (manual §5.1)")
-    sim.add_argument(
-        "--camera-to", metavar="HOST:PORT", help="where to; turns --camera on (default 127.0.0.1:8890, as the robot's)"
-    )
+    add_camera(sim)
     asks = sim.add_subparsers(title="ask a running one", dest="ask", metavar="ASK")
     for name, text in (
         ("fault", """let a fault begin, e.g. '{"fault": "pause", "duration_s": 1}'"""),

@@ -1,4 +1,4 @@
-"""How a simulated robot moves, whether one looks at it, and its clock, as arguments of `ta2 sim`; not what they do."""
+"""How a simulated robot moves, whether one looks at it, its clock and camera, as arguments of `ta2 sim`; not what they do."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from pathlib import Path
 
 from gateway.apps.command_line.numbers import between
 
-__all__ = ["add_clock", "add_physics"]
+__all__ = ["add_camera", "add_clock", "add_physics"]
 
 
 def add_physics(sim: argparse.ArgumentParser) -> None:
@@ -46,6 +46,14 @@ def add_clock(sim: argparse.ArgumentParser) -> None:
         default=0.0,
         metavar="PPM",
         help="how much faster than this host's its clock runs [ppm] (default %(default)g)",
+    )
+
+
+def add_camera(sim: argparse.ArgumentParser) -> None:
+    """Add `--camera` and `--camera-to`."""
+    sim.add_argument("--camera", action="store_true", help="send its camera's pictures too, as RTP/H.265 (manual §5.1)")
+    sim.add_argument(
+        "--camera-to", metavar="HOST:PORT", help="where to; turns --camera on (default 127.0.0.1:8890, as the robot's)"
     )
 
 

@@ -11,8 +11,8 @@ from gateway.apps.body.calibration_writing import robot_to_write_for, write_arms
 from gateway.errors import Code, ConfigError
 from gateway.kinematics.calibration import load
 from gateway.values import Side
-from tests.kinematics.calibrations import OTHER_ROBOT, ROBOT, document, written
 from tests.kinematics.calibration_file.test_arm_section import entry
+from tests.kinematics.calibrations import OTHER_ROBOT, ROBOT, document, written
 
 
 def test_a_new_file_says_whose_it_is(tmp_path):
