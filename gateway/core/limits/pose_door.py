@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from gateway import robot
 from gateway.core.messages.events import OnLimit
 from gateway.core.motion.gap import Gap
-from gateway.core.motion.poses.pose_path import NORM_TOLERANCE
+from gateway.core.motion.poses.pose_state import NORM_TOLERANCE
 from gateway.core.motion.poses.quaternion import unit
 from gateway.errors import Code, Refusal
 from gateway.settings import PoseSettings

@@ -238,9 +238,9 @@ class Cartesian:
         going = {
             side: Going(
                 arm=model.arms[side],
-                start=arms[side].reference.state,
+                start=arms[side].reference.here,
                 target=target,
-                poses=conductor.body.pose_arms[side].reference.dynamics,
+                poses=conductor.body.pose_arms[side].reference.space,
             )
             for side, target in job.targets.items()
         }
