@@ -113,7 +113,7 @@ class Cartesian:
                 return goal
             poses[side] = goal.values
             if goal.clipped:
-                clipped[side.value] = [0, 1, 2]
+                clipped[side.value] = list(goal.clipped)
             joints = self._solved(conductor.model, side, _pose(goal.values))
             if isinstance(joints, Refusal):
                 return joints

@@ -7,7 +7,6 @@ lets the arm go on with the chunk under way until then. A later chunk of the sam
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 from functools import partial
 
@@ -19,8 +18,7 @@ from gateway.core.motion.joints.trajectory import Trajectory
 from gateway.core.motion.poses.pose_chunk import check_pose_jump, check_pose_motion
 from gateway.core.motion.poses.pose_follower import followed
 from gateway.core.motion.poses.pose_trajectory import PoseTrajectory
-from gateway.core.motion.poses.quaternion import angle_rad
-from gateway.core.motion.tolerance import Tolerances, check_tolerances
+from gateway.core.motion.tolerance import Tolerances, apart, check_tolerances
 from gateway.core.requests.moves import Answer, Moves
 from gateway.core.requests.permit import Permit
 from gateway.core.separation.room import check_goals
@@ -122,7 +120,7 @@ class Follows:
             )
             if here is not None:
                 jump = _check_jump(side, chunk.space, begin, into_s, here)
-                away[side.value] = list(_apart(chunk.space, begin, here))
+                away[side.value] = list(apart(chunk.space, begin, here))
             else:
                 jump = Refusal(
                     code=Code.PART_STALE,
@@ -206,13 +204,6 @@ def _check_jump(side: Side, space: Space, begin: Vector, into_s: float, here: Ve
     if space is Space.POSE:
         return check_pose_jump(side, begin, here)
     return check_jump(side, begin, into_s, here)
-
-
-def _apart(space: Space, begin: Vector, here: Vector) -> Vector:
-    """Return how far apart two places are: per joint [rad], or position and orientation [m, rad]."""
-    if space is Space.POSE:
-        return math.dist(begin[:3], here[:3]), angle_rad(begin[3:], here[3:])
-    return tuple(abs(q - ref) for q, ref in zip(begin, here, strict=True))
 
 
 def _begins_ns(command: CommandRequested, request: Follow, now_ns: int) -> int:
