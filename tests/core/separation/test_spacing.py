@@ -215,8 +215,7 @@ def test_a_brake_goes_on_whatever_is_ahead():
     kept = SpacedPair()
     for side in Side:
         arm, other = reference(pair, side), reference(kept, side)
-        other.seed(arm.q_rad)
-        other._v, other._a = arm.dq_radps, arm.ddq_radps2
+        other.state = arm.state
         arm.brake()
         other.brake()
         assert other.mode is ReferenceMode.BRAKE
