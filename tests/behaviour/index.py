@@ -22,7 +22,7 @@ VALUES = {
     ),
     "pose speed": (
         "poses::a_pose_motion_arrives_within_5_mm_and_0_05_rad_for_half_a_second",
-        "core/motion/pose_motion::whatever_is_asked_the_setpoints_keep_every_limit",
+        "core/motion/motion::whatever_is_asked_the_setpoints_keep_every_limit",
         "core/streams/gate::a_pose_moves_and_turns_within_the_configured_velocities",
     ),
     "chassis": (

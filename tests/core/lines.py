@@ -9,9 +9,9 @@ from itertools import pairwise
 from typing import TypeVar
 
 from gateway.core.body.body import Body as Streams
-from gateway.core.motion.joints.braking import JointLimits
-from gateway.core.motion.joints.path import Start
+from gateway.core.motion.joints.braking import Braking, JointLimits
 from gateway.core.motion.lines.line_plan import Body, Going, plan_lines
+from gateway.core.motion.space import Start
 from gateway.kinematics.placement import Placement
 from gateway.robot import HOME_Q_RAD
 from gateway.settings import Settings
@@ -39,8 +39,8 @@ T = TypeVar("T")
 DT_S = 0.01
 HOME = {side: ARMS[side].forward(HOME_Q_RAD[side]) for side in Side}
 STREAMS = Streams(Settings())
-LIMITS: dict[Side, JointLimits] = {side: STREAMS.joint_arms[side].reference.limits for side in Side}
-POSES = {side: STREAMS.pose_arms[side].reference.dynamics for side in Side}
+LIMITS: dict[Side, JointLimits] = {side: STREAMS.joint_arms[side].reference.space.limits for side in Side}
+POSES = {side: STREAMS.pose_arms[side].reference.space for side in Side}
 FREE = Body(model=None, margin_m=0.02, q_rad={})
 """Nothing is watched."""
 
@@ -56,11 +56,11 @@ def finished(work: Generator[None, None, T]) -> tuple[T, int]:
         pieces += 1
 
 
-def rest(side: Side, q_rad: Vector) -> Start:
+def rest(side: Side, q_rad: Vector) -> Start[Braking]:
     """An arm at rest."""
     reference = Streams(Settings()).joint_arms[side].reference
     reference.seed(q_rad)
-    return reference.state
+    return reference.here
 
 
 def beside(side: Side, by_m: Vector) -> EePose:
@@ -94,7 +94,7 @@ def random_way(rng: random.Random, side: Side, far_rad: float = 0.3) -> tuple[Ve
 def setpoints(path) -> list[Vector]:
     """What a stream sends along a path: from rest before it to rest after it."""
     count = math.ceil(path.duration_s / DT_S) + 3
-    return [path.start.q_rad] * 3 + [path.at(n * DT_S)[0] for n in range(1, count)]
+    return [path.start.values] * 3 + [path.at(n * DT_S)[0] for n in range(1, count)]
 
 
 def used(sent: Sequence[Vector], limits: JointLimits) -> tuple[float, float, float]:

@@ -6,8 +6,9 @@ import math
 import random
 from itertools import pairwise
 
-from gateway.core.motion.poses.pose_state import PoseLimits
+from gateway.core.motion.poses.pose_state import REST6, PoseLimits
 from gateway.core.motion.poses.quaternion import dot, exp, multiply, turn, unit
+from gateway.core.motion.space import State
 
 LIMITS = PoseLimits(v_mps=0.25, a_mps2=1.5, j_mps3=10.0, w_radps=0.8, dw_radps2=5.0, ddw_radps3=30.0, reach_m=0.55)
 HARD = PoseLimits(v_mps=0.5, a_mps2=5.0, j_mps3=100.0, w_radps=1.5, dw_radps2=15.0, ddw_radps3=300.0, reach_m=0.55)
@@ -18,6 +19,11 @@ TOLERANCE = 1e-6
 """Part of a limit by which a difference may exceed it: rounding."""
 
 HOME = (0.30, 0.10, -0.20, 0.0, 0.0, 0.0, 1.0)
+
+
+def posed(p_m, quat_xyzw=HOME[3:], v=REST6, a=REST6) -> State:
+    """A state of an end effector, at rest where nothing is said of its motion."""
+    return State((*p_m, *quat_xyzw), v, a)
 
 
 def about(axis, angle_rad):

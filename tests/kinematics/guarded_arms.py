@@ -7,7 +7,8 @@ import time
 from functools import cache
 
 from gateway.core.motion.joints.braking import Braking, JointLimits, advance
-from gateway.core.motion.joints.follower import Follower
+from gateway.core.motion.joints.follower import JointFollower
+from gateway.core.motion.space import State
 from gateway.kinematics.collision import CollisionModel
 from gateway.kinematics.description import nominal
 from gateway.kinematics.separation.approach import Approach
@@ -63,7 +64,7 @@ class GuardedArms:
         self._is_guarded = is_guarded
         self._rule = Approach(model())
         self._brakes = {side: Braking(self._limits(side), DT_S) for side in Side}
-        self._followers = {side: Follower(self._brakes[side]) for side in Side}
+        self._followers = {side: JointFollower(self._brakes[side]) for side in Side}
         self._seen = dict(start)
         self.gap = model().posture(start).nearest()
         self.least_m = self.gap.gap_m
@@ -72,7 +73,7 @@ class GuardedArms:
         self.judged_us: list[float] = []
         """What the rule took for each tick, with all that it needs to know, in processor time of the thread [us]."""
         for follower in self._followers.values():
-            follower.begin(1.0)
+            follower.begin()
 
     def _limits(self, side):
         lower, upper = JOINT_LOWER_RAD[side], JOINT_UPPER_RAD[side]
@@ -90,7 +91,7 @@ class GuardedArms:
     def stream(self, target, seconds: float) -> None:
         """Follow a target; stop early when it is reached and all stand."""
         for side in Side:
-            self._followers[side].target_rad = tuple(target[side])
+            self._followers[side].aim(tuple(target[side]), 1.0, self.now[side])
         for _ in range(int(seconds / DT_S)):
             self.tick()
             if self.off_rad(target) < 1e-9 and not any(map(any, (self.now[side][1] for side in Side))):
@@ -118,13 +119,13 @@ class GuardedArms:
         self.judged_us.append((time.thread_time_ns() - begun_ns) / 1e3)
         self.refused += not verdict.is_free
         for side, follower in self._followers.items():
-            speed = min(1.0, verdict.limit_radps[side] / self.v)
-            if speed != follower.speed:
-                follower.begin(speed)
+            follower.bound(min(1.0, verdict.limit_radps[side] / self.v))
         return {
-            side: tuple(
-                tuple(w if goes else b for w, b, goes in zip(*rows, verdict.going[side], strict=True))
-                for rows in zip(wanted[side], braked[side], strict=True)
+            side: State(
+                *(
+                    tuple(w if goes else b for w, b, goes in zip(*rows, verdict.going[side], strict=True))
+                    for rows in zip(wanted[side], braked[side], strict=True)
+                )
             )
             for side in Side
         }

@@ -11,9 +11,8 @@ from functools import partial
 
 from gateway.core.body.motions import Motion, MotionBook, MotionState
 from gateway.core.body.targets import TargetBook
-from gateway.core.motion.joints.passage import Outcome
-from gateway.core.motion.motion import Path, plan
-from gateway.core.motion.pose_motion import PosePath, plan_poses
+from gateway.core.motion.motion import Path, PosePath, plan, plan_poses
+from gateway.core.motion.passage import Outcome
 from gateway.core.motion.tolerance import first_beyond
 from gateway.core.streams.arm import ArmStream
 from gateway.core.streams.chassis import ChassisStream
@@ -69,6 +68,10 @@ class Body:
     def _is_streamed(self, side: Side) -> bool:
         return self.arms[side].running
 
+    def stream(self, side: Side, space: Space) -> SetpointStream:
+        """Return the stream of an arm in a space."""
+        return self.joint_arms[side] if space is Space.JOINT else self.pose_arms[side]
+
     @property
     def running_arms(self) -> tuple[SetpointStream, ...]:
         """Arm streams that send."""
@@ -88,7 +91,7 @@ class Body:
         """Make the stream of a space the arm's own; one of the other space falls silent first."""
         if self.arms[side].space is not space:
             self.arms[side].stop()
-            self.arms[side] = self.joint_arms[side] if space is Space.JOINT else self.pose_arms[side]
+            self.arms[side] = self.stream(side, space)
 
     def plan(self, goals: Mapping[Side, Vector], speed: float) -> dict[Side, Path | PosePath]:
         """Plan one motion of the named arms, each in the space of its stream; those of one space end together.
@@ -208,8 +211,7 @@ class Body:
         if motion.terms is None:
             return None
         for side in motion.goals:
-            arm = self.joint_arms[side] if motion.space is Space.JOINT else self.pose_arms[side]
-            passage = arm.reference.passage
+            passage = self.stream(side, motion.space).reference.passage
             if passage is None:
                 continue  # the arm was taken away in this tick, which ends the motion with a code of its own
             if passage.outcome is Outcome.UNDERRUN:

@@ -164,10 +164,10 @@ class TargetBook:
 
     def _goal(self, stream: TargetStream, values: Vector) -> Vector | Refusal:
         if stream.space is Space.POSE:
-            pose = check_pose(stream.side, values, self._pose, stream.on_limit)
-            return pose if isinstance(pose, Refusal) else pose.values
-        goal = check_goal(stream.side, values, self._settings, stream.on_limit)
-        return goal if isinstance(goal, Refusal) else goal.q_rad
+            goal = check_pose(stream.side, values, self._pose, stream.on_limit)
+        else:
+            goal = check_goal(stream.side, values, self._settings, stream.on_limit)
+        return goal if isinstance(goal, Refusal) else goal.values
 
     def _refusal(self, stream: TargetStream, target: TargetArrived) -> Refusal | None:
         if not stream.is_open:

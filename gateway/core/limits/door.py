@@ -18,7 +18,7 @@ from gateway.settings import ArmSettings
 from gateway.values import ARM_DOF, CurrentMode, Side, Space, Vector
 
 __all__ = [
-    "CheckedGoal",
+    "Checked",
     "Fitness",
     "check_arms",
     "check_expiry",
@@ -46,15 +46,15 @@ MIN_SPEED = 0.001
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class CheckedGoal:
-    """A goal inside the limits.
+class Checked:
+    """A goal or a start inside the limits.
 
     Attributes:
-        q_rad: Seven joints [rad].
-        clipped: Indices of the joints that were clipped; empty unless clipping was asked for.
+        values: Seven joints [rad], or x, y, z [m], qx, qy, qz, qw with norm 1.
+        clipped: Indices of the values that were moved to a limit; of a goal only where clipping was asked for.
     """
 
-    q_rad: Vector
+    values: Vector
     clipped: tuple[int, ...] = ()
 
 
@@ -165,17 +165,19 @@ def check_speed(speed: float) -> Refusal | None:
     )
 
 
-def check_tolerance(tolerance_rad: float | None) -> Refusal | None:
-    """Refuse a settling tolerance outside [1e-4, 0.2] rad."""
-    if tolerance_rad is None or (math.isfinite(tolerance_rad) and 1e-4 <= tolerance_rad <= 0.2):
+def check_tolerance(
+    tolerance: float | None, field: str = "tolerance_rad", most: float = 0.2, unit: str = "rad"
+) -> Refusal | None:
+    """Refuse a settling tolerance outside [1e-4, 0.2] rad, or [1e-4, `most`] of another unit."""
+    if tolerance is None or (math.isfinite(tolerance) and 1e-4 <= tolerance <= most):
         return None
     return Refusal(
-        code=Code.OUT_OF_RANGE if math.isfinite(tolerance_rad) else Code.NOT_FINITE,
-        message=f"tolerance is {tolerance_rad} rad, outside [0.0001, 0.2] rad",
-        field="tolerance_rad",
-        value=str(tolerance_rad),
-        bound="[0.0001, 0.2]",
-        unit="rad",
+        code=Code.OUT_OF_RANGE if math.isfinite(tolerance) else Code.NOT_FINITE,
+        message=f"tolerance is {tolerance} {unit}, outside [0.0001, {most}] {unit}",
+        field=field,
+        value=str(tolerance),
+        bound=f"[0.0001, {most}]",
+        unit=unit,
         hint="stay inside the bound, or leave the tolerance away for the configured one",
     )
 
@@ -195,7 +197,7 @@ def check_expiry(expiry_ns: int | None) -> Refusal | None:
     )
 
 
-def check_goal(side: Side, q_rad: Sequence[float], settings: ArmSettings, on_limit: OnLimit) -> CheckedGoal | Refusal:
+def check_goal(side: Side, q_rad: Sequence[float], settings: ArmSettings, on_limit: OnLimit) -> Checked | Refusal:
     """Check seven joints against shape, finiteness and the configured limits.
 
     Args:
@@ -247,10 +249,10 @@ def check_goal(side: Side, q_rad: Sequence[float], settings: ArmSettings, on_lim
             bound=f"[{low}, {high}]",
             unit="rad",
         )
-    return CheckedGoal(q_rad=tuple(goal), clipped=tuple(clipped))
+    return Checked(values=tuple(goal), clipped=tuple(clipped))
 
 
-def check_start(side: Side, q_rad: Vector, settings: ArmSettings) -> CheckedGoal | Refusal:
+def check_start(side: Side, q_rad: Vector, settings: ArmSettings) -> Checked | Refusal:
     """Check where an arm is before its stream starts there.
 
     Up to `start_margin_rad` beyond a limit the start is moved to the limit (`clipped` says which joints); further out it
@@ -281,4 +283,4 @@ def check_start(side: Side, q_rad: Vector, settings: ArmSettings) -> CheckedGoal
             )
         start[n] = min(max(value, low), high)
         clipped.append(n)
-    return CheckedGoal(q_rad=tuple(start), clipped=tuple(clipped))
+    return Checked(values=tuple(start), clipped=tuple(clipped))

@@ -8,33 +8,20 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 from gateway import robot
+from gateway.core.limits.door import Checked, check_tolerance
 from gateway.core.messages.events import OnLimit
 from gateway.core.motion.gap import Gap
-from gateway.core.motion.poses.pose_path import NORM_TOLERANCE
+from gateway.core.motion.poses.pose_state import NORM_TOLERANCE
 from gateway.core.motion.poses.quaternion import unit
 from gateway.errors import Code, Refusal
 from gateway.settings import PoseSettings
 from gateway.values import Side, Vector
 
-__all__ = ["CheckedPose", "check_frame", "check_pose", "check_pose_start", "check_pose_tolerance"]
+__all__ = ["check_frame", "check_pose", "check_pose_start", "check_pose_tolerance"]
 
 WIDTH = 7
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class CheckedPose:
-    """A pose inside the reach.
-
-    Attributes:
-        values: x, y, z [m], qx, qy, qz, qw with norm 1.
-        clipped: Whether the position was moved to the end of the reach.
-    """
-
-    values: Vector
-    clipped: bool = False
 
 
 def check_frame(side: Side, frame: str) -> Refusal | None:
@@ -54,7 +41,7 @@ def check_frame(side: Side, frame: str) -> Refusal | None:
 
 def check_pose(
     side: Side, values: Sequence[float], settings: PoseSettings, on_limit: OnLimit = OnLimit.REJECT
-) -> CheckedPose | Refusal:
+) -> Checked | Refusal:
     """Check a pose against shape, finiteness, the norm of its quaternion and the reach.
 
     Args:
@@ -95,8 +82,7 @@ def check_pose(
             hint="give the quaternion as x, y, z, w with norm 1",
         )
     reach_m = math.hypot(*values[:3])
-    is_beyond = reach_m > settings.reach_m
-    if is_beyond and on_limit is OnLimit.REJECT:
+    if reach_m > settings.reach_m and on_limit is OnLimit.REJECT:
         return Refusal(
             code=Code.OUT_OF_RANGE,
             message=f"the pose for the {side} arm is {reach_m:.4f} m from its shoulder, outside [0, {settings.reach_m}] m "
@@ -106,19 +92,20 @@ def check_pose(
             bound=f"[0, {settings.reach_m}]",
             unit="m",
         )
-    return CheckedPose(values=_inside(values, settings.reach_m), clipped=is_beyond)
+    return _inside(values, settings.reach_m)
 
 
-def _inside(values: Sequence[float], reach_m: float) -> Vector:
+def _inside(values: Sequence[float], reach_m: float) -> Checked:
     """Return the pose with a unit quaternion and its position moved to the reach, where it is beyond it."""
-    p_m = tuple(values[:3])
+    p_m, quat = tuple(values[:3]), unit(tuple(values[3:]))
     far_m = math.hypot(*p_m)
-    if far_m > reach_m:
-        p_m = tuple(x * (reach_m / far_m) * (1.0 - 1e-12) for x in p_m)  # rounding must not put it outside again
-    return p_m + unit(tuple(values[3:]))
+    if far_m <= reach_m:
+        return Checked(values=p_m + quat)
+    p_m = tuple(x * (reach_m / far_m) * (1.0 - 1e-12) for x in p_m)  # rounding must not put it outside again
+    return Checked(values=p_m + quat, clipped=(0, 1, 2))
 
 
-def check_pose_start(side: Side, values: Vector, settings: PoseSettings) -> CheckedPose | Refusal:
+def check_pose_start(side: Side, values: Vector, settings: PoseSettings) -> Checked | Refusal:
     """Check where an end effector is before its stream starts there.
 
     Up to `start_margin_m` beyond the reach the start is moved to its end; further out it is refused with
@@ -140,7 +127,7 @@ def check_pose_start(side: Side, values: Vector, settings: PoseSettings) -> Chec
             bound=f"[0, {settings.reach_m}]",
             unit="m",
         )
-    return CheckedPose(values=_inside(values, settings.reach_m), clipped=reach_m > settings.reach_m)
+    return _inside(values, settings.reach_m)
 
 
 def check_pose_tolerance(
@@ -153,18 +140,9 @@ def check_pose_tolerance(
         tolerance_rad: Of the orientation [rad]; None for the configured one.
         settings: The configured ones.
     """
-    asked = (("tolerance_m", tolerance_m, 0.05, "m"), ("tolerance_rad", tolerance_rad, 0.2, "rad"))
-    for name, value, most, unit_name in asked:
-        if value is not None and not (math.isfinite(value) and 1e-4 <= value <= most):
-            return Refusal(
-                code=Code.OUT_OF_RANGE if math.isfinite(value) else Code.NOT_FINITE,
-                message=f"tolerance is {value} {unit_name}, outside [0.0001, {most}] {unit_name}",
-                field=name,
-                value=str(value),
-                bound=f"[0.0001, {most}]",
-                unit=unit_name,
-                hint="stay inside the bound, or leave the tolerance away for the configured one",
-            )
+    refusal = check_tolerance(tolerance_m, "tolerance_m", 0.05, "m") or check_tolerance(tolerance_rad)
+    if refusal is not None:
+        return refusal
     return Gap(
         settings.settle_rad if tolerance_rad is None else tolerance_rad,
         settings.settle_m if tolerance_m is None else tolerance_m,

@@ -4,12 +4,12 @@ Whatever is asked of it, in whatever order, the reference is one continuous moti
 acceleration never jump (but by `seed` and `enter`, while the stream is silent), and the jerk keeps its limit. Setpoints are
 samples of that motion at one period, so their finite differences, being averages of its derivatives, keep the limits
 as well: v·dt, a·dt², j·dt³. A motion that ends between two samples ends at rest: what follows joins without a step.
- Each new plan starts from the exact state of the last setpoint, never from a
-measured one.
+Each new plan starts from the exact state of the last setpoint, never from a measured one.
 
-It never leaves the position limits: every setpoint is *stoppable*, that is, braking from it ends inside. Why that is
-enough stands in `braking.py`; how it is kept, in `planner.py` for paths, in `follower.py` for targets and in
-`passage.py` for trajectories.
+In joints the limits hold for each joint, in poses for the vectors of position and orientation, and the sign of the quaternion
+never flips (`space.py`). It never leaves the position limits, or the reach: every setpoint is *stoppable*, that is, braking
+from it ends inside. Why that is enough stands in `joints/braking.py` and `poses/pose_state.py`; how it is kept, in the
+planners for paths, in the followers for targets and in the passages for trajectories.
 
 A reference knows no clock: each `step` is one nominal period, so a late tick delays the motion and never makes it
 jump.
@@ -17,29 +17,39 @@ jump.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from enum import Enum
+from typing import Any, Generic
 
+from gateway.core.motion.follower import Follower
 from gateway.core.motion.joints.braking import Braking, JointLimits
-from gateway.core.motion.joints.follower import Follower
-from gateway.core.motion.joints.passage import Outcome, Passage
-from gateway.core.motion.joints.path import (
-    REST,
-    Path,
-    PlanFailed,
-    Slowing,
-    Start,
-    State,
-    check_entry,
-    check_goal,
-    check_speed,
-)
+from gateway.core.motion.joints.follower import JointFollower
+from gateway.core.motion.joints.passage import JointPassage
+from gateway.core.motion.joints.path import Path
 from gateway.core.motion.joints.planner import plan_paths
 from gateway.core.motion.joints.trajectory import Trajectory
-from gateway.core.motion.lines.line_path import LinePath
+from gateway.core.motion.passage import Outcome, Passage
+from gateway.core.motion.poses.pose_follower import PoseFollower
+from gateway.core.motion.poses.pose_passage import PosePassage
+from gateway.core.motion.poses.pose_path import PosePath, plan_pose_paths
+from gateway.core.motion.poses.pose_state import PoseDynamics, PoseLimits
+from gateway.core.motion.poses.pose_trajectory import PoseTrajectory
+from gateway.core.motion.space import Course, PlanFailed, SpaceT, Start, State, check_speed
 from gateway.values import Side, Vector
 
-__all__ = ["JointLimits", "JointReference", "Path", "PlanFailed", "ReferenceMode", "plan"]
+__all__ = [
+    "JointLimits",
+    "JointReference",
+    "Path",
+    "PlanFailed",
+    "PoseLimits",
+    "PosePath",
+    "PoseReference",
+    "Reference",
+    "ReferenceMode",
+    "plan",
+    "plan_poses",
+]
 
 
 class ReferenceMode(str, Enum):
@@ -52,70 +62,55 @@ class ReferenceMode(str, Enum):
     BRAKE = "brake"
 
 
-class JointReference:
+class Reference(Generic[SpaceT]):
     """One arm's setpoint generator.
 
     Args:
-        limits: Limits of the arm's joints; they always hold.
-        period_s: Time between setpoints [s].
+        space: In which it moves, and the limits; they always hold.
+        follower: What leads it to a target.
+        passage: Makes what leads it along a trajectory.
     """
 
-    def __init__(self, limits: JointLimits, period_s: float) -> None:
-        self.limits = limits
-        self.period_s = period_s
+    def __init__(self, space: SpaceT, follower: Follower, passage: Callable[..., Passage[Any]]) -> None:
+        self.space = space
+        self.period_s = space.period_s
+        """Time between setpoints [s]."""
         self.mode = ReferenceMode.HOLD
         """What moves it."""
-        self._braking = Braking(limits, period_s)
-        self._follower = Follower(self._braking)
-        self._q: Vector = self._braking.land(REST, REST)
-        self._v = self._a = REST
-        self._course: Path | LinePath | Slowing | None = None
+        self.state = space.home
+        """Where it is: the last setpoint, its velocity and its acceleration."""
+        self._follower = follower
+        self._make_passage = passage
+        self._course: Course | None = None
         """What PATH and BRAKE sample."""
         self._steps = 0
         """Setpoints handed out of it."""
-        self.passage: Passage | None = None
+        self.passage: Passage[Any] | None = None
         """What CHUNK follows, and how it ended; None once something else was asked for."""
         self._ahead: State | None = None
         """State of the next setpoint where somebody looked at it before it was handed out."""
-        self._speed = self._bound = 1.0
-        """Factors on the velocity limit: of the followed stream, and of whoever keeps parts of the body apart."""
 
     # ------------------------------------------------------------------------------------------------ what is seen
 
     @property
-    def q_rad(self) -> Vector:
-        """The last setpoint, shape (7,) [rad]."""
-        return self._q
-
-    @property
-    def dq_radps(self) -> Vector:
-        """Its velocity, shape (7,) [rad/s]."""
-        return self._v
-
-    @property
-    def ddq_radps2(self) -> Vector:
-        """Its acceleration, shape (7,) [rad/s²]."""
-        return self._a
-
-    @property
     def values(self) -> Vector:
-        """The last setpoint, by the name that it has in every space."""
-        return self._q
+        """The last setpoint, shape (7,): joints [rad], or x, y, z [m], qx, qy, qz, qw."""
+        return self.state.values
 
     @property
     def rates(self) -> Vector:
-        """Its velocity, by the name that it has in every space."""
-        return self._v
+        """Its velocity: of joints [rad/s], or linear [m/s], then angular about the frame's axes [rad/s], shape (6,)."""
+        return self.state.v
 
     @property
     def forces(self) -> Vector:
-        """Its acceleration, by the name that it has in every space."""
-        return self._a
+        """Its acceleration, likewise [rad/s²], [m/s², rad/s²]."""
+        return self.state.a
 
     @property
     def is_at_rest(self) -> bool:
         """Whether nothing moves now; a path or a target may still be pending."""
-        return not any(self._v) and not any(self._a)
+        return self.state.is_at_rest
 
     @property
     def progress(self) -> float:
@@ -142,117 +137,102 @@ class JointReference:
         return self._follower.faults
 
     @property
-    def state(self) -> Start:
-        """Where a path would begin now."""
-        return Start(q_rad=self._q, dq_radps=self._v, ddq_radps2=self._a, braking=self._braking)
+    def here(self) -> Start[SpaceT]:
+        """Where a plan would begin now."""
+        return Start(self.state, self.space)
 
-    @property
-    def place(self) -> State:
-        """Position [rad], velocity [rad/s] and acceleration [rad/s²] now."""
-        return self._q, self._v, self._a
+    def rest_values(self) -> Vector:
+        """Return where it would come to rest if it braked now."""
+        return self.space.halted(self.state)
 
-    def rest_q_rad(self) -> Vector:
-        """Return where it would come to rest if it braked now, shape (7,) [rad]."""
-        rest = [self._braking.rest(q, v, a) for q, v, a in zip(self._q, self._v, self._a, strict=True)]
-        return self._braking.land(rest, rest)
+    def end_values(self) -> Vector:
+        """Return where its path ends; without one where it would come to rest if it braked now."""
+        if self._course is None or self.mode is not ReferenceMode.PATH:
+            return self.rest_values()
+        return self._course.at(self._course.duration_s).values
 
-    def end_q_rad(self) -> Vector:
-        """Return where its path ends; without one where it would come to rest if it braked now, shape (7,) [rad]."""
-        if self._course is None or isinstance(self._course, Slowing):
-            return self.rest_q_rad()
-        return self._course.end_rad
-
-    def aim_q_rad(self) -> Vector:
-        """Return where what it follows leads it, its target or its path's end; else where it would rest, shape (7,) [rad]."""
-        return self._follower.target_rad if self.mode is ReferenceMode.FOLLOW else self.end_q_rad()
+    def aim_values(self) -> Vector:
+        """Return where what it follows leads it, its target or its path's end; else where it would rest."""
+        return self._follower.target if self.mode is ReferenceMode.FOLLOW else self.end_values()
 
     # ------------------------------------------------------------------------------------------------ what is asked
 
-    def seed(self, q_rad: Sequence[float]) -> None:
+    def seed(self, values: Sequence[float]) -> None:
         """Begin anew at rest: the only way to jump, for a stream that is silent.
 
         Args:
-            q_rad: Where, shape (7,) [rad], inside the limits.
+            values: Where, inside the limits.
 
         Raises:
-            PlanFailed: With joint, value and bound; nothing has changed.
+            PlanFailed: With what is to blame, value and bound; nothing has changed.
         """
-        self._q = check_goal("start", q_rad, self.limits)
-        self._v = self._a = REST
+        self.state = self.space.check_place("start", values)
         self.passage = None
         self._enter(ReferenceMode.HOLD, None)
 
-    def enter(self, q_rad: Sequence[float], dq_radps: Sequence[float], ddq_radps2: Sequence[float]) -> None:
+    def enter(self, values: Sequence[float], rates: Sequence[float], forces: Sequence[float]) -> None:
         """Go on where another reference was interrupted, and brake: for a stream that another process had.
 
         Args:
-            q_rad: Its last setpoint, shape (7,) [rad], inside the limits.
-            dq_radps: Velocity of that setpoint, shape (7,) [rad/s].
-            ddq_radps2: Its acceleration, shape (7,) [rad/s²].
+            values: Its last setpoint, inside the limits.
+            rates: Velocity of that setpoint, as `rates` gives it.
+            forces: Its acceleration, as `forces` gives it.
 
         Raises:
             PlanFailed: It is outside the limits, or cannot brake inside them; nothing has changed.
         """
-        self._q, self._v, self._a = check_entry(q_rad, dq_radps, ddq_radps2, self._braking)
+        self.state = self.space.check_entry(values, rates, forces)
         self._enter(ReferenceMode.HOLD, None)
         self.brake()
 
-    def start(self, path: Path | LinePath) -> None:
-        """Follow a path.
+    def start(self, course: Course) -> None:
+        """Follow a path, or whatever else is a course inside the limits.
 
         Args:
-            path: Planned from the present state.
+            course: Planned from the present state.
 
         Raises:
             PlanFailed: It begins in another state; nothing has changed.
         """
-        if path.start != self.state:
+        if course.start != self.state:
             raise PlanFailed("the path begins in another state than the reference is in: plan it anew")
         self.passage = None
-        if path.duration_s > 0.0:
-            self._enter(ReferenceMode.PATH, path)
+        if course.duration_s > 0.0:
+            self._enter(ReferenceMode.PATH, course)
         else:
             self._enter(ReferenceMode.HOLD, None)
 
-    def follow(self, q_rad: Sequence[float], speed: float = 1.0) -> None:
+    def follow(self, values: Sequence[float], speed: float = 1.0) -> None:
         """Follow a target, planned anew for each setpoint; the latest one counts.
 
         Args:
-            q_rad: Target, shape (7,) [rad], inside the limits.
-            speed: Factor on the velocity limit, 0 < speed <= 1; on the acceleration limit too when it starts at rest.
+            values: Target, inside the limits.
+            speed: Factor on the velocity limits, 0 < speed <= 1; on the accelerations too when it starts at rest.
 
         Raises:
-            PlanFailed: With joint, value and bound; nothing has changed.
+            PlanFailed: With what is to blame, value and bound; nothing has changed.
         """
-        target = check_goal("target", q_rad, self.limits)
-        self._speed = check_speed(speed)
+        target = self.space.check_place("target", values).values
+        check_speed(speed)
         if self.mode is not ReferenceMode.FOLLOW:
-            self._bound = 1.0
-            self._follower.begin(speed)
+            self._follower.begin()
             self._enter(ReferenceMode.FOLLOW, None)
-        self._pace()
+        self._follower.aim(target, speed, self.state)
         self.passage = self._ahead = None
-        self._follower.target_rad = target
 
     def bound(self, speed: float) -> None:
         """Bound the velocity of the followed stream, beside its own factor, from the next plan on.
 
         Args:
-            speed: Factor on the velocity limit, 0 < speed <= 1; 1 for no bound. A new stream begins without one.
+            speed: Factor on the velocity limits, 0 < speed <= 1; 1 for no bound. A new stream begins without one.
         """
-        self._bound = speed
-        self._pace()
+        self._follower.bound(speed)
 
-    def _pace(self) -> None:
-        speed = min(self._speed, self._bound)
-        if speed != self._follower.speed:
-            self._follower.begin(speed)
-
-    def prepare(self, trajectory: Trajectory, start_s: float, *, rests: bool) -> Passage:
+    def prepare(self, trajectory: Trajectory | PoseTrajectory, start_s: float, *, rests: bool) -> Passage[Any]:
         """Return the way along a trajectory, to be judged and then taken with `track`; nothing changes yet.
 
         Args:
-            trajectory: Inside the limits of position, velocity and acceleration.
+            trajectory: Of this reference's space, inside the limits.
             start_s: Time on it that is now [s]; negative when it begins in the future: until then the arm goes on with
                 the trajectory it follows, or brakes.
             rests: Whether it ends at rest at its last point.
@@ -260,30 +240,30 @@ class JointReference:
         lead = None
         if self.mode is ReferenceMode.CHUNK and self.passage is not None:
             lead = self.passage.under_way
-        return Passage(self._braking, trajectory, start_s, rests=rests, lead=lead)
+        return self._make_passage(self.space, trajectory, start_s, rests=rests, lead=lead)
 
-    def origin(self, passage: Passage) -> Vector:
-        """Return where the arm will be when a passage begins [rad]."""
-        return passage.origin(self._q, self.rest_q_rad())
+    def origin(self, passage: Passage[Any]) -> Vector:
+        """Return where the arm will be when a passage begins."""
+        return passage.origin(self.values, self.rest_values())
 
-    def begin(self, passage: Passage) -> bool:
+    def begin(self, passage: Passage[Any]) -> bool:
         """Let a passage plan its way from the present state, unless it waits; return whether there is one."""
-        return passage.is_sound and (passage.is_waiting or passage.begin(self.place))
+        return passage.is_sound and (passage.is_waiting or passage.begin(self.state))
 
-    def track(self, passage: Passage) -> None:
+    def track(self, passage: Passage[Any]) -> None:
         """Take the way along a trajectory, begun or waiting at the present state."""
         self._enter(ReferenceMode.CHUNK, None)
         self.passage = passage
 
     def brake(self) -> None:
-        """Come to rest as quickly as the limits allow, each joint on its own; then hold."""
+        """Come to rest as quickly as the limits allow; then hold."""
         self.passage = None
         if self.is_at_rest:
             self._enter(ReferenceMode.HOLD, None)
         elif self.mode is not ReferenceMode.BRAKE:
-            self._enter(ReferenceMode.BRAKE, self.state.slow(0.0))
+            self._enter(ReferenceMode.BRAKE, self.space.halt(self.state))
 
-    def _enter(self, mode: ReferenceMode, course: Path | LinePath | Slowing | None) -> None:
+    def _enter(self, mode: ReferenceMode, course: Course | None) -> None:
         self.mode = mode
         self._course = course
         self._steps = 0
@@ -299,54 +279,76 @@ class JointReference:
         return self._ahead
 
     def stop_ahead(self) -> State:
-        """Return the state of the next setpoint if each joint took a step of its stop, whatever moves it now."""
-        return self.state.slow(0.0).at(self.period_s)
+        """Return the state of the next setpoint if it took a step of its stop, whatever moves it now."""
+        return self.space.halt(self.state).at(self.period_s)
 
     def lead(self, state: State) -> None:
         """Have the next `step` take this state instead of the one ahead, while a target is followed.
 
         Args:
-            state: Of each joint either the one ahead or the one of its stop.
+            state: For joints, of each either the one ahead or the one of its stop.
         """
         self._ahead = state
         self._follower.disturb()
 
     def step(self) -> Vector:
-        """Advance by one period and return the setpoint, shape (7,) [rad]. Never raises."""
-        state = self.ahead()
-        self._ahead = None
-        self._take(state)
-        if self._course is not None:
-            self._steps += 1
-            if self._steps * self.period_s >= self._course.duration_s:
+        """Advance by one period and return the setpoint. Never raises."""
+        if self.mode is not ReferenceMode.HOLD:
+            self.state = self.space.settle(self.ahead(), self.state)
+            self._ahead = None
+            if self._course is not None:
+                self._steps += 1
+                if self._steps * self.period_s >= self._course.duration_s:
+                    self._enter(ReferenceMode.HOLD, None)
+            elif self.mode is ReferenceMode.CHUNK and self.passage is not None and self.passage.outcome is Outcome.DONE:
                 self._enter(ReferenceMode.HOLD, None)
-        elif self.mode is ReferenceMode.CHUNK and self.passage is not None and self.passage.outcome is Outcome.DONE:
-            self._enter(ReferenceMode.HOLD, None)
-        return self._q
+        return self.state.values
 
     def _next(self) -> State:
         if self._course is not None:
             return self._course.at((self._steps + 1) * self.period_s)
         if self.mode is ReferenceMode.FOLLOW:
-            return self._follower.follow(self.place)
+            return self._follower.follow(self.state)
         if self.mode is ReferenceMode.CHUNK and self.passage is not None:
             passage = self.passage
-            state = passage.step(self.place)
+            state = passage.step(self.state)
             if state is None:
                 self.brake()
                 self.passage = passage
                 return self._next()
             return state
-        return self.place
+        return self.state
 
-    def _take(self, state: State) -> None:
-        """Take a state; what rounding put beyond a position limit is put on it."""
-        q_rad, self._v, self._a = state
-        for q, lower, upper in zip(q_rad, self.limits.lower_rad, self.limits.upper_rad, strict=True):
-            if not lower <= q <= upper:
-                q_rad = self._braking.land(q_rad, q_rad)
-                break
-        self._q = q_rad
+
+class JointReference(Reference[Braking]):
+    """One arm's generator of joint setpoints.
+
+    Args:
+        limits: Limits of the arm's joints; they always hold.
+        period_s: Time between setpoints [s].
+    """
+
+    def __init__(self, limits: JointLimits, period_s: float) -> None:
+        braking = Braking(limits, period_s)
+        super().__init__(braking, JointFollower(braking), JointPassage)
+
+
+class PoseReference(Reference[PoseDynamics]):
+    """One arm's generator of poses of its end effector.
+
+    Args:
+        limits: Limits of the end effector; they always hold.
+        period_s: Time between setpoints [s].
+    """
+
+    def __init__(self, limits: PoseLimits, period_s: float) -> None:
+        dynamics = PoseDynamics(limits, period_s)
+        self._leader = PoseFollower(dynamics)
+        super().__init__(dynamics, self._leader, PosePassage)
+
+    def wish(self) -> Vector:
+        """Return with what velocity it will go to the followed target from rest, shape (6,) [m/s, rad/s]."""
+        return self._leader.wish(self.state)
 
 
 def plan(
@@ -364,4 +366,22 @@ def plan(
     Raises:
         PlanFailed: An input is bad, or ruckig finds no plan; with joint, value and bound where one is to blame.
     """
-    return plan_paths({side: reference.state for side, reference in references.items()}, goals, speed)
+    return plan_paths({side: reference.here for side, reference in references.items()}, goals, speed)
+
+
+def plan_poses(
+    references: Mapping[Side, PoseReference], goals: Mapping[Side, Sequence[float]], speed: float = 1.0
+) -> dict[Side, PosePath]:
+    """Plan one motion of all given arms, position and orientation of all of them ending together.
+
+    Nothing moves, and nothing may have moved, until each arm `start`s its path.
+
+    Args:
+        references: Arms that take part; they may be moving.
+        goals: For the same arms where it shall rest: x, y, z [m], qx, qy, qz, qw.
+        speed: Factor on the velocity limits, 0 < speed <= 1; on the accelerations too when all start at rest.
+
+    Raises:
+        PlanFailed: An input is bad, or ruckig finds no plan; with what is to blame where it is one value.
+    """
+    return plan_pose_paths({side: reference.here for side, reference in references.items()}, goals, speed)

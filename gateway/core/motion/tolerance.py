@@ -25,7 +25,7 @@ from gateway.core.motion.poses.quaternion import angle_rad
 from gateway.errors import Refusal
 from gateway.values import ARM_DOF, Side, Space, Vector
 
-__all__ = ["Deviation", "PerJoint", "Tolerances", "check_tolerances", "first_beyond"]
+__all__ = ["Deviation", "PerJoint", "Tolerances", "apart", "check_tolerances", "first_beyond"]
 
 S = 1_000_000_000
 
@@ -81,6 +81,13 @@ class Deviation:
         return f"{self.part} is {self.off:.4f} {self.unit}"
 
 
+def apart(space: Space, wanted: Vector, measured: Vector) -> Vector:
+    """Return how far apart two places are: per joint [rad], or position and orientation [m, rad]."""
+    if space is Space.JOINT:
+        return tuple([abs(want - is_at) for want, is_at in zip(wanted, measured, strict=True)])
+    return math.dist(wanted[:3], measured[:3]), angle_rad(wanted[3:], measured[3:])
+
+
 def first_beyond(space: Space, wanted: Vector, measured: Vector, tolerance: Vector) -> Deviation | None:
     """Return the first part that is farther from where it should be than it may; None when all are near enough.
 
@@ -90,10 +97,7 @@ def first_beyond(space: Space, wanted: Vector, measured: Vector, tolerance: Vect
         measured: Where it is.
         tolerance: One for each part.
     """
-    if space is Space.JOINT:
-        offs = [abs(want - is_at) for want, is_at in zip(wanted, measured, strict=True)]
-    else:
-        offs = [math.dist(wanted[:3], measured[:3]), angle_rad(wanted[3:], measured[3:])]
+    offs = apart(space, wanted, measured)
     for part, unit, off, bound in zip(PARTS[space], UNITS[space], offs, tolerance, strict=True):
         if not off <= bound:
             return Deviation(part=part, off=off, bound=bound, unit=unit)

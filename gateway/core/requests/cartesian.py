@@ -113,7 +113,7 @@ class Cartesian:
                 return goal
             poses[side] = goal.values
             if goal.clipped:
-                clipped[side.value] = [0, 1, 2]
+                clipped[side.value] = list(goal.clipped)
             joints = self._solved(conductor.model, side, _pose(goal.values))
             if isinstance(joints, Refusal):
                 return joints
@@ -238,9 +238,9 @@ class Cartesian:
         going = {
             side: Going(
                 arm=model.arms[side],
-                start=arms[side].reference.state,
+                start=arms[side].reference.here,
                 target=target,
-                poses=conductor.body.pose_arms[side].reference.dynamics,
+                poses=conductor.body.pose_arms[side].reference.space,
             )
             for side, target in job.targets.items()
         }

@@ -7,7 +7,6 @@ lets the arm go on with the chunk under way until then. A later chunk of the sam
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 from functools import partial
 
@@ -19,8 +18,7 @@ from gateway.core.motion.joints.trajectory import Trajectory
 from gateway.core.motion.poses.pose_chunk import check_pose_jump, check_pose_motion
 from gateway.core.motion.poses.pose_follower import followed
 from gateway.core.motion.poses.pose_trajectory import PoseTrajectory
-from gateway.core.motion.poses.quaternion import angle_rad
-from gateway.core.motion.tolerance import Tolerances, check_tolerances
+from gateway.core.motion.tolerance import Tolerances, apart, check_tolerances
 from gateway.core.requests.moves import Answer, Moves
 from gateway.core.requests.permit import Permit
 from gateway.core.separation.room import check_goals
@@ -122,7 +120,7 @@ class Follows:
             )
             if here is not None:
                 jump = _check_jump(side, chunk.space, begin, into_s, here)
-                away[side.value] = list(_apart(chunk.space, begin, here))
+                away[side.value] = list(apart(chunk.space, begin, here))
             else:
                 jump = Refusal(
                     code=Code.PART_STALE,
@@ -156,15 +154,9 @@ class Follows:
 
     def _whereabouts(self, side: Side, chunk: Chunk, into_s: float, now_ns: int, *, rests: bool) -> Vector | None:
         """Return where an arm will be when a chunk begins: its reference, else where it was measured; None: unknown."""
-        body, trajectory = self._conductor.body, chunk.trajectories[side]
-        if isinstance(trajectory, PoseTrajectory):
-            pose_arm = body.pose_arms[side]
-            if pose_arm.running:
-                return pose_arm.reference.origin(pose_arm.reference.prepare(trajectory, into_s, rests=rests))
-        else:
-            arm = body.joint_arms[side]
-            if arm.running:
-                return arm.reference.origin(arm.reference.prepare(trajectory, into_s, rests=rests))
+        arm, trajectory = self._conductor.body.stream(side, chunk.space), chunk.trajectories[side]
+        if arm.running:
+            return arm.reference.origin(arm.reference.prepare(trajectory, into_s, rests=rests))
         store, needs_pose = self._conductor.store, chunk.space is Space.POSE
         if not store.part_fresh(side, now_ns, needs_pose=needs_pose):
             return None
@@ -189,24 +181,18 @@ class Follows:
         """Return what is wrong with the motion of an arm as such."""
         if isinstance(trajectory, Trajectory):
             return check_motion(side, trajectory, self._conductor.settings.arm)
-        bounds = followed(self._conductor.body.pose_arms[side].reference.dynamics)
+        bounds = followed(self._conductor.body.pose_arms[side].reference.space)
         return check_frame(side, request.frames.get(side, "")) or check_pose_motion(side, trajectory, bounds)
 
     def _join(self, side: Side, request: Follow, chunk: Chunk, into_s: float) -> Callable[[], None] | Refusal:
         """Find an arm's way onto its trajectory; return what takes it, or why there is none."""
-        trajectory, rests, epoch = chunk.trajectories[side], not request.open_end, request.epoch
-        if isinstance(trajectory, PoseTrajectory):
-            pose_arm = self._conductor.body.pose_arms[side]
-            pose_way = pose_arm.reference.prepare(trajectory, into_s, rests=rests)
-            jump = check_pose_jump(side, trajectory.at(into_s)[0], pose_arm.reference.origin(pose_way))
-            return jump or partial(pose_arm.follow_chunk, pose_way, epoch)
-        arm = self._conductor.body.joint_arms[side]
-        way = arm.reference.prepare(trajectory, into_s, rests=rests)
-        jump = check_jump(side, trajectory.at(into_s)[0], into_s, arm.reference.origin(way))
+        arm, trajectory = self._conductor.body.stream(side, chunk.space), chunk.trajectories[side]
+        way = arm.reference.prepare(trajectory, into_s, rests=not request.open_end)
+        jump = _check_jump(side, chunk.space, trajectory.at(into_s)[0], into_s, arm.reference.origin(way))
         if jump is not None:
             return jump
         if arm.reference.begin(way):
-            return partial(arm.follow_chunk, way, epoch)
+            return partial(arm.follow_chunk, way, request.epoch)
         return Refusal(
             code=Code.CANNOT_JOIN,
             message=f"the {side} arm cannot get onto the chunk inside its limits before it is over or gone",
@@ -218,13 +204,6 @@ def _check_jump(side: Side, space: Space, begin: Vector, into_s: float, here: Ve
     if space is Space.POSE:
         return check_pose_jump(side, begin, here)
     return check_jump(side, begin, into_s, here)
-
-
-def _apart(space: Space, begin: Vector, here: Vector) -> Vector:
-    """Return how far apart two places are: per joint [rad], or position and orientation [m, rad]."""
-    if space is Space.POSE:
-        return math.dist(begin[:3], here[:3]), angle_rad(begin[3:], here[3:])
-    return tuple(abs(q - ref) for q, ref in zip(begin, here, strict=True))
 
 
 def _begins_ns(command: CommandRequested, request: Follow, now_ns: int) -> int:

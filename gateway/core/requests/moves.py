@@ -70,7 +70,7 @@ class Moves:
             goal = door.check_goal(side, values, conductor.settings.arm, request.on_limit)
             if isinstance(goal, Refusal):
                 return goal
-            goals[side] = goal.q_rad
+            goals[side] = goal.values
             if goal.clipped:
                 clipped[side.value] = list(goal.clipped)
         tolerance_rad = conductor.settings.arm.settle_rad if request.tolerance_rad is None else request.tolerance_rad
@@ -109,7 +109,7 @@ class Moves:
                 return goal
             goals[side] = goal.values
             if goal.clipped:
-                clipped[side.value] = [0, 1, 2]
+                clipped[side.value] = list(goal.clipped)
         answer = self._go(goals, request.epoch, request.speed, tolerance, now_ns)
         if isinstance(answer, Refusal):
             return answer

@@ -119,7 +119,7 @@ def _bound_for(conductor: Conductor, side: Side, here: Vector) -> Vector:
     motion, arm = conductor.body.motions.of(side), conductor.body.joint_arms[side]
     if motion is not None and motion.space is Space.JOINT:
         return motion.goals[side]
-    return arm.reference.end_q_rad() if arm.running else here
+    return arm.reference.end_values() if arm.running else here
 
 
 def _mm(gap_m: float) -> str:

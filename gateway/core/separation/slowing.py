@@ -31,8 +31,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, NamedTuple
 
 from gateway.core.messages.events import Level
-from gateway.core.motion.motion import ReferenceMode
-from gateway.core.motion.pose_motion import PoseReference
+from gateway.core.motion.motion import PoseReference, ReferenceMode
 from gateway.core.motion.poses.pose_state import PoseDynamics
 from gateway.core.supervision.conductor import Conductor
 from gateway.errors import Code, Refusal
@@ -188,10 +187,10 @@ class Slowing:
         rates = reference.rates if any(reference.rates) else reference.wish()
         there = q_rad
         if part:
-            ahead_s = part * (RESPONSE_S + 0.5 * _brake_s(rates, reference.dynamics))
+            ahead_s = part * (RESPONSE_S + 0.5 * _brake_s(rates, reference.space))
             there = tuple([q + ahead_s * dq for q, dq in zip(q_rad, gauge.going, strict=True)])
             rates = tuple([v + part * SOON_S * a for v, a in zip(rates, reference.forces, strict=True)])
-        share = _share(rates, reference.dynamics)
+        share = _share(rates, reference.space)
         dq_radps: Vector = model.joint_speeds_radps(side, there, rates) if share else STILL
         sight = predicted(dq_radps, share, self._bound_radps) if share else CLEAR
         if not part:

@@ -27,9 +27,10 @@ from typing import TYPE_CHECKING
 
 from gateway.core.body.motions import MotionState
 from gateway.core.messages.events import Level
-from gateway.core.motion.joints.path import REST, State
+from gateway.core.motion.joints.braking import REST
 from gateway.core.motion.joints.stops import Stops
 from gateway.core.motion.motion import JointReference, ReferenceMode
+from gateway.core.motion.space import State
 from gateway.core.separation.room import check_unguarded, whereabouts, why_off
 from gateway.core.separation.spare import Spare, wider
 from gateway.core.supervision.conductor import Conductor
@@ -98,7 +99,7 @@ class Spacing:
         refusal, here = why_off(self._conductor, now_ns), whereabouts(self._conductor)
         why = "" if refusal is None else refusal.message
         moved = self._moved(now_ns)
-        is_moving = any(reference.ahead() != reference.place for reference in moved.values())
+        is_moving = any(reference.ahead() != reference.state for reference in moved.values())
         self._tell_off(why, now_ns, is_moving=is_moving)
         if why or len(here) < len(Side):
             self._spare.drop()
@@ -180,7 +181,7 @@ class Spacing:
                 reference.bound(min(1.0, limit_radps[side] / self._v_radps))
 
     def _aims(self, moved: Moved) -> dict[Side, Vector]:
-        return {side: reference.aim_q_rad() for side, reference in moved.items()}
+        return {side: reference.aim_values() for side, reference in moved.items()}
 
     def _ways(self, origin: Mapping[Side, Vector], here: Mapping[Side, Vector], wanted: Mapping[Side, State]) -> Ways:
         """Return how far the joints may go from where the body was looked at, through where they are now [rad]."""
@@ -217,7 +218,7 @@ class Spacing:
             for side, state in wanted.items()
         }
         one = next(iter(moved.values()))
-        return Stops(here, after, ways, one.limits, one.period_s)
+        return Stops(here, after, ways, one.space.limits, one.period_s)
 
     def _together(self, moved: Moved) -> list[tuple[Side, ...]]:
         """Return which arms can only go on or brake as a whole: those on paths, two of one motion at once."""
@@ -294,8 +295,5 @@ class Spacing:
 
 def _mixed(wanted: State, braked: State, going: Sequence[bool]) -> State:
     """Return a state of the joints that go on, and of those that take a step of their stop."""
-    q_rad, dq_radps, ddq_radps2 = (
-        tuple([w if go else b for w, b, go in zip(*rows, going, strict=True)])
-        for rows in zip(wanted, braked, strict=True)
-    )
-    return q_rad, dq_radps, ddq_radps2
+    rows = zip(wanted, braked, strict=True)
+    return State(*[tuple([w if go else b for w, b, go in zip(*row, going, strict=True)]) for row in rows])

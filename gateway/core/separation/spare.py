@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 
-from gateway.core.motion.joints.path import State
+from gateway.core.motion.space import State
 from gateway.kinematics.separation.judgement import Ways
 from gateway.kinematics.separation.stopping import Extent
 from gateway.values import Side, Vector

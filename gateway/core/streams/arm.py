@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from gateway import robot
 from gateway.core.motion.gap import Gap
-from gateway.core.motion.joints.passage import Passage
 from gateway.core.motion.motion import JointLimits, JointReference
 from gateway.core.streams.setpoints import SetpointStream
 from gateway.settings import ArmSettings
@@ -21,6 +20,8 @@ class ArmStream(SetpointStream):
         settings: Limits and rate.
     """
 
+    reference: JointReference
+
     def __init__(self, side: Side, settings: ArmSettings) -> None:
         limits = JointLimits(
             v_radps=settings.v_radps,
@@ -29,11 +30,6 @@ class ArmStream(SetpointStream):
             lower_rad=tuple(settings.lower_rad[side]),
             upper_rad=tuple(settings.upper_rad[side]),
         )
-        self.reference = JointReference(limits, 1.0 / settings.rate_hz)
+        reference = JointReference(limits, 1.0 / settings.rate_hz)
         tracking = Gap(settings.tracking_rad)
-        super().__init__(robot.joint_command(side), Space.JOINT, self.reference, settings.rate_hz, tracking)
-
-    def follow_chunk(self, passage: Passage, epoch: int) -> None:
-        """Follow this arm's part of a trajectory, for the owner of `epoch`."""
-        self.reference.track(passage)
-        self._own(epoch)
+        super().__init__(robot.joint_command(side), Space.JOINT, reference, settings.rate_hz, tracking)

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from gateway import robot
 from gateway.core.motion.gap import Gap
-from gateway.core.motion.pose_motion import PoseLimits, PoseReference
-from gateway.core.motion.poses.pose_passage import PosePassage
+from gateway.core.motion.motion import PoseLimits, PoseReference
 from gateway.core.streams.setpoints import SetpointStream
 from gateway.settings import PoseSettings
 from gateway.values import Side, Space
@@ -21,6 +20,8 @@ class PoseStream(SetpointStream):
         settings: Limits and rate.
     """
 
+    reference: PoseReference
+
     def __init__(self, side: Side, settings: PoseSettings) -> None:
         limits = PoseLimits(
             v_mps=settings.v_mps,
@@ -31,11 +32,6 @@ class PoseStream(SetpointStream):
             ddw_radps3=settings.ddw_radps3,
             reach_m=settings.reach_m,
         )
-        self.reference = PoseReference(limits, 1.0 / settings.rate_hz)
+        reference = PoseReference(limits, 1.0 / settings.rate_hz)
         tracking = Gap(settings.tracking_rad, settings.tracking_m)
-        super().__init__(robot.pose_command(side), Space.POSE, self.reference, settings.rate_hz, tracking)
-
-    def follow_chunk(self, passage: PosePassage, epoch: int) -> None:
-        """Follow this arm's part of a trajectory, for the owner of `epoch`."""
-        self.reference.track(passage)
-        self._own(epoch)
+        super().__init__(robot.pose_command(side), Space.POSE, reference, settings.rate_hz, tracking)

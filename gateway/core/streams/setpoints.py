@@ -1,88 +1,24 @@
 """What the setpoint streams of an arm have in common, in joint space and in pose space: from the seed on without a gap.
 
-What moves the setpoint is the reference (`motion.py`, `pose_motion.py`); this class says when a setpoint is due and of
+What moves the setpoint is the reference (`motion.py`); this class says when a setpoint is due and of
 which kind it is: ECHO while it only repeats where the arm was found, MOTION while the owner's path or targets move it, WALK
 while a held reference is led back to the arm, BRAKE while it comes to rest, HOLD while it repeats itself.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import Any, Protocol, TypeAlias
+from typing import Any
 
 from gateway.core.messages.events import Frame, FrameKind
 from gateway.core.motion.gap import Gap, gap
-from gateway.core.motion.motion import ReferenceMode
+from gateway.core.motion.motion import Reference, ReferenceMode
+from gateway.core.motion.passage import Passage
+from gateway.core.motion.space import Course
 from gateway.core.streams.grid import Grid
 from gateway.core.streams.stream import SentLog
 from gateway.values import Space, Vector
 
-__all__ = ["Reference", "SetpointStream"]
-
-
-AnyPath: TypeAlias = Any
-"""A path in the space of the stream; only its reference knows the class, and refuses one that begins elsewhere."""
-
-
-class Reference(Protocol):
-    """What generates the setpoints; see `JointReference` and `PoseReference`."""
-
-    mode: ReferenceMode
-    period_s: float
-
-    @property
-    def values(self) -> Vector:
-        """The last setpoint."""
-        ...
-
-    @property
-    def rates(self) -> Vector:
-        """Its velocity."""
-        ...
-
-    @property
-    def forces(self) -> Vector:
-        """Its acceleration."""
-        ...
-
-    @property
-    def is_at_rest(self) -> bool:
-        """Whether nothing moves now."""
-        ...
-
-    @property
-    def progress(self) -> float:
-        """Part of the path that has been handed out, 0..1."""
-        ...
-
-    @property
-    def is_limited(self) -> bool:
-        """Whether followed targets ask for more than the limits allow."""
-        ...
-
-    def seed(self, values: Sequence[float], /) -> None:
-        """Begin anew at rest."""
-        ...
-
-    def enter(self, values: Sequence[float], rates: Sequence[float], forces: Sequence[float], /) -> None:
-        """Go on where another reference was interrupted, and brake."""
-        ...
-
-    def start(self, path: AnyPath, /) -> None:
-        """Follow a path of this reference's own space, planned from its present state."""
-        ...
-
-    def follow(self, values: Sequence[float], speed: float = 1.0, /) -> None:
-        """Follow a target."""
-        ...
-
-    def brake(self) -> None:
-        """Come to rest, then hold."""
-        ...
-
-    def step(self) -> Vector:
-        """Advance by one period and return the setpoint."""
-        ...
+__all__ = ["SetpointStream"]
 
 
 class SetpointStream:
@@ -96,10 +32,12 @@ class SetpointStream:
         tracking: Bound of the distance between setpoint and measured arm.
 
     Attributes:
+        reference: The same.
         tracking: The same bound.
     """
 
-    def __init__(self, topic: str, space: Space, reference: Reference, rate_hz: float, tracking: Gap) -> None:
+    def __init__(self, topic: str, space: Space, reference: Reference[Any], rate_hz: float, tracking: Gap) -> None:
+        self.reference = reference
         self.topic = topic
         self.space = space
         self.log = SentLog()
@@ -108,7 +46,6 @@ class SetpointStream:
         """Whether frames are being sent."""
         self.epoch = 0
         """Lease epoch under which the latest motion was commanded; 0 when none was since the start."""
-        self._moved = reference
         self._grid = Grid(rate_hz)
         self._is_first = False
         self._is_echoing = False
@@ -124,7 +61,7 @@ class SetpointStream:
         Raises:
             PlanFailed: It is not inside the limits; nothing has changed.
         """
-        self._moved.seed(values)
+        self.reference.seed(values)
         self.epoch = 0
         self.running, self._is_first, self._is_echoing, self._is_walking = True, True, True, False
         self.log.end()
@@ -139,7 +76,7 @@ class SetpointStream:
         Raises:
             PlanFailed: It is not inside the limits; nothing has changed.
         """
-        self._moved.seed(values)
+        self.reference.seed(values)
         self.epoch = 0
         self._is_first, self._is_walking = True, False
         self.log.begin_anew()
@@ -147,7 +84,7 @@ class SetpointStream:
     @property
     def is_repeating(self) -> bool:
         """Whether nothing moves the setpoint, now or later, until somebody asks."""
-        return self._moved.mode is ReferenceMode.HOLD
+        return self.reference.mode is ReferenceMode.HOLD
 
     def enter(self, values: Vector, rates: Vector, forces: Vector, now_ns: int) -> None:
         """Go on where another process's stream was interrupted: brake from its last setpoint, then hold.
@@ -161,7 +98,7 @@ class SetpointStream:
         Raises:
             PlanFailed: It cannot brake inside the limits; nothing has changed.
         """
-        self._moved.enter(values, rates, forces)
+        self.reference.enter(values, rates, forces)
         self.epoch = 0
         self.running, self._is_first, self._is_echoing, self._is_walking = True, False, False, False
         self.log.end()
@@ -176,73 +113,78 @@ class SetpointStream:
         """The robot follows now: what was an echo is a held reference from here on."""
         self._is_echoing = False
 
-    def follow_path(self, path: AnyPath, epoch: int) -> None:
+    def follow_path(self, path: Course, epoch: int) -> None:
         """Follow this arm's part of a path planned from its reference, for the owner of `epoch`."""
-        self._moved.start(path)
+        self.reference.start(path)
         self._own(epoch)
 
     def follow_target(self, values: Vector, speed: float, epoch: int) -> None:
         """Follow a streamed target for the owner of `epoch`."""
-        self._moved.follow(values, speed)
+        self.reference.follow(values, speed)
+        self._own(epoch)
+
+    def follow_chunk(self, passage: Passage[Any], epoch: int) -> None:
+        """Follow this arm's part of a trajectory, for the owner of `epoch`."""
+        self.reference.track(passage)
         self._own(epoch)
 
     def _own(self, epoch: int) -> None:
         """What moves it from now on is the owner's of `epoch`."""
         self.epoch, self._is_walking = epoch, False
 
-    def walk(self, path: AnyPath) -> None:
+    def walk(self, path: Course) -> None:
         """Lead the held reference back to the measured arm; nobody's motion."""
-        self._moved.start(path)
+        self.reference.start(path)
         self.epoch, self._is_walking = 0, True
 
     def brake(self) -> None:
         """Come to rest inside the limits, then hold."""
         self._is_walking = False
-        self._moved.brake()
+        self.reference.brake()
 
     @property
     def values(self) -> Vector:
         """The last setpoint."""
-        return self._moved.values
+        return self.reference.values
 
     @property
     def rates(self) -> Vector:
         """Its velocity."""
-        return self._moved.rates
+        return self.reference.rates
 
     @property
     def forces(self) -> Vector:
         """Its acceleration."""
-        return self._moved.forces
+        return self.reference.forces
 
     @property
     def period_s(self) -> float:
         """Time between setpoints [s]."""
-        return self._moved.period_s
+        return self.reference.period_s
 
     @property
     def progress(self) -> float:
         """Part of the path that has been handed out, 0..1."""
-        return self._moved.progress
+        return self.reference.progress
 
     @property
     def is_limited(self) -> bool:
         """Whether followed targets ask for more than the limits allow."""
-        return self._moved.is_limited
+        return self.reference.is_limited
 
     @property
     def is_at_rest(self) -> bool:
         """Whether the setpoint stands still; a path or a target may be pending."""
-        return self._moved.is_at_rest
+        return self.reference.is_at_rest
 
     @property
     def is_walking(self) -> bool:
         """Whether the reference is being led back to the arm."""
-        return self._is_walking and self._moved.mode is ReferenceMode.PATH
+        return self._is_walking and self.reference.mode is ReferenceMode.PATH
 
     def distance(self, measured: Vector) -> Gap:
         """Return how far the setpoint is from where the arm is measured, in this space."""
-        return gap(self.space, self._moved.values, measured)
+        return gap(self.space, self.reference.values, measured)
 
     def next_due_ns(self) -> int | None:
         """Return the next instant of the grid [ns]; None when silent."""
@@ -251,7 +193,7 @@ class SetpointStream:
     def _kind(self) -> FrameKind:
         if self._is_first:
             return FrameKind.ECHO
-        mode = self._moved.mode
+        mode = self.reference.mode
         if mode is ReferenceMode.BRAKE:
             return FrameKind.BRAKE
         if mode is ReferenceMode.HOLD:
@@ -271,4 +213,4 @@ class SetpointStream:
             return None
         kind = self._kind()
         self._is_first = False
-        return Frame(topic=self.topic, values=self._moved.step(), kind=kind, epoch=self.epoch, due_ns=due_ns)
+        return Frame(topic=self.topic, values=self.reference.step(), kind=kind, epoch=self.epoch, due_ns=due_ns)

@@ -115,8 +115,8 @@ class Starting:
         start = check_start(side, measured, settings.arm)
         if isinstance(start, Refusal):
             return start
-        return start.q_rad, tuple(
-            f"joint {n + 1} was found just outside its limit and starts at {start.q_rad[n]:.3f} rad"
+        return start.values, tuple(
+            f"joint {n + 1} was found just outside its limit and starts at {start.values[n]:.3f} rad"
             for n in start.clipped
         )
 

@@ -12,9 +12,9 @@ from gateway.core.body.motions import Motion, MotionState, Terms
 from gateway.core.body.targets import TargetStream
 from gateway.core.messages.events import FrameKind, OnLimit, TargetArrived
 from gateway.core.motion.gap import Gap
-from gateway.core.motion.joints.passage import Outcome
 from gateway.core.motion.joints.trajectory import interpolate
 from gateway.core.motion.motion import ReferenceMode, plan
+from gateway.core.motion.passage import Outcome
 from gateway.core.motion.tolerance import Tolerances
 from gateway.core.streams.ground import LIFT_OFF
 from gateway.errors import Code
@@ -335,7 +335,7 @@ class Trip(Course):
         for side, points in self.points.items():
             trajectory = interpolate(points, [0.05 * n for n in range(20)])
             way = self.body.arms[side].reference.prepare(trajectory, 0.0, rests=not open_end)
-            assert way.begin(self.body.arms[side].reference.place)
+            assert way.begin(self.body.arms[side].reference.state)
             self.body.arms[side].follow_chunk(way, 5)
 
     def look(self, ticks: int, off_rad: float = 0.0, joint: int = 1) -> list[Motion]:
@@ -343,7 +343,7 @@ class Trip(Course):
         ended = []
         for _ in range(ticks):
             self.run(1)
-            measured = {side: self.body.arms[side].reference.q_rad for side in Side}
+            measured = {side: self.body.arms[side].reference.values for side in Side}
             measured[L] = tuple(q + off_rad * (n == joint) for n, q in enumerate(measured[L]))
             ended += self.body.advance_motions(measured, self.now_ns)
         return ended

@@ -97,9 +97,9 @@ def test_each_running_arm_is_shown_with_its_last_setpoint_velocity_and_accelerat
     arm, reference = shown.arms[L], references[L]
     assert (arm.topic, arm.values, arm.rate, arm.acceleration) == (
         LEFT,
-        reference.q_rad,
-        reference.dq_radps,
-        reference.ddq_radps2,
+        reference.values,
+        reference.rates,
+        reference.forces,
     )
     assert any(arm.rate)
     assert (shown.state, shown.beat, shown.is_owed, shown.last_frame_ns) == ("ACTIVE", "one", True, scene.now_ns)

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from gateway import robot
 from gateway.core.limits import door
-from gateway.core.limits.door import CheckedGoal, Fitness
+from gateway.core.limits.door import Checked, Fitness
 from gateway.core.messages.events import OnLimit
 from gateway.errors import Code, Refusal, to_exception
 from gateway.settings import ArmSettings
@@ -37,7 +37,7 @@ BOTH = tuple(Side)
 S = 1_000_000_000
 
 
-def facts(refusal: Refusal | CheckedGoal | None) -> tuple[Code, str, str, str, str]:
+def facts(refusal: Refusal | Checked | None) -> tuple[Code, str, str, str, str]:
     """Code, field, value, bound and unit of a refusal; it must speak and know a remedy."""
     assert isinstance(refusal, Refusal)
     assert refusal.message and to_exception(refusal).hint
@@ -203,7 +203,7 @@ def test_an_expiry_outside_is_refused(expiry_ns, value):
 def test_a_goal_inside_the_limits_passes_as_it_is(side, on_limit):
     """The limits themselves included; a list becomes a tuple."""
     for q_rad in (HOME[side], SETTINGS.lower_rad[side], SETTINGS.upper_rad[side]):
-        assert door.check_goal(side, list(q_rad), SETTINGS, on_limit) == CheckedGoal(q_rad=tuple(q_rad), clipped=())
+        assert door.check_goal(side, list(q_rad), SETTINGS, on_limit) == Checked(values=tuple(q_rad), clipped=())
 
 
 @pytest.mark.parametrize("side", BOTH)
@@ -216,7 +216,7 @@ def test_every_joint_has_its_two_bounds(side, joint, settings):
     outside = [low - 1.0, math.nextafter(low, -9.0), math.nextafter(high, 9.0), high + 1.0]
     for n in range(41):
         value = low - 0.2 + (high - low + 0.4) * n / 40
-        passes = isinstance(door.check_goal(side, moved(base, joint, value), settings, OnLimit.REJECT), CheckedGoal)
+        passes = isinstance(door.check_goal(side, moved(base, joint, value), settings, OnLimit.REJECT), Checked)
         assert passes is (low <= value <= high)
     for value in outside:
         goal = moved(base, joint, value)
@@ -227,13 +227,13 @@ def test_every_joint_has_its_two_bounds(side, joint, settings):
         assert f"{side} arm joint {joint + 1} ({side.value[0]}_joint{joint + 1})" in refusal.message
         assert "§4.13" in refusal.message
         clipped = moved(base, joint, low if value < low else high)
-        assert door.check_goal(side, goal, settings, OnLimit.CLIP) == CheckedGoal(q_rad=clipped, clipped=(joint,))
+        assert door.check_goal(side, goal, settings, OnLimit.CLIP) == Checked(values=clipped, clipped=(joint,))
 
 
 def test_clipping_reports_every_joint_that_it_moved():
     """Rejecting is the rule; clipping is asked for, and said (DESIGN §10)."""
     goal = door.check_goal(Side.LEFT, (9.0, 0.5, -9.0, 1.0, 0.0, 0.0, 9.0), SETTINGS, OnLimit.CLIP)
-    assert goal == CheckedGoal(q_rad=(1.8, 0.5, -2.6, 1.0, 0.0, 0.0, 0.7), clipped=(0, 2, 6))
+    assert goal == Checked(values=(1.8, 0.5, -2.6, 1.0, 0.0, 0.0, 0.7), clipped=(0, 2, 6))
 
 
 @pytest.mark.parametrize("on_limit", list(OnLimit))
@@ -265,9 +265,9 @@ def test_whatever_is_asked_only_seven_finite_values_inside_the_limits_pass(side,
     if isinstance(goal, Refusal):
         assert facts(goal)[0] in {Code.WRONG_SHAPE, Code.NOT_FINITE, Code.OUT_OF_RANGE}
         return
-    bounds = zip(SETTINGS.lower_rad[side], goal.q_rad, SETTINGS.upper_rad[side], strict=True)
+    bounds = zip(SETTINGS.lower_rad[side], goal.values, SETTINGS.upper_rad[side], strict=True)
     assert all(low <= q <= high for low, q, high in bounds)
-    assert goal.clipped == tuple(n for n, q in enumerate(q_rad) if q != goal.q_rad[n])
+    assert goal.clipped == tuple(n for n, q in enumerate(q_rad) if q != goal.values[n])
     assert on_limit is OnLimit.CLIP or not goal.clipped
 
 
@@ -281,12 +281,10 @@ def test_a_start_may_be_a_little_outside_and_then_begins_at_the_limit(side, join
     low, high = SETTINGS.lower_rad[side][joint], SETTINGS.upper_rad[side][joint]
     base = HOME[side]
     for bound, outwards in ((low, -1.0), (high, 1.0)):
-        assert door.check_start(side, moved(base, joint, bound), SETTINGS) == CheckedGoal(
-            q_rad=moved(base, joint, bound)
-        )
+        assert door.check_start(side, moved(base, joint, bound), SETTINGS) == Checked(values=moved(base, joint, bound))
         for beyond in (1e-9, 0.01, 0.0499):
             start = door.check_start(side, moved(base, joint, bound + outwards * beyond), SETTINGS)
-            assert start == CheckedGoal(q_rad=moved(base, joint, bound), clipped=(joint,))
+            assert start == Checked(values=moved(base, joint, bound), clipped=(joint,))
         for beyond in (0.0501, 0.5, 3.0):
             value = bound + outwards * beyond
             refusal = door.check_start(side, moved(base, joint, value), SETTINGS)
@@ -299,8 +297,8 @@ def test_a_start_may_be_a_little_outside_and_then_begins_at_the_limit(side, join
 def test_the_margin_of_a_start_is_the_configured_one():
     """It may only be tightened; with none, the limit itself is the bound."""
     strict = ArmSettings(start_margin_rad=0.0)
-    assert door.check_start(Side.LEFT, moved(HOME[Side.LEFT], 0, 1.8), strict) == CheckedGoal(
-        q_rad=moved(HOME[Side.LEFT], 0, 1.8)
+    assert door.check_start(Side.LEFT, moved(HOME[Side.LEFT], 0, 1.8), strict) == Checked(
+        values=moved(HOME[Side.LEFT], 0, 1.8)
     )
     assert facts(door.check_start(Side.LEFT, moved(HOME[Side.LEFT], 0, 1.8001), strict))[0] is Code.START_OUTSIDE_LIMITS
 
@@ -308,4 +306,4 @@ def test_the_margin_of_a_start_is_the_configured_one():
 def test_a_start_reports_every_joint_that_it_moved():
     """Each gets a notice of its own."""
     start = door.check_start(Side.LEFT, (1.82, 0.5, 0.0, 0.23, 0.0, 0.0, 0.0), SETTINGS)
-    assert start == CheckedGoal(q_rad=(1.8, 0.5, 0.0, 0.25, 0.0, 0.0, 0.0), clipped=(0, 3))
+    assert start == Checked(values=(1.8, 0.5, 0.0, 0.25, 0.0, 0.0, 0.0), clipped=(0, 3))

@@ -6,7 +6,8 @@ import math
 
 import pytest
 
-from gateway.core.limits.pose_door import CheckedPose, check_frame, check_pose, check_pose_start, check_pose_tolerance
+from gateway.core.limits.door import Checked
+from gateway.core.limits.pose_door import check_frame, check_pose, check_pose_start, check_pose_tolerance
 from gateway.core.messages.events import OnLimit
 from gateway.core.motion.gap import Gap
 from gateway.errors import Code, Refusal
@@ -51,16 +52,16 @@ def test_a_pose_that_is_none_is_refused(values, code, field, value):
 
 def test_a_pose_inside_the_reach_passes_with_a_unit_quaternion():
     """The position as it is; rounding of the quaternion is taken out, its sign kept."""
-    assert check_pose(Side.RIGHT, HERE, SETTINGS) == CheckedPose(values=HERE)
+    assert check_pose(Side.RIGHT, HERE, SETTINGS) == Checked(values=HERE)
     checked = check_pose(Side.RIGHT, (0.55, 0.0, 0.0, 0.0, 0.0, -0.7072, -0.7072), SETTINGS)
-    assert isinstance(checked, CheckedPose) and not checked.clipped
+    assert isinstance(checked, Checked) and not checked.clipped
     assert checked.values == pytest.approx((0.55, 0.0, 0.0, 0.0, 0.0, -math.sqrt(0.5), -math.sqrt(0.5)))
 
 
 def test_clipping_moves_a_position_to_the_end_of_the_reach_when_it_was_asked_for():
     """In the same direction, and it is told; nothing else is clipped."""
     checked = check_pose(Side.LEFT, (0.6, 0.8, 0.0, 0.0, 0.0, 0.0, 1.0), SETTINGS, OnLimit.CLIP)
-    assert isinstance(checked, CheckedPose) and checked.clipped
+    assert isinstance(checked, Checked) and checked.clipped == (0, 1, 2)
     assert checked.values[:3] == pytest.approx((0.33, 0.44, 0.0))
     assert math.hypot(*checked.values[:3]) <= 0.55
     assert isinstance(check_pose(Side.LEFT, (*HERE[:3], 0.0, 0.0, 0.0, 0.5), SETTINGS, OnLimit.CLIP), Refusal)
@@ -70,9 +71,9 @@ def test_clipping_moves_a_position_to_the_end_of_the_reach_when_it_was_asked_for
 def test_a_start_up_to_a_centimetre_beyond_the_reach_begins_at_its_end(reach_m, start_m):
     """Noise at the end of the range, as 0.05 rad of a joint; the gate lets nothing further out leave."""
     start = check_pose_start(Side.LEFT, (0.0, 0.0, -reach_m, 0.0, 0.0, 0.0, 1.0), SETTINGS)
-    assert isinstance(start, CheckedPose)
+    assert isinstance(start, Checked)
     assert start.values[2] == pytest.approx(-start_m, abs=1e-9)
-    assert start.clipped is (reach_m > start_m) and math.hypot(*start.values[:3]) <= 0.55
+    assert bool(start.clipped) is (reach_m > start_m) and math.hypot(*start.values[:3]) <= 0.55
 
 
 def test_a_start_further_out_is_refused():

@@ -389,7 +389,7 @@ def test_a_joint_that_stays_behind_the_others_is_told_apart():
     for _ in range(120):
         stage.spend(1)
         for side in (L, R):
-            _, *others = stage.conductor.body.arms[side].reference.q_rad
+            _, *others = stage.conductor.body.arms[side].reference.values
             stage.q_rad[side] = (stage.q_rad[side][0], *others)
     assert stage.codes == ["CLIPPED_BY_ROBOT"] * 2 and "other joints follow" in stage.findings[0][1]
 

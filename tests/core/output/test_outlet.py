@@ -215,9 +215,9 @@ def test_a_setpoint_that_is_left_out_is_not_skipped():
     scene = Scene()
     scene.move()
     scene.tick(20)
-    before = scene.body.arms[L].reference.q_rad
+    before = scene.body.arms[L].reference.values
     assert scene.tick(5, stops_only=True) == [[]] * 5
-    assert scene.body.arms[L].reference.q_rad == before
+    assert scene.body.arms[L].reference.values == before
     (frames,) = scene.tick()
     assert topics(frames)[:1] == [LEFT] and scene.conductor.supervisor.latches == {}
 

@@ -135,8 +135,8 @@ def test_a_streaming_arm_shows_its_setpoint_and_how_far_the_arm_is_off():
     left.follow_path(plan({L: left.reference}, {L: GOAL[L]})[L], stage.epoch)
     stage.run(20)
     arms = look(stage).arms
-    assert (arms["left"].streaming, arms["left"].q_ref_rad) == (True, left.reference.q_rad)
-    assert arms["left"].dq_ref_radps == left.reference.dq_radps != (0.0,) * 7
+    assert (arms["left"].streaming, arms["left"].q_ref_rad) == (True, left.reference.values)
+    assert arms["left"].dq_ref_radps == left.reference.rates != (0.0,) * 7
     assert arms["left"].tracking_rad == left.distance(stage.q_rad[L]).rad > 0.0
     assert arms["right"].tracking_rad == 0.0
 

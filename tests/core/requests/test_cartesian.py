@@ -113,7 +113,7 @@ def test_a_straight_motion_waits_while_it_is_worked_out_and_then_goes_straight(s
         target = asked_for.targets[side]
         line = line_to(begins[side], EePose(p_m=target[:3], quat_xyzw=target[3:]))
         sent = setpoints(pair, side)
-        assert max(used(sent, pair.engine._conductor.body.joint_arms[side].reference.limits)) <= 1.0 + 1e-6
+        assert max(used(sent, pair.engine._conductor.body.joint_arms[side].reference.space.limits)) <= 1.0 + 1e-6
         direction = [way / line.length_m for way in line.moved_m]
         for q in sent:
             at = ARMS[side].chain.forward(q)
@@ -174,7 +174,7 @@ def test_a_stop_on_the_way_brakes_inside_the_limits():
     assert pair.motion_view(motion_id).code == "STOPPED"
     pair.run(1.0)
     assert {FrameKind.BRAKE, FrameKind.HOLD} <= pair.arm_kinds(L)
-    limits = pair.engine._conductor.body.joint_arms[L].reference.limits
+    limits = pair.engine._conductor.body.joint_arms[L].reference.space.limits
     assert max(used(setpoints(pair), limits)) <= 1.0 + 1e-6
 
 
@@ -224,7 +224,7 @@ def test_it_begins_only_where_it_was_worked_out_for(monkeypatch):
     def elsewhere(*args):
         paths = yield from whole(*args)
         start = paths[L].start
-        return {L: replace(paths[L], start=replace(start, q_rad=(start.q_rad[0] + 1e-9, *start.q_rad[1:])))}
+        return {L: replace(paths[L], start=start._replace(values=(start.values[0] + 1e-9, *start.values[1:])))}
 
     monkeypatch.setattr(module, "plan_lines", elsewhere)
     view = until_ended(pair, asked(pair))

@@ -132,7 +132,7 @@ def test_a_takeover_brakes_first_and_tells_why():
     assert [view.code for view in scene.conductor.body.motions.views()] == ["LEASE_LOST"]
     move = Move(epoch=scene.epoch + 1, targets_rad={L: MIDDLE[L]})
     assert scene.refused(move, "bob").code is Code.TAKEOVER_BRAKING
-    scene.q_rad = {side: scene.conductor.body.arms[side].reference.rest_q_rad() for side in Side}
+    scene.q_rad = {side: scene.conductor.body.arms[side].reference.rest_values() for side in Side}
     scene.conductor.store.reset()  # the arms followed meanwhile; steps of the samples are no matter of this test
     scene.run(100)
     assert scene.granted(move, "bob")["motion_id"] == 2

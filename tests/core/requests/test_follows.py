@@ -10,8 +10,8 @@ import pytest
 from gateway.core.body.motions import MotionState
 from gateway.core.messages.events import CheckFollow, Follow, Hold, Move, OpenStream
 from gateway.core.motion.chunk import Chunk, prepare
-from gateway.core.motion.joints.passage import Outcome
 from gateway.core.motion.motion import ReferenceMode
+from gateway.core.motion.passage import Outcome
 from gateway.core.requests.follows import Follows, worked_out
 from gateway.core.requests.moves import Facts, Moves
 from gateway.core.requests.permit import Permit
@@ -172,12 +172,12 @@ def test_a_later_chunk_takes_over_without_a_stop(scene):
     """The earlier motion is superseded; the reference goes on at speed."""
     first = scene.granted(swing(L), open_end=True)["motion_id"]
     scene.run(60)
-    speed = scene.body.joint_arms[L].reference.dq_radps[2]
+    speed = scene.body.joint_arms[L].reference.rates[2]
     second = scene.granted(swing(L, phase_s=0.3), open_end=True, start_in_ns=-300 * MS)["motion_id"]
     scene.run(1)
     motion = scene.motion(first)
     assert (motion.state, motion.code) == (MotionState.SUPERSEDED, Code.SUPERSEDED)
-    assert scene.motion(second).is_running and scene.body.joint_arms[L].reference.dq_radps[2] > 0.8 * speed > 0.05
+    assert scene.motion(second).is_running and scene.body.joint_arms[L].reference.rates[2] > 0.8 * speed > 0.05
 
 
 def test_a_chunk_ahead_lets_the_one_under_way_go_on_until_it_begins(scene):

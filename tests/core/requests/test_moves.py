@@ -136,7 +136,7 @@ def test_a_motion_moves_the_named_arms_and_no_other(scene, sides):
     assert scene.modes() != (HOLD, HOLD)
     scene.run(1)
     assert scene.modes() == (HOLD, HOLD)
-    assert all(scene.body.arms[side].reference.q_rad == pytest.approx(GOAL[side]) for side in sides)
+    assert all(scene.body.arms[side].reference.values == pytest.approx(GOAL[side]) for side in sides)
 
 
 def test_a_motion_carries_the_epoch_of_its_owner(scene):
@@ -241,10 +241,10 @@ def test_a_later_motion_takes_the_arm_over_without_a_stop(scene):
     """The earlier one is SUPERSEDED and told; the arm's reference goes on from where it is."""
     first = scene.move(L)
     scene.run(30)
-    before = scene.body.arms[L].reference.dq_radps
+    before = scene.body.arms[L].reference.rates
     second = scene.move(L)
     assert (scene.state_of(first), scene.state_of(second)) == (MotionState.SUPERSEDED, MotionState.QUEUED)
-    assert scene.modes() == (PATH, HOLD) and scene.body.arms[L].reference.dq_radps == before != (0.0,) * 7
+    assert scene.modes() == (PATH, HOLD) and scene.body.arms[L].reference.rates == before != (0.0,) * 7
     assert scene.told(Code.MOTION_ENDED) == [f"motion {first} superseded: a later motion took the arm over"]
 
 
@@ -315,7 +315,7 @@ def test_a_target_is_followed_at_its_streams_speed_and_epoch(scene):
     assert scene.modes() == (FOLLOW, HOLD)
     kinds = {(frame.kind, frame.epoch) for frame in scene.run(30) if frame.topic == robot.joint_command(L)}
     assert kinds == {(FrameKind.MOTION, scene.epoch)}
-    assert 0.1 < max(scene.body.arms[L].reference.dq_radps) <= 0.5
+    assert 0.1 < max(scene.body.arms[L].reference.rates) <= 0.5
 
 
 @pytest.mark.parametrize("early_ns", [0, 3 * MS])

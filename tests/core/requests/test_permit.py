@@ -353,10 +353,10 @@ def test_a_takeover_is_only_the_new_owners():
 def test_asking_changes_nothing():
     """A permit is a word, not a deed."""
     scene = Scene(State.HOLDING)
-    before = scene.state, scene.conductor.body.arms[L].reference.q_rad
+    before = scene.state, scene.conductor.body.arms[L].reference.values
     scene.motion((L, R))
     scene.permit.owner(scene.command(Enable(epoch=scene.epoch)), scene.epoch)
-    assert (scene.state, scene.conductor.body.arms[L].reference.q_rad) == before == (State.HOLDING, MIDDLE[L])
+    assert (scene.state, scene.conductor.body.arms[L].reference.values) == before == (State.HOLDING, MIDDLE[L])
     assert scene.conductor.notices == []
 
 

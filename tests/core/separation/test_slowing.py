@@ -145,7 +145,7 @@ def test_the_bound_is_kept(pose, bound_radps, most, is_rare):
     for seed in range(either(5, 12)):
         kept = Posing(pose=pose, singularity_radps=bound_radps)
         wild(kept, np.random.default_rng(seed), 6)
-        limits = kept.arm.reference.limits
+        limits = kept.arm.reference.space.limits
         judge(kept.setpoints, limits, 0.02)
         peaks += kept.peaks
         free = Posing(pose=pose, singularity_slowdown=False)

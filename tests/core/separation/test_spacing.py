@@ -86,7 +86,7 @@ def test_a_stream_is_slowed_down_then_held_back_and_told_of_once():
     """The velocity is bounded before joints stop; one notice for each arm, with the pair and its gap; the stream stays open."""
     pair = at_home()
     pair.lead(MEET, 6.0)
-    assert pair.least_m >= MARGIN_M - ROUNDING_M and all(reference(pair, side)._bound < 1.0 for side in Side)
+    assert pair.least_m >= MARGIN_M - ROUNDING_M and all(reference(pair, side)._follower._bound < 1.0 for side in Side)
     assert all(stream.is_open for stream in pair.conductor.body.targets.running)
     assert all(reference(pair, side).mode is ReferenceMode.FOLLOW for side in Side)
     notices = told(pair, Code.COLLISION_AHEAD)
@@ -95,7 +95,7 @@ def test_a_stream_is_slowed_down_then_held_back_and_told_of_once():
     spacing = pair.see().spacing
     assert spacing is not None and set(spacing.held) == {"left", "right"}
     pair.lead(HOME_Q_RAD, 8.0)
-    assert pair.off_rad(HOME_Q_RAD) < 1e-9 and all(reference(pair, side)._bound == 1.0 for side in Side)
+    assert pair.off_rad(HOME_Q_RAD) < 1e-9 and all(reference(pair, side)._follower._bound == 1.0 for side in Side)
     pair.run(0.3)
     assert pair.see().spacing.held == ()
 
@@ -219,8 +219,7 @@ def test_a_brake_goes_on_whatever_is_ahead():
     kept = SpacedPair()
     for side in Side:
         arm, other = reference(pair, side), reference(kept, side)
-        other.seed(arm.q_rad)
-        other._v, other._a = arm.dq_radps, arm.ddq_radps2
+        other.state = arm.state
         arm.brake()
         other.brake()
         assert other.mode is ReferenceMode.BRAKE
@@ -332,7 +331,7 @@ def test_it_is_told_once_that_arms_move_and_are_not_kept_apart_and_once_that_the
     pair.lead(MEET, 3.0)
     pair.model.forget()
     pair.lead(HOME_Q_RAD, 0.4)
-    assert all(reference(pair, side)._bound == 1.0 for side in Side)
+    assert all(reference(pair, side)._follower._bound == 1.0 for side in Side)
     spacing = pair.conductor.body.spacing
     assert spacing is not None and not spacing.on and (spacing.gap_m, spacing.first, spacing.held) == (None, "", ())
     assert "cannot be relied on" in spacing.why
@@ -399,5 +398,5 @@ def test_velocities_are_limited_while_an_earlier_look_says_that_all_may_go_on(mo
         if any(not verdict.is_free for _, verdict in looks):
             break
         if len(looks) == count:
-            bounds.append(min(reference(pair, side)._bound for side in Side))
+            bounds.append(min(reference(pair, side)._follower._bound for side in Side))
     assert any(after < before for before, after in pairwise(bounds))

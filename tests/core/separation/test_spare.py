@@ -6,7 +6,7 @@ from itertools import pairwise
 
 import pytest
 
-from gateway.core.motion.joints.path import REST
+from gateway.core.motion.joints.braking import REST
 from gateway.core.separation.spare import LEAST_RAD, MOST_RAD, SPEED_S, STRAY_RAD, TIGHT_TICKS, Spare, wider
 from gateway.values import Side
 

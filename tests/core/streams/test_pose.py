@@ -9,8 +9,7 @@ import pytest
 from gateway import robot
 from gateway.core.messages.events import FrameKind
 from gateway.core.motion.gap import Gap
-from gateway.core.motion.pose_motion import plan_poses
-from gateway.core.motion.poses.pose_trajectory import interpolate_poses
+from gateway.core.motion.motion import plan_poses
 from gateway.core.streams.pose import PoseStream
 from gateway.settings import PoseSettings
 from gateway.values import Side, Space
@@ -46,7 +45,7 @@ def test_an_end_effector_is_streamed_on_its_pose_topic_within_its_limits():
         arm = PoseStream(side, PoseSettings())
         assert (arm.topic, arm.space) == (robot.pose_command(side), Space.POSE)
         assert arm.tracking == Gap(0.3, 0.06)
-        assert arm.reference.limits == LIMITS
+        assert arm.reference.space.limits == LIMITS
         assert arm.distance(HOME).m > 0.0
 
 
@@ -62,18 +61,3 @@ def test_a_path_is_streamed_within_the_limits():
     frames += run(arm, 400, arm.next_due_ns())
     judge([frame.values for frame in frames], LIMITS)
     assert frames[-1].kind is FrameKind.HOLD and frames[-1].values[:3] == goal[:3] and frames[-1].epoch == 7
-
-
-def test_a_trajectory_of_poses_is_motion_of_its_epoch_until_it_ends_and_then_held():
-    """As one of joints is."""
-    arm = PoseStream(Side.LEFT, PoseSettings())
-    arm.start(HOME, T0)
-    run(arm, 3)
-    arm.go_live()
-    x, *rest = HOME
-    trajectory = interpolate_poses([(x + 0.002 * n, *rest) for n in range(10)], [0.05 * n for n in range(10)])
-    arm.follow_chunk(arm.reference.prepare(trajectory, 0.0, rests=True), 9)
-    frames = run(arm, 120, arm.next_due_ns())
-    kinds = [frame.kind for frame in frames]
-    assert kinds[0] is FrameKind.MOTION and kinds[-1] is FrameKind.HOLD and {frame.epoch for frame in frames} == {9}
-    assert frames[-1].values == pytest.approx(trajectory.points[-1], abs=1e-9)

@@ -9,10 +9,14 @@ import pytest
 from gateway import robot
 from gateway.core.messages.events import Frame, FrameKind
 from gateway.core.motion.gap import Gap
+from gateway.core.motion.joints.trajectory import Trajectory, interpolate
 from gateway.core.motion.motion import PlanFailed, plan
+from gateway.core.motion.poses.pose_trajectory import PoseTrajectory, interpolate_poses
 from gateway.core.streams.arm import ArmStream
-from gateway.settings import ArmSettings
-from gateway.values import Side, Vector
+from gateway.core.streams.pose import PoseStream
+from gateway.core.streams.setpoints import SetpointStream
+from gateway.settings import ArmSettings, PoseSettings
+from gateway.values import Side, Space, Vector
 
 MS = 1_000_000
 S = 1_000_000_000
@@ -22,6 +26,8 @@ MIDDLE: dict[Side, Vector] = {
     for side in Side
 }
 """The middle of every joint's range [rad]: 0.7 rad or more to either side."""
+PLACE = (0.30, 0.10, -0.20, 0.0, 0.0, 0.0, 1.0)
+"""A pose inside the reach."""
 ECHO, MOTION, WALK, BRAKE, HOLD = (
     FrameKind.ECHO, FrameKind.MOTION, FrameKind.WALK, FrameKind.BRAKE, FrameKind.HOLD,
 )  # fmt: skip
@@ -100,8 +106,8 @@ def test_between_two_instants_nothing_is_due():
     course = Course()
     course.begin()
     course.run(5)
-    before = course.arm.reference.q_rad
-    assert course.arm.frame(course.now_ns - 1) is None and course.arm.reference.q_rad == before
+    before = course.arm.reference.values
+    assert course.arm.frame(course.now_ns - 1) is None and course.arm.reference.values == before
 
 
 def test_the_rate_is_the_configured_one():
@@ -116,7 +122,7 @@ def test_the_limits_are_the_configured_ones_of_that_side():
     """Tighter than the robot's where the configuration says so (BEHAVIOUR, values)."""
     upper = {**robot.JOINT_UPPER_RAD, Side.RIGHT: (1.0, *robot.JOINT_UPPER_RAD[Side.RIGHT][1:])}
     settings = ArmSettings(v_radps=0.5, a_radps2=2.0, j_radps3=10.0, upper_rad=upper)
-    limits = ArmStream(Side.RIGHT, settings).reference.limits
+    limits = ArmStream(Side.RIGHT, settings).reference.space.limits
     assert (limits.v_radps, limits.a_radps2, limits.j_radps3) == (0.5, 2.0, 10.0)
     assert limits.lower_rad == robot.JOINT_LOWER_RAD[Side.RIGHT] and limits.upper_rad == upper[Side.RIGHT]
 
@@ -319,7 +325,7 @@ def test_a_stream_that_cannot_go_on_stays_as_it_was():
     with pytest.raises(PlanFailed):
         course.arm.enter(MIDDLE[course.side], (9.0,) * 7, (0.0,) * 7, course.now_ns)
     assert not course.arm.running
-    assert course.arm.reference.q_rad == MIDDLE[course.side]
+    assert course.arm.reference.values == MIDDLE[course.side]
 
 
 def test_a_stream_shows_what_its_reference_does():
@@ -328,7 +334,7 @@ def test_a_stream_shows_what_its_reference_does():
     course.begin()
     course.run(20)
     arm, reference = course.arm, course.arm.reference
-    assert (arm.values, arm.rates, arm.forces) == (reference.q_rad, reference.dq_radps, reference.ddq_radps2)
+    assert (arm.values, arm.rates, arm.forces) == (reference.values, reference.rates, reference.forces)
     assert any(arm.rates) and any(arm.forces)
     assert arm.period_s == 0.01 and 0.0 < arm.progress < 1.0 and not arm.is_limited
 
@@ -348,3 +354,36 @@ def test_a_stream_stays_with_an_arm_that_nobody_drives():
     assert (second.kind, second.values, second.due_ns) == (HOLD, course.moved(0.02), T0 + 240 * MS)
     course.arm.log.note(course.now_ns)
     assert not course.arm.log.is_anew
+
+
+def _chunk(space: Space) -> tuple[SetpointStream, Vector, Trajectory | PoseTrajectory]:
+    """A stream of a space, where it begins, and a way from there with a step in each of its points."""
+    times_s = [0.05 * n for n in range(20)]
+    if space is Space.JOINT:
+        arm, home = ArmStream(Side.LEFT, ArmSettings()), robot.HOME_Q_RAD[Side.LEFT]
+        return arm, home, interpolate([tuple(q - 0.004 * n for q in home) for n in range(20)], times_s)
+    x, *rest = PLACE
+    return (
+        PoseStream(Side.LEFT, PoseSettings()),
+        PLACE,
+        interpolate_poses([(x + 0.002 * n, *rest) for n in range(20)], times_s),
+    )
+
+
+@pytest.mark.parametrize("space", list(Space))
+def test_a_trajectory_is_motion_of_its_epoch_until_it_ends_and_then_held(space):
+    """Joints and poses; it waits for its beginning."""
+    arm, home, trajectory = _chunk(space)
+    arm.start(home, T0)
+    arm.go_live()
+    frames, now_ns = [], T0
+    for count in (3, 150):
+        for _ in range(count):
+            frames.append(arm.frame(now_ns))
+            now_ns = arm.next_due_ns()
+        if count == 3:
+            arm.follow_chunk(arm.reference.prepare(trajectory, -0.05, rests=True), 9)
+    kinds = [frame.kind for frame in frames[3:]]
+    assert kinds[0] is MOTION and kinds[-1] is HOLD and set(kinds) == {MOTION, HOLD}
+    assert {frame.epoch for frame in frames[3:]} == {9}
+    assert frames[-1].values == pytest.approx(trajectory.points[-1], abs=1e-7)

@@ -376,7 +376,7 @@ def test_when_no_arm_is_left_that_was_enabled_it_is_seen(state):
 def off(scene: Scene, side: Side, off_rad: float) -> None:
     """An arm is found away from its setpoint, heard as after a reconnect: no step that could not be believed."""
     scene.conductor.store.reset()
-    first, *others = scene.conductor.body.arms[side].reference.q_rad
+    first, *others = scene.conductor.body.arms[side].reference.values
     scene.q_rad[side] = (first + off_rad, *others)
     scene.run(1)
 

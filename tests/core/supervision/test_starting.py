@@ -42,7 +42,7 @@ class Scene(Stage):
 
     def reference(self, side: Side) -> Vector:
         """Where an arm's last setpoint is [rad]."""
-        return self.conductor.body.arms[side].reference.q_rad
+        return self.conductor.body.arms[side].reference.values
 
     def arm_frames(self, side: Side, ticks: int) -> list[Frame]:
         """Let time pass; return an arm's setpoints."""

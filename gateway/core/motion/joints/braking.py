@@ -14,7 +14,8 @@ Stops are what keeps a joint inside its position limits. Call a state *stoppable
    leaves the position limits.
 
 A motion that turns back is not covered by 2: it may rely on decelerating through v = 0, which a stop does not do.
-Whoever plans such a one asks `can_stop` about its states. This module knows no ruckig, no path and no target.
+Whoever plans such a one asks `can_stop` about its states. `Braking` is the space in which joints move (`space.py`). This
+module knows no ruckig, no path and no target.
 """
 
 from __future__ import annotations
@@ -23,9 +24,13 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from gateway.core.motion.space import PlanFailed, State, check_finite
 from gateway.values import ARM_DOF, Vector, require_finite
 
-__all__ = ["OVER_RATIO", "Braking", "JointLimits", "Ramp", "advance", "duration", "ramp"]
+__all__ = ["OVER_RATIO", "REST", "Braking", "JointLimits", "Ramp", "Slowing", "advance", "duration", "ramp"]
+
+REST: Vector = (0.0,) * ARM_DOF
+"""Velocities or accelerations of an arm at rest."""
 
 TINY_RATIO = 2e-8
 """A setpoint may be moved by this part of j·dt³: the third difference, of four, changes by less than 1e-6."""
@@ -126,6 +131,26 @@ def advance(q: float, v: float, a: float, course: Ramp, time_s: float) -> tuple[
     return q + v_end * over_s, v_end, 0.0
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Slowing:
+    """One arm becomes slower or stops, each joint on its own.
+
+    Attributes:
+        start: The state at time 0.
+        ramps: One per joint.
+        duration_s: Time until all velocities are constant [s].
+    """
+
+    start: State
+    ramps: tuple[Ramp, ...]
+    duration_s: float
+
+    def at(self, time_s: float) -> State:
+        """Return the state `time_s` after the start."""
+        states = [advance(q, v, a, course, time_s) for q, v, a, course in zip(*self.start, self.ramps, strict=True)]
+        return State(*zip(*states, strict=True))
+
+
 class Braking:
     """What the brakes of one arm can do.
 
@@ -173,6 +198,79 @@ class Braking:
         """Return the end of a motion [rad]: inside the limits, and exactly the goal when it is as good as there."""
         bounds = zip(end, goal, self.limits.lower_rad, self.limits.upper_rad, strict=True)
         return tuple(min(max(g if abs(q - g) <= self.tiny_rad else q, low), high) for q, g, low, high in bounds)
+
+    # ------------------------------------------------------------------------------------------------ the whole arm
+
+    @property
+    def home(self) -> State:
+        """At rest where all joints are 0, or at the limit beyond which that is."""
+        return State(self.land(REST, REST), REST, REST)
+
+    def check_place(self, name: str, values: Sequence[float]) -> State:
+        """Return the state at rest there when there are seven finite positions inside the limits.
+
+        Args:
+            name: Whose, e.g. `left arm`.
+            values: Positions to check [rad].
+
+        Raises:
+            PlanFailed: With joint, value and bound.
+        """
+        goal = check_finite(f"{name} position", values, ARM_DOF)
+        for index, (q, lower, upper) in enumerate(zip(goal, self.limits.lower_rad, self.limits.upper_rad, strict=True)):
+            if not lower <= q <= upper:
+                joint, bound = f"{name} joint {index + 1}", f"[{lower}, {upper}]"
+                raise PlanFailed(f"{joint}: {q} rad is outside {bound} rad", joint=joint, value=q, bound=bound)
+        return State(goal, REST, REST)
+
+    def check_entry(self, values: Sequence[float], rates: Sequence[float], forces: Sequence[float]) -> State:
+        """Return a state when it is inside all limits and stays inside them while it brakes.
+
+        Args:
+            values: Positions [rad].
+            rates: Velocities [rad/s].
+            forces: Accelerations [rad/s²].
+
+        Raises:
+            PlanFailed: With joint, value and bound.
+        """
+        q = self.check_place("entry", values).values
+        v, a = check_finite("entry velocity", rates, ARM_DOF), check_finite("entry acceleration", forces, ARM_DOF)
+        limits = self.limits
+        for index in range(ARM_DOF):
+            joint = f"entry joint {index + 1}"
+            if self.is_over(v[index], 0.0, limits.v_radps):
+                raise PlanFailed(f"{joint}: too fast", joint=joint, value=v[index], bound=f"{limits.v_radps} rad/s")
+            if abs(a[index]) > limits.a_radps2 * OVER_RATIO:
+                bound = f"{limits.a_radps2} rad/s²"
+                raise PlanFailed(f"{joint}: accelerates", joint=joint, value=a[index], bound=bound)
+            if not self.can_stop(index, q[index], v[index], a[index]):
+                bound = f"[{limits.lower_rad[index]}, {limits.upper_rad[index]}]"
+                raise PlanFailed(f"{joint}: cannot stop inside {bound} rad", joint=joint, value=q[index], bound=bound)
+        return State(q, v, a)
+
+    def slowing(self, state: State, v_radps: float) -> Slowing:
+        """Return the quickest way to constant velocities of at most `v_radps`."""
+        ramps = tuple([self.slow(v, a, v_radps) for v, a in zip(state.v, state.a, strict=True)])
+        return Slowing(start=state, ramps=ramps, duration_s=max(map(duration, ramps)))
+
+    def halt(self, state: State) -> Slowing:
+        """Return the quickest way to rest, each joint on its own."""
+        return self.slowing(state, 0.0)
+
+    def halted(self, state: State) -> Vector:
+        """Return where that ends [rad]."""
+        rest = [self.rest(q, v, a) for q, v, a in zip(*state, strict=True)]
+        return self.land(rest, rest)
+
+    def settle(self, state: State, last: State) -> State:
+        """Return a state with what rounding put beyond a position limit on it."""
+        for q, lower, upper in zip(state.values, self.limits.lower_rad, self.limits.upper_rad, strict=True):
+            if not lower <= q <= upper:
+                return State(self.land(state.values, state.values), state.v, state.a)
+        return state
+
+    # ------------------------------------------------------------------------------------------------ one joint
 
     def is_far(self, index: int, low: float, high: float) -> bool:
         """Whether joint `index` stays so far from its position limits that it can stop there at any speed."""

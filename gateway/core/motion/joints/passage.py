@@ -1,35 +1,34 @@
-"""Passage: one arm's way onto a trajectory, along it and off its end, period by period, whatever the arm did before.
+"""Joint passage: one arm's way along a trajectory of joints, exactly, once it is on it (`motion/passage.py`).
 
-The arm may be in any motion when it begins, and the trajectory's own clock runs from the first period on. The way is
-made of legs, each of which continues position, velocity and acceleration of the one before and keeps every limit:
+The arm may be in any motion when it begins. The way is made of legs, each of which continues position, velocity and
+acceleration of the one before and keeps every limit:
 
 * *Join*: to the state (position, velocity, acceleration) that the trajectory will have a little later, the least later
   one that all joints can reach in time; ruckig plans it. From then on the arm is *on* the trajectory.
 * On it, the setpoints are those of the trajectory itself, exactly.
 * *Close*: when it shall end at rest and the time left is just enough to come to rest at the last point, it does that.
-  When it shall not, it runs to the last point at speed; without a successor the arm then has to brake (*underrun*).
-* *Wait*: before a start in the future, the arm goes on with the trajectory it was on, or brakes and rests.
+  When it shall not, it runs to the last point at speed.
 
 Every setpoint is stoppable (`braking.py`): so braking, which is what remains when no leg can be planned, always ends
-inside the position limits. This module knows no side, no request and no wall clock.
+inside the position limits.
 """
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from enum import Enum
 
 from ruckig import InputParameter, Ruckig, Synchronization
 from ruckig import Trajectory as Plan
 
-from gateway.core.motion.joints.braking import Braking
-from gateway.core.motion.joints.path import REST, Slowing, Start, State
-from gateway.core.motion.joints.solver import NoPlan, solve
+from gateway.core.motion.joints.braking import REST, Braking, Slowing
 from gateway.core.motion.joints.trajectory import Trajectory
+from gateway.core.motion.passage import ROUNDING_S, Outcome, Passage
+from gateway.core.motion.solver import NoPlan, solve
+from gateway.core.motion.space import State
 from gateway.values import ARM_DOF, Vector
 
-__all__ = ["Outcome", "Passage"]
+__all__ = ["JointPassage"]
 
 JOINTS = range(ARM_DOF)
 
@@ -38,20 +37,6 @@ JOIN_STEPS = 250
 
 MISS_RAD = 2e-8
 """ruckig may end so far beside its target [rad] (1e-8 was measured); that is spread over the plan."""
-
-ROUNDING_S = 1e-9
-"""Rounding of a sum of periods [s]."""
-
-
-class Outcome(str, Enum):
-    """How the following of a trajectory came to its end."""
-
-    DONE = "done"
-    """The arm rests at the last point."""
-    UNDERRUN = "underrun"
-    """The trajectory ended in motion and no other followed."""
-    LOST = "lost"
-    """The trajectory cannot be reached, or not be followed inside the limits."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -91,37 +76,34 @@ class _Leg:
             q_rad = [q + part * miss for q, miss in zip(q_rad, self.miss_rad, strict=True)]
             dq_radps = [v + speed * miss for v, miss in zip(dq_radps, self.miss_rad, strict=True)]
             ddq_radps2 = [a + bend * miss for a, miss in zip(ddq_radps2, self.miss_rad, strict=True)]
-        return tuple(q_rad), tuple(dq_radps), tuple(ddq_radps2)
+        return State(tuple(q_rad), tuple(dq_radps), tuple(ddq_radps2))
 
 
-class Passage:
-    """Leads one arm along one trajectory.
+class JointPassage(Passage[Trajectory]):
+    """Leads one arm along one trajectory, inside the limits of position, velocity, acceleration and jerk.
 
     Args:
         braking: The arm's limits, period and brakes.
-        trajectory: Inside the limits of position, velocity, acceleration and jerk.
-        start_s: Time on the trajectory at which the arm is now [s]; negative when it begins in the future.
-        rests: Whether it ends at rest at the last point; else it ends at speed.
-        lead: What the arm follows until this one begins; None when it follows nothing.
+        trajectory: As `Passage` takes it, like the rest.
+        start_s: Time on it that is now [s].
+        rests: Whether it ends at rest.
+        lead: What the arm follows until this one begins.
     """
 
     def __init__(
-        self, braking: Braking, trajectory: Trajectory, start_s: float, *, rests: bool, lead: Passage | None = None
+        self,
+        braking: Braking,
+        trajectory: Trajectory,
+        start_s: float,
+        *,
+        rests: bool,
+        lead: Passage[Trajectory] | None = None,
     ) -> None:
-        self.trajectory = trajectory
-        self.rests = rests
-        self.outcome: Outcome | None = None
-        """How it ended; None while it goes on."""
-        self.has_joined = False
-        """Whether the arm has been on the trajectory."""
+        super().__init__(braking.period_s, trajectory, start_s, rests=rests, lead=lead)
         self._braking = braking
-        self._start_s = start_s
-        self._steps = 0
-        """Periods handed out."""
-        self._lead = lead
-        self._goal: State = (trajectory.points[-1], REST, REST)
-        self._pause: _Leg | None = None
-        """The stop of an arm that waits and follows nothing."""
+        self._goal = State(trajectory.points[-1], REST, REST)
+        self._stop: _Leg | None = None
+        """Of an arm that waits and follows nothing."""
         self._leg: _Leg | None = None
         self._is_on = False
         self._ahead: State | None = None
@@ -134,53 +116,11 @@ class Passage:
         self._tiny = (tiny, tiny / period_s, tiny / period_s**2)
         self._ruckig = Ruckig(ARM_DOF)
 
-    # ------------------------------------------------------------------------------------------------ what is seen
-
-    @property
-    def time_s(self) -> float:
-        """Time on the trajectory [s]; negative before it begins."""
-        return self._time_s(self._steps)
-
-    @property
-    def is_waiting(self) -> bool:
-        """Whether it has not begun."""
-        return self._time_s(self._steps + 1) <= 0.0
-
-    @property
-    def progress(self) -> float:
-        """Part of the trajectory's duration that is behind us, 0..1; 1 only when the arm rests at its end."""
-        if self.outcome is Outcome.DONE:
-            return 1.0
-        return min(max(self.time_s / self.trajectory.duration_s, 0.0), 1.0 - 1e-6)
-
-    @property
-    def under_way(self) -> Passage | None:
-        """What leads the arm now: this one, or while it waits the one before it; None when nothing does."""
-        return self._lead if self.is_waiting else self
-
     @property
     def is_sound(self) -> bool:
         """Whether an arm that runs to the end at speed can brake inside its position limits from there."""
         end = self.trajectory.at(self.trajectory.duration_s)
         return self.rests or all(map(self._braking.can_stop, JOINTS, *end))
-
-    def origin(self, reference_rad: Vector, rest_rad: Vector) -> Vector:
-        """Return where the arm will be when this one begins [rad].
-
-        Args:
-            reference_rad: Where it is now [rad].
-            rest_rad: Where it would come to rest if it braked now [rad].
-        """
-        if not self.is_waiting:
-            return reference_rad
-        return rest_rad if self._lead is None else self._lead.place_in(-self.time_s)
-
-    def place_in(self, time_s: float) -> Vector:
-        """Return where the trajectory is a time from now [rad]; at its ends before and after them."""
-        return self.trajectory.at(self.time_s + time_s)[0]
-
-    def _time_s(self, steps: int) -> float:
-        return self._start_s + steps * self._braking.period_s
 
     # ------------------------------------------------------------------------------------------------ one period
 
@@ -189,15 +129,7 @@ class Passage:
         self._leg = self._next_leg(now)
         return self.outcome is None
 
-    def step(self, now: State) -> State | None:
-        """Return the state one period after `now`; None when it has ended and the arm has to brake."""
-        if self.outcome is not None:
-            return now if self.outcome is Outcome.DONE else None
-        if self.is_waiting:
-            state = self._wait(now)
-            self._steps += 1
-            return state
-        self._lead = None
+    def _go_on(self, now: State) -> State | None:
         if self._leg is None:
             self._leg = self._next_leg(now)
             if self.outcome is not None:
@@ -206,7 +138,7 @@ class Passage:
         return self._ahead if self._leg is None else self._along(self._leg)
 
     def _along(self, leg: _Leg) -> State:
-        time_s = (self._steps - leg.begun) * self._braking.period_s
+        time_s = (self._steps - leg.begun) * self._period_s
         state = leg.at(time_s)
         if time_s < leg.duration_s - ROUNDING_S:
             return state
@@ -217,15 +149,10 @@ class Passage:
             self.outcome = Outcome.DONE
         return state
 
-    def _wait(self, now: State) -> State:
-        """Go on as before until it begins."""
-        state = self._lead.step(now) if self._lead is not None else None
-        if state is not None:
-            return state
-        self._lead = None
-        if self._pause is None:
-            self._pause = self._stop(now)
-        return self._pause.at((self._steps + 1 - self._pause.begun) * self._braking.period_s)
+    def _pause(self, now: State) -> State:
+        if self._stop is None:
+            self._stop = self._halt(now)
+        return self._stop.at((self._steps + 1 - self._stop.begun) * self._period_s)
 
     # ------------------------------------------------------------------------------------------------ the next leg
 
@@ -238,7 +165,7 @@ class Passage:
                 return None
             if is_closing:
                 return self._close(now)
-            self.outcome = Outcome.LOST if left_s > self._braking.period_s else Outcome.UNDERRUN
+            self.outcome = Outcome.LOST if left_s > self._period_s else Outcome.UNDERRUN
             return None
         closing = self._close(now) if is_closing else None
         if closing is not None and closing.duration_s >= left_s:
@@ -250,10 +177,10 @@ class Passage:
 
     def _may_stay(self, left_s: float, *, is_closing: bool) -> bool:
         """Whether the trajectory itself gives the next setpoint."""
-        left_s -= self._braking.period_s
+        left_s -= self._period_s
         if left_s < -ROUNDING_S:
             return False
-        state = self.trajectory.at(self._time_s(self._steps + 1))
+        state = State(*self.trajectory.at(self._time_s(self._steps + 1)))
         if not all(map(self._braking.can_stop, JOINTS, *state)):
             return False
         if is_closing:
@@ -265,12 +192,12 @@ class Passage:
 
     def _join(self, now: State) -> _Leg | None:
         """Return the shortest way to a state that the trajectory will have; None when there is none."""
-        steps, period_s = 1, self._braking.period_s
+        steps, period_s = 1, self._period_s
         while steps <= JOIN_STEPS:
             meets_s = self._time_s(self._steps + steps)
             if meets_s > self.trajectory.duration_s + ROUNDING_S:
                 return None
-            target = self.trajectory.at(meets_s)
+            target = State(*self.trajectory.at(meets_s))
             plan = self._plan(now, target, steps * period_s)
             if plan is not None and plan.duration <= steps * period_s + ROUNDING_S:
                 miss_rad = self._miss_rad(plan, target, steps * period_s)
@@ -289,18 +216,17 @@ class Passage:
         """Return the way to rest at the last point; where that would lead beyond a limit, the stop, to close after it."""
         plan = self._plan(now, self._goal, 0.0)
         if plan is None:
-            return self._stop(now)
-        steps = math.ceil(plan.duration / self._braking.period_s)
+            return self._halt(now)
+        steps = math.ceil(plan.duration / self._period_s)
         miss_rad = self._miss_rad(plan, self._goal, plan.duration)
         if miss_rad is None or (steps > JOIN_STEPS and any(now[1])) or not self._is_safe(plan, self._goal, steps):
-            return self._stop(now)
+            return self._halt(now)
         return _Leg(
             plan=plan, begun=self._steps, duration_s=plan.duration, end=self._goal, miss_rad=miss_rad, is_done=True
         )
 
-    def _stop(self, now: State) -> _Leg:
-        start = Start(q_rad=now[0], dq_radps=now[1], ddq_radps2=now[2], braking=self._braking)
-        stop = start.slow(0.0)
+    def _halt(self, now: State) -> _Leg:
+        stop = self._braking.halt(now)
         return _Leg(plan=stop, begun=self._steps, duration_s=stop.duration_s, end=stop.at(stop.duration_s))
 
     def _plan(self, now: State, target: State, least_s: float) -> Plan | None:

@@ -23,8 +23,10 @@ from itertools import accumulate, islice
 
 from ruckig import InputParameter, Profile, Ruckig, Synchronization, Trajectory
 
-from gateway.core.motion.joints.path import Path, PlanFailed, Slowing, Start, State, check_goal, check_speed
-from gateway.core.motion.joints.solver import NoPlan, solve
+from gateway.core.motion.joints.braking import Braking, Slowing
+from gateway.core.motion.joints.path import Path
+from gateway.core.motion.solver import NoPlan, solve
+from gateway.core.motion.space import PlanFailed, Start, State, check_speed
 from gateway.values import ARM_DOF, Side, Vector
 
 __all__ = ["plan_paths"]
@@ -42,7 +44,9 @@ CHECKED_STEPS = 250
 """A plan that may turn back for longer than this many periods is refused: checking it would take too long."""
 
 
-def plan_paths(starts: Mapping[Side, Start], goals: Mapping[Side, Sequence[float]], speed: float) -> dict[Side, Path]:
+def plan_paths(
+    starts: Mapping[Side, Start[Braking]], goals: Mapping[Side, Sequence[float]], speed: float
+) -> dict[Side, Path]:
     """Plan one motion of all given arms from their present states to goals at rest.
 
     Args:
@@ -56,7 +60,7 @@ def plan_paths(starts: Mapping[Side, Start], goals: Mapping[Side, Sequence[float
     check_speed(speed)
     if not starts or set(starts) != set(goals):
         raise PlanFailed(f"goals for {sorted(map(str, goals))} do not fit references of {sorted(map(str, starts))}")
-    checked = {side: check_goal(f"{side} arm", goals[side], start.braking.limits) for side, start in starts.items()}
+    checked = {side: start.space.check_place(f"{side} arm", goals[side]).values for side, start in starts.items()}
     failures: list[PlanFailed] = []
     for slow_to in _slow_to(starts, speed):
         try:
@@ -64,7 +68,7 @@ def plan_paths(starts: Mapping[Side, Start], goals: Mapping[Side, Sequence[float
         except NoPlan as none:
             failures = [PlanFailed(f"ruckig finds no plan: {none}")]
             continue
-        objections = (_objection(side, path, slow_to != 0.0) for side, path in paths.items())
+        objections = (_objection(side, starts[side].space, path, slow_to != 0.0) for side, path in paths.items())
         failures = [*islice((o for o in objections if o is not None), 1)]
         if not failures:
             return paths
@@ -73,16 +77,23 @@ def plan_paths(starts: Mapping[Side, Start], goals: Mapping[Side, Sequence[float
     raise failures.pop()
 
 
-def _slow_to(starts: Mapping[Side, Start], speed: float) -> tuple[float | None, ...]:
+def _slow_to(starts: Mapping[Side, Start[Braking]], speed: float) -> tuple[float | None, ...]:
     """Return the leads to try, as the factor on the velocity limit to which they slow down; None for no lead."""
-    if all(start.is_at_rest for start in starts.values()):
+    if all(start.state.is_at_rest for start in starts.values()):
         return (None,)
-    is_over = any(start.is_over(speed * start.braking.limits.v_radps) for start in starts.values())
+    is_over = any(_is_over(start, speed) for start in starts.values())
     return (speed if is_over else None, 0.0)
 
 
+def _is_over(start: Start[Braking], speed: float) -> bool:
+    """Whether a joint is faster than it may be, or will be before its acceleration can be taken back."""
+    braking, (_, rates, forces) = start.space, start.state
+    v_max = speed * braking.limits.v_radps
+    return any(braking.is_over(v, a, v_max) for v, a in zip(rates, forces, strict=True))
+
+
 def _plan(
-    starts: Mapping[Side, Start], goals: Mapping[Side, Vector], speed: float, slow_to: float | None
+    starts: Mapping[Side, Start[Braking]], goals: Mapping[Side, Vector], speed: float, slow_to: float | None
 ) -> dict[Side, Path]:
     """Plan once.
 
@@ -91,11 +102,14 @@ def _plan(
     """
     leads: dict[Side, Slowing] = {}
     if slow_to is not None:
-        leads = {side: start.slow(slow_to * start.braking.limits.v_radps) for side, start in starts.items()}
+        leads = {
+            side: start.space.slowing(start.state, slow_to * start.space.limits.v_radps)
+            for side, start in starts.items()
+        }
     lead_s = max((lead.duration_s for lead in leads.values()), default=0.0)
     rows: list[tuple[float, ...]] = []
     for side, start in starts.items():
-        state = leads[side].at(lead_s) if leads else (start.q_rad, start.dq_radps, start.ddq_radps2)
+        state = leads[side].at(lead_s) if leads else start.state
         rows.extend(_rows(start, state, goals[side], speed))
     q, v, a, goal, v_max, a_max, j_max, lower, upper = map(list, zip(*rows, strict=True))
 
@@ -115,29 +129,28 @@ def _plan(
     for number, (side, start) in enumerate(starts.items()):
         first = number * ARM_DOF
         paths[side] = Path(
-            start=start,
+            start=start.state,
             lead=leads.get(side),
             lead_s=lead_s,
             trajectory=trajectory,
             first=first,
             duration_s=lead_s + trajectory.duration,
-            end_rad=start.braking.land(ends[first : first + ARM_DOF], goals[side]),
+            end_rad=start.space.land(ends[first : first + ARM_DOF], goals[side]),
         )
     return paths
 
 
-def _rows(start: Start, state: State, goal: Vector, speed: float) -> Iterator[tuple[float, ...]]:
+def _rows(start: Start[Braking], state: State, goal: Vector, speed: float) -> Iterator[tuple[float, ...]]:
     """Yield for each joint of an arm: q, v, a, goal, the limits of v, a, j, and of the position."""
-    limits = start.braking.limits
+    limits = start.space.limits
     # Below the present acceleration ruckig runs away: only an arm at rest gets a lower acceleration limit.
-    a_max = limits.a_radps2 * speed if start.is_at_rest else limits.a_radps2
+    a_max = limits.a_radps2 * speed if start.state.is_at_rest else limits.a_radps2
     for q, v, a, end, lower, upper in zip(*state, goal, limits.lower_rad, limits.upper_rad, strict=True):
         yield q, v, a, end, limits.v_radps * speed, a_max, limits.j_radps3, lower, upper
 
 
-def _objection(side: Side, path: Path, may_turn: bool) -> PlanFailed | None:
+def _objection(side: Side, braking: Braking, path: Path, may_turn: bool) -> PlanFailed | None:
     """Return why a path must not be handed out, or None; one from rest, or led by a full stop, only moves on."""
-    braking = path.start.braking
     joints = range(path.first, path.first + ARM_DOF)
     extrema, profiles = path.trajectory.position_extrema, path.trajectory.profiles[0]
     excess_rad = EXCESS_RAD + 2.0 * braking.tiny_rad

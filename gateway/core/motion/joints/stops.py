@@ -10,7 +10,7 @@ import math
 from collections.abc import Mapping, Sequence
 
 from gateway.core.motion.joints.braking import JointLimits, Ramp, advance, duration, ramp
-from gateway.core.motion.joints.path import State
+from gateway.core.motion.space import State
 from gateway.kinematics.separation.judgement import Ways
 from gateway.kinematics.separation.stopping import STAYS, Extent, stop_extent
 from gateway.values import Side, Vector

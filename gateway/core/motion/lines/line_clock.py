@@ -23,10 +23,10 @@ from typing import NamedTuple
 from ruckig import InputParameter, Profile, Ruckig, Trajectory
 
 from gateway.core.motion.joints.braking import JointLimits
-from gateway.core.motion.joints.solver import NoPlan, solve
 from gateway.core.motion.lines.line import Line
 from gateway.core.motion.lines.line_curve import Curve, place
 from gateway.core.motion.poses.pose_state import PoseDynamics
+from gateway.core.motion.solver import NoPlan, solve
 from gateway.errors import Code, Refusal
 from gateway.robot import ARM_JOINTS
 from gateway.values import ARM_DOF, Side

@@ -11,9 +11,10 @@ import math
 from collections.abc import Generator
 from dataclasses import dataclass
 
-from gateway.core.motion.joints.path import REST, Start, State
+from gateway.core.motion.joints.braking import REST, Braking
 from gateway.core.motion.lines.line_clock import LineClock
 from gateway.core.motion.lines.line_curve import Curve
+from gateway.core.motion.space import State
 from gateway.values import ARM_DOF, Vector
 
 __all__ = ["LinePath", "Unstoppable", "unstoppable"]
@@ -32,7 +33,7 @@ class LinePath:
         clock: The part by time.
     """
 
-    start: Start
+    start: State
     curve: Curve
     clock: LineClock
 
@@ -54,11 +55,11 @@ class LinePath:
     def at(self, time_s: float) -> State:
         """Return the state `time_s` after the start; exactly at rest from `duration_s` on."""
         if time_s >= self.duration_s:
-            return self.end_rad, REST, REST
+            return State(self.end_rad, REST, REST)
         part, rate, force = self.clock.at(time_s)
         q_rad, slopes, bends = self.curve.at(part)
         square = rate * rate
-        return (
+        return State(
             q_rad,
             tuple([slope * rate for slope in slopes]),
             tuple([bend * square + slope * force for bend, slope in zip(bends, slopes, strict=True)]),
@@ -82,13 +83,13 @@ class Unstoppable:
     dq_radps: float
 
 
-def unstoppable(path: LinePath) -> Generator[None, None, Unstoppable | None]:
+def unstoppable(path: LinePath, braking: Braking) -> Generator[None, None, Unstoppable | None]:
     """Look for the first setpoint of a path from which a joint could not stop inside its limits, piece by piece.
 
     Args:
         path: Of one arm.
+        braking: Limits of its joints.
     """
-    braking = path.start.braking
     near = [n for n in range(ARM_DOF) if not braking.is_far(n, *path.curve.peaks[n][:2])]
     if not near:
         return None

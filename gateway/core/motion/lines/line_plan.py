@@ -14,7 +14,7 @@ from collections.abc import Generator, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, TypeAlias
 
-from gateway.core.motion.joints.path import Start
+from gateway.core.motion.joints.braking import Braking, JointLimits
 from gateway.core.motion.lines.line import Line, line_to
 from gateway.core.motion.lines.line_clock import SLOWEST, LineClock, Reins, clock_for
 from gateway.core.motion.lines.line_curve import Coarse, Curve, parts_for, place, solve
@@ -22,6 +22,7 @@ from gateway.core.motion.lines.line_elbow import Elbow, chosen
 from gateway.core.motion.lines.line_gaps import too_near
 from gateway.core.motion.lines.line_path import LinePath, Unstoppable, unstoppable
 from gateway.core.motion.poses.pose_state import PoseDynamics
+from gateway.core.motion.space import Start
 from gateway.errors import Code, Refusal
 from gateway.robot import ARM_JOINTS
 from gateway.values import EePose, Side, Vector
@@ -51,7 +52,7 @@ class Going:
     """
 
     arm: ArmModel
-    start: Start
+    start: Start[Braking]
     target: EePose
     poses: PoseDynamics
 
@@ -89,7 +90,7 @@ def plan_lines(going: Mapping[Side, Going], body: Body, speed: float) -> Plannin
     for side, one in going.items():
         if not one.arm.shape.is_near:
             return _not_closed(side, one.arm)
-    lines = {side: line_to(one.arm.forward(one.start.q_rad), one.target) for side, one in going.items()}
+    lines = {side: line_to(one.arm.forward(one.start.state.values), one.target) for side, one in going.items()}
     curves = yield from _curves(going, lines)
     if isinstance(curves, Refusal):
         return curves
@@ -102,7 +103,7 @@ def plan_lines(going: Mapping[Side, Going], body: Body, speed: float) -> Plannin
         refusal = yield from too_near(body.model, body.margin_m, postures, lambda number: place(parts[number]))
         if refusal is not None:
             return refusal
-    reins = {side: Reins(one.poses, one.start.braking.limits) for side, one in going.items()}
+    reins = {side: Reins(one.poses, one.start.space.limits) for side, one in going.items()}
     clock = yield from clock_for(lines, curves, reins, speed)
     if isinstance(clock, Refusal):
         return clock
@@ -116,13 +117,13 @@ def _curves(
     side, coarse = next(iter(going)), Coarse(0.0)
     elbows: dict[Side, Elbow] = {}
     for side, one in going.items():
-        elbows[side] = yield from chosen(one.arm, lines[side], one.start.q_rad, one.start.braking.limits)
+        elbows[side] = yield from chosen(one.arm, lines[side], one.start.state.values, one.start.space.limits)
     for finer in FINER:
         parts = parts_for(tuple(lines.values()), finer)
         curves: dict[Side, Curve] = {}
         for side, one in going.items():
-            start, limits = one.start, one.start.braking.limits
-            found = yield from solve(side, one.arm, lines[side], elbows[side], start.q_rad, parts, limits)
+            start, limits = one.start, one.start.space.limits
+            found = yield from solve(side, one.arm, lines[side], elbows[side], start.state.values, parts, limits)
             if isinstance(found, Refusal):
                 return found
             if isinstance(found, Coarse):
@@ -147,17 +148,17 @@ def _stoppable(
 ) -> Generator[None, None, dict[Side, LinePath] | Refusal]:
     """Make paths of curves, at a pace at which each setpoint is stoppable."""
     while True:
-        paths = {side: LinePath(start=one.start, curve=curves[side], clock=clock) for side, one in going.items()}
+        paths = {side: LinePath(start=one.start.state, curve=curves[side], clock=clock) for side, one in going.items()}
         worst: tuple[Side, Unstoppable] | None = None
         for side, path in paths.items():
-            found = yield from unstoppable(path)
+            found = yield from unstoppable(path, going[side].start.space)
             if found is not None:
                 worst = side, found
         if worst is None:
             return paths
         clock = clock.slower(SLOWER)
         if clock.slowness > SLOWEST:
-            return _cannot_stop(*worst, paths[worst[0]])
+            return _cannot_stop(*worst, going[worst[0]].start.space.limits)
 
 
 def _not_closed(side: Side, arm: ArmModel) -> Refusal:
@@ -170,8 +171,8 @@ def _not_closed(side: Side, arm: ArmModel) -> Refusal:
     )
 
 
-def _cannot_stop(side: Side, found: Unstoppable, path: LinePath) -> Refusal:
-    limits, n = path.start.braking.limits, found.joint
+def _cannot_stop(side: Side, found: Unstoppable, limits: JointLimits) -> Refusal:
+    n = found.joint
     bound = f"[{limits.lower_rad[n]:g}, {limits.upper_rad[n]:g}]"
     return Refusal(
         code=Code.NO_STRAIGHT_WAY,

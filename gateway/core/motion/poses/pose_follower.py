@@ -1,30 +1,25 @@
-"""Pose follower: the next setpoint towards a streamed pose, planned anew for each, the six axes independent of one another.
+"""Pose follower: the next setpoint of an end effector towards a streamed pose, on six axes (`motion/follower.py`).
 
-As for joints (`follower.py`) the target counts as at rest, and ruckig plans from the state it reached itself. What it
-does not see to, and this module does:
+What it sees to beside:
 
 * Norms. Each axis gets a share of the speed, most of it the one that has furthest to go; an axis keeps what it already
   has until its target makes it slower, so that the shares always add up (`pose_state.share`).
-* A speed limit below the present speed, from which ruckig takes its braking acceleration back too late: such an axis
-  ramps down to the limit, unless it must stop for its target before.
 * The reach. Where the stop from the next state would leave it, a target nearer to the shoulder is followed for that
   setpoint; the shoulder itself is always inward. Where none will do, the stop is taken.
 * The way round. A target half a turn away may be reached either way; one that is followed keeps its way while the target
   moves a little beyond half a turn, so that noise cannot make the arm waver.
-
-This module knows no mode, no path and no clock.
 """
 
 from __future__ import annotations
 
 import math
 
-from ruckig import InputParameter, Ruckig, Synchronization, Trajectory
-
+from gateway.core.motion.follower import Follower
 from gateway.core.motion.joints.braking import OVER_RATIO, ROUNDING_RAD, TINY_RATIO, advance, duration, ramp
-from gateway.core.motion.joints.solver import LONGEST_S, NoPlan, solve
-from gateway.core.motion.poses.pose_state import REST6, PoseDynamics, PoseState, carry, share
+from gateway.core.motion.poses.pose_state import REST6, PoseDynamics, carry, share
 from gateway.core.motion.poses.quaternion import aligned, conjugate, long_log, multiply
+from gateway.core.motion.solver import LONGEST_S
+from gateway.core.motion.space import State
 from gateway.values import Vector
 
 __all__ = ["PoseFollower", "followed"]
@@ -46,10 +41,6 @@ LONGER_RAD = 0.3
 NEAR_S = 0.1
 """What is nearer than full speed takes it in this time is not gone for at full speed [s]."""
 
-LIMITED_S = 0.3
-LIMITED_RATIO = 1.2
-"""As in `follower.py`: averaging time [s], and the remaining time, in multiples of v/a + a/j, that tells of lateness."""
-
 
 def followed(dynamics: PoseDynamics) -> tuple[float, float, float, float, float]:
     """Return what a moving target may ask for in any direction; the arm falls behind one that asks for more.
@@ -65,7 +56,7 @@ def followed(dynamics: PoseDynamics) -> tuple[float, float, float, float, float]
     return dynamics.limits.reach_m, AXIS_RATIO * linear.speed, linear.a, AXIS_RATIO * angular.speed, angular.a
 
 
-class PoseFollower:
+class PoseFollower(Follower):
     """Leads one end effector to its latest target.
 
     Args:
@@ -73,113 +64,61 @@ class PoseFollower:
     """
 
     def __init__(self, dynamics: PoseDynamics) -> None:
-        self.last_fault = ""
-        """What ruckig complained of last; that setpoint was one of the stop. Empty when it never did."""
-        self.faults = 0
-        """How many setpoints had to do without ruckig."""
+        super().__init__([dynamics.axis(n).j for n in AXES], dynamics.period_s)
         self._dynamics = dynamics
-        self._speed = self._bound = 1.0
-        self._force = 1.0
-        """Factor on the acceleration: that of the speed from rest on."""
-        self._p_m: Vector = (0.0, 0.0, 0.0)
-        self._quat: Vector = (0.0, 0.0, 0.0, 1.0)
-        self._has_target = False
-        self._lateness = 0.0
         tiny = []
         for group in (dynamics.linear, dynamics.angular):
             x = max(TINY_RATIO * group.j * dynamics.period_s**3, ROUNDING_RAD)
             tiny.append((x, x / dynamics.period_s, x / dynamics.period_s**2))
         self._tiny = tuple(tiny[n // 3] for n in AXES)
         """Per axis distance, velocity and acceleration that a setpoint may drop without counting against any limit."""
-        self._entry = InputParameter(6)
-        self._entry.synchronization = Synchronization.No
-        self._entry.max_jerk = [dynamics.axis(n).j for n in AXES]
-        self._planner = Ruckig(6)
-        self._trajectory = Trajectory(6)
 
-    @property
-    def speed(self) -> float:
-        """Factor of the stream on the velocity limits."""
-        return self._speed
-
-    @property
-    def is_limited(self) -> bool:
-        """Whether the arm is late for its targets because they ask for more than the limits allow."""
-        return self._lateness > LIMITED_RATIO
-
-    @property
-    def target(self) -> Vector:
-        """The latest target, in the sign in which it is reached; shape (7,)."""
-        return self._p_m + self._quat
-
-    def begin(self) -> None:
-        """Begin a stream: the next target is reached on the shorter way."""
-        self._has_target, self._force, self._lateness = False, 1.0, 0.0
-        self._bound = 1.0
-
-    def bound(self, speed: float) -> None:
-        """Bound the velocity beside the stream's own factor, from the next setpoint on; above it an axis ramps down to it.
-
-        Args:
-            speed: Factor on the velocity limits, 0 < speed <= 1; 1 for no bound. A new stream begins without one.
-        """
-        self._bound = speed
-
-    def wish(self, now: PoseState) -> Vector:
+    def wish(self, now: State) -> Vector:
         """Return with what velocity it will go to its target from rest, shape (6,) [m/s, rad/s]; 0 where it is there.
 
         Args:
             now: The present state.
         """
-        if not self._has_target:
+        if not self.target:
             return REST6
-        linear = tuple([x - x0 for x, x0 in zip(self._p_m, now.p_m, strict=True)])
+        linear = tuple([x - x0 for x, x0 in zip(self.target[:3], now.values[:3], strict=True)])
         parts: list[float] = []
-        for way, group in ((linear, self._dynamics.linear), (self._way(now.quat_xyzw), self._dynamics.angular)):
+        for way, group in ((linear, self._dynamics.linear), (self._way(now.values[3:]), self._dynamics.angular)):
             length = math.hypot(*way)
             parts += [x * min(1.0 / NEAR_S, group.speed / length) if length else 0.0 for x in way]
         return tuple(parts)
 
-    def aim(self, p_m: Vector, quat_xyzw: Vector, speed: float, now: PoseState) -> None:
-        """Take a target.
+    def aim(self, target: Vector, speed: float, now: State) -> None:
+        """Take a target, its orientation in either sign; the first one of a stream is reached on the shorter way."""
+        quat = aligned(target[3:], (self.target or now.values)[3:])
+        super().aim(target[:3] + quat, speed, now)
 
-        Args:
-            p_m: Position inside the reach [m].
-            quat_xyzw: Orientation, unit norm, in either sign.
-            speed: Factor on the velocity limits, 0 < speed <= 1; on the accelerations too from rest on.
-            now: The present state.
-        """
-        self._p_m = p_m
-        self._quat = aligned(quat_xyzw, self._quat if self._has_target else now.quat_xyzw)
-        self._speed, self._has_target = speed, True
-
-    def follow(self, now: PoseState) -> PoseState:
+    def follow(self, now: State) -> State:
         """Return the state one period after `now`, towards the target."""
-        way = self._way(now.quat_xyzw)
+        way = self._way(now.values[3:])
         if now.is_at_rest:
             if now.values == self.target:
                 self._note_remaining(0.0)
                 return now
             self._force = self._speed
         for pull in PULLS:
-            planned = self._planned(now, tuple(pull * x for x in self._p_m) + way)
+            planned = self._planned(now, tuple([pull * x for x in self.target[:3]]) + way)
             if planned is None:
                 break
             if self._dynamics.can_stop(planned):
                 return planned
-        # From here on the acceleration may be any within the limits, and ruckig must not plan below it.
-        self._force = 1.0
-        return next(iter(self._dynamics.stop(now)), now)
+        self.disturb()  # ruckig must not plan below the acceleration of a stop
+        return self._dynamics.halt(now).at(self._dynamics.period_s)
 
     def _way(self, quat: Vector) -> Vector:
         """Return the rotation vector from an orientation to the target [rad]; shape (3,)."""
-        way = long_log(multiply(self._quat, conjugate(quat)))
+        way = long_log(multiply(self.target[3:], conjugate(quat)))
         if math.hypot(*way) > math.pi + LONGER_RAD:
-            self._quat = tuple(-c for c in self._quat)
-            way = long_log(multiply(self._quat, conjugate(quat)))
+            self.target = self.target[:3] + tuple(-c for c in self.target[3:])
+            way = long_log(multiply(self.target[3:], conjugate(quat)))
         return way
 
-    def _planned(self, now: PoseState, target: Vector) -> PoseState | None:
+    def _planned(self, now: State, target: Vector) -> State | None:
         """Return where ruckig would be in one period; None where it finds no plan.
 
         Args:
@@ -187,7 +126,7 @@ class PoseFollower:
             target: Position [m], and rotation vector from the present orientation [rad].
         """
         dynamics, entry = self._dynamics, self._entry
-        start = (*now.p_m, 0.0, 0.0, 0.0)
+        start = (*now.values[:3], 0.0, 0.0, 0.0)
         forces = [max(self._force * dynamics.axis(n).a, abs(a)) for n, a in enumerate(now.a)]
         peaks, speeds = self._speeds(now, start, target)
         entry.current_position, entry.current_velocity, entry.current_acceleration = start, now.v, now.a
@@ -196,15 +135,11 @@ class PoseFollower:
         ]
         entry.max_velocity = [max(v, p) for v, p in zip(speeds, peaks, strict=True)]
         entry.max_acceleration = forces
-        try:
-            solve(self._planner, entry, self._trajectory)
-        except NoPlan as none:
-            self.last_fault = str(none)
-            self.faults += 1
+        plan = self._plan(self._longest_s)
+        if plan is None:
             return None
-        self._note_remaining(self._trajectory.duration / self._longest_s)
         axes = []
-        for n, (x, v, a) in enumerate(zip(*self._trajectory.at_time(dynamics.period_s), strict=True)):
+        for n, (x, v, a) in enumerate(zip(*plan.at_time(dynamics.period_s), strict=True)):
             tiny_x, tiny_v, tiny_a = self._tiny[n]
             if peaks[n] > speeds[n] * OVER_RATIO:
                 x, v, a = self._slowed(n, (start[n], now.v[n], now.a[n]), speeds[n], target[n], (x, v, a))
@@ -212,12 +147,12 @@ class PoseFollower:
                 x, v, a = target[n], 0.0, 0.0
             axes.append((x, v, a))
         place, rates, forces_then = (tuple(column) for column in zip(*axes, strict=True))
-        state = carry(now.quat_xyzw, place, rates, forces_then)
+        state = carry(now.values[3:], place, rates, forces_then)
         if place[3:] == target[3:] and not any(rates[3:]) and not any(forces_then[3:]):
-            state = state._replace(quat_xyzw=self._quat)
+            state = state._replace(values=state.values[:3] + self.target[3:])
         return state
 
-    def _speeds(self, now: PoseState, start: Vector, target: Vector) -> tuple[list[float], list[float]]:
+    def _speeds(self, now: State, start: Vector, target: Vector) -> tuple[list[float], list[float]]:
         """Return per axis the speed that it has or is bound for, and the one that it may have."""
         dynamics = self._dynamics
         peaks: list[float] = []
@@ -252,10 +187,3 @@ class PoseFollower:
         """Time that the slower of position and orientation takes to come to rest from full speed [s]."""
         groups = (self._dynamics.linear, self._dynamics.angular)
         return max(self._speed * g.speed / (self._force * g.a) + self._force * g.a / g.j for g in groups)
-
-    def _note_remaining(self, ratio: float) -> None:
-        self._lateness += (ratio - self._lateness) * min(self._dynamics.period_s / LIMITED_S, 1.0)
-
-    def forget_lateness(self) -> None:
-        """Average anew."""
-        self._lateness = 0.0

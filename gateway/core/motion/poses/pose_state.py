@@ -19,14 +19,16 @@ A stop is closed form and cannot fail.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from typing import NamedTuple
 
 from gateway.core.motion.joints.braking import OVER_RATIO, Ramp, advance, duration, ramp
-from gateway.core.motion.poses.quaternion import dot, exp, multiply, unit
+from gateway.core.motion.poses.quaternion import aligned, dot, exp, multiply, unit
+from gateway.core.motion.space import PlanFailed, State, check_finite
 from gateway.values import Vector
 
-__all__ = ["REACH_SLACK_M", "REST6", "AxisLimits", "PoseDynamics", "PoseLimits", "PoseState", "carry", "share"]
+__all__ = ["NORM_TOLERANCE", "REST6", "AxisLimits", "PoseDynamics", "PoseLimits", "PoseStop", "carry", "share"]
 
 REST6: Vector = (0.0,) * 6
 """Velocity or acceleration of an end effector at rest."""
@@ -43,6 +45,12 @@ ON_A_LINE = 1e-9
 
 REACH_SLACK_M = 1e-10
 """Rounding of a position at the end of the reach [m]."""
+
+NORM_TOLERANCE = 1e-3
+"""How far the norm of a goal's quaternion may be from 1: rounding of a user's. It is normalised."""
+
+ENTRY_RATIO = 1.0 + 1e-3
+"""A motion taken over from another process may exceed a limit by this, for its rounding."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -78,23 +86,34 @@ class PoseLimits:
                 raise ValueError(f"pose limit {name} is {getattr(self, name)}, at least {least} is needed for w_radps")
 
 
-class PoseState(NamedTuple):
-    """One instant of a motion. Rates: linear [m/s, m/s²], then angular about the frame's axes [rad/s, rad/s²]; shape (6,)."""
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PoseStop:
+    """The way to rest, setpoint by setpoint.
 
-    p_m: Vector
-    quat_xyzw: Vector
-    v: Vector = REST6
-    a: Vector = REST6
+    Attributes:
+        start: The state at time 0.
+        states: One for each period; none when it rests already.
+        period_s: Time between them [s].
+    """
+
+    start: State
+    states: tuple[State, ...]
+    period_s: float
 
     @property
-    def values(self) -> Vector:
-        """The setpoint: x, y, z [m], qx, qy, qz, qw."""
-        return self.p_m + self.quat_xyzw
+    def duration_s(self) -> float:
+        """Time until it rests [s]."""
+        return len(self.states) * self.period_s
 
     @property
-    def is_at_rest(self) -> bool:
-        """Whether nothing moves."""
-        return not any(self.v) and not any(self.a)
+    def end(self) -> State:
+        """Where it rests."""
+        return self.states[-1] if self.states else self.start
+
+    def at(self, time_s: float) -> State:
+        """Return the state of the latest setpoint then; at rest from `duration_s` on."""
+        step = min(round(time_s / self.period_s), len(self.states))
+        return self.states[step - 1] if step > 0 else self.start
 
 
 class AxisLimits(NamedTuple):
@@ -135,28 +154,97 @@ class PoseDynamics:
         """Return the shares of axis 0 to 5."""
         return self.linear if index < 3 else self.angular
 
-    def can_stop(self, state: PoseState) -> bool:
+    @property
+    def home(self) -> State:
+        """At rest at the shoulder."""
+        return State((0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0), REST6, REST6)
+
+    def check_place(self, name: str, values: Sequence[float], slack_m: float = 0.0) -> State:
+        """Return the state at rest there when it is finite, of unit norm (to be normalised) and inside the reach.
+
+        Args:
+            name: Whose, e.g. `left arm`.
+            values: x, y, z [m], qx, qy, qz, qw.
+            slack_m: How far beyond the reach it may be [m]: for setpoints, which are rounded.
+
+        Raises:
+            PlanFailed: With what is to blame, value and bound.
+        """
+        pose = check_finite(f"{name} pose", values, 7)
+        far_m, norm, reach_m = math.hypot(*pose[:3]), math.hypot(*pose[3:]), self.limits.reach_m
+        if far_m > reach_m + slack_m:
+            bound = f"[0, {reach_m}]"
+            message = f"{name}: {far_m} m from the shoulder is outside {bound} m"
+            raise PlanFailed(message, joint=f"{name} reach", value=far_m, bound=bound)
+        if abs(norm - 1.0) > NORM_TOLERANCE:
+            bound = f"[{1.0 - NORM_TOLERANCE}, {1.0 + NORM_TOLERANCE}]"
+            message = f"{name}: the quaternion has norm {norm}, outside {bound} (xyzw)"
+            raise PlanFailed(message, joint=f"{name} orientation", value=norm, bound=bound)
+        return State(pose[:3] + unit(pose[3:]), REST6, REST6)
+
+    def check_entry(self, values: Sequence[float], rates: Sequence[float], forces: Sequence[float]) -> State:
+        """Return a state when it is inside all limits and stays inside the reach while it brakes.
+
+        Args:
+            values: x, y, z [m], qx, qy, qz, qw.
+            rates: Linear [m/s], then angular velocity [rad/s].
+            forces: Accelerations likewise.
+
+        Raises:
+            PlanFailed: With what is to blame, value and bound.
+        """
+        place = self.check_place("setpoint", values, 10.0 * REACH_SLACK_M).values
+        v, a = check_finite("velocity", rates, 6), check_finite("acceleration", forces, 6)
+        bounds = (
+            ("linear velocity", v[:3], self.limits.v_mps, "m/s"),
+            ("angular velocity", v[3:], self.limits.w_radps, "rad/s"),
+            ("linear acceleration", a[:3], self.limits.a_mps2, "m/s²"),
+            ("angular acceleration", a[3:], self.limits.dw_radps2, "rad/s²"),
+        )
+        for name, vector, bound, unit_name in bounds:
+            size = math.hypot(*vector)
+            if size > bound * ENTRY_RATIO:
+                message = f"{name} {size} {unit_name} is above {bound} {unit_name}"
+                raise PlanFailed(message, joint=name, value=size, bound=str(bound))
+        # What is held must be repeated to the last bit: normalising anew would round it.
+        given = tuple(values)
+        state = State(given if abs(math.hypot(*given[3:]) - 1.0) < 1e-9 else place, v, a)
+        if not self.can_stop(state._replace(values=tuple([x * (1.0 - 1e-8) for x in place[:3]]))):
+            raise PlanFailed(f"it cannot stop within {self.limits.reach_m} m of the shoulder", joint="reach")
+        return state
+
+    def can_stop(self, state: State) -> bool:
         """Whether every setpoint of the stop from here is inside the reach."""
-        reach_m = self.limits.reach_m
-        if math.hypot(*state.p_m) + self._longest_m <= reach_m:
+        reach_m, p_m = self.limits.reach_m, state.values[:3]
+        if math.hypot(*p_m) + self._longest_m <= reach_m:
             return True
         courses = _courses(state.v[:3], state.a[:3], self.linear)
         steps = math.ceil(max((duration(course) for *_, course in courses), default=0.0) / self.period_s)
-        places = (_along(state.p_m, courses, step * self.period_s)[0] for step in range(steps + 1))
+        places = (_along(p_m, courses, step * self.period_s)[0] for step in range(steps + 1))
         return all(math.hypot(*place) <= reach_m + REACH_SLACK_M for place in places)
 
-    def stop(self, state: PoseState) -> tuple[PoseState, ...]:
-        """Return the setpoints of the way to rest, one per period; none when it rests already."""
+    def halt(self, state: State) -> PoseStop:
+        """Return the way to rest."""
         linear = _courses(state.v[:3], state.a[:3], self.linear)
-        states: list[PoseState] = []
+        states: list[State] = []
         now = state
         while not now.is_at_rest:
-            p_m, v, a = _along(state.p_m, linear, (len(states) + 1) * self.period_s)
+            p_m, v, a = _along(state.values[:3], linear, (len(states) + 1) * self.period_s)
             turning = _courses(now.v[3:], now.a[3:], self.angular)
             r, dr, ddr = _along((0.0, 0.0, 0.0), turning, self.period_s)
-            now = carry(now.quat_xyzw, p_m + r, v + dr, a + ddr)
+            now = carry(now.values[3:], p_m + r, v + dr, a + ddr)
             states.append(now)
-        return tuple(states)
+        return PoseStop(start=state, states=tuple(states), period_s=self.period_s)
+
+    def halted(self, state: State) -> Vector:
+        """Return where that ends."""
+        return self.halt(state).end.values
+
+    def settle(self, state: State, last: State) -> State:
+        """Return a state with its quaternion in the sign that goes on from the last one."""
+        quat = state.values[3:]
+        near = aligned(quat, last.values[3:])
+        return state if near is quat else State(state.values[:3] + near, state.v, state.a)
 
 
 AXES: tuple[Vector, Vector, Vector] = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
@@ -219,7 +307,7 @@ def share(need: Vector, want: Vector, total: float) -> tuple[float, ...]:
     return tuple(math.sqrt(n * n + part * (w * w - n * n)) for n, w in zip(need, wish, strict=True))
 
 
-def carry(quat_xyzw: Vector, place: Vector, v: Vector, a: Vector) -> PoseState:
+def carry(quat_xyzw: Vector, place: Vector, v: Vector, a: Vector) -> State:
     """Turn a state of the chart around an orientation into a state of the body.
 
     Args:
@@ -230,7 +318,7 @@ def carry(quat_xyzw: Vector, place: Vector, v: Vector, a: Vector) -> PoseState:
     """
     r, dr, ddr = place[3:], v[3:], a[3:]
     if not any(r):
-        return PoseState(place[:3], quat_xyzw, v, a)
+        return State(place[:3] + quat_xyzw, v, a)
     square, rate = dot(r, r), dot(r, dr)
     # The left Jacobian is I + b[r]× + c[r]×²; db, dc are the rates of b and c. All exact to 1e-12 below 0.1 rad.
     b = 0.5 - square / 24.0 + square * square / 720.0
@@ -241,7 +329,7 @@ def carry(quat_xyzw: Vector, place: Vector, v: Vector, a: Vector) -> PoseState:
     r_r_dr, r_r_ddr, dr_r_dr = _cross(r, r_dr), _cross(r, r_ddr), _cross(dr, r_dr)
     w = [dr[n] + b * r_dr[n] + c * r_r_dr[n] for n in range(3)]
     dw = [ddr[n] + b * r_ddr[n] + c * r_r_ddr[n] + db * r_dr[n] + dc * r_r_dr[n] + c * dr_r_dr[n] for n in range(3)]
-    return PoseState(place[:3], unit(multiply(exp(r), quat_xyzw)), (*v[:3], *w), (*a[:3], *dw))
+    return State(place[:3] + unit(multiply(exp(r), quat_xyzw)), (*v[:3], *w), (*a[:3], *dw))
 
 
 def _cross(a: Vector, b: Vector) -> Vector:

@@ -9,7 +9,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from ruckig import ControlInterface, InputParameter, Ruckig, Synchronization, Trajectory
 
-from gateway.core.motion.joints.braking import ROUNDING_RAD, Braking, JointLimits, advance, duration, ramp
+from gateway.core.motion.joints.braking import REST, ROUNDING_RAD, Braking, JointLimits, advance, duration, ramp
+from gateway.core.motion.space import PlanFailed, State
 
 A, J = 3.0, 20.0
 LOWER = (-1.0, -0.01, -2.6, 0.25, -1.8, -1.4, -0.7)
@@ -227,3 +228,103 @@ def test_a_motion_lands_on_its_goal_when_it_is_as_good_as_there_and_never_outsid
     goal = (1.0, 0.0, 0.5, 1.0, 0.0, 0.0, 0.7)
     end = (1.0 - 1e-16, 1e-8, 0.5, 2.3, -2.0, 1e-14, 0.7 + 1e-14)
     assert BRAKING.land(end, goal) == (1.0, 1e-8, 0.5, 2.2, -1.8, 0.0, 0.7)
+
+
+# ------------------------------------------------------------------------------------------------------ the whole arm
+
+LIMITS = JointLimits(
+    v_radps=1.0,
+    a_radps2=3.0,
+    j_radps3=20.0,
+    lower_rad=(-1.8, 0.0, -2.6, 0.25, -1.8, -1.4, -0.7),
+    upper_rad=(1.8, 1.9, 1.3, 2.2, 1.8, 1.4, 0.7),
+)
+ARM = Braking(LIMITS, 0.01)
+HOME = (0.41, 1.16, -0.47, 0.90, 0.23, -0.15, 0.60)
+MOVING = State(HOME, (0.8, -0.8, 0.2, 0.0, 0.0, 0.0, 0.0), (0.0, 0.0, 2.0, 0.0, 0.0, 0.0, 0.0))
+
+
+def test_home_is_at_rest_inside_the_limits():
+    """Where 0 is outside, at the limit."""
+    assert ARM.home == ((0.0, 0.0, 0.0, 0.25, 0.0, 0.0, 0.0), REST, REST)
+
+
+def test_what_rounding_put_beyond_a_limit_is_put_on_it():
+    """The rest of the state stays, and a state inside stays the same."""
+    beyond = MOVING._replace(values=(1.8 + 1e-12, *HOME[1:]))
+    assert ARM.settle(beyond, MOVING) == MOVING._replace(values=(1.8, *HOME[1:]))
+    assert ARM.settle(MOVING, beyond) is MOVING
+
+
+def test_a_goal_inside_the_limits_passes_as_a_tuple():
+    """Both ends of the range are inside."""
+    assert ARM.check_place("left arm", list(LIMITS.lower_rad)) == (LIMITS.lower_rad, REST, REST)
+    assert ARM.check_place("left arm", LIMITS.upper_rad).values == LIMITS.upper_rad
+
+
+@pytest.mark.parametrize("goal", [(), (0.0,), (0.5,) * 6, (0.5,) * 8])
+def test_a_goal_of_another_length_is_refused(goal):
+    """It is ruckig that would take it without a word, and drive the missing joints anywhere."""
+    with pytest.raises(PlanFailed, match=f"left arm position has {len(goal)} values, 7 are needed") as failed:
+        ARM.check_place("left arm", goal)
+    assert (failed.value.joint, failed.value.bound) == ("", "") and math.isnan(failed.value.value)
+
+
+@pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf])
+def test_a_goal_that_is_not_finite_is_refused(value):
+    """With the element."""
+    with pytest.raises(PlanFailed, match=rf"left arm position\[2\] is {value}"):
+        ARM.check_place("left arm", (*HOME[:2], value, *HOME[3:]))
+
+
+@pytest.mark.parametrize(("index", "value"), [(3, 0.25 - 1e-12), (3, 2.2000001), (6, 5.0)])
+def test_a_goal_outside_the_limits_is_refused_with_joint_value_and_bound(index, value):
+    """However little it is outside."""
+    with pytest.raises(PlanFailed) as failed:
+        ARM.check_place("left arm", (*HOME[:index], value, *HOME[index + 1 :]))
+    bound = f"[{LIMITS.lower_rad[index]}, {LIMITS.upper_rad[index]}]"
+    assert (failed.value.joint, failed.value.value, failed.value.bound) == (f"left arm joint {index + 1}", value, bound)
+    assert str(failed.value) == f"left arm joint {index + 1}: {value} rad is outside {bound} rad"
+
+
+def test_slowing_ends_at_velocities_within_the_limit():
+    """Each joint on its own: two slow down, one keeps what it is bound for, four do not move."""
+    slowing = ARM.slowing(MOVING, 0.4)
+    assert slowing.at(0.0) == slowing.start == MOVING
+    q_rad, dq_radps, ddq_radps2 = slowing.at(slowing.duration_s)
+    assert dq_radps == pytest.approx((0.4, -0.4, 0.3, 0.0, 0.0, 0.0, 0.0))
+    assert ddq_radps2 == REST
+    assert q_rad[3:] == HOME[3:]
+
+
+def test_slowing_to_nothing_is_a_stop():
+    """All velocities are exactly 0 at its end, which is where each joint's own stop ends."""
+    stop = ARM.halt(MOVING)
+    q_rad, dq_radps, ddq_radps2 = stop.at(stop.duration_s)
+    assert (dq_radps, ddq_radps2) == (REST, REST)
+    assert q_rad == pytest.approx([ARM.rest(*joint) for joint in zip(*MOVING, strict=True)], abs=1e-14)
+    assert q_rad == pytest.approx(ARM.halted(MOVING), abs=1e-14)
+
+
+def test_a_moving_state_inside_all_limits_is_an_entry():
+    """As it is, in tuples; the velocity limit itself is inside."""
+    v, a = (1.0, *MOVING.v[1:]), list(MOVING.a)
+    assert ARM.check_entry(list(HOME), v, a) == (HOME, v, MOVING.a)
+
+
+@pytest.mark.parametrize(
+    ("q", "v", "a", "why"),
+    [
+        ((0.0,) * 6, REST, REST, "entry position has 6 values"),
+        ((9.0, *HOME[1:]), REST, REST, "outside"),
+        (HOME, REST[:6], REST, "entry velocity has 6 values"),
+        (HOME, REST, (math.nan, *REST[1:]), "entry acceleration"),
+        (HOME, (*REST[:2], -1.1, *REST[3:]), REST, "entry joint 3: too fast"),
+        (HOME, REST, (*REST[:6], 3.1), "entry joint 7: accelerates"),
+        ((1.79, *HOME[1:]), (0.9, *REST[1:]), REST, "entry joint 1: cannot stop inside"),
+    ],
+)
+def test_a_state_that_cannot_be_gone_on_with_is_refused(q, v, a, why):
+    """Each limit alone; braking must end inside the position limits as well."""
+    with pytest.raises(PlanFailed, match=why):
+        ARM.check_entry(q, v, a)

@@ -10,16 +10,17 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from gateway import robot
-from gateway.core.motion.joints import follower as module
-from gateway.core.motion.joints.braking import Braking, JointLimits
-from gateway.core.motion.joints.follower import Follower
-from gateway.core.motion.joints.path import REST
-from gateway.core.motion.joints.solver import NoPlan
+from gateway.core.motion import follower as module
+from gateway.core.motion.joints.braking import REST, Braking, JointLimits
+from gateway.core.motion.joints.follower import JointFollower
+from gateway.core.motion.solver import NoPlan
+from gateway.core.motion.space import State
 from gateway.values import ARM_DOF, Side
 
 V, A, J, DT = 1.0, 3.0, 20.0, 0.01
 LOWER, UPPER = robot.JOINT_LOWER_RAD[Side.LEFT], robot.JOINT_UPPER_RAD[Side.LEFT]
 HOME = robot.HOME_Q_RAD[Side.LEFT]
+AT_HOME = State(HOME, REST, REST)
 BRAKING = Braking(JointLimits(v_radps=V, a_radps2=A, j_radps3=J, lower_rad=LOWER, upper_rad=UPPER), DT)
 
 
@@ -31,18 +32,23 @@ def at_home(index: int, value: float) -> tuple[float, ...]:
 def moving(index: int, q: float, v: float, a: float = 0.0):
     """The arm at home with one joint on its way."""
     zeros = [0.0] * ARM_DOF
-    return (at_home(index, q), (*zeros[:index], v, *zeros[index + 1 :]), (*zeros[:index], a, *zeros[index + 1 :]))
+    return State(at_home(index, q), (*zeros[:index], v, *zeros[index + 1 :]), (*zeros[:index], a, *zeros[index + 1 :]))
 
 
-def begun(target, speed=1.0) -> Follower:
+def begun(target, speed=1.0) -> JointFollower:
     """A follower with its first target."""
-    follower = Follower(BRAKING)
-    follower.begin(speed)
-    follower.target_rad = tuple(target)
+    follower = JointFollower(BRAKING)
+    follower.begin()
+    aim(follower, target, speed)
     return follower
 
 
-def run(follower: Follower, state, steps: int) -> list:
+def aim(follower: JointFollower, target, speed=1.0) -> None:
+    """Another target; where the arm is makes no difference to joints."""
+    follower.aim(tuple(target), speed, AT_HOME)
+
+
+def run(follower: JointFollower, state, steps: int) -> list:
     """All states from `state` on."""
     states = [state]
     for _ in range(steps):
@@ -72,7 +78,7 @@ def check(states) -> None:
 def test_a_target_is_reached_exactly_and_then_nothing_moves():
     """0.3 rad take 0.80 s at 1 rad/s, 3 rad/s², 20 rad/s³; the end is the target, at rest, without rounding."""
     target = at_home(0, 0.71)
-    states = run(begun(target), (HOME, REST, REST), 100)
+    states = run(begun(target), AT_HOME, 100)
     check(states)
     arrived = next(n for n, state in enumerate(states) if state == (target, REST, REST))
     assert arrived == pytest.approx(80, abs=2)
@@ -82,7 +88,7 @@ def test_a_target_is_reached_exactly_and_then_nothing_moves():
 def test_joints_do_not_wait_for_one_another():
     """A small step is done before a large one."""
     target = (HOME[0] + 0.05, HOME[1] - 1.0, *HOME[2:])
-    states = run(begun(target), (HOME, REST, REST), 60)
+    states = run(begun(target), AT_HOME, 60)
     assert states[-1][0][0] == target[0] and states[-1][1][0] == 0.0
     assert states[-1][1][1] < -0.5
 
@@ -90,8 +96,8 @@ def test_joints_do_not_wait_for_one_another():
 def test_the_latest_target_counts():
     """A new target turns the arm around."""
     follower = begun(at_home(0, 1.8))
-    states = run(follower, (HOME, REST, REST), 60)
-    follower.target_rad = at_home(0, -1.0)
+    states = run(follower, AT_HOME, 60)
+    aim(follower, at_home(0, -1.0))
     states += run(follower, states[-1], 400)[1:]
     check(states)
     assert states[-1] == (at_home(0, -1.0), REST, REST)
@@ -100,9 +106,9 @@ def test_the_latest_target_counts():
 def test_limits_are_targets_like_any_others():
     """From one end of every range to the other, and back before it is reached."""
     follower = begun(LOWER)
-    states = run(follower, (UPPER, REST, REST), 150)
+    states = run(follower, State(UPPER, REST, REST), 150)
     for target, steps in ((UPPER, 37), (LOWER, 61), (UPPER, 5), (LOWER, 700)):
-        follower.target_rad = target
+        aim(follower, target)
         states += run(follower, states[-1], steps)[1:]
     check(states)
     assert states[-1] == (LOWER, REST, REST)
@@ -116,15 +122,15 @@ def test_limits_are_targets_like_any_others():
 )
 def test_targets_at_any_rate_keep_all_limits(parts, hold, speed):
     """From every setpoint to 3 Hz, near the limits and far from them; then it comes to rest at the last one."""
-    follower, states = begun(HOME, speed), [(HOME, REST, REST)]
+    follower, states = begun(HOME, speed), [AT_HOME]
     for three in parts:
         spread = [three[n % 3] for n in range(ARM_DOF)]
         target = [low + round(part, 1) * (high - low) for low, high, part in zip(LOWER, UPPER, spread, strict=True)]
-        follower.target_rad = tuple(min(max(q, low), high) for q, low, high in zip(target, LOWER, UPPER, strict=True))
+        aim(follower, (min(max(q, low), high) for q, low, high in zip(target, LOWER, UPPER, strict=True)), speed)
         states += run(follower, states[-1], hold)[1:]
     states += run(follower, states[-1], 1800)[1:]
     check(states)
-    assert states[-1] == (follower.target_rad, REST, REST)
+    assert states[-1] == (follower.target, REST, REST)
     assert follower.faults == 0
 
 
@@ -139,10 +145,10 @@ def peak(states, column: int) -> float:
 def test_from_rest_a_speed_factor_lowers_velocity_and_acceleration():
     """At 0.2: 0.2 rad/s and 0.6 rad/s²; and again from the next rest on."""
     follower = begun(at_home(0, 0.9), 0.2)
-    states = run(follower, (HOME, REST, REST), 400)
+    states = run(follower, AT_HOME, 400)
     assert states[-1][1] == REST
     assert peak(states, 1) == pytest.approx(0.2) and peak(states, 2) == pytest.approx(0.6)
-    follower.target_rad = HOME
+    aim(follower, HOME, 0.2)
     assert peak(run(follower, states[-1], 400), 2) == pytest.approx(0.6)
 
 
@@ -167,6 +173,15 @@ def test_a_target_nearer_than_slowing_down_is_not_overshot(gap_rad):
     assert states[-1] == (target, REST, REST)
 
 
+def test_a_bound_slows_down_as_a_lower_factor_does():
+    """The same setpoints, in mid-motion; one that is above the stream's own factor changes nothing."""
+    bounded, slow, free = (begun(at_home(0, 1.8), speed) for speed in (1.0, 0.1, 0.1))
+    bounded.bound(0.1)
+    free.bound(0.5)
+    states = [run(follower, moving(0, 0.0, 1.0), 150) for follower in (bounded, slow, free)]
+    assert states[0] == states[1] == states[2]
+
+
 def test_a_target_behind_turns_the_joint_at_once_whatever_the_factor():
     """It brakes with the full acceleration, and comes back at the lower velocity."""
     states = run(begun(at_home(0, -0.2), 0.1), moving(0, 0.0, 1.0), 600)
@@ -179,7 +194,7 @@ def test_a_target_behind_turns_the_joint_at_once_whatever_the_factor():
 def test_a_speed_of_hours_is_followed_all_the_same():
     """Beyond what ruckig can plan, what lies on the way is the target."""
     follower = begun(at_home(0, -1.8), 1e-5)
-    states = run(follower, (HOME, REST, REST), 50)
+    states = run(follower, AT_HOME, 50)
     assert follower.faults == 0
     assert states[-1][1][0] == pytest.approx(-1e-5)
     assert states[-1][0][1:] == HOME[1:]
@@ -196,7 +211,7 @@ def fail(*_):
 def test_where_ruckig_finds_no_plan_the_arm_brakes_and_says_so(monkeypatch):
     """No step, no jump: a stop within the limits, for as long as there is no plan; then it goes on."""
     follower = begun(at_home(0, 1.8), 0.5)
-    states = run(follower, (HOME, REST, REST), 40)
+    states = run(follower, AT_HOME, 40)
     assert (follower.faults, follower.last_fault) == (0, "")
     with monkeypatch.context() as patched:
         patched.setattr(module, "solve", fail)
@@ -212,7 +227,7 @@ def test_where_ruckig_finds_no_plan_the_arm_brakes_and_says_so(monkeypatch):
 def test_after_braking_a_slow_stream_may_accelerate_fully_until_it_rests(monkeypatch):
     """From rest it plans with 0.6 rad/s²; a stop goes beyond that, and planning below the present runs away."""
     follower = begun(at_home(0, 1.8), 0.2)
-    states = run(follower, (HOME, REST, REST), 60)
+    states = run(follower, AT_HOME, 60)
     assert peak(states, 2) <= 0.6 + 1e-9
     with monkeypatch.context() as patched:
         patched.setattr(module, "solve", fail)
@@ -226,7 +241,7 @@ def test_after_braking_a_slow_stream_may_accelerate_fully_until_it_rests(monkeyp
 def test_one_missing_plan_is_no_jump(monkeypatch):
     """At full speed towards a limit, ten single failures."""
     follower = begun(UPPER)
-    states = run(follower, (LOWER, REST, REST), 40)
+    states = run(follower, State(LOWER, REST, REST), 40)
     for _ in range(10):
         with monkeypatch.context() as patched:
             patched.setattr(module, "solve", fail)
@@ -250,21 +265,6 @@ def test_a_plan_beyond_a_position_limit_is_not_followed():
 # ------------------------------------------------------------------------------------------------------ limited
 
 
-def test_targets_that_ask_for_too_much_are_noticed_and_forgotten():
-    """A far target is one; arriving ends it, and so does a new stream."""
-    follower = begun(UPPER)
-    assert not follower.is_limited
-    states = run(follower, (LOWER, REST, REST), 80)
-    assert follower.is_limited
-    states = run(follower, states[-1], 400)
-    assert states[-1][1] == REST and not follower.is_limited
-    follower.target_rad = LOWER
-    run(follower, states[-1], 80)
-    assert follower.is_limited
-    follower.forget_lateness()
-    assert not follower.is_limited
-
-
 @pytest.mark.parametrize(
     ("rate_hz", "size_rad", "speed", "is_limited"),
     [
@@ -278,11 +278,10 @@ def test_targets_that_ask_for_too_much_are_noticed_and_forgotten():
 )
 def test_a_stream_is_limited_when_the_limits_do_not_allow_it(rate_hz, size_rad, speed, is_limited):
     """Sines which can be followed and sines which cannot, after one second."""
-    follower, state = begun(HOME, speed), (at_home(0, 0.0), REST, REST)
-    assert follower.speed == speed
+    follower, state = begun(HOME, speed), State(at_home(0, 0.0), REST, REST)
     limited = []
     for n in range(1500):
-        follower.target_rad = at_home(0, size_rad * math.sin(2 * math.pi * rate_hz * n * DT))
+        aim(follower, at_home(0, size_rad * math.sin(2 * math.pi * rate_hz * n * DT)), speed)
         state = follower.follow(state)
         limited.append(follower.is_limited)
     share = sum(limited[100:]) / 1400

@@ -10,11 +10,12 @@ import pytest
 
 from gateway import robot
 from gateway.core.motion.joints import passage
-from gateway.core.motion.joints.braking import Braking, JointLimits
-from gateway.core.motion.joints.passage import Outcome, Passage
-from gateway.core.motion.joints.path import REST
-from gateway.core.motion.joints.solver import NoPlan
+from gateway.core.motion.joints.braking import REST, Braking, JointLimits
+from gateway.core.motion.joints.passage import JointPassage
 from gateway.core.motion.joints.trajectory import interpolate
+from gateway.core.motion.passage import Outcome
+from gateway.core.motion.solver import NoPlan
+from gateway.core.motion.space import State
 from gateway.values import ARM_DOF, Side
 
 DT = 0.01
@@ -27,7 +28,7 @@ LIMITS = JointLimits(
     upper_rad=robot.JOINT_UPPER_RAD[Side.LEFT],
 )
 BRAKING = Braking(LIMITS, DT)
-AT_HOME = (HOME, REST, REST)
+AT_HOME = State(HOME, REST, REST)
 TOLERANCE = 1e-6
 
 
@@ -40,7 +41,7 @@ def wave(rate=1.5, count=60, dt_s=1 / 30, size=0.15, phase_s=0.0, joints=(0, 2, 
 
 def way(trajectory, start_s=0.0, *, rests=True, lead=None):
     """A way along a trajectory with the usual brakes."""
-    return Passage(BRAKING, trajectory, start_s, rests=rests, lead=lead)
+    return JointPassage(BRAKING, trajectory, start_s, rests=rests, lead=lead)
 
 
 class Walker:
@@ -123,18 +124,10 @@ def test_without_a_successor_an_open_end_leaves_the_arm_to_its_brakes():
     walker.check()
 
 
-def test_progress_and_position_are_those_of_the_trajectory_s_own_clock():
-    """0 before it begins, below 1 until the arm rests at its end."""
-    course = way(wave(), 0.5)
-    assert course.progress == pytest.approx(0.5 / (59 / 30)) and course.time_s == 0.5
-    assert course.place_in(0.1) == course.trajectory.at(0.6)[0]
-    assert way(wave(), -1.0).progress == 0.0 and way(wave(), 99.0).progress < 1.0
-
-
 def test_far_from_all_limits_nothing_is_looked_at_twice():
     """In the middle of every joint's range."""
     middle = tuple((low + high) / 2 for low, high in zip(LIMITS.lower_rad, LIMITS.upper_rad, strict=True))
-    walker, course = Walker((middle, REST, REST)), way(wave(size=0.05, base=middle))
+    walker, course = Walker(State(middle, REST, REST)), way(wave(size=0.05, base=middle))
     assert course.begin(walker.state) and walker.until_end(course) is Outcome.DONE
     walker.check()
 
@@ -190,12 +183,6 @@ def test_an_arm_that_waits_and_follows_nothing_brakes_and_rests():
     walker.check()
 
 
-def test_a_way_that_has_begun_starts_where_the_arm_is():
-    """No foresight is needed."""
-    course = way(wave(), 0.0)
-    assert course.origin(HOME, REST) == HOME
-
-
 # --------------------------------------------------------------------------------------------------- where there is none
 
 
@@ -205,7 +192,7 @@ def test_a_trajectory_that_runs_away_cannot_be_joined():
     trajectory = interpolate(points, [0.1 * n for n in range(28)])
     for rests in (True, False):
         course = way(trajectory, rests=rests)
-        assert not course.begin(((points[0][0], *HOME[1:]), REST, REST))
+        assert not course.begin(State((points[0][0], *HOME[1:]), REST, REST))
         assert course.outcome is Outcome.LOST and course.step(AT_HOME) is None
 
 
@@ -241,7 +228,7 @@ def test_where_a_trajectory_could_not_be_stopped_the_arm_leaves_it():
     """It is inside all limits itself, but the arm would brake beyond one: lost, or straight to the end when it is near."""
     trajectory = beside_a_limit()
     assert max(trajectory.high[6]) <= LIMITS.upper_rad[6]
-    walker = Walker(trajectory.at(0.0))
+    walker = Walker(State(*trajectory.at(0.0)))
     course = way(trajectory, rests=False)
     assert course.begin(walker.state)
     assert walker.until_end(course) is Outcome.LOST and course.has_joined and course.time_s < 0.8
@@ -258,7 +245,7 @@ def test_a_join_that_would_not_be_stoppable_is_none():
         for begin_s in (0.0, 0.2, 0.4):
             trajectory = beside_a_limit(depth=depth)
             start = tuple(q - (0.03 if n == 6 else 0.0) for n, q in enumerate(trajectory.at(begin_s)[0]))
-            walker, course = Walker((start, REST, REST)), way(trajectory, begin_s)
+            walker, course = Walker(State(start, REST, REST)), way(trajectory, begin_s)
             assert course.begin(walker.state)
             walker.until_end(course)
             walker.check()
@@ -267,7 +254,7 @@ def test_a_join_that_would_not_be_stoppable_is_none():
 def test_closing_beyond_a_limit_is_a_stop_first_and_then_the_rest():
     """At speed towards a limit, the goal just behind: stop, then come back."""
     top = LIMITS.upper_rad[6]
-    moving = ((*HOME[:6], top - 0.2), (0.0,) * 6 + (0.55,), REST)
+    moving = State((*HOME[:6], top - 0.2), (0.0,) * 6 + (0.55,), REST)
     assert BRAKING.can_stop(6, moving[0][6], 0.55, 0.0)
     points = [(*HOME[:6], top - 0.11 - 0.001 * n) for n in range(5)]
     trajectory = interpolate(points, [0.05 * n for n in range(5)])
@@ -290,7 +277,7 @@ def test_where_ruckig_finds_no_plan_the_arm_stops(monkeypatch):
     monkeypatch.undo()
     assert walker.until_end(course) is Outcome.DONE
     monkeypatch.setattr(passage, "JOIN_STEPS", 5)
-    far = ((HOME[0] + 0.09, *HOME[1:]), (0.3,) + (0.0,) * 6, REST)
+    far = State((HOME[0] + 0.09, *HOME[1:]), (0.3,) + (0.0,) * 6, REST)
     course, walker = way(wave(rate=0.1), 1.9), Walker(far)
     assert course.begin(walker.state) and walker.until_end(course) is Outcome.DONE
     walker.check()
@@ -323,9 +310,9 @@ def test_random_chunks_from_random_motions_keep_every_limit(seed):
             continue
         course = another.under_way if another.is_waiting else another
         if not walker.step(another, rng.randint(1, 60)) or another.outcome is not None:
-            stop = another._stop(walker.state)
+            stop = BRAKING.halt(walker.state)
             for n in range(1, math.ceil(stop.duration_s / DT) + 1):
-                walker.take(stop.plan.at(n * DT))
+                walker.take(stop.at(n * DT))
             course = None
         else:
             course = another.under_way

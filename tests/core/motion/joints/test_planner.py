@@ -16,9 +16,10 @@ from hypothesis import strategies as st
 from ruckig import InputParameter, Ruckig, Trajectory
 
 from gateway import robot
-from gateway.core.motion.joints.braking import Braking, JointLimits
-from gateway.core.motion.joints.path import REST, Path, PlanFailed, Start
+from gateway.core.motion.joints.braking import REST, Braking, JointLimits
+from gateway.core.motion.joints.path import Path
 from gateway.core.motion.joints.planner import CHECKED_STEPS, _objection, _turned_s, plan_paths
+from gateway.core.motion.space import PlanFailed, Start, State
 from gateway.values import ARM_DOF, Side
 
 V, A, J, DT = 1.0, 3.0, 20.0, 0.01
@@ -43,12 +44,10 @@ def braking(side: Side, v=V, a=A, j=J, period_s=DT) -> Braking:
 BRAKES = {side: braking(side) for side in Side}
 
 
-def start(side: Side, q=None, v=(), a=(), brakes=None) -> Start:
+def start(side: Side, q=None, v=(), a=(), brakes=None) -> Start[Braking]:
     """An arm at home, or where said; `v` and `a` give the moving joints by index."""
-    q_rad = HOME[side] if q is None else tuple(q)
-    dq_radps = tuple(dict(v).get(n, 0.0) for n in range(ARM_DOF))
-    ddq_radps2 = tuple(dict(a).get(n, 0.0) for n in range(ARM_DOF))
-    return Start(q_rad=q_rad, dq_radps=dq_radps, ddq_radps2=ddq_radps2, braking=brakes or BRAKES[side])
+    rates, forces = (tuple(dict(row).get(n, 0.0) for n in range(ARM_DOF)) for row in (v, a))
+    return Start(State(HOME[side] if q is None else tuple(q), rates, forces), brakes or BRAKES[side])
 
 
 def at_home(index: int, value: float, side: Side = LEFT) -> tuple[float, ...]:
@@ -58,15 +57,12 @@ def at_home(index: int, value: float, side: Side = LEFT) -> tuple[float, ...]:
 
 def setpoints(path: Path) -> list:
     """All states that a reference would hand out, the one before the first included."""
-    steps = math.ceil(path.duration_s / path.start.braking.period_s)
-    return [path.at(n * path.start.braking.period_s) for n in range(steps + 1)]
+    return [path.at(n * DT) for n in range(math.ceil(path.duration_s / DT) + 1)]
 
 
-def check(path: Path) -> None:
+def check(path: Path, brakes: Braking = BRAKES[LEFT]) -> None:
     """Every setpoint is inside the position limits and stoppable, and their differences keep the other limits."""
-    brakes, limits = path.start.braking, path.start.braking.limits
-    states = setpoints(path)
-    dt = brakes.period_s
+    limits, states, dt = brakes.limits, setpoints(path), DT
     for q_rad, dq_radps, ddq_radps2 in states:
         for n, joint in enumerate(zip(q_rad, dq_radps, ddq_radps2, strict=True)):
             assert limits.lower_rad[n] - 1e-11 <= joint[0] <= limits.upper_rad[n] + 1e-11
@@ -134,7 +130,7 @@ def test_both_arms_end_together_exactly_at_their_goals():
     assert paths[LEFT].trajectory is paths[RIGHT].trajectory
     assert paths[LEFT].duration_s == paths[RIGHT].duration_s > 1.0
     for side, path in paths.items():
-        check(path)
+        check(path, BRAKES[side])
         assert path.at(path.duration_s) == (goals[side], REST, REST)
     almost = paths[RIGHT].at(0.97 * paths[RIGHT].duration_s)[0]
     assert 0.0 < abs(almost[2] - 0.6) < 0.01
@@ -195,7 +191,7 @@ def test_a_plan_from_motion_goes_on_from_there():
     moving = start(LEFT, v={0: 0.6, 1: -0.9}, a={0: 2.0})
     path = plan_paths({LEFT: moving}, {LEFT: at_home(0, 1.8)}, 1.0)[LEFT]
     assert path.lead is None
-    assert path.at(0.0) == (moving.q_rad, moving.dq_radps, moving.ddq_radps2)
+    assert path.at(0.0) == moving.state
     check(path)
     assert path.end_rad == pytest.approx(at_home(0, 1.8), abs=3e-8)
     assert all(dq_radps[0] > 0.0 for _, dq_radps, _ in setpoints(path)[:-1])
@@ -227,7 +223,7 @@ def test_the_other_arm_waits_out_the_lead_and_ends_at_the_same_time():
     assert paths[LEFT].duration_s == paths[RIGHT].duration_s
     assert paths[RIGHT].at(paths[RIGHT].lead_s - 0.01) == (HOME[RIGHT], REST, REST)
     for side, path in paths.items():
-        check(path)
+        check(path, BRAKES[side])
         assert path.end_rad == pytest.approx(goals[side], abs=3e-8)
 
 
@@ -248,10 +244,10 @@ def test_a_plan_that_would_not_stay_inside_is_led_in_by_a_full_stop(moving, goal
     if goal[5] == HOME[LEFT][5]:
         goal = (*goal[:5], 1.4, goal[6])
     path = plan_paths({LEFT: moving}, {LEFT: goal}, speed)[LEFT]
-    stop = moving.slow(0.0)
+    stop = moving.space.halt(moving.state)
     assert path.lead == stop
     assert path.at(path.lead_s)[1:] == (REST, REST)
-    check(path)
+    check(path, moving.space)
     assert path.end_rad == pytest.approx(goal, abs=3e-8)
 
 
@@ -289,11 +285,10 @@ def test_any_stoppable_state_has_a_plan_to_any_goal(data, speed, is_dual):
                 q = 0.5 * (lower[n] + upper[n])
             joints.append((q, v, a))
             goal.append(data.draw(st.sampled_from([lower[n], upper[n], 0.5 * (lower[n] + upper[n]), q])))
-        q_rad, dq_radps, ddq_radps2 = zip(*joints, strict=True)
-        starts[side] = Start(q_rad=q_rad, dq_radps=dq_radps, ddq_radps2=ddq_radps2, braking=BRAKES[side])
+        starts[side] = Start(State(*zip(*joints, strict=True)), BRAKES[side])
         goals[side] = tuple(goal)
     for side, path in plan_paths(starts, goals, speed).items():
-        check(path)
+        check(path, BRAKES[side])
         assert path.end_rad == pytest.approx(goals[side], abs=3e-8)
 
 
@@ -309,10 +304,10 @@ def test_a_path_beyond_a_limit_is_never_handed_out(end, value):
     entry.max_velocity, entry.max_acceleration, entry.max_jerk = [V] * ARM_DOF, [A] * ARM_DOF, [J] * ARM_DOF
     Ruckig(ARM_DOF).calculate(entry, trajectory)
     path = dataclasses.replace(inside, trajectory=trajectory, duration_s=trajectory.duration)
-    objection = _objection(LEFT, path, may_turn=False)
+    objection = _objection(LEFT, BRAKES[LEFT], path, may_turn=False)
     assert (objection.joint, objection.bound) == ("left arm joint 1", "[-1.8, 1.8]")
     assert objection.value == pytest.approx(value)
-    assert _objection(LEFT, inside, may_turn=False) is None
+    assert _objection(LEFT, BRAKES[LEFT], inside, may_turn=False) is None
 
 
 # ------------------------------------------------------------------------------------------------- turning back

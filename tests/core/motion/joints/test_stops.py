@@ -38,8 +38,8 @@ def moving(side, rng, steps):
 
 def stops(arm, other):
     """Return the course of an arm that takes its next setpoint and brakes, beside one that drifts."""
-    here = {L: arm.q_rad, R: HOME_Q_RAD[R]}
-    return Stops(here, {L: arm.ahead()}, {L: [STAYS] * 7, R: other}, arm.limits, DT)
+    here = {L: arm.values, R: HOME_Q_RAD[R]}
+    return Stops(here, {L: arm.ahead()}, {L: [STAYS] * 7, R: other}, arm.space.limits, DT)
 
 
 @pytest.mark.parametrize("seed", range(12))
@@ -50,11 +50,11 @@ def test_the_course_is_that_of_the_brakes(seed):
     course = stops(arm, [STAYS] * 7)
     times_s = [DT * (1 + n) for n in range(int(course.duration_s / DT + 0.5))]
     begins, ways = course.pieces([min(time_s / course.duration_s, 1.0) for time_s in times_s])
-    assert len(begins) == len(ways) == len(times_s) + 1 and begins[0] == {L: arm.q_rad, R: HOME_Q_RAD[R]}
+    assert len(begins) == len(ways) == len(times_s) + 1 and begins[0] == {L: arm.values, R: HOME_Q_RAD[R]}
     arm.step()
     arm.brake()
     for begin in begins[1:]:
-        assert begin[L] == pytest.approx(arm.q_rad, abs=1e-9) and begin[R] == HOME_Q_RAD[R]
+        assert begin[L] == pytest.approx(arm.values, abs=1e-9) and begin[R] == HOME_Q_RAD[R]
         arm.step()
     arm.step()
     assert arm.is_at_rest
@@ -92,7 +92,7 @@ def test_a_short_course_is_told_setpoint_by_setpoint(seed):
     arm.step()
     arm.brake()
     for place in setpoints:
-        assert place[L] == pytest.approx(arm.q_rad, abs=1e-9) and place[R] == HOME_Q_RAD[R]
+        assert place[L] == pytest.approx(arm.values, abs=1e-9) and place[R] == HOME_Q_RAD[R]
         arm.step()
     assert arm.is_at_rest
     assert stops(moving(L, rng, 0), [(0.0, 1e-4)] * 7).setpoints() is None
@@ -106,5 +106,5 @@ def test_arms_that_nobody_moves_take_no_time_but_the_step():
     """Both only drift."""
     here = {side: HOME_Q_RAD[side] for side in Side}
     still = {side: [STAYS] * 7 for side in Side}
-    course = Stops(here, {}, still, moving(L, random.Random(1), 0).limits, DT)
+    course = Stops(here, {}, still, moving(L, random.Random(1), 0).space.limits, DT)
     assert course.duration_s == DT and course.pieces([0.5]) == ([here, here], [still, still])

@@ -7,18 +7,19 @@ from dataclasses import replace
 
 import pytest
 
-from gateway.core.motion.joints.solver import NoPlan
 from gateway.core.motion.lines import line_clock as module
 from gateway.core.motion.lines.line import line_to
 from gateway.core.motion.lines.line_clock import SLOWEST, LineClock, Reins, clock_for
 from gateway.core.motion.lines.line_curve import Coarse, parts_for, solve
 from gateway.core.motion.lines.line_elbow import chosen
-from gateway.core.motion.poses.pose_path import PoseStart, plan_pose_paths
-from gateway.core.motion.poses.pose_state import PoseState
+from gateway.core.motion.poses.pose_path import plan_pose_paths
+from gateway.core.motion.solver import NoPlan
+from gateway.core.motion.space import Start
 from gateway.errors import Code, Refusal
 from gateway.robot import HOME_Q_RAD
 from gateway.values import Side
 from tests.core.lines import HOME, LIMITS, POSES, beside, finished, random_way
+from tests.core.pose_judge import posed
 from tests.kinematics.bodies import ARMS
 from tests.thoroughness import either
 
@@ -62,7 +63,7 @@ def test_joints_that_limit_nothing_leave_the_time_of_a_pose_motion(speed):
     """The same duration as an arm in end-effector mode needs for the same way, and no slowness."""
     target = ARMS[L].forward([q + 0.2 for q in HOME_Q_RAD[L][:6]] + [0.3])
     found, _ = clock(target, WILD, speed)
-    start = PoseStart(state=PoseState(HOME[L].p_m, HOME[L].quat_xyzw), dynamics=POSES[L])
+    start = Start(posed(HOME[L].p_m, HOME[L].quat_xyzw), POSES[L])
     path = plan_pose_paths({L: start}, {L: target.values}, speed)[L]
     assert found.duration_s == pytest.approx(path.duration_s, rel=1e-6)
     assert (found.stretch, found.slowness) == (1.0, pytest.approx(1.0))

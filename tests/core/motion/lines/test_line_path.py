@@ -8,8 +8,7 @@ from dataclasses import replace
 
 import pytest
 
-from gateway.core.motion.joints.braking import Braking
-from gateway.core.motion.joints.path import REST
+from gateway.core.motion.joints.braking import REST, Braking
 from gateway.core.motion.lines.line import line_to
 from gateway.core.motion.lines.line_path import LinePath, unstoppable
 from gateway.errors import Refusal
@@ -20,6 +19,8 @@ from tests.kinematics.bodies import ARMS
 from tests.thoroughness import either
 
 L = Side.LEFT
+
+BRAKING = Braking(LIMITS[L], DT_S)
 
 
 def test_it_begins_and_ends_at_rest_in_exactly_the_joints_asked_for():
@@ -61,12 +62,11 @@ def test_a_stop_from_anywhere_on_the_way_stays_inside_the_limits():
         if isinstance(path, Refusal):
             continue
         found += 1
-        braking = path.start.braking
         for n in range(1, math.ceil(path.duration_s / DT_S)):
             state = path.at(n * DT_S)
             for joint, (q, v, a) in enumerate(zip(*state, strict=True)):
-                assert braking.can_stop(joint, q, v, a)
-                rest = braking.rest(q, v, a)
+                assert BRAKING.can_stop(joint, q, v, a)
+                rest = BRAKING.rest(q, v, a)
                 assert LIMITS[L].lower_rad[joint] - 1e-9 <= rest <= LIMITS[L].upper_rad[joint] + 1e-9
     assert found > 7
 
@@ -80,11 +80,11 @@ def test_a_setpoint_from_which_a_joint_cannot_stop_is_found():
         if isinstance(path, Refusal):
             continue
         hasty = replace(path, clock=path.clock.slower(0.25))
-        found, _ = finished(unstoppable(hasty))
+        found, _ = finished(unstoppable(hasty, BRAKING))
         if found is not None:
             state = hasty.at(next(n * DT_S for n in range(1, 9999) if hasty.clock.at(n * DT_S)[0] == found.part))
             assert (state[0][found.joint], state[1][found.joint]) == (found.q_rad, found.dq_radps)
-            assert not path.start.braking.can_stop(found.joint, *(row[found.joint] for row in state))
+            assert not BRAKING.can_stop(found.joint, *(row[found.joint] for row in state))
             return
     pytest.fail("no path that must brake near a limit was found")
 
@@ -96,6 +96,5 @@ def test_a_path_far_from_all_limits_is_not_looked_at():
     there = line.at(0.02).pose
     path = planned(there, q_rad)
     wide = replace(LIMITS[L], lower_rad=(-9.0,) * 7, upper_rad=(9.0,) * 7)
-    free = replace(path, start=replace(path.start, braking=Braking(wide, DT_S)))
-    assert isinstance(free, LinePath)
-    assert finished(unstoppable(free)) == (None, 1)
+    assert isinstance(path, LinePath)
+    assert finished(unstoppable(path, Braking(wide, DT_S))) == (None, 1)

@@ -81,7 +81,7 @@ def test_a_refusal_of_the_curve_or_of_the_clock_is_that_of_the_plan():
     assert planned(beside(L, (0.4, 0.3, 0.5))).code is Code.NO_STRAIGHT_WAY
     one = going(L, beside(L, (0.0, 0.0, 0.15)))
     weak = Braking(replace(LIMITS[L], v_radps=0.003), DT_S)
-    refusal, _ = finished(plan_lines({L: replace(one, start=replace(one.start, braking=weak))}, FREE, 1.0))
+    refusal, _ = finished(plan_lines({L: replace(one, start=replace(one.start, space=weak))}, FREE, 1.0))
     assert refusal.code is Code.NO_STRAIGHT_WAY
 
 
@@ -112,7 +112,7 @@ def test_a_motion_that_an_arm_could_not_stop_becomes_slower(monkeypatch):
     """Until it can; all arms with it."""
     looked = []
 
-    def twice(path):
+    def twice(path, braking):
         looked.append(path.duration_s)
         yield
         return None if len(looked) > 2 else Unstoppable(joint=3, part=0.4, q_rad=0.26, dq_radps=-0.4)
@@ -126,7 +126,7 @@ def test_a_motion_that_an_arm_could_not_stop_becomes_slower(monkeypatch):
 def test_one_that_can_never_be_stopped_is_refused(monkeypatch):
     """Joint, where it is, its limits and the place."""
 
-    def never(path):
+    def never(path, braking):
         yield
         return Unstoppable(joint=3, part=0.4, q_rad=0.26, dq_radps=-0.4)
 

@@ -8,21 +8,21 @@ from itertools import pairwise
 
 import pytest
 
-from gateway.core.motion.joints.solver import NoPlan
-from gateway.core.motion.poses import pose_follower as module
+from gateway.core.motion import follower as module
 from gateway.core.motion.poses.pose_follower import PoseFollower, followed
-from gateway.core.motion.poses.pose_state import REST6, PoseDynamics, PoseState
+from gateway.core.motion.poses.pose_state import REST6, PoseDynamics
 from gateway.core.motion.poses.quaternion import angle_rad, dot
-from tests.core.pose_judge import DT, HARD, HOME, LIMITS, WEAK, about, any_pose, judge, rates
+from gateway.core.motion.solver import NoPlan
+from tests.core.pose_judge import DT, HARD, HOME, LIMITS, WEAK, about, any_pose, judge, posed, rates
 
-HERE = PoseState(HOME[:3], HOME[3:])
+HERE = posed(HOME[:3], HOME[3:])
 
 
 def begun(target, speed=1.0, limits=LIMITS, now=HERE) -> PoseFollower:
     """A follower with its first target."""
     follower = PoseFollower(PoseDynamics(limits, DT))
     follower.begin()
-    follower.aim(tuple(target[:3]), tuple(target[3:]), speed, now)
+    follower.aim(tuple(target), speed, now)
     return follower
 
 
@@ -57,7 +57,7 @@ def test_a_bound_that_changes_at_any_moment_keeps_every_limit(limits):
     """Down to a fiftieth of the speed and up again while it goes; without one it is there as soon as ever."""
     for seed in range(4):
         rng = random.Random(seed)
-        start = PoseState(any_pose(rng)[:3], HOME[3:])
+        start = posed(any_pose(rng)[:3], HOME[3:])
         follower, states = begun(any_pose(rng), limits=limits, now=start), [start, start, start]
         for _ in range(12):
             follower.bound(rng.choice((0.02, 0.1, 0.5, 1.0)))
@@ -78,7 +78,7 @@ def test_a_bound_holds_until_it_is_lifted_and_a_new_stream_has_none():
     linear, _ = rates(setpoints(run(follower, HERE, 100)), DT)
     assert 0.17 * LIMITS.v_mps < max(math.hypot(*v) for v in linear) <= 0.2 * LIMITS.v_mps
     follower.begin()
-    follower.aim(target[:3], target[3:], 1.0, HERE)
+    follower.aim(target, 1.0, HERE)
     assert setpoints(run(follower, HERE)) == setpoints(run(begun(target), HERE))
 
 
@@ -88,7 +88,7 @@ def test_what_it_wishes_for_is_full_speed_towards_the_target():
     follower = begun(target)
     wish = follower.wish(HERE)
     assert wish[:3] == pytest.approx((0.0, 0.0, -0.999 * LIMITS.v_mps)) and wish[3:] == pytest.approx((0.0, 0.04, 0.0))
-    assert begun((*HERE.p_m, *HERE.quat_xyzw)).wish(HERE) == REST6
+    assert begun(HERE.values).wish(HERE) == REST6
     assert PoseFollower(PoseDynamics(LIMITS, DT)).wish(HERE) == REST6
 
 
@@ -104,11 +104,11 @@ def test_random_targets_at_random_moments_keep_every_limit(limits):
     """Targets anywhere in the reach, half of them at its end, before the last one is reached; each last one is."""
     for seed in range(6):
         rng = random.Random(seed)
-        start = PoseState(any_pose(rng)[:3], HOME[3:])
+        start = posed(any_pose(rng)[:3], HOME[3:])
         follower, states = begun(any_pose(rng), limits=limits, now=start), [start, start, start]
         for _ in range(10):
             target = any_pose(rng)
-            follower.aim(target[:3], target[3:], rng.choice((1.0, 1.0, 0.3)), states[-1])
+            follower.aim(target, rng.choice((1.0, 1.0, 0.3)), states[-1])
             for _ in range(rng.choice((1, 5, 30))):
                 states.append(follower.follow(states[-1]))
         states += run(follower, states[-1], 4000)[1:]
@@ -119,7 +119,7 @@ def test_random_targets_at_random_moments_keep_every_limit(limits):
 
 def test_a_way_around_the_end_of_the_reach_is_found():
     """Two places at 0.54 m whose straight axes-wise way would leave the reach: it goes through the inside, and arrives."""
-    start = PoseState((0.385, 0.385, 0.0), HOME[3:])
+    start = posed((0.385, 0.385, 0.0), HOME[3:])
     target = (0.2, 0.505, 0.0, *HOME[3:])
     states = run(begun(target, now=start), start)
     judge(setpoints([start, start, start, *states]), LIMITS)
@@ -133,7 +133,7 @@ def test_a_lower_speed_in_motion_is_ramped_down_to():
     states = [HERE]
     for _ in range(50):
         states.append(follower.follow(states[-1]))
-    follower.aim(far[:3], far[3:], 0.2, states[-1])
+    follower.aim(far, 0.2, states[-1])
     slow = [states[-1]]
     for _ in range(60):
         slow.append(follower.follow(slow[-1]))
@@ -149,12 +149,12 @@ def test_a_near_target_comes_before_a_lower_speed():
     state = HERE
     for _ in range(50):
         state = follower.follow(state)
-    near = (state.p_m[0] - 0.045, *state.p_m[1:])
-    follower.aim(near, HOME[3:], 0.9, state)
+    near = (state.values[0] - 0.045, *state.values[1:3])
+    follower.aim((*near, *HOME[3:]), 0.9, state)
     states = run(follower, state)
     judge(setpoints(states), LIMITS)
     assert states[-1].values == follower.target
-    assert min(s.p_m[0] for s in states) > near[0] - 0.03
+    assert min(s.values[0] for s in states) > near[0] - 0.03
 
 
 def test_a_slow_stream_from_rest_accelerates_gently_too():
@@ -169,10 +169,10 @@ def test_the_shorter_way_round_is_taken():
     quat = about((0.0, 0.0, 1.0), 1.5 * math.pi)
     for sign in (1.0, -1.0):
         states = run(begun((*HOME[:3], *(sign * c for c in quat))), HERE)
-        assert angle_rad(states[-1].quat_xyzw, quat) < 1e-9
+        assert angle_rad(states[-1].values[3:], quat) < 1e-9
         _, angular = rates(setpoints(states), DT)
         assert sum(w[2] for w in angular) * DT == pytest.approx(-0.5 * math.pi, abs=1e-6)
-        assert all(dot(a.quat_xyzw, b.quat_xyzw) > 0.99 for a, b in pairwise(states))
+        assert all(dot(a.values[3:], b.values[3:]) > 0.99 for a, b in pairwise(states))
 
 
 def test_noise_around_half_a_turn_does_not_change_the_way():
@@ -180,7 +180,7 @@ def test_noise_around_half_a_turn_does_not_change_the_way():
     follower, states = begun((*HOME[:3], *about((0.0, 0.0, 1.0), math.pi - 0.05))), [HERE]
     for n in range(60):
         quat = about((0.0, 0.0, 1.0), math.pi + 0.05 * (-1) ** n)
-        follower.aim(HOME[:3], quat, 1.0, states[-1])
+        follower.aim((*HOME[:3], *quat), 1.0, states[-1])
         states.append(follower.follow(states[-1]))
     assert min(state.v[5] for state in states) >= 0.0
     assert states[-1].v[5] > 0.5
@@ -191,7 +191,7 @@ def test_a_target_far_beyond_half_a_turn_is_reached_the_other_way():
     follower = begun((*HOME[:3], *about((0.0, 0.0, 1.0), math.pi - 0.1)))
     state = follower.follow(HERE)
     for angle in (math.pi, math.pi + 0.2, math.pi + 0.5):
-        follower.aim(HOME[:3], about((0.0, 0.0, 1.0), angle), 1.0, state)
+        follower.aim((*HOME[:3], *about((0.0, 0.0, 1.0), angle)), 1.0, state)
         state = follower.follow(state)
     states = run(follower, state)
     _, angular = rates(setpoints(states), DT)
@@ -219,20 +219,19 @@ def test_where_ruckig_finds_no_plan_the_stop_is_taken(monkeypatch):
 
 def test_from_a_state_that_cannot_stop_inside_the_stop_is_taken():
     """Nothing else is as short; a reference never gets there by itself."""
-    state = PoseState((0.55, 0.0, 0.0), HOME[3:], (0.2, 0.0, 0.0, 0.0, 0.0, 0.0), REST6)
+    state = posed((0.55, 0.0, 0.0), HOME[3:], (0.2, 0.0, 0.0, 0.0, 0.0, 0.0), REST6)
     follower = begun((0.3, 0.0, 0.0, *HOME[3:]), now=state)
-    assert follower.follow(state) == PoseDynamics(LIMITS, DT).stop(state)[0]
+    assert follower.follow(state) == PoseDynamics(LIMITS, DT).halt(state).states[0]
 
 
 def test_targets_that_ask_for_more_than_the_limits_allow_are_told():
     """A target that runs away at four times the speed limit, not one that moves at half of it."""
     for speed_mps, limited in ((1.0, True), (0.1, False)):
-        follower, state = begun(HOME), PoseState((-0.3, 0.0, 0.0), HOME[3:])
+        follower, state = begun(HOME), posed((-0.3, 0.0, 0.0), HOME[3:])
         for n in range(int(0.6 / speed_mps / DT)):
-            follower.aim((-0.3 + speed_mps * n * DT, 0.0, 0.0), HOME[3:], 1.0, state)
+            follower.aim((-0.3 + speed_mps * n * DT, 0.0, 0.0, *HOME[3:]), 1.0, state)
             state = follower.follow(state)
         assert follower.is_limited is limited
-        assert follower.speed == 1.0
     follower.forget_lateness()
     assert not follower.is_limited
 
@@ -249,13 +248,13 @@ def test_a_target_that_moves_as_fast_as_is_followed_does_not_leave_the_arm_behin
     assert reach_m == limits.reach_m
     along = tuple(c / math.hypot(*direction) for c in direction)
     start = tuple(-0.2 * c for c in along)
-    follower, state, behind = PoseFollower(dynamics), PoseState(start, HOME[3:]), []
+    follower, state, behind = PoseFollower(dynamics), posed(start, HOME[3:]), []
     follower.begin()
     for n in range(60):
         p_m = tuple(x + v_mps * n * DT * c for x, c in zip(start, along, strict=True))
         quat = about(along, w_radps * n * DT)
-        follower.aim(p_m, quat, 1.0, state)
+        follower.aim((*p_m, *quat), 1.0, state)
         state = follower.follow(state)
-        behind.append((math.dist(p_m, state.p_m), angle_rad(quat, state.quat_xyzw)))
+        behind.append((math.dist(p_m, state.values[:3]), angle_rad(quat, state.values[3:])))
     for late, later in zip(behind[50], behind[-1], strict=True):
         assert later <= late * 1.02

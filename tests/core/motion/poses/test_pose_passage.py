@@ -7,16 +7,16 @@ import random
 
 import pytest
 
-from gateway.core.motion.joints.passage import Outcome
+from gateway.core.motion.passage import Outcome
 from gateway.core.motion.poses.pose_follower import followed
 from gateway.core.motion.poses.pose_passage import PosePassage
-from gateway.core.motion.poses.pose_state import PoseDynamics, PoseState
+from gateway.core.motion.poses.pose_state import PoseDynamics
 from gateway.core.motion.poses.pose_trajectory import interpolate_poses
-from gateway.core.motion.poses.quaternion import aligned, angle_rad
-from tests.core.pose_judge import DT, HOME, LIMITS, about, judge
+from gateway.core.motion.poses.quaternion import angle_rad
+from tests.core.pose_judge import DT, HOME, LIMITS, about, judge, posed
 
 DYNAMICS = PoseDynamics(LIMITS, DT)
-AT_HOME = PoseState(HOME[:3], HOME[3:])
+AT_HOME = posed(HOME[:3], HOME[3:])
 
 
 def swing(count=90, rate=1.5, size_m=0.05, turn_rad=0.2, phase_s=0.0, base=HOME, dt_s=1 / 30):
@@ -52,7 +52,7 @@ class Walker:
 
     def take(self, state):
         """Take a state as a reference does."""
-        self.state = state._replace(quat_xyzw=aligned(state.quat_xyzw, self.state.quat_xyzw))
+        self.state = DYNAMICS.settle(state, self.state)
         self.sent.append(self.state.values)
 
     def until_end(self, passage, limit=1000):
@@ -72,10 +72,10 @@ def test_poses_are_followed_to_rest_at_the_last_one():
         walker.step(passage)
         wanted = passage.place_in(0.0)
         if passage.time_s > 0.6:
-            assert passage.has_joined and math.dist(wanted[:3], walker.state.p_m) < 0.006
-            assert angle_rad(wanted[3:], walker.state.quat_xyzw) < 0.03
+            assert passage.has_joined and math.dist(wanted[:3], walker.state.values[:3]) < 0.006
+            assert angle_rad(wanted[3:], walker.state.values[3:]) < 0.03
     assert passage.outcome is Outcome.DONE and passage.progress == 1.0 and passage.time_s < trajectory.duration_s + 0.4
-    assert walker.state.p_m == pytest.approx(trajectory.points[-1][:3], abs=1e-9)
+    assert walker.state.values[:3] == pytest.approx(trajectory.points[-1][:3], abs=1e-9)
     assert walker.step(passage) and walker.sent[-1] == walker.sent[-2]
     judge(walker.sent, LIMITS)
 
@@ -85,7 +85,7 @@ def test_an_open_end_is_an_underrun_without_a_successor():
     walker, passage = Walker(), way(swing(count=40), rests=False)
     assert walker.until_end(passage) is Outcome.UNDERRUN and passage.step(walker.state) is None
     assert math.hypot(*walker.state.v[:3]) > 0.03 and abs(passage.time_s - 1.3) <= 2 * DT
-    for state in DYNAMICS.stop(walker.state):
+    for state in DYNAMICS.halt(walker.state).states:
         walker.take(state)
     judge(walker.sent, LIMITS)
 
@@ -111,14 +111,14 @@ def test_before_a_start_in_the_future_the_arm_goes_on_or_rests():
     second = way(swing(rate=0.8, phase_s=1.0), -0.4, lead=first)
     assert second.is_waiting and second.under_way is first and second.progress == 0.0
     expected = second.origin(walker.state.values, HOME)
-    assert walker.step(second, 28) and math.dist(expected[:3], walker.state.p_m) < 0.006
+    assert walker.step(second, 28) and math.dist(expected[:3], walker.state.values[:3]) < 0.006
     assert walker.step(second, 2) and not second.is_waiting and second.origin(HOME, HOME) == HOME
 
     alone = way(swing(), -2.0)
-    rest = (DYNAMICS.stop(walker.state)[-1]).values
+    rest = DYNAMICS.halted(walker.state)
     assert alone.under_way is None and alone.origin(walker.state.values, rest) == rest
     assert walker.step(alone, 120) and walker.state.is_at_rest
-    assert math.dist(walker.state.p_m, rest[:3]) < 0.01
+    assert math.dist(walker.state.values[:3], rest[:3]) < 0.01
 
     over = way(swing(count=4), rests=False)
     waits = way(swing(), -1.0, lead=over)
@@ -128,7 +128,7 @@ def test_before_a_start_in_the_future_the_arm_goes_on_or_rests():
 
 def test_an_end_effector_far_from_its_trajectory_counts_as_joined_after_a_second():
     """So that a path tolerance is not waited for for ever."""
-    here = PoseState((0.3, 0.1, 0.1), HOME[3:])
+    here = posed((0.3, 0.1, 0.1), HOME[3:])
     walker, passage = Walker(here), way(swing(rate=0.2))
     walker.step(passage, 60)
     assert not passage.has_joined
@@ -143,7 +143,7 @@ def test_what_lies_ahead_is_kept_inside_the_reach():
         (radius * math.cos(0.4 * n / 30), radius * math.sin(0.4 * n / 30), 0.0, 0.0, 0.0, 0.0, 1.0) for n in range(60)
     ]
     trajectory = interpolate_poses(poses, [n / 30 for n in range(60)])
-    walker = Walker(PoseState(poses[0][:3], poses[0][3:]))
+    walker = Walker(posed(poses[0][:3], poses[0][3:]))
     assert walker.until_end(way(trajectory)) is Outcome.DONE
     judge(walker.sent, LIMITS)
 
@@ -156,10 +156,10 @@ def farthest(a_mps2, v_mps, direction):
     swings = (size_m * (1.0 - math.cos(rate * n / 30)) for n in range(count))
     poses = [(*(x + s * c for x, c in zip(base, along, strict=True)), *HOME[3:]) for s in swings]
     trajectory = interpolate_poses(poses, [n / 30 for n in range(count)])
-    passage, walker, most = way(trajectory), Walker(PoseState(base, HOME[3:])), 0.0
+    passage, walker, most = way(trajectory), Walker(posed(base, HOME[3:])), 0.0
     while passage.outcome is None:
         walker.step(passage)
-        most = max(most, math.dist(passage.place_in(0.0)[:3], walker.state.p_m))
+        most = max(most, math.dist(passage.place_in(0.0)[:3], walker.state.values[:3]))
     judge(walker.sent, LIMITS)
     return most
 

@@ -8,22 +8,23 @@ from dataclasses import replace
 
 import pytest
 
-from gateway.core.motion.poses.pose_state import REST6, PoseDynamics, PoseLimits, PoseState, carry, share
+from gateway.core.motion.poses.pose_state import REST6, PoseDynamics, PoseLimits, carry, share
 from gateway.core.motion.poses.quaternion import dot, exp, multiply, turn, unit
-from tests.core.pose_judge import DT, HARD, HOME, LIMITS, WEAK, judge
+from gateway.core.motion.space import PlanFailed
+from tests.core.pose_judge import DT, HARD, HOME, LIMITS, WEAK, about, judge, posed
 
 DYNAMICS = PoseDynamics(LIMITS, DT)
-HERE = PoseState(HOME[:3], HOME[3:])
+HERE = posed(HOME[:3], HOME[3:])
 
 
 def moving(v, a=REST6, p_m=HOME[:3]):
     """A state in motion."""
-    return PoseState(p_m, HOME[3:], tuple(v), tuple(a))
+    return posed(p_m, HOME[3:], tuple(v), tuple(a))
 
 
 def setpoints(start, stop):
     """What a stream sends: two held setpoints are left out, since the start is in motion."""
-    return [start.values, *(state.values for state in stop)]
+    return [start.values, *(state.values for state in stop.states)]
 
 
 # ------------------------------------------------------------------------------------------------------- limits
@@ -98,7 +99,7 @@ def test_the_chart_gives_the_velocity_and_acceleration_of_the_body():
         return carry(HOME[3:], place, rate, a)
 
     def omega(time_s, h=1e-5):
-        return tuple(c / (2 * h) for c in turn(at(time_s - h).quat_xyzw, at(time_s + h).quat_xyzw))
+        return tuple(c / (2 * h) for c in turn(at(time_s - h).values[3:], at(time_s + h).values[3:]))
 
     state, h = at(0.03), 1e-3
     assert state.v[3:] == pytest.approx(omega(0.03), abs=1e-7)
@@ -118,7 +119,7 @@ def test_the_chart_never_makes_a_turn_faster():
 def test_without_a_turn_the_orientation_stays_the_same_number():
     """No rounding creeps in."""
     quat = unit((0.1, 0.2, 0.3, 0.4))
-    assert carry(quat, (0.1, 0.2, 0.3, 0.0, 0.0, 0.0), REST6, REST6).quat_xyzw is quat
+    assert carry(quat, (0.1, 0.2, 0.3, 0.0, 0.0, 0.0), REST6, REST6).values[3:] == quat
 
 
 # ------------------------------------------------------------------------------------------------------- stops
@@ -126,7 +127,8 @@ def test_without_a_turn_the_orientation_stays_the_same_number():
 
 def test_what_rests_needs_no_stop():
     """There is nothing to hand out."""
-    assert DYNAMICS.stop(HERE) == ()
+    stop = DYNAMICS.halt(HERE)
+    assert (stop.states, stop.duration_s, stop.at(DT)) == ((), 0.0, HERE)
 
 
 def test_a_motion_along_a_line_stops_on_that_line():
@@ -134,12 +136,12 @@ def test_a_motion_along_a_line_stops_on_that_line():
     line, axis = (0.6, 0.0, -0.8), (0.0, 0.6, 0.8)
     start = moving((*(0.2 * c for c in line), *(0.7 * c for c in axis)),
                    (*(0.5 * c for c in line), *(-2.0 * c for c in axis)))  # fmt: skip
-    stop = DYNAMICS.stop(start)
-    assert stop[-1].is_at_rest
-    for state in stop:
-        way = tuple(b - a for a, b in zip(start.p_m, state.p_m, strict=True))
+    stop = DYNAMICS.halt(start)
+    assert stop.end.is_at_rest
+    for state in stop.states:
+        way = tuple(b - a for a, b in zip(start.values[:3], state.values[:3], strict=True))
         assert dot(way, line) == pytest.approx(math.hypot(*way), abs=1e-12)
-        turned = turn(start.quat_xyzw, state.quat_xyzw)
+        turned = turn(start.values[3:], state.values[3:])
         assert dot(turned, axis) == pytest.approx(math.hypot(*turned), abs=1e-9)
 
 
@@ -163,16 +165,16 @@ def test_axes_that_happen_to_move_along_a_line_stop_below_the_speed_limit(limits
     dynamics = PoseDynamics(limits, DT)
     (v_mps, a_mps2), (w_radps, dw_radps2) = (at_its_share(dynamics, first, direction) for first in (0, 3))
     start = moving((*v_mps, *w_radps), (*a_mps2, *dw_radps2), (0.0, 0.0, 0.0))
-    stop = dynamics.stop(start)
-    assert stop[-1].is_at_rest
+    stop = dynamics.halt(start)
+    assert stop.end.is_at_rest
     judge(setpoints(start, stop), replace(limits, reach_m=5.0))
 
 
 def test_an_acceleration_without_velocity_is_stopped_too():
     """It is what a motion that begins has."""
-    stop = DYNAMICS.stop(moving(REST6, (0.0, 0.3, 0.0, 0.0, 0.0, 0.0)))
-    assert stop[-1].is_at_rest
-    assert stop[-1].p_m[1] > HOME[1]
+    stop = DYNAMICS.halt(moving(REST6, (0.0, 0.3, 0.0, 0.0, 0.0, 0.0)))
+    assert stop.end.is_at_rest
+    assert stop.end.values[1] > HOME[1]
 
 
 @pytest.mark.parametrize("limits", [LIMITS, HARD, WEAK])
@@ -187,19 +189,19 @@ def test_every_stop_keeps_the_limits_as_norms(limits):
         peaks = [x + y * abs(y) / (2 * dynamics.axis(n).j) for n, (x, y) in enumerate(zip(v, a, strict=True))]
         if math.hypot(*peaks[:3]) > limits.v_mps or math.hypot(*peaks[3:]) > limits.w_radps:
             continue
-        start = PoseState((0.0, 0.0, 0.0), HOME[3:], tuple(v), tuple(a))
-        stop = dynamics.stop(start)
-        assert stop[-1].is_at_rest
+        start = posed((0.0, 0.0, 0.0), HOME[3:], tuple(v), tuple(a))
+        stop = dynamics.halt(start)
+        assert stop.end.is_at_rest
         judge(setpoints(start, stop), replace(limits, reach_m=5.0))
 
 
 def test_the_rest_of_a_stop_is_the_stop_of_its_states():
     """Whoever stops twice stops at the same place."""
     start = moving((0.1, -0.05, 0.02, 0.0, 0.0, 0.0), (-0.3, 0.5, 0.1, 0.0, 0.0, 0.0))
-    stop = DYNAMICS.stop(start)
-    again = DYNAMICS.stop(stop[4])
-    assert len(again) == len(stop) - 5
-    assert again[-1].p_m == pytest.approx(stop[-1].p_m, abs=1e-12)
+    stop = DYNAMICS.halt(start)
+    again = DYNAMICS.halt(stop.states[4])
+    assert len(again.states) == len(stop.states) - 5
+    assert again.end.values[:3] == pytest.approx(stop.end.values[:3], abs=1e-12)
 
 
 def test_a_state_can_stop_when_its_stop_stays_in_the_reach():
@@ -208,8 +210,8 @@ def test_a_state_can_stop_when_its_stop_stays_in_the_reach():
     assert not DYNAMICS.can_stop(outwards)
     assert DYNAMICS.can_stop(moving((0.02, 0.0, 0.0, 0.0, 0.0, 0.0), p_m=(0.53, 0.0, 0.0)))
     assert DYNAMICS.can_stop(moving((-0.25, 0.0, 0.0, 0.0, 0.0, 0.0), p_m=(0.55, 0.0, 0.0)))
-    assert DYNAMICS.can_stop(PoseState((0.55, 0.0, 0.0), HOME[3:]))
-    assert not DYNAMICS.can_stop(PoseState((0.551, 0.0, 0.0), HOME[3:]))
+    assert DYNAMICS.can_stop(posed((0.55, 0.0, 0.0), HOME[3:]))
+    assert not DYNAMICS.can_stop(posed((0.551, 0.0, 0.0), HOME[3:]))
     assert DYNAMICS.can_stop(moving((0.25, 0.0, 0.0, 0.0, 0.0, 0.0), p_m=(0.1, 0.0, 0.0)))
 
 
@@ -219,3 +221,88 @@ def test_values_are_position_then_orientation():
     assert HERE.is_at_rest
     assert not moving((0.1, 0.0, 0.0, 0.0, 0.0, 0.0)).is_at_rest
     assert multiply(exp((0.0, 0.0, 0.0)), HOME[3:]) == HOME[3:]
+
+
+def test_a_stop_is_a_course():
+    """A setpoint for each period, and at rest from its duration on: where it was said that it would end."""
+    start = moving((0.1, -0.05, 0.02, 0.0, 0.0, 0.0))
+    stop = DYNAMICS.halt(start)
+    assert stop.at(0.0) == stop.start == start
+    assert [stop.at((n + 1) * DT) for n in range(len(stop.states))] == list(stop.states)
+    assert stop.at(stop.duration_s + 1.0) == stop.end and stop.end.values == DYNAMICS.halted(start)
+
+
+# ------------------------------------------------------------------------------------------------------- checks
+
+
+@pytest.mark.parametrize(
+    ("values", "blamed"),
+    [
+        ((0.1, 0.2), ""),
+        ((math.nan, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0), ""),
+        ((0.5, 0.5, 0.0, 0.0, 0.0, 0.0, 1.0), "arm reach"),
+        ((0.1, 0.0, 0.0, 0.0, 0.0, 0.0, 1.2), "arm orientation"),
+        ((0.1, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0), "arm orientation"),
+    ],
+)
+def test_a_place_that_is_none_is_refused(values, blamed):
+    """Wrong shape, not finite, beyond the reach, or no orientation; with what is to blame."""
+    with pytest.raises(PlanFailed) as caught:
+        DYNAMICS.check_place("arm", values)
+    assert caught.value.joint == blamed
+
+
+def test_a_place_gets_its_quaternion_normalised():
+    """Rounding of six digits is no fault; it is at rest there."""
+    state = DYNAMICS.check_place("arm", (0.1, 0.0, 0.0, 0.0, 0.0, 0.7072, 0.7072))
+    quat = state.values[3:]
+    assert math.hypot(*quat) == pytest.approx(1.0, abs=1e-15) and state.is_at_rest
+    assert turn(quat, about((0.0, 0.0, 1.0), math.pi / 2)) == pytest.approx((0.0, 0.0, 0.0), abs=1e-12)
+
+
+def test_home_is_a_place():
+    """What is held before a seed is inside the limits."""
+    assert DYNAMICS.check_place("home", DYNAMICS.home.values) == DYNAMICS.home
+
+
+def test_a_setpoint_goes_on_in_the_sign_of_the_last_one():
+    """Either sign is the same orientation; the robot shall not be told the other one."""
+    other = posed(HOME[:3], tuple(-c for c in HOME[3:]), (0.1, *REST6[1:]))
+    assert DYNAMICS.settle(other, HERE) == other._replace(values=HERE.values)
+    assert DYNAMICS.settle(HERE, HERE) is HERE
+
+
+def test_an_entry_is_repeated_to_the_last_bit():
+    """In its sign, and not normalised anew, which would round it; only one that is off is."""
+    quat = (0.28062750292422917, 0.09557118569993164, -0.7530281712979346, 0.5874205702034183)
+    for n in range(200):
+        held = (*HOME[:3], *((-1) ** n * c * (1.0 + (n - 100) * 1e-16) for c in quat))
+        assert DYNAMICS.check_entry(held, REST6, REST6).values == held
+    off = DYNAMICS.check_entry((*HOME[:3], *(c * 1.0001 for c in quat)), REST6, REST6).values
+    assert math.hypot(*off[3:]) == pytest.approx(1.0, abs=1e-15)
+
+
+@pytest.mark.parametrize(
+    ("rates", "forces", "blamed"),
+    [
+        ((0.3, 0.0, 0.0, 0.0, 0.0, 0.0), REST6, "linear velocity"),
+        ((0.0, 0.0, 0.0, 0.6, 0.6, 0.0), REST6, "angular velocity"),
+        (REST6, (0.0, 2.0, 0.0, 0.0, 0.0, 0.0), "linear acceleration"),
+        (REST6, (0.0, 0.0, 0.0, 0.0, 0.0, 6.0), "angular acceleration"),
+        ((math.nan, 0.0, 0.0, 0.0, 0.0, 0.0), REST6, ""),
+        (REST6, (0.0,) * 5, ""),
+    ],
+)
+def test_an_entry_outside_the_limits_is_refused(rates, forces, blamed):
+    """It cannot be ours."""
+    with pytest.raises(PlanFailed) as caught:
+        DYNAMICS.check_entry(HOME, rates, forces)
+    assert caught.value.joint == blamed
+
+
+def test_an_entry_that_would_leave_the_reach_is_refused():
+    """No setpoint of ours is one that cannot stop inside; at the end of the reach, at rest, one may be."""
+    edge = (0.55 + 1e-10, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
+    with pytest.raises(PlanFailed, match="cannot stop"):
+        DYNAMICS.check_entry(edge, (0.2, 0.0, 0.0, 0.0, 0.0, 0.0), REST6)
+    assert DYNAMICS.check_entry(edge, REST6, REST6).values == edge

@@ -8,7 +8,7 @@ import random
 import pytest
 from ruckig import InputParameter, Ruckig, RuckigError, Synchronization, Trajectory
 
-from gateway.core.motion.joints.solver import JERK_FACTORS, LONGEST_S, NoPlan, solve
+from gateway.core.motion.solver import JERK_FACTORS, LONGEST_S, NoPlan, solve
 
 
 def entry(q=0.0, goal=1.0, v=1.0, a=3.0, j=20.0, joints=1) -> InputParameter:
