@@ -6,6 +6,7 @@ delivered when it is sent. `tests.memory_transport` is the other half; it knows 
 
 from __future__ import annotations
 
+import weakref
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Protocol
@@ -65,6 +66,7 @@ class MemoryPlane:
         self.reachable = True
         self._daemon_id = daemon_id
         self._stops = StopLane()
+        weakref.finalize(self, self._stops.close)
         self._outbox = Outbox(info, self._stops)
         self._inbox = Inbox(self._outbox)
         self._stops.proven = self._inbox.identities.is_proven

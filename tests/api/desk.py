@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import weakref
+
 from gateway.api import protocol
 from gateway.api.inbox import Inbox
 from gateway.api.outbox import Outbox
@@ -56,6 +58,7 @@ class Desk:
 
     def __init__(self):
         self.stops = StopLane()
+        weakref.finalize(self, self.stops.close)
         self.outbox = Outbox(describe(Settings(), socket="/s", pid=1), self.stops)
         self.inbox = Inbox(self.outbox)
 

@@ -18,7 +18,8 @@ def lane():
     """A lane on which one client is proven by its secret."""
     lane = StopLane()
     lane.proven = lambda client_id, secret: (client_id, secret) == ("c0ffee", "s3cret")
-    return lane
+    yield lane
+    lane.close()
 
 
 SPOILT = {
@@ -130,8 +131,9 @@ def test_what_lies_in_the_inbox_keeps_no_stop_away():
     assert desk.stops.deliver(0) and question.reply.refusal is None
 
 
-def test_it_closes(lane):
+def test_it_closes():
     """The bell's files are given back."""
+    lane = StopLane()
     lane.wake()
     assert lane.deliver(1.0)
     lane.close()

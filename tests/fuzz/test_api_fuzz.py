@@ -10,6 +10,7 @@ from __future__ import annotations
 import gc
 import math
 import random
+import weakref
 from collections import Counter, OrderedDict
 from collections.abc import Callable
 from typing import Any, get_args
@@ -120,7 +121,9 @@ class Plane:
     def __init__(self, pair: Pair) -> None:
         self.pair = pair
         self.monitor = Judge(pair)
-        self.outbox = Outbox(describe(pair.settings, socket="/tmp/gw.sock", pid=1), StopLane())
+        stops = StopLane()
+        weakref.finalize(self, stops.close)
+        self.outbox = Outbox(describe(pair.settings, socket="/tmp/gw.sock", pid=1), stops)
         self.inbox = Inbox(self.outbox)
         self.outbox.add_audience(self)
         self.waiting: list[Question] = []

@@ -40,14 +40,14 @@ def test_limits_are_judged_as_the_daemon_judges_them(side):
                 q[joint] = edge + step
                 theirs = check_goal(Side(side), q, settings, OnLimit.REJECT)
                 clipped = check_goal(Side(side), q, settings, OnLimit.CLIP)
-                assert within_limits(side, tuple(q), INFO, "clip") == clipped.q_rad
+                assert within_limits(side, tuple(q), INFO, "clip") == clipped.values
                 if isinstance(theirs, Refusal):
                     with pytest.raises(type(to_exception(theirs))) as caught:
                         within_limits(side, tuple(q), INFO, "reject")
                     ours = caught.value.refusal
                     assert replace(ours, hint="") == replace(theirs, hint="")
                 else:
-                    assert within_limits(side, tuple(q), INFO, "reject") == theirs.q_rad
+                    assert within_limits(side, tuple(q), INFO, "reject") == theirs.values
 
 
 @pytest.mark.parametrize(
