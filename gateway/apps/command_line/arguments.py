@@ -19,7 +19,7 @@ from gateway.apps.command_line.frames_arguments import add_frames
 from gateway.apps.command_line.ground_arguments import add_ground, take_velocity
 from gateway.apps.command_line.identify_arguments import add_identify
 from gateway.apps.command_line.model_arguments import add_model
-from gateway.apps.command_line.numbers import above_zero
+from gateway.apps.command_line.numbers import above_zero, factor
 from gateway.apps.command_line.sim_arguments import add_camera, add_clock, add_physics
 from gateway.apps.command_line.stop_arguments import add_stops
 from gateway.apps.terminal.ending import STATUS_HELP
@@ -82,10 +82,6 @@ def joints(words: Sequence[str]) -> tuple[float, ...]:
 
 def _seconds(text: str) -> float:
     return above_zero(text, 86_400.0, "time [s]")
-
-
-def _factor(text: str) -> float:
-    return above_zero(text, 1.0, "factor")
 
 
 def _distance(text: str) -> float:
@@ -379,7 +375,7 @@ def _add_motions(commands: Any) -> None:  # noqa: ANN401  argparse's private cla
     for motion in motions:
         motion.add_argument(
             "--speed",
-            type=_factor,
+            type=factor,
             default=0.5,
             metavar="F",
             help="factor on the configured velocity limit, up to 1 (default %(default)s)",

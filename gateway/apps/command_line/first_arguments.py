@@ -7,7 +7,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from gateway.apps.command_line.numbers import above_zero
+from gateway.apps.command_line.numbers import factor
 
 __all__ = ["PICTURES", "SHELLS", "add_first"]
 
@@ -36,7 +36,7 @@ def add_first(commands: Any, add: Callable[..., argparse.ArgumentParser]) -> Non
         "Needs no robot and no running gateway. Status 0 only when every figure is within its bound.",
     )
     demo.add_argument(
-        "--speed", type=_factor, default=0.8, metavar="F", help="factor on the velocity limit (default %(default)s)"
+        "--speed", type=factor, default=0.8, metavar="F", help="factor on the velocity limit (default %(default)s)"
     )
     demo.add_argument(
         "--plot",
@@ -54,10 +54,6 @@ def add_first(commands: Any, add: Callable[..., argparse.ArgumentParser]) -> Non
     completion.formatter_class = argparse.RawDescriptionHelpFormatter
     completion.epilog = PLACES
     completion.add_argument("shell", choices=SHELLS, help="which shell")
-
-
-def _factor(text: str) -> float:
-    return above_zero(text, 1.0, "factor")
 
 
 def _picture(text: str) -> Path:

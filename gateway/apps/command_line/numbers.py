@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 import math
 
-__all__ = ["above_zero", "between", "integer"]
+__all__ = ["above_zero", "between", "factor", "integer"]
 
 
 def above_zero(text: str, most: float, what: str) -> float:
@@ -23,6 +23,11 @@ def above_zero(text: str, most: float, what: str) -> float:
     if not 0.0 < value <= most:  # NaN compares false
         raise argparse.ArgumentTypeError(f"{text.strip()!r} is not a {what} above 0 and up to {most:g}")
     return value
+
+
+def factor(text: str) -> float:
+    """Return a factor above 0 and up to 1; else as `above_zero`."""
+    return above_zero(text, 1.0, "factor")
 
 
 def between(text: str, least: float, most: float, what: str) -> float:

@@ -281,7 +281,7 @@ class Conductor:
     def _end_shared_motions(self, lost: Mapping[Side, Code], message: str, now_ns: int) -> None:
         """A motion of two arms of which one is lost ends for both, with a code for each."""
         for motion in self.body.motions.running:
-            if len(motion.goals) > 1 and lost.keys() & motion.goals.keys():
+            if len(motion.goals) > 1:
                 codes = {side: lost.get(side, Code.PART_LOST) for side in motion.goals}
                 each = ", ".join(f"{side} arm {code}" for side, code in codes.items())
                 code = next(code for side, code in codes.items() if side in lost)

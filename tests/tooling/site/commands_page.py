@@ -22,7 +22,7 @@ def page() -> str:
 def _lines(of: argparse.ArgumentParser, level: int) -> Iterator[str]:
     """Yield a command, then those below it. argparse has no public way to list what a parser takes."""
     below = [action for action in of._actions if isinstance(action, argparse._SubParsersAction)]
-    of.formatter_class = partial(argparse.HelpFormatter, width=WIDTH)  # type: ignore[assignment]
+    of.formatter_class = partial(argparse.HelpFormatter, width=WIDTH)  # type: ignore[assignment]  # typed as a class, called like one
     if level > 1:
         yield from (f"{'#' * level} {of.prog}", "", cell(of.description or ""), "")
         yield from ("```text", of.format_usage().removeprefix("usage: ").rstrip(), "```", "")
