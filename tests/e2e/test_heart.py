@@ -13,6 +13,7 @@ from pathlib import Path
 
 import pytest
 
+from gateway.api.guard_protocol import guard_socket
 from gateway.client import MotionHandle, Robot
 from gateway.errors import Code, LeaseError
 from tests.e2e.system import ROOT, System, joint_topics, steady, wait_for, worst_gap_ms
@@ -256,7 +257,11 @@ def test_an_estop_survives_the_daemons_death(tmp_path: Path, systems: Systems) -
 
 
 def test_an_estop_survives_another_address_of_the_robot(tmp_path: Path, systems: Systems) -> None:
-    """Another port of another name: the router says who it is. Cleared there, it is cleared under the first address, too."""
+    """Another port of another name: the router says who it is. Cleared there, it is cleared under the first address, too.
+
+    The first daemon's guard still says the e-stop's 0.0 for a second; who starts under its address meanwhile takes its latch
+    over, as after any death.
+    """
     system = systems(tmp_path, has_relay=True)
     addresses = system.robot_endpoint, f"tcp/localhost:{system.sim_port}"
 
@@ -277,6 +282,7 @@ def test_an_estop_survives_another_address_of_the_robot(tmp_path: Path, systems:
                 assert "known from" in robot.state.latches["ESTOP"]
                 robot.recover()
                 wait_for(lambda: latched() == [False, False], "a latch that is cleared in both files")
+                wait_for(lambda: not guard_socket(tmp_path / "gw.sock").exists(), "the end of the first daemon's guard")
 
 
 def test_a_takeover_brakes_and_ends_the_old_owner(tmp_path: Path, systems: Systems) -> None:
