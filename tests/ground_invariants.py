@@ -2,19 +2,19 @@
 
 from __future__ import annotations
 
-from gateway import robot
 from gateway.core.engine import Output
 from gateway.core.messages.events import Frame, FrameKind
+from gateway.robot.topics import CHASSIS_VELOCITY, LIFT_COMMAND, gripper_command, joint_command, pose_command
 from gateway.values import Side, Vector
 from tests.pair import MS, Pair, S
 
 __all__ = ["GROUND_TOPICS", "GroundMonitor"]
 
-WHEELS, LIFT = robot.CHASSIS_VELOCITY, robot.LIFT_COMMAND
+WHEELS, LIFT = CHASSIS_VELOCITY, LIFT_COMMAND
 GROUND_TOPICS = (WHEELS, LIFT)
-HEARD = {side: (robot.pose_command(side), robot.joint_command(side)) for side in Side}
+HEARD = {side: (pose_command(side), joint_command(side)) for side in Side}
 """Per arm what it listens to in its control mode (manual §2.3)."""
-GRIPS = {robot.gripper_command(side): side for side in Side}
+GRIPS = {gripper_command(side): side for side in Side}
 DRIVEN_IN = {"IDLE", "ENABLING", "ACTIVE", "HOLDING"}
 HELD_IN = {"ACTIVE", "HOLDING"}
 ZEROS: Vector = (0.0, 0.0, 0.0)

@@ -21,7 +21,7 @@ from gateway.core.messages.events import (
     TakenOver,
 )
 from gateway.core.messages.held import Held
-from gateway.settings import Settings
+from gateway.settings.settings import Settings
 from gateway.sim.robot.settings import SimSettings
 from tests.pair import MS, Pair, S
 

@@ -11,17 +11,27 @@ import math
 from dataclasses import dataclass, field
 from itertools import pairwise
 
-from gateway import robot
 from gateway.core.engine import Output
 from gateway.core.messages.events import Frame, FrameKind
 from gateway.errors import Code
+from gateway.robot.limits import JOINT_LOWER_RAD, JOINT_UPPER_RAD, MAX_ARM_LEN_M
+from gateway.robot.topics import (
+    CHASSIS_VELOCITY,
+    FSM_ENABLE,
+    FSM_STATE,
+    TOPICS,
+    arm_state,
+    ee_pose,
+    joint_command,
+    pose_command,
+)
 from gateway.values import ArmState, EePose, FsmState, Side, Vector
 from tests.core.pose_judge import rates
 from tests.ground_invariants import GROUND_TOPICS, GroundMonitor
 from tests.pair import MS, Pair, S
 
-JOINT_TOPICS = {robot.joint_command(side): side for side in Side}
-POSE_TOPICS = {robot.pose_command(side): side for side in Side}
+JOINT_TOPICS = {joint_command(side): side for side in Side}
+POSE_TOPICS = {pose_command(side): side for side in Side}
 ARM_TOPICS = {**JOINT_TOPICS, **POSE_TOPICS}
 HELD_STATES = {"ACTIVE", "HOLDING", "STOPPING"}
 FRAME_STATES = {
@@ -102,7 +112,7 @@ class Monitor:
         """Judge one tick."""
         pair, now_ns = self.pair, self.pair.now_ns
         state = pair.state
-        if self._hears(robot.FSM_STATE, 500 * MS) == FsmState.PAUSE:
+        if self._hears(FSM_STATE, 500 * MS) == FsmState.PAUSE:
             self.paused_ns = now_ns
         self._latches(output)
         if state != self.state:
@@ -127,7 +137,7 @@ class Monitor:
                 is_asked = self.state == "ENABLING" and self.last_beat_ns > self.state_since_ns  # it may have started
                 if now_ns == self.paused_ns and not is_asked:
                     self._stays_with_the_arm(frame)
-            elif frame.topic == robot.FSM_ENABLE:
+            elif frame.topic == FSM_ENABLE:
                 self.last_beat, self.last_beat_ns = frame, now_ns
         is_late = now_ns <= self.late_until_ns
         self.ground.see(output, state=state, epoch=self.epoch, is_latched=bool(self.latches), is_late=is_late)
@@ -149,14 +159,14 @@ class Monitor:
         assert frame.topic in self.pair.settings.link.variant.command_topics, (
             f"{frame.topic} is outside the profile (2)"
         )
-        assert len(frame.values) == robot.TOPICS[frame.topic].width, f"{frame} has a wrong length (2)"
+        assert len(frame.values) == TOPICS[frame.topic].width, f"{frame} has a wrong length (2)"
         assert math.isfinite(sum(frame.values)), f"{frame} is not finite (2)"
         if frame.topic in POSE_TOPICS:
-            assert math.hypot(*frame.values[:3]) <= robot.MAX_ARM_LEN_M + 1e-9, f"{frame} is beyond the reach (2)"
+            assert math.hypot(*frame.values[:3]) <= MAX_ARM_LEN_M + 1e-9, f"{frame} is beyond the reach (2)"
             assert abs(math.hypot(*frame.values[3:]) - 1.0) < 1e-6, f"{frame} has no unit quaternion (2)"
         if frame.topic in JOINT_TOPICS:
             side = ARM_TOPICS[frame.topic]
-            bounds = zip(robot.JOINT_LOWER_RAD[side], frame.values, robot.JOINT_UPPER_RAD[side], strict=True)
+            bounds = zip(JOINT_LOWER_RAD[side], frame.values, JOINT_UPPER_RAD[side], strict=True)
             assert all(low - 1e-9 <= q <= high + 1e-9 for low, q, high in bounds), f"{frame} is outside the limits (2)"
 
     def _permitted(self, frame: Frame, now_ns: int) -> None:
@@ -179,7 +189,7 @@ class Monitor:
         if self.is_beside_gateway or now_ns < self.foreign_until_ns:
             assert frame.topic not in ARM_TOPICS, f"{frame} left beside somebody else's commands"
             assert frame.kind is not FrameKind.BEAT, "1.0 left beside somebody else's commands"
-        if self.is_beside_gateway and frame.topic == robot.FSM_ENABLE:
+        if self.is_beside_gateway and frame.topic == FSM_ENABLE:
             assert Code.ESTOP in self.latches, "0.0 left beside another gateway"
 
     def _continuous(self, frame: Frame, now_ns: int) -> None:
@@ -192,14 +202,14 @@ class Monitor:
             is_heard = now_ns - self.paused_ns <= 20 * MS  # one frame later, at most
             is_paused = self.state == "PAUSED" and (is_heard or self.told_pause)
             assert was_silent or is_paused or self.state == "ENABLING", "a live stream was seeded anew (1)"
-            steady_ns = now_ns - self.pair.steady_since_ns[robot.arm_state(side)]
+            steady_ns = now_ns - self.pair.steady_since_ns[arm_state(side)]
             assert is_paused or self.came_from == "PAUSED" or steady_ns >= 290 * MS, (
                 f"started after {steady_ns / MS} ms of state (1)"
             )
             if is_pose:
                 self._starts_at_the_pose(side, frame.values)
             else:
-                heard = self.pair.heard[robot.arm_state(side)].value
+                heard = self.pair.heard[arm_state(side)].value
                 assert isinstance(heard, ArmState)
                 bounds = zip(settings.lower_rad[side], settings.upper_rad[side], strict=True)
                 inside = [min(max(q, low), high) for q, (low, high) in zip(heard.q_rad, bounds, strict=True)]
@@ -237,7 +247,7 @@ class Monitor:
         side, settings = ARM_TOPICS[frame.topic], self.pair.settings
         if self.pair.robot.faults.active("jump"):
             return  # what is heard is not believed
-        arm, pose = self._hears(robot.arm_state(side), 100 * MS), self._hears(robot.ee_pose(side), 100 * MS)
+        arm, pose = self._hears(arm_state(side), 100 * MS), self._hears(ee_pose(side), 100 * MS)
         if frame.topic in JOINT_TOPICS and isinstance(arm, ArmState):
             bounds = list(zip(settings.arm.lower_rad[side], arm.q_rad, settings.arm.upper_rad[side], strict=True))
             if all(low - 0.05 <= q <= high + 0.05 for low, q, high in bounds):
@@ -250,10 +260,10 @@ class Monitor:
             assert off_m <= 0.002 and 2.0 * math.acos(cosine) <= 0.02, f"the paused {side} pose is {off_m} m off (9)"
 
     def _starts_at_the_pose(self, side: Side, values: Vector) -> None:
-        heard = self.pair.heard[robot.ee_pose(side)].value
+        heard = self.pair.heard[ee_pose(side)].value
         assert isinstance(heard, EePose)
         reach_m = max(math.hypot(*heard.p_m), 1e-9)
-        inside = [x * min(1.0, robot.MAX_ARM_LEN_M / reach_m) for x in heard.p_m]
+        inside = [x * min(1.0, MAX_ARM_LEN_M / reach_m) for x in heard.p_m]
         off_m = math.dist(inside, values[:3])
         assert off_m <= 0.001, f"the {side} stream starts {off_m} m from the end effector (1)"
 
@@ -301,5 +311,5 @@ class Monitor:
         stops = [reply for reply in output.replies if "stop_undelivered" in reply.facts]
         if stops:
             left = {frame.topic for frame in output.frames if frame.kind is FrameKind.STOP}
-            assert robot.CHASSIS_VELOCITY in left, "a stop was answered and no chassis zeros left (5)"
+            assert CHASSIS_VELOCITY in left, "a stop was answered and no chassis zeros left (5)"
             assert not any(frame.kind is FrameKind.MOTION for frame in output.frames), "motion beside a stop (5)"

@@ -38,8 +38,8 @@ from gateway.core.robot_state.body_model import BodyModel, body_model
 from gateway.errors import Code, Refusal
 from gateway.link.codec import BadSample, from_message, stamp_of, to_message
 from gateway.messages.snapshot import Snapshot
-from gateway.robot import CURRENT_MODE, MOTION_STATE_TOPICS, STATE_TOPICS
-from gateway.settings import Settings
+from gateway.robot.topics import CURRENT_MODE, MOTION_STATE_TOPICS, STATE_TOPICS
+from gateway.settings.settings import Settings
 from gateway.sim.robot.model import SimRobot
 from gateway.sim.robot.settings import SimSettings
 from gateway.values import Side, Vector

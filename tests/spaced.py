@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from gateway import robot
 from gateway.core.robot_state.body_model import body_model
-from gateway.settings import ArmSettings, LocalSettings, ModelSettings, Settings
+from gateway.robot.topics import CURRENT_MODE, FSM_STATE, arm_state, ee_pose
+from gateway.settings.settings import ArmSettings, LocalSettings, ModelSettings, Settings
 from gateway.sim.robot.settings import SimSettings
 from gateway.values import ArmState, Side, Vector
 from tests.kinematics.guarded_arms import model
@@ -13,9 +13,9 @@ from tests.pair import Pair
 __all__ = ["SpacedPair"]
 
 TOPICS = (
-    robot.FSM_STATE,
-    robot.CURRENT_MODE,
-    *(topic for side in Side for topic in (robot.arm_state(side), robot.ee_pose(side))),
+    FSM_STATE,
+    CURRENT_MODE,
+    *(topic for side in Side for topic in (arm_state(side), ee_pose(side))),
 )
 
 
@@ -63,7 +63,7 @@ class SpacedPair(Pair):
 
     def joints(self, side: Side) -> Vector:
         """Return the measured joints of an arm [rad]."""
-        value = self.heard[robot.arm_state(side)].value
+        value = self.heard[arm_state(side)].value
         assert isinstance(value, ArmState)
         return value.q_rad
 

@@ -9,9 +9,9 @@ from collections.abc import Callable, Sequence
 import zenoh
 
 from cdr_types.keys import Qos, Reliability, Token, TokenKind, format_token, topic_to_key
-from gateway import robot
 from gateway.link.codec import encode_frame
 from gateway.link.others.gateway_token import format_gateway_token
+from gateway.robot.topics import TOPICS
 
 __all__ = ["Stranger"]
 
@@ -78,7 +78,7 @@ class Stranger:
             zid=self.zid,
             kind=TokenKind.MP,
             topic=topic,
-            type_name=robot.TOPICS[topic].type_name,
+            type_name=TOPICS[topic].type_name,
             qos=Qos(reliability=Reliability.RELIABLE),
         )
         self._hold(format_token(token))

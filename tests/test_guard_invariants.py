@@ -12,9 +12,9 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from gateway import robot
 from gateway.core.guardian import Phase
-from gateway.settings import LocalSettings, Settings
+from gateway.robot.topics import FSM_ENABLE, ee_pose
+from gateway.settings.settings import LocalSettings, Settings
 from gateway.sim.robot.settings import SimSettings
 from gateway.values import FsmState, Side
 from tests.guarded import Guarded
@@ -32,7 +32,7 @@ def guarded(poses: tuple[Side, ...] = ()) -> tuple[Guarded, Trace]:
         Settings(local=LocalSettings(snapshot_hz=1.0)),
         SimSettings(state_period_ns=10 * MS, **modes, compliance_radpnm=COMPLIANCE_RADPNM),
     )
-    pair.topics = (*LEAN, *map(robot.ee_pose, poses))
+    pair.topics = (*LEAN, *map(ee_pose, poses))
     player = Trace(pair, poses)
     pair.on_succession = lambda: player.monitor.latches.clear()
     player.epoch["ann"] = pair.activate("ann")
@@ -45,7 +45,7 @@ def to_the_end(pair: Guarded) -> None:
     pair.run_until(lambda: pair.guardian.phase is Phase.DONE, 16.0)
     kinds = {frame.kind.value for at_ns, frame in pair.frames if at_ns > died_ns}
     assert kinds <= {"brake", "hold", "beat", "stop"}, "a guard moved something"
-    if pair.robot.api_mode and pair.is_up and any(pair.sent_on(robot.FSM_ENABLE)):
+    if pair.robot.api_mode and pair.is_up and any(pair.sent_on(FSM_ENABLE)):
         assert pair.robot.fsm.published not in (FsmState.SLOW_START, FsmState.READY)
 
 

@@ -13,7 +13,6 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from gateway import robot
 from gateway.core.messages.events import (
     Abandon,
     Acquire,
@@ -51,7 +50,19 @@ from gateway.core.messages.events import (
     Writer,
 )
 from gateway.core.motion.poses.quaternion import exp, multiply
-from gateway.settings import LinkSettings, LocalSettings, Settings
+from gateway.robot.limits import HOME_Q_RAD, JOINT_LOWER_RAD, JOINT_UPPER_RAD
+from gateway.robot.topics import (
+    CHASSIS_VELOCITY,
+    CURRENT_MODE,
+    FSM_ENABLE,
+    FSM_STATE,
+    arm_state,
+    ee_pose,
+    joint_command,
+    pose_command,
+    shoulder_frame,
+)
+from gateway.settings.settings import LinkSettings, LocalSettings, Settings
 from gateway.sim.robot.settings import SimSettings
 from gateway.values import Side, Space, Vector
 from tests import thoroughness
@@ -60,7 +71,7 @@ from tests.pair import COMPLIANCE_RADPNM, MS, Pair, S
 
 pytestmark = pytest.mark.slow
 
-LEAN = (*map(robot.arm_state, Side), robot.FSM_STATE, robot.CURRENT_MODE)
+LEAN = (*map(arm_state, Side), FSM_STATE, CURRENT_MODE)
 """State topics that matter here: fewer make a trace cheaper."""
 
 CLIENTS = ("ann", "bob")
@@ -97,7 +108,7 @@ unit = st.floats(0.0, 1.0, allow_nan=False)
 
 
 def _goal(side: Side, parts: list[float]) -> Vector:
-    bounds = zip(robot.JOINT_LOWER_RAD[side], parts, robot.JOINT_UPPER_RAD[side], strict=True)
+    bounds = zip(JOINT_LOWER_RAD[side], parts, JOINT_UPPER_RAD[side], strict=True)
     return tuple(low + part * (high - low) for low, part, high in bounds)
 
 
@@ -231,7 +242,7 @@ class Trace:
 
     def _place(self, side: Side, parts: list[float]) -> Vector:
         """A pose up to 12 cm and 1 rad from the last one that was sent, now and then beyond the reach."""
-        sent = [frame for _, frame in self.pair.frames[-400:] if frame.topic == robot.pose_command(side)]
+        sent = [frame for _, frame in self.pair.frames[-400:] if frame.topic == pose_command(side)]
         x, y, z, *quat = sent[-1].values if sent else (0.3, 0.0, -0.3, 0.0, 0.0, 0.0, 1.0)
         a, b, c, d, e, f, _ = (2.0 * part - 1.0 for part in parts)
         turned = multiply(exp((0.6 * d, 0.6 * e, 0.6 * f)), tuple(quat))
@@ -253,7 +264,7 @@ class Trace:
                     dt_s=0.02 + 0.05 * d,
                     smoothing_s=0.1,
                     space=space,
-                    frames={side: robot.shoulder_frame(side) for side in those if is_pose},
+                    frames={side: shoulder_frame(side) for side in those if is_pose},
                     open_end=c < 0.5,
                     start_in_ns=round((0.5 * b - 0.3) * S),
                     path_tolerance={side: (0.05, 0.2) if is_pose else (0.2,) * 7 for side in those if a < 0.3},
@@ -264,7 +275,7 @@ class Trace:
 
     def _pose_swing(self, side: Side, a: float, b: float, c: float) -> list[Vector]:
         """Up to 8 cm and 0.6 rad away and back, now and then beyond the reach or too fast."""
-        sent = [frame for _, frame in self.pair.frames[-400:] if frame.topic == robot.pose_command(side)]
+        sent = [frame for _, frame in self.pair.frames[-400:] if frame.topic == pose_command(side)]
         x, y, z, *quat = sent[-1].values if sent else (0.3, 0.0, -0.3, 0.0, 0.0, 0.0, 1.0)
         swings = [a * (1.0 - math.cos(0.2 * b * n)) for n in range(25)]
         turns = (exp((0.3 * s * (c - 0.5), 0.1 * s, -0.2 * s * c)) for s in swings)
@@ -272,9 +283,9 @@ class Trace:
         return [(x - 0.04 * s, y + 0.04 * c * s, z + 0.02 * s, *multiply(turn, tuple(quat))) for s, turn in away]
 
     def _swing(self, side: Side, a: float, b: float, c: float) -> list[Vector]:
-        sent = [frame for _, frame in self.pair.frames[-400:] if frame.topic == robot.joint_command(side)]
-        held = sent[-1].values if sent else robot.HOME_Q_RAD[side]
-        low, high = robot.JOINT_LOWER_RAD[side], robot.JOINT_UPPER_RAD[side]
+        sent = [frame for _, frame in self.pair.frames[-400:] if frame.topic == joint_command(side)]
+        held = sent[-1].values if sent else HOME_Q_RAD[side]
+        low, high = JOINT_LOWER_RAD[side], JOINT_UPPER_RAD[side]
         swings = [0.3 * a * (1.0 - math.cos(0.2 * b * n + 6.0 * c)) - 0.15 * a for n in range(25)]
         joints = range(7)
         return [tuple(min(max(held[k] + s * (1 - k % 3), low[k]), high[k]) for k in joints) for s in swings]
@@ -314,7 +325,7 @@ class Trace:
             "stop chassis": StopChassis(epoch=epoch),
             "stop lift": StopLift(epoch=epoch),
             "lift off": DisableLift(epoch=epoch),
-            "old": Move(epoch=epoch - 1, targets_rad={Side.LEFT: robot.HOME_Q_RAD[Side.LEFT]}),
+            "old": Move(epoch=epoch - 1, targets_rad={Side.LEFT: HOME_Q_RAD[Side.LEFT]}),
         }
         if what in {"acquire", "take"}:
             self.pair.alive.add(client)
@@ -364,7 +375,7 @@ class Trace:
         """Somebody else commands the robot for a while, or announces it."""
         pair, monitor = self.pair, self.monitor
         if what == "token":
-            for writers in ((Writer(topic=robot.FSM_ENABLE, zid="b", means=Means.TOKEN),), ()):
+            for writers in ((Writer(topic=FSM_ENABLE, zid="b", means=Means.TOKEN),), ()):
                 pair.receive(ForeignTokens(writers=writers, at_ns=pair.now_ns))
                 pair.run(seconds)
         elif what.startswith("gateway"):
@@ -378,10 +389,10 @@ class Trace:
                 pair.is_deaf = False
                 pair.run(0.5 * seconds)
         else:
-            topics = {"arm": robot.joint_command(Side.RIGHT), "fsm": robot.FSM_ENABLE, "wheel": robot.CHASSIS_VELOCITY}
+            topics = {"arm": joint_command(Side.RIGHT), "fsm": FSM_ENABLE, "wheel": CHASSIS_VELOCITY}
             topic = topics[what.split()[0]]
             for _ in range(round(seconds / 0.02)):
-                if topic != robot.CHASSIS_VELOCITY:
+                if topic != CHASSIS_VELOCITY:
                     monitor.note_foreign()
                 pair.receive(ForeignData(topic=topic, zid="c", at_ns=pair.now_ns))
                 pair.run(0.02)
@@ -411,7 +422,7 @@ def lean_pair(poses: tuple[Side, ...] = ()) -> Pair:
     pair = Pair(
         settings_, SimSettings(state_period_ns=10 * MS, model="lift", **modes, compliance_radpnm=COMPLIANCE_RADPNM)
     )
-    pair.topics = (*LEAN, *map(robot.ee_pose, poses))
+    pair.topics = (*LEAN, *map(ee_pose, poses))
     return pair
 
 

@@ -9,8 +9,9 @@ import pytest
 
 from gateway.errors import Code
 from gateway.messages import requests
-from gateway.robot import HOME_Q_RAD, shoulder_frame
-from gateway.settings import ArmSettings
+from gateway.robot.limits import HOME_Q_RAD
+from gateway.robot.topics import shoulder_frame
+from gateway.settings.settings import ArmSettings
 from gateway.values import Side
 from tests.kinematics.guarded_arms import LIMITS, MARGIN_M, MEET, ROUNDING_M, free_posture, model, random_joints
 from tests.kinematics.peer import has_pinocchio, pinocchio_least

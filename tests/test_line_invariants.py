@@ -9,11 +9,12 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from gateway import robot
 from gateway.core.messages.events import Move, MovePose
 from gateway.core.motion.poses.quaternion import exp, multiply
 from gateway.core.robot_state.body_model import body_model
-from gateway.settings import LinkSettings, LocalSettings, Settings
+from gateway.robot.limits import HOME_Q_RAD
+from gateway.robot.topics import ee_pose, joint_command, shoulder_frame
+from gateway.settings.settings import LinkSettings, LocalSettings, Settings
 from gateway.sim.robot.settings import SimSettings
 from gateway.values import Side
 from tests import thoroughness
@@ -34,13 +35,13 @@ class Lined(Trace):
         """Up to 10 cm and half a radian from where the hands are held; often more than an arm can do."""
         targets = {}
         for side in on:
-            sent = [frame for _, frame in self.pair.frames[-400:] if frame.topic == robot.joint_command(side)]
-            pose = ARMS[side].forward(sent[-1].values if sent else robot.HOME_Q_RAD[side])
+            sent = [frame for _, frame in self.pair.frames[-400:] if frame.topic == joint_command(side)]
+            pose = ARMS[side].forward(sent[-1].values if sent else HOME_Q_RAD[side])
             a, b, c, d, e, f, _ = (2.0 * part - 1.0 for part in parts)
             turned = multiply(exp((0.3 * d, 0.3 * e, 0.3 * f)), pose.quat_xyzw)
             by = zip(pose.p_m, (0.06 * a, 0.06 * b, 0.06 * c), strict=True)
             targets[side] = (*(p + way for p, way in by), *turned)
-        frames = {side: robot.shoulder_frame(side) for side in on}
+        frames = {side: shoulder_frame(side) for side in on}
         request = MovePose(epoch=self.epoch[client], targets=targets, frames=frames, speed=speed, straight=straight)
         reply = self.pair.ask(request, client)
         self.accepted += reply.refusal is None
@@ -75,10 +76,10 @@ def run_trace(trace: list[Any]) -> Lined:
     settings_ = Settings(local=LocalSettings(snapshot_hz=1.0), link=LinkSettings(model="lift"))
     sim = SimSettings(state_period_ns=10 * MS, model="lift", compliance_radpnm=COMPLIANCE_RADPNM)
     pair = Pair(settings_, sim, model=body_model(settings_))
-    pair.topics = (*LEAN, *map(robot.ee_pose, Side))
+    pair.topics = (*LEAN, *map(ee_pose, Side))
     player = Lined(pair)
     player.epoch["ann"] = pair.activate("ann")
-    pair.granted(Move(epoch=player.epoch["ann"], targets_rad=robot.HOME_Q_RAD), "ann")
+    pair.granted(Move(epoch=player.epoch["ann"], targets_rad=HOME_Q_RAD), "ann")
     pair.run(3.0)
     player.play_all(trace)
     return player
@@ -108,8 +109,6 @@ def held(player: Lined, back_s: float) -> list[tuple[float, ...]]:
     until_ns = player.pair.now_ns - round(back_s * 1e9)
     rows = []
     for side in Side:
-        sent = [
-            f.values for at_ns, f in player.pair.frames if f.topic == robot.joint_command(side) and at_ns <= until_ns
-        ]
+        sent = [f.values for at_ns, f in player.pair.frames if f.topic == joint_command(side) and at_ns <= until_ns]
         rows.append(sent[-1])
     return rows

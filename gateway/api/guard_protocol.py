@@ -17,7 +17,7 @@ from typing import Literal
 
 import msgspec
 
-from gateway.endpoint import robot_name
+from gateway.robot.endpoint import robot_name
 
 __all__ = [
     "MAX_PACKET_BYTES",

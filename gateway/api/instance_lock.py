@@ -26,8 +26,8 @@ import tempfile
 from collections.abc import Iterator
 from pathlib import Path
 
-from gateway.endpoint import robot_name
 from gateway.errors import Code, GatewayError, Refusal, to_exception
+from gateway.robot.endpoint import robot_name
 
 __all__ = ["InstanceLock", "robot_lock_path", "socket_lock_path"]
 

@@ -24,7 +24,7 @@ from typing import Any
 
 from gateway.api import protocol
 from gateway.errors import CODES, Code, ConfigError, Refusal
-from gateway.settings import LocalSettings
+from gateway.settings.settings import LocalSettings
 
 __all__ = ["access_rules", "network_configuration", "refused_setting", "unix_configuration"]
 

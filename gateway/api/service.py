@@ -33,8 +33,8 @@ from gateway.api.translate import describe
 from gateway.api.zenoh_plane import ZenohPlane
 from gateway.core.messages import events
 from gateway.messages.snapshot import Snapshot
-from gateway.settings import LocalSettings, Settings
-from gateway.threads import supervised
+from gateway.process.threads import supervised
+from gateway.settings.settings import LocalSettings, Settings
 
 __all__ = ["LocalPlane"]
 

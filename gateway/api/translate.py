@@ -16,14 +16,14 @@ from typing import TypeVar
 from msgspec import structs
 
 import gateway
-from gateway import robot
 from gateway.api import protocol
 from gateway.core.messages import events
 from gateway.core.motion.chunk import Chunk
 from gateway.core.requests.follows import worked_out
 from gateway.errors import Code, Refusal
 from gateway.messages.requests import CheckFollow, Follow, Hold, Move, MovePose, Request
-from gateway.settings import Settings
+from gateway.robot.topics import ARM_JOINTS
+from gateway.settings.settings import Settings
 from gateway.values import ARM_DOF, Side, Vector
 
 __all__ = ["config_hash", "describe", "printable", "to_notice", "to_refusal", "to_reply", "to_request", "to_target"]
@@ -181,7 +181,7 @@ def describe(settings: Settings, *, socket: str, pid: int) -> protocol.Info:
         model=settings.link.model,
         has_lift=settings.link.variant.has_lift,
         config_hash=config_hash(settings),
-        joint_names={side.value: robot.ARM_JOINTS[side] for side in Side},
+        joint_names={side.value: ARM_JOINTS[side] for side in Side},
         lower_rad=_per_side(arm.lower_rad),
         upper_rad=_per_side(arm.upper_rad),
         v_radps=arm.v_radps,

@@ -1,1 +1,1 @@
-"""Programs beside the daemon. They command the robot through the client library, like anybody else."""
+"""The old place of `gateway.video`, kept importable for one release."""

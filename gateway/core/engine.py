@@ -59,8 +59,9 @@ from gateway.core.supervision.rivalry import Rivalry
 from gateway.core.supervision.supervisor import State, Trigger
 from gateway.errors import Code, Refusal
 from gateway.messages.snapshot import Snapshot
-from gateway.robot import ARM_WATCHDOG_NS, FSM_STATE
-from gateway.settings import Settings
+from gateway.robot.limits import ARM_WATCHDOG_NS
+from gateway.robot.topics import FSM_STATE
+from gateway.settings.settings import Settings
 from gateway.values import FsmState, Side, Vector
 
 if TYPE_CHECKING:

@@ -30,8 +30,8 @@ from gateway.core.handover.takeover import LAST_FRAME_NS
 from gateway.core.messages.events import Event, ExitRequested, Suspended, TakenOver
 from gateway.core.messages.held import Held
 from gateway.core.supervision.supervisor import STREAMING, State
-from gateway.robot import FSM_WATCHDOG_NS
-from gateway.settings import Settings
+from gateway.robot.limits import FSM_WATCHDOG_NS
+from gateway.settings.settings import Settings
 
 __all__ = ["HANDED_NS", "Guardian", "Phase"]
 

@@ -23,7 +23,7 @@ import zenoh
 
 from gateway.api import protocol
 from gateway.core.messages.held import Held
-from gateway.threads import supervised
+from gateway.process.threads import supervised
 
 __all__ = ["END_MISSES", "SILENT_MISSES", "ApiWatch"]
 

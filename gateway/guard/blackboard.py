@@ -24,10 +24,10 @@ from dataclasses import dataclass
 from typing import Any
 from zlib import crc32
 
-from gateway import robot
 from gateway.codes import Code
 from gateway.core.messages.held import Held, HeldArm
 from gateway.core.supervision.supervisor import LATCH_CODE, State
+from gateway.robot.topics import joint_command, pose_command
 from gateway.values import ARM_DOF, Side, Vector
 
 __all__ = ["Blackboard", "GuardSaid"]
@@ -62,8 +62,8 @@ TRIES = 5
 
 SIDES = tuple(Side)
 TOPICS = {
-    JOINT: {side: robot.joint_command(side) for side in Side},
-    POSE: {side: robot.pose_command(side) for side in Side},
+    JOINT: {side: joint_command(side) for side in Side},
+    POSE: {side: pose_command(side) for side in Side},
 }
 SPACES = {topic: space for space, topics in TOPICS.items() for topic in topics.values()}
 WIDTHS = {JOINT: ARM_DOF, POSE: 6}

@@ -14,7 +14,7 @@ from pathlib import Path
 
 from gateway.guard.turns import Turn
 from gateway.process.cores import Affinity
-from gateway.threads import supervised
+from gateway.process.threads import supervised
 
 __all__ = ["CoreProbe"]
 

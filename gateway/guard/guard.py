@@ -42,7 +42,6 @@ from typing import NamedTuple
 
 from gateway.api.guard_protocol import guard_socket, robot_name
 from gateway.api.protocol import default_socket
-from gateway.config import state_dir
 from gateway.core.engine import Output
 from gateway.core.guardian import Guardian, Phase
 from gateway.core.handover.takeover import LATCHED_BEFORE
@@ -64,10 +63,11 @@ from gateway.process.loop import LEVELS
 from gateway.process.measures import Measures
 from gateway.process.realtime import SleepWatch
 from gateway.process.state_file import StateFile, path_of
+from gateway.process.threads import supervised, take_lost
 from gateway.process.zenoh_threads import share_reactor
-from gateway.robot import FSM_WATCHDOG_NS
-from gateway.settings import Settings
-from gateway.threads import supervised, take_lost
+from gateway.robot.limits import FSM_WATCHDOG_NS
+from gateway.settings.settings import Settings
+from gateway.settings.toml_file import state_dir
 
 __all__ = ["Files", "Guard", "main"]
 

@@ -23,8 +23,8 @@ from gateway.core.messages.events import Event, GuardSeen, PartEnded
 from gateway.core.messages.held import Held
 from gateway.guard.blackboard import Blackboard
 from gateway.process.own_module import own_module
-from gateway.settings import Settings
-from gateway.threads import supervised
+from gateway.process.threads import supervised
+from gateway.settings.settings import Settings
 
 __all__ = ["Keeper"]
 

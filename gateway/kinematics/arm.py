@@ -22,7 +22,7 @@ from gateway.kinematics.solving.numeric import Found, found_from
 from gateway.kinematics.solving.sectors import Sector
 from gateway.kinematics.solving.shape import ArmShape, shape_of
 from gateway.kinematics.solving.unreachable import Unreachable, not_found, why_not
-from gateway.robot import HOME_Q_RAD, JOINT_LOWER_RAD, JOINT_UPPER_RAD
+from gateway.robot.limits import HOME_Q_RAD, JOINT_LOWER_RAD, JOINT_UPPER_RAD
 from gateway.values import ARM_DOF, EePose, Side, ValueRefused, Vector, require_finite
 
 __all__ = ["CLOSE_M", "CLOSE_RAD", "ArmModel", "NotClosed"]

@@ -66,7 +66,7 @@ class RobotIdentity:
 
     Attributes:
         serial: Serial number, as on the robot's plate; case and outer spaces do not count.
-        model: Key of `robot.VARIANTS`.
+        model: Key of `topics.VARIANTS`.
     """
 
     serial: str

@@ -14,7 +14,7 @@ from gateway.kinematics.collision import CollisionModel, Nearness
 from gateway.kinematics.description import Description
 from gateway.kinematics.model_check import Finding
 from gateway.kinematics.solving.inverse import Solution
-from gateway.robot import HOME_Q_RAD
+from gateway.robot.limits import HOME_Q_RAD
 from gateway.values import EePose, Side, Vector
 
 __all__ = ["HANGING_Q_RAD", "clearances", "ordinary"]

@@ -18,7 +18,7 @@ from gateway.kinematics.description import Description
 from gateway.kinematics.placement import Placement
 from gateway.kinematics.separation.segments import Segment, nearest, segment
 from gateway.kinematics.solving.chain import ArmChain, in_base
-from gateway.robot import shoulder_frame
+from gateway.robot.topics import shoulder_frame
 from gateway.values import ARM_DOF, Side, ValueRefused, Vector, require_finite
 
 __all__ = ["WIDE_OPEN_M", "CollisionModel", "Nearness", "Posture"]

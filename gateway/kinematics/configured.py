@@ -11,7 +11,7 @@ from gateway.errors import Code, ConfigError, Refusal
 from gateway.kinematics.calibration import RobotIdentity, load
 from gateway.kinematics.description import Description, nominal
 from gateway.kinematics.urdf import from_urdf
-from gateway.settings import Settings
+from gateway.settings.settings import Settings
 
 __all__ = ["configured"]
 

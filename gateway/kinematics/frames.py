@@ -28,7 +28,7 @@ from typing import Protocol
 
 from gateway.errors import Code, Refusal, to_exception
 from gateway.kinematics.transform import Transform
-from gateway.robot import shoulder_frame
+from gateway.robot.topics import shoulder_frame
 from gateway.values import ArmState, Side, ValueRefused
 
 __all__ = [

@@ -21,7 +21,7 @@ import numpy as np
 
 from gateway.kinematics.description import Description
 from gateway.kinematics.linkage import Branch, Closure
-from gateway.robot import gripper_torque_nm
+from gateway.robot.limits import gripper_torque_nm
 from gateway.values import ValueRefused, require_finite
 
 __all__ = ["GripForce", "Gripper", "Length", "Torque", "feed_forward", "measured"]

@@ -17,7 +17,8 @@ from gateway.kinematics.description import Description, nominal
 from gateway.kinematics.placement import Placement, turn_rad
 from gateway.kinematics.solving.chain import at_zero
 from gateway.kinematics.solving.inverse import Solution
-from gateway.robot import HOME_Q_RAD, JOINT_LOWER_RAD, JOINT_UPPER_RAD, MAX_ARM_LEN_M, shoulder_frame
+from gateway.robot.limits import HOME_Q_RAD, JOINT_LOWER_RAD, JOINT_UPPER_RAD, MAX_ARM_LEN_M
+from gateway.robot.topics import shoulder_frame
 from gateway.values import EePose, Side, Vector
 
 __all__ = ["Finding", "compared", "findings"]

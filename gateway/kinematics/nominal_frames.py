@@ -26,7 +26,7 @@ from gateway.kinematics.frames import (
 )
 from gateway.kinematics.placement import rows_from_rpy
 from gateway.kinematics.transform import Array, Transform
-from gateway.robot import shoulder_frame
+from gateway.robot.topics import shoulder_frame
 from gateway.values import Side, Vector
 
 __all__ = [

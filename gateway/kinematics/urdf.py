@@ -27,7 +27,7 @@ from gateway.kinematics.description import (
     shoulder_joint,
 )
 from gateway.kinematics.placement import rows_from_rpy
-from gateway.robot import ARM_JOINTS, shoulder_frame
+from gateway.robot.topics import ARM_JOINTS, shoulder_frame
 from gateway.values import ARM_DOF, Side, Vector
 
 __all__ = ["from_urdf"]

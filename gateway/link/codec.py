@@ -26,10 +26,22 @@ from pycdr2 import IdlStruct
 
 from cdr_types import CdrError, decode, encode, message_type
 from cdr_types.messages import builtin_interfaces, geometry_msgs, sensor_msgs, std_msgs
-from gateway import robot
 from gateway.core.messages.events import StateValue
 from gateway.errors import Code
 from gateway.link.shortcuts import JointWriter, MotorReader, read_pose
+from gateway.robot.topics import (
+    COMMAND_TOPICS,
+    FLOAT32,
+    FLOAT32_ARRAY,
+    INT32,
+    JOINT_STATE,
+    POSE,
+    STATE_TOPICS,
+    STRING,
+    TOPICS,
+    Topic,
+    arm_state,
+)
 from gateway.values import ArmState, CurrentMode, EePose, MotorState, Side, ValueRefused, Vector
 
 __all__ = [
@@ -49,12 +61,12 @@ S = 1_000_000_000
 MAX_MODE_CHARACTERS = 16_384
 """Longest `/api/current_mode` that is parsed; the documented one has about 250 characters."""
 
-_COMMAND_ROWS: Final = {name: robot.TOPICS[name] for name in robot.COMMAND_TOPICS}
-_ARM_TOPICS: Final = frozenset(robot.arm_state(side) for side in Side)
-_NAMES: Final = {name: list(row.names) for name, row in robot.TOPICS.items()}
+_COMMAND_ROWS: Final = {name: TOPICS[name] for name in COMMAND_TOPICS}
+_ARM_TOPICS: Final = frozenset(arm_state(side) for side in Side)
+_NAMES: Final = {name: list(row.names) for name, row in TOPICS.items()}
 
 
-_Read = Callable[[robot.Topic, IdlStruct], StateValue]
+_Read = Callable[[Topic, IdlStruct], StateValue]
 
 
 class BadSample(ValueError):
@@ -135,14 +147,14 @@ def stamp_of(value: StateValue) -> int | None:
     return value.stamp_ns if isinstance(value, MotorState) else None
 
 
-def _reader_of(topic: str) -> tuple[robot.Topic, type[IdlStruct], _Read]:
+def _reader_of(topic: str) -> tuple[Topic, type[IdlStruct], _Read]:
     reader = _READER_OF.get(topic)
     if reader is None:
         raise BadSample(Code.SAMPLE_REFUSED, f"{topic!r} is no state topic of this robot (manual §4.8, §4.11)")
     return reader
 
 
-def _read_motors(row: robot.Topic, message: IdlStruct) -> MotorState:
+def _read_motors(row: Topic, message: IdlStruct) -> MotorState:
     joints = cast("sensor_msgs.JointState", message)
     for what, length in (("name", len(joints.name)), ("position", len(joints.position))):
         if length != row.width:
@@ -169,7 +181,7 @@ def _motor_type(topic: str) -> type[MotorState]:
     return ArmState if topic in _ARM_TOPICS else MotorState
 
 
-def _read_pose(row: robot.Topic, message: IdlStruct) -> EePose:
+def _read_pose(row: Topic, message: IdlStruct) -> EePose:
     pose = cast("geometry_msgs.Pose", message)
     p, q = pose.position, pose.orientation
     try:
@@ -178,11 +190,11 @@ def _read_pose(row: robot.Topic, message: IdlStruct) -> EePose:
         raise BadSample(Code.SAMPLE_REFUSED, f"{error} (manual {row.section})") from error
 
 
-def _read_fsm(_row: robot.Topic, message: IdlStruct) -> int:
+def _read_fsm(_row: Topic, message: IdlStruct) -> int:
     return int(cast("std_msgs.Int32", message).data)
 
 
-def _read_mode(_row: robot.Topic, message: IdlStruct) -> CurrentMode:
+def _read_mode(_row: Topic, message: IdlStruct) -> CurrentMode:
     text = cast("std_msgs.String", message).data
     if len(text) > MAX_MODE_CHARACTERS:
         raise BadSample(
@@ -215,14 +227,14 @@ def _flag(fields: Mapping[str, object], key: str) -> bool:
 
 
 _READERS: Final[Mapping[str, _Read]] = {
-    robot.JOINT_STATE: _read_motors,
-    robot.POSE: _read_pose,
-    robot.INT32: _read_fsm,
-    robot.STRING: _read_mode,
+    JOINT_STATE: _read_motors,
+    POSE: _read_pose,
+    INT32: _read_fsm,
+    STRING: _read_mode,
 }
 _READER_OF: Final = {
-    name: (robot.TOPICS[name], message_type(robot.TOPICS[name].type_name), _READERS[robot.TOPICS[name].type_name])
-    for name in robot.STATE_TOPICS
+    name: (TOPICS[name], message_type(TOPICS[name].type_name), _READERS[TOPICS[name].type_name])
+    for name in STATE_TOPICS
 }
 
 _MOTORS: Final = {
@@ -274,7 +286,7 @@ def to_message(topic: str, values: Vector, wall_ns: int) -> IdlStruct:
     return _WRITERS[row.type_name](row, values, wall_ns)
 
 
-def _write_joints(row: robot.Topic, values: Vector, wall_ns: int) -> IdlStruct:
+def _write_joints(row: Topic, values: Vector, wall_ns: int) -> IdlStruct:
     sec, nanosec = divmod(wall_ns, S)
     # The stamp's seconds are an int32. The robot does not read it: a clock beyond 2038 must not stop the stream.
     sec = (sec + 2**31) % 2**32 - 2**31
@@ -287,32 +299,32 @@ def _write_joints(row: robot.Topic, values: Vector, wall_ns: int) -> IdlStruct:
     )
 
 
-def _write_pose(_row: robot.Topic, values: Vector, _wall_ns: int) -> IdlStruct:
+def _write_pose(_row: Topic, values: Vector, _wall_ns: int) -> IdlStruct:
     return geometry_msgs.Pose(
         position=geometry_msgs.Point(*values[:3]), orientation=geometry_msgs.Quaternion(*values[3:])
     )
 
 
-def _write_float(_row: robot.Topic, values: Vector, _wall_ns: int) -> IdlStruct:
+def _write_float(_row: Topic, values: Vector, _wall_ns: int) -> IdlStruct:
     return std_msgs.Float32(data=values[0])
 
 
-def _write_array(_row: robot.Topic, values: Vector, _wall_ns: int) -> IdlStruct:
+def _write_array(_row: Topic, values: Vector, _wall_ns: int) -> IdlStruct:
     return std_msgs.Float32MultiArray(layout=std_msgs.MultiArrayLayout(dim=[], data_offset=0), data=list(values))
 
 
-_WRITERS: Final[Mapping[str, Callable[[robot.Topic, Vector, int], IdlStruct]]] = {
-    robot.JOINT_STATE: _write_joints,
-    robot.POSE: _write_pose,
-    robot.FLOAT32: _write_float,
-    robot.FLOAT32_ARRAY: _write_array,
+_WRITERS: Final[Mapping[str, Callable[[Topic, Vector, int], IdlStruct]]] = {
+    JOINT_STATE: _write_joints,
+    POSE: _write_pose,
+    FLOAT32: _write_float,
+    FLOAT32_ARRAY: _write_array,
 }
 
 _TYPE_BYTES: Final[Mapping[str, Callable[[int], int]]] = {
-    robot.JOINT_STATE: lambda _width: 324,  # seven names of 8 characters, 21 doubles, empty frame
-    robot.POSE: lambda _width: 60,
-    robot.FLOAT32: lambda _width: 8,
-    robot.FLOAT32_ARRAY: lambda width: 16 + 4 * width,  # header, no dimensions, offset, count, floats
+    JOINT_STATE: lambda _width: 324,  # seven names of 8 characters, 21 doubles, empty frame
+    POSE: lambda _width: 60,
+    FLOAT32: lambda _width: 8,
+    FLOAT32_ARRAY: lambda width: 16 + 4 * width,  # header, no dimensions, offset, count, floats
 }
 
 FRAME_BYTES: Final[Mapping[str, int]] = {
@@ -323,5 +335,5 @@ FRAME_BYTES: Final[Mapping[str, int]] = {
 _JOINT_WRITERS: Final = {
     name: JointWriter(encode(_write_joints(row, (0.0,) * row.width, 0)), row.width)
     for name, row in _COMMAND_ROWS.items()
-    if row.type_name == robot.JOINT_STATE
+    if row.type_name == JOINT_STATE
 }

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping
 
-from gateway import robot
 from gateway.link.mailbox import Mailbox, Tray
-from gateway.robot import CURRENT_MODE, FSM_STATE
+from gateway.robot.topics import CURRENT_MODE, FSM_STATE, JOINT_STATE, TOPICS, arm_state, ee_pose
 from gateway.values import Side
 
 __all__ = ["AT_ONCE", "DECIDING", "DECISIVE", "POSED", "SHOWN", "STAMPED", "mailboxes_of", "slots_of"]
@@ -15,9 +14,9 @@ AT_ONCE, DECISIVE, POSED, SHOWN = range(4)
 """Classes of topics, by how often their newest sample is decoded; poses decide about arms in end-effector mode."""
 
 CLASSES = {
-    **dict.fromkeys(map(robot.arm_state, Side), DECISIVE),
+    **dict.fromkeys(map(arm_state, Side), DECISIVE),
     **dict.fromkeys((FSM_STATE, CURRENT_MODE), AT_ONCE),
-    **dict.fromkeys(map(robot.ee_pose, Side), POSED),
+    **dict.fromkeys(map(ee_pose, Side), POSED),
 }
 DECIDING = frozenset(CLASSES)
 """State topics that decide about motion, or may. The others are only shown."""
@@ -35,7 +34,7 @@ def mailboxes_of(topics: Collection[str], stamped: Collection[str]) -> dict[str,
         stamped: Those whose samples are stamped when they arrive.
     """
     return {
-        topic: (Mailbox if topic in stamped else Tray)(is_stamped=robot.TOPICS[topic].type_name == robot.JOINT_STATE)
+        topic: (Mailbox if topic in stamped else Tray)(is_stamped=TOPICS[topic].type_name == JOINT_STATE)
         for topic in topics
     }
 

@@ -29,7 +29,6 @@ from functools import partial
 
 import zenoh
 
-from gateway import robot
 from gateway.api.protocol import Wire
 from gateway.core.messages.events import (
     Befriended,
@@ -56,8 +55,9 @@ from gateway.link.robot_session import RobotSession, SessionListener
 from gateway.link.session_config import session_config
 from gateway.link.survey import gather
 from gateway.link.turns import Turns
-from gateway.settings import LinkSettings, SettingsRefused
-from gateway.threads import supervised
+from gateway.process.threads import supervised
+from gateway.robot.topics import STATE_TOPICS
+from gateway.settings.settings import LinkSettings, SettingsRefused
 
 __all__ = ["RobotLink"]
 
@@ -98,7 +98,7 @@ class RobotLink:
         settings: LinkSettings,
         clock: Callable[[], int] = time.monotonic_ns,
         wall_clock: Callable[[], int] = time.time_ns,
-        topics: Collection[str] = robot.STATE_TOPICS,
+        topics: Collection[str] = STATE_TOPICS,
         stamped: Collection[str] = STAMPED,
         *,
         is_reader: bool = False,

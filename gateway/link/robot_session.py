@@ -41,11 +41,11 @@ from cdr_types.keys import (
     format_token,
     topic_to_key,
 )
-from gateway import robot
 from gateway.link.mailbox import CAPACITY, Mailbox, Tray
 from gateway.link.others.gateway_token import format_gateway_token, gateway_tokens
-from gateway.settings import LinkSettings
-from gateway.threads import supervised
+from gateway.process.threads import supervised
+from gateway.robot.topics import FSM_ENABLE, TOPICS
+from gateway.settings.settings import LinkSettings
 
 __all__ = ["RobotSession", "SessionListener"]
 
@@ -106,7 +106,7 @@ class RobotSession:
         self._session = session
         self._clock = clock
         self._listener = listener
-        self._keys = {topic: topic_to_key(topic, settings.namespace) for topic in robot.TOPICS}
+        self._keys = {topic: topic_to_key(topic, settings.namespace) for topic in TOPICS}
         self.zid = str(session.zid())
         self._namespace = settings.namespace
         self._command_keys = topic_to_key("/api", settings.namespace) + "/**"
@@ -217,7 +217,7 @@ class RobotSession:
                 zid=self.zid,
                 kind=TokenKind.MS,
                 topic=f"/{self._keys[topic]}",
-                type_name=robot.TOPICS[topic].type_name,
+                type_name=TOPICS[topic].type_name,
                 qos=STATE_QOS,
             )
         )
@@ -238,7 +238,7 @@ class RobotSession:
         return self._session.declare_subscriber(self._keys[topic], zenoh.handlers.Callback(receive))
 
     def _sender(self, topic: str) -> Callable[[bytes], None]:
-        is_heartbeat = topic == robot.FSM_ENABLE
+        is_heartbeat = topic == FSM_ENABLE
         return partial(
             self._session.put,
             self._session.declare_keyexpr(self._keys[topic]),

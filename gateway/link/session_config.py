@@ -29,10 +29,10 @@ import json
 from typing import Final
 
 from cdr_types.keys import ALL_TOKENS, topic_to_key
-from gateway import robot
 from gateway.link.others.foreign_watch import publishers_of
 from gateway.link.others.gateway_token import format_gateway_token, gateway_tokens
-from gateway.settings import LinkSettings
+from gateway.robot.topics import STATE_TOPICS
+from gateway.settings.settings import LinkSettings
 
 __all__ = ["OPEN_TIMEOUT_MS", "session_config"]
 
@@ -113,8 +113,8 @@ def _transmission(lease_ms: int) -> dict[str, object]:
 
 def _state_keys(namespace: str) -> list[str]:
     """Return one key expression per group of state topics: `left_arm/**`, `fsm_state`, ...; `api` is not among them."""
-    groups = dict.fromkeys(topic.split("/")[1] for topic in robot.STATE_TOPICS)
-    alone = {topic[1:] for topic in robot.STATE_TOPICS}
+    groups = dict.fromkeys(topic.split("/")[1] for topic in STATE_TOPICS)
+    alone = {topic[1:] for topic in STATE_TOPICS}
     keys = {name: topic_to_key(f"/{name}", namespace) for name in groups if name != "api"}
     return [key if name in alone else f"{key}/**" for name, key in keys.items()]
 

@@ -17,7 +17,7 @@ import math
 from collections.abc import Callable
 from struct import Struct, unpack_from
 
-from gateway import robot
+from gateway.robot.topics import Topic
 from gateway.values import EePose, MotorState, Vector
 
 __all__ = ["JointWriter", "MotorReader", "read_pose"]
@@ -48,7 +48,7 @@ class MotorReader:
         value_type: What to make.
     """
 
-    def __init__(self, row: robot.Topic, value_type: type[MotorState]) -> None:
+    def __init__(self, row: Topic, value_type: type[MotorState]) -> None:
         self._width = row.width
         self._value_type = value_type
         self._learnt: tuple[int, bytes, Callable[[bytes], tuple[float, ...]]] | None = None

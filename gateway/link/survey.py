@@ -12,7 +12,6 @@ from itertools import islice
 
 from cdr_types.keys import Token, TokenKind, topic_to_key
 from cdr_types.qos import format_qos
-from gateway import robot
 from gateway.api.protocol import Announcement, Wire, WireBridge, WireNeighbour, WireTopic
 from gateway.errors import Code
 from gateway.link.discovery.discovery import BridgeFacts, Discovery
@@ -21,7 +20,8 @@ from gateway.link.discovery.route_watch import silence_ns
 from gateway.link.meter import Figure, Meter
 from gateway.link.news import TransportNews
 from gateway.link.others.foreign_watch import ForeignWatch, Neighbours, Session
-from gateway.settings import LinkSettings
+from gateway.robot.topics import STATE_TOPICS, TOPICS, Direction
+from gateway.settings.settings import LinkSettings
 
 __all__ = ["KEPT", "Known", "gather", "survey"]
 
@@ -128,14 +128,14 @@ def survey(known: Known) -> Wire:
     """
     settings = known.settings
     robots = robots_in(known.tokens)
-    keys = {topic: topic_to_key(topic, settings.namespace) for topic in robot.TOPICS}
+    keys = {topic: topic_to_key(topic, settings.namespace) for topic in TOPICS}
     names = {key: topic for topic, key in keys.items()}
     tokens: dict[tuple[TokenKind, str], list[Token]] = {}
     for token in known.tokens:
         if token.zid != known.zid:
             tokens.setdefault((token.kind, token.key), []).append(token)
-    states = {token.zid for topic in robot.STATE_TOPICS for token in tokens.get((TokenKind.MP, keys[topic]), ())}
-    topics = (*robot.STATE_TOPICS, *settings.variant.command_topics)
+    states = {token.zid for topic in STATE_TOPICS for token in tokens.get((TokenKind.MP, keys[topic]), ())}
+    topics = (*STATE_TOPICS, *settings.variant.command_topics)
     return Wire(
         endpoint=settings.endpoint,
         namespace=settings.namespace.strip("/"),
@@ -178,8 +178,8 @@ def _bridges(known: Known, robots: Mapping[str, Sequence[str]], states: Set[str]
 def _topic(
     known: Known, topic: str, key: str, tokens: Mapping[tuple[TokenKind, str], Sequence[Token]], states: Set[str]
 ) -> WireTopic:
-    row = robot.TOPICS[topic]
-    is_state = row.direction is robot.Direction.STATE
+    row = TOPICS[topic]
+    is_state = row.direction is Direction.STATE
     kind = TokenKind.MP if is_state else TokenKind.MS
     announced = tuple(
         Announcement(zid=token.zid, type_name=token.type_name, qos="" if token.qos is None else format_qos(token.qos))
@@ -217,7 +217,7 @@ def _topic(
 def _state_route(known: Known, topic: str, newest_ns: int | None, is_announced: bool) -> str:
     if not known.router_zid:
         return "unknown"
-    if newest_ns is not None and known.now_ns - newest_ns <= silence_ns(robot.TOPICS[topic].rate_hz):
+    if newest_ns is not None and known.now_ns - newest_ns <= silence_ns(TOPICS[topic].rate_hz):
         return "active"
     if known.codes.get(topic) is Code.ROUTE_DEAD:
         return "dead"
@@ -287,7 +287,7 @@ def _announcing(known: Known, names: Mapping[str, str]) -> tuple[dict[str, set[s
         topic = names.get(token.key)
         if topic is None:
             continue
-        is_command = robot.TOPICS[topic].direction is robot.Direction.COMMAND
+        is_command = TOPICS[topic].direction is Direction.COMMAND
         if token.kind is TokenKind.MP and is_command:
             publishes.setdefault(token.zid, set()).add(topic)
         elif token.kind is TokenKind.MS and not is_command:

@@ -17,7 +17,7 @@ from msgspec.structs import replace as changed
 
 from gateway.api.protocol import Wire
 from gateway.link.robot_link import RobotLink
-from gateway.settings import LinkSettings
+from gateway.settings.settings import LinkSettings
 
 __all__ = ["LISTEN_S", "look"]
 

@@ -11,7 +11,7 @@ import threading
 import time
 from collections.abc import Callable
 
-from gateway.threads import supervised
+from gateway.process.threads import supervised
 
 __all__ = ["JsonLines", "LogWriter", "RateLimit", "configure_log"]
 

@@ -21,7 +21,7 @@ from gateway.process.realtime import (
     release_interpreter,
     sharpen_timer,
 )
-from gateway.settings import Settings
+from gateway.settings.settings import Settings
 
 __all__ = ["Measures"]
 

@@ -33,9 +33,9 @@ from pathlib import Path
 from types import TracebackType
 
 from gateway.core.messages.events import Remembered
-from gateway.endpoint import robot_name
 from gateway.errors import CODES, Code, ConfigError, NotReady, Refusal
-from gateway.threads import supervised
+from gateway.process.threads import supervised
+from gateway.robot.endpoint import robot_name
 
 __all__ = ["EPOCH_BLOCK", "Started", "StateFile", "StateWriter", "path_of", "read_state"]
 

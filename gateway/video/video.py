@@ -18,7 +18,7 @@ from collections.abc import Iterator
 from dataclasses import replace
 from types import TracebackType
 
-from gateway.threads import supervised
+from gateway.process.threads import supervised
 from gateway.video.decoding.decoder import Decoder, DecoderChoice
 from gateway.video.decoding.decoding import Decoding
 from gateway.video.decoding.frame import Frame

@@ -7,7 +7,7 @@ import time
 from pathlib import Path
 
 from gateway.api.service import LocalPlane
-from gateway.settings import LinkSettings, LocalSettings, Settings
+from gateway.settings.settings import LinkSettings, LocalSettings, Settings
 from tests.api.stand_in import TICK_NS, ScriptedEngine
 
 

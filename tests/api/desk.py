@@ -9,7 +9,7 @@ from gateway.api.inbox import Inbox
 from gateway.api.outbox import Outbox
 from gateway.api.stop_lane import StopLane
 from gateway.api.translate import describe
-from gateway.settings import Settings
+from gateway.settings.settings import Settings
 
 
 class AskedQuestion:

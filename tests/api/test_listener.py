@@ -8,7 +8,7 @@ import zenoh
 from gateway.api import protocol
 from gateway.api.listener import access_rules, network_configuration, unix_configuration
 from gateway.errors import Code, ConfigError
-from gateway.settings import LocalSettings
+from gateway.settings.settings import LocalSettings
 
 
 def files(tmp_path, *names):

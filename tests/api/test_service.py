@@ -19,8 +19,8 @@ from gateway.api import protocol
 from gateway.api.service import LocalPlane
 from gateway.core.messages import events
 from gateway.errors import Code, ConfigError, NotReady
-from gateway.settings import LinkSettings, LocalSettings, Settings
-from gateway.threads import take_lost
+from gateway.process.threads import take_lost
+from gateway.settings.settings import LinkSettings, LocalSettings, Settings
 from tests.api.daemon import Daemon, eventually, settings_for
 from tests.api.samples import Q, command
 

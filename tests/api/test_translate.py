@@ -7,12 +7,12 @@ from types import MappingProxyType
 import pytest
 
 import gateway
-from gateway import robot
 from gateway.api import protocol
 from gateway.api.translate import config_hash, describe, to_notice, to_refusal, to_reply, to_request, to_target
 from gateway.core.messages import events
 from gateway.errors import Code, Refusal
-from gateway.settings import ArmSettings, ChassisSettings, LiftSettings, Settings
+from gateway.robot.limits import JOINT_LOWER_RAD, JOINT_UPPER_RAD
+from gateway.settings.settings import ArmSettings, ChassisSettings, LiftSettings, Settings
 from gateway.values import Side
 from tests.api import samples
 from tests.api.samples import REQUESTS, Q
@@ -95,12 +95,12 @@ def test_refusals_and_notices_become_plain():
 
 def test_the_daemon_describes_what_it_really_runs_with():
     """Facts are those of the settings, not of the defaults."""
-    tight = tuple(value * 0.9 for value in robot.JOINT_UPPER_RAD[Side.LEFT])
+    tight = tuple(value * 0.9 for value in JOINT_UPPER_RAD[Side.LEFT])
     lower = {Side.LEFT: (-1.0, 0.0, -2.0, 0.3, -1.0, -1.0, -0.5)}
     arm = ArmSettings(
         v_radps=0.5,
-        upper_rad={Side.LEFT: tight, Side.RIGHT: robot.JOINT_UPPER_RAD[Side.RIGHT]},
-        lower_rad=lower | {Side.RIGHT: robot.JOINT_LOWER_RAD[Side.RIGHT]},
+        upper_rad={Side.LEFT: tight, Side.RIGHT: JOINT_UPPER_RAD[Side.RIGHT]},
+        lower_rad=lower | {Side.RIGHT: JOINT_LOWER_RAD[Side.RIGHT]},
     )
     ground = {"chassis": ChassisSettings(v_mps=0.2, expiry_ns=10**9), "lift": LiftSettings(v_max=0.5)}
     info = describe(Settings(arm=arm, **ground), socket="/s", pid=7)

@@ -12,7 +12,6 @@ from itertools import pairwise
 
 import numpy as np
 
-from gateway import robot
 from gateway.core.messages.events import (
     Disable,
     Enable,
@@ -27,17 +26,28 @@ from gateway.core.messages.events import (
 from gateway.core.robot_state.body_model import body_model
 from gateway.errors import Code
 from gateway.messages.snapshot import MotionView, TargetView
-from gateway.settings import ArmSettings, ForeignSettings, LinkSettings, LocalSettings, LossSettings, Settings
+from gateway.robot.limits import HOME_Q_RAD
+from gateway.robot.topics import (
+    CHASSIS_VELOCITY,
+    CURRENT_MODE,
+    FSM_ENABLE,
+    FSM_STATE,
+    LIFT_COMMAND,
+    arm_state,
+    joint_command,
+    pose_command,
+)
+from gateway.settings.settings import ArmSettings, ForeignSettings, LinkSettings, LocalSettings, LossSettings, Settings
 from gateway.sim.robot.settings import SimSettings
 from gateway.values import Side, Vector
 from tests.pair import COMPLIANCE_RADPNM, MS, Pair, S
 
 __all__ = ["HOME", "LEAN", "QUICK", "REACHED_BY", "Scene", "away", "scene", "watched"]
 
-LEAN = (*map(robot.arm_state, Side), robot.FSM_STATE, robot.CURRENT_MODE)
+LEAN = (*map(arm_state, Side), FSM_STATE, CURRENT_MODE)
 """State topics that matter here: fewer make a scene cheaper."""
-ARM_TOPICS = {robot.joint_command(side): side for side in Side}
-HOME = robot.HOME_Q_RAD
+ARM_TOPICS = {joint_command(side): side for side in Side}
+HOME = HOME_Q_RAD
 BASES = ("IDLE", "READ_ONLY")
 QUICK = LossSettings(free_after_ns=1 * S, down_after_ns=3 * S)
 """The stages of a loss, ten and twenty times as fast as usual."""
@@ -100,8 +110,8 @@ class Scene(Pair):
 
     def tell_mode(self, **changes: object) -> None:
         """`/api/current_mode` arrives now, with changes; its next sample is up to 1 s away."""
-        value = replace(self.heard[robot.CURRENT_MODE].value, **changes)
-        self.receive(SampleArrived(topic=robot.CURRENT_MODE, value=value, received_ns=self.now_ns))
+        value = replace(self.heard[CURRENT_MODE].value, **changes)
+        self.receive(SampleArrived(topic=CURRENT_MODE, value=value, received_ns=self.now_ns))
 
     def disable_arm(self, side: Side, *, as_mode: bool = False) -> None:
         """An arm is disabled, or put into the other control mode, and the gateway is told at once."""
@@ -124,7 +134,7 @@ class Scene(Pair):
 
     def arm_frames(self, side: Side | None = None) -> list[tuple[int, Frame]]:
         """Arm setpoints since the mark."""
-        topics = ARM_TOPICS if side is None else (robot.joint_command(side),)
+        topics = ARM_TOPICS if side is None else (joint_command(side),)
         return [(at_ns, frame) for at_ns, frame in self.frames if at_ns >= self.mark_ns and frame.topic in topics]
 
     def arm_kinds(self, side: Side | None = None) -> set[FrameKind]:
@@ -138,12 +148,12 @@ class Scene(Pair):
     @property
     def beats(self) -> list[float]:
         """Heartbeat values since the mark."""
-        return [value for (value,) in self.values(robot.FSM_ENABLE)]
+        return [value for (value,) in self.values(FSM_ENABLE)]
 
     @property
     def beats_at_ns(self) -> list[int]:
         """When they left [ns]."""
-        return [at_ns for at_ns, _ in self.sent_on(robot.FSM_ENABLE, self.mark_ns)]
+        return [at_ns for at_ns, _ in self.sent_on(FSM_ENABLE, self.mark_ns)]
 
     @property
     def fsm(self) -> int:
@@ -178,7 +188,7 @@ class Scene(Pair):
 
     def arm_frames_now(self) -> dict[Side, Vector]:
         """The last setpoint of each arm, however old."""
-        return {side: self.sent_on(robot.joint_command(side))[-1][1].values for side in Side}
+        return {side: self.sent_on(joint_command(side))[-1][1].values for side in Side}
 
     def first_tick(self) -> list[Frame]:
         """What left in the first tick after the mark that sent anything; it must have been the very next one."""
@@ -191,9 +201,9 @@ class Scene(Pair):
     def goes_down(self) -> None:
         """No arm frame any more, 0.0 at once and at 20 Hz until the robot reports PAUSE, then the base."""
         assert self.arm_frames() == [], "arm frames went on"
-        zeros = [frame for frame in self.first_tick() if frame.topic == robot.FSM_ENABLE]
+        zeros = [frame for frame in self.first_tick() if frame.topic == FSM_ENABLE]
         assert [frame.values for frame in zeros] == [(0.0,)], "no 0.0 in the first tick"
-        self.run_until(lambda: self.engine.running_topics.count(robot.FSM_ENABLE) == 0, 2.1)
+        self.run_until(lambda: self.engine.running_topics.count(FSM_ENABLE) == 0, 2.1)
         assert set(self.beats) == {0.0} and self.state in BASES and self.fsm == 0
 
     def goes_off(self) -> None:
@@ -209,11 +219,11 @@ class Scene(Pair):
 
     def _holds(self) -> None:
         for side in self.streaming:
-            topic = robot.joint_command(side)
+            topic = joint_command(side)
             kinds = [frame.kind for _, frame in self.arm_frames(side)]
             assert set(kinds) <= {FrameKind.BRAKE, FrameKind.HOLD} and kinds[-1] is FrameKind.HOLD, kinds
             assert self.gap_ms(topic) <= 11, f"gap of {self.gap_ms(topic)} ms on {topic}"
-        assert set(self.beats) == {1.0} and self.gap_ms(robot.FSM_ENABLE) <= 60
+        assert set(self.beats) == {1.0} and self.gap_ms(FSM_ENABLE) <= 60
 
     def stays(self) -> None:
         """The same state goes on, and what it sends goes on."""
@@ -227,14 +237,14 @@ class Scene(Pair):
         """Arm streams go on as a hold, no 1.0, 0.0 until FSM 0."""
         self.run(0.9)
         assert self.state == "PAUSED" and set(self.beats) <= {0.0} and not self.moved()
-        assert all(self.gap_ms(robot.joint_command(side)) <= 11 for side in self.streaming)
+        assert all(self.gap_ms(joint_command(side)) <= 11 for side in self.streaming)
 
     def stops_first(self) -> None:
         """The arms brake under 1.0; at rest 0.0 follows until FSM 0; then the base, and the arm streams end."""
         assert self.state == "STOPPING"
         self.run_until(lambda: self.state in BASES, 3.0)
         self.run(0.3)
-        assert not self.moved() and self.fsm == 0 and self.engine.running_topics.count(robot.FSM_ENABLE) == 0
+        assert not self.moved() and self.fsm == 0 and self.engine.running_topics.count(FSM_ENABLE) == 0
         zeros_at = [at for at, value in zip(self.beats_at_ns, self.beats, strict=True) if value == 0.0]
         brakes = [at_ns for at_ns, frame in self.arm_frames() if frame.kind is FrameKind.BRAKE]
         assert zeros_at and self.beats == sorted(self.beats, reverse=True), "1.0 until rest, then 0.0"
@@ -244,7 +254,7 @@ class Scene(Pair):
     def streaming(self) -> list[Side]:
         """Arms whose streams run."""
         running = self.engine.running_topics
-        return [s for s in Side if robot.joint_command(s) in running or robot.pose_command(s) in running]
+        return [s for s in Side if joint_command(s) in running or pose_command(s) in running]
 
     @property
     def owner(self) -> str | None:
@@ -252,7 +262,7 @@ class Scene(Pair):
         return self.engine.owner_id
 
 
-_GROUND = {robot.CHASSIS_VELOCITY, robot.LIFT_COMMAND}
+_GROUND = {CHASSIS_VELOCITY, LIFT_COMMAND}
 
 
 def away(pair: Pair, side: Side, by_rad: float = 0.05) -> Vector:

@@ -7,10 +7,11 @@ from typing import Any
 
 import pytest
 
-from gateway import robot
 from gateway.core.messages.events import Follow, FrameKind, Stop
 from gateway.core.motion.poses.quaternion import exp, multiply
 from gateway.errors import Code
+from gateway.robot.limits import HOME_Q_RAD
+from gateway.robot.topics import STATE_TOPICS, pose_command, shoulder_frame
 from gateway.sim.robot.settings import SimSettings
 from gateway.values import Side, Space, Vector
 from tests.behaviour.scene import Scene, scene, watched
@@ -76,20 +77,20 @@ def test_a_stop_ends_a_chunk_and_one_that_waits() -> None:
 # ------------------------------------------------------------------------------------------------ poses
 
 MIXED = SimSettings(state_period_ns=10 * MS, right_mode="pose")
-FRAMES = {RIGHT: robot.shoulder_frame(RIGHT)}
+FRAMES = {RIGHT: shoulder_frame(RIGHT)}
 
 
 @pytest.fixture
 def mixed() -> Scene:
     """A robot whose right arm is in end-effector mode, held."""
     pair = Scene(MIXED, snapshot_hz=50)
-    pair.topics = robot.STATE_TOPICS  # end effectors' poses among them
+    pair.topics = STATE_TOPICS  # end effectors' poses among them
     return scene("at rest", pair)
 
 
 def poses_from(pair: Scene, *, off_m: float = 0.0, count: int = 60, rate: float = 1.2) -> dict[str, Any]:
     """A swing of the right end effector by 5 cm at 30 Hz, turning a little, beginning so far from where it is held."""
-    x, y, z, *quat = pair.sent_on(robot.pose_command(RIGHT))[-1][1].values
+    x, y, z, *quat = pair.sent_on(pose_command(RIGHT))[-1][1].values
     rows = []
     for n in range(count):
         s = 1.0 - math.cos(rate * n / 30)
@@ -101,7 +102,7 @@ def poses_from(pair: Scene, *, off_m: float = 0.0, count: int = 60, rate: float 
 
 def poses_sent(pair: Scene) -> list[Vector]:
     """Every pose that was sent."""
-    return [frame.values for _, frame in pair.sent_on(robot.pose_command(RIGHT))]
+    return [frame.values for _, frame in pair.sent_on(pose_command(RIGHT))]
 
 
 def test_a_chunk_of_poses_may_begin_two_centimetres_from_the_reference(mixed: Scene) -> None:
@@ -132,10 +133,10 @@ def test_a_chunk_of_poses_that_begins_farther_away_is_refused(mixed: Scene) -> N
     far = mixed.refused(Follow(epoch=mixed.epoch, **poses_from(mixed, off_m=0.021), frames=FRAMES), "ann")
     assert (far.code, far.unit, far.bound) == (Code.JUMP_TOO_FAR, "m", "0.02")
     chunk = poses_from(mixed)
-    other = {RIGHT: robot.shoulder_frame(LEFT)}
+    other = {RIGHT: shoulder_frame(LEFT)}
     assert mixed.refused(Follow(epoch=mixed.epoch, **chunk, frames=other), "ann").code is Code.WRONG_FRAME
     assert mixed.refused(Follow(epoch=mixed.epoch, **chunk), "ann").code is Code.WRONG_FRAME
-    joints = {"points": {RIGHT: [robot.HOME_Q_RAD[RIGHT]] * 3}, "dt_s": 0.1}
+    joints = {"points": {RIGHT: [HOME_Q_RAD[RIGHT]] * 3}, "dt_s": 0.1}
     assert mixed.refused(Follow(epoch=mixed.epoch, **joints), "ann").code is Code.WRONG_CONTROL_MODE
     fast = poses_from(mixed, rate=9.0)
     refusal = mixed.refused(Follow(epoch=mixed.epoch, **fast, frames=FRAMES), "ann")

@@ -9,7 +9,6 @@ from dataclasses import dataclass
 
 import pytest
 
-from gateway import robot
 from gateway.codes import Code
 from gateway.core.messages.events import (
     Cancel,
@@ -25,20 +24,34 @@ from gateway.core.messages.events import (
 )
 from gateway.errors import CODES
 from gateway.messages.snapshot import Finding
-from gateway.settings import ArmSettings
+from gateway.robot.limits import JOINT_LOWER_RAD, JOINT_UPPER_RAD
+from gateway.robot.topics import (
+    CHASSIS_STATE,
+    CURRENT_MODE,
+    FSM_ENABLE,
+    FSM_STATE,
+    STATE_TOPICS,
+    arm_state,
+    ee_pose,
+    gripper_state,
+    joint_command,
+    pose_command,
+    shoulder_frame,
+)
+from gateway.settings.settings import ArmSettings
 from gateway.sim.robot.settings import SimSettings
 from gateway.values import Side
 from tests.behaviour.scene import HOME, Scene, scene
 from tests.pair import MS, START_NS, S
 from tests.thoroughness import either
 
-LEFT = robot.arm_state(Side.LEFT)
+LEFT = arm_state(Side.LEFT)
 
 
 def whole(state: str, right_mode: str = "joint") -> Scene:
     """Return a scene in which every topic is heard, with snapshots at 50 Hz."""
     pair = Scene(SimSettings(state_period_ns=10 * MS, right_mode=right_mode), snapshot_hz=50, is_modelled=True)
-    pair.topics = robot.STATE_TOPICS
+    pair.topics = STATE_TOPICS
     return scene(state, pair)
 
 
@@ -54,7 +67,7 @@ def finding(pair: Scene, code: Code) -> Finding:
 
 def distance(pair: Scene, side: Side) -> float:
     """How far an arm is from its last setpoint [rad]."""
-    measured = pair.heard[robot.arm_state(side)].value.q_rad
+    measured = pair.heard[arm_state(side)].value.q_rad
     return max(abs(a - b) for a, b in zip(pair.arm_frames_now()[side], measured, strict=True))
 
 
@@ -123,10 +136,10 @@ def _moved_pose(by_m: float, turn_rad: float, speed: float) -> Callable[[Scene],
     """A motion of the right end effector, sideways and about the frame's z axis."""
 
     def request(pair: Scene) -> MovePose:
-        x, y, z, qx, qy, qz, qw = pair.sent_on(robot.pose_command(Side.RIGHT))[-1][1].values
+        x, y, z, qx, qy, qz, qw = pair.sent_on(pose_command(Side.RIGHT))[-1][1].values
         s, c = math.sin(0.5 * turn_rad), math.cos(0.5 * turn_rad)
         goal = (x, y + by_m, z + by_m, c * qx - s * qy, c * qy + s * qx, c * qz + s * qw, c * qw - s * qz)
-        frames = {Side.RIGHT: robot.shoulder_frame(Side.RIGHT)}
+        frames = {Side.RIGHT: shoulder_frame(Side.RIGHT)}
         return MovePose(epoch=pair.epoch, targets={Side.RIGHT: goal}, frames=frames, speed=speed)
 
     return request
@@ -134,8 +147,8 @@ def _moved_pose(by_m: float, turn_rad: float, speed: float) -> Callable[[Scene],
 
 def _pose_off_by(pair: Scene) -> bool:
     """Whether the right end effector is 2 cm or 0.08 rad from its setpoint."""
-    setpoint = pair.sent_on(robot.pose_command(Side.RIGHT))[-1][1].values
-    measured = pair.heard[robot.ee_pose(Side.RIGHT)].value
+    setpoint = pair.sent_on(pose_command(Side.RIGHT))[-1][1].values
+    measured = pair.heard[ee_pose(Side.RIGHT)].value
     cosine = abs(sum(a * b for a, b in zip(setpoint[3:], measured.quat_xyzw, strict=True)))
     return math.dist(setpoint[:3], measured.p_m) > 0.02 or 2.0 * math.acos(min(1.0, cosine)) > 0.08
 
@@ -166,13 +179,13 @@ SCRIPTS = {
     ),
     "setpoints lost on their way": Script(
         "at rest",
-        _then(_inject(fault="drop", topic=robot.joint_command(Side.LEFT)), to_home(0.5)),
+        _then(_inject(fault="drop", topic=joint_command(Side.LEFT)), to_home(0.5)),
         _off_by(Side.LEFT, 0.05),
         Code.TRACKING_STALL,
     ),
     "heartbeat lost on its way": Script(
         "IDLE",
-        _then(_inject(fault="drop", topic=robot.FSM_ENABLE), lambda p: Enable(epoch=p.epoch)),
+        _then(_inject(fault="drop", topic=FSM_ENABLE), lambda p: Enable(epoch=p.epoch)),
         _unanswered,
         Code.HEARTBEAT_NOT_EFFECTIVE,
     ),
@@ -187,20 +200,20 @@ SCRIPTS = {
     ),
     "a pose silent": Script(
         "ACTIVE",
-        _inject(fault="drop", topic=robot.ee_pose(Side.RIGHT)),
-        _quiet(robot.ee_pose(Side.RIGHT), 0.02),
+        _inject(fault="drop", topic=ee_pose(Side.RIGHT)),
+        _quiet(ee_pose(Side.RIGHT), 0.02),
         Code.ROUTE_SUSPECT,
     ),
     "fsm_state silent": Script(
         "HOLDING",
-        _inject(fault="drop", topic=robot.FSM_STATE),
-        _quiet(robot.FSM_STATE, 0.06),
+        _inject(fault="drop", topic=FSM_STATE),
+        _quiet(FSM_STATE, 0.06),
         Code.ROUTE_SUSPECT,
     ),
     "current_mode silent": Script(
         "HOLDING",
-        _inject(fault="drop", topic=robot.CURRENT_MODE),
-        _quiet(robot.CURRENT_MODE, 1.25),
+        _inject(fault="drop", topic=CURRENT_MODE),
+        _quiet(CURRENT_MODE, 1.25),
         Code.ROUTE_SUSPECT,
     ),
     "a joint clipped short of its goal": Script(
@@ -224,7 +237,7 @@ SCRIPTS = {
     "VR mode": Script(
         "HOLDING",
         _inject(fault="vr_mode"),
-        lambda p: not p.heard[robot.CURRENT_MODE].value.api,
+        lambda p: not p.heard[CURRENT_MODE].value.api,
         Code.MODE_VR,
     ),
     "VR mode in mid-move": Script(
@@ -312,7 +325,7 @@ def test_a_finding_ends_with_its_symptom(name: str) -> None:
 def test_why_an_enabling_failed_is_told_until_something_else_happens() -> None:
     """10 s later the heartbeat is silent; the owner who asks then still hears why, until the next attempt or PAUSE ends."""
     pair = whole("IDLE")
-    pair.robot.inject({"fault": "drop", "topic": robot.FSM_ENABLE}, pair.now_ns)
+    pair.robot.inject({"fault": "drop", "topic": FSM_ENABLE}, pair.now_ns)
     pair.granted(Enable(epoch=pair.epoch), "ann")
     pair.run_until(lambda: pair.state == "IDLE", 12.0)
     pair.run(5.0)
@@ -330,7 +343,7 @@ def test_a_route_that_discovery_says_is_bad_is_suspected() -> None:
     pair = whole("IDLE")
 
     def told(words: str) -> None:
-        pair.receive(RouteObserved(topic=robot.FSM_ENABLE, code=None, message=words, at_ns=pair.now_ns))
+        pair.receive(RouteObserved(topic=FSM_ENABLE, code=None, message=words, at_ns=pair.now_ns))
 
     told("not announced: nobody on the robot listens to it")
     pair.run(0.3)
@@ -393,7 +406,7 @@ def test_beside_a_second_robot_under_our_namespace_nothing_begins() -> None:
 def test_a_part_that_is_switched_off_may_be_silent() -> None:
     """A disabled arm sends nothing and is no dead route; that it is disabled is said."""
     pair = Scene(SimSettings(state_period_ns=10 * MS, enable_left_arm=False, enable_chassis=False), snapshot_hz=50)
-    pair.topics = tuple(t for t in robot.STATE_TOPICS if not t.startswith("/left_") and t != robot.CHASSIS_STATE)
+    pair.topics = tuple(t for t in STATE_TOPICS if not t.startswith("/left_") and t != CHASSIS_STATE)
     scene("IDLE", pair)
     pair.run(4.0)
     assert found(pair) == ["ARM_DISABLED"]
@@ -402,11 +415,11 @@ def test_a_part_that_is_switched_off_may_be_silent() -> None:
 def test_a_topic_that_never_came_is_told_after_the_links_first_seconds() -> None:
     """A fresh link gets 3 s; the gripper's state is missed then."""
     pair = Scene(snapshot_hz=50)
-    pair.topics = tuple(t for t in robot.STATE_TOPICS if t != robot.gripper_state(Side.LEFT))
+    pair.topics = tuple(t for t in STATE_TOPICS if t != gripper_state(Side.LEFT))
     pair.run_until(lambda: pair.now_ns > START_NS + 2900 * MS)
     assert found(pair) == []
     pair.run(0.3)
-    assert robot.gripper_state(Side.LEFT) in finding(pair, Code.ROUTE_SUSPECT).message
+    assert gripper_state(Side.LEFT) in finding(pair, Code.ROUTE_SUSPECT).message
 
 
 def test_without_a_link_nothing_is_inferred() -> None:
@@ -443,7 +456,7 @@ class Day(Scene):
             arm=ArmSettings(rate_hz=50.0),
             is_modelled=True,
         )
-        self.topics = robot.STATE_TOPICS
+        self.topics = STATE_TOPICS
         self.random = random.Random(7)
         self.said: set[tuple[str, str]] = set()
         self.on_step = self._listen
@@ -494,7 +507,7 @@ class Day(Scene):
             by_rad = self.random.choice([0.2, 0.02]) * ((-1) ** (n // max(1, rate_hz // 2)))
             inner = [
                 min(max(q, low + 0.3), high - 0.3)
-                for q, low, high in zip(start, robot.JOINT_LOWER_RAD[side], robot.JOINT_UPPER_RAD[side], strict=True)
+                for q, low, high in zip(start, JOINT_LOWER_RAD[side], JOINT_UPPER_RAD[side], strict=True)
             ]
             self.target(self.epoch, stream_id, tuple(q + by_rad for q in inner), "ann")
             self.run(1 / rate_hz)

@@ -7,7 +7,6 @@ from itertools import pairwise, product
 
 import pytest
 
-from gateway import robot
 from gateway.core.messages.events import (
     Abandon,
     Acquire,
@@ -29,7 +28,8 @@ from gateway.core.messages.events import (
     Take,
 )
 from gateway.errors import Code
-from gateway.settings import LossSettings
+from gateway.robot.topics import CHASSIS_VELOCITY, CURRENT_MODE, FSM_STATE, LIFT_COMMAND, joint_command
+from gateway.settings.settings import LossSettings
 from gateway.values import Side
 from tests.behaviour.scene import HOME, QUICK, REACHED_BY, Scene, scene
 from tests.pair import MS, S
@@ -37,7 +37,7 @@ from tests.thoroughness import crossed, either
 
 ZEROS, STOPPED, OFF = (0.0, 0.0, 0.0), (0.0, 1.0), (0.0, 0.0)
 FAST = (0.25, 0.0, -0.3)
-WHEELS, LIFT = robot.CHASSIS_VELOCITY, robot.LIFT_COMMAND
+WHEELS, LIFT = CHASSIS_VELOCITY, LIFT_COMMAND
 DRIVEN_IN = ("IDLE", "ENABLING", "at rest", "ACTIVE", "HOLDING")
 
 
@@ -202,7 +202,7 @@ def test_a_part_that_is_switched_off_is_refused_and_stops(
 def test_an_unknown_mode_stops_the_driving_and_refuses_it() -> None:
     """MODE_UNKNOWN: new motion refused, on wheels, too."""
     pair = driving()
-    pair.topics = tuple(topic for topic in pair.topics if topic != robot.CURRENT_MODE)
+    pair.topics = tuple(topic for topic in pair.topics if topic != CURRENT_MODE)
     for _ in range(60):
         if pair.ask(drive(pair), "ann").refusal is not None:
             break
@@ -215,7 +215,7 @@ def test_the_lift_does_not_drive_against_an_fsm_in_error() -> None:
     """The robot stops it by itself (manual §4.6); in IDLE this is a condition, no latch. The chassis needs no FSM."""
     pair = driving()
     pair.robot.inject({"fault": "fsm_error"}, pair.now_ns)
-    pair.run_until(lambda: pair.heard[robot.FSM_STATE].value == -1)
+    pair.run_until(lambda: pair.heard[FSM_STATE].value == -1)
     pair.run(0.05)
     assert pair.refused(lift(pair), "ann").code is Code.FSM_ERROR and pair.engine.latches == {}
     assert pair.values(LIFT)[-1] == STOPPED and pair.told(Code.FSM_ERROR)
@@ -227,7 +227,7 @@ def test_nothing_drives_beside_vr_or_playback(value: int, state: str) -> None:
     """FSM 3-6 or unknown in API mode: zeros, lift stop and then silence, FSM_BUSY; no 0.0 (BEHAVIOUR, VR mode, FSM 3-6)."""
     pair = driving(state)
     pair.robot.inject({"fault": "fsm_value", "value": value}, pair.now_ns)
-    pair.run_until(lambda: pair.heard[robot.FSM_STATE].value == value)
+    pair.run_until(lambda: pair.heard[FSM_STATE].value == value)
     for request in (drive(pair), lift(pair)):
         assert pair.refused(request, "ann").code is Code.FSM_BUSY
     pair.mark()
@@ -484,7 +484,7 @@ def test_fifty_velocities_a_second_delay_neither_a_stop_nor_a_setpoint() -> None
     for _ in range(25):
         pair.tell(drive(pair), "ann")
         pair.run(0.02)
-    assert max(pair.gap_ms(robot.joint_command(side)) for side in Side) <= 11
+    assert max(pair.gap_ms(joint_command(side)) for side in Side) <= 11
     pair.tell(drive(pair), "ann")
     pair.tell(Stop(), "ann")
     pair.step()

@@ -6,7 +6,6 @@ from collections.abc import Callable
 
 import pytest
 
-from gateway import robot
 from gateway.core.messages.events import (
     Acquire,
     Disable,
@@ -18,12 +17,21 @@ from gateway.core.messages.events import (
     Stop,
 )
 from gateway.errors import Code
+from gateway.robot.topics import (
+    CHASSIS_STATE,
+    CURRENT_MODE,
+    FSM_ENABLE,
+    FSM_STATE,
+    arm_state,
+    gripper_command,
+    joint_command,
+)
 from gateway.sim.robot.settings import SimSettings
 from gateway.values import Side
 from tests.behaviour.scene import HOME, LEAN, Scene, away, scene
 from tests.pair import MS
 
-HEARD = {side: robot.arm_state(side) for side in Side}
+HEARD = {side: arm_state(side) for side in Side}
 
 
 # --------------------------------------------------------------------------------------------------------- two arms
@@ -58,7 +66,7 @@ def test_an_arm_is_lost_by_its_own_code_when_both_are_lost() -> None:
     pair = scene("ACTIVE", Scene(snapshot_hz=50))
     for side in Side:
         pair.robot.inject({"fault": "drop", "topic": HEARD[side]}, pair.now_ns)
-    pair.topics = (*LEAN, robot.CHASSIS_STATE)
+    pair.topics = (*LEAN, CHASSIS_STATE)
     pair.run_until(lambda: pair.state == "HOLDING")
     (motion,) = pair.see().motions
     assert "left arm PART_LOST, right arm PART_LOST" in motion.message
@@ -129,9 +137,9 @@ def test_only_arms_that_are_enabled_are_streamed(sim: SimSettings, sides: list[S
     """The other arm gets no setpoints, and a motion of it is refused with the reason."""
     pair = scene("at rest", Scene(sim))
     assert pair.streaming == sides and {frame.topic for _, frame in pair.frames} == {
-        robot.joint_command(sides[0]),
-        robot.gripper_command(sides[0]),
-        robot.FSM_ENABLE,
+        joint_command(sides[0]),
+        gripper_command(sides[0]),
+        FSM_ENABLE,
     }
     refusal = pair.refused(Move(epoch=pair.epoch, targets_rad=HOME), "ann")
     assert refusal.code is Code.ARM_DISABLED
@@ -175,7 +183,7 @@ def test_enable_is_refused_while_the_fsm_is_not_in_pause(value: int) -> None:
 def test_enable_is_refused_while_fsm_state_is_not_heard() -> None:
     """`fsm_state` dead: refuse enable."""
     pair = scene("IDLE")
-    pair.robot.inject({"fault": "drop", "topic": robot.FSM_STATE}, pair.now_ns)
+    pair.robot.inject({"fault": "drop", "topic": FSM_STATE}, pair.now_ns)
     pair.run(0.6)
     assert pair.refused(Enable(epoch=pair.epoch), "ann").code is Code.FSM_UNKNOWN
 
@@ -183,7 +191,7 @@ def test_enable_is_refused_while_fsm_state_is_not_heard() -> None:
 def test_enable_is_refused_while_the_mode_is_not_known() -> None:
     """MODE_UNKNOWN after 3 s without `/api/current_mode`."""
     pair = scene("IDLE")
-    pair.robot.inject({"fault": "drop", "topic": robot.CURRENT_MODE}, pair.now_ns)
+    pair.robot.inject({"fault": "drop", "topic": CURRENT_MODE}, pair.now_ns)
     pair.run(4.1)
     assert pair.refused(Enable(epoch=pair.epoch), "ann").code is Code.MODE_UNKNOWN
 
@@ -249,7 +257,7 @@ def test_a_heartbeat_that_does_nothing_is_told_once_with_what_is_known_of_its_wa
     pair = scene("IDLE")
     pair.robot.inject({"fault": "pause"}, pair.now_ns)
     pair.robot.fsm.is_held = True
-    says = RouteObserved(topic=robot.FSM_ENABLE, code=None, message="inactive", at_ns=pair.now_ns)
+    says = RouteObserved(topic=FSM_ENABLE, code=None, message="inactive", at_ns=pair.now_ns)
     pair.receive(says)
     pair.granted(Enable(epoch=pair.epoch), "ann")
     pair.run_until(lambda: bool(pair.beats))

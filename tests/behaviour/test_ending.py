@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import pytest
 
-from gateway import robot
 from gateway.core.messages.events import (
     Disable,
     Enable,
@@ -16,7 +15,8 @@ from gateway.core.messages.events import (
     Stop,
 )
 from gateway.errors import Code
-from gateway.settings import ArmSettings
+from gateway.robot.topics import FSM_ENABLE, FSM_STATE, LIFT_COMMAND
+from gateway.settings.settings import ArmSettings
 from gateway.sim.robot.settings import SimSettings
 from tests.behaviour.scene import HOME, REACHED_BY, Scene, scene
 from tests.pair import MS, S
@@ -39,11 +39,11 @@ def test_sigterm_ends_in_less_than_5_s_with_0_0(state: str, model: str) -> None:
     asked_ns = pair.now_ns
     pair.run_until(lambda: pair.done, 5.0)
     assert pair.now_ns - asked_ns < 5 * S
-    ever = [frame.values for _, frame in pair.sent_on(robot.FSM_ENABLE)]
+    ever = [frame.values for _, frame in pair.sent_on(FSM_ENABLE)]
     if state != "OFFLINE":  # out of reach: the robot's own watchdogs pause it
         assert (1.0,) not in ever or ever[-1] == (0.0,)
     if model == "lift":
-        assert pair.values(robot.LIFT_COMMAND)[-1] == OFF
+        assert pair.values(LIFT_COMMAND)[-1] == OFF
 
 
 def test_sigterm_in_the_middle_of_a_brake_brakes_on() -> None:
@@ -63,7 +63,7 @@ def test_sigterm_with_slow_brakes_pauses_the_robot_in_time() -> None:
     pair = scene("at rest", Scene(arm=ArmSettings(a_radps2=0.1, j_radps3=0.2)))
     pair.granted(Move(epoch=pair.epoch, targets_rad=HOME), "ann")
     pair.run(6.0)
-    pair.robot.inject({"fault": "drop", "topic": robot.FSM_STATE}, pair.now_ns)
+    pair.robot.inject({"fault": "drop", "topic": FSM_STATE}, pair.now_ns)
     pair.mark()
     pair.receive(ExitRequested(at_ns=pair.now_ns))
     pair.run(0.1)

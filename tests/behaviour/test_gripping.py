@@ -6,7 +6,6 @@ from collections.abc import Callable
 
 import pytest
 
-from gateway import robot
 from gateway.core.messages.events import (
     Acquire,
     Disable,
@@ -20,12 +19,13 @@ from gateway.core.messages.events import (
     Take,
 )
 from gateway.errors import Code
+from gateway.robot.topics import FSM_ENABLE, ee_pose, gripper_command, gripper_state, joint_command, pose_command
 from gateway.sim.robot.settings import SimSettings
 from gateway.values import Side
 from tests.behaviour.scene import HOME, LEAN, QUICK, Scene, scene
 from tests.pair import MS, S
 
-GRIP = robot.gripper_command(Side.LEFT)
+GRIP = gripper_command(Side.LEFT)
 LEFT = Side.LEFT
 
 
@@ -38,7 +38,7 @@ def gripping(state: str = "at rest", **options: object) -> Scene:
     """A robot whose left gripper holds something, marked. PAUSED and what else is held is reached from there."""
     sim = SimSettings(state_period_ns=10 * MS, left_object_rad=0.4)
     pair = scene("at rest", Scene(sim, **options))
-    pair.topics = (*LEAN, *map(robot.gripper_state, Side))
+    pair.topics = (*LEAN, *map(gripper_state, Side))
     pair.granted(grip(pair), "ann")
     pair.run(1.0)
     if state == "HOLDING":
@@ -68,11 +68,11 @@ def test_no_torque_is_sent_before_the_first_setpoint_and_until_the_first_command
     pair.run(0.5)
     topics = [frame.topic for at_ns, frame in pair.frames if at_ns >= pair.mark_ns]
     for side in Side:
-        assert topics.index(robot.gripper_command(side)) < topics.index(robot.joint_command(side))
-        assert {value for (value,) in pair.values(robot.gripper_command(side))} == {0.1}
-        assert pair.robot.grippers[side].effort_nm == 0.0 and pair.gap_ms(robot.gripper_command(side)) <= 1000
+        assert topics.index(gripper_command(side)) < topics.index(joint_command(side))
+        assert {value for (value,) in pair.values(gripper_command(side))} == {0.1}
+        assert pair.robot.grippers[side].effort_nm == 0.0 and pair.gap_ms(gripper_command(side)) <= 1000
     first_grip = next(at_ns for at_ns, frame in pair.sent_on(GRIP, pair.mark_ns))
-    first_one = next(at_ns for at_ns, frame in pair.sent_on(robot.FSM_ENABLE, pair.mark_ns) if frame.values == (1.0,))
+    first_one = next(at_ns for at_ns, frame in pair.sent_on(FSM_ENABLE, pair.mark_ns) if frame.values == (1.0,))
     assert first_one - first_grip >= 30 * MS
 
 
@@ -163,10 +163,7 @@ def test_in_a_stall_at_rest_the_grip_goes_on_with_the_hold_frames() -> None:
     assert inputs(pair) == {0.8} and pair.robot.grippers[LEFT].effort_nm < -1.0
     pair.run(1.0)
     last_ns = pair.sent_on(GRIP)[-1][0]
-    assert (
-        abs(last_ns - pair.sent_on(robot.joint_command(LEFT))[-1][0]) <= 20 * MS
-        and GRIP not in pair.engine.running_topics
-    )
+    assert abs(last_ns - pair.sent_on(joint_command(LEFT))[-1][0]) <= 20 * MS and GRIP not in pair.engine.running_topics
 
 
 @pytest.mark.parametrize(
@@ -272,11 +269,11 @@ def test_a_restart_of_the_stream_within_a_second_is_a_new_start() -> None:
 def test_a_gripper_goes_with_an_arm_in_end_effector_mode_as_well() -> None:
     """What carries the torque is the arm's stream, whatever it is made of (manual §4.4, §6.3)."""
     pair = scene("IDLE", Scene(SimSettings(state_period_ns=10 * MS, left_mode="pose")))
-    pair.topics = (*LEAN, *map(robot.gripper_state, Side), *map(robot.ee_pose, Side))
+    pair.topics = (*LEAN, *map(gripper_state, Side), *map(ee_pose, Side))
     pair.run(0.5)
     pair.granted(Enable(epoch=pair.epoch), "ann")
     pair.run_until(lambda: pair.state == "ACTIVE")
-    assert robot.pose_command(LEFT) in pair.engine.running_topics
+    assert pose_command(LEFT) in pair.engine.running_topics
     pair.granted(grip(pair), "ann")
     pair.run(0.1)
     assert pair.robot.grippers[LEFT].effort_nm < -1.0

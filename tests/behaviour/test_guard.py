@@ -6,7 +6,6 @@ from itertools import pairwise
 
 import pytest
 
-from gateway import robot
 from gateway.core.guardian import Phase
 from gateway.core.messages.events import (
     Acquire,
@@ -22,6 +21,7 @@ from gateway.core.messages.events import (
     Stop,
 )
 from gateway.errors import Code
+from gateway.robot.topics import FSM_ENABLE, STATE_TOPICS, gripper_command, joint_command, pose_command, shoulder_frame
 from gateway.sim.robot.settings import SimSettings
 from gateway.values import Side
 from tests.behaviour.scene import HOME, LEAN
@@ -31,7 +31,7 @@ from tests.guarded import Guarded
 from tests.invariants import Monitor
 from tests.pair import MS, S
 
-ARMS = tuple(map(robot.joint_command, Side))
+ARMS = tuple(map(joint_command, Side))
 
 
 def scene() -> tuple[Guarded, Monitor]:
@@ -72,14 +72,14 @@ def in_state(state: str) -> Guarded:
             epoch = pair.own()
             if state == "ENABLING":
                 pair.granted(Enable(epoch=epoch))
-                pair.run_until(lambda: bool(pair.sent_on(robot.FSM_ENABLE)))
+                pair.run_until(lambda: bool(pair.sent_on(FSM_ENABLE)))
     pair.run_until(lambda: pair.state == state, 1.0)
     return pair
 
 
 def beats(pair: Guarded, since_ns: int) -> set[float]:
     """What was said on the heartbeat's topic."""
-    return {frame.values[0] for _, frame in pair.sent_on(robot.FSM_ENABLE, since_ns)}
+    return {frame.values[0] for _, frame in pair.sent_on(FSM_ENABLE, since_ns)}
 
 
 def to_its_end(pair: Guarded) -> None:
@@ -202,7 +202,7 @@ def test_a_holding_guard_is_silent_in_vr_mode_and_beside_another_fsm(fault):
     pair.run(1.2)  # the mode comes once a second
     silent_ns = pair.now_ns
     pair.run(1.0)
-    assert not any(pair.sent_on(topic, silent_ns) for topic in (*ARMS, robot.FSM_ENABLE))
+    assert not any(pair.sent_on(topic, silent_ns) for topic in (*ARMS, FSM_ENABLE))
 
 
 def test_a_holding_guard_answers_a_pause_with_0_0():
@@ -245,7 +245,7 @@ def test_the_last_word_of_a_guard_whose_robot_falls_silent_is_0_0():
         pair.run(0.2)
         pair.is_deaf = True
         to_its_end(pair)
-        said = [(at_ns, frame.values[0]) for at_ns, frame in pair.sent_on(robot.FSM_ENABLE, died_ns)]
+        said = [(at_ns, frame.values[0]) for at_ns, frame in pair.sent_on(FSM_ENABLE, died_ns)]
         zeros_ns = [at_ns for at_ns, value in said if value == 0.0]
         assert [value for _, value in said] == sorted((value for _, value in said), reverse=True)
         assert zeros_ns[-1] - zeros_ns[0] >= 300 * MS
@@ -322,15 +322,15 @@ def test_a_lost_guard_is_told_and_control_goes_on():
 @pytest.mark.parametrize("is_frozen", [False, True])
 def test_an_arm_in_end_effector_mode_is_braked_held_and_handed_over_like_the_other(is_frozen):
     """Position and orientation go on from their last setpoint, inside their limits, across both changes; the grip stays."""
-    side, topic = Side.RIGHT, robot.pose_command(Side.RIGHT)
+    side, topic = Side.RIGHT, pose_command(Side.RIGHT)
     pair = Guarded(sim=SimSettings(state_period_ns=10 * MS, right_mode="pose"))
-    pair.topics = robot.STATE_TOPICS
+    pair.topics = STATE_TOPICS
     epoch = pair.activate()
     pair.run(0.2)
     pair.granted(SetGripper(epoch=epoch, side=side, raw=0.8))
     x_m, y_m, z_m, *quat = pair.sent_on(topic)[-1][1].values
     targets = {side: (x_m, y_m + 0.05, z_m + 0.05, *quat)}
-    pair.granted(MovePose(epoch=epoch, targets=targets, frames={side: robot.shoulder_frame(side)}))
+    pair.granted(MovePose(epoch=epoch, targets=targets, frames={side: shoulder_frame(side)}))
     pair.run(0.4)
     died_ns = pair.now_ns
     if is_frozen:
@@ -346,5 +346,5 @@ def test_an_arm_in_end_effector_mode_is_braked_held_and_handed_over_like_the_oth
     judge([frame.values for _, frame in frames], POSE_LIMITS)
     assert max(b - a for (a, _), (b, _) in pairwise(frames)) < 100 * MS
     assert {frame.kind for at_ns, frame in frames if at_ns > died_ns} == {FrameKind.BRAKE, FrameKind.HOLD}
-    assert {frame.values for _, frame in pair.sent_on(robot.gripper_command(side), died_ns)} == {(0.8,)}
+    assert {frame.values for _, frame in pair.sent_on(gripper_command(side), died_ns)} == {(0.8,)}
     assert Code.GATE_VIOLATION not in pair.engine.latches

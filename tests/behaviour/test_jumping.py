@@ -7,15 +7,15 @@ from dataclasses import replace
 import pytest
 from msgspec import structs
 
-from gateway import robot
 from gateway.core.messages.events import Enable, Event, SampleArrived
+from gateway.robot.topics import STATE_TOPICS, arm_state
 from gateway.sim.robot.settings import SimSettings
 from gateway.values import ArmState, Side, Vector
 from tests.behaviour.scene import Scene, scene
 from tests.pair import MS, S
 
 L = Side.LEFT
-HEARD = robot.arm_state(L)
+HEARD = arm_state(L)
 
 
 def say_off(pair: Scene, by_rad: float, ahead_ns: int) -> None:
@@ -98,7 +98,7 @@ def test_a_pause_is_left_only_when_the_samples_agree() -> None:
 def test_a_stream_does_not_start_where_the_end_effector_is_not() -> None:
     """The joints lie by 0.15 rad, all of them alike; the model, which has agreed with this robot, and the pose know it."""
     pair = Lying(SimSettings(state_period_ns=10 * MS), is_modelled=True)
-    pair.topics = robot.STATE_TOPICS
+    pair.topics = STATE_TOPICS
     scene("IDLE", pair)
     pair.run(3.0)
     pair.by_rad = 0.15

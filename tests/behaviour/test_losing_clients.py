@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import pytest
 
-from gateway import robot
 from gateway.core.messages.events import (
     Abandon,
     Acquire,
@@ -18,7 +17,8 @@ from gateway.core.messages.events import (
     Take,
 )
 from gateway.errors import Code
-from gateway.settings import LossSettings
+from gateway.robot.topics import LIFT_COMMAND
+from gateway.settings.settings import LossSettings
 from gateway.values import Side
 from tests.behaviour.scene import HOME, QUICK, Scene, away, scene
 from tests.pair import MS, S
@@ -85,7 +85,7 @@ def test_after_60_s_the_lift_is_off() -> None:
     pair.run(2.0)
     pair.granted(Stop(), "bob")
     pair.run(3.0)
-    assert pair.state == "READ_ONLY" and pair.values(robot.LIFT_COMMAND)[-1] == (0.0, 0.0)
+    assert pair.state == "READ_ONLY" and pair.values(LIFT_COMMAND)[-1] == (0.0, 0.0)
 
 
 @pytest.mark.parametrize("sign", ["keepalive", "acquire"])

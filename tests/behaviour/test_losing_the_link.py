@@ -7,7 +7,6 @@ from itertools import pairwise
 import msgspec
 import pytest
 
-from gateway import robot
 from gateway.core.messages.events import (
     Disable,
     Enable,
@@ -24,6 +23,7 @@ from gateway.core.messages.events import (
     Suspended,
 )
 from gateway.errors import Code
+from gateway.robot.topics import CURRENT_MODE, FSM_ENABLE, FSM_STATE, arm_state, joint_command
 from gateway.values import Side
 from tests.behaviour.scene import HOME, LEAN, Scene, scene
 from tests.pair import MS, S
@@ -84,7 +84,7 @@ def test_what_is_owed_after_the_last_word_is_paid_all_the_same() -> None:
     pair.mark()
     pair.run_until(lambda: 0.0 in pair.beats, 1.5)
     pair.robot.clear()
-    pair.run_until(lambda: pair.engine.running_topics.count(robot.FSM_ENABLE) == 0, 2.1)
+    pair.run_until(lambda: pair.engine.running_topics.count(FSM_ENABLE) == 0, 2.1)
     assert pair.fsm == 0 and pair.state == "IDLE" and set(pair.beats) == {0.0}
 
 
@@ -97,12 +97,12 @@ def test_somebody_elses_robot_gets_no_last_word(whose: str) -> None:
     if whose == "vr":
         pair.tell_mode(api=False)
     elif whose == "fsm":
-        pair.is_deaf, pair.topics = False, (robot.FSM_STATE,)
+        pair.is_deaf, pair.topics = False, (FSM_STATE,)
         pair.robot.inject({"fault": "fsm_value", "value": 3}, pair.now_ns)
     elif whose == "gateway":
         pair.receive(GatewayTokens(gateways=(Gateway(zid="b", is_armed=True),), at_ns=pair.now_ns))
     else:
-        pair.receive(ForeignData(topic=robot.joint_command(Side.LEFT), zid="b", at_ns=pair.now_ns))
+        pair.receive(ForeignData(topic=joint_command(Side.LEFT), zid="b", at_ns=pair.now_ns))
     pair.mark()
     pair.run(2.0)
     assert pair.state == "STALE" and pair.beats == []
@@ -134,9 +134,9 @@ def test_the_hold_in_stale_ends_at_once_with_whatever_would_end_holding(ending: 
     elif ending == "no arm":
         pair.tell_mode(arm_enabled=dict.fromkeys(Side, False))
     elif ending in {"fsm", "error"}:
-        pair.is_deaf, pair.topics = False, (robot.FSM_STATE,)
+        pair.is_deaf, pair.topics = False, (FSM_STATE,)
         pair.robot.inject({"fault": "fsm_value", "value": 3 if ending == "fsm" else -1}, pair.now_ns)
-        pair.run_until(lambda: pair.heard[robot.FSM_STATE].value in {3, -1}, 0.1)
+        pair.run_until(lambda: pair.heard[FSM_STATE].value in {3, -1}, 0.1)
     elif ending == "exit":
         pair.receive(ExitRequested(at_ns=pair.now_ns))
     else:
@@ -173,7 +173,7 @@ def test_a_short_stall_resumes_into_holding_without_a_gap(state: str) -> None:
     assert pair.now_ns - back_ns >= 300 * MS
     pair.run(0.3)
     assert pair.arm_frames_now() == held and pair.arm_kinds() == {FrameKind.HOLD}
-    assert all(pair.gap_ms(robot.joint_command(side)) <= 11 for side in Side) and pair.fsm == 2
+    assert all(pair.gap_ms(joint_command(side)) <= 11 for side in Side) and pair.fsm == 2
     pair.granted(Move(epoch=pair.epoch, targets_rad=HOME), "ann")
     assert pair.state == "ACTIVE"
 
@@ -187,7 +187,7 @@ def test_a_short_stall_in_motion_resumes_from_where_the_arms_are() -> None:
     assert back_ns - silent[-1] >= 290 * MS
     pair.run_until(lambda: pair.state == "HOLDING", 0.6)
     again = [(at_ns, frame) for at_ns, frame in pair.arm_frames(Side.LEFT) if at_ns > back_ns]
-    measured = pair.heard[robot.arm_state(Side.LEFT)].value.q_rad
+    measured = pair.heard[arm_state(Side.LEFT)].value.q_rad
     assert again[0][1].kind is FrameKind.ECHO and again[0][0] - back_ns >= 290 * MS
     assert max(abs(a - b) for a, b in zip(again[0][1].values, measured, strict=True)) <= 0.01
     pair.run(0.5)
@@ -214,7 +214,7 @@ def test_a_stall_within_a_short_stall_is_one_stall() -> None:
 def test_a_short_stall_needs_an_fsm_sample_that_came_after_it_began() -> None:
     """Without a new one READY is not known: no 1.0, and the stall is no longer short after 0.8 s."""
     pair = scene("at rest")
-    pair.robot.inject({"fault": "drop", "topic": robot.FSM_STATE}, pair.now_ns)
+    pair.robot.inject({"fault": "drop", "topic": FSM_STATE}, pair.now_ns)
     pair.run(0.1)
     stall(pair, 0.3)
     back_ns = pair.now_ns
@@ -231,7 +231,7 @@ def test_a_backlog_that_still_says_ready_does_not_restart_a_robot_that_was_stopp
     pair.robot.inject({"fault": "pause"}, pair.now_ns)
     pair.run(0.1)
     begun_ns, backlog = pair.now_ns, pair.take_backlog()
-    stopped = next(n for n, sample in enumerate(backlog) if sample.topic == robot.FSM_STATE and sample.value == 0)
+    stopped = next(n for n, sample in enumerate(backlog) if sample.topic == FSM_STATE and sample.value == 0)
     for part in (backlog[:stopped], backlog[stopped:]):  # the burst takes two polls
         for sample in part:
             pair.receive(msgspec.structs.replace(sample, received_ns=pair.now_ns))
@@ -282,8 +282,8 @@ def test_an_fsm_that_falls_silent_while_seeding_ends_it_with_0_0() -> None:
     back_ns = pair.now_ns
     pair.run_until(lambda: pair.beats_at_ns[-1] > back_ns, 0.2)
     assert pair.state == "STALE" and pair.beats[-1] == 1.0
-    pair.robot.inject({"fault": "drop", "topic": robot.FSM_STATE}, pair.now_ns)
-    pair.robot.inject({"fault": "delay", "topic": robot.arm_state(Side.LEFT), "delay_s": 0.2}, pair.now_ns)
+    pair.robot.inject({"fault": "drop", "topic": FSM_STATE}, pair.now_ns)
+    pair.robot.inject({"fault": "delay", "topic": arm_state(Side.LEFT), "delay_s": 0.2}, pair.now_ns)
     pair.run_until(lambda: pair.state == "IDLE", 0.7)
     pair.mark()
     pair.run(0.2)
@@ -293,7 +293,7 @@ def test_an_fsm_that_falls_silent_while_seeding_ends_it_with_0_0() -> None:
 def test_an_arm_that_stays_silent_after_a_short_stall_ends_the_way_back() -> None:
     """The link is fresh and one arm's state is dead: it cannot be seeded, and 1.0 does not go on for ever."""
     pair = scene("at rest")
-    pair.robot.inject({"fault": "drop", "topic": robot.arm_state(Side.LEFT)}, pair.now_ns)
+    pair.robot.inject({"fault": "drop", "topic": arm_state(Side.LEFT)}, pair.now_ns)
     pair.is_deaf = True
     pair.run(0.3)
     pair.is_deaf = False
@@ -321,14 +321,14 @@ def test_after_a_long_stall_0_0_is_sent_only_when_the_robot_is_known_to_be_ours(
     pair = scene("at rest")
     pair.robot.inject({"fault": "fsm_value", "value": 2}, pair.now_ns)
     stall(pair, 1.2)
-    mode_before = pair.heard[robot.CURRENT_MODE]
+    mode_before = pair.heard[CURRENT_MODE]
     back_ns = pair.now_ns
     pair.run_until(lambda: pair.state == "IDLE", 0.2)
     pair.mark()
     pair.run_until(lambda: 0.0 in pair.beats, 1.5)
-    assert pair.heard[robot.CURRENT_MODE] is not mode_before
+    assert pair.heard[CURRENT_MODE] is not mode_before
     zero_ns = next(at for at, value in zip(pair.beats_at_ns, pair.beats, strict=True) if value == 0.0)
-    assert zero_ns >= pair.heard[robot.CURRENT_MODE].received_ns and zero_ns > back_ns
+    assert zero_ns >= pair.heard[CURRENT_MODE].received_ns and zero_ns > back_ns
     pair.robot.clear()
     pair.run(0.5)
     assert pair.fsm == 0 and pair.state == "IDLE" and pair.streaming == []
@@ -408,8 +408,8 @@ def test_a_burst_after_a_stall_of_the_link_moves_nothing() -> None:
     pair = scene("ACTIVE")
     pair.freeze()
     pair.run(0.45)
-    waiting = [frame for frame in pair._to_robot if frame.topic == robot.FSM_ENABLE]
-    arms = {robot.joint_command(side) for side in Side}
+    waiting = [frame for frame in pair._to_robot if frame.topic == FSM_ENABLE]
+    arms = {joint_command(side) for side in Side}
     kinds = {frame.kind for frame in pair._to_robot if frame.topic in arms}
     assert len(waiting) <= 3 and FrameKind.HOLD not in kinds  # in motion: silence once it is stale
     pair.thaw()

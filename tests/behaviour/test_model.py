@@ -7,8 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from gateway import robot
-from gateway.apps.body.calibration_writing import write_arms
+from gateway.cli.body.calibration_writing import write_arms
 from gateway.codes import Code
 from gateway.core.robot_state.body_model import body_model
 from gateway.kinematics.arm import ArmModel
@@ -19,7 +18,9 @@ from gateway.kinematics.identification.pairing import Pair, Pairing
 from gateway.kinematics.identification.parameters import Group
 from gateway.kinematics.identify import Identification, identify
 from gateway.messages.snapshot import ModelView, Snapshot
-from gateway.settings import ArmSettings, LinkSettings, LocalSettings, ModelSettings, Settings
+from gateway.robot.limits import JOINT_LOWER_RAD, JOINT_UPPER_RAD
+from gateway.robot.topics import STATE_TOPICS, arm_state, ee_pose
+from gateway.settings.settings import ArmSettings, LinkSettings, LocalSettings, ModelSettings, Settings
 from gateway.sim.robot.settings import SimSettings
 from gateway.values import Side
 from tests.behaviour.scene import Scene, scene
@@ -36,7 +37,7 @@ def modelled(state: str, right_mode: str = "joint", arm: ArmSettings | None = No
     """Return a scene whose engine has the model, with every topic and snapshots at 50 Hz."""
     sim = SimSettings(state_period_ns=10 * MS, right_mode=right_mode)
     pair = Scene(sim, snapshot_hz=50, is_modelled=True, arm=arm)
-    pair.topics = robot.STATE_TOPICS
+    pair.topics = STATE_TOPICS
     return scene(state, pair)
 
 
@@ -73,14 +74,14 @@ def wander(pair: Scene, seconds: float, seed: int = 5) -> dict[Side, list[Pair]]
             goals = {
                 side: tuple(
                     rng.uniform(0.9 * low + 0.1 * high, 0.1 * low + 0.9 * high)
-                    for low, high in zip(robot.JOINT_LOWER_RAD[side], robot.JOINT_UPPER_RAD[side], strict=True)
+                    for low, high in zip(JOINT_LOWER_RAD[side], JOINT_UPPER_RAD[side], strict=True)
                 )
                 for side in Side
             }
             pair.move(pair.epoch, goals, "ann")
         pair.step()
         for side in Side:
-            joints, pose = (pair.heard[topic] for topic in (robot.arm_state(side), robot.ee_pose(side)))
+            joints, pose = (pair.heard[topic] for topic in (arm_state(side), ee_pose(side)))
             pairs[side] += pairings[side].joints(joints.value.q_rad, joints.received_ns)
             pairs[side] += pairings[side].pose(pose.value, pose.received_ns)
     return pairs
@@ -150,7 +151,7 @@ def test_without_poses_nothing_is_known() -> None:
     """The route of one arm's pose dies: after half a second that arm's verdict is no yes any more."""
     pair = modelled("at rest")
     pair.run(2.0)
-    pair.robot.inject({"fault": "drop", "topic": robot.ee_pose(Side.LEFT)}, pair.now_ns)
+    pair.robot.inject({"fault": "drop", "topic": ee_pose(Side.LEFT)}, pair.now_ns)
     pair.run(1.2)
     assert states(pair) == ["unknown", "agrees"]
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import pytest
 
-from gateway import robot
 from gateway.core.messages.events import (
     Acquire,
     Befriended,
@@ -28,12 +27,20 @@ from gateway.core.messages.events import (
     Writer,
 )
 from gateway.errors import Code
-from gateway.settings import ForeignSettings
+from gateway.robot.topics import (
+    CHASSIS_VELOCITY,
+    FSM_ENABLE,
+    LIFT_COMMAND,
+    gripper_command,
+    joint_command,
+    pose_command,
+)
+from gateway.settings.settings import ForeignSettings
 from gateway.values import Side
 from tests.behaviour.scene import HOME, Scene, scene, watched
 from tests.pair import MS
 
-ARM = robot.joint_command(Side.LEFT)
+ARM = joint_command(Side.LEFT)
 
 
 def send(pair: Scene, topic: str = ARM, zid: str = "b0b") -> None:
@@ -56,9 +63,7 @@ def gateways(pair: Scene, **armed: bool) -> None:
 # ------------------------------------------------------------------------------------------------ foreign data
 
 
-@pytest.mark.parametrize(
-    "topic", [ARM, robot.FSM_ENABLE, robot.gripper_command(Side.RIGHT), robot.pose_command(Side.LEFT)]
-)
+@pytest.mark.parametrize("topic", [ARM, FSM_ENABLE, gripper_command(Side.RIGHT), pose_command(Side.LEFT)])
 def test_foreign_arm_data_ends_our_frames_in_the_next_tick(topic: str) -> None:
     """In mid-motion: 0.0 once, no setpoint of ours any more, so never two in turn; the base, latched by name."""
     pair = watched("ACTIVE")
@@ -102,7 +107,7 @@ def test_a_repetition_of_0_0_ends_with_foreign_data() -> None:
         pair.robot.inject({"fault": "fsm_value", "value": 2}, pair.now_ns)
         pair.granted(request, "ann")
         pair.run_until(lambda pair=pair: 0.0 in pair.beats)
-        send(pair, robot.FSM_ENABLE)
+        send(pair, FSM_ENABLE)
         pair.run(0.1)
         pair.mark()
         pair.run(0.5)
@@ -141,10 +146,10 @@ def test_recover_waits_until_the_foreign_writer_is_gone() -> None:
 def test_foreign_chassis_data_brakes_the_arms_and_latches() -> None:
     """As an announcement does: the arms are held, the grip is kept. Our stop frames would fall into its drive."""
     pair = scene("ACTIVE")
-    send(pair, robot.CHASSIS_VELOCITY)
+    send(pair, CHASSIS_VELOCITY)
     pair.brakes_and_holds()
     assert set(pair.engine.latches) == {Code.FOREIGN_WRITER}
-    assert pair.values(robot.CHASSIS_VELOCITY) == []
+    assert pair.values(CHASSIS_VELOCITY) == []
 
 
 # ------------------------------------------------------------------------------------------------ announcements
@@ -153,7 +158,7 @@ def test_foreign_chassis_data_brakes_the_arms_and_latches() -> None:
 def test_an_announcement_stops_the_motion_and_keeps_the_hold() -> None:
     """Nobody sends yet: brake, hold, 1.0; motion is refused until it is gone and somebody recovers."""
     pair = scene("ACTIVE")
-    announce(pair, "b0b", topic=robot.pose_command(Side.RIGHT))
+    announce(pair, "b0b", topic=pose_command(Side.RIGHT))
     pair.brakes_and_holds()
     refusal = pair.refused(Move(epoch=pair.epoch, targets_rad=HOME), "ann")
     assert refusal.code is Code.LATCHED and "FOREIGN_WRITER" in refusal.message
@@ -203,7 +208,7 @@ def test_why_says_who_else_commands_the_robot(policy: str) -> None:
     began_ns = pair.now_ns
     for _ in range(25):
         send(pair)
-        announce(pair, "b0b", "eve", topic=robot.CHASSIS_VELOCITY)
+        announce(pair, "b0b", "eve", topic=CHASSIS_VELOCITY)
         gateways(pair, d1=True, d2=False)
         pair.run(0.02)
     told = [each.message for each in pair.see().findings if each.code in ("FOREIGN_WRITER", "OTHER_GATEWAY")]
@@ -212,7 +217,7 @@ def test_why_says_who_else_commands_the_robot(policy: str) -> None:
     assert told[1].startswith(
         f"zenoh session b0b at tcp/10.0.0.9:4711 sends commands on {ARM} that are not ours and announces"
     )
-    assert told[2].startswith(f"zenoh session eve at tcp/10.0.0.9:4711 announces some on {robot.CHASSIS_VELOCITY}")
+    assert told[2].startswith(f"zenoh session eve at tcp/10.0.0.9:4711 announces some on {CHASSIS_VELOCITY}")
     for finding in pair.see().findings:
         assert finding.hint and began_ns <= finding.since_ns <= began_ns + 20 * MS
     announce(pair)
@@ -276,7 +281,7 @@ def test_of_two_gateways_that_acquire_at_once_the_larger_zid_yields(other: str, 
     pair.granted(Enable(epoch=pair.epoch), "ann")
     pair.run(0.3)
     if not proceeds:
-        assert pair.claim == 0 and pair.state == "IDLE" and not pair.sent_on(robot.FSM_ENABLE)
+        assert pair.claim == 0 and pair.state == "IDLE" and not pair.sent_on(FSM_ENABLE)
         assert pair.arm_frames() == [] and pair.see().enable.code == "OTHER_GATEWAY"
         return
     assert pair.claim != 0 and pair.arm_frames() == []
@@ -351,7 +356,7 @@ def test_stopping_is_possible_beside_others() -> None:
     gateways(pair, b=True)
     announce(pair, "c")
     pair.granted(Stop(), "bob")
-    assert pair.values(robot.CHASSIS_VELOCITY)[:1] == [(0.0, 0.0, 0.0)]
+    assert pair.values(CHASSIS_VELOCITY)[:1] == [(0.0, 0.0, 0.0)]
 
 
 def test_whoever_acquires_is_told_nothing_wrong() -> None:
@@ -389,7 +394,7 @@ def drive(pair: Scene) -> DriveChassis:
 
 def wheels(pair: Scene) -> list[tuple[float, ...]]:
     """What the chassis was told since the mark."""
-    return pair.values(robot.CHASSIS_VELOCITY)
+    return pair.values(CHASSIS_VELOCITY)
 
 
 @pytest.mark.parametrize("who", ["data", "token", "chassis data"])
@@ -399,10 +404,10 @@ def test_a_foreign_writer_while_our_chassis_runs_stops_it_and_latches(who: str) 
     pair.granted(drive(pair), "ann")
     pair.run(1.0)
     assert any(any(values) for values in wheels(pair))
-    announce(pair, "b0b") if who == "token" else send(pair, ARM if who == "data" else robot.CHASSIS_VELOCITY)
+    announce(pair, "b0b") if who == "token" else send(pair, ARM if who == "data" else CHASSIS_VELOCITY)
     pair.mark()
     pair.run(2.0)
-    times = [at_ns for at_ns, _ in pair.sent_on(robot.CHASSIS_VELOCITY, pair.mark_ns)]
+    times = [at_ns for at_ns, _ in pair.sent_on(CHASSIS_VELOCITY, pair.mark_ns)]
     assert set(wheels(pair)) == {(0.0, 0.0, 0.0)} and 1000 * MS <= times[-1] - times[0] <= 1200 * MS
     assert pair.beats == [] and Code.FOREIGN_WRITER in pair.engine.latches
     assert pair.refused(drive(pair), "ann").code is Code.LATCHED
@@ -429,7 +434,7 @@ def test_a_drive_begins_when_other_gateways_have_seen_the_claim() -> None:
     pair.mark()
     pair.granted(drive(pair), "ann")
     pair.run(0.5)
-    first_ns = pair.sent_on(robot.CHASSIS_VELOCITY, pair.mark_ns)[0][0]
+    first_ns = pair.sent_on(CHASSIS_VELOCITY, pair.mark_ns)[0][0]
     assert 150 * MS <= first_ns - owned_ns <= 250 * MS
 
 
@@ -452,7 +457,7 @@ def test_of_a_drive_that_lost_the_claim_nothing_ever_leaves(other: str) -> None:
     assert pair.refused(again, "ann").code is Code.OTHER_GATEWAY
     pair.granted(Release(epoch=pair.epoch), "ann")
     pair.run(2.0)
-    assert wheels(pair) == [] and pair.values(robot.LIFT_COMMAND) == []
+    assert wheels(pair) == [] and pair.values(LIFT_COMMAND) == []
 
 
 def test_another_gateway_that_arms_while_our_chassis_runs_stops_it() -> None:

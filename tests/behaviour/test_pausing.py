@@ -5,23 +5,32 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from gateway import robot
 from gateway.core.messages.events import Enable, Frame, FrameKind, Move
 from gateway.core.motion.gap import gap
+from gateway.robot.limits import JOINT_LOWER_RAD, JOINT_UPPER_RAD
+from gateway.robot.topics import (
+    FSM_STATE,
+    STATE_TOPICS,
+    arm_state,
+    ee_pose,
+    gripper_command,
+    joint_command,
+    pose_command,
+)
 from gateway.sim.robot.settings import SimSettings
 from gateway.values import ArmState, EePose, Side, Space, Vector
 from tests.behaviour.scene import HOME, Scene, scene
 from tests.pair import MS
 
 L, R = Side.LEFT, Side.RIGHT
-TOPICS = {robot.joint_command(side): (side, Space.JOINT) for side in Side} | {
-    robot.pose_command(side): (side, Space.POSE) for side in Side
+TOPICS = {joint_command(side): (side, Space.JOINT) for side in Side} | {
+    pose_command(side): (side, Space.POSE) for side in Side
 }
 
 
 def measured(pair: Scene, side: Side, space: Space) -> Vector:
     """Where an arm was heard to be last, in a space."""
-    value = pair.heard[robot.arm_state(side) if space is Space.JOINT else robot.ee_pose(side)].value
+    value = pair.heard[arm_state(side) if space is Space.JOINT else ee_pose(side)].value
     assert isinstance(value, (ArmState, EePose))
     return value.q_rad if isinstance(value, ArmState) else value.values
 
@@ -54,7 +63,7 @@ class Watch:
 def paused_in_motion(right_mode: str = "joint") -> tuple[Scene, Watch]:
     """Both arms move when the robot pauses by itself."""
     pair = Scene(SimSettings(state_period_ns=10 * MS, right_mode=right_mode))
-    pair.topics = robot.STATE_TOPICS
+    pair.topics = STATE_TOPICS
     scene("at rest", pair)
     goals = HOME if right_mode == "joint" else {L: HOME[L]}
     pair.granted(Move(epoch=pair.epoch, targets_rad=goals), "ann")
@@ -92,8 +101,8 @@ def test_an_arm_that_is_led_away_in_a_pause_takes_its_reference_along(right_mode
         for arm in pair.robot.arms.values():
             arm.q_rad = arm.q_rad + np.array([0.0, 0.0, 0.0, 0.002, 0.0, 0.0, 0.0])
         pair.run(0.02)
-    assert watch.is_near and pair.gap_ms(robot.joint_command(L)) <= 11 and pair.state == "PAUSED"
-    assert not pair.moved() and pair.gap_ms(robot.gripper_command(L)) <= 21
+    assert watch.is_near and pair.gap_ms(joint_command(L)) <= 11 and pair.state == "PAUSED"
+    assert not pair.moved() and pair.gap_ms(gripper_command(L)) <= 21
 
 
 def test_a_pause_keeps_the_reference_of_an_arm_that_is_not_heard() -> None:
@@ -101,7 +110,7 @@ def test_a_pause_keeps_the_reference_of_an_arm_that_is_not_heard() -> None:
     pair, watch = paused_in_motion()
     pair.run(0.3)
     held = pair.arm_frames_now()[L]
-    pair.robot.inject({"fault": "drop", "topic": robot.arm_state(L), "duration_s": 0.5}, pair.now_ns)
+    pair.robot.inject({"fault": "drop", "topic": arm_state(L), "duration_s": 0.5}, pair.now_ns)
     pair.run(0.15)
     pair.robot.arms[L].q_rad = pair.robot.arms[L].q_rad + np.array([0.05, *(0.0,) * 6])
     pair.run(0.3)
@@ -115,7 +124,7 @@ def test_a_pause_keeps_the_reference_of_an_arm_beyond_its_limits() -> None:
     pair, _ = paused_in_motion()
     pair.run(0.3)
     pair.robot.inject({"fault": "blocked", "side": "left"}, pair.now_ns)
-    low, high = robot.JOINT_LOWER_RAD[L][0], robot.JOINT_UPPER_RAD[L][0]
+    low, high = JOINT_LOWER_RAD[L][0], JOINT_UPPER_RAD[L][0]
     while pair.robot.arms[L].q_rad[0] < high + 0.2:
         pair.robot.arms[L].q_rad = pair.robot.arms[L].q_rad + np.array([0.05, *(0.0,) * 6])
         pair.run(0.02)
@@ -135,7 +144,7 @@ def test_a_robot_that_is_only_not_heard_to_run_is_braked() -> None:
     """`fsm_state` dead: it may be following at speed, and a reference that jumped back to the arm would stop it dead."""
     pair = scene("at rest")
     pair.granted(Move(epoch=pair.epoch, targets_rad=HOME, speed=0.3), "ann")
-    pair.robot.inject({"fault": "drop", "topic": robot.FSM_STATE, "duration_s": 4.0}, pair.now_ns)
+    pair.robot.inject({"fault": "drop", "topic": FSM_STATE, "duration_s": 4.0}, pair.now_ns)
     pair.run_until(lambda: pair.state == "PAUSED", 0.7)
     pair.mark()
     pair.run(0.5)

@@ -8,10 +8,18 @@ from itertools import pairwise
 
 import pytest
 
-from gateway import robot
 from gateway.core.messages.events import Enable, FrameKind, Hold, Move, MovePose, OpenStream, Recover, Stop, Take
 from gateway.errors import Code
-from gateway.settings import PoseSettings, Settings
+from gateway.robot.topics import (
+    FSM_ENABLE,
+    STATE_TOPICS,
+    ee_pose,
+    gripper_command,
+    joint_command,
+    pose_command,
+    shoulder_frame,
+)
+from gateway.settings.settings import PoseSettings, Settings
 from gateway.sim.robot.settings import SimSettings
 from gateway.values import Side, Space
 from tests.behaviour.scene import Scene, away, scene
@@ -22,14 +30,14 @@ MS = 1_000_000
 S = 1_000_000_000
 L, R = Side.LEFT, Side.RIGHT
 MIXED = SimSettings(state_period_ns=10 * MS, right_mode="pose")
-FRAME = robot.shoulder_frame(R)
-POSE_TOPIC, JOINT_TOPIC = robot.pose_command(R), robot.joint_command(R)
+FRAME = shoulder_frame(R)
+POSE_TOPIC, JOINT_TOPIC = pose_command(R), joint_command(R)
 
 
 def mixed(where="at rest"):
     """A robot whose right arm is in end-effector mode."""
     pair = Scene(MIXED, snapshot_hz=50)
-    pair.topics = robot.STATE_TOPICS  # end effectors' poses among them
+    pair.topics = STATE_TOPICS  # end effectors' poses among them
     return scene(where, pair)
 
 
@@ -71,8 +79,8 @@ def test_each_arm_of_a_mixed_robot_is_streamed_in_its_own_space() -> None:
     """One lease, one enable; no joint setpoint goes to the arm in end-effector mode, and no pose to the other."""
     pair = mixed()
     topics = {frame.topic for _, frame in pair.frames}
-    grippers = {robot.gripper_command(side) for side in Side}
-    assert topics - grippers == {robot.joint_command(L), POSE_TOPIC, robot.FSM_ENABLE}
+    grippers = {gripper_command(side) for side in Side}
+    assert topics - grippers == {joint_command(L), POSE_TOPIC, FSM_ENABLE}
     arms = pair.see().arms
     assert (arms["left"].space, arms["right"].space) == ("joint", "pose")
     assert arms["right"].streaming and arms["right"].q_ref_rad == () and arms["right"].ref_p_m
@@ -102,7 +110,7 @@ def hanging(reach_m):
 def test_a_start_a_centimetre_beyond_the_reach_begins_at_its_end_and_says_so() -> None:
     """The stream starts at the end of the reach; from there it can be moved, inwards."""
     pair = hanging(0.54)
-    measured = pair.heard[robot.ee_pose(R)].value.p_m
+    measured = pair.heard[ee_pose(R)].value.p_m
     pair.granted(Enable(epoch=pair.epoch), "ann")
     pair.run_until(lambda: pair.state == "ACTIVE")
     first = reference(pair)
@@ -172,11 +180,11 @@ def test_a_stream_of_poses_is_followed_and_expires() -> None:
     ("how", "code"),
     [
         ({"frames": {}}, Code.WRONG_FRAME),
-        ({"frames": {R: robot.shoulder_frame(L)}}, Code.WRONG_FRAME),
+        ({"frames": {R: shoulder_frame(L)}}, Code.WRONG_FRAME),
         ({"targets": {R: (0.5, 0.5, 0.0, 0.0, 0.0, 0.0, 1.0)}}, Code.OUT_OF_RANGE),
         ({"targets": {R: (0.3, 0.0, 0.0, 0.0, 0.0, 0.0, 2.0)}}, Code.OUT_OF_RANGE),
         ({"targets": {R: (0.3, 0.0, 0.0, 0.0, 0.0, 0.0, math.nan)}}, Code.NOT_FINITE),
-        ({"targets": {L: (0.3, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)}, "frames": {L: robot.shoulder_frame(L)}},
+        ({"targets": {L: (0.3, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)}, "frames": {L: shoulder_frame(L)}},
          Code.MODEL_OFF),
     ],
 )  # fmt: skip
@@ -243,7 +251,7 @@ def test_an_end_effector_whose_pose_falls_silent_is_a_dead_part() -> None:
     pair = mixed()
     motion_id = moving(pair)
     pair.run(0.2)
-    pair.robot.inject({"fault": "drop", "topic": robot.ee_pose(R)}, pair.now_ns)
+    pair.robot.inject({"fault": "drop", "topic": ee_pose(R)}, pair.now_ns)
     pair.run(0.3)
     assert pair.state == "HOLDING" and motion(pair, motion_id).code == "PART_LOST"
 

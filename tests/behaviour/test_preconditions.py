@@ -14,7 +14,6 @@ from functools import lru_cache
 
 import pytest
 
-from gateway import robot
 from gateway.codes import Code
 from gateway.core.messages.events import (
     DriveChassis,
@@ -30,7 +29,8 @@ from gateway.core.requests.desk import Desk
 from gateway.core.supervision.lease import Lease
 from gateway.core.supervision.supervisor import State
 from gateway.errors import CODES
-from gateway.settings import LossSettings
+from gateway.robot.topics import CURRENT_MODE, FSM_STATE
+from gateway.settings.settings import LossSettings
 from tests.core.stage import GOAL, MODE, L, R, S, Stage
 from tests.thoroughness import IS_THOROUGH, either
 
@@ -233,9 +233,9 @@ class Gateway(Stage):
         self.now_ns += 4 * S
         conductor, store = self.conductor, self.conductor.store
         conductor.transport_up = heard != "no transport"
-        said: dict[str, object] = {robot.FSM_STATE: fsm}
+        said: dict[str, object] = {FSM_STATE: fsm}
         if mode != "unknown":
-            said[robot.CURRENT_MODE] = replace(
+            said[CURRENT_MODE] = replace(
                 MODE,
                 api=mode == "API",
                 arm_enabled={L: arms in ("both", "left"), R: arms in ("both", "right")},

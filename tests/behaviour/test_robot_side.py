@@ -7,15 +7,15 @@ from collections.abc import Callable
 
 import pytest
 
-from gateway import robot
 from gateway.core.messages.events import Enable, Estop, Move, Recover, Release, SampleRefused, Stop
 from gateway.errors import Code
+from gateway.robot.topics import CURRENT_MODE, FSM_STATE, arm_state, joint_command
 from gateway.values import Side
 from tests.behaviour.scene import HOME, Scene, away, scene
 from tests.pair import MS
 from tests.thoroughness import crossed
 
-LEFT = robot.arm_state(Side.LEFT)
+LEFT = arm_state(Side.LEFT)
 
 
 # ----------------------------------------------------------------------------------------------------------- pauses
@@ -30,7 +30,7 @@ def test_a_robot_that_pauses_by_itself_is_held_in_pause(state: str) -> None:
     pair.mark_ns = pair.now_ns
     pair.run(1.0)
     assert pair.state == "PAUSED" and 1.0 not in pair.beats and not pair.moved()
-    assert len(pair.beats) <= 4 and all(pair.gap_ms(robot.joint_command(side)) <= 11 for side in Side)
+    assert len(pair.beats) <= 4 and all(pair.gap_ms(joint_command(side)) <= 11 for side in Side)
     assert "paused by itself" in pair.told(Code.STATE_CHANGED)[-1]
     assert pair.refused(Move(epoch=pair.epoch, targets_rad=HOME), "ann").code is Code.ROBOT_PAUSED
 
@@ -80,7 +80,7 @@ def test_an_enabled_robot_that_falls_back_while_enabling_is_paused_again() -> No
 def test_a_robot_whose_fsm_is_not_heard_is_held_in_pause() -> None:
     """`fsm_state` dead for 0.5 s: PAUSED, with 0.0 for at most 2 s; `enable` when it is heard again."""
     pair = scene("at rest")
-    pair.robot.inject({"fault": "drop", "topic": robot.FSM_STATE, "duration_s": 4.0}, pair.now_ns)
+    pair.robot.inject({"fault": "drop", "topic": FSM_STATE, "duration_s": 4.0}, pair.now_ns)
     pair.run(0.4)
     assert pair.state == "ACTIVE"
     pair.run_until(lambda: pair.state == "PAUSED", 0.2)
@@ -111,7 +111,7 @@ def test_an_unknown_mode_brakes_and_refuses_motion() -> None:
     """MODE_UNKNOWN after 3 s without `/api/current_mode`: HOLDING; motion again when it is heard."""
     pair = scene("at rest")
     stream = pair.stream(pair.epoch, Side.LEFT, "ann")
-    pair.robot.inject({"fault": "drop", "topic": robot.CURRENT_MODE, "duration_s": 5.0}, pair.now_ns)
+    pair.robot.inject({"fault": "drop", "topic": CURRENT_MODE, "duration_s": 5.0}, pair.now_ns)
     for n in range(400):
         pair.target(pair.epoch, stream, away(pair, Side.LEFT, 0.01 * (n % 2)), "ann")
         pair.step()
@@ -234,7 +234,7 @@ def test_an_error_that_shows_only_while_stale_is_latched_after_our_own_1_0() -> 
     for state, is_latched in (("STALE", True), ("IDLE", False)):
         pair = scene(state)
         pair.robot.inject({"fault": "fsm_error"}, pair.now_ns)
-        pair.is_deaf, pair.topics = False, (robot.FSM_STATE,)
+        pair.is_deaf, pair.topics = False, (FSM_STATE,)
         pair.run(0.3)
         assert pair.state == "STALE" and bool(pair.engine.latches) is is_latched
 
@@ -281,8 +281,8 @@ def test_a_moment_away_from_the_setpoint_is_no_tracking_error() -> None:
 
 LASTING: dict[str, Callable[[Scene], object]] = {
     "part dead": lambda p: p.robot.inject({"fault": "drop", "topic": LEFT}, p.now_ns),
-    "fsm dead": lambda p: p.robot.inject({"fault": "drop", "topic": robot.FSM_STATE}, p.now_ns),
-    "mode unknown": lambda p: p.robot.inject({"fault": "drop", "topic": robot.CURRENT_MODE}, p.now_ns),
+    "fsm dead": lambda p: p.robot.inject({"fault": "drop", "topic": FSM_STATE}, p.now_ns),
+    "mode unknown": lambda p: p.robot.inject({"fault": "drop", "topic": CURRENT_MODE}, p.now_ns),
     "FSM ERROR": lambda p: p.robot.inject({"fault": "fsm_error"}, p.now_ns),
     "SLOW_START": lambda p: p.robot.inject({"fault": "fsm_value", "value": 1}, p.now_ns),
     "blocked": lambda p: p.robot.inject({"fault": "blocked", "side": "left"}, p.now_ns),

@@ -7,7 +7,6 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from gateway import robot
 from gateway.core.messages.events import (
     Enable,
     FrameKind,
@@ -18,11 +17,12 @@ from gateway.core.messages.events import (
     Take,
 )
 from gateway.errors import Code
+from gateway.robot.topics import CURRENT_MODE, arm_state, joint_command
 from gateway.values import Side
 from tests.behaviour.scene import HOME, Scene, scene
 from tests.pair import MS
 
-HEARD = {side: robot.arm_state(side) for side in Side}
+HEARD = {side: arm_state(side) for side in Side}
 
 
 def first_echo(pair: Scene, side: Side = Side.LEFT) -> tuple[int, tuple[float, ...]]:
@@ -65,7 +65,7 @@ def test_the_first_heartbeat_comes_after_the_first_setpoints() -> None:
 def test_seeding_demands_0_3_s_of_samples_after_a_reconnect() -> None:
     """Before seeding after a reconnect: 0.3 s of samples, however soon mode and FSM are known."""
     pair = scene("IDLE")
-    mode = pair.heard[robot.CURRENT_MODE]
+    mode = pair.heard[CURRENT_MODE]
     pair.down()
     pair.run(0.5)
     pair.up()
@@ -112,7 +112,7 @@ def test_a_pause_is_left_without_a_gap_and_from_the_measured_state() -> None:
     assert at_ns - asked_ns <= 10 * MS
     assert max(abs(a - b) for a, b in zip(values, pair.heard[HEARD[Side.LEFT]].value.q_rad, strict=True)) <= 0.01
     pair.run_until(lambda: pair.state == "ACTIVE")
-    assert all(pair.gap_ms(robot.joint_command(side)) <= 11 for side in Side)
+    assert all(pair.gap_ms(joint_command(side)) <= 11 for side in Side)
 
 
 # ---------------------------------------------------------------------------------------------------- live streams
@@ -226,7 +226,7 @@ def test_a_reference_that_lost_its_arm_walks_back_and_the_grip_is_kept(request_o
     }
     assert max(abs(b[0] - a[0]) for a, b in pairwise(frames)) <= 0.3 * 0.01 + 1e-9
     assert abs(frames[-1][0] - pair.heard[HEARD[Side.LEFT]].value.q_rad[0]) < 0.01
-    assert set(pair.beats) == {1.0} and pair.gap_ms(robot.joint_command(Side.LEFT)) <= 11
+    assert set(pair.beats) == {1.0} and pair.gap_ms(joint_command(Side.LEFT)) <= 11
     pair.robot.clear()
     pair.granted(Move(epoch=pair.epoch, targets_rad=HOME), "ann")
     assert pair.state == "ACTIVE"

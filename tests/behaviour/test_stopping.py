@@ -7,7 +7,6 @@ from itertools import pairwise
 
 import pytest
 
-from gateway import robot
 from gateway.core.messages.events import (
     Cancel,
     CloseStream,
@@ -25,6 +24,7 @@ from gateway.core.messages.events import (
     Stop,
 )
 from gateway.errors import Code
+from gateway.robot.topics import CHASSIS_VELOCITY, FSM_ENABLE, FSM_STATE, LIFT_COMMAND, arm_state, gripper_command
 from gateway.values import Side
 from tests.behaviour.scene import HOME, REACHED_BY, Scene, scene
 from tests.pair import MS, S
@@ -43,9 +43,9 @@ def test_a_stop_is_never_refused_and_stops_chassis_and_lift_at_once(state: str, 
     pair = scene(state, Scene(model="lift"))
     assert pair.ask(Stop(), client).refusal is None
     left = {frame.topic: frame.values for frame in pair.first_tick()}
-    assert left[robot.CHASSIS_VELOCITY] == ZEROS and left[robot.LIFT_COMMAND] == STOPPED
+    assert left[CHASSIS_VELOCITY] == ZEROS and left[LIFT_COMMAND] == STOPPED
     pair.run(1.5)
-    for topic, stop in ((robot.CHASSIS_VELOCITY, ZEROS), (robot.LIFT_COMMAND, STOPPED)):
+    for topic, stop in ((CHASSIS_VELOCITY, ZEROS), (LIFT_COMMAND, STOPPED)):
         times = [at_ns for at_ns, _ in pair.sent_on(topic, pair.mark_ns)]
         assert set(pair.values(topic)) == {stop} and times[-1] - times[0] >= 1 * S
         assert max(b - a for a, b in pairwise(times)) <= 50 * MS
@@ -57,7 +57,7 @@ def test_a_model_without_a_lift_gets_no_lift_frames(model: str) -> None:
     pair = scene("ACTIVE", Scene(model=model))
     pair.granted(Estop(), "ann")
     pair.run(1.5)
-    assert pair.values(robot.CHASSIS_VELOCITY) and not pair.values(robot.LIFT_COMMAND)
+    assert pair.values(CHASSIS_VELOCITY) and not pair.values(LIFT_COMMAND)
 
 
 @pytest.mark.parametrize("state", ["IDLE", "ACTIVE", "HOLDING", "PAUSED"])
@@ -174,7 +174,7 @@ def test_another_request_under_a_number_that_was_used_is_refused() -> None:
     first, refused, again = pair.replies[-3:]
     assert first.facts["raw"] == again.facts["raw"] == 0.5
     assert refused.refusal.code is Code.BAD_REQUEST and refused.refusal.field == "request_id"
-    assert set(pair.values(robot.gripper_command(Side.LEFT))) == {(0.5,)}
+    assert set(pair.values(gripper_command(Side.LEFT))) == {(0.5,)}
 
 
 def test_a_stop_stops_even_under_a_number_that_was_used_before() -> None:
@@ -196,10 +196,10 @@ def test_an_estop_sends_everything_at_once_and_latches(state: str) -> None:
     pair = scene(state, Scene(model="lift"))
     pair.granted(Estop(reason="smoke"), "carol")
     left = {frame.topic: frame.values for frame in pair.first_tick()}
-    assert left[robot.FSM_ENABLE] == OFF[:1] and left[robot.CHASSIS_VELOCITY] == ZEROS
-    assert left[robot.LIFT_COMMAND] == STOPPED and "smoke" in pair.engine.latches[Code.ESTOP]
+    assert left[FSM_ENABLE] == OFF[:1] and left[CHASSIS_VELOCITY] == ZEROS
+    assert left[LIFT_COMMAND] == STOPPED and "smoke" in pair.engine.latches[Code.ESTOP]
     pair.run(2.5)
-    lift = pair.values(robot.LIFT_COMMAND)
+    lift = pair.values(LIFT_COMMAND)
     assert lift[-1] == OFF and set(lift[:-1]) == {STOPPED} and len(lift) >= 21
     assert pair.fsm == 0 and pair.beats[-1] == 0.0 and not pair.arm_frames()
 
@@ -207,7 +207,7 @@ def test_an_estop_sends_everything_at_once_and_latches(state: str) -> None:
 def test_0_0_is_repeated_at_20_hz_until_fsm_0_is_seen() -> None:
     """And no longer: the robot said that it pauses."""
     pair = scene("ACTIVE")
-    pair.robot.inject({"fault": "drop", "topic": robot.FSM_STATE, "duration_s": 0.4}, pair.now_ns)
+    pair.robot.inject({"fault": "drop", "topic": FSM_STATE, "duration_s": 0.4}, pair.now_ns)
     pair.granted(Estop(), "ann")
     pair.run(1.0)
     times = pair.beats_at_ns
@@ -332,12 +332,12 @@ def test_recover_clears_none_while_a_cause_persists(fault: str) -> None:
     """All causes or none: the refusal names the one that persists."""
     pair = scene("HOLDING")
     pair.granted(Stop(), "bob")
-    topic = robot.arm_state(Side.LEFT)
+    topic = arm_state(Side.LEFT)
     what = {"fault": "wrong_names", "topic": topic} if fault == "names" else {"fault": "fsm_value", "value": -1}
     pair.robot.inject(what, pair.now_ns)
     pair.run(0.2)
     if fault == "fsm then silence":
-        pair.robot.inject({"fault": "drop", "topic": robot.FSM_STATE}, pair.now_ns)
+        pair.robot.inject({"fault": "drop", "topic": FSM_STATE}, pair.now_ns)
         pair.run(1.0)
     refusal = pair.refused(Recover(), "bob")
     code = Code.JOINT_ORDER if fault == "names" else Code.FSM_ERROR
@@ -379,7 +379,7 @@ def test_release_takes_the_lift_off_after_a_stop() -> None:
     pair.granted(Stop(), "ann")
     pair.granted(Release(epoch=pair.epoch), "ann")
     pair.run(3.0)
-    lift = pair.values(robot.LIFT_COMMAND)
+    lift = pair.values(LIFT_COMMAND)
     assert lift[-1] == OFF and set(lift[:-1]) == {STOPPED}
 
 

@@ -7,7 +7,6 @@ from itertools import pairwise
 
 import pytest
 
-from gateway import robot
 from gateway.core.messages.events import (
     CloseStream,
     FrameKind,
@@ -18,7 +17,9 @@ from gateway.core.messages.events import (
     TargetArrived,
 )
 from gateway.errors import Code
-from gateway.settings import ArmSettings
+from gateway.robot.limits import JOINT_LOWER_RAD, JOINT_UPPER_RAD
+from gateway.robot.topics import joint_command
+from gateway.settings.settings import ArmSettings
 from gateway.values import Side, Vector
 from tests.behaviour.scene import HOME, away, watched
 from tests.pair import MS, S
@@ -44,7 +45,7 @@ def test_targets_of_any_rate_become_a_smooth_100_hz_stream(rate_hz: float) -> No
             target = tuple(q + 0.15 * math.sin(phase) * (-1 if n == 1 else 1) for n, q in enumerate(start))
             pair.target(pair.epoch, stream, target, "ann")
         pair.step()
-    assert pair.gap_ms(robot.joint_command(LEFT)) <= 11 and max(pair.speeds()) <= 1.0 + 1e-3
+    assert pair.gap_ms(joint_command(LEFT)) <= 11 and max(pair.speeds()) <= 1.0 + 1e-3
     assert max(abs(b - a) for a, b in pairwise(pair.speeds())) <= 100 * 3.0 * 0.01**2 + 1e-3
     assert not pair.told(Code.TARGET_EXPIRED) and pair.target_view(stream).seq == sent
     pair.run(1.0)
@@ -220,7 +221,7 @@ def test_a_stream_says_when_its_targets_ask_for_too_much() -> None:
     limited = []
     for n in range(300):
         q_rad = tuple(q + 0.4 * math.sin(2 * math.pi * 1.5 * n / 100) for q in start)
-        inside = zip(robot.JOINT_LOWER_RAD[LEFT], q_rad, robot.JOINT_UPPER_RAD[LEFT], strict=True)
+        inside = zip(JOINT_LOWER_RAD[LEFT], q_rad, JOINT_UPPER_RAD[LEFT], strict=True)
         pair.target(pair.epoch, stream, tuple(min(max(q, low), high) for low, q, high in inside), "ann")
         pair.step()
         limited.append(pair.target_view(stream).limited if n % 10 == 9 else False)
@@ -229,7 +230,7 @@ def test_a_stream_says_when_its_targets_ask_for_too_much() -> None:
 
 def test_tighter_limits_of_the_configuration_hold() -> None:
     """Velocity, acceleration and position limits come from the settings."""
-    lower, upper = dict(robot.JOINT_LOWER_RAD), dict(robot.JOINT_UPPER_RAD)
+    lower, upper = dict(JOINT_LOWER_RAD), dict(JOINT_UPPER_RAD)
     upper[LEFT] = (0.3, *upper[LEFT][1:])
     pair = watched(arm=ArmSettings(v_radps=0.4, a_radps2=1.0, j_radps3=8.0, lower_rad=lower, upper_rad=upper))
     refusal = pair.refused(Move(epoch=pair.epoch, targets_rad={LEFT: HOME[LEFT]}), "ann")

@@ -10,9 +10,9 @@ from functools import lru_cache
 
 import pytest
 
-from gateway import robot
 from gateway.codes import Code
 from gateway.core.messages.events import Enable, FrameKind, LinkUp, Move, SampleRefused
+from gateway.robot.topics import CURRENT_MODE, STATE_TOPICS, arm_state, ee_pose, joint_command
 from gateway.sim.robot.settings import SimSettings
 from gateway.values import Side
 from tests.behaviour.scene import HOME, Scene, away, scene
@@ -20,7 +20,7 @@ from tests.behaviour.test_transitions import WORDS
 from tests.pair import MS, S
 from tests.thoroughness import crossed
 
-LEFT = robot.arm_state(Side.LEFT)
+LEFT = arm_state(Side.LEFT)
 STATES = ("READ_ONLY", "VR", "IDLE", "ENABLING", "at rest", "ACTIVE", "HOLDING", "PAUSED", "STOPPING")
 
 DEAD = {
@@ -112,7 +112,7 @@ def test_stamps_that_repeat_jump_or_come_in_another_order_change_nothing(name: s
     assert pair.state == calm.state and not pair.engine.latches
     assert pair.arm_kinds() == calm.arm_kinds() and pair.beats == calm.beats
     for side in pair.streaming:
-        assert pair.gap_ms(robot.joint_command(side)) <= 11
+        assert pair.gap_ms(joint_command(side)) <= 11
     assert max((*pair.speeds(), 0.0)) <= 1.01  # a value out of turn moved nothing faster than allowed
     if name in ("reordered", "three times"):
         assert pair.see().topics[LEFT].refused >= 10
@@ -206,12 +206,10 @@ def test_a_single_glitch_is_nothing_in_any_state() -> None:
 def test_a_mode_that_cannot_be_read_is_unknown_after_3_s_with_the_reason() -> None:
     """`/api/current_mode` as garbage: as if it had not come, and what is wrong with it is said."""
     pair = watched("at rest")
-    pair.topics = tuple(topic for topic in pair.topics if topic != robot.CURRENT_MODE)
+    pair.topics = tuple(topic for topic in pair.topics if topic != CURRENT_MODE)
     for _ in range(35):
         pair.receive(
-            SampleRefused(
-                topic=robot.CURRENT_MODE, code=Code.SAMPLE_REFUSED, message="not JSON: x", received_ns=pair.now_ns
-            )
+            SampleRefused(topic=CURRENT_MODE, code=Code.SAMPLE_REFUSED, message="not JSON: x", received_ns=pair.now_ns)
         )
         pair.run(0.1)
     assert pair.state == "HOLDING"
@@ -224,9 +222,9 @@ def test_a_mode_that_cannot_be_read_is_unknown_after_3_s_with_the_reason() -> No
 def test_an_arm_in_end_effector_mode_is_held_when_its_pose_cannot_be_right(fault: str) -> None:
     """A jump, NaN or silence of `current_ee_pose` is the part's: both arms hold, and the reason is said."""
     pair = Scene(SimSettings(state_period_ns=10 * MS, right_mode="pose"), snapshot_hz=50)
-    pair.topics = robot.STATE_TOPICS
+    pair.topics = STATE_TOPICS
     pair = scene("at rest", pair)
-    topic = robot.ee_pose(Side.RIGHT)
+    topic = ee_pose(Side.RIGHT)
     faults = {"jump": {"fault": "jump", "side": "right", "joint": 2, "delta_rad": 0.6}}
     pair.robot.inject(faults.get(fault, {"fault": fault, "topic": topic}), pair.now_ns)
     pair.run_until(lambda: pair.state == "HOLDING", 0.15)

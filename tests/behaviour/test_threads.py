@@ -6,17 +6,17 @@ from itertools import pairwise
 
 import pytest
 
-from gateway import robot
 from gateway.core.guardian import Phase
 from gateway.core.messages.events import Enable, Estop, FrameKind, GuardSeen, Move, PartEnded, Recover, Stop
 from gateway.errors import Code
-from gateway.settings import ArmSettings
+from gateway.robot.topics import FSM_ENABLE, joint_command
+from gateway.settings.settings import ArmSettings
 from gateway.values import Side
 from tests.behaviour.scene import HOME, REACHED_BY, Scene, scene
 from tests.behaviour.test_guard import in_motion, in_state
 from tests.pair import MS, Pair, S
 
-ARMS = tuple(map(robot.joint_command, Side))
+ARMS = tuple(map(joint_command, Side))
 LOST = "the thread ta2-api-read ended unasked: PanicException: boom"
 
 
@@ -55,7 +55,7 @@ def test_a_daemon_that_lost_a_thread_brakes_and_leaves_the_hold_to_its_guard(sta
     pair.restart_guarded()
     pair.run(1.0)
     assert pair.state == "HOLDING" and Code.GATEWAY_BROKEN in pair.engine.latches
-    assert {frame.values for _, frame in pair.sent_on(robot.FSM_ENABLE, lost_ns)} == {(1.0,)}
+    assert {frame.values for _, frame in pair.sent_on(FSM_ENABLE, lost_ns)} == {(1.0,)}
     for topic in ARMS:
         times = [at_ns for at_ns, _ in pair.sent_on(topic, lost_ns - 100 * MS)]
         assert max(b - a for a, b in pairwise(times)) < 50 * MS
@@ -72,7 +72,7 @@ def test_without_a_guard_it_ends_as_if_it_had_been_asked_to(state: str) -> None:
     pair = scene(state)
     lose_part(pair)
     assert until_done(pair) < 5.0
-    ever = [frame.values for _, frame in pair.sent_on(robot.FSM_ENABLE)]
+    ever = [frame.values for _, frame in pair.sent_on(FSM_ENABLE)]
     if state != "OFFLINE":  # out of reach: the robot's own watchdogs pause it
         assert (1.0,) not in ever or ever[-1] == (0.0,)
     assert not pair.moved() and pair.engine.is_broken
@@ -89,7 +89,7 @@ def test_where_nothing_is_held_the_guard_has_nothing_to_go_on_with(state: str) -
     assert until_done(pair) < 5.0
     pair.die()
     pair.run_until(lambda: pair.guardian.phase is Phase.DONE, 5.0)
-    beats = {frame.values for _, frame in pair.sent_on(robot.FSM_ENABLE, lost_ns + 1)}
+    beats = {frame.values for _, frame in pair.sent_on(FSM_ENABLE, lost_ns + 1)}
     assert beats <= ({(1.0,), (0.0,)} if state == "STOPPING" else {(0.0,)})
     if state not in {"STOPPING", "PAUSED"}:
         assert not any(pair.sent_on(topic, lost_ns + 1) for topic in ARMS)

@@ -8,7 +8,6 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from gateway import robot
 from gateway.core.messages.events import (
     ClientSeen,
     DriveChassis,
@@ -19,6 +18,7 @@ from gateway.core.messages.events import (
     Suspended,
 )
 from gateway.errors import Code
+from gateway.robot.topics import CHASSIS_VELOCITY, FSM_ENABLE, arm_state, joint_command
 from gateway.sim.robot.settings import SimSettings
 from gateway.values import Side
 from tests.behaviour.scene import HOME, Scene, scene
@@ -35,7 +35,7 @@ def test_a_jump_of_the_robots_clock_changes_nothing(step_s: float, state: str) -
     pair = scene(state)
     pair.robot.inject({"fault": "clock_step", "step_s": step_s}, pair.now_ns)
     pair.run(0.5)
-    assert pair.state == state and all(pair.gap_ms(robot.joint_command(side)) <= 11 for side in Side)
+    assert pair.state == state and all(pair.gap_ms(joint_command(side)) <= 11 for side in Side)
     pair.granted(Move(epoch=pair.epoch, targets_rad=HOME), "ann")
 
 
@@ -66,8 +66,8 @@ def off(offset_s: float, drift_ppm: float, state: str) -> Scene:
 def test_a_robots_clock_that_is_off_and_drifts_changes_nothing(clock: tuple[float, float]) -> None:
     """Nothing goes stale, is refused or judged milder: no setpoint is late, a jump is refused, a long one kills its part."""
     pair = off(*clock, "HOLDING")
-    topic, jump = robot.arm_state(Side.LEFT), {"fault": "jump", "side": "left", "joint": 2, "delta_rad": 0.6}
-    assert pair.state == "HOLDING" and all(pair.gap_ms(robot.joint_command(side)) <= 11 for side in Side)
+    topic, jump = arm_state(Side.LEFT), {"fault": "jump", "side": "left", "joint": 2, "delta_rad": 0.6}
+    assert pair.state == "HOLDING" and all(pair.gap_ms(joint_command(side)) <= 11 for side in Side)
     assert pair.see().topics[topic].refused == 0
     motion = pair.granted(Move(epoch=pair.epoch, targets_rad=HOME), "ann")["motion_id"]
     pair.robot.inject({**jump, "duration_s": 0.05}, pair.now_ns)
@@ -87,7 +87,7 @@ def test_enabling_knows_old_state_whatever_the_robots_clock(clock: tuple[float, 
     pair.run(0.05)
     assert pair.arm_frames(Side.LEFT)
     pair = off(*clock, "IDLE")
-    pair.robot.inject({"fault": "delay", "topic": robot.arm_state(Side.LEFT), "delay_s": 0.3}, pair.now_ns)
+    pair.robot.inject({"fault": "delay", "topic": arm_state(Side.LEFT), "delay_s": 0.3}, pair.now_ns)
     pair.run(1.0)
     pair.granted(Enable(epoch=pair.epoch), "ann")
     pair.run(1.0)
@@ -101,7 +101,7 @@ def test_a_drift_that_begins_and_ends_in_mid_motion_changes_nothing(drift_ppm: f
     pair = scene("ACTIVE")
     pair.robot.inject({"fault": "clock_drift", "drift_ppm": drift_ppm, "duration_s": 30.0}, pair.now_ns)
     pair.run(60.0)
-    assert all(pair.gap_ms(robot.joint_command(side)) <= 11 for side in Side) and not pair.told(Code.PART_LOST)
+    assert all(pair.gap_ms(joint_command(side)) <= 11 for side in Side) and not pair.told(Code.PART_LOST)
     pair.granted(Move(epoch=pair.epoch, targets_rad=HOME), "ann")
 
 
@@ -148,7 +148,7 @@ def test_a_tick_that_is_more_than_50_ms_late_is_skipped_and_told(late_ms: int, i
     output = pair.step(pair.now_ns + late_ms * MS)
     assert bool(output.frames) is not is_skipped and bool(pair.told(Code.TICK_LATE)) is is_skipped
     pair.run(0.2)
-    values = [frame.values for _, frame in pair.sent_on(robot.joint_command(Side.LEFT))]
+    values = [frame.values for _, frame in pair.sent_on(joint_command(Side.LEFT))]
     assert max(abs(b - a) for x, y in pairwise(values) for a, b in zip(x, y, strict=True)) <= 0.01 + 1e-6
     assert pair.state == "ACTIVE"
 
@@ -170,7 +170,7 @@ def test_a_late_tick_still_sends_stop_frames() -> None:
     pair.tell(Estop(), "bob")
     pair.late_ns = 400 * MS
     output = pair.step(pair.now_ns + 400 * MS)
-    assert {frame.topic for frame in output.frames} == {robot.FSM_ENABLE, robot.CHASSIS_VELOCITY}
+    assert {frame.topic for frame in output.frames} == {FSM_ENABLE, CHASSIS_VELOCITY}
 
 
 # ------------------------------------------------------------------------------- a vanished owner, however ticks come
@@ -249,5 +249,5 @@ def test_in_any_schedule_of_ticks_nothing_moves_half_a_second_after_the_owners_l
             pair.tell(DriveChassis(epoch=pair.epoch, vx_mps=0.1, vy_mps=0.0, wz_radps=0.0, expiry_ns=3 * S), "ann")
         late_tick(pair, late_ms)
     for at_ns, frame in pair.frames:
-        stands = frame.topic == robot.CHASSIS_VELOCITY and not any(frame.values)
+        stands = frame.topic == CHASSIS_VELOCITY and not any(frame.values)
         assert frame.kind is not FrameKind.MOTION or stands or at_ns <= last_ns + 500 * MS, frame

@@ -11,7 +11,6 @@ from collections.abc import Callable
 
 import pytest
 
-from gateway import robot
 from gateway.core.messages.events import (
     Acquire,
     Disable,
@@ -35,6 +34,7 @@ from gateway.core.messages.events import (
     Writer,
 )
 from gateway.errors import Code
+from gateway.robot.topics import CHASSIS_VELOCITY, CURRENT_MODE, FSM_ENABLE, FSM_STATE, arm_state
 from gateway.values import Side
 from tests.behaviour.scene import HOME, LEAN, Scene, scene
 from tests.pair import MS, S
@@ -108,10 +108,10 @@ def _fsm(value: int) -> Event:
     def event(pair: Scene) -> None:
         pair.robot.inject({"fault": "fsm_value", "value": value}, pair.now_ns)
         if pair.state == "STALE":
-            pair.is_deaf, pair.topics = False, (robot.FSM_STATE,)
-        _steps_until(pair, lambda: pair.heard[robot.FSM_STATE].value == value)
-        heard = pair.heard[robot.FSM_STATE]
-        _steps_until(pair, lambda: pair.heard[robot.FSM_STATE] is not heard or heard.received_ns == pair.now_ns)
+            pair.is_deaf, pair.topics = False, (FSM_STATE,)
+        _steps_until(pair, lambda: pair.heard[FSM_STATE].value == value)
+        heard = pair.heard[FSM_STATE]
+        _steps_until(pair, lambda: pair.heard[FSM_STATE] is not heard or heard.received_ns == pair.now_ns)
 
     return event
 
@@ -154,8 +154,8 @@ def _tracking(pair: Scene) -> None:
 
 
 def _joint_order(pair: Scene) -> None:
-    pair.robot.inject({"fault": "wrong_names", "topic": robot.arm_state(Side.LEFT), "duration_s": 0.2}, pair.now_ns)
-    pair.is_deaf, pair.topics = False, LEAN if pair.state != "STALE" else (robot.arm_state(Side.LEFT),)
+    pair.robot.inject({"fault": "wrong_names", "topic": arm_state(Side.LEFT), "duration_s": 0.2}, pair.now_ns)
+    pair.is_deaf, pair.topics = False, LEAN if pair.state != "STALE" else (arm_state(Side.LEFT),)
     _steps_until(pair, lambda: Code.JOINT_ORDER in pair.engine.latches)
 
 
@@ -184,11 +184,11 @@ def _tell(event: object) -> Event:
     return tell
 
 
-WRITER = Writer(topic=robot.FSM_ENABLE, zid="b", means=Means.TOKEN)
+WRITER = Writer(topic=FSM_ENABLE, zid="b", means=Means.TOKEN)
 
 
 def _sent(pair: Scene) -> None:
-    pair.receive(ForeignData(topic=robot.FSM_ENABLE, zid="b", at_ns=pair.now_ns))
+    pair.receive(ForeignData(topic=FSM_ENABLE, zid="b", at_ns=pair.now_ns))
     pair.step()
 
 
@@ -212,12 +212,12 @@ EVENTS: dict[str, Event] = {
     "FSM ERROR": _fsm(-1),
     "FSM 3": _fsm(3),
     "FSM 9": _fsm(9),
-    "fsm dead": _dead(robot.FSM_STATE, 0.5),
+    "fsm dead": _dead(FSM_STATE, 0.5),
     "VR mode": _mode({"fault": "vr_mode"}, api=False),
-    "mode unknown": _dead(robot.CURRENT_MODE, 3.0),
+    "mode unknown": _dead(CURRENT_MODE, 3.0),
     "arm disabled": _mode({"fault": "arm_disabled", "side": "left"}, arm_enabled={Side.LEFT: False, Side.RIGHT: True}),
     "no arm": _mode(None, arm_enabled={Side.LEFT: False, Side.RIGHT: False}),
-    "part dead": _dead(robot.arm_state(Side.LEFT), 0.1),
+    "part dead": _dead(arm_state(Side.LEFT), 0.1),
     "tracking error": _tracking,
     "SIGTERM": _tell(ExitRequested(at_ns=0)),
     "suspend": _tell(Suspended(slept_ns=S, at_ns=0)),
@@ -233,11 +233,11 @@ EVENTS: dict[str, Event] = {
 
 
 def _grounds(pair: Scene) -> None:
-    assert [f.values for f in pair.first_tick() if f.topic == robot.CHASSIS_VELOCITY] == [(0.0, 0.0, 0.0)]
+    assert [f.values for f in pair.first_tick() if f.topic == CHASSIS_VELOCITY] == [(0.0, 0.0, 0.0)]
 
 
 def _zero_at_once(pair: Scene) -> None:
-    assert [f.values for f in pair.first_tick() if f.topic == robot.FSM_ENABLE] == [(0.0,)]
+    assert [f.values for f in pair.first_tick() if f.topic == FSM_ENABLE] == [(0.0,)]
 
 
 def _nothing(pair: Scene) -> None:
@@ -374,8 +374,8 @@ def _build(row: str, state: str) -> Scene:
 
 
 def _age_mode(pair: Scene, seconds: float) -> None:
-    pair.topics = tuple(topic for topic in pair.topics if topic != robot.CURRENT_MODE)
-    pair.run_until(lambda: pair.now_ns - pair.heard[robot.CURRENT_MODE].received_ns > seconds * S)
+    pair.topics = tuple(topic for topic in pair.topics if topic != CURRENT_MODE)
+    pair.run_until(lambda: pair.now_ns - pair.heard[CURRENT_MODE].received_ns > seconds * S)
 
 
 @pytest.mark.parametrize(("row", "state", "words"), CELLS, ids=[f"{row}-{state}" for row, state, _ in CELLS])

@@ -6,7 +6,6 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from gateway import robot
 from gateway.core.messages.events import (
     ClientGone,
     DriveChassis,
@@ -22,6 +21,7 @@ from gateway.core.messages.events import (
     SetGripper,
 )
 from gateway.errors import Code
+from gateway.robot.topics import CHASSIS_VELOCITY
 from gateway.values import Side
 from tests.behaviour.scene import HOME, Scene, scene
 from tests.pair import MS, S
@@ -118,9 +118,9 @@ def test_chassis_and_grippers_stand_still_too() -> None:
     drive = DriveChassis(epoch=pair.epoch, vx_mps=0.1, vy_mps=0.0, wz_radps=0.0, expiry_ns=900 * MS)
     pair.granted(drive, "ann")
     pair.run(0.2)
-    assert pair.values(robot.CHASSIS_VELOCITY)[-1][0] > 0
+    assert pair.values(CHASSIS_VELOCITY)[-1][0] > 0
     pair.run(0.3)
-    assert pair.values(robot.CHASSIS_VELOCITY)[-1][0] == 0
+    assert pair.values(CHASSIS_VELOCITY)[-1][0] == 0
     assert pair.refused(drive, "ann").code is Code.ENDPOINT_SILENT
     assert pair.refused(SetGripper(epoch=pair.epoch, side=Side.LEFT, raw=0.5), "ann").code is Code.ENDPOINT_SILENT
 

@@ -9,7 +9,7 @@ from rosbags.typesys import Stores, get_typestore
 
 from cdr_types import decode, encode, type_name
 from cdr_types.messages import geometry_msgs, sensor_msgs, std_msgs
-from gateway.robot import ARM_JOINTS
+from gateway.robot.topics import ARM_JOINTS
 from gateway.values import Side
 from tests.bench.table import Row
 

@@ -17,8 +17,8 @@ from gateway.core.separation.spacing import Spacing
 from gateway.kinematics.clearance import ordinary
 from gateway.kinematics.collision import WIDE_OPEN_M, CollisionModel
 from gateway.kinematics.description import nominal
-from gateway.robot import HOME_Q_RAD
-from gateway.settings import ArmSettings
+from gateway.robot.limits import HOME_Q_RAD
+from gateway.settings.settings import ArmSettings
 from gateway.values import Side, Vector
 from tests.bench.table import Row
 from tests.kinematics.guarded_arms import GuardedArms, random_joints

@@ -16,7 +16,7 @@ import numpy as np
 import zenoh
 
 from cdr_types.encapsulation import peek_stamp
-from gateway import robot as facts
+from gateway.robot.topics import arm_state, joint_command
 from gateway.sim.robot.manual import STATE_TOPICS, command_topics
 from gateway.values import Side
 from tests.bench.table import Row
@@ -26,8 +26,8 @@ from tests.interop.bridge_process import lacking
 __all__ = ["dds_rows"]
 
 SECONDS = 8.0
-COMMAND = facts.joint_command(Side.LEFT)
-STATE = facts.arm_state(Side.LEFT)
+COMMAND = joint_command(Side.LEFT)
+STATE = arm_state(Side.LEFT)
 
 
 class _Plain:

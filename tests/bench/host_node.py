@@ -11,8 +11,9 @@ import sys
 import time
 
 from cdr_types import encode
-from gateway import robot
 from gateway.link.codec import to_message
+from gateway.robot.limits import GRIPPER_RELAXED, HOME_Q_RAD
+from gateway.robot.topics import FSM_ENABLE, TOPICS, gripper_command, joint_command
 from gateway.sim.robot.manual import COMMAND_TOPICS, STATE_TOPICS
 from gateway.values import Side, Vector
 from tests.interop.dds_messages import DDS_TYPES
@@ -22,8 +23,8 @@ __all__ = ["HostNode", "main"]
 
 LOOP_HZ = 100
 VALUES: dict[str, Vector] = {
-    robot.FSM_ENABLE: (1.0,),
-    **{robot.joint_command(side): robot.HOME_Q_RAD[side] for side in Side},
+    FSM_ENABLE: (1.0,),
+    **{joint_command(side): HOME_Q_RAD[side] for side in Side},
 }
 """What it publishes; of all other topics zeros, but for the grippers, which are relaxed."""
 
@@ -41,8 +42,8 @@ class HostNode(DdsNode):
         super().__init__("host", publishes={t: COMMAND_TOPICS[t] for t in topics}, subscribes=states, domain=domain)
         self._streams = []
         for topic in topics:
-            row = robot.TOPICS[topic]
-            rest = robot.GRIPPER_RELAXED if topic in map(robot.gripper_command, Side) else 0.0
+            row = TOPICS[topic]
+            rest = GRIPPER_RELAXED if topic in map(gripper_command, Side) else 0.0
             values = VALUES.get(topic, (rest,) * row.width)
             message = DDS_TYPES[COMMAND_TOPICS[topic]].deserialize(encode(to_message(topic, values, time.time_ns())))
             self._streams.append((self._writers[topic], message, round(LOOP_HZ / row.rate_hz)))

@@ -19,7 +19,7 @@ from gateway.kinematics.arm import ArmModel
 from gateway.kinematics.description import arm_joint, ee_frame, nominal
 from gateway.kinematics.placement import Placement, turn_rad
 from gateway.kinematics.solving.inverse import Solution
-from gateway.robot import HOME_Q_RAD, JOINT_LOWER_RAD, JOINT_UPPER_RAD
+from gateway.robot.limits import HOME_Q_RAD, JOINT_LOWER_RAD, JOINT_UPPER_RAD
 from gateway.values import EePose, Side, Vector
 from tests.bench.table import Row
 

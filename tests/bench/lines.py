@@ -10,7 +10,7 @@ from gateway.core.motion.lines.line_path import LinePath
 from gateway.core.motion.lines.line_plan import plan_lines
 from gateway.core.requests.cartesian import PIECES
 from gateway.errors import Refusal
-from gateway.robot import HOME_Q_RAD
+from gateway.robot.limits import HOME_Q_RAD
 from gateway.values import EePose, Side
 from tests.bench.table import Row
 from tests.core.lines import FREE, HOME, going, planned, random_way

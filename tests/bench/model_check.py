@@ -8,7 +8,7 @@ from collections.abc import Callable
 from gateway.kinematics.arm import ArmModel
 from gateway.kinematics.description import nominal
 from gateway.kinematics.identification.agreement import ModelJudge
-from gateway.robot import HOME_Q_RAD
+from gateway.robot.limits import HOME_Q_RAD
 from gateway.values import Side
 from tests.bench.table import Row
 

@@ -15,7 +15,7 @@ __all__ = ["bare_of", "cpu_row", "cpu_s", "family", "favour", "peer_of"]
 
 PEER_SUBSCRIBER = """
 import json, sys, time, zenoh
-from gateway.robot import STATE_TOPICS
+from gateway.robot.topics import STATE_TOPICS
 config = {"mode": "client", "connect": {"endpoints": [sys.argv[1]]}, "scouting": {"multicast": {"enabled": False}}}
 session = zenoh.open(zenoh.Config.from_json5(json.dumps(config)))
 held = [session.declare_subscriber(topic[1:], lambda sample: None) for topic in STATE_TOPICS]
@@ -30,8 +30,8 @@ import json, sys, time, zenoh
 from gateway.link.codec import FRAME_BYTES
 from gateway.link.hearing import DECIDING
 from gateway.link.session_config import session_config
-from gateway.robot import COMMAND_TOPICS, STATE_TOPICS, TOPICS
-from gateway.settings import LinkSettings
+from gateway.robot.topics import COMMAND_TOPICS, STATE_TOPICS, TOPICS
+from gateway.settings.settings import LinkSettings
 from gateway.process.zenoh_threads import share_reactor
 endpoint, role = sys.argv[1:]
 share_reactor()

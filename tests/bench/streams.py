@@ -14,7 +14,7 @@ from contextlib import ExitStack, suppress
 from pathlib import Path
 from typing import Any
 
-from gateway import robot
+from gateway.robot.topics import COMMAND_TOPICS, TOPICS
 from gateway.values import Side
 from tests.bench.host_bridge import host_peer, lacking_row
 from tests.bench.processor import bare_of, cpu_row, family, favour, peer_of
@@ -61,7 +61,7 @@ def _rate_rows(commands: Mapping[str, Any], topics: list[str], title: str) -> li
         seen = commands.get(topic)
         if seen is None or not seen["count"]:
             continue
-        nominal_hz = robot.TOPICS[topic].rate_hz
+        nominal_hz = TOPICS[topic].rate_hz
         rate_hz = float(seen["rate_hz"])
         rows.append(
             Row(
@@ -146,7 +146,7 @@ def _driven_rows(
         )
         assert driver.is_running, driver.text()
         commands: Any = system.stats()["commands"]
-        topics = [topic for topic in robot.COMMAND_TOPICS if commands.get(topic, {"count": 0})["count"]]
+        topics = [topic for topic in COMMAND_TOPICS if commands.get(topic, {"count": 0})["count"]]
         rows = [cpu, *_rate_rows(commands, topics, title)]
         if dies:
             rows.append(_host_row(system, topics, pause, seconds))

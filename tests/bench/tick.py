@@ -12,8 +12,8 @@ from collections.abc import Callable
 from gateway.core.engine import Output
 from gateway.core.robot_state.body_model import body_model
 from gateway.messages import requests
-from gateway.robot import HOME_Q_RAD
-from gateway.settings import Settings
+from gateway.robot.limits import HOME_Q_RAD
+from gateway.settings.settings import Settings
 from gateway.values import Side
 from tests.bench.table import Row
 from tests.pair import MS, Pair, S

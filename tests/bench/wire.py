@@ -30,7 +30,8 @@ PEER_PUBLISHER = """
 import json, sys, time, zenoh
 from cdr_types import encode
 from cdr_types.messages import sensor_msgs
-from gateway.robot import ARM_JOINTS, HOME_Q_RAD
+from gateway.robot.limits import HOME_Q_RAD
+from gateway.robot.topics import ARM_JOINTS
 from gateway.values import Side
 config = {"mode": "client", "connect": {"endpoints": [sys.argv[1]]}, "scouting": {"multicast": {"enabled": False}}}
 session = zenoh.open(zenoh.Config.from_json5(json.dumps(config)))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from gateway.api.translate import describe
-from gateway.settings import ChassisSettings, LinkSettings, LocalSettings, Settings
+from gateway.settings.settings import ChassisSettings, LinkSettings, LocalSettings, Settings
 from gateway.sim.robot.settings import SimSettings
 from tests.memory_plane import MemoryPlane
 from tests.memory_transport import MemoryTransport

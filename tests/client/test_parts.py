@@ -8,10 +8,10 @@ import math
 import numpy as np
 import pytest
 
-from gateway import robot as facts
 from gateway.client import aio, connect
 from gateway.errors import Aborted, Code, LeaseError, NotReady, Rejected
-from gateway.settings import ChassisSettings
+from gateway.robot.limits import GRIPPER_RELAXED
+from gateway.settings.settings import ChassisSettings
 from gateway.values import Side
 from tests.client.playing import play
 from tests.client.robot_world import RobotWorld
@@ -138,7 +138,7 @@ def test_grippers_close_open_and_relax(world, robot):
             own.left_gripper.grip()
         assert refused.value.code is Code.NOT_ENABLED
         own.enable()
-        assert robot.state.grip("left").input_ratio == facts.GRIPPER_RELAXED
+        assert robot.state.grip("left").input_ratio == GRIPPER_RELAXED
         for ask, torque_nm in (
             (lambda: own.left_gripper.grip(), -0.8),
             (lambda: own.left_gripper.grip(1.0), -1.6),

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from gateway.api.translate import describe
-from gateway.settings import Settings
+from gateway.settings.settings import Settings
 from tests.api.stand_in import TICK_NS, ScriptedEngine
 from tests.memory_plane import MemoryPlane
 from tests.memory_transport import MemoryTransport

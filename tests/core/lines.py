@@ -13,8 +13,8 @@ from gateway.core.motion.joints.braking import Braking, JointLimits
 from gateway.core.motion.lines.line_plan import Body, Going, plan_lines
 from gateway.core.motion.space import Start
 from gateway.kinematics.placement import Placement
-from gateway.robot import HOME_Q_RAD
-from gateway.settings import Settings
+from gateway.robot.limits import HOME_Q_RAD
+from gateway.settings.settings import Settings
 from gateway.values import EePose, Side, Vector
 from tests.kinematics.bodies import ARMS, difference, samples
 

@@ -9,14 +9,15 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping
 from dataclasses import replace
 
-from gateway import robot
 from gateway.core.messages.events import CommandRequested, Frame, OnLoss, Remembered, Request, SampleArrived
 from gateway.core.supervision.conditions import Conditions
 from gateway.core.supervision.conductor import Conductor
 from gateway.core.supervision.phases import Phases
 from gateway.core.supervision.supervisor import State
 from gateway.errors import Code
-from gateway.settings import LinkSettings, Settings
+from gateway.robot.limits import JOINT_LOWER_RAD, JOINT_UPPER_RAD
+from gateway.robot.topics import CURRENT_MODE, FSM_STATE, arm_state, ee_pose
+from gateway.settings.settings import LinkSettings, Settings
 from gateway.values import ArmState, CurrentMode, EePose, FsmState, Side, Space, Vector
 
 __all__ = ["GOAL", "MIDDLE", "MODE", "MS", "OFFSET_NS", "PLACE", "TICK_NS", "L", "R", "S", "Stage"]
@@ -28,8 +29,7 @@ OFFSET_NS = 77 * S
 """The robot's clock minus ours [ns]."""
 L, R = Side.LEFT, Side.RIGHT
 MIDDLE: dict[Side, Vector] = {
-    side: tuple((a + b) / 2 for a, b in zip(robot.JOINT_LOWER_RAD[side], robot.JOINT_UPPER_RAD[side], strict=True))
-    for side in Side
+    side: tuple((a + b) / 2 for a, b in zip(JOINT_LOWER_RAD[side], JOINT_UPPER_RAD[side], strict=True)) for side in Side
 }
 PLACE: dict[Side, Vector] = {
     side: (0.30, sign * 0.10, -0.20, 0.0, 0.0, 0.0, 1.0) for side, sign in ((L, 1.0), (R, -1.0))
@@ -137,13 +137,13 @@ class Stage:
         for side in Side:
             if side not in self.dumb:
                 value = ArmState(q_rad=self.q_rad[side], dq_radps=(), tau_nm=(), stamp_ns=self.now_ns + OFFSET_NS)
-                topic = robot.arm_state(side)
+                topic = arm_state(side)
                 store.receive(SampleArrived(topic=topic, value=value, received_ns=self.now_ns), self.now_ns)
             if side in self.poses:
                 pose = EePose(p_m=self.pose[side][:3], quat_xyzw=self.pose[side][3:])
-                topic = robot.ee_pose(side)
+                topic = ee_pose(side)
                 store.receive(SampleArrived(topic=topic, value=pose, received_ns=self.now_ns), self.now_ns)
-        for topic, said in ((robot.FSM_STATE, self.fsm), (robot.CURRENT_MODE, self.mode)):
+        for topic, said in ((FSM_STATE, self.fsm), (CURRENT_MODE, self.mode)):
             if said is not None:
                 store.receive(SampleArrived(topic=topic, value=said, received_ns=self.now_ns), self.now_ns)
 

@@ -8,7 +8,6 @@ from itertools import pairwise
 import msgspec
 import pytest
 
-from gateway import robot
 from gateway.core.engine import Engine, Output
 from gateway.core.messages.events import (
     Abandon,
@@ -55,13 +54,24 @@ from gateway.core.supervision.supervisor import State, Trigger
 from gateway.errors import Code
 from gateway.kinematics.description import nominal
 from gateway.kinematics.identification.agreement import Agreement
-from gateway.settings import LinkSettings, LossSettings, Settings
+from gateway.robot.limits import HOME_Q_RAD
+from gateway.robot.topics import (
+    CHASSIS_VELOCITY,
+    CURRENT_MODE,
+    FSM_ENABLE,
+    FSM_STATE,
+    LIFT_COMMAND,
+    arm_state,
+    gripper_command,
+    joint_command,
+)
+from gateway.settings.settings import LinkSettings, LossSettings, Settings
 from gateway.sim.robot.settings import SimSettings
 from gateway.values import CurrentMode, FsmState, Side, Vector
 from tests.pair import MS, START_NS, Pair, S
 
 L, R = Side.LEFT, Side.RIGHT
-LEAN = (*map(robot.arm_state, Side), robot.FSM_STATE, robot.CURRENT_MODE)
+LEAN = (*map(arm_state, Side), FSM_STATE, CURRENT_MODE)
 """State topics that matter here: fewer make a scene cheaper."""
 SHORT_LOSS = LossSettings(free_after_ns=1 * S, down_after_ns=2 * S)
 
@@ -159,7 +169,7 @@ def test_a_body_model_hears_only_what_is_believed():
     model = BodyModel(nominal(), Settings())
     pair = Pair(model=model)
     pair.run(2.0)
-    pair.robot.inject({"fault": "freeze", "topic": robot.arm_state(L)}, pair.now_ns)
+    pair.robot.inject({"fault": "freeze", "topic": arm_state(L)}, pair.now_ns)
     pair.run(1.0)
     states = [model.verdict(side, pair.now_ns).state for side in Side]
     assert states == [Agreement.UNKNOWN, Agreement.AGREES]
@@ -177,7 +187,7 @@ def test_owner_streams_and_topics_are_seen():
     pair, epoch = active()
     assert (pair.engine.owner_id, pair.engine.open_stream_id, pair.engine.is_streaming) == ("user", None, True)
     assert pair.engine.running_topics == (
-        *map(robot.gripper_command, Side), *map(robot.joint_command, Side), robot.FSM_ENABLE,
+        *map(gripper_command, Side), *map(joint_command, Side), FSM_ENABLE,
     )  # fmt: skip
     assert pair.engine.next_due_ns() == pair.now_ns + 10 * MS
     first, second = pair.stream(epoch, L), pair.stream(epoch, R)
@@ -199,15 +209,13 @@ def test_a_sample_acts_at_once_and_a_refused_one_changes_no_value():
         collision_check=True,
     )
     pair.receive(
-        SampleRefused(
-            topic=robot.CURRENT_MODE, code=Code.SAMPLE_REFUSED, message="no JSON", received_ns=pair.now_ns, count=2
-        )
+        SampleRefused(topic=CURRENT_MODE, code=Code.SAMPLE_REFUSED, message="no JSON", received_ns=pair.now_ns, count=2)
     )
     assert not mode_known(pair)
-    pair.receive(SampleArrived(topic=robot.CURRENT_MODE, value=mode, received_ns=pair.now_ns))
+    pair.receive(SampleArrived(topic=CURRENT_MODE, value=mode, received_ns=pair.now_ns))
     assert mode_known(pair)
     seen = pair.see()
-    assert seen.mode is not None and seen.topics[robot.CURRENT_MODE].refused == 2
+    assert seen.mode is not None and seen.topics[CURRENT_MODE].refused == 2
 
 
 @pytest.mark.parametrize("value", [FsmState.READY, FsmState.PAUSE])
@@ -215,18 +223,18 @@ def test_only_a_pause_of_the_robot_ends_the_zeros(value):
     """0.0 is repeated until FSM 0 is seen; no other value is an answer to it (BEHAVIOUR, words: down)."""
     pair, _ = active()
     pair.granted(Estop())
-    assert robot.FSM_ENABLE in pair.engine.running_topics
-    pair.topics = tuple(map(robot.arm_state, Side))
+    assert FSM_ENABLE in pair.engine.running_topics
+    pair.topics = tuple(map(arm_state, Side))
     pair.run(0.2)  # an earlier sample may still tell of the time before
-    pair.receive(SampleArrived(topic=robot.FSM_STATE, value=int(value), received_ns=pair.now_ns))
-    assert (robot.FSM_ENABLE in pair.engine.running_topics) is (value is not FsmState.PAUSE)
+    pair.receive(SampleArrived(topic=FSM_STATE, value=int(value), received_ns=pair.now_ns))
+    assert (FSM_ENABLE in pair.engine.running_topics) is (value is not FsmState.PAUSE)
 
 
 @pytest.mark.parametrize(("late_ms", "state", "code"), [(130, "ACTIVE", ""), (160, "HOLDING", "TICK_LATE")])
 def test_a_gap_beyond_the_arms_watchdog_ends_the_motion(late_ms, state, code):
     """The robot has stopped the arms meanwhile (manual §4.3): a setpoint at speed must not meet them."""
     pair, epoch = active()
-    pair.move(epoch, {side: robot.HOME_Q_RAD[side] for side in Side}, speed=0.5)
+    pair.move(epoch, {side: HOME_Q_RAD[side] for side in Side}, speed=0.5)
     pair.run(0.3)
     pair.late_ns = late_ms * MS
     pair.step(pair.now_ns + late_ms * MS)
@@ -319,9 +327,9 @@ def test_a_sample_that_straggles_in_while_the_link_is_down_counts_for_nothing():
     """Whatever came before the new transport is of the old one."""
     pair = pair_of()
     pair.run_until(lambda: mode_known(pair))
-    heard = pair.heard[robot.CURRENT_MODE]
+    heard = pair.heard[CURRENT_MODE]
     pair.down()
-    pair.receive(SampleArrived(topic=robot.CURRENT_MODE, value=heard.value, received_ns=pair.now_ns))
+    pair.receive(SampleArrived(topic=CURRENT_MODE, value=heard.value, received_ns=pair.now_ns))
     pair.up()
     assert not mode_known(pair)
 
@@ -332,10 +340,10 @@ def test_a_dead_route_is_told_and_a_live_one_is_not(code):
     pair = pair_of()
     pair.step()
     pair.notices.clear()
-    pair.receive(RouteObserved(topic=robot.FSM_ENABLE, code=code, message="no DDS reader", at_ns=pair.now_ns))
+    pair.receive(RouteObserved(topic=FSM_ENABLE, code=code, message="no DDS reader", at_ns=pair.now_ns))
     pair.step()
     told = [(notice.code, notice.message, notice.facts) for notice in pair.notices if notice.code is Code.ROUTE_DEAD]
-    assert told == ([] if code is None else [(code, "no DDS reader", {"topic": robot.FSM_ENABLE})])
+    assert told == ([] if code is None else [(code, "no DDS reader", {"topic": FSM_ENABLE})])
 
 
 def test_robots_under_other_namespaces_are_told_and_refuse_until_that_is_over_or_the_link_is_lost():
@@ -365,7 +373,7 @@ def test_a_suspend_frees_the_lease_and_takes_everything_down():
     pair.step()
     assert messages(pair, Code.SUSPENDED) == ["this host stood still for 2.5 s"]
     assert pair.engine.owner_id is None and pair.state == "READ_ONLY"
-    assert [frame.values for _, frame in pair.frames if frame.topic == robot.FSM_ENABLE] == [(0.0,)]
+    assert [frame.values for _, frame in pair.frames if frame.topic == FSM_ENABLE] == [(0.0,)]
 
 
 def test_after_a_request_to_end_the_engine_is_done_when_all_is_sent():
@@ -496,7 +504,7 @@ def test_an_owner_who_asked_for_a_pause_gets_it_when_he_is_lost():
     pair, _ = active(on_loss=OnLoss.PAUSE)
     pair.kill()
     output = pair.step()
-    assert [frame.values for frame in output.frames if frame.topic == robot.FSM_ENABLE] == [(0.0,)]
+    assert [frame.values for frame in output.frames if frame.topic == FSM_ENABLE] == [(0.0,)]
     assert (pair.state, pair.engine.owner_id) == ("READ_ONLY", None)
 
 
@@ -513,12 +521,12 @@ def test_an_owner_who_abandons_is_lost_in_the_same_tick():
 def test_conditions_are_looked_at_again_from_the_state_they_led_to():
     """ACTIVE with a dead mode and a pause: the brake does not hide the pause, both count in one tick."""
     pair, _ = active()
-    pair.topics = tuple(topic for topic in LEAN if topic != robot.CURRENT_MODE)
-    pair.run_until(lambda: pair.now_ns - pair.heard[robot.CURRENT_MODE].received_ns > 3 * S - 20 * MS)
+    pair.topics = tuple(topic for topic in LEAN if topic != CURRENT_MODE)
+    pair.run_until(lambda: pair.now_ns - pair.heard[CURRENT_MODE].received_ns > 3 * S - 20 * MS)
     assert pair.state == "ACTIVE"
     pair.topics = ()
     pair.now_ns += 20 * MS
-    pair.receive(SampleArrived(topic=robot.FSM_STATE, value=0, received_ns=pair.now_ns))
+    pair.receive(SampleArrived(topic=FSM_STATE, value=0, received_ns=pair.now_ns))
     pair.step()
     changes = [notice.facts["to"] for notice in pair.notices if notice.code is Code.STATE_CHANGED]
     assert changes == ["HOLDING", "PAUSED"]
@@ -592,16 +600,16 @@ def test_a_late_tick_sends_stop_frames_only():
     pair.tell(Stop())
     pair.late_ns = 51 * MS
     output = pair.step()
-    assert topics_of(output) == [robot.CHASSIS_VELOCITY]
+    assert topics_of(output) == [CHASSIS_VELOCITY]
     assert messages(pair, Code.TICK_LATE) == ["a tick came 51 ms late and was skipped, not caught up"]
-    assert robot.joint_command(L) in topics_of(pair.step())
+    assert joint_command(L) in topics_of(pair.step())
 
 
 def test_a_tick_that_is_not_too_late_is_a_tick():
     """50 ms is the bound."""
     pair, _ = active()
     pair.late_ns = 50 * MS
-    assert set(topics_of(pair.step())) >= {robot.joint_command(L), robot.joint_command(R)}
+    assert set(topics_of(pair.step())) >= {joint_command(L), joint_command(R)}
     assert messages(pair, Code.TICK_LATE) == []
 
 
@@ -614,7 +622,7 @@ def test_what_a_late_tick_finds_waiting_may_be_old():
     pair.step()
     late_ns = pair.now_ns
     pair.granted(Enable(epoch=epoch))
-    pair.run_until(lambda: pair.sent_on(robot.joint_command(L)) != [])
+    pair.run_until(lambda: pair.sent_on(joint_command(L)) != [])
     assert pair.now_ns - late_ns >= 300 * MS
 
 
@@ -719,7 +727,7 @@ def test_grippers_leave_before_their_arms_and_the_heartbeat_never_overtakes_them
     outputs = [pair.step() for _ in range(6)]
     full = next(output for output in outputs if len(output.frames) == 6)
     assert topics_of(full) == [
-        *map(robot.gripper_command, Side), *map(robot.joint_command, Side), robot.FSM_ENABLE, robot.CHASSIS_VELOCITY,
+        *map(gripper_command, Side), *map(joint_command, Side), FSM_ENABLE, CHASSIS_VELOCITY,
     ]  # fmt: skip
 
 
@@ -727,14 +735,14 @@ def test_grippers_leave_before_their_arms_and_the_heartbeat_never_overtakes_them
 def test_an_engine_that_failed_can_still_stop_everything(model):
     """0.0 when it is owed, zeros for the chassis, stop for the lift; no setpoint any more."""
     pair = pair_of(model=model)
-    lift = [robot.LIFT_COMMAND] * (model == "lift")
+    lift = [LIFT_COMMAND] * (model == "lift")
     pair.step()
-    assert [frame.topic for frame in pair.engine.panic_frames(pair.now_ns)] == [robot.CHASSIS_VELOCITY, *lift]
+    assert [frame.topic for frame in pair.engine.panic_frames(pair.now_ns)] == [CHASSIS_VELOCITY, *lift]
     pair.activate()
     frames = pair.engine.panic_frames(pair.now_ns)
-    assert [frame.topic for frame in frames] == [robot.FSM_ENABLE, robot.CHASSIS_VELOCITY, *lift]
+    assert [frame.topic for frame in frames] == [FSM_ENABLE, CHASSIS_VELOCITY, *lift]
     assert frames[0].values == (0.0,) and {frame.kind for frame in frames} == {FrameKind.STOP}
-    assert not set(pair.engine.running_topics) & set(map(robot.joint_command, Side))
+    assert not set(pair.engine.running_topics) & set(map(joint_command, Side))
     pair.receive(LinkUp(router_zid="bb", at_ns=pair.now_ns))
     assert pair.state == "OFFLINE"
 
@@ -742,7 +750,7 @@ def test_an_engine_that_failed_can_still_stop_everything(model):
 def test_a_bridge_that_delivers_everything_twice_is_told_once():
     """STATE_DUPLICATED with the count, and what helps (BEHAVIOUR, the bridge misbehaves)."""
     pair = pair_of()
-    topic = robot.arm_state(L)
+    topic = arm_state(L)
     pair.run_until(lambda: topic in pair.heard)
     for _ in range(3):
         sample = pair.heard[topic]
@@ -764,7 +772,7 @@ def test_events_about_guards_reach_whoever_knows_them():
     assert (guard.pid, guard.lost, guard.earlier_holds) == (7, 1, True)
     assert pair.engine.rest_ns == 0, "the hold is to be taken over in the next tick"
     assert Code.GUARD_LOST in pair.codes() and Code.TAKEN_OVER in pair.codes()
-    assert [frame.values for _, frame in pair.sent_on(robot.FSM_ENABLE)][:1] == [(0.0,)]
+    assert [frame.values for _, frame in pair.sent_on(FSM_ENABLE)][:1] == [(0.0,)]
 
 
 def test_a_guards_engine_ends_its_hold_when_the_robot_is_not_heard():
@@ -782,14 +790,14 @@ def test_a_guards_engine_ends_its_hold_when_the_robot_is_not_heard():
         pair.frames.clear()
         pair.run(0.3)
         assert pair.state == "STALE"
-        zeros = [frame for _, frame in pair.sent_on(robot.FSM_ENABLE) if frame.values == (0.0,)]
+        zeros = [frame for _, frame in pair.sent_on(FSM_ENABLE) if frame.values == (0.0,)]
         assert bool(zeros) is is_guard
 
 
 def test_a_jump_that_is_believed_in_the_end_is_told_once():
     """Whoever held the arm there learns that it is said to be somewhere else."""
     pair = pair_of()
-    topic = robot.arm_state(L)
+    topic = arm_state(L)
     pair.run_until(lambda: topic in pair.heard)
     pair.robot.inject({"fault": "jump", "side": "left", "joint": 2, "delta_rad": 0.6}, pair.now_ns)
     pair.run(2.0)
@@ -823,7 +831,7 @@ def test_sessions_of_ours_are_remembered():
     assert pair.step().remembered is None
     pair.restart()
     pair.receive(LinkUp(router_zid="aa", at_ns=pair.now_ns, own_zid="a2"))
-    pair.receive(ForeignData(topic=robot.FSM_ENABLE, zid="a1", at_ns=pair.now_ns))
+    pair.receive(ForeignData(topic=FSM_ENABLE, zid="a1", at_ns=pair.now_ns))
     pair.step()
     assert pair.remembered.zids == ("a1", "9a", "a2") and messages(pair, Code.FOREIGN_WRITER) == []
 
@@ -840,5 +848,5 @@ def test_the_engine_says_whether_an_end_effector_decides_about_motion(modes, ena
         api=True, joint_mode=dict(zip(Side, modes, strict=True)), arm_enabled=dict.fromkeys(Side, enabled),
         chassis_enabled=True, lift_enabled=False, collision_check=False,
     )  # fmt: skip
-    engine.receive(SampleArrived(topic=robot.CURRENT_MODE, value=mode, received_ns=5), 5)
+    engine.receive(SampleArrived(topic=CURRENT_MODE, value=mode, received_ns=5), 5)
     assert engine.is_posing is is_posing

@@ -6,19 +6,19 @@ from itertools import pairwise
 
 import pytest
 
-from gateway import robot
 from gateway.core.guardian import HANDED_NS, Guardian, Phase
 from gateway.core.messages.events import Enable, Estop, FrameKind, Suspended
 from gateway.core.messages.held import Held
 from gateway.core.supervision.supervisor import State
-from gateway.robot import HOME_Q_RAD
-from gateway.settings import Settings
+from gateway.robot.limits import HOME_Q_RAD
+from gateway.robot.topics import CURRENT_MODE, FSM_ENABLE, FSM_STATE, arm_state, joint_command
+from gateway.settings.settings import Settings
 from gateway.values import Side
 from tests.guarded import Guarded
 from tests.invariants import Monitor
 from tests.pair import MS, START_NS, S
 
-LEAN = (*map(robot.arm_state, Side), robot.FSM_STATE, robot.CURRENT_MODE)
+LEAN = (*map(arm_state, Side), FSM_STATE, CURRENT_MODE)
 ARMED = Held(at_ns=START_NS, state="HOLDING", beat="one")
 
 
@@ -61,9 +61,7 @@ def test_it_brakes_and_holds_for_10_s_then_everything_goes_down():
     assert pair.guardian.left_ns(pair.now_ns) == 10 * S
     pair.run(9.9)
     assert (pair.state, pair.robot.fsm.published) == ("HOLDING", 2)
-    assert {frame.kind for _, frame in pair.sent_on(robot.joint_command(Side.LEFT), pair.now_ns - S)} == {
-        FrameKind.HOLD
-    }
+    assert {frame.kind for _, frame in pair.sent_on(joint_command(Side.LEFT), pair.now_ns - S)} == {FrameKind.HOLD}
     pair.run_until(lambda: pair.guardian.phase is Phase.DONE, 4.0)
     assert pair.now_ns - begun_ns < 14 * S
     assert pair.robot.fsm.published == 0
@@ -87,13 +85,13 @@ def test_a_daemon_that_was_only_owing_gets_its_0_0_paid():
     pair.run_until(lambda: pair.knows_mode)
     epoch = pair.own()
     pair.granted(Enable(epoch=epoch))
-    pair.run_until(lambda: bool(pair.sent_on(robot.FSM_ENABLE)))
+    pair.run_until(lambda: bool(pair.sent_on(FSM_ENABLE)))
     pair.die()
     assert not pair.guardian.is_holding
     died_ns = pair.now_ns
     pair.run_until(lambda: pair.guardian.phase is Phase.DONE, 4.0)
-    assert pair.sent_on(robot.joint_command(Side.LEFT), died_ns) == []
-    assert {frame.values for _, frame in pair.sent_on(robot.FSM_ENABLE, died_ns)} == {(0.0,)}
+    assert pair.sent_on(joint_command(Side.LEFT), died_ns) == []
+    assert {frame.values for _, frame in pair.sent_on(FSM_ENABLE, died_ns)} == {(0.0,)}
 
 
 def test_a_guard_that_is_asked_to_end_brakes_and_pauses_the_robot():
@@ -133,7 +131,7 @@ def test_a_daemon_that_has_been_dead_for_less_is_ended_with_0_0():
     died_ns = pair.now_ns
     pair.die(seen_after_ms=900.0)
     pair.run_until(lambda: pair.guardian.phase is Phase.DONE, 4.0)
-    assert {frame.values for _, frame in pair.sent_on(robot.FSM_ENABLE, died_ns + 1)} == {(0.0,)}
+    assert {frame.values for _, frame in pair.sent_on(FSM_ENABLE, died_ns + 1)} == {(0.0,)}
 
 
 def test_an_e_stop_is_passed_on_however_late():
@@ -144,7 +142,7 @@ def test_an_e_stop_is_passed_on_however_late():
     assert pair.shown is not None and pair.shown.is_estop
     pair.die(seen_after_ms=1500.0)
     pair.run_until(lambda: pair.guardian.phase is Phase.DONE, 4.0)
-    assert pair.sent_on(robot.FSM_ENABLE, stopped_ns + S)
+    assert pair.sent_on(FSM_ENABLE, stopped_ns + S)
 
 
 @pytest.mark.parametrize("is_asleep", [False, True], ids=["stopped", "asleep"])
@@ -194,7 +192,7 @@ def test_a_restarted_daemon_takes_the_hold_over_without_a_step():
     pair.restart_guarded()
     assert (pair.state, pair.engine.owner_id) == ("HOLDING", None)
     pair.run(3.0)
-    times = [at_ns for at_ns, _ in pair.sent_on(robot.joint_command(Side.RIGHT), START_NS)]
+    times = [at_ns for at_ns, _ in pair.sent_on(joint_command(Side.RIGHT), START_NS)]
     assert max(b - a for a, b in pairwise(times)) < 100 * MS
     down_in_ns = pair.see().lease.down_in_ns
     assert down_in_ns is not None and 55 * S < down_in_ns < 60 * S
@@ -237,7 +235,7 @@ def test_a_hold_that_comes_back_too_late_goes_down():
     back_ns = pair.now_ns
     pair.guardian.take_back(pair.now_ns)
     pair.run_until(lambda: pair.guardian.phase is Phase.DONE, 4.0)
-    assert pair.sent_on(robot.joint_command(Side.LEFT), back_ns) == []
+    assert pair.sent_on(joint_command(Side.LEFT), back_ns) == []
     assert pair.guardian.engine.state is State.READ_ONLY
 
 
@@ -249,8 +247,8 @@ def test_a_hold_whose_new_daemon_hangs_goes_down():
     pair.guardian.hand_over(pair.now_ns)
     handed_ns = pair.now_ns
     pair.run(HANDED_NS / S - 0.01)
-    assert pair.sent_on(robot.FSM_ENABLE, handed_ns + 1) == []
+    assert pair.sent_on(FSM_ENABLE, handed_ns + 1) == []
     pair.run_until(lambda: pair.guardian.phase is Phase.DONE, 4.0)
-    assert {frame.values for _, frame in pair.sent_on(robot.FSM_ENABLE, handed_ns + 1)} == {(0.0,)}
-    assert pair.sent_on(robot.joint_command(Side.LEFT), handed_ns + 1) == []
+    assert {frame.values for _, frame in pair.sent_on(FSM_ENABLE, handed_ns + 1)} == {(0.0,)}
+    assert pair.sent_on(joint_command(Side.LEFT), handed_ns + 1) == []
     assert pair.robot.fsm.published == 0

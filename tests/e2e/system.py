@@ -339,7 +339,8 @@ class System:
     def client(self, name: str, program: str) -> Process:
         """Start a client program; it finds `TARGET` and `robot` (connected) in its names."""
         text = (
-            "import sys, time\nimport numpy as np\nfrom gateway.client import connect\nfrom gateway.robot import HOME_Q_RAD\n"
+            "import sys, time\nimport numpy as np\n"
+            "from gateway.client import connect\nfrom gateway.robot.limits import HOME_Q_RAD\n"
             "from gateway.values import Side\nHOME = {side.value: np.array(HOME_Q_RAD[side]) for side in Side}\n"
             f"TARGET = {self.target!r}\nrobot = connect(TARGET, name={name!r}, timeout_s=10.0)\n" + program
         )

@@ -20,7 +20,7 @@ NEEDED = ("zenoh", "msgspec", "numpy", "numpy.libs", "gateway")
 PROGRAM = """
 import sys
 sys.path[:0] = [sys.argv[1]]
-from gateway.cli import main
+from gateway.cli.main import main
 status = main(["example", "6.6", "--yes", "--socket", sys.argv[2]])
 print(sorted({name.partition(".")[0] for name in sys.modules} - set(sys.stdlib_module_names)))
 sys.exit(status)

@@ -16,12 +16,12 @@ from typing import Any
 import pytest
 import zenoh
 
-from gateway import robot as facts
 from gateway.client import Robot, connect
 from gateway.client.asking.guard_stop import stop_at_guard
 from gateway.errors import Disconnected
 from gateway.link.others.gateway_token import gateway_tokens, parse_gateway_token
-from gateway.settings import RealtimeSettings
+from gateway.robot.topics import FSM_ENABLE, joint_command, pose_command, shoulder_frame
+from gateway.settings.settings import RealtimeSettings
 from gateway.values import Side
 from tests.e2e.system import System, joint_topics, steady, wait_for
 from tests.stranger import Stranger
@@ -248,7 +248,7 @@ def test_a_dead_daemon_is_followed_by_a_hold_and_the_next_daemon_takes_it(tmp_pa
 @pytest.mark.alone
 def test_an_arm_in_each_control_mode_is_held_and_handed_over(tmp_path: Path) -> None:
     """Joints on the left, an end effector on the right: gaps below 100 ms, no clip, the grip kept, and on it moves."""
-    topics = (facts.joint_command(Side.LEFT), facts.pose_command(Side.RIGHT))
+    topics = (joint_command(Side.LEFT), pose_command(Side.RIGHT))
     options = ("--left-mode", "joint", "--right-mode", "pose")
 
     def attempt(folder: Path) -> list[str]:
@@ -269,9 +269,9 @@ def test_an_arm_in_each_control_mode_is_held_and_handed_over(tmp_path: Path) -> 
                 own.enable(timeout=10.0)
                 there = second.state.right_arm.pose
                 x, y, z = there.p
-                own.right_arm.move_pose(
-                    (x, y + 0.03, z), there.quat_xyzw, frame=facts.shoulder_frame(Side.RIGHT)
-                ).result(timeout=20.0)
+                own.right_arm.move_pose((x, y + 0.03, z), there.quat_xyzw, frame=shoulder_frame(Side.RIGHT)).result(
+                    timeout=20.0
+                )
             arms = scene.system.stats()["arms"]
             return broken + [f"{side} arm clipped: {arm['clips']}" for side, arm in arms.items() if arm["clips"]]
         finally:
@@ -377,7 +377,7 @@ def test_a_guard_that_holds_lets_go_when_somebody_else_commands(tmp_path: Path) 
 
             def is_heard() -> bool:
                 stranger.put(CHASSIS, (0.0, 0.0, 0.0))
-                stranger.put(facts.FSM_ENABLE, (0.0,))
+                stranger.put(FSM_ENABLE, (0.0,))
                 return "commands that we did not send" in system.daemon.text()
 
             wait_for(is_heard, "the guard hears somebody else", 5.0)

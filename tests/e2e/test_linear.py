@@ -10,9 +10,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from gateway import robot as facts
 from gateway.client import PoseTarget, Robot
 from gateway.errors import Aborted, Cancelled, Code, GatewayError, Refusal
+from gateway.robot.limits import HOME_Q_RAD
 from gateway.values import EePose, Side
 from tests.core.lines import planned
 from tests.e2e.system import System, steady
@@ -39,7 +39,7 @@ def work(robot: Robot) -> None:
     """Go home, then up and back with both hands; be refused, cancel, and go to a pose by the joints."""
     with robot.control() as own:
         own.enable(timeout=15.0)
-        own.move_to({side.value: q_rad for side, q_rad in facts.HOME_Q_RAD.items()}).result(timeout=30.0)
+        own.move_to({side.value: q_rad for side, q_rad in HOME_Q_RAD.items()}).result(timeout=30.0)
         start = {side: robot.state.arm(side).pose for side in ("left", "right")}
         up = {
             side: PoseTarget(np.add(pose.p, (0.02, 0.0, 0.06)), pose.quat_xyzw, pose.frame)

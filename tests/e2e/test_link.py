@@ -12,9 +12,10 @@ from typing import Any
 
 import pytest
 
-from gateway import robot as facts
 from gateway.client import connect
 from gateway.errors import NotReady
+from gateway.robot.limits import HOME_Q_RAD
+from gateway.robot.topics import joint_command
 from gateway.values import Side
 from tests.e2e.system import ROOT, System, wait_for
 from tests.stranger import Stranger
@@ -77,7 +78,7 @@ def test_the_page_of_a_gateway_and_that_of_a_look_tell_the_same_wire(tmp_path: P
         assert sorted(who["kind"] for who in look["wire"]["neighbours"]) == [
             "gateway", "gateway", "robot", "self", "session",
         ]  # fmt: skip
-        stranger.put(facts.joint_command(Side.LEFT), [0.0] * 7)
+        stranger.put(joint_command(Side.LEFT), [0.0] * 7)
         found = wait_for(
             lambda: [f for f in seen(*at)["findings"] if f["code"] == "FOREIGN_WRITER"], "the stranger's command"
         )
@@ -104,5 +105,5 @@ def test_a_robot_with_a_namespace_is_found_offered_and_driven(tmp_path: Path, sy
     with system.connect("named") as robot:
         with robot.control() as own:
             own.enable(timeout=15.0)
-            own.move_to({"left": facts.HOME_Q_RAD[Side.LEFT]}, speed=1.0).result(timeout=30.0)
+            own.move_to({"left": HOME_Q_RAD[Side.LEFT]}, speed=1.0).result(timeout=30.0)
         assert seen("--socket", system.target)["wire"]["namespace"] == "bot1"

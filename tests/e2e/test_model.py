@@ -14,14 +14,14 @@ from pathlib import Path
 
 import pytest
 
-from gateway.apps.body.calibration_writing import write_arms
+from gateway.cli.body.calibration_writing import write_arms
 from gateway.client import Control, Robot
 from gateway.errors import GatewayError
 from gateway.kinematics.calibration import RobotIdentity
 from gateway.kinematics.calibration_file.arm_section import ArmCalibration, fingerprint
 from gateway.kinematics.correction import ArmCorrection
 from gateway.kinematics.description import nominal
-from gateway.robot import JOINT_LOWER_RAD, JOINT_UPPER_RAD
+from gateway.robot.limits import JOINT_LOWER_RAD, JOINT_UPPER_RAD
 from gateway.values import Side
 from tests.e2e.system import ATTEMPTS, ROOT, STALLED, System, wait_for
 from tests.thoroughness import IS_THOROUGH

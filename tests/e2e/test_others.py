@@ -9,10 +9,11 @@ from pathlib import Path
 
 import pytest
 
-from gateway import robot as facts
 from gateway.client import Robot, connect
 from gateway.client.control import Control
 from gateway.errors import Code, GatewayError, NotReady
+from gateway.robot.limits import HOME_Q_RAD
+from gateway.robot.topics import joint_command
 from gateway.values import Side
 from tests.e2e.system import Process, Relay, System, steady, wait_for
 from tests.stranger import Stranger
@@ -21,8 +22,8 @@ pytestmark = [pytest.mark.e2e, pytest.mark.body_free("who else commands is the m
 
 Systems = Callable[..., System]
 
-LEFT = facts.joint_command(Side.LEFT)
-HOME = {side.value: facts.HOME_Q_RAD[side] for side in Side}
+LEFT = joint_command(Side.LEFT)
+HOME = {side.value: HOME_Q_RAD[side] for side in Side}
 SLOW_MOVE = """
 with robot.control() as own:
     own.enable(timeout=12.0)

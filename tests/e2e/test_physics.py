@@ -18,9 +18,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from gateway import robot as facts
 from gateway.client import Control, Robot
 from gateway.errors import GatewayError
+from gateway.robot.limits import HOME_Q_RAD
 from gateway.sim.physics.scene import MARK_M
 from gateway.sim.robot.geometry import quat_from_rotation
 from tests.e2e.system import ATTEMPTS, STALLED, System, wait_for
@@ -171,7 +171,7 @@ def test_joints_go_home_and_back_on_the_robot_with_forces(tmp_path: Path, system
             with system.connect("mover") as robot, robot.control() as own:
                 own.enable(timeout=12.0)
                 hanging = {"left": robot.state.left_arm.q, "right": robot.state.right_arm.q}
-                home = {side.value: facts.HOME_Q_RAD[side] for side in facts.HOME_Q_RAD}
+                home = {side.value: HOME_Q_RAD[side] for side in HOME_Q_RAD}
                 for goal in (home, hanging):
                     assert own.move_to(goal).result(timeout=20.0).error < 0.05
                 assert not robot.state.latches

@@ -9,9 +9,9 @@ from pathlib import Path
 
 import pytest
 
-from gateway import robot as facts
 from gateway.client import Robot
 from gateway.errors import Code, GatewayError, NotReady, Rejected
+from gateway.robot.topics import pose_command
 from gateway.values import Side
 from tests.e2e.system import System, steady
 
@@ -19,7 +19,7 @@ pytestmark = [pytest.mark.e2e, pytest.mark.alone]
 
 Systems = Callable[..., System]
 FRAME = "right_shoulder_base"
-TOPIC = facts.pose_command(Side.RIGHT)
+TOPIC = pose_command(Side.RIGHT)
 STARVED = {Code.PART_LOST, Code.PART_STALE, Code.STATE_STALE}
 """What a machine without time for the simulated robot gives."""
 

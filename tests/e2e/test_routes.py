@@ -7,9 +7,9 @@ from pathlib import Path
 
 import pytest
 
-from gateway import robot as facts
 from gateway.client import Robot
 from gateway.errors import Code
+from gateway.robot.topics import FSM_ENABLE, arm_state, joint_command
 from gateway.values import Side
 from tests.e2e.system import System, wait_for
 from tests.stranger import Stranger
@@ -45,7 +45,7 @@ def test_dead_routes_under_a_live_link_are_declared_again_and_nothing_moves(tmp_
         wait_for(lambda: watcher.state.link.fresh, "state again", 10.0)
         wait_for(lambda: watcher.state.state in {"IDLE", "HOLDING"}, "an outcome", 5.0)
         dead = told(watcher, Code.ROUTE_DEAD)
-        assert any(facts.arm_state(Side.LEFT) in text for text in dead), dead
+        assert any(arm_state(Side.LEFT) in text for text in dead), dead
         assert max(abs(a - b) for a, b in zip(before, system.arm_q(), strict=True)) < 0.02
 
 
@@ -54,7 +54,7 @@ def test_dead_routes_under_a_live_link_are_declared_again_and_nothing_moves(tmp_
 def test_the_remedy_of_a_dead_route_names_who_keeps_it_dead(tmp_path: Path, systems: Systems) -> None:
     """While somebody else subscribes, declaring again cannot help: it is done at most four times, and he is named."""
     system = systems(tmp_path)
-    topic = facts.arm_state(Side.LEFT)
+    topic = arm_state(Side.LEFT)
     with system.connect("watcher") as watcher:
         viewer = Stranger(system.endpoint)
         viewer.listen(topic[1:])
@@ -76,10 +76,10 @@ def test_a_restarted_router_is_another_robot_and_nothing_is_armed_again(tmp_path
         wait_for(lambda: robot.state.link.up and robot.state.link.router_zid != before, "another router", 10.0)
         wait_for(lambda: robot.state.link.fresh and robot.state.mode is not None, "state", 10.0)
         system.forget_control()
-        beats = system.count(facts.FSM_ENABLE)
+        beats = system.count(FSM_ENABLE)
         wait_for(lambda: robot.state.state == "IDLE" and robot.state.fsm == 0, "the base", 10.0)
         assert told(robot, Code.ROBOT_RESTARTED) and robot.state.lease.owned
-        assert system.stats()["commands"].get(facts.joint_command(Side.LEFT), {"count": 0})["count"] >= 0
-        assert system.count(facts.FSM_ENABLE) - beats <= 45, "1.0 went on by itself"
+        assert system.stats()["commands"].get(joint_command(Side.LEFT), {"count": 0})["count"] >= 0
+        assert system.count(FSM_ENABLE) - beats <= 45, "1.0 went on by itself"
         own.enable(timeout=12.0)
         assert robot.state.state == "ACTIVE"

@@ -10,7 +10,7 @@ import pytest
 
 from gateway.client import Robot
 from gateway.errors import Code, GatewayError, Rejected
-from gateway.robot import HOME_Q_RAD
+from gateway.robot.limits import HOME_Q_RAD
 from gateway.values import Side
 from tests.e2e.system import System, steady, wait_for
 from tests.kinematics.guarded_arms import MARGIN_M, MEET, model

@@ -41,7 +41,7 @@ class Installed:
         """Run `ta2 WORDS` in a folder, as it is or as if a package were not installed."""
         command = [str(self._home / "bin/ta2"), *words]
         if without:
-            hide = f"import sys; sys.modules[{without!r}] = None; from gateway.cli import main; sys.exit(main())"
+            hide = f"import sys; sys.modules[{without!r}] = None; from gateway.cli.main import main; sys.exit(main())"
             command = [str(self.python), "-I", "-c", hide, *words]
         return subprocess.run(
             command, cwd=folder, env=self._environment, capture_output=True, text=True, timeout=120, check=False

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from gateway.client import Robot, aio
-from gateway.robot import HOME_Q_RAD
+from gateway.robot.limits import HOME_Q_RAD
 from tests.e2e.system import ROOT, System, wait_for
 from tests.thoroughness import IS_THOROUGH
 

@@ -17,7 +17,7 @@ from typing import Any
 
 import zenoh
 
-from gateway import robot
+from gateway.robot.topics import STATE_TOPICS
 from tests.fuzz.hostile import ODD, WORDS, as_json, as_msgpack, monster, mutated, scratched, twisted
 from tests.fuzz.inventor import KINDS, Inventor
 
@@ -206,7 +206,7 @@ class RobotAttack:
         self.session = connect(target)
         self.done: Counter[str] = Counter()
         self.codes: Counter[str] = Counter()
-        self.keys = [topic[1:] for topic in robot.STATE_TOPICS]
+        self.keys = [topic[1:] for topic in STATE_TOPICS]
         self.good: dict[str, bytes] = dict.fromkeys(self.keys, b"\x00\x01\x00\x00")
         self._kept: list[Any] = []
         for key in self.keys:

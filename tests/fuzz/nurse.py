@@ -8,7 +8,6 @@ from __future__ import annotations
 import itertools
 import math
 
-from gateway import robot
 from gateway.core.messages.events import (
     Acquire,
     CommandRequested,
@@ -21,7 +20,8 @@ from gateway.core.messages.events import (
     Take,
 )
 from gateway.errors import CODES
-from gateway.robot import HOME_Q_RAD
+from gateway.robot.limits import HOME_Q_RAD
+from gateway.robot.topics import joint_command, pose_command
 from gateway.values import ARM_DOF, Side, Vector
 from tests.pair import Pair, S
 
@@ -66,7 +66,7 @@ class Nurse:
 
     def topic(self, side: Side) -> str:
         """Return on which topic an arm's setpoints go out."""
-        return robot.pose_command(side) if side in self.poses else robot.joint_command(side)
+        return pose_command(side) if side in self.poses else joint_command(side)
 
     def places(self) -> dict[Side, Vector]:
         """Return where arms are held, or hang, each in its space."""

@@ -18,7 +18,6 @@ from typing import Any, get_args
 import pytest
 from msgspec import structs
 
-from gateway import robot
 from gateway.api import protocol
 from gateway.api.inbox import Inbox
 from gateway.api.outbox import Outbox
@@ -29,7 +28,9 @@ from gateway.core.engine import Output
 from gateway.core.messages.events import CommandRequested, Estop, Event, FrameKind, Reply, Stop
 from gateway.core.requests.answers import REPLIES_KEPT
 from gateway.errors import CODES, Code
-from gateway.settings import LinkSettings, LocalSettings, Settings
+from gateway.robot.limits import JOINT_LOWER_RAD, JOINT_UPPER_RAD
+from gateway.robot.topics import CURRENT_MODE, FSM_STATE, arm_state, ee_pose
+from gateway.settings.settings import LinkSettings, LocalSettings, Settings
 from gateway.sim.robot.settings import SimSettings
 from gateway.values import Side
 from tests.fuzz.hostile import TEXTS, as_json, as_msgpack, monster, mutated, scratched, twisted
@@ -328,7 +329,7 @@ class Attacker:
     def goal(self, side: Side, overshoot: float = 0.02) -> list[float]:
         """Return seven joints, mostly inside the limits [rad]."""
         rng = self.rng
-        bounds = zip(robot.JOINT_LOWER_RAD[side], robot.JOINT_UPPER_RAD[side], strict=True)
+        bounds = zip(JOINT_LOWER_RAD[side], JOINT_UPPER_RAD[side], strict=True)
         return [rng.uniform(low - overshoot * rng.random(), high) for low, high in bounds]
 
     def place(self, side: Side) -> list[float]:
@@ -405,7 +406,7 @@ def plane_of(**sim: Any) -> Plane:
     """Return a plane before a pair that was never asked anything."""
     settings = Settings(local=LocalSettings(snapshot_hz=10.0), link=LinkSettings(model=sim.get("model", "standard")))
     pair = Pair(settings, SimSettings(state_period_ns=10 * MS, **sim))
-    pair.topics = (*map(robot.arm_state, Side), *map(robot.ee_pose, Side), robot.FSM_STATE, robot.CURRENT_MODE)
+    pair.topics = (*map(arm_state, Side), *map(ee_pose, Side), FSM_STATE, CURRENT_MODE)
     pair.run_until(lambda: pair.state == "READ_ONLY" and pair.knows_mode)
     return Plane(pair)
 

@@ -18,14 +18,15 @@ import pytest
 
 from cdr_types import CdrError, encode
 from cdr_types.messages import builtin_interfaces, geometry_msgs, sensor_msgs, std_msgs
-from gateway import robot
 from gateway.api import protocol
 from gateway.core.engine import Output
 from gateway.core.messages.events import FrameKind, Move, SampleArrived, SampleRefused
 from gateway.errors import Code
 from gateway.link.codec import MAX_MODE_CHARACTERS, BadSample, decode_sample, stamp_of
 from gateway.link.mailbox import Mailbox
-from gateway.settings import LocalSettings, Settings
+from gateway.robot.limits import HOME_Q_RAD
+from gateway.robot.topics import CURRENT_MODE, FSM_STATE, JOINT_NAMES, JOINT_STATE, STATE_TOPICS, TOPICS, arm_state
+from gateway.settings.settings import LocalSettings, Settings
 from gateway.values import ArmState, EePose, FsmState, MotorState, Side
 from tests.cdr_types.oracle import ros_encode
 from tests.fuzz.hostile import FLOATS, ODD, TEXTS, WORDS, mutated, scratched
@@ -45,9 +46,9 @@ BLOCK = 1_000
 WILD = 100
 """Of a block, so many may tell any lie; then the nurse comes."""
 
-ARMS = tuple(map(robot.arm_state, Side))
-MOTORS = tuple(topic for topic in robot.STATE_TOPICS if robot.TOPICS[topic].type_name == robot.JOINT_STATE)
-QUIET = tuple(topic for topic in robot.STATE_TOPICS if topic not in (robot.FSM_STATE, robot.CURRENT_MODE))
+ARMS = tuple(map(arm_state, Side))
+MOTORS = tuple(topic for topic in STATE_TOPICS if TOPICS[topic].type_name == JOINT_STATE)
+QUIET = tuple(topic for topic in STATE_TOPICS if topic not in (FSM_STATE, CURRENT_MODE))
 """Topics of which a lie does not stop everything at once."""
 
 MODE = {
@@ -67,17 +68,17 @@ class Liar:
     def sample(self, *, is_wild: bool) -> tuple[str, bytes]:
         """Return a topic and a payload for it."""
         rng = self.rng
-        topic = rng.choice(robot.STATE_TOPICS if is_wild else QUIET)
+        topic = rng.choice(STATE_TOPICS if is_wild else QUIET)
         kind = rng.choice(("twisted", "twisted", "scratched", "scratched", "foreign", "shapeless", "big-endian", "cut"))
         if not is_wild and kind == "scratched" and topic in ARMS:
             kind = "twisted"  # a flipped name latches JOINT_ORDER: for the wild spells
         if not is_wild and kind == "foreign" and topic in ARMS:
             kind = "shapeless"  # so do the names of the other arm
         if not is_wild and rng.random() < 0.05:
-            topic, kind = rng.choice((robot.FSM_STATE, robot.CURRENT_MODE)), "cut"
+            topic, kind = rng.choice((FSM_STATE, CURRENT_MODE)), "cut"
         self.kinds[kind] += 1
         if kind == "foreign":
-            return topic, self.good(rng.choice([other for other in robot.STATE_TOPICS if other != topic]))
+            return topic, self.good(rng.choice([other for other in STATE_TOPICS if other != topic]))
         if kind == "shapeless":
             return topic, self.shapeless()
         if kind == "big-endian":
@@ -125,7 +126,7 @@ class Liar:
         sec, nanosec = divmod((heard.stamp_ns or 0) + self.pair.now_ns - heard.received_ns, S)
         return sensor_msgs.JointState(
             header=std_msgs.Header(stamp=builtin_interfaces.Time(sec=sec, nanosec=nanosec), frame_id=""),
-            name=list(robot.JOINT_NAMES[topic]), position=list(q_rad), velocity=list(dq_radps), effort=list(tau_nm),
+            name=list(JOINT_NAMES[topic]), position=list(q_rad), velocity=list(dq_radps), effort=list(tau_nm),
         )  # fmt: skip
 
     def twisted(self, topic: str, *, is_wild: bool) -> bytes:
@@ -197,7 +198,7 @@ class Wire:
     def __init__(self, pair: Pair) -> None:
         self.pair = pair
         self.monitor = Monitor(pair)
-        self.mailboxes = {topic: Mailbox(is_stamped=topic in MOTORS) for topic in robot.STATE_TOPICS}
+        self.mailboxes = {topic: Mailbox(is_stamped=topic in MOTORS) for topic in STATE_TOPICS}
         self.outcomes: Counter[str] = Counter()
         self.frames: Counter[FrameKind] = Counter()
         pair.on_step = self.see
@@ -218,7 +219,7 @@ class Wire:
             self.outcomes["decoded"] += 1
             _assert_sound(value)
             event = SampleArrived(topic=topic, value=value, received_ns=now_ns, stamp_ns=stamp_of(value))
-            if topic == robot.FSM_STATE:
+            if topic == FSM_STATE:
                 self.monitor.told_pause = value == FsmState.PAUSE
         # Not by `pair.receive`: what the monitor takes for the truth is what the robot itself has said.
         self.pair.engine.receive(event, now_ns)
@@ -252,7 +253,7 @@ def test_hostile_samples_are_refused_or_harmless(seed: int) -> None:
     rng = random.Random(seed)
     pair = Pair(Settings(local=LocalSettings(snapshot_hz=10.0)))
     wire, nurse, liar = Wire(pair), Nurse(pair), Liar(rng, pair)
-    pair.run_until(lambda: pair.state == "READ_ONLY" and pair.heard.keys() == set(robot.STATE_TOPICS))
+    pair.run_until(lambda: pair.state == "READ_ONLY" and pair.heard.keys() == set(STATE_TOPICS))
     active = objects = 0
     for number in range(PAYLOADS):
         is_wild = number % BLOCK < WILD
@@ -263,7 +264,7 @@ def test_hostile_samples_are_refused_or_harmless(seed: int) -> None:
                 nurse.revive()
             active += nurse.is_well
             if number % 400 == 200 and nurse.is_well:
-                goal = {side: tuple(x + 0.1 * rng.random() for x in robot.HOME_Q_RAD[side]) for side in Side}
+                goal = {side: tuple(x + 0.1 * rng.random() for x in HOME_Q_RAD[side]) for side in Side}
                 nurse.ask(Move(epoch=nurse.epoch, targets_rad=goal))
             pair.frames.clear()
             pair.notices.clear()

@@ -12,10 +12,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from gateway import robot
 from gateway.core.messages.held import Held, HeldArm
 from gateway.core.supervision.supervisor import State
 from gateway.guard.blackboard import HEAD, KNOWN, KNOWN_AT, LATCHES, SAID, SAID_AT, SHOWN, SHOWN_AT, SIZE, Blackboard
+from gateway.robot.topics import joint_command, pose_command
 from gateway.values import Side
 
 
@@ -31,8 +31,8 @@ numbers = st.floats(allow_nan=False, allow_infinity=False)
 sevens = st.tuples(*[numbers] * 7)
 sixes = st.tuples(*[numbers] * 6)
 arms = st.one_of(
-    st.builds(HeldArm, topic=st.just(robot.joint_command(Side.LEFT)), values=sevens, rate=sevens, acceleration=sevens),
-    st.builds(HeldArm, topic=st.just(robot.pose_command(Side.LEFT)), values=sevens, rate=sixes, acceleration=sixes),
+    st.builds(HeldArm, topic=st.just(joint_command(Side.LEFT)), values=sevens, rate=sevens, acceleration=sevens),
+    st.builds(HeldArm, topic=st.just(pose_command(Side.LEFT)), values=sevens, rate=sixes, acceleration=sixes),
 )
 times = st.integers(0, 2**62)
 helds = st.builds(
@@ -59,9 +59,7 @@ def test_what_is_shown_is_read_to_the_last_bit(held: Held) -> None:
     try:
         arm = held.arms.get(Side.LEFT)
         if arm is not None and len(arm.rate) == 7:
-            right = HeldArm(
-                topic=robot.joint_command(Side.RIGHT), values=arm.rate, rate=arm.values, acceleration=arm.rate
-            )
+            right = HeldArm(topic=joint_command(Side.RIGHT), values=arm.rate, rate=arm.values, acceleration=arm.rate)
             held = Held(
                 **{name: getattr(held, name) for name in held.__slots__} | {"arms": {**held.arms, Side.RIGHT: right}}
             )
@@ -167,7 +165,7 @@ def test_both_sides_see_each_other(board: Blackboard) -> None:
 
 WRITER = """
 import os, sys
-from gateway import robot
+from gateway.robot.topics import joint_command, pose_command
 from gateway.guard.blackboard import Blackboard
 from gateway.core.messages.held import Held, HeldArm
 from gateway.values import Side
@@ -176,7 +174,7 @@ n = 0
 while True:
     n += 1
     row = (float(n),) * 7
-    arm = HeldArm(topic=robot.joint_command(Side.LEFT), values=row, rate=row, acceleration=row)
+    arm = HeldArm(topic=joint_command(Side.LEFT), values=row, rate=row, acceleration=row)
     board.write(Held(at_ns=n, state="ACTIVE", last_frame_ns=n, epoch=n, arms={Side.LEFT: arm}))
     board.say(n, n, f"{n:032d}", is_linked=True)
     board.know(f"{n:032d}")

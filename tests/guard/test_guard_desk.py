@@ -38,8 +38,8 @@ from gateway.errors import Code
 from gateway.guard import guard_desk
 from gateway.guard.guard_desk import MOST_CALLERS, MOST_NEWCOMERS, GuardDesk
 from gateway.guard.heir import Heir
-from gateway.robot import HOME_Q_RAD
-from gateway.settings import Settings
+from gateway.robot.limits import HOME_Q_RAD
+from gateway.settings.settings import Settings
 from tests.behaviour.scene import LEAN
 from tests.guarded import Guarded
 from tests.pair import S

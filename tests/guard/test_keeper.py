@@ -18,8 +18,9 @@ from gateway.core.messages.held import Held, HeldArm
 from gateway.guard import keeper as module
 from gateway.guard.blackboard import Blackboard
 from gateway.guard.keeper import Keeper
-from gateway.robot import HOME_Q_RAD, joint_command
-from gateway.settings import GuardSettings, LinkSettings, LocalSettings, RealtimeSettings, Settings
+from gateway.robot.limits import HOME_Q_RAD
+from gateway.robot.topics import joint_command
+from gateway.settings.settings import GuardSettings, LinkSettings, LocalSettings, RealtimeSettings, Settings
 from gateway.values import Side
 
 DEADLINE_S = 30.0

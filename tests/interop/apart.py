@@ -18,10 +18,10 @@ from typing import Final
 import pytest
 import zenoh
 
-from gateway import robot
 from gateway.core.messages.events import RouteObserved, SampleArrived
 from gateway.link.robot_link import RobotLink
-from gateway.settings import LinkSettings
+from gateway.robot import topics
+from gateway.settings.settings import LinkSettings
 from gateway.sim.remote import SimControl
 from gateway.sim.robot.manual import STATE_TOPICS
 from tests.e2e.system import Process, free_port, wait_for
@@ -49,8 +49,8 @@ class Ears:
     def __init__(self, endpoint: str, *, has_tokens: bool) -> None:
         self.link = RobotLink(LinkSettings(endpoint=endpoint), is_reader=not has_tokens)
         self.routes: list[RouteObserved] = []
-        self.samples = dict.fromkeys(robot.STATE_TOPICS, 0)
-        self.duplicates = dict.fromkeys(robot.STATE_TOPICS, 0)
+        self.samples = dict.fromkeys(topics.STATE_TOPICS, 0)
+        self.duplicates = dict.fromkeys(topics.STATE_TOPICS, 0)
         self._newest_ns: dict[str, int] = {}
         self._worst_ns: dict[str, int] = {}
         self._is_over = threading.Event()

@@ -19,9 +19,9 @@ from tests.interop.bridge_process import demand
 
 demand(module=True)
 
-from gateway import robot as facts
 from gateway.client import Robot
 from gateway.errors import Code, GatewayError
+from gateway.robot.topics import joint_command
 from gateway.sim.robot.manual import command_topics
 from gateway.values import Side
 from tests.e2e.system import System, wait_for
@@ -32,7 +32,7 @@ from tests.sim.drivers import joints
 
 pytestmark = [pytest.mark.e2e, pytest.mark.interop]
 
-LEFT = facts.joint_command(Side.LEFT)
+LEFT = joint_command(Side.LEFT)
 TYPES = command_topics(has_lift=False)
 HOST_DOMAIN = 42
 

@@ -30,7 +30,7 @@ from pycdr2 import IdlStruct
 
 from gateway.client import connect
 from gateway.link.surveyor import look
-from gateway.settings import LinkSettings
+from gateway.settings.settings import LinkSettings
 from gateway.sim.remote import SimControl
 from gateway.sim.robot.manual import (
     COMMAND_TOPICS,

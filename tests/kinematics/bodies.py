@@ -9,7 +9,7 @@ from dataclasses import replace
 from gateway.kinematics.arm import ArmModel
 from gateway.kinematics.description import Description, arm_joint, nominal
 from gateway.kinematics.placement import Placement, turn_rad
-from gateway.robot import JOINT_LOWER_RAD, JOINT_UPPER_RAD
+from gateway.robot.limits import JOINT_LOWER_RAD, JOINT_UPPER_RAD
 from gateway.values import Side, Vector
 
 __all__ = ["ARMS", "difference", "nudged", "samples"]

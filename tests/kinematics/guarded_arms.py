@@ -14,7 +14,7 @@ from gateway.kinematics.description import nominal
 from gateway.kinematics.separation.approach import Approach
 from gateway.kinematics.separation.judgement import Motion
 from gateway.kinematics.separation.stopping import stop_extent, way_extent
-from gateway.robot import JOINT_LOWER_RAD, JOINT_UPPER_RAD
+from gateway.robot.limits import JOINT_LOWER_RAD, JOINT_UPPER_RAD
 from gateway.values import Side
 
 __all__ = ["DT_S", "LIMITS", "MARGIN_M", "MEET", "ROUNDING_M", "GuardedArms", "free_posture", "model", "random_joints"]

@@ -9,7 +9,7 @@ import numpy as np
 from gateway.kinematics.identification.pairing import Pair
 from gateway.kinematics.placement import quat_from_rows
 from gateway.kinematics.solving.batch import rotations_of
-from gateway.robot import JOINT_LOWER_RAD, JOINT_UPPER_RAD
+from gateway.robot.limits import JOINT_LOWER_RAD, JOINT_UPPER_RAD
 from gateway.sim.robot.geometry import arm_geometry, rotation_from_quat
 from gateway.sim.robot.manual import Side as SimSide
 from gateway.values import EePose

@@ -12,7 +12,7 @@ import numpy as np
 from gateway.kinematics.collision import CollisionModel
 from gateway.kinematics.description import arm_joint, nominal
 from gateway.kinematics.solving.chain import in_base
-from gateway.robot import shoulder_frame
+from gateway.robot.topics import shoulder_frame
 from gateway.values import Side, Vector
 
 __all__ = ["has_pinocchio", "pinocchio_least"]

@@ -12,7 +12,7 @@ from gateway.kinematics.arm import ArmModel, NotClosed
 from gateway.kinematics.description import nominal
 from gateway.kinematics.solving.inverse import Solution
 from gateway.kinematics.solving.numeric import found_from
-from gateway.robot import HOME_Q_RAD
+from gateway.robot.limits import HOME_Q_RAD
 from gateway.values import Side, ValueRefused
 from tests.kinematics.bodies import ARMS, difference, nudged, samples
 from tests.thoroughness import either

@@ -10,7 +10,7 @@ import pytest
 from gateway.kinematics.capsules import DATA_FILE, hull
 from gateway.kinematics.collision import CollisionModel
 from gateway.kinematics.description import nominal
-from gateway.robot import HOME_Q_RAD
+from gateway.robot.limits import HOME_Q_RAD
 from gateway.values import Side, ValueRefused
 
 LIMB = {"upper", "forearm", "palm", "wrist_camera", "upper_finger", "lower_finger"}

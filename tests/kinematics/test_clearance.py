@@ -6,7 +6,7 @@ from gateway.kinematics.arm import ArmModel
 from gateway.kinematics.clearance import clearances, ordinary
 from gateway.kinematics.collision import CollisionModel
 from gateway.kinematics.description import nominal
-from gateway.robot import JOINT_LOWER_RAD, JOINT_UPPER_RAD
+from gateway.robot.limits import JOINT_LOWER_RAD, JOINT_UPPER_RAD
 from gateway.values import Side
 from tests.kinematics.bodies import nudged
 

@@ -12,7 +12,7 @@ import pytest
 from gateway.kinematics.capsules import hull
 from gateway.kinematics.collision import CollisionModel
 from gateway.kinematics.description import nominal
-from gateway.robot import HOME_Q_RAD
+from gateway.robot.limits import HOME_Q_RAD
 from gateway.sim.robot import manual
 from gateway.sim.robot.geometry import arm_geometry
 from gateway.values import Side, ValueRefused

@@ -12,7 +12,7 @@ from gateway.kinematics.calibration_file.conventions import MANUAL
 from gateway.kinematics.configured import configured
 from gateway.kinematics.correction import ArmCorrection, corrected
 from gateway.kinematics.description import nominal
-from gateway.settings import LinkSettings, ModelSettings, Settings
+from gateway.settings.settings import LinkSettings, ModelSettings, Settings
 from gateway.values import Side
 from tests.kinematics import calibrations, urdfs
 from tests.kinematics.bodies import nudged

@@ -9,8 +9,9 @@ from pathlib import Path
 
 import pytest
 
-from gateway import robot
 from gateway.kinematics.description import DATA_FILE, ROOT, Kind, arm_joint, ee_frame, nominal, shoulder_joint
+from gateway.robot.limits import JOINT_LOWER_RAD, JOINT_UPPER_RAD
+from gateway.robot.topics import shoulder_frame
 from gateway.values import Side
 
 ROOT_FOLDER = Path(__file__).parents[2]
@@ -37,7 +38,7 @@ def test_a_moving_joint_has_a_unit_axis_and_a_range_and_a_fixed_one_neither():
 def test_the_robots_own_limits_lie_around_the_descriptions_ranges(side):
     """The description is narrower on joints 1 and 2 and the same elsewhere (manual §4.13)."""
     for number, joint in enumerate(nominal().arm(side)):
-        low, high = robot.JOINT_LOWER_RAD[side][number], robot.JOINT_UPPER_RAD[side][number]
+        low, high = JOINT_LOWER_RAD[side][number], JOINT_UPPER_RAD[side][number]
         assert low <= joint.lower < joint.upper <= high
         assert number < 2 or (low, high) == (joint.lower, joint.upper)
 
@@ -48,7 +49,7 @@ def test_an_arm_is_found_by_its_frames(side):
     description = nominal()
     above = [joint.name for joint in description.above(ee_frame(side))]
     assert above[2:] == [*(arm_joint(side, number) for number in range(1, 8)), f"{side}_ee_joint"]
-    assert description.joints[shoulder_joint(side)].child == robot.shoulder_frame(side)
+    assert description.joints[shoulder_joint(side)].child == shoulder_frame(side)
 
 
 def test_every_link_that_moves_has_a_mass_and_every_mass_a_link():

@@ -10,7 +10,7 @@ from gateway.kinematics.description import nominal
 from gateway.kinematics.frames import ROOT, FixedEdge, FrameTree, Origin
 from gateway.kinematics.nominal_frames import calibrated, nominal_edges
 from gateway.kinematics.transform import Transform
-from gateway.robot import HOME_Q_RAD, JOINT_LOWER_RAD, JOINT_UPPER_RAD
+from gateway.robot.limits import HOME_Q_RAD, JOINT_LOWER_RAD, JOINT_UPPER_RAD
 from gateway.values import Side, ValueRefused
 from tests.kinematics.arms import WITNESSES, joints_at
 from tests.kinematics.test_transform import random_transform

@@ -10,7 +10,7 @@ import pytest
 
 from gateway.kinematics.description import nominal
 from gateway.kinematics.gripper import OTHER_COUPLER_M, Gripper, Length, Torque, feed_forward, measured
-from gateway.robot import GRIPPER_TORQUE_NM
+from gateway.robot.limits import GRIPPER_TORQUE_NM
 from gateway.values import ValueRefused
 from tests.thoroughness import either
 

@@ -13,7 +13,7 @@ from gateway.kinematics.cameras.eyes import EYES
 from gateway.kinematics.description import nominal
 from gateway.kinematics.sight import Sight, robot_frames
 from gateway.kinematics.transform import Points
-from gateway.robot import HOME_Q_RAD
+from gateway.robot.limits import HOME_Q_RAD
 from gateway.values import Side
 from tests.kinematics.arms import WITNESSES, joints_at
 from tests.kinematics.calibrations import ROBOT, document, written

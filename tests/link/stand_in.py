@@ -26,7 +26,7 @@ import zenoh
 from cdr_types import encode
 from cdr_types.keys import Qos, Reliability, Token, TokenKind, format_token, topic_to_key
 from cdr_types.messages import builtin_interfaces, geometry_msgs, sensor_msgs, std_msgs
-from gateway import robot
+from gateway.robot.topics import INT32, JOINT_STATE, POSE, STATE_TOPICS, TOPICS, Direction
 
 PERIOD_S = 0.005
 MODE = {
@@ -43,8 +43,8 @@ MODE = {
 
 def state_message(topic: str, stamp_ns: int, *, is_spoilt: bool = False):
     """Return a plausible message of a state topic."""
-    row = robot.TOPICS[topic]
-    if row.type_name == robot.JOINT_STATE:
+    row = TOPICS[topic]
+    if row.type_name == JOINT_STATE:
         sec, nanosec = divmod(stamp_ns, 1_000_000_000)
         return sensor_msgs.JointState(
             header=std_msgs.Header(stamp=builtin_interfaces.Time(sec=sec, nanosec=nanosec), frame_id="part"),
@@ -53,12 +53,12 @@ def state_message(topic: str, stamp_ns: int, *, is_spoilt: bool = False):
             velocity=[0.0] * row.width,
             effort=[0.5] * row.width,
         )
-    if row.type_name == robot.POSE:
+    if row.type_name == POSE:
         return geometry_msgs.Pose(
             position=geometry_msgs.Point(x=0.3, y=0.0, z=-0.2),
             orientation=geometry_msgs.Quaternion(x=0.0, y=0.0, z=0.0, w=1.0),
         )
-    if row.type_name == robot.INT32:
+    if row.type_name == INT32:
         return std_msgs.Int32(data=0)
     return std_msgs.String(data=json.dumps(MODE))
 
@@ -89,9 +89,9 @@ class StandIn:
         }
         self.session = zenoh.open(zenoh.Config.from_json5(json.dumps(config)))
         self.zid = str(self.session.zid())
-        self.keys = {topic: topic_to_key(topic, namespace) for topic in robot.TOPICS}
+        self.keys = {topic: topic_to_key(topic, namespace) for topic in TOPICS}
         self.received: dict[str, list[str]] = {}
-        self.has_reader = dict.fromkeys(robot.STATE_TOPICS, False)
+        self.has_reader = dict.fromkeys(STATE_TOPICS, False)
         self.spoilt: set[str] = set()
         self.copies = 1
         self.is_present = True
@@ -102,7 +102,7 @@ class StandIn:
                 congestion_control=zenoh.CongestionControl.BLOCK,
                 allowed_destination=zenoh.Locality.REMOTE,
             )
-            for topic in robot.STATE_TOPICS
+            for topic in STATE_TOPICS
         }
         self.kept = [
             publisher.declare_matching_listener(zenoh.handlers.Callback(self._matcher(topic), indirect=False))
@@ -130,7 +130,7 @@ class StandIn:
         return changed
 
     def _announce(self):
-        kinds = {robot.Direction.STATE: TokenKind.MP, robot.Direction.COMMAND: TokenKind.MS}
+        kinds = {Direction.STATE: TokenKind.MP, Direction.COMMAND: TokenKind.MS}
         return [
             self.session.liveliness().declare_token(
                 format_token(
@@ -143,7 +143,7 @@ class StandIn:
                     )
                 )
             )
-            for topic, row in robot.TOPICS.items()
+            for topic, row in TOPICS.items()
         ]
 
     def _take(self, sample) -> None:
@@ -156,9 +156,9 @@ class StandIn:
     def _answer(self, query) -> None:
         start = f"@/{self.zid}/ros2"
         answers = {f"{start}/version": "9.9.9"}
-        for topic, row in robot.TOPICS.items():
+        for topic, row in TOPICS.items():
             key = self.keys[topic]
-            if row.direction is robot.Direction.STATE:
+            if row.direction is Direction.STATE:
                 reader = "0123" if self.has_reader[topic] else ""
                 answers[f"{start}/route/topic/pub/{key}"] = {"dds_reader": reader, "remote_routes": []}
             else:
@@ -172,9 +172,9 @@ class StandIn:
         tick, due_s = 0, time.monotonic()
         while not self.ending.is_set():
             stamp_ns = time.time_ns()
-            for topic, row in robot.TOPICS.items():
+            for topic, row in TOPICS.items():
                 every = max(1, round(1 / (row.rate_hz * PERIOD_S)))
-                if row.direction is robot.Direction.STATE and self.has_reader[topic] and tick % every == 0:
+                if row.direction is Direction.STATE and self.has_reader[topic] and tick % every == 0:
                     if not self.is_present:
                         continue
                     payload = encode(state_message(topic, stamp_ns, is_spoilt=topic in self.spoilt))

@@ -13,7 +13,6 @@ from hypothesis import strategies as st
 
 from cdr_types import encode
 from cdr_types.messages import builtin_interfaces, geometry_msgs, sensor_msgs, std_msgs
-from gateway import robot
 from gateway.errors import Code
 from gateway.link.codec import (
     FRAME_BYTES,
@@ -26,15 +25,29 @@ from gateway.link.codec import (
     stamp_of,
     to_message,
 )
+from gateway.robot.topics import (
+    ARM_JOINTS,
+    CHASSIS_VELOCITY,
+    COMMAND_TOPICS,
+    CURRENT_MODE,
+    FSM_ENABLE,
+    FSM_STATE,
+    JOINT_NAMES,
+    LIFT_COMMAND,
+    STATE_TOPICS,
+    TOPICS,
+    arm_state,
+    ee_pose,
+)
 from gateway.values import ArmState, CurrentMode, EePose, MotorState, Side
 from tests.link.stand_in import MODE, state_message
 from tests.thoroughness import either
 
 S = 1_000_000_000
 STAMP_NS = 1_784_019_894_898_864_727
-JOINT_TOPICS = tuple(robot.JOINT_NAMES)
-LEFT_ARM = robot.arm_state(Side.LEFT)
-POSE = robot.ee_pose(Side.RIGHT)
+JOINT_TOPICS = tuple(JOINT_NAMES)
+LEFT_ARM = arm_state(Side.LEFT)
+POSE = ee_pose(Side.RIGHT)
 FUZZED_PAYLOADS = either(20_000, 100_000)
 
 
@@ -65,7 +78,7 @@ def mode(**changes) -> std_msgs.String:
 # ------------------------------------------------------------------------------------------------------ from the robot
 
 
-@pytest.mark.parametrize("topic", robot.STATE_TOPICS)
+@pytest.mark.parametrize("topic", STATE_TOPICS)
 def test_every_state_topic_is_understood(topic):
     """Each topic of the table has a value type, from bytes and from the message alike."""
     message = state_message(topic, STAMP_NS)
@@ -95,7 +108,7 @@ def test_motors_are_an_arm_or_a_group_of_the_right_size(topic):
     value = decode_sample(topic, encode(state_message(topic, STAMP_NS)))
     assert isinstance(value, ArmState) == topic.endswith("_arm/joint_states")
     assert isinstance(value, MotorState)
-    assert len(value.q_rad) == len(robot.JOINT_NAMES[topic])
+    assert len(value.q_rad) == len(JOINT_NAMES[topic])
 
 
 @pytest.mark.parametrize("topic", JOINT_TOPICS)
@@ -103,21 +116,21 @@ def test_motors_are_an_arm_or_a_group_of_the_right_size(topic):
 def test_velocity_and_effort_may_be_left_out(topic, fields):
     """A robot that sends no velocities still has positions."""
     value = from_message(topic, joints(topic, **{name: [] for name in fields}))
-    assert value.q_rad == (0.25,) * len(robot.JOINT_NAMES[topic])
+    assert value.q_rad == (0.25,) * len(JOINT_NAMES[topic])
 
 
 def test_up_to_three_bytes_of_padding_are_normal():
     """RTPS pads the payload to a multiple of four and the bridge does not cut it (wire.md 1.2)."""
     data = encode(mode())
     for padding in (b"", b"\x00", b"\xff\x01", b"abc"):
-        assert decode_sample(robot.CURRENT_MODE, data + padding) == decode_sample(robot.CURRENT_MODE, data)
+        assert decode_sample(CURRENT_MODE, data + padding) == decode_sample(CURRENT_MODE, data)
     with pytest.raises(BadSample):
-        decode_sample(robot.CURRENT_MODE, data + b"four")
+        decode_sample(CURRENT_MODE, data + b"four")
 
 
 def test_names_in_another_order_mean_another_robot():
     """The robot reads by index and never reorders: the same names swapped are JOINT_ORDER, with both lists told."""
-    names = list(robot.ARM_JOINTS[Side.LEFT])
+    names = list(ARM_JOINTS[Side.LEFT])
     names[0], names[1] = names[1], names[0]
     error = refusal(LEFT_ARM, joints(name=names))
     assert error.code is Code.JOINT_ORDER
@@ -126,8 +139,8 @@ def test_names_in_another_order_mean_another_robot():
 
 def test_the_names_of_the_other_arm_mean_another_robot():
     """Left names on the right arm's topic are refused as JOINT_ORDER."""
-    message = joints(robot.arm_state(Side.RIGHT), name=list(robot.ARM_JOINTS[Side.LEFT]))
-    assert refusal(robot.arm_state(Side.RIGHT), message).code is Code.JOINT_ORDER
+    message = joints(arm_state(Side.RIGHT), name=list(ARM_JOINTS[Side.LEFT]))
+    assert refusal(arm_state(Side.RIGHT), message).code is Code.JOINT_ORDER
 
 
 @pytest.mark.parametrize("topic", JOINT_TOPICS)
@@ -161,7 +174,7 @@ def test_numbers_that_are_not_finite_are_refused(topic, field, value):
     getattr(message, field)[-1] = value
     error = refusal(topic, message)
     assert error.code is Code.SAMPLE_REFUSED
-    assert f"{field}[{len(robot.JOINT_NAMES[topic]) - 1}]" in error.message
+    assert f"{field}[{len(JOINT_NAMES[topic]) - 1}]" in error.message
 
 
 def test_a_stamp_with_a_second_of_nanoseconds_is_refused():
@@ -202,7 +215,7 @@ def test_an_orientation_that_is_none_is_refused(quaternion):
 @pytest.mark.parametrize("value", [-1, 0, 1, 2, 3, 4, 5, 6, 7, 2**31 - 1, -(2**31)])
 def test_the_fsm_state_is_passed_on_raw(value):
     """Unknown values are the engine's to judge, not the codec's (§4.11.1)."""
-    assert decode_sample(robot.FSM_STATE, encode(std_msgs.Int32(data=value))) == value
+    assert decode_sample(FSM_STATE, encode(std_msgs.Int32(data=value))) == value
 
 
 @pytest.mark.parametrize("yes", [1, True])
@@ -211,7 +224,7 @@ def test_the_mode_may_be_written_with_numbers_or_booleans(yes, no):
     """§4.11.2 does not say which; unknown keys are none of our business."""
     fields = dict.fromkeys(MODE, no) | {"meta_mode": yes, "enable_left_arm": yes, "right_arm_control_mode": yes}
     text = std_msgs.String(data=json.dumps({**fields, "new_in_the_next_release": [1]}))
-    assert from_message(robot.CURRENT_MODE, text) == CurrentMode(
+    assert from_message(CURRENT_MODE, text) == CurrentMode(
         api=True,
         joint_mode={Side.LEFT: False, Side.RIGHT: True},
         arm_enabled={Side.LEFT: True, Side.RIGHT: False},
@@ -224,7 +237,7 @@ def test_the_mode_may_be_written_with_numbers_or_booleans(yes, no):
 @pytest.mark.parametrize("key", sorted(MODE))
 def test_a_mode_without_a_key_is_refused_with_the_key_named(key):
     """A part that is not mentioned must not count as switched off."""
-    error = refusal(robot.CURRENT_MODE, mode(**{key: None}))
+    error = refusal(CURRENT_MODE, mode(**{key: None}))
     assert error.code is Code.SAMPLE_REFUSED
     assert key in error.message and "missing" in error.message
 
@@ -233,14 +246,14 @@ def test_a_mode_without_a_key_is_refused_with_the_key_named(key):
 @pytest.mark.parametrize("value", [2, -1, 1.0, "1", [], {}, 10**40])
 def test_a_mode_with_another_value_is_refused_with_the_key_named(key, value):
     """Only 0, 1, false and true are documented."""
-    error = refusal(robot.CURRENT_MODE, mode(**{key: value}))
+    error = refusal(CURRENT_MODE, mode(**{key: value}))
     assert key in error.message and "0 or 1" in error.message
 
 
 def test_a_null_in_the_mode_is_refused():
     """JSON's null is no flag."""
     text = json.dumps({**MODE, "meta_mode": None})
-    assert "meta_mode" in refusal(robot.CURRENT_MODE, std_msgs.String(data=text)).message
+    assert "meta_mode" in refusal(CURRENT_MODE, std_msgs.String(data=text)).message
 
 
 @pytest.mark.parametrize(
@@ -248,17 +261,17 @@ def test_a_null_in_the_mode_is_refused():
 )
 def test_text_that_is_no_json_object_is_refused(text):
     """Broken, deep or endless JSON is a bad sample, not a crash."""
-    assert refusal(robot.CURRENT_MODE, std_msgs.String(data=text)).code is Code.SAMPLE_REFUSED
+    assert refusal(CURRENT_MODE, std_msgs.String(data=text)).code is Code.SAMPLE_REFUSED
 
 
 def test_a_mode_longer_than_ours_is_refused_before_it_is_parsed():
     """Megabytes of JSON would stall the loop."""
     text = json.dumps({**MODE, "filler": "x" * MAX_MODE_CHARACTERS})
-    assert str(MAX_MODE_CHARACTERS) in refusal(robot.CURRENT_MODE, std_msgs.String(data=text)).message
+    assert str(MAX_MODE_CHARACTERS) in refusal(CURRENT_MODE, std_msgs.String(data=text)).message
 
 
 @pytest.mark.parametrize("data", [b"", b"\x00", b"\x00\x01\x00\x00", b"\xff\xff\xff\xff" + bytes(60)])
-@pytest.mark.parametrize("topic", robot.STATE_TOPICS)
+@pytest.mark.parametrize("topic", STATE_TOPICS)
 def test_what_is_no_cdr_is_refused(topic, data):
     """An empty payload (a foreign delete), a header alone, another encapsulation."""
     with pytest.raises(BadSample) as caught:
@@ -285,7 +298,7 @@ def test_a_message_of_another_type_is_refused():
 
 def frame_values(topic):
     """Return some values of the right number that single precision holds exactly."""
-    return tuple(0.125 * (n + 1) for n in range(robot.TOPICS[topic].width))
+    return tuple(0.125 * (n + 1) for n in range(TOPICS[topic].width))
 
 
 @pytest.mark.parametrize(
@@ -306,7 +319,7 @@ def test_every_command_has_its_exact_length(topic, size):
     """A bridge writes whatever it is given: a wrong length stalls a topic or is decoded as garbage (wire.md 3.2)."""
     assert FRAME_BYTES[topic] == size
     assert len(encode_frame(topic, frame_values(topic), STAMP_NS)) == size
-    assert set(FRAME_BYTES) == set(robot.COMMAND_TOPICS)
+    assert set(FRAME_BYTES) == set(COMMAND_TOPICS)
 
 
 def test_a_joint_command_has_names_positions_zeros_and_the_wall_clock():
@@ -322,8 +335,8 @@ def test_a_joint_command_has_names_positions_zeros_and_the_wall_clock():
 
 def test_the_bytes_of_the_heartbeat_are_known():
     """Float32 1.0 and 0.0 (wire.md 1.2)."""
-    assert encode_frame(robot.FSM_ENABLE, (1.0,), 0).hex() == "000100000000803f"
-    assert encode_frame(robot.FSM_ENABLE, (0.0,), 0).hex() == "0001000000000000"
+    assert encode_frame(FSM_ENABLE, (1.0,), 0).hex() == "000100000000803f"
+    assert encode_frame(FSM_ENABLE, (0.0,), 0).hex() == "0001000000000000"
 
 
 def test_a_pose_command_is_position_then_xyzw():
@@ -332,7 +345,7 @@ def test_a_pose_command_is_position_then_xyzw():
     assert struct.unpack_from("<7d", encode_frame("/api/left_arm/target_pose", values, 0), 4) == values
 
 
-@pytest.mark.parametrize("topic", [robot.CHASSIS_VELOCITY, robot.LIFT_COMMAND])
+@pytest.mark.parametrize("topic", [CHASSIS_VELOCITY, LIFT_COMMAND])
 def test_an_array_command_has_an_empty_layout(topic):
     """No dimensions, no offset, then the floats (§4.5, §4.6)."""
     values = frame_values(topic)
@@ -341,7 +354,7 @@ def test_an_array_command_has_an_empty_layout(topic):
     assert struct.unpack_from(f"<{len(values)}f", data, 16) == values
 
 
-@pytest.mark.parametrize("topic", robot.COMMAND_TOPICS)
+@pytest.mark.parametrize("topic", COMMAND_TOPICS)
 @pytest.mark.parametrize("change", [-1, 1])
 def test_another_number_of_values_is_never_sent(topic, change):
     """The chassis node may end on a wrong length (§4.5)."""
@@ -351,7 +364,7 @@ def test_another_number_of_values_is_never_sent(topic, change):
         encode_frame(topic, wrong, 0)
 
 
-@pytest.mark.parametrize("topic", robot.COMMAND_TOPICS)
+@pytest.mark.parametrize("topic", COMMAND_TOPICS)
 @pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf])
 def test_nothing_but_finite_numbers_is_ever_sent(topic, value):
     """The bridge delivers NaN as NaN (wire.md 3.2)."""
@@ -359,7 +372,7 @@ def test_nothing_but_finite_numbers_is_ever_sent(topic, value):
         encode_frame(topic, (*frame_values(topic)[:-1], value), 0)
 
 
-@pytest.mark.parametrize("topic", [robot.FSM_ENABLE, robot.CHASSIS_VELOCITY])
+@pytest.mark.parametrize("topic", [FSM_ENABLE, CHASSIS_VELOCITY])
 def test_a_number_beyond_single_precision_is_never_sent(topic):
     """It would become infinity on the way."""
     with pytest.raises(BadFrame):
@@ -375,9 +388,9 @@ def test_what_is_no_command_topic_is_never_sent(topic):
 
 def test_a_payload_of_another_length_is_never_sent(monkeypatch):
     """The length is compared with the table even when encoding found nothing wrong."""
-    monkeypatch.setitem(FRAME_BYTES, robot.FSM_ENABLE, 12)
+    monkeypatch.setitem(FRAME_BYTES, FSM_ENABLE, 12)
     with pytest.raises(BadFrame, match="8 bytes, 12 are right"):
-        encode_frame(robot.FSM_ENABLE, (1.0,), 0)
+        encode_frame(FSM_ENABLE, (1.0,), 0)
 
 
 @pytest.mark.parametrize("wall_ns", [0, -1, 2**31 * S - 1, 2**31 * S, 2**32 * S, -(2**31) * S - 1, 10**30])
@@ -400,7 +413,7 @@ def test_joint_positions_arrive_bit_by_bit(values):
 # --------------------------------------------------------------------------------------------------------------- fuzz
 
 
-@given(topic=st.sampled_from(robot.STATE_TOPICS), data=st.binary(max_size=400))
+@given(topic=st.sampled_from(STATE_TOPICS), data=st.binary(max_size=400))
 def test_any_bytes_are_a_value_or_a_bad_sample(topic, data):
     """No other exception ever comes out."""
     try:
@@ -439,7 +452,7 @@ def mutated(data: bytes, rng: random.Random) -> bytes:
 def test_mutated_payloads_are_values_or_bad_samples():
     """100,000 damaged payloads in CI: typed refusals only, and what is believed is finite and of the right size."""
     rng = random.Random(20260801)
-    originals = [(topic, encode(state_message(topic, STAMP_NS))) for topic in robot.STATE_TOPICS]
+    originals = [(topic, encode(state_message(topic, STAMP_NS))) for topic in STATE_TOPICS]
     counts = {"believed": 0, Code.SAMPLE_REFUSED: 0, Code.JOINT_ORDER: 0}
     for _ in range(FUZZED_PAYLOADS):
         topic, data = rng.choice(originals)
@@ -451,7 +464,7 @@ def test_mutated_payloads_are_values_or_bad_samples():
             continue
         counts["believed"] += 1
         if isinstance(value, MotorState):
-            assert len(value.q_rad) == robot.TOPICS[topic].width
+            assert len(value.q_rad) == TOPICS[topic].width
             assert all(map(math.isfinite, (*value.q_rad, *value.dq_radps, *value.tau_nm)))
         elif isinstance(value, EePose):
             assert math.isclose(math.hypot(*value.quat_xyzw), 1.0)

@@ -8,12 +8,12 @@ import threading
 import pytest
 
 from cdr_types import encode
-from gateway import robot
 from gateway.link.mailbox import CAPACITY, SKIMMED, Mailbox, Tray
+from gateway.robot.topics import CHASSIS_STATE
 from tests.link.stand_in import Keepsake, state_message
 
 MS = 1_000_000
-TOPIC = robot.CHASSIS_STATE
+TOPIC = CHASSIS_STATE
 
 
 def payload(stamp_ns: int) -> bytes:

@@ -7,7 +7,6 @@ import time
 
 import pytest
 
-from gateway import robot
 from gateway.core.messages.events import (
     Befriended,
     ClaimShown,
@@ -23,7 +22,8 @@ from gateway.core.streams.gate import Cleared
 from gateway.link import RobotLink
 from gateway.link.discovery.discovery import TokenTable
 from gateway.link.others.foreign_watch import LOOK_PERIOD_NS, ForeignWatch
-from gateway.settings import LinkSettings
+from gateway.robot.topics import FSM_ENABLE, joint_command
+from gateway.settings.settings import LinkSettings
 from gateway.values import Side
 from tests.link.robot_process import RobotProcess, wait_until
 from tests.stranger import Stranger
@@ -31,7 +31,7 @@ from tests.stranger import Stranger
 pytestmark = pytest.mark.e2e
 
 S = 1_000_000_000
-ARM = robot.joint_command(Side.LEFT)
+ARM = joint_command(Side.LEFT)
 Q_RAD = (0.1,) * 7
 ADMIN_S = 2.0
 """Declared publishers must be seen within this [s] (BEHAVIOUR, somebody else)."""
@@ -122,17 +122,17 @@ def test_a_command_of_somebody_else_is_seen_at_once_by_name_if_it_has_one(place,
     (data,) = place.wait(lambda: place.told(ForeignData), SOON_S)
     assert (data.topic, data.zid, data.count) == (ARM, stranger.zid if stamps else "", 1)
     place.events.clear()
-    stranger.delete(robot.FSM_ENABLE)
+    stranger.delete(FSM_ENABLE)
     (data,) = place.wait(lambda: place.told(ForeignData), SOON_S)
-    assert (data.topic, data.zid) == (robot.FSM_ENABLE, stranger.zid if stamps else "")
+    assert (data.topic, data.zid) == (FSM_ENABLE, stranger.zid if stamps else "")
 
 
 def test_a_ros_publisher_is_seen_before_it_sends_and_until_it_ends(place):
     """By the token of its bridge."""
     stranger = place.stranger()
-    stranger.announce(robot.FSM_ENABLE)
-    place.wait(lambda: place.writers() == {(stranger.zid, robot.FSM_ENABLE, Means.TOKEN)}, SOON_S)
-    stranger.retract(robot.FSM_ENABLE)
+    stranger.announce(FSM_ENABLE)
+    place.wait(lambda: place.writers() == {(stranger.zid, FSM_ENABLE, Means.TOKEN)}, SOON_S)
+    stranger.retract(FSM_ENABLE)
     place.wait(lambda: place.writers() == set(), SOON_S)
 
 

@@ -14,7 +14,6 @@ import pytest
 import zenoh
 
 from cdr_types import encode
-from gateway import robot
 from gateway.core.messages.events import Frame, FrameKind, LinkDown, LinkUp, RouteObserved, SampleArrived, SampleRefused
 from gateway.core.streams.gate import Cleared
 from gateway.errors import Code
@@ -24,19 +23,32 @@ from gateway.link.discovery.discovery import Discovery
 from gateway.link.discovery.revival import GRID_NS
 from gateway.link.hearing import DECIDING, STAMPED
 from gateway.link.robot_session import RobotSession
-from gateway.settings import LinkSettings, SettingsRefused
-from gateway.threads import take_lost
+from gateway.process.threads import take_lost
+from gateway.robot.topics import (
+    COMMAND_TOPICS,
+    FSM_ENABLE,
+    FSM_STATE,
+    LIFT_COMMAND,
+    STATE_TOPICS,
+    TOPICS,
+    VARIANTS,
+    arm_state,
+    ee_pose,
+    gripper_state,
+    joint_command,
+)
+from gateway.settings.settings import LinkSettings, SettingsRefused
 from gateway.values import Side
 from tests.link.robot_process import ROOT, RobotProcess, wait_until
 from tests.link.stand_in import Keepsake, state_message
 
 MS = 1_000_000
 S = 1_000_000_000
-ARM = robot.arm_state(Side.LEFT)
-JOINTS = robot.joint_command(Side.LEFT)
+ARM = arm_state(Side.LEFT)
+JOINTS = joint_command(Side.LEFT)
 
 
-def cleared(topic: str = robot.FSM_ENABLE, values: tuple[float, ...] = (1.0,)) -> Cleared:
+def cleared(topic: str = FSM_ENABLE, values: tuple[float, ...] = (1.0,)) -> Cleared:
     """Return a frame as the gate would hand it over."""
     return Cleared(Frame(topic=topic, values=values, kind=FrameKind.HOLD, epoch=0, due_ns=0))
 
@@ -59,7 +71,7 @@ def test_a_link_that_was_never_opened_is_down_and_silent(link):
     """Nothing is known, nothing is sent, closing is harmless."""
     assert (link.is_up, link.router_zid, link.zid, link.robot_version) == (False, "", "", "")
     assert link.poll() == []
-    assert set(link.readiness()) == {*robot.STATE_TOPICS, *robot.VARIANTS["standard"].command_topics}
+    assert set(link.readiness()) == {*STATE_TOPICS, *VARIANTS["standard"].command_topics}
     assert link.close(0)
     assert link.close(0)
 
@@ -81,7 +93,7 @@ def test_frames_without_transport_are_counted_and_not_sent(link):
 @pytest.mark.parametrize(
     "frame",
     [
-        cleared(robot.LIFT_COMMAND, (0.0, 1.0)),  # not on the standard model
+        cleared(LIFT_COMMAND, (0.0, 1.0)),  # not on the standard model
         cleared(ARM, (0.0,) * 7),
         cleared(JOINTS, (0.0,) * 6),
         cleared(JOINTS, (float("nan"),) * 7),
@@ -125,7 +137,7 @@ def test_events_come_oldest_first(link):
     box[ARM].put(encode(state_message(ARM, 1)), 5)
     link._transport.note("aa", True, 3)
     link._observations.append(RouteObserved(topic=ARM, code=None, message="", at_ns=4))
-    box[robot.FSM_STATE].put(encode(state_message(robot.FSM_STATE, 1)), 7)
+    box[FSM_STATE].put(encode(state_message(FSM_STATE, 1)), 7)
     link._transport.note("aa", False, 6)
     events = link.poll()
     assert names(events) == ["LinkUp", "RouteObserved", "SampleArrived", "LinkDown", "SampleArrived"]
@@ -145,17 +157,17 @@ def test_what_nobody_waits_for_is_decoded_less_often():
     """Joints at every second poll; poses and grippers less often when nothing moves and nobody looks; FSM always."""
     now_ns = 1 * S
     link = RobotLink(LinkSettings(), clock=lambda: now_ns)
-    shown = robot.gripper_state(Side.LEFT)
+    shown = gripper_state(Side.LEFT)
     waiting: list[bytes] = []
     link._mailboxes[shown].attach(lambda: [Keepsake(waiting.pop()) for _ in waiting[:]], 0)
 
     def polled(polls: int, period_ns: int) -> tuple[int, ...]:
         nonlocal now_ns
         link.poll()
-        counts = {ARM: 0, shown: 0, robot.FSM_STATE: 0}
+        counts = {ARM: 0, shown: 0, FSM_STATE: 0}
         for _ in range(polls):
             now_ns += period_ns
-            for topic in (ARM, robot.FSM_STATE):
+            for topic in (ARM, FSM_STATE):
                 link._mailboxes[topic].put(encode(state_message(topic, now_ns)), now_ns)
             waiting.append(encode(state_message(shown, now_ns)))
             for event in link.poll():
@@ -175,7 +187,7 @@ def test_what_nobody_waits_for_is_decoded_less_often():
 
 def test_types_without_a_stamp_are_never_taken_for_copies(link):
     """A pose that does not change is a state that is alive."""
-    topic = robot.ee_pose(Side.LEFT)
+    topic = ee_pose(Side.LEFT)
     waiting = [Keepsake(encode(state_message(topic, 0)))] * 3
     link._mailboxes[topic].attach(lambda: waiting, 0)
     link.pace(is_moving=False, is_watched=False, is_posing=True)
@@ -192,21 +204,21 @@ def test_skimming_tells_when_the_newest_fast_sample_came_and_reads_none():
         link._mailboxes[topic].attach(lambda samples=samples: [samples.pop(0) for _ in samples[:]], now_ns)
     assert link.skim() == 0
     now_ns += 40 * MS
-    for topic in (robot.FSM_STATE, robot.arm_state(Side.LEFT)):
+    for topic in (FSM_STATE, arm_state(Side.LEFT)):
         waiting[topic].append(Keepsake(encode(state_message(topic, 1))))
     assert link.skim() == 1 * S
     now_ns += 40 * MS
-    waiting[robot.FSM_STATE].append(Keepsake(encode(state_message(robot.FSM_STATE, 2))))
+    waiting[FSM_STATE].append(Keepsake(encode(state_message(FSM_STATE, 2))))
     assert link.skim() == 1 * S
     arrived = {event.topic: event.received_ns for event in link.poll()}
-    assert arrived == {robot.arm_state(Side.LEFT): 1 * S, robot.FSM_STATE: 1 * S + 40 * MS}
+    assert arrived == {arm_state(Side.LEFT): 1 * S, FSM_STATE: 1 * S + 40 * MS}
 
 
 def test_what_is_only_shown_never_looks_younger_than_it_is():
     """Such a sample came between two polls: its age counts from the first of them, its gap from how many came."""
     now_ns = 1 * S
     link = RobotLink(LinkSettings(), clock=lambda: now_ns)
-    topic = robot.gripper_state(Side.LEFT)
+    topic = gripper_state(Side.LEFT)
     waiting: list[bytes] = []
     link._mailboxes[topic].attach(lambda: [Keepsake(waiting.pop(0)) for _ in waiting[:]], now_ns)
     link.pace(is_moving=False, is_watched=True)
@@ -228,7 +240,7 @@ def test_a_sample_that_cannot_be_believed_is_told_with_its_code(link, change, co
     for name, value in change.items():
         setattr(message, name, value)
     link._mailboxes[ARM].put(encode(message), 4 * MS)
-    link._mailboxes[robot.FSM_STATE].put(encode(state_message(robot.FSM_STATE, 1)), 5 * MS)
+    link._mailboxes[FSM_STATE].put(encode(state_message(FSM_STATE, 1)), 5 * MS)
     refused, arrived = link.poll()
     assert isinstance(refused, SampleRefused) and isinstance(arrived, SampleArrived)
     assert (refused.topic, refused.code, refused.received_ns, refused.count) == (ARM, code, 4 * MS, 1)
@@ -270,7 +282,7 @@ class Plane:
 
         def all_seen() -> bool:
             seen.update(event.topic for event in self.poll() if isinstance(event, SampleArrived))
-            return seen == set(robot.STATE_TOPICS)
+            return seen == set(STATE_TOPICS)
 
         wait_until(all_seen, timeout_s, "every state topic")
         return time.monotonic() - start_s
@@ -335,13 +347,13 @@ def test_state_of_every_topic_is_there_within_two_seconds(make_plane):
 def test_frames_arrive_exactly_and_in_their_lane(make_plane, namespace):
     """Exact bytes on the exact key; DROP and express, the heartbeat in its own priority (wire.md 7.3)."""
     plane = make_plane(model="lift", namespace=namespace).connected()
-    sent = robot.VARIANTS["lift"].command_topics
+    sent = VARIANTS["lift"].command_topics
     for topic in sent:
-        plane.link.publish(cleared(topic, (0.125,) * robot.TOPICS[topic].width))
+        plane.link.publish(cleared(topic, (0.125,) * TOPICS[topic].width))
     received = wait_until(lambda: (r := plane.received()) and len(r) == len(sent) and r, what="all frames")
     for topic in sent:
         ((kind, payload, *lane),) = [entry.split() for entry in received[f"{namespace}{topic}".strip("/")]]
-        priority = "REAL_TIME" if topic == robot.FSM_ENABLE else "INTERACTIVE_HIGH"
+        priority = "REAL_TIME" if topic == FSM_ENABLE else "INTERACTIVE_HIGH"
         assert (kind, len(payload) // 2) == ("put", FRAME_BYTES[topic])
         assert lane == [f"Priority.{priority}", "CongestionControl.DROP", "express"]
     assert plane.link.undelivered == 0
@@ -351,12 +363,12 @@ def test_frames_arrive_exactly_and_in_their_lane(make_plane, namespace):
 def test_our_tokens_are_there_as_long_as_the_session(make_plane):
     """One MS token per state topic from the start, again after a reconnect, gone after `close` (wire.md fact 8)."""
     plane = make_plane(model="lift").connected()
-    tokens = wait_until(lambda: (t := plane.own_tokens()) and len(t) == len(robot.STATE_TOPICS) and t)
+    tokens = wait_until(lambda: (t := plane.own_tokens()) and len(t) == len(STATE_TOPICS) and t)
     assert f"@/{plane.link.zid}/@ros2_lv/MS/left_arm§joint_states/sensor_msgs§msg§JointState/:1::0,10" in tokens
     plane.robot.kill()
     plane.wait_for(lambda: plane.told(LinkDown), what="LinkDown")
     plane.robot.start()
-    assert wait_until(lambda: (t := plane.own_tokens()) and len(t) == len(robot.STATE_TOPICS) and t) == tokens
+    assert wait_until(lambda: (t := plane.own_tokens()) and len(t) == len(STATE_TOPICS) and t) == tokens
     zid = plane.link.zid
     assert plane.link.close()
     wait_until(lambda: not any(zid in token for token in plane.robot.ask("stats")["foreign_tokens"]))
@@ -371,11 +383,11 @@ def test_topics_that_nobody_wants_are_not_heard_and_not_missed(make_plane):
     plane.connected()
     tokens = wait_until(lambda: (t := plane.own_tokens()) and len(t) == len(DECIDING) and t)
     assert not any("gripper" in token or "chassis" in token for token in tokens)
-    assert set(plane.link.readiness()) == {*DECIDING, *robot.VARIANTS["standard"].command_topics}
+    assert set(plane.link.readiness()) == {*DECIDING, *VARIANTS["standard"].command_topics}
     end_s = time.monotonic() + 2.6  # a topic that ought to come would be called silent by now
     plane.wait_for(lambda: time.monotonic() > end_s)
     assert {event.topic for event in plane.told(SampleArrived)} == DECIDING
-    assert [event for event in plane.told(RouteObserved) if event.topic not in robot.COMMAND_TOPICS] == []
+    assert [event for event in plane.told(RouteObserved) if event.topic not in COMMAND_TOPICS] == []
 
 
 @pytest.mark.e2e
@@ -478,7 +490,7 @@ def test_a_spoilt_topic_is_refused_and_the_others_go_on(make_plane):
     plane.wait_for(lambda: len(plane.told(SampleRefused)) > 3, what="refusals")
     assert {(event.topic, event.code) for event in plane.told(SampleRefused)} == {(ARM, Code.SAMPLE_REFUSED)}
     plane.events.clear()
-    plane.wait_for(lambda: any(e.topic == robot.arm_state(Side.RIGHT) for e in plane.told(SampleArrived)))
+    plane.wait_for(lambda: any(e.topic == arm_state(Side.RIGHT) for e in plane.told(SampleArrived)))
 
 
 @pytest.mark.e2e
@@ -495,7 +507,7 @@ def test_a_dead_route_is_revived(make_plane):
     plane = make_plane().connected()
     plane.robot.ask("kill_route", topic=ARM)
     plane.wait_for(lambda: plane.told(RouteObserved), 3.0, "ROUTE_DEAD")
-    assert len(plane.own_tokens()) == len(robot.STATE_TOPICS)
+    assert len(plane.own_tokens()) == len(STATE_TOPICS)
     # Up to three seconds until the instant at which every process declares again, then the pause and a sample.
     plane.wait_for(lambda: len(plane.told(RouteObserved)) == 2, GRID_NS / 1e9 + 1.0, "the route alive again")
     assert [(e.topic, e.code) for e in plane.told(RouteObserved)] == [(ARM, Code.ROUTE_DEAD), (ARM, None)]
@@ -597,7 +609,7 @@ def test_a_subscription_that_could_not_be_declared_again_is_tried_again(make_pla
 GATEWAY = """
 import sys, time
 from gateway.link import RobotLink
-from gateway.settings import LinkSettings
+from gateway.settings.settings import LinkSettings
 link = RobotLink(LinkSettings(endpoint=sys.argv[1]))
 link.open()
 while not link.is_up:
@@ -631,7 +643,7 @@ def gateway(port):
 def test_the_robots_end_forgets_a_frozen_gateway_after_its_lease(gateway):
     """The announced lease is a fence: after that much silence of ours the robot's end closes (wire.md fact 2)."""
     robot_process, process = gateway
-    wait_until(lambda: len(robot_process.ask("stats")["foreign_tokens"]) == len(robot.STATE_TOPICS))
+    wait_until(lambda: len(robot_process.ask("stats")["foreign_tokens"]) == len(STATE_TOPICS))
     os.kill(process.pid, signal.SIGSTOP)
     start_s = time.monotonic()
     wait_until(lambda: not robot_process.ask("stats")["foreign_tokens"], 3.0, "the tokens gone")
@@ -669,5 +681,5 @@ def test_callbacks_run_in_threads_of_their_own(make_plane):
     wait_until(lambda: threading.active_count() - before > len(STAMPED), what="a thread per stamped topic and ours")
     plane.wait_for_states(2.0)
     assert threading.active_count() - before <= len(STAMPED) + 4
-    assert STAMPED < DECIDING < set(robot.STATE_TOPICS)
+    assert STAMPED < DECIDING < set(STATE_TOPICS)
     assert zenoh.handlers.Callback(print).indirect

@@ -7,9 +7,9 @@ import json
 import pytest
 import zenoh
 
-from gateway import robot
 from gateway.link.session_config import session_config
-from gateway.settings import LinkSettings
+from gateway.robot.topics import STATE_TOPICS, VARIANTS
+from gateway.settings.settings import LinkSettings
 from tests.link.robot_process import RobotProcess, wait_until
 
 
@@ -23,18 +23,18 @@ def rules(config):
     return {rule["id"]: rule for rule in config["access_control"]["rules"]}
 
 
-@pytest.mark.parametrize("model", sorted(robot.VARIANTS))
+@pytest.mark.parametrize("model", sorted(VARIANTS))
 def test_only_the_exact_command_keys_of_the_model_may_be_put(model):
     """Everything else is denied: `put` is allowed by one rule, on as many exact keys as the model has commands."""
     config = parsed(model=model)
     assert config["access_control"]["default_permission"] == "deny"
     allowed = [rule for rule in rules(config).values() if "put" in rule["messages"] and "egress" in rule["flows"]]
     assert [rule["id"] for rule in allowed] == ["out"]
-    assert sorted(allowed[0]["key_exprs"]) == sorted(topic[1:] for topic in robot.VARIANTS[model].command_topics)
+    assert sorted(allowed[0]["key_exprs"]) == sorted(topic[1:] for topic in VARIANTS[model].command_topics)
     assert not any("*" in key for key in allowed[0]["key_exprs"])
 
 
-@pytest.mark.parametrize("model", sorted(robot.VARIANTS))
+@pytest.mark.parametrize("model", sorted(VARIANTS))
 def test_only_the_lift_model_may_command_the_lift(model):
     """`/api/servo/cmd` exists on the upgraded model alone (§4.6)."""
     has_lift = "api/servo/cmd" in rules(parsed(model=model))["out"]["key_exprs"]
@@ -71,7 +71,7 @@ def test_every_state_topic_may_be_subscribed_and_come_in():
     """The rules include each state key."""
     for namespace in ("", "bot1"):
         data = rules(parsed(namespace=namespace))
-        for topic in robot.STATE_TOPICS:
+        for topic in STATE_TOPICS:
             key = zenoh.KeyExpr(f"{namespace}{topic}".strip("/"))
             for name in ("sub", "in"):
                 assert any(zenoh.KeyExpr(rule).includes(key) for rule in data[name]["key_exprs"]), (name, topic)
@@ -119,7 +119,7 @@ def test_the_send_buffer_is_added_to_tcp_endpoints_only(endpoint, expected):
 
 
 @pytest.mark.parametrize("namespace", ["", "a/b"])
-@pytest.mark.parametrize("model", sorted(robot.VARIANTS))
+@pytest.mark.parametrize("model", sorted(VARIANTS))
 def test_zenoh_accepts_the_configuration(model, namespace):
     """Every field has a name and a type that zenoh knows."""
     zenoh.Config.from_json5(session_config(LinkSettings(model=model, namespace=namespace)))

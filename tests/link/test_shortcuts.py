@@ -12,23 +12,23 @@ from hypothesis import strategies as st
 
 from cdr_types import encode
 from cdr_types.messages import geometry_msgs
-from gateway import robot
 from gateway.link import codec
 from gateway.link.codec import BadSample, decode_sample, encode_frame, from_message, to_message
 from gateway.link.shortcuts import JointWriter, MotorReader, read_pose
+from gateway.robot.topics import JOINT_STATE, STATE_TOPICS, TOPICS, arm_state, ee_pose, joint_command
 from gateway.values import ArmState, EePose, MotorState, Side
 from tests.link.stand_in import state_message
 
 S = 1_000_000_000
-ARM = robot.arm_state(Side.LEFT)
-MOTORS = [topic for topic in robot.STATE_TOPICS if robot.TOPICS[topic].type_name == robot.JOINT_STATE]
+ARM = arm_state(Side.LEFT)
+MOTORS = [topic for topic in STATE_TOPICS if TOPICS[topic].type_name == JOINT_STATE]
 NUMBER = st.floats(allow_nan=True, allow_infinity=True)
 
 
 def message_of(topic: str, numbers: list[float], stamp_ns: int = 7, frame: str = "part"):
     """Return a motor state with these positions, velocities and efforts."""
     message = state_message(topic, stamp_ns)
-    width = robot.TOPICS[topic].width
+    width = TOPICS[topic].width
     message.header.frame_id = frame
     message.position, message.velocity, message.effort = (numbers[k * width : (k + 1) * width] for k in range(3))
     return message
@@ -36,10 +36,10 @@ def message_of(topic: str, numbers: list[float], stamp_ns: int = 7, frame: str =
 
 def reader_of(topic: str, frame: str = "part", tail: bytes = b"") -> MotorReader:
     """Return a reader that has learnt a topic's form."""
-    message = message_of(topic, [0.5] * 3 * robot.TOPICS[topic].width, frame=frame)
+    message = message_of(topic, [0.5] * 3 * TOPICS[topic].width, frame=frame)
     value = from_message(topic, message)
     assert isinstance(value, MotorState)
-    reader = MotorReader(robot.TOPICS[topic], type(value))
+    reader = MotorReader(TOPICS[topic], type(value))
     reader.learn(encode(message) + tail, value)
     return reader
 
@@ -66,7 +66,7 @@ def test_motors_are_read_as_on_the_long_way(topic, numbers, stamp_ns, frame):
     expected = long_way(topic, message)
     value = reader_of(topic, frame).read(encode(message))
     if value is None:
-        assert not math.isfinite(sum(numbers[: 3 * robot.TOPICS[topic].width]))
+        assert not math.isfinite(sum(numbers[: 3 * TOPICS[topic].width]))
     else:
         assert type(value) is type(expected)
         assert value == expected
@@ -85,7 +85,7 @@ def test_padding_of_the_wire_is_no_number(topic, padding):
 @pytest.mark.parametrize("topic", MOTORS)
 def test_nothing_is_read_before_anything_was_learnt(topic):
     """The long way comes first."""
-    assert MotorReader(robot.TOPICS[topic], MotorState).read(encode(state_message(topic, 1))) is None
+    assert MotorReader(TOPICS[topic], MotorState).read(encode(state_message(topic, 1))) is None
 
 
 def test_a_form_without_all_numbers_or_of_another_byte_order_teaches_nothing():
@@ -93,7 +93,7 @@ def test_a_form_without_all_numbers_or_of_another_byte_order_teaches_nothing():
     message = message_of(ARM, [0.5] * 21)
     message.velocity = []
     value = from_message(ARM, message)
-    reader = MotorReader(robot.TOPICS[ARM], ArmState)
+    reader = MotorReader(TOPICS[ARM], ArmState)
     reader.learn(encode(message), value)
     assert reader.read(encode(message)) is None
     full = message_of(ARM, [0.5] * 21)
@@ -148,7 +148,7 @@ def test_poses_are_read_as_on_the_long_way(numbers, q):
     message = geometry_msgs.Pose(position=geometry_msgs.Point(*numbers), orientation=geometry_msgs.Quaternion(*q))
     pose = read_pose(encode(message))
     try:
-        expected = from_message(robot.ee_pose(Side.LEFT), message)
+        expected = from_message(ee_pose(Side.LEFT), message)
     except BadSample:
         expected = None
     if pose is not None:
@@ -160,7 +160,7 @@ def test_poses_are_read_as_on_the_long_way(numbers, q):
 
 def test_payloads_that_are_no_pose_are_left_to_the_long_way():
     """Another length or another byte order."""
-    data = encode(state_message(robot.ee_pose(Side.LEFT), 1))
+    data = encode(state_message(ee_pose(Side.LEFT), 1))
     assert read_pose(data) is not None
     assert read_pose(data + b"\0") is None
     assert read_pose(b"\x00\x00" + data[2:]) is None
@@ -170,7 +170,7 @@ def test_payloads_that_are_no_pose_are_left_to_the_long_way():
 @given(values=st.lists(st.floats(-3.0, 3.0), min_size=7, max_size=7), wall_ns=st.integers(0, 2**31 * S - 1))
 def test_setpoints_are_written_byte_by_byte_as_on_the_long_way(side, values, wall_ns):
     """Names, stamp, positions, and zeros as velocity and effort (manual §6.5)."""
-    topic = robot.joint_command(side)
+    topic = joint_command(side)
     assert encode_frame(topic, tuple(values), wall_ns) == encode(to_message(topic, tuple(values), wall_ns))
 
 
@@ -187,7 +187,7 @@ def test_setpoints_are_written_byte_by_byte_as_on_the_long_way(side, values, wal
 )
 def test_setpoints_that_are_wrong_or_of_another_age_take_the_long_way(values, wall_ns):
     """It says what is wrong; and a clock beyond 2038 does not stop the stream."""
-    topic = robot.joint_command(Side.LEFT)
+    topic = joint_command(Side.LEFT)
     writer = JointWriter(encode(to_message(topic, (0.5,) * 7, 1)), 7)
     assert writer.write((0.5,) * 7, 1) == encode(to_message(topic, (0.5,) * 7, 1))
     assert writer.write(values, wall_ns) is None

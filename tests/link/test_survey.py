@@ -7,21 +7,31 @@ from dataclasses import replace
 import pytest
 
 from cdr_types.keys import Qos, Reliability, Token, TokenKind, topic_to_key
-from gateway import robot
 from gateway.errors import Code
 from gateway.link.discovery.discovery import BridgeFacts
 from gateway.link.meter import Figure
 from gateway.link.others.foreign_watch import Neighbours, Session
 from gateway.link.others.gateway_token import GatewayToken
 from gateway.link.survey import KEPT, Known, survey
-from gateway.settings import LinkSettings
+from gateway.robot.topics import (
+    COMMAND_TOPICS,
+    CURRENT_MODE,
+    FSM_ENABLE,
+    JOINT_STATE,
+    STATE_TOPICS,
+    TOPICS,
+    VARIANTS,
+    arm_state,
+    joint_command,
+)
+from gateway.settings.settings import LinkSettings
 from gateway.values import Side
 
 MS = 1_000_000
 S = 1_000_000_000
 OWN, BRIDGE, HOST, OTHER = "0e11", "b1d6e", "4057", "6a7e"
-ARM, MODE = robot.arm_state(Side.LEFT), robot.CURRENT_MODE
-COMMAND = robot.joint_command(Side.LEFT)
+ARM, MODE = arm_state(Side.LEFT), CURRENT_MODE
+COMMAND = joint_command(Side.LEFT)
 NOW_NS = 100 * S
 
 
@@ -29,15 +39,15 @@ def token(topic: str, kind: TokenKind, zid: str = BRIDGE, namespace: str = "", t
     """Return a token of a topic."""
     name = f"/{topic_to_key(topic, namespace)}"
     qos = Qos(reliability=Reliability.RELIABLE)
-    return Token(zid=zid, kind=kind, topic=name, type_name=type_name or robot.TOPICS[topic].type_name, qos=qos)
+    return Token(zid=zid, kind=kind, topic=name, type_name=type_name or TOPICS[topic].type_name, qos=qos)
 
 
 def announced(namespace: str = "") -> tuple[Token, ...]:
     """Return the tokens of a healthy robot."""
     return (
         Token(zid=BRIDGE, kind=TokenKind.PRESENCE),
-        *(token(topic, TokenKind.MP, namespace=namespace) for topic in robot.STATE_TOPICS),
-        *(token(topic, TokenKind.MS, namespace=namespace) for topic in robot.COMMAND_TOPICS),
+        *(token(topic, TokenKind.MP, namespace=namespace) for topic in STATE_TOPICS),
+        *(token(topic, TokenKind.MS, namespace=namespace) for topic in COMMAND_TOPICS),
     )
 
 
@@ -51,10 +61,10 @@ def known(**changes) -> Known:
         up_since_ns=10 * S,
         tokens=announced(),
         bridges={BRIDGE: BridgeFacts(version="v1.10.2", domain=29)},
-        written=dict.fromkeys(robot.COMMAND_TOPICS, True),
-        codes=dict.fromkeys(robot.STATE_TOPICS),
-        newest_ns=dict.fromkeys(robot.STATE_TOPICS, NOW_NS - 3 * MS),
-        figures={topic: Figure(rate_hz=robot.TOPICS[topic].rate_hz) for topic in robot.STATE_TOPICS},
+        written=dict.fromkeys(COMMAND_TOPICS, True),
+        codes=dict.fromkeys(STATE_TOPICS),
+        newest_ns=dict.fromkeys(STATE_TOPICS, NOW_NS - 3 * MS),
+        figures={topic: Figure(rate_hz=TOPICS[topic].rate_hz) for topic in STATE_TOPICS},
         neighbours=Neighbours(router_version="v1.10.2-abc", sessions={OWN: Session("client", "tcp/1.2.3.4:5")}),
     )
     return replace(healthy, **changes)
@@ -76,7 +86,7 @@ def without(*topics: str) -> tuple[Token, ...]:
 def test_a_healthy_wire_is_all_active():
     """Every topic of the model, states first, with type, key, QoS as in the token, rate and age."""
     wire = survey(known())
-    assert [t.name for t in wire.topics] == [*robot.STATE_TOPICS, *robot.VARIANTS["standard"].command_topics]
+    assert [t.name for t in wire.topics] == [*STATE_TOPICS, *VARIANTS["standard"].command_topics]
     assert {t.route for t in wire.topics} == {"active"} and wire.is_up and wire.up_ns == 90 * S
     arm = wire.topics[0]
     assert (arm.key, arm.is_state, arm.rate_hz, arm.age_ns, arm.times) == (ARM[1:], True, 200.0, 3 * MS, 1.0)
@@ -150,7 +160,7 @@ def test_all_announcements_of_a_topic_are_kept_but_our_own():
     """Two bridges, another type: whoever looks must see it."""
     more = (token(ARM, TokenKind.MP, HOST, type_name="a/msg/B"), token(ARM, TokenKind.MP, OWN))
     assert [(a.zid, a.type_name) for a in row(ARM, tokens=(*announced(), *more)).announced] == [
-        (BRIDGE, robot.JOINT_STATE),
+        (BRIDGE, JOINT_STATE),
         (HOST, "a/msg/B"),
     ]
 
@@ -162,7 +172,7 @@ def test_a_namespace_is_before_the_keys_and_not_before_the_names():
     assert (wire.namespace, wire.robots) == ("bot1", ("bot1", "bot2"))
     assert wire.topics[0].key == f"bot1{ARM}" and {t.route for t in wire.topics} == {"active"}
     assert [(b.namespaces, b.is_robot) for b in wire.bridges] == [(("bot1", "bot2"), True)]
-    elsewhere = survey(known(tokens=announced("bot2"), newest_ns=dict.fromkeys(robot.STATE_TOPICS)))
+    elsewhere = survey(known(tokens=announced("bot2"), newest_ns=dict.fromkeys(STATE_TOPICS)))
     assert elsewhere.robots == ("bot2",) and not elsewhere.bridges[0].is_robot
     assert {t.route for t in elsewhere.topics} == {"unannounced"}
 
@@ -191,12 +201,12 @@ def test_everybody_has_one_line_and_a_kind():
 def test_who_announces_commands_or_sends_them_is_told_with_the_topics():
     """By a token, as a declared publisher, by data; also whoever does not say who he is."""
     neighbours = Neighbours(
-        publishers={("c1", COMMAND)}, sent={("", COMMAND): (4, NOW_NS - S), ("c1", robot.FSM_ENABLE): (2, NOW_NS + 9)}
+        publishers={("c1", COMMAND)}, sent={("", COMMAND): (4, NOW_NS - S), ("c1", FSM_ENABLE): (2, NOW_NS + 9)}
     )
     wire = survey(known(neighbours=neighbours, tokens=(*announced(), token(COMMAND, TokenKind.MP, HOST))))
     by_zid = {who.zid: who for who in wire.neighbours}
     assert by_zid[HOST].publishes == (COMMAND,) == by_zid["c1"].publishes
-    assert by_zid["c1"].sent == {robot.FSM_ENABLE: 2} and by_zid[""].sent == {COMMAND: 4}
+    assert by_zid["c1"].sent == {FSM_ENABLE: 2} and by_zid[""].sent == {COMMAND: 4}
     assert (by_zid[""].sent_age_ns, by_zid["c1"].sent_age_ns, by_zid[HOST].sent_age_ns) == (S, 0, None)
     assert by_zid[""].kind == "session" and by_zid[HOST].kind == "session"  # no presence token: who knows what it is
 

@@ -10,13 +10,13 @@ import pytest
 import zenoh
 
 from cdr_types.keys import Qos, Reliability, Token, TokenKind, format_token, topic_to_key
-from gateway import robot
 from gateway.core.messages.events import Frame, FrameKind
 from gateway.core.streams.gate import Cleared
 from gateway.link.codec import BadFrame
 from gateway.link.robot_link import RobotLink
 from gateway.link.surveyor import look
-from gateway.settings import LinkSettings
+from gateway.robot.topics import FSM_ENABLE, FSM_STATE, STATE_TOPICS, TOPICS
+from gateway.settings.settings import LinkSettings
 from tests.link.robot_process import RobotProcess, wait_until
 
 pytestmark = pytest.mark.e2e
@@ -41,10 +41,10 @@ def test_a_look_sees_a_healthy_robot_and_leaves_no_trace(start):
     process = start()
     wire = look(LinkSettings(endpoint=process.endpoint), is_named=False, listen_s=2.5)
     assert wire.is_up and wire.router_zid == process.zid and wire.robots == ("",) and wire.trouble == ""
-    assert {topic.name for topic in wire.topics if topic.route == "active"} >= {*robot.STATE_TOPICS}
+    assert {topic.name for topic in wire.topics if topic.route == "active"} >= {*STATE_TOPICS}
     by_name = {topic.name: topic for topic in wire.topics}
-    assert by_name[robot.FSM_STATE].rate_hz == pytest.approx(20.0, rel=0.5)
-    assert by_name[robot.FSM_ENABLE].route == "active"
+    assert by_name[FSM_STATE].rate_hz == pytest.approx(20.0, rel=0.5)
+    assert by_name[FSM_ENABLE].route == "active"
     assert wire.bridges[0].version == "9.9.9" and wire.router_version.startswith("v1.")
     assert [who.kind for who in wire.neighbours] == ["self", "robot"] and wire.clock_ns is not None
     seen = process.ask("stats")
@@ -73,15 +73,15 @@ def test_of_several_robots_none_is_taken(start):
                         zid=str(other.zid()),
                         kind=TokenKind.MP,
                         topic=f"/{topic_to_key(topic, 'bot2')}",
-                        type_name=robot.TOPICS[topic].type_name,
+                        type_name=TOPICS[topic].type_name,
                         qos=Qos(reliability=Reliability.RELIABLE),
                     )
                 )
             )
-            for topic in robot.STATE_TOPICS
+            for topic in STATE_TOPICS
         ]
         wire = look(LinkSettings(endpoint=process.endpoint), is_named=False, listen_s=1.0)
-        assert (wire.namespace, wire.robots) == ("", ("bot1", "bot2")) and len(tokens) == len(robot.STATE_TOPICS)
+        assert (wire.namespace, wire.robots) == ("", ("bot1", "bot2")) and len(tokens) == len(STATE_TOPICS)
 
 
 def test_who_only_looks_can_send_nothing(start):
@@ -91,7 +91,7 @@ def test_who_only_looks_can_send_nothing(start):
     try:
         wait_until(lambda: link.is_up, what="a transport")
         with pytest.raises(BadFrame):
-            link.publish(Cleared(Frame(topic=robot.FSM_ENABLE, values=(0.0,), kind=FrameKind.STOP, epoch=0, due_ns=0)))
+            link.publish(Cleared(Frame(topic=FSM_ENABLE, values=(0.0,), kind=FrameKind.STOP, epoch=0, due_ns=0)))
     finally:
         assert link.close()
 

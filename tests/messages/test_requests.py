@@ -11,7 +11,7 @@ from msgspec.structs import fields
 
 from gateway.messages import requests
 from gateway.messages.incoming import OnLimit, OnLoss
-from gateway.robot import HOME_Q_RAD
+from gateway.robot.limits import HOME_Q_RAD
 from gateway.values import Side
 
 KINDS = get_args(requests.Request)

@@ -15,7 +15,7 @@ ROOT = Path(__file__).parents[1]
 PROCESS = """
 import gc, json, os, sys, threading
 from gateway.process.measures import Measures
-from gateway.settings import Settings
+from gateway.settings.settings import Settings
 
 gc.unfreeze()  # Python 3.12 begins with frozen objects of its own
 done = threading.Event()

@@ -15,7 +15,7 @@ from gateway.errors import Code
 from gateway.messages.requests import Enable
 from gateway.process.recall import Recall
 from gateway.process.state_file import EPOCH_BLOCK, StateFile, StateWriter, path_of, read_state
-from gateway.settings import LinkSettings, Settings
+from gateway.settings.settings import LinkSettings, Settings
 from tests.pair import S
 
 HERE, THERE = "tcp/192.168.1.20:9000", "tcp/robot.lab:9000"

@@ -25,7 +25,7 @@ from gateway.core.messages.events import Remembered
 from gateway.errors import Code, ConfigError, NotReady
 from gateway.process import state_file
 from gateway.process.state_file import EPOCH_BLOCK, Started, StateFile, StateWriter, path_of
-from gateway.threads import take_lost
+from gateway.process.threads import take_lost
 
 ENDPOINT = "tcp/192.168.1.20:9000"
 LATCHED = Remembered(epoch=7, latches={Code.ESTOP: "by Ann", Code.FSM_ERROR: "état −1"})

@@ -34,7 +34,7 @@ BANNED_NAMES = frozenset(
     {"base", "common", "helper", "helpers", "manager", "misc", "shared", "stuff", "tools", "util", "utils"}
 )
 CLIENT_NEEDS = frozenset({"zenoh", "msgspec", "numpy"})
-THREADS = "gateway/threads.py"
+THREADS = "gateway/process/threads.py"
 CLOUD_FIELD = "intermediate" + "_positions"
 """The field of ruckig that sends a motion to somebody else's computer."""
 

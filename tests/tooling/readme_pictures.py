@@ -52,7 +52,7 @@ def draw(folder: Path) -> None:
 
 
 def _draw_frames(file: Path) -> None:
-    from gateway import cli  # matplotlib is not everywhere
+    from gateway.cli import main as cli  # matplotlib is not everywhere
 
     if cli.main(["frames", "--plot", str(file)]) != 0:
         raise RuntimeError("ta2 frames could not draw")

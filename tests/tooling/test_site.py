@@ -14,9 +14,9 @@ import msgspec
 import pytest
 
 from gateway import client
-from gateway.apps.command_line.arguments import parser
-from gateway.config import KEYS
+from gateway.cli.command_line.arguments import parser
 from gateway.messages.requests import Request
+from gateway.settings.toml_file import KEYS
 from tests.tooling.site import client_page, commands_page, protocol_page, settings_page
 from tests.tooling.site.hook import PAGES, ROOT, loads_elsewhere, with_links
 from tests.tooling.site.markdown import attributes, prose

@@ -14,8 +14,8 @@ from pathlib import Path
 
 import pytest
 
-from gateway import cli
-from gateway.apps.command_line.arguments import parse
+from gateway.cli import main as cli
+from gateway.cli.command_line.arguments import parse
 from gateway.sim import __main__ as program
 from gateway.sim import starting
 from gateway.sim.camera import __main__ as camera

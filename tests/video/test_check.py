@@ -1,4 +1,4 @@
-"""Rules of `gateway.apps.cameras.check`: the manual's acceptance of the video (§2.7.2), and why a point fails."""
+"""Rules of `gateway.cli.cameras.check`: the manual's acceptance of the video (§2.7.2), and why a point fails."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ from pathlib import Path
 
 import pytest
 
-from gateway.apps.cameras.check import check
-from gateway.apps.terminal.ending import ExitStatus
+from gateway.cli.cameras.check import check
+from gateway.cli.terminal.ending import ExitStatus
 from gateway.video.decoding.views import VIEWS
 from gateway.video.video import Video
 from tests.video.sending import camera, udp_port

@@ -11,8 +11,8 @@ from pathlib import Path
 
 import pytest
 
-from gateway.apps.cameras.shim import MODULE
-from gateway.cli import main
+from gateway.cli.cameras.shim import MODULE
+from gateway.cli.main import main
 from gateway.sim.camera.pixel_code import read_code, read_composite
 from gateway.video import RTPH265VideoInterface, VideoError
 from tests.video.stage import HOST, free_udp_port, sending, until

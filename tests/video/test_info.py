@@ -1,4 +1,4 @@
-"""Rules of `gateway.apps.cameras.info` and `measures`: what a recording holds, from the file, and honest about the rest."""
+"""Rules of `gateway.cli.cameras.info` and `measures`: what a recording holds, from the file, and honest about the rest."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from gateway.apps.cameras.info import info_of, lines, show_info
+from gateway.cli.cameras.info import info_of, lines, show_info
 from gateway.errors import Rejected
 from gateway.video.hevc.access_unit import AccessUnit
 from gateway.video.recording.index import Picture, index_path

@@ -1,4 +1,4 @@
-"""Rules of `gateway.apps.cameras.record` and `live_split`: a recording ends well, whoever ends it."""
+"""Rules of `gateway.cli.cameras.record` and `live_split`: a recording ends well, whoever ends it."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ from pathlib import Path
 
 import pytest
 
-from gateway.apps.cameras import record as record_module
-from gateway.apps.cameras.info import info_of
-from gateway.apps.cameras.record import default_path, record
-from gateway.apps.terminal.ending import ExitStatus
+from gateway.cli.cameras import record as record_module
+from gateway.cli.cameras.info import info_of
+from gateway.cli.cameras.record import default_path, record
+from gateway.cli.terminal.ending import ExitStatus
 from gateway.errors import Rejected
 from gateway.video.decoding.views import VIEWS
 from gateway.video.errors import VideoTimeout

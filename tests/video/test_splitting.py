@@ -1,4 +1,4 @@
-"""Rules of `gateway.apps.cameras.splitting` and of the verbs that record: what is asked for on the command line is done."""
+"""Rules of `gateway.cli.cameras.splitting` and of the verbs that record: what is asked for on the command line is done."""
 
 from __future__ import annotations
 
@@ -12,9 +12,10 @@ from pathlib import Path
 
 import pytest
 
-from gateway.apps.cameras.commands import add_video, carry_out
-from gateway.apps.cameras.info import info_of
-from gateway.apps.terminal.ending import ExitStatus
+from gateway.cli.cameras.commands import carry_out
+from gateway.cli.cameras.info import info_of
+from gateway.cli.command_line.video_arguments import add_video
+from gateway.cli.terminal.ending import ExitStatus
 from gateway.errors import Rejected
 from gateway.video.decoding.views import VIEWS
 from gateway.video.recording.index import index_path

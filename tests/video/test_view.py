@@ -5,8 +5,8 @@ from __future__ import annotations
 import pytest
 from PIL import Image
 
-from gateway.apps.cameras.view import view
-from gateway.cli import main
+from gateway.cli.cameras.view import view
+from gateway.cli.main import main
 from gateway.video import Video, VideoTimeout
 from gateway.video.window import open_window
 from tests.video.stage import HOST, free_udp_port, sending
@@ -74,7 +74,7 @@ def test_no_picture_is_status_3_and_says_why(capsys):
 
 def test_a_stream_that_ends_closes_the_window(monkeypatch):
     """It says why, instead of showing an old picture as if it were live."""
-    monkeypatch.setattr("gateway.apps.cameras.view.SILENCE_S", 0.2)
+    monkeypatch.setattr("gateway.cli.cameras.view.SILENCE_S", 0.2)
     window, video = FivePictures(), a_video()
     with pytest.raises(VideoTimeout, match=r"0\.2 s"), sending(video.receiver.settings.port) as sender:
 

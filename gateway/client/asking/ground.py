@@ -39,9 +39,9 @@ def closing(force: float) -> float:
     Raises:
         Rejected: NOT_FINITE or OUT_OF_RANGE.
     """
-    from gateway import robot  # not needed by those who only look
+    from gateway.robot.limits import GRIPPER_CLOSE_NM, gripper_raw
 
-    return robot.gripper_raw(-_part(force) * robot.GRIPPER_CLOSE_NM)
+    return gripper_raw(-_part(force) * GRIPPER_CLOSE_NM)
 
 
 def opening(force: float) -> float:
@@ -50,9 +50,9 @@ def opening(force: float) -> float:
     Raises:
         Rejected: NOT_FINITE or OUT_OF_RANGE.
     """
-    from gateway import robot  # not needed by those who only look
+    from gateway.robot.limits import GRIPPER_OPEN_NM, gripper_raw
 
-    return robot.gripper_raw(_part(force) * robot.GRIPPER_OPEN_NM)
+    return gripper_raw(_part(force) * GRIPPER_OPEN_NM)
 
 
 def _part(given: float) -> float:

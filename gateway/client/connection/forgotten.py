@@ -7,7 +7,7 @@ import os
 from collections.abc import Callable
 
 from gateway.client.connection.transport import Transport
-from gateway.threads import supervised
+from gateway.process.threads import supervised
 
 __all__ = ["close_forgotten"]
 

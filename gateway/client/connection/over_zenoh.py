@@ -22,7 +22,7 @@ import zenoh
 from gateway.api import protocol
 from gateway.client.connection.transport import Receiver
 from gateway.errors import Code, GatewayError, Refusal, to_exception
-from gateway.threads import supervised
+from gateway.process.threads import supervised
 
 __all__ = ["Credentials", "ZenohTransport"]
 

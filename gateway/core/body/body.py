@@ -25,7 +25,7 @@ from gateway.core.streams.setpoints import SetpointStream
 from gateway.core.streams.stream import Stream
 from gateway.errors import Code
 from gateway.messages.snapshot import SlowingView, SpacingView
-from gateway.settings import Settings
+from gateway.settings.settings import Settings
 from gateway.values import Side, Space, Vector
 
 __all__ = ["Body"]

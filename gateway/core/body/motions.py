@@ -18,7 +18,7 @@ from gateway.core.motion.gap import Gap, gap
 from gateway.core.motion.tolerance import Deviation, Tolerances, first_beyond
 from gateway.errors import Code
 from gateway.messages.snapshot import MotionView
-from gateway.settings import ArmSettings, PoseSettings
+from gateway.settings.settings import ArmSettings, PoseSettings
 from gateway.values import Side, Space, Vector
 
 __all__ = ["ENDED_KEPT", "Motion", "MotionBook", "MotionState", "Terms"]

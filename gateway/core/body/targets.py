@@ -14,7 +14,7 @@ from gateway.core.limits.pose_door import check_pose
 from gateway.core.messages.events import OnLimit, TargetArrived
 from gateway.errors import Code, Refusal
 from gateway.messages.snapshot import TargetView
-from gateway.settings import ArmSettings, PoseSettings
+from gateway.settings.settings import ArmSettings, PoseSettings
 from gateway.values import Side, Space, Vector
 
 __all__ = ["TargetBook", "TargetStream"]

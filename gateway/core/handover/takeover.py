@@ -30,7 +30,7 @@ from gateway.core.streams.heartbeat import Beat
 from gateway.core.supervision.conductor import AT_BASE, QUIET, Conductor
 from gateway.core.supervision.supervisor import State, Trigger
 from gateway.errors import Code
-from gateway.robot import CHASSIS_WATCHDOG_NS, FSM_WATCHDOG_NS, GRIPPER_RELAXED, LIFT_WATCHDOG_NS
+from gateway.robot.limits import CHASSIS_WATCHDOG_NS, FSM_WATCHDOG_NS, GRIPPER_RELAXED, LIFT_WATCHDOG_NS
 from gateway.values import OWN_FSM, FsmState, Vector
 
 __all__ = ["LAST_FRAME_NS", "LATCHED_BEFORE", "Takeover"]

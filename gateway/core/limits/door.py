@@ -11,10 +11,10 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
-from gateway import robot
 from gateway.core.messages.events import OnLimit
 from gateway.errors import Code, Refusal
-from gateway.settings import ArmSettings
+from gateway.robot.topics import ARM_JOINTS
+from gateway.settings.settings import ArmSettings
 from gateway.values import ARM_DOF, CurrentMode, Side, Space, Vector
 
 __all__ = [
@@ -226,7 +226,7 @@ def check_goal(side: Side, q_rad: Sequence[float], settings: ArmSettings, on_lim
         if not math.isfinite(value):
             return Refusal(
                 code=Code.NOT_FINITE,
-                message=f"{side} arm joint {n + 1} ({robot.ARM_JOINTS[side][n]}): {value} is not a finite number",
+                message=f"{side} arm joint {n + 1} ({ARM_JOINTS[side][n]}): {value} is not a finite number",
                 field=f"{name}[{n}]",
                 value=str(value),
                 bound=f"[{low}, {high}]",
@@ -241,7 +241,7 @@ def check_goal(side: Side, q_rad: Sequence[float], settings: ArmSettings, on_lim
         return Refusal(
             code=Code.OUT_OF_RANGE,
             message=(
-                f"{side} arm joint {n + 1} ({robot.ARM_JOINTS[side][n]}): {value:.4f} rad is outside "
+                f"{side} arm joint {n + 1} ({ARM_JOINTS[side][n]}): {value:.4f} rad is outside "
                 f"[{low:.2f}, {high:.2f}] rad (manual §4.13 or tighter configuration)"
             ),
             field=f"{name}[{n}]",

@@ -9,11 +9,11 @@ from __future__ import annotations
 
 import math
 
-from gateway import robot
 from gateway.codes import Code
 from gateway.core.limits.door import check_mode
 from gateway.errors import Refusal
-from gateway.settings import ChassisSettings, LiftSettings
+from gateway.robot.limits import HARD_CHASSIS_V_MPS, HARD_CHASSIS_W_RADPS
+from gateway.settings.settings import ChassisSettings, LiftSettings
 from gateway.values import OWN_FSM, CurrentMode, FsmState, Vector
 
 __all__ = ["check_chassis", "check_chassis_velocity", "check_lift", "check_lift_velocity", "no_lift"]
@@ -105,10 +105,10 @@ def check_chassis_velocity(velocity: Vector, settings: ChassisSettings) -> Refus
     speed_mps = math.hypot(*velocity[:2])
     if speed_mps > settings.v_mps:
         return _too_fast(
-            "vx_mps, vy_mps", "the speed over the ground", speed_mps, settings.v_mps, "m/s", robot.HARD_CHASSIS_V_MPS
+            "vx_mps, vy_mps", "the speed over the ground", speed_mps, settings.v_mps, "m/s", HARD_CHASSIS_V_MPS
         )
     if abs(velocity[2]) > settings.w_radps:
-        return _too_fast("wz_radps", "the turning", velocity[2], settings.w_radps, "rad/s", robot.HARD_CHASSIS_W_RADPS)
+        return _too_fast("wz_radps", "the turning", velocity[2], settings.w_radps, "rad/s", HARD_CHASSIS_W_RADPS)
     return None
 
 

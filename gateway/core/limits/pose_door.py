@@ -9,14 +9,14 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
-from gateway import robot
 from gateway.core.limits.door import Checked, check_tolerance
 from gateway.core.messages.events import OnLimit
 from gateway.core.motion.gap import Gap
 from gateway.core.motion.poses.pose_state import NORM_TOLERANCE
 from gateway.core.motion.poses.quaternion import unit
 from gateway.errors import Code, Refusal
-from gateway.settings import PoseSettings
+from gateway.robot.topics import shoulder_frame
+from gateway.settings.settings import PoseSettings
 from gateway.values import Side, Vector
 
 __all__ = ["check_frame", "check_pose", "check_pose_start", "check_pose_tolerance"]
@@ -26,7 +26,7 @@ WIDTH = 7
 
 def check_frame(side: Side, frame: str) -> Refusal | None:
     """Refuse a pose that is not in the frame of its arm (manual §4.0.1)."""
-    wanted = robot.shoulder_frame(side)
+    wanted = shoulder_frame(side)
     if frame == wanted:
         return None
     said = f"is in frame {frame!r}" if frame else "has no frame"

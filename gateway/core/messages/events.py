@@ -3,7 +3,7 @@
 Going in: samples and link events from the robot plane, requests and keepalives from the local plane, and the daemon's own.
 The requests themselves (`requests.py`), what is seen of others (`sightings.py`) and what comes out (`outputs.py`) are
 given on from here.
-Time is integer monotonic nanoseconds of this host. Topics are ROS names of `robot.TOPICS`.
+Time is integer monotonic nanoseconds of this host. Topics are ROS names of `topics.TOPICS`.
 """
 
 from __future__ import annotations

@@ -15,12 +15,13 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
-from gateway import robot
 from gateway.core.motion.joints.trajectory import Trajectory, interpolate, smooth
 from gateway.core.motion.poses.pose_chunk import check_pose
 from gateway.core.motion.poses.pose_trajectory import PoseTrajectory, interpolate_poses, with_signs
 from gateway.errors import Code, Refusal
-from gateway.settings import ArmSettings
+from gateway.robot.limits import JOINT_LOWER_RAD, JOINT_UPPER_RAD
+from gateway.robot.topics import ARM_JOINTS
+from gateway.settings.settings import ArmSettings
 from gateway.values import ARM_DOF, Side, Space, Vector
 
 __all__ = ["MAX_LEAD_NS", "MAX_POINTS", "Chunk", "check_jump", "check_motion", "check_start", "prepare"]
@@ -147,9 +148,7 @@ def _check_point(side: Side, index: int, point: Sequence[float]) -> Refusal | No
     if len(point) != ARM_DOF:
         message = f"{side} arm point {index} has {len(point)} values, {ARM_DOF} are needed (manual §4.0.3)"
         return _shape(f"{side}_arm[{index}]", message, str(len(point)), str(ARM_DOF), "joint values")
-    for n, (q, low, high) in enumerate(
-        zip(point, robot.JOINT_LOWER_RAD[side], robot.JOINT_UPPER_RAD[side], strict=True)
-    ):
+    for n, (q, low, high) in enumerate(zip(point, JOINT_LOWER_RAD[side], JOINT_UPPER_RAD[side], strict=True)):
         if low <= q <= high:
             continue
         if math.isfinite(q):
@@ -270,7 +269,7 @@ def check_jump(side: Side, position: Vector, time_s: float, reference_rad: Vecto
     where = "at its first point" if time_s <= 0.0 else f"{time_s:.3f} s after its first point, which is now,"
     return Refusal(
         code=Code.JUMP_TOO_FAR,
-        message=f"{side} arm joint {n + 1} ({robot.ARM_JOINTS[side][n]}): the chunk is {most:.4f} rad from the arm's "
+        message=f"{side} arm joint {n + 1} ({ARM_JOINTS[side][n]}): the chunk is {most:.4f} rad from the arm's "
         f"reference {where} {JUMP_RAD} rad is the bound",
         field=f"{side}_arm[0][{n}]",
         value=f"{most:.6g}",
@@ -304,7 +303,7 @@ def check_start(into_ns: int, duration_s: float) -> Refusal | None:
 
 
 def _joint(side: Side, index: int, n: int) -> str:
-    return f"{side} arm point {index} joint {n + 1} ({robot.ARM_JOINTS[side][n]})"
+    return f"{side} arm point {index} joint {n + 1} ({ARM_JOINTS[side][n]})"
 
 
 def _outside(side: Side, index: int, n: int, q: float, low: float, high: float) -> Refusal:

@@ -13,9 +13,9 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Sequence, Set
 from dataclasses import dataclass
 
-from gateway import robot
 from gateway.core.messages.sightings import ForeignData, Gateway, Means, Writer
 from gateway.errors import Code, Refusal
+from gateway.robot.topics import CHASSIS_VELOCITY, LIFT_COMMAND
 
 __all__ = ["DATA_GONE_NS", "FRIENDS_KEPT", "GROUND_TOPICS", "Commander", "Others", "Trace"]
 
@@ -33,7 +33,7 @@ TRACES_KEPT = 64
 GATEWAYS_KEPT = 256
 """So many sessions are remembered to be gateways, the latest ones."""
 
-GROUND_TOPICS = frozenset({robot.CHASSIS_VELOCITY, robot.LIFT_COMMAND})
+GROUND_TOPICS = frozenset({CHASSIS_VELOCITY, LIFT_COMMAND})
 
 
 @dataclass(slots=True, kw_only=True)

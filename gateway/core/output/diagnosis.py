@@ -16,7 +16,6 @@ import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 
-from gateway import robot
 from gateway.codes import Code
 from gateway.core.messages.events import Level
 from gateway.core.robot_state.following import JOINT_GRAIN, POSE_GRAIN, Following, Stall
@@ -25,6 +24,7 @@ from gateway.core.supervision.conductor import Conductor
 from gateway.core.supervision.supervisor import State
 from gateway.errors import CODES
 from gateway.messages.snapshot import Finding, SlowingView
+from gateway.robot.topics import ARM_JOINTS, CHASSIS_STATE, FSM_ENABLE, MOTION_STATE_TOPICS, STATE_TOPICS, TOPICS
 from gateway.values import FsmState, Side, Space, Vector
 
 __all__ = ["PERIOD_NS", "Diagnosis", "Finding"]
@@ -34,7 +34,7 @@ S = 1_000_000_000
 
 PERIOD_NS = 100 * MS
 """Looked this often [ns]; what is no arm's every other time."""
-SILENT_NS = {topic: max(300 * MS, int(2.05 * S / robot.TOPICS[topic].rate_hz)) for topic in robot.STATE_TOPICS}
+SILENT_NS = {topic: max(300 * MS, int(2.05 * S / TOPICS[topic].rate_hz)) for topic in STATE_TOPICS}
 """A topic without a believed sample for longer is silent [ns]."""
 FIRST_NS = 3 * S
 """A fresh link gets this long to deliver a topic's first sample [ns]."""
@@ -212,17 +212,15 @@ class Diagnosis:
 
     def _silent(self, up_ns: int, now_ns: int) -> Iterator[_Symptom]:
         """Topics of which nothing is believed any more while the link stands."""
-        silent = {
-            topic: silent_ns for topic in robot.STATE_TOPICS if (silent_ns := self._silence_ns(topic, up_ns, now_ns))
-        }
+        silent = {topic: silent_ns for topic in STATE_TOPICS if (silent_ns := self._silence_ns(topic, up_ns, now_ns))}
         refused = {topic: why for topic in silent if (why := self._why_not_believed(topic, now_ns))}
         for topic, why in refused.items():
             text = f"{topic} comes, and no sample of it is believed: {why}"
             facts = {"silent_s": silent[topic] / S}
             yield _Symptom(Code.SAMPLE_REFUSED, topic, text, now_ns - silent[topic], facts)
         unheard = [topic for topic in silent if topic not in refused]
-        if set(robot.MOTION_STATE_TOPICS) <= set(unheard):
-            silent_ns = min(silent[topic] for topic in robot.MOTION_STATE_TOPICS)
+        if set(MOTION_STATE_TOPICS) <= set(unheard):
+            silent_ns = min(silent[topic] for topic in MOTION_STATE_TOPICS)
             other = self._conductor.elsewhere
             if other is not None and other.code is Code.OTHER_NAMESPACE:
                 yield _Symptom(Code.OTHER_NAMESPACE, "", other.message, now_ns - silent_ns)
@@ -257,21 +255,21 @@ class Diagnosis:
         mode = self._conductor.store.mode(now_ns)
         if mode is None:
             return True
-        if topic == robot.CHASSIS_STATE:
+        if topic == CHASSIS_STATE:
             return mode.chassis_enabled
         return all(mode.arm_enabled[side] for side in Side if topic.startswith(f"/{side}_"))
 
     def _route(self, now_ns: int) -> Iterator[_Symptom]:
         """What discovery says about the way of our heartbeat."""
-        route = self._conductor.routes.get(robot.FSM_ENABLE, "")
+        route = self._conductor.routes.get(FSM_ENABLE, "")
         if not route.startswith(BAD_ROUTES):
             self._bad_route_ns = None
             return
         if self._bad_route_ns is None:
             self._bad_route_ns = now_ns
         if now_ns - self._bad_route_ns >= ROUTE_NS:
-            text = f"{robot.FSM_ENABLE} does not reach the robot's state machine: {route}"
-            yield _Symptom(Code.ROUTE_SUSPECT, robot.FSM_ENABLE, text, self._bad_route_ns)
+            text = f"{FSM_ENABLE} does not reach the robot's state machine: {route}"
+            yield _Symptom(Code.ROUTE_SUSPECT, FSM_ENABLE, text, self._bad_route_ns)
 
     def _heartbeat(self, now_ns: int) -> Iterator[_Symptom]:
         """1.0 that the state machine does not answer; after a failed enabling, until something else happens."""
@@ -292,15 +290,15 @@ class Diagnosis:
             self._unanswered = None
             return
         beats_s = (until_ns - since_ns) / S
-        route = conductor.routes.get(robot.FSM_ENABLE, "nothing is known of its route")
-        text = f"1.0 was sent to {robot.FSM_ENABLE} for {beats_s:.1f} s and the FSM stayed PAUSE (manual §4.7); {route}"
+        route = conductor.routes.get(FSM_ENABLE, "nothing is known of its route")
+        text = f"1.0 was sent to {FSM_ENABLE} for {beats_s:.1f} s and the FSM stayed PAUSE (manual §4.7); {route}"
         yield _Symptom(Code.HEARTBEAT_NOT_EFFECTIVE, "", text, since_ns, {"beats_s": beats_s})
 
     def _late(self, now_ns: int) -> Iterator[_Symptom]:
         """Gaps in our own streams, told as long as the streams' figures show them."""
         for stream in self._conductor.body.streams:
             worst = stream.log.worst_gap(now_ns)
-            row = robot.TOPICS[stream.topic]
+            row = TOPICS[stream.topic]
             if worst is None or row.watchdog_ns is None:
                 continue
             at_ns, gap_ns = worst
@@ -350,7 +348,7 @@ class Diagnosis:
 
 
 def _near_singularity(side: Side, slowing: SlowingView) -> _Symptom:
-    name = robot.ARM_JOINTS[side][slowing.joint - 1]
+    name = ARM_JOINTS[side][slowing.joint - 1]
     text = (
         f"poses of the {side} arm are followed at {slowing.speed_ratio:.0%} of the speed limits: at all of it joint "
         f"{slowing.joint} ({name}) would have to go {slowing.joint_radps:.1f} rad/s, up to {slowing.bound_radps:g} is allowed"
@@ -360,7 +358,7 @@ def _near_singularity(side: Side, slowing: SlowingView) -> _Symptom:
 
 
 def _stalled_joints(side: Side, stall: Stall) -> _Symptom:
-    joint, name = stall.worst + 1, robot.ARM_JOINTS[side][stall.worst]
+    joint, name = stall.worst + 1, ARM_JOINTS[side][stall.worst]
     where = (
         f"{side} arm joint {joint} ({name}) stays at {stall.measured:.3f} rad, its setpoint is {stall.setpoint:.3f} rad"
     )

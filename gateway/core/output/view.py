@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from gateway import robot
 from gateway.core.others.others import Others
 from gateway.core.supervision.conductor import Conductor
 from gateway.messages.snapshot import (
@@ -25,12 +24,14 @@ from gateway.messages.snapshot import (
     RefusalMessage,
     Snapshot,
 )
+from gateway.robot.limits import gripper_torque_nm
+from gateway.robot.topics import CHASSIS_STATE, CURRENT_MODE, STATE_TOPICS, arm_state, ee_pose, gripper_state
 from gateway.values import MotorState, Side, Space
 
 __all__ = ["build"]
 
-ARMS = tuple((side, side.value, robot.arm_state(side), robot.ee_pose(side)) for side in Side)
-GRIPPERS = tuple((side.value, robot.gripper_state(side)) for side in Side)
+ARMS = tuple((side, side.value, arm_state(side), ee_pose(side)) for side in Side)
+GRIPPERS = tuple((side.value, gripper_state(side)) for side in Side)
 SIDES = tuple((side, side.value) for side in Side)
 
 
@@ -70,8 +71,8 @@ def build(
         lease=conductor.lease.view(now_ns),
         arms={name: _arm(conductor, side, state, pose, now_ns) for side, name, state, pose in ARMS},
         grippers={name: _motors(conductor, topic, now_ns) for name, topic in GRIPPERS},
-        chassis=_motors(conductor, robot.CHASSIS_STATE, now_ns),
-        topics={topic: store.topic_view(topic, now_ns) for topic in robot.STATE_TOPICS},
+        chassis=_motors(conductor, CHASSIS_STATE, now_ns),
+        topics={topic: store.topic_view(topic, now_ns) for topic in STATE_TOPICS},
         streams={stream.topic: stream.log.view(now_ns) for stream in body.streams},
         motions=body.motions.views(),
         targets=body.targets.views(),
@@ -152,7 +153,7 @@ def _mode(conductor: Conductor, now_ns: int) -> ModeView | None:
         chassis_enabled=mode.chassis_enabled,
         lift_enabled=mode.lift_enabled,
         collision_check=mode.collision_check,
-        age_ns=conductor.store.age_ns(robot.CURRENT_MODE, now_ns) or 0,
+        age_ns=conductor.store.age_ns(CURRENT_MODE, now_ns) or 0,
     )
 
 
@@ -240,6 +241,6 @@ def _grip(conductor: Conductor, side: Side) -> GripView:
     return GripView(
         streaming=True,
         input_ratio=gripper.raw,
-        torque_nm=robot.gripper_torque_nm(gripper.raw),
+        torque_nm=gripper_torque_nm(gripper.raw),
         holding=gripper.is_holding,
     )

@@ -33,7 +33,7 @@ from gateway.core.separation.room import check_goals
 from gateway.core.supervision.conductor import Conductor
 from gateway.core.supervision.supervisor import Trigger
 from gateway.errors import Code, Refusal
-from gateway.robot import ARM_JOINTS
+from gateway.robot.topics import ARM_JOINTS
 from gateway.values import EePose, Side, Space, Vector
 
 if TYPE_CHECKING:  # it takes numpy along, which a guard has no use for

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 
-from gateway import robot
 from gateway.codes import Code
 from gateway.core.messages.events import CommandRequested, SetGripper
 from gateway.core.requests.moves import Answer
@@ -12,6 +11,7 @@ from gateway.core.requests.permit import Permit
 from gateway.core.supervision.conductor import Conductor
 from gateway.core.supervision.supervisor import Trigger
 from gateway.errors import Refusal
+from gateway.robot.limits import gripper_torque_nm
 from gateway.values import Side
 
 __all__ = ["Gripping"]
@@ -60,4 +60,4 @@ class Gripping:
             )
         conductor.fire(Trigger.ARM_MOTION, now_ns, "the owner moves a gripper")
         conductor.body.grippers[request.side].command(request.raw, request.epoch)
-        return {"raw": request.raw, "torque_nm": robot.gripper_torque_nm(request.raw)}
+        return {"raw": request.raw, "torque_nm": gripper_torque_nm(request.raw)}

@@ -11,7 +11,6 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from gateway import robot
 from gateway.core.messages.events import SampleArrived
 from gateway.core.motion.gap import Gap, gap
 from gateway.errors import Code, Refusal
@@ -23,7 +22,8 @@ from gateway.kinematics.description import Description
 from gateway.kinematics.identification.agreement import Agreement, ModelJudge, Tolerances, Verdict
 from gateway.kinematics.separation.approach import Approach
 from gateway.kinematics.solving.dexterity import joint_speeds
-from gateway.settings import Settings
+from gateway.robot.topics import arm_state, ee_pose
+from gateway.settings.settings import Settings
 from gateway.values import ArmState, EePose, Side, Space, Vector
 
 __all__ = ["BodyModel", "body_model"]
@@ -44,7 +44,7 @@ APART_RAD, APART_M = 0.05, 0.02
 BOUND_NS = 120 * MS
 """Longest time between the joints around a pose [ns]: while nobody watches they come 50 ms apart."""
 
-SIDES = {**{robot.arm_state(side): side for side in Side}, **{robot.ee_pose(side): side for side in Side}}
+SIDES = {**{arm_state(side): side for side in Side}, **{ee_pose(side): side for side in Side}}
 """Which arm a topic is about."""
 
 CODES_OF = {Agreement.UNKNOWN: Code.MODEL_UNKNOWN, Agreement.DIFFERS: Code.MODEL_DIFFERS}

@@ -26,7 +26,7 @@ from operator import mul, sub
 from typing import NamedTuple
 
 from gateway.core.robot_state.arrival import Recent
-from gateway.settings import EnableSettings
+from gateway.settings.settings import EnableSettings
 from gateway.values import Vector
 
 __all__ = ["JOINTS", "JUMP_RADPS", "POSES", "JumpGuard", "Posture"]

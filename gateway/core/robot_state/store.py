@@ -18,13 +18,13 @@ from __future__ import annotations
 
 from collections import deque
 
-from gateway import robot
 from gateway.core.messages.events import SampleArrived, SampleRefused, StateValue
 from gateway.core.robot_state.arrival import Meter, Recent
 from gateway.core.robot_state.jumps import JOINTS, POSES, JumpGuard, Posture
 from gateway.errors import Code
 from gateway.messages.snapshot import TopicView
-from gateway.settings import EnableSettings
+from gateway.robot.topics import CURRENT_MODE, FSM_STATE, MOTION_STATE_TOPICS, STATE_TOPICS, arm_state, ee_pose
+from gateway.settings.settings import EnableSettings
 from gateway.values import ArmState, CurrentMode, EePose, MotorState, Side, Vector
 
 __all__ = ["Store"]
@@ -159,15 +159,15 @@ class Store:
 
     def __init__(self, settings: EnableSettings) -> None:
         self._settings = settings
-        self._tracks = {topic: _Track() for topic in robot.STATE_TOPICS}
-        self._arms = {side: self._tracks[robot.arm_state(side)] for side in Side}
-        self._poses = {side: self._tracks[robot.ee_pose(side)] for side in Side}
-        self._fsm = self._tracks[robot.FSM_STATE]
-        self._mode = self._tracks[robot.CURRENT_MODE]
-        self._seeds = {robot.arm_state(side): _SeedWindow(settings) for side in Side}
+        self._tracks = {topic: _Track() for topic in STATE_TOPICS}
+        self._arms = {side: self._tracks[arm_state(side)] for side in Side}
+        self._poses = {side: self._tracks[ee_pose(side)] for side in Side}
+        self._fsm = self._tracks[FSM_STATE]
+        self._mode = self._tracks[CURRENT_MODE]
+        self._seeds = {arm_state(side): _SeedWindow(settings) for side in Side}
         self._guards = {
-            **{robot.arm_state(side): JumpGuard(JOINTS, settings) for side in Side},
-            **{robot.ee_pose(side): JumpGuard(POSES, settings) for side in Side},
+            **{arm_state(side): JumpGuard(JOINTS, settings) for side in Side},
+            **{ee_pose(side): JumpGuard(POSES, settings) for side in Side},
         }
         self._link_ns: int | None = None  # newest fast sample on this transport
         self._names_wrong: SampleRefused | None = None
@@ -192,7 +192,7 @@ class Store:
             return ""
         track.value = event.value
         track.received_ns = track.live_ns = received_ns
-        if event.topic in robot.MOTION_STATE_TOPICS:
+        if event.topic in MOTION_STATE_TOPICS:
             self._link_ns = max(received_ns, self._link_ns or received_ns)
         guard = self._guards.get(event.topic)
         return f"{event.topic}: {guard.jumped}" if guard is not None and guard.jumped else ""
@@ -239,7 +239,7 @@ class Store:
 
     def link_age_ns(self, now_ns: int) -> int | None:
         """Return the age of the newest fast state topic for views and messages; None before the first sample."""
-        return min((a for t in robot.MOTION_STATE_TOPICS if (a := self.age_ns(t, now_ns)) is not None), default=None)
+        return min((a for t in MOTION_STATE_TOPICS if (a := self.age_ns(t, now_ns)) is not None), default=None)
 
     def is_fresh(self, now_ns: int) -> bool:
         """Return whether the newest fast state topic came over this transport and is young enough."""
@@ -276,13 +276,13 @@ class Store:
         It may after 0.3 s of samples without a gap of 100 ms whose stamp lag stayed within 100 ms of the least lag, while
         the last of them agree. A pose carries no stamp: where one is needed it must be one that came within that time.
         """
-        seed, pose_ns = self._seeds[robot.arm_state(side)], self._poses[side].live_ns
+        seed, pose_ns = self._seeds[arm_state(side)], self._poses[side].live_ns
         is_timely = not needs_pose or (pose_ns is not None and pose_ns >= (seed.since_ns or 0))
         return is_timely and self.part_fresh(side, now_ns, needs_pose) and seed.is_full() and seed.is_agreed()
 
     def agreed(self, side: Side) -> bool:
         """Return whether an arm's latest believed samples say the same, however old they are."""
-        return self._seeds[robot.arm_state(side)].is_agreed()
+        return self._seeds[arm_state(side)].is_agreed()
 
     def timely_since_ns(self) -> int | None:
         """Return since when arms' samples have come without queueing [ns]: whatever arrived before may be old."""

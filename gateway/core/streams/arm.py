@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from gateway import robot
 from gateway.core.motion.gap import Gap
 from gateway.core.motion.motion import JointLimits, JointReference
 from gateway.core.streams.setpoints import SetpointStream
-from gateway.settings import ArmSettings
+from gateway.robot.topics import joint_command
+from gateway.settings.settings import ArmSettings
 from gateway.values import Side, Space
 
 __all__ = ["ArmStream"]
@@ -32,4 +32,4 @@ class ArmStream(SetpointStream):
         )
         reference = JointReference(limits, 1.0 / settings.rate_hz)
         tracking = Gap(settings.tracking_rad)
-        super().__init__(robot.joint_command(side), Space.JOINT, reference, settings.rate_hz, tracking)
+        super().__init__(joint_command(side), Space.JOINT, reference, settings.rate_hz, tracking)

@@ -6,11 +6,11 @@ A stop sends them at once, and the robot brakes as it can; a velocity that expir
 
 from __future__ import annotations
 
-from gateway import robot
 from gateway.codes import Code
 from gateway.core.motion.joints.slope import Slope
 from gateway.core.streams.ground import GroundStream
-from gateway.settings import ChassisSettings
+from gateway.robot.topics import CHASSIS_VELOCITY
+from gateway.settings.settings import ChassisSettings
 from gateway.values import Vector
 
 __all__ = ["ChassisStream"]
@@ -26,7 +26,7 @@ class ChassisStream(GroundStream):
     """
 
     def __init__(self, settings: ChassisSettings) -> None:
-        super().__init__(robot.CHASSIS_VELOCITY)
+        super().__init__(CHASSIS_VELOCITY)
         self.wanted: Vector = ZEROS
         """What the owner asked for last."""
         self._slope = Slope(

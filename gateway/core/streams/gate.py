@@ -21,11 +21,21 @@ from typing import NamedTuple, NewType
 
 from msgspec import Struct
 
-from gateway import robot
 from gateway.core.messages.events import Frame, FrameKind
 from gateway.core.motion.poses.quaternion import dot, turn
 from gateway.errors import Code, Refusal
-from gateway.settings import ArmSettings, ChassisSettings, PoseSettings
+from gateway.robot.limits import HARD_CHASSIS_V_MPS, HARD_CHASSIS_W_RADPS
+from gateway.robot.topics import (
+    CHASSIS_VELOCITY,
+    FSM_ENABLE,
+    LIFT_COMMAND,
+    TOPICS,
+    Variant,
+    gripper_command,
+    joint_command,
+    pose_command,
+)
+from gateway.settings.settings import ArmSettings, ChassisSettings, PoseSettings
 from gateway.values import Side, Vector
 
 __all__ = ["Cleared", "Gate", "GateContext"]
@@ -45,7 +55,7 @@ NORM_SLACK = 1e-6
 """How far the norm of a commanded quaternion may be from 1."""
 DEFAULT_POSE = PoseSettings()
 """The limits of the end effectors unless others are configured."""
-HARD_CHASSIS = ChassisSettings(v_mps=robot.HARD_CHASSIS_V_MPS, w_radps=robot.HARD_CHASSIS_W_RADPS)
+HARD_CHASSIS = ChassisSettings(v_mps=HARD_CHASSIS_V_MPS, w_radps=HARD_CHASSIS_W_RADPS)
 """The loosest limits of the chassis that can be configured (BEHAVIOUR, values)."""
 LIFT_OFF: Vector = (0.0, 0.0)
 """Ends the use of the lift: servo off (manual §4.6)."""
@@ -63,17 +73,15 @@ _ARM_STATES: dict[FrameKind, tuple[str, ...]] = {
 }
 _SETPOINT_STATES = {**_ARM_STATES, FrameKind.ECHO: ("ENABLING", "HOLDING", "PAUSED")}
 _STATES: dict[str, dict[FrameKind, tuple[str, ...]]] = {
-    **{robot.joint_command(side): _SETPOINT_STATES for side in Side},
-    **{robot.pose_command(side): _SETPOINT_STATES for side in Side},
+    **{joint_command(side): _SETPOINT_STATES for side in Side},
+    **{pose_command(side): _SETPOINT_STATES for side in Side},
     **{
-        robot.gripper_command(side): {
-            kind: _ARM_STATES[kind] for kind in (FrameKind.MOTION, FrameKind.ECHO, FrameKind.HOLD)
-        }
+        gripper_command(side): {kind: _ARM_STATES[kind] for kind in (FrameKind.MOTION, FrameKind.ECHO, FrameKind.HOLD)}
         for side in Side
     },
-    robot.CHASSIS_VELOCITY: {FrameKind.MOTION: _BASE},
-    robot.LIFT_COMMAND: {FrameKind.MOTION: _BASE},
-    robot.FSM_ENABLE: {FrameKind.BEAT: ("ENABLING", "ACTIVE", "HOLDING", "STOPPING")},
+    CHASSIS_VELOCITY: {FrameKind.MOTION: _BASE},
+    LIFT_COMMAND: {FrameKind.MOTION: _BASE},
+    FSM_ENABLE: {FrameKind.BEAT: ("ENABLING", "ACTIVE", "HOLDING", "STOPPING")},
 }
 """In which states a kind of frame may leave on a topic, with fresh state. Kinds that are not here never may; stop
 frames are exempt. An echo in HOLDING is the start of a stream that a short stall had silenced; one in PAUSED follows an
@@ -119,7 +127,7 @@ class Gate:
     def __init__(
         self,
         arm: ArmSettings,
-        variant: robot.Variant,
+        variant: Variant,
         chassis: ChassisSettings = HARD_CHASSIS,
         pose: PoseSettings = DEFAULT_POSE,
     ) -> None:
@@ -129,19 +137,19 @@ class Gate:
         self._topics = variant.command_topics
         self._past: dict[str, _Past] = {}
         self._ranges: dict[str, Callable[[Vector], str]] = {
-            robot.CHASSIS_VELOCITY: self._chassis_range,
-            robot.LIFT_COMMAND: _lift_range,
-            robot.FSM_ENABLE: _switch_range,
+            CHASSIS_VELOCITY: self._chassis_range,
+            LIFT_COMMAND: _lift_range,
+            FSM_ENABLE: _switch_range,
         }
-        self._steps: dict[str, Callable[[_Past, Vector, Vector], str]] = {robot.CHASSIS_VELOCITY: self._chassis_step}
+        self._steps: dict[str, Callable[[_Past, Vector, Vector], str]] = {CHASSIS_VELOCITY: self._chassis_step}
         self._differences: dict[str, Callable[[Vector, Vector], Vector]] = {}
         for side in Side:
-            self._ranges[robot.joint_command(side)] = self._joint_range(side)
-            self._ranges[robot.pose_command(side)] = self._pose_range
-            self._ranges[robot.gripper_command(side)] = _gripper_range
-            self._steps[robot.joint_command(side)] = self._joint_step
-            self._steps[robot.pose_command(side)] = self._pose_step
-            self._differences[robot.pose_command(side)] = _pose_difference
+            self._ranges[joint_command(side)] = self._joint_range(side)
+            self._ranges[pose_command(side)] = self._pose_range
+            self._ranges[gripper_command(side)] = _gripper_range
+            self._steps[joint_command(side)] = self._joint_step
+            self._steps[pose_command(side)] = self._pose_step
+            self._differences[pose_command(side)] = _pose_difference
 
     def clear(self, frame: Frame, context: GateContext) -> Cleared | Refusal:
         """Judge a frame. Call it for the frames of a topic in the order in which they leave.
@@ -190,16 +198,16 @@ class Gate:
     def _malformed(self, frame: Frame) -> str:
         if frame.topic not in self._topics:
             return "this model has no such command topic (manual §1.2, §4)"
-        width = robot.TOPICS[frame.topic].width
+        width = TOPICS[frame.topic].width
         if len(frame.values) != width:
-            return f"{len(frame.values)} values, the topic has {width} (manual {robot.TOPICS[frame.topic].section})"
+            return f"{len(frame.values)} values, the topic has {width} (manual {TOPICS[frame.topic].section})"
         if not all(map(math.isfinite, frame.values)):
             return "not every value is finite"
         return self._ranges[frame.topic](frame.values)
 
     def _discontinuous(self, frame: Frame, past: _Past | None, step: Vector) -> str:
         judge = self._steps.get(frame.topic)
-        if past is None and frame.topic == robot.CHASSIS_VELOCITY:
+        if past is None and frame.topic == CHASSIS_VELOCITY:
             past, step = _Past((0.0, 0.0, 0.0), ()), frame.values  # it drives off from rest
         if past is None:
             starts = frame.kind is FrameKind.ECHO or FrameKind.ECHO not in _STATES[frame.topic]
@@ -245,7 +253,7 @@ class Gate:
 
     def _chassis_step(self, past: _Past, values: Vector, step: Vector) -> str:
         """The robot's own ramps: a component that goes away from zero may do so by the slower of them."""
-        period_s = 1.0 / robot.TOPICS[robot.CHASSIS_VELOCITY].rate_hz
+        period_s = 1.0 / TOPICS[CHASSIS_VELOCITY].rate_hz
         for name, old, new, change in zip(("vx", "vy", "wz"), past.values, values, step, strict=True):
             grows = abs(new) > abs(old) and old * new >= 0.0
             bound = (self._chassis.up_mps2 if grows else self._chassis.down_mps2) * period_s + STEP_SLACK
@@ -287,8 +295,8 @@ def _pose_difference(values: Vector, past: Vector) -> Vector:
 
 
 def _not_a_stop(frame: Frame) -> str:
-    stop = robot.TOPICS[frame.topic].stop_frame
-    allowed = (stop, LIFT_OFF) if frame.topic == robot.LIFT_COMMAND else (stop,)
+    stop = TOPICS[frame.topic].stop_frame
+    allowed = (stop, LIFT_OFF) if frame.topic == LIFT_COMMAND else (stop,)
     return "" if stop and frame.values in allowed else f"no stop frame of this topic, which are {allowed}"
 
 

@@ -12,10 +12,11 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from gateway import robot
 from gateway.core.messages.events import Frame, FrameKind
 from gateway.core.streams.grid import Grid
 from gateway.core.streams.stream import SentLog
+from gateway.robot.limits import GRIPPER_RELAXED
+from gateway.robot.topics import TOPICS, gripper_command
 from gateway.values import Side
 
 __all__ = ["GripperStream"]
@@ -30,14 +31,14 @@ class GripperStream:
     """
 
     def __init__(self, side: Side, is_arm_streamed: Callable[[], bool]) -> None:
-        self.topic = robot.gripper_command(side)
+        self.topic = gripper_command(side)
         self.log = SentLog()
-        self.raw = robot.GRIPPER_RELAXED
+        self.raw = GRIPPER_RELAXED
         """What was sent last, or is about to be when it starts."""
         self.is_holding: bool | None = None
         """Whether something seems to be held (`grip.py`); None when nobody can tell."""
         self._is_arm_streamed = is_arm_streamed
-        self._grid = Grid(robot.TOPICS[self.topic].rate_hz)
+        self._grid = Grid(TOPICS[self.topic].rate_hz)
         self._is_started = False
         self._is_first = False
         self._wanted: tuple[float, int] | None = None
@@ -62,7 +63,7 @@ class GripperStream:
         if self.running:
             return
         if not is_kept:
-            self.raw = robot.GRIPPER_RELAXED
+            self.raw = GRIPPER_RELAXED
         self._is_started = self._is_first = True
         self._wanted = None
         self.log.end()

@@ -13,11 +13,11 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 
-from gateway import robot
 from gateway.codes import Code
 from gateway.core.messages.events import Frame, FrameKind
 from gateway.core.streams.grid import Grid
 from gateway.core.streams.stream import SentLog
+from gateway.robot.topics import TOPICS
 from gateway.values import Vector
 
 __all__ = ["LIFT_OFF", "GroundStream"]
@@ -40,7 +40,7 @@ class GroundStream(ABC):
     def __init__(self, topic: str) -> None:
         self.topic = topic
         self.log = SentLog()
-        self._spec = robot.TOPICS[topic]
+        self._spec = TOPICS[topic]
         self._grid = Grid(self._spec.rate_hz)
         self.running = False
         """Whether frames are being sent; it ends an instant of the grid after the last one."""

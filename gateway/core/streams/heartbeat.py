@@ -8,10 +8,10 @@ from __future__ import annotations
 
 from enum import Enum
 
-from gateway import robot
 from gateway.core.messages.events import Frame, FrameKind
 from gateway.core.streams.grid import Grid
 from gateway.core.streams.stream import SentLog
+from gateway.robot.topics import FSM_ENABLE, TOPICS
 
 __all__ = ["LAST_WORD_NS", "Beat", "HeartbeatStream"]
 
@@ -40,7 +40,7 @@ class HeartbeatStream:
         zero_timeout_ns: 0.0 is repeated at most this long [ns].
     """
 
-    topic = robot.FSM_ENABLE
+    topic = FSM_ENABLE
 
     def __init__(self, zero_timeout_ns: int) -> None:
         self.log = SentLog()
@@ -51,7 +51,7 @@ class HeartbeatStream:
         """When the last 1.0 left [ns]."""
         self.gave_up_at_ns: int | None = None
         """When the last repetition of 0.0 ended without FSM 0 [ns]; None when none did since the last good one."""
-        self._steady, self._quick = Grid(robot.TOPICS[self.topic].rate_hz), Grid(LAST_WORD_HZ)
+        self._steady, self._quick = Grid(TOPICS[self.topic].rate_hz), Grid(LAST_WORD_HZ)
         self._zero_timeout_ns = zero_timeout_ns
         self._zero_since_ns = 0
         self._is_once = False

@@ -9,9 +9,9 @@
 
 from __future__ import annotations
 
-from gateway import robot
 from gateway.codes import Code
 from gateway.core.streams.ground import LIFT_OFF, GroundStream
+from gateway.robot.topics import LIFT_COMMAND
 from gateway.values import Vector
 
 __all__ = ["LiftStream"]
@@ -21,7 +21,7 @@ class LiftStream(GroundStream):
     """Velocities of the lift, -1 (down) to 1 (up)."""
 
     def __init__(self) -> None:
-        super().__init__(robot.LIFT_COMMAND)
+        super().__init__(LIFT_COMMAND)
         self._velocity = 0.0
 
     @property

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from gateway import robot
 from gateway.core.motion.gap import Gap
 from gateway.core.motion.motion import PoseLimits, PoseReference
 from gateway.core.streams.setpoints import SetpointStream
-from gateway.settings import PoseSettings
+from gateway.robot.topics import pose_command
+from gateway.settings.settings import PoseSettings
 from gateway.values import Side, Space
 
 __all__ = ["PoseStream"]
@@ -34,4 +34,4 @@ class PoseStream(SetpointStream):
         )
         reference = PoseReference(limits, 1.0 / settings.rate_hz)
         tracking = Gap(settings.tracking_rad, settings.tracking_m)
-        super().__init__(robot.pose_command(side), Space.POSE, reference, settings.rate_hz, tracking)
+        super().__init__(pose_command(side), Space.POSE, reference, settings.rate_hz, tracking)

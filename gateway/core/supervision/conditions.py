@@ -11,10 +11,10 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from gateway import robot
 from gateway.core.supervision.conductor import QUIET, Conductor
 from gateway.core.supervision.supervisor import STREAMING, State, Trigger
 from gateway.errors import Code
+from gateway.robot.topics import arm_state
 from gateway.values import OWN_FSM, FsmState, Side
 
 __all__ = ["Conditions"]
@@ -149,7 +149,7 @@ class Conditions:
             if code is Code.ARM_DISABLED:
                 yield Trigger.ARM_DISABLED, self._why_unfit(side, now_ns)
             else:
-                why = conductor.store.why_not_believed(robot.arm_state(side), REFUSED_NS, now_ns)
+                why = conductor.store.why_not_believed(arm_state(side), REFUSED_NS, now_ns)
                 said = f": its samples are not believed, {why}" if why else ""
                 yield Trigger.PART_DEAD, f"the state of the {side} arm is older than 100 ms{said}"
         if not conductor.sides:

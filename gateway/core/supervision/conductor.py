@@ -32,8 +32,8 @@ from gateway.core.supervision.supervisor import (
     Trigger,
 )
 from gateway.errors import Code, Refusal
-from gateway.robot import CURRENT_MODE
-from gateway.settings import Settings
+from gateway.robot.topics import CURRENT_MODE
+from gateway.settings.settings import Settings
 from gateway.values import CurrentMode, Side, Space, Vector
 
 if TYPE_CHECKING:  # it takes numpy along, which a guard has no use for

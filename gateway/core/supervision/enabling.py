@@ -8,13 +8,13 @@ be no gap, and the robot does not follow. It stays with the arm until the first 
 
 from __future__ import annotations
 
-from gateway import robot
 from gateway.core.messages.events import Level
 from gateway.core.supervision.conditions import Conditions
 from gateway.core.supervision.conductor import Conductor
 from gateway.core.supervision.starting import Starting
 from gateway.core.supervision.supervisor import State, Trigger
 from gateway.errors import Code, Refusal
+from gateway.robot.topics import FSM_ENABLE
 from gateway.values import FsmState, Side
 
 __all__ = ["Enabling"]
@@ -143,13 +143,12 @@ class Enabling:
         since_ns = self._conditions.first_beat_ns or now_ns
         if value == FsmState.PAUSE and now_ns - since_ns > NOT_EFFECTIVE_NS and not self._is_told:
             self._is_told = True
-            route = self._conductor.routes.get(robot.FSM_ENABLE, "nothing is known of its route")
+            route = self._conductor.routes.get(FSM_ENABLE, "nothing is known of its route")
             self._conductor.notice(
                 Code.HEARTBEAT_NOT_EFFECTIVE,
                 Level.WARNING,
-                f"1.0 has been sent for {(now_ns - since_ns) / S:.1f} s and the FSM stays PAUSE; "
-                f"{robot.FSM_ENABLE}: {route}",
+                f"1.0 has been sent for {(now_ns - since_ns) / S:.1f} s and the FSM stays PAUSE; {FSM_ENABLE}: {route}",
                 now_ns,
-                topic=robot.FSM_ENABLE,
+                topic=FSM_ENABLE,
                 route=route,
             )

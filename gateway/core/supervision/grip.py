@@ -8,14 +8,15 @@ state is not fresh, without a velocity, or nothing is sent to it, nobody can tel
 
 from __future__ import annotations
 
-from gateway import robot
 from gateway.core.supervision.conductor import Conductor
+from gateway.robot.limits import gripper_torque_nm
+from gateway.robot.topics import gripper_state
 from gateway.values import MotorState, Side
 
 __all__ = ["CLOSING_NM", "OPEN_RAD", "STILL_NS", "STILL_RADPS", "Grips"]
 
 MS = 1_000_000
-STATES = {side: robot.gripper_state(side) for side in Side}
+STATES = {side: gripper_state(side) for side in Side}
 
 CLOSING_NM = 0.1
 """Least torque that closes [N·m]."""
@@ -56,7 +57,7 @@ class Grips:
             self._still_since_ns[side] = None
             return None
         is_still_open = abs(motor.dq_radps[0]) < STILL_RADPS and motor.q_rad[0] > OPEN_RAD
-        if not (is_still_open and robot.gripper_torque_nm(raw) <= -CLOSING_NM):
+        if not (is_still_open and gripper_torque_nm(raw) <= -CLOSING_NM):
             self._still_since_ns[side] = None
             return False
         since_ns = self._still_since_ns[side]

@@ -25,7 +25,7 @@ from gateway.core.messages.events import OnLoss
 from gateway.core.supervision.silence import Silence
 from gateway.errors import Code, Refusal
 from gateway.messages.snapshot import LeaseView
-from gateway.settings import LossSettings
+from gateway.settings.settings import LossSettings
 
 __all__ = ["Lease", "LeaseEvent", "LossStage", "Owner"]
 

@@ -22,7 +22,7 @@ from gateway.core.supervision.conductor import QUIET, Conductor
 from gateway.core.supervision.starting import Starting
 from gateway.core.supervision.supervisor import STREAMING, State, Trigger
 from gateway.errors import Code
-from gateway.robot import GRIPPER_WATCHDOG_NS
+from gateway.robot.limits import GRIPPER_WATCHDOG_NS
 from gateway.values import OWN_FSM, FsmState, Side
 
 __all__ = ["Stall"]

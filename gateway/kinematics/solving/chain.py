@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from gateway.kinematics.description import Description, Joint, arm_joint, ee_frame
 from gateway.kinematics.placement import Placement, Rows, origin
-from gateway.robot import shoulder_frame
+from gateway.robot.topics import shoulder_frame
 from gateway.values import Side, Vector
 
 __all__ = ["ArmChain", "Line", "Motion", "at_zero", "in_base"]

@@ -11,7 +11,7 @@ from typing import NamedTuple
 from gateway.errors import Code, Refusal
 from gateway.kinematics.placement import Placement
 from gateway.kinematics.solving.inverse import ClosedForm
-from gateway.robot import ARM_JOINTS
+from gateway.robot.topics import ARM_JOINTS
 from gateway.values import Side
 
 __all__ = ["Unreachable", "not_found", "why_not"]

@@ -23,13 +23,13 @@ from dataclasses import dataclass
 
 from cdr_types import BadName
 from cdr_types.keys import Token, TokenKind, parse_token, topic_to_key
-from gateway import robot
 from gateway.core.messages.events import RobotsAnnounced, RouteObserved
 from gateway.errors import Code
 from gateway.link.discovery.command_watch import CommandWatch
 from gateway.link.discovery.robots import robots_in
 from gateway.link.discovery.route_watch import FIRST_DATA_NS, Evidence, RouteWatch
-from gateway.settings import LinkSettings
+from gateway.robot.topics import FSM_ENABLE, STATE_TOPICS, TOPICS
+from gateway.settings.settings import LinkSettings
 
 __all__ = ["Ask", "BridgeFacts", "Discovery", "Finding", "Sight", "TokenTable"]
 
@@ -143,7 +143,7 @@ class Discovery:
         own_zid: str,
         ask: Ask,
         friends: Set[str] = frozenset(),
-        topics: Iterable[str] = robot.STATE_TOPICS,
+        topics: Iterable[str] = STATE_TOPICS,
     ) -> None:
         self.tokens = TokenTable()
         self.version = ""
@@ -157,9 +157,9 @@ class Discovery:
         self._friends = friends
         self._ask = ask
         self._api = topic_to_key("/api", settings.namespace)
-        self._keys = {topic: topic_to_key(topic, settings.namespace) for topic in robot.TOPICS}
+        self._keys = {topic: topic_to_key(topic, settings.namespace) for topic in TOPICS}
         self._commands = settings.variant.command_topics
-        self._watches = {topic: RouteWatch(robot.TOPICS[topic]) for topic in topics}
+        self._watches = {topic: RouteWatch(TOPICS[topic]) for topic in topics}
         self._command_watch = CommandWatch()
         self._readiness = dict.fromkeys((*self._watches, *self._commands), "unknown: not connected yet")
         self._revision = -1
@@ -202,10 +202,10 @@ class Discovery:
         if change is not None:
             observations.append(change)
         self._refresh_readiness(sight, announced, silent)
-        words = self._readiness[robot.FSM_ENABLE]  # for the engine to say when 1.0 does nothing
+        words = self._readiness[FSM_ENABLE]  # for the engine to say when 1.0 does nothing
         if words != self._heartbeat_words and not (words.startswith(READY) and self._heartbeat_words == READY):
             self._heartbeat_words = words
-            observations.append(RouteObserved(topic=robot.FSM_ENABLE, code=None, message=words, at_ns=sight.now_ns))
+            observations.append(RouteObserved(topic=FSM_ENABLE, code=None, message=words, at_ns=sight.now_ns))
         for observation in observations:
             if isinstance(observation, RobotsAnnounced):
                 continue  # the engine tells

@@ -9,12 +9,12 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 
 from cdr_types.keys import Token, TokenKind
-from gateway import robot
+from gateway.robot.topics import FSM_STATE, arm_state
 from gateway.values import Side
 
 __all__ = ["robots_in"]
 
-SIGNS = (robot.FSM_STATE, *map(robot.arm_state, Side))
+SIGNS = (FSM_STATE, *map(arm_state, Side))
 
 
 def robots_in(tokens: Iterable[Token]) -> Mapping[str, tuple[str, ...]]:
@@ -33,6 +33,6 @@ def robots_in(tokens: Iterable[Token]) -> Mapping[str, tuple[str, ...]]:
                 found.setdefault((namespace, token.zid), set()).add(sign)
     robots: dict[str, tuple[str, ...]] = {}
     for (namespace, zid), signs in sorted(found.items()):
-        if robot.FSM_STATE in signs and len(signs) > 1:
+        if FSM_STATE in signs and len(signs) > 1:
             robots[namespace] = (*robots.get(namespace, ()), zid)
     return robots

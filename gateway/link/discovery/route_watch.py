@@ -20,7 +20,7 @@ from dataclasses import dataclass
 
 from gateway.core.messages.events import RouteObserved
 from gateway.errors import Code
-from gateway.robot import Topic
+from gateway.robot.topics import Topic
 
 __all__ = ["FIRST_DATA_NS", "MAX_REVIVALS", "REVIVAL_WINDOW_NS", "Evidence", "RouteWatch", "silence_ns"]
 

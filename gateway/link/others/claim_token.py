@@ -13,7 +13,7 @@ from typing import Protocol
 
 import zenoh
 
-from gateway.threads import supervised
+from gateway.process.threads import supervised
 
 __all__ = ["ClaimToken", "Declares"]
 

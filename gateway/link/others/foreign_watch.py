@@ -42,11 +42,11 @@ from collections.abc import Callable, Iterable, Mapping, Set
 from dataclasses import dataclass, field
 
 from cdr_types.keys import Token, TokenKind, topic_to_key
-from gateway import robot
 from gateway.core.messages.events import Event, ForeignData, ForeignTokens, Gateway, GatewayTokens, Means, Writer
 from gateway.link.discovery.discovery import Ask, TokenTable
 from gateway.link.others.gateway_token import GatewayToken, parse_gateway_token
-from gateway.settings import LinkSettings
+from gateway.robot.topics import STATE_TOPICS
+from gateway.settings.settings import LinkSettings
 
 __all__ = ["AGAIN_NS", "LOOK_PERIOD_NS", "ForeignWatch", "Neighbours", "Session", "publishers_of"]
 
@@ -117,7 +117,7 @@ class ForeignWatch:
         self._clock = clock
         self._published = publishers_of(settings.namespace)
         self._commands = {topic_to_key(topic, settings.namespace): topic for topic in settings.variant.command_topics}
-        self._states = {topic_to_key(topic, settings.namespace) for topic in robot.STATE_TOPICS}
+        self._states = {topic_to_key(topic, settings.namespace) for topic in STATE_TOPICS}
         self._samples: list[tuple[str, str]] = []
         self._lock = threading.Lock()
         self._gateways: frozenset[GatewayToken] = frozenset()

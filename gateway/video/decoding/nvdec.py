@@ -17,7 +17,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from gateway.threads import supervised
+from gateway.process.threads import supervised
 from gateway.video.decoding.libav import HWAccel, av
 from gateway.video.decoding.rgb import rows_of
 

@@ -22,7 +22,7 @@ from functools import partial
 from types import TracebackType
 from typing import Final
 
-from gateway.threads import supervised
+from gateway.process.threads import supervised
 from gateway.video.hevc.access_unit import AccessUnit
 from gateway.video.receiving.backlog import MAX_AGE_NS, Keeping, Live
 from gateway.video.receiving.counters import Counts

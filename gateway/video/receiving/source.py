@@ -8,8 +8,8 @@ from __future__ import annotations
 
 import socket
 
-from gateway import config
 from gateway.errors import Code, ConfigError, Refusal
+from gateway.settings import toml_file
 
 __all__ = ["host_of", "robot_address"]
 
@@ -32,7 +32,7 @@ def robot_address(robot: str | None, file: str | None) -> str:
     Raises:
         ConfigError: BAD_CONFIG, the settings are wrong, or nobody knows the name.
     """
-    host = host_of(config.load(file).link.endpoint if robot is None else robot)
+    host = host_of(toml_file.load(file).link.endpoint if robot is None else robot)
     try:
         found = socket.getaddrinfo(host, None, socket.AF_INET, socket.SOCK_DGRAM)
     except (OSError, UnicodeError) as error:

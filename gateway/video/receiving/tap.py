@@ -8,7 +8,7 @@ from collections.abc import Callable
 from types import TracebackType
 from typing import Protocol
 
-from gateway.threads import supervised
+from gateway.process.threads import supervised
 from gateway.video.errors import VideoCode, VideoError
 from gateway.video.hevc.access_unit import AccessUnit
 

@@ -10,7 +10,7 @@ import contextlib
 import os
 import threading
 
-from gateway.threads import supervised
+from gateway.process.threads import supervised
 from gateway.video.hevc.access_unit import CLOCK_HZ
 from gateway.video.recording.split import Split, Splitter
 

@@ -16,7 +16,7 @@ from queue import SimpleQueue
 from types import TracebackType
 from typing import Final
 
-from gateway.threads import supervised
+from gateway.process.threads import supervised
 from gateway.video.hevc.access_unit import CLOCK_HZ, AccessUnit
 from gateway.video.recording.container import TROUBLE
 from gateway.video.recording.take import Counts, Take

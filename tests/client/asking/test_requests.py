@@ -12,7 +12,7 @@ from gateway.client.asking.requests import joints, move, number, read_only, seco
 from gateway.core.limits.door import check_goal
 from gateway.core.messages.events import OnLimit
 from gateway.errors import Code, Refusal, Rejected, to_exception
-from gateway.settings import ArmSettings, Settings
+from gateway.settings.settings import ArmSettings, Settings
 from gateway.values import Side
 
 INFO = describe(Settings(), socket="/s", pid=1)

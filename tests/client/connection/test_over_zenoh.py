@@ -19,7 +19,7 @@ from gateway.client import Credentials, connect
 from gateway.client.connection.over_zenoh import Pulse
 from gateway.core.messages.events import Level, Notice
 from gateway.errors import Code, Disconnected, LeaseError, OutcomeUnknown, Rejected
-from gateway.threads import take_lost
+from gateway.process.threads import take_lost
 from tests.api.daemon import Daemon, eventually
 from tests.api.stand_in import START_Q
 from tests.api.test_service import end

@@ -6,7 +6,6 @@ import math
 
 import pytest
 
-from gateway import robot
 from gateway.core.body.body import Body
 from gateway.core.body.motions import Motion, MotionState, Terms
 from gateway.core.body.targets import TargetStream
@@ -18,7 +17,17 @@ from gateway.core.motion.passage import Outcome
 from gateway.core.motion.tolerance import Tolerances
 from gateway.core.streams.ground import LIFT_OFF
 from gateway.errors import Code
-from gateway.settings import LinkSettings, Settings
+from gateway.robot.limits import JOINT_LOWER_RAD, JOINT_UPPER_RAD
+from gateway.robot.topics import (
+    CHASSIS_VELOCITY,
+    COMMAND_TOPICS,
+    FSM_ENABLE,
+    LIFT_COMMAND,
+    gripper_command,
+    joint_command,
+    pose_command,
+)
+from gateway.settings.settings import LinkSettings, Settings
 from gateway.values import Side, Space, Vector
 
 MS = 1_000_000
@@ -26,8 +35,7 @@ S = 1_000_000_000
 T0 = 1_000 * S
 L, R = Side.LEFT, Side.RIGHT
 MIDDLE: dict[Side, Vector] = {
-    side: tuple((a + b) / 2 for a, b in zip(robot.JOINT_LOWER_RAD[side], robot.JOINT_UPPER_RAD[side], strict=True))
-    for side in Side
+    side: tuple((a + b) / 2 for a, b in zip(JOINT_LOWER_RAD[side], JOINT_UPPER_RAD[side], strict=True)) for side in Side
 }
 GOAL: dict[Side, Vector] = {side: tuple(q + 0.5 for q in MIDDLE[side]) for side in Side}
 HOLD, PATH, FOLLOW, CHUNK, BRAKE = ReferenceMode
@@ -89,16 +97,16 @@ def test_the_streams_are_those_of_the_model_grippers_first(model, has_lift):
     """0.10 before the torque, setpoints before the heartbeat; a model without a lift has no stream for it (manual §1.2)."""
     body = Body(Settings(link=LinkSettings(model=model)))
     topics = [stream.topic for stream in body.streams]
-    commands = (robot.gripper_command, robot.joint_command, robot.pose_command)
-    expected = [command(side) for command in commands for side in (L, R)] + [robot.FSM_ENABLE, robot.CHASSIS_VELOCITY]
-    assert topics == expected + [robot.LIFT_COMMAND] * has_lift
+    commands = (gripper_command, joint_command, pose_command)
+    expected = [command(side) for command in commands for side in (L, R)] + [FSM_ENABLE, CHASSIS_VELOCITY]
+    assert topics == expected + [LIFT_COMMAND] * has_lift
     assert all(not stream.running for stream in body.streams) and body.next_due_ns() is None
 
 
 def test_every_stream_has_the_one_shape():
     """Own grid, own log, asked the same way (DESIGN §6)."""
     for stream in Body(Settings(link=LinkSettings(model="lift"))).streams:
-        assert stream.topic in robot.COMMAND_TOPICS
+        assert stream.topic in COMMAND_TOPICS
         assert (stream.running, stream.log.sent, stream.next_due_ns(), stream.frame(T0)) == (False, 0, None, None)
 
 
@@ -184,7 +192,7 @@ def test_a_cut_forgets_a_force_that_has_not_left():
     course.body.grippers[L].enter(0.6, course.now_ns)
     course.body.grippers[L].command(0.0, 5)
     course.body.cut(Code.STOPPED, "")
-    assert {values for topic, values in course.run(10) if topic == robot.gripper_command(L)} == {(0.6,)}
+    assert {values for topic, values in course.run(10) if topic == gripper_command(L)} == {(0.6,)}
 
 
 def test_a_cut_ends_the_walk():
@@ -201,7 +209,7 @@ def test_a_ground_stop_stops_chassis_and_lift():
     """Whoever drove them: zeros and [0,1], at once; `fsm/enable 0.0` does not reach them (manual §1.4)."""
     course = Course(model="lift")
     course.body.ground_stop(course.now_ns)
-    assert course.run(1) == [(robot.CHASSIS_VELOCITY, (0.0, 0.0, 0.0)), (robot.LIFT_COMMAND, (0.0, 1.0))]
+    assert course.run(1) == [(CHASSIS_VELOCITY, (0.0, 0.0, 0.0)), (LIFT_COMMAND, (0.0, 1.0))]
 
 
 def test_a_ground_cut_stops_what_is_driven_and_nothing_else():
@@ -215,7 +223,7 @@ def test_a_ground_cut_stops_what_is_driven_and_nothing_else():
     for code in [Code.CLIENT_LOST] + [Code.STOPPED] * 150:
         course.body.ground_cut(code, course.now_ns)
         sent += course.run(1)
-    assert set(sent) == {(robot.CHASSIS_VELOCITY, (0.0, 0.0, 0.0))} and 20 <= len(sent) <= 22
+    assert set(sent) == {(CHASSIS_VELOCITY, (0.0, 0.0, 0.0))} and 20 <= len(sent) <= 22
     assert course.body.chassis.code is Code.CLIENT_LOST and not course.body.chassis.running
 
 
@@ -230,7 +238,7 @@ def test_what_was_under_way_when_the_transport_was_lost_is_sent_again():
     course.body.lose_transport()
     course.run(200)
     course.body.find_transport(course.now_ns)
-    assert set(course.run(200)) == {(robot.CHASSIS_VELOCITY, (0.0, 0.0, 0.0)), (robot.LIFT_COMMAND, LIFT_OFF)}
+    assert set(course.run(200)) == {(CHASSIS_VELOCITY, (0.0, 0.0, 0.0)), (LIFT_COMMAND, LIFT_OFF)}
 
 
 def test_without_a_lift_only_the_chassis_is_stopped():
@@ -238,7 +246,7 @@ def test_without_a_lift_only_the_chassis_is_stopped():
     course = Course()
     course.body.ground_stop(course.now_ns)
     course.body.lift_off(course.now_ns)
-    assert {topic for topic, _ in course.run(200)} == {robot.CHASSIS_VELOCITY}
+    assert {topic for topic, _ in course.run(200)} == {CHASSIS_VELOCITY}
 
 
 def test_the_lift_goes_off_after_its_stop_and_only_then():
@@ -248,7 +256,7 @@ def test_the_lift_goes_off_after_its_stop_and_only_then():
     assert course.run(50) == []
     course.body.ground_stop(course.now_ns)
     course.body.lift_off(course.now_ns)
-    lift = [values for topic, values in course.run(200) if topic == robot.LIFT_COMMAND]
+    lift = [values for topic, values in course.run(200) if topic == LIFT_COMMAND]
     assert set(lift[:-1]) == {(0.0, 1.0)} and lift[-1] == LIFT_OFF
 
 

@@ -4,20 +4,20 @@ from __future__ import annotations
 
 import pytest
 
-from gateway import robot
 from gateway.core.body.motions import ENDED_KEPT, Motion, MotionBook, MotionState, Terms
 from gateway.core.motion.gap import Gap
 from gateway.core.motion.tolerance import Tolerances
 from gateway.errors import Code
 from gateway.messages.snapshot import MotionView
-from gateway.settings import ArmSettings
+from gateway.robot.limits import HOME_Q_RAD
+from gateway.settings.settings import ArmSettings
 from gateway.values import Side, Space, Vector
 
 MS = 1_000_000
 S = 1_000_000_000
 T0 = 1_000 * S
 L, R = Side.LEFT, Side.RIGHT
-HOME = robot.HOME_Q_RAD
+HOME = HOME_Q_RAD
 BOTH = dict(HOME)
 SETTINGS = ArmSettings()
 

@@ -6,19 +6,19 @@ import math
 
 import pytest
 
-from gateway import robot
 from gateway.core.body.targets import ENDED_KEPT, TargetBook, TargetStream
 from gateway.core.messages.events import OnLimit, TargetArrived
 from gateway.errors import Code
 from gateway.messages.snapshot import TargetView
-from gateway.settings import ArmSettings
+from gateway.robot.limits import HOME_Q_RAD, JOINT_UPPER_RAD
+from gateway.settings.settings import ArmSettings
 from gateway.values import Side, Space, Vector
 
 MS = 1_000_000
 S = 1_000_000_000
 T0 = 1_000 * S
 L, R = Side.LEFT, Side.RIGHT
-GOAL = robot.HOME_Q_RAD[L]
+GOAL = HOME_Q_RAD[L]
 OUTSIDE: Vector = (9.0, *GOAL[1:])
 
 
@@ -178,7 +178,7 @@ def test_a_target_passes_the_door_or_leaves_no_trace(book, q_rad, code):
 def test_a_stream_that_asked_for_clipping_is_clipped(book):
     """Opt-in, per stream; the limits are those of its own arm."""
     stream = opened(book, R, OnLimit.CLIP)
-    assert book.accept(target(q_rad=(9.0,) * 7)) == (stream, robot.JOINT_UPPER_RAD[R])
+    assert book.accept(target(q_rad=(9.0,) * 7)) == (stream, JOINT_UPPER_RAD[R])
     assert stream.refused == 0
 
 

@@ -6,7 +6,7 @@ import pytest
 
 from gateway.core.handover.freeze import AHEAD_NS, EVERY_NS, LAST_NS, LATE_NS, PATIENCE_NS, FreezeWatch
 from gateway.core.messages.held import Held
-from gateway.settings import GuardSettings
+from gateway.settings.settings import GuardSettings
 from tests.pair import MS, START_NS
 
 ARMED = Held(at_ns=START_NS, state="HOLDING", beat="one")

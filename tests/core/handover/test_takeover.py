@@ -8,7 +8,6 @@ from itertools import pairwise
 import msgspec
 import pytest
 
-from gateway import robot
 from gateway.core.handover.takeover import LAST_FRAME_NS, Takeover
 from gateway.core.messages.events import ForeignData, Frame, FrameKind, Gateway, GuardSeen, HeldElsewhere, TakenOver
 from gateway.core.messages.held import Held, HeldArm
@@ -18,11 +17,12 @@ from gateway.core.streams.gate import Cleared, Gate
 from gateway.core.streams.heartbeat import Beat
 from gateway.core.supervision.supervisor import State
 from gateway.errors import Code
-from gateway.settings import ArmSettings
+from gateway.robot.topics import CHASSIS_VELOCITY, FSM_ENABLE, LIFT_COMMAND, VARIANTS, gripper_command, joint_command
+from gateway.settings.settings import ArmSettings
 from gateway.values import FsmState
 from tests.core.stage import GOAL, MIDDLE, MS, TICK_NS, L, R, S, Stage
 
-LEFT, RIGHT = robot.joint_command(L), robot.joint_command(R)
+LEFT, RIGHT = joint_command(L), joint_command(R)
 READY = int(FsmState.READY)
 SPEED: tuple[float, ...] = (0.5,) * 7
 """Velocity of the interrupted motion [rad/s]."""
@@ -35,7 +35,7 @@ class Scene(Stage):
 
     def __init__(self, state: State = State.READ_ONLY, *, is_guard: bool = True, **how: object) -> None:
         super().__init__(state, **{"owner": None, **how})
-        self.outlet = Outlet(self.conductor, Gate(ArmSettings(), robot.VARIANTS[str(how.get("model", "standard"))]))
+        self.outlet = Outlet(self.conductor, Gate(ArmSettings(), VARIANTS[str(how.get("model", "standard"))]))
         self.takeover = Takeover(self.conductor, self.outlet.resume, is_guard=is_guard)
         self.body = self.conductor.body
         self.fsm = READY
@@ -44,7 +44,7 @@ class Scene(Stage):
     def held(self, **facts: object) -> Held:
         """What a daemon showed 10 ms ago, in the middle of a motion of both arms."""
         arms = {
-            side: HeldArm(topic=robot.joint_command(side), values=MIDDLE[side], rate=SPEED, acceleration=PULL)
+            side: HeldArm(topic=joint_command(side), values=MIDDLE[side], rate=SPEED, acceleration=PULL)
             for side in (L, R)
         }
         shown = {"at_ns": self.now_ns, "last_frame_ns": self.now_ns, "state": "ACTIVE", "beat": "one", "arms": arms}
@@ -85,7 +85,7 @@ def test_each_running_arm_is_shown_with_its_last_setpoint_velocity_and_accelerat
     """And when the newest setpoint left."""
     scene = Scene(State.ACTIVE, model="lift", owner="ann")
     for side in (L, R):
-        scene.outlet.resume(robot.joint_command(side), MIDDLE[side], (0.0,) * 7)  # this gate did not see them start
+        scene.outlet.resume(joint_command(side), MIDDLE[side], (0.0,) * 7)  # this gate did not see them start
     references = {side: scene.body.arms[side].reference for side in (L, R)}
     for side, path in plan(references, {side: GOAL[side] for side in (L, R)}, 1.0).items():
         scene.body.arms[side].follow_path(path, scene.epoch)
@@ -142,7 +142,7 @@ def test_a_hold_goes_on_exactly_where_the_last_setpoint_was_and_brakes(state):
     assert steps[0] == pytest.approx(SPEED[0] * 0.01, rel=0.02)
     assert max(map(abs, steps)) <= 0.01 and steps[-1] == 0.0
     assert Code.GATE_VIOLATION not in scene.conductor.supervisor.latches
-    assert [frame.values for frame in on(frames, robot.FSM_ENABLE)][:1] == [(1.0,)]
+    assert [frame.values for frame in on(frames, FSM_ENABLE)][:1] == [(1.0,)]
 
 
 def test_a_taken_hold_is_unowned_and_its_clock_begins_anew():
@@ -160,20 +160,20 @@ def test_chassis_and_lift_stop_where_they_ran():
     scene = Scene(model="lift")
     scene.take(scene.held(has_chassis=True, has_lift=True))
     frames = scene.tick(200)
-    assert {frame.values for frame in on(frames, robot.CHASSIS_VELOCITY)} == {(0.0, 0.0, 0.0)}
-    assert {frame.values for frame in on(frames, robot.LIFT_COMMAND)} == {(0.0, 1.0)}
+    assert {frame.values for frame in on(frames, CHASSIS_VELOCITY)} == {(0.0, 0.0, 0.0)}
+    assert {frame.values for frame in on(frames, LIFT_COMMAND)} == {(0.0, 1.0)}
     assert scene.body.lift.running and not scene.body.chassis.running
     other = Scene(model="lift")
     other.take(other.held())
     topics = {frame.topic for frame in other.tick(3)}
-    assert not topics & {robot.CHASSIS_VELOCITY, robot.LIFT_COMMAND} and LEFT in topics
+    assert not topics & {CHASSIS_VELOCITY, LIFT_COMMAND} and LEFT in topics
 
 
 def test_a_lift_that_was_on_is_kept_on_while_the_hold_goes_on():
     """[0,1] is repeated, as the robot would take the servo off after 3 s of silence (manual §4.6)."""
     scene = Scene(model="lift")
     scene.take(scene.held(has_lift=True))
-    assert {frame.values for frame in on(scene.tick(300), robot.LIFT_COMMAND)} == {(0.0, 1.0)}
+    assert {frame.values for frame in on(scene.tick(300), LIFT_COMMAND)} == {(0.0, 1.0)}
     assert scene.conductor.body.lift.running
 
 
@@ -182,8 +182,8 @@ def test_a_gripper_goes_on_with_the_value_that_was_sent_last():
     scene = Scene()
     scene.take(scene.held(grippers={L: 0.8}))
     frames = scene.tick(20)
-    assert {(frame.kind, frame.values) for frame in on(frames, robot.gripper_command(L))} == {(FrameKind.HOLD, (0.8,))}
-    assert {frame.values for frame in on(frames, robot.gripper_command(R))} == {(0.1,)}
+    assert {(frame.kind, frame.values) for frame in on(frames, gripper_command(L))} == {(FrameKind.HOLD, (0.8,))}
+    assert {frame.values for frame in on(frames, gripper_command(R))} == {(0.1,)}
     shown = scene.takeover.show(scene.now_ns)
     assert shown.grippers == {L: 0.8, R: 0.1} and scene.conductor.supervisor.latches == {}
 
@@ -192,7 +192,7 @@ def test_a_model_without_a_lift_has_none_to_stop():
     """Whatever was shown."""
     scene = Scene()
     scene.take(scene.held(has_lift=True))
-    assert on(scene.tick(3), robot.LIFT_COMMAND) == []
+    assert on(scene.tick(3), LIFT_COMMAND) == []
 
 
 def test_an_arm_that_was_disabled_is_left_out():
@@ -324,9 +324,9 @@ def test_what_is_not_held_ends_with_0_0_and_stop_frames():
     scene = Scene(model="lift")
     scene.take(scene.held(state="ENABLING", has_chassis=True, has_lift=True))
     frames = scene.tick(130)
-    assert {frame.values for frame in on(frames, robot.FSM_ENABLE)} == {(0.0,)}
-    assert {frame.values for frame in on(frames, robot.CHASSIS_VELOCITY)} == {(0.0, 0.0, 0.0)}
-    assert on(frames, robot.LIFT_COMMAND)[-1].values == (0.0, 0.0)
+    assert {frame.values for frame in on(frames, FSM_ENABLE)} == {(0.0,)}
+    assert {frame.values for frame in on(frames, CHASSIS_VELOCITY)} == {(0.0, 0.0, 0.0)}
+    assert on(frames, LIFT_COMMAND)[-1].values == (0.0, 0.0)
     assert on(frames, LEFT) == []
 
 
@@ -334,7 +334,7 @@ def test_nothing_is_sent_that_is_not_owed():
     """A daemon that had sent no 1.0 leaves no 0.0 behind."""
     scene = Scene()
     scene.take(scene.held(state="IDLE", beat="silent", arms={}, is_owed=False, has_chassis=True))
-    assert {frame.topic for frame in scene.tick(5)} == {robot.CHASSIS_VELOCITY}
+    assert {frame.topic for frame in scene.tick(5)} == {CHASSIS_VELOCITY}
 
 
 @pytest.mark.parametrize("fsm", [3, 6, 9])
@@ -364,7 +364,7 @@ def test_what_the_robots_own_watchdogs_have_ended_is_not_ended_again(age_ns, top
     """1 s after the last 1.0 and the last velocity, 3 s after the lift's (manual §4.5 to 4.7), it is somebody else's."""
     scene = Scene(model="lift")
     scene.take(scene.held(at_ns=scene.now_ns - age_ns, state="STALE", has_chassis=True, has_lift=True))
-    names = {robot.FSM_ENABLE: "fsm", robot.CHASSIS_VELOCITY: "chassis", robot.LIFT_COMMAND: "lift"}
+    names = {FSM_ENABLE: "fsm", CHASSIS_VELOCITY: "chassis", LIFT_COMMAND: "lift"}
     assert {names[frame.topic] for frame in scene.tick(5)} == topics
     assert scene.body.heartbeat.is_owed is ("fsm" in topics)
 
@@ -380,7 +380,7 @@ def test_a_guard_does_not_wait_out_a_stall():
     scene.dumb, scene.fsm, scene.mode = {L, R}, None, None
     frames = scene.tick(15)
     assert scene.state is State.STALE
-    assert on(frames, robot.FSM_ENABLE)[-1].values == (0.0,)
+    assert on(frames, FSM_ENABLE)[-1].values == (0.0,)
     assert not scene.body.running_arms
 
 

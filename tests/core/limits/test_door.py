@@ -9,21 +9,21 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from gateway import robot
 from gateway.core.limits import door
 from gateway.core.limits.door import Checked, Fitness
 from gateway.core.messages.events import OnLimit
 from gateway.errors import Code, Refusal, to_exception
-from gateway.settings import ArmSettings
+from gateway.robot.limits import HOME_Q_RAD, JOINT_LOWER_RAD, JOINT_UPPER_RAD
+from gateway.settings.settings import ArmSettings
 from gateway.values import CurrentMode, Side
 
 SETTINGS = ArmSettings()
 TIGHT = ArmSettings(
-    lower_rad={side: tuple(q + 0.1 for q in robot.JOINT_LOWER_RAD[side]) for side in Side},
-    upper_rad={side: tuple(q - 0.1 for q in robot.JOINT_UPPER_RAD[side]) for side in Side},
+    lower_rad={side: tuple(q + 0.1 for q in JOINT_LOWER_RAD[side]) for side in Side},
+    upper_rad={side: tuple(q - 0.1 for q in JOINT_UPPER_RAD[side]) for side in Side},
 )
 """A configuration that keeps 0.1 rad away from every limit of the robot."""
-HOME = robot.HOME_Q_RAD
+HOME = HOME_Q_RAD
 API = CurrentMode(
     api=True,
     joint_mode=dict.fromkeys(Side, True),

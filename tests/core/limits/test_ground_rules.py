@@ -9,7 +9,7 @@ import pytest
 
 from gateway.core.limits import ground_rules as rules
 from gateway.errors import Code, Refusal
-from gateway.settings import ChassisSettings, LiftSettings
+from gateway.settings.settings import ChassisSettings, LiftSettings
 from gateway.values import FsmState
 from tests.core.stage import MODE
 

@@ -11,7 +11,7 @@ from gateway.core.limits.pose_door import check_frame, check_pose, check_pose_st
 from gateway.core.messages.events import OnLimit
 from gateway.core.motion.gap import Gap
 from gateway.errors import Code, Refusal
-from gateway.settings import PoseSettings
+from gateway.settings.settings import PoseSettings
 from gateway.values import Side
 
 SETTINGS = PoseSettings()

@@ -13,7 +13,7 @@ import pytest
 from gateway.core.messages import events
 from gateway.core.messages.held import Held
 from gateway.errors import Code
-from gateway.robot import HOME_Q_RAD
+from gateway.robot.limits import HOME_Q_RAD
 from gateway.values import ArmState, Side
 
 ARM = ArmState(q_rad=(0.0,) * 7, dq_radps=(), tau_nm=(), stamp_ns=5)

@@ -6,7 +6,6 @@ import dataclasses
 
 import pytest
 
-from gateway import robot
 from gateway.core.messages import outputs
 from gateway.core.messages.outputs import (
     ROUTERS_KEPT,
@@ -20,8 +19,9 @@ from gateway.core.messages.outputs import (
     router_name,
 )
 from gateway.errors import Code, Refusal
+from gateway.robot.topics import FSM_ENABLE
 
-FRAME = Frame(topic=robot.FSM_ENABLE, values=(1.0,), kind=FrameKind.BEAT, epoch=0, due_ns=5)
+FRAME = Frame(topic=FSM_ENABLE, values=(1.0,), kind=FrameKind.BEAT, epoch=0, due_ns=5)
 NOTICE = Notice(code=Code.LINK_UP, level=Level.INFO, message="linked", at_ns=5)
 REPLY = Reply(client_id="c", request_id=1)
 

@@ -6,14 +6,14 @@ import math
 
 import pytest
 
-from gateway import robot
 from gateway.core.motion.chunk import MAX_LEAD_NS, MAX_POINTS, Chunk, check_jump, check_motion, check_start, prepare
 from gateway.errors import Code, Refusal
-from gateway.settings import ArmSettings
+from gateway.robot.limits import HOME_Q_RAD, JOINT_UPPER_RAD
+from gateway.settings.settings import ArmSettings
 from gateway.values import Side
 
 LEFT, RIGHT = Side.LEFT, Side.RIGHT
-HOME = robot.HOME_Q_RAD
+HOME = HOME_Q_RAD
 ARM = ArmSettings()
 
 
@@ -179,7 +179,7 @@ def test_a_configured_limit_names_the_first_point_beyond_it():
 
 def test_a_turn_between_two_points_beyond_a_limit_is_seen():
     """All points are inside; the motion between them is not."""
-    top = robot.JOINT_UPPER_RAD[LEFT][6]
+    top = JOINT_UPPER_RAD[LEFT][6]
     rise = [0.62, 0.65, 0.68, 0.698, 0.698, 0.68, 0.65, 0.62]
     rows = [(*HOME[LEFT][:6], q) for q in rise]
     refusal = motion(rows)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import pytest
 
-from gateway import robot
 from gateway.core.motion import follower as module
 from gateway.core.motion.joints.braking import REST, Braking, JointLimits
 from gateway.core.motion.joints.follower import JointFollower
@@ -12,10 +11,11 @@ from gateway.core.motion.poses.pose_follower import PoseFollower
 from gateway.core.motion.poses.pose_state import PoseDynamics
 from gateway.core.motion.solver import NoPlan
 from gateway.core.motion.space import State
+from gateway.robot.limits import JOINT_LOWER_RAD, JOINT_UPPER_RAD
 from gateway.values import Side
 from tests.core import pose_judge
 
-LOWER, UPPER = robot.JOINT_LOWER_RAD[Side.LEFT], robot.JOINT_UPPER_RAD[Side.LEFT]
+LOWER, UPPER = JOINT_LOWER_RAD[Side.LEFT], JOINT_UPPER_RAD[Side.LEFT]
 JOINTS = JointLimits(v_radps=1.0, a_radps2=3.0, j_radps3=20.0, lower_rad=LOWER, upper_rad=UPPER)
 BRAKING = Braking(JOINTS, 0.01)
 DYNAMICS = PoseDynamics(pose_judge.LIMITS, pose_judge.DT)

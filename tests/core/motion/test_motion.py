@@ -11,7 +11,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from gateway import robot
 from gateway.core.motion import follower
 from gateway.core.motion.joints.trajectory import interpolate
 from gateway.core.motion.motion import (
@@ -27,16 +26,24 @@ from gateway.core.motion.passage import Outcome
 from gateway.core.motion.poses.pose_trajectory import interpolate_poses
 from gateway.core.motion.solver import NoPlan
 from gateway.core.motion.space import State
+from gateway.robot.limits import (
+    HARD_A_RADPS2,
+    HARD_J_RADPS3,
+    HARD_V_RADPS,
+    HOME_Q_RAD,
+    JOINT_LOWER_RAD,
+    JOINT_UPPER_RAD,
+)
 from gateway.values import ARM_DOF, Side
 from tests.core import pose_judge
 from tests.core.pose_judge import about
 
 DT = 0.01
 LEFT, RIGHT = Side.LEFT, Side.RIGHT
-HOME = robot.HOME_Q_RAD
-LOWER, UPPER = robot.JOINT_LOWER_RAD, robot.JOINT_UPPER_RAD
+HOME = HOME_Q_RAD
+LOWER, UPPER = JOINT_LOWER_RAD, JOINT_UPPER_RAD
 DEFAULT = (1.0, 3.0, 20.0)
-HARD = (robot.HARD_V_RADPS, robot.HARD_A_RADPS2, robot.HARD_J_RADPS3)
+HARD = (HARD_V_RADPS, HARD_A_RADPS2, HARD_J_RADPS3)
 REST = (0.0,) * ARM_DOF
 HOLD, PATH, FOLLOW, CHUNK, BRAKE = ReferenceMode
 TOLERANCE = 1e-6

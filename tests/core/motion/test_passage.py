@@ -6,7 +6,6 @@ import math
 
 import pytest
 
-from gateway import robot
 from gateway.core.motion.joints.braking import REST, Braking, JointLimits
 from gateway.core.motion.joints.passage import JointPassage
 from gateway.core.motion.joints.trajectory import interpolate
@@ -15,14 +14,15 @@ from gateway.core.motion.poses.pose_passage import PosePassage
 from gateway.core.motion.poses.pose_state import PoseDynamics
 from gateway.core.motion.poses.pose_trajectory import interpolate_poses
 from gateway.core.motion.space import State
+from gateway.robot.limits import HOME_Q_RAD, JOINT_LOWER_RAD, JOINT_UPPER_RAD
 from gateway.values import Side
 from tests.core import pose_judge
 
-LOWER, UPPER = robot.JOINT_LOWER_RAD[Side.LEFT], robot.JOINT_UPPER_RAD[Side.LEFT]
+LOWER, UPPER = JOINT_LOWER_RAD[Side.LEFT], JOINT_UPPER_RAD[Side.LEFT]
 JOINTS = JointLimits(v_radps=1.0, a_radps2=3.0, j_radps3=20.0, lower_rad=LOWER, upper_rad=UPPER)
 SWINGS = [0.03 * (1.0 - math.cos(n / 30)) for n in range(60)]
 TIMES_S = [n / 30 for n in range(60)]
-HOME = robot.HOME_Q_RAD[Side.LEFT]
+HOME = HOME_Q_RAD[Side.LEFT]
 
 
 class Joints:

@@ -8,7 +8,7 @@ import pytest
 
 from gateway.core.motion.tolerance import Deviation, Tolerances, check_tolerances, first_beyond
 from gateway.errors import Code, Refusal
-from gateway.settings import ArmSettings
+from gateway.settings.settings import ArmSettings
 from gateway.values import Side, Space
 
 LEFT, RIGHT = Side.LEFT, Side.RIGHT

@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import pytest
 
-from gateway import robot
 from gateway.core.messages.sightings import ForeignData, Gateway, Means, Writer
 from gateway.core.others.others import DATA_GONE_NS, FRIENDS_KEPT, GATEWAYS_KEPT, TRACES_KEPT, Others
 from gateway.errors import Code
+from gateway.robot.topics import CHASSIS_VELOCITY, FSM_ENABLE, LIFT_COMMAND, gripper_command, joint_command
 from gateway.values import Side
 
 S = 1_000_000_000
-ARM = robot.joint_command(Side.LEFT)
-WHEELS = robot.CHASSIS_VELOCITY
+ARM = joint_command(Side.LEFT)
+WHEELS = CHASSIS_VELOCITY
 
 
 def writer(zid: str = "ab", topic: str = ARM, means: Means = Means.TOKEN, link: str = "") -> Writer:
@@ -181,11 +181,11 @@ def test_arm_and_fsm_data_is_told_apart_from_chassis_and_lift(others):
     """The first takes everything down, the second is as bad as an announcement (BEHAVIOUR, somebody else)."""
     others.see_data(data(WHEELS, zid="b"))
     assert others.arm_data_text(0) == "" and f"b sends on {WHEELS}" in others.writer_text(0)
-    others.see_data(data(robot.FSM_ENABLE, zid="c"))
-    others.see_data(data(robot.gripper_command(Side.LEFT), zid="d"))
+    others.see_data(data(FSM_ENABLE, zid="c"))
+    others.see_data(data(gripper_command(Side.LEFT), zid="d"))
     assert "c sends on /api/fsm/enable" in others.arm_data_text(0) and "d sends on" in others.arm_data_text(0)
     assert others.objection(0).code is Code.FOREIGN_WRITER
-    assert WHEELS in others.objection(0).message and robot.FSM_ENABLE in others.objection(0).message
+    assert WHEELS in others.objection(0).message and FSM_ENABLE in others.objection(0).message
 
 
 def test_who_announces_is_named_once_with_all_topics(others):
@@ -201,7 +201,7 @@ def test_everybody_who_commands_is_named_with_all_that_he_does(others):
     others.see_writers([writer("b0b", WHEELS, link="tcp/10.0.0.9:1"), writer("b0b", link="tcp/10.0.0.9:1")], S)
     others.see_data(data(ARM, zid="b0b", at_ns=2 * S, count=3, link="tcp/10.0.0.9:1"))
     others.see_data(data(ARM, zid="", at_ns=2 * S))
-    others.see_data(data(robot.LIFT_COMMAND, zid="", at_ns=2 * S, count=2))
+    others.see_data(data(LIFT_COMMAND, zid="", at_ns=2 * S, count=2))
     others.see_gateways([Gateway(zid="9a", is_armed=True), Gateway(zid="9b", is_armed=False)], S)
     others.see_writers([writer("b0b", WHEELS, link="tcp/10.0.0.9:1"), writer("eve")], 3 * S)
     first, *rest = others.commanders(3 * S)
@@ -210,13 +210,13 @@ def test_everybody_who_commands_is_named_with_all_that_he_does(others):
     assert [(each.code, each.who, each.since_ns, each.count) for each in rest] == [
         (Code.FOREIGN_WRITER, "b0b", S, 3),
         (Code.FOREIGN_WRITER, ARM, 2 * S, 1),
-        (Code.FOREIGN_WRITER, robot.LIFT_COMMAND, 2 * S, 2),
+        (Code.FOREIGN_WRITER, LIFT_COMMAND, 2 * S, 2),
         (Code.FOREIGN_WRITER, "eve", 3 * S, 0),
     ]
     sent = f"sends commands on {ARM} that are not ours"
     assert rest[0].text == f"zenoh session b0b at tcp/10.0.0.9:1 {sent} and announces some on {WHEELS}"
     assert rest[1].text == f"zenoh session eve (by what it announces) {sent}"
-    assert "does not name itself" in rest[2].text and robot.LIFT_COMMAND in rest[2].text
+    assert "does not name itself" in rest[2].text and LIFT_COMMAND in rest[2].text
     assert rest[3].text == f"zenoh session eve announces some on {ARM}"
 
 

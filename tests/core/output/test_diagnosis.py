@@ -6,7 +6,6 @@ from dataclasses import replace
 
 import pytest
 
-from gateway import robot
 from gateway.codes import Code
 from gateway.core.messages.events import ForeignData, Gateway, SampleArrived, SampleRefused
 from gateway.core.motion.motion import plan
@@ -16,15 +15,21 @@ from gateway.core.robot_state.body_model import BodyModel
 from gateway.core.supervision.supervisor import State
 from gateway.kinematics.description import nominal
 from gateway.messages.snapshot import Finding, SlowingView
-from gateway.settings import Settings
+from gateway.robot.topics import (
+    CHASSIS_STATE,
+    CURRENT_MODE,
+    FSM_ENABLE,
+    FSM_STATE,
+    STATE_TOPICS,
+    arm_state,
+    ee_pose,
+    gripper_state,
+)
+from gateway.settings.settings import Settings
 from gateway.values import ArmState, EePose, FsmState, MotorState
 from tests.core.stage import GOAL, MIDDLE, MODE, MS, OFFSET_NS, PLACE, TICK_NS, L, R, Stage
 
-OTHERS = tuple(
-    topic
-    for topic in robot.STATE_TOPICS
-    if topic not in (*map(robot.arm_state, (L, R)), robot.FSM_STATE, robot.CURRENT_MODE)
-)
+OTHERS = tuple(topic for topic in STATE_TOPICS if topic not in (*map(arm_state, (L, R)), FSM_STATE, CURRENT_MODE))
 
 
 class Watched(Stage):
@@ -43,7 +48,7 @@ class Watched(Stage):
     def hear(self) -> None:
         super().hear()
         for topic in OTHERS:
-            if topic not in self.mute and topic not in map(robot.ee_pose, self.poses):
+            if topic not in self.mute and topic not in map(ee_pose, self.poses):
                 value = (
                     EePose(p_m=(0.3, 0.0, 0.0), quat_xyzw=(0.0, 0.0, 0.0, 1.0))
                     if topic.endswith("pose")
@@ -176,7 +181,7 @@ def test_somebody_else_who_commands_the_robot_is_a_finding():
     stage.spend(20)
     others = stage.conductor.others
     seen_ns = stage.now_ns
-    others.see_data(ForeignData(topic=robot.FSM_ENABLE, zid="b0b", at_ns=seen_ns, count=4, link="tcp/10.0.0.9:4711"))
+    others.see_data(ForeignData(topic=FSM_ENABLE, zid="b0b", at_ns=seen_ns, count=4, link="tcp/10.0.0.9:4711"))
     stage.spend(30)
     found = stage.only(Code.FOREIGN_WRITER)
     assert "zenoh session b0b at tcp/10.0.0.9:4711 sends commands on /api/fsm/enable that are not ours" in found.message
@@ -200,11 +205,11 @@ def test_a_silent_topic_is_told_with_what_is_known_of_its_route():
     """The others live; discovery's words stand in the message."""
     stage = Watched()
     stage.spend(30)
-    stage.conductor.routes[robot.ee_pose(L)] = "route dead: the robot's bridge does not read it"
-    stage.mute = {robot.ee_pose(L), robot.gripper_state(R)}
+    stage.conductor.routes[ee_pose(L)] = "route dead: the robot's bridge does not read it"
+    stage.mute = {ee_pose(L), gripper_state(R)}
     stage.spend(50)
     assert stage.codes == ["ROUTE_SUSPECT"] * 2
-    assert "(route dead" in stage.findings[0][1] and robot.gripper_state(R) in stage.findings[1][1]
+    assert "(route dead" in stage.findings[0][1] and gripper_state(R) in stage.findings[1][1]
     assert stage.diagnosis.findings[0].facts["silent_s"] > 0.3
     assert stage.diagnosis.findings[0].since_ns == stage.now_ns - 500 * MS
     assert len(stage.told(Code.ROUTE_SUSPECT)) == 2
@@ -221,17 +226,17 @@ def test_topics_of_disabled_parts_may_be_silent():
     stage.mode = replace(MODE, arm_enabled={L: False, R: True}, chassis_enabled=False)
     stage.spend(60)
     about = [message.split()[0] for code, message in stage.findings if code == "ROUTE_SUSPECT"]
-    assert about == [robot.ee_pose(R), robot.gripper_state(R)]
+    assert about == [ee_pose(R), gripper_state(R)]
     stage.mode = None
     stage.spend(310)
     about = [message.split()[0] for code, message in stage.findings if code == "ROUTE_SUSPECT"]
-    assert robot.CHASSIS_STATE in about and robot.arm_state(L) in about
+    assert CHASSIS_STATE in about and arm_state(L) in about
 
 
 def test_samples_that_come_and_are_not_believed_are_no_silence():
     """Why they are not is told instead."""
-    stage = Watched(mute={robot.gripper_state(L)})
-    topic = robot.gripper_state(L)
+    stage = Watched(mute={gripper_state(L)})
+    topic = gripper_state(L)
     for _ in range(320):
         stage.spend(1)
         stage.conductor.store.receive(
@@ -262,13 +267,13 @@ def test_a_finding_that_comes_and_goes_is_told_again_only_after_a_while():
     stage = Watched()
     stage.spend(30)
     for _ in range(4):
-        stage.mute = {robot.CHASSIS_STATE}
+        stage.mute = {CHASSIS_STATE}
         stage.spend(60)
         stage.mute = set()
         stage.spend(60)
     assert len(stage.told(Code.ROUTE_SUSPECT)) == 1
     stage.spend(800)
-    stage.mute = {robot.CHASSIS_STATE}
+    stage.mute = {CHASSIS_STATE}
     stage.spend(60)
     assert len(stage.told(Code.ROUTE_SUSPECT)) == 2
 
@@ -279,13 +284,13 @@ def test_a_finding_that_comes_and_goes_is_told_again_only_after_a_while():
 def test_a_route_that_is_said_to_be_bad_for_half_a_second_is_suspected():
     """What discovery says while it still looks is not told."""
     stage = Watched()
-    stage.conductor.routes[robot.FSM_ENABLE] = "no match: announced, but the router knows no subscriber"
+    stage.conductor.routes[FSM_ENABLE] = "no match: announced, but the router knows no subscriber"
     stage.spend(40)
     assert stage.findings == []
     stage.spend(30)
     found = stage.only(Code.ROUTE_SUSPECT)
     assert "no match" in found.message and found.since_ns <= stage.now_ns - 500 * MS
-    stage.conductor.routes[robot.FSM_ENABLE] = "ready"
+    stage.conductor.routes[FSM_ENABLE] = "ready"
     stage.spend(20)
     assert stage.findings == []
 
@@ -360,7 +365,7 @@ def test_an_arm_that_is_not_as_modelled_is_told_with_both_figures():
     pose = EePose(p_m=PLACE[L][:3], quat_xyzw=PLACE[L][3:])
     state = ArmState(q_rad=MIDDLE[L], dq_radps=(), tau_nm=(), stamp_ns=0)
     for _ in range(100):
-        for topic, value in ((robot.ee_pose(L), pose), (robot.arm_state(L), state)):
+        for topic, value in ((ee_pose(L), pose), (arm_state(L), state)):
             model.hear(SampleArrived(topic=topic, value=value, received_ns=stage.now_ns), stage.now_ns)
         stage.spend(2)
     symptom = stage.only(Code.MODEL_DIFFERS)
@@ -412,10 +417,10 @@ def test_an_arm_that_is_not_driven_is_not_judged(how: str):
 
 def test_topics_that_never_came_are_one_finding():
     """What this robot does not send is told in one line, 3 s after the link stood."""
-    stage = Watched(mute={robot.CHASSIS_STATE, robot.gripper_state(L)})
+    stage = Watched(mute={CHASSIS_STATE, gripper_state(L)})
     stage.spend(320)
     message = stage.only(Code.ROUTE_SUSPECT).message
-    assert robot.CHASSIS_STATE in message and robot.gripper_state(L) in message and "not heard since" in message
+    assert CHASSIS_STATE in message and gripper_state(L) in message and "not heard since" in message
 
 
 def led(stage: Watched) -> Watched:

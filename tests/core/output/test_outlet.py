@@ -4,18 +4,18 @@ from __future__ import annotations
 
 import pytest
 
-from gateway import robot
 from gateway.core.messages.events import Frame, FrameKind
 from gateway.core.motion.motion import plan
 from gateway.core.output.outlet import Outlet
 from gateway.core.streams.gate import Gate, GateContext
 from gateway.core.supervision.supervisor import State
 from gateway.errors import Code, Refusal
-from gateway.settings import ArmSettings
+from gateway.robot.topics import CHASSIS_VELOCITY, FSM_ENABLE, LIFT_COMMAND, VARIANTS, joint_command
+from gateway.settings.settings import ArmSettings
 from tests.core.stage import GOAL, MIDDLE, TICK_NS, L, R, S, Stage
 
-LEFT, RIGHT = robot.joint_command(L), robot.joint_command(R)
-BEAT, WHEELS, LIFT = robot.FSM_ENABLE, robot.CHASSIS_VELOCITY, robot.LIFT_COMMAND
+LEFT, RIGHT = joint_command(L), joint_command(R)
+BEAT, WHEELS, LIFT = FSM_ENABLE, CHASSIS_VELOCITY, LIFT_COMMAND
 
 
 class Watched(Gate):
@@ -27,7 +27,7 @@ class Watched(Gate):
     """
 
     def __init__(self, model: str) -> None:
-        super().__init__(ArmSettings(), robot.VARIANTS[model])
+        super().__init__(ArmSettings(), VARIANTS[model])
         self.asked: list[tuple[Frame, GateContext]] = []
         self.refusing = ""
 

@@ -8,7 +8,7 @@ from gateway.core.messages.events import OnLoss, Remembered
 from gateway.core.output.pace import REST_NS, TICK_NS, UNWATCHED_PERIOD_NS, Pace, is_idle
 from gateway.core.supervision.conductor import Conductor
 from gateway.core.supervision.supervisor import State
-from gateway.settings import Settings
+from gateway.settings.settings import Settings
 
 MS = 1_000_000
 S = 1_000_000_000

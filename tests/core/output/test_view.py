@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import pytest
 
-from gateway import robot
 from gateway.core.messages.events import ForeignData, Gateway, Means, OnLimit, SampleArrived, Writer
 from gateway.core.motion.motion import plan
 from gateway.core.output.view import build
@@ -28,7 +27,16 @@ from gateway.messages.snapshot import (
     OtherView,
     Snapshot,
 )
-from gateway.settings import Settings
+from gateway.robot.topics import (
+    CHASSIS_STATE,
+    FSM_ENABLE,
+    STATE_TOPICS,
+    arm_state,
+    ee_pose,
+    gripper_state,
+    joint_command,
+)
+from gateway.settings.settings import Settings
 from gateway.values import ArmState, EePose, MotorState, Side
 from tests.core.stage import GOAL, MIDDLE, MS, OFFSET_NS, PLACE, L, R, S, Stage
 
@@ -52,7 +60,7 @@ def test_before_the_first_sample_nothing_is_known():
     )  # fmt: skip
     assert (seen.grippers, seen.chassis) == ({"left": None, "right": None}, None)
     assert seen.link == LinkView(up=True, router_zid="aa", fresh=False, age_ns=None)
-    assert seen.topics[robot.arm_state(L)].age_ns is None
+    assert seen.topics[arm_state(L)].age_ns is None
     assert (seen.motions, seen.targets, seen.enable) == (
         (),
         (),
@@ -153,23 +161,21 @@ def test_poses_are_shown_with_their_age():
     """In the arm's own shoulder frame (manual §4.0.2)."""
     stage = Stage()
     pose = EePose(p_m=(0.1, 0.2, 0.3), quat_xyzw=(0.0, 0.0, 0.0, 1.0))
-    stage.conductor.store.receive(
-        SampleArrived(topic=robot.ee_pose(L), value=pose, received_ns=stage.now_ns), stage.now_ns
-    )
+    stage.conductor.store.receive(SampleArrived(topic=ee_pose(L), value=pose, received_ns=stage.now_ns), stage.now_ns)
     seen = look(stage, 9 * MS).arms
     assert (seen["left"].p_m, seen["left"].quat_xyzw, seen["left"].pose_age_ns) == (pose.p_m, pose.quat_xyzw, 9 * MS)
     assert (seen["right"].p_m, seen["right"].pose_age_ns) == ((), None)
 
 
-@pytest.mark.parametrize("topic", [robot.gripper_state(L), robot.gripper_state(R), robot.CHASSIS_STATE])
+@pytest.mark.parametrize("topic", [gripper_state(L), gripper_state(R), CHASSIS_STATE])
 def test_grippers_and_chassis_are_shown_as_measured(topic):
     """Each where it belongs, with its age; nothing is said about the others."""
     stage = Stage()
     state = MotorState(q_rad=(0.4,), dq_radps=(0.1,), tau_nm=(2.0,), stamp_ns=12)
     stage.conductor.store.receive(SampleArrived(topic=topic, value=state, received_ns=stage.now_ns), stage.now_ns)
     seen = look(stage, 3 * MS)
-    shown = {robot.gripper_state(side): seen.grippers[side.value] for side in Side}
-    shown[robot.CHASSIS_STATE] = seen.chassis
+    shown = {gripper_state(side): seen.grippers[side.value] for side in Side}
+    shown[CHASSIS_STATE] = seen.chassis
     expected = MotorView(q_rad=(0.4,), dq_radps=(0.1,), tau_nm=(2.0,), stamp_ns=12, age_ns=3 * MS)
     assert shown.pop(topic) == expected and set(shown.values()) == {None}
 
@@ -180,10 +186,10 @@ def test_every_topic_and_every_stream_of_the_model_is_shown(model):
     stage = Stage(State.ACTIVE, model=model)
     stage.conductor.body.arms[L].log.note(stage.now_ns)
     seen = look(stage)
-    assert tuple(seen.topics) == robot.STATE_TOPICS
+    assert tuple(seen.topics) == STATE_TOPICS
     assert list(seen.streams) == [stream.topic for stream in stage.conductor.body.streams]
-    assert [seen.streams[robot.joint_command(side)].sent for side in (L, R)] == [1, 0]
-    assert seen.topics[robot.arm_state(L)].count == 35 and seen.topics[robot.CHASSIS_STATE].count == 0
+    assert [seen.streams[joint_command(side)].sent for side in (L, R)] == [1, 0]
+    assert seen.topics[arm_state(L)].count == 35 and seen.topics[CHASSIS_STATE].count == 0
 
 
 def test_motions_and_streams_of_targets_are_shown():
@@ -267,18 +273,18 @@ def test_others_are_shown_with_what_is_known_of_them():
     assert look(stage).others == OthersView(zid="", armed=True, seen=())
     others, at_ns = stage.conductor.others, stage.now_ns
     others.own_zid = "a1"
-    others.see_data(ForeignData(topic=robot.FSM_ENABLE, zid="b", at_ns=at_ns, count=2, link="tcp/x"))
-    others.see_writers([Writer(topic=robot.FSM_ENABLE, zid="c", means=Means.PUBLISHER)], at_ns)
+    others.see_data(ForeignData(topic=FSM_ENABLE, zid="b", at_ns=at_ns, count=2, link="tcp/x"))
+    others.see_writers([Writer(topic=FSM_ENABLE, zid="c", means=Means.PUBLISHER)], at_ns)
     others.see_gateways([Gateway(zid="d", is_armed=True, link="tcp/y")], at_ns)
     seen = look(stage).others
     nothing = {"last_ns": None, "count": 0, "armed": False, "link": ""}
     assert (seen.zid, seen.armed) == ("a1", True)
     assert seen.seen == (
         OtherView(
-            kind="data", topic=robot.FSM_ENABLE, zid="b", link="tcp/x", since_ns=at_ns, last_ns=at_ns, count=2,
+            kind="data", topic=FSM_ENABLE, zid="b", link="tcp/x", since_ns=at_ns, last_ns=at_ns, count=2,
             armed=False,
         ),
-        OtherView(**{**nothing, "kind": "publisher", "topic": robot.FSM_ENABLE, "zid": "c", "since_ns": at_ns}),
+        OtherView(**{**nothing, "kind": "publisher", "topic": FSM_ENABLE, "zid": "c", "since_ns": at_ns}),
         OtherView(
             **{**nothing, "kind": "gateway", "topic": "", "zid": "d", "since_ns": at_ns, "armed": True, "link": "tcp/y"}
         ),
@@ -327,7 +333,7 @@ def test_what_is_known_of_the_body_model_is_shown_for_each_arm():
     state = ArmState(q_rad=MIDDLE[L], dq_radps=(), tau_nm=(), stamp_ns=0)
     for _ in range(60):
         stage.now_ns += 50 * MS
-        for topic, value in ((robot.ee_pose(L), pose), (robot.arm_state(L), state)):
+        for topic, value in ((ee_pose(L), pose), (arm_state(L), state)):
             model.hear(SampleArrived(topic=topic, value=value, received_ns=stage.now_ns), stage.now_ns)
     seen = {side: arm.model for side, arm in look(stage).arms.items()}
     verdict = model.verdict(L, stage.now_ns)

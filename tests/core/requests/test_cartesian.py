@@ -7,7 +7,6 @@ from dataclasses import replace
 
 import pytest
 
-from gateway import robot
 from gateway.core.messages.events import Cancel, FrameKind, Hold, Move, MovePose, OnLimit, Stop
 from gateway.core.motion.lines.line import line_to
 from gateway.core.requests import cartesian as module
@@ -15,6 +14,8 @@ from gateway.errors import Code, Refusal
 from gateway.kinematics.arm import ArmModel
 from gateway.kinematics.collision import CollisionModel
 from gateway.kinematics.description import nominal
+from gateway.robot.limits import HOME_Q_RAD
+from gateway.robot.topics import STATE_TOPICS, joint_command, pose_command, shoulder_frame
 from gateway.sim.robot.settings import SimSettings
 from gateway.values import EePose, Side
 from tests.behaviour.scene import Scene, scene
@@ -24,15 +25,15 @@ from tests.kinematics.guarded_arms import MEET
 from tests.spaced import SpacedPair
 
 MS = 1_000_000
-HOME = robot.HOME_Q_RAD
+HOME = HOME_Q_RAD
 L, R = Side.LEFT, Side.RIGHT
-FRAMES = {side: robot.shoulder_frame(side) for side in Side}
+FRAMES = {side: shoulder_frame(side) for side in Side}
 
 
 def ready(*, is_modelled=True, right_mode="joint", at=HOME):
     """A robot at home, both arms enabled and held; its model agrees after three seconds of looking."""
     pair = Scene(SimSettings(state_period_ns=10 * MS, right_mode=right_mode), snapshot_hz=50, is_modelled=is_modelled)
-    pair.topics = robot.STATE_TOPICS
+    pair.topics = STATE_TOPICS
     scene("at rest", pair)
     if at is not None:
         goals = {side: at[side] for side in Side if right_mode == "joint" or side is L}
@@ -49,7 +50,7 @@ def here(pair, side=L):
 
 def held(pair, side=L):
     """An arm's last setpoint [rad]."""
-    return pair.sent_on(robot.joint_command(side))[-1][1].values
+    return pair.sent_on(joint_command(side))[-1][1].values
 
 
 def beside(pair, by_m=(0.05, 0.02, 0.06), side=L):
@@ -427,7 +428,7 @@ def test_a_position_beyond_the_reach_can_be_clipped():
 def test_arms_in_end_effector_mode_go_their_own_way():
     """An arm in that mode moves straight by the robot's own kinematics; a motion of one in each mode is refused."""
     pair = ready(right_mode="pose")
-    x, y, z, *quat = pair.sent_on(robot.pose_command(R))[-1][1].values
+    x, y, z, *quat = pair.sent_on(pose_command(R))[-1][1].values
     goal = {R: (x, y, z + 0.03, *quat)}
     frames = {R: FRAMES[R]}
     motion_id = pair.granted(request(pair, targets=goal, frames=frames), "ann")["motion_id"]

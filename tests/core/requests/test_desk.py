@@ -6,7 +6,6 @@ from collections.abc import Callable
 
 import pytest
 
-from gateway import robot
 from gateway.core.messages.events import (
     Abandon,
     Acquire,
@@ -37,6 +36,8 @@ from gateway.core.requests.moves import Facts
 from gateway.core.streams.heartbeat import Beat
 from gateway.core.supervision.supervisor import State
 from gateway.errors import Code, Refusal
+from gateway.robot.limits import JOINT_UPPER_RAD
+from gateway.robot.topics import arm_state, joint_command
 from gateway.values import FsmState, Side, Vector
 from tests.core.stage import GOAL, MIDDLE, L, R, Stage
 
@@ -284,7 +285,7 @@ def right_arm_forgotten(scene: Scene) -> None:
 
 def far_outside(scene: Scene) -> None:
     """The left arm's first joint stands 0.1 rad beyond its limit."""
-    scene.push(L, robot.JOINT_UPPER_RAD[L][0] + 0.1 - MIDDLE[L][0])
+    scene.push(L, JOINT_UPPER_RAD[L][0] + 0.1 - MIDDLE[L][0])
 
 
 @pytest.mark.parametrize(
@@ -500,9 +501,7 @@ def test_an_fsm_in_error_that_was_never_latched_does_not_bind_recover():
 def test_a_wrong_order_of_joints_persists_while_it_is_heard(latch):
     """It is not our robot; a second after the last such sample the cause is gone."""
     scene = Scene(latches={latch: "before"})
-    wrong = SampleRefused(
-        topic=robot.arm_state(L), code=Code.JOINT_ORDER, message="names differ", received_ns=scene.now_ns
-    )
+    wrong = SampleRefused(topic=arm_state(L), code=Code.JOINT_ORDER, message="names differ", received_ns=scene.now_ns)
     scene.conductor.store.receive(wrong, scene.now_ns)
     if latch is Code.JOINT_ORDER:
         refusal = scene.refused(Recover())
@@ -548,7 +547,7 @@ def test_enable_is_refused_while_an_earlier_daemons_guard_holds():
 
 def announce(scene: Scene, *zids: str) -> None:
     """These sessions announce setpoints, and no others."""
-    writers = [Writer(topic=robot.joint_command(L), zid=zid, means=Means.TOKEN) for zid in zids]
+    writers = [Writer(topic=joint_command(L), zid=zid, means=Means.TOKEN) for zid in zids]
     scene.conductor.others.see_writers(writers, scene.now_ns)
 
 

@@ -8,13 +8,13 @@ from dataclasses import replace
 import pytest
 from msgspec import structs
 
-from gateway import robot
 from gateway.core.messages.events import DisableLift, DriveChassis, DriveLift, FrameKind, StopChassis, StopLift
 from gateway.core.requests.driving import Driving
 from gateway.core.requests.moves import Facts
 from gateway.core.requests.permit import Permit
 from gateway.core.supervision.supervisor import State
 from gateway.errors import Code, Refusal
+from gateway.robot.topics import CHASSIS_VELOCITY, LIFT_COMMAND
 from tests.core.stage import MODE, MS, S, Stage
 
 ZEROS, STOPPED, OFF = (0.0, 0.0, 0.0), (0.0, 1.0), (0.0, 0.0)
@@ -73,8 +73,8 @@ def test_the_owner_drives_with_and_without_enabled_arms(state):
     scene = Scene(state)
     assert scene.drive() == {"drive_id": 1} and scene.lift() == {"drive_id": 1}
     scene.run(1)
-    assert {kind for kind, _ in scene.sent(robot.CHASSIS_VELOCITY)} == {FrameKind.MOTION}
-    assert set(scene.sent(robot.LIFT_COMMAND)) == {(FrameKind.MOTION, (0.3, 1.0))}
+    assert {kind for kind, _ in scene.sent(CHASSIS_VELOCITY)} == {FrameKind.MOTION}
+    assert set(scene.sent(LIFT_COMMAND)) == {(FrameKind.MOTION, (0.3, 1.0))}
     assert scene.state is state
 
 
@@ -184,7 +184,7 @@ def test_stops_leave_at_once_in_every_state():
         for request in (StopChassis(epoch=scene.epoch), StopLift(epoch=scene.epoch)):
             assert scene.ask(request) == {}
         due = {frame.topic: frame.values for frame in scene.run(1) if frame.kind is FrameKind.STOP}
-        assert due == {robot.CHASSIS_VELOCITY: ZEROS, robot.LIFT_COMMAND: STOPPED}, state
+        assert due == {CHASSIS_VELOCITY: ZEROS, LIFT_COMMAND: STOPPED}, state
 
 
 def test_disabling_the_lift_stops_it_and_takes_its_servo_off():
@@ -193,7 +193,7 @@ def test_disabling_the_lift_stops_it_and_takes_its_servo_off():
     scene.lift()
     scene.run(3)
     assert scene.ask(DisableLift(epoch=scene.epoch)) == {}
-    values = [values for _, values in scene.sent(robot.LIFT_COMMAND, 200)]
+    values = [values for _, values in scene.sent(LIFT_COMMAND, 200)]
     assert set(values[:-1]) == {STOPPED} and values[-1] == OFF and not scene.body.lift.running
 
 

@@ -6,13 +6,13 @@ import math
 
 import pytest
 
-from gateway import robot
 from gateway.core.messages.events import FrameKind, SetGripper
 from gateway.core.requests.gripping import Gripping
 from gateway.core.requests.moves import Facts
 from gateway.core.requests.permit import Permit
 from gateway.core.supervision.supervisor import State
 from gateway.errors import Code, Refusal
+from gateway.robot.topics import gripper_command
 from gateway.values import Side
 from tests.core.stage import L, R, Stage
 
@@ -38,7 +38,7 @@ def test_a_value_is_taken_and_its_torque_told(raw, torque_nm):
     """It leaves within 20 ms as the owner's (manual §4.4)."""
     scene = Scene()
     assert scene.ask(raw) == {"raw": raw, "torque_nm": pytest.approx(torque_nm)}
-    sent = [frame for frame in scene.run(2) if frame.topic == robot.gripper_command(L)]
+    sent = [frame for frame in scene.run(2) if frame.topic == gripper_command(L)]
     assert [(frame.kind, frame.values, frame.epoch) for frame in sent] == [(FrameKind.MOTION, (raw,), scene.epoch)]
     assert scene.grippers[R].raw == 0.1
 

@@ -6,7 +6,6 @@ import math
 
 import pytest
 
-from gateway import robot
 from gateway.core.body.motions import MotionState
 from gateway.core.messages.events import (
     Cancel,
@@ -26,7 +25,8 @@ from gateway.core.requests.permit import Permit
 from gateway.core.separation import room
 from gateway.core.supervision.supervisor import State
 from gateway.errors import Code, Refusal
-from gateway.robot import HOME_Q_RAD
+from gateway.robot.limits import HOME_Q_RAD, JOINT_UPPER_RAD
+from gateway.robot.topics import joint_command
 from gateway.values import Side, Space, Vector
 from tests.core.stage import GOAL, MIDDLE, MS, PLACE, L, R, S, Stage
 from tests.kinematics.guarded_arms import MEET
@@ -142,7 +142,7 @@ def test_a_motion_moves_the_named_arms_and_no_other(scene, sides):
 def test_a_motion_carries_the_epoch_of_its_owner(scene):
     """The gate lets motion frames of the current epoch pass only (DESIGN §8.3)."""
     scene.move(L)
-    frames = [frame for frame in scene.run(5) if frame.topic == robot.joint_command(L)]
+    frames = [frame for frame in scene.run(5) if frame.topic == joint_command(L)]
     assert {(frame.kind, frame.epoch) for frame in frames} == {(FrameKind.MOTION, scene.epoch)}
 
 
@@ -204,7 +204,7 @@ def test_clipping_is_asked_for_and_reported(scene):
     """Per arm and by joint; an arm that needed none is not mentioned (DESIGN §10)."""
     facts = scene.granted(scene.to({L: OUTSIDE, R: GOAL[R]}, on_limit=OnLimit.CLIP))
     assert facts["clipped"] == {"left": [0]}
-    assert facts["q_rad"]["left"] == [robot.JOINT_UPPER_RAD[L][0], *GOAL[L][1:]]
+    assert facts["q_rad"]["left"] == [JOINT_UPPER_RAD[L][0], *GOAL[L][1:]]
 
 
 def test_a_motion_that_cannot_be_planned_is_refused_with_the_reason(scene, monkeypatch):
@@ -313,7 +313,7 @@ def test_a_target_is_followed_at_its_streams_speed_and_epoch(scene):
     """The arm of the stream moves, and no other."""
     scene.target(scene.stream(L, speed=0.5))
     assert scene.modes() == (FOLLOW, HOLD)
-    kinds = {(frame.kind, frame.epoch) for frame in scene.run(30) if frame.topic == robot.joint_command(L)}
+    kinds = {(frame.kind, frame.epoch) for frame in scene.run(30) if frame.topic == joint_command(L)}
     assert kinds == {(FrameKind.MOTION, scene.epoch)}
     assert 0.1 < max(scene.body.arms[L].reference.rates) <= 0.5
 

@@ -6,13 +6,13 @@ from collections.abc import Callable, Sequence
 
 import pytest
 
-from gateway import robot
 from gateway.core.messages.events import Enable, Gateway, GuardSeen, Means, Move, OnLoss, Writer
 from gateway.core.motion.motion import plan
 from gateway.core.others.elsewhere import elsewhere, twins
 from gateway.core.requests.permit import REFUSAL_TEXT, Permit
 from gateway.core.supervision.supervisor import TABLE, State, Trigger
 from gateway.errors import Code, Refusal
+from gateway.robot.topics import FSM_ENABLE
 from gateway.values import FsmState, Side, Space
 from tests.core.stage import GOAL, MIDDLE, L, R, Stage
 
@@ -411,7 +411,7 @@ def test_nothing_begins_beside_others_but_an_open_claim_is_waited_for():
     assert stage.permit.beside_others(stage.now_ns).code is Code.OTHER_GATEWAY
     claim.link_up(0)
     others.see_gateways([], stage.now_ns)
-    others.see_writers([Writer(topic=robot.FSM_ENABLE, zid="c", means=Means.TOKEN)], stage.now_ns)
+    others.see_writers([Writer(topic=FSM_ENABLE, zid="c", means=Means.TOKEN)], stage.now_ns)
     claim.step(stage.now_ns, is_wanted=True, is_used=False, own_zid="", rivals=[])
     assert claim.number and stage.permit.beside_others(stage.now_ns).code is Code.FOREIGN_WRITER
 

@@ -6,7 +6,7 @@ import pytest
 
 from gateway.core.messages.events import SampleArrived
 from gateway.core.robot_state.arrival import FIGURES_NS, Meter, Recent
-from gateway.robot import FSM_STATE
+from gateway.robot.topics import FSM_STATE
 
 MS = 1_000_000
 S = 1_000_000_000

@@ -4,20 +4,21 @@ from __future__ import annotations
 
 import pytest
 
-from gateway import robot
 from gateway.core.messages.events import SampleArrived
 from gateway.core.robot_state.body_model import JUDGED_NS, BodyModel, arrival_ns, body_model
 from gateway.errors import Code, ConfigError
 from gateway.kinematics.description import nominal
 from gateway.kinematics.identification.agreement import Agreement
-from gateway.settings import ArmSettings, ModelSettings, Settings
+from gateway.robot.limits import HOME_Q_RAD, JOINT_LOWER_RAD, JOINT_UPPER_RAD
+from gateway.robot.topics import FSM_STATE, arm_state, ee_pose
+from gateway.settings.settings import ArmSettings, ModelSettings, Settings
 from gateway.values import ArmState, EePose, Side
 from tests.kinematics.bodies import ARMS, nudged
 
 MS = 1_000_000
 S = 1_000_000_000
 LEFT, RIGHT = Side.LEFT, Side.RIGHT
-Q_RAD = robot.HOME_Q_RAD
+Q_RAD = HOME_Q_RAD
 
 
 class Robot:
@@ -40,8 +41,8 @@ class Robot:
                 state = ArmState(q_rad=Q_RAD[side], dq_radps=(), tau_nm=(), stamp_ns=self.now_ns)
                 pose = EePose(p_m=(x + shift_m, y, z), quat_xyzw=at.quat_xyzw)
                 for topic, value, late_ns in (
-                    (robot.arm_state(side), state, 6 * MS),
-                    (robot.ee_pose(side), pose, 2 * MS),
+                    (arm_state(side), state, 6 * MS),
+                    (ee_pose(side), pose, 2 * MS),
                 ):
                     at_ns = self.now_ns - late_ns
                     model.hear(SampleArrived(topic=topic, value=value, received_ns=at_ns), self.now_ns)
@@ -122,7 +123,7 @@ def test_a_new_link_begins_anew():
 def test_what_is_no_arms_is_passed_over():
     """Grippers move other motors; a mode is none."""
     model, there = BodyModel(nominal(), Settings()), Robot()
-    for topic, value in ((robot.FSM_STATE, 2), (robot.arm_state(LEFT), 7)):
+    for topic, value in ((FSM_STATE, 2), (arm_state(LEFT), 7)):
         model.hear(SampleArrived(topic=topic, value=value, received_ns=there.now_ns), there.now_ns)
     assert model.verdict(LEFT, there.now_ns).pairs == 0
 
@@ -133,19 +134,17 @@ def test_what_is_no_arms_is_passed_over():
 )
 def test_the_newest_of_several_came_late_in_the_time_between(received_ms, count, at_ms):
     """A stamp of the look before is made the likeliest arrival; one of the arrival itself stays nearly what it is."""
-    event = SampleArrived(topic=robot.ee_pose(LEFT), value=0, received_ns=received_ms * MS, count=count)
+    event = SampleArrived(topic=ee_pose(LEFT), value=0, received_ns=received_ms * MS, count=count)
     assert arrival_ns(event, 100 * MS) == at_ms * MS
 
 
 def test_arms_keep_within_the_configured_limits():
     """Inverse kinematics stays inside the range that the door allows."""
     narrow = {side: tuple(q - 0.1 for q in Q_RAD[side]) for side in Side}
-    lower = {
-        side: tuple(max(a, b) for a, b in zip(narrow[side], robot.JOINT_LOWER_RAD[side], strict=True)) for side in Side
-    }
+    lower = {side: tuple(max(a, b) for a, b in zip(narrow[side], JOINT_LOWER_RAD[side], strict=True)) for side in Side}
     model = BodyModel(nominal(), Settings(arm=ArmSettings(lower_rad=lower)))
     assert {side: model.arms[side].lower_rad for side in Side} == lower
-    assert model.arms[LEFT].upper_rad == robot.JOINT_UPPER_RAD[LEFT]
+    assert model.arms[LEFT].upper_rad == JOINT_UPPER_RAD[LEFT]
 
 
 def test_what_keeps_arms_apart_is_built_only_when_asked_for():

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from gateway import robot
 from gateway.core.messages.events import SampleArrived
 from gateway.core.robot_state.duplication import WINDOW_SAMPLES, Duplication
+from gateway.robot.topics import arm_state
 from gateway.values import Side
 
-LEFT, RIGHT = (robot.arm_state(side) for side in Side)
+LEFT, RIGHT = (arm_state(side) for side in Side)
 
 
 def arrivals(duplication: Duplication, duplicates: int, topic: str = LEFT, samples: int = WINDOW_SAMPLES) -> list[str]:

@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from gateway.core.robot_state.jumps import JOINTS, JUMP_MPS, JUMP_RADPS, POSES, JumpGuard, Posture
-from gateway.settings import EnableSettings
+from gateway.settings.settings import EnableSettings
 
 MS = 1_000_000
 S = 1_000_000_000

@@ -8,18 +8,27 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from gateway import robot
 from gateway.core.messages.events import SampleArrived, SampleRefused
 from gateway.core.robot_state.store import Store
 from gateway.errors import Code
-from gateway.settings import EnableSettings
+from gateway.robot.topics import (
+    CHASSIS_STATE,
+    CURRENT_MODE,
+    FSM_STATE,
+    MOTION_STATE_TOPICS,
+    TOPICS,
+    arm_state,
+    ee_pose,
+    gripper_state,
+)
+from gateway.settings.settings import EnableSettings
 from gateway.values import ArmState, CurrentMode, EePose, MotorState, Side
 
 MS = 1_000_000
 S = 1_000_000_000
 HOUR = 3600 * S
-LEFT = robot.arm_state(Side.LEFT)
-RIGHT = robot.arm_state(Side.RIGHT)
+LEFT = arm_state(Side.LEFT)
+RIGHT = arm_state(Side.RIGHT)
 MODE = CurrentMode(
     api=True,
     joint_mode={side: True for side in Side},
@@ -93,7 +102,7 @@ def test_nothing_is_known_before_the_first_sample(feed):
 
 
 @pytest.mark.parametrize(("age_ns", "fresh"), [(0, True), (100 * MS, True), (100 * MS + 1, False)])
-@pytest.mark.parametrize("topic", robot.MOTION_STATE_TOPICS)
+@pytest.mark.parametrize("topic", MOTION_STATE_TOPICS)
 def test_the_link_is_fresh_up_to_100_ms_after_any_fast_topic(feed, topic, age_ns, fresh):
     """BEHAVIOUR, values: the newest fast state topic decides."""
     value = (
@@ -110,8 +119,8 @@ def test_the_link_is_fresh_up_to_100_ms_after_any_fast_topic(feed, topic, age_ns
 
 def test_slow_topics_do_not_make_the_link_fresh(feed):
     """A live `/fsm_state` (20 Hz) or mode (1 Hz) says nothing about the motion states."""
-    feed.give(robot.FSM_STATE, 0)
-    feed.give(robot.CURRENT_MODE, MODE)
+    feed.give(FSM_STATE, 0)
+    feed.give(CURRENT_MODE, MODE)
     assert not feed.store.is_fresh(feed.now_ns)
     assert feed.store.link_age_ns(feed.now_ns) is None
 
@@ -137,7 +146,7 @@ def test_a_part_is_fresh_by_its_own_joints_and_in_pose_mode_by_its_pose_too(feed
     feed.arm(LEFT)
     assert feed.store.part_fresh(Side.LEFT, feed.now_ns, False)
     assert not feed.store.part_fresh(Side.LEFT, feed.now_ns, True)
-    feed.give(robot.ee_pose(Side.LEFT), POSE)
+    feed.give(ee_pose(Side.LEFT), POSE)
     assert feed.store.part_fresh(Side.LEFT, feed.now_ns + 100 * MS, True)
     assert not feed.store.part_fresh(Side.LEFT, feed.now_ns + 101 * MS, True)
     assert feed.store.pose(Side.LEFT) == POSE and feed.store.arm(Side.LEFT) == feed.store.value(LEFT)
@@ -145,8 +154,8 @@ def test_a_part_is_fresh_by_its_own_joints_and_in_pose_mode_by_its_pose_too(feed
 
 def test_fsm_and_mode_are_unknown_when_old(feed):
     """0.5 s for the FSM (20 Hz), 3 s for the mode (1 Hz); the raw value stays for display."""
-    feed.give(robot.FSM_STATE, 2)
-    feed.give(robot.CURRENT_MODE, MODE)
+    feed.give(FSM_STATE, 2)
+    feed.give(CURRENT_MODE, MODE)
     store, now_ns = feed.store, feed.now_ns
     assert store.fsm(now_ns + 500 * MS) == 2 and store.fsm(now_ns + 501 * MS) is None and store.fsm_raw == 2
     assert store.mode(now_ns + 3 * S) == MODE and store.mode(now_ns + 3 * S + 1) is None
@@ -156,8 +165,8 @@ def test_fsm_and_mode_are_unknown_when_old(feed):
 def test_reset_forgets_freshness_and_keeps_values_for_display(feed):
     """A lost transport or a restarted robot: nothing of before permits anything, the view still shows it."""
     feed.run(1 * S)
-    feed.give(robot.FSM_STATE, 2)
-    feed.give(robot.CURRENT_MODE, MODE)
+    feed.give(FSM_STATE, 2)
+    feed.give(CURRENT_MODE, MODE)
     store, now_ns = feed.store, feed.now_ns
     assert feed.seedable() and store.is_fresh(now_ns)
     store.reset()
@@ -312,8 +321,8 @@ def test_late_samples_between_timely_ones_never_pass_for_a_clock_set_back(feed):
 def test_gripper_and_chassis_states_are_kept_in_order_too(feed):
     """Every JointState has a stamp (manual §4.8)."""
     for stamp_ns in (5, 4):
-        feed.give(robot.CHASSIS_STATE, MotorState(q_rad=(1.0, 2.0, 3.0), dq_radps=(), tau_nm=(), stamp_ns=stamp_ns))
-    assert feed.store.value(robot.CHASSIS_STATE).stamp_ns == 5
+        feed.give(CHASSIS_STATE, MotorState(q_rad=(1.0, 2.0, 3.0), dq_radps=(), tau_nm=(), stamp_ns=stamp_ns))
+    assert feed.store.value(CHASSIS_STATE).stamp_ns == 5
 
 
 def test_why_nothing_is_believed_is_known_while_it_lasts(feed):
@@ -433,7 +442,7 @@ def test_refused_samples_are_counted_and_do_not_refresh(feed):
 
 def test_joint_names_in_another_order_are_told_for_a_second(feed):
     """Manual §4.0.3: only arms count, their order is what we command by."""
-    for topic, message in [(LEFT, "l_joint2 first"), (robot.gripper_state(Side.LEFT), "gripper")]:
+    for topic, message in [(LEFT, "l_joint2 first"), (gripper_state(Side.LEFT), "gripper")]:
         feed.store.receive(
             SampleRefused(topic=topic, code=Code.JOINT_ORDER, message=message, received_ns=feed.now_ns), feed.now_ns
         )
@@ -444,10 +453,10 @@ def test_joint_names_in_another_order_are_told_for_a_second(feed):
 # ------------------------------------------------------------------------------------------------------------ views
 
 
-@pytest.mark.parametrize(("topic", "value"), [(LEFT, None), (robot.FSM_STATE, 2), (robot.CURRENT_MODE, MODE)])
+@pytest.mark.parametrize(("topic", "value"), [(LEFT, None), (FSM_STATE, 2), (CURRENT_MODE, MODE)])
 def test_the_measured_rate_is_the_nominal_one_whenever_it_is_asked(feed, topic, value):
     """200, 20 and 1 Hz, read on a 10 ms tick, within 3 %."""
-    period_ns = round(S / robot.TOPICS[topic].rate_hz)
+    period_ns = round(S / TOPICS[topic].rate_hz)
     arrived = events = 0
     for tick in range(800):
         feed.now_ns += 10 * MS
@@ -458,7 +467,7 @@ def test_the_measured_rate_is_the_nominal_one_whenever_it_is_asked(feed, topic, 
             arrived, events = due, events + 1
         if tick > 300:
             rate_hz = feed.store.topic_view(topic, feed.now_ns).rate_hz
-            assert rate_hz == pytest.approx(robot.TOPICS[topic].rate_hz, rel=0.03)
+            assert rate_hz == pytest.approx(TOPICS[topic].rate_hz, rel=0.03)
     view = feed.store.topic_view(topic, feed.now_ns)
     assert (view.count, view.duplicates, view.refused) == (arrived, events, 0)
 
@@ -523,7 +532,7 @@ def test_an_arm_whose_pose_is_needed_is_seedable_only_with_a_pose_of_the_same_ti
         arm = ArmState(q_rad=(0.0,) * 7, dq_radps=(), tau_nm=(), stamp_ns=at_ns)
         store.receive(SampleArrived(topic=LEFT, value=arm, received_ns=at_ns), at_ns)
         if with_pose:
-            store.receive(SampleArrived(topic=robot.ee_pose(Side.LEFT), value=pose, received_ns=at_ns), at_ns)
+            store.receive(SampleArrived(topic=ee_pose(Side.LEFT), value=pose, received_ns=at_ns), at_ns)
 
     start_ns, step_ns = 1_000_000_000_000, 10_000_000
     for n in range(40):

@@ -12,8 +12,8 @@ from gateway.core.separation import room
 from gateway.core.supervision.conductor import Conductor
 from gateway.errors import CODES, Code
 from gateway.messages import requests
-from gateway.robot import HOME_Q_RAD
-from gateway.settings import Settings
+from gateway.robot.limits import HOME_Q_RAD
+from gateway.settings.settings import Settings
 from gateway.sim.robot.settings import SimSettings
 from gateway.values import Side, Space
 from tests.kinematics.guarded_arms import MARGIN_M, MEET, model, random_joints

@@ -7,7 +7,6 @@ import math
 import numpy as np
 import pytest
 
-from gateway import robot
 from gateway.core.messages.events import Remembered, SampleArrived
 from gateway.core.robot_state.body_model import BodyModel
 from gateway.core.separation.slowing import Slowing, predicted
@@ -16,14 +15,16 @@ from gateway.errors import Code, Refusal
 from gateway.kinematics.description import nominal
 from gateway.kinematics.placement import rows_from_quat, turn_rad
 from gateway.kinematics.solving.dexterity import LENGTH_M
-from gateway.settings import ModelSettings, PoseSettings, Settings
+from gateway.robot.limits import HOME_Q_RAD, JOINT_LOWER_RAD, JOINT_UPPER_RAD
+from gateway.robot.topics import arm_state
+from gateway.settings.settings import ModelSettings, PoseSettings, Settings
 from gateway.values import ArmState, Side
 from tests.core.pose_judge import judge
 from tests.thoroughness import either
 
 R = Side.RIGHT
 S = 1_000_000_000
-HOME = robot.HOME_Q_RAD[R]
+HOME = HOME_Q_RAD[R]
 HARD = PoseSettings(rate_hz=50.0, v_mps=0.5, a_mps2=5.0, j_mps3=100.0, w_radps=1.5, dw_radps2=15.0, ddw_radps3=300.0)
 USUAL = PoseSettings(rate_hz=50.0)
 ANSWER_S = 0.06
@@ -75,7 +76,7 @@ class Posing:
 
     def _hear(self):
         value = ArmState(q_rad=tuple(self.q_rad.tolist()), dq_radps=(), tau_nm=(), stamp_ns=self.now_ns)
-        event = SampleArrived(topic=robot.arm_state(R), value=value, received_ns=self.now_ns, stamp_ns=self.now_ns)
+        event = SampleArrived(topic=arm_state(R), value=value, received_ns=self.now_ns, stamp_ns=self.now_ns)
         self.conductor.store.receive(event, self.now_ns)
 
     def step(self):
@@ -114,7 +115,7 @@ def outward(pose, reach_m=0.5485):
 
 def wild(posing, rng, count):
     """Lead it through the whole range, every other time nearly stretched, each target before the last is reached."""
-    low, high = np.array(robot.JOINT_LOWER_RAD[R]), np.array(robot.JOINT_UPPER_RAD[R])
+    low, high = np.array(JOINT_LOWER_RAD[R]), np.array(JOINT_UPPER_RAD[R])
     for number in range(count):
         goal = low + rng.random(7) * (high - low)
         if number % 2:

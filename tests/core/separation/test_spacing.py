@@ -8,7 +8,6 @@ from itertools import pairwise
 
 import pytest
 
-from gateway import robot
 from gateway.core.messages.events import FrameKind, Level, SampleArrived
 from gateway.core.motion.motion import ReferenceMode, plan
 from gateway.core.separation import room
@@ -16,7 +15,8 @@ from gateway.core.separation.spacing import ADRIFT_RADPS, Spacing
 from gateway.errors import Code
 from gateway.kinematics.separation.approach import Look
 from gateway.messages import requests
-from gateway.robot import HOME_Q_RAD, shoulder_frame
+from gateway.robot.limits import HOME_Q_RAD
+from gateway.robot.topics import arm_state, joint_command, shoulder_frame
 from gateway.sim.robot.settings import SimSettings
 from gateway.values import ArmState, Side, Space
 from tests.kinematics.guarded_arms import MARGIN_M, MEET, ROUNDING_M, model, random_joints
@@ -176,7 +176,7 @@ def test_a_path_that_leads_into_the_other_arm_ends_for_both_arms_with_what_is_ah
         pair.look()
     assert (motion.state.value, motion.code) == ("aborted", Code.COLLISION_AHEAD) and "might come to" in motion.message
     last = {frame.topic: frame.kind for at_ns, frame in pair.frames if at_ns == pair.now_ns}
-    assert all(last[robot.joint_command(side)] is FrameKind.BRAKE for side in Side)
+    assert all(last[joint_command(side)] is FrameKind.BRAKE for side in Side)
     for _ in range(100):
         pair.step()
         pair.look()
@@ -274,7 +274,7 @@ def test_an_arm_that_moves_by_itself_has_the_room_that_it_may_take():
     arm.brake()
     assert spacing._way(R, here, here, None) == [(0.0, 0.0)] * 7  # streamed, not due in this tick
     arm.stop()
-    topic = robot.arm_state(R)
+    topic = arm_state(R)
     for speeds, far in (
         ((0.5, -0.5, 0.9 * ADRIFT_RADPS, 0.0, 0.0, 0.0, 0.0), 0.05),
         ((), 0.0),

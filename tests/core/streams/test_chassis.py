@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from itertools import pairwise
 
-from gateway import robot
 from gateway.codes import Code
 from gateway.core.messages.events import Frame, FrameKind
 from gateway.core.streams.chassis import ChassisStream
-from gateway.settings import ChassisSettings
+from gateway.robot.topics import CHASSIS_VELOCITY
+from gateway.settings.settings import ChassisSettings
 
 MS = 1_000_000
 S = 1_000_000_000
@@ -43,7 +43,7 @@ def test_a_velocity_is_ramped_to_and_then_kept():
     for before, after in pairwise([ZEROS, *[frame.values for frame in sent]]):
         assert all(abs(b - a) <= 0.3 * 0.05 + 1e-9 for a, b in zip(before, after, strict=True))
     assert sent[-1].values == stream.commanded == stream.wanted == FAST
-    assert all(frame.topic == robot.CHASSIS_VELOCITY and len(frame.values) == 3 for frame in sent)
+    assert all(frame.topic == CHASSIS_VELOCITY and len(frame.values) == 3 for frame in sent)
 
 
 def test_an_expired_velocity_ramps_down_and_ends_with_a_second_of_zeros():

@@ -9,29 +9,39 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from gateway import robot
 from gateway.core.messages.events import Frame, FrameKind
 from gateway.core.streams.gate import Gate, GateContext
 from gateway.errors import Code, Refusal
-from gateway.settings import ArmSettings, ChassisSettings, PoseSettings
+from gateway.robot.limits import HOME_Q_RAD, JOINT_LOWER_RAD, JOINT_UPPER_RAD
+from gateway.robot.topics import (
+    CHASSIS_VELOCITY,
+    FSM_ENABLE,
+    LIFT_COMMAND,
+    TOPICS,
+    VARIANTS,
+    gripper_command,
+    joint_command,
+    pose_command,
+)
+from gateway.settings.settings import ArmSettings, ChassisSettings, PoseSettings
 from gateway.values import Side
 
 STATES = ("OFFLINE", "READ_ONLY", "IDLE", "ENABLING", "ACTIVE", "HOLDING", "PAUSED", "STALE", "STOPPING")
 SETTINGS = ArmSettings()
-LIFT = robot.VARIANTS["lift"]
+LIFT = VARIANTS["lift"]
 EPOCH = 5
 PERIOD_S = 0.01
-JOINTS = {side: robot.joint_command(side) for side in Side}
-POSES = {side: robot.pose_command(side) for side in Side}
-GRIPPERS = {side: robot.gripper_command(side) for side in Side}
+JOINTS = {side: joint_command(side) for side in Side}
+POSES = {side: pose_command(side) for side in Side}
+GRIPPERS = {side: gripper_command(side) for side in Side}
 ARMS = (*JOINTS.values(), *POSES.values())
 HOME = {
-    **{JOINTS[side]: robot.HOME_Q_RAD[side] for side in Side},
+    **{JOINTS[side]: HOME_Q_RAD[side] for side in Side},
     **{POSES[side]: (0.3, 0.0, -0.2, 0.0, 0.0, 0.0, 1.0) for side in Side},
     **{GRIPPERS[side]: (0.1,) for side in Side},
-    robot.CHASSIS_VELOCITY: (0.01, 0.0, -0.01),
-    robot.LIFT_COMMAND: (0.3, 1.0),
-    robot.FSM_ENABLE: (1.0,),
+    CHASSIS_VELOCITY: (0.01, 0.0, -0.01),
+    LIFT_COMMAND: (0.3, 1.0),
+    FSM_ENABLE: (1.0,),
 }
 """A proper value of every command topic."""
 MOTION, ECHO, BRAKE, HOLD, WALK, BEAT, STOP = FrameKind
@@ -84,16 +94,16 @@ def around(low: float, high: float, slack: float) -> list[tuple[float, bool]]:
 # -------------------------------------------------------------------------------------------------- form and range
 
 
-@pytest.mark.parametrize("variant", robot.VARIANTS.values(), ids=lambda variant: variant.name)
+@pytest.mark.parametrize("variant", VARIANTS.values(), ids=lambda variant: variant.name)
 def test_only_command_topics_of_the_model_pass(variant):
     """A key outside the profile is never published (DESIGN §8.2): no state topic, no lift where there is none."""
-    for topic in (*robot.TOPICS, "/rosout", "/api/nothing"):
+    for topic in (*TOPICS, "/rosout", "/api/nothing"):
         gate = Gate(SETTINGS, variant)
-        kind = BEAT if topic == robot.FSM_ENABLE else ECHO if topic in (*ARMS, *GRIPPERS.values()) else MOTION
+        kind = BEAT if topic == FSM_ENABLE else ECHO if topic in (*ARMS, *GRIPPERS.values()) else MOTION
         candidate = frame(topic, values=HOME.get(topic, (0.0,)), kind=kind)
         state = "ENABLING" if kind is ECHO else "ACTIVE"
         assert passes(gate, candidate, context(state)) is (topic in variant.command_topics)
-        stop = robot.TOPICS[topic].stop_frame if topic in robot.TOPICS else ()
+        stop = TOPICS[topic].stop_frame if topic in TOPICS else ()
         if stop:
             assert passes(gate, frame(topic, stop, STOP)) is (topic in variant.command_topics)
 
@@ -121,9 +131,9 @@ def replaced(values: tuple[float, ...], n: int, value: float) -> tuple[float, ..
 @pytest.mark.parametrize("tighter_rad", [0.0, 0.04])
 def test_every_joint_is_held_inside_its_configured_limits(side, joint, tighter_rad):
     """Swept from below to above, for the manual's limits (§4.13) and for tighter ones."""
-    lower = tuple(low + tighter_rad for low in robot.JOINT_LOWER_RAD[side])
-    upper = tuple(high - tighter_rad for high in robot.JOINT_UPPER_RAD[side])
-    arm = ArmSettings(lower_rad=robot.JOINT_LOWER_RAD | {side: lower}, upper_rad=robot.JOINT_UPPER_RAD | {side: upper})
+    lower = tuple(low + tighter_rad for low in JOINT_LOWER_RAD[side])
+    upper = tuple(high - tighter_rad for high in JOINT_UPPER_RAD[side])
+    arm = ArmSettings(lower_rad=JOINT_LOWER_RAD | {side: lower}, upper_rad=JOINT_UPPER_RAD | {side: upper})
     middle = tuple((low + high) / 2 for low, high in zip(lower, upper, strict=True))
     for value, inside in around(lower[joint], upper[joint], 1e-9):
         start = frame(JOINTS[side], replaced(middle, joint, value), ECHO)
@@ -136,7 +146,7 @@ def test_every_joint_is_held_inside_its_configured_limits(side, joint, tighter_r
     ("topic", "n", "low", "high", "other"),
     [
         *((topic, 0, 0.0, 1.0, (0.0,)) for topic in GRIPPERS.values()),
-        (robot.LIFT_COMMAND, 0, -1.0, 1.0, (0.0, 1.0)),
+        (LIFT_COMMAND, 0, -1.0, 1.0, (0.0, 1.0)),
     ],
 )
 def test_grippers_and_lift_are_held_inside_their_hard_bounds(topic, n, low, high, other):
@@ -149,12 +159,10 @@ def test_grippers_and_lift_are_held_inside_their_hard_bounds(topic, n, low, high
 @pytest.mark.parametrize("value", [0.0, 1.0, -0.0, 0.5, 0.999999, 2.0, -1.0])
 def test_switches_are_exactly_zero_or_one(value):
     """The lift's enable and the FSM heartbeat: anything between is somebody's accident."""
-    assert passes(Gate(SETTINGS, LIFT), frame(robot.LIFT_COMMAND, (0.0, value))) is (value in (0.0, 1.0))
-    assert passes(Gate(SETTINGS, LIFT), frame(robot.LIFT_COMMAND, (0.3, value))) is (value == 1.0), (
-        "servo off, and moving"
-    )
-    assert passes(Gate(SETTINGS, LIFT), frame(robot.FSM_ENABLE, (value,), BEAT)) is (value == 1.0)
-    assert passes(Gate(SETTINGS, LIFT), frame(robot.FSM_ENABLE, (value,), STOP)) is (value == 0.0)
+    assert passes(Gate(SETTINGS, LIFT), frame(LIFT_COMMAND, (0.0, value))) is (value in (0.0, 1.0))
+    assert passes(Gate(SETTINGS, LIFT), frame(LIFT_COMMAND, (0.3, value))) is (value == 1.0), "servo off, and moving"
+    assert passes(Gate(SETTINGS, LIFT), frame(FSM_ENABLE, (value,), BEAT)) is (value == 1.0)
+    assert passes(Gate(SETTINGS, LIFT), frame(FSM_ENABLE, (value,), STOP)) is (value == 0.0)
 
 
 def test_poses_are_within_reach_and_have_unit_quaternions():
@@ -173,15 +181,15 @@ def test_poses_are_within_reach_and_have_unit_quaternions():
 def permitted(topic: str, kind: FrameKind, facts: GateContext) -> bool:
     """BEHAVIOUR and DESIGN §8.3 in words of their own, to compare with."""
     if kind is STOP:
-        return topic in (robot.CHASSIS_VELOCITY, robot.LIFT_COMMAND, robot.FSM_ENABLE)
-    if topic == robot.FSM_ENABLE:
+        return topic in (CHASSIS_VELOCITY, LIFT_COMMAND, FSM_ENABLE)
+    if topic == FSM_ENABLE:
         beating = facts.state in ("ENABLING", "ACTIVE", "HOLDING", "STOPPING")
         return kind is BEAT and facts.fresh and (beating or (facts.state == "STALE" and facts.resuming))
     if kind is MOTION:
-        on_wheels = topic in (robot.CHASSIS_VELOCITY, robot.LIFT_COMMAND)
+        on_wheels = topic in (CHASSIS_VELOCITY, LIFT_COMMAND)
         states = ("IDLE", "ENABLING", "ACTIVE", "HOLDING") if on_wheels else ("ACTIVE",)
         return facts.state in states and facts.fresh and facts.epoch == EPOCH and not facts.latched
-    if kind is BEAT or topic in (robot.CHASSIS_VELOCITY, robot.LIFT_COMMAND):
+    if kind is BEAT or topic in (CHASSIS_VELOCITY, LIFT_COMMAND):
         return False
     if kind is HOLD and facts.state == "STALE":
         return facts.stale_hold or (facts.fresh and facts.resuming)
@@ -200,7 +208,7 @@ def permitted(topic: str, kind: FrameKind, facts: GateContext) -> bool:
 @pytest.mark.parametrize("topic", HOME)
 def test_every_kind_of_frame_passes_where_the_rules_say_and_nowhere_else(topic, kind):
     """All topics, kinds, states, epochs, fresh or stale, held, resuming, latched: 36,288 combinations, no surprise."""
-    stop = robot.TOPICS[topic].stop_frame
+    stop = TOPICS[topic].stop_frame
     candidate = frame(topic, stop if kind is STOP and stop else None, kind)
     for state, epoch, fresh, held, resuming, latched in product(
         STATES, (0, EPOCH - 1, EPOCH, EPOCH + 1), *[(True, False)] * 4
@@ -218,9 +226,9 @@ def test_motion_needs_an_epoch_even_when_nobody_owns_the_robot():
 @pytest.mark.parametrize(
     ("topic", "stops"),
     [
-        (robot.CHASSIS_VELOCITY, [(0.0, 0.0, 0.0)]),
-        (robot.LIFT_COMMAND, [(0.0, 1.0), (0.0, 0.0)]),
-        (robot.FSM_ENABLE, [(0.0,)]),
+        (CHASSIS_VELOCITY, [(0.0, 0.0, 0.0)]),
+        (LIFT_COMMAND, [(0.0, 1.0), (0.0, 0.0)]),
+        (FSM_ENABLE, [(0.0,)]),
     ],
 )
 @pytest.mark.parametrize("state", STATES)
@@ -231,7 +239,7 @@ def test_stop_frames_pass_always_and_nothing_else_passes_as_one(topic, stops, st
             gate = Gate(SETTINGS, LIFT)
             assert passes(gate, frame(topic, values, STOP, 0), context(state, 0, fresh, latched=latched))
         for n in range(len(stops[0])):
-            moving = replaced(stops[0], n, 0.01 if topic == robot.CHASSIS_VELOCITY or n == 0 else 0.5)
+            moving = replaced(stops[0], n, 0.01 if topic == CHASSIS_VELOCITY or n == 0 else 0.5)
             assert not passes(Gate(SETTINGS, LIFT), frame(topic, moving, STOP, 0), context(state, 0, fresh))
 
 
@@ -408,7 +416,7 @@ def test_grippers_and_the_lift_may_step():
     gripper = GRIPPERS[Side.LEFT]
     gate = running(gripper)
     assert passes(gate, frame(gripper, (1.0,))) and passes(gate, frame(gripper, (0.0,)))
-    assert passes(gate, frame(robot.LIFT_COMMAND, (1.0, 1.0))) and passes(gate, frame(robot.LIFT_COMMAND, (-1.0, 1.0)))
+    assert passes(gate, frame(LIFT_COMMAND, (1.0, 1.0))) and passes(gate, frame(LIFT_COMMAND, (-1.0, 1.0)))
 
 
 TIGHT = ChassisSettings(v_mps=0.2, w_radps=0.4, up_mps2=0.3, down_mps2=0.6)
@@ -418,7 +426,7 @@ def driven_to(velocity: tuple[float, float, float], limits: ChassisSettings = TI
     """A gate through which the chassis has been ramped to a velocity."""
     gate = Gate(SETTINGS, LIFT, limits)
     for part in range(1, 101):
-        assert passes(gate, frame(robot.CHASSIS_VELOCITY, tuple(part / 100 * v for v in velocity)))
+        assert passes(gate, frame(CHASSIS_VELOCITY, tuple(part / 100 * v for v in velocity)))
     return gate
 
 
@@ -429,12 +437,12 @@ def test_the_chassis_is_held_inside_its_limits(n, bound, sign):
     limit = replaced((0.0, 0.0, 0.0), n, sign * bound)
     gate = driven_to(limit)
     for value, inside in ((sign * bound, True), (sign * (bound + 1e-8), False)):
-        assert passes(gate, frame(robot.CHASSIS_VELOCITY, replaced(limit, n, value))) is inside, value
+        assert passes(gate, frame(CHASSIS_VELOCITY, replaced(limit, n, value))) is inside, value
     hard = replaced((0.0, 0.0, 0.0), n, sign * (1.0 if n == 2 else 0.5))
     gate = Gate(SETTINGS, LIFT)
     for part in range(1, 101):
-        assert passes(gate, frame(robot.CHASSIS_VELOCITY, tuple(part / 100 * v for v in hard)))
-    assert not passes(gate, frame(robot.CHASSIS_VELOCITY, tuple(1.001 * v for v in hard)))
+        assert passes(gate, frame(CHASSIS_VELOCITY, tuple(part / 100 * v for v in hard)))
+    assert not passes(gate, frame(CHASSIS_VELOCITY, tuple(1.001 * v for v in hard)))
 
 
 @pytest.mark.parametrize("n", range(3))
@@ -442,23 +450,23 @@ def test_the_chassis_drives_off_and_brakes_inside_the_robots_ramps(n):
     """0.3 up and 0.6 down per second (manual §4.5), 20 Hz; from rest it is a start, whoever was silent before."""
     rest = (0.0, 0.0, 0.0)
     for step, inside in ((0.015, True), (0.0151, False), (-0.015, True), (-0.0151, False)):
-        assert passes(Gate(SETTINGS, LIFT, TIGHT), frame(robot.CHASSIS_VELOCITY, replaced(rest, n, step))) is inside
+        assert passes(Gate(SETTINGS, LIFT, TIGHT), frame(CHASSIS_VELOCITY, replaced(rest, n, step))) is inside
     at = replaced(rest, n, 0.1)
     for value, inside in ((0.115, True), (0.116, False), (0.07, True), (0.069, False)):
-        assert passes(driven_to(at), frame(robot.CHASSIS_VELOCITY, replaced(rest, n, value))) is inside, value
+        assert passes(driven_to(at), frame(CHASSIS_VELOCITY, replaced(rest, n, value))) is inside, value
     slow = replaced(rest, n, 0.01)
     for value, inside in ((-0.015, True), (-0.021, False)):
-        assert passes(driven_to(slow), frame(robot.CHASSIS_VELOCITY, replaced(rest, n, value))) is inside, value
+        assert passes(driven_to(slow), frame(CHASSIS_VELOCITY, replaced(rest, n, value))) is inside, value
 
 
 def test_a_stop_of_the_chassis_is_no_step_and_what_follows_it_begins_at_rest():
     """Zeros leave at any speed; the ramp begins at them."""
     gate = driven_to((0.2, 0.0, 0.0))
-    assert passes(gate, frame(robot.CHASSIS_VELOCITY, (0.0, 0.0, 0.0), STOP))
-    assert not passes(gate, frame(robot.CHASSIS_VELOCITY, (0.1, 0.0, 0.0)))
-    assert passes(gate, frame(robot.CHASSIS_VELOCITY, (0.015, 0.0, 0.0)))
-    gate.forget(robot.CHASSIS_VELOCITY)
-    assert not passes(gate, frame(robot.CHASSIS_VELOCITY, (0.03, 0.0, 0.0))), "a silent one begins at rest, too"
+    assert passes(gate, frame(CHASSIS_VELOCITY, (0.0, 0.0, 0.0), STOP))
+    assert not passes(gate, frame(CHASSIS_VELOCITY, (0.1, 0.0, 0.0)))
+    assert passes(gate, frame(CHASSIS_VELOCITY, (0.015, 0.0, 0.0)))
+    gate.forget(CHASSIS_VELOCITY)
+    assert not passes(gate, frame(CHASSIS_VELOCITY, (0.03, 0.0, 0.0))), "a silent one begins at rest, too"
 
 
 @settings(max_examples=200, deadline=None)

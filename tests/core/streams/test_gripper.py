@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from itertools import pairwise
 
-from gateway import robot
 from gateway.core.messages.events import Frame, FrameKind
 from gateway.core.streams.gripper import GripperStream
+from gateway.robot.topics import gripper_command
 from gateway.values import Side
 
 MS = 1_000_000
@@ -65,7 +65,7 @@ def test_it_begins_at_once_with_no_torque_and_repeats_it():
         (HOLD, (0.1,), 0)
     ] * 9
     assert frames[0].due_ns == T0 and {b.due_ns - a.due_ns for a, b in pairwise(frames)} == {20 * MS}
-    assert course.gripper.next_due_ns() == T0 + 200 * MS and frames[0].topic == robot.gripper_command(Side.LEFT)
+    assert course.gripper.next_due_ns() == T0 + 200 * MS and frames[0].topic == gripper_command(Side.LEFT)
 
 
 def test_a_value_is_sent_as_the_owners_and_then_kept():

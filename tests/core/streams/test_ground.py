@@ -6,13 +6,13 @@ from itertools import pairwise
 
 import pytest
 
-from gateway import robot
 from gateway.codes import Code
 from gateway.core.messages.events import Frame, FrameKind
 from gateway.core.streams.chassis import ChassisStream
 from gateway.core.streams.ground import LIFT_OFF, GroundStream
 from gateway.core.streams.lift import LiftStream
-from gateway.settings import ChassisSettings
+from gateway.robot.topics import CHASSIS_VELOCITY
+from gateway.settings.settings import ChassisSettings
 
 MS = 1_000_000
 S = 1_000_000_000
@@ -60,7 +60,7 @@ def test_stop_frames_are_stop_frames_of_nobodys_epoch():
     stream.stop(T0 + 30 * MS)
     assert stream.next_due_ns() == T0
     assert stream.frame(T0 + 30 * MS) == Frame(
-        topic=robot.CHASSIS_VELOCITY, values=ZEROS, kind=FrameKind.STOP, epoch=0, due_ns=T0
+        topic=CHASSIS_VELOCITY, values=ZEROS, kind=FrameKind.STOP, epoch=0, due_ns=T0
     )
     assert (stream.frame(T0 + 40 * MS), stream.next_due_ns()) == (None, T0 + 50 * MS)
 

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import pytest
 
-from gateway import robot
 from gateway.core.messages.events import Frame, FrameKind
 from gateway.core.streams.heartbeat import LAST_WORD_NS, Beat, HeartbeatStream
+from gateway.robot.topics import FSM_ENABLE
 
 MS = 1_000_000
 S = 1_000_000_000
@@ -74,7 +74,7 @@ def test_ones_leave_at_once_and_then_at_20_hz():
     course.beat.ones(course.now_ns)
     assert course.run(300) == [(30, 1.0), *((at_ms, 1.0) for at_ms in range(50, 330, 50))]
     assert course.beat.next_due_ns() == T0 + 350 * MS
-    assert course.sent[0][1] == Frame(topic=robot.FSM_ENABLE, values=ONE, kind=FrameKind.BEAT, epoch=0, due_ns=T0)
+    assert course.sent[0][1] == Frame(topic=FSM_ENABLE, values=ONE, kind=FrameKind.BEAT, epoch=0, due_ns=T0)
 
 
 def test_asking_for_ones_again_changes_nothing(armed):
@@ -98,9 +98,7 @@ def test_zeros_leave_at_once_as_stop_frames_until_fsm_0_is_seen(armed):
     armed.run(20)
     armed.beat.zeros(armed.now_ns)
     assert armed.beat.is_ending and armed.run(180) == [(520, 0.0), (550, 0.0), (600, 0.0), (650, 0.0)]
-    assert armed.sent[-1][1] == Frame(
-        topic=robot.FSM_ENABLE, values=ZERO, kind=FrameKind.STOP, epoch=0, due_ns=T0 + 650 * MS
-    )
+    assert armed.sent[-1][1] == Frame(topic=FSM_ENABLE, values=ZERO, kind=FrameKind.STOP, epoch=0, due_ns=T0 + 650 * MS)
     armed.fsm_zero()
     assert not armed.beat.running and not armed.beat.is_owed and armed.run(3000) == []
 

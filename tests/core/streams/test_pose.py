@@ -6,12 +6,12 @@ from itertools import pairwise
 
 import pytest
 
-from gateway import robot
 from gateway.core.messages.events import FrameKind
 from gateway.core.motion.gap import Gap
 from gateway.core.motion.motion import plan_poses
 from gateway.core.streams.pose import PoseStream
-from gateway.settings import PoseSettings
+from gateway.robot.topics import pose_command
+from gateway.settings.settings import PoseSettings
 from gateway.values import Side, Space
 from tests.core.pose_judge import HOME, LIMITS, judge
 
@@ -43,7 +43,7 @@ def test_an_end_effector_is_streamed_on_its_pose_topic_within_its_limits():
     """Norms as configured; the bound of the distance to the measured pose is the configured one."""
     for side in Side:
         arm = PoseStream(side, PoseSettings())
-        assert (arm.topic, arm.space) == (robot.pose_command(side), Space.POSE)
+        assert (arm.topic, arm.space) == (pose_command(side), Space.POSE)
         assert arm.tracking == Gap(0.3, 0.06)
         assert arm.reference.space.limits == LIMITS
         assert arm.distance(HOME).m > 0.0

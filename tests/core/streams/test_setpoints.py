@@ -6,7 +6,6 @@ from itertools import pairwise
 
 import pytest
 
-from gateway import robot
 from gateway.core.messages.events import Frame, FrameKind
 from gateway.core.motion.gap import Gap
 from gateway.core.motion.joints.trajectory import Trajectory, interpolate
@@ -15,15 +14,16 @@ from gateway.core.motion.poses.pose_trajectory import PoseTrajectory, interpolat
 from gateway.core.streams.arm import ArmStream
 from gateway.core.streams.pose import PoseStream
 from gateway.core.streams.setpoints import SetpointStream
-from gateway.settings import ArmSettings, PoseSettings
+from gateway.robot.limits import HOME_Q_RAD, JOINT_LOWER_RAD, JOINT_UPPER_RAD
+from gateway.robot.topics import joint_command
+from gateway.settings.settings import ArmSettings, PoseSettings
 from gateway.values import Side, Space, Vector
 
 MS = 1_000_000
 S = 1_000_000_000
 T0 = 1_000 * S
 MIDDLE: dict[Side, Vector] = {
-    side: tuple((a + b) / 2 for a, b in zip(robot.JOINT_LOWER_RAD[side], robot.JOINT_UPPER_RAD[side], strict=True))
-    for side in Side
+    side: tuple((a + b) / 2 for a, b in zip(JOINT_LOWER_RAD[side], JOINT_UPPER_RAD[side], strict=True)) for side in Side
 }
 """The middle of every joint's range [rad]: 0.7 rad or more to either side."""
 PLACE = (0.30, 0.10, -0.20, 0.0, 0.0, 0.0, 1.0)
@@ -96,7 +96,7 @@ def test_a_start_echoes_where_the_arm_is_at_once_and_at_100_hz(side):
     course = Course(side, live=False)
     frames = course.run(30)
     assert frames == [
-        Frame(topic=robot.joint_command(side), values=MIDDLE[side], kind=ECHO, epoch=0, due_ns=T0 + n * 10 * MS)
+        Frame(topic=joint_command(side), values=MIDDLE[side], kind=ECHO, epoch=0, due_ns=T0 + n * 10 * MS)
         for n in range(30)
     ]
 
@@ -120,11 +120,11 @@ def test_the_rate_is_the_configured_one():
 
 def test_the_limits_are_the_configured_ones_of_that_side():
     """Tighter than the robot's where the configuration says so (BEHAVIOUR, values)."""
-    upper = {**robot.JOINT_UPPER_RAD, Side.RIGHT: (1.0, *robot.JOINT_UPPER_RAD[Side.RIGHT][1:])}
+    upper = {**JOINT_UPPER_RAD, Side.RIGHT: (1.0, *JOINT_UPPER_RAD[Side.RIGHT][1:])}
     settings = ArmSettings(v_radps=0.5, a_radps2=2.0, j_radps3=10.0, upper_rad=upper)
     limits = ArmStream(Side.RIGHT, settings).reference.space.limits
     assert (limits.v_radps, limits.a_radps2, limits.j_radps3) == (0.5, 2.0, 10.0)
-    assert limits.lower_rad == robot.JOINT_LOWER_RAD[Side.RIGHT] and limits.upper_rad == upper[Side.RIGHT]
+    assert limits.lower_rad == JOINT_LOWER_RAD[Side.RIGHT] and limits.upper_rad == upper[Side.RIGHT]
 
 
 def test_a_start_outside_the_limits_starts_nothing():
@@ -360,7 +360,7 @@ def _chunk(space: Space) -> tuple[SetpointStream, Vector, Trajectory | PoseTraje
     """A stream of a space, where it begins, and a way from there with a step in each of its points."""
     times_s = [0.05 * n for n in range(20)]
     if space is Space.JOINT:
-        arm, home = ArmStream(Side.LEFT, ArmSettings()), robot.HOME_Q_RAD[Side.LEFT]
+        arm, home = ArmStream(Side.LEFT, ArmSettings()), HOME_Q_RAD[Side.LEFT]
         return arm, home, interpolate([tuple(q - 0.004 * n for q in home) for n in range(20)], times_s)
     x, *rest = PLACE
     return (

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import pytest
 
-from gateway import robot
 from gateway.core.messages.events import ForeignData, Gateway, Means, Remembered, SampleRefused, Writer
 from gateway.core.motion.motion import plan
 from gateway.core.supervision.conditions import Conditions
 from gateway.core.supervision.conductor import Conductor
 from gateway.core.supervision.supervisor import STREAMING, State, Trigger
 from gateway.errors import Code
-from gateway.settings import Settings
+from gateway.robot.topics import arm_state, joint_command
+from gateway.settings.settings import Settings
 from gateway.values import OWN_FSM, FsmState, Side
 from tests.core.stage import GOAL, MS, TICK_NS, L, R, Stage
 
@@ -58,7 +58,7 @@ class Scene(Stage):
     def wrong_names(self) -> None:
         """The left arm's joints come in another order."""
         refused = SampleRefused(
-            topic=robot.arm_state(L), code=Code.JOINT_ORDER, message="l_joint2 first", received_ns=self.now_ns
+            topic=arm_state(L), code=Code.JOINT_ORDER, message="l_joint2 first", received_ns=self.now_ns
         )
         self.conductor.store.receive(refused, self.now_ns)
 
@@ -344,7 +344,7 @@ def test_a_part_whose_samples_are_not_believed_dies_with_the_reason():
     for _ in range(12):
         scene.run(1)
         refused = SampleRefused(
-            topic=robot.arm_state(L), code=Code.SAMPLE_REFUSED, message="position[0] is nan", received_ns=scene.now_ns
+            topic=arm_state(L), code=Code.SAMPLE_REFUSED, message="position[0] is nan", received_ns=scene.now_ns
         )
         scene.conductor.store.receive(refused, scene.now_ns)
     assert scene.why(Trigger.PART_DEAD).endswith("100 ms: its samples are not believed, position[0] is nan")
@@ -478,12 +478,12 @@ def test_looking_does_nothing():
 
 def foreign_data(scene: Scene) -> None:
     """Somebody sends setpoints."""
-    scene.conductor.others.see_data(ForeignData(topic=robot.joint_command(L), zid="b", at_ns=scene.now_ns))
+    scene.conductor.others.see_data(ForeignData(topic=joint_command(L), zid="b", at_ns=scene.now_ns))
 
 
 def foreign_token(scene: Scene) -> None:
     """Somebody announces setpoints."""
-    writer = Writer(topic=robot.joint_command(L), zid="b", means=Means.TOKEN)
+    writer = Writer(topic=joint_command(L), zid="b", means=Means.TOKEN)
     scene.conductor.others.see_writers([writer], scene.now_ns)
 
 

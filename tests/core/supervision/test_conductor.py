@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import pytest
 
-from gateway import robot
 from gateway.core.body.motions import Motion, MotionState
 from gateway.core.messages.events import Frame, FrameKind, Level, Notice, OnLimit, Remembered, SampleArrived
 from gateway.core.motion.motion import plan
@@ -14,8 +13,9 @@ from gateway.core.supervision.conductor import AT_BASE, Conductor, EnableRecord
 from gateway.core.supervision.supervisor import BASE, END_CODE, LATCH_CODE, STREAMING, TABLE, Action, State, Trigger
 from gateway.errors import Code
 from gateway.kinematics.description import nominal
-from gateway.robot import HOME_Q_RAD
-from gateway.settings import Settings
+from gateway.robot.limits import HOME_Q_RAD
+from gateway.robot.topics import CHASSIS_VELOCITY, FSM_ENABLE, LIFT_COMMAND, arm_state, ee_pose, joint_command
+from gateway.settings.settings import Settings
 from gateway.values import ArmState, Side, Space
 from tests.core.stage import GOAL, MIDDLE, MS, PLACE, L, R, S, Stage
 
@@ -51,7 +51,7 @@ class Scene(Stage):
 
     def beats(self, ticks: int = 6) -> set[tuple[float, ...]]:
         """Let time pass; return which heartbeats were due."""
-        return {frame.values for frame in self.sent(robot.FSM_ENABLE, ticks)}
+        return {frame.values for frame in self.sent(FSM_ENABLE, ticks)}
 
     def disable(self, *sides: Side) -> None:
         """These arms are disabled in the robot's configuration."""
@@ -121,7 +121,7 @@ def test_what_is_forgotten_of_the_robot_is_forgotten_of_its_model():
         now_ns = S + count * 50 * MS
         pose = model.arms[L].forward(HOME_Q_RAD[L])
         state = ArmState(q_rad=HOME_Q_RAD[L], dq_radps=(), tau_nm=(), stamp_ns=now_ns)
-        for topic, value in ((robot.ee_pose(L), pose), (robot.arm_state(L), state)):
+        for topic, value in ((ee_pose(L), pose), (arm_state(L), state)):
             model.hear(SampleArrived(topic=topic, value=value, received_ns=now_ns), now_ns)
     assert conductor.model_refusal(L, now_ns) is None
     conductor.forget_state()
@@ -272,7 +272,7 @@ def test_a_cut_ends_motions_and_targets_and_brakes():
     scene.fire(Trigger.CLIENT_LOST)
     assert (motion.state, motion.code) == (MotionState.ABORTED, Code.CLIENT_LOST)
     assert (stream.is_open, stream.code) == (False, Code.CLIENT_LOST)
-    assert {frame.kind for frame in scene.sent(robot.joint_command(L), 3)} == {FrameKind.BRAKE}
+    assert {frame.kind for frame in scene.sent(joint_command(L), 3)} == {FrameKind.BRAKE}
     scene.run(100)
     assert body.is_at_rest and scene.state is State.HOLDING
 
@@ -337,8 +337,8 @@ def test_a_disabled_arm_falls_silent_and_the_other_is_held():
     scene = Scene(State.ACTIVE)
     scene.disable(L)
     scene.fire(Trigger.ARM_DISABLED)
-    assert scene.sent(robot.joint_command(L)) == []
-    assert {frame.kind for frame in scene.sent(robot.joint_command(R))} == {FrameKind.HOLD}
+    assert scene.sent(joint_command(L)) == []
+    assert {frame.kind for frame in scene.sent(joint_command(R))} == {FrameKind.HOLD}
     assert scene.conductor.enable.sides == (R,) and scene.state is State.HOLDING
 
 
@@ -396,7 +396,7 @@ def test_an_echo_becomes_a_hold_when_the_robot_follows(to):
     """In ENABLING it is none yet."""
     scene = Scene(State.ENABLING)
     assert scene.phases.starting.seed((L, R), scene.now_ns) is None
-    topic = robot.joint_command(L)
+    topic = joint_command(L)
     assert {frame.kind for frame in scene.sent(topic)} == {FrameKind.ECHO}
     scene.go(to)
     assert {frame.kind for frame in scene.sent(topic)} == {FrameKind.HOLD}
@@ -470,7 +470,7 @@ def test_only_a_stall_of_a_held_robot_can_be_short(came_from):
     scene.go(State.STALE)
     assert scene.conductor.can_resume == (came_from in {State.ACTIVE, State.HOLDING})
     assert scene.conductor.stale_hold == (came_from in LIVE)
-    assert bool(scene.sent(robot.joint_command(L))) == (came_from in LIVE)
+    assert bool(scene.sent(joint_command(L))) == (came_from in LIVE)
 
 
 def test_an_arm_that_moves_when_the_state_is_lost_falls_silent():
@@ -552,7 +552,7 @@ def test_beside_another_writer_one_zero_is_all():
     """Never two setpoints in turn (BEHAVIOUR, foreign data)."""
     scene = Scene(State.HOLDING)
     scene.fire(Trigger.FOREIGN_DATA)
-    assert [frame.values for frame in scene.sent(robot.FSM_ENABLE, 30)] == [ZERO]
+    assert [frame.values for frame in scene.sent(FSM_ENABLE, 30)] == [ZERO]
 
 
 @pytest.mark.parametrize("trigger", [Trigger.FSM_FOREIGN, Trigger.VR_MODE, Trigger.OTHER_GATEWAY])
@@ -612,10 +612,10 @@ def test_a_stop_stops_the_ground_for_a_second():
     scene = Scene(State.ACTIVE, model="lift")
     scene.fire(Trigger.OWNER_STOP)
     due = scene.run(120)
-    chassis = [frame.values for frame in due if frame.topic == robot.CHASSIS_VELOCITY]
-    lift = [frame.values for frame in due if frame.topic == robot.LIFT_COMMAND]
+    chassis = [frame.values for frame in due if frame.topic == CHASSIS_VELOCITY]
+    lift = [frame.values for frame in due if frame.topic == LIFT_COMMAND]
     assert set(chassis) == {(0.0, 0.0, 0.0)} and set(lift) == {(0.0, 1.0)}
-    assert {frame.values for frame in due if frame.topic == robot.FSM_ENABLE} == {ONE}
+    assert {frame.values for frame in due if frame.topic == FSM_ENABLE} == {ONE}
 
 
 def test_an_estop_takes_the_lifts_servo_off_in_the_end():
@@ -623,9 +623,9 @@ def test_an_estop_takes_the_lifts_servo_off_in_the_end():
     scene = Scene(State.ACTIVE, model="lift")
     scene.fire(Trigger.ESTOP, "red button")
     due = scene.run(120)
-    lift = [frame.values for frame in due if frame.topic == robot.LIFT_COMMAND]
+    lift = [frame.values for frame in due if frame.topic == LIFT_COMMAND]
     assert lift[-1] == (0.0, 0.0) and set(lift[:-1]) == {(0.0, 1.0)}
-    assert {frame.values for frame in due if frame.topic == robot.FSM_ENABLE} == {ZERO}
+    assert {frame.values for frame in due if frame.topic == FSM_ENABLE} == {ZERO}
     assert scene.conductor.supervisor.latches == {Code.ESTOP: "red button"}
 
 
@@ -650,7 +650,7 @@ def test_a_cut_ends_the_driving(state):
     scene.run(10)
     scene.fire(Trigger.STALE)
     assert chassis.code is Code.STATE_STALE
-    assert {frame.values for frame in scene.sent(robot.CHASSIS_VELOCITY)} == {(0.0, 0.0, 0.0)}
+    assert {frame.values for frame in scene.sent(CHASSIS_VELOCITY)} == {(0.0, 0.0, 0.0)}
 
 
 @pytest.mark.parametrize("state", [State.IDLE, State.ENABLING, State.HOLDING])

@@ -6,7 +6,6 @@ from itertools import pairwise
 
 import pytest
 
-from gateway import robot
 from gateway.core.messages.events import Frame, FrameKind, Gateway, GuardSeen, Level
 from gateway.core.others.guarding import WAIT_NS
 from gateway.core.streams.heartbeat import Beat
@@ -15,10 +14,12 @@ from gateway.core.supervision.enabling import Enabling
 from gateway.core.supervision.starting import Starting
 from gateway.core.supervision.supervisor import State, Trigger
 from gateway.errors import Code
+from gateway.robot.limits import JOINT_UPPER_RAD
+from gateway.robot.topics import FSM_ENABLE, joint_command
 from gateway.values import FsmState, Side
 from tests.core.stage import MS, TICK_NS, L, R, S, Stage
 
-TOP_RAD = robot.JOINT_UPPER_RAD[L][0]
+TOP_RAD = JOINT_UPPER_RAD[L][0]
 PAUSE, SLOW_START, READY = int(FsmState.PAUSE), int(FsmState.SLOW_START), int(FsmState.READY)
 TIMEOUT_TICKS = 10 * S // TICK_NS
 
@@ -68,7 +69,7 @@ class Scene(Stage):
     @property
     def arm_frames(self) -> list[Frame]:
         """Setpoints of both arms."""
-        return [frame for _, frame in self.sent if frame.topic in map(robot.joint_command, Side)]
+        return [frame for _, frame in self.sent if frame.topic in map(joint_command, Side)]
 
     @property
     def verdict(self) -> tuple[str, Code | None]:
@@ -96,13 +97,13 @@ def test_the_arms_are_echoed_first_and_the_heartbeat_follows_30_ms_later(sides):
     scene.push(L, 0.2)
     scene.begin(sides)
     scene.live(20)
-    echoes_ns, beats_ns = scene.sent_at_ns(robot.joint_command(sides[0])), scene.sent_at_ns(robot.FSM_ENABLE)
+    echoes_ns, beats_ns = scene.sent_at_ns(joint_command(sides[0])), scene.sent_at_ns(FSM_ENABLE)
     assert beats_ns[0] - echoes_ns[0] == 30 * MS and scene.running == set(sides)
     assert {frame.kind for frame in scene.arm_frames} == {FrameKind.ECHO}
     for side in sides:
-        values = {frame.values for frame in scene.arm_frames if frame.topic == robot.joint_command(side)}
+        values = {frame.values for frame in scene.arm_frames if frame.topic == joint_command(side)}
         assert values == {scene.q_rad[side]}
-    assert {frame.values for _, frame in scene.sent if frame.topic == robot.FSM_ENABLE} == {(1.0,)}
+    assert {frame.values for _, frame in scene.sent if frame.topic == FSM_ENABLE} == {(1.0,)}
 
 
 def test_ready_is_an_answer_only_after_our_first_heartbeat():
@@ -112,7 +113,7 @@ def test_ready_is_an_answer_only_after_our_first_heartbeat():
     scene.live(3)
     assert scene.conditions.first_beat_ns is None
     scene.live(1)
-    assert scene.conditions.first_beat_ns == scene.now_ns == scene.sent_at_ns(robot.FSM_ENABLE)[0]
+    assert scene.conditions.first_beat_ns == scene.now_ns == scene.sent_at_ns(FSM_ENABLE)[0]
     scene.fsm = SLOW_START
     scene.live(10)
     assert scene.state is State.ENABLING and not scene.is_ready
@@ -143,7 +144,7 @@ def test_no_arm_is_echoed_before_the_state_of_all_was_steady_for_a_while():
     scene.live(30)
     assert scene.sent == [] and scene.state is State.ENABLING
     scene.live(1)
-    assert {frame.topic for frame in scene.arm_frames} == {robot.joint_command(side) for side in Side}
+    assert {frame.topic for frame in scene.arm_frames} == {joint_command(side) for side in Side}
 
 
 def test_an_arm_that_is_not_to_be_enabled_is_not_waited_for():
@@ -152,7 +153,7 @@ def test_an_arm_that_is_not_to_be_enabled_is_not_waited_for():
     scene.unsteady()
     scene.begin((R,))
     scene.live(1)
-    assert {frame.topic for frame in scene.arm_frames} == {robot.joint_command(R)}
+    assert {frame.topic for frame in scene.arm_frames} == {joint_command(R)}
 
 
 # ------------------------------------------------------------------------------------------------ from PAUSED
@@ -168,7 +169,7 @@ def test_from_paused_the_echo_goes_on_without_a_gap_from_where_the_arms_are():
     assert scene.running == {L, R}
     scene.live(10)
     for side in Side:
-        times_ns = scene.sent_at_ns(robot.joint_command(side))
+        times_ns = scene.sent_at_ns(joint_command(side))
         assert [b - a for a, b in pairwise(times_ns)] == [TICK_NS] * 9
     assert {frame.kind for frame in scene.arm_frames} == {FrameKind.ECHO}
     assert {frame.values for frame in scene.arm_frames} == set(scene.q_rad.values())
@@ -183,7 +184,7 @@ def test_from_paused_an_arm_that_the_robot_has_disabled_falls_silent(streamed, s
     scene.begin(sides)
     scene.live(1)
     assert scene.running == set(sides)
-    assert {frame.topic for frame in scene.arm_frames} == {robot.joint_command(side) for side in sides}
+    assert {frame.topic for frame in scene.arm_frames} == {joint_command(side) for side in sides}
 
 
 def test_from_paused_an_arm_outside_its_limits_ends_the_enabling_at_once():
@@ -224,7 +225,7 @@ def test_an_fsm_that_leaves_pause_before_our_heartbeat_is_somebody_elses(fsm, ti
     assert (scene.state, scene.verdict) == (State.IDLE, ("failed", Code.FSM_BUSY))
     assert scene.conductor.enable.message == f"the FSM went to {fsm} before our first heartbeat: somebody else enables"
     scene.live(10)
-    assert scene.sent_at_ns(robot.FSM_ENABLE) == [] and scene.running == set()
+    assert scene.sent_at_ns(FSM_ENABLE) == [] and scene.running == set()
 
 
 @pytest.mark.parametrize(("sides", "named"), [((L,), "left"), ((L, R), "left and right")])
@@ -269,7 +270,7 @@ def test_a_heartbeat_that_does_nothing_is_told_once_with_what_is_known_of_its_ro
     """After 1.5 s of 1.0 in PAUSE (BEHAVIOUR, the bridge misbehaves); the enabling goes on."""
     scene = Scene()
     if route is not None:
-        scene.conductor.routes[robot.FSM_ENABLE] = route
+        scene.conductor.routes[FSM_ENABLE] = route
     scene.begin()
     scene.live(4 + 150)
     assert scene.conductor.notices == []
@@ -277,8 +278,8 @@ def test_a_heartbeat_that_does_nothing_is_told_once_with_what_is_known_of_its_ro
     (notice,) = scene.conductor.notices
     shown = route or "nothing is known of its route"
     assert (notice.code, notice.level) == (Code.HEARTBEAT_NOT_EFFECTIVE, Level.WARNING)
-    assert notice.message == f"1.0 has been sent for 1.5 s and the FSM stays PAUSE; {robot.FSM_ENABLE}: {shown}"
-    assert dict(notice.facts) == {"topic": robot.FSM_ENABLE, "route": shown}
+    assert notice.message == f"1.0 has been sent for 1.5 s and the FSM stays PAUSE; {FSM_ENABLE}: {shown}"
+    assert dict(notice.facts) == {"topic": FSM_ENABLE, "route": shown}
     assert (scene.state, scene.conductor.body.heartbeat.beat) == (State.ENABLING, Beat.ONE)
 
 
@@ -404,8 +405,8 @@ def test_a_changed_echo_leaves_before_the_first_heartbeat():
     scene.begin()
     scene.enabling.echo_changed(scene.now_ns)  # nothing is echoed yet
     scene.live(3)
-    assert scene.sent_at_ns(robot.joint_command(L))
+    assert scene.sent_at_ns(joint_command(L))
     scene.enabling.echo_changed(scene.now_ns)
     changed_ns = scene.now_ns
     scene.live(10)
-    assert scene.sent_at_ns(robot.FSM_ENABLE)[0] - changed_ns == 30 * MS
+    assert scene.sent_at_ns(FSM_ENABLE)[0] - changed_ns == 30 * MS

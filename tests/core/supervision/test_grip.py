@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import pytest
 
-from gateway import robot
 from gateway.core.messages.events import SampleArrived
 from gateway.core.supervision.grip import Grips
 from gateway.core.supervision.supervisor import State
+from gateway.robot.topics import gripper_state
 from gateway.values import MotorState
 from tests.core.stage import L, Stage
 
@@ -28,7 +28,7 @@ class Scene(Stage):
             if q_rad is not None:
                 speeds = () if dq_radps is None else (dq_radps,)
                 value = MotorState(q_rad=(q_rad,), dq_radps=speeds, tau_nm=(), stamp_ns=self.now_ns)
-                sample = SampleArrived(topic=robot.gripper_state(L), value=value, received_ns=self.now_ns)
+                sample = SampleArrived(topic=gripper_state(L), value=value, received_ns=self.now_ns)
                 self.conductor.store.receive(sample, self.now_ns)
             self.grips.step(self.now_ns)
         return self.gripper.is_holding

@@ -6,11 +6,11 @@ from dataclasses import replace
 
 import pytest
 
-from gateway import robot
 from gateway.core.messages.events import ForeignData, FrameKind, Gateway
 from gateway.core.supervision.grounds import Grounds
 from gateway.core.supervision.supervisor import State
 from gateway.errors import Code
+from gateway.robot.topics import CHASSIS_VELOCITY, LIFT_COMMAND
 from gateway.values import FsmState, Vector
 from tests.core.stage import MODE, MS, S, Stage
 
@@ -43,7 +43,7 @@ class Scene(Stage):
 
     def go_on(self, ticks: int) -> dict[str, list[tuple[FrameKind, Vector]]]:
         """Let time pass; return what was due to chassis and lift."""
-        sent: dict[str, list[tuple[FrameKind, Vector]]] = {robot.CHASSIS_VELOCITY: [], robot.LIFT_COMMAND: []}
+        sent: dict[str, list[tuple[FrameKind, Vector]]] = {CHASSIS_VELOCITY: [], LIFT_COMMAND: []}
         for _ in range(ticks):
             self.now_ns += 10 * MS
             self.hear()
@@ -57,7 +57,7 @@ class Scene(Stage):
     def stopped(self) -> bool:
         """Whether both were stopped at once: stop frames and nothing else in the next second."""
         sent = self.go_on(100)
-        return set(sent[robot.CHASSIS_VELOCITY]) == {(FrameKind.STOP, ZEROS)} and set(sent[robot.LIFT_COMMAND]) <= {
+        return set(sent[CHASSIS_VELOCITY]) == {(FrameKind.STOP, ZEROS)} and set(sent[LIFT_COMMAND]) <= {
             (FrameKind.STOP, STOPPED), (FrameKind.STOP, OFF)
         }  # fmt: skip
 
@@ -70,7 +70,7 @@ def test_a_drive_goes_on_while_nothing_speaks_against_it():
     """And nothing is told."""
     scene = Scene()
     sent = scene.go_on(200)
-    assert {kind for kind, _ in (*sent[robot.CHASSIS_VELOCITY], *sent[robot.LIFT_COMMAND])} == {FrameKind.MOTION}
+    assert {kind for kind, _ in (*sent[CHASSIS_VELOCITY], *sent[LIFT_COMMAND])} == {FrameKind.MOTION}
     assert scene.codes() == (None, None) and scene.conductor.notices == []
 
 
@@ -78,8 +78,8 @@ def test_velocities_run_out_and_it_is_told_once():
     """The chassis ramps down, the lift stops; the drives may go on (BEHAVIOUR, values: expiry)."""
     scene = Scene(for_ns=300 * MS)
     sent = scene.go_on(300)
-    assert sent[robot.CHASSIS_VELOCITY][-1] == (FrameKind.STOP, ZEROS) and not scene.chassis.running
-    assert sent[robot.LIFT_COMMAND][-1] == (FrameKind.STOP, STOPPED)
+    assert sent[CHASSIS_VELOCITY][-1] == (FrameKind.STOP, ZEROS) and not scene.chassis.running
+    assert sent[LIFT_COMMAND][-1] == (FrameKind.STOP, STOPPED)
     told = [(notice.facts["part"], notice.message) for notice in scene.conductor.notices]
     assert told == [
         ("chassis", "no velocity came in time: the chassis ramps down"),
@@ -96,7 +96,7 @@ def test_a_chassis_that_may_not_be_driven_any_more_stops(changes, code):
     """At once, with the reason (manual §4.11.2)."""
     scene = Scene()
     scene.mode = replace(MODE, **changes)
-    assert set(scene.go_on(50)[robot.CHASSIS_VELOCITY]) == {(FrameKind.STOP, ZEROS)}
+    assert set(scene.go_on(50)[CHASSIS_VELOCITY]) == {(FrameKind.STOP, ZEROS)}
     assert scene.chassis.code is code and len(scene.told(code)) >= 1
 
 
@@ -109,8 +109,8 @@ def test_a_lift_that_may_not_be_driven_any_more_stops(changes, fsm, code):
     scene = Scene()
     scene.mode, scene.fsm = replace(MODE, **changes), int(fsm)
     sent = scene.go_on(50)
-    assert set(sent[robot.LIFT_COMMAND]) == {(FrameKind.STOP, STOPPED)} and scene.lift.code is code
-    assert {kind for kind, _ in sent[robot.CHASSIS_VELOCITY]} == {FrameKind.MOTION} and len(scene.told(code)) == 1
+    assert set(sent[LIFT_COMMAND]) == {(FrameKind.STOP, STOPPED)} and scene.lift.code is code
+    assert {kind for kind, _ in sent[CHASSIS_VELOCITY]} == {FrameKind.MOTION} and len(scene.told(code)) == 1
 
 
 @pytest.mark.parametrize("fsm", [3, 6, 17])
@@ -165,7 +165,7 @@ def test_a_drive_ends_in_a_state_in_which_it_could_not_begin(state):
 def test_the_lift_is_kept_on_while_somebody_owns_the_robot(state):
     """[0,1] for as long as it takes (BEHAVIOUR, lift)."""
     scene = Scene(state, for_ns=100 * MS)
-    assert scene.go_on(2000)[robot.LIFT_COMMAND][-1] == (FrameKind.STOP, STOPPED) and scene.lift.is_in_use
+    assert scene.go_on(2000)[LIFT_COMMAND][-1] == (FrameKind.STOP, STOPPED) and scene.lift.is_in_use
 
 
 @pytest.mark.parametrize(("state", "is_kept"), [(State.IDLE, False), (State.HOLDING, True), (State.ACTIVE, True)])
@@ -174,7 +174,7 @@ def test_an_unowned_lift_is_kept_only_while_the_robot_is_held(state, is_kept):
     scene = Scene(state, for_ns=100 * MS)
     scene.go_on(20)
     scene.conductor.lease.release("ann", scene.epoch, scene.now_ns)
-    last = scene.go_on(300)[robot.LIFT_COMMAND][-1]
+    last = scene.go_on(300)[LIFT_COMMAND][-1]
     assert last == (FrameKind.STOP, STOPPED if is_kept else OFF) and scene.lift.running is is_kept
 
 
@@ -186,7 +186,7 @@ def test_in_a_stall_the_lift_is_kept_as_long_as_the_arms(held):
     if held:
         setattr(scene.conductor, held, True)
     scene.conductor.lease.release("ann", scene.epoch, scene.now_ns)
-    assert scene.go_on(300)[robot.LIFT_COMMAND][-1] == (FrameKind.STOP, STOPPED if held else OFF)
+    assert scene.go_on(300)[LIFT_COMMAND][-1] == (FrameKind.STOP, STOPPED if held else OFF)
 
 
 @pytest.mark.parametrize("theirs", ["vr", "playback", "no transport"])
@@ -201,14 +201,14 @@ def test_a_robot_that_is_not_ours_gets_no_lift_frames_after_the_stop(theirs):
     else:
         scene.conductor.transport_up = False
         scene.lift.stop(scene.now_ns)
-    sent = scene.go_on(300)[robot.LIFT_COMMAND]
+    sent = scene.go_on(300)[LIFT_COMMAND]
     assert set(sent) == {(FrameKind.STOP, STOPPED)} and not scene.lift.running and not scene.lift.is_in_use
 
 
 def test_without_a_lift_only_the_chassis_is_looked_after():
     """No frame on a topic that the model does not have."""
     scene = Scene(for_ns=100 * MS, model="standard")
-    assert scene.go_on(200)[robot.LIFT_COMMAND] == [] and not scene.chassis.running
+    assert scene.go_on(200)[LIFT_COMMAND] == [] and not scene.chassis.running
 
 
 def test_a_drive_ends_with_an_armed_gateway():
@@ -230,7 +230,7 @@ def test_a_drive_that_waits_for_a_claim_ends_when_the_claim_is_withdrawn():
     scene.conductor.others.see_gateways([Gateway(zid="b", is_armed=True)], scene.now_ns)
     scene.conductor.claim.withdraw()
     sent = scene.go_on(200)
-    assert sent == {robot.CHASSIS_VELOCITY: [], robot.LIFT_COMMAND: []} and not scene.lift.is_in_use
+    assert sent == {CHASSIS_VELOCITY: [], LIFT_COMMAND: []} and not scene.lift.is_in_use
     assert scene.codes() == (Code.OTHER_GATEWAY, Code.OTHER_GATEWAY) and len(scene.told(Code.OTHER_GATEWAY)) == 2
 
 
@@ -238,8 +238,8 @@ def test_a_lift_that_somebody_else_commands_is_let_go_after_the_stop():
     """[0,1] for a second, then silence: no repetition beside his commands."""
     scene = Scene()
     at_ns = scene.now_ns
-    scene.conductor.others.see_data(ForeignData(topic=robot.LIFT_COMMAND, zid="b", at_ns=at_ns))
+    scene.conductor.others.see_data(ForeignData(topic=LIFT_COMMAND, zid="b", at_ns=at_ns))
     scene.lift.end(Code.STOPPED)
     scene.lift.stop(scene.now_ns)
-    sent = scene.go_on(180)[robot.LIFT_COMMAND]
+    sent = scene.go_on(180)[LIFT_COMMAND]
     assert {values for _, values in sent} == {STOPPED} and not scene.lift.is_in_use and not scene.lift.running

@@ -12,7 +12,7 @@ from hypothesis.stateful import RuleBasedStateMachine, invariant, precondition, 
 from gateway.core.messages.events import OnLoss
 from gateway.core.supervision.lease import Lease, LeaseEvent, LossStage
 from gateway.errors import Code, Refusal
-from gateway.settings import LossSettings
+from gateway.settings.settings import LossSettings
 
 MS = 1_000_000
 S = 1_000_000_000

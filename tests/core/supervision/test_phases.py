@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import pytest
 
-from gateway import robot
 from gateway.core.messages.events import ExitRequested, Frame, FrameKind, GuardSeen, PartEnded, Stop
 from gateway.core.supervision.phases import BRAKE_NS, EXIT_BRAKE_NS, EXIT_NS, EXIT_SETTLE_NS, TELL_NS
 from gateway.core.supervision.supervisor import State, Trigger
 from gateway.errors import Code
+from gateway.robot.topics import CHASSIS_VELOCITY, FSM_ENABLE, LIFT_COMMAND
 from gateway.values import FsmState
 from tests.core.stage import GOAL, MS, TICK_NS, L, Stage
 
@@ -31,7 +31,7 @@ def go_on(stage: Stage, ticks: int) -> list[Frame]:
 
 def beats(frames: list[Frame]) -> list[float]:
     """The heartbeats among frames."""
-    return [frame.values[0] for frame in frames if frame.topic == robot.FSM_ENABLE]
+    return [frame.values[0] for frame in frames if frame.topic == FSM_ENABLE]
 
 
 def moving(stage: Stage) -> Stage:
@@ -192,9 +192,9 @@ def test_the_end_waits_for_the_stop_frames_of_chassis_and_lift(model: str) -> No
     while not stage.phases.is_done(stage.now_ns):
         left += go_on(stage, 1)
     topics = {frame.topic for frame in left}
-    assert topics == ({robot.CHASSIS_VELOCITY, robot.LIFT_COMMAND} if model == "lift" else {robot.CHASSIS_VELOCITY})
+    assert topics == ({CHASSIS_VELOCITY, LIFT_COMMAND} if model == "lift" else {CHASSIS_VELOCITY})
     if model == "lift":
-        assert [frame.values for frame in left if frame.topic == robot.LIFT_COMMAND][-1] == (0.0, 0.0)
+        assert [frame.values for frame in left if frame.topic == LIFT_COMMAND][-1] == (0.0, 0.0)
 
 
 def test_an_estop_while_the_end_settles_puts_it_off() -> None:

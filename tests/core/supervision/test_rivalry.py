@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import pytest
 
-from gateway import robot
 from gateway.core.messages.events import (
     Befriended,
     ClaimShown,
@@ -23,11 +22,12 @@ from gateway.core.others.others import DATA_GONE_NS
 from gateway.core.supervision.rivalry import NEWCOMER_NS, Rivalry
 from gateway.core.supervision.supervisor import STREAMING, State
 from gateway.errors import Code
+from gateway.robot.topics import CHASSIS_VELOCITY, gripper_command, joint_command
 from gateway.values import Side
 from tests.core.stage import Stage
 
-ARM = robot.joint_command(Side.LEFT)
-GRIP = robot.gripper_command(Side.LEFT)
+ARM = joint_command(Side.LEFT)
+GRIP = gripper_command(Side.LEFT)
 
 
 class Scene(Stage):
@@ -264,7 +264,7 @@ def test_a_0_0_goes_on_beside_an_announcement_and_chassis_data():
     scene = Scene(State.IDLE)
     scene.conductor.body.heartbeat.zeros(scene.now_ns)
     scene.writers(announced("ab"))
-    scene.data(robot.CHASSIS_VELOCITY)
+    scene.data(CHASSIS_VELOCITY)
     assert scene.conductor.body.heartbeat.is_ending
 
 

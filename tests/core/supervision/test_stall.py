@@ -7,11 +7,12 @@ from dataclasses import replace
 
 import pytest
 
-from gateway import robot
 from gateway.core.messages.events import Estop, ForeignData, Frame, FrameKind, Gateway, Means, Writer
 from gateway.core.supervision.stall import RESUME_NS, Stall
 from gateway.core.supervision.supervisor import State, Trigger
 from gateway.errors import Code
+from gateway.robot.limits import JOINT_UPPER_RAD
+from gateway.robot.topics import FSM_ENABLE, joint_command
 from gateway.values import FsmState, Side
 from tests.core.stage import MODE, TICK_NS, R, S, Stage
 
@@ -67,12 +68,12 @@ class Stalled(Stage):
 
 def beats(frames: list[Frame]) -> list[float]:
     """The heartbeats among frames."""
-    return [frame.values[0] for frame in frames if frame.topic == robot.FSM_ENABLE]
+    return [frame.values[0] for frame in frames if frame.topic == FSM_ENABLE]
 
 
 def setpoints(frames: list[Frame]) -> list[Frame]:
     """The arm frames among frames."""
-    return [frame for frame in frames if frame.topic != robot.FSM_ENABLE]
+    return [frame for frame in frames if frame.topic != FSM_ENABLE]
 
 
 # ------------------------------------------------------------------------------------------------------------- hold
@@ -147,7 +148,7 @@ def test_a_hold_whose_time_ended_goes_on_as_it_was_unless_the_robot_may_have_not
     frames = setpoints(stage.come_back(60))
     first = {frame.topic: frame.values for frame in reversed(frames) if frame.kind is FrameKind.ECHO}
     assert stage.state is State.HOLDING
-    for topic in map(robot.joint_command, Side):
+    for topic in map(joint_command, Side):
         assert (first[topic] == held[topic]) is not is_noticed
 
 
@@ -155,7 +156,7 @@ def test_an_arm_that_left_its_limits_meanwhile_is_not_started() -> None:
     """Nothing starts, everything goes to the base."""
     stage = Stalled(State.ACTIVE)
     stage.fall_silent(75)
-    first, *others = robot.JOINT_UPPER_RAD[R]
+    first, *others = JOINT_UPPER_RAD[R]
     stage.q_rad[R] = (first + 0.2, *others)
     stage.conductor.store.reset()  # so that no guard doubts the new posture
     stage.come_back(1)
@@ -458,7 +459,7 @@ def test_an_estop_that_was_cleared_is_not_sent_again() -> None:
 
 def send(stage: Stalled) -> None:
     """Somebody else sends setpoints now."""
-    stage.conductor.others.see_data(ForeignData(topic=robot.joint_command(R), zid="b", at_ns=stage.now_ns))
+    stage.conductor.others.see_data(ForeignData(topic=joint_command(R), zid="b", at_ns=stage.now_ns))
 
 
 def arm_another(stage: Stalled, *, is_armed: bool = True) -> None:
@@ -480,7 +481,7 @@ def test_who_only_announces_commands_ends_no_hold() -> None:
     """As in HOLDING: the grip is kept."""
     stage = Stalled()
     stage.fall_silent(10)
-    stage.conductor.others.see_writers([Writer(topic=robot.FSM_ENABLE, zid="c", means=Means.TOKEN)], stage.now_ns)
+    stage.conductor.others.see_writers([Writer(topic=FSM_ENABLE, zid="c", means=Means.TOKEN)], stage.now_ns)
     assert setpoints(stage.go_on(10)) and stage.conductor.stale_hold
 
 

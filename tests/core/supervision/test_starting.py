@@ -6,7 +6,6 @@ from itertools import pairwise
 
 import pytest
 
-from gateway import robot
 from gateway.core.body import body
 from gateway.core.messages.events import Frame, FrameKind, Level
 from gateway.core.motion.gap import Gap
@@ -15,10 +14,12 @@ from gateway.core.streams.heartbeat import Beat
 from gateway.core.supervision.starting import WALK_SPEED, Starting
 from gateway.core.supervision.supervisor import State
 from gateway.errors import Code, Refusal
+from gateway.robot.limits import JOINT_UPPER_RAD
+from gateway.robot.topics import gripper_command, joint_command
 from gateway.values import Side, Vector
 from tests.core.stage import MIDDLE, PLACE, L, R, Stage
 
-TOP_RAD = robot.JOINT_UPPER_RAD[L][0]
+TOP_RAD = JOINT_UPPER_RAD[L][0]
 """Upper limit of the first joint, the one that `push` moves; the right arm's is the same [rad]."""
 TICK_S = 0.01
 
@@ -46,7 +47,7 @@ class Scene(Stage):
 
     def arm_frames(self, side: Side, ticks: int) -> list[Frame]:
         """Let time pass; return an arm's setpoints."""
-        return [frame for frame in self.run(ticks) if frame.topic == robot.joint_command(side)]
+        return [frame for frame in self.run(ticks) if frame.topic == joint_command(side)]
 
 
 # ------------------------------------------------------------------------------------------------ seed
@@ -212,10 +213,10 @@ def test_held_references_walk_back_slowly_without_a_step_and_the_grip_is_kept():
     assert scene.walking == {L, R}
     frames = scene.run(400)
     walks = [frame.topic for frame in frames if frame.kind is FrameKind.WALK]
-    assert walks.count(robot.joint_command(L)) == walks.count(robot.joint_command(R))
+    assert walks.count(joint_command(L)) == walks.count(joint_command(R))
     bound_rad = WALK_SPEED * scene.conductor.settings.arm.v_radps * TICK_S * (1 + 1e-9)
     for side in Side:
-        path = [frame for frame in frames if frame.topic == robot.joint_command(side)]
+        path = [frame for frame in frames if frame.topic == joint_command(side)]
         firsts = [MIDDLE[side][0], *(frame.values[0] for frame in path)]
         assert max(abs(b - a) for a, b in pairwise(firsts)) <= bound_rad
         assert {frame.kind for frame in path} == {FrameKind.WALK, FrameKind.HOLD}
@@ -289,8 +290,8 @@ def test_grippers_begin_with_their_arms_without_torque():
     body = stage.conductor.body
     assert stage.phases.starting.seed((L,), stage.now_ns) is None
     frames = [(frame.topic, frame.kind, frame.values) for frame in stage.run(1)]
-    assert frames[0] == (robot.gripper_command(L), FrameKind.ECHO, (0.1,))
-    assert frames[1][0] == robot.joint_command(L) and not body.grippers[R].running
+    assert frames[0] == (gripper_command(L), FrameKind.ECHO, (0.1,))
+    assert frames[1][0] == joint_command(L) and not body.grippers[R].running
     body.grippers[L].command(0.8, stage.epoch)
     stage.run(2)
     for is_resuming, kept in ((True, 0.8), (False, 0.1)):

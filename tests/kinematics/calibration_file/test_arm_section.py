@@ -24,7 +24,7 @@ from gateway.kinematics.frames import ee_frame
 from gateway.kinematics.placement import Placement, rows_from_rpy
 from gateway.kinematics.sight import Sight
 from gateway.kinematics.solving.chain import ArmChain
-from gateway.robot import HOME_Q_RAD
+from gateway.robot.limits import HOME_Q_RAD
 from gateway.values import Side
 from tests.kinematics.arms import joints_at
 from tests.kinematics.bodies import difference, nudged

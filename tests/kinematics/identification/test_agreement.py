@@ -8,7 +8,7 @@ import pytest
 
 from gateway.kinematics.identification.agreement import MOST_PAIRS, Agreement, ModelJudge, Tolerances
 from gateway.kinematics.solving.chain import ArmChain
-from gateway.robot import HOME_Q_RAD
+from gateway.robot.limits import HOME_Q_RAD
 from gateway.sim.robot.geometry import arm_geometry
 from gateway.sim.robot.manual import Side as SimSide
 from gateway.values import EePose, Side, ValueRefused

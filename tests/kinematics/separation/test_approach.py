@@ -11,7 +11,7 @@ import pytest
 from gateway.kinematics.separation.approach import Approach
 from gateway.kinematics.separation.judgement import Motion
 from gateway.kinematics.separation.stopping import STAYS
-from gateway.robot import HOME_Q_RAD, JOINT_LOWER_RAD, JOINT_UPPER_RAD
+from gateway.robot.limits import HOME_Q_RAD, JOINT_LOWER_RAD, JOINT_UPPER_RAD
 from gateway.values import Side
 from tests.kinematics.guarded_arms import (
     DT_S,

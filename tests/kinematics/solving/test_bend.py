@@ -7,7 +7,7 @@ import math
 import pytest
 
 from gateway.kinematics.arm import ArmModel, NotClosed
-from gateway.robot import HOME_Q_RAD
+from gateway.robot.limits import HOME_Q_RAD
 from gateway.values import Side
 from tests.kinematics.bodies import ARMS, difference, nudged, samples
 from tests.thoroughness import either

@@ -7,7 +7,7 @@ import pytest
 
 from gateway.kinematics.description import nominal
 from gateway.kinematics.solving.chain import ArmChain
-from gateway.robot import HOME_Q_RAD
+from gateway.robot.limits import HOME_Q_RAD
 from gateway.sim.robot import manual
 from gateway.sim.robot.geometry import arm_geometry
 from gateway.values import Side

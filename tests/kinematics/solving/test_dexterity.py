@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from gateway.kinematics.solving.dexterity import FLOOR, LENGTH_M, dexterity, joint_speeds
-from gateway.robot import HOME_Q_RAD, JOINT_LOWER_RAD, JOINT_UPPER_RAD
+from gateway.robot.limits import HOME_Q_RAD, JOINT_LOWER_RAD, JOINT_UPPER_RAD
 from gateway.values import Side
 from tests.kinematics.bodies import ARMS
 

@@ -10,7 +10,7 @@ import pytest
 from gateway.kinematics.placement import Placement
 from gateway.kinematics.solving.inverse import Solution
 from gateway.kinematics.solving.unreachable import Unreachable
-from gateway.robot import HOME_Q_RAD
+from gateway.robot.limits import HOME_Q_RAD
 from gateway.values import EePose, Side, ValueRefused
 from tests.kinematics.bodies import ARMS, difference, samples
 from tests.thoroughness import either

@@ -11,7 +11,7 @@ from gateway.kinematics.arm import ArmModel
 from gateway.kinematics.description import nominal
 from gateway.kinematics.placement import Placement, rows_from_rpy
 from gateway.kinematics.solving.inverse import Solution
-from gateway.robot import HOME_Q_RAD, MAX_ARM_LEN_M
+from gateway.robot.limits import HOME_Q_RAD, MAX_ARM_LEN_M
 from gateway.values import Side
 from tests.kinematics.bodies import ARMS, samples
 

@@ -9,24 +9,36 @@ import threading
 import pytest
 
 from cdr_types.keys import Qos, Token, TokenKind, format_token, presence_key, topic_to_key
-from gateway import robot
 from gateway.core.messages.events import RobotsAnnounced
 from gateway.errors import Code
 from gateway.link.discovery.discovery import BridgeFacts, Discovery, Sight, TokenTable
-from gateway.settings import LinkSettings
+from gateway.robot.topics import (
+    CHASSIS_VELOCITY,
+    FSM_ENABLE,
+    FSM_STATE,
+    JOINT_STATE,
+    STATE_TOPICS,
+    TOPICS,
+    VARIANTS,
+    Direction,
+    arm_state,
+    ee_pose,
+    joint_command,
+)
+from gateway.settings.settings import LinkSettings
 from gateway.values import Side
 
 S = 1_000_000_000
 BRIDGE = "b1d6e"
 OWN = "0e11"
 HOST = "4057"
-ARM = robot.arm_state(Side.LEFT)
-COMMAND = robot.joint_command(Side.LEFT)
+ARM = arm_state(Side.LEFT)
+COMMAND = joint_command(Side.LEFT)
 
 
 def token(topic: str, kind: TokenKind, zid: str = BRIDGE) -> str:
     """Return a token as the bridge writes it."""
-    return format_token(Token(zid=zid, kind=kind, topic=topic, type_name=robot.JOINT_STATE, qos=Qos()))
+    return format_token(Token(zid=zid, kind=kind, topic=topic, type_name=JOINT_STATE, qos=Qos()))
 
 
 class Robot:
@@ -40,8 +52,8 @@ class Robot:
         self.silent: set[str] = set()
         self.friends: set[str] = set()
         self.discovery = Discovery(LinkSettings(namespace=namespace, model=model), OWN, self.ask, self.friends)
-        for topic, row in robot.TOPICS.items():
-            is_state = row.direction is robot.Direction.STATE
+        for topic, row in TOPICS.items():
+            is_state = row.direction is Direction.STATE
             self.announce(topic, TokenKind.MP if is_state else TokenKind.MS)
             self.route(topic, **({"dds_reader": "01.02"} if is_state else {"is_active": True}))
         self.answers[f"@/{BRIDGE}/ros2/version"] = "1.10.2"
@@ -53,7 +65,7 @@ class Robot:
         self.discovery.tokens.receive(token(f"/{self.key(topic)}", kind, zid), is_alive)
 
     def route(self, topic: str, zid: str = BRIDGE, **fields) -> None:
-        direction = "pub" if robot.TOPICS[topic].direction is robot.Direction.STATE else "sub"
+        direction = "pub" if TOPICS[topic].direction is Direction.STATE else "sub"
         self.answers[f"@/{zid}/ros2/route/topic/{direction}/{self.key(topic)}"] = fields
 
     def ask(self, selector: str) -> dict[str, bytes]:
@@ -69,7 +81,7 @@ class Robot:
 
     def step(self, seconds: float = 1.0):
         self.now_ns += int(seconds * S)
-        newest_ns = {topic: (1 if topic in self.silent else self.now_ns) for topic in robot.STATE_TOPICS}
+        newest_ns = {topic: (1 if topic in self.silent else self.now_ns) for topic in STATE_TOPICS}
         return self.discovery.step(Sight(now_ns=self.now_ns, up_since_ns=0, newest_ns=newest_ns))
 
 
@@ -109,7 +121,7 @@ def test_a_token_outside_the_grammar_is_ignored(keyexpr):
 def test_the_table_is_safe_between_threads():
     """Tokens come from zenoh's threads while the link's own thread reads them."""
     table = TokenTable()
-    tokens = [token(topic, TokenKind.MP) for topic in robot.STATE_TOPICS]
+    tokens = [token(topic, TokenKind.MP) for topic in STATE_TOPICS]
 
     def write() -> None:
         for _ in range(300):
@@ -135,19 +147,19 @@ def test_the_table_is_safe_between_threads():
 def test_before_the_first_look_readiness_is_unknown(seen):
     """No word is said about what was not seen, for each topic of the model and no other."""
     words = seen.discovery.readiness()
-    assert set(words) == {*robot.STATE_TOPICS, *robot.VARIANTS["standard"].command_topics}
+    assert set(words) == {*STATE_TOPICS, *VARIANTS["standard"].command_topics}
     assert all(text.startswith("unknown") for text in words.values())
 
 
 @pytest.mark.parametrize("namespace", ["", "bot1"])
-@pytest.mark.parametrize("model", sorted(robot.VARIANTS))
+@pytest.mark.parametrize("model", sorted(VARIANTS))
 def test_everything_is_ready_on_a_working_robot(namespace, model):
     """Announced, active, delivering (wire.md 2.5)."""
     seen = Robot(namespace, model)
     seen.step()
     words = seen.discovery.readiness()
     assert set(words.values()) == {"ready"}
-    assert set(words) == {*robot.STATE_TOPICS, *robot.VARIANTS[model].command_topics}
+    assert set(words) == {*STATE_TOPICS, *VARIANTS[model].command_topics}
 
 
 def test_a_command_that_nobody_on_the_robot_listens_to_is_not_ready(seen):
@@ -177,7 +189,7 @@ def test_a_closed_admin_space_is_no_failure(seen):
 
 def test_states_say_whether_they_are_announced_and_delivered(seen):
     """Announced but silent, and not announced at all."""
-    pose = robot.ee_pose(Side.LEFT)
+    pose = ee_pose(Side.LEFT)
     seen.announce(pose, TokenKind.MP, is_alive=False)
     seen.silent = {ARM, pose}
     seen.step()
@@ -238,11 +250,11 @@ def test_what_bridges_say_of_themselves_is_read_when_one_comes(seen):
 
 def test_whether_a_command_is_written_is_known_as_far_as_the_admin_space_tells(seen):
     """True, false, or unknown; nothing is known any more after a loss."""
-    seen.route(robot.FSM_ENABLE, is_active=False)
+    seen.route(FSM_ENABLE, is_active=False)
     seen.answers.pop(f"@/{BRIDGE}/ros2/route/topic/sub/{seen.key(COMMAND)}")
     seen.step()
     written = seen.discovery.written
-    assert (written[robot.FSM_ENABLE], written[COMMAND], written[robot.CHASSIS_VELOCITY]) == (False, None, True)
+    assert (written[FSM_ENABLE], written[COMMAND], written[CHASSIS_VELOCITY]) == (False, None, True)
     seen.discovery.lose()
     assert seen.discovery.written == {}
 
@@ -255,22 +267,20 @@ class Elsewhere(Robot):
 
     def __init__(self, namespace: str = "") -> None:
         super().__init__(namespace)
-        for topic in robot.STATE_TOPICS:
+        for topic in STATE_TOPICS:
             self.announce(topic, TokenKind.MP, is_alive=False)
         self.newest_ns: int | None = None
         self.now_ns = 100 * S
 
     def robot(self, namespace: str, *, is_alive: bool = True) -> None:
         """A robot under another namespace comes or goes."""
-        for topic in robot.STATE_TOPICS:
+        for topic in STATE_TOPICS:
             self.discovery.tokens.receive(token(f"/{topic_to_key(topic, namespace)}", TokenKind.MP), is_alive)
 
     def told(self, seconds: float = 1.0) -> list[tuple[str, ...]]:
         """Let the link look; return what it says about robots elsewhere."""
         self.now_ns += int(seconds * S)
-        sight = Sight(
-            now_ns=self.now_ns, up_since_ns=100 * S, newest_ns=dict.fromkeys(robot.STATE_TOPICS, self.newest_ns)
-        )
+        sight = Sight(now_ns=self.now_ns, up_since_ns=100 * S, newest_ns=dict.fromkeys(STATE_TOPICS, self.newest_ns))
         found = self.discovery.step(sight).observations
         return [(seen.elsewhere or seen.twins) for seen in found if isinstance(seen, RobotsAnnounced)]
 
@@ -309,11 +319,11 @@ def test_several_bridges_that_announce_a_robot_under_our_namespace_are_told_at_o
     scene.robot("")
     scene.newest_ns = 101 * S
     assert scene.told() == []
-    for topic in robot.STATE_TOPICS:
+    for topic in STATE_TOPICS:
         scene.announce(topic, TokenKind.MP, HOST)
     assert scene.told() == [(HOST, BRIDGE)]
     assert scene.told() == []
-    scene.announce(robot.FSM_STATE, TokenKind.MP, HOST, is_alive=False)
+    scene.announce(FSM_STATE, TokenKind.MP, HOST, is_alive=False)
     assert scene.told() == [()]
 
 
@@ -378,13 +388,13 @@ def test_the_route_of_another_bridge_is_no_evidence(seen):
 
 def test_all_topics_lost_at_once_are_all_observed_without_a_question(seen):
     """The node is away: the tokens say it, the admin space need not be asked."""
-    seen.silent = set(robot.STATE_TOPICS)
-    for topic in robot.STATE_TOPICS:
+    seen.silent = set(STATE_TOPICS)
+    for topic in STATE_TOPICS:
         seen.announce(topic, TokenKind.MP, is_alive=False)
-    assert not [o for o in seen.step().observations if o.topic != robot.FSM_ENABLE], "they may be gone with a transport"
+    assert not [o for o in seen.step().observations if o.topic != FSM_ENABLE], "they may be gone with a transport"
     finding = seen.step()
-    lost = [o for o in finding.observations if o.topic != robot.FSM_ENABLE]
-    assert {o.topic for o in lost} == set(robot.STATE_TOPICS)
+    lost = [o for o in finding.observations if o.topic != FSM_ENABLE]
+    assert {o.topic for o in lost} == set(STATE_TOPICS)
     assert {o.code for o in lost} == {Code.ROUTE_LOST}
     assert finding.revive == ()
     assert not any("/pub/" in selector for selector in seen.asked)
@@ -393,28 +403,28 @@ def test_all_topics_lost_at_once_are_all_observed_without_a_question(seen):
 def test_what_stands_between_the_heartbeat_and_the_robot_is_observed_once(seen):
     """For the engine to say when 1.0 does nothing (BEHAVIOUR, the bridge misbehaves); a ready route is no news."""
     assert seen.step().observations == ()
-    seen.announce(robot.FSM_ENABLE, TokenKind.MS, is_alive=False)
+    seen.announce(FSM_ENABLE, TokenKind.MS, is_alive=False)
     (observation,) = seen.step().observations
-    assert (observation.topic, observation.code) == (robot.FSM_ENABLE, None)
+    assert (observation.topic, observation.code) == (FSM_ENABLE, None)
     assert observation.message == "not announced: nobody on the robot listens to it"
     (lost,) = seen.step().observations
-    assert (lost.topic, lost.code) == (robot.FSM_ENABLE, Code.ROUTE_LOST)
+    assert (lost.topic, lost.code) == (FSM_ENABLE, Code.ROUTE_LOST)
     assert seen.step().observations == ()
-    seen.announce(robot.FSM_ENABLE, TokenKind.MS)
-    assert [o.message for o in seen.step().observations] == [f"the robot listens again to {robot.FSM_ENABLE}", "ready"]
+    seen.announce(FSM_ENABLE, TokenKind.MS)
+    assert [o.message for o in seen.step().observations] == [f"the robot listens again to {FSM_ENABLE}", "ready"]
 
 
 def test_what_the_robot_listened_to_before_the_transport_went_is_not_missed_after_it(seen):
     """A bridge that is restarted announces everything anew; until then nothing is lost."""
     seen.step()
     seen.discovery.lose()
-    seen.announce(robot.FSM_ENABLE, TokenKind.MS, is_alive=False)
+    seen.announce(FSM_ENABLE, TokenKind.MS, is_alive=False)
     assert all(o.code is not Code.ROUTE_LOST for _ in range(4) for o in seen.step().observations)
 
 
 def test_many_silent_topics_cost_one_question(seen):
     """A stalled bridge is asked once, not once per topic: each question may take a second."""
-    seen.silent = set(robot.STATE_TOPICS)
+    seen.silent = set(STATE_TOPICS)
     seen.step()
     assert sum("/pub/" in selector for selector in seen.asked) == 1
 

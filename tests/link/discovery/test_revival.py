@@ -6,7 +6,7 @@ import pytest
 
 from gateway.link.discovery.revival import GRID_NS, Revival
 from gateway.link.discovery.route_watch import MAX_REVIVALS, REVIVAL_WINDOW_NS, Evidence, RouteWatch
-from gateway.robot import TOPICS, arm_state
+from gateway.robot.topics import TOPICS, arm_state
 from gateway.values import Side
 
 MS = 1_000_000

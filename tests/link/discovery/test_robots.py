@@ -5,11 +5,11 @@ from __future__ import annotations
 import pytest
 
 from cdr_types.keys import Qos, Token, TokenKind
-from gateway import robot
 from gateway.link.discovery.robots import robots_in
+from gateway.robot.topics import FSM_STATE, STATE_TOPICS, arm_state
 from gateway.values import Side
 
-ARM = robot.arm_state(Side.LEFT)
+ARM = arm_state(Side.LEFT)
 
 
 def announced(zid: str, *topics: str, namespace: str = "", kind: TokenKind = TokenKind.MP) -> list[Token]:
@@ -19,9 +19,9 @@ def announced(zid: str, *topics: str, namespace: str = "", kind: TokenKind = Tok
 
 def test_a_robot_is_who_announces_its_state_machine_and_an_arm():
     """Both, by one bridge, under one namespace; without one it is the empty name."""
-    assert robots_in(announced("aa", *robot.STATE_TOPICS)) == {"": ("aa",)}
-    assert robots_in(announced("aa", *robot.STATE_TOPICS, namespace="/bot1")) == {"bot1": ("aa",)}
-    assert robots_in(announced("aa", *robot.STATE_TOPICS, namespace="/hall/bot1")) == {"hall/bot1": ("aa",)}
+    assert robots_in(announced("aa", *STATE_TOPICS)) == {"": ("aa",)}
+    assert robots_in(announced("aa", *STATE_TOPICS, namespace="/bot1")) == {"bot1": ("aa",)}
+    assert robots_in(announced("aa", *STATE_TOPICS, namespace="/hall/bot1")) == {"hall/bot1": ("aa",)}
 
 
 @pytest.mark.parametrize(
@@ -29,10 +29,10 @@ def test_a_robot_is_who_announces_its_state_machine_and_an_arm():
     [
         [],
         announced("aa", ARM),
-        announced("aa", robot.FSM_STATE),
-        announced("aa", robot.FSM_STATE) + announced("bb", ARM),
-        announced("aa", robot.FSM_STATE) + announced("aa", ARM, namespace="/bot1"),
-        announced("aa", *robot.STATE_TOPICS, kind=TokenKind.MS),
+        announced("aa", FSM_STATE),
+        announced("aa", FSM_STATE) + announced("bb", ARM),
+        announced("aa", FSM_STATE) + announced("aa", ARM, namespace="/bot1"),
+        announced("aa", *STATE_TOPICS, kind=TokenKind.MS),
         [Token(zid="aa", kind=TokenKind.PRESENCE)],
     ],
 )
@@ -44,9 +44,9 @@ def test_parts_of_a_robot_are_none(tokens):
 def test_several_robots_are_told_apart_and_in_order():
     """By namespace; two bridges under one namespace stand side by side."""
     tokens = [
-        *announced("cc", *robot.STATE_TOPICS, namespace="/b"),
-        *announced("aa", *robot.STATE_TOPICS, namespace="/a"),
-        *announced("bb", *robot.STATE_TOPICS, namespace="/a"),
+        *announced("cc", *STATE_TOPICS, namespace="/b"),
+        *announced("aa", *STATE_TOPICS, namespace="/a"),
+        *announced("bb", *STATE_TOPICS, namespace="/a"),
     ]
     assert robots_in(tokens) == {"a": ("aa", "bb"), "b": ("cc",)}
     assert list(robots_in(tokens)) == ["a", "b"]

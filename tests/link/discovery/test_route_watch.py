@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import pytest
 
-from gateway import robot
 from gateway.errors import Code
 from gateway.link.discovery.route_watch import GONE_NS, MAX_REVIVALS, REVIVAL_WINDOW_NS, Evidence, RouteWatch
+from gateway.robot.topics import CURRENT_MODE, FSM_STATE, TOPICS, arm_state
 from gateway.values import Side
 
 MS = 1_000_000
 S = 1_000_000_000
-ARM = robot.TOPICS[robot.arm_state(Side.LEFT)]
-MODE = robot.TOPICS[robot.CURRENT_MODE]
+ARM = TOPICS[arm_state(Side.LEFT)]
+MODE = TOPICS[CURRENT_MODE]
 DEAD = Evidence(has_reader=False)
 
 
@@ -29,9 +29,7 @@ def test_a_route_that_delivers_is_never_talked_about(watch):
     assert watch.code is None
 
 
-@pytest.mark.parametrize(
-    ("topic", "limit_ns"), [(ARM, 500 * MS), (robot.TOPICS[robot.FSM_STATE], 500 * MS), (MODE, 3 * S)]
-)
+@pytest.mark.parametrize(("topic", "limit_ns"), [(ARM, 500 * MS), (TOPICS[FSM_STATE], 500 * MS), (MODE, 3 * S)])
 def test_silence_is_half_a_second_or_three_periods(topic, limit_ns):
     """A 1 Hz topic is not silent between two samples."""
     watch = RouteWatch(topic)

@@ -8,7 +8,6 @@ import pytest
 import zenoh
 
 from cdr_types.keys import Qos, Reliability, Token, TokenKind, format_token, presence_key
-from gateway import robot
 from gateway.core.messages.events import ForeignData, ForeignTokens, Gateway, GatewayTokens, Means, Writer
 from gateway.link.discovery.discovery import TokenTable
 from gateway.link.others.foreign_watch import (
@@ -23,13 +22,14 @@ from gateway.link.others.foreign_watch import (
     publishers_of,
 )
 from gateway.link.others.gateway_token import GatewayToken
-from gateway.settings import LinkSettings
+from gateway.robot.topics import CHASSIS_VELOCITY, COMMAND_TOPICS, TOPICS, VARIANTS, arm_state, joint_command
+from gateway.settings.settings import LinkSettings
 from gateway.values import Side
 
 S = 1_000_000_000
 OWN, ROUTER = "0a", "70"
-ARM = robot.joint_command(Side.LEFT)
-CHASSIS_KEY = robot.CHASSIS_VELOCITY[1:]
+ARM = joint_command(Side.LEFT)
+CHASSIS_KEY = CHASSIS_VELOCITY[1:]
 QOS = Qos(reliability=Reliability.RELIABLE)
 
 
@@ -48,7 +48,7 @@ class Scene:
 
     def token(self, zid: str, topic: str, kind: TokenKind = TokenKind.MP, *, is_there: bool = True) -> None:
         """A bridge's token comes or goes."""
-        type_name = robot.TOPICS[topic].type_name
+        type_name = TOPICS[topic].type_name
         token = Token(zid=zid, kind=kind, topic=f"/{self.prefix}{topic[1:]}", type_name=type_name, qos=QOS)
         self.tokens.receive(format_token(token), is_there)
 
@@ -121,9 +121,9 @@ def test_other_keys_are_no_commands_of_this_model(key):
 
 def test_every_command_of_the_model_counts():
     """Exactly the command topics of manual §4."""
-    for model, variant in robot.VARIANTS.items():
+    for model, variant in VARIANTS.items():
         scene = Scene(model=model)
-        for topic in robot.TOPICS:
+        for topic in TOPICS:
             scene.watch.take(topic[1:], "b")
         assert sorted(event.topic for event in scene.poll()) == sorted(variant.command_topics)
 
@@ -136,7 +136,7 @@ def test_publishers_of_ros_nodes_are_told_as_they_come_and_go():
     scene = Scene()
     scene.token("b", ARM)
     assert scene.writers() == [("b", ARM, "token")]
-    scene.token("c", robot.arm_state(Side.LEFT))
+    scene.token("c", arm_state(Side.LEFT))
     scene.token("c", ARM, TokenKind.MS)
     scene.token(OWN, ARM)
     assert scene.poll() == []
@@ -147,7 +147,7 @@ def test_publishers_of_ros_nodes_are_told_as_they_come_and_go():
 def test_a_ros_node_on_the_robot_is_named_as_such():
     """Its token carries the zenoh id of the bridge that announces the robot's state."""
     scene = Scene()
-    scene.token("70", robot.arm_state(Side.LEFT))
+    scene.token("70", arm_state(Side.LEFT))
     scene.token("70", ARM)
     (event,) = scene.poll()
     assert event.writers == (Writer(topic=ARM, zid="70", means=Means.TOKEN, link=ROBOT),)
@@ -191,8 +191,8 @@ def test_the_router_is_asked_twice_a_second_and_not_in_between():
     )
     asked = zenoh.KeyExpr("bot1/api/*/*")
     assert publishers_of("bot1") == f"publisher/{asked}"
-    matched = {topic for topic in robot.TOPICS if asked.intersects(zenoh.KeyExpr(f"bot1{topic}"))}
-    assert matched == set(robot.COMMAND_TOPICS)
+    matched = {topic for topic in TOPICS if asked.intersects(zenoh.KeyExpr(f"bot1{topic}"))}
+    assert matched == set(COMMAND_TOPICS)
 
 
 def test_who_publishes_is_not_asked_while_somebody_comes_or_goes():
@@ -330,7 +330,7 @@ def test_who_publishes_is_not_asked_while_a_hosts_bridge_would_be_named():
     scene = Scene()
     for zid in (ROUTER, "6b"):
         scene.tokens.receive(presence_key(zid), True)
-    scene.token("6b", robot.arm_state(Side.LEFT))
+    scene.token("6b", arm_state(Side.LEFT))
     assert scene.questions(3) == 3
     scene.tokens.receive(presence_key("4057"), True)
     assert scene.questions(3) == 0
@@ -346,8 +346,8 @@ def test_a_bridge_that_declares_publishers_for_everything_commands_nothing():
     scene.tokens.receive(presence_key("4057"), True)
     (seen,) = scene.poll()
     assert [(writer.zid, writer.means) for writer in seen.writers] == [("b", Means.PUBLISHER)]
-    assert scene.watch.neighbours.publishers == {("b", robot.CHASSIS_VELOCITY)}
-    scene.token("4057", robot.CHASSIS_VELOCITY)
+    assert scene.watch.neighbours.publishers == {("b", CHASSIS_VELOCITY)}
+    scene.token("4057", CHASSIS_VELOCITY)
     (seen,) = scene.poll()
     assert {(writer.zid, writer.means) for writer in seen.writers} == {("b", Means.PUBLISHER), ("4057", Means.TOKEN)}
     scene.tokens.receive(presence_key("4057"), False)  # whoever it is, it is no bridge any more
@@ -374,9 +374,9 @@ def test_everybody_who_was_seen_can_be_asked_for():
     seen = scene.watch.neighbours
     assert seen.sessions == {"b": Session("peer", "tcp/b"), "c": Session("", "")}
     assert seen.gateways == {GatewayToken("9a", True)}
-    assert seen.publishers == {("b", robot.CHASSIS_VELOCITY)}
+    assert seen.publishers == {("b", CHASSIS_VELOCITY)}
     now_ns = scene.now_ns
-    assert seen.sent == {("b", robot.CHASSIS_VELOCITY): (3, now_ns), ("", robot.CHASSIS_VELOCITY): (1, now_ns - S)}
+    assert seen.sent == {("b", CHASSIS_VELOCITY): (3, now_ns), ("", CHASSIS_VELOCITY): (1, now_ns - S)}
     scene.watch.lose()
     assert scene.watch.neighbours.sessions == {} and scene.watch.neighbours.router_version == ""
 

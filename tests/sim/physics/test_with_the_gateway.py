@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import pytest
 
-from gateway import robot
 from gateway.core.messages.events import DriveChassis, SetGripper, Stop
 from gateway.errors import Code
-from gateway.settings import ArmSettings, Settings
+from gateway.robot.limits import HOME_Q_RAD
+from gateway.settings.settings import ArmSettings, Settings
 from gateway.sim.robot.settings import SimSettings
 from gateway.values import Side
 from tests.pair import MS, Pair
@@ -15,7 +15,7 @@ from tests.sim.physics.mujoco_needed import REASON
 
 pytest.importorskip("mujoco", reason=REASON)
 
-HOME = robot.HOME_Q_RAD
+HOME = HOME_Q_RAD
 
 
 @pytest.fixture

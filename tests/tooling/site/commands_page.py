@@ -6,7 +6,7 @@ import argparse
 from collections.abc import Iterator
 from functools import partial
 
-from gateway.apps.command_line.arguments import EPILOG, parser
+from gateway.cli.command_line.arguments import EPILOG, parser
 from tests.tooling.site.markdown import cell, table
 
 __all__ = ["page"]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import io
 from contextlib import redirect_stdout
 
-from gateway import cli
+from gateway.cli import main as cli
 from gateway.kinematics import frames
 from tests.tooling.site.markdown import prose
 

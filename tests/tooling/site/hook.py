@@ -45,7 +45,7 @@ PAGES = {
     "CHANGELOG.md": "changelog.md",
     "configs/default.toml": "reference/settings.md",
     "gateway/api/protocol.py": "reference/protocol.md",
-    "gateway/apps/command_line/arguments.py": "reference/commands.md",
+    "gateway/cli/command_line/arguments.py": "reference/commands.md",
     "gateway/client/__init__.py": "reference/client.md",
     "gateway/kinematics/frames.py": "reference/frames.md",
 }

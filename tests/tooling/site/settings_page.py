@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
-from gateway.config import KEYS, Key, Kind
+from gateway.settings.toml_file import KEYS, Key, Kind
 from tests.tooling.site.markdown import cell, table
 
 __all__ = ["page"]

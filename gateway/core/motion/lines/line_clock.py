@@ -28,7 +28,7 @@ from gateway.core.motion.lines.line_curve import Curve, place
 from gateway.core.motion.poses.pose_state import PoseDynamics
 from gateway.core.motion.solver import NoPlan, solve
 from gateway.errors import Code, Refusal
-from gateway.robot import ARM_JOINTS
+from gateway.robot.topics import ARM_JOINTS
 from gateway.values import ARM_DOF, Side
 
 __all__ = ["SLOWEST", "LineClock", "Reins", "clock_for"]

@@ -21,7 +21,7 @@ from gateway.core.motion.lines.line import Line
 from gateway.core.motion.lines.line_elbow import Elbow
 from gateway.errors import Code, Refusal
 from gateway.kinematics.placement import turn_rad
-from gateway.robot import ARM_JOINTS
+from gateway.robot.topics import ARM_JOINTS
 from gateway.values import ARM_DOF, Side, Vector
 
 if TYPE_CHECKING:  # it takes numpy along, which a guard has no use for

@@ -24,7 +24,7 @@ from gateway.core.motion.lines.line_path import LinePath, Unstoppable, unstoppab
 from gateway.core.motion.poses.pose_state import PoseDynamics
 from gateway.core.motion.space import Start
 from gateway.errors import Code, Refusal
-from gateway.robot import ARM_JOINTS
+from gateway.robot.topics import ARM_JOINTS
 from gateway.values import EePose, Side, Vector
 
 if TYPE_CHECKING:  # they take numpy along, which a guard has no use for

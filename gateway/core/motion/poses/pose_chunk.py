@@ -9,11 +9,11 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
-from gateway import robot
 from gateway.codes import Code
 from gateway.core.motion.poses.pose_trajectory import PoseTrajectory
 from gateway.core.motion.poses.quaternion import angle_rad
 from gateway.errors import Refusal
+from gateway.robot.limits import MAX_ARM_LEN_M
 from gateway.values import Side, Vector
 
 __all__ = ["JUMP_M", "JUMP_RAD", "Bounds", "check_pose", "check_pose_jump", "check_pose_motion"]
@@ -68,8 +68,8 @@ def check_pose(side: Side, index: int, pose: Sequence[float]) -> Refusal | None:
                 value=str(value),
             )
     reach_m, norm = math.hypot(*pose[:3]), math.hypot(*pose[3:])
-    if reach_m > robot.MAX_ARM_LEN_M:
-        return _beyond(side, index, 0, reach_m, robot.MAX_ARM_LEN_M, "stay in reach; chunks are never clipped")
+    if reach_m > MAX_ARM_LEN_M:
+        return _beyond(side, index, 0, reach_m, MAX_ARM_LEN_M, "stay in reach; chunks are never clipped")
     if abs(norm - 1.0) > NORM_TOLERANCE:
         return Refusal(
             code=Code.OUT_OF_RANGE,

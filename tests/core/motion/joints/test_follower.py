@@ -9,17 +9,17 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from gateway import robot
 from gateway.core.motion import follower as module
 from gateway.core.motion.joints.braking import REST, Braking, JointLimits
 from gateway.core.motion.joints.follower import JointFollower
 from gateway.core.motion.solver import NoPlan
 from gateway.core.motion.space import State
+from gateway.robot.limits import HOME_Q_RAD, JOINT_LOWER_RAD, JOINT_UPPER_RAD
 from gateway.values import ARM_DOF, Side
 
 V, A, J, DT = 1.0, 3.0, 20.0, 0.01
-LOWER, UPPER = robot.JOINT_LOWER_RAD[Side.LEFT], robot.JOINT_UPPER_RAD[Side.LEFT]
-HOME = robot.HOME_Q_RAD[Side.LEFT]
+LOWER, UPPER = JOINT_LOWER_RAD[Side.LEFT], JOINT_UPPER_RAD[Side.LEFT]
+HOME = HOME_Q_RAD[Side.LEFT]
 AT_HOME = State(HOME, REST, REST)
 BRAKING = Braking(JointLimits(v_radps=V, a_radps2=A, j_radps3=J, lower_rad=LOWER, upper_rad=UPPER), DT)
 

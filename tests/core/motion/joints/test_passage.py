@@ -8,7 +8,6 @@ from itertools import pairwise
 
 import pytest
 
-from gateway import robot
 from gateway.core.motion.joints import passage
 from gateway.core.motion.joints.braking import REST, Braking, JointLimits
 from gateway.core.motion.joints.passage import JointPassage
@@ -16,16 +15,17 @@ from gateway.core.motion.joints.trajectory import interpolate
 from gateway.core.motion.passage import Outcome
 from gateway.core.motion.solver import NoPlan
 from gateway.core.motion.space import State
+from gateway.robot.limits import HOME_Q_RAD, JOINT_LOWER_RAD, JOINT_UPPER_RAD
 from gateway.values import ARM_DOF, Side
 
 DT = 0.01
-HOME = robot.HOME_Q_RAD[Side.LEFT]
+HOME = HOME_Q_RAD[Side.LEFT]
 LIMITS = JointLimits(
     v_radps=1.0,
     a_radps2=3.0,
     j_radps3=20.0,
-    lower_rad=robot.JOINT_LOWER_RAD[Side.LEFT],
-    upper_rad=robot.JOINT_UPPER_RAD[Side.LEFT],
+    lower_rad=JOINT_LOWER_RAD[Side.LEFT],
+    upper_rad=JOINT_UPPER_RAD[Side.LEFT],
 )
 BRAKING = Braking(LIMITS, DT)
 AT_HOME = State(HOME, REST, REST)

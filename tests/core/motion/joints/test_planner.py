@@ -15,16 +15,16 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from ruckig import InputParameter, Ruckig, Trajectory
 
-from gateway import robot
 from gateway.core.motion.joints.braking import REST, Braking, JointLimits
 from gateway.core.motion.joints.path import Path
 from gateway.core.motion.joints.planner import CHECKED_STEPS, _objection, _turned_s, plan_paths
 from gateway.core.motion.space import PlanFailed, Start, State
+from gateway.robot.limits import HOME_Q_RAD, JOINT_LOWER_RAD, JOINT_UPPER_RAD
 from gateway.values import ARM_DOF, Side
 
 V, A, J, DT = 1.0, 3.0, 20.0, 0.01
 LEFT, RIGHT = Side.LEFT, Side.RIGHT
-HOME = robot.HOME_Q_RAD
+HOME = HOME_Q_RAD
 
 
 def braking(side: Side, v=V, a=A, j=J, period_s=DT) -> Braking:
@@ -34,8 +34,8 @@ def braking(side: Side, v=V, a=A, j=J, period_s=DT) -> Braking:
             v_radps=v,
             a_radps2=a,
             j_radps3=j,
-            lower_rad=robot.JOINT_LOWER_RAD[side],
-            upper_rad=robot.JOINT_UPPER_RAD[side],
+            lower_rad=JOINT_LOWER_RAD[side],
+            upper_rad=JOINT_UPPER_RAD[side],
         ),
         period_s,
     )
@@ -125,7 +125,7 @@ def test_a_refusal_leaves_nothing_to_the_garbage_collector():
 
 def test_both_arms_end_together_exactly_at_their_goals():
     """One trajectory for fourteen joints: the same duration, every joint moving until the end."""
-    goals = {LEFT: robot.JOINT_UPPER_RAD[LEFT], RIGHT: at_home(2, 0.6, RIGHT)}
+    goals = {LEFT: JOINT_UPPER_RAD[LEFT], RIGHT: at_home(2, 0.6, RIGHT)}
     paths = plan_paths({side: start(side) for side in Side}, goals, 1.0)
     assert paths[LEFT].trajectory is paths[RIGHT].trajectory
     assert paths[LEFT].duration_s == paths[RIGHT].duration_s > 1.0
@@ -167,7 +167,7 @@ def test_an_arm_that_is_there_has_a_path_without_duration():
 
 def test_limits_are_starts_and_goals_like_any_others():
     """From one end of every range to the other."""
-    lower, upper = robot.JOINT_LOWER_RAD[LEFT], robot.JOINT_UPPER_RAD[LEFT]
+    lower, upper = JOINT_LOWER_RAD[LEFT], JOINT_UPPER_RAD[LEFT]
     path = plan_paths({LEFT: start(LEFT, lower)}, {LEFT: upper}, 1.0)[LEFT]
     check(path)
     assert path.end_rad == upper
@@ -260,7 +260,7 @@ def test_the_check_of_a_plan_is_bounded():
 def test_a_goal_at_a_limit_is_approached_from_motion_without_crossing_it():
     """Goals are inset by more than ruckig's own error."""
     moving = start(LEFT, v={n: 0.3 for n in range(ARM_DOF)})
-    for goal in (robot.JOINT_LOWER_RAD[LEFT], robot.JOINT_UPPER_RAD[LEFT]):
+    for goal in (JOINT_LOWER_RAD[LEFT], JOINT_UPPER_RAD[LEFT]):
         path = plan_paths({LEFT: moving}, {LEFT: goal}, 1.0)[LEFT]
         check(path)
         assert path.end_rad == pytest.approx(goal, abs=3e-8)
@@ -274,7 +274,7 @@ def test_any_stoppable_state_has_a_plan_to_any_goal(data, speed, is_dual):
     starts, goals = {}, {}
     for side in sides:
         joints, goal = [], []
-        lower, upper = robot.JOINT_LOWER_RAD[side], robot.JOINT_UPPER_RAD[side]
+        lower, upper = JOINT_LOWER_RAD[side], JOINT_UPPER_RAD[side]
         for n in range(ARM_DOF):
             v = data.draw(st.floats(-1.0, 1.0))
             a = data.draw(st.floats(-3.0, 3.0))

@@ -11,7 +11,7 @@ from gateway.core.motion.joints.braking import JointLimits
 from gateway.core.motion.joints.stops import MOST_SETPOINTS, Stops
 from gateway.core.motion.motion import JointReference
 from gateway.kinematics.separation.stopping import STAYS
-from gateway.robot import HOME_Q_RAD, JOINT_LOWER_RAD, JOINT_UPPER_RAD
+from gateway.robot.limits import HOME_Q_RAD, JOINT_LOWER_RAD, JOINT_UPPER_RAD
 from gateway.values import Side
 
 L, R = Side.LEFT, Side.RIGHT

@@ -16,7 +16,7 @@ from gateway.core.motion.poses.pose_path import plan_pose_paths
 from gateway.core.motion.solver import NoPlan
 from gateway.core.motion.space import Start
 from gateway.errors import Code, Refusal
-from gateway.robot import HOME_Q_RAD
+from gateway.robot.limits import HOME_Q_RAD
 from gateway.values import Side
 from tests.core.lines import HOME, LIMITS, POSES, beside, finished, random_way
 from tests.core.pose_judge import posed

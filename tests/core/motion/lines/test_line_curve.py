@@ -12,7 +12,7 @@ from gateway.core.motion.lines.line_curve import OFF_M, OFF_RAD, Coarse, parts_f
 from gateway.core.motion.lines.line_elbow import Elbow, chosen
 from gateway.errors import Code, Refusal
 from gateway.kinematics.arm import ArmModel
-from gateway.robot import HOME_Q_RAD
+from gateway.robot.limits import HOME_Q_RAD
 from gateway.values import Side
 from tests.core.lines import HOME, LIMITS, beside, finished, off_line, random_way
 from tests.kinematics.bodies import ARMS, difference, nudged

@@ -11,7 +11,7 @@ import pytest
 
 from gateway.core.motion.lines.line import line_to
 from gateway.core.motion.lines.line_elbow import Elbow, chosen
-from gateway.robot import HOME_Q_RAD
+from gateway.robot.limits import HOME_Q_RAD
 from gateway.values import Side
 from tests.core.lines import HOME, LIMITS, beside, finished
 from tests.kinematics.bodies import ARMS

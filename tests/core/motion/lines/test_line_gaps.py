@@ -8,7 +8,7 @@ import pytest
 
 from gateway.core.motion.lines.line_gaps import CLOSER_M, LENGTH_M, too_near
 from gateway.errors import Code
-from gateway.robot import HOME_Q_RAD
+from gateway.robot.limits import HOME_Q_RAD
 from gateway.values import Side
 from tests.core.lines import finished
 from tests.kinematics.guarded_arms import model, random_joints

@@ -12,7 +12,7 @@ from gateway.core.motion.joints.braking import REST, Braking
 from gateway.core.motion.lines.line import line_to
 from gateway.core.motion.lines.line_path import LinePath, unstoppable
 from gateway.errors import Refusal
-from gateway.robot import HOME_Q_RAD
+from gateway.robot.limits import HOME_Q_RAD
 from gateway.values import Side
 from tests.core.lines import DT_S, HOME, LIMITS, beside, finished, off_line, planned, random_way, setpoints, used
 from tests.kinematics.bodies import ARMS

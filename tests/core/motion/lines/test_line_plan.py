@@ -18,7 +18,7 @@ from gateway.errors import Code, Refusal
 from gateway.kinematics.arm import ArmModel
 from gateway.kinematics.correction import ArmCorrection, corrected
 from gateway.kinematics.description import nominal
-from gateway.robot import HOME_Q_RAD
+from gateway.robot.limits import HOME_Q_RAD
 from gateway.values import Side
 from tests.core.lines import DT_S, FREE, LIMITS, beside, finished, going, off_line, planned, random_way, setpoints, used
 from tests.kinematics.bodies import ARMS, difference, nudged

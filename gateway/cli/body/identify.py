@@ -1,0 +1,245 @@
+"""`ta2 identify`: what this robot's arms differ in from the description, from measurements; it drives nothing.
+
+One arm after the other: what was found, how sure, what was left before and after; or why nothing, and how to move. What is
+found can be written to the calibration file of this very robot.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import sys
+from argparse import Namespace
+from collections.abc import Iterator, Mapping
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+from rich.console import Console
+from rich.text import Text
+
+from gateway.cli.body.calibration_writing import robot_to_write_for, write_arms
+from gateway.cli.body.looking_on import LookingOn
+from gateway.cli.body.pairs import Pairs, keep, measured_live, read_pairs
+from gateway.cli.terminal.ending import ExitStatus
+from gateway.errors import Code, Refusal, to_exception
+from gateway.kinematics.arm import ArmModel
+from gateway.kinematics.calibration import RobotIdentity
+from gateway.kinematics.calibration_file.arm_section import ArmCalibration, fingerprint
+from gateway.kinematics.description import Description, nominal
+from gateway.kinematics.identification.excitation import LEAST_GAIN, Excitation
+from gateway.kinematics.identification.parameters import Group
+from gateway.kinematics.identify import Estimate, Identification, Misfit, Unidentified, identify
+from gateway.kinematics.urdf import from_urdf
+from gateway.settings import toml_file
+from gateway.values import Side
+
+__all__ = ["Errand", "carry_out", "document", "identify_arms", "lines"]
+
+Result = Identification | Unidentified
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Errand:
+    """What to do.
+
+    Attributes:
+        file: Pairs; None takes them from the gateway.
+        seconds: For how long at most, then [s]: it ends when there is enough.
+        keep: Where to write these.
+        sides: Arms that are asked about; None for all that there are pairs of.
+        groups: What is fitted.
+        urdf: A robot's own description in place of ours.
+        out: Calibration file to write to.
+        identity: Which robot this is, if somebody said so.
+        as_json: Whether to print JSON.
+    """
+
+    file: Path | None
+    seconds: float
+    keep: Path | None
+    sides: tuple[Side, ...] | None
+    groups: frozenset[Group]
+    urdf: Path | None
+    out: Path | None
+    identity: RobotIdentity | None
+    as_json: bool
+
+
+def identify_arms(errand: Errand, target: str | None, timeout_s: float) -> ExitStatus:
+    """Identify, print, and write what was found; REFUSED when an arm could not be identified.
+
+    Args:
+        errand: What to do.
+        target: Where the gateway is; None finds its socket. Only asked when there is no file of pairs.
+        timeout_s: Longest wait for it [s].
+
+    Raises:
+        ConfigError: A file cannot be read or written, or nobody said whose calibration to write.
+        Disconnected: No gateway answers.
+        GatewayTimeout: It answers, and then tells nothing.
+        Stale: There are no pairs at all.
+    """
+    description = nominal() if errand.urdf is None else from_urdf(errand.urdf)
+    owner = None if errand.out is None else robot_to_write_for(errand.out, errand.identity)
+    arms = {side: ArmModel(description, side) for side in Side}
+    pairs = _pairs(errand, arms, target, timeout_s)
+    asked = errand.sides or tuple(side for side in Side if pairs[side])
+    if not any(pairs[side] for side in asked):
+        raise to_exception(
+            Refusal(
+                code=Code.PART_STALE,
+                message="no pairs of joints and pose" + (f" of the {asked[0]} arm" if asked else ""),
+                hint="does the gateway see the robot, and does the robot publish current_ee_pose? `ta2 topics` tells",
+            )
+        )
+    results = {side: identify(arms[side], pairs[side], errand.groups) for side in asked}
+    found = {side: result for side, result in results.items() if isinstance(result, Identification)}
+    if errand.as_json:
+        print(json.dumps(document(results, description), ensure_ascii=False, indent=2))
+    else:
+        console = Console(highlight=False)
+        for side, result in results.items():
+            for line in lines(side, result):
+                console.print(line, soft_wrap=True)
+    if errand.out is not None and owner is not None and found:
+        write_arms(errand.out, owner, [_calibration(side, found[side], description) for side in found])
+        print(f"{errand.out}: {', '.join(found)} of robot {owner} written", file=sys.stderr)
+    return ExitStatus.OK if len(found) == len(results) else ExitStatus.REFUSED
+
+
+def _pairs(errand: Errand, arms: Mapping[Side, ArmModel], target: str | None, timeout_s: float) -> Pairs:
+    if errand.file is not None:
+        return read_pairs(errand.file)
+
+    looking_on = LookingOn(arms, errand.sides or tuple(Side), errand.groups)
+    pairs = measured_live(target, timeout_s, errand.seconds, looking_on)
+    if errand.keep is not None:
+        keep(pairs, errand.keep)
+    return pairs
+
+
+def _calibration(side: Side, found: Identification, description: Description) -> ArmCalibration:
+    angle, length = _worst(found.estimates, "rad"), _worst(found.estimates, "m")
+    sure = f"±{1e3 * angle:.2g} mrad" + (f", ±{1e3 * length:.2g} mm" if length else "")
+    return ArmCalibration(
+        side=side,
+        correction=found.correction,
+        description=description.source,
+        numbers=fingerprint(description, side),
+        note=f"{found.postures} postures, {sure}; {_told(found.validated)} left on pairs not fitted",
+    )
+
+
+def _worst(estimates: tuple[Estimate, ...], unit: str) -> float:
+    return max((row.sigma for row in estimates if row.unit == unit), default=0.0)
+
+
+# ----------------------------------------------------------------------------------------------------------------- text
+
+
+def lines(side: Side, result: Result) -> Iterator[Text]:
+    """Yield what is to be said of an arm.
+
+    Args:
+        side: Which.
+        result: What was found, or why nothing.
+    """
+    if isinstance(result, Unidentified):
+        yield Text.assemble((f"{side} arm: not identified", "bold red"), f": {result.why.value}")
+        yield Text(f"  {result.message}")
+        yield Text(f"  -> {result.hint}", style="yellow")
+        if result.before is not None:
+            yield Text(f"  residual as described: {_told(result.before)} (median)", style="dim")
+    else:
+        yield Text.assemble(
+            (f"{side} arm: identified", "bold green"),
+            f" from {result.postures} postures, {result.share:.0%} with a say",
+        )
+        for row in result.estimates:
+            unit = "mrad" if row.unit == "rad" else "mm"
+            yield Text(f"  {row.name:<24} {1e3 * row.value:>+9.3f} ± {1e3 * row.sigma:.3f} {unit}")
+        if result.lag_s:
+            yield Text(f"  poses later than told    {1e3 * result.lag_s:>+9.1f} ms")
+        yield Text(f"  residual as described    {_told(result.before)} (median)")
+        yield Text(f"  residual corrected       {_told(result.after)}")
+        yield Text(f"  ... on pairs not fitted  {_told(result.validated)}")
+    if result.excitation is not None:
+        yield from _seen(result.excitation)
+
+
+def _seen(excitation: Excitation) -> Iterator[Text]:
+    moved = ", ".join(f"{high - low:.2f}" for low, high in excitation.moved_rad)
+    yield Text(f"  joints 1 to 7 moved through {moved} rad", style="dim")
+    shown = " ".join(f"{value:.2g}" for value in excitation.singular_values)
+    yield Text(f"  gains {shown} (the least must be {LEAST_GAIN:g})", style="dim")
+
+
+def _told(misfit: Misfit) -> str:
+    return f"{1e3 * misfit.position_m:.3f} mm, {1e3 * misfit.angle_rad:.3f} mrad"
+
+
+# ----------------------------------------------------------------------------------------------------------------- JSON
+
+
+def document(results: Mapping[Side, Result], description: Description) -> dict[str, object]:
+    """Return everything for scripts; lengths in metres, angles in radians.
+
+    Args:
+        results: Per arm.
+        description: What they were identified against.
+    """
+    return {"description": description.source, "arms": {side.value: _row(result) for side, result in results.items()}}
+
+
+def _row(result: Result) -> dict[str, object]:
+    facts: dict[str, object] = {
+        "identified": isinstance(result, Identification),
+        "postures": result.postures,
+        "before": None if result.before is None else asdict(result.before),
+        "excitation": None if result.excitation is None else {**asdict(result.excitation), "least": LEAST_GAIN},
+    }
+    if isinstance(result, Unidentified):
+        return {**facts, "why": result.why.name, "message": result.message, "hint": result.hint}
+    correction = result.correction
+    return {
+        **facts,
+        "parameters": [asdict(row) for row in result.estimates],
+        "covariance": result.covariance,
+        "after": asdict(result.after),
+        "validated": asdict(result.validated),
+        "share": result.share,
+        "lag_s": result.lag_s,
+        "joint_zero_offsets_rad": correction.offsets_rad,
+        "joint_zero_offsets_deg": [math.degrees(offset) for offset in correction.offsets_rad],
+        "nominal_ee_T_ee": {"p_m": correction.ee.p_m, "quat_xyzw": correction.ee.pose.quat_xyzw},
+        "shoulder_T_nominal_shoulder": {
+            "p_m": correction.shoulder.p_m,
+            "quat_xyzw": correction.shoulder.pose.quat_xyzw,
+        },
+    }
+
+
+def carry_out(options: Namespace) -> int:
+    """Return the exit status of `ta2 identify`.
+
+    Args:
+        options: As `identify_arguments` reads them.
+    """
+    settings = toml_file.load(options.config)
+    link, urdf = settings.link, options.urdf or settings.model.urdf
+    serial = link.serial if options.serial is None else options.serial
+    left_out = {Group.LAG, *((Group.EE,) if options.joints_only else ())}
+    if not options.shoulder:
+        left_out.add(Group.SHOULDER)
+    errand = Errand(
+        file=None if options.file is None else Path(options.file),
+        seconds=options.seconds,
+        keep=None if options.keep is None else Path(options.keep),
+        sides=None if options.arm is None else (Side(options.arm),),
+        groups=frozenset(Group) - left_out,
+        urdf=Path(urdf).expanduser() if urdf else None,
+        out=None if options.out is None else Path(options.out),
+        identity=RobotIdentity(serial=serial, model=link.model) if serial else None,
+        as_json=options.json,
+    )
+    return identify_arms(errand, options.target, options.timeout_s)

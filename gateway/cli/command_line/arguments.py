@@ -1,0 +1,394 @@
+"""The command line of `ta2` as data: commands, options, defaults, help texts. Knows nothing of what a command does.
+
+What a value must look like is checked here (numbers, sides, addresses of the robot); what it may be, by whoever gets it.
+Imports nothing but the standard library and the release's number, so that `ta2 --help` is there at once.
+"""
+
+from __future__ import annotations
+
+import argparse
+import re
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from gateway import __version__
+from gateway.cli.command_line.first_arguments import add_first
+from gateway.cli.command_line.follow_arguments import add_follow
+from gateway.cli.command_line.frames_arguments import add_frames
+from gateway.cli.command_line.ground_arguments import add_ground, take_velocity
+from gateway.cli.command_line.identify_arguments import add_identify
+from gateway.cli.command_line.model_arguments import add_model
+from gateway.cli.command_line.numbers import above_zero, factor
+from gateway.cli.command_line.sim_arguments import add_camera, add_clock, add_physics
+from gateway.cli.command_line.stop_arguments import add_stops
+from gateway.cli.command_line.video_arguments import add_video
+from gateway.cli.terminal.ending import STATUS_HELP
+
+__all__ = ["MODELS", "SIM_ENDPOINT", "endpoint", "joints", "parse", "parser"]
+
+ROBOT_PORT = 9000
+"""Where the robot's router listens (manual §2.4)."""
+
+SIM_ENDPOINT = f"tcp/127.0.0.1:{ROBOT_PORT}"
+"""Where the simulated robot listens, and where the gateway looks for a robot, unless told otherwise."""
+
+MODELS = ("lite", "standard", "lift")
+"""Keys of `topics.VARIANTS`, written out: to show a help text, nothing needs to be imported."""
+
+ARM_DOF = 7
+"""Joints per arm (manual §4.0.3)."""
+
+PARTS = ("left_arm", "right_arm", "chassis", "lift_servo")
+MODES = ("joint", "pose")
+
+PATIENCE_S = 60.0
+"""How long a motion may take [s]."""
+
+EPILOG = f"""without a robot, in three terminals:
+  ta2 sim          a simulated robot on {SIM_ENDPOINT}
+  ta2 run          the gateway
+  ta2 watch        what they do
+
+Anybody may `ta2 stop` and `ta2 estop` at any time. Software stops do not replace the physical emergency stop.
+
+{STATUS_HELP}"""
+
+NEGATIVE = re.compile(r"-[.\d]")
+"""How a negative number begins. argparse knows some notations of them and takes the others (`-1.`, `-1e-3`, `-0.1,0.2`)
+for options; nothing that begins with a space is one."""
+
+
+# -------------------------------------------------------------------------------------------------------------- values
+
+
+def endpoint(text: str) -> str:
+    """Return the zenoh endpoint of a robot from what a person typed: `tcp/HOST:PORT`, `HOST:PORT` or `HOST`."""
+    if "/" in text:
+        return text
+    if text.count(":") > 1 and not text.startswith("["):
+        text = f"[{text}]"  # a bare IPv6 address
+    has_port = ":" in text.rpartition("]")[2]
+    return f"tcp/{text}" if has_port else f"tcp/{text}:{ROBOT_PORT}"
+
+
+def joints(words: Sequence[str]) -> tuple[float, ...]:
+    """Return the numbers in the words of `--left` or `--right`; spaces, commas and brackets stand between them.
+
+    Raises:
+        ValueError: One is no number. How many there are, and whether they are finite, is for others to judge.
+    """
+    return tuple(float(word) for word in re.sub(r"[\[\],;]", " ", " ".join(words)).split())
+
+
+def _seconds(text: str) -> float:
+    return above_zero(text, 86_400.0, "time [s]")
+
+
+def _distance(text: str) -> float:
+    return above_zero(text, 0.2, "distance [rad]")
+
+
+def _namespace(text: str) -> str:
+    if text and re.fullmatch(r"/?[A-Za-z0-9_]+(/[A-Za-z0-9_]+)*", text) is None:
+        raise argparse.ArgumentTypeError(f"{text!r} is not made of words of letters, digits and _, joined by /")
+    return text
+
+
+# -------------------------------------------------------------------------------------------------------------- parser
+
+
+def parse(arguments: Sequence[str]) -> argparse.Namespace:
+    """Return the options; ends the process with status 2 and a line of usage when they make no sense."""
+    top, commands = _parsers()
+    options, unknown = top.parse_known_args([f" {word}" if NEGATIVE.match(word) else word for word in arguments])
+    sub = commands[options.command]  # the usage of the command that a person wanted, not a list of all
+    if unknown:
+        sub.error(f"unrecognized arguments: {' '.join(unknown)}")
+    if options.command in ("move", "move-pose"):
+        _take_joints(sub, options)
+    if options.command == "drive":
+        take_velocity(sub, options)
+    if options.command == "link" and options.robot is None and options.config is None and _asks_for_a_look(options):
+        sub.error("--namespace and --model are for a look without a gateway: name the robot with --robot")
+    if options.command == "frames" and options.live and (options.left or options.right):
+        sub.error("joints come from --live or from --left and --right, not from both")
+    if options.command == "gripper" and (options.value is not None) != (options.action == "set"):
+        sub.error("`set` takes the robot's own input, 0 to 1, the other actions take --force")
+    return options
+
+
+def _asks_for_a_look(options: argparse.Namespace) -> bool:
+    return options.namespace is not None or options.model is not None
+
+
+def _take_joints(sub: argparse.ArgumentParser, options: argparse.Namespace) -> None:
+    what = "numbers of a pose" if options.command == "move-pose" else "joints [rad]"
+    for side in ("left", "right"):
+        words = getattr(options, side)
+        if words is None:
+            continue
+        try:
+            values = joints(words)
+        except ValueError as error:
+            sub.error(f"--{side}: {error}; {ARM_DOF} {what} are needed")
+        if len(values) != ARM_DOF:
+            sub.error(f"--{side}: {len(values)} values; {ARM_DOF} {what} are needed (manual §4.0.3, §4.2)")
+        setattr(options, side, values)
+    if options.left is None and options.right is None:
+        sub.error(f"which arm? --left and seven {what}, --right and seven, or both")
+
+
+def parser() -> argparse.ArgumentParser:
+    """Return the parser of the whole command line; `options.command` says which command it is."""
+    return _parsers()[0]
+
+
+def _parsers() -> tuple[argparse.ArgumentParser, Mapping[str, argparse.ArgumentParser]]:
+    """Return the parser of the whole command line, and those of its commands."""
+    top = argparse.ArgumentParser(
+        prog="ta2",
+        description="The gateway to a TeleAvatar 2 robot: run it, look at it, move the arms, stop.",
+        epilog=EPILOG,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+        allow_abbrev=False,
+    )
+    top.add_argument("--version", action="version", version=f"ta2 {__version__}")
+    commands = top.add_subparsers(title="commands", dest="command", metavar="COMMAND", required=True)
+    _add_run(_command(commands, "run", "run the gateway until Ctrl-C"))
+    _add_sim(_command(commands, "sim", "run a simulated robot until Ctrl-C, or ask a running one"))
+    _add_config(_command(commands, "config", "show the effective settings, or check a file of them"))
+    _add_views(commands)
+    _add_motions(commands)
+    add_ground(commands, _client_command)
+    add_video(commands, _command)
+    add_frames(commands, _client_command)
+    add_identify(commands, _client_command)
+    _add_example(commands)
+    add_first(commands, _command)
+    add_model(_command(commands, "model", "check the numbers of the robot's body, or of a URDF"))
+    add_stops(commands, _client_command)
+    return top, commands.choices
+
+
+def _command(commands: Any, name: str, text: str, more: str = "") -> argparse.ArgumentParser:  # noqa: ANN401  argparse's private class
+    sub: argparse.ArgumentParser = commands.add_parser(
+        name,
+        help=text,
+        description=f"{text[0].upper()}{text[1:]}.{f' {more}' if more else ''}",
+        allow_abbrev=False,
+    )
+    return sub
+
+
+def _client_command(
+    commands: Any,  # noqa: ANN401  argparse's private class
+    name: str,
+    text: str,
+    more: str = "",
+    *,
+    shows_json: bool = True,
+    timeout_s: float = 5.0,
+    timeout_of: str = "longest wait for the gateway",
+) -> argparse.ArgumentParser:
+    sub = _command(commands, name, text, more)
+    _add_target(sub)
+    sub.add_argument(
+        "--timeout",
+        dest="timeout_s",
+        type=_seconds,
+        default=timeout_s,
+        metavar="S",
+        help=f"{timeout_of} [s] (default {timeout_s:g})",
+    )
+    if shows_json:
+        sub.add_argument("--json", action="store_true", help="print JSON on standard output")
+    return sub
+
+
+def _add_target(sub: argparse.ArgumentParser) -> None:
+    sub.add_argument(
+        "--socket",
+        "--at",
+        dest="target",
+        metavar="TARGET",
+        help="the gateway: a path, unix:PATH, tcp/HOST:PORT or tls/HOST:PORT (default: found by itself)",
+    )
+
+
+def _add_run(run: argparse.ArgumentParser) -> None:
+    run.add_argument(
+        "--robot",
+        type=endpoint,
+        metavar="ROBOT",
+        help=f"the robot's router: tcp/HOST:{ROBOT_PORT}, HOST:PORT or HOST (default: as configured, {SIM_ENDPOINT})",
+    )
+    run.add_argument(
+        "--socket", metavar="PATH", help="where clients connect (default: as configured, else this user's)"
+    )
+    run.add_argument("--config", metavar="FILE", help="settings that differ from the defaults, see `ta2 config`")
+    run.add_argument(
+        "--namespace",
+        type=_namespace,
+        metavar="NAME",
+        help="ROS namespace of the robot's bridge (default: as configured, none)",
+    )
+    run.add_argument("--model", choices=MODELS, help="model of the robot (default: as configured, standard)")
+    run.add_argument(
+        "--no-guard", action="store_true", help="no second process that holds when this one dies (for debuggers)"
+    )
+    run.add_argument("--json-log", action="store_true", help="write the log as JSON lines")
+
+
+def _add_sim(sim: argparse.ArgumentParser) -> None:
+    sim.add_argument("--listen", type=endpoint, default=SIM_ENDPOINT, help="its router (default %(default)s)")
+    sim.add_argument("--mode", choices=MODES, default="joint", help="control mode of both arms (default %(default)s)")
+    sim.add_argument("--left-mode", choices=MODES, help="control mode of the left arm")
+    sim.add_argument("--right-mode", choices=MODES, help="control mode of the right arm")
+    sim.add_argument("--model", choices=MODELS, default="standard", help="model (default %(default)s)")
+    sim.add_argument(
+        "--namespace", type=_namespace, default="", metavar="NAME", help="ROS namespace of its bridge (default: none)"
+    )
+    sim.add_argument("--seed", type=int, default=0, help="of the measurement noise (default %(default)s)")
+    sim.add_argument(
+        "--disable", action="append", default=[], choices=PARTS, help="a part that is switched off; may be repeated"
+    )
+    add_physics(sim)
+    add_clock(sim)
+    add_camera(sim)
+    asks = sim.add_subparsers(title="ask a running one", dest="ask", metavar="ASK")
+    for name, text in (
+        ("fault", """let a fault begin, e.g. '{"fault": "pause", "duration_s": 1}'"""),
+        ("clear", "end all faults, or those of a name"),
+        ("faults", "list the faults there are"),
+        ("stats", "print what the robot has seen of its users"),
+    ):
+        ask = _command(asks, name, text)
+        ask.add_argument("--at", type=endpoint, default=SIM_ENDPOINT, help="where it listens (default %(default)s)")
+        if name == "fault":
+            ask.add_argument("fault", metavar="JSON", help="name and parameters; `ta2 sim faults` lists them")
+        elif name == "clear":
+            ask.add_argument("fault", metavar="NAME", nargs="?", help="which faults (default: all)")
+
+
+def _add_config(config: argparse.ArgumentParser) -> None:
+    what = config.add_mutually_exclusive_group(required=True)
+    what.add_argument(
+        "--show", metavar="FILE", nargs="?", const="", help="print all settings: the defaults, or with FILE's over them"
+    )
+    what.add_argument("--check", metavar="FILE", help="say what is wrong with FILE, or what it changes")
+
+
+def _add_views(commands: Any) -> None:  # noqa: ANN401  argparse's private class
+    _client_command(commands, "status", "show on one screen what the gateway sees, and what to do next")
+    _client_command(commands, "why", "say why the robot does not do what it is told, as far as it can be known")
+    watch = _client_command(
+        commands,
+        "watch",
+        "watch it live: state, lease, joints, topics, streams, motions, notices",
+        "q or Ctrl-C ends it. Prints plain lines when the output is no terminal.",
+        shows_json=False,
+    )
+    watch.add_argument("--once", action="store_true", help="print one frame and end")
+    _client_command(commands, "topics", "list every topic with rate, age, worst gap and counters")
+    link = _client_command(
+        commands,
+        "link",
+        "show the state of the wire on one page: bridge, topics, rates, who else is there, what is wrong",
+        "Paste it when you ask for help. With --robot or --config it looks by itself for some seconds, without a gateway, "
+        "and sends nothing.",
+    )
+    link.add_argument("--robot", type=endpoint, metavar="ROBOT", help="look at this robot's router without a gateway")
+    link.add_argument("--config", metavar="FILE", help="the same with the gateway's settings")
+    link.add_argument(
+        "--namespace", type=_namespace, metavar="NAME", help="of the robot's bridge (default: of the only robot there)"
+    )
+    link.add_argument("--model", choices=MODELS, help="of the robot (default: as configured, standard)")
+    events = _client_command(
+        commands,
+        "events",
+        "print what the gateway tells, a line each, until Ctrl-C",
+        "Goes on when the gateway is restarted, and says how many lines were lost.",
+    )
+    events.add_argument("--silence", type=_seconds, metavar="S", help="end after so long without any [s]")
+
+
+def _add_motions(commands: Any) -> None:  # noqa: ANN401  argparse's private class
+    enable = _client_command(
+        commands,
+        "enable",
+        "enable the arms, hold them where they are until Ctrl-C, then release",
+        shows_json=False,
+        timeout_s=12.0,
+        timeout_of="longest wait until the robot is READY",
+    )
+    motions = []
+    for name, text in (
+        ("home", "move both arms to the initial position of manual §6.6: enable, move, disable"),
+        ("move", "move one or both arms to joint positions: enable, move, disable"),
+        ("move-pose", "move one or both end effectors to poses: enable, move, disable"),
+    ):
+        motion = _client_command(
+            commands,
+            name,
+            text,
+            "Ctrl-C leaves the arms held.",
+            timeout_s=PATIENCE_S,
+            timeout_of="longest wait for the motion to end",
+        )
+        motions.append(motion)
+    follow = _client_command(
+        commands,
+        "follow",
+        "follow a trajectory from a file: judge it, enable, follow, disable",
+        timeout_s=PATIENCE_S,
+        timeout_of="longest wait for the approach, and for the arms to settle after the last point",
+    )
+    add_follow(follow)
+    move = motions[1]
+    for side in ("left", "right"):
+        move.add_argument(
+            f"--{side}",
+            nargs="+",
+            metavar="Q",
+            help=f"seven joints of the {side} arm [rad], in the order of manual §4.0.3, spaces or commas between them",
+        )
+    for side in ("left", "right"):
+        motions[2].add_argument(
+            f"--{side}",
+            nargs="+",
+            metavar="P",
+            help=f"x y z [m] qx qy qz qw of the {side} end effector in {side}_shoulder_base (manual §4.0.1)",
+        )
+    straight = "go straight in joint mode, too; in end-effector mode the arms always do"
+    motions[2].add_argument("--straight", action="store_true", help=straight)
+    motions[2].add_argument("--clip", action="store_true", help="move a position beyond the reach to its end")
+    move.add_argument("--by", action="store_true", help="the joints are offsets from where the arms are")
+    move.add_argument("--clip", action="store_true", help="move a target outside the limits to the limit, and say so")
+    for motion in motions:
+        motion.add_argument(
+            "--tolerance",
+            type=_distance,
+            metavar="RAD",
+            help="reached within this [rad] (default: as configured, 0.05)",
+        )
+    motions.append(follow)
+    for motion in motions:
+        motion.add_argument(
+            "--speed",
+            type=factor,
+            default=0.5,
+            metavar="F",
+            help="factor on the configured velocity limit, up to 1 (default %(default)s)",
+        )
+        motion.add_argument("--hold", action="store_true", help="leave the arms held instead of pausing the robot")
+        motion.add_argument("--yes", action="store_true", help="do not ask before moving")
+    for owning in (enable, *motions):
+        owning.add_argument("--take", metavar="REASON", help="take the robot from its owner, who is shown the reason")
+
+
+def _add_example(commands: Any) -> None:  # noqa: ANN401  argparse's private class
+    example = _command(commands, "example", "run an example of the manual's chapter 6; without a number, list them")
+    example.add_argument("number", nargs="?", metavar="NUMBER", help="section of the manual, e.g. 6.6")
+    _add_target(example)
+    example.add_argument("--show", action="store_true", help="print the program instead of running it")
+    example.add_argument("--yes", action="store_true", help="do not ask before moving")

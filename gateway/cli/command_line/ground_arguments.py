@@ -1,0 +1,103 @@
+"""The commands for grippers, chassis and lift, as data; part of `arguments.py`, which gives it its way to add a command."""
+
+from __future__ import annotations
+
+import argparse
+from typing import Any, Protocol
+
+from gateway.cli.command_line.numbers import between
+
+__all__ = ["GRIPPER_ACTIONS", "LIFT_ACTIONS", "add_ground", "take_velocity"]
+
+GRIPPER_ACTIONS = ("grip", "open", "relax", "set")
+LIFT_ACTIONS = ("up", "down", "off")
+AXES = ("vx", "vy", "wz")
+
+
+class AddCommand(Protocol):
+    """Adds a command that talks to a gateway."""
+
+    def __call__(self, commands: Any, name: str, text: str, more: str = "") -> argparse.ArgumentParser:  # noqa: ANN401  argparse's private class
+        """Return its parser."""
+        ...
+
+
+def add_ground(commands: Any, add: AddCommand) -> None:  # noqa: ANN401  argparse's private class
+    """Add `gripper`, `drive` and `lift`."""
+    gripper = add(
+        commands,
+        "gripper",
+        "close, open or relax a gripper: enable, command, watch, disable",
+        "A grip is lost when the robot pauses: --hold keeps it for a minute, and for the next command.",
+    )
+    gripper.add_argument("side", choices=("left", "right"), help="which gripper")
+    gripper.add_argument("action", choices=GRIPPER_ACTIONS, help="what it shall do")
+    gripper.add_argument(
+        "value",
+        nargs="?",
+        type=_part,
+        metavar="RAW",
+        help="for set: the robot's own input, 0 opens most, 0.1 is no torque, 1 closes most (manual §4.4)",
+    )
+    gripper.add_argument(
+        "--force",
+        type=_part,
+        default=0.5,
+        metavar="F",
+        help="part of the greatest torque, up to 1 (default %(default)s)",
+    )
+    gripper.add_argument("--hold", action="store_true", help="leave the arms held with the grip, not paused")
+    drive = add(
+        commands,
+        "drive",
+        "drive the chassis at a velocity for a time, then ramp down",
+        "Nobody measures how far it comes (manual §4.5). Ctrl-C stops it.",
+    )
+    drive.add_argument(
+        "velocity",
+        nargs="*",
+        type=_velocity,
+        metavar="VX VY WZ",
+        help="along x and y [m/s], around z [rad/s]; those left out are 0. Or by name:",
+    )
+    for name, what in (("vx", "along x [m/s]"), ("vy", "along y [m/s]"), ("wz", "around z [rad/s]")):
+        drive.add_argument(f"--{name}", type=_velocity, default=0.0, metavar="V", help=f"{what} (default 0)")
+    lift = add(
+        commands,
+        "lift",
+        "drive the lift up or down for a time, or take its servo off",
+        "Only on the lift model. Where the lift is, nobody measures (manual §4.12). Ctrl-C stops it.",
+    )
+    lift.add_argument("action", choices=LIFT_ACTIONS, help="where to")
+    lift.add_argument(
+        "--speed", type=_part, default=0.3, metavar="F", help="part of full speed, up to 1 (default %(default)s)"
+    )
+    for sub in (gripper, drive, lift):
+        sub.add_argument(
+            "--for", dest="for_s", type=_seconds, default=1.0, metavar="S", help="how long [s] (default %(default)s)"
+        )
+        sub.add_argument("--take", metavar="REASON", help="take the robot from its owner, who is shown the reason")
+        sub.add_argument("--yes", action="store_true", help="do not ask before moving")
+
+
+def take_velocity(drive: argparse.ArgumentParser, options: argparse.Namespace) -> None:
+    """Put the velocity that was given by place where the one by name is; end the process when there are both, or too many."""
+    by_place = options.velocity
+    if len(by_place) > len(AXES):
+        drive.error(f"{len(by_place)} velocities; VX VY WZ are three at most")
+    if by_place and any(getattr(options, axis) for axis in AXES):
+        drive.error("a velocity stands by place (VX VY WZ) or by name (--vx, --vy, --wz), not both")
+    for axis, value in zip(AXES, by_place, strict=False):
+        setattr(options, axis, value)
+
+
+def _part(text: str) -> float:
+    return between(text, 0.0, 1.0, "part")
+
+
+def _velocity(text: str) -> float:
+    return between(text, -1.0, 1.0, "velocity [m/s, rad/s]")
+
+
+def _seconds(text: str) -> float:
+    return between(text, 0.05, 600.0, "time [s]")

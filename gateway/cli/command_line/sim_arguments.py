@@ -1,0 +1,65 @@
+"""How a simulated robot moves, whether one looks at it, its clock and camera, as arguments of `ta2 sim`; not what they do."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from gateway.cli.command_line.numbers import between
+
+__all__ = ["add_camera", "add_clock", "add_physics"]
+
+
+def add_physics(sim: argparse.ArgumentParser) -> None:
+    """Add `--physics`, `--viewer`, `--headless` and `--record`."""
+    sim.add_argument(
+        "--physics",
+        choices=("kinematic", "mujoco"),
+        default="kinematic",
+        help="how it moves: as lags and speeds, or with forces, contacts and a table of things (default %(default)s)",
+    )
+    sight = sim.add_mutually_exclusive_group()
+    sight.add_argument(
+        "--viewer", action="store_true", help="show it in a window; needs --physics mujoco and a display"
+    )
+    sight.add_argument("--headless", dest="viewer", action="store_false", help="show no window (default)")
+    sim.add_argument(
+        "--record",
+        type=Path,
+        metavar="FILE",
+        help="film the scene from the side, *.mp4; needs --physics mujoco, no display",
+    )
+
+
+def add_clock(sim: argparse.ArgumentParser) -> None:
+    """Add `--clock-offset-s` and `--clock-drift-ppm`."""
+    sim.add_argument(
+        "--clock-offset-s",
+        type=_offset,
+        default=0.0,
+        metavar="S",
+        help="how far its clock, which stamps its state, is ahead of this host's at the start [s] (default %(default)g)",
+    )
+    sim.add_argument(
+        "--clock-drift-ppm",
+        type=_drift,
+        default=0.0,
+        metavar="PPM",
+        help="how much faster than this host's its clock runs [ppm] (default %(default)g)",
+    )
+
+
+def add_camera(sim: argparse.ArgumentParser) -> None:
+    """Add `--camera` and `--camera-to`."""
+    sim.add_argument("--camera", action="store_true", help="send its camera's pictures too, as RTP/H.265 (manual §5.1)")
+    sim.add_argument(
+        "--camera-to", metavar="HOST:PORT", help="where to; turns --camera on (default 127.0.0.1:8890, as the robot's)"
+    )
+
+
+def _offset(text: str) -> float:
+    return between(text, -1e8, 1e8, "offset [s]")
+
+
+def _drift(text: str) -> float:
+    return between(text, -1000.0, 1000.0, "drift [ppm]")

@@ -1,0 +1,396 @@
+"""`ta2`: arguments to calls. What a command does lives in `daemon`, `sim` and `apps`; here is only who does it.
+
+Rules
+    * Nothing heavy is imported before it is known what is wanted: `ta2 stop` loads the client and nothing else.
+    * What a person or a script wants to read goes to standard output, what is said on the way to standard error.
+    * An error is one line, `CODE: message -> hint`, and an exit status of `apps.ending.ExitStatus`.
+    * SIGTERM and SIGHUP are to a client command what Ctrl-C is: whatever moves is left held, at once.
+"""
+
+from __future__ import annotations
+
+import os
+import signal
+import sys
+from argparse import Namespace
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from types import FrameType
+from typing import TYPE_CHECKING
+
+from gateway import __version__
+from gateway.cli.command_line.arguments import parse
+from gateway.cli.terminal.ending import ExitStatus, Interrupted, report
+from gateway.errors import Code, GatewayError, Refusal, to_exception
+
+if TYPE_CHECKING:
+    from gateway.cli.motion.errand import Errand
+
+__all__ = ["COMMANDS", "main"]
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Carry out a command line; return the exit status.
+
+    Args:
+        arguments: Without the program's name; None for this process's own.
+    """
+    options = parse(sys.argv[1:] if arguments is None else arguments)
+    try:
+        with _interruptible(options.command):
+            return int(COMMANDS[options.command](options))
+    except GatewayError as error:
+        return report(error, as_json=getattr(options, "json", False))
+    except Interrupted as end:
+        return 128 + end.number
+    except KeyboardInterrupt:
+        return 128 + signal.SIGINT
+    except BrokenPipeError:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # Python flushes once more on its way out
+        return ExitStatus.BROKEN_PIPE
+
+
+@contextmanager
+def _interruptible(command: str) -> Iterator[None]:
+    """Turn SIGTERM and SIGHUP into an exception, so that a client can leave the robot held and say so.
+
+    The two processes that run for ever have their own answer to signals.
+    """
+    if command in ("run", "sim"):
+        yield
+        return
+
+    def interrupt(number: int, frame: FrameType | None) -> None:
+        raise Interrupted(number)
+
+    before = {number: signal.signal(number, interrupt) for number in (signal.SIGTERM, signal.SIGHUP)}
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+# ----------------------------------------------------------------------------------------------------------- processes
+
+
+def _run(options: Namespace) -> int:
+    import shlex
+    from dataclasses import replace
+    from pathlib import Path
+
+    from gateway.process.blas_threads import one_blas_thread
+
+    one_blas_thread()  # before anything takes numpy along; the guard inherits it
+    from gateway.api.protocol import default_socket
+    from gateway.process import daemon, log
+    from gateway.settings import toml_file
+
+    settings = toml_file.overridden(
+        toml_file.load(options.config),
+        robot=options.robot,
+        socket=options.socket,
+        namespace=options.namespace,
+        model=options.model,
+    )
+    log.configure_log(is_json=options.json_log)
+
+    def on_ready(socket: str) -> None:
+        if options.json_log:
+            return
+        at = "" if Path(socket) == default_socket() else f" --socket {shlex.quote(socket)}"
+        print(
+            f"\nta2 {__version__}: the gateway of {settings.link.endpoint} (model {settings.link.model}); "
+            f"clients connect to {socket}\n"
+            f"  look   ta2 status{at}\n"
+            f"         ta2 watch{at}\n"
+            f"  move   ta2 home{at}\n"
+            f"  stop   ta2 stop{at}\n"
+            f"  end    Ctrl-C: brakes, then pauses the robot\n",
+            file=sys.stderr,
+            flush=True,
+        )
+
+    if options.no_guard:
+        settings = replace(settings, guard=replace(settings.guard, enabled=False))
+    return daemon.run(settings, on_ready, is_json_log=options.json_log)
+
+
+def _sim(options: Namespace) -> int:
+    if options.ask is not None:
+        return _ask_sim(options)
+    from gateway.sim.camera.sender import DEFAULT_TO
+    from gateway.sim.starting import CannotStart, start
+
+    if options.camera and options.camera_to is None:
+        options.camera_to = DEFAULT_TO
+    try:
+        return start(options)
+    except CannotStart as error:
+        hint = "`ta2 sim --help` lists what can be chosen"
+        raise to_exception(Refusal(code=Code.BAD_REQUEST, message=str(error), hint=hint)) from None
+
+
+def _ask_sim(options: Namespace) -> int:
+    import json
+
+    from gateway.sim.remote import SimControl, SimUnreachable
+
+    try:
+        values: object = {}
+        if options.ask == "fault":
+            values = json.loads(options.fault)
+        elif options.ask == "clear" and options.fault is not None:
+            values = {"fault": options.fault}
+        if not isinstance(values, dict) or "do" in values:
+            raise ValueError(f'a fault is an object such as {{"fault": "pause"}}, not {options.fault}')
+        with SimControl(options.at) as control:
+            print(json.dumps(control.ask(options.ask, **values), indent=2))
+    except SimUnreachable as error:
+        hint = "start one with `ta2 sim`; a real robot has no such channel"
+        message = str(error).partition(": ")[0]  # what follows is zenoh's own trace
+        raise to_exception(Refusal(code=Code.DISCONNECTED, message=message, hint=hint)) from None
+    except ValueError as error:  # no JSON, or refused by the simulation
+        hint = "`ta2 sim faults` lists what there is"
+        raise to_exception(Refusal(code=Code.BAD_REQUEST, message=str(error), hint=hint)) from None
+    return ExitStatus.OK
+
+
+# ------------------------------------------------------------------------------------------------------------ settings
+
+
+def _config(options: Namespace) -> int:
+    from gateway.cli.configuring import carry_out
+
+    return carry_out(options)
+
+
+def _model(options: Namespace) -> int:
+    from gateway.cli.body.model import check_model
+
+    return check_model(options.urdf, as_json=options.json)
+
+
+# ------------------------------------------------------------------------------------------------------------- clients
+
+
+def _status(options: Namespace) -> int:
+    from gateway.cli.looking.status import show_status
+
+    return show_status(options.target, options.timeout_s, as_json=options.json)
+
+
+def _why(options: Namespace) -> int:
+    from gateway.cli.looking.why import show_why
+
+    return show_why(options.target, options.timeout_s, as_json=options.json)
+
+
+def _topics(options: Namespace) -> int:
+    from gateway.cli.looking.topics import show_topics
+
+    return show_topics(options.target, options.timeout_s, as_json=options.json)
+
+
+def _link(options: Namespace) -> int:
+    from gateway.cli.looking import link
+
+    if options.robot is None and options.config is None:
+        return link.show_link(options.target, options.timeout_s, as_json=options.json)
+    import logging
+
+    from gateway.link.surveyor import look
+    from gateway.settings import toml_file
+
+    logging.getLogger("gateway").addHandler(logging.NullHandler())  # the page says it
+    settings = toml_file.overridden(
+        toml_file.load(options.config), robot=options.robot, namespace=options.namespace, model=options.model
+    )
+    wire = look(settings.link, is_named=bool(options.namespace is not None or settings.link.namespace))
+    return link.show_look(wire, as_json=options.json)
+
+
+def _watch(options: Namespace) -> int:
+    from gateway.cli.looking.watch import watch
+
+    return watch(options.target, options.timeout_s, once=options.once)
+
+
+def _events(options: Namespace) -> int:
+    from gateway.cli.looking.events import show_events
+
+    return show_events(options.target, options.timeout_s, silence_s=options.silence, as_json=options.json)
+
+
+def _stop(options: Namespace) -> int:
+    from gateway.cli.motion.stopping import stop
+
+    return stop(options.command, options.target, options.timeout_s, " ".join(options.reason), as_json=options.json)
+
+
+def _recover(options: Namespace) -> int:
+    from gateway.cli.motion.stopping import recover
+
+    return recover(options.target, options.timeout_s, " ".join(options.reason), as_json=options.json)
+
+
+def _stop_endpoint(options: Namespace) -> int:
+    from gateway.cli.motion.stop_endpoint import watch_over
+
+    return watch_over(options.target, options.timeout_s, options.within, pauses=options.pause)
+
+
+def _enable(options: Namespace) -> int:
+    from gateway.cli.motion.enabling import enable
+
+    return enable(options.target, options.timeout_s, options.take)
+
+
+def _move(options: Namespace) -> int:
+    from gateway.cli.motion.errand import carry_out
+    from gateway.cli.motion.moving import Manner, home, to_joints, to_poses
+
+    is_clipping = options.command != "home" and options.clip
+    is_straight = options.command == "move-pose" and options.straight
+    manner = Manner(
+        speed=options.speed, tolerance_rad=options.tolerance, is_clipping=is_clipping, is_straight=is_straight
+    )
+    errand = _errand(options)
+    if options.command == "home":
+        return carry_out(errand, home(manner))
+    named = {side: values for side in ("left", "right") if (values := getattr(options, side)) is not None}
+    if options.command == "move-pose":
+        return carry_out(errand, to_poses(manner, named))
+    return carry_out(errand, to_joints(manner, named, is_offset=options.by))
+
+
+def _follow(options: Namespace) -> int:
+    from pathlib import Path
+
+    from gateway.cli.motion import following
+    from gateway.cli.motion.passing import Passing
+
+    passing = Passing(
+        arm=options.arm,
+        space=options.space,
+        dt_s=options.dt,
+        stretch=options.stretch,
+        smoothing_s=options.smoothing,
+        start_at_s=options.start_at,
+        start_in_s=options.start_in,
+        path_tolerance=_one_or_all(options.path_tolerance),
+        goal_tolerance=_one_or_all(options.tolerance),
+        approach=options.speed if options.approach else None,
+    )
+    path = Path(options.file)
+    if options.check:
+        return following.check(options.target, options.timeout_s, path, passing, as_json=options.json)
+    return following.follow(_errand(options), path, passing)
+
+
+def _one_or_all(values: list[float] | None) -> float | list[float] | None:
+    """Return one number for all joints as such."""
+    return values[0] if values is not None and len(values) == 1 else values
+
+
+def _errand(options: Namespace) -> Errand:
+    from gateway.cli.motion.errand import Errand
+
+    return Errand(
+        command=options.command,
+        target=options.target,
+        timeout_s=options.timeout_s,
+        is_left_held=options.hold,
+        take=options.take,
+        asks=not options.yes,
+        as_json=options.json,
+    )
+
+
+def _example(options: Namespace) -> int:
+    from gateway.cli import examples
+
+    if options.number is None:
+        return examples.list_examples()
+    if options.show:
+        return examples.show_example(options.number)
+    return examples.run_example(options.number, options.target, asks=not options.yes)
+
+
+def _demo(options: Namespace) -> int:
+    from gateway.cli.demo import demonstrate
+
+    return demonstrate(options.speed, options.plot, options.seed)
+
+
+def _completion(options: Namespace) -> int:
+    from gateway.cli.completion import print_script
+
+    return print_script(options.shell)
+
+
+def _video(options: Namespace) -> int:
+    from gateway.cli.cameras.commands import carry_out
+
+    return carry_out(options)
+
+
+def _ground(options: Namespace) -> int:
+    from gateway.cli.motion import grounding
+
+    outing = grounding.Outing(
+        command=options.command,
+        target=options.target,
+        timeout_s=options.timeout_s,
+        for_s=options.for_s,
+        is_left_held=options.command == "gripper" and options.hold,
+        take=options.take,
+        asks=not options.yes,
+        as_json=options.json,
+    )
+    if options.command == "gripper":
+        return grounding.gripper(outing, options.side, options.action, options.force, options.value or 0.0)
+    if options.command == "drive":
+        return grounding.drive(outing, options.vx, options.vy, options.wz)
+    return grounding.lift(outing, options.action, options.speed)
+
+
+def _kinematics(options: Namespace) -> int:
+    from gateway.cli.body import frames, identify
+
+    if options.command == "identify":
+        return identify.carry_out(options)
+    return frames.carry_out(options)
+
+
+COMMANDS: Mapping[str, Callable[[Namespace], int]] = {
+    "run": _run,
+    "sim": _sim,
+    "config": _config,
+    "model": _model,
+    "status": _status,
+    "watch": _watch,
+    "why": _why,
+    "topics": _topics,
+    "link": _link,
+    "events": _events,
+    "frames": _kinematics,
+    "identify": _kinematics,
+    "enable": _enable,
+    "home": _move,
+    "move": _move,
+    "move-pose": _move,
+    "follow": _follow,
+    "gripper": _ground,
+    "drive": _ground,
+    "lift": _ground,
+    "video": _video,
+    "example": _example,
+    "demo": _demo,
+    "completion": _completion,
+    "stop": _stop,
+    "estop": _stop,
+    "stop-endpoint": _stop_endpoint,
+    "recover": _recover,
+}
+"""Who carries out which command."""

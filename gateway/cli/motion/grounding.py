@@ -1,0 +1,173 @@
+"""`ta2 gripper`, `ta2 drive` and `ta2 lift`: say what will move, ask, own, do it, and leave the robot as it was found.
+
+A robot whose arms were held when the command came is left held: another one's grip is not this command's to lose.
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import dataclass
+
+from gateway.cli.motion.errand import ENABLE_S, PROGRESS_HZ, Errand
+from gateway.cli.terminal.asking import confirmed
+from gateway.cli.terminal.connection import connected
+from gateway.cli.terminal.ending import ExitStatus, report
+from gateway.cli.terminal.owning import HELD, LOOK_S, held_text, is_held, owned
+from gateway.cli.terminal.progress import Teller, teller
+from gateway.client import Control, Robot
+from gateway.errors import GatewayError, Refused
+
+__all__ = ["Outing", "drive", "gripper", "lift"]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Outing(Errand):
+    """How a command is carried out.
+
+    Attributes:
+        for_s: How long the chassis or the lift drives, or the gripper is watched [s].
+    """
+
+    for_s: float
+
+
+Facts = dict[str, object]
+Deed = Callable[[Robot, Control, Teller], tuple[str, Facts]]
+"""Does it, and returns what to say of it, to people and to scripts."""
+
+
+def gripper(outing: Outing, side: str, action: str, force: float, raw: float) -> ExitStatus:
+    """Command a gripper and watch what comes of it.
+
+    Args:
+        outing: How.
+        side: `left` or `right`.
+        action: `grip`, `open`, `relax` or `set`.
+        force: Part of the greatest torque, for `grip` and `open`.
+        raw: The robot's own input, for `set`.
+
+    Raises:
+        GatewayError: Nothing was begun.
+    """
+
+    def deed(robot: Robot, own: Control, tell: Teller) -> tuple[str, Facts]:
+        tell.advance("enable", None, "waiting for READY")
+        own.enable(timeout=ENABLE_S)
+        tell.advance("enable", 1.0, "READY")
+        hand = own.left_gripper if side == "left" else own.right_gripper
+        if action == "set":
+            hand.set(raw)
+        elif action == "relax":
+            hand.relax()
+        else:
+            (hand.grip if action == "grip" else hand.open)(force)
+        holding, input_ratio, torque_nm = None, None, None
+        begin_ns: int | None = None
+        for state in robot.states(max_rate=PROGRESS_HZ, timeout=LOOK_S):
+            begin_ns = state.view.at_ns if begin_ns is None else begin_ns
+            grip = state.grip(hand.side)
+            holding, input_ratio, torque_nm = grip.holding, grip.input_ratio, grip.torque_nm
+            done = min(1.0, (state.view.at_ns - begin_ns) / (outing.for_s * 1e9))
+            tell.advance(action, done, _holding_text(holding))
+            if done >= 1.0:
+                break
+        sent = "" if input_ratio is None or torque_nm is None else f" sent {input_ratio:.2f} ({torque_nm:+.2f} N·m),"
+        text = f"{side} gripper:{sent} {_holding_text(holding)}"
+        return text, {"side": side, "input": input_ratio, "torque_nm": torque_nm, "holding": holding}
+
+    what = {"grip": f"closes with {force:g} of its torque", "open": f"opens with {force:g} of its torque"}
+    plan = what.get(action, "gets no torque" if action == "relax" else f"is sent {raw:g}")
+    return _carry_out(outing, f"the {side} gripper {plan}", deed)
+
+
+def _holding_text(holding: bool | None) -> str:
+    if holding is None:
+        return "nobody can tell whether it holds something"
+    return "it seems to hold something (an estimate)" if holding else "it seems to hold nothing (an estimate)"
+
+
+def drive(outing: Outing, vx: float, vy: float, wz: float) -> ExitStatus:
+    """Drive the chassis for a time.
+
+    Args:
+        outing: How, and for how long.
+        vx: Along x [m/s].
+        vy: Along y [m/s].
+        wz: Around z [rad/s].
+
+    Raises:
+        GatewayError: Nothing was begun.
+    """
+    velocity = f"({vx:g}, {vy:g}) m/s, {wz:g} rad/s"
+
+    def deed(_: Robot, own: Control, tell: Teller) -> tuple[str, Facts]:
+        tell.advance("drive", None, velocity)
+        own.chassis.drive_for(vx, vy, wz, outing.for_s)
+        tell.advance("drive", 1.0, "at rest")
+        return f"drove with {velocity} for {outing.for_s:g} s", {"vx": vx, "vy": vy, "wz": wz, "for_s": outing.for_s}
+
+    return _carry_out(outing, f"the chassis drives with {velocity} for {outing.for_s:g} s", deed)
+
+
+def lift(outing: Outing, action: str, speed: float) -> ExitStatus:
+    """Drive the lift for a time, or take its servo off.
+
+    Args:
+        outing: How, and for how long.
+        action: `up`, `down` or `off`.
+        speed: Part of full speed.
+
+    Raises:
+        GatewayError: Nothing was begun.
+    """
+
+    def deed(_: Robot, own: Control, tell: Teller) -> tuple[str, Facts]:
+        tell.advance("lift", None, action)
+        if action == "off":
+            own.lift.disable()
+        else:
+            own.lift.drive_for(speed if action == "up" else -speed, outing.for_s)
+        tell.advance("lift", 1.0, "stopped")
+        moved = "its servo is off" if action == "off" else f"drove {action} with {speed:g} for {outing.for_s:g} s"
+        return f"lift: {moved}", {"action": action, "speed": speed, "for_s": outing.for_s}
+
+    how = (
+        "the lift stops and its servo goes off"
+        if action == "off"
+        else f"the lift drives {action} for {outing.for_s:g} s"
+    )
+    return _carry_out(outing, how, deed)
+
+
+def _carry_out(outing: Outing, what: str, deed: Deed) -> ExitStatus:
+    """Own the robot for a deed, and leave it held where it was, or shall be."""
+    with connected(outing.command, outing.target, outing.timeout_s) as robot:
+        print(f"{outing.command}: {what}", file=sys.stderr)
+        if outing.asks and not confirmed():
+            print("nothing was done", file=sys.stderr)
+            return ExitStatus.REFUSED
+        is_left_held = outing.is_left_held or robot.state.state in HELD
+        try:
+            with teller() as tell, owned(robot, tell, take=outing.take, is_left_held=is_left_held) as own:
+                try:
+                    text, facts = deed(robot, own, tell)
+                except GatewayError as error:
+                    if not is_left_held and (isinstance(error, Refused) or outing.command != "gripper"):
+                        with suppress(GatewayError):  # nothing is held: end what this command began
+                            own.release()
+                    raise
+        except GatewayError as error:
+            status = report(error, as_json=outing.as_json)
+            if is_held(robot):
+                print(held_text(robot, outing.command), file=sys.stderr)
+            return status
+        if is_left_held and outing.command == "gripper":
+            print(held_text(robot, outing.command), file=sys.stderr)
+    if outing.as_json:
+        print(json.dumps({"ok": True, **facts, "held": is_left_held}))
+    else:
+        print(f"{text}; {'held' if is_left_held else 'released'}")
+    return ExitStatus.OK

@@ -1,0 +1,98 @@
+"""`ta2 stop`, `ta2 estop`, `ta2 recover`: what must work in a hurry. Imports the client and nothing else.
+
+A stop that may not have stopped the robot says so with the only hint that counts, and with an exit status of its own.
+"""
+
+from __future__ import annotations
+
+import getpass
+import json
+
+from gateway.cli.terminal.connection import connected
+from gateway.cli.terminal.ending import ExitStatus, for_stopping, report, undelivered
+from gateway.client import StopResult
+from gateway.errors import Disconnected, GatewayError
+
+__all__ = ["recover", "stop"]
+
+DONE = {
+    "stop": "stopped: arms brake and are held with their grip, chassis and lift stop",
+    "estop": "stopped: the robot pauses, the grip is lost",
+}
+
+
+def stop(command: str, target: str | None, timeout_s: float, reason: str, *, as_json: bool) -> ExitStatus:
+    """Stop everything.
+
+    Args:
+        command: `stop` or `estop`.
+        target: Where the gateway is; None finds its socket.
+        timeout_s: Longest wait for it [s].
+        reason: Shown to the owner and in the log.
+        as_json: Whether to print JSON.
+
+    Raises:
+        GatewayError: Nobody knows whether it stopped.
+    """
+    said = _signed(reason or f"ta2 {command}")
+    try:
+        with connected(command, target, timeout_s, greet=False) as robot:
+            result = robot.stop(said) if command == "stop" else robot.estop(said)
+    except GatewayError as error:
+        found = _by_guard(command, target, said) if isinstance(error, Disconnected) else None
+        if found is None:
+            raise for_stopping(error) from None
+        result = found
+    if result.undelivered:
+        return report(undelivered(), as_json=as_json)
+    who = "by the guard, the gateway itself is dead: " if result.by_guard else ""
+    if as_json:
+        print(json.dumps({"ok": True, "undelivered": False, "by_guard": result.by_guard}))
+    else:
+        print(f"{who}{DONE[command]}; motion is refused until `ta2 recover`")
+    return ExitStatus.OK
+
+
+def _by_guard(command: str, target: str | None, said: str) -> StopResult | None:
+    """Ask the guard of a daemon that is not there; None when no guard did anything."""
+    from gateway.api.protocol import find_socket
+    from gateway.client.asking.guard_stop import stop_at_guard
+
+    address = str(find_socket()) if target is None else target
+    return stop_at_guard(address, "stop" if command == "stop" else "estop", said, f"ta2 {command}")
+
+
+def _signed(reason: str) -> str:
+    """Return a reason with who gave it: of those who do not own the robot, the gateway knows no name."""
+    try:
+        return f"{reason} ({getpass.getuser()})"
+    except (KeyError, OSError):  # neither variable nor account
+        return reason
+
+
+def recover(target: str | None, timeout_s: float, reason: str = "", *, as_json: bool) -> ExitStatus:
+    """Clear what holds motion off, and say what it was.
+
+    Args:
+        target: Where the gateway is; None finds its socket.
+        timeout_s: Longest wait for it [s].
+        reason: Lets silent stop endpoints go.
+        as_json: Whether to print JSON.
+
+    Raises:
+        NotReady: LATCH_PERSISTS, or the robot cannot be seen; ENDPOINT_SILENT without a reason.
+    """
+    with connected("recover", target, timeout_s) as robot:
+        latches = dict(robot.state.latches)
+        silent = [endpoint.name for endpoint in robot.state.endpoints if endpoint.is_silent]
+        robot.recover(_signed(reason) if reason else "")
+    if as_json:
+        print(json.dumps({"ok": True, "cleared": latches, "dismissed": silent}, ensure_ascii=False))
+        return ExitStatus.OK
+    for name in silent:
+        print(f"stop endpoint {name!r} was let go")
+    if latches:
+        print("\n".join(["cleared; nothing moves by itself:", *(f"  {code}: {why}" for code, why in latches.items())]))
+    elif not silent:
+        print("nothing was held off")
+    return ExitStatus.OK

@@ -1,0 +1,78 @@
+"""Owning the robot for the time of a command: getting the lease, and saying what becomes of the arms afterwards."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager, suppress
+
+from gateway.cli.terminal.figures import since_text
+from gateway.cli.terminal.progress import Teller
+from gateway.client import Control, Robot
+from gateway.errors import Code, GatewayError, LeaseError
+
+__all__ = ["HELD", "held_text", "is_held", "owned"]
+
+HELD = frozenset({"ACTIVE", "HOLDING", "PAUSED", "STOPPING"})
+"""States in which arms are held, or will be when they have come to rest."""
+
+LOOK_HZ = 5.0
+LOOK_S = 2.0
+"""Longest wait for a snapshot while waiting for something else [s]."""
+
+
+@contextmanager
+def owned(robot: Robot, tell: Teller, *, take: str | None, is_left_held: bool) -> Iterator[Control]:
+    """Own the robot while the block runs. A block that ends by an exception leaves it held.
+
+    A lease whose owner has vanished becomes free after some seconds: they are waited for.
+
+    Args:
+        robot: A connected one.
+        tell: Who is told about the wait.
+        take: Reason to take the robot from its owner at once; None to wait or be refused.
+        is_left_held: Whether a normal end of the block leaves the robot held; else it brakes, rests and pauses.
+
+    Raises:
+        LeaseError: LEASE_HELD, somebody else owns the robot and lives.
+    """
+    control = robot.control(on_exit="hold" if is_left_held else "release", take=take)
+    while True:
+        try:
+            control.acquire()
+            break
+        except LeaseError as error:
+            lease = robot.state.lease
+            if error.code is not Code.LEASE_HELD or (lease.owned and lease.free_in_ns is None):
+                raise
+            _wait_until_free(robot, tell)
+    with ExitStack() as stack:
+        stack.push(control)  # it is entered already
+        yield control
+
+
+def _wait_until_free(robot: Robot, tell: Teller) -> None:
+    """Wait until nobody owns the robot, or its owner is back."""
+    for state in robot.states(max_rate=LOOK_HZ, timeout=LOOK_S):
+        lease = state.lease
+        if not lease.owned or lease.free_in_ns is None:
+            return
+        left = since_text(lease.free_in_ns)
+        tell.advance("wait", None, f"{lease.name!r} (pid {lease.pid}) has left; free in {left} (--take REASON: now)")
+
+
+def is_held(robot: Robot) -> bool:
+    """Return whether this command leaves arms held; False when nobody can tell."""
+    with suppress(GatewayError):
+        state = robot.state
+        return state.state in HELD and state.lease.client_id == robot.client_id
+    return False
+
+
+def held_text(robot: Robot, command: str) -> str:
+    """Return what becomes of a robot that is left held, and how to go on."""
+    info = robot.info
+    return (
+        f"the arms are held with their grip for {info.down_after_ns / 1e9:g} s, then the robot pauses\n"
+        f"  go on    `ta2 {command}` again: it waits {info.free_after_ns / 1e9:g} s for the lease, or --take REASON\n"
+        f"  release  `ta2 enable`, then Ctrl-C; at once: `ta2 estop`"
+    )

@@ -1,0 +1,302 @@
+"""The daemon's composition root: builds everything, starts it in order, runs the loop, ends it in order.
+
+    locks -> state file -> engine -> guard -> local plane -> robot link -> real-time measures -> loop -> the same way back
+
+A thread that ends unasked is told to the engine, like what the guard finds out; then the process ends as one that died, so
+that its guard goes on with what is held, and the service manager starts another one.
+
+One daemon per robot. It ends by SIGTERM or Ctrl-C: the engine brakes, sends what it owes and says when it is done,
+within 5 s. Nothing here decides anything about the robot.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import logging
+import os
+import signal
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+from types import FrameType
+from typing import TYPE_CHECKING, NoReturn
+
+from gateway.api import protocol
+from gateway.api.guard_protocol import guard_socket, robot_name
+from gateway.api.service import LocalPlane
+from gateway.core.engine import Engine
+from gateway.core.messages.events import Event, ExitRequested, GuardSeen, LinkUp, Notice, PartEnded, Reply
+from gateway.core.messages.outputs import router_name
+from gateway.errors import Code
+from gateway.guard.heir import Heir
+from gateway.guard.keeper import Keeper
+from gateway.link.robot_link import RobotLink
+from gateway.messages.snapshot import Snapshot
+from gateway.process.loop import Loop
+from gateway.process.measures import Measures
+from gateway.process.recall import Recall
+from gateway.process.state_file import StateFile, StateWriter, path_of
+from gateway.process.threads import take_lost
+from gateway.process.zenoh_threads import share_reactor
+from gateway.settings.settings import Settings
+from gateway.settings.toml_file import state_dir
+
+if TYPE_CHECKING:
+    from gateway.core.robot_state.body_model import BodyModel
+
+__all__ = ["run"]
+
+_log = logging.getLogger(__name__)
+
+DISK_TIMEOUT_S = 2.0
+"""How long the end waits for the last state to reach the disk [s]."""
+
+
+class _Watched:
+    """The local plane with what is the process's own among its events: the end, and threads that were lost.
+
+    Args:
+        plane: The local plane.
+        engine: Told whether anybody watches.
+    """
+
+    def __init__(self, plane: LocalPlane, engine: Engine) -> None:
+        self._plane = plane
+        self._engine = engine
+        self._signals: list[int] = []
+
+    def ask_to_end(self, number: int) -> None:
+        """Ask for a clean end; safe in a signal handler."""
+        self._signals.append(number)
+
+    def poll(self) -> Sequence[Event]:
+        lost = [PartEnded(message=str(thread), trace=thread.trace, at_ns=thread.at_ns) for thread in take_lost()]
+        events = [*lost, *self._plane.poll()]
+        self._engine.is_watched = self._plane.is_watched
+        if self._signals:
+            number = self._signals[0]
+            self._signals.clear()
+            _log.info("%s: ending", signal.Signals(number).name)
+            events = [*events, ExitRequested(at_ns=time.monotonic_ns())]
+        return events
+
+    def poll_stops(self) -> Sequence[Event]:
+        return self._plane.poll_stops()
+
+    def wait_for_stop(self, seconds: float) -> bool:
+        return self._plane.wait_for_stop(seconds)
+
+    def wait(self, seconds: float) -> bool:
+        return bool(self._signals) or self._plane.wait(seconds)
+
+    def send(self, replies: Sequence[Reply], notices: Sequence[Notice]) -> None:
+        self._plane.heed(self._engine.heeded)  # first: who is told that he owns the robot is heard from then on
+        self._plane.send(replies, notices)
+
+    def publish_snapshot(self, snapshot: Snapshot) -> None:
+        self._plane.publish_snapshot(snapshot)
+
+
+class _Guards:
+    """This daemon's guard, and the one that an earlier daemon left, as far as the loop is concerned.
+
+    Args:
+        settings: Whether there shall be a guard.
+        engine: What is shown to it.
+        socket: The daemon's; the guard's lies beside it.
+        is_json_log: Whether the guard's log is JSON lines.
+    """
+
+    def __init__(self, settings: Settings, engine: Engine, socket: Path, *, is_json_log: bool) -> None:
+        self._engine = engine
+        name = robot_name(settings.link.endpoint, settings.link.namespace)
+        self._heir = Heir(guard_socket(socket), engine, _latching(engine), name)
+        self._keeper: Keeper | None = None
+        if settings.guard.enabled:
+            here = replace(settings, local=replace(settings.local, socket=str(socket)))
+            try:
+                self._keeper = Keeper(here, is_json_log=is_json_log)
+                self._keeper.start()
+            except OSError as error:
+                _log.error("there is no guard: %s", error)
+        else:
+            _log.warning("no guard: when this process dies, the robot's own watchdogs stop it, and the grip is lost")
+
+    def poll(self) -> list[Event]:
+        now_ns = time.monotonic_ns()
+        return [*self._heir.poll(now_ns), *(self._keeper.poll(now_ns) if self._keeper is not None else ())]
+
+    def on_sending(self, now_ns: int) -> None:
+        self._heir.confirm()
+        if self._keeper is not None:
+            self._keeper.write(self._engine.takeover.show(now_ns))
+
+    def close(self, is_clean: Callable[[], bool]) -> None:
+        self._heir.close()
+        if self._keeper is not None:
+            self._keeper.close(is_clean=is_clean())
+
+
+def _latching(engine: Engine) -> Callable[[Code, str], None]:
+    return lambda code, message: engine.takeover.latch(code, message, time.monotonic_ns())
+
+
+class _Link:
+    """The robot link, telling when a session has brought new threads that must be scheduled like the others.
+
+    Args:
+        link: The link.
+        engine: Says how closely it must look.
+        on_up: Called in the loop's thread after each LinkUp.
+        guards: Have something to say, too.
+        recall: Knows what was latched when this robot had another address.
+        namespace: Of the robot.
+    """
+
+    def __init__(
+        self,
+        link: RobotLink,
+        engine: Engine,
+        on_up: Callable[[], None],
+        guards: _Guards,
+        recall: Recall,
+        namespace: str,
+    ) -> None:
+        self._recall = recall
+        self._namespace = namespace
+        self._guards = guards
+        self._on_up = on_up
+        self._link = link
+        self._engine = engine
+        self.publish = link.publish
+        self.show = link.show
+
+    def poll(self) -> Sequence[Event]:
+        engine = self._engine
+        self._link.pace(is_moving=engine.is_streaming, is_watched=engine.is_watched, is_posing=engine.is_posing)
+        events = self._link.poll()
+        for event in events:
+            if isinstance(event, LinkUp):
+                self._on_up()
+                self._recall.meet(router_name(event.router_zid, self._namespace), _latching(engine))
+        of_guards = self._guards.poll()
+        for event in of_guards:
+            if isinstance(event, GuardSeen) and event.zid:
+                self._link.befriend(event.zid)
+        return [*events, *of_guards]
+
+
+@contextmanager
+def _signals(handle: Callable[[int], None]) -> Iterator[None]:
+    """Take the signals that ask for an end, but those that were ignored by whoever started this (`nohup`)."""
+
+    def on_signal(number: int, frame: FrameType | None) -> None:
+        handle(number)
+
+    wanted = (signal.SIGTERM, signal.SIGINT, signal.SIGHUP)
+    before = {
+        number: signal.signal(number, on_signal) for number in wanted if signal.getsignal(number) != signal.SIG_IGN
+    }
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+def run(settings: Settings, on_ready: Callable[[str], None] | None = None, *, is_json_log: bool = False) -> int:
+    """Run the daemon until it is asked to end.
+
+    Must be called in the main thread: it takes over SIGTERM, SIGINT and SIGHUP while it runs.
+
+    Args:
+        settings: Effective settings.
+        on_ready: Called with the socket's path when clients can connect.
+        is_json_log: Whether the guard's log is JSON lines, like this process's own.
+
+    Returns:
+        Exit status: 0. A daemon that lost a thread of its own, or whose API hangs, ends its process with 1.
+
+    Raises:
+        NotReady: OTHER_GATEWAY: a daemon for this robot or this socket runs on this host.
+        ConfigError: A listener, or a file of the configuration's, cannot be as configured.
+    """
+    share_reactor()
+    model = _model(settings)  # before anything is opened: its files may be wrong
+    link: RobotLink | None = None
+    status = 1
+    try:
+        with contextlib.ExitStack() as ending:  # all of it happens whatever fails, the last pushed first
+            robot_of = settings.link.endpoint, settings.link.namespace
+            state_file = ending.enter_context(StateFile(path_of(state_dir(), *robot_of)))
+            plane = LocalPlane(settings)
+            ending.callback(plane.close)
+            recall = Recall(state_file.path, path_of(state_dir(), *robot_of, is_as_spelt=True))
+            started = state_file.start(least_epoch=recall.epoch)
+            if started.report:
+                _log.warning("%s", started.report)
+            engine = Engine(settings, started.remembered, model)
+            recall.known_here(started.remembered, _latching(engine))
+            watched = _Watched(plane, engine)
+            ending.enter_context(_signals(watched.ask_to_end))  # to the very end: impatience must skip nothing
+            # Before real-time measures, and before this process has anything that another one should not inherit.
+            guards = _Guards(settings, engine, plane.socket, is_json_log=is_json_log)
+            ending.callback(guards.close, lambda: status == 0)
+            writer = StateWriter(state_file, started, on_saved=recall.saved)
+            ending.callback(_close_writer, writer, state_file)
+            measures = Measures(settings)
+            ending.callback(measures.undo)
+            link = RobotLink(settings.link)
+            ending.callback(link.close)
+            ending.callback(plane.close)  # first: nobody asks any more
+            plane.tell_routes_of(partial(_routes, link))
+            plane.open()
+            link.open()
+            measures.take()
+            robot = _Link(link, engine, measures.renew, guards, recall, settings.link.namespace)
+            loop = Loop(engine, robot, watched, on_remembered=writer.write, on_sending=guards.on_sending)
+            ending.callback(guards.close, lambda: status == 0)  # first of all: no tick comes any more
+            if on_ready is not None:
+                on_ready(str(plane.socket))
+            loop.run(lambda: False)
+            if engine.is_broken:
+                _leave(guards, partial(_close_writer, writer, state_file))
+            status = 0
+    finally:
+        if link is not None and not link.close(0):  # zenoh still hangs in its threads: they would keep the process
+            _log.warning("the robot session did not close in time; leaving without it", exc_info=status != 0)
+            logging.shutdown()
+            os._exit(status)
+    return 0
+
+
+def _leave(guards: _Guards, save: Callable[[], None]) -> NoReturn:
+    """End a process a part of which has ended: wait for none of the others but the disk, let the guard go on at once."""
+    guards.close(lambda: False)
+    save()
+    _log.critical("a part of this gateway ended, and so does it: start it anew; its latch wants recover()")
+    logging.shutdown()
+    os._exit(1)
+
+
+def _model(settings: Settings) -> BodyModel | None:
+    """Return the body model; numpy is loaded only for it."""
+    if not settings.model.check:
+        return None
+    from gateway.core.robot_state.body_model import body_model
+
+    return body_model(settings)
+
+
+def _close_writer(writer: StateWriter, state_file: StateFile) -> None:
+    if not writer.close(DISK_TIMEOUT_S):
+        _log.error("the last state did not reach %s", state_file.path)
+
+
+def _routes(link: RobotLink) -> protocol.Routes:
+    return protocol.Routes(
+        routes=link.readiness(), bridge_version=link.robot_version, undelivered=link.undelivered, wire=link.wire()
+    )

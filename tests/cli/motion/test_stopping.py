@@ -1,0 +1,69 @@
+"""Tests of `ta2 stop`, `estop` and `recover`."""
+
+from __future__ import annotations
+
+import pytest
+
+from gateway.cli.motion import stopping
+from gateway.errors import Code, Refusal
+from gateway.messages import requests
+from gateway.messages.snapshot import LinkView
+
+
+@pytest.mark.parametrize(("command", "kind"), [("stop", requests.Stop), ("estop", requests.Estop)])
+def test_a_stop_is_one_request_with_reason_and_name(shell, monkeypatch, command, kind):
+    """No lease, no question asked; the reason names the person, since the gateway knows no name of a stranger."""
+    monkeypatch.setattr(stopping.getpass, "getuser", lambda: "ada")
+    ended = shell.run(command, "smoke", "in", "the", "lab")
+    ((_, request),) = shell.world.engine.requests
+    assert isinstance(request, kind) and request.reason == "smoke in the lab (ada)"
+    assert ended.status == 0 and "`ta2 recover`" in ended.out and not ended.err
+    assert shell.names == [f"ta2 {command}"]
+    assert shell.run(command, "--json").json == {"ok": True, "undelivered": False, "by_guard": False}
+    assert shell.world.engine.requests[-1][1].reason == f"ta2 {command} (ada)"
+
+
+def test_a_stop_without_a_name_is_a_stop(shell, monkeypatch):
+    """An account without a name does not keep anybody from stopping."""
+
+    def nobody():
+        raise KeyError("uid not found")
+
+    monkeypatch.setattr(stopping.getpass, "getuser", nobody)
+    assert shell.run("stop").status == 0
+    assert shell.world.engine.requests[0][1].reason == "ta2 stop"
+
+
+def test_a_stop_that_did_not_leave_fails_loudly(shell):
+    """Without a transport to the robot the reply says so: status 1 and the physical emergency stop."""
+    shell.world.engine.show(link=LinkView(up=False, router_zid="", fresh=False, age_ns=None))
+    ended = shell.run("estop", "--json")
+    assert ended.status == 1 and ended.json["error"]["code"] == "STOP_UNDELIVERED"
+    assert ended.err.startswith("STOP_UNDELIVERED: ") and "physical emergency stop" in ended.err
+
+
+def test_a_stop_without_an_answer_is_unknown(shell):
+    """The reply is lost: status 4, and nobody is told that the robot stopped."""
+    shell.world.engine.mute.add(requests.Stop)
+    ended = shell.run("stop")
+    assert ended.status == 4 and ended.err.startswith("OUTCOME_UNKNOWN: ") and not ended.out
+    assert "physical emergency stop" in ended.err
+
+
+def test_recover_tells_what_it_cleared(shell):
+    """Cause by cause; nothing latched is fine too."""
+    assert shell.run("recover").out == "nothing was held off\n"
+    shell.run("stop", "lunch")
+    ended = shell.run("recover")
+    assert ended.status == 0 and "STOPPED_BY_OTHER: " in ended.out and "lunch" in ended.out
+    shell.run("stop")
+    assert list(shell.run("recover", "--json").json["cleared"]) == ["STOPPED_BY_OTHER"]
+
+
+def test_recover_is_refused_while_the_cause_persists(shell):
+    """The refusal of the gateway is told as it came."""
+    shell.world.engine.refusals[requests.Recover] = Refusal(code=Code.LATCH_PERSISTS, message="FSM is ERROR")
+    ended = shell.run("recover")
+    assert (
+        ended.status == 1 and ended.err.startswith("LATCH_PERSISTS: FSM is ERROR -> ") and "`ta2 recover`" in ended.err
+    )

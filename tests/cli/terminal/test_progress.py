@@ -1,0 +1,39 @@
+"""Tests of what is said while a command runs."""
+
+from __future__ import annotations
+
+import io
+import sys
+
+from gateway.cli.terminal.progress import teller
+
+
+class Terminal(io.StringIO):
+    def isatty(self):
+        return True
+
+
+def test_without_a_terminal_progress_is_a_few_plain_lines(capsys):
+    """A line per quarter and phase, none in between: logs stay readable."""
+    with teller() as tell:
+        tell.say("begin")
+        for percent in range(0, 101, 5):
+            tell.advance("move", percent / 100, f"{percent} %")
+        for _ in range(5):
+            tell.advance("wait", None, "a while")
+    lines = capsys.readouterr().err.splitlines()
+    assert lines == ["begin", "move: 0 %", "move: 25 %", "move: 50 %", "move: 75 %", "move: 100 %", "wait: a while"]
+
+
+def test_on_a_terminal_progress_is_drawn(monkeypatch):
+    """One bar per phase, with its detail; what is said stays above."""
+    screen = Terminal()
+    monkeypatch.setattr(sys, "stderr", screen)
+    monkeypatch.setenv("TERM", "xterm")
+    with teller() as tell:
+        tell.advance("enable", None, "waiting for READY")
+        tell.advance("enable", 1.0, "READY")
+        tell.say("a [sentence] that stays")
+        tell.advance("move", 0.5, "50 %")
+    text = screen.getvalue()
+    assert "enable" in text and "READY" in text and "50 %" in text and "a [sentence] that stays" in text
