@@ -52,7 +52,7 @@ def test_the_contract_stands_on_msgspec_and_values_alone():
     script = (
         "import sys; import gateway.api.protocol; "
         "print(sorted(m for m in sys.modules if m.split('.')[0] in ('zenoh', 'numpy', 'asyncio', 'pycdr2', 'ruckig') "
-        "or m.startswith(('gateway.core', 'gateway.robot', 'gateway.settings.settings', 'cdr_types'))))"
+        "or m.startswith(('gateway.core', 'gateway.robot', 'gateway.settings', 'cdr_types'))))"
     )
     loaded = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True, timeout=30)
     assert loaded.stdout.strip() == "[]"

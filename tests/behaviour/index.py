@@ -343,7 +343,7 @@ STOPPING = {
         "ending::a_remembered_estop_is_sent_again_only_where_it_is_needed",
     ),
     "under another address": (
-        "./endpoint::an_address_has_one_spelling",
+        "robot/endpoint::an_address_has_one_spelling",
         "process/recall::every_spelling_of_an_address_has_one_file",
         "process/recall::latches_of_another_address_come_with_the_router",
         "process/recall::epochs_go_on_above_those_of_every_file",

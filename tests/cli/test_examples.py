@@ -96,7 +96,8 @@ def test_the_examples_need_no_more_than_the_client():
         "gateway.values",
         "gateway.examples",
     )
-    assert [name for name in ast.literal_eval(done.stdout) if not name.startswith(allowed)] == []
+    loaded = set(ast.literal_eval(done.stdout)) - {"gateway.process"}  # the room of the one module that starts threads
+    assert [name for name in loaded if not name.startswith(allowed)] == []
 
 
 def test_the_examples_are_listed(shell):
