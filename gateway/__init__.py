@@ -1,4 +1,4 @@
-"""Gateway between user code and a TeleAvatar 2 robot: no ROS, no bridge, one safe door."""
+"""Gateway between user code and a TeleAvatar 2 robot: no ROS, no bridge, one safe way in."""
 
 __all__ = ["__version__"]
 

@@ -51,14 +51,14 @@ class SpacedPair(Pair):
         self.run(1.2)
 
     @property
-    def conductor(self):
+    def coordinator(self):
         """What the engine moves."""
-        return self.engine._conductor
+        return self.engine._coordinator
 
     @property
     def setpoints(self) -> dict[Side, Vector]:
         """Of both arms [rad]; where an arm has none, as measured."""
-        arms = self.conductor.body.joint_arms
+        arms = self.coordinator.body.joint_arms
         return {side: arms[side].values if arms[side].running else self.joints(side) for side in Side}
 
     def joints(self, side: Side) -> Vector:
@@ -90,5 +90,5 @@ class SpacedPair(Pair):
                     self.target(self.epoch, self.streams[side], target)
             self.step()
             self.look()
-            if step > 20 and self.off_rad(targets) < 1e-9 and self.conductor.body.is_at_rest:
+            if step > 20 and self.off_rad(targets) < 1e-9 and self.coordinator.body.is_at_rest:
                 return

@@ -91,9 +91,9 @@ def test_random_moves_end_at_their_goals_or_before_anything_is_touched():
         for _ in range(1000):
             pair.step()
             pair.look()
-            if not pair.conductor.body.motions.running:
+            if not pair.coordinator.body.motions.running:
                 break
-        ended.append(pair.conductor.body.motions.views()[-1].code)
+        ended.append(pair.coordinator.body.motions.views()[-1].code)
         assert pair.least_m >= MARGIN_M - ROUNDING_M
     # Straight ways between random postures of the whole range lead through the body about every other time.
     assert set(ended) == {"", "COLLISION_AHEAD"} and ended.count("") > ended.count("COLLISION_AHEAD")
@@ -104,10 +104,10 @@ def test_a_stop_near_the_other_arm_is_a_stop_as_quick_as_ever():
     pair = SpacedPair()
     pair.lead(HOME_Q_RAD, 8.0)
     pair.lead(MEET, 0.7)
-    assert not pair.conductor.body.is_at_rest
+    assert not pair.coordinator.body.is_at_rest
     pair.granted(requests.Stop())
     pair.run(0.55)
-    assert pair.conductor.body.is_at_rest and pair.state == "HOLDING"
+    assert pair.coordinator.body.is_at_rest and pair.state == "HOLDING"
     pair.look()
     assert pair.least_m >= MARGIN_M - ROUNDING_M
 
@@ -140,10 +140,10 @@ def test_where_it_is_off_and_where_nothing_is_near_not_a_bit_of_a_setpoint_is_an
 
 @pytest.mark.parametrize(("straight", "through"), [(True, "COLLISION_AHEAD"), (False, "reached")])
 def test_poses_of_an_arm_in_joint_mode_are_kept_apart_like_any_path(straight, through):
-    """Beside an arm that is in the way or is not: reached, refused at the door, or ended before anything is touched."""
+    """Beside an arm that is in the way or is not: reached, refused at once, or ended before anything is touched."""
     pair, states = SpacedPair(), []
     pair.lead(HOME_Q_RAD, 8.0)
-    held = pair.conductor.model.arms[L].forward(HOME_Q_RAD[L])
+    held = pair.coordinator.model.arms[L].forward(HOME_Q_RAD[L])
     for way_m in ((0.0, -0.1, 0.0), (0.0, -0.3, 0.15), (-0.05, -0.35, 0.05), (0.0, 0.0, 0.0)):
         target = (*(a + b for a, b in zip(held.p_m, way_m, strict=True)), *held.quat_xyzw)
         asked = requests.MovePose(epoch=pair.epoch, targets={L: target}, frames=FRAMES, straight=straight)
@@ -154,9 +154,9 @@ def test_poses_of_an_arm_in_joint_mode_are_kept_apart_like_any_path(straight, th
         for _ in range(1500):
             pair.step()
             pair.look()
-            if not pair.conductor.body.motions.running:
+            if not pair.coordinator.body.motions.running:
                 break
-        view = pair.conductor.body.motions.views()[-1]
+        view = pair.coordinator.body.motions.views()[-1]
         states.append(view.code or view.state)
         assert pair.least_m >= MARGIN_M - ROUNDING_M
     assert states == ["reached", through, "GOAL_TOO_NEAR", "reached"]

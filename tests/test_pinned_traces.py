@@ -78,7 +78,7 @@ def test_the_monitor_sees_a_jump_of_an_end_effector(monkeypatch: pytest.MonkeyPa
     pair = lean_pair(BOTH)
     player: Any = Trace(pair, BOTH)
     player.epoch["ann"] = pair.activate("ann")
-    stream = pair.engine._conductor.body.arms[Side.LEFT]
+    stream = pair.engine._coordinator.body.arms[Side.LEFT]
     x, *rest = stream.values
     monkeypatch.setattr(stream.reference, "step", lambda: (x - 0.01, *rest))
     with pytest.raises(AssertionError, match=r"the gate had to refuse|\(1\)"):

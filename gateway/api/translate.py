@@ -1,7 +1,7 @@
 """What comes in made fit for the engine, and what the engine gives made fit for the wire.
 
 Rules
-    * Form is judged here (how many joints, how many arms), with the door's code; limits and finiteness are the core's.
+    * Form is judged here (how many joints, how many arms), with the code of validation; limits and finiteness are the core's.
     * Text of clients is shown to people and written to logs: what cannot be printed is replaced, and it is cut.
     * A stop comes through whatever its reason looks like.
 """

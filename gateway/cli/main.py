@@ -24,7 +24,7 @@ from gateway.cli.terminal.ending import ExitStatus, Interrupted, report
 from gateway.errors import Code, GatewayError, Refusal, to_exception
 
 if TYPE_CHECKING:
-    from gateway.cli.motion.errand import Errand
+    from gateway.cli.motion.job import Job
 
 __all__ = ["COMMANDS", "main"]
 
@@ -247,7 +247,7 @@ def _enable(options: Namespace) -> int:
 
 
 def _move(options: Namespace) -> int:
-    from gateway.cli.motion.errand import carry_out
+    from gateway.cli.motion.job import carry_out
     from gateway.cli.motion.moving import Manner, home, to_joints, to_poses
 
     is_clipping = options.command != "home" and options.clip
@@ -255,13 +255,13 @@ def _move(options: Namespace) -> int:
     manner = Manner(
         speed=options.speed, tolerance_rad=options.tolerance, is_clipping=is_clipping, is_straight=is_straight
     )
-    errand = _errand(options)
+    job = _job(options)
     if options.command == "home":
-        return carry_out(errand, home(manner))
+        return carry_out(job, home(manner))
     named = {side: values for side in ("left", "right") if (values := getattr(options, side)) is not None}
     if options.command == "move-pose":
-        return carry_out(errand, to_poses(manner, named))
-    return carry_out(errand, to_joints(manner, named, is_offset=options.by))
+        return carry_out(job, to_poses(manner, named))
+    return carry_out(job, to_joints(manner, named, is_offset=options.by))
 
 
 def _follow(options: Namespace) -> int:
@@ -285,7 +285,7 @@ def _follow(options: Namespace) -> int:
     path = Path(options.file)
     if options.check:
         return following.check(options.target, options.timeout_s, path, passing, as_json=options.json)
-    return following.follow(_errand(options), path, passing)
+    return following.follow(_job(options), path, passing)
 
 
 def _one_or_all(values: list[float] | None) -> float | list[float] | None:
@@ -293,10 +293,10 @@ def _one_or_all(values: list[float] | None) -> float | list[float] | None:
     return values[0] if values is not None and len(values) == 1 else values
 
 
-def _errand(options: Namespace) -> Errand:
-    from gateway.cli.motion.errand import Errand
+def _job(options: Namespace) -> Job:
+    from gateway.cli.motion.job import Job
 
-    return Errand(
+    return Job(
         command=options.command,
         target=options.target,
         timeout_s=options.timeout_s,

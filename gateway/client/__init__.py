@@ -1,6 +1,6 @@
 """The client library: all that a user's program needs. Imports zenoh, msgspec and numpy; nothing of the daemon.
 
-`connect()` is the door; `gateway.client.aio` has the same for asyncio. Errors are in `gateway.errors`.
+`connect()` is where to begin; `gateway.client.aio` has the same for asyncio. Errors are in `gateway.errors`.
 """
 
 from __future__ import annotations

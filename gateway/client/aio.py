@@ -32,7 +32,7 @@ from gateway.client.aio_parts import ChassisControl, ChassisStream, GripperContr
 from gateway.client.aio_stop_endpoint import StopEndpoint
 from gateway.client.asking import procedures, watching
 from gateway.client.asking.chunks import FollowCheck, Wishes, check_follow
-from gateway.client.asking.door import OnExitName, program_name, require_options, transport_to
+from gateway.client.asking.options import OnExitName, program_name, require_options, transport_to
 from gateway.client.asking.requests import seconds
 from gateway.client.asking.results import StopResult
 from gateway.client.awaiting import run

@@ -14,8 +14,8 @@ from gateway.api import protocol
 from gateway.client.aio_parts import ChassisControl, GripperControl, LiftControl
 from gateway.client.asking.arm_commands import ArmCommands
 from gateway.client.asking.commands import MotionCommands
-from gateway.client.asking.door import OnExitName
 from gateway.client.asking.motion import MotionRecord
+from gateway.client.asking.options import OnExitName
 from gateway.client.asking.ownership import Accepted
 from gateway.client.asking.procedures import Procedure
 from gateway.client.asking.results import MotionResult

@@ -31,7 +31,7 @@ from typing import TYPE_CHECKING, Literal
 from gateway.api import protocol
 from gateway.client.asking import procedures, watching
 from gateway.client.asking.chunks import FollowCheck, Wishes, check_follow
-from gateway.client.asking.door import OnExitName, program_name, require_options, transport_to
+from gateway.client.asking.options import OnExitName, program_name, require_options, transport_to
 from gateway.client.asking.requests import seconds
 from gateway.client.asking.results import StopResult
 from gateway.client.blocking import run

@@ -7,7 +7,7 @@ from types import TracebackType
 from gateway.api import protocol
 from gateway.client.asking.arm_commands import ArmCommands
 from gateway.client.asking.commands import MotionCommands
-from gateway.client.asking.door import OnExitName
+from gateway.client.asking.options import OnExitName
 from gateway.client.asking.ownership import Accepted
 from gateway.client.asking.procedures import Procedure
 from gateway.client.blocking import run

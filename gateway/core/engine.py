@@ -40,19 +40,19 @@ from gateway.core.messages.events import (
     TargetArrived,
 )
 from gateway.core.messages.outputs import found_at
-from gateway.core.others.elsewhere import elsewhere, twins
+from gateway.core.others.other_robots import other_namespace, two_robots
 from gateway.core.output.diagnosis import Diagnosis
-from gateway.core.output.outlet import Outlet, Output
+from gateway.core.output.frame_collector import FrameCollector, Output
 from gateway.core.output.pace import TICK_NS, Pace, is_idle
 from gateway.core.output.view import build
 from gateway.core.requests.answers import Answers
-from gateway.core.requests.desk import Desk
+from gateway.core.requests.handler import RequestHandler
 from gateway.core.requests.preconditions import Preconditions
 from gateway.core.robot_state.duplication import Duplication
 from gateway.core.streams.gate import Cleared, Gate
 from gateway.core.supervision.conditions import Conditions
-from gateway.core.supervision.conductor import AT_BASE, Conductor
-from gateway.core.supervision.grounds import Grounds
+from gateway.core.supervision.coordinator import AT_BASE, Coordinator
+from gateway.core.supervision.drives import Drives
 from gateway.core.supervision.loss import Loss
 from gateway.core.supervision.phases import Phases
 from gateway.core.supervision.rivalry import Rivalry
@@ -74,7 +74,7 @@ S = 1_000_000_000
 
 
 class Engine:
-    """Joins store, lease, supervisor, door, motion, streams and gate.
+    """Joins store, lease, supervisor, validation, motion, streams and gate.
 
     Args:
         settings: All of them.
@@ -92,27 +92,27 @@ class Engine:
         is_guard: bool = False,
     ) -> None:
         self._settings = settings
-        self._conductor = Conductor(settings, remembered or Remembered(), model)
-        self._conditions = Conditions(self._conductor)
-        self._loss = Loss(self._conductor)
-        self._rivalry = Rivalry(self._conductor)
-        self._phases = Phases(self._conductor, self._conditions)
-        self._grounds = Grounds(self._conductor)
-        self._desk = Desk(self._conductor, self._phases)
-        self._outlet = Outlet(
-            self._conductor, Gate(settings.arm, settings.link.variant, settings.chassis, settings.pose)
+        self._coordinator = Coordinator(settings, remembered or Remembered(), model)
+        self._conditions = Conditions(self._coordinator)
+        self._loss = Loss(self._coordinator)
+        self._rivalry = Rivalry(self._coordinator)
+        self._phases = Phases(self._coordinator, self._conditions)
+        self._drives = Drives(self._coordinator)
+        self._handler = RequestHandler(self._coordinator, self._phases)
+        self._collector = FrameCollector(
+            self._coordinator, Gate(settings.arm, settings.link.variant, settings.chassis, settings.pose)
         )
-        self.takeover = Takeover(self._conductor, self._outlet.resume, is_guard=is_guard)
+        self.takeover = Takeover(self._coordinator, self._collector.resume, is_guard=is_guard)
         """What is on the wire, and going on in another process's place."""
         self._duplication = Duplication()
         self._is_guard = is_guard
-        self._diagnosis = Diagnosis(self._conductor)
-        self._preconditions = Preconditions(self._conductor, self._desk)
+        self._diagnosis = Diagnosis(self._coordinator)
+        self._preconditions = Preconditions(self._coordinator, self._handler)
         self._commands: list[CommandRequested] = []
         self._targets: dict[tuple[int, str], TargetArrived] = {}
         self._replies: list[Reply] = []
         self._answered = Answers()
-        self._saved = self._conductor.remembered()
+        self._saved = self._coordinator.remembered()
         self._pace = Pace(settings.local.snapshot_hz)
         self.is_watched = True
         """Whether anybody listens to snapshots; when nobody does, few are made (for those who ask)."""
@@ -120,7 +120,7 @@ class Engine:
     @property
     def state(self) -> State:
         """The supervisor's state."""
-        return self._conductor.state
+        return self._coordinator.state
 
     @property
     def is_broken(self) -> bool:
@@ -130,45 +130,45 @@ class Engine:
     @property
     def is_posing(self) -> bool:
         """Whether an enabled arm is in end-effector mode: its pose decides about motion."""
-        return self._conductor.is_posing
+        return self._coordinator.is_posing
 
     @property
     def is_streaming(self) -> bool:
         """Whether setpoints are being sent."""
-        return bool(self._conductor.body.running_arms)
+        return bool(self._coordinator.body.running_arms)
 
     @property
     def rest_ns(self) -> int:
         """How far apart ticks may be [ns] while nobody owns the robot or asks, nothing is sent, owed, under way; else 0."""
-        is_busy = bool(self._commands) or not is_idle(self._conductor)
+        is_busy = bool(self._commands) or not is_idle(self._coordinator)
         return 0 if is_busy else self._pace.rest_ns(is_watched=self.is_watched)
 
     @property
     def latches(self) -> Mapping[Code, str]:
         """Causes that refuse motion, with their messages."""
-        return dict(self._conductor.supervisor.latches)
+        return dict(self._coordinator.supervisor.latches)
 
     @property
     def running_topics(self) -> tuple[str, ...]:
         """Command topics whose streams are running."""
-        return tuple(stream.topic for stream in self._conductor.body.streams if stream.running)
+        return tuple(stream.topic for stream in self._coordinator.body.streams if stream.running)
 
     @property
     def owner_id(self) -> str | None:
         """Client id of the owner; None when nobody owns the robot."""
-        owner = self._conductor.lease.owner
+        owner = self._coordinator.lease.owner
         return owner.client_id if owner else None
 
     @property
     def heeded(self) -> frozenset[str]:
         """Client ids of the owner and of the stop endpoints: nobody else's signs of life and targets count."""
-        owner = self._conductor.lease.owner
-        return self._conductor.endpoints.client_ids | ({owner.client_id} if owner else set())
+        owner = self._coordinator.lease.owner
+        return self._coordinator.endpoints.client_ids | ({owner.client_id} if owner else set())
 
     @property
     def open_stream_id(self) -> int | None:
         """Id of the stream of targets that was opened last; None when none is open."""
-        streams = self._conductor.body.targets.running
+        streams = self._coordinator.body.targets.running
         return streams[-1].stream_id if streams else None
 
     # ------------------------------------------------------------------------------------------------ events in
@@ -180,19 +180,19 @@ class Engine:
             event: Any of `core.events`.
             now_ns: Monotonic time [ns].
         """
-        conductor = self._conductor
+        coordinator = self._coordinator
         if isinstance(event, (SampleArrived, SampleRefused)):
-            jumped = conductor.store.receive(event, now_ns)
+            jumped = coordinator.store.receive(event, now_ns)
             if jumped:
-                conductor.notice(Code.STATE_JUMPED, Level.WARNING, jumped, now_ns, topic=event.topic)
+                coordinator.notice(Code.STATE_JUMPED, Level.WARNING, jumped, now_ns, topic=event.topic)
             if isinstance(event, SampleArrived):
-                if conductor.model is not None and conductor.store.value(event.topic) is event.value:  # believed
-                    conductor.model.hear(event, now_ns)
+                if coordinator.model is not None and coordinator.store.value(event.topic) is event.value:  # believed
+                    coordinator.model.hear(event, now_ns)
                 if event.topic == FSM_STATE and event.value == FsmState.PAUSE:
-                    conductor.body.heartbeat.fsm_zero_seen(event.received_ns)
+                    coordinator.body.heartbeat.fsm_zero_seen(event.received_ns)
                 told = self._duplication.note(event)
                 if told:
-                    conductor.notice(Code.STATE_DUPLICATED, Level.WARNING, told, now_ns, topic=event.topic)
+                    coordinator.notice(Code.STATE_DUPLICATED, Level.WARNING, told, now_ns, topic=event.topic)
         elif isinstance(event, CommandRequested):
             self._commands.append(event)
         elif isinstance(event, TargetArrived):
@@ -201,68 +201,68 @@ class Engine:
             if latest is None or event.seq > latest.seq:
                 self._targets[slot] = event
         elif isinstance(event, ClientSeen):
-            conductor.lease.seen(event.client_id, event.at_ns)
+            coordinator.lease.seen(event.client_id, event.at_ns)
         elif isinstance(event, ClientGone):
-            conductor.lease.gone(event.client_id, event.at_ns)
-            conductor.endpoints.gone(event.client_id, event.at_ns)
+            coordinator.lease.gone(event.client_id, event.at_ns)
+            coordinator.endpoints.gone(event.client_id, event.at_ns)
         elif isinstance(event, EndpointHeard):
-            conductor.endpoints.heard(event.client_id, event.at_ns)
+            coordinator.endpoints.heard(event.client_id, event.at_ns)
         elif isinstance(event, LinkUp):
             self._link_up(event, now_ns)
         elif isinstance(event, LinkDown):
             self._link_down(now_ns)
         elif isinstance(event, RouteObserved):
-            conductor.routes[event.topic] = event.message
+            coordinator.routes[event.topic] = event.message
             if event.code is not None:
-                conductor.notice(event.code, Level.WARNING, event.message, now_ns, topic=event.topic)
+                coordinator.notice(event.code, Level.WARNING, event.message, now_ns, topic=event.topic)
         elif isinstance(event, RobotsAnnounced):
-            self._see_elsewhere(event, now_ns)
+            self._see_robots(event, now_ns)
         elif isinstance(event, Sighting):
             self._rivalry.receive(event)
         elif isinstance(event, Suspended):
-            conductor.forget_state()  # CLOCK_MONOTONIC stood still: what was heard before looks younger than it is
-            conductor.store.disturb(now_ns)
-            conductor.notice(
+            coordinator.forget_state()  # CLOCK_MONOTONIC stood still: what was heard before looks younger than it is
+            coordinator.store.disturb(now_ns)
+            coordinator.notice(
                 Code.SUSPENDED, Level.WARNING, f"this host stood still for {event.slept_ns / S:.1f} s", now_ns
             )
-            conductor.fire(Trigger.SUSPENDED, now_ns, "this host was suspended")
+            coordinator.fire(Trigger.SUSPENDED, now_ns, "this host was suspended")
         elif isinstance(event, (TakenOver, HeldElsewhere, GuardSeen)):
             self.takeover.hear(event, now_ns)
         else:
             self._phases.end(event, now_ns)
 
-    def _see_elsewhere(self, event: RobotsAnnounced, now_ns: int) -> None:
-        conductor = self._conductor
-        own = conductor.settings.link.namespace
-        conductor.elsewhere = refusal = twins(event.twins, own) or elsewhere(event.elsewhere, own)
+    def _see_robots(self, event: RobotsAnnounced, now_ns: int) -> None:
+        coordinator = self._coordinator
+        own = coordinator.settings.link.namespace
+        coordinator.other_robot = refusal = two_robots(event.twins, own) or other_namespace(event.elsewhere, own)
         if refusal is not None:
-            conductor.notice(refusal.code, Level.WARNING, f"{refusal.message}; {refusal.hint}".strip("; "), now_ns)
+            coordinator.notice(refusal.code, Level.WARNING, f"{refusal.message}; {refusal.hint}".strip("; "), now_ns)
 
     def _link_up(self, event: LinkUp, now_ns: int) -> None:
-        conductor = self._conductor
-        before = conductor.router_zid
+        coordinator = self._coordinator
+        before = coordinator.router_zid
         self._link_down(now_ns)  # another transport, whoever is at its end: what was under way on the old one is lost
-        conductor.transport_up, conductor.router_zid = True, event.router_zid
-        conductor.routers = found_at(conductor.routers, event.router_zid, self._settings.link.namespace)
+        coordinator.transport_up, coordinator.router_zid = True, event.router_zid
+        coordinator.routers = found_at(coordinator.routers, event.router_zid, self._settings.link.namespace)
         self._rivalry.link_up(event.own_zid, now_ns)
-        conductor.forget_state()
-        conductor.body.find_transport(now_ns)
-        conductor.notice(Code.LINK_UP, Level.INFO, f"linked to the robot's router {event.router_zid}", now_ns)
+        coordinator.forget_state()
+        coordinator.body.find_transport(now_ns)
+        coordinator.notice(Code.LINK_UP, Level.INFO, f"linked to the robot's router {event.router_zid}", now_ns)
         if before and before != event.router_zid:
             text = f"the robot's router is another one than before ({before})"
-            conductor.notice(Code.ROBOT_RESTARTED, Level.WARNING, text, now_ns)
+            coordinator.notice(Code.ROBOT_RESTARTED, Level.WARNING, text, now_ns)
 
     def _link_down(self, now_ns: int) -> None:
-        conductor = self._conductor
-        conductor.elsewhere = None
-        if conductor.transport_up:
-            conductor.transport_up = False
-            conductor.claim.link_down()
-            conductor.forget_state()
+        coordinator = self._coordinator
+        coordinator.other_robot = None
+        if coordinator.transport_up:
+            coordinator.transport_up = False
+            coordinator.claim.link_down()
+            coordinator.forget_state()
             self._duplication.reset()
-            conductor.notice(Code.LINK_DOWN, Level.WARNING, "the link to the robot's router is down", now_ns)
-            conductor.fire(Trigger.TRANSPORT_LOST, now_ns, "the link to the robot's router is down")
-            conductor.body.lose_transport()
+            coordinator.notice(Code.LINK_DOWN, Level.WARNING, "the link to the robot's router is down", now_ns)
+            coordinator.fire(Trigger.TRANSPORT_LOST, now_ns, "the link to the robot's router is down")
+            coordinator.body.lose_transport()
 
     # ------------------------------------------------------------------------------------------------ one tick
 
@@ -279,29 +279,29 @@ class Engine:
         self._pace.tick(now_ns, late_ns)
         is_late = late_ns > self._settings.enable.late_ns
         if is_late:
-            self._conductor.store.disturb(now_ns)
+            self._coordinator.store.disturb(now_ns)
             text = f"a tick came {late_ns / MS:.0f} ms late and was skipped, not caught up"
-            self._conductor.notice(Code.TICK_LATE, Level.WARNING, text, now_ns)
+            self._coordinator.notice(Code.TICK_LATE, Level.WARNING, text, now_ns)
         if late_ns > ARM_WATCHDOG_NS - TICK_NS:
             # The robot has stopped the arms meanwhile: no setpoint at speed must meet them.
-            self._conductor.fire(Trigger.LONG_GAP, now_ns, f"a tick came {late_ns / MS:.0f} ms late")
+            self._coordinator.fire(Trigger.LONG_GAP, now_ns, f"a tick came {late_ns / MS:.0f} ms late")
         self._loss.look(now_ns, late_ns)
-        self._desk.watch.look(now_ns, late_ns)
+        self._handler.watch.look(now_ns, late_ns)
         self.takeover.step(now_ns)
         self._rivalry.step(now_ns)
         self._look_at_robot(now_ns)
-        if self._conductor.state in AT_BASE:  # requests are judged by what is known now
-            self._conductor.go(self._conductor.base(now_ns), now_ns, "the robot's condition")
+        if self._coordinator.state in AT_BASE:  # requests are judged by what is known now
+            self._coordinator.go(self._coordinator.base(now_ns), now_ns, "the robot's condition")
         if self._answer_requests(now_ns):
             self._loss.look(now_ns, 0)  # an owner that abandons is lost in this tick, not in the next
         self._move_on(now_ns)
-        frames = self._outlet.frames(now_ns, stops_only=is_late)
+        frames = self._collector.frames(now_ns, stops_only=is_late)
         remembered = self._to_remember()
         if not self._is_guard:  # nobody asks a guard for reasons, and it hears only what decides
             self._diagnosis.look(now_ns)
             self._preconditions.look(now_ns)
         snapshot = self._snapshot(now_ns, late_ns)
-        notices, self._conductor.notices = tuple(self._conductor.notices), []
+        notices, self._coordinator.notices = tuple(self._coordinator.notices), []
         replies, self._replies = tuple(self._replies), []
         return Output(
             frames=frames,
@@ -310,7 +310,7 @@ class Engine:
             snapshot=snapshot,
             remembered=remembered,
             done=self._phases.is_done(now_ns),
-            claim=self._conductor.claim.number,
+            claim=self._coordinator.claim.number,
         )
 
     def next_due_ns(self) -> int | None:
@@ -318,7 +318,7 @@ class Engine:
 
         Instants are multiples of the streams' periods, so a base grid of multiples of 10 ms shares its wake-ups with them.
         """
-        return self._conductor.body.next_due_ns()
+        return self._coordinator.body.next_due_ns()
 
     def panic_frames(self, now_ns: int) -> tuple[Cleared, ...]:
         """Return the stop frames that must leave when the engine itself has failed: 0.0 if owed, chassis zeros.
@@ -326,19 +326,19 @@ class Engine:
         Args:
             now_ns: Monotonic time [ns].
         """
-        body = self._conductor.body
+        body = self._coordinator.body
         body.silence_arms()
         if body.heartbeat.is_owed:
             body.heartbeat.zeros(now_ns, is_estop=True)
         body.ground_stop(now_ns)
-        return self._outlet.frames(now_ns, stops_only=True)
+        return self._collector.frames(now_ns, stops_only=True)
 
     def _look_at_robot(self, now_ns: int) -> None:
         for _ in range(4):  # a trigger may lead to a state in which others matter
-            state = self._conductor.state
+            state = self._coordinator.state
             for trigger, message in self._conditions.look(now_ns):
-                self._conductor.fire(trigger, now_ns, message)
-                if self._conductor.state is not state:
+                self._coordinator.fire(trigger, now_ns, message)
+                if self._coordinator.state is not state:
                     break
             else:
                 return
@@ -350,7 +350,7 @@ class Engine:
         for command in commands:
             reply = self._answered.again(command)
             if reply is None:
-                answer = self._desk.answer(command, now_ns)
+                answer = self._handler.answer(command, now_ns)
                 if isinstance(answer, Refusal):
                     reply = Reply(client_id=command.client_id, request_id=command.request_id, refusal=answer)
                 else:
@@ -359,36 +359,36 @@ class Engine:
             self._replies.append(reply)
         targets, self._targets = self._targets, {}
         for target in targets.values():
-            self._desk.take_target(target, now_ns)
+            self._handler.take_target(target, now_ns)
         return bool(commands)
 
     def _move_on(self, now_ns: int) -> None:
-        conductor = self._conductor
+        coordinator = self._coordinator
         self._phases.step(now_ns)
-        self._grounds.step(now_ns)
-        self._desk.move_on(now_ns)
-        for side in conductor.body.expire_targets(now_ns):
+        self._drives.step(now_ns)
+        self._handler.move_on(now_ns)
+        for side in coordinator.body.expire_targets(now_ns):
             text = f"no target came in time: the {side} arm brakes and holds"
-            conductor.notice(Code.TARGET_EXPIRED, Level.WARNING, text, now_ns, side=side.value)
-        for stream in conductor.body.targets.running:
-            stream.limited = conductor.body.arms[stream.side].is_limited
-        if conductor.body.motions.running:
-            conductor.report_ended(conductor.body.advance_motions(self._measured(now_ns), now_ns), now_ns)
+            coordinator.notice(Code.TARGET_EXPIRED, Level.WARNING, text, now_ns, side=side.value)
+        for stream in coordinator.body.targets.running:
+            stream.limited = coordinator.body.arms[stream.side].is_limited
+        if coordinator.body.motions.running:
+            coordinator.report_ended(coordinator.body.advance_motions(self._measured(now_ns), now_ns), now_ns)
 
     def _measured(self, now_ns: int) -> Mapping[Side, Vector | None]:
-        conductor = self._conductor
-        return {side: conductor.measured(side) if conductor.part_fresh(side, now_ns) else None for side in Side}
+        coordinator = self._coordinator
+        return {side: coordinator.measured(side) if coordinator.part_fresh(side, now_ns) else None for side in Side}
 
     # ------------------------------------------------------------------------------------------------ views out
 
     def _to_remember(self) -> Remembered | None:
         """Return what must reach the disk, when it has changed."""
-        conductor, saved = self._conductor, self._saved
-        latches = conductor.endpoints.beside(conductor.supervisor.latches)
-        names = conductor.others.friends, conductor.routers
-        if saved.epoch == conductor.lease.epoch and saved.latches == latches and (saved.zids, saved.routers) == names:
+        coordinator, saved = self._coordinator, self._saved
+        latches = coordinator.endpoints.beside(coordinator.supervisor.latches)
+        names = coordinator.others.friends, coordinator.routers
+        if saved.epoch == coordinator.lease.epoch and saved.latches == latches and (saved.zids, saved.routers) == names:
             return None
-        self._saved = conductor.remembered()
+        self._saved = coordinator.remembered()
         return self._saved
 
     def _snapshot(self, now_ns: int, late_ns: int) -> Snapshot | None:
@@ -396,4 +396,4 @@ class Engine:
         if number is None:
             return None
         why = self._diagnosis.findings, self._preconditions.refusals
-        return build(self._conductor, *why, self._pace.view(late_ns), number, now_ns)
+        return build(self._coordinator, *why, self._pace.view(late_ns), number, now_ns)

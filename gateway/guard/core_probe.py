@@ -2,7 +2,7 @@
 
 The thread waits for a question and says when it came to answer. On a core that a busy host has taken away it answers when
 the core is given back, like everything else there. It holds nothing meanwhile: it is waiting outside the interpreter. A
-core that answers may still be busy with others: whether threads of the process wait for it, `turns.py` knows.
+core that answers may still be busy with others: whether threads of the process wait for it, `starvation.py` knows.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ import os
 import time
 from pathlib import Path
 
-from gateway.guard.turns import Turn
+from gateway.guard.starvation import Turn
 from gateway.process.cores import Affinity
 from gateway.process.threads import supervised
 

@@ -53,7 +53,7 @@ from gateway.guard.api_watch import END_MISSES, SILENT_MISSES, ApiWatch
 from gateway.guard.blackboard import Blackboard
 from gateway.guard.core_probe import CoreProbe
 from gateway.guard.dying import DyingProcess
-from gateway.guard.guard_desk import GuardDesk
+from gateway.guard.guard_server import GuardServer
 from gateway.link.discovery.discovery import Discovery
 from gateway.link.hearing import DECIDING
 from gateway.link.robot_link import RobotLink
@@ -125,7 +125,7 @@ class Guard:
         beside = Path(settings.local.socket or default_socket())
         name = robot_name(settings.link.endpoint, settings.link.namespace)
         self._api = ApiWatch(beside, self._board.read)
-        self._desk = GuardDesk(str(guard_socket(beside)), settings.local.socket_mode, name)
+        self._server = GuardServer(str(guard_socket(beside)), settings.local.socket_mode, name)
         self._sleep = SleepWatch()
         self._measures = Measures(settings, is_guard=True)
         self._asked_ns: int | None = None
@@ -142,10 +142,10 @@ class Guard:
             ending.callback(self._measures.undo)
             ending.callback(self._finish_writing)
             ending.callback(self._link.close, CLOSE_NS)
-            ending.callback(self._desk.close)
+            ending.callback(self._server.close)
             ending.callback(self._probe.close)
             ending.callback(self._api.close)
-            self._desk.sweep()
+            self._server.sweep()
             self._link.open()
             self._api.start()
             self._measures.take()
@@ -180,7 +180,7 @@ class Guard:
             if self._is_acting and not self._is_open:  # only now: the frames come first
                 self._is_open = True
                 self._link.hear_commands()
-                self._desk.open()
+                self._server.open()
             is_api_silent = self._api.misses >= SILENT_MISSES
             self._board.say(
                 os.getpid(), now_ns, self._link.zid, is_linked=self._link.is_up, is_api_silent=is_api_silent
@@ -213,7 +213,7 @@ class Guard:
 
         The robot is listened to meanwhile: what it says must not look old when the daemon ends.
         """
-        files: list[socket.socket | int] = [*self._desk.files]
+        files: list[socket.socket | int] = [*self._server.files]
         if self._guardian.phase is Phase.WATCHING:
             files.append(self._life)
         while True:
@@ -323,7 +323,7 @@ class Guard:
             _log.log(LEVELS[notice.level], "guard: %s: %s", notice.code, notice.message, extra=facts)
         for reply in output.replies:
             undelivered = bool(reply.facts.get("stop_undelivered"))
-            self._desk.stopped(reply.request_id, self._guardian, now_ns, is_undelivered=undelivered)
+            self._server.stopped(reply.request_id, self._guardian, now_ns, is_undelivered=undelivered)
         if output.remembered is not None and output.remembered.latches:
             self._remember(dict(output.remembered.latches))
 
@@ -339,7 +339,7 @@ class Guard:
         self._link.show(claim or FIRST_CLAIM * is_claimed)
 
     def _answer(self, now_ns: int) -> None:
-        for caller, question in self._desk.poll(self._guardian, now_ns):
+        for caller, question in self._server.poll(self._guardian, now_ns):
             request = Stop(reason=question.reason) if question.ask == "stop" else Estop(reason=question.reason)
             command = CommandRequested(
                 client_id=question.client or "somebody at the guard's socket",

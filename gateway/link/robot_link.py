@@ -43,6 +43,7 @@ from gateway.core.messages.events import (
 from gateway.core.streams.gate import Cleared
 from gateway.link.codec import BadFrame, BadSample, decode_sample, encode_frame, stamp_of
 from gateway.link.connecting import MAX_RETRY_S, connect
+from gateway.link.decode_schedule import DecodeSchedule
 from gateway.link.discovery.discovery import Discovery, Sight
 from gateway.link.discovery.revival import Revival
 from gateway.link.hearing import AT_ONCE, STAMPED, mailboxes_of, slots_of
@@ -54,7 +55,6 @@ from gateway.link.others.foreign_watch import ForeignWatch
 from gateway.link.robot_session import RobotSession, SessionListener
 from gateway.link.session_config import session_config
 from gateway.link.survey import gather
-from gateway.link.turns import Turns
 from gateway.process.threads import supervised
 from gateway.robot.topics import STATE_TOPICS
 from gateway.settings.settings import LinkSettings, SettingsRefused
@@ -118,7 +118,7 @@ class RobotLink:
         self._commands = frozenset(() if is_reader else settings.variant.command_topics)
         self._mailboxes = mailboxes_of(topics, stamped)
         self._slots = slots_of(self._mailboxes)
-        self._turns = Turns()
+        self._turns = DecodeSchedule()
         # From other threads to the loop: appended there, taken here, each one atomic operation.
         self._transport = TransportNews()
         self._observations: deque[RouteObserved | RobotsAnnounced] = deque()

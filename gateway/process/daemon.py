@@ -31,8 +31,8 @@ from gateway.core.engine import Engine
 from gateway.core.messages.events import Event, ExitRequested, GuardSeen, LinkUp, Notice, PartEnded, Reply
 from gateway.core.messages.outputs import router_name
 from gateway.errors import Code
-from gateway.guard.heir import Heir
-from gateway.guard.keeper import Keeper
+from gateway.guard.launcher import GuardLauncher
+from gateway.guard.successor import HoldSuccessor
 from gateway.link.robot_link import RobotLink
 from gateway.messages.snapshot import Snapshot
 from gateway.process.loop import Loop
@@ -113,13 +113,13 @@ class _Guards:
     def __init__(self, settings: Settings, engine: Engine, socket: Path, *, is_json_log: bool) -> None:
         self._engine = engine
         name = robot_name(settings.link.endpoint, settings.link.namespace)
-        self._heir = Heir(guard_socket(socket), engine, _latching(engine), name)
-        self._keeper: Keeper | None = None
+        self._successor = HoldSuccessor(guard_socket(socket), engine, _latching(engine), name)
+        self._launcher: GuardLauncher | None = None
         if settings.guard.enabled:
             here = replace(settings, local=replace(settings.local, socket=str(socket)))
             try:
-                self._keeper = Keeper(here, is_json_log=is_json_log)
-                self._keeper.start()
+                self._launcher = GuardLauncher(here, is_json_log=is_json_log)
+                self._launcher.start()
             except OSError as error:
                 _log.error("there is no guard: %s", error)
         else:
@@ -127,17 +127,17 @@ class _Guards:
 
     def poll(self) -> list[Event]:
         now_ns = time.monotonic_ns()
-        return [*self._heir.poll(now_ns), *(self._keeper.poll(now_ns) if self._keeper is not None else ())]
+        return [*self._successor.poll(now_ns), *(self._launcher.poll(now_ns) if self._launcher is not None else ())]
 
     def on_sending(self, now_ns: int) -> None:
-        self._heir.confirm()
-        if self._keeper is not None:
-            self._keeper.write(self._engine.takeover.show(now_ns))
+        self._successor.confirm()
+        if self._launcher is not None:
+            self._launcher.write(self._engine.takeover.show(now_ns))
 
     def close(self, is_clean: Callable[[], bool]) -> None:
-        self._heir.close()
-        if self._keeper is not None:
-            self._keeper.close(is_clean=is_clean())
+        self._successor.close()
+        if self._launcher is not None:
+            self._launcher.close(is_clean=is_clean())
 
 
 def _latching(engine: Engine) -> Callable[[Code, str], None]:

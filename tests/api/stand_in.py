@@ -1,7 +1,7 @@
 """A scripted engine: small, predictable, and on the daemon's side of the local plane. For tests of plane and client.
 
 It keeps the promises of the real one that clients lean on (one reply per request, the same reply for the same number,
-snapshots after replies) and nothing else: no physics, no door, no robot.
+snapshots after replies) and nothing else: no physics, no limits, no robot.
 """
 
 from __future__ import annotations

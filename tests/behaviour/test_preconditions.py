@@ -25,7 +25,7 @@ from gateway.core.messages.events import (
     SampleArrived,
     SetGripper,
 )
-from gateway.core.requests.desk import Desk
+from gateway.core.requests.handler import RequestHandler
 from gateway.core.supervision.lease import Lease
 from gateway.core.supervision.supervisor import State
 from gateway.errors import CODES
@@ -208,12 +208,12 @@ REQUESTS: Mapping[str, Callable[[int], Request]] = {
 
 
 class Gateway(Stage):
-    """A conductor in a state, whose lease, latches and robot can be made anything."""
+    """A coordinator in a state, whose lease, latches and robot can be made anything."""
 
     def __init__(self, state: State, model: str) -> None:
         super().__init__(state, model=model)
-        self.desk = Desk(self.conductor, self.phases)
-        for gripper in self.conductor.body.grippers.values():
+        self.handler = RequestHandler(self.coordinator, self.phases)
+        for gripper in self.coordinator.body.grippers.values():
             gripper.start(self.now_ns, is_kept=False)
         self.leases = {name: self._lease(name) for name in LEASES}
 
@@ -231,8 +231,8 @@ class Gateway(Stage):
     def meet(self, mode: str, arms: str, control: str, fsm: int | None, heard: str, *, ground: bool) -> None:
         """Let the robot be so: whatever was heard before is too old to count."""
         self.now_ns += 4 * S
-        conductor, store = self.conductor, self.conductor.store
-        conductor.transport_up = heard != "no transport"
+        coordinator, store = self.coordinator, self.coordinator.store
+        coordinator.transport_up = heard != "no transport"
         said: dict[str, object] = {FSM_STATE: fsm}
         if mode != "unknown":
             said[CURRENT_MODE] = replace(
@@ -247,7 +247,7 @@ class Gateway(Stage):
         for topic, value in said.items():
             if value is not None:
                 store.receive(SampleArrived(topic=topic, value=value, received_ns=self.now_ns), self.now_ns)
-        if not conductor.transport_up:
+        if not coordinator.transport_up:
             store.reset()
 
     def hear_arms(self, sides: set) -> None:
@@ -272,8 +272,8 @@ def situations(gateway: Gateway, model: str, state: State) -> Iterator[Situation
         gateway.meet(mode, arms, control, fsm, heard, ground=ground)
         is_for_all = IS_THOROUGH or (model == "lift" and number % 11 == 0)
         for lease, latched in itertools.product(LEASES if is_for_all else ("owner",), LATCHES):
-            gateway.conductor.lease = gateway.leases[lease][0]
-            gateway.conductor.supervisor.latches = {Code.ESTOP: "by hand"} if latched else {}
+            gateway.coordinator.lease = gateway.leases[lease][0]
+            gateway.coordinator.supervisor.latches = {Code.ESTOP: "by hand"} if latched else {}
             yield Situation(model, state, mode, arms, control, fsm, heard, ground, lease, latched)
 
 
@@ -282,7 +282,7 @@ def situations(gateway: Gateway, model: str, state: State) -> Iterator[Situation
 def test_every_combination_is_refused_with_the_right_code_and_remedy(state: State, model: str) -> None:
     """Up to 28,800 situations a state and model in CI, every kind of request that the model has: code, words and what to do."""
     gateway = Gateway(state, model)
-    may = gateway.desk.may
+    may = gateway.handler.may
     assert set(may) == set(ORACLE) - ({"lift"} if model != "lift" else set())
     seen: Counter[tuple[str, str]] = Counter()
     for situation in situations(gateway, model, state):
@@ -299,7 +299,7 @@ def test_every_combination_is_refused_with_the_right_code_and_remedy(state: Stat
             seen[kind, code] += 1
             if seen[kind, code] <= 20:  # the request itself is refused with the very same, and changes nothing
                 assert refusal.message and (refusal.hint or CODES[refusal.code].hint)
-                answer = gateway.desk.answer(
+                answer = gateway.handler.answer(
                     gateway.command(REQUESTS[kind](epoch), client, gateway.now_ns + 1), gateway.now_ns
                 )
                 assert answer == refusal and gateway.state is state

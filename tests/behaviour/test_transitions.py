@@ -232,7 +232,7 @@ EVENTS: dict[str, Event] = {
 # ------------------------------------------------------------------------------------------------------- the words
 
 
-def _grounds(pair: Scene) -> None:
+def _drives(pair: Scene) -> None:
     assert [f.values for f in pair.first_tick() if f.topic == CHASSIS_VELOCITY] == [(0.0, 0.0, 0.0)]
 
 
@@ -325,7 +325,7 @@ WORDS: dict[str, Callable[[Scene], None]] = {
     "keeps": _keeps,
     "last word": _last_word,
     "0.0": _zero_at_once,
-    "ground": _grounds,
+    "ground": _drives,
     "free": _free,
     "moves": _moves,
     "left silent": _left_silent,

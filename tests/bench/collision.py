@@ -92,7 +92,7 @@ def _kept_apart_us(v_radps: float, count: int) -> list[float]:
     places = list(ordinary(nominal()))
     random.Random(1).shuffle(places)
     pair.lead(HOME_Q_RAD, 12.0)
-    arms, look, taken = pair.conductor.body.joint_arms, Spacing.look, []
+    arms, look, taken = pair.coordinator.body.joint_arms, Spacing.look, []
 
     def timed(spacing: Spacing, now_ns: int) -> None:
         for arm in arms.values():

@@ -1,4 +1,4 @@
-"""Tests of the blocking client's door, looking and stopping; owning is in test_control.py."""
+"""Tests of the blocking client: connecting, looking and stopping; owning is in test_control.py."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A conductor in a chosen state whose robot says what the test wants it to say: samples by hand, no sockets, no engine.
+"""A coordinator in a chosen state whose robot says what the test wants it to say: samples by hand, no sockets, no engine.
 
 For tests of one module of the core that needs store, lease, supervisor and body beside it. Time passes in ticks of 10 ms
 in which the robot is heard and streams give their frames; nothing else happens unless the test does it.
@@ -11,7 +11,7 @@ from dataclasses import replace
 
 from gateway.core.messages.events import CommandRequested, Frame, OnLoss, Remembered, Request, SampleArrived
 from gateway.core.supervision.conditions import Conditions
-from gateway.core.supervision.conductor import Conductor
+from gateway.core.supervision.coordinator import Coordinator
 from gateway.core.supervision.phases import Phases
 from gateway.core.supervision.supervisor import State
 from gateway.errors import Code
@@ -47,7 +47,7 @@ MODE = CurrentMode(
 
 
 class Stage:
-    """A conductor, its robot and the time.
+    """A coordinator, its robot and the time.
 
     Args:
         state: Where the supervisor is; ann owns the robot in each of them.
@@ -78,8 +78,8 @@ class Stage:
         dumb: Collection[Side] = (),
         poses: Collection[Side] = (),
     ) -> None:
-        self.conductor = Conductor(Settings(link=LinkSettings(model=model)), Remembered(latches=latches or {}))
-        self.phases = Phases(self.conductor, Conditions(self.conductor))
+        self.coordinator = Coordinator(Settings(link=LinkSettings(model=model)), Remembered(latches=latches or {}))
+        self.phases = Phases(self.coordinator, Conditions(self.coordinator))
         self.now_ns = 1_000 * S
         self.q_rad = dict(MIDDLE)
         self.fsm: int | None = int(FsmState.PAUSE)
@@ -87,20 +87,20 @@ class Stage:
         self.poses = set(poses)
         self.mode: CurrentMode | None = replace(MODE, joint_mode={side: side not in poses for side in Side})
         self.dumb = set(dumb)
-        self.conductor.transport_up, self.conductor.router_zid = True, "aa"
+        self.coordinator.transport_up, self.coordinator.router_zid = True, "aa"
         self._claim()
         self.run(32)  # arms can be seeded after 0.3 s
         self.epoch = 0
         if owner is not None:
-            epoch = self.conductor.lease.acquire(owner, owner, 7, OnLoss.HOLD, self.now_ns)
+            epoch = self.coordinator.lease.acquire(owner, owner, 7, OnLoss.HOLD, self.now_ns)
             assert isinstance(epoch, int)
             self.epoch = epoch
         self._enter(state, sides)
-        self.conductor.notices.clear()
+        self.coordinator.notices.clear()
 
     def _claim(self) -> None:
         """Other gateways have been shown that the robot is commanded: this took place before the stage."""
-        claim = self.conductor.claim
+        claim = self.coordinator.claim
         claim.link_up(self.now_ns - S)
         for _ in range(2):
             claim.step(self.now_ns, is_wanted=True, is_used=True, own_zid="", rivals=[])
@@ -108,32 +108,32 @@ class Stage:
         assert claim.is_confirmed
 
     def _enter(self, state: State, sides: tuple[Side, ...]) -> None:
-        conductor = self.conductor
+        coordinator = self.coordinator
         if state is State.OFFLINE:
-            conductor.transport_up = False
-            conductor.store.reset()
+            coordinator.transport_up = False
+            coordinator.store.reset()
         elif state in {State.READ_ONLY, State.IDLE}:
-            conductor.go(state, self.now_ns, "test")
+            coordinator.go(state, self.now_ns, "test")
         elif state is State.ENABLING:
-            conductor.go(state, self.now_ns, "test")
+            coordinator.go(state, self.now_ns, "test")
             self.phases.enabling.begin(sides, self.now_ns)
         else:
             self.fsm = int(FsmState.READY)
-            conductor.enable.begin(sides)
-            conductor.choose_spaces(sides, self.now_ns)
+            coordinator.enable.begin(sides)
+            coordinator.choose_spaces(sides, self.now_ns)
             for side in sides:
-                is_pose = conductor.body.arms[side].space is Space.POSE
-                conductor.body.arms[side].start(self.pose[side] if is_pose else self.q_rad[side], self.now_ns)
-            conductor.body.heartbeat.ones(self.now_ns)
-            conductor.go(State.ACTIVE, self.now_ns, "test")
+                is_pose = coordinator.body.arms[side].space is Space.POSE
+                coordinator.body.arms[side].start(self.pose[side] if is_pose else self.q_rad[side], self.now_ns)
+            coordinator.body.heartbeat.ones(self.now_ns)
+            coordinator.go(State.ACTIVE, self.now_ns, "test")
             self.run(3)
-            conductor.go(state, self.now_ns, "test")
+            coordinator.go(state, self.now_ns, "test")
 
     # ---------------------------------------------------------------------------------------------- the robot and time
 
     def hear(self) -> None:
         """The robot says what it has to say, now."""
-        store = self.conductor.store
+        store = self.coordinator.store
         for side in Side:
             if side not in self.dumb:
                 value = ArmState(q_rad=self.q_rad[side], dq_radps=(), tau_nm=(), stamp_ns=self.now_ns + OFFSET_NS)
@@ -153,7 +153,7 @@ class Stage:
         for _ in range(ticks):
             self.now_ns += TICK_NS
             self.hear()
-            frames = [stream.frame(self.now_ns) for stream in self.conductor.body.streams if stream.running]
+            frames = [stream.frame(self.now_ns) for stream in self.coordinator.body.streams if stream.running]
             due += [frame for frame in frames if frame is not None]
         return due
 
@@ -188,8 +188,8 @@ class Stage:
     @property
     def state(self) -> State:
         """Where the supervisor is."""
-        return self.conductor.state
+        return self.coordinator.state
 
     def told(self, code: Code) -> list[str]:
         """Messages of the notices with a code."""
-        return [notice.message for notice in self.conductor.notices if notice.code is code]
+        return [notice.message for notice in self.coordinator.notices if notice.code is code]

@@ -117,7 +117,7 @@ def topics_of(output: Output) -> list[str]:
 
 def mode_known(pair):
     """Whether the engine's store has heard `/api/current_mode` on this link."""
-    return pair.engine._conductor.store.mode_received_ns is not None
+    return pair.engine._coordinator.store.mode_received_ns is not None
 
 
 def test_check_ins_keep_motion_allowed_and_their_lack_ends_it():
@@ -357,13 +357,13 @@ def test_robots_under_other_namespaces_are_told_and_refuse_until_that_is_over_or
         pair.step()
         (told,) = messages(pair, Code.OTHER_NAMESPACE)
         assert "under namespace bot1" in told and "--namespace bot1" in told
-        assert pair.engine._conductor.elsewhere is not None
+        assert pair.engine._coordinator.other_robot is not None
         pair.receive(RobotsAnnounced(elsewhere=(), twins=("a1", "b2"), at_ns=pair.now_ns))
         pair.step()
         assert "a1, b2" in messages(pair, Code.TWO_ROBOTS)[0]
         pair.receive(ending)
         pair.step()
-        assert pair.engine._conductor.elsewhere is None and len(messages(pair, Code.OTHER_NAMESPACE)) == 1
+        assert pair.engine._coordinator.other_robot is None and len(messages(pair, Code.OTHER_NAMESPACE)) == 1
 
 
 def test_a_suspend_frees_the_lease_and_takes_everything_down():

@@ -29,7 +29,7 @@ from tests.e2e.test_guard import MOVER, Scene, favour, gone, is_taken_over
 pytestmark = [pytest.mark.e2e, pytest.mark.alone, pytest.mark.sim_only("threads of ours end, whatever the robot is")]
 
 API = ("ta2-api-read", "ta2-api-send", "ta2-api-stop", "ta2-api-floods")
-DAEMON = (*API, "state-file log", "guard-keeper robot-claim", "robot-link")
+DAEMON = (*API, "state-file log", "guard-launcher robot-claim", "robot-link")
 """Those in one word end in one instant: each cycle costs some seconds."""
 GUARD = ("robot-link", "robot-claim", "core-probe", "api-watch", "log", "MainThread")
 PASSING = ("hear-commands",)

@@ -1,6 +1,6 @@
 """Makes requests of every kind from their own structs, so that a kind or a field that is new is attacked by itself.
 
-What a field may hold is read from its type; what it should hold to get past decoder and door (the epoch of now, a pose in
+What a field may hold is read from its type; what it should hold to get past decoder and validation (the epoch of now, a pose in
 reach) is told by whoever knows: `hints`, by the name of the field. One without a hint gets whatever its type allows.
 """
 

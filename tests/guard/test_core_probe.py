@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterator
 import pytest
 
 from gateway.guard.core_probe import CoreProbe
-from gateway.guard.turns import Turn
+from gateway.guard.starvation import Turn
 from gateway.process.cores import LinuxAffinity
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="cores can be chosen on Linux only")

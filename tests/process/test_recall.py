@@ -179,4 +179,4 @@ def test_a_latch_that_comes_with_the_router_is_there_before_anything_can_be_enab
     engine.receive(CommandRequested(client_id="ann", request_id=1, request=Enable(epoch=1), received_ns=1 * S), 1 * S)
     output = engine.tick(1 * S)
     assert Code.ESTOP in engine.latches and output.replies[0].refusal is not None
-    assert engine._conductor.is_estop_unheard
+    assert engine._coordinator.is_estop_unheard

@@ -18,7 +18,7 @@ from rich.console import Console
 from rich.text import Text
 
 from gateway.cli.body.calibration_writing import robot_to_write_for, write_arms
-from gateway.cli.body.looking_on import LookingOn
+from gateway.cli.body.observer import Observer
 from gateway.cli.body.pairs import Pairs, keep, measured_live, read_pairs
 from gateway.cli.terminal.ending import ExitStatus
 from gateway.errors import Code, Refusal, to_exception
@@ -33,13 +33,13 @@ from gateway.kinematics.urdf import from_urdf
 from gateway.settings import toml_file
 from gateway.values import Side
 
-__all__ = ["Errand", "carry_out", "document", "identify_arms", "lines"]
+__all__ = ["Job", "carry_out", "document", "identify_arms", "lines"]
 
 Result = Identification | Unidentified
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Errand:
+class Job:
     """What to do.
 
     Attributes:
@@ -65,11 +65,11 @@ class Errand:
     as_json: bool
 
 
-def identify_arms(errand: Errand, target: str | None, timeout_s: float) -> ExitStatus:
+def identify_arms(job: Job, target: str | None, timeout_s: float) -> ExitStatus:
     """Identify, print, and write what was found; REFUSED when an arm could not be identified.
 
     Args:
-        errand: What to do.
+        job: What to do.
         target: Where the gateway is; None finds its socket. Only asked when there is no file of pairs.
         timeout_s: Longest wait for it [s].
 
@@ -79,11 +79,11 @@ def identify_arms(errand: Errand, target: str | None, timeout_s: float) -> ExitS
         GatewayTimeout: It answers, and then tells nothing.
         Stale: There are no pairs at all.
     """
-    description = nominal() if errand.urdf is None else from_urdf(errand.urdf)
-    owner = None if errand.out is None else robot_to_write_for(errand.out, errand.identity)
+    description = nominal() if job.urdf is None else from_urdf(job.urdf)
+    owner = None if job.out is None else robot_to_write_for(job.out, job.identity)
     arms = {side: ArmModel(description, side) for side in Side}
-    pairs = _pairs(errand, arms, target, timeout_s)
-    asked = errand.sides or tuple(side for side in Side if pairs[side])
+    pairs = _pairs(job, arms, target, timeout_s)
+    asked = job.sides or tuple(side for side in Side if pairs[side])
     if not any(pairs[side] for side in asked):
         raise to_exception(
             Refusal(
@@ -92,29 +92,29 @@ def identify_arms(errand: Errand, target: str | None, timeout_s: float) -> ExitS
                 hint="does the gateway see the robot, and does the robot publish current_ee_pose? `ta2 topics` tells",
             )
         )
-    results = {side: identify(arms[side], pairs[side], errand.groups) for side in asked}
+    results = {side: identify(arms[side], pairs[side], job.groups) for side in asked}
     found = {side: result for side, result in results.items() if isinstance(result, Identification)}
-    if errand.as_json:
+    if job.as_json:
         print(json.dumps(document(results, description), ensure_ascii=False, indent=2))
     else:
         console = Console(highlight=False)
         for side, result in results.items():
             for line in lines(side, result):
                 console.print(line, soft_wrap=True)
-    if errand.out is not None and owner is not None and found:
-        write_arms(errand.out, owner, [_calibration(side, found[side], description) for side in found])
-        print(f"{errand.out}: {', '.join(found)} of robot {owner} written", file=sys.stderr)
+    if job.out is not None and owner is not None and found:
+        write_arms(job.out, owner, [_calibration(side, found[side], description) for side in found])
+        print(f"{job.out}: {', '.join(found)} of robot {owner} written", file=sys.stderr)
     return ExitStatus.OK if len(found) == len(results) else ExitStatus.REFUSED
 
 
-def _pairs(errand: Errand, arms: Mapping[Side, ArmModel], target: str | None, timeout_s: float) -> Pairs:
-    if errand.file is not None:
-        return read_pairs(errand.file)
+def _pairs(job: Job, arms: Mapping[Side, ArmModel], target: str | None, timeout_s: float) -> Pairs:
+    if job.file is not None:
+        return read_pairs(job.file)
 
-    looking_on = LookingOn(arms, errand.sides or tuple(Side), errand.groups)
-    pairs = measured_live(target, timeout_s, errand.seconds, looking_on)
-    if errand.keep is not None:
-        keep(pairs, errand.keep)
+    observer = Observer(arms, job.sides or tuple(Side), job.groups)
+    pairs = measured_live(target, timeout_s, job.seconds, observer)
+    if job.keep is not None:
+        keep(pairs, job.keep)
     return pairs
 
 
@@ -231,7 +231,7 @@ def carry_out(options: Namespace) -> int:
     left_out = {Group.LAG, *((Group.EE,) if options.joints_only else ())}
     if not options.shoulder:
         left_out.add(Group.SHOULDER)
-    errand = Errand(
+    job = Job(
         file=None if options.file is None else Path(options.file),
         seconds=options.seconds,
         keep=None if options.keep is None else Path(options.keep),
@@ -242,4 +242,4 @@ def carry_out(options: Namespace) -> int:
         identity=RobotIdentity(serial=serial, model=link.model) if serial else None,
         as_json=options.json,
     )
-    return identify_arms(errand, options.target, options.timeout_s)
+    return identify_arms(job, options.target, options.timeout_s)

@@ -2,5 +2,5 @@
 
 In: values of the command line.
 Out: requests through the client, asked for on a terminal first.
-Read first: `errand.py`.
+Read first: `job.py`.
 """

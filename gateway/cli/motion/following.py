@@ -15,7 +15,7 @@ from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 
-from gateway.cli.motion.errand import PROGRESS_HZ, Errand, Stage, carry_out, require_mode, watched
+from gateway.cli.motion.job import PROGRESS_HZ, Job, Stage, carry_out, require_mode, watched
 from gateway.cli.motion.passing import Part, Passing, chosen, cut, dt_of, located, space_of
 from gateway.cli.motion.recording import Recording, read
 from gateway.cli.terminal.connection import connected
@@ -35,7 +35,7 @@ BEGUN_S = 0.1
 
 
 class Way:
-    """A recording as a task of `errand`.
+    """A recording as a task of `job`.
 
     Args:
         recording: As read.
@@ -95,7 +95,7 @@ class Way:
 
     # ------------------------------------------------------------------------------------------------ as a task
 
-    def preview(self, robot: Robot, errand: Errand) -> Iterator[str]:
+    def preview(self, robot: Robot, job: Job) -> Iterator[str]:
         """Yield what will be followed and where it begins; all of it is judged before.
 
         Raises:
@@ -106,7 +106,7 @@ class Way:
             other = "joint" if self.space == "pose" else "pose"
             require_mode(side, robot.state, is_pose=self.space == "pose", remedy=f"a recording with --space {other}")
         yield from self.description(self.judge(robot))
-        yield f"  then the arms are {errand.after}"
+        yield f"  then the arms are {job.after}"
 
     def description(self, judged: FollowCheck) -> Iterator[str]:
         """Yield in words what was judged."""
@@ -203,11 +203,11 @@ class Way:
         return f", {self._skipped} points skipped" if self._skipped else ""
 
 
-def follow(errand: Errand, path: Path, passing: Passing) -> ExitStatus:
+def follow(job: Job, path: Path, passing: Passing) -> ExitStatus:
     """Follow a file.
 
     Args:
-        errand: How a motion is carried out.
+        job: How a motion is carried out.
         path: Of the file.
         passing: How it is followed.
 
@@ -215,7 +215,7 @@ def follow(errand: Errand, path: Path, passing: Passing) -> ExitStatus:
         GatewayError: Nothing was begun.
     """
     way = Way(read(path), passing)
-    return carry_out(errand, lambda _: way)
+    return carry_out(job, lambda _: way)
 
 
 def check(target: str | None, timeout_s: float, path: Path, passing: Passing, *, as_json: bool) -> ExitStatus:

@@ -11,7 +11,7 @@ from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
 
-from gateway.cli.motion.errand import ENABLE_S, PROGRESS_HZ, Errand
+from gateway.cli.motion.job import ENABLE_S, PROGRESS_HZ, Job
 from gateway.cli.terminal.asking import confirmed
 from gateway.cli.terminal.connection import connected
 from gateway.cli.terminal.ending import ExitStatus, report
@@ -24,7 +24,7 @@ __all__ = ["Outing", "drive", "gripper", "lift"]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Outing(Errand):
+class Outing(Job):
     """How a command is carried out.
 
     Attributes:

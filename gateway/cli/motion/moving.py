@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 from gateway.api import protocol
-from gateway.cli.motion.errand import Aim, Errand, Stage, require_mode, watched
+from gateway.cli.motion.job import Aim, Job, Stage, require_mode, watched
 from gateway.cli.terminal.figures import joints_text
 from gateway.cli.terminal.progress import Teller
 from gateway.client import Control, MotionHandle, MotionResult, PoseTarget, Robot, RobotState
@@ -43,7 +43,7 @@ class Manner:
 
 @dataclass(slots=True, kw_only=True)
 class Plan:
-    """Where arms are to go: a task of `errand`.
+    """Where arms are to go: a task of `job`.
 
     Attributes:
         what: In words.
@@ -61,7 +61,7 @@ class Plan:
     is_pose: bool = False
     clipped: tuple[str, ...] = ()
 
-    def preview(self, robot: Robot, errand: Errand) -> Iterator[str]:
+    def preview(self, robot: Robot, job: Job) -> Iterator[str]:
         """Yield what will move and how far.
 
         Raises:
@@ -72,13 +72,13 @@ class Plan:
         if not self.is_pose:
             for side in self.targets_rad:
                 require_mode(side, robot.state, is_pose=False, remedy="`ta2 move-pose`")
-            return _preview(errand, self, robot)
+            return _preview(job, self, robot)
         mode = robot.state.mode
         is_joint = mode is not None and all(mode.joint_mode.get(side, True) for side in self.targets_rad)
         if not is_joint:
             for side in self.targets_rad:
                 require_mode(side, robot.state, is_pose=True, remedy="`ta2 move-pose` for one arm after the other")
-        return _pose_preview(errand, self, robot, by_joints=is_joint and not self.manner.is_straight)
+        return _pose_preview(job, self, robot, by_joints=is_joint and not self.manner.is_straight)
 
     @property
     def stages(self) -> Sequence[Stage]:
@@ -162,10 +162,10 @@ def to_poses(manner: Manner, targets: Mapping[str, tuple[float, ...]]) -> Aim:
     return lambda _: Plan(what=what, manner=manner, targets_rad=checked, is_pose=True)
 
 
-def _preview(errand: Errand, plan: Plan, robot: Robot) -> Iterator[str]:
+def _preview(job: Job, plan: Plan, robot: Robot) -> Iterator[str]:
     info, state = robot.info, robot.state
     v_radps = plan.manner.speed * info.v_radps
-    yield f"{errand.command}: {' and '.join(plan.targets_rad)} {plan.what}, with up to {v_radps:g} rad/s"
+    yield f"{job.command}: {' and '.join(plan.targets_rad)} {plan.what}, with up to {v_radps:g} rad/s"
     longest_s = 0.0
     for side, target in plan.targets_rad.items():
         arm = state.arm(side)
@@ -175,16 +175,16 @@ def _preview(errand: Errand, plan: Plan, robot: Robot) -> Iterator[str]:
         ways = tuple(end - begin for begin, end in zip(start, goal, strict=True))
         yield f"  {side + ' arm':<9} by {joints_text(ways)} rad"
         longest_s = max(longest_s, _duration_s(max(map(abs, ways)), v_radps, info))
-    yield f"  takes about {longest_s:.1f} s, then the arms are {errand.after}"
+    yield f"  takes about {longest_s:.1f} s, then the arms are {job.after}"
 
 
-def _pose_preview(errand: Errand, plan: Plan, robot: Robot, *, by_joints: bool) -> Iterator[str]:
+def _pose_preview(job: Job, plan: Plan, robot: Robot, *, by_joints: bool) -> Iterator[str]:
     """Yield how far end effectors will move and turn."""
     info, state, speed = robot.info, robot.state, plan.manner.speed
     v_mps, w_radps = speed * info.pose_v_mps, speed * info.pose_w_radps
     arms = " and ".join(plan.targets_rad)
     fastest = f"{speed * info.v_radps:g} rad/s of each joint" if by_joints else f"{v_mps:g} m/s and {w_radps:g} rad/s"
-    yield f"{errand.command}: {arms} {plan.what}, with up to {fastest}"
+    yield f"{job.command}: {arms} {plan.what}, with up to {fastest}"
     how = "as the joints like" if by_joints else "straight"
     for side, target in plan.targets_rad.items():
         goal = within_reach(side, target, info, plan.manner.on_limit)
@@ -192,7 +192,7 @@ def _pose_preview(errand: Errand, plan: Plan, robot: Robot, *, by_joints: bool) 
         cosine = min(1.0, abs(sum(a * b for a, b in zip(map(float, pose.quat_xyzw), goal[3:], strict=True))))
         moved_m, turned_rad = math.dist(tuple(map(float, pose.p)), goal[:3]), 2.0 * math.acos(cosine)
         yield f"  {side + ' arm':<9} by {moved_m * 1e3:.0f} mm and {turned_rad:.3f} rad, {how}"
-    yield f"  then the arms are {errand.after}"
+    yield f"  then the arms are {job.after}"
 
 
 def _duration_s(way_rad: float, v_radps: float, info: protocol.Info) -> float:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 from gateway.api import protocol
 from gateway.client.asking import procedures
 from gateway.client.asking.chunks import Wishes, follow
-from gateway.client.asking.door import OnExitName
+from gateway.client.asking.options import OnExitName
 from gateway.client.asking.poses import PoseLike, move_pose
 from gateway.client.asking.procedures import Procedure
 from gateway.client.asking.requests import SIDES, move, seconds

@@ -1,7 +1,7 @@
 """The robot's command side as one thing: all streams, the motions and targets that drive them, and the cuts.
 
-It knows how an action of the supervisor's table is carried out; it does not know when (supervisor), whether (door, gate)
-or who asked (desk).
+It knows how an action of the supervisor's table is carried out; it does not know when (supervisor), whether (validation, gate)
+or who asked (handler).
 """
 
 from __future__ import annotations
@@ -12,8 +12,8 @@ from functools import partial
 from gateway.core.body.motions import Motion, MotionBook, MotionState
 from gateway.core.body.targets import TargetBook
 from gateway.core.motion.motion import Path, PosePath, plan, plan_poses
-from gateway.core.motion.passage import Outcome
 from gateway.core.motion.tolerance import first_beyond
+from gateway.core.motion.tracker import Outcome
 from gateway.core.streams.arm import ArmStream
 from gateway.core.streams.chassis import ChassisStream
 from gateway.core.streams.gripper import GripperStream
@@ -53,14 +53,14 @@ class Body:
         """How near parts of the body are to each other; None where nobody asked for them to be kept apart."""
         self.slowing: dict[Side, SlowingView] = {}
         """How near a singularity each arm is whose poses are streamed."""
-        self.grounds: tuple[GroundStream, ...] = (self.chassis,) if self.lift is None else (self.chassis, self.lift)
+        self.drives: tuple[GroundStream, ...] = (self.chassis,) if self.lift is None else (self.chassis, self.lift)
         """Chassis and, where there is one, lift."""
         self.streams: tuple[Stream, ...] = (
             *self.grippers.values(),
             *self.joint_arms.values(),
             *self.pose_arms.values(),
             self.heartbeat,
-            *self.grounds,
+            *self.drives,
         )
         """All streams. Grippers before their arms: 0.10 is there before the torque. Arms before the heartbeat, which never
         overtakes the setpoint of its tick."""
@@ -144,23 +144,23 @@ class Body:
             code: Why: for whoever would go on with a drive.
             now_ns: Monotonic time [ns].
         """
-        for ground in self.grounds:
+        for ground in self.drives:
             ground.cut(code, now_ns)
 
     def ground_stop(self, now_ns: int) -> None:
         """Stop chassis and lift, whoever drove them."""
-        for ground in self.grounds:
+        for ground in self.drives:
             ground.end(Code.STOPPED)
             ground.stop(now_ns)
 
     def lose_transport(self) -> None:
         """What is under way to chassis and lift does not arrive."""
-        for ground in self.grounds:
+        for ground in self.drives:
             ground.lose()
 
     def find_transport(self, now_ns: int) -> None:
         """Stop frames of chassis and lift that may not have arrived are sent again."""
-        for ground in self.grounds:
+        for ground in self.drives:
             ground.find(now_ns)
 
     def lift_off(self, now_ns: int) -> None:
@@ -211,18 +211,18 @@ class Body:
         if motion.terms is None:
             return None
         for side in motion.goals:
-            passage = self.stream(side, motion.space).reference.passage
-            if passage is None:
+            tracker = self.stream(side, motion.space).reference.tracker
+            if tracker is None:
                 continue  # the arm was taken away in this tick, which ends the motion with a code of its own
-            if passage.outcome is Outcome.UNDERRUN:
+            if tracker.outcome is Outcome.UNDERRUN:
                 return Code.UNDERRUN, f"the {side} arm ran off the end of the chunk and no other followed: it brakes"
-            if passage.outcome is Outcome.LOST:
+            if tracker.outcome is Outcome.LOST:
                 return Code.CANNOT_JOIN, f"the {side} arm cannot follow the chunk inside its limits: it brakes"
             q_rad = measured[side]
-            if q_rad is None or passage.outcome is not None or not passage.has_joined:
+            if q_rad is None or tracker.outcome is not None or not tracker.has_joined:
                 continue
             tolerances = motion.terms.tolerances
-            off = first_beyond(tolerances.space, passage.place_in(0.0), q_rad, tolerances.path[side])
+            off = first_beyond(tolerances.space, tracker.place_in(0.0), q_rad, tolerances.path[side])
             if off is not None:
                 text = f"{side} arm {off} from the trajectory, {off.bound} {off.unit} is asked for"
                 return Code.PATH_TOLERANCE, f"{text} ({motion.progress:.0%} of it was sent)"

@@ -1,7 +1,7 @@
 """Streams of the owner's targets: opened for one arm, fed at any rate, ended once.
 
 Targets arrive in a latest-value slot. One is taken when its client, stream, epoch and sequence number are right and it
-passes the door; it expires when no successor comes in time: the arm then brakes and holds, and the next target goes on.
+passes validation; it expires when no successor comes in time: the arm then brakes and holds, and the next target goes on.
 """
 
 from __future__ import annotations
@@ -9,8 +9,8 @@ from __future__ import annotations
 from collections import deque
 from operator import attrgetter
 
-from gateway.core.limits.door import check_goal
-from gateway.core.limits.pose_door import check_pose
+from gateway.core.limits.pose_validation import check_pose
+from gateway.core.limits.validation import check_goal
 from gateway.core.messages.events import OnLimit, TargetArrived
 from gateway.errors import Code, Refusal
 from gateway.messages.snapshot import TargetView

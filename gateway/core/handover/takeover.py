@@ -27,7 +27,7 @@ from gateway.core.messages.events import GuardSeen, HeldElsewhere, Level, TakenO
 from gateway.core.messages.held import Held, HeldArm
 from gateway.core.motion.motion import PlanFailed
 from gateway.core.streams.heartbeat import Beat
-from gateway.core.supervision.conductor import AT_BASE, QUIET, Conductor
+from gateway.core.supervision.coordinator import AT_BASE, QUIET, Coordinator
 from gateway.core.supervision.supervisor import State, Trigger
 from gateway.errors import Code
 from gateway.robot.limits import CHASSIS_WATCHDOG_NS, FSM_WATCHDOG_NS, GRIPPER_RELAXED, LIFT_WATCHDOG_NS
@@ -54,13 +54,13 @@ class Takeover:
     """How this process goes on in another's place.
 
     Args:
-        conductor: What is moved.
+        coordinator: What is moved.
         resume: The gate's ear.
         is_guard: Whether this process is a guard: it never waits out a stall.
     """
 
-    def __init__(self, conductor: Conductor, resume: Resume, *, is_guard: bool) -> None:
-        self._conductor = conductor
+    def __init__(self, coordinator: Coordinator, resume: Resume, *, is_guard: bool) -> None:
+        self._coordinator = coordinator
         self._resume = resume
         self._is_guard = is_guard
         self.refused = ""
@@ -74,7 +74,7 @@ class Takeover:
         Args:
             now_ns: Monotonic time of the tick [ns].
         """
-        conductor, body = self._conductor, self._conductor.body
+        coordinator, body = self._coordinator, self._coordinator.body
         arms = {}
         newest_ns = 0
         for side, arm in body.arms.items():
@@ -83,17 +83,17 @@ class Takeover:
                 newest_ns = max(newest_ns, last_ns)
         return Held(
             at_ns=now_ns,
-            state=conductor.state.value,
-            epoch=conductor.lease.epoch,
+            state=coordinator.state.value,
+            epoch=coordinator.lease.epoch,
             beat=body.heartbeat.beat.value,
             is_owed=body.heartbeat.is_owed,
-            is_estop=conductor.is_estop_unheard,
+            is_estop=coordinator.is_estop_unheard,
             last_frame_ns=newest_ns,
             arms=arms,
             grippers={side: gripper.raw for side, gripper in body.grippers.items() if gripper.running},
             has_chassis=body.chassis.is_on_wire,
             has_lift=body.lift is not None and body.lift.is_on_wire,
-            latches=tuple(code.value for code in conductor.supervisor.latches),
+            latches=tuple(code.value for code in coordinator.supervisor.latches),
         )
 
     # ------------------------------------------------------------------------------------------------ going on
@@ -105,24 +105,24 @@ class Takeover:
             event: Which one.
             now_ns: Monotonic time [ns].
         """
-        conductor = self._conductor
+        coordinator = self._coordinator
         if isinstance(event, TakenOver):
             self._take(event.held, now_ns)
         elif isinstance(event, HeldElsewhere):
-            conductor.guard.earlier_holds = event.is_held
+            coordinator.guard.earlier_holds = event.is_held
         else:
-            conductor.others.befriend(event.zid)
-            lost = conductor.guard.see(event)
+            coordinator.others.befriend(event.zid)
+            lost = coordinator.guard.see(event)
             if lost:
-                conductor.notice(Code.GUARD_LOST, Level.WARNING, lost, now_ns, pid=str(event.pid))
+                coordinator.notice(Code.GUARD_LOST, Level.WARNING, lost, now_ns, pid=str(event.pid))
 
     def objection(self, now_ns: int) -> str:
         """Return why this process could not hold the robot now, whatever is on the wire; empty when it could."""
-        conductor, store = self._conductor, self._conductor.store
+        coordinator, store = self._coordinator, self._coordinator.store
         mode, value = store.mode(now_ns), store.fsm(now_ns)
-        if conductor.state not in AT_BASE:
-            return f"this process is in {conductor.state}"
-        if not conductor.transport_up:
+        if coordinator.state not in AT_BASE:
+            return f"this process is in {coordinator.state}"
+        if not coordinator.transport_up:
             return "there is no transport to the robot's router"
         if not store.is_fresh(now_ns):
             return "the robot's state is older than 100 ms"
@@ -130,7 +130,7 @@ class Takeover:
             return "/api/current_mode is unknown" if mode is None else "the robot is in VR mode"
         if value != FsmState.READY:
             return f"the robot's FSM is {value}, not READY"
-        other = conductor.others.objection(now_ns)
+        other = coordinator.others.objection(now_ns)
         return other.message if other is not None and other.code is Code.FOREIGN_WRITER else ""
 
     def is_guard_awaited(self, waited_ns: int) -> bool:
@@ -139,11 +139,11 @@ class Takeover:
         Args:
             waited_ns: How long it has been waited for [ns].
         """
-        return self._conductor.guard.is_awaited(waited_ns)
+        return self._coordinator.guard.is_awaited(waited_ns)
 
     def _take(self, held: Held, now_ns: int) -> None:
         """Go on with what another process had on the wire: hold where that may be, else end it."""
-        self._conductor.others.befriend_predecessor()
+        self._coordinator.others.befriend_predecessor()
         for name in held.latches:
             if name in Code.__members__:
                 self.latch(Code(name), LATCHED_BEFORE, now_ns)
@@ -155,15 +155,15 @@ class Takeover:
             message = f"nothing is held: {self.refused}; {how}"
         else:
             message = f"held in the place of a process that was in {held.state}"
-        self._conductor.notice(
+        self._coordinator.notice(
             Code.TAKEN_OVER, Level.WARNING, message, now_ns, state=held.state, held=str(not self.refused).lower()
         )
 
     def latch(self, code: Code, message: str, now_ns: int) -> None:
         """Take a latch over that another process has set, and tell of it. An e-stop is sent again as after a restart."""
-        if code is Code.ESTOP and code not in self._conductor.supervisor.latches:
-            self._conductor.is_estop_unheard = True
-        self._conductor.latch(code, message, now_ns)
+        if code is Code.ESTOP and code not in self._coordinator.supervisor.latches:
+            self._coordinator.is_estop_unheard = True
+        self._coordinator.latch(code, message, now_ns)
 
     def _objection_to(self, held: Held, now_ns: int) -> str:
         if held.state not in HOLDABLE:
@@ -176,9 +176,9 @@ class Takeover:
 
     def _hold(self, held: Held, now_ns: int) -> str:
         """Begin to hold, or return why it cannot be."""
-        conductor, body = self._conductor, self._conductor.body
-        able = conductor.able_arms(now_ns) or ()
-        conductor.choose_spaces(able, now_ns)
+        coordinator, body = self._coordinator, self._coordinator.body
+        able = coordinator.able_arms(now_ns) or ()
+        coordinator.choose_spaces(able, now_ns)
         arms = {side: arm for side, arm in held.arms.items() if side in able and arm.topic == body.arms[side].topic}
         if not arms:
             return "none of its arms takes setpoints any more"
@@ -197,32 +197,32 @@ class Takeover:
             self._resume(body.grippers[side].topic, (raw,), (0.0,))
         body.heartbeat.ones(now_ns)
         body.heartbeat.is_owed = True  # the other's 1.0 is out
-        conductor.is_estop_unheard = held.is_estop
+        coordinator.is_estop_unheard = held.is_estop
         self._stop_ground(held, now_ns)
         if held.has_lift and body.lift is not None:
             body.lift.keep(now_ns)
-        conductor.enable.begin(tuple(arms))
-        conductor.enable.outcome = "ok"
-        conductor.go(HOLDABLE[held.state], now_ns, "in the place of a process that ended")
-        conductor.lease.hold_unowned(now_ns)
+        coordinator.enable.begin(tuple(arms))
+        coordinator.enable.outcome = "ok"
+        coordinator.go(HOLDABLE[held.state], now_ns, "in the place of a process that ended")
+        coordinator.lease.hold_unowned(now_ns)
         return ""
 
     def _end(self, held: Held, now_ns: int) -> None:
         """End what is on the wire."""
-        conductor = self._conductor
-        heartbeat, store = conductor.body.heartbeat, conductor.store
+        coordinator = self._coordinator
+        heartbeat, store = coordinator.body.heartbeat, coordinator.store
         self._stop_ground(held, now_ns)
-        conductor.body.lift_off(now_ns)
+        coordinator.body.lift_off(now_ns)
         if now_ns - held.at_ns < FSM_WATCHDOG_NS:
             heartbeat.is_owed = heartbeat.is_owed or held.is_owed or held.beat == Beat.ONE.value
-        conductor.is_estop_unheard = conductor.is_estop_unheard or held.is_estop
+        coordinator.is_estop_unheard = coordinator.is_estop_unheard or held.is_estop
         mode, value = store.mode(now_ns), store.fsm(now_ns)
         is_theirs = (mode is not None and not mode.api) or (value is not None and value not in OWN_FSM)
         if held.is_estop or (heartbeat.is_owed and not is_theirs):
             heartbeat.zeros(now_ns, is_estop=held.is_estop)
 
     def _stop_ground(self, held: Held, now_ns: int) -> None:
-        body, age_ns = self._conductor.body, now_ns - held.at_ns
+        body, age_ns = self._coordinator.body, now_ns - held.at_ns
         if held.has_chassis and age_ns < CHASSIS_WATCHDOG_NS:
             body.chassis.stop(now_ns)
         if held.has_lift and body.lift is not None and age_ns < LIFT_WATCHDOG_NS:
@@ -232,14 +232,14 @@ class Takeover:
 
     def left_ns(self, now_ns: int) -> int:
         """Return how long what is held without an owner will be [ns]; 0 when nothing is."""
-        return self._conductor.lease.view(now_ns).down_in_ns or 0
+        return self._coordinator.lease.view(now_ns).down_in_ns or 0
 
     def step(self, now_ns: int) -> None:
         """End a guard's hold when the robot is not heard. Called before the tick's own look at the robot."""
-        conductor = self._conductor
-        if not self._is_guard or conductor.state in AT_BASE or conductor.state in QUIET:
+        coordinator = self._coordinator
+        if not self._is_guard or coordinator.state in AT_BASE or coordinator.state in QUIET:
             return
-        if not (conductor.transport_up and conductor.store.is_fresh(now_ns)):
+        if not (coordinator.transport_up and coordinator.store.is_fresh(now_ns)):
             self.give_up("the robot's state is older than 100 ms: the guard's hold ends", now_ns)
 
     def give_up(self, why: str, now_ns: int) -> None:
@@ -249,4 +249,4 @@ class Takeover:
             why: In words.
             now_ns: Monotonic time [ns].
         """
-        self._conductor.fire(Trigger.HOLD_OVER, now_ns, why)
+        self._coordinator.fire(Trigger.HOLD_OVER, now_ns, why)

@@ -1,4 +1,4 @@
-"""What chassis and lift may be asked for, and when: pure functions, as those of the door.
+"""What chassis and lift may be asked for, and when: pure functions, as those of `validation.py`.
 
 Neither needs the arms' FSM to be enabled (manual §4.5, §4.6), nor to be heard; but a robot that plays a recording or is
 driven from VR (FSM 3-6) is not ours to drive. Both need API mode and their switch in the robot's configuration, which
@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 
 from gateway.codes import Code
-from gateway.core.limits.door import check_mode
+from gateway.core.limits.validation import check_mode
 from gateway.errors import Refusal
 from gateway.robot.limits import HARD_CHASSIS_V_MPS, HARD_CHASSIS_W_RADPS
 from gateway.settings.settings import ChassisSettings, LiftSettings

@@ -1,4 +1,4 @@
-"""The door for trajectories and action chunks: a whole one is judged before its first setpoint leaves.
+"""Validation of trajectories and action chunks: a whole one is judged before its first setpoint leaves.
 
 `prepare` judges what needs no knowledge of the gateway (shape, finiteness, times, the robot's own limits) and works out
 the motion through the points. It may be called ahead of the tick, in another thread: the largest chunk takes it some

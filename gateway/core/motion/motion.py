@@ -9,7 +9,7 @@ Each new plan starts from the exact state of the last setpoint, never from a mea
 In joints the limits hold for each joint, in poses for the vectors of position and orientation, and the sign of the quaternion
 never flips (`space.py`). It never leaves the position limits, or the reach: every setpoint is *stoppable*, that is, braking
 from it ends inside. Why that is enough stands in `joints/braking.py` and `poses/pose_state.py`; how it is kept, in the
-planners for paths, in the followers for targets and in the passages for trajectories.
+planners for paths, in the followers for targets and in the trackers for trajectories.
 
 A reference knows no clock: each `step` is one nominal period, so a late tick delays the motion and never makes it
 jump.
@@ -24,17 +24,17 @@ from typing import Any, Generic
 from gateway.core.motion.follower import Follower
 from gateway.core.motion.joints.braking import Braking, JointLimits
 from gateway.core.motion.joints.follower import JointFollower
-from gateway.core.motion.joints.passage import JointPassage
 from gateway.core.motion.joints.path import Path
 from gateway.core.motion.joints.planner import plan_paths
+from gateway.core.motion.joints.tracker import JointTracker
 from gateway.core.motion.joints.trajectory import Trajectory
-from gateway.core.motion.passage import Outcome, Passage
 from gateway.core.motion.poses.pose_follower import PoseFollower
-from gateway.core.motion.poses.pose_passage import PosePassage
 from gateway.core.motion.poses.pose_path import PosePath, plan_pose_paths
 from gateway.core.motion.poses.pose_state import PoseDynamics, PoseLimits
+from gateway.core.motion.poses.pose_tracker import PoseTracker
 from gateway.core.motion.poses.pose_trajectory import PoseTrajectory
 from gateway.core.motion.space import Course, PlanFailed, SpaceT, Start, State, check_speed
+from gateway.core.motion.tracker import Outcome, Tracker
 from gateway.values import Side, Vector
 
 __all__ = [
@@ -68,10 +68,10 @@ class Reference(Generic[SpaceT]):
     Args:
         space: In which it moves, and the limits; they always hold.
         follower: What leads it to a target.
-        passage: Makes what leads it along a trajectory.
+        tracker: Makes what leads it along a trajectory.
     """
 
-    def __init__(self, space: SpaceT, follower: Follower, passage: Callable[..., Passage[Any]]) -> None:
+    def __init__(self, space: SpaceT, follower: Follower, tracker: Callable[..., Tracker[Any]]) -> None:
         self.space = space
         self.period_s = space.period_s
         """Time between setpoints [s]."""
@@ -80,12 +80,12 @@ class Reference(Generic[SpaceT]):
         self.state = space.home
         """Where it is: the last setpoint, its velocity and its acceleration."""
         self._follower = follower
-        self._make_passage = passage
+        self._make_passage = tracker
         self._course: Course | None = None
         """What PATH and BRAKE sample."""
         self._steps = 0
         """Setpoints handed out of it."""
-        self.passage: Passage[Any] | None = None
+        self.tracker: Tracker[Any] | None = None
         """What CHUNK follows, and how it ended; None once something else was asked for."""
         self._ahead: State | None = None
         """State of the next setpoint where somebody looked at it before it was handed out."""
@@ -115,8 +115,8 @@ class Reference(Generic[SpaceT]):
     @property
     def progress(self) -> float:
         """Part of the path's (or trajectory's) duration that has been handed out, 0..1; 1 when there is none."""
-        if self.mode is ReferenceMode.CHUNK and self.passage is not None:
-            return self.passage.progress
+        if self.mode is ReferenceMode.CHUNK and self.tracker is not None:
+            return self.tracker.progress
         if self._course is None or self.mode is not ReferenceMode.PATH:
             return 1.0
         return min(self._steps * self.period_s / self._course.duration_s, 1.0)
@@ -167,7 +167,7 @@ class Reference(Generic[SpaceT]):
             PlanFailed: With what is to blame, value and bound; nothing has changed.
         """
         self.state = self.space.check_place("start", values)
-        self.passage = None
+        self.tracker = None
         self._enter(ReferenceMode.HOLD, None)
 
     def enter(self, values: Sequence[float], rates: Sequence[float], forces: Sequence[float]) -> None:
@@ -196,7 +196,7 @@ class Reference(Generic[SpaceT]):
         """
         if course.start != self.state:
             raise PlanFailed("the path begins in another state than the reference is in: plan it anew")
-        self.passage = None
+        self.tracker = None
         if course.duration_s > 0.0:
             self._enter(ReferenceMode.PATH, course)
         else:
@@ -218,7 +218,7 @@ class Reference(Generic[SpaceT]):
             self._follower.begin()
             self._enter(ReferenceMode.FOLLOW, None)
         self._follower.aim(target, speed, self.state)
-        self.passage = self._ahead = None
+        self.tracker = self._ahead = None
 
     def bound(self, speed: float) -> None:
         """Bound the velocity of the followed stream, beside its own factor, from the next plan on.
@@ -228,7 +228,7 @@ class Reference(Generic[SpaceT]):
         """
         self._follower.bound(speed)
 
-    def prepare(self, trajectory: Trajectory | PoseTrajectory, start_s: float, *, rests: bool) -> Passage[Any]:
+    def prepare(self, trajectory: Trajectory | PoseTrajectory, start_s: float, *, rests: bool) -> Tracker[Any]:
         """Return the way along a trajectory, to be judged and then taken with `track`; nothing changes yet.
 
         Args:
@@ -238,26 +238,26 @@ class Reference(Generic[SpaceT]):
             rests: Whether it ends at rest at its last point.
         """
         lead = None
-        if self.mode is ReferenceMode.CHUNK and self.passage is not None:
-            lead = self.passage.under_way
+        if self.mode is ReferenceMode.CHUNK and self.tracker is not None:
+            lead = self.tracker.under_way
         return self._make_passage(self.space, trajectory, start_s, rests=rests, lead=lead)
 
-    def origin(self, passage: Passage[Any]) -> Vector:
-        """Return where the arm will be when a passage begins."""
-        return passage.origin(self.values, self.rest_values())
+    def origin(self, tracker: Tracker[Any]) -> Vector:
+        """Return where the arm will be when a tracker begins."""
+        return tracker.origin(self.values, self.rest_values())
 
-    def begin(self, passage: Passage[Any]) -> bool:
-        """Let a passage plan its way from the present state, unless it waits; return whether there is one."""
-        return passage.is_sound and (passage.is_waiting or passage.begin(self.state))
+    def begin(self, tracker: Tracker[Any]) -> bool:
+        """Let a tracker plan its way from the present state, unless it waits; return whether there is one."""
+        return tracker.is_sound and (tracker.is_waiting or tracker.begin(self.state))
 
-    def track(self, passage: Passage[Any]) -> None:
+    def track(self, tracker: Tracker[Any]) -> None:
         """Take the way along a trajectory, begun or waiting at the present state."""
         self._enter(ReferenceMode.CHUNK, None)
-        self.passage = passage
+        self.tracker = tracker
 
     def brake(self) -> None:
         """Come to rest as quickly as the limits allow; then hold."""
-        self.passage = None
+        self.tracker = None
         if self.is_at_rest:
             self._enter(ReferenceMode.HOLD, None)
         elif self.mode is not ReferenceMode.BRAKE:
@@ -300,7 +300,7 @@ class Reference(Generic[SpaceT]):
                 self._steps += 1
                 if self._steps * self.period_s >= self._course.duration_s:
                     self._enter(ReferenceMode.HOLD, None)
-            elif self.mode is ReferenceMode.CHUNK and self.passage is not None and self.passage.outcome is Outcome.DONE:
+            elif self.mode is ReferenceMode.CHUNK and self.tracker is not None and self.tracker.outcome is Outcome.DONE:
                 self._enter(ReferenceMode.HOLD, None)
         return self.state.values
 
@@ -309,12 +309,12 @@ class Reference(Generic[SpaceT]):
             return self._course.at((self._steps + 1) * self.period_s)
         if self.mode is ReferenceMode.FOLLOW:
             return self._follower.follow(self.state)
-        if self.mode is ReferenceMode.CHUNK and self.passage is not None:
-            passage = self.passage
-            state = passage.step(self.state)
+        if self.mode is ReferenceMode.CHUNK and self.tracker is not None:
+            tracker = self.tracker
+            state = tracker.step(self.state)
             if state is None:
                 self.brake()
-                self.passage = passage
+                self.tracker = tracker
                 return self._next()
             return state
         return self.state
@@ -330,7 +330,7 @@ class JointReference(Reference[Braking]):
 
     def __init__(self, limits: JointLimits, period_s: float) -> None:
         braking = Braking(limits, period_s)
-        super().__init__(braking, JointFollower(braking), JointPassage)
+        super().__init__(braking, JointFollower(braking), JointTracker)
 
 
 class PoseReference(Reference[PoseDynamics]):
@@ -344,7 +344,7 @@ class PoseReference(Reference[PoseDynamics]):
     def __init__(self, limits: PoseLimits, period_s: float) -> None:
         dynamics = PoseDynamics(limits, period_s)
         self._leader = PoseFollower(dynamics)
-        super().__init__(dynamics, self._leader, PosePassage)
+        super().__init__(dynamics, self._leader, PoseTracker)
 
     def wish(self) -> Vector:
         """Return with what velocity it will go to the followed target from rest, shape (6,) [m/s, rad/s]."""

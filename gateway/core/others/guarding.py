@@ -31,7 +31,7 @@ class Guarding:
         self.lost = 0
         """How many guards this daemon has lost."""
         self.is_expected = False
-        """Whether there shall be a guard: its keeper has spoken."""
+        """Whether there shall be a guard: its launcher has spoken."""
         self._linked_ns = 0
         self.earlier_holds = False
         """Whether the guard of an earlier daemon holds the robot."""

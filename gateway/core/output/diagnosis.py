@@ -20,7 +20,7 @@ from gateway.codes import Code
 from gateway.core.messages.events import Level
 from gateway.core.robot_state.following import JOINT_GRAIN, POSE_GRAIN, Following, Stall
 from gateway.core.streams.heartbeat import Beat
-from gateway.core.supervision.conductor import Conductor
+from gateway.core.supervision.coordinator import Coordinator
 from gateway.core.supervision.supervisor import State
 from gateway.errors import CODES
 from gateway.messages.snapshot import Finding, SlowingView
@@ -92,11 +92,11 @@ class Diagnosis:
     """Looks for symptoms.
 
     Args:
-        conductor: What is looked at, and where notices go.
+        coordinator: What is looked at, and where notices go.
     """
 
-    def __init__(self, conductor: Conductor) -> None:
-        self._conductor = conductor
+    def __init__(self, coordinator: Coordinator) -> None:
+        self._coordinator = coordinator
         self._looked_ns: int | None = None
         self._following = {
             side: {Space.JOINT: Following(JOINT_GRAIN), Space.POSE: Following(POSE_GRAIN)} for side in Side
@@ -122,7 +122,7 @@ class Diagnosis:
             return False
         is_late = self._looked_ns is not None and now_ns - self._looked_ns > 2 * PERIOD_NS
         self._looked_ns = now_ns
-        self._up_ns = (now_ns if self._up_ns is None else self._up_ns) if self._conductor.transport_up else None
+        self._up_ns = (now_ns if self._up_ns is None else self._up_ns) if self._coordinator.transport_up else None
         symptoms = self._symptoms(now_ns, is_late=is_late)
         if not symptoms:
             self._since_ns, self.findings = {}, ()
@@ -153,7 +153,7 @@ class Diagnosis:
             is_new = told_ns is None or self._since_ns[key] - told_ns > QUIET_AGAIN_NS
             if is_new and symptom.code not in TOLD_ELSEWHERE:
                 self._told_ns[key] = now_ns
-                self._conductor.notice(symptom.code, Level.WARNING, symptom.message, now_ns, subject=symptom.subject)
+                self._coordinator.notice(symptom.code, Level.WARNING, symptom.message, now_ns, subject=symptom.subject)
 
     def _symptoms(self, now_ns: int, *, is_late: bool) -> list[_Symptom]:
         """Return what is seen, causes before effects.
@@ -184,7 +184,7 @@ class Diagnosis:
 
     def _others(self, now_ns: int) -> Iterator[_Symptom]:
         """Whoever else commands the robot, which obeys all of them in turn; under either policy, latched or not."""
-        others, other = self._conductor.others, self._conductor.elsewhere
+        others, other = self._coordinator.others, self._coordinator.other_robot
         if other is not None and other.code is Code.TWO_ROBOTS:
             yield _Symptom(Code.TWO_ROBOTS, "", other.message)
         if others.is_alone:
@@ -194,7 +194,7 @@ class Diagnosis:
             yield _Symptom(each.code, each.who, text, each.since_ns, {"samples": each.count} if each.count else {})
 
     def _mode(self, now_ns: int) -> Iterator[_Symptom]:
-        mode = self._conductor.store.mode(now_ns)
+        mode = self._coordinator.store.mode(now_ns)
         if mode is None:
             return
         if not mode.api:
@@ -221,7 +221,7 @@ class Diagnosis:
         unheard = [topic for topic in silent if topic not in refused]
         if set(MOTION_STATE_TOPICS) <= set(unheard):
             silent_ns = min(silent[topic] for topic in MOTION_STATE_TOPICS)
-            other = self._conductor.elsewhere
+            other = self._coordinator.other_robot
             if other is not None and other.code is Code.OTHER_NAMESPACE:
                 yield _Symptom(Code.OTHER_NAMESPACE, "", other.message, now_ns - silent_ns)
                 return
@@ -233,14 +233,14 @@ class Diagnosis:
             text = f"not heard since the link to the robot's router stands: {', '.join(never)}"
             yield _Symptom(Code.ROUTE_SUSPECT, "never", text, up_ns, {"silent_s": (now_ns - up_ns) / S})
         for topic in [topic for topic in unheard if topic not in never]:
-            route = self._conductor.routes.get(topic, "")
+            route = self._coordinator.routes.get(topic, "")
             text = f"{topic} is silent while the link to the robot's router stands{f' ({route})' if route else ''}"
             facts = {"silent_s": silent[topic] / S}
             yield _Symptom(Code.ROUTE_SUSPECT, topic, text, now_ns - silent[topic], facts)
 
     def _silence_ns(self, topic: str, up_ns: int, now_ns: int) -> int:
         """Return for how long nothing of a topic was believed; 0 when that is not long, or its part is switched off."""
-        age_ns = self._conductor.store.age_ns(topic, now_ns)
+        age_ns = self._coordinator.store.age_ns(topic, now_ns)
         if age_ns is None or now_ns - age_ns < up_ns:
             silent_ns, limit_ns = now_ns - up_ns, FIRST_NS
         else:
@@ -248,11 +248,11 @@ class Diagnosis:
         return silent_ns if silent_ns > limit_ns and self._counts(topic, now_ns) else 0
 
     def _why_not_believed(self, topic: str, now_ns: int) -> str:
-        return self._conductor.store.why_not_believed(topic, SILENT_NS[topic], now_ns)
+        return self._coordinator.store.why_not_believed(topic, SILENT_NS[topic], now_ns)
 
     def _counts(self, topic: str, now_ns: int) -> bool:
         """Return whether a topic's part is switched on: what is off may be silent."""
-        mode = self._conductor.store.mode(now_ns)
+        mode = self._coordinator.store.mode(now_ns)
         if mode is None:
             return True
         if topic == CHASSIS_STATE:
@@ -261,7 +261,7 @@ class Diagnosis:
 
     def _route(self, now_ns: int) -> Iterator[_Symptom]:
         """What discovery says about the way of our heartbeat."""
-        route = self._conductor.routes.get(FSM_ENABLE, "")
+        route = self._coordinator.routes.get(FSM_ENABLE, "")
         if not route.startswith(BAD_ROUTES):
             self._bad_route_ns = None
             return
@@ -273,9 +273,9 @@ class Diagnosis:
 
     def _heartbeat(self, now_ns: int) -> Iterator[_Symptom]:
         """1.0 that the state machine does not answer; after a failed enabling, until something else happens."""
-        conductor = self._conductor
-        attempt, is_paused = conductor.enable.attempt, conductor.store.fsm(now_ns) == FsmState.PAUSE
-        if conductor.body.heartbeat.beat is not Beat.ONE:
+        coordinator = self._coordinator
+        attempt, is_paused = coordinator.enable.attempt, coordinator.store.fsm(now_ns) == FsmState.PAUSE
+        if coordinator.body.heartbeat.beat is not Beat.ONE:
             self._beating_ns = None
         elif self._beating_ns is None:
             self._beating_ns = now_ns
@@ -290,13 +290,13 @@ class Diagnosis:
             self._unanswered = None
             return
         beats_s = (until_ns - since_ns) / S
-        route = conductor.routes.get(FSM_ENABLE, "nothing is known of its route")
+        route = coordinator.routes.get(FSM_ENABLE, "nothing is known of its route")
         text = f"1.0 was sent to {FSM_ENABLE} for {beats_s:.1f} s and the FSM stayed PAUSE (manual §4.7); {route}"
         yield _Symptom(Code.HEARTBEAT_NOT_EFFECTIVE, "", text, since_ns, {"beats_s": beats_s})
 
     def _late(self, now_ns: int) -> Iterator[_Symptom]:
         """Gaps in our own streams, told as long as the streams' figures show them."""
-        for stream in self._conductor.body.streams:
+        for stream in self._coordinator.body.streams:
             worst = stream.log.worst_gap(now_ns)
             row = TOPICS[stream.topic]
             if worst is None or row.watchdog_ns is None:
@@ -314,7 +314,7 @@ class Diagnosis:
 
     def _model(self, now_ns: int) -> Iterator[_Symptom]:
         """Arms whose poses are not those of the model: what would move them by it is off."""
-        model = self._conductor.model
+        model = self._coordinator.model
         if model is None:
             return
         for side in Side:
@@ -327,13 +327,13 @@ class Diagnosis:
     # ------------------------------------------------------------------------------------------------ arms
 
     def _arm(self, side: Side, now_ns: int) -> Iterator[_Symptom]:
-        slowing = self._conductor.body.slowing.get(side)
+        slowing = self._coordinator.body.slowing.get(side)
         if slowing is not None and slowing.held and slowing.speed_ratio < SLOWED:
             yield _near_singularity(side, slowing)
-        conductor, following = self._conductor, self._following[side]
-        arm, measured = conductor.body.arms[side], conductor.measured(side)
-        is_driven = arm.running and conductor.state in MOVING
-        if not is_driven or measured is None or not conductor.part_fresh(side, now_ns):
+        coordinator, following = self._coordinator, self._following[side]
+        arm, measured = coordinator.body.arms[side], coordinator.measured(side)
+        is_driven = arm.running and coordinator.state in MOVING
+        if not is_driven or measured is None or not coordinator.part_fresh(side, now_ns):
             for each in following.values():
                 each.forget()
         elif arm.space is Space.JOINT:

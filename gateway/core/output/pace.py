@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import deque
 
-from gateway.core.supervision.conductor import AT_BASE, Conductor
+from gateway.core.supervision.coordinator import AT_BASE, Coordinator
 from gateway.messages.snapshot import LoopView
 
 __all__ = ["REST_NS", "TICK_NS", "Pace", "is_idle"]
@@ -84,12 +84,12 @@ class Pace:
         return LoopView(ticks=self._ticks, skipped=self._skipped, late_ns=late_ns, worst_late_ns=self._lateness[0][1])
 
 
-def is_idle(conductor: Conductor) -> bool:
+def is_idle(coordinator: Coordinator) -> bool:
     """Return whether nobody owns the robot, nothing is sent or owed, and no course is under way."""
     return (
-        conductor.state in AT_BASE
-        and conductor.lease.owner is None
-        and not conductor.is_exiting
-        and not conductor.body.heartbeat.is_owed
-        and conductor.body.next_due_ns() is None
+        coordinator.state in AT_BASE
+        and coordinator.lease.owner is None
+        and not coordinator.is_exiting
+        and not coordinator.body.heartbeat.is_owed
+        and coordinator.body.next_due_ns() is None
     )

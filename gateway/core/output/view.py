@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from gateway.core.others.others import Others
-from gateway.core.supervision.conductor import Conductor
+from gateway.core.supervision.coordinator import Coordinator
 from gateway.messages.snapshot import (
     ArmView,
     ChassisView,
@@ -36,7 +36,7 @@ SIDES = tuple((side, side.value) for side in Side)
 
 
 def build(
-    conductor: Conductor,
+    coordinator: Coordinator,
     findings: tuple[Finding, ...],
     refusals: dict[str, RefusalMessage],
     loop: LoopView,
@@ -46,14 +46,14 @@ def build(
     """Return the snapshot of this instant.
 
     Args:
-        conductor: What is shown.
+        coordinator: What is shown.
         findings: Of the diagnosis.
         refusals: What the owner would be refused.
         loop: Figures of the control loop.
         seq: Number of the snapshot.
         now_ns: Monotonic time [ns].
     """
-    store, supervisor, body, enable = conductor.store, conductor.supervisor, conductor.body, conductor.enable
+    store, supervisor, body, enable = coordinator.store, coordinator.supervisor, coordinator.body, coordinator.enable
     return Snapshot(
         seq=seq,
         at_ns=now_ns,
@@ -61,24 +61,24 @@ def build(
         shown=supervisor.shown,
         latches={code.value: message for code, message in supervisor.latches.items()},
         link=LinkView(
-            up=conductor.transport_up,
-            router_zid=conductor.router_zid if conductor.transport_up else "",
-            fresh=conductor.transport_up and store.is_fresh(now_ns),
+            up=coordinator.transport_up,
+            router_zid=coordinator.router_zid if coordinator.transport_up else "",
+            fresh=coordinator.transport_up and store.is_fresh(now_ns),
             age_ns=store.link_age_ns(now_ns),
         ),
         fsm=store.fsm(now_ns),
-        mode=_mode(conductor, now_ns),
-        lease=conductor.lease.view(now_ns),
-        arms={name: _arm(conductor, side, state, pose, now_ns) for side, name, state, pose in ARMS},
-        grippers={name: _motors(conductor, topic, now_ns) for name, topic in GRIPPERS},
-        chassis=_motors(conductor, CHASSIS_STATE, now_ns),
+        mode=_mode(coordinator, now_ns),
+        lease=coordinator.lease.view(now_ns),
+        arms={name: _arm(coordinator, side, state, pose, now_ns) for side, name, state, pose in ARMS},
+        grippers={name: _motors(coordinator, topic, now_ns) for name, topic in GRIPPERS},
+        chassis=_motors(coordinator, CHASSIS_STATE, now_ns),
         topics={topic: store.topic_view(topic, now_ns) for topic in STATE_TOPICS},
         streams={stream.topic: stream.log.view(now_ns) for stream in body.streams},
         motions=body.motions.views(),
         targets=body.targets.views(),
-        grips={name: _grip(conductor, side) for side, name in SIDES},
-        drive=_drive(conductor, now_ns),
-        lift=_lift(conductor, now_ns),
+        grips={name: _grip(coordinator, side) for side, name in SIDES},
+        drive=_drive(coordinator, now_ns),
+        lift=_lift(coordinator, now_ns),
         enable=EnableView(
             attempt=enable.attempt,
             outcome=enable.outcome,
@@ -89,20 +89,20 @@ def build(
         findings=findings,
         refusals=refusals,
         guard=GuardView(
-            expected=conductor.settings.guard.enabled,
-            pid=conductor.guard.pid,
-            linked=conductor.guard.is_linked,
-            lost=conductor.guard.lost,
-            earlier_holds=conductor.guard.earlier_holds,
+            expected=coordinator.settings.guard.enabled,
+            pid=coordinator.guard.pid,
+            linked=coordinator.guard.is_linked,
+            lost=coordinator.guard.lost,
+            earlier_holds=coordinator.guard.earlier_holds,
         ),
         others=OthersView(
-            zid=conductor.others.own_zid,
-            armed=conductor.claim.is_confirmed,
-            seen=tuple(_others(conductor.others, now_ns)),
+            zid=coordinator.others.own_zid,
+            armed=coordinator.claim.is_confirmed,
+            seen=tuple(_others(coordinator.others, now_ns)),
         ),
         spacing=body.spacing,
         slowing={side.value: view for side, view in body.slowing.items()},
-        endpoints=conductor.endpoints.views(now_ns),
+        endpoints=coordinator.endpoints.views(now_ns),
     )
 
 
@@ -142,8 +142,8 @@ def _others(others: Others, now_ns: int) -> Iterator[OtherView]:
         )
 
 
-def _mode(conductor: Conductor, now_ns: int) -> ModeView | None:
-    mode = conductor.store.mode(now_ns)
+def _mode(coordinator: Coordinator, now_ns: int) -> ModeView | None:
+    mode = coordinator.store.mode(now_ns)
     if mode is None:
         return None
     return ModeView(
@@ -153,13 +153,13 @@ def _mode(conductor: Conductor, now_ns: int) -> ModeView | None:
         chassis_enabled=mode.chassis_enabled,
         lift_enabled=mode.lift_enabled,
         collision_check=mode.collision_check,
-        age_ns=conductor.store.age_ns(CURRENT_MODE, now_ns) or 0,
+        age_ns=coordinator.store.age_ns(CURRENT_MODE, now_ns) or 0,
     )
 
 
-def _motors(conductor: Conductor, topic: str, now_ns: int) -> MotorView | None:
-    value = conductor.store.value(topic)
-    age_ns = conductor.store.age_ns(topic, now_ns)
+def _motors(coordinator: Coordinator, topic: str, now_ns: int) -> MotorView | None:
+    value = coordinator.store.value(topic)
+    age_ns = coordinator.store.age_ns(topic, now_ns)
     if not isinstance(value, MotorState) or age_ns is None:
         return None
     return MotorView(
@@ -167,17 +167,17 @@ def _motors(conductor: Conductor, topic: str, now_ns: int) -> MotorView | None:
     )
 
 
-def _arm(conductor: Conductor, side: Side, state: str, ee_pose: str, now_ns: int) -> ArmView:
-    arm = conductor.body.arms[side]
-    pose = conductor.store.pose(side)
-    measured = _motors(conductor, state, now_ns)
-    values, rates, off = (arm.values, arm.rates, conductor.measured(side)) if arm.running else ((), (), None)
+def _arm(coordinator: Coordinator, side: Side, state: str, ee_pose: str, now_ns: int) -> ArmView:
+    arm = coordinator.body.arms[side]
+    pose = coordinator.store.pose(side)
+    measured = _motors(coordinator, state, now_ns)
+    values, rates, off = (arm.values, arm.rates, coordinator.measured(side)) if arm.running else ((), (), None)
     gap, is_pose = None if off is None else arm.distance(off), arm.space is Space.POSE
     return ArmView(
         measured=measured,
         p_m=pose.p_m if pose else (),
         quat_xyzw=pose.quat_xyzw if pose else (),
-        pose_age_ns=conductor.store.age_ns(ee_pose, now_ns),
+        pose_age_ns=coordinator.store.age_ns(ee_pose, now_ns),
         space=arm.space.value,
         q_ref_rad=() if is_pose else values,
         dq_ref_radps=() if is_pose else rates,
@@ -188,14 +188,14 @@ def _arm(conductor: Conductor, side: Side, state: str, ee_pose: str, now_ns: int
         streaming=arm.running,
         tracking_rad=None if gap is None else gap.rad,
         tracking_m=gap.m if gap is not None and is_pose else None,
-        model=_model(conductor, side, now_ns),
+        model=_model(coordinator, side, now_ns),
     )
 
 
-def _model(conductor: Conductor, side: Side, now_ns: int) -> ModelView | None:
-    if conductor.model is None:
+def _model(coordinator: Coordinator, side: Side, now_ns: int) -> ModelView | None:
+    if coordinator.model is None:
         return None
-    verdict = conductor.model.verdict(side, now_ns)
+    verdict = coordinator.model.verdict(side, now_ns)
     return ModelView(
         state=verdict.state.value,
         reason=verdict.reason,
@@ -206,8 +206,8 @@ def _model(conductor: Conductor, side: Side, now_ns: int) -> ModelView | None:
     )
 
 
-def _drive(conductor: Conductor, now_ns: int) -> ChassisView:
-    chassis = conductor.body.chassis
+def _drive(coordinator: Coordinator, now_ns: int) -> ChassisView:
+    chassis = coordinator.body.chassis
     return ChassisView(
         driven=chassis.is_driven,
         drive_id=chassis.drive_id,
@@ -220,8 +220,8 @@ def _drive(conductor: Conductor, now_ns: int) -> ChassisView:
     )
 
 
-def _lift(conductor: Conductor, now_ns: int) -> LiftView | None:
-    lift = conductor.body.lift
+def _lift(coordinator: Coordinator, now_ns: int) -> LiftView | None:
+    lift = coordinator.body.lift
     if lift is None:
         return None
     return LiftView(
@@ -234,8 +234,8 @@ def _lift(conductor: Conductor, now_ns: int) -> LiftView | None:
     )
 
 
-def _grip(conductor: Conductor, side: Side) -> GripView:
-    gripper = conductor.body.grippers[side]
+def _grip(coordinator: Coordinator, side: Side) -> GripView:
+    gripper = coordinator.body.grippers[side]
     if not gripper.running:
         return GripView(streaming=False, input_ratio=None, torque_nm=None, holding=None)
     return GripView(

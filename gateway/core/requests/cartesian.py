@@ -19,18 +19,18 @@ from functools import partial
 from typing import TYPE_CHECKING, TypeAlias
 
 from gateway.core.body.motions import Motion, MotionState
-from gateway.core.limits import door
-from gateway.core.limits.pose_door import check_frame, check_pose, check_pose_tolerance
+from gateway.core.limits import validation
+from gateway.core.limits.pose_validation import check_frame, check_pose, check_pose_tolerance
 from gateway.core.messages.events import CommandRequested, MovePose
 from gateway.core.motion.lines.line_curve import place
 from gateway.core.motion.lines.line_gaps import too_near
 from gateway.core.motion.lines.line_path import LinePath
 from gateway.core.motion.lines.line_plan import Body, Going, plan_lines
 from gateway.core.motion.motion import Path, PlanFailed, plan
+from gateway.core.requests.authorisation import Authorisation
 from gateway.core.requests.moves import Answer, Moves
-from gateway.core.requests.permit import Permit
-from gateway.core.separation.room import check_goals
-from gateway.core.supervision.conductor import Conductor
+from gateway.core.separation.goal_checks import check_goals
+from gateway.core.supervision.coordinator import Coordinator
 from gateway.core.supervision.supervisor import Trigger
 from gateway.errors import Code, Refusal
 from gateway.robot.topics import ARM_JOINTS
@@ -74,14 +74,14 @@ class Cartesian:
     """Poses for arms in joint mode.
 
     Args:
-        conductor: What is moved.
-        permit: Who may.
+        coordinator: What is moved.
+        authorisation: Who may.
         moves: Motions of the arms' own spaces.
     """
 
-    def __init__(self, conductor: Conductor, permit: Permit, moves: Moves) -> None:
-        self._conductor = conductor
-        self._permit = permit
+    def __init__(self, coordinator: Coordinator, authorisation: Authorisation, moves: Moves) -> None:
+        self._coordinator = coordinator
+        self._authorisation = authorisation
         self._moves = moves
         self._jobs: list[_Job] = []
 
@@ -92,13 +92,15 @@ class Cartesian:
         sides = tuple(side for side in Side if side in request.targets)
         if not sides or any(self._space(side, now_ns) is Space.POSE for side in sides):
             return self._moves.move_pose(command, request, now_ns)
-        conductor = self._conductor
-        refusal = self._permit.motion(command, request.epoch, sides, now_ns) or door.check_speed(request.speed)
+        coordinator = self._coordinator
+        refusal = self._authorisation.motion(command, request.epoch, sides, now_ns) or validation.check_speed(
+            request.speed
+        )
         for side in sides:
-            refusal = refusal or conductor.model_refusal(side, now_ns)
-        if refusal is not None or conductor.model is None:
+            refusal = refusal or coordinator.model_refusal(side, now_ns)
+        if refusal is not None or coordinator.model is None:
             return refusal or Refusal(code=Code.INTERNAL, message="no model, and no refusal because of that")
-        settings = conductor.settings.pose
+        settings = coordinator.settings.pose
         tolerance = check_pose_tolerance(request.tolerance_m, request.tolerance_rad, settings)
         if isinstance(tolerance, Refusal):
             return tolerance
@@ -114,11 +116,11 @@ class Cartesian:
             poses[side] = goal.values
             if goal.clipped:
                 clipped[side.value] = list(goal.clipped)
-            joints = self._solved(conductor.model, side, _pose(goal.values))
+            joints = self._solved(coordinator.model, side, _pose(goal.values))
             if isinstance(joints, Refusal):
                 return joints
             goals_rad[side] = joints
-        too_near_there = check_goals(conductor, goals_rad, now_ns, hands_only=request.straight)
+        too_near_there = check_goals(coordinator, goals_rad, now_ns, hands_only=request.straight)
         if too_near_there is not None:
             return too_near_there
         facts: dict[str, object] = {
@@ -126,16 +128,16 @@ class Cartesian:
             "clipped": clipped,
         }
         paths: Paths | None = None
-        if not request.straight and conductor.model.collision is None:
+        if not request.straight and coordinator.model.collision is None:
             found = self._joint_paths(goals_rad, request.speed)
             if isinstance(found, Refusal):
                 return found
             paths = found
         message = "a later motion took the arm over"
         self._moves.free(sides, MotionState.SUPERSEDED, Code.SUPERSEDED, message, now_ns)
-        conductor.fire(Trigger.ARM_MOTION, now_ns, "the owner moves")
-        motion = conductor.body.motions.open(poses, tolerance, 0, space=Space.POSE)
-        motion.seen = partial(_end_effector, conductor.model)
+        coordinator.fire(Trigger.ARM_MOTION, now_ns, "the owner moves")
+        motion = coordinator.body.motions.open(poses, tolerance, 0, space=Space.POSE)
+        motion.seen = partial(_end_effector, coordinator.model)
         if paths is None:
             motion.is_planned = False
             self._jobs.append(
@@ -152,12 +154,12 @@ class Cartesian:
 
     def _space(self, side: Side, now_ns: int) -> Space:
         """Return the space in which an arm is streamed, or would be."""
-        arm, mode = self._conductor.body.arms[side], self._conductor.store.mode(now_ns)
+        arm, mode = self._coordinator.body.arms[side], self._coordinator.store.mode(now_ns)
         return arm.space if arm.running or mode is None else mode.space(side)
 
     def _solved(self, model: BodyModel, side: Side, target: EePose) -> Vector | Refusal:
         """Return the joints for a pose nearest to where the arm is held, of all ways to bend it; or why there are none."""
-        arm, held = model.arms[side], self._conductor.body.joint_arms[side].values
+        arm, held = model.arms[side], self._coordinator.body.joint_arms[side].values
         found = arm.solution(target, held)
         if found is not None:
             return found.q_rad
@@ -180,7 +182,7 @@ class Cartesian:
         return Refusal(code=Code.OUT_OF_RANGE, message=message, field=f"{side}_arm", hint=hint)
 
     def _joint_paths(self, goals_rad: Mapping[Side, Vector], speed: float) -> Paths | Refusal:
-        references = {side: self._conductor.body.joint_arms[side].reference for side in goals_rad}
+        references = {side: self._coordinator.body.joint_arms[side].reference for side in goals_rad}
         try:
             return plan(references, goals_rad, speed)
         except PlanFailed as failed:
@@ -194,7 +196,7 @@ class Cartesian:
         Args:
             now_ns: Monotonic time [ns].
         """
-        for motion in self._conductor.body.motions.running:
+        for motion in self._coordinator.body.motions.running:
             if motion.seen is not None:
                 self._watch(motion, now_ns)
         pieces = PIECES
@@ -215,15 +217,15 @@ class Cartesian:
     def _watch(self, motion: Motion, now_ns: int) -> None:
         """End a motion whose model does not agree with the robot any more; its arms brake."""
         for side in motion.goals:
-            refusal = self._conductor.model_refusal(side, now_ns)
+            refusal = self._coordinator.model_refusal(side, now_ns)
             if refusal is not None:
                 self._abort(motion, refusal, now_ns)
                 return
 
     def _work(self, job: _Job, now_ns: int) -> Work | None:
         """Return the work of a motion, once its arms are at rest."""
-        conductor, model = self._conductor, self._conductor.model
-        arms = conductor.body.joint_arms
+        coordinator, model = self._coordinator, self._coordinator.model
+        arms = coordinator.body.joint_arms
         if model is None or not all(arms[side].reference.state.is_at_rest for side in job.targets):
             return None
         if model.collision is None:
@@ -232,7 +234,7 @@ class Cartesian:
             q_rad = self._postures(now_ns)
             if isinstance(q_rad, Refusal):
                 return _refused(q_rad)
-            body = Body(model=model.collision, margin_m=conductor.settings.model.margin_m, q_rad=q_rad)
+            body = Body(model=model.collision, margin_m=coordinator.settings.model.margin_m, q_rad=q_rad)
         if job.goals_rad and body.model is not None:
             return self._look_ahead(job, body.model, body)
         going = {
@@ -240,7 +242,7 @@ class Cartesian:
                 arm=model.arms[side],
                 start=arms[side].reference.here,
                 target=target,
-                poses=conductor.body.pose_arms[side].reference.space,
+                poses=coordinator.body.pose_arms[side].reference.space,
             )
             for side, target in job.targets.items()
         }
@@ -248,13 +250,13 @@ class Cartesian:
 
     def _postures(self, now_ns: int) -> dict[Side, Vector] | Refusal:
         """Return the joints of both arms: held, or measured; or that nobody knows them [rad]."""
-        conductor = self._conductor
+        coordinator = self._coordinator
         q_rad: dict[Side, Vector] = {}
         for side in Side:
-            arm, measured = conductor.body.joint_arms[side], conductor.store.arm(side)
+            arm, measured = coordinator.body.joint_arms[side], coordinator.store.arm(side)
             if arm.running:
                 q_rad[side] = arm.values
-            elif measured is not None and conductor.store.part_fresh(side, now_ns, needs_pose=False):
+            elif measured is not None and coordinator.store.part_fresh(side, now_ns, needs_pose=False):
                 q_rad[side] = measured.q_rad
             else:
                 message = f"nobody knows where the {side} arm is, which must not be hit: its state is older than 100 ms"
@@ -283,7 +285,7 @@ class Cartesian:
 
     def _finish(self, job: _Job, found: Paths | Refusal, now_ns: int) -> None:
         """Begin what was worked out, from exactly where it was worked out for; or tell why it cannot be."""
-        arms = self._conductor.body.joint_arms
+        arms = self._coordinator.body.joint_arms
         if isinstance(found, Refusal):
             self._abort(job.motion, found, now_ns)
         elif any(path.start != arms[side].reference.state for side, path in found.items()):
@@ -296,16 +298,16 @@ class Cartesian:
         motion.duration_ns = max(path.duration_ns for path in paths.values())
         motion.is_planned = True
         for side, path in paths.items():
-            self._conductor.body.joint_arms[side].follow_path(path, epoch)
+            self._coordinator.body.joint_arms[side].follow_path(path, epoch)
 
     def _abort(self, motion: Motion, refusal: Refusal, now_ns: int) -> None:
         """End a motion with what was found; its arms brake."""
-        conductor = self._conductor
+        coordinator = self._coordinator
         message = f"{refusal.message}; {refusal.hint}" if refusal.hint else refusal.message
-        conductor.body.motions.end(motion, MotionState.ABORTED, refusal.code, message)
+        coordinator.body.motions.end(motion, MotionState.ABORTED, refusal.code, message)
         for side in motion.goals:
-            conductor.body.arms[side].brake()
-        conductor.report_ended([motion], now_ns)
+            coordinator.body.arms[side].brake()
+        coordinator.report_ended([motion], now_ns)
 
 
 def _end_effector(model: BodyModel, side: Side, q_rad: Vector) -> Vector:

@@ -1,4 +1,4 @@
-"""Carries out the owner's requests for chassis and lift. What may pass is `permit.py`'s and `ground_rules.py`'s word.
+"""Carries out the owner's requests for chassis and lift. What may pass is `authorisation.py`'s and `ground_rules.py`'s word.
 
 Stopping them is the owner's in every state, on a model that has them: a stop frame is never held back.
 """
@@ -7,13 +7,13 @@ from __future__ import annotations
 
 from gateway.codes import Code
 from gateway.core.limits import ground_rules as rules
-from gateway.core.limits.door import check_expiry
+from gateway.core.limits.validation import check_expiry
 from gateway.core.messages.events import CommandRequested, DisableLift, DriveChassis, DriveLift, StopChassis, StopLift
+from gateway.core.requests.authorisation import Authorisation
 from gateway.core.requests.moves import Answer
-from gateway.core.requests.permit import Permit
 from gateway.core.streams.ground import LIFT_OFF
 from gateway.core.streams.lift import LiftStream
-from gateway.core.supervision.conductor import Conductor
+from gateway.core.supervision.coordinator import Coordinator
 from gateway.errors import Refusal
 
 __all__ = ["Driving"]
@@ -23,38 +23,40 @@ class Driving:
     """Requests for chassis and lift.
 
     Args:
-        conductor: What is moved.
-        permit: Who may.
+        coordinator: What is moved.
+        authorisation: Who may.
     """
 
-    def __init__(self, conductor: Conductor, permit: Permit) -> None:
-        self._conductor = conductor
-        self._permit = permit
+    def __init__(self, coordinator: Coordinator, authorisation: Authorisation) -> None:
+        self._coordinator = coordinator
+        self._authorisation = authorisation
 
     def may_drive_chassis(self, command: CommandRequested, epoch: int, now_ns: int) -> Refusal | None:
         """Refuse unless the owner may drive the chassis now, at whatever velocity."""
-        return self._permit.ground(command, epoch, now_ns) or rules.check_chassis(
-            self._conductor.store.mode(now_ns), self._conductor.store.fsm(now_ns)
+        return self._authorisation.ground(command, epoch, now_ns) or rules.check_chassis(
+            self._coordinator.store.mode(now_ns), self._coordinator.store.fsm(now_ns)
         )
 
     def may_drive_lift(self, command: CommandRequested, epoch: int, now_ns: int) -> Refusal | None:
         """Refuse unless the owner may drive the lift of a model that has one now, at whatever velocity."""
-        store = self._conductor.store
-        return self._permit.ground(command, epoch, now_ns) or rules.check_lift(store.mode(now_ns), store.fsm(now_ns))
+        store = self._coordinator.store
+        return self._authorisation.ground(command, epoch, now_ns) or rules.check_lift(
+            store.mode(now_ns), store.fsm(now_ns)
+        )
 
     def drive_chassis(self, command: CommandRequested, request: DriveChassis, now_ns: int) -> Answer:
         """Begin a drive of the chassis, or go on with one at another velocity."""
-        conductor = self._conductor
+        coordinator = self._coordinator
         velocity = (request.vx_mps, request.vy_mps, request.wz_radps)
         refusal = (
             self.may_drive_chassis(command, request.epoch, now_ns)
-            or rules.check_chassis_velocity(velocity, conductor.settings.chassis)
+            or rules.check_chassis_velocity(velocity, coordinator.settings.chassis)
             or check_expiry(request.expiry_ns)
         )
         if refusal is not None:
             return refusal
-        expiry_ns = conductor.settings.chassis.expiry_ns if request.expiry_ns is None else request.expiry_ns
-        chassis = conductor.body.chassis
+        expiry_ns = coordinator.settings.chassis.expiry_ns if request.expiry_ns is None else request.expiry_ns
+        chassis = coordinator.body.chassis
         ended = chassis.drive(
             velocity,
             epoch=request.epoch,
@@ -66,27 +68,27 @@ class Driving:
 
     def stop_chassis(self, command: CommandRequested, request: StopChassis, now_ns: int) -> Answer:
         """Zeros for the chassis, at once."""
-        refusal = self._permit.owner(command, request.epoch)
+        refusal = self._authorisation.owner(command, request.epoch)
         if refusal is not None:
             return refusal
-        chassis = self._conductor.body.chassis
+        chassis = self._coordinator.body.chassis
         chassis.end(Code.STOPPED)
         chassis.stop(now_ns)
         return {}
 
     def drive_lift(self, command: CommandRequested, request: DriveLift, now_ns: int) -> Answer:
         """Begin a drive of the lift, or go on with one at another velocity."""
-        conductor, lift = self._conductor, self._conductor.body.lift
+        coordinator, lift = self._coordinator, self._coordinator.body.lift
         if lift is None:
-            return self._permit.owner(command, request.epoch) or rules.no_lift()
+            return self._authorisation.owner(command, request.epoch) or rules.no_lift()
         refusal = (
             self.may_drive_lift(command, request.epoch, now_ns)
-            or rules.check_lift_velocity(request.velocity, conductor.settings.lift)
+            or rules.check_lift_velocity(request.velocity, coordinator.settings.lift)
             or check_expiry(request.expiry_ns)
         )
         if refusal is not None:
             return refusal
-        expiry_ns = conductor.settings.lift.expiry_ns if request.expiry_ns is None else request.expiry_ns
+        expiry_ns = coordinator.settings.lift.expiry_ns if request.expiry_ns is None else request.expiry_ns
         ended = lift.drive(
             request.velocity,
             epoch=request.epoch,
@@ -116,7 +118,7 @@ class Driving:
         return {}
 
     def _lift(self, command: CommandRequested, epoch: int) -> LiftStream | Refusal:
-        return self._permit.owner(command, epoch) or self._conductor.body.lift or rules.no_lift()
+        return self._authorisation.owner(command, epoch) or self._coordinator.body.lift or rules.no_lift()
 
 
 def _over(what: str, drive_id: int, code: Code) -> Refusal:

@@ -11,7 +11,7 @@ from collections.abc import Callable
 from functools import partial
 
 from gateway.core.body.motions import MotionState, Terms
-from gateway.core.limits.pose_door import check_frame
+from gateway.core.limits.pose_validation import check_frame
 from gateway.core.messages.events import CheckFollow, CommandRequested, Follow
 from gateway.core.motion.chunk import Chunk, check_jump, check_motion, check_start, prepare
 from gateway.core.motion.joints.trajectory import Trajectory
@@ -19,10 +19,10 @@ from gateway.core.motion.poses.pose_chunk import check_pose_jump, check_pose_mot
 from gateway.core.motion.poses.pose_follower import followed
 from gateway.core.motion.poses.pose_trajectory import PoseTrajectory
 from gateway.core.motion.tolerance import Tolerances, apart, check_tolerances
+from gateway.core.requests.authorisation import Authorisation
 from gateway.core.requests.moves import Answer, Moves
-from gateway.core.requests.permit import Permit
-from gateway.core.separation.room import check_goals
-from gateway.core.supervision.conductor import Conductor
+from gateway.core.separation.goal_checks import check_goals
+from gateway.core.supervision.coordinator import Coordinator
 from gateway.core.supervision.supervisor import Trigger
 from gateway.errors import Code, Refusal
 from gateway.values import ARM_DOF, Side, Space, Vector
@@ -52,23 +52,23 @@ class Follows:
     """Trajectories and chunks of the owner.
 
     Args:
-        conductor: What is moved.
-        permit: Who may.
+        coordinator: What is moved.
+        authorisation: Who may.
         moves: Ends what drives an arm.
     """
 
-    def __init__(self, conductor: Conductor, permit: Permit, moves: Moves) -> None:
-        self._conductor = conductor
-        self._permit = permit
+    def __init__(self, coordinator: Coordinator, authorisation: Authorisation, moves: Moves) -> None:
+        self._coordinator = coordinator
+        self._authorisation = authorisation
         self._moves = moves
 
     def follow(self, command: CommandRequested, request: Follow, now_ns: int) -> Answer:
         """Judge a chunk whole, then begin to follow it with one or both arms."""
-        conductor, chunk = self._conductor, command.chunk or worked_out(request)
+        coordinator, chunk = self._coordinator, command.chunk or worked_out(request)
         if isinstance(chunk, Refusal):
             return chunk
         sides = tuple(chunk.trajectories)
-        refusal = self._permit.motion(command, request.epoch, sides, now_ns, chunk.space)
+        refusal = self._authorisation.motion(command, request.epoch, sides, now_ns, chunk.space)
         if refusal is not None:
             return refusal
         judged = self._judge(command, request, chunk, now_ns)
@@ -83,11 +83,11 @@ class Follows:
                 return track
             tracks[side] = track
         self._moves.free(sides, MotionState.SUPERSEDED, Code.SUPERSEDED, "a later chunk took the arm over", now_ns)
-        conductor.fire(Trigger.ARM_MOTION, now_ns, "the owner's chunk is followed")
+        coordinator.fire(Trigger.ARM_MOTION, now_ns, "the owner's chunk is followed")
         goals = {side: trajectory.points[-1] for side, trajectory in chunk.trajectories.items()}
         ends_ns = begins_ns + round(chunk.duration_s * S)
         terms = Terms(tolerances=tolerances, ends_ns=ends_ns)
-        motion = conductor.body.motions.open(goals, None, ends_ns - now_ns, terms=terms, space=chunk.space)
+        motion = coordinator.body.motions.open(goals, None, ends_ns - now_ns, terms=terms, space=chunk.space)
         for track in tracks.values():
             track()
         return {
@@ -149,15 +149,15 @@ class Follows:
             refusal = refusal or self._objection(side, request, chunk.trajectories[side])
         if chunk.space is Space.JOINT:
             goals = {side: trajectory.points[-1] for side, trajectory in chunk.trajectories.items()}
-            refusal = refusal or check_goals(self._conductor, goals, now_ns)
+            refusal = refusal or check_goals(self._coordinator, goals, now_ns)
         return refusal or (tolerances, begins_ns)
 
     def _whereabouts(self, side: Side, chunk: Chunk, into_s: float, now_ns: int, *, rests: bool) -> Vector | None:
         """Return where an arm will be when a chunk begins: its reference, else where it was measured; None: unknown."""
-        arm, trajectory = self._conductor.body.stream(side, chunk.space), chunk.trajectories[side]
+        arm, trajectory = self._coordinator.body.stream(side, chunk.space), chunk.trajectories[side]
         if arm.running:
             return arm.reference.origin(arm.reference.prepare(trajectory, into_s, rests=rests))
-        store, needs_pose = self._conductor.store, chunk.space is Space.POSE
+        store, needs_pose = self._coordinator.store, chunk.space is Space.POSE
         if not store.part_fresh(side, now_ns, needs_pose=needs_pose):
             return None
         pose, measured = store.pose(side), store.arm(side)
@@ -166,7 +166,7 @@ class Follows:
         return None if measured is None else measured.q_rad
 
     def _tolerances(self, request: Follow, chunk: Chunk) -> Tolerances | Refusal:
-        arm, pose, space = self._conductor.settings.arm, self._conductor.settings.pose, chunk.space
+        arm, pose, space = self._coordinator.settings.arm, self._coordinator.settings.pose, chunk.space
         return check_tolerances(
             tuple(chunk.trajectories),
             request.path_tolerance,
@@ -180,13 +180,13 @@ class Follows:
     def _objection(self, side: Side, request: Follow, trajectory: Trajectory | PoseTrajectory) -> Refusal | None:
         """Return what is wrong with the motion of an arm as such."""
         if isinstance(trajectory, Trajectory):
-            return check_motion(side, trajectory, self._conductor.settings.arm)
-        bounds = followed(self._conductor.body.pose_arms[side].reference.space)
+            return check_motion(side, trajectory, self._coordinator.settings.arm)
+        bounds = followed(self._coordinator.body.pose_arms[side].reference.space)
         return check_frame(side, request.frames.get(side, "")) or check_pose_motion(side, trajectory, bounds)
 
     def _join(self, side: Side, request: Follow, chunk: Chunk, into_s: float) -> Callable[[], None] | Refusal:
         """Find an arm's way onto its trajectory; return what takes it, or why there is none."""
-        arm, trajectory = self._conductor.body.stream(side, chunk.space), chunk.trajectories[side]
+        arm, trajectory = self._coordinator.body.stream(side, chunk.space), chunk.trajectories[side]
         way = arm.reference.prepare(trajectory, into_s, rests=not request.open_end)
         jump = _check_jump(side, chunk.space, trajectory.at(into_s)[0], into_s, arm.reference.origin(way))
         if jump is not None:

@@ -6,9 +6,9 @@ import math
 
 from gateway.codes import Code
 from gateway.core.messages.events import CommandRequested, SetGripper
+from gateway.core.requests.authorisation import Authorisation
 from gateway.core.requests.moves import Answer
-from gateway.core.requests.permit import Permit
-from gateway.core.supervision.conductor import Conductor
+from gateway.core.supervision.coordinator import Coordinator
 from gateway.core.supervision.supervisor import Trigger
 from gateway.errors import Refusal
 from gateway.robot.limits import gripper_torque_nm
@@ -21,18 +21,18 @@ class Gripping:
     """Requests for grippers.
 
     Args:
-        conductor: What is moved.
-        permit: Who may.
+        coordinator: What is moved.
+        authorisation: Who may.
     """
 
-    def __init__(self, conductor: Conductor, permit: Permit) -> None:
-        self._conductor = conductor
-        self._permit = permit
+    def __init__(self, coordinator: Coordinator, authorisation: Authorisation) -> None:
+        self._coordinator = coordinator
+        self._authorisation = authorisation
 
     def may_grip(self, side: Side, command: CommandRequested, epoch: int, now_ns: int) -> Refusal | None:
         """Refuse unless the owner may command a gripper now, with whatever force."""
-        refusal = self._permit.motion(command, epoch, (), now_ns)
-        if refusal is not None or self._conductor.body.grippers[side].running:
+        refusal = self._authorisation.motion(command, epoch, (), now_ns)
+        if refusal is not None or self._coordinator.body.grippers[side].running:
             return refusal
         return Refusal(
             code=Code.NOT_ENABLED,
@@ -45,7 +45,7 @@ class Gripping:
 
     def set_gripper(self, command: CommandRequested, request: SetGripper, now_ns: int) -> Answer:
         """Send a gripper another force input."""
-        conductor, name = self._conductor, f"{request.side}_gripper"
+        coordinator, name = self._coordinator, f"{request.side}_gripper"
         refusal = self.may_grip(request.side, command, request.epoch, now_ns)
         if refusal is not None:
             return refusal
@@ -58,6 +58,6 @@ class Gripping:
                 bound="[0, 1]",
                 hint="0 opens most, 0.1 is no torque, 1 closes most",
             )
-        conductor.fire(Trigger.ARM_MOTION, now_ns, "the owner moves a gripper")
-        conductor.body.grippers[request.side].command(request.raw, request.epoch)
+        coordinator.fire(Trigger.ARM_MOTION, now_ns, "the owner moves a gripper")
+        coordinator.body.grippers[request.side].command(request.raw, request.epoch)
         return {"raw": request.raw, "torque_nm": gripper_torque_nm(request.raw)}

@@ -1,4 +1,7 @@
-"""Carries out the owner's motion requests: move, stream, hold, cancel. What may pass is `permit.py`'s and `door.py`'s word."""
+"""Carries out the owner's motion requests: move, stream, hold, cancel.
+
+What may pass is the word of `authorisation.py` and of `limits/validation.py`.
+"""
 
 from __future__ import annotations
 
@@ -6,8 +9,8 @@ from collections.abc import Mapping, Sequence
 from typing import TypeAlias
 
 from gateway.core.body.motions import Motion, MotionState
-from gateway.core.limits import door
-from gateway.core.limits.pose_door import check_frame, check_pose, check_pose_tolerance
+from gateway.core.limits import validation
+from gateway.core.limits.pose_validation import check_frame, check_pose, check_pose_tolerance
 from gateway.core.messages.events import (
     Cancel,
     CloseStream,
@@ -20,9 +23,9 @@ from gateway.core.messages.events import (
 )
 from gateway.core.motion.gap import Gap
 from gateway.core.motion.motion import PlanFailed
-from gateway.core.requests.permit import Permit
-from gateway.core.separation import room
-from gateway.core.supervision.conductor import Conductor
+from gateway.core.requests.authorisation import Authorisation
+from gateway.core.separation import goal_checks
+from gateway.core.supervision.coordinator import Coordinator
 from gateway.core.supervision.supervisor import State, Trigger
 from gateway.errors import Code, Refusal
 from gateway.values import Side, Space, Vector
@@ -38,43 +41,43 @@ class Moves:
     """Motion requests of the owner.
 
     Args:
-        conductor: What is moved.
-        permit: Who may.
+        coordinator: What is moved.
+        authorisation: Who may.
     """
 
-    def __init__(self, conductor: Conductor, permit: Permit) -> None:
-        self._conductor = conductor
-        self._permit = permit
+    def __init__(self, coordinator: Coordinator, authorisation: Authorisation) -> None:
+        self._coordinator = coordinator
+        self._authorisation = authorisation
 
     def move(self, command: CommandRequested, request: Move, now_ns: int) -> Answer:
         """Plan and begin a point-to-point motion of one or both arms."""
-        conductor = self._conductor
+        coordinator = self._coordinator
         sides = tuple(side for side in Side if side in request.targets_rad)
         if not sides:
             return Refusal(
                 code=Code.WRONG_SHAPE, message="no arm is named: left, right or both are needed", field="targets_rad"
             )
         refusal = (
-            self._permit.motion(command, request.epoch, sides, now_ns)
-            or door.check_speed(request.speed)
-            or door.check_tolerance(request.tolerance_rad)
+            self._authorisation.motion(command, request.epoch, sides, now_ns)
+            or validation.check_speed(request.speed)
+            or validation.check_tolerance(request.tolerance_rad)
         )
         if refusal is not None:
             return refusal
         goals: dict[Side, Vector] = {}
         clipped: dict[str, list[int]] = {}
         for side in sides:
-            values, reference = request.targets_rad[side], conductor.body.arms[side].values
+            values, reference = request.targets_rad[side], coordinator.body.arms[side].values
             if request.relative and len(values) == len(reference):
                 values = tuple(a + b for a, b in zip(reference, values, strict=True))
-            goal = door.check_goal(side, values, conductor.settings.arm, request.on_limit)
+            goal = validation.check_goal(side, values, coordinator.settings.arm, request.on_limit)
             if isinstance(goal, Refusal):
                 return goal
             goals[side] = goal.values
             if goal.clipped:
                 clipped[side.value] = list(goal.clipped)
-        tolerance_rad = conductor.settings.arm.settle_rad if request.tolerance_rad is None else request.tolerance_rad
-        too_near = room.check_goals(conductor, goals, now_ns)
+        tolerance_rad = coordinator.settings.arm.settle_rad if request.tolerance_rad is None else request.tolerance_rad
+        too_near = goal_checks.check_goals(coordinator, goals, now_ns)
         if too_near is not None:
             return too_near
         answer = self._go(goals, request.epoch, request.speed, Gap(tolerance_rad), now_ns)
@@ -84,16 +87,16 @@ class Moves:
 
     def move_pose(self, command: CommandRequested, request: MovePose, now_ns: int) -> Answer:
         """Plan and begin a straight motion of one or both end effectors."""
-        conductor = self._conductor
-        settings = conductor.settings.pose
+        coordinator = self._coordinator
+        settings = coordinator.settings.pose
         sides = tuple(side for side in Side if side in request.targets)
         if not sides:
             return Refusal(
                 code=Code.WRONG_SHAPE, message="no arm is named: left, right or both are needed", field="targets"
             )
-        refusal = self._permit.motion(command, request.epoch, sides, now_ns, Space.POSE) or door.check_speed(
-            request.speed
-        )
+        refusal = self._authorisation.motion(
+            command, request.epoch, sides, now_ns, Space.POSE
+        ) or validation.check_speed(request.speed)
         if refusal is not None:
             return refusal
         tolerance = check_pose_tolerance(request.tolerance_m, request.tolerance_rad, settings)
@@ -117,41 +120,41 @@ class Moves:
 
     def _go(self, goals: Mapping[Side, Vector], epoch: int, speed: float, tolerance: Gap, now_ns: int) -> Answer:
         """Plan a motion to checked goals, take the arms over, and begin it."""
-        conductor = self._conductor
+        coordinator = self._coordinator
         try:
-            paths = conductor.body.plan(goals, speed)
+            paths = coordinator.body.plan(goals, speed)
         except PlanFailed as failed:
             return Refusal(code=Code.PLAN_FAILED, message=f"no path inside the limits: {failed}")
         self.free(tuple(goals), MotionState.SUPERSEDED, Code.SUPERSEDED, "a later motion took the arm over", now_ns)
-        conductor.fire(Trigger.ARM_MOTION, now_ns, "the owner moves")
+        coordinator.fire(Trigger.ARM_MOTION, now_ns, "the owner moves")
         duration_ns = max(path.duration_ns for path in paths.values())
-        space = conductor.body.arms[next(iter(goals))].space
-        motion = conductor.body.motions.open(goals, tolerance, duration_ns, space=space)
+        space = coordinator.body.arms[next(iter(goals))].space
+        motion = coordinator.body.motions.open(goals, tolerance, duration_ns, space=space)
         for side, path in paths.items():
-            conductor.body.arms[side].follow_path(path, epoch)
+            coordinator.body.arms[side].follow_path(path, epoch)
         return {"motion_id": motion.motion_id, "duration_ns": duration_ns}
 
     def free(self, sides: Sequence[Side], state: MotionState, code: Code, message: str, now_ns: int) -> None:
         """End what drives these arms; they brake until something else moves them."""
         ended: list[Motion] = []
         for side in sides:
-            ended += self._conductor.body.drop_driver(side, state, code, message)
-        self._conductor.report_ended(ended, now_ns)
+            ended += self._coordinator.body.drop_driver(side, state, code, message)
+        self._coordinator.report_ended(ended, now_ns)
 
     def open_stream(self, command: CommandRequested, request: OpenStream, now_ns: int) -> Answer:
         """Open a stream of targets for one arm; it starts at the present reference."""
-        conductor = self._conductor
+        coordinator = self._coordinator
         refusal = (
-            self._permit.motion(command, request.epoch, (request.side,), now_ns, request.space)
+            self._authorisation.motion(command, request.epoch, (request.side,), now_ns, request.space)
             or (check_frame(request.side, request.frame) if request.space is Space.POSE else None)
-            or door.check_speed(request.speed)
-            or door.check_expiry(request.expiry_ns)
+            or validation.check_speed(request.speed)
+            or validation.check_expiry(request.expiry_ns)
         )
         if refusal is not None:
             return refusal
         self.free((request.side,), MotionState.SUPERSEDED, Code.SUPERSEDED, "a stream took the arm over", now_ns)
-        conductor.fire(Trigger.ARM_MOTION, now_ns, "the owner streams")
-        stream = conductor.body.targets.open(
+        coordinator.fire(Trigger.ARM_MOTION, now_ns, "the owner streams")
+        stream = coordinator.body.targets.open(
             request.side,
             command.client_id,
             request.epoch,
@@ -160,7 +163,7 @@ class Moves:
             request.expiry_ns,
             request.space,
         )
-        return {"stream_id": stream.stream_id, "values": list(conductor.body.arms[request.side].values)}
+        return {"stream_id": stream.stream_id, "values": list(coordinator.body.arms[request.side].values)}
 
     def take_target(self, target: TargetArrived, now_ns: int) -> None:
         """Follow a streamed target if it may be followed; its stream says why not.
@@ -169,24 +172,24 @@ class Moves:
             target: As it arrived.
             now_ns: Monotonic time [ns].
         """
-        conductor = self._conductor
-        if self._permit.is_before_stop(target.received_ns):
+        coordinator = self._coordinator
+        if self._authorisation.is_before_stop(target.received_ns):
             return
-        accepted = conductor.body.targets.accept(target)
-        if accepted is None or conductor.state is not State.ACTIVE:
+        accepted = coordinator.body.targets.accept(target)
+        if accepted is None or coordinator.state is not State.ACTIVE:
             return
         stream, values = accepted
-        arm = conductor.body.arms[stream.side]
+        arm = coordinator.body.arms[stream.side]
         arm.follow_target(values, stream.speed, stream.epoch)
         due_ns = arm.next_due_ns()
         stream.lead_ns = None if due_ns is None else due_ns - target.received_ns
 
     def close_stream(self, command: CommandRequested, request: CloseStream, now_ns: int) -> Answer:
         """End a stream of targets: the arm brakes and holds."""
-        refusal = self._permit.owner(command, request.epoch)
+        refusal = self._authorisation.owner(command, request.epoch)
         if refusal is not None:
             return refusal
-        stream = self._conductor.body.targets.find(request.stream_id)
+        stream = self._coordinator.body.targets.find(request.stream_id)
         if stream is None:
             return Refusal(
                 code=Code.UNKNOWN_STREAM, message=f"there is no stream {request.stream_id}", field="stream_id"
@@ -197,21 +200,21 @@ class Moves:
 
     def hold(self, command: CommandRequested, request: Hold, now_ns: int) -> Answer:
         """End what drives the named arms; they brake and hold."""
-        refusal = self._permit.owner(command, request.epoch)
+        refusal = self._authorisation.owner(command, request.epoch)
         if refusal is not None:
             return refusal
         self.free(request.sides, MotionState.CANCELLED, Code.CANCELLED, "hold was asked for", now_ns)
         for side in request.sides:
-            if self._conductor.body.arms[side].running:
-                self._conductor.body.arms[side].brake()
+            if self._coordinator.body.arms[side].running:
+                self._coordinator.body.arms[side].brake()
         return {}
 
     def cancel(self, command: CommandRequested, request: Cancel, now_ns: int) -> Answer:
         """End one motion; its arms brake and hold."""
-        refusal = self._permit.owner(command, request.epoch)
+        refusal = self._authorisation.owner(command, request.epoch)
         if refusal is not None:
             return refusal
-        motion = self._conductor.body.motions.find(request.motion_id)
+        motion = self._coordinator.body.motions.find(request.motion_id)
         if motion is None:
             return Refusal(
                 code=Code.UNKNOWN_MOTION, message=f"there is no motion {request.motion_id}", field="motion_id"

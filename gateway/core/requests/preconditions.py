@@ -11,8 +11,8 @@ from __future__ import annotations
 from typing import TypeAlias
 
 from gateway.core.messages.events import CommandRequested, Recover
-from gateway.core.requests.desk import Desk
-from gateway.core.supervision.conductor import Conductor
+from gateway.core.requests.handler import RequestHandler
+from gateway.core.supervision.coordinator import Coordinator
 from gateway.core.supervision.supervisor import State
 from gateway.errors import CODES, Refusal
 from gateway.messages.snapshot import RefusalMessage
@@ -29,13 +29,13 @@ class Preconditions:
     """Keeps the answers.
 
     Args:
-        conductor: Whose owner asks.
-        desk: Who answers.
+        coordinator: Whose owner asks.
+        handler: Who answers.
     """
 
-    def __init__(self, conductor: Conductor, desk: Desk) -> None:
-        self._conductor = conductor
-        self._may = desk.may
+    def __init__(self, coordinator: Coordinator, handler: RequestHandler) -> None:
+        self._coordinator = coordinator
+        self._may = handler.may
         self._key: _Key | None = None
         self.refusals: dict[str, RefusalMessage] = {}
         """By kind of request why it would be refused; kinds that would be accepted are left out."""
@@ -46,11 +46,11 @@ class Preconditions:
         Args:
             now_ns: Monotonic time [ns].
         """
-        conductor = self._conductor
-        supervisor, lease = conductor.supervisor, conductor.lease
+        coordinator = self._coordinator
+        supervisor, lease = coordinator.supervisor, coordinator.lease
         client_id = lease.owner.client_id if lease.owner else ""
         latches = tuple(supervisor.latches)
-        key = (now_ns // PERIOD_NS, supervisor.state, latches, client_id, lease.epoch, conductor.is_exiting)
+        key = (now_ns // PERIOD_NS, supervisor.state, latches, client_id, lease.epoch, coordinator.is_exiting)
         if key == self._key:
             return
         self._key = key

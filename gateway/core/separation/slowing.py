@@ -33,7 +33,7 @@ from typing import TYPE_CHECKING, NamedTuple
 from gateway.core.messages.events import Level
 from gateway.core.motion.motion import PoseReference, ReferenceMode
 from gateway.core.motion.poses.pose_state import PoseDynamics
-from gateway.core.supervision.conductor import Conductor
+from gateway.core.supervision.coordinator import Coordinator
 from gateway.errors import Code, Refusal
 from gateway.messages.body_views import SlowingView
 from gateway.values import ARM_DOF, Side, Vector
@@ -118,12 +118,12 @@ class Slowing:
     """Bounds the speed of followed poses.
 
     Args:
-        conductor: Arms, model, and where notices go.
+        coordinator: Arms, model, and where notices go.
     """
 
-    def __init__(self, conductor: Conductor) -> None:
-        self._conductor = conductor
-        model = conductor.settings.model
+    def __init__(self, coordinator: Coordinator) -> None:
+        self._coordinator = coordinator
+        model = coordinator.settings.model
         self._is_asked, self._bound_radps = model.singularity_slowdown, model.singularity_radps
         self._gauges: dict[Side, _Gauge] = {}
         self._was_off_told: set[Side] = set()
@@ -134,7 +134,7 @@ class Slowing:
         Args:
             now_ns: Monotonic time [ns].
         """
-        body = self._conductor.body
+        body = self._coordinator.body
         for side, arm in body.pose_arms.items():
             due_ns = arm.next_due_ns()
             if due_ns is None or arm.reference.mode is not ReferenceMode.FOLLOW:
@@ -146,15 +146,15 @@ class Slowing:
 
     def _followed(self, side: Side, reference: PoseReference, now_ns: int) -> SlowingView:
         """Bound the speed of one arm's stream, and return what may be seen of it."""
-        conductor = self._conductor
-        refusal = conductor.model_refusal(side, now_ns) if self._is_asked else NOT_ASKED
+        coordinator = self._coordinator
+        refusal = coordinator.model_refusal(side, now_ns) if self._is_asked else NOT_ASKED
         if refusal is not None:
             self._tell_off(side, refusal, now_ns)
             self._gauges.pop(side, None)
             reference.bound(1.0)
             return self._view(CLEAR, 1.0, refusal.message)
         self._was_off_told.discard(side)
-        model, measured = conductor.model, conductor.store.arm(side)
+        model, measured = coordinator.model, coordinator.store.arm(side)
         assert model is not None and measured is not None, "a model that agrees was compared with joints"
         gauge = self._gauges.setdefault(side, _Gauge())
         self._judge(model, side, gauge, reference, measured.q_rad)
@@ -167,7 +167,7 @@ class Slowing:
         if refusal.code is not Code.MODEL_OFF and side not in self._was_off_told:
             self._was_off_told.add(side)
             text = f"poses of the {side} arm are not slowed down near singularities: {refusal.message}"
-            self._conductor.notice(refusal.code, Level.WARNING, text, now_ns, side=side.value)
+            self._coordinator.notice(refusal.code, Level.WARNING, text, now_ns, side=side.value)
 
     def _judge(self, model: BodyModel, side: Side, gauge: _Gauge, reference: PoseReference, q_rad: Vector) -> None:
         """Look at one place, at all of them in the first look; set the factor."""

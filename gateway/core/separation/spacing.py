@@ -16,7 +16,7 @@ Rules
     * It is setpoints that keep the margin. The arms follow them within the bound of the tracking error.
 
 A look at the body costs 0.2 to 0.5 ms. So it serves for the next ticks as well, as far as its bounds let their ways pass, which
-costs a third. Wider ways are judged along, as far ahead as there is room (`spare.py`), and nothing is asked until the arms
+costs a third. Wider ways are judged along, as far ahead as there is room (`lookahead.py`), and nothing is asked until the arms
 leave them: at 0.3 rad/s in most ticks; at 1 rad/s, with parts near, in two of five.
 """
 
@@ -31,9 +31,9 @@ from gateway.core.motion.joints.braking import REST
 from gateway.core.motion.joints.stops import Stops
 from gateway.core.motion.motion import JointReference, ReferenceMode
 from gateway.core.motion.space import State
-from gateway.core.separation.room import check_unguarded, whereabouts, why_off
-from gateway.core.separation.spare import Spare, wider
-from gateway.core.supervision.conductor import Conductor
+from gateway.core.separation.goal_checks import check_unguarded, whereabouts, why_off
+from gateway.core.separation.lookahead import Lookahead, wider
+from gateway.core.supervision.coordinator import Coordinator
 from gateway.errors import Code
 from gateway.kinematics.separation.judgement import Going, Motion, Verdict, Ways
 from gateway.kinematics.separation.stopping import STAYS, Extent, stop_extent, way_extent
@@ -71,15 +71,15 @@ class Spacing:
     """Leads the setpoints of both arms apart.
 
     Args:
-        conductor: Arms, model, and where notices go.
+        coordinator: Arms, model, and where notices go.
     """
 
-    def __init__(self, conductor: Conductor) -> None:
-        self._conductor = conductor
-        arm = conductor.settings.arm
+    def __init__(self, coordinator: Coordinator) -> None:
+        self._coordinator = coordinator
+        arm = coordinator.settings.arm
         self._v_radps, self._a_radps2, self._j_radps3 = arm.v_radps, arm.a_radps2, arm.j_radps3
         self._was_off_told = False
-        self._spare = Spare()
+        self._lookahead = Lookahead()
         self._look: Look | None = None
         """The last look at the body; None where it is of no use any more."""
         self._ticks = 0
@@ -93,16 +93,16 @@ class Spacing:
         Args:
             now_ns: Monotonic time [ns].
         """
-        model = self._conductor.model
+        model = self._coordinator.model
         if model is None or model.approach is None:
             return
-        refusal, here = why_off(self._conductor, now_ns), whereabouts(self._conductor)
+        refusal, here = why_off(self._coordinator, now_ns), whereabouts(self._coordinator)
         why = "" if refusal is None else refusal.message
         moved = self._moved(now_ns)
         is_moving = any(reference.ahead() != reference.state for reference in moved.values())
         self._tell_off(why, now_ns, is_moving=is_moving)
         if why or len(here) < len(Side):
-            self._spare.drop()
+            self._lookahead.drop()
             self._look = None
             self._held_ns.clear()
             for reference in moved.values():
@@ -115,18 +115,18 @@ class Spacing:
 
     def _end_poses(self, now_ns: int) -> None:
         """End what moves arms by poses: it began while nobody kept arms apart, and could not be begun now."""
-        body = self._conductor.body
+        body = self._coordinator.body
         for side, arm in body.arms.items():
             if arm.space is Space.POSE and (body.motions.of(side) or body.targets.of(side)):
-                refusal = check_unguarded(self._conductor, (side,), Space.POSE, now_ns)
+                refusal = check_unguarded(self._coordinator, (side,), Space.POSE, now_ns)
                 assert refusal is not None
                 text = f"arms are kept apart again, and {refusal.message}: it brakes"
-                self._conductor.report_ended(body.drop_driver(side, MotionState.ABORTED, refusal.code, text), now_ns)
-                self._conductor.notice(refusal.code, Level.WARNING, text, now_ns, side=side.value)
+                self._coordinator.report_ended(body.drop_driver(side, MotionState.ABORTED, refusal.code, text), now_ns)
+                self._coordinator.notice(refusal.code, Level.WARNING, text, now_ns, side=side.value)
 
     def _moved(self, now_ns: int) -> Moved:
         """Return the references of the arms whose next joint setpoint leaves in this tick."""
-        arms = self._conductor.body.joint_arms
+        arms = self._coordinator.body.joint_arms
         return {
             side: arm.reference
             for side, arm in arms.items()
@@ -141,8 +141,8 @@ class Spacing:
         if self._look is not None and self._passes(self._look, here, moved, wanted):
             return
         ways, aims = self._ways(here, here, wanted), self._aims(moved)
-        spare = self._spare.ask(here, ways, wanted, aims)
-        look = model.approach.look(here, wider(here, ways if spare is None else spare, wanted, aims, LOOK_RAD))
+        lookahead = self._lookahead.ask(here, ways, wanted, aims)
+        look = model.approach.look(here, wider(here, ways if lookahead is None else lookahead, wanted, aims, LOOK_RAD))
         verdict = look.judge(
             Motion(
                 wanted=ways,
@@ -150,11 +150,11 @@ class Spacing:
                 speed_radps={side: wanted[side][1] if side in wanted else REST for side in Side},
                 together=self._together(moved),
                 course=lambda going: self._stops(here, moved, wanted, ways, going),
-                spare=spare,
+                spare=lookahead,
             )
         )
         self._look = look
-        self._spare.keep(here, spare, is_free=verdict.has_spare)
+        self._lookahead.keep(here, lookahead, is_free=verdict.has_spare)
         if not verdict.is_free:
             self._hold_back(model.collision, here, moved, verdict, now_ns)
         self._bound(moved, verdict.limit_radps)
@@ -162,13 +162,13 @@ class Spacing:
     def _passes(self, look: Look, here: Mapping[Side, Vector], moved: Moved, wanted: Mapping[Side, State]) -> bool:
         """Whether all may go on, as far as the last look at the body tells."""
         ways = self._ways(look.here, here, wanted)
-        if self._spare.holds(look.here, ways):
+        if self._lookahead.holds(look.here, ways):
             return True
-        spare = self._spare.ask(look.here, ways, wanted, self._aims(moved))
-        passing = look.passing(ways, spare)
+        lookahead = self._lookahead.ask(look.here, ways, wanted, self._aims(moved))
+        passing = look.passing(ways, lookahead)
         if passing is None:
             return False
-        self._spare.keep(look.here, spare, is_free=passing.has_spare)
+        self._lookahead.keep(look.here, lookahead, is_free=passing.has_spare)
         self._ticks += 1
         if self._ticks % LIMITED_TICKS == 0:
             self._bound(moved, passing.limits({side: wanted[side][1] if side in wanted else REST for side in Side}))
@@ -195,7 +195,7 @@ class Spacing:
                 way_extent(begin, (q, to), stop_extent(v, a, a_max, j_max))
                 for begin, q, to, v, a in zip(origin, here, *wanted, strict=True)
             ]
-        arm, measured = self._conductor.body.joint_arms[side], self._conductor.store.arm(side)
+        arm, measured = self._coordinator.body.joint_arms[side], self._coordinator.store.arm(side)
         if arm.running:  # not due in this tick
             stops = [stop_extent(v, a, a_max, j_max) for v, a in zip(arm.rates, arm.forces, strict=True)]
         else:
@@ -205,7 +205,7 @@ class Spacing:
 
     def _braked(self, side: Side, here: Vector, ways: Ways, reference: JointReference | None) -> Sequence[Extent]:
         """Return how far the joints of an arm go when they brake now [rad]; on its way where nobody here can brake it."""
-        if reference is None or self._conductor.body.joint_arms[side].is_walking:
+        if reference is None or self._coordinator.body.joint_arms[side].is_walking:
             return ways[side]
         return self._way(side, here, here, reference.stop_ahead())
 
@@ -225,7 +225,7 @@ class Spacing:
         rows: list[tuple[Side, ...]] = []
         for side, reference in moved.items():
             if reference.mode in WHOLE:
-                motion = self._conductor.body.motions.of(side)
+                motion = self._coordinator.body.motions.of(side)
                 rows.append((side,) if motion is None else tuple(motion.goals))
         return rows
 
@@ -241,7 +241,7 @@ class Spacing:
             f"{near.first} and {near.second} are {1e3 * near.gap_m:.0f} mm apart and might come to "
             f"{1e3 * verdict.kept_m:.0f} mm, {1e3 * margin_m:.0f} mm must stay free"
         )
-        body = self._conductor.body
+        body = self._coordinator.body
         for side, reference in moved.items():
             arm, going = body.joint_arms[side], verdict.going[side]
             if all(going) or arm.is_walking:
@@ -252,23 +252,23 @@ class Spacing:
             elif reference.mode in WHOLE:
                 ended = body.drop_driver(side, MotionState.ABORTED, Code.COLLISION_AHEAD, f"{text}: it brakes")
                 arm.brake()
-                self._conductor.report_ended(ended, now_ns)
+                self._coordinator.report_ended(ended, now_ns)
 
     def _tell_held(self, side: Side, parts: str, now_ns: int) -> None:
         told_ns = self._held_ns.get(side)
         self._held_ns[side] = now_ns
         if told_ns is None or now_ns - told_ns > QUIET_NS:
             text = f"the targets of the {side} arm are not followed on: {parts}"
-            self._conductor.notice(Code.COLLISION_AHEAD, Level.WARNING, text, now_ns, side=side.value)
+            self._coordinator.notice(Code.COLLISION_AHEAD, Level.WARNING, text, now_ns, side=side.value)
 
     def _tell_off(self, why: str, now_ns: int, *, is_moving: bool) -> None:
         """Tell once that arms move and are not kept apart, and once that they are again."""
         if why and not self._was_off_told and is_moving:
             self._was_off_told = True
-            self._conductor.notice(Code.UNGUARDED, Level.WARNING, f"arms are not kept apart: {why}", now_ns)
+            self._coordinator.notice(Code.UNGUARDED, Level.WARNING, f"arms are not kept apart: {why}", now_ns)
         elif not why and self._was_off_told:
             self._was_off_told = False
-            self._conductor.notice(Code.GUARDED, Level.INFO, "arms are kept apart again", now_ns)
+            self._coordinator.notice(Code.GUARDED, Level.INFO, "arms are kept apart again", now_ns)
 
     # ------------------------------------------------------------------------------------------------ what is seen
 
@@ -278,11 +278,11 @@ class Spacing:
             return
         self._shown_ns = now_ns
         assert model.collision is not None
-        measured = {side: arm.q_rad for side in Side if (arm := self._conductor.store.arm(side)) is not None}
+        measured = {side: arm.q_rad for side in Side if (arm := self._coordinator.store.arm(side)) is not None}
         near = None
         if not why and len(measured) == len(Side):
             near = model.collision.posture(measured).nearest()
-        self._conductor.body.spacing = SpacingView(
+        self._coordinator.body.spacing = SpacingView(
             on=not why,
             why=why,
             gap_m=None if near is None else near.gap_m,

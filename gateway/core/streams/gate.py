@@ -4,7 +4,7 @@ The rules:
 
 * The gate never repairs. A frame that fails is a bug or a fault: it does not leave, and the engine latches.
 * It believes nobody: form, range, step and permission are judged from the frame, its forerunner on the same topic and
-  a few facts of this tick, whatever door, motion and streams have checked before.
+  a few facts of this tick, whatever validation, motion and streams have checked before.
 * Stop frames always pass, in any state, fresh or not. No other frame of theirs has that privilege.
 * A running arm stream is judged by its own grid: frames are one nominal period apart, whatever the wall time between
   them. A stream that was silent is announced with `forget`, and starts at rest with an echo of its start.

@@ -12,8 +12,8 @@ from typing import Any
 from gateway.core.messages.events import Frame, FrameKind
 from gateway.core.motion.gap import Gap, gap
 from gateway.core.motion.motion import Reference, ReferenceMode
-from gateway.core.motion.passage import Passage
 from gateway.core.motion.space import Course
+from gateway.core.motion.tracker import Tracker
 from gateway.core.streams.grid import Grid
 from gateway.core.streams.stream import SentLog
 from gateway.values import Space, Vector
@@ -123,9 +123,9 @@ class SetpointStream:
         self.reference.follow(values, speed)
         self._own(epoch)
 
-    def follow_chunk(self, passage: Passage[Any], epoch: int) -> None:
+    def follow_chunk(self, tracker: Tracker[Any], epoch: int) -> None:
         """Follow this arm's part of a trajectory, for the owner of `epoch`."""
-        self.reference.track(passage)
+        self.reference.track(tracker)
         self._own(epoch)
 
     def _own(self, epoch: int) -> None:

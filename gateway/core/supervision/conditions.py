@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from gateway.core.supervision.conductor import QUIET, Conductor
+from gateway.core.supervision.coordinator import QUIET, Coordinator
 from gateway.core.supervision.supervisor import STREAMING, State, Trigger
 from gateway.errors import Code
 from gateway.robot.topics import arm_state
@@ -30,11 +30,11 @@ class Conditions:
     """Reads the robot's condition.
 
     Args:
-        conductor: Store, body and supervisor.
+        coordinator: Store, body and supervisor.
     """
 
-    def __init__(self, conductor: Conductor) -> None:
-        self._conductor = conductor
+    def __init__(self, coordinator: Coordinator) -> None:
+        self._coordinator = coordinator
         self._off_since_ns: dict[Side, int | None] = dict.fromkeys(Side, None)
         self._saw_slow_start = False
         self.first_beat_ns: int | None = None
@@ -54,9 +54,9 @@ class Conditions:
         Args:
             now_ns: Monotonic time [ns].
         """
-        store, beat_ns = self._conductor.store, self.first_beat_ns
+        store, beat_ns = self._coordinator.store, self.first_beat_ns
         is_paused = store.is_fresh(now_ns) and store.fsm(now_ns) == FsmState.PAUSE
-        if not is_paused or self._conductor.state is not State.ENABLING or beat_ns is None:
+        if not is_paused or self._coordinator.state is not State.ENABLING or beat_ns is None:
             return is_paused
         return (store.fsm_received_ns or 0) > beat_ns + STARTED_NS
 
@@ -66,9 +66,9 @@ class Conditions:
         Args:
             now_ns: Monotonic time [ns].
         """
-        conductor = self._conductor
-        store, state = conductor.store, conductor.state
-        if not conductor.transport_up:
+        coordinator = self._coordinator
+        store, state = coordinator.store, coordinator.state
+        if not coordinator.transport_up:
             yield Trigger.TRANSPORT_LOST, "no transport to the robot's router"
             return
         wrong = store.name_order_wrong(now_ns)
@@ -89,32 +89,34 @@ class Conditions:
             yield from self._tracking(now_ns)
 
     def _others(self, now_ns: int) -> Iterator[tuple[Trigger, str]]:
-        conductor = self._conductor
-        others = conductor.others
+        coordinator = self._coordinator
+        others = coordinator.others
         if others.is_alone:
             return
-        is_open = conductor.state is State.ENABLING and not conductor.claim.is_confirmed  # one of the two will yield
+        is_open = (
+            coordinator.state is State.ENABLING and not coordinator.claim.is_confirmed
+        )  # one of the two will yield
         if not is_open and (rivals := others.armed_text()):
             yield Trigger.OTHER_GATEWAY, f"another {rivals}"
         if sent := others.arm_data_text(now_ns):
             yield Trigger.FOREIGN_DATA, f"commands that we did not send: {sent}"
         if writers := others.writer_text(now_ns):
             yield Trigger.FOREIGN_TOKEN, f"somebody else commands the robot: {writers}"
-        if (sent or writers) and any(ground.is_driven for ground in conductor.body.grounds):
+        if (sent or writers) and any(ground.is_driven for ground in coordinator.body.drives):
             yield Trigger.FOREIGN_BESIDE_DRIVE, f"somebody else commands the robot: {sent or writers}"
 
     def _mode(self, now_ns: int) -> Iterator[tuple[Trigger, str]]:
-        mode, state = self._conductor.store.mode(now_ns), self._conductor.state
+        mode, state = self._coordinator.store.mode(now_ns), self._coordinator.state
         if mode is None:
             yield Trigger.MODE_UNKNOWN, "/api/current_mode has not been heard for 3 s"
         elif not mode.api:
             if state is not State.READ_ONLY:
                 yield Trigger.VR_MODE, "the robot was switched to VR mode"
-        elif not self._conductor.able_arms(now_ns):
+        elif not self._coordinator.able_arms(now_ns):
             yield Trigger.NO_ARM, "no arm is enabled any more in the robot's system configuration"
 
     def _fsm(self, now_ns: int) -> Iterator[tuple[Trigger, str]]:
-        store, is_enabling = self._conductor.store, self._conductor.state is State.ENABLING
+        store, is_enabling = self._coordinator.store, self._coordinator.state is State.ENABLING
         value = store.fsm(now_ns)
         is_answer = self.first_beat_ns is not None and (store.fsm_received_ns or 0) > self.first_beat_ns
         if value is None:
@@ -127,7 +129,7 @@ class Conditions:
         elif value == FsmState.ERROR:
             yield Trigger.FSM_ERROR, "the robot's FSM is ERROR (-1): control or motor fault (manual §4.11.1)"
         elif value == FsmState.READY:
-            if is_answer if is_enabling else self._conductor.state is State.PAUSED:
+            if is_answer if is_enabling else self._coordinator.state is State.PAUSED:
                 yield Trigger.FSM_READY, "the robot's FSM is READY"
         elif value == FsmState.SLOW_START:
             self._saw_slow_start = is_answer
@@ -139,26 +141,26 @@ class Conditions:
 
     def _pause_reason(self) -> str:
         """Say whose pause it is: in STOPPING our own 0.0 asked for it, unless the arms are still braking."""
-        if self._conductor.state is State.STOPPING and self._conductor.body.is_at_rest:
+        if self._coordinator.state is State.STOPPING and self._coordinator.body.is_at_rest:
             return "the robot's FSM is PAUSE, as our 0.0 asked for"
         return "the robot's FSM is PAUSE: it paused by itself, perhaps a physical stop"
 
     def _arms(self, now_ns: int) -> Iterator[tuple[Trigger, str]]:
-        conductor = self._conductor
-        for side, code in conductor.lost_arms(now_ns).items():
+        coordinator = self._coordinator
+        for side, code in coordinator.lost_arms(now_ns).items():
             if code is Code.ARM_DISABLED:
                 yield Trigger.ARM_DISABLED, self._why_unfit(side, now_ns)
             else:
-                why = conductor.store.why_not_believed(arm_state(side), REFUSED_NS, now_ns)
+                why = coordinator.store.why_not_believed(arm_state(side), REFUSED_NS, now_ns)
                 said = f": its samples are not believed, {why}" if why else ""
                 yield Trigger.PART_DEAD, f"the state of the {side} arm is older than 100 ms{said}"
-        if not conductor.sides:
+        if not coordinator.sides:
             yield Trigger.NO_ARM, "no arm that was enabled is left"
 
     def _why_unfit(self, side: Side, now_ns: int) -> str:
         """Say what happened to an arm in the robot's system configuration."""
-        if side in (self._conductor.able_arms(now_ns) or ()):
-            space = self._conductor.body.arms[side].space
+        if side in (self._coordinator.able_arms(now_ns) or ()):
+            space = self._coordinator.body.arms[side].space
             return (
                 f"{Code.WRONG_CONTROL_MODE}: the {side} arm left {space} mode in the robot's system configuration; "
                 "the next enable() takes it up in its new mode"
@@ -166,9 +168,9 @@ class Conditions:
         return f"the {side} arm was disabled in the robot's system configuration"
 
     def _tracking(self, now_ns: int) -> Iterator[tuple[Trigger, str]]:
-        tracking_ns = self._conductor.settings.arm.tracking_ns
-        for side, arm in self._conductor.body.arms.items():
-            measured = self._conductor.measured(side)
+        tracking_ns = self._coordinator.settings.arm.tracking_ns
+        for side, arm in self._coordinator.body.arms.items():
+            measured = self._coordinator.measured(side)
             off = arm.distance(measured) if arm.running and measured is not None else None
             if off is None or not off.exceeds(arm.tracking):
                 self._off_since_ns[side] = None

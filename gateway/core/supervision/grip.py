@@ -8,7 +8,7 @@ state is not fresh, without a velocity, or nothing is sent to it, nobody can tel
 
 from __future__ import annotations
 
-from gateway.core.supervision.conductor import Conductor
+from gateway.core.supervision.coordinator import Coordinator
 from gateway.robot.limits import gripper_torque_nm
 from gateway.robot.topics import gripper_state
 from gateway.values import MotorState, Side
@@ -32,11 +32,11 @@ class Grips:
     """Looks at both grippers.
 
     Args:
-        conductor: Store and streams.
+        coordinator: Store and streams.
     """
 
-    def __init__(self, conductor: Conductor) -> None:
-        self._conductor = conductor
+    def __init__(self, coordinator: Coordinator) -> None:
+        self._coordinator = coordinator
         self._still_since_ns: dict[Side, int | None] = dict.fromkeys(Side, None)
 
     def step(self, now_ns: int) -> None:
@@ -45,14 +45,14 @@ class Grips:
         Args:
             now_ns: Monotonic time [ns].
         """
-        for side, gripper in self._conductor.body.grippers.items():
+        for side, gripper in self._coordinator.body.grippers.items():
             gripper.is_holding = self._look(side, gripper.raw, now_ns) if gripper.running else None
 
     def _look(self, side: Side, raw: float, now_ns: int) -> bool | None:
-        store = self._conductor.store
+        store = self._coordinator.store
         topic = STATES[side]
         motor, age_ns = store.value(topic), store.age_ns(topic, now_ns)
-        is_fresh = age_ns is not None and age_ns <= self._conductor.settings.enable.stale_ns
+        is_fresh = age_ns is not None and age_ns <= self._coordinator.settings.enable.stale_ns
         if not is_fresh or not isinstance(motor, MotorState) or not motor.dq_radps:
             self._still_since_ns[side] = None
             return None

@@ -9,7 +9,7 @@ from __future__ import annotations
 from gateway.core.messages.events import ExitRequested, Level, PartEnded
 from gateway.core.streams.heartbeat import Beat
 from gateway.core.supervision.conditions import Conditions
-from gateway.core.supervision.conductor import AT_BASE, Conductor
+from gateway.core.supervision.coordinator import AT_BASE, Coordinator
 from gateway.core.supervision.enabling import FSM_NAMES, Enabling
 from gateway.core.supervision.stall import Stall
 from gateway.core.supervision.starting import Starting
@@ -41,18 +41,18 @@ class Phases:
     """Courses of the supervisor that take more than one tick.
 
     Args:
-        conductor: What is moved.
+        coordinator: What is moved.
         conditions: What is told that an enabling begins.
     """
 
-    def __init__(self, conductor: Conductor, conditions: Conditions) -> None:
-        self._conductor = conductor
+    def __init__(self, coordinator: Coordinator, conditions: Conditions) -> None:
+        self._coordinator = coordinator
         self._conditions = conditions
-        self.starting = Starting(conductor)
+        self.starting = Starting(coordinator)
         """How streams begin, and how held references get back to their arms."""
-        self.enabling = Enabling(conductor, conditions, self.starting)
+        self.enabling = Enabling(coordinator, conditions, self.starting)
         """The course of an `enable`."""
-        self._stall = Stall(conductor, self.starting)
+        self._stall = Stall(coordinator, self.starting)
         self._unheard_ns: int | None = None
         self._broken_ns: int | None = None
         self._is_left = False
@@ -65,34 +65,34 @@ class Phases:
         Args:
             now_ns: Monotonic time [ns].
         """
-        conductor = self._conductor
-        if conductor.state in STREAMING and self._conditions.is_unfollowed(now_ns) and self.starting.stay(now_ns):
+        coordinator = self._coordinator
+        if coordinator.state in STREAMING and self._conditions.is_unfollowed(now_ns) and self.starting.stay(now_ns):
             self.enabling.echo_changed(now_ns)
-        if conductor.state is State.ENABLING:
+        if coordinator.state is State.ENABLING:
             self.enabling.step(now_ns)
-        elif conductor.state is State.STOPPING:
+        elif coordinator.state is State.STOPPING:
             self._stop(now_ns)
         self._stall.step(now_ns)
-        if conductor.state in AT_BASE:
-            conductor.go(conductor.base(now_ns), now_ns, "the robot's condition")
+        if coordinator.state in AT_BASE:
+            coordinator.go(coordinator.base(now_ns), now_ns, "the robot's condition")
         self._leave(now_ns)
         self._tell_unheard_stop(now_ns)
 
     def _stop(self, now_ns: int) -> None:
         """At rest 0.0 is sent; the way to the base is FSM 0, or the end of the repetition."""
-        conductor = self._conductor
-        heartbeat = conductor.body.heartbeat
+        coordinator = self._coordinator
+        heartbeat = coordinator.body.heartbeat
         is_late = self._exit_ns is not None and now_ns - self._exit_ns > EXIT_BRAKE_NS
-        if heartbeat.gave_up_at_ns is not None and heartbeat.gave_up_at_ns >= conductor.supervisor.since_ns:
-            conductor.go(conductor.base(now_ns), now_ns, "FSM 0 was not seen in time")
-        elif not heartbeat.is_ending and (conductor.body.is_at_rest or is_late):
-            conductor.fire(Trigger.AT_REST, now_ns, "the arms are at rest")
+        if heartbeat.gave_up_at_ns is not None and heartbeat.gave_up_at_ns >= coordinator.supervisor.since_ns:
+            coordinator.go(coordinator.base(now_ns), now_ns, "FSM 0 was not seen in time")
+        elif not heartbeat.is_ending and (coordinator.body.is_at_rest or is_late):
+            coordinator.fire(Trigger.AT_REST, now_ns, "the arms are at rest")
 
     def _tell_unheard_stop(self, now_ns: int) -> None:
-        gave_up_ns = self._conductor.body.heartbeat.gave_up_at_ns
+        gave_up_ns = self._coordinator.body.heartbeat.gave_up_at_ns
         if gave_up_ns is not None and gave_up_ns != self._unheard_ns:
-            name = FSM_NAMES.get(value := self._conductor.store.fsm(now_ns), str(value))
-            self._conductor.notice(
+            name = FSM_NAMES.get(value := self._coordinator.store.fsm(now_ns), str(value))
+            self._coordinator.notice(
                 Code.STOP_NOT_EFFECTIVE,
                 Level.ERROR,
                 f"0.0 was sent for 2 s and the robot did not report PAUSE, its FSM is {name}: "
@@ -112,36 +112,38 @@ class Phases:
         """Begin to end: when a part has ended as after a stop, else brake, 0.0, then done."""
         if not isinstance(event, PartEnded):
             return self._request_exit(now_ns)
-        conductor = self._conductor
+        coordinator = self._coordinator
         facts = {"trace": event.trace} if event.trace else {}
-        conductor.notice(Code.GATEWAY_BROKEN, Level.ERROR, event.message, now_ns, **facts)
-        conductor.is_exiting = True
+        coordinator.notice(Code.GATEWAY_BROKEN, Level.ERROR, event.message, now_ns, **facts)
+        coordinator.is_exiting = True
         self._broken_ns = now_ns if self._broken_ns is None else self._broken_ns
-        conductor.fire(Trigger.PART_ENDED, now_ns, event.message)
+        coordinator.fire(Trigger.PART_ENDED, now_ns, event.message)
 
     def _leave(self, now_ns: int) -> None:
         """Leave what a broken daemon holds to its guard, the grip and all; end in order where nothing is held, or no guard."""
         if self._broken_ns is None or now_ns - self._broken_ns < TELL_NS or self._exit_ns is not None:
             return
-        conductor, is_in_time = self._conductor, now_ns - self._broken_ns <= BRAKE_NS
-        if conductor.state is State.HOLDING and conductor.guard.is_linked:
-            self._is_left = conductor.guard.could_hold(now_ns) and (conductor.body.is_at_rest or not is_in_time)
-        elif not (conductor.state is State.STALE and conductor.can_resume and conductor.guard.is_linked and is_in_time):
+        coordinator, is_in_time = self._coordinator, now_ns - self._broken_ns <= BRAKE_NS
+        if coordinator.state is State.HOLDING and coordinator.guard.is_linked:
+            self._is_left = coordinator.guard.could_hold(now_ns) and (coordinator.body.is_at_rest or not is_in_time)
+        elif not (
+            coordinator.state is State.STALE and coordinator.can_resume and coordinator.guard.is_linked and is_in_time
+        ):
             self._request_exit(now_ns)
 
     def _request_exit(self, now_ns: int) -> None:
         if self._exit_ns is None:
             self._exit_ns = now_ns
-            self._conductor.is_exiting = True
-            self._conductor.fire(Trigger.EXIT, now_ns, "the daemon was asked to end")
+            self._coordinator.is_exiting = True
+            self._coordinator.fire(Trigger.EXIT, now_ns, "the daemon was asked to end")
 
     def is_done(self, now_ns: int) -> bool:
         """Return whether everything that must be sent before the end has been sent."""
         if self._exit_ns is None:
             return self._is_left
-        body = self._conductor.body
-        is_busy = self._conductor.state in STREAMING or body.heartbeat.beat is Beat.ZERO
-        if is_busy or any(ground.running for ground in body.grounds):
+        body = self._coordinator.body
+        is_busy = self._coordinator.state in STREAMING or body.heartbeat.beat is Beat.ZERO
+        if is_busy or any(ground.running for ground in body.drives):
             self._done_ns = None
         elif self._done_ns is None:
             self._done_ns = now_ns

@@ -18,7 +18,7 @@ from gateway.core.messages.events import (
     Sighting,
 )
 from gateway.core.others.others import Trace
-from gateway.core.supervision.conductor import Conductor
+from gateway.core.supervision.coordinator import Coordinator
 from gateway.core.supervision.supervisor import STREAMING
 from gateway.errors import Code
 
@@ -32,11 +32,11 @@ class Rivalry:
     """Follows others.
 
     Args:
-        conductor: What is moved.
+        coordinator: What is moved.
     """
 
-    def __init__(self, conductor: Conductor) -> None:
-        self._conductor = conductor
+    def __init__(self, coordinator: Coordinator) -> None:
+        self._coordinator = coordinator
         self._was_alone = True
         self._told_writers: dict[str, str] = {}
         self._told_gateways: dict[str, Gateway] = {}
@@ -49,10 +49,10 @@ class Rivalry:
             own_zid: Zenoh id of our session on it; empty when unknown.
             now_ns: Monotonic time [ns].
         """
-        others = self._conductor.others
+        others = self._coordinator.others
         others.own_zid = own_zid
         others.befriend(own_zid)
-        self._conductor.claim.link_up(now_ns)
+        self._coordinator.claim.link_up(now_ns)
 
     def receive(self, sighting: Sighting) -> None:
         """Take what the link saw.
@@ -60,7 +60,7 @@ class Rivalry:
         Args:
             sighting: Of others, or of our own claim.
         """
-        others = self._conductor.others
+        others = self._coordinator.others
         if isinstance(sighting, ForeignData):
             others.see_data(sighting)
         elif isinstance(sighting, ForeignTokens):
@@ -68,7 +68,7 @@ class Rivalry:
         elif isinstance(sighting, GatewayTokens):
             others.see_gateways(sighting.gateways, sighting.at_ns)
         elif isinstance(sighting, ClaimShown):
-            self._conductor.claim.shown(sighting.claim, sighting.at_ns)
+            self._coordinator.claim.shown(sighting.claim, sighting.at_ns)
         else:
             others.befriend(sighting.zid)
 
@@ -78,13 +78,13 @@ class Rivalry:
         Args:
             now_ns: Monotonic time [ns].
         """
-        conductor = self._conductor
-        body, others = conductor.body, conductor.others
-        is_wanted = conductor.lease.owner is not None or conductor.state in STREAMING
-        if conductor.state not in STREAMING and conductor.guard.is_held_elsewhere(others.armed_friends):
+        coordinator = self._coordinator
+        body, others = coordinator.body, coordinator.others
+        is_wanted = coordinator.lease.owner is not None or coordinator.state in STREAMING
+        if coordinator.state not in STREAMING and coordinator.guard.is_held_elsewhere(others.armed_friends):
             is_wanted = False  # to that guard a claim is another gateway's: it would let go
         rivals = [gateway.zid for gateway in others.armed]
-        conductor.claim.step(
+        coordinator.claim.step(
             now_ns,
             is_wanted=is_wanted,
             is_used=(is_wanted and not rivals) or any(stream.running for stream in body.streams),
@@ -105,15 +105,15 @@ class Rivalry:
 
     def _tell_writers(self, now_ns: int) -> None:
         told: dict[str, str] = {}
-        for writer in self._conductor.others.writers:
+        for writer in self._coordinator.others.writers:
             topics = told.get(writer.zid)
             told[writer.zid] = f"{topics}, {writer.topic}" if topics else writer.topic
         if told == self._told_writers:
             return
-        links = {writer.zid: writer.link for writer in self._conductor.others.writers}
+        links = {writer.zid: writer.link for writer in self._coordinator.others.writers}
         for zid in told.keys() - self._told_writers.keys():
             where = links[zid] or "an unknown address"
-            self._conductor.notice(
+            self._coordinator.notice(
                 Code.FOREIGN_WRITER,
                 Level.WARNING,
                 f"zenoh session {zid} at {where} announces commands to the robot: {told[zid]}",
@@ -123,7 +123,7 @@ class Rivalry:
                 topics=told[zid],
             )
         for zid in self._told_writers.keys() - told.keys():
-            self._conductor.notice(
+            self._coordinator.notice(
                 Code.FOREIGN_WRITER,
                 Level.INFO,
                 f"zenoh session {zid} announces no commands any more",
@@ -133,7 +133,7 @@ class Rivalry:
         self._told_writers = told
 
     def _tell_gateways(self, now_ns: int) -> None:
-        others, told = self._conductor.others, self._told_gateways
+        others, told = self._coordinator.others, self._told_gateways
         there = {
             gateway.zid: gateway
             for gateway in others.gateways
@@ -152,7 +152,7 @@ class Rivalry:
                 words = "is gone"
             else:
                 words = "commands nothing any more" if was_armed else "is connected, and commands nothing"
-            self._conductor.notice(
+            self._coordinator.notice(
                 Code.OTHER_GATEWAY,
                 Level.WARNING if is_armed else Level.INFO,
                 f"another gateway, zenoh session {zid}, {words}",
@@ -166,10 +166,10 @@ class Rivalry:
         there = {(trace.topic, trace.zid): trace for trace in traces}
         for key in there.keys() - self._told_data.keys():
             trace = there[key]
-            self._conductor.notice(
+            self._coordinator.notice(
                 Code.FOREIGN_WRITER,
                 Level.WARNING,
-                f"commands on {trace.topic} that we did not send, by {self._conductor.others.sender(trace)}",
+                f"commands on {trace.topic} that we did not send, by {self._coordinator.others.sender(trace)}",
                 now_ns,
                 topic=trace.topic,
                 zid=trace.zid,
@@ -177,7 +177,7 @@ class Rivalry:
             )
         for key in self._told_data.keys() - there.keys():
             trace = self._told_data[key]
-            self._conductor.notice(
+            self._coordinator.notice(
                 Code.FOREIGN_WRITER,
                 Level.INFO,
                 f"no foreign commands on {trace.topic} any more; there were {trace.count}",

@@ -11,19 +11,19 @@ Rules
       Only a fresh FSM sample that says PAUSE lets this be done: a robot whose FSM is not heard may be following, and a
       reference that jumps back to an arm at speed would stop it dead.
 
-When this is done is known to `enabling.py`, `stall.py` and the desk.
+When this is done is known to `enabling.py`, `stall.py` and the handler.
 """
 
 from __future__ import annotations
 
 from collections.abc import Container, Sequence
 
-from gateway.core.limits.door import check_start
-from gateway.core.limits.pose_door import check_pose_start
+from gateway.core.limits.pose_validation import check_pose_start
+from gateway.core.limits.validation import check_start
 from gateway.core.messages.events import Level
 from gateway.core.motion.gap import Gap
 from gateway.core.motion.motion import PlanFailed
-from gateway.core.supervision.conductor import Conductor
+from gateway.core.supervision.coordinator import Coordinator
 from gateway.errors import Code, Refusal
 from gateway.values import Side, Space, Vector
 
@@ -40,11 +40,11 @@ class Starting:
     """Begins streams, and leads references back.
 
     Args:
-        conductor: Store, streams and settings.
+        coordinator: Store, streams and settings.
     """
 
-    def __init__(self, conductor: Conductor) -> None:
-        self._conductor = conductor
+    def __init__(self, coordinator: Coordinator) -> None:
+        self._coordinator = coordinator
 
     def seed(self, sides: Sequence[Side], now_ns: int, unnoticed: Container[Side] = ()) -> Refusal | None:
         """Start the streams of these arms at their measured positions, or none of them and say why.
@@ -55,7 +55,7 @@ class Starting:
             unnoticed: Arms that fell silent at rest, so short a time ago that the robot has not noticed: they go on from
                 their last setpoint.
         """
-        conductor = self._conductor
+        coordinator = self._coordinator
         starts = {}
         for side in sides:
             start = self._start(side)
@@ -63,14 +63,14 @@ class Starting:
                 return start
             starts[side] = start
         for side, (values, moved) in starts.items():
-            conductor.body.grippers[side].start(now_ns, is_kept=conductor.resuming)
-            arm = conductor.body.arms[side]
+            coordinator.body.grippers[side].start(now_ns, is_kept=coordinator.resuming)
+            arm = coordinator.body.arms[side]
             if side in unnoticed:
                 arm.start(arm.values, now_ns)
                 continue
             arm.start(values, now_ns)
             for what in moved:
-                conductor.notice(
+                coordinator.notice(
                     Code.START_AT_LIMIT,
                     Level.WARNING,
                     f"{side} arm {what}",
@@ -86,9 +86,9 @@ class Starting:
         Args:
             now_ns: Monotonic time [ns].
         """
-        conductor, is_changed = self._conductor, False
-        for side, arm in conductor.body.arms.items():
-            if not arm.running or not conductor.part_fresh(side, now_ns):
+        coordinator, is_changed = self._coordinator, False
+        for side, arm in coordinator.body.arms.items():
+            if not arm.running or not coordinator.part_fresh(side, now_ns):
                 continue
             start = self._start(side)
             if isinstance(start, Refusal):
@@ -105,8 +105,8 @@ class Starting:
 
     def _start(self, side: Side) -> tuple[Vector, tuple[str, ...]] | Refusal:
         """Return where a stream starts, or its reference is led to, and what was moved to a limit for it."""
-        settings, measured = self._conductor.settings, self._measured(side)
-        if self._conductor.body.arms[side].space is Space.POSE:
+        settings, measured = self._coordinator.settings, self._measured(side)
+        if self._coordinator.body.arms[side].space is Space.POSE:
             pose = check_pose_start(side, measured, settings.pose)
             if isinstance(pose, Refusal):
                 return pose
@@ -121,7 +121,7 @@ class Starting:
         )
 
     def _measured(self, side: Side) -> Vector:
-        measured = self._conductor.measured(side)
+        measured = self._coordinator.measured(side)
         assert measured is not None, f"the {side} arm was believed before its first sample"
         return measured
 
@@ -134,12 +134,12 @@ class Starting:
         Returns:
             Why an arm that the robot has enabled cannot be started; nothing has started then.
         """
-        conductor = self._conductor
-        able = conductor.able_arms(now_ns) or ()
-        silent = tuple(side for side in able if not conductor.body.arms[side].running)
-        conductor.choose_spaces(silent, now_ns)
+        coordinator = self._coordinator
+        able = coordinator.able_arms(now_ns) or ()
+        silent = tuple(side for side in able if not coordinator.body.arms[side].running)
+        coordinator.choose_spaces(silent, now_ns)
         for side in silent:
-            if not conductor.seedable(side, now_ns):
+            if not coordinator.seedable(side, now_ns):
                 return Refusal(
                     code=Code.PART_STALE,
                     message=f"the {side} arm is enabled again, but its state has not been steady and timely for 0.3 s",
@@ -148,8 +148,8 @@ class Starting:
         refusal = self.seed(silent, now_ns)
         if refusal is None:
             for side in silent:
-                conductor.body.arms[side].go_live()
-            conductor.enable.sides = conductor.sides
+                coordinator.body.arms[side].go_live()
+            coordinator.enable.sides = coordinator.sides
         return refusal
 
     def strayed(self, now_ns: int) -> dict[Side, Gap]:
@@ -157,10 +157,10 @@ class Starting:
 
         Arms whose state is not fresh are left out: where they are is not known.
         """
-        conductor = self._conductor
+        coordinator = self._coordinator
         strayed = {}
-        for side, arm in conductor.body.arms.items():
-            if arm.running and conductor.part_fresh(side, now_ns):
+        for side, arm in coordinator.body.arms.items():
+            if arm.running and coordinator.part_fresh(side, now_ns):
                 off = arm.distance(self._measured(side))
                 if off.exceeds(arm.tracking):
                     strayed[side] = off
@@ -175,7 +175,7 @@ class Starting:
         Returns:
             Why it cannot be: the arm is outside its limits, or no path is found. Nothing walks then.
         """
-        conductor = self._conductor
+        coordinator = self._coordinator
         goals: dict[Side, Vector] = {}
         for side in self.strayed(now_ns):
             start = self._start(side)
@@ -185,12 +185,12 @@ class Starting:
         if not goals:
             return None
         try:
-            paths = conductor.body.plan(goals, WALK_SPEED)
+            paths = coordinator.body.plan(goals, WALK_SPEED)
         except PlanFailed as failed:
             return Refusal(code=Code.PLAN_FAILED, message=f"no path back to the arm inside the limits: {failed}")
         for side, path in paths.items():
-            conductor.body.arms[side].walk(path)
-        conductor.notice(
+            coordinator.body.arms[side].walk(path)
+        coordinator.notice(
             Code.WALK,
             Level.WARNING,
             f"the held reference walks back to the measured {' and '.join(map(str, goals))} arm; the grip is kept",

@@ -8,7 +8,7 @@ Rules it obeys
     * Latches stand beside the state. They refuse motion and `enable`; only `recover` clears them; FAULT and ESTOP are
       merely how a latched state is shown.
     * Nothing here knows how an action is carried out (`body.py`), what a condition looks like (`conditions.py`) or who
-      asked (`desk.py`).
+      asked (`handler.py`).
 
 Words of the actions: see `Action`. `down` = CUT + BASE + ZERO: motions end, arm streams go off with the state, heartbeat
 0.0 is repeated until FSM 0 is seen. `off` = CUT + BASE + SILENCE: the same without any 0.0, because the FSM is not ours.

@@ -9,7 +9,7 @@ from collections.abc import Mapping
 from typing import TypeAlias
 
 from gateway.core.messages.events import CommandRequested, LeaveEndpoint, Level, OnLoss, Recover, RegisterEndpoint
-from gateway.core.supervision.conductor import Conductor
+from gateway.core.supervision.coordinator import Coordinator
 from gateway.core.supervision.endpoints import Endpoint
 from gateway.core.supervision.supervisor import Trigger
 from gateway.errors import Code, Refusal
@@ -26,26 +26,26 @@ class Watch:
     """Answers stop endpoints, and looks at their clocks.
 
     Args:
-        conductor: What is moved.
+        coordinator: What is moved.
     """
 
-    def __init__(self, conductor: Conductor) -> None:
-        self._conductor = conductor
+    def __init__(self, coordinator: Coordinator) -> None:
+        self._coordinator = coordinator
 
     @property
     def _is_demanded(self) -> bool:
-        return self._conductor.settings.local.demand_stop_endpoint
+        return self._coordinator.settings.local.demand_stop_endpoint
 
     def refusal(self) -> Refusal | None:
         """Refuse motion while an endpoint is silent, or missing where it is demanded."""
-        return self._conductor.endpoints.refusal(is_demanded=self._is_demanded)
+        return self._coordinator.endpoints.refusal(is_demanded=self._is_demanded)
 
     def register(self, command: CommandRequested, request: RegisterEndpoint, now_ns: int) -> Answer:
         """Take an endpoint in. Reply: `endpoint_id`."""
-        conductor = self._conductor
-        if conductor.is_exiting:
+        coordinator = self._coordinator
+        if coordinator.is_exiting:
             return Refusal(code=Code.EXITING, message="the daemon is ending")
-        endpoint = conductor.endpoints.register(
+        endpoint = coordinator.endpoints.register(
             command.client_id, request.name, request.timeout_ns, request.on_silence, now_ns
         )
         if isinstance(endpoint, Refusal):
@@ -56,19 +56,19 @@ class Watch:
 
     def leave(self, command: CommandRequested, request: LeaveEndpoint, now_ns: int) -> Answer:
         """Let an endpoint go that asks for it. The last one, where one is demanded, leaves the robot held."""
-        endpoint = self._conductor.endpoints.leave(command.client_id)
+        endpoint = self._coordinator.endpoints.leave(command.client_id)
         if isinstance(endpoint, Refusal):
             return endpoint
         self._tell(endpoint, "left", f"stop endpoint {endpoint.name!r} has left in order", now_ns)
-        missing = self._conductor.endpoints.refusal(is_demanded=self._is_demanded)
+        missing = self._coordinator.endpoints.refusal(is_demanded=self._is_demanded)
         if missing is not None and missing.code is Code.ENDPOINT_MISSING:
-            self._conductor.fire(Trigger.ENDPOINT_SILENT, now_ns, missing.message)
+            self._coordinator.fire(Trigger.ENDPOINT_SILENT, now_ns, missing.message)
         return {}
 
     def may_recover(self, request: Recover) -> Refusal | None:
         """Refuse a `recover` without a reason while it would let silent endpoints go."""
-        latch = self._conductor.supervisor.latches.get(Code.ENDPOINT_SILENT)
-        silent = [*self._conductor.endpoints.silent, *([] if latch is None else [latch])]
+        latch = self._coordinator.supervisor.latches.get(Code.ENDPOINT_SILENT)
+        silent = [*self._coordinator.endpoints.silent, *([] if latch is None else [latch])]
         if not silent or request.reason.strip():
             return None
         return Refusal(
@@ -80,10 +80,10 @@ class Watch:
 
     def dismiss(self, command: CommandRequested, request: Recover, now_ns: int) -> list[str]:
         """Let silent endpoints go, as a `recover` with a reason does; return their names."""
-        names = self._conductor.endpoints.dismiss()
+        names = self._coordinator.endpoints.dismiss()
         for name in names:
             message = f"recover() by {command.client_id} let stop endpoint {name!r} go: {request.reason}"
-            self._conductor.notice(
+            self._coordinator.notice(
                 Code.ENDPOINT_CHANGED, Level.WARNING, message, now_ns, endpoint=name, change="dismissed"
             )
         return names
@@ -95,23 +95,23 @@ class Watch:
             now_ns: Monotonic time [ns].
             late_ns: How late the tick is [ns]: a pause of this process is no silence of an endpoint.
         """
-        conductor = self._conductor
-        for endpoint in conductor.endpoints.look(now_ns, late_ns):
+        coordinator = self._coordinator
+        for endpoint in coordinator.endpoints.look(now_ns, late_ns):
             if endpoint.is_silent:
-                conductor.notice(
+                coordinator.notice(
                     Code.ENDPOINT_SILENT, Level.WARNING, endpoint.text, now_ns, endpoint=endpoint.name, change="silent"
                 )
                 pauses = endpoint.on_silence is OnLoss.PAUSE
-                conductor.fire(
+                coordinator.fire(
                     Trigger.ENDPOINT_SILENT_PAUSE if pauses else Trigger.ENDPOINT_SILENT, now_ns, endpoint.text
                 )
             else:
                 text = f"stop endpoint {endpoint.name!r} is heard again; nothing resumes by itself"
                 self._tell(endpoint, "back", text, now_ns)
-        doubted = conductor.endpoints.doubted
+        doubted = coordinator.endpoints.doubted
         if doubted is not None:  # as at the pause itself: what moves comes to rest, what is held stays held
-            conductor.fire(Trigger.LONG_GAP, now_ns, doubted.text)
+            coordinator.fire(Trigger.LONG_GAP, now_ns, doubted.text)
 
     def _tell(self, endpoint: Endpoint, change: str, message: str, now_ns: int) -> None:
         facts = {"endpoint": endpoint.name, "change": change}
-        self._conductor.notice(Code.ENDPOINT_CHANGED, Level.INFO, message, now_ns, **facts)
+        self._coordinator.notice(Code.ENDPOINT_CHANGED, Level.INFO, message, now_ns, **facts)

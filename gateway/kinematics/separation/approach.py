@@ -42,7 +42,7 @@ from numpy.typing import NDArray
 from gateway.kinematics.collision import CollisionModel
 from gateway.kinematics.separation.hull_ends import HullEnds, Kept, Reach
 from gateway.kinematics.separation.judgement import ALL, NONE, Going, Motion, Passing, Verdict, Ways
-from gateway.kinematics.separation.stance import JOINTS, Parts
+from gateway.kinematics.separation.posture_arrays import JOINTS, Parts
 from gateway.kinematics.separation.stopping import STAYS
 from gateway.values import ARM_DOF, Side, Vector
 
@@ -105,10 +105,10 @@ class Look:
         self._model = model
         self._parts = parts
         self._margin_m = margin_m = model.margin_m
-        self._stance = parts.stand([here])
+        self._arrays = parts.stand([here])
         reach = Reach([within])
         self._far_rad = reach.goes_rad * BACK_AND_FORTH
-        self._ends = HullEnds(self._stance, parts, reach, margin_m)
+        self._ends = HullEnds(self._arrays, parts, reach, margin_m)
         gap_m = self._ends.gap_m[0]
         self._ends.drop(gap_m - self._ends.on(reach).gap_m[0] < USED_RATIO * (gap_m - margin_m))
         gap_m = self._ends.gap_m[0]
@@ -222,7 +222,7 @@ class Look:
             for side in Side
         }
         reach = Reach([mixed])
-        ends = HullEnds(self._stance, self._parts, reach, self._margin_m)
+        ends = HullEnds(self._arrays, self._parts, reach, self._margin_m)
         bad = (ends.on(reach).gap_m[0] < np.minimum(self._margin_m, ends.gap_m[0]) - TOUCHED_M).nonzero()[0]
         return not len(bad) or self._keeps_course(motion, going, ends, bad)
 

@@ -18,8 +18,8 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from gateway.kinematics.separation.posture_arrays import JOINTS, Parts, PostureArrays, crossed
 from gateway.kinematics.separation.segments import PARALLEL as PARALLEL_PIECES
-from gateway.kinematics.separation.stance import JOINTS, Parts, Stance, crossed
 from gateway.kinematics.separation.stopping import Extent
 from gateway.values import ARM_DOF, Side
 
@@ -78,7 +78,7 @@ class HullEnds:
     """The ends of the parts that might come near on some ways.
 
     Args:
-        stance: The body before them, in one posture or in several.
+        arrays: The body before them, in one posture or in several.
         parts: Of this body.
         reach: What the ways mean.
         gap_m: Only pairs that might be nearer than this somewhere on these ways are looked at [m].
@@ -89,8 +89,10 @@ class HullEnds:
         gap_m: Their gaps before it, shape (postures, pairs) [m].
     """
 
-    def __init__(self, stance: Stance, parts: Parts, reach: Reach, gap_m: float, among: Numbers | None = None) -> None:
-        pieces = stance.pieces
+    def __init__(
+        self, arrays: PostureArrays, parts: Parts, reach: Reach, gap_m: float, among: Numbers | None = None
+    ) -> None:
+        pieces = arrays.pieces
         first, second, around_m, radii_m = parts.first, parts.second, parts.around_m, parts.radii_m
         if among is not None:
             first, second, around_m, radii_m = (row.take(among) for row in (first, second, around_m, radii_m))
@@ -146,7 +148,7 @@ class HullEnds:
         wrenches[:, 3:] = away[:, :3, None]
         slopes = np.matmul(
             wrenches.reshape(count, 6, 2 * rows).transpose(0, 2, 1),
-            np.concatenate((stance.lines, stance.lines), axis=2),
+            np.concatenate((arrays.lines, arrays.lines), axis=2),
         )
         levers_m = parts.reach_m.take(part, axis=0)
         self._slopes = slopes.reshape(count, 2, rows, 2 * JOINTS) * np.concatenate((levers_m > ZERO,) * 2, axis=1)

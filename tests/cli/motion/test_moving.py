@@ -8,7 +8,7 @@ import signal
 import pytest
 from msgspec.structs import replace
 
-from gateway.cli.motion import errand
+from gateway.cli.motion import job
 from gateway.cli.terminal import asking
 from gateway.errors import Code, Refusal
 from gateway.messages import requests
@@ -201,7 +201,7 @@ def test_home_leaves_a_disabled_arm_alone_and_says_so(shell):
 def test_a_person_at_a_terminal_is_asked(shell, typed, monkeypatch, answer, moves):
     """Nothing but yes is yes, and what was typed before the question is thrown away; `nothing was done` is status 1."""
     flushed = typed(answer)
-    monkeypatch.setattr(errand, "teller", _plain_teller(errand.teller))
+    monkeypatch.setattr(job, "teller", _plain_teller(job.teller))
     ended = shell.run("home")
     assert flushed == [True] and "[y/N]" in ended.err
     assert (ended.status, shell.world.engine.names() != []) == ((0, True) if moves else (1, False))
@@ -224,7 +224,7 @@ def _plain_teller(teller):
 def test_yes_asks_nobody(shell, typed, monkeypatch):
     """`--yes` moves at once, and a pipe or a script is never asked."""
     flushed = typed("n\n")
-    monkeypatch.setattr(errand, "teller", _plain_teller(errand.teller))
+    monkeypatch.setattr(job, "teller", _plain_teller(job.teller))
     assert shell.run("home", "--yes").status == 0 and flushed == []
 
 

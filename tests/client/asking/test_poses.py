@@ -9,7 +9,7 @@ import pytest
 
 from gateway.api import translate
 from gateway.client.asking.poses import PoseTarget, frame_of, move_pose, numbers, require_space, within_reach
-from gateway.core.limits.pose_door import check_pose
+from gateway.core.limits.pose_validation import check_pose
 from gateway.errors import Code, Rejected
 from gateway.settings.settings import PoseSettings, Settings
 from gateway.values import Side

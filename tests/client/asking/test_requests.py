@@ -9,7 +9,7 @@ import pytest
 
 from gateway.api.translate import describe
 from gateway.client.asking.requests import joints, move, number, read_only, seconds, within_limits
-from gateway.core.limits.door import check_goal
+from gateway.core.limits.validation import check_goal
 from gateway.core.messages.events import OnLimit
 from gateway.errors import Code, Refusal, Rejected, to_exception
 from gateway.settings.settings import ArmSettings, Settings
@@ -31,7 +31,7 @@ def test_whatever_numpy_takes_as_seven_numbers_is_taken(q):
 
 @pytest.mark.parametrize("side", ["left", "right"])
 def test_limits_are_judged_as_the_daemon_judges_them(side):
-    """Sweep every joint across both bounds: the client refuses and clips exactly what the door does."""
+    """Sweep every joint across both bounds: the client refuses and clips exactly what the daemon does."""
     settings = ArmSettings()
     for joint in range(7):
         for edge in (settings.lower_rad[Side(side)][joint], settings.upper_rad[Side(side)][joint]):

@@ -13,8 +13,8 @@ from gateway.core.messages.events import FrameKind, OnLimit, TargetArrived
 from gateway.core.motion.gap import Gap
 from gateway.core.motion.joints.trajectory import interpolate
 from gateway.core.motion.motion import ReferenceMode, plan
-from gateway.core.motion.passage import Outcome
 from gateway.core.motion.tolerance import Tolerances
+from gateway.core.motion.tracker import Outcome
 from gateway.core.streams.ground import LIFT_OFF
 from gateway.errors import Code
 from gateway.robot.limits import JOINT_LOWER_RAD, JOINT_UPPER_RAD
@@ -367,9 +367,9 @@ def test_a_trajectory_of_two_arms_is_reached_by_both():
 def test_an_arm_too_far_from_the_trajectory_aborts_it_and_both_brake():
     """PATH_TOLERANCE, with the joint, once the arm has joined; joints without a tolerance may be anywhere."""
     trip = Trip(open_end=False)
-    assert trip.look(3, 0.5) == [] and not trip.body.arms[L].reference.passage.has_joined
+    assert trip.look(3, 0.5) == [] and not trip.body.arms[L].reference.tracker.has_joined
     trip.look(50, 0.5, joint=3)
-    assert trip.motion.is_running and trip.body.arms[L].reference.passage.has_joined
+    assert trip.motion.is_running and trip.body.arms[L].reference.tracker.has_joined
     assert trip.look(1, 0.06) == [trip.motion] and trip.modes() == (BRAKE, BRAKE)
     assert (trip.motion.state, trip.motion.code) == (MotionState.ABORTED, Code.PATH_TOLERANCE)
     assert trip.motion.message.startswith("left arm joint 2 is 0.0600 rad from the trajectory, 0.05 rad")
@@ -395,7 +395,7 @@ def test_an_arm_that_loses_its_trajectory_ends_the_motion_of_both():
     """The other one brakes as well."""
     trip = Trip(open_end=True)
     trip.look(20)
-    trip.body.arms[R].reference.passage.outcome = Outcome.LOST
+    trip.body.arms[R].reference.tracker.outcome = Outcome.LOST
     assert trip.look(1) == [trip.motion] and trip.motion.code is Code.CANNOT_JOIN
     assert trip.modes()[0] is BRAKE
 

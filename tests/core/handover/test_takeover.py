@@ -12,7 +12,7 @@ from gateway.core.handover.takeover import LAST_FRAME_NS, Takeover
 from gateway.core.messages.events import ForeignData, Frame, FrameKind, Gateway, GuardSeen, HeldElsewhere, TakenOver
 from gateway.core.messages.held import Held, HeldArm
 from gateway.core.motion.motion import plan
-from gateway.core.output.outlet import Outlet
+from gateway.core.output.frame_collector import FrameCollector
 from gateway.core.streams.gate import Cleared, Gate
 from gateway.core.streams.heartbeat import Beat
 from gateway.core.supervision.supervisor import State
@@ -35,9 +35,11 @@ class Scene(Stage):
 
     def __init__(self, state: State = State.READ_ONLY, *, is_guard: bool = True, **how: object) -> None:
         super().__init__(state, **{"owner": None, **how})
-        self.outlet = Outlet(self.conductor, Gate(ArmSettings(), VARIANTS[str(how.get("model", "standard"))]))
-        self.takeover = Takeover(self.conductor, self.outlet.resume, is_guard=is_guard)
-        self.body = self.conductor.body
+        self.collector = FrameCollector(
+            self.coordinator, Gate(ArmSettings(), VARIANTS[str(how.get("model", "standard"))])
+        )
+        self.takeover = Takeover(self.coordinator, self.collector.resume, is_guard=is_guard)
+        self.body = self.coordinator.body
         self.fsm = READY
         self.hear()
 
@@ -61,7 +63,7 @@ class Scene(Stage):
             self.now_ns += TICK_NS
             self.hear()
             self.takeover.step(self.now_ns)
-            left += self.outlet.frames(self.now_ns, stops_only=False)
+            left += self.collector.frames(self.now_ns, stops_only=False)
         return left
 
 
@@ -85,7 +87,7 @@ def test_each_running_arm_is_shown_with_its_last_setpoint_velocity_and_accelerat
     """And when the newest setpoint left."""
     scene = Scene(State.ACTIVE, model="lift", owner="ann")
     for side in (L, R):
-        scene.outlet.resume(joint_command(side), MIDDLE[side], (0.0,) * 7)  # this gate did not see them start
+        scene.collector.resume(joint_command(side), MIDDLE[side], (0.0,) * 7)  # this gate did not see them start
     references = {side: scene.body.arms[side].reference for side in (L, R)}
     for side, path in plan(references, {side: GOAL[side] for side in (L, R)}, 1.0).items():
         scene.body.arms[side].follow_path(path, scene.epoch)
@@ -141,7 +143,7 @@ def test_a_hold_goes_on_exactly_where_the_last_setpoint_was_and_brakes(state):
     steps = [b[0] - a[0] for a, b in pairwise(setpoints)]
     assert steps[0] == pytest.approx(SPEED[0] * 0.01, rel=0.02)
     assert max(map(abs, steps)) <= 0.01 and steps[-1] == 0.0
-    assert Code.GATE_VIOLATION not in scene.conductor.supervisor.latches
+    assert Code.GATE_VIOLATION not in scene.coordinator.supervisor.latches
     assert [frame.values for frame in on(frames, FSM_ENABLE)][:1] == [(1.0,)]
 
 
@@ -149,9 +151,9 @@ def test_a_taken_hold_is_unowned_and_its_clock_begins_anew():
     """60 s for a daemon; the guard's own settings say 10 s."""
     scene = Scene(is_guard=False)
     scene.take(scene.held())
-    lease = scene.conductor.lease.view(scene.now_ns)
-    assert (lease.owned, lease.down_in_ns) == (False, scene.conductor.settings.loss.down_after_ns)
-    assert scene.conductor.enable.outcome == "ok"
+    lease = scene.coordinator.lease.view(scene.now_ns)
+    assert (lease.owned, lease.down_in_ns) == (False, scene.coordinator.settings.loss.down_after_ns)
+    assert scene.coordinator.enable.outcome == "ok"
     assert scene.told(Code.TAKEN_OVER) == ["held in the place of a process that was in ACTIVE"]
 
 
@@ -174,7 +176,7 @@ def test_a_lift_that_was_on_is_kept_on_while_the_hold_goes_on():
     scene = Scene(model="lift")
     scene.take(scene.held(has_lift=True))
     assert {frame.values for frame in on(scene.tick(300), LIFT_COMMAND)} == {(0.0, 1.0)}
-    assert scene.conductor.body.lift.running
+    assert scene.coordinator.body.lift.running
 
 
 def test_a_gripper_goes_on_with_the_value_that_was_sent_last():
@@ -185,7 +187,7 @@ def test_a_gripper_goes_on_with_the_value_that_was_sent_last():
     assert {(frame.kind, frame.values) for frame in on(frames, gripper_command(L))} == {(FrameKind.HOLD, (0.8,))}
     assert {frame.values for frame in on(frames, gripper_command(R))} == {(0.1,)}
     shown = scene.takeover.show(scene.now_ns)
-    assert shown.grippers == {L: 0.8, R: 0.1} and scene.conductor.supervisor.latches == {}
+    assert shown.grippers == {L: 0.8, R: 0.1} and scene.coordinator.supervisor.latches == {}
 
 
 def test_a_model_without_a_lift_has_none_to_stop():
@@ -200,7 +202,7 @@ def test_an_arm_that_was_disabled_is_left_out():
     scene = Scene()
     scene.say_mode(arm_enabled={L: True, R: False})
     scene.take(scene.held())
-    assert (scene.takeover.refused, scene.conductor.sides) == ("", (L,))
+    assert (scene.takeover.refused, scene.coordinator.sides) == ("", (L,))
 
 
 def vr(scene: Scene) -> None:
@@ -215,7 +217,7 @@ def deaf(scene: Scene) -> None:
 
 def unlinked(scene: Scene) -> None:
     """No transport."""
-    scene.conductor.transport_up = False
+    scene.coordinator.transport_up = False
 
 
 def paused(scene: Scene) -> None:
@@ -227,13 +229,13 @@ def paused(scene: Scene) -> None:
 def modeless(scene: Scene) -> None:
     """The mode has not been heard."""
     scene.mode = None
-    scene.conductor.store.reset()
+    scene.coordinator.store.reset()
     scene.hear()
 
 
 def busy(scene: Scene) -> None:
     """This process commands the robot itself."""
-    scene.conductor.go(State.HOLDING, scene.now_ns, "test")
+    scene.coordinator.go(State.HOLDING, scene.now_ns, "test")
 
 
 def disabled(scene: Scene) -> None:
@@ -312,7 +314,7 @@ def test_what_was_latched_stays_latched(state):
     scene = Scene()
     assert scene.takeover.show(scene.now_ns).latches == ()
     scene.take(scene.held(state=state, latches=("ESTOP", "STOPPED_BY_OTHER", "OF_NEXT_YEAR")))
-    assert set(scene.conductor.supervisor.latches) == {Code.ESTOP, Code.STOPPED_BY_OTHER}
+    assert set(scene.coordinator.supervisor.latches) == {Code.ESTOP, Code.STOPPED_BY_OTHER}
     assert scene.takeover.show(scene.now_ns).latches == ("ESTOP", "STOPPED_BY_OTHER")
 
 
@@ -356,7 +358,7 @@ def test_no_0_0_leaves_in_vr_mode_but_an_e_stops_does():
     assert scene.body.heartbeat.beat is Beat.SILENT
     scene.take(scene.held(is_estop=True))
     assert scene.body.heartbeat.is_estop
-    assert scene.conductor.is_estop_unheard
+    assert scene.coordinator.is_estop_unheard
 
 
 @pytest.mark.parametrize(("age_ns", "topics"), [(S - 1, {"fsm", "chassis", "lift"}), (S, {"lift"}), (3 * S, set())])
@@ -388,7 +390,7 @@ def test_a_guard_that_loses_the_transport_gives_up():
     """Nothing can be held that cannot be reached."""
     scene = Scene()
     scene.take(scene.held())
-    scene.conductor.transport_up = False
+    scene.coordinator.transport_up = False
     scene.takeover.step(scene.now_ns)
     assert scene.state is State.OFFLINE
 
@@ -428,7 +430,7 @@ def test_how_long_a_hold_goes_on_is_known():
     scene = Scene()
     assert scene.takeover.left_ns(scene.now_ns) == 0
     scene.take(scene.held())
-    assert scene.takeover.left_ns(scene.now_ns) == scene.conductor.settings.loss.down_after_ns
+    assert scene.takeover.left_ns(scene.now_ns) == scene.coordinator.settings.loss.down_after_ns
 
 
 def test_an_earlier_guard_that_holds_is_known():
@@ -436,7 +438,7 @@ def test_an_earlier_guard_that_holds_is_known():
     scene = Scene()
     for is_held in (True, False):
         scene.takeover.hear(HeldElsewhere(is_held=is_held, at_ns=scene.now_ns), scene.now_ns)
-        assert scene.conductor.guard.earlier_holds is is_held
+        assert scene.coordinator.guard.earlier_holds is is_held
 
 
 # ------------------------------------------------------------------------------------------------ others
@@ -445,7 +447,7 @@ def test_an_earlier_guard_that_holds_is_known():
 def test_the_process_that_is_gone_is_no_stranger():
     """Its armed token was the last, its data has just come; and a guard is ours from its first word on."""
     scene = Scene()
-    others = scene.conductor.others
+    others = scene.coordinator.others
     others.see_gateways([Gateway(zid="d0", is_armed=True)], scene.now_ns)
     others.see_gateways([], scene.now_ns)  # its token has gone with it
     others.see_data(ForeignData(topic=LEFT, zid="d0", at_ns=scene.now_ns))
@@ -458,7 +460,7 @@ def test_the_process_that_is_gone_is_no_stranger():
 def test_beside_a_foreign_writer_nothing_is_held():
     """Two would command the robot: what was on the wire ends."""
     scene = Scene()
-    scene.conductor.others.see_data(ForeignData(topic=LEFT, zid="b", at_ns=scene.now_ns))
+    scene.coordinator.others.see_data(ForeignData(topic=LEFT, zid="b", at_ns=scene.now_ns))
     scene.take(scene.held())
     assert scene.state is not State.HOLDING and "zenoh session b" in scene.takeover.refused
 
@@ -468,5 +470,5 @@ def test_a_latch_of_another_process_is_taken_over_and_told_once():
     scene = Scene()
     for _ in range(2):
         scene.takeover.latch(Code.STOPPED_BY_OTHER, "smoke", scene.now_ns)
-    assert scene.conductor.supervisor.latches == {Code.STOPPED_BY_OTHER: "smoke"}
+    assert scene.coordinator.supervisor.latches == {Code.STOPPED_BY_OTHER: "smoke"}
     assert len(scene.told(Code.LATCH_CHANGED)) == 1

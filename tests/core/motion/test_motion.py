@@ -22,10 +22,10 @@ from gateway.core.motion.motion import (
     plan,
     plan_poses,
 )
-from gateway.core.motion.passage import Outcome
 from gateway.core.motion.poses.pose_trajectory import interpolate_poses
 from gateway.core.motion.solver import NoPlan
 from gateway.core.motion.space import State
+from gateway.core.motion.tracker import Outcome
 from gateway.robot.limits import (
     HARD_A_RADPS2,
     HARD_J_RADPS3,
@@ -532,10 +532,10 @@ def steps(arm, count):
 
 def track(arm, trajectory, start_s=0.0, *, rests=True):
     """Follow a trajectory that can be joined."""
-    passage = arm.prepare(trajectory, start_s, rests=rests)
-    assert arm.begin(passage) and (passage.is_waiting or arm.origin(passage) == arm.values)
-    arm.track(passage)
-    return passage
+    tracker = arm.prepare(trajectory, start_s, rests=rests)
+    assert arm.begin(tracker) and (tracker.is_waiting or arm.origin(tracker) == arm.values)
+    arm.track(tracker)
+    return tracker
 
 
 def test_a_reference_holds_where_it_was_seeded(kind):
@@ -663,14 +663,14 @@ def test_another_reference_goes_on_with_an_interrupted_motion_and_brakes(kind, s
 def test_a_trajectory_is_followed_to_rest_at_its_end(kind):
     """Progress rises from 0 to 1; then it is held."""
     arm = kind.make()
-    passage = track(arm, kind.swing())
+    tracker = track(arm, kind.swing())
     sent, seen = [kind.home] * 3, []
     assert arm.mode is CHUNK
     while arm.mode is CHUNK:
         sent += steps(arm, 1)
         seen.append(arm.progress)
     assert seen == sorted(seen) and 0.0 < seen[0] < 0.02 and seen[-1] == 1.0
-    assert (arm.mode, arm.is_at_rest, arm.passage) == (HOLD, True, passage)
+    assert (arm.mode, arm.is_at_rest, arm.tracker) == (HOLD, True, tracker)
     assert arm.values == pytest.approx(kind.swing().points[-1], abs=1e-7)
     kind.judge([*sent, *steps(arm, 3)])
 
@@ -678,11 +678,11 @@ def test_a_trajectory_is_followed_to_rest_at_its_end(kind):
 def test_a_trajectory_that_runs_out_leaves_the_arm_braking(kind):
     """In the very next setpoint, smoothly; what happened stays to be seen until something else is asked for."""
     arm = kind.make()
-    passage = track(arm, kind.swing(), rests=False)
+    tracker = track(arm, kind.swing(), rests=False)
     kind.judge([kind.home] * 3 + steps(arm, 250))
-    assert arm.passage is passage and passage.outcome is Outcome.UNDERRUN and arm.mode is HOLD
+    assert arm.tracker is tracker and tracker.outcome is Outcome.UNDERRUN and arm.mode is HOLD
     arm.brake()
-    assert arm.passage is None
+    assert arm.tracker is None
 
 
 def test_a_trajectory_takes_over_from_any_motion_and_any_motion_from_it(kind):
@@ -707,7 +707,7 @@ def test_a_trajectory_takes_over_from_any_motion_and_any_motion_from_it(kind):
     sent += steps(arm, 30)
     arm.start(kind.path(arm, kind.home))
     kind.judge(sent + steps(arm, 400))
-    assert arm.values == pytest.approx(kind.home, abs=1e-9) and arm.passage is None
+    assert arm.values == pytest.approx(kind.home, abs=1e-9) and arm.tracker is None
 
 
 def to_path(kind, arm):
@@ -755,8 +755,8 @@ def test_looking_ahead_on_a_trajectory_changes_nothing(kind, rests):
         ahead = seen.ahead()
         assert seen.step() == unseen.step() == ahead.values
         assert (seen.state, seen.mode) == (unseen.state, unseen.mode)
-    assert seen.passage is not None and unseen.passage is not None
-    assert seen.passage.outcome is unseen.passage.outcome is (Outcome.DONE if rests else Outcome.UNDERRUN)
+    assert seen.tracker is not None and unseen.tracker is not None
+    assert seen.tracker.outcome is unseen.tracker.outcome is (Outcome.DONE if rests else Outcome.UNDERRUN)
 
 
 @pytest.mark.parametrize("ask", [to_path, to_rest, to_home])

@@ -9,7 +9,7 @@ import pytest
 from gateway.codes import Code
 from gateway.core.messages.events import ForeignData, Gateway, SampleArrived, SampleRefused
 from gateway.core.motion.motion import plan
-from gateway.core.others.elsewhere import elsewhere, twins
+from gateway.core.others.other_robots import other_namespace, two_robots
 from gateway.core.output.diagnosis import PERIOD_NS, Diagnosis
 from gateway.core.robot_state.body_model import BodyModel
 from gateway.core.supervision.supervisor import State
@@ -43,7 +43,7 @@ class Watched(Stage):
         self.mute = set(mute)
         self.diagnosis: Diagnosis | None = None
         super().__init__(*args, **kwargs)
-        self.diagnosis = Diagnosis(self.conductor)
+        self.diagnosis = Diagnosis(self.coordinator)
 
     def hear(self) -> None:
         super().hear()
@@ -54,7 +54,7 @@ class Watched(Stage):
                     if topic.endswith("pose")
                     else MotorState(q_rad=(0.0,), dq_radps=(), tau_nm=(), stamp_ns=self.now_ns + OFFSET_NS)
                 )
-                self.conductor.store.receive(
+                self.coordinator.store.receive(
                     SampleArrived(topic=topic, value=value, received_ns=self.now_ns), self.now_ns
                 )
         if self.diagnosis is not None:
@@ -65,7 +65,7 @@ class Watched(Stage):
         for _ in range(ticks):
             self.now_ns += TICK_NS
             self.hear()
-            for stream in self.conductor.body.streams:
+            for stream in self.coordinator.body.streams:
                 if stream.running and stream.frame(self.now_ns) is not None:
                     stream.log.note(self.now_ns)
 
@@ -108,13 +108,13 @@ def test_without_a_link_nothing_is_inferred_and_a_new_link_has_time():
     stage.say_mode(api=False)
     stage.spend(20)
     assert stage.codes == ["MODE_VR"]
-    stage.conductor.transport_up = False
+    stage.coordinator.transport_up = False
     stage.spend(20)
     assert stage.codes == []
     stage.mode = MODE
     stage.dumb, stage.mute = {L, R}, set(OTHERS)
-    stage.conductor.store.reset()
-    stage.conductor.transport_up = True
+    stage.coordinator.store.reset()
+    stage.coordinator.transport_up = True
     stage.spend(290)
     assert stage.codes == []
     stage.spend(50)
@@ -125,8 +125,8 @@ def test_a_robot_under_another_namespace_explains_the_silence_of_everything():
     """One finding, without a notice of its own: the engine has told it. It is over when something is heard."""
     stage = Watched(State.IDLE)
     stage.dumb, stage.mute = {L, R}, set(OTHERS)
-    stage.conductor.elsewhere = elsewhere(("bot1", "bot2"), "")
-    stage.conductor.store.reset()
+    stage.coordinator.other_robot = other_namespace(("bot1", "bot2"), "")
+    stage.coordinator.store.reset()
     stage.spend(340)
     found = stage.only(Code.OTHER_NAMESPACE)
     assert "bot1" in found.message and "bot2" in found.message and "ta2 link" in found.hint
@@ -140,13 +140,13 @@ def test_a_second_robot_that_would_obey_is_a_finding_although_all_is_heard():
     """Also of one that is silent: a silence of everything stays what it is then."""
     stage = Watched()
     stage.spend(20)
-    stage.conductor.elsewhere = twins(("a1", "b2"), "")
+    stage.coordinator.other_robot = two_robots(("a1", "b2"), "")
     stage.spend(30)
     assert "a1, b2" in stage.only(Code.TWO_ROBOTS).message and not stage.told(Code.TWO_ROBOTS)
     stage.dumb, stage.mute = {L, R}, set(OTHERS)
     stage.spend(60)
     assert "ROUTE_SUSPECT" in stage.codes and "TWO_ROBOTS" in stage.codes
-    stage.conductor.elsewhere = None
+    stage.coordinator.other_robot = None
     stage.dumb, stage.mute = set(), set()
     stage.spend(30)
     assert stage.codes == []
@@ -179,7 +179,7 @@ def test_somebody_else_who_commands_the_robot_is_a_finding():
     """Who, on what, since when and how often; it ends with him. The notice is said where he is first seen, not here."""
     stage = Watched()
     stage.spend(20)
-    others = stage.conductor.others
+    others = stage.coordinator.others
     seen_ns = stage.now_ns
     others.see_data(ForeignData(topic=FSM_ENABLE, zid="b0b", at_ns=seen_ns, count=4, link="tcp/10.0.0.9:4711"))
     stage.spend(30)
@@ -205,7 +205,7 @@ def test_a_silent_topic_is_told_with_what_is_known_of_its_route():
     """The others live; discovery's words stand in the message."""
     stage = Watched()
     stage.spend(30)
-    stage.conductor.routes[ee_pose(L)] = "route dead: the robot's bridge does not read it"
+    stage.coordinator.routes[ee_pose(L)] = "route dead: the robot's bridge does not read it"
     stage.mute = {ee_pose(L), gripper_state(R)}
     stage.spend(50)
     assert stage.codes == ["ROUTE_SUSPECT"] * 2
@@ -239,7 +239,7 @@ def test_samples_that_come_and_are_not_believed_are_no_silence():
     topic = gripper_state(L)
     for _ in range(320):
         stage.spend(1)
-        stage.conductor.store.receive(
+        stage.coordinator.store.receive(
             SampleRefused(
                 topic=topic, code=Code.SAMPLE_REFUSED, message="position[0] is nan", received_ns=stage.now_ns
             ),
@@ -284,13 +284,13 @@ def test_a_finding_that_comes_and_goes_is_told_again_only_after_a_while():
 def test_a_route_that_is_said_to_be_bad_for_half_a_second_is_suspected():
     """What discovery says while it still looks is not told."""
     stage = Watched()
-    stage.conductor.routes[FSM_ENABLE] = "no match: announced, but the router knows no subscriber"
+    stage.coordinator.routes[FSM_ENABLE] = "no match: announced, but the router knows no subscriber"
     stage.spend(40)
     assert stage.findings == []
     stage.spend(30)
     found = stage.only(Code.ROUTE_SUSPECT)
     assert "no match" in found.message and found.since_ns <= stage.now_ns - 500 * MS
-    stage.conductor.routes[FSM_ENABLE] = "ready"
+    stage.coordinator.routes[FSM_ENABLE] = "ready"
     stage.spend(20)
     assert stage.findings == []
 
@@ -298,7 +298,7 @@ def test_a_route_that_is_said_to_be_bad_for_half_a_second_is_suspected():
 def unanswered() -> Watched:
     """Return a stage whose 1.0 has had no effect for a second."""
     stage = Watched(State.ENABLING)
-    stage.conductor.body.heartbeat.ones(stage.now_ns)
+    stage.coordinator.body.heartbeat.ones(stage.now_ns)
     stage.spend(60)
     assert stage.findings == []
     stage.spend(40)
@@ -314,18 +314,18 @@ def test_1_0_without_an_answer_is_told():
 def test_the_reason_outlives_the_attempt():
     """After the heartbeat was silenced it is told for a minute, until the FSM leaves PAUSE, or until another attempt."""
     stage = unanswered()
-    stage.conductor.body.heartbeat.silence()
+    stage.coordinator.body.heartbeat.silence()
     stage.spend(5900)
     assert stage.codes == ["HEARTBEAT_NOT_EFFECTIVE"]
     stage.spend(200)
     assert stage.codes == []
     for end in ("fsm", "attempt"):
         stage = unanswered()
-        stage.conductor.body.heartbeat.silence()
+        stage.coordinator.body.heartbeat.silence()
         if end == "fsm":
             stage.fsm = int(FsmState.SLOW_START)
         else:
-            stage.conductor.enable.begin((L, R))
+            stage.coordinator.enable.begin((L, R))
         stage.spend(20)
         assert stage.codes == []
 
@@ -350,7 +350,7 @@ def test_a_gap_of_our_own_is_told_while_it_shows():
 
 def moving(stage: Watched) -> Watched:
     """Send both arms to a goal; the robot does not move."""
-    arms = stage.conductor.body.arms
+    arms = stage.coordinator.body.arms
     for side, path in plan({side: arms[side].reference for side in (L, R)}, GOAL).items():
         arms[side].follow_path(path, stage.epoch)
     return stage
@@ -359,7 +359,7 @@ def moving(stage: Watched) -> Watched:
 def test_an_arm_that_is_not_as_modelled_is_told_with_both_figures():
     """A robot with its hands elsewhere: the one that was compared is told, and only while the two differ."""
     stage = Watched(State.IDLE, poses={L, R})
-    stage.conductor.model = model = BodyModel(nominal(), Settings())
+    stage.coordinator.model = model = BodyModel(nominal(), Settings())
     stage.spend(100)
     assert stage.codes == []
     pose = EePose(p_m=PLACE[L][:3], quat_xyzw=PLACE[L][3:])
@@ -394,7 +394,7 @@ def test_a_joint_that_stays_behind_the_others_is_told_apart():
     for _ in range(120):
         stage.spend(1)
         for side in (L, R):
-            _, *others = stage.conductor.body.arms[side].reference.values
+            _, *others = stage.coordinator.body.arms[side].reference.values
             stage.q_rad[side] = (stage.q_rad[side][0], *others)
     assert stage.codes == ["CLIPPED_BY_ROBOT"] * 2 and "other joints follow" in stage.findings[0][1]
 
@@ -405,9 +405,9 @@ def test_an_arm_that_is_not_driven_is_not_judged(how: str):
     stage = moving(Watched(State.ACTIVE))
     stage.spend(30)
     if how == "state":
-        stage.conductor.go(State.PAUSED, stage.now_ns, "test")
+        stage.coordinator.go(State.PAUSED, stage.now_ns, "test")
     elif how == "silent":
-        stage.conductor.body.silence_arms()
+        stage.coordinator.body.silence_arms()
     else:
         stage.dumb = {L, R}
         stage.spend(25)
@@ -427,7 +427,7 @@ def led(stage: Watched) -> Watched:
     """Send the right end effector 10 cm aside and turn it; the robot does not move."""
     x, y, z, *_ = stage.pose[R]
     goal = (x, y + 0.1, z, 0.0, 0.0, 0.38941834, 0.92106099)
-    body = stage.conductor.body
+    body = stage.coordinator.body
     body.arms[R].follow_path(body.plan({R: goal}, 1.0)[R], stage.epoch)
     return stage
 
@@ -449,7 +449,7 @@ def slowed(ratio: float, held: bool) -> SlowingView:
 def test_poses_that_are_followed_slower_near_a_singularity_are_told(ratio: float, held: bool, is_told: bool):
     """Only where that is what holds them back, and by more than a tenth: part of the speed, joint, speed and bound."""
     stage = Watched(State.ACTIVE, poses={R})
-    stage.conductor.body.slowing[R] = slowed(ratio, held)
+    stage.coordinator.body.slowing[R] = slowed(ratio, held)
     stage.spend(20)
     assert ("SINGULARITY_NEAR" in stage.codes) is is_told
     if is_told:
@@ -466,6 +466,6 @@ def test_the_other_sign_of_a_quaternion_is_the_same_orientation():
     stage = led(Watched(State.ACTIVE, poses={R}))
     for _ in range(120):
         stage.spend(1)
-        x, y, z, *quat = stage.conductor.body.arms[R].values
+        x, y, z, *quat = stage.coordinator.body.arms[R].values
         stage.pose[R] = (x, y, z, *(-part for part in quat))
         assert "IK_REFUSED" not in stage.codes

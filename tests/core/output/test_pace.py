@@ -6,7 +6,7 @@ import pytest
 
 from gateway.core.messages.events import OnLoss, Remembered
 from gateway.core.output.pace import REST_NS, TICK_NS, UNWATCHED_PERIOD_NS, Pace, is_idle
-from gateway.core.supervision.conductor import Conductor
+from gateway.core.supervision.coordinator import Coordinator
 from gateway.core.supervision.supervisor import State
 from gateway.settings.settings import Settings
 
@@ -57,15 +57,15 @@ def test_rest_leaves_every_snapshot_to_those_who_listen(snapshot_hz, rest_ns):
 @pytest.mark.parametrize("busy", ["", "owned", "exiting", "owed", "sending", "state"])
 def test_idle_is_who_has_nothing_to_do(busy):
     """An owner, an end, a 0.0 that is owed, a stream or a state in which something is held: each of them keeps it busy."""
-    conductor = Conductor(Settings(), Remembered())
+    coordinator = Coordinator(Settings(), Remembered())
     if busy == "owned":
-        conductor.lease.acquire("a", "ann", 1, OnLoss.HOLD, 0)
+        coordinator.lease.acquire("a", "ann", 1, OnLoss.HOLD, 0)
     elif busy == "exiting":
-        conductor.is_exiting = True
+        coordinator.is_exiting = True
     elif busy == "owed":
-        conductor.body.heartbeat.is_owed = True
+        coordinator.body.heartbeat.is_owed = True
     elif busy == "sending":
-        conductor.body.chassis.stop(0)
+        coordinator.body.chassis.stop(0)
     elif busy == "state":
-        conductor.go(State.STALE, 0, "test")
-    assert is_idle(conductor) == (busy == "")
+        coordinator.go(State.STALE, 0, "test")
+    assert is_idle(coordinator) == (busy == "")

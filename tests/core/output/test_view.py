@@ -46,7 +46,7 @@ ON = {"left": True, "right": True}
 
 def look(stage: Stage, after_ns: int = 0, seq: int = 5) -> Snapshot:
     """What is seen a little later, without another sample."""
-    return build(stage.conductor, (), {}, LOOP, seq, stage.now_ns + after_ns)
+    return build(stage.coordinator, (), {}, LOOP, seq, stage.now_ns + after_ns)
 
 
 def test_before_the_first_sample_nothing_is_known():
@@ -96,7 +96,7 @@ def test_the_link_is_fresh_for_100_ms_and_shows_its_age():
 def test_without_a_transport_there_is_no_router_and_nothing_is_fresh():
     """Even in the instant after the last sample; the age goes on."""
     stage = Stage()
-    stage.conductor.transport_up = False
+    stage.coordinator.transport_up = False
     assert look(stage, 5 * MS).link == LinkView(up=False, router_zid="", fresh=False, age_ns=5 * MS)
 
 
@@ -139,7 +139,7 @@ def test_a_streaming_arm_shows_its_setpoint_and_how_far_the_arm_is_off():
     """The largest joint distance; each arm its own."""
     stage = Stage(State.ACTIVE)
     stage.push(L, 0.12)
-    left = stage.conductor.body.arms[L]
+    left = stage.coordinator.body.arms[L]
     left.follow_path(plan({L: left.reference}, {L: GOAL[L]})[L], stage.epoch)
     stage.run(20)
     arms = look(stage).arms
@@ -152,7 +152,7 @@ def test_a_streaming_arm_shows_its_setpoint_and_how_far_the_arm_is_off():
 def test_an_arm_that_streams_unmeasured_has_no_tracking_error():
     """The distance to an arm that was never heard is unknown, not zero."""
     stage = Stage(dumb={R})
-    stage.conductor.body.arms[R].start(MIDDLE[R], stage.now_ns)
+    stage.coordinator.body.arms[R].start(MIDDLE[R], stage.now_ns)
     arm = look(stage).arms["right"]
     assert (arm.streaming, arm.measured, arm.tracking_rad) == (True, None, None)
 
@@ -161,7 +161,7 @@ def test_poses_are_shown_with_their_age():
     """In the arm's own shoulder frame (manual §4.0.2)."""
     stage = Stage()
     pose = EePose(p_m=(0.1, 0.2, 0.3), quat_xyzw=(0.0, 0.0, 0.0, 1.0))
-    stage.conductor.store.receive(SampleArrived(topic=ee_pose(L), value=pose, received_ns=stage.now_ns), stage.now_ns)
+    stage.coordinator.store.receive(SampleArrived(topic=ee_pose(L), value=pose, received_ns=stage.now_ns), stage.now_ns)
     seen = look(stage, 9 * MS).arms
     assert (seen["left"].p_m, seen["left"].quat_xyzw, seen["left"].pose_age_ns) == (pose.p_m, pose.quat_xyzw, 9 * MS)
     assert (seen["right"].p_m, seen["right"].pose_age_ns) == ((), None)
@@ -172,7 +172,7 @@ def test_grippers_and_chassis_are_shown_as_measured(topic):
     """Each where it belongs, with its age; nothing is said about the others."""
     stage = Stage()
     state = MotorState(q_rad=(0.4,), dq_radps=(0.1,), tau_nm=(2.0,), stamp_ns=12)
-    stage.conductor.store.receive(SampleArrived(topic=topic, value=state, received_ns=stage.now_ns), stage.now_ns)
+    stage.coordinator.store.receive(SampleArrived(topic=topic, value=state, received_ns=stage.now_ns), stage.now_ns)
     seen = look(stage, 3 * MS)
     shown = {gripper_state(side): seen.grippers[side.value] for side in Side}
     shown[CHASSIS_STATE] = seen.chassis
@@ -184,10 +184,10 @@ def test_grippers_and_chassis_are_shown_as_measured(topic):
 def test_every_topic_and_every_stream_of_the_model_is_shown(model):
     """No more and no less than the robot has."""
     stage = Stage(State.ACTIVE, model=model)
-    stage.conductor.body.arms[L].log.note(stage.now_ns)
+    stage.coordinator.body.arms[L].log.note(stage.now_ns)
     seen = look(stage)
     assert tuple(seen.topics) == STATE_TOPICS
-    assert list(seen.streams) == [stream.topic for stream in stage.conductor.body.streams]
+    assert list(seen.streams) == [stream.topic for stream in stage.coordinator.body.streams]
     assert [seen.streams[joint_command(side)].sent for side in (L, R)] == [1, 0]
     assert seen.topics[arm_state(L)].count == 35 and seen.topics[CHASSIS_STATE].count == 0
 
@@ -195,7 +195,7 @@ def test_every_topic_and_every_stream_of_the_model_is_shown(model):
 def test_motions_and_streams_of_targets_are_shown():
     """As their books have them."""
     stage = Stage(State.ACTIVE)
-    body = stage.conductor.body
+    body = stage.coordinator.body
     body.motions.open({L: GOAL[L]}, None, S)
     body.targets.open(R, "ann", stage.epoch, 1.0, OnLimit.REJECT, None)
     seen = look(stage)
@@ -208,8 +208,8 @@ def test_the_latest_enable_tells_how_it_went(code):
     """Which attempt, and why it failed."""
     stage = Stage(State.ENABLING)
     if code is not None:
-        stage.conductor.enable.blame(code, "somebody else enables")
-        stage.conductor.go(State.IDLE, stage.now_ns, "test")
+        stage.coordinator.enable.blame(code, "somebody else enables")
+        stage.coordinator.go(State.IDLE, stage.now_ns, "test")
     expected = ("running", "", "") if code is None else ("failed", "FSM_BUSY", "somebody else enables")
     enable = look(stage).enable
     assert (enable.attempt, enable.outcome, enable.code, enable.message) == (1, *expected)
@@ -220,8 +220,8 @@ def test_a_snapshot_is_a_picture_not_a_window():
     stage = Stage(State.ACTIVE)
     before, twin = look(stage), look(stage)
     stage.push(L, 0.2)
-    stage.conductor.latch(Code.ESTOP, "by ann", stage.now_ns)
-    stage.conductor.go(State.IDLE, stage.now_ns, "test")
+    stage.coordinator.latch(Code.ESTOP, "by ann", stage.now_ns)
+    stage.coordinator.go(State.IDLE, stage.now_ns, "test")
     after = look(stage)
     assert before == twin
     assert {name for name in Snapshot.__struct_fields__ if getattr(before, name) != getattr(after, name)} >= {
@@ -232,7 +232,7 @@ def test_a_snapshot_is_a_picture_not_a_window():
 def test_the_guard_is_shown():
     """Whether there shall be one, which one, and whether it reaches the robot."""
     stage = Stage(State.IDLE)
-    guard = stage.conductor.guard
+    guard = stage.coordinator.guard
     guard.pid, guard.is_linked, guard.lost, guard.earlier_holds = 41, True, 2, True
     assert look(stage).guard == GuardView(expected=True, pid=41, linked=True, lost=2, earlier_holds=True)
 
@@ -246,7 +246,7 @@ def test_chassis_and_lift_show_what_they_are_told(model):
         driven=False, drive_id=0, code="", wanted_mps=(0.0, 0.0), wanted_radps=0.0, commanded_mps=(0.0, 0.0),
         commanded_radps=0.0, left_ns=None,
     )  # fmt: skip
-    body = stage.conductor.body
+    body = stage.coordinator.body
     body.chassis.drive((0.2, 0.0, -0.1), epoch=1, expires_ns=stage.now_ns + S, now_ns=stage.now_ns)
     stage.run(1)
     seen = look(stage)
@@ -271,7 +271,7 @@ def test_others_are_shown_with_what_is_known_of_them():
     """Data with its count and last arrival, announcements with their means, gateways armed or not; and who we are."""
     stage = Stage()
     assert look(stage).others == OthersView(zid="", armed=True, seen=())
-    others, at_ns = stage.conductor.others, stage.now_ns
+    others, at_ns = stage.coordinator.others, stage.now_ns
     others.own_zid = "a1"
     others.see_data(ForeignData(topic=FSM_ENABLE, zid="b", at_ns=at_ns, count=2, link="tcp/x"))
     others.see_writers([Writer(topic=FSM_ENABLE, zid="c", means=Means.PUBLISHER)], at_ns)
@@ -294,9 +294,9 @@ def test_others_are_shown_with_what_is_known_of_them():
 def test_grippers_show_what_they_are_told():
     """Input, its torque, and the estimate; nothing while their arm is not streamed."""
     stage = Stage(State.ACTIVE, sides=(L,))
-    for gripper in stage.conductor.body.grippers.values():
+    for gripper in stage.coordinator.body.grippers.values():
         gripper.enter(0.55, stage.now_ns)
-    stage.conductor.body.grippers[L].is_holding = True
+    stage.coordinator.body.grippers[L].is_holding = True
     assert look(stage).grips == {
         "left": GripView(streaming=True, input_ratio=0.55, torque_nm=-0.8, holding=True),
         "right": GripView(streaming=False, input_ratio=None, torque_nm=None, holding=None),
@@ -320,7 +320,7 @@ def test_what_is_known_of_the_body_model_is_shown_for_each_arm():
     """Verdict, figures and reason as the model has them; nothing where there is none."""
     stage = Stage(State.IDLE, poses={L, R})
     assert look(stage).arms["left"].model is None
-    stage.conductor.model = model = BodyModel(nominal(), Settings())
+    stage.coordinator.model = model = BodyModel(nominal(), Settings())
     assert look(stage).arms["left"].model == ModelView(
         state="unknown",
         reason="no joints and pose of one instant have arrived",

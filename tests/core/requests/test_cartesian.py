@@ -114,7 +114,7 @@ def test_a_straight_motion_waits_while_it_is_worked_out_and_then_goes_straight(s
         target = asked_for.targets[side]
         line = line_to(begins[side], EePose(p_m=target[:3], quat_xyzw=target[3:]))
         sent = setpoints(pair, side)
-        assert max(used(sent, pair.engine._conductor.body.joint_arms[side].reference.space.limits)) <= 1.0 + 1e-6
+        assert max(used(sent, pair.engine._coordinator.body.joint_arms[side].reference.space.limits)) <= 1.0 + 1e-6
         direction = [way / line.length_m for way in line.moved_m]
         for q in sent:
             at = ARMS[side].chain.forward(q)
@@ -163,7 +163,7 @@ def test_a_motion_that_is_worked_out_can_be_ended_as_any_other(ending, state, co
     before = held(pair)
     pair.run(1.5)
     assert held(pair) == before
-    assert pair.engine._desk._cartesian._jobs == []
+    assert pair.engine._handler._cartesian._jobs == []
 
 
 def test_a_stop_on_the_way_brakes_inside_the_limits():
@@ -175,7 +175,7 @@ def test_a_stop_on_the_way_brakes_inside_the_limits():
     assert pair.motion_view(motion_id).code == "STOPPED"
     pair.run(1.0)
     assert {FrameKind.BRAKE, FrameKind.HOLD} <= pair.arm_kinds(L)
-    limits = pair.engine._conductor.body.joint_arms[L].reference.space.limits
+    limits = pair.engine._coordinator.body.joint_arms[L].reference.space.limits
     assert max(used(setpoints(pair), limits)) <= 1.0 + 1e-6
 
 
@@ -333,19 +333,19 @@ def test_a_goal_that_leaves_too_little_room_is_refused_before_anything_ends(stra
     refusal = pair.refused(MovePose(epoch=pair.epoch, targets=targets, frames=FRAMES, straight=straight))
     assert refusal.code is Code.GOAL_TOO_NEAR and "left_" in refusal.message and "right_" in refusal.message
     assert (refusal.bound, refusal.unit) == (">= 0.02", "m") and float(refusal.value) < 0.02
-    assert pair.conductor.body.motions.find(moving["motion_id"]).is_running
+    assert pair.coordinator.body.motions.find(moving["motion_id"]).is_running
 
 
 def test_an_arm_that_nobody_knows_stands_in_the_way():
     """Its state is not heard: what must not be hit may be anywhere."""
     pair = with_parts(ready(right_mode="pose"))
-    store = pair.engine._conductor.store
+    store = pair.engine._coordinator.store
     assert store.arm(R) is not None
-    measured = pair.engine._desk._cartesian._postures(pair.now_ns)
+    measured = pair.engine._handler._cartesian._postures(pair.now_ns)
     assert measured[R] == store.arm(R).q_rad
-    refusal = pair.engine._desk._cartesian._postures(pair.now_ns + 10_000 * MS)
+    refusal = pair.engine._handler._cartesian._postures(pair.now_ns + 10_000 * MS)
     assert (refusal.code, refusal.field) == (Code.PART_STALE, "right_arm")
-    pair.engine._desk._cartesian._postures = lambda now_ns: refusal
+    pair.engine._handler._cartesian._postures = lambda now_ns: refusal
     view = until_ended(pair, asked(pair, (0.02, 0.0, 0.05)))
     assert (view.state, view.code) == ("aborted", "PART_STALE")
 
@@ -415,7 +415,7 @@ def test_a_position_beyond_the_reach_can_be_clipped():
         if 0.53 < math.hypot(*pose.p_m) < 0.55
     )
     pair = ready()
-    pair.engine._conductor.settings = replace(
+    pair.engine._coordinator.settings = replace(
         pair.settings, pose=replace(pair.settings.pose, reach_m=math.hypot(*far.p_m) - 0.001)
     )
     refusal = pair.refused(request(pair, targets={L: far.values}), "ann")

@@ -9,9 +9,9 @@ import pytest
 from msgspec import structs
 
 from gateway.core.messages.events import DisableLift, DriveChassis, DriveLift, FrameKind, StopChassis, StopLift
+from gateway.core.requests.authorisation import Authorisation
 from gateway.core.requests.driving import Driving
 from gateway.core.requests.moves import Facts
-from gateway.core.requests.permit import Permit
 from gateway.core.supervision.supervisor import State
 from gateway.errors import Code, Refusal
 from gateway.robot.topics import CHASSIS_VELOCITY, LIFT_COMMAND
@@ -32,9 +32,9 @@ class Scene(Stage):
 
     def __init__(self, state: State = State.IDLE, model: str = "lift") -> None:
         super().__init__(state, model=model)
-        self.permit = Permit(self.conductor, self.phases.starting)
-        self.driving = Driving(self.conductor, self.permit)
-        self.body = self.conductor.body
+        self.authorisation = Authorisation(self.coordinator, self.phases.starting)
+        self.driving = Driving(self.coordinator, self.authorisation)
+        self.body = self.coordinator.body
 
     def ask(self, request: object, client: str = "ann", received_ns: int | None = None) -> Facts | Refusal:
         """Carry out a request now."""
@@ -106,7 +106,7 @@ def test_only_the_owner_with_the_current_epoch_drives_and_stops():
 def test_a_request_from_before_a_stop_drives_nothing():
     """It must not undo the stop (DESIGN §8.5)."""
     scene = Scene()
-    scene.permit.note_stop(scene.now_ns)
+    scene.authorisation.note_stop(scene.now_ns)
     request = DriveChassis(epoch=scene.epoch, vx_mps=0.1, vy_mps=0.0, wz_radps=0.0)
     assert code(scene.ask(request, received_ns=scene.now_ns)) is Code.STOPPED
     assert scene.ask(request, received_ns=scene.now_ns + 1) == {"drive_id": 1}
@@ -115,7 +115,7 @@ def test_a_request_from_before_a_stop_drives_nothing():
 def test_what_is_latched_drives_nothing():
     """Motion is motion, on wheels, too."""
     scene = Scene()
-    scene.conductor.latch(Code.STOPPED_BY_OTHER, "bob", scene.now_ns)
+    scene.coordinator.latch(Code.STOPPED_BY_OTHER, "bob", scene.now_ns)
     assert code(scene.drive()) is code(scene.lift()) is Code.LATCHED
 
 

@@ -11,10 +11,10 @@ from gateway.core.body.motions import MotionState
 from gateway.core.messages.events import CheckFollow, Follow, Hold, Move, OpenStream
 from gateway.core.motion.chunk import Chunk, prepare
 from gateway.core.motion.motion import ReferenceMode
-from gateway.core.motion.passage import Outcome
+from gateway.core.motion.tracker import Outcome
+from gateway.core.requests.authorisation import Authorisation
 from gateway.core.requests.follows import Follows, worked_out
 from gateway.core.requests.moves import Facts, Moves
-from gateway.core.requests.permit import Permit
 from gateway.core.supervision.supervisor import State
 from gateway.errors import Code, Refusal
 from gateway.values import Side, Space
@@ -44,10 +44,10 @@ class Scene(Stage):
         dumb: tuple[Side, ...] = (),
     ) -> None:
         super().__init__(state, sides=sides, poses=poses, dumb=dumb)
-        permit = Permit(self.conductor, self.phases.starting)
-        self.moves = Moves(self.conductor, permit)
-        self.follows = Follows(self.conductor, permit, self.moves)
-        self.body = self.conductor.body
+        authorisation = Authorisation(self.coordinator, self.phases.starting)
+        self.moves = Moves(self.coordinator, authorisation)
+        self.follows = Follows(self.coordinator, authorisation, self.moves)
+        self.body = self.coordinator.body
 
     def ask(self, chunk: Chunk, *, sent_ns: int = 0, **how: object) -> Facts | Refusal:
         """Ask to follow a chunk that was sent so long ago."""
@@ -81,8 +81,8 @@ class Scene(Stage):
     def look(self) -> tuple[object, ...]:
         """Everything that a chunk may change."""
         arms = (*self.body.joint_arms.values(), *self.body.pose_arms.values())
-        ways = tuple((arm.reference.mode, arm.reference.passage, arm.values, arm.rates) for arm in arms)
-        return self.state, ways, self.body.motions.views(), self.body.targets.views(), len(self.conductor.notices)
+        ways = tuple((arm.reference.mode, arm.reference.tracker, arm.values, arm.rates) for arm in arms)
+        return self.state, ways, self.body.motions.views(), self.body.targets.views(), len(self.coordinator.notices)
 
     def modes(self) -> tuple[ReferenceMode, ...]:
         """What moves the left and the right reference."""
@@ -128,7 +128,7 @@ def test_a_chunk_of_both_arms_is_one_motion_on_one_clock(scene):
     assert tuple(motion.goals) == (L, R) and motion.terms.ends_ns == scene.now_ns + facts["duration_ns"]
     assert scene.modes() == (CHUNK, CHUNK) and scene.body.arms[L].epoch == scene.epoch
     scene.run(100)
-    ways = [scene.body.joint_arms[side].reference.passage for side in Side]
+    ways = [scene.body.joint_arms[side].reference.tracker for side in Side]
     assert ways[0].time_s == ways[1].time_s == pytest.approx(1.0) and all(way.has_joined for way in ways)
 
 
@@ -144,7 +144,7 @@ def test_points_whose_time_has_passed_are_skipped(scene):
     chunk = swing(L, size=0.05)
     facts = scene.granted(chunk, start_at_ns=scene.now_ns - 320 * MS)
     assert facts["skipped"] == 7 and facts["duration_ns"] == round((chunk.duration_s - 0.32) * S)
-    assert scene.body.joint_arms[L].reference.passage.time_s == pytest.approx(0.32)
+    assert scene.body.joint_arms[L].reference.tracker.time_s == pytest.approx(0.32)
     facts = scene.granted(chunk, start_in_ns=-200 * MS, sent_ns=120 * MS)
     assert facts["skipped"] == 7 and facts["begins_ns"] == scene.now_ns - 320 * MS
     facts = scene.granted(replace(chunk, offset_s=0.1), start_in_ns=-200 * MS)
@@ -162,7 +162,7 @@ def test_tolerances_are_those_asked_for_and_else_the_configured_ones(scene):
     facts = scene.granted(swing(L), path_tolerance={L: (0.2,) * 7}, goal_time_ns=2 * S)
     tolerances = scene.motion(facts["motion_id"]).terms.tolerances
     assert tolerances.path == {L: (0.2,) * 7} and tolerances.goal_time_ns == 2 * S
-    assert tolerances.goal == {L: (scene.conductor.settings.arm.settle_rad,) * 7}
+    assert tolerances.goal == {L: (scene.coordinator.settings.arm.settle_rad,) * 7}
 
 
 # ------------------------------------------------------------------------------------------------ taking over
@@ -185,13 +185,13 @@ def test_a_chunk_ahead_lets_the_one_under_way_go_on_until_it_begins(scene):
     scene.granted(swing(L), open_end=True)
     scene.run(50)
     reference = scene.body.joint_arms[L].reference
-    under_way = reference.passage
+    under_way = reference.tracker
     scene.granted(swing(L, phase_s=0.8), start_in_ns=300 * MS)
-    assert reference.passage.is_waiting and reference.passage.under_way is under_way
+    assert reference.tracker.is_waiting and reference.tracker.under_way is under_way
     scene.granted(swing(L, phase_s=0.9), start_in_ns=400 * MS)
-    assert reference.passage.under_way is under_way
+    assert reference.tracker.under_way is under_way
     scene.run(41)
-    assert not reference.passage.is_waiting and reference.passage.time_s == pytest.approx(0.01)
+    assert not reference.tracker.is_waiting and reference.tracker.time_s == pytest.approx(0.01)
 
 
 def test_a_chunk_ahead_of_an_arm_that_rests_waits_there(scene):
@@ -225,7 +225,7 @@ def test_hold_ends_a_chunk_and_the_arm_brakes(scene):
     hold = Hold(epoch=scene.epoch, sides=(L,))
     scene.moves.hold(scene.command(hold), hold, scene.now_ns)
     assert scene.motion(motion_id).state is MotionState.CANCELLED and scene.modes() == (BRAKE, BRAKE)
-    assert all(scene.body.joint_arms[side].reference.passage is None for side in Side)
+    assert all(scene.body.joint_arms[side].reference.tracker is None for side in Side)
 
 
 # ------------------------------------------------------------------------------------------------ refused
@@ -279,7 +279,7 @@ def test_a_chunk_that_cannot_be_joined_is_refused_before_anything_moves(scene):
     rows = [(MIDDLE[L][0] + 0.0999 * n, *MIDDLE[L][1:]) for n in range(16)]
     away = prepare({L: rows}, dt_s=0.1)
     assert scene.refused(away, open_end=True).code is Code.CANNOT_JOIN
-    top = scene.conductor.settings.arm.upper_rad[L][6]
+    top = scene.coordinator.settings.arm.upper_rad[L][6]
     rows = [(*MIDDLE[L][:6], min(MIDDLE[L][6] + 0.018 * n, top)) for n in range(38)]
     assert scene.refused(prepare({L: rows}, dt_s=1 / 30), open_end=True).code is Code.CANNOT_JOIN
 
@@ -290,7 +290,7 @@ def test_a_chunk_that_waited_and_cannot_be_joined_then_brakes(scene):
     rows = [(MIDDLE[L][0] + 0.0999 * n, *MIDDLE[L][1:]) for n in range(16)]
     scene.granted(prepare({L: rows}, dt_s=0.1), start_in_ns=50 * MS, open_end=True)
     scene.run(20)
-    assert scene.body.joint_arms[L].reference.passage.outcome is Outcome.LOST
+    assert scene.body.joint_arms[L].reference.tracker.outcome is Outcome.LOST
     assert scene.modes()[0] in (BRAKE, HOLD)
 
 
@@ -371,12 +371,12 @@ def test_a_chunk_of_poses_is_followed_by_an_arm_in_end_effector_mode(poses):
     facts = poses.granted(reach_out(R), frames=FRAMES)
     assert facts["values"]["right"] == list(reach_out(R).trajectories[R].points[-1]) and "q_rad" not in facts
     motion = poses.motion(facts["motion_id"])
-    settings = poses.conductor.settings.pose
+    settings = poses.coordinator.settings.pose
     assert motion.space is Space.POSE
     assert motion.terms.tolerances.goal == {R: (settings.settle_m, settings.settle_rad)}
     assert poses.body.arms[R].epoch == poses.epoch
     poses.run(60)
-    assert poses.body.pose_arms[R].reference.passage.has_joined and poses.body.arms[R].progress > 0.3
+    assert poses.body.pose_arms[R].reference.tracker.has_joined and poses.body.arms[R].progress > 0.3
 
 
 def test_a_chunk_of_poses_needs_the_arms_own_frame_and_mode(poses):

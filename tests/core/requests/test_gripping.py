@@ -7,9 +7,9 @@ import math
 import pytest
 
 from gateway.core.messages.events import FrameKind, SetGripper
+from gateway.core.requests.authorisation import Authorisation
 from gateway.core.requests.gripping import Gripping
 from gateway.core.requests.moves import Facts
-from gateway.core.requests.permit import Permit
 from gateway.core.supervision.supervisor import State
 from gateway.errors import Code, Refusal
 from gateway.robot.topics import gripper_command
@@ -22,8 +22,8 @@ class Scene(Stage):
 
     def __init__(self, state: State = State.ACTIVE, sides: tuple[Side, ...] = (L, R)) -> None:
         super().__init__(state, sides=sides)
-        self.gripping = Gripping(self.conductor, Permit(self.conductor, self.phases.starting))
-        self.grippers = self.conductor.body.grippers
+        self.gripping = Gripping(self.coordinator, Authorisation(self.coordinator, self.phases.starting))
+        self.grippers = self.coordinator.body.grippers
         for side in sides:
             self.grippers[side].enter(0.1, self.now_ns)
 
@@ -90,6 +90,6 @@ def test_only_the_owner_grips():
     scene = Scene()
     for answer in (scene.ask(0.8, client="bob"), scene.ask(0.8, epoch=0)):
         assert isinstance(answer, Refusal) and answer.code is Code.NOT_OWNER
-    scene.conductor.latch(Code.TRACKING_ERROR, "blocked", scene.now_ns)
+    scene.coordinator.latch(Code.TRACKING_ERROR, "blocked", scene.now_ns)
     refusal = scene.ask(0.8)
     assert isinstance(refusal, Refusal) and refusal.code is Code.LATCHED

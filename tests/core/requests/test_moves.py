@@ -20,9 +20,9 @@ from gateway.core.messages.events import (
 )
 from gateway.core.motion.gap import Gap
 from gateway.core.motion.motion import PlanFailed, ReferenceMode
+from gateway.core.requests.authorisation import Authorisation
 from gateway.core.requests.moves import Facts, Moves
-from gateway.core.requests.permit import Permit
-from gateway.core.separation import room
+from gateway.core.separation import goal_checks
 from gateway.core.supervision.supervisor import State
 from gateway.errors import Code, Refusal
 from gateway.robot.limits import HOME_Q_RAD, JOINT_UPPER_RAD
@@ -43,9 +43,9 @@ class Scene(Stage):
         self, state: State = State.ACTIVE, sides: tuple[Side, ...] = (L, R), poses: tuple[Side, ...] = ()
     ) -> None:
         super().__init__(state, sides=sides, poses=poses)
-        self.permit = Permit(self.conductor, self.phases.starting)
-        self.moves = Moves(self.conductor, self.permit)
-        self.body = self.conductor.body
+        self.authorisation = Authorisation(self.coordinator, self.phases.starting)
+        self.moves = Moves(self.coordinator, self.authorisation)
+        self.body = self.coordinator.body
 
     def ask(self, request: object, client: str = "ann") -> Facts | Refusal:
         """Carry out a motion request now."""
@@ -77,7 +77,7 @@ class Scene(Stage):
         """Everything that a motion request may change."""
         body = self.body
         modes = self.modes()
-        return self.state, modes, body.motions.views(), body.targets.views(), len(self.conductor.notices)
+        return self.state, modes, body.motions.views(), body.targets.views(), len(self.coordinator.notices)
 
     def move(self, *sides: Side, **how: object) -> int:
         """Begin a motion of these arms to their goals; return its id."""
@@ -191,12 +191,12 @@ def test_a_relative_motion_starts_at_the_reference_not_at_the_measured_arm(scene
 
 
 def test_a_goal_where_the_arms_would_meet_is_refused_and_what_is_under_way_goes_on():
-    """Where arms are kept apart: the door is before the plan, and nothing is superseded."""
+    """Where arms are kept apart: validation is before the plan, and nothing is superseded."""
     pair = SpacedPair()
     first = pair.move(pair.epoch, HOME_Q_RAD, speed=0.3)
     refusal = pair.refused(Move(epoch=pair.epoch, targets_rad=MEET))
     assert refusal.code is Code.GOAL_TOO_NEAR
-    (motion,) = pair.conductor.body.motions.running
+    (motion,) = pair.coordinator.body.motions.running
     assert motion.motion_id == first
 
 
@@ -345,7 +345,7 @@ def test_a_target_for_an_arm_that_is_silent_has_no_setpoint_to_be_in_time_for(sc
 def test_a_target_that_arrived_before_a_stop_is_dropped(scene):
     """Nobody is told: it was right when it was sent. It moves nothing and never will (DESIGN §8.5)."""
     stream_id = scene.stream(L)
-    scene.permit.note_stop(scene.now_ns)
+    scene.authorisation.note_stop(scene.now_ns)
     scene.target(stream_id)
     (view,) = scene.body.targets.views()
     assert (view.seq, view.refused, scene.modes()) == (0, 0, (HOLD, HOLD))
@@ -363,7 +363,7 @@ def test_a_target_that_the_door_refuses_moves_nothing(scene):
 def test_a_target_moves_nothing_outside_of_active(scene):
     """Whatever left a stream open: no motion without ACTIVE (DESIGN §8.3)."""
     stream_id = scene.stream(L)
-    scene.conductor.go(State.HOLDING, scene.now_ns, "test")
+    scene.coordinator.go(State.HOLDING, scene.now_ns, "test")
     scene.target(stream_id)
     assert scene.modes() == (HOLD, HOLD)
 
@@ -543,12 +543,12 @@ def test_a_goal_that_leaves_too_little_room_is_refused_without_a_trace(monkeypat
     scene, asked = Scene(), []
     too_near = Refusal(code=Code.GOAL_TOO_NEAR, message="two parts")
 
-    def check_goals(conductor, goals, now_ns):
-        asked.append((conductor, dict(goals), now_ns))
+    def check_goals(coordinator, goals, now_ns):
+        asked.append((coordinator, dict(goals), now_ns))
         return too_near
 
-    monkeypatch.setattr(room, "check_goals", check_goals)
+    monkeypatch.setattr(goal_checks, "check_goals", check_goals)
     request = Move(epoch=scene.epoch, targets_rad={L: GOAL[L]})
     assert scene.ask(request) is too_near
-    assert asked == [(scene.conductor, {L: GOAL[L]}, scene.now_ns)]
+    assert asked == [(scene.coordinator, {L: GOAL[L]}, scene.now_ns)]
     assert scene.body.motions.running == ()

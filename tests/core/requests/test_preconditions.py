@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 from gateway.codes import Code
-from gateway.core.requests.desk import Desk
+from gateway.core.requests.handler import RequestHandler
 from gateway.core.requests.preconditions import PERIOD_NS, Preconditions
 from gateway.core.supervision.supervisor import State
 from gateway.errors import CODES
@@ -17,9 +17,9 @@ class Asked(Stage):
 
     def __init__(self, *args, **kwargs) -> None:
         super().__init__(*args, **kwargs)
-        for gripper in self.conductor.body.grippers.values():
+        for gripper in self.coordinator.body.grippers.values():
             gripper.start(self.now_ns, is_kept=False)
-        self.preconditions = Preconditions(self.conductor, Desk(self.conductor, self.phases))
+        self.preconditions = Preconditions(self.coordinator, RequestHandler(self.coordinator, self.phases))
 
     def codes(self, ticks: int = 21) -> dict[str, str]:
         """What is refused a period later."""
@@ -64,16 +64,16 @@ def test_what_changes_at_once_is_seen_at_once():
     assert stage.codes() == {}
     stage.now_ns = (stage.now_ns // PERIOD_NS) * PERIOD_NS
     stage.codes(1)
-    stage.conductor.latch(Code.ESTOP, "by hand", stage.now_ns)
+    stage.coordinator.latch(Code.ESTOP, "by hand", stage.now_ns)
     assert set(stage.codes(1).values()) == {"LATCHED"}
-    stage.conductor.supervisor.clear()
+    stage.coordinator.supervisor.clear()
     assert stage.codes(1) == {}
-    stage.conductor.go(State.PAUSED, stage.now_ns, "test")
+    stage.coordinator.go(State.PAUSED, stage.now_ns, "test")
     assert stage.codes(1)["left_arm"] == "ROBOT_PAUSED"
-    stage.conductor.is_exiting = True
+    stage.coordinator.is_exiting = True
     assert set(stage.codes(1).values()) == {"EXITING"}
-    stage.conductor.is_exiting = False
-    stage.conductor.go(State.ACTIVE, stage.now_ns, "test")
+    stage.coordinator.is_exiting = False
+    stage.coordinator.go(State.ACTIVE, stage.now_ns, "test")
     assert stage.codes(1) == {}
     stage.mode = replace(MODE, api=False)
     assert stage.codes(1) == {} and set(stage.codes(PERIOD_NS // TICK_NS).values()) >= {"MODE_VR"}

@@ -139,7 +139,7 @@ def test_the_newest_of_several_came_late_in_the_time_between(received_ms, count,
 
 
 def test_arms_keep_within_the_configured_limits():
-    """Inverse kinematics stays inside the range that the door allows."""
+    """Inverse kinematics stays inside the range that validation allows."""
     narrow = {side: tuple(q - 0.1 for q in Q_RAD[side]) for side in Side}
     lower = {side: tuple(max(a, b) for a, b in zip(narrow[side], JOINT_LOWER_RAD[side], strict=True)) for side in Side}
     model = BodyModel(nominal(), Settings(arm=ArmSettings(lower_rad=lower)))

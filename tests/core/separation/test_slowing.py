@@ -10,7 +10,7 @@ import pytest
 from gateway.core.messages.events import Remembered, SampleArrived
 from gateway.core.robot_state.body_model import BodyModel
 from gateway.core.separation.slowing import Slowing, predicted
-from gateway.core.supervision.conductor import Conductor
+from gateway.core.supervision.coordinator import Coordinator
 from gateway.errors import Code, Refusal
 from gateway.kinematics.description import nominal
 from gateway.kinematics.placement import rows_from_quat, turn_rad
@@ -46,12 +46,12 @@ class Posing:
         self.refusal = None
         settings = Settings(pose=pose, model=ModelSettings(**model))
         self.model = BodyModel(nominal(), settings) if settings.model.check else None
-        self.conductor = Conductor(settings, Remembered(), self.model)
+        self.coordinator = Coordinator(settings, Remembered(), self.model)
         if self.model is not None:
             self.model.refusal = lambda side, now_ns: self.refusal
-        self.slowing = Slowing(self.conductor)
+        self.slowing = Slowing(self.coordinator)
         self.now_ns, self.q_rad = 1000 * S, np.array(q_rad)
-        self.arm = self.conductor.body.pose_arms[R]
+        self.arm = self.coordinator.body.pose_arms[R]
         self._chain = BodyModel(nominal(), settings).arms[R].chain
         self.setpoints = [self.at(q_rad)] * 3
         self.peaks: list[float] = []
@@ -67,17 +67,17 @@ class Posing:
     @property
     def seen(self):
         """What is shown of it."""
-        return self.conductor.body.slowing[R]
+        return self.coordinator.body.slowing[R]
 
     @property
     def codes(self):
         """Codes of what was told."""
-        return [notice.code for notice in self.conductor.notices]
+        return [notice.code for notice in self.coordinator.notices]
 
     def _hear(self):
         value = ArmState(q_rad=tuple(self.q_rad.tolist()), dq_radps=(), tau_nm=(), stamp_ns=self.now_ns)
         event = SampleArrived(topic=arm_state(R), value=value, received_ns=self.now_ns, stamp_ns=self.now_ns)
-        self.conductor.store.receive(event, self.now_ns)
+        self.coordinator.store.receive(event, self.now_ns)
 
     def step(self):
         """One setpoint, and what the arm does of it."""
@@ -95,7 +95,7 @@ class Posing:
         self._hear()
         if self.model is not None:
             self.peaks.append(max(map(abs, self.model.joint_speeds_radps(R, tuple(self.q_rad), self.arm.rates))))
-        slowing = self.conductor.body.slowing.get(R)
+        slowing = self.coordinator.body.slowing.get(R)
         self.ratios.append(1.0 if slowing is None else slowing.speed_ratio)
 
     def lead(self, target, seconds):
@@ -215,7 +215,7 @@ def test_while_the_model_does_not_agree_it_is_off_and_that_is_told():
     posing.lead(there, 0.4)
     assert not posing.seen.on and posing.seen.why == OTHER_MODEL.message and set(posing.ratios) == {1.0}
     assert (posing.seen.joint, posing.seen.held) == (0, False)
-    assert posing.codes == [Code.MODEL_DIFFERS] and "right arm" in posing.conductor.notices[0].message
+    assert posing.codes == [Code.MODEL_DIFFERS] and "right arm" in posing.coordinator.notices[0].message
     posing.refusal = None
     posing.lead(posing.at(HOME), 0.4)
     assert posing.seen.on and posing.seen.why == "" and posing.ratios[-1] < 1.0
@@ -238,15 +238,15 @@ def test_only_streams_of_poses_are_looked_at():
     """Nothing while the arm holds, is silent, or its setpoint is not due; what was seen ends with the stream."""
     posing = Posing()
     posing.step()
-    assert posing.conductor.body.slowing == {}
+    assert posing.coordinator.body.slowing == {}
     posing.lead(outward(posing.at(HOME)), 0.3)
-    assert list(posing.conductor.body.slowing) == [R]
+    assert list(posing.coordinator.body.slowing) == [R]
     posing.model.joint_speeds_radps = None  # would raise
     posing.now_ns -= round(0.5 * posing.arm.period_s * S)
     posing.slowing.look(posing.now_ns)
     posing.arm.brake()
     posing.slowing.look(posing.now_ns + S)
-    assert posing.conductor.body.slowing == {}
+    assert posing.coordinator.body.slowing == {}
 
 
 def test_an_arm_at_its_target_is_not_near_anything():

@@ -10,7 +10,7 @@ import pytest
 
 from gateway.core.messages.events import FrameKind, Level, SampleArrived
 from gateway.core.motion.motion import ReferenceMode, plan
-from gateway.core.separation import room
+from gateway.core.separation import goal_checks
 from gateway.core.separation.spacing import ADRIFT_RADPS, Spacing
 from gateway.errors import Code
 from gateway.kinematics.separation.approach import Look
@@ -50,7 +50,7 @@ def told(pair, code):
 
 def reference(pair, side):
     """Return what generates an arm's joint setpoints."""
-    return pair.conductor.body.joint_arms[side].reference
+    return pair.coordinator.body.joint_arms[side].reference
 
 
 def judged(monkeypatch):
@@ -71,8 +71,8 @@ def passed(monkeypatch):
     answers = []
     passing = Look.passing
 
-    def counted(self, wanted, spare):
-        answers.append((spare, passing(self, wanted, spare)))
+    def counted(self, wanted, lookahead):
+        answers.append((lookahead, passing(self, wanted, lookahead)))
         return answers[-1][1]
 
     monkeypatch.setattr(Look, "passing", counted)
@@ -87,7 +87,7 @@ def test_a_stream_is_slowed_down_then_held_back_and_told_of_once():
     pair = at_home()
     pair.lead(MEET, 6.0)
     assert pair.least_m >= MARGIN_M - ROUNDING_M and all(reference(pair, side)._follower._bound < 1.0 for side in Side)
-    assert all(stream.is_open for stream in pair.conductor.body.targets.running)
+    assert all(stream.is_open for stream in pair.coordinator.body.targets.running)
     assert all(reference(pair, side).mode is ReferenceMode.FOLLOW for side in Side)
     notices = told(pair, Code.COLLISION_AHEAD)
     assert {notice.facts["side"] for notice in notices} == {"left", "right"} and len(notices) <= 4
@@ -156,7 +156,7 @@ def test_what_is_caught_between_two_parts_can_be_led_out_again(seed):
 
 def move_through(pair):
     """Move both arms into each other as no door would let them: the goal becomes one behind the door."""
-    body = pair.conductor.body
+    body = pair.coordinator.body
     paths = plan({side: reference(pair, side) for side in Side}, MEET, 1.0)
     duration_ns = max(path.duration_ns for path in paths.values())
     motion = body.motions.open(MEET, None, duration_ns)
@@ -180,7 +180,7 @@ def test_a_path_that_leads_into_the_other_arm_ends_for_both_arms_with_what_is_ah
     for _ in range(100):
         pair.step()
         pair.look()
-    assert pair.conductor.body.is_at_rest and pair.least_m >= MARGIN_M - ROUNDING_M
+    assert pair.coordinator.body.is_at_rest and pair.least_m >= MARGIN_M - ROUNDING_M
     assert pair.state == "ACTIVE" and pair.now_ns > begun_ns
 
 
@@ -194,9 +194,9 @@ def test_a_trajectory_that_leads_into_the_other_arm_ends_and_the_arm_brakes():
     for _ in range(800):
         pair.step()
         pair.look()
-    motion = pair.conductor.body.motions.find(facts["motion_id"])
+    motion = pair.coordinator.body.motions.find(facts["motion_id"])
     assert motion is not None and motion.code is Code.COLLISION_AHEAD
-    assert pair.least_m >= MARGIN_M - ROUNDING_M and pair.conductor.body.is_at_rest
+    assert pair.least_m >= MARGIN_M - ROUNDING_M and pair.coordinator.body.is_at_rest
 
 
 def test_a_motion_past_everything_is_reached():
@@ -204,7 +204,7 @@ def test_a_motion_past_everything_is_reached():
     pair = SpacedPair()
     motion_id = pair.move(pair.epoch, HOME_Q_RAD)
     pair.run(5.0)
-    motion = pair.conductor.body.motions.find(motion_id)
+    motion = pair.coordinator.body.motions.find(motion_id)
     assert motion is not None and motion.state.value == "reached" and not told(pair, Code.COLLISION_AHEAD)
 
 
@@ -223,12 +223,12 @@ def test_a_brake_goes_on_whatever_is_ahead():
         arm.brake()
         other.brake()
         assert other.mode is ReferenceMode.BRAKE
-    spacing = Spacing(kept.conductor)
+    spacing = Spacing(kept.coordinator)
     for _ in range(60):
         kept.now_ns += 10 * MS
         spacing.look(kept.now_ns)
         for side in Side:
-            frame = kept.conductor.body.joint_arms[side].frame(kept.now_ns)
+            frame = kept.coordinator.body.joint_arms[side].frame(kept.now_ns)
             assert frame is not None and frame.values == reference(pair, side).step()
     assert not told(kept, Code.COLLISION_AHEAD)
 
@@ -237,17 +237,17 @@ def test_a_walk_back_to_the_arm_is_never_held_back():
     """The arm is there: the reference goes where it is, and what else moves minds it."""
     pair = at_home()
     pair.lead(MEET, 6.0)
-    arm = pair.conductor.body.joint_arms[R]
+    arm = pair.coordinator.body.joint_arms[R]
     pair.granted(requests.Hold(epoch=pair.epoch, sides=(R,)))
     pair.run(0.5)
     arm.walk(plan({R: arm.reference}, {R: MEET[R]}, 0.3)[R])
     assert arm.is_walking
-    spacing = Spacing(pair.conductor)
+    spacing = Spacing(pair.coordinator)
     while arm.is_walking:
         pair.now_ns += 10 * MS
         spacing.look(pair.now_ns)
         for side in Side:
-            pair.conductor.body.joint_arms[side].frame(pair.now_ns)
+            pair.coordinator.body.joint_arms[side].frame(pair.now_ns)
     assert arm.values == MEET[R]
 
 
@@ -269,7 +269,7 @@ def test_an_arm_in_end_effector_mode_is_an_obstacle_where_it_is_measured():
 def test_an_arm_that_moves_by_itself_has_the_room_that_it_may_take():
     """As far as its measured velocity takes it; noise takes it nowhere, and one that tells no velocity stands."""
     pair = at_home()
-    spacing, arm = Spacing(pair.conductor), pair.conductor.body.joint_arms[R]
+    spacing, arm = Spacing(pair.coordinator), pair.coordinator.body.joint_arms[R]
     here = arm.values
     arm.brake()
     assert spacing._way(R, here, here, None) == [(0.0, 0.0)] * 7  # streamed, not due in this tick
@@ -294,7 +294,7 @@ def test_what_moves_an_arm_by_poses_ends_when_arms_are_kept_apart_again(streamed
     """It began while the model was not known: told with UNGUARDED, the arm brakes; anew it is refused as ever."""
     pair = SpacedPair(sim=SimSettings(state_period_ns=10 * MS, right_mode="pose"))
     pair.model.forget()
-    pose = pair.conductor.store.pose(R)
+    pose = pair.coordinator.store.pose(R)
     assert pose is not None
     there = (*(0.8 * c for c in pose.p_m), *pose.quat_xyzw)
     frames = {side: shoulder_frame(side) for side in Side}
@@ -304,16 +304,16 @@ def test_what_moves_an_arm_by_poses_ends_when_arms_are_kept_apart_again(streamed
     else:
         pair.granted(requests.MovePose(epoch=pair.epoch, targets={R: there}, frames=frames, speed=0.1))
     pair.run(0.2)
-    arm = pair.conductor.body.arms[R]
+    arm = pair.coordinator.body.arms[R]
     assert arm.space is Space.POSE and arm.reference.mode is not ReferenceMode.BRAKE
     assert not arm.is_at_rest and not told(pair, Code.UNGUARDED)
-    while room.why_off(pair.conductor, pair.now_ns) is not None:
+    while goal_checks.why_off(pair.coordinator, pair.now_ns) is not None:
         pair.step()
     assert not arm.is_at_rest
     pair.run(0.5)
     notice = told(pair, Code.UNGUARDED)[-1]
     assert notice.facts["side"] == "right" and "it brakes" in notice.message and notice.level is Level.WARNING
-    body = pair.conductor.body
+    body = pair.coordinator.body
     assert arm.is_at_rest and not body.targets.running and not body.motions.running and pair.state == "ACTIVE"
     if not streamed:
         assert body.motions.views()[-1].code == "UNGUARDED"
@@ -332,7 +332,7 @@ def test_it_is_told_once_that_arms_move_and_are_not_kept_apart_and_once_that_the
     pair.model.forget()
     pair.lead(HOME_Q_RAD, 0.4)
     assert all(reference(pair, side)._follower._bound == 1.0 for side in Side)
-    spacing = pair.conductor.body.spacing
+    spacing = pair.coordinator.body.spacing
     assert spacing is not None and not spacing.on and (spacing.gap_m, spacing.first, spacing.held) == (None, "", ())
     assert "cannot be relied on" in spacing.why
     pair.lead(HOME_Q_RAD, 3.0)
@@ -354,7 +354,7 @@ def test_without_being_asked_for_nothing_is_looked_at():
     """Neither without a model nor with one that keeps nothing apart; there is nothing to see either."""
     for pair in (SpacedPair(asked=False), SpacedPair(asked=False, has_model=False)):
         pair.lead(HOME_Q_RAD, 1.0)
-        assert pair.conductor.body.spacing is None and pair.see().spacing is None
+        assert pair.coordinator.body.spacing is None and pair.see().spacing is None
 
 
 def test_the_nearest_pair_of_the_measured_body_is_shown():
@@ -381,9 +381,9 @@ def test_what_was_found_free_is_not_judged_again_until_it_is_left(monkeypatch):
     pair.lead({L: (*HOME_Q_RAD[L][:6], HOME_Q_RAD[L][6] - 0.4)}, 1.0)
     assert 0 < len(looks) < 10 and len(asked) < 20
     pair.lead(MEET, 5.0)
-    answers = [(spare, passing) for spare, passing in asked if passing is not None]
-    assert any(spare is not None and not passing.has_spare for spare, passing in answers)
-    assert any(spare is None for spare, _ in answers) and any(passing is None for _, passing in asked)
+    answers = [(lookahead, passing) for lookahead, passing in asked if passing is not None]
+    assert any(lookahead is not None and not passing.has_spare for lookahead, passing in answers)
+    assert any(lookahead is None for lookahead, _ in answers) and any(passing is None for _, passing in asked)
     assert len(looks) < len(asked)
 
 

@@ -79,7 +79,7 @@ def test_a_silence_that_was_meant_is_no_gap_and_no_slow_rate():
 
 
 def test_a_stream_is_five_words():
-    """Whatever sends to the robot has this shape; body, outlet and gate know no other (DESIGN §6)."""
+    """Whatever sends to the robot has this shape; body, collector and gate know no other (DESIGN §6)."""
     words = {name for name in {**vars(Stream), **inspect.get_annotations(Stream)} if not name.startswith("_")}
     assert words == {"topic", "log", "running", "next_due_ns", "frame"}
 

@@ -7,7 +7,7 @@ import pytest
 from gateway.core.messages.events import ForeignData, Gateway, Means, Remembered, SampleRefused, Writer
 from gateway.core.motion.motion import plan
 from gateway.core.supervision.conditions import Conditions
-from gateway.core.supervision.conductor import Conductor
+from gateway.core.supervision.coordinator import Coordinator
 from gateway.core.supervision.supervisor import STREAMING, State, Trigger
 from gateway.errors import Code
 from gateway.robot.topics import arm_state, joint_command
@@ -26,7 +26,7 @@ class Scene(Stage):
 
     def __init__(self, state: State = State.ACTIVE, **how: object) -> None:
         super().__init__(state, **how)
-        self.conditions = Conditions(self.conductor)
+        self.conditions = Conditions(self.coordinator)
         if state in {State.PAUSED, State.ENABLING}:
             self.fsm = int(FsmState.SLOW_START)
         self.hear()
@@ -60,7 +60,7 @@ class Scene(Stage):
         refused = SampleRefused(
             topic=arm_state(L), code=Code.JOINT_ORDER, message="l_joint2 first", received_ns=self.now_ns
         )
-        self.conductor.store.receive(refused, self.now_ns)
+        self.coordinator.store.receive(refused, self.now_ns)
 
     def silence(self, ticks: int) -> None:
         """Nothing is heard for so many ticks."""
@@ -86,7 +86,7 @@ def test_a_healthy_robot_shows_nothing_that_would_move_the_supervisor(state):
 def test_without_transport_nothing_else_is_seen(state):
     """Whatever was heard last may be of another robot."""
     scene = Scene(state)
-    scene.conductor.transport_up = False
+    scene.coordinator.transport_up = False
     scene.wrong_names()
     assert scene.look() == [(Trigger.TRANSPORT_LOST, "no transport to the robot's router")]
 
@@ -95,7 +95,7 @@ def test_without_transport_nothing_else_is_seen(state):
 def test_joints_in_another_order_are_seen_in_every_state(state):
     """Before anything else: this is not our robot (BEHAVIOUR, the robot does something by itself)."""
     scene = Scene(state)
-    scene.conductor.transport_up = True
+    scene.coordinator.transport_up = True
     scene.wrong_names()
     assert scene.look()[0] == (Trigger.JOINT_ORDER, "l_joint2 first")
 
@@ -104,7 +104,7 @@ def test_joints_in_another_order_are_seen_in_every_state(state):
 def test_a_state_older_than_100_ms_is_stale(state):
     """Just 100 ms are not; nothing else is seen then, for nothing else is known. What is stale already is not told."""
     scene = Scene(state)
-    scene.conductor.transport_up = True
+    scene.coordinator.transport_up = True
     scene.hear()
     scene.now_ns += 100 * MS
     assert Trigger.STALE not in scene.seen
@@ -115,10 +115,10 @@ def test_a_state_older_than_100_ms_is_stale(state):
 
 def test_a_robot_that_was_never_heard_is_stale_without_an_age():
     """A state other than OFFLINE cannot be reached like this, but it would be left at once."""
-    conductor = Conductor(Settings(), Remembered())
-    conductor.transport_up = True
-    conductor.go(State.IDLE, 0, "test")
-    told = list(Conditions(conductor).look(0))
+    coordinator = Coordinator(Settings(), Remembered())
+    coordinator.transport_up = True
+    coordinator.go(State.IDLE, 0, "test")
+    told = list(Conditions(coordinator).look(0))
     assert told == [(Trigger.STALE, "the newest state is 0 ms old, 100 ms is the bound")]
 
 
@@ -126,7 +126,7 @@ def test_a_robot_that_was_never_heard_is_stale_without_an_age():
 def test_the_way_back_from_silence_is_not_a_condition(state):
     """It depends on how long the robot was gone: whatever it says, nothing is seen here."""
     scene = Scene(state)
-    scene.conductor.transport_up = True
+    scene.coordinator.transport_up = True
     scene.say_mode(api=False)
     assert scene.says_fsm(FsmState.ERROR) == []
 
@@ -242,7 +242,7 @@ def test_an_fsm_that_was_forgotten_is_no_answer():
     scene.beat()
     assert scene.says_fsm(FsmState.READY) == [Trigger.FSM_READY]
     scene.fsm = None
-    scene.conductor.store.reset()
+    scene.coordinator.store.reset()
     scene.run(1)
     assert scene.seen == [Trigger.FSM_DEAD]
 
@@ -294,7 +294,7 @@ def test_a_pause_is_the_robots_own_until_we_have_asked_for_it(state, moving, who
     """In STOPPING 0.0 is not sent before the arms are at rest: a pause while they brake is somebody else's."""
     scene = Scene(state)
     if moving:
-        arm = scene.conductor.body.arms[L]
+        arm = scene.coordinator.body.arms[L]
         arm.follow_path(plan({L: arm.reference}, {L: GOAL[L]})[L], scene.epoch)
         scene.run(20)
     scene.says_fsm(FsmState.PAUSE)
@@ -346,7 +346,7 @@ def test_a_part_whose_samples_are_not_believed_dies_with_the_reason():
         refused = SampleRefused(
             topic=arm_state(L), code=Code.SAMPLE_REFUSED, message="position[0] is nan", received_ns=scene.now_ns
         )
-        scene.conductor.store.receive(refused, scene.now_ns)
+        scene.coordinator.store.receive(refused, scene.now_ns)
     assert scene.why(Trigger.PART_DEAD).endswith("100 ms: its samples are not believed, position[0] is nan")
     scene.run(25)
     assert scene.why(Trigger.PART_DEAD).endswith("100 ms")
@@ -366,7 +366,7 @@ def test_each_lost_arm_is_told_by_itself():
 def test_when_no_arm_is_left_that_was_enabled_it_is_seen(state):
     """Though the robot has arms in joint mode: they were let go, and nothing is held any more."""
     scene = Scene(state)
-    scene.conductor.body.silence_arms()
+    scene.coordinator.body.silence_arms()
     assert scene.why(Trigger.NO_ARM) == "no arm that was enabled is left"
 
 
@@ -375,8 +375,8 @@ def test_when_no_arm_is_left_that_was_enabled_it_is_seen(state):
 
 def off(scene: Scene, side: Side, off_rad: float) -> None:
     """An arm is found away from its setpoint, heard as after a reconnect: no step that could not be believed."""
-    scene.conductor.store.reset()
-    first, *others = scene.conductor.body.arms[side].reference.values
+    scene.coordinator.store.reset()
+    first, *others = scene.coordinator.body.arms[side].reference.values
     scene.q_rad[side] = (first + off_rad, *others)
     scene.run(1)
 
@@ -430,7 +430,7 @@ def test_an_arm_that_is_not_streamed_is_nowhere_off():
     silent = Scene(sides=(L,))
     silent.push(R, 0.5)
     unheard = Scene(sides=(L,), dumb=(R,))
-    unheard.conductor.body.arms[R].start(GOAL[R], unheard.now_ns)
+    unheard.coordinator.body.arms[R].start(GOAL[R], unheard.now_ns)
     for _ in range(40):
         assert silent.seen == [] and Trigger.TRACKING not in unheard.seen
         silent.run(1)
@@ -467,10 +467,10 @@ def test_looking_does_nothing():
     scene.wrong_names()
     scene.say_mode(api=False)
     scene.says_fsm(FsmState.ERROR)
-    conductor = scene.conductor
+    coordinator = scene.coordinator
     assert len(scene.seen) == 3
-    assert (conductor.state, conductor.supervisor.latches, conductor.notices) == (State.ACTIVE, {}, [])
-    assert conductor.sides == (L, R)
+    assert (coordinator.state, coordinator.supervisor.latches, coordinator.notices) == (State.ACTIVE, {}, [])
+    assert coordinator.sides == (L, R)
 
 
 # ------------------------------------------------------------------------------------------------ somebody else
@@ -478,18 +478,18 @@ def test_looking_does_nothing():
 
 def foreign_data(scene: Scene) -> None:
     """Somebody sends setpoints."""
-    scene.conductor.others.see_data(ForeignData(topic=joint_command(L), zid="b", at_ns=scene.now_ns))
+    scene.coordinator.others.see_data(ForeignData(topic=joint_command(L), zid="b", at_ns=scene.now_ns))
 
 
 def foreign_token(scene: Scene) -> None:
     """Somebody announces setpoints."""
     writer = Writer(topic=joint_command(L), zid="b", means=Means.TOKEN)
-    scene.conductor.others.see_writers([writer], scene.now_ns)
+    scene.coordinator.others.see_writers([writer], scene.now_ns)
 
 
 def armed_gateway(scene: Scene) -> None:
     """Another gateway commands the robot."""
-    scene.conductor.others.see_gateways([Gateway(zid="b", is_armed=True)], scene.now_ns)
+    scene.coordinator.others.see_gateways([Gateway(zid="b", is_armed=True)], scene.now_ns)
 
 
 @pytest.mark.parametrize("state", HEARD)
@@ -522,7 +522,7 @@ def test_the_most_serious_of_others_comes_first():
     scene = Scene(State.HOLDING)
     foreign_token(scene)
     foreign_data(scene)
-    scene.conductor.others.see_gateways([Gateway(zid="c", is_armed=True)], scene.now_ns)
+    scene.coordinator.others.see_gateways([Gateway(zid="c", is_armed=True)], scene.now_ns)
     assert scene.seen == [Trigger.OTHER_GATEWAY, Trigger.FOREIGN_DATA, Trigger.FOREIGN_TOKEN]
 
 
@@ -530,11 +530,11 @@ def test_another_gateway_is_no_trigger_before_our_own_claim_is_confirmed():
     """Until then one of the two yields, perhaps the other."""
     scene = Scene(State.ENABLING)
     armed_gateway(scene)
-    scene.conductor.claim.is_confirmed = False
+    scene.coordinator.claim.is_confirmed = False
     assert Trigger.OTHER_GATEWAY not in scene.seen
     scene = Scene(State.HOLDING)  # taken over from a process that had confirmed it
     armed_gateway(scene)
-    scene.conductor.claim.is_confirmed = False
+    scene.coordinator.claim.is_confirmed = False
     assert scene.seen == [Trigger.OTHER_GATEWAY]
 
 
@@ -544,7 +544,7 @@ def test_somebody_else_beside_a_drive_of_ours_is_seen(happens):
     scene = Scene(State.IDLE)
     happens(scene)
     assert Trigger.FOREIGN_BESIDE_DRIVE not in scene.seen
-    chassis = scene.conductor.body.chassis
+    chassis = scene.coordinator.body.chassis
     chassis.drive((0.1, 0.0, 0.0), epoch=1, expires_ns=scene.now_ns + 1000 * MS, now_ns=scene.now_ns)
     assert scene.seen[-1] is Trigger.FOREIGN_BESIDE_DRIVE and "zenoh session b" in scene.why(scene.seen[-1])
 

@@ -29,8 +29,8 @@ class Scene(Stage):
 
     def __init__(self, state: State = State.IDLE, **how: object) -> None:
         super().__init__(state, **how)
-        self.conditions = Conditions(self.conductor)
-        self.enabling = Enabling(self.conductor, self.conditions, Starting(self.conductor))
+        self.conditions = Conditions(self.coordinator)
+        self.enabling = Enabling(self.coordinator, self.conditions, Starting(self.coordinator))
         self.sent: list[tuple[int, Frame]] = []
         """Everything that was due since the first `begin`, with its time."""
 
@@ -38,13 +38,13 @@ class Scene(Stage):
         """The robot speaks; an FSM 0 settles what is owed, as the engine sees to it."""
         super().hear()
         if self.fsm == PAUSE:
-            self.conductor.body.heartbeat.fsm_zero_seen(self.now_ns)
+            self.coordinator.body.heartbeat.fsm_zero_seen(self.now_ns)
 
     def begin(self, sides: tuple[Side, ...] = (L, R)) -> None:
         """Ann's `enable` was granted."""
-        self.conductor.go(State.ENABLING, self.now_ns, "test")
+        self.coordinator.go(State.ENABLING, self.now_ns, "test")
         self.enabling.begin(sides, self.now_ns)
-        self.conductor.notices.clear()
+        self.coordinator.notices.clear()
 
     def live(self, ticks: int) -> None:
         """Let time pass with the enabling at work as long as it lasts."""
@@ -53,7 +53,7 @@ class Scene(Stage):
             self.hear()
             if self.state is State.ENABLING:
                 self.enabling.step(self.now_ns)
-            frames = [stream.frame(self.now_ns) for stream in self.conductor.body.streams if stream.running]
+            frames = [stream.frame(self.now_ns) for stream in self.coordinator.body.streams if stream.running]
             self.sent += [(self.now_ns, frame) for frame in frames if frame is not None]
 
     def unsteady(self) -> None:
@@ -74,12 +74,12 @@ class Scene(Stage):
     @property
     def verdict(self) -> tuple[str, Code | None]:
         """How the latest enabling went."""
-        return self.conductor.enable.outcome, self.conductor.enable.code
+        return self.coordinator.enable.outcome, self.coordinator.enable.code
 
     @property
     def running(self) -> set[Side]:
         """Arms whose streams run."""
-        return {side for side, arm in self.conductor.body.arms.items() if arm.running}
+        return {side for side, arm in self.coordinator.body.arms.items() if arm.running}
 
     @property
     def is_ready(self) -> bool:
@@ -127,11 +127,11 @@ def test_each_enabling_is_an_attempt_of_its_own():
     scene = Scene()
     scene.begin()
     scene.live(4)
-    scene.conductor.enable.blame(Code.ENABLE_TIMEOUT, "too long")
-    scene.conductor.go(State.IDLE, scene.now_ns, "test")
-    assert (scene.conductor.enable.attempt, scene.verdict) == (1, ("failed", Code.ENABLE_TIMEOUT))
+    scene.coordinator.enable.blame(Code.ENABLE_TIMEOUT, "too long")
+    scene.coordinator.go(State.IDLE, scene.now_ns, "test")
+    assert (scene.coordinator.enable.attempt, scene.verdict) == (1, ("failed", Code.ENABLE_TIMEOUT))
     scene.begin((R,))
-    record = scene.conductor.enable
+    record = scene.coordinator.enable
     assert (record.attempt, record.sides, scene.verdict, record.message) == (2, (R,), ("running", None), "")
     assert scene.conditions.first_beat_ns is None
 
@@ -173,7 +173,7 @@ def test_from_paused_the_echo_goes_on_without_a_gap_from_where_the_arms_are():
         assert [b - a for a, b in pairwise(times_ns)] == [TICK_NS] * 9
     assert {frame.kind for frame in scene.arm_frames} == {FrameKind.ECHO}
     assert {frame.values for frame in scene.arm_frames} == set(scene.q_rad.values())
-    assert scene.conductor.body.heartbeat.beat is Beat.ONE
+    assert scene.coordinator.body.heartbeat.beat is Beat.ONE
 
 
 @pytest.mark.parametrize(("streamed", "sides"), [((L, R), (L,)), ((L, R), (R,)), ((L,), (R,))])
@@ -207,7 +207,7 @@ def test_an_arm_outside_its_limits_ends_the_enabling_before_anything_is_sent():
     scene.begin()
     scene.live(10)
     assert (scene.state, scene.verdict) == (State.IDLE, ("failed", Code.START_OUTSIDE_LIMITS))
-    assert scene.conductor.enable.message.startswith("right arm joint 1 is at -1.9000 rad")
+    assert scene.coordinator.enable.message.startswith("right arm joint 1 is at -1.9000 rad")
     assert scene.sent == []
 
 
@@ -223,7 +223,9 @@ def test_an_fsm_that_leaves_pause_before_our_heartbeat_is_somebody_elses(fsm, ti
         scene.run(51)
     scene.live(1)
     assert (scene.state, scene.verdict) == (State.IDLE, ("failed", Code.FSM_BUSY))
-    assert scene.conductor.enable.message == f"the FSM went to {fsm} before our first heartbeat: somebody else enables"
+    assert (
+        scene.coordinator.enable.message == f"the FSM went to {fsm} before our first heartbeat: somebody else enables"
+    )
     scene.live(10)
     assert scene.sent_at_ns(FSM_ENABLE) == [] and scene.running == set()
 
@@ -239,10 +241,10 @@ def test_an_enabling_that_waited_too_long_for_steady_state_names_the_arms(sides,
     assert scene.state is State.ENABLING
     scene.live(1)
     assert scene.verdict == ("failed", Code.ENABLE_TIMEOUT) and scene.state is not State.ENABLING
-    assert scene.conductor.enable.message == (
+    assert scene.coordinator.enable.message == (
         f"the robot was not READY within 10 s: no 0.3 s of steady, timely state from the {named} arm"
     )
-    assert scene.sent == [] and scene.conductor.body.heartbeat.beat is Beat.SILENT
+    assert scene.sent == [] and scene.coordinator.body.heartbeat.beat is Beat.SILENT
 
 
 @pytest.mark.parametrize(("fsm", "name"), [(PAUSE, "PAUSE"), (SLOW_START, "SLOW_START"), (None, "unknown"), (9, "9")])
@@ -253,13 +255,13 @@ def test_an_enabling_that_the_robot_did_not_answer_says_where_the_fsm_stayed(fsm
     scene.live(4)
     scene.fsm = fsm
     scene.live(TIMEOUT_TICKS - 4)
-    assert (scene.state, scene.conductor.body.heartbeat.beat) == (State.ENABLING, Beat.ONE)
+    assert (scene.state, scene.coordinator.body.heartbeat.beat) == (State.ENABLING, Beat.ONE)
     scene.live(1)
     assert (scene.state, scene.verdict) == (State.IDLE, ("failed", Code.ENABLE_TIMEOUT))
-    assert scene.conductor.enable.message == (
+    assert scene.coordinator.enable.message == (
         f"the robot was not READY within 10 s: setpoints and heartbeat were sent, the FSM stayed {name}"
     )
-    assert scene.running == set() and scene.conductor.body.heartbeat.beat is Beat.ZERO
+    assert scene.running == set() and scene.coordinator.body.heartbeat.beat is Beat.ZERO
 
 
 # ------------------------------------------------------------------------------------------------ a heartbeat unheard
@@ -270,17 +272,17 @@ def test_a_heartbeat_that_does_nothing_is_told_once_with_what_is_known_of_its_ro
     """After 1.5 s of 1.0 in PAUSE (BEHAVIOUR, the bridge misbehaves); the enabling goes on."""
     scene = Scene()
     if route is not None:
-        scene.conductor.routes[FSM_ENABLE] = route
+        scene.coordinator.routes[FSM_ENABLE] = route
     scene.begin()
     scene.live(4 + 150)
-    assert scene.conductor.notices == []
+    assert scene.coordinator.notices == []
     scene.live(100)
-    (notice,) = scene.conductor.notices
+    (notice,) = scene.coordinator.notices
     shown = route or "nothing is known of its route"
     assert (notice.code, notice.level) == (Code.HEARTBEAT_NOT_EFFECTIVE, Level.WARNING)
     assert notice.message == f"1.0 has been sent for 1.5 s and the FSM stays PAUSE; {FSM_ENABLE}: {shown}"
     assert dict(notice.facts) == {"topic": FSM_ENABLE, "route": shown}
-    assert (scene.state, scene.conductor.body.heartbeat.beat) == (State.ENABLING, Beat.ONE)
+    assert (scene.state, scene.coordinator.body.heartbeat.beat) == (State.ENABLING, Beat.ONE)
 
 
 def test_the_next_enabling_tells_of_its_own_heartbeat():
@@ -290,7 +292,7 @@ def test_the_next_enabling_tells_of_its_own_heartbeat():
         scene.begin()
         scene.live(200)
         assert len(scene.told(Code.HEARTBEAT_NOT_EFFECTIVE)) == 1
-        scene.conductor.go(State.IDLE, scene.now_ns, "test")
+        scene.coordinator.go(State.IDLE, scene.now_ns, "test")
         scene.live(20)
 
 
@@ -308,11 +310,11 @@ def test_a_heartbeat_that_was_heard_is_not_complained_of(fsm):
 def test_the_guards_session_is_open_before_the_first_frame():
     """A guard that is still connecting is waited for, two seconds at most."""
     scene = Scene()
-    scene.conductor.guard.see(GuardSeen(pid=41, zid="", is_linked=False, at_ns=scene.now_ns))
+    scene.coordinator.guard.see(GuardSeen(pid=41, zid="", is_linked=False, at_ns=scene.now_ns))
     scene.begin()
     scene.live(50)
     assert not scene.sent
-    scene.conductor.guard.see(GuardSeen(pid=41, zid="c4", is_linked=True, at_ns=scene.now_ns))
+    scene.coordinator.guard.see(GuardSeen(pid=41, zid="c4", is_linked=True, at_ns=scene.now_ns))
     scene.live(2)
     assert scene.sent
 
@@ -320,7 +322,7 @@ def test_the_guards_session_is_open_before_the_first_frame():
 def test_an_enabling_goes_on_without_a_guard_that_cannot_connect():
     """Two seconds are enough; that nobody holds the arms when this process dies is told."""
     scene = Scene()
-    scene.conductor.guard.see(GuardSeen(pid=41, zid="", is_linked=False, at_ns=scene.now_ns))
+    scene.coordinator.guard.see(GuardSeen(pid=41, zid="", is_linked=False, at_ns=scene.now_ns))
     scene.begin()
     scene.live(WAIT_NS // TICK_NS + 2)
     assert scene.sent
@@ -332,7 +334,7 @@ def test_an_enabling_with_a_guard_or_without_any_says_nothing(is_expected):
     """Whoever wants none hears of none."""
     scene = Scene()
     if is_expected:
-        scene.conductor.guard.see(GuardSeen(pid=41, zid="c4", is_linked=True, at_ns=scene.now_ns))
+        scene.coordinator.guard.see(GuardSeen(pid=41, zid="c4", is_linked=True, at_ns=scene.now_ns))
     scene.begin()
     scene.live(60)
     assert scene.sent
@@ -345,11 +347,11 @@ def test_an_enabling_with_a_guard_or_without_any_says_nothing(is_expected):
 def test_nothing_is_sent_before_the_claim_is_confirmed():
     """The armed token is out and was looked at again, only then the first frame (BEHAVIOUR, starting)."""
     scene = Scene()
-    scene.conductor.claim.is_confirmed = False
+    scene.coordinator.claim.is_confirmed = False
     scene.begin()
     scene.live(50)
     assert scene.sent == [] and scene.state is State.ENABLING
-    scene.conductor.claim.is_confirmed = True
+    scene.coordinator.claim.is_confirmed = True
     scene.live(2)
     assert len(scene.arm_frames) == 4
 
@@ -357,21 +359,21 @@ def test_nothing_is_sent_before_the_claim_is_confirmed():
 def test_a_claim_that_yielded_ends_the_enabling_and_names_the_other():
     """OTHER_GATEWAY; while it is only waiting for its turn nothing ends."""
     scene = Scene()
-    scene.conductor.claim.withdraw()
+    scene.coordinator.claim.withdraw()
     scene.begin()
     scene.live(5)
     assert scene.state is State.ENABLING
-    scene.conductor.others.see_gateways([Gateway(zid="1", is_armed=True)], scene.now_ns)
+    scene.coordinator.others.see_gateways([Gateway(zid="1", is_armed=True)], scene.now_ns)
     scene.live(1)
-    assert scene.verdict == ("failed", Code.OTHER_GATEWAY) and "zenoh session 1" in scene.conductor.enable.message
+    assert scene.verdict == ("failed", Code.OTHER_GATEWAY) and "zenoh session 1" in scene.coordinator.enable.message
     assert scene.sent == []
 
 
 def test_an_open_claim_is_not_ended_by_the_other_one():
     """Both are shown: which of the two yields is not known yet."""
     scene = Scene()
-    scene.conductor.claim.is_confirmed = False
-    scene.conductor.others.see_gateways([Gateway(zid="f", is_armed=True)], scene.now_ns)
+    scene.coordinator.claim.is_confirmed = False
+    scene.coordinator.others.see_gateways([Gateway(zid="f", is_armed=True)], scene.now_ns)
     scene.begin()
     scene.live(5)
     assert scene.state is State.ENABLING
@@ -380,10 +382,10 @@ def test_an_open_claim_is_not_ended_by_the_other_one():
 def test_a_claim_that_was_never_shown_is_what_was_missing():
     """The robot's router did not take our token."""
     scene = Scene()
-    scene.conductor.claim.is_confirmed = False
+    scene.coordinator.claim.is_confirmed = False
     scene.begin()
     scene.live(TIMEOUT_TICKS + 1)
-    assert scene.verdict == ("failed", Code.ENABLE_TIMEOUT) and "shown our claim" in scene.conductor.enable.message
+    assert scene.verdict == ("failed", Code.ENABLE_TIMEOUT) and "shown our claim" in scene.coordinator.enable.message
 
 
 def test_from_paused_no_heartbeat_leaves_before_the_samples_agree():
@@ -394,9 +396,9 @@ def test_from_paused_no_heartbeat_leaves_before_the_samples_agree():
     for _ in range(TIMEOUT_TICKS + 1):
         scene.q_rad[R] = (scene.q_rad[R][0] + (0.03 if scene.now_ns // TICK_NS % 2 else -0.03), *scene.q_rad[R][1:])
         scene.live(1)
-    assert scene.conductor.body.heartbeat.beat is not Beat.ONE
+    assert scene.coordinator.body.heartbeat.beat is not Beat.ONE
     assert scene.verdict == ("failed", Code.ENABLE_TIMEOUT)
-    assert "samples of the right arm do not agree" in scene.conductor.enable.message
+    assert "samples of the right arm do not agree" in scene.coordinator.enable.message
 
 
 def test_a_changed_echo_leaves_before_the_first_heartbeat():

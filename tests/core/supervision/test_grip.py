@@ -17,8 +17,8 @@ class Scene(Stage):
 
     def __init__(self, raw: float = 0.8) -> None:
         super().__init__(State.ACTIVE)
-        self.grips = Grips(self.conductor)
-        self.gripper = self.conductor.body.grippers[L]
+        self.grips = Grips(self.coordinator)
+        self.gripper = self.coordinator.body.grippers[L]
         self.gripper.enter(raw, self.now_ns)
 
     def look(self, q_rad: float | None = 0.4, dq_radps: float | None = 0.0, ticks: int = 32) -> bool | None:
@@ -29,7 +29,7 @@ class Scene(Stage):
                 speeds = () if dq_radps is None else (dq_radps,)
                 value = MotorState(q_rad=(q_rad,), dq_radps=speeds, tau_nm=(), stamp_ns=self.now_ns)
                 sample = SampleArrived(topic=gripper_state(L), value=value, received_ns=self.now_ns)
-                self.conductor.store.receive(sample, self.now_ns)
+                self.coordinator.store.receive(sample, self.now_ns)
             self.grips.step(self.now_ns)
         return self.gripper.is_holding
 
@@ -69,5 +69,5 @@ def test_nothing_is_told_of_a_gripper_that_is_sent_nothing():
     """Its arm is not streamed: there is no torque."""
     scene = Scene()
     assert scene.look() is True
-    scene.conductor.body.arms[L].stop()
+    scene.coordinator.body.arms[L].stop()
     assert scene.look(ticks=1) is None

@@ -13,15 +13,15 @@ from tests.core.stage import MS, S, Stage
 
 def stages(stage: Stage) -> list[str]:
     """Stages that were told, in order."""
-    return [notice.facts["stage"] for notice in stage.conductor.notices if notice.code is Code.LOSS_STAGE]
+    return [notice.facts["stage"] for notice in stage.coordinator.notices if notice.code is Code.LOSS_STAGE]
 
 
 def lost(state: State, on_loss: OnLoss = OnLoss.HOLD) -> tuple[Stage, Loss]:
     """A stage whose owner is gone, and was told to be."""
     stage = Stage(state)
-    stage.conductor.lease.acquire("ann", "ann", 7, on_loss, stage.now_ns)
-    stage.conductor.lease.gone("ann", stage.now_ns)
-    loss = Loss(stage.conductor)
+    stage.coordinator.lease.acquire("ann", "ann", 7, on_loss, stage.now_ns)
+    stage.coordinator.lease.gone("ann", stage.now_ns)
+    loss = Loss(stage.coordinator)
     loss.look(stage.now_ns, 0)
     return stage, loss
 
@@ -43,27 +43,27 @@ def test_a_lost_owner_of_a_held_robot_goes_through_all_stages():
     stage, loss = lost(State.ACTIVE)
     assert stage.state is State.HOLDING and stages(stage) == ["lost"]
     pass_time(stage, loss, 10.0)
-    assert stage.conductor.lease.owner is None and stage.state is State.HOLDING
+    assert stage.coordinator.lease.owner is None and stage.state is State.HOLDING
     pass_time(stage, loss, 50.0)
     assert stage.state is State.READ_ONLY and stages(stage) == ["lost", "free", "down"]
-    told = [notice for notice in stage.conductor.notices if notice.code is Code.LOSS_STAGE]
+    told = [notice for notice in stage.coordinator.notices if notice.code is Code.LOSS_STAGE]
     assert {notice.level for notice in told} == {Level.WARNING} and "ann is lost" in told[0].message
 
 
 def test_an_owner_who_comes_back_ends_the_clocks():
     """Told at ease; what was held is held."""
     stage, loss = lost(State.ACTIVE)
-    stage.conductor.lease.seen("ann", stage.now_ns + 1)
+    stage.coordinator.lease.seen("ann", stage.now_ns + 1)
     pass_time(stage, loss, 0.1)
     assert stages(stage) == ["lost", "back"] and stage.state is State.HOLDING
-    assert [n.level for n in stage.conductor.notices if n.facts.get("stage") == "back"] == [Level.INFO]
+    assert [n.level for n in stage.coordinator.notices if n.facts.get("stage") == "back"] == [Level.INFO]
 
 
 @pytest.mark.parametrize("state", [State.ENABLING, State.ACTIVE, State.HOLDING])
 def test_on_loss_pause_goes_down_at_once(state):
     """And the lease is free."""
     stage, _ = lost(state, OnLoss.PAUSE)
-    assert stage.state is State.READ_ONLY and stage.conductor.lease.owner is None
+    assert stage.state is State.READ_ONLY and stage.coordinator.lease.owner is None
 
 
 def test_a_loss_while_nothing_is_held_has_no_last_stage():
@@ -85,8 +85,8 @@ def test_the_last_stage_of_a_robot_that_is_stopping_anyway_is_not_told():
 def test_a_pause_of_this_process_is_no_silence_of_the_owner():
     """After a late tick the keepalives that came meanwhile are still to be read."""
     stage = Stage(State.ACTIVE)
-    loss = Loss(stage.conductor)
-    stage.conductor.lease.seen("ann", stage.now_ns)
+    loss = Loss(stage.coordinator)
+    stage.coordinator.lease.seen("ann", stage.now_ns)
     stage.now_ns += S
     loss.look(stage.now_ns, S)
     assert stages(stage) == []
@@ -95,10 +95,10 @@ def test_a_pause_of_this_process_is_no_silence_of_the_owner():
 def test_an_owner_that_only_a_pause_explains_moves_nothing():
     """It is not lost; what moves brakes, and is held, until it is heard."""
     stage = Stage(State.ACTIVE)
-    loss = Loss(stage.conductor)
+    loss = Loss(stage.coordinator)
     stage.now_ns += 400 * MS
     stage.hear()
     loss.look(stage.now_ns, 300 * MS)
     assert stages(stage) == [] and stage.state is State.HOLDING
-    told = [notice.message for notice in stage.conductor.notices if notice.code is Code.STATE_CHANGED]
+    told = [notice.message for notice in stage.coordinator.notices if notice.code is Code.STATE_CHANGED]
     assert "430 ms ago" in told[0]

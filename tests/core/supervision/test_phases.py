@@ -22,9 +22,9 @@ def go_on(stage: Stage, ticks: int) -> list[Frame]:
         stage.now_ns += TICK_NS
         stage.hear()
         if stage.fsm == PAUSE:
-            stage.conductor.body.heartbeat.fsm_zero_seen(stage.now_ns)
+            stage.coordinator.body.heartbeat.fsm_zero_seen(stage.now_ns)
         stage.phases.step(stage.now_ns)
-        frames = [stream.frame(stage.now_ns) for stream in stage.conductor.body.streams if stream.running]
+        frames = [stream.frame(stage.now_ns) for stream in stage.coordinator.body.streams if stream.running]
         left += [frame for frame in frames if frame is not None]
     return left
 
@@ -36,7 +36,7 @@ def beats(frames: list[Frame]) -> list[float]:
 
 def moving(stage: Stage) -> Stage:
     """Put the left arm in motion."""
-    stage.conductor.body.arms[L].follow_target(GOAL[L], 1.0, stage.epoch)
+    stage.coordinator.body.arms[L].follow_target(GOAL[L], 1.0, stage.epoch)
     stage.run(20)
     return stage
 
@@ -62,8 +62,8 @@ def ticks_until_done(stage: Stage) -> int:
 def test_stopping_brakes_under_1_0_and_sends_0_0_at_rest() -> None:
     """Not before: the robot would stop the arms at once."""
     stage = moving(Stage(State.ACTIVE))
-    stage.conductor.fire(Trigger.DISABLE, stage.now_ns)
-    while not stage.conductor.body.is_at_rest:
+    stage.coordinator.fire(Trigger.DISABLE, stage.now_ns)
+    while not stage.coordinator.body.is_at_rest:
         left = go_on(stage, 1)
         assert set(beats(left)) <= {1.0} and FrameKind.MOTION not in {frame.kind for frame in left}
     assert beats(go_on(stage, 2))[-1] == 0.0 and stage.state is State.STOPPING
@@ -72,7 +72,7 @@ def test_stopping_brakes_under_1_0_and_sends_0_0_at_rest() -> None:
 def test_stopping_ends_at_the_base_when_0_0_was_not_heard() -> None:
     """After 2 s, with a word about it: STOP_NOT_EFFECTIVE, once, with what the FSM says."""
     stage = Stage(State.ACTIVE)
-    stage.conductor.fire(Trigger.DISABLE, stage.now_ns)
+    stage.coordinator.fire(Trigger.DISABLE, stage.now_ns)
     go_on(stage, 199)
     assert stage.state is State.STOPPING and not stage.told(Code.STOP_NOT_EFFECTIVE)
     go_on(stage, 20)
@@ -87,7 +87,7 @@ def test_a_stop_that_nobody_hears_is_told_with_what_is_known(fsm: int | None, sa
     stage = Stage(State.HOLDING)
     stage.fsm = fsm
     stage.run(60)
-    stage.conductor.fire(Trigger.ESTOP, stage.now_ns)
+    stage.coordinator.fire(Trigger.ESTOP, stage.now_ns)
     go_on(stage, 230)
     (message,) = stage.told(Code.STOP_NOT_EFFECTIVE)
     assert f"its FSM is {says}" in message
@@ -97,7 +97,7 @@ def test_every_stop_that_nobody_hears_is_told() -> None:
     """One word for each, not for each tick."""
     stage = Stage(State.HOLDING)
     for number in (1, 2):
-        stage.conductor.fire(Trigger.ESTOP, stage.now_ns)
+        stage.coordinator.fire(Trigger.ESTOP, stage.now_ns)
         go_on(stage, 230)
         assert len(stage.told(Code.STOP_NOT_EFFECTIVE)) == number
 
@@ -110,13 +110,13 @@ def test_the_base_follows_what_the_robot_and_the_lease_are() -> None:
     stage = Stage(State.IDLE)
     go_on(stage, 1)
     assert stage.state is State.IDLE
-    stage.conductor.lease.clear(stage.now_ns)
+    stage.coordinator.lease.clear(stage.now_ns)
     go_on(stage, 1)
     assert stage.state is State.READ_ONLY
-    stage.conductor.transport_up = False
+    stage.coordinator.transport_up = False
     go_on(stage, 1)
     assert stage.state is State.OFFLINE
-    stage.conductor.transport_up = True
+    stage.coordinator.transport_up = True
     go_on(stage, 1)
     assert stage.state is State.READ_ONLY
 
@@ -139,7 +139,7 @@ def test_nobody_is_done_who_was_not_asked_to_end() -> None:
 def test_a_quiet_daemon_ends_when_its_frames_have_left() -> None:
     """50 ms for what was handed over for sending."""
     stage = ending(Stage(State.IDLE))
-    assert ticks_until_done(stage) == EXIT_SETTLE_NS // TICK_NS and stage.conductor.is_exiting
+    assert ticks_until_done(stage) == EXIT_SETTLE_NS // TICK_NS and stage.coordinator.is_exiting
 
 
 def test_a_second_wish_to_end_changes_nothing() -> None:
@@ -158,7 +158,7 @@ def test_the_end_waits_for_brake_and_0_0() -> None:
         assert not stage.phases.is_done(stage.now_ns)
         if beats(go_on(stage, 1)) == [0.0]:
             stage.fsm = PAUSE
-            stage.conductor.fire(Trigger.FSM_PAUSE, stage.now_ns, "0.0 was heard")
+            stage.coordinator.fire(Trigger.FSM_PAUSE, stage.now_ns, "0.0 was heard")
     assert stage.state is State.IDLE and ticks_until_done(stage) <= 25
 
 
@@ -175,7 +175,7 @@ def test_arms_that_brake_for_too_long_brake_on_under_0_0() -> None:
     asked_ns = stage.now_ns
     first_ns = None
     for _ in range(300):
-        stage.conductor.body.arms[L].follow_target(GOAL[L], 0.05, stage.epoch)  # as if the brakes were slow
+        stage.coordinator.body.arms[L].follow_target(GOAL[L], 0.05, stage.epoch)  # as if the brakes were slow
         if 0.0 in beats(go_on(stage, 1)):
             first_ns = stage.now_ns
             break
@@ -186,7 +186,7 @@ def test_arms_that_brake_for_too_long_brake_on_under_0_0() -> None:
 def test_the_end_waits_for_the_stop_frames_of_chassis_and_lift(model: str) -> None:
     """A second of zeros; the lift's [0,0] after its [0,1]."""
     stage = Stage(State.IDLE, model=model)
-    stage.conductor.fire(Trigger.OWNER_STOP, stage.now_ns, str(Stop()))
+    stage.coordinator.fire(Trigger.OWNER_STOP, stage.now_ns, str(Stop()))
     ending(stage)
     left = []
     while not stage.phases.is_done(stage.now_ns):
@@ -202,7 +202,7 @@ def test_an_estop_while_the_end_settles_puts_it_off() -> None:
     stage = ending(Stage(State.IDLE))
     go_on(stage, 3)
     stage.phases.is_done(stage.now_ns)
-    stage.conductor.fire(Trigger.ESTOP, stage.now_ns)
+    stage.coordinator.fire(Trigger.ESTOP, stage.now_ns)
     assert not stage.phases.is_done(stage.now_ns)
     stage.fsm = PAUSE
     assert ticks_until_done(stage) * TICK_NS >= 1000 * MS
@@ -216,11 +216,11 @@ def test_the_reference_of_a_paused_robot_goes_where_its_arm_goes() -> None:
         go_on(stage, 1)
         stage.push(L, 0.05)
         go_on(stage, 1)
-        assert stage.conductor.body.arms[L].values == stage.q_rad[L]
+        assert stage.coordinator.body.arms[L].values == stage.q_rad[L]
     stage = Stage(State.PAUSED)
     stage.push(L, 0.05)
     go_on(stage, 1)
-    assert stage.conductor.body.arms[L].values != stage.q_rad[L], "this one says READY"
+    assert stage.coordinator.body.arms[L].values != stage.q_rad[L], "this one says READY"
 
 
 # ------------------------------------------------------------------------------------------------------ a part ended
@@ -229,10 +229,10 @@ def test_the_reference_of_a_paused_robot_goes_where_its_arm_goes() -> None:
 def broken(stage: Stage, *, is_guarded: bool = True) -> Stage:
     """Lose a thread of the daemon, with a guard that has been linked for long or without one."""
     if is_guarded:
-        stage.conductor.guard.see(GuardSeen(pid=41, zid="c4", is_linked=True, at_ns=0))
+        stage.coordinator.guard.see(GuardSeen(pid=41, zid="c4", is_linked=True, at_ns=0))
     lost = PartEnded(message="the thread x ended", trace="Traceback", at_ns=stage.now_ns)
     stage.phases.end(lost, stage.now_ns)
-    assert stage.phases.is_broken and stage.conductor.is_exiting
+    assert stage.phases.is_broken and stage.coordinator.is_exiting
     return stage
 
 
@@ -240,11 +240,11 @@ def test_a_part_that_ends_is_told_latched_and_answered_as_a_stop() -> None:
     """With its trace, where it has one."""
     stage = broken(moving(Stage(State.ACTIVE)))
     assert stage.state is State.HOLDING
-    assert stage.conductor.supervisor.latches == {Code.GATEWAY_BROKEN: "the thread x ended"}
-    (notice,) = [notice for notice in stage.conductor.notices if notice.code is Code.GATEWAY_BROKEN]
+    assert stage.coordinator.supervisor.latches == {Code.GATEWAY_BROKEN: "the thread x ended"}
+    (notice,) = [notice for notice in stage.coordinator.notices if notice.code is Code.GATEWAY_BROKEN]
     assert dict(notice.facts) == {"trace": "Traceback"}
     stage.phases.end(PartEnded(message="another", at_ns=stage.now_ns), stage.now_ns)
-    assert dict(stage.conductor.notices[-1].facts) == {}
+    assert dict(stage.coordinator.notices[-1].facts) == {}
 
 
 def test_a_hold_is_left_to_the_guard_at_rest() -> None:
@@ -253,7 +253,7 @@ def test_a_hold_is_left_to_the_guard_at_rest() -> None:
     began_ns = stage.now_ns
     while not stage.phases.is_done(stage.now_ns):
         assert set(beats(go_on(stage, 1))) <= {1.0}
-    assert stage.conductor.body.is_at_rest and stage.state is State.HOLDING
+    assert stage.coordinator.body.is_at_rest and stage.state is State.HOLDING
     assert stage.now_ns - began_ns >= TELL_NS
 
 
@@ -270,10 +270,10 @@ def test_what_no_guard_could_hold_ends_in_order() -> None:
 def test_a_hold_that_a_short_stall_interrupts_is_waited_for() -> None:
     """For as long as it may go on; then the end comes in order."""
     stage = broken(Stage(State.HOLDING))
-    stage.conductor.fire(Trigger.STALE, stage.now_ns)
+    stage.coordinator.fire(Trigger.STALE, stage.now_ns)
     for wait_ns, is_waiting in ((TELL_NS, True), (BRAKE_NS, False)):
         stage.now_ns += wait_ns
         stage.phases.step(stage.now_ns)
         assert not stage.phases.is_done(stage.now_ns)
-        assert stage.conductor.can_resume == is_waiting
+        assert stage.coordinator.can_resume == is_waiting
     assert ticks_until_done(stage) > 0

@@ -35,14 +35,14 @@ class Scene(Stage):
 
     def __init__(self, state: State = State.IDLE, **how: object) -> None:
         super().__init__(state, **how)
-        self.rivalry = Rivalry(self.conductor)
+        self.rivalry = Rivalry(self.coordinator)
 
     def step(self) -> list[Notice]:
         """One tick; return what was told."""
-        self.conductor.notices.clear()
+        self.coordinator.notices.clear()
         self.run(1)
         self.rivalry.step(self.now_ns)
-        return list(self.conductor.notices)
+        return list(self.coordinator.notices)
 
     def writers(self, *writers: Writer) -> list[Notice]:
         """Who announces commands changes."""
@@ -72,7 +72,7 @@ def announced(zid: str, topic: str = ARM, link: str = "") -> Writer:
 def test_a_lease_is_claimed_and_the_claim_confirmed_when_it_was_shown():
     """From the first tick on: the wait is over before most users ask for anything."""
     scene = Scene(State.IDLE)
-    claim = scene.conductor.claim
+    claim = scene.coordinator.claim
     claim.link_up(scene.now_ns - LINK_SETTLE_NS)
     scene.step()
     assert claim.number == 2 and not claim.is_confirmed  # the stage itself had claim 1
@@ -85,20 +85,20 @@ def test_nothing_is_claimed_while_an_earlier_guard_holds():
     """It shows its own claim and would take ours for a rival's: the hold is taken over first."""
     scene = Scene(State.IDLE)
     scene.rivalry.link_up("0e", scene.now_ns)
-    scene.conductor.guard.earlier_holds = True
+    scene.coordinator.guard.earlier_holds = True
     scene.now_ns += LINK_SETTLE_NS
     scene.step()
-    assert scene.conductor.claim.number == 0
-    scene.conductor.guard.earlier_holds = False
+    assert scene.coordinator.claim.number == 0
+    scene.coordinator.guard.earlier_holds = False
     scene.step()
-    assert scene.conductor.claim.number
+    assert scene.coordinator.claim.number
 
 
 def test_a_link_brings_our_name_and_the_claim_begins_anew():
     """The session of each link is ours from then on; what was claimed on the former one is not seen any more."""
     scene = Scene(State.IDLE)
     scene.rivalry.link_up("0e", scene.now_ns)
-    others, claim = scene.conductor.others, scene.conductor.claim
+    others, claim = scene.coordinator.others, scene.coordinator.claim
     assert (others.own_zid, others.friends) == ("0e", ("0e",)) and claim.number == 0
     scene.now_ns += LINK_SETTLE_NS
     scene.step()
@@ -110,35 +110,35 @@ def test_an_unowned_hold_is_claimed(state):
     """Whoever holds the arms commands the robot, owner or not."""
     scene = Scene(state, owner=None)
     scene.step()
-    assert scene.conductor.claim.is_confirmed
+    assert scene.coordinator.claim.is_confirmed
 
 
 def test_an_unowned_base_claims_nothing():
     """Somebody else may have the robot."""
     scene = Scene(State.READ_ONLY, owner=None)
     scene.step()
-    assert scene.conductor.claim.number == 0
+    assert scene.coordinator.claim.number == 0
 
 
 def test_the_claim_lasts_until_the_last_stop_frame():
     """Chassis zeros still go out after the lease was given back."""
     scene = Scene(State.READ_ONLY, owner=None)
-    scene.conductor.body.ground_stop(scene.now_ns)
+    scene.coordinator.body.ground_stop(scene.now_ns)
     scene.step()
-    assert scene.conductor.claim.is_confirmed
+    assert scene.coordinator.claim.is_confirmed
     scene.run(120)
     scene.step()
-    assert scene.conductor.claim.number == 0
+    assert scene.coordinator.claim.number == 0
 
 
 def test_the_claim_waits_while_another_gateway_is_armed():
     """An established one is never disturbed by ours."""
     scene = Scene(State.IDLE)
-    scene.conductor.claim.link_up(scene.now_ns - LINK_SETTLE_NS)
+    scene.coordinator.claim.link_up(scene.now_ns - LINK_SETTLE_NS)
     scene.gateways(b=True)
-    assert scene.conductor.claim.number == 0
+    assert scene.coordinator.claim.number == 0
     scene.gateways()
-    assert scene.conductor.claim.number == 2
+    assert scene.coordinator.claim.number == 2
 
 
 # ------------------------------------------------------------------------------------------------ words
@@ -225,25 +225,25 @@ def test_the_guard_is_introduced():
 def test_a_claim_does_not_end_the_hold_of_a_guard_that_cannot_be_reached():
     """It listens at another socket: whoever acquires waits for its end, and does not make it drop the grip."""
     scene = Scene()
-    scene.conductor.claim.withdraw()
-    scene.conductor.others.befriend("9a")
+    scene.coordinator.claim.withdraw()
+    scene.coordinator.others.befriend("9a")
     scene.gateways(**{"9a": True})
     scene.step()
-    assert scene.conductor.claim.number == 0
+    assert scene.coordinator.claim.number == 0
     scene.gateways(**{"9a": False})
     scene.step()
-    assert scene.conductor.claim.number > 0
+    assert scene.coordinator.claim.number > 0
 
 
 def test_our_own_guards_claim_is_no_reason_not_to_claim():
     """It shows one whenever we send."""
     scene = Scene()
-    scene.conductor.claim.withdraw()
-    scene.conductor.others.befriend("9a")
-    scene.conductor.guard.see(GuardSeen(pid=41, zid="9a", is_linked=True, at_ns=scene.now_ns))
+    scene.coordinator.claim.withdraw()
+    scene.coordinator.others.befriend("9a")
+    scene.coordinator.guard.see(GuardSeen(pid=41, zid="9a", is_linked=True, at_ns=scene.now_ns))
     scene.gateways(**{"9a": True})
     scene.step()
-    assert scene.conductor.claim.number > 0
+    assert scene.coordinator.claim.number > 0
 
 
 @pytest.mark.parametrize("who", ["data", "gateway"])
@@ -251,37 +251,37 @@ def test_a_0_0_that_is_being_repeated_ends_when_somebody_else_commands(who):
     """It would pause the other's robot; an e-stop's goes on whoever commands (BEHAVIOUR, somebody else)."""
     for is_estop in (False, True):
         scene = Scene(State.IDLE)
-        scene.conductor.body.heartbeat.is_owed = True
-        scene.conductor.body.heartbeat.zeros(scene.now_ns, is_estop=is_estop)
+        scene.coordinator.body.heartbeat.is_owed = True
+        scene.coordinator.body.heartbeat.zeros(scene.now_ns, is_estop=is_estop)
         scene.step()
-        assert scene.conductor.body.heartbeat.is_ending
+        assert scene.coordinator.body.heartbeat.is_ending
         scene.data() if who == "data" else scene.gateways(b=True)
-        assert scene.conductor.body.heartbeat.is_ending is is_estop
+        assert scene.coordinator.body.heartbeat.is_ending is is_estop
 
 
 def test_a_0_0_goes_on_beside_an_announcement_and_chassis_data():
     """Nobody moves the arms yet: pausing them is right."""
     scene = Scene(State.IDLE)
-    scene.conductor.body.heartbeat.zeros(scene.now_ns)
+    scene.coordinator.body.heartbeat.zeros(scene.now_ns)
     scene.writers(announced("ab"))
     scene.data(CHASSIS_VELOCITY)
-    assert scene.conductor.body.heartbeat.is_ending
+    assert scene.coordinator.body.heartbeat.is_ending
 
 
 def test_a_1_0_is_not_ended_here():
     """What foreign data does to a heartbeat of 1.0 stands in the supervisor's table."""
     scene = Scene(State.ACTIVE)
     scene.data()
-    assert scene.conductor.body.heartbeat.running and not scene.conductor.body.heartbeat.is_ending
+    assert scene.coordinator.body.heartbeat.running and not scene.coordinator.body.heartbeat.is_ending
 
 
 def test_nothing_is_claimed_while_an_earlier_daemons_guard_holds():
     """It would take us for another gateway, and let the robot go; the claim comes with the hold."""
     scene = Scene()
-    scene.conductor.claim.withdraw()
-    scene.conductor.guard.earlier_holds = True
+    scene.coordinator.claim.withdraw()
+    scene.coordinator.guard.earlier_holds = True
     scene.step()
-    assert scene.conductor.claim.number == 0
-    scene.conductor.guard.earlier_holds = False
+    assert scene.coordinator.claim.number == 0
+    scene.coordinator.guard.earlier_holds = False
     scene.step()
-    assert scene.conductor.claim.number > 0
+    assert scene.coordinator.claim.number > 0

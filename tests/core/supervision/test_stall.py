@@ -31,7 +31,7 @@ class Stalled(Stage):
 
     def __init__(self, state: State = State.ACTIVE, **options: object) -> None:
         super().__init__(state, **options)
-        self.stall = Stall(self.conductor, self.phases.starting)
+        self.stall = Stall(self.coordinator, self.phases.starting)
         self.is_deaf = False
 
     def hear(self) -> None:
@@ -45,11 +45,11 @@ class Stalled(Stage):
         for _ in range(ticks):
             self.now_ns += TICK_NS
             self.hear()
-            store = self.conductor.store
+            store = self.coordinator.store
             if self.state not in {State.STALE, State.OFFLINE} and not store.is_fresh(self.now_ns):
-                self.conductor.fire(Trigger.STALE, self.now_ns, "test")
+                self.coordinator.fire(Trigger.STALE, self.now_ns, "test")
             self.stall.step(self.now_ns)
-            frames = [stream.frame(self.now_ns) for stream in self.conductor.body.streams if stream.running]
+            frames = [stream.frame(self.now_ns) for stream in self.coordinator.body.streams if stream.running]
             left += [frame for frame in frames if frame is not None]
         return left
 
@@ -86,7 +86,7 @@ def test_references_at_rest_are_repeated_for_0_8_s_and_no_longer(state: State) -
     kept = stage.fall_silent(80)
     assert {frame.kind for frame in setpoints(kept)} == {FrameKind.HOLD} and len(setpoints(kept)) == 160
     assert 1.0 not in beats(kept)
-    assert setpoints(stage.go_on(50)) == [] and not stage.conductor.stale_hold
+    assert setpoints(stage.go_on(50)) == [] and not stage.coordinator.stale_hold
 
 
 @pytest.mark.parametrize("says", ["VR", "no arm", "FSM 3", "ERROR"])
@@ -103,7 +103,7 @@ def test_a_slow_topic_that_still_speaks_ends_the_hold(says: str) -> None:
     else:
         stage.mode, stage.fsm = None, 3 if says == "FSM 3" else ERROR
     assert setpoints(stage.go_on(5)) == [] and stage.state is State.STALE
-    assert (Code.FSM_ERROR in stage.conductor.supervisor.latches) is (says == "ERROR")
+    assert (Code.FSM_ERROR in stage.coordinator.supervisor.latches) is (says == "ERROR")
 
 
 def test_an_error_is_latched_only_after_our_own_1_0() -> None:
@@ -112,7 +112,7 @@ def test_an_error_is_latched_only_after_our_own_1_0() -> None:
     stage.fall_silent(3)
     stage.dumb, stage.is_deaf, stage.fsm = set(Side), False, ERROR
     stage.go_on(5)
-    assert not stage.conductor.supervisor.latches
+    assert not stage.coordinator.supervisor.latches
 
 
 # ---------------------------------------------------------------------------------------------------------- the way back
@@ -123,7 +123,7 @@ def test_a_short_stall_ends_in_holding_with_1_0_at_once() -> None:
     stage = Stalled(State.ACTIVE)
     stage.fall_silent(20)
     first = stage.come_back(2)
-    assert beats(first) == [1.0] and stage.state is State.STALE and stage.conductor.resuming
+    assert beats(first) == [1.0] and stage.state is State.STALE and stage.coordinator.resuming
     kept = stage.come_back(40)
     assert stage.state is State.HOLDING and {frame.kind for frame in setpoints(kept)} == {FrameKind.HOLD}
     assert len(setpoints(kept)) == 80 and stage.told(Code.STATE_CHANGED)[-1].endswith("resumes explicitly")
@@ -158,11 +158,11 @@ def test_an_arm_that_left_its_limits_meanwhile_is_not_started() -> None:
     stage.fall_silent(75)
     first, *others = JOINT_UPPER_RAD[R]
     stage.q_rad[R] = (first + 0.2, *others)
-    stage.conductor.store.reset()  # so that no guard doubts the new posture
+    stage.coordinator.store.reset()  # so that no guard doubts the new posture
     stage.come_back(1)
-    stage.conductor.can_resume = True
+    stage.coordinator.can_resume = True
     stage.come_back(60)
-    assert stage.state is State.IDLE and not stage.conductor.body.running_arms
+    assert stage.state is State.IDLE and not stage.coordinator.body.running_arms
 
 
 @pytest.mark.parametrize(("lasts", "resumes"), [(70, True), (82, False)])
@@ -207,7 +207,7 @@ def test_what_arrives_out_of_a_backlog_is_not_believed() -> None:
     stage.fall_silent(10)
     stage.is_deaf = False
     stage.hear()
-    stage.conductor.store.disturb(stage.now_ns + 10 * S)  # nothing is timely from here on
+    stage.coordinator.store.disturb(stage.now_ns + 10 * S)  # nothing is timely from here on
     assert beats(stage.go_on(5)) == [] and stage.state is State.STALE
 
 
@@ -218,7 +218,7 @@ def test_a_second_stall_ends_1_0_and_the_first_goes_on() -> None:
     stage.come_back(5)
     stage.is_deaf = True
     again = stage.go_on(25)
-    assert not stage.conductor.resuming and 1.0 not in beats(again[-20:]) and stage.conductor.stale_hold
+    assert not stage.coordinator.resuming and 1.0 not in beats(again[-20:]) and stage.coordinator.stale_hold
     stage.come_back(40)
     assert stage.state is State.HOLDING
 
@@ -258,17 +258,17 @@ def test_arms_that_cannot_be_seeded_are_given_up() -> None:
 def test_arms_that_were_disabled_meanwhile_do_not_come_back(mode_is_known: bool) -> None:
     """The others do; while the mode is unknown all of them are seeded."""
     stage = Stalled(State.ACTIVE)
-    stage.conductor.body.arms[R].brake()
+    stage.coordinator.body.arms[R].brake()
     stage.fall_silent(75)
     if mode_is_known:
         stage.mode = replace(MODE, arm_enabled={Side.LEFT: True, R: False})
     else:
         stage.mode = None
-        stage.conductor.store.reset()  # what was known of the mode is too old
+        stage.coordinator.store.reset()  # what was known of the mode is too old
     stage.come_back(1)
-    stage.conductor.can_resume = True
+    stage.coordinator.can_resume = True
     stage.come_back(60)
-    assert [side for side in Side if stage.conductor.body.arms[side].running] == (
+    assert [side for side in Side if stage.coordinator.body.arms[side].running] == (
         [Side.LEFT] if mode_is_known else list(Side)
     )
 
@@ -282,7 +282,7 @@ def test_a_stall_that_outlives_its_time_ends_with_0_0_for_0_3_s(state: State) ->
     stage = Stalled(state)
     assert beats(stage.fall_silent(80)) == []
     assert beats(stage.go_on(31)) == [0.0] * 30
-    assert beats(stage.go_on(200)) == [] and stage.state is State.STALE and stage.conductor.body.heartbeat.is_owed
+    assert beats(stage.go_on(200)) == [] and stage.state is State.STALE and stage.coordinator.body.heartbeat.is_owed
 
 
 @pytest.mark.parametrize("state", [State.IDLE, State.READ_ONLY])
@@ -295,7 +295,7 @@ def test_a_1_0_that_was_answered_by_a_pause_needs_no_last_word() -> None:
     """The FSM's own topic may still be heard."""
     stage = Stalled(State.HOLDING)
     stage.fall_silent(30)
-    stage.conductor.body.heartbeat.fsm_zero_seen(stage.now_ns)
+    stage.coordinator.body.heartbeat.fsm_zero_seen(stage.now_ns)
     assert beats(stage.go_on(100)) == []
 
 
@@ -305,7 +305,7 @@ def test_there_is_no_last_word_to_a_robot_that_may_be_somebody_elses(says: str) 
     stage = Stalled(State.HOLDING)
     stage.fall_silent(10)
     if says == "nothing of its mode":
-        stage.conductor.store.reset()
+        stage.coordinator.store.reset()
     else:
         stage.dumb, stage.is_deaf, stage.fsm = set(Side), False, 3 if says == "FSM 3" else None
         stage.mode = None
@@ -320,7 +320,7 @@ def test_a_robot_that_is_heard_again_ends_the_last_word_at_once(is_vr: bool) -> 
     stage = Stalled(State.HOLDING)
     assert 0.0 in beats(stage.fall_silent(90))
     stage.mode = replace(MODE, api=False) if is_vr else None
-    assert beats(stage.come_back(40)) == [] and stage.conductor.body.heartbeat.is_owed
+    assert beats(stage.come_back(40)) == [] and stage.coordinator.body.heartbeat.is_owed
     stage.mode = replace(MODE, api=not is_vr)
     assert (0.0 in beats(stage.go_on(3))) is not is_vr
 
@@ -343,7 +343,7 @@ def owing(fsm: int = READY) -> Stalled:
     stage.fsm = fsm
     stage.mode = None
     stage.come_back(5)
-    assert stage.state is State.IDLE and stage.conductor.body.heartbeat.is_owed
+    assert stage.state is State.IDLE and stage.coordinator.body.heartbeat.is_owed
     return stage
 
 
@@ -377,7 +377,7 @@ def test_0_0_is_sent_only_to_a_robot_that_is_started(fsm: int) -> None:
 def test_what_is_owed_is_forgotten_when_the_robot_was_seen_to_pause() -> None:
     """An FSM 0 settles it, whoever made it."""
     stage = owing()
-    stage.conductor.body.heartbeat.fsm_zero_seen(stage.now_ns)
+    stage.coordinator.body.heartbeat.fsm_zero_seen(stage.now_ns)
     stage.mode = MODE
     assert beats(stage.go_on(50)) == []
 
@@ -386,7 +386,7 @@ def test_what_is_owed_is_paid_after_vr_mode() -> None:
     """API mode again: 0.0 if FSM is 1-2."""
     stage = Stalled(State.ACTIVE)
     stage.say_mode(api=False)
-    stage.conductor.fire(Trigger.VR_MODE, stage.now_ns, "test")
+    stage.coordinator.fire(Trigger.VR_MODE, stage.now_ns, "test")
     assert beats(stage.go_on(20)) == []
     stage.mode = MODE
     assert beats(stage.go_on(1)) == [0.0]
@@ -399,7 +399,7 @@ def test_a_repetition_of_0_0_ends_when_somebody_else_drives_but_for_an_estop(
 ) -> None:
     """A 0.0 would pause the VR operator."""
     stage = Stalled(State.IDLE)
-    stage.conductor.body.heartbeat.zeros(stage.now_ns, is_estop=is_estop)
+    stage.coordinator.body.heartbeat.zeros(stage.now_ns, is_estop=is_estop)
     if theirs == "VR":
         stage.say_mode(api=False)
     else:
@@ -413,12 +413,12 @@ def test_a_repetition_of_0_0_ends_when_somebody_else_drives_but_for_an_estop(
 def estopped(fsm: int) -> Stalled:
     """A stage without transport in which an e-stop was asked for; its 0.0 are over."""
     stage = Stalled(State.OFFLINE)
-    stage.conductor.fire(Trigger.ESTOP, stage.now_ns, str(Estop()))
+    stage.coordinator.fire(Trigger.ESTOP, stage.now_ns, str(Estop()))
     stage.is_deaf = True
     stage.go_on(210)
     stage.is_deaf, stage.fsm = False, fsm
-    stage.conductor.transport_up = True
-    stage.conductor.go(State.IDLE, stage.now_ns, "test")
+    stage.coordinator.transport_up = True
+    stage.coordinator.go(State.IDLE, stage.now_ns, "test")
     return stage
 
 
@@ -428,7 +428,7 @@ def test_an_estop_that_may_not_have_been_heard_is_sent_again_when_fsm_is_1_or_2(
     stage = estopped(fsm)
     stage.mode = None
     assert (0.0 in beats(stage.go_on(3))) is is_sent
-    assert stage.conductor.is_estop_unheard is (fsm != PAUSE)
+    assert stage.coordinator.is_estop_unheard is (fsm != PAUSE)
 
 
 def test_an_estop_is_sent_again_once_for_each_loss() -> None:
@@ -450,7 +450,7 @@ def test_an_estop_waits_for_an_fsm_sample_that_came_since() -> None:
 def test_an_estop_that_was_cleared_is_not_sent_again() -> None:
     """`recover` ends it."""
     stage = estopped(READY)
-    stage.conductor.is_estop_unheard = False
+    stage.coordinator.is_estop_unheard = False
     assert beats(stage.go_on(20)) == []
 
 
@@ -459,12 +459,12 @@ def test_an_estop_that_was_cleared_is_not_sent_again() -> None:
 
 def send(stage: Stalled) -> None:
     """Somebody else sends setpoints now."""
-    stage.conductor.others.see_data(ForeignData(topic=joint_command(R), zid="b", at_ns=stage.now_ns))
+    stage.coordinator.others.see_data(ForeignData(topic=joint_command(R), zid="b", at_ns=stage.now_ns))
 
 
 def arm_another(stage: Stalled, *, is_armed: bool = True) -> None:
     """Another gateway commands the robot, or no more."""
-    stage.conductor.others.see_gateways([Gateway(zid="b", is_armed=is_armed)], stage.now_ns)
+    stage.coordinator.others.see_gateways([Gateway(zid="b", is_armed=is_armed)], stage.now_ns)
 
 
 @pytest.mark.parametrize("who", [send, arm_another])
@@ -473,7 +473,7 @@ def test_somebody_else_ends_the_hold_and_the_way_back(who: Callable[[Stalled], N
     stage = Stalled()
     stage.fall_silent(10)
     who(stage)
-    assert stage.go_on(1) == [] and not stage.conductor.stale_hold and not stage.conductor.can_resume
+    assert stage.go_on(1) == [] and not stage.coordinator.stale_hold and not stage.coordinator.can_resume
     assert 1.0 not in beats(stage.come_back(100)) and stage.state is State.IDLE
 
 
@@ -481,8 +481,8 @@ def test_who_only_announces_commands_ends_no_hold() -> None:
     """As in HOLDING: the grip is kept."""
     stage = Stalled()
     stage.fall_silent(10)
-    stage.conductor.others.see_writers([Writer(topic=FSM_ENABLE, zid="c", means=Means.TOKEN)], stage.now_ns)
-    assert setpoints(stage.go_on(10)) and stage.conductor.stale_hold
+    stage.coordinator.others.see_writers([Writer(topic=FSM_ENABLE, zid="c", means=Means.TOKEN)], stage.now_ns)
+    assert setpoints(stage.go_on(10)) and stage.coordinator.stale_hold
 
 
 def test_a_1_0_of_the_way_back_ends_with_another_gateway() -> None:
@@ -490,7 +490,7 @@ def test_a_1_0_of_the_way_back_ends_with_another_gateway() -> None:
     stage = Stalled()
     stage.fall_silent(20)
     stage.come_back(10)
-    assert stage.conductor.resuming
+    assert stage.coordinator.resuming
     arm_another(stage)
     assert beats(stage.go_on(10)) == []
 

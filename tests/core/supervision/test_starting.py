@@ -29,21 +29,21 @@ class Scene(Stage):
 
     def __init__(self, state: State = State.HOLDING, **how: object) -> None:
         super().__init__(state, **how)
-        self.starting = Starting(self.conductor)
+        self.starting = Starting(self.coordinator)
 
     @property
     def running(self) -> set[Side]:
         """Arms whose streams run."""
-        return {side for side, arm in self.conductor.body.arms.items() if arm.running}
+        return {side for side, arm in self.coordinator.body.arms.items() if arm.running}
 
     @property
     def walking(self) -> set[Side]:
         """Arms whose references are being led back."""
-        return {side for side, arm in self.conductor.body.arms.items() if arm.is_walking}
+        return {side for side, arm in self.coordinator.body.arms.items() if arm.is_walking}
 
     def reference(self, side: Side) -> Vector:
         """Where an arm's last setpoint is [rad]."""
-        return self.conductor.body.arms[side].reference.values
+        return self.coordinator.body.arms[side].reference.values
 
     def arm_frames(self, side: Side, ticks: int) -> list[Frame]:
         """Let time pass; return an arm's setpoints."""
@@ -60,7 +60,7 @@ def test_a_silent_stream_starts_at_its_measured_position_and_no_other_starts(sid
     scene.push(L, 0.2)
     scene.push(R, -0.3)
     assert scene.starting.seed(sides, scene.now_ns) is None
-    assert scene.running == set(sides) and scene.conductor.notices == []
+    assert scene.running == set(sides) and scene.coordinator.notices == []
     for side in sides:
         first, second = scene.arm_frames(side, 2)
         assert first.kind is second.kind is FrameKind.ECHO
@@ -72,13 +72,13 @@ def test_an_arm_whose_silence_the_robot_has_not_noticed_goes_on_from_its_last_se
     scene = Scene(State.IDLE)
     scene.starting.seed((L, R), scene.now_ns)
     held = {side: scene.arm_frames(side, 1)[-1].values for side in (L, R)}
-    scene.conductor.body.silence_arms()
+    scene.coordinator.body.silence_arms()
     scene.push(L, TOP_RAD + 0.04)
     scene.push(R, 0.1)
     assert scene.starting.seed((L, R), scene.now_ns, unnoticed=(L,)) is None
     assert scene.reference(L) == held[L] and scene.reference(R) == scene.q_rad[R] != held[R]
     assert scene.arm_frames(L, 1)[-1].values == held[L]
-    assert scene.conductor.notices == []
+    assert scene.coordinator.notices == []
 
 
 @pytest.mark.parametrize(("by_rad", "start_rad"), [(TOP_RAD + 0.04, TOP_RAD), (-TOP_RAD - 0.04, -TOP_RAD)])
@@ -89,7 +89,7 @@ def test_an_arm_just_outside_a_limit_starts_at_the_limit_and_it_is_told(by_rad, 
     assert scene.starting.seed((L, R), scene.now_ns) is None
     assert scene.reference(L) == (start_rad, *scene.q_rad[L][1:])
     assert scene.reference(R) == scene.q_rad[R]
-    (notice,) = scene.conductor.notices
+    (notice,) = scene.coordinator.notices
     assert (notice.code, notice.level, notice.at_ns) == (Code.START_AT_LIMIT, Level.WARNING, scene.now_ns)
     assert notice.message == f"left arm joint 1 was found just outside its limit and starts at {start_rad:.3f} rad"
 
@@ -102,7 +102,7 @@ def test_no_arm_starts_when_one_of_them_is_far_outside(outside):
     refusal = scene.starting.seed((L, R), scene.now_ns)
     assert isinstance(refusal, Refusal)
     assert (refusal.code, refusal.field) == (Code.START_OUTSIDE_LIMITS, f"{outside}_arm[0]")
-    assert scene.running == set() and scene.conductor.notices == []
+    assert scene.running == set() and scene.coordinator.notices == []
 
 
 def test_an_arm_that_was_never_heard_cannot_be_started():
@@ -125,7 +125,7 @@ def test_an_arm_that_is_enabled_again_joins_the_held_one():
     assert moving is not None and moving.code is Code.PART_STALE, "its samples do not agree yet"
     scene.run(5)
     assert scene.starting.join(scene.now_ns) is None
-    assert scene.running == {L, R} and set(scene.conductor.enable.sides) == {L, R}
+    assert scene.running == {L, R} and set(scene.coordinator.enable.sides) == {L, R}
     assert (scene.reference(L), scene.reference(R)) == (MIDDLE[L], scene.q_rad[R])
     assert [frame.kind for frame in scene.arm_frames(R, 2)] == [FrameKind.ECHO, FrameKind.HOLD]
 
@@ -142,9 +142,9 @@ def test_an_arm_that_the_robot_has_not_enabled_does_not_join(mode):
         scene.run(301)
     else:
         scene.say_mode(**mode)
-    scene.conductor.enable.sides = ()
+    scene.coordinator.enable.sides = ()
     assert scene.starting.join(scene.now_ns) is None
-    assert scene.running == {L} and scene.conductor.enable.sides == (L,)
+    assert scene.running == {L} and scene.coordinator.enable.sides == (L,)
 
 
 def test_an_arm_joins_only_after_its_state_was_steady_for_a_while():
@@ -157,7 +157,7 @@ def test_an_arm_joins_only_after_its_state_was_steady_for_a_while():
     refusal = scene.starting.join(scene.now_ns)
     assert refusal is not None and (refusal.code, refusal.field) == (Code.PART_STALE, "right_arm")
     assert "has not been steady and timely for 0.3 s" in refusal.message
-    assert scene.running == {L} and scene.conductor.enable.sides == (L,)
+    assert scene.running == {L} and scene.coordinator.enable.sides == (L,)
     scene.run(1)
     assert scene.starting.join(scene.now_ns) is None and scene.running == {L, R}
 
@@ -169,7 +169,7 @@ def test_an_arm_outside_its_limits_does_not_join():
     scene.run(5)
     refusal = scene.starting.join(scene.now_ns)
     assert refusal is not None and refusal.code is Code.START_OUTSIDE_LIMITS
-    assert scene.running == {L} and scene.conductor.enable.sides == (L,)
+    assert scene.running == {L} and scene.coordinator.enable.sides == (L,)
 
 
 # ------------------------------------------------------------------------------------------------ strayed
@@ -214,14 +214,14 @@ def test_held_references_walk_back_slowly_without_a_step_and_the_grip_is_kept():
     frames = scene.run(400)
     walks = [frame.topic for frame in frames if frame.kind is FrameKind.WALK]
     assert walks.count(joint_command(L)) == walks.count(joint_command(R))
-    bound_rad = WALK_SPEED * scene.conductor.settings.arm.v_radps * TICK_S * (1 + 1e-9)
+    bound_rad = WALK_SPEED * scene.coordinator.settings.arm.v_radps * TICK_S * (1 + 1e-9)
     for side in Side:
         path = [frame for frame in frames if frame.topic == joint_command(side)]
         firsts = [MIDDLE[side][0], *(frame.values[0] for frame in path)]
         assert max(abs(b - a) for a, b in pairwise(firsts)) <= bound_rad
         assert {frame.kind for frame in path} == {FrameKind.WALK, FrameKind.HOLD}
         assert scene.reference(side) == pytest.approx(scene.q_rad[side])
-    assert scene.conductor.body.heartbeat.beat is Beat.ONE and scene.walking == set()
+    assert scene.coordinator.body.heartbeat.beat is Beat.ONE and scene.walking == set()
     assert scene.told(Code.WALK) == [
         "the held reference walks back to the measured left and right arm; the grip is kept"
     ]
@@ -243,7 +243,7 @@ def test_nothing_walks_when_nothing_strayed():
     scene = Scene()
     scene.push(L, 0.2)
     assert scene.starting.walk(scene.now_ns) is None
-    assert scene.walking == set() and scene.conductor.notices == []
+    assert scene.walking == set() and scene.coordinator.notices == []
 
 
 def test_a_reference_walks_to_the_limit_when_its_arm_is_just_beyond():
@@ -264,7 +264,7 @@ def test_no_reference_walks_when_one_arm_is_far_outside_its_limits(outside):
     refusal = scene.starting.walk(scene.now_ns)
     assert refusal is not None
     assert (refusal.code, refusal.field) == (Code.START_OUTSIDE_LIMITS, f"{outside}_arm[0]")
-    assert scene.walking == set() and scene.conductor.notices == []
+    assert scene.walking == set() and scene.coordinator.notices == []
 
 
 def test_without_a_path_back_nothing_walks_and_the_reason_is_told(monkeypatch):
@@ -281,13 +281,13 @@ def test_without_a_path_back_nothing_walks_and_the_reason_is_told(monkeypatch):
         code=Code.PLAN_FAILED, message="no path back to the arm inside the limits: ruckig finds no plan"
     )
     scene.run(10)
-    assert scene.reference(L) == MIDDLE[L] and scene.walking == set() and scene.conductor.notices == []
+    assert scene.reference(L) == MIDDLE[L] and scene.walking == set() and scene.coordinator.notices == []
 
 
 def test_grippers_begin_with_their_arms_without_torque():
     """0.10 is due in the tick of the first setpoint, before it (manual §4.4); after a short stall the value is kept."""
     stage = Stage(State.IDLE)
-    body = stage.conductor.body
+    body = stage.coordinator.body
     assert stage.phases.starting.seed((L,), stage.now_ns) is None
     frames = [(frame.topic, frame.kind, frame.values) for frame in stage.run(1)]
     assert frames[0] == (gripper_command(L), FrameKind.ECHO, (0.1,))
@@ -296,7 +296,7 @@ def test_grippers_begin_with_their_arms_without_torque():
     stage.run(2)
     for is_resuming, kept in ((True, 0.8), (False, 0.1)):
         body.silence_arms()
-        stage.conductor.resuming = is_resuming
+        stage.coordinator.resuming = is_resuming
         stage.phases.starting.seed((L,), stage.now_ns)
         assert stage.run(1)[0].values == (kept,)
 
@@ -307,10 +307,10 @@ def test_grippers_begin_with_their_arms_without_torque():
 def test_an_end_effector_starts_at_its_measured_pose():
     """Exactly there; the other arm at its joints."""
     scene = Scene(State.IDLE, poses=(R,))
-    scene.conductor.choose_spaces((L, R), scene.now_ns)
+    scene.coordinator.choose_spaces((L, R), scene.now_ns)
     assert scene.starting.seed((L, R), scene.now_ns) is None
-    assert (scene.conductor.body.arms[L].values, scene.conductor.body.arms[R].values) == (MIDDLE[L], PLACE[R])
-    assert scene.conductor.notices == []
+    assert (scene.coordinator.body.arms[L].values, scene.coordinator.body.arms[R].values) == (MIDDLE[L], PLACE[R])
+    assert scene.coordinator.notices == []
 
 
 @pytest.mark.parametrize(("reach_m", "starts"), [(0.555, True), (0.565, False)])
@@ -319,11 +319,11 @@ def test_an_end_effector_beyond_its_reach_starts_at_its_end_or_not_at_all(reach_
     scene = Scene(State.IDLE, poses=(R,))
     scene.pose[R] = (0.0, 0.0, -reach_m, 0.0, 0.0, 0.0, 1.0)
     scene.run(40)  # a jump is believed once it lasts
-    scene.conductor.choose_spaces((L, R), scene.now_ns)
+    scene.coordinator.choose_spaces((L, R), scene.now_ns)
     refusal = scene.starting.seed((L, R), scene.now_ns)
     assert (refusal is None) == starts == (scene.starting.why_not(R) is None)
     if starts:
-        assert scene.conductor.body.arms[R].values[2] == pytest.approx(-0.55)
+        assert scene.coordinator.body.arms[R].values[2] == pytest.approx(-0.55)
         assert "right arm was found just beyond its reach" in scene.told(Code.START_AT_LIMIT)[0]
     else:
         assert refusal.code is Code.START_OUTSIDE_LIMITS and scene.running == set()
@@ -336,7 +336,7 @@ def test_a_held_end_effector_that_was_pushed_away_is_walked_back_to():
     assert scene.starting.strayed(scene.now_ns) == {R: pytest.approx(Gap(0.0, 0.1))}
     assert scene.starting.walk(scene.now_ns) is None
     scene.run(400)
-    assert scene.conductor.body.arms[R].values == pytest.approx(scene.pose[R])
+    assert scene.coordinator.body.arms[R].values == pytest.approx(scene.pose[R])
     assert scene.starting.strayed(scene.now_ns) == {}
 
 
@@ -354,10 +354,10 @@ def test_an_arm_that_comes_back_in_the_other_mode_joins_in_that_mode():
     scene = Scene(sides=(L,))
     scene.poses = {R}
     scene.say_mode(joint_mode={L: True, R: False})
-    scene.conductor.body.arms[R].stop()
+    scene.coordinator.body.arms[R].stop()
     scene.run(1)
     assert scene.starting.join(scene.now_ns) is None
-    assert scene.conductor.body.arms[R].values == PLACE[R] and scene.running == {L, R}
+    assert scene.coordinator.body.arms[R].values == PLACE[R] and scene.running == {L, R}
 
 
 # ------------------------------------------------------------------------------------------------ stay
@@ -378,7 +378,7 @@ def test_a_reference_that_nobody_follows_stays_within_a_hundredth_of_its_arm(by_
 def test_a_reference_that_nobody_follows_does_not_brake_on():
     """However near its arm it still is."""
     scene = Scene(State.PAUSED)
-    arm = scene.conductor.body.arms[L]
+    arm = scene.coordinator.body.arms[L]
     arm.follow_target(tuple(q + 0.5 for q in MIDDLE[L]), 1.0, scene.epoch)
     scene.run(8)
     arm.brake()

@@ -46,7 +46,7 @@ one arm disabled            | =                       | =                   | br
 no arm enabled              | =                       | down                | down                      | down                | down                | down                | =
 one part's state dead       | =                       | down                | brake, HOLDING            | =                   | =                   | =                   | =
 tracking error              | -                       | -                   | brake, HOLDING, L         | refuse motion       | -                   | -                   | -
-a gap longer than the arms' watchdog | grounds        | grounds             | brake, HOLDING            | grounds             | =                   | =                   | =
+a gap longer than the arms' watchdog | drives        | drives             | brake, HOLDING            | drives             | =                   | =                   | =
 foreign token or publisher  | refuse enable           | down, L             | cut, brake, HOLDING, L    | cut, L              | cut, L              | cut, L              | refuse
 foreign arm or fsm data     | refuse enable           | 0.0 once, cut, base, L | 0.0 once, cut, base, L | 0.0 once, cut, base, L | 0.0 once, cut, base, L | 0.0 once, cut, base, L | refuse
 foreign writer while chassis or lift run | cut, L     | =                   | =                         | =                   | =                   | =                   | =
@@ -81,7 +81,7 @@ ACTIONS = {
     "0.0 once": {Action.ZERO_ONCE},
     "[0,0]": {Action.LIFT_OFF},
     "ground": {Action.GROUND_STOP},
-    "grounds": {Action.GROUND_CUT},
+    "drives": {Action.GROUND_CUT},
     "L": {Action.LATCH},
     "free": {Action.FREE},
     "STOPPING": {Action.CUT},

@@ -24,11 +24,11 @@ def by(client: str, request: object, stage: Stage) -> CommandRequested:
 def watched(state: State, on_silence: OnLoss = OnLoss.HOLD, *, is_demanded: bool = False) -> tuple[Stage, Watch]:
     """A stage over which bob's page watches."""
     stage = Stage(state)
-    conductor = stage.conductor
-    conductor.settings = replace(
-        conductor.settings, local=replace(conductor.settings.local, demand_stop_endpoint=is_demanded)
+    coordinator = stage.coordinator
+    coordinator.settings = replace(
+        coordinator.settings, local=replace(coordinator.settings.local, demand_stop_endpoint=is_demanded)
     )
-    watch = Watch(conductor)
+    watch = Watch(coordinator)
     page = structs.replace(PAGE, on_silence=on_silence)
     assert watch.register(by("bob", page, stage), page, stage.now_ns) == {"endpoint_id": 1}
     return stage, watch
@@ -36,7 +36,7 @@ def watched(state: State, on_silence: OnLoss = OnLoss.HOLD, *, is_demanded: bool
 
 def changes(stage: Stage) -> list[str]:
     """What was told of endpoints, in order."""
-    return [notice.facts["change"] for notice in stage.conductor.notices if "endpoint" in notice.facts]
+    return [notice.facts["change"] for notice in stage.coordinator.notices if "endpoint" in notice.facts]
 
 
 def fall_silent(stage: Stage, watch: Watch, seconds: float = 0.6) -> None:
@@ -61,7 +61,7 @@ def test_one_that_is_heard_again_is_told_and_nothing_resumes():
     """What is held stays held."""
     stage, watch = watched(State.ACTIVE)
     fall_silent(stage, watch)
-    stage.conductor.endpoints.heard("bob", stage.now_ns)
+    stage.coordinator.endpoints.heard("bob", stage.now_ns)
     watch.look(stage.now_ns, 0)
     assert stage.state is State.HOLDING and changes(stage)[-1] == "back" and watch.refusal() is None
 
@@ -81,7 +81,7 @@ def test_a_daemon_that_ends_takes_nobody_in_and_a_wrong_period_is_refused():
     wrong = structs.replace(PAGE, timeout_ns=1)
     refusal = watch.register(by("bob", wrong, stage), wrong, stage.now_ns)
     assert isinstance(refusal, Refusal) and refusal.code is Code.OUT_OF_RANGE
-    stage.conductor.is_exiting = True
+    stage.coordinator.is_exiting = True
     refusal = watch.register(by("bob", PAGE, stage), PAGE, stage.now_ns)
     assert isinstance(refusal, Refusal) and refusal.code is Code.EXITING
 
@@ -117,8 +117,8 @@ def test_recover_needs_a_reason_while_one_is_silent_and_says_whom_it_lets_go():
     why = Recover(reason="its page was closed")
     assert watch.may_recover(why) is None
     assert watch.dismiss(by("ann", why, stage), why, stage.now_ns) == ["page"]
-    told = stage.conductor.notices[-1]
+    told = stage.coordinator.notices[-1]
     assert told.facts["change"] == "dismissed" and "its page was closed" in told.message
     assert watch.refusal() is None and watch.may_recover(Recover()) is None
-    stage.conductor.latch(Code.ENDPOINT_SILENT, "stop endpoints of an earlier daemon: page", stage.now_ns)
+    stage.coordinator.latch(Code.ENDPOINT_SILENT, "stop endpoints of an earlier daemon: page", stage.now_ns)
     assert watch.may_recover(Recover()) is not None

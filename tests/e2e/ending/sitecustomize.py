@@ -63,11 +63,11 @@ def _end(number, frame):
             file.write("".join(f"{name}\n" for name in threads))
     elif wanted in ("hang", "deaf"):
         from gateway.api.stop_lane import StopLane
-        from gateway.guard.keeper import Keeper
+        from gateway.guard.launcher import GuardLauncher
 
         StopLane.deliver = _hang
         if wanted == "deaf":
-            Keeper.poll = _hear_nothing
+            GuardLauncher.poll = _hear_nothing
     else:
         for name in wanted.split():
             ident = ctypes.c_ulong(threads[name].ident)

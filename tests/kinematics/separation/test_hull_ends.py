@@ -9,7 +9,7 @@ import pytest
 
 from gateway.kinematics.separation.hull_ends import HullEnds, Reach
 from gateway.kinematics.separation.levers import levers
-from gateway.kinematics.separation.stance import Parts, Stance
+from gateway.kinematics.separation.posture_arrays import Parts, PostureArrays
 from gateway.kinematics.separation.stopping import STAYS
 from gateway.values import ARM_DOF, Side
 from tests.kinematics.guarded_arms import MARGIN_M, model, random_joints
@@ -117,17 +117,17 @@ def test_lines_that_cross_have_a_direction_between_them_all_the_same(apart_m):
     rng, parts = random.Random(3), Parts(model())
     ways = {side: [(-1e-3, 1e-3)] * 7 for side in Side}
     q_rad = random_joints(rng)
-    posture, stance = model().posture(q_rad), parts.stand([q_rad])
+    posture, arrays = model().posture(q_rad), parts.stand([q_rad])
     number = next(n for n, (i, j, *_) in enumerate(model().pairs) if parts.square_m2[i] == parts.square_m2[j])
     i, j, _, _ = model().pairs[number]
-    pieces = stance.pieces.copy()
+    pieces = arrays.pieces.copy()
     pieces[..., j] = pieces[..., i]
     x, y, z, u, v, w, square = posture.segments[i]
     off = [apart_m * c / square**0.5 for c in (u, v, w)]
     pieces[0, 0, :, j] += [*off, *off[:2]]
     posture.segments[j] = (x + off[0], y + off[1], z + off[2], u, v, w, square)
     posture.middles[j] = tuple(a + b for a, b in zip(posture.middles[i], off, strict=True))
-    ends = HullEnds(Stance(pieces, stance.lines), parts, Reach([ways]), MARGIN_M)
+    ends = HullEnds(PostureArrays(pieces, arrays.lines), parts, Reach([ways]), MARGIN_M)
     plain = PlainEnds(posture, levers(model()), ways)
     rows = {at: plain.kept_m(gap_m, at) for gap_m, at in plain.within(MARGIN_M)}
     row = ends.numbers.tolist().index(number)

@@ -3,7 +3,7 @@
 Between the points runs the interpolating cubic spline: position, velocity and acceleration are continuous, the jerk is
 constant from point to point. Nobody says how fast it enters and leaves, so the first and the last piece are parabolas
 (constant acceleration): the least that can be read into the points. How an arm gets onto the trajectory and off it is
-the business of `passage.py`.
+the business of `tracker.py`.
 
 What the motion does *between* the points is worked out with it, piece by piece: the extremes of its positions and
 velocities. (Those of its acceleration lie at the points.) Pure numbers: this module knows no limits of a robot, no side

@@ -1,4 +1,4 @@
-"""The door for chunks of poses, as `chunk.py` is that for joints: what a pose, and the motion through poses, must keep.
+"""Validation of chunks of poses, as `chunk.py` is that for joints: what a pose, and the motion through poses, must keep.
 
 Poses are in the arm's own shoulder frame (manual §4.0.1), xyzw. A quaternion near unit norm is normalised: policies
 regress its components; one that is far from it is refused.
