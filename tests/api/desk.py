@@ -53,7 +53,7 @@ class KeptAudience:
         self.numbers.append(number)
 
 
-class RequestHandler:
+class Desk:
     """An inbox and an outbox whose threads are the test."""
 
     def __init__(self):

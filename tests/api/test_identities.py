@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from tests.api.handler import AskedQuestion, RequestHandler
-
 from gateway.api import protocol
 from gateway.api.identities import MOST, Identities
 from gateway.core.messages import events
+from tests.api.desk import AskedQuestion, Desk
 from tests.api.samples import Q, command
 
 
@@ -41,51 +40,51 @@ def said(request, number, secret, client_id="owner"):
 
 def test_a_stranger_under_the_owners_id_is_nobody():
     """His commands are refused by name, his keepalives and targets are not heard; his stop is a stranger's."""
-    handler = RequestHandler()
-    handler.ask(said(protocol.Recover(), 1, "s3cret"))
+    desk = Desk()
+    desk.ask(said(protocol.Recover(), 1, "s3cret"))
     posed = [
-        handler.ask(said(protocol.Recover(), 2, "guess")),
-        handler.ask(said(protocol.Release(epoch=1), 3, "")),
+        desk.ask(said(protocol.Recover(), 2, "guess")),
+        desk.ask(said(protocol.Release(epoch=1), 3, "")),
     ]
-    stop = handler.ask(said(protocol.Stop(), 4, "guess"))
+    stop = desk.ask(said(protocol.Stop(), 4, "guess"))
     target = protocol.encode(protocol.Target(epoch=1, seq=1, values=Q))
     for secret in ("", "guess", "*", "**"):
-        handler.inbox.put_keepalive(protocol.keepalive_key("owner", secret), 5)
-        handler.inbox.put_target(protocol.target_key("owner", 1, secret), target, "", 5)
-    handler.inbox.put_keepalive("ta2/1/keepalive/**", 5)
-    handler.run()
-    stopped, own = handler.inbox.poll()
+        desk.inbox.put_keepalive(protocol.keepalive_key("owner", secret), 5)
+        desk.inbox.put_target(protocol.target_key("owner", 1, secret), target, "", 5)
+    desk.inbox.put_keepalive("ta2/1/keepalive/**", 5)
+    desk.run()
+    stopped, own = desk.inbox.poll()
     assert isinstance(stopped.request, events.Stop) and stopped.client_id == "stranger" and not stop.answers
     assert own.request_id == 1 and [question.code for question in posed] == ["NOT_OWNER", "NOT_OWNER"]
     assert "'owner'" in posed[0].reply.refusal.message
-    handler.inbox.put_keepalive(protocol.keepalive_key("owner", "s3cret"), 6)
-    handler.inbox.put_target(protocol.target_key("owner", 1, "s3cret"), target, "", 7)
-    seen, followed = handler.inbox.poll()
+    desk.inbox.put_keepalive(protocol.keepalive_key("owner", "s3cret"), 6)
+    desk.inbox.put_target(protocol.target_key("owner", 1, "s3cret"), target, "", 7)
+    seen, followed = desk.inbox.poll()
     assert seen == events.ClientSeen(client_id="owner", at_ns=6)
     assert (followed.client_id, followed.stream_id) == ("owner", 1)
 
 
 def test_made_up_clients_take_no_place_from_the_owner():
     """Keepalives and targets on keys of nobody are dropped before they are kept: the owner's are heard among 100,000."""
-    handler = RequestHandler()
-    handler.ask(said(protocol.Recover(), 1, "s"))
-    handler.run()
-    handler.inbox.poll()
+    desk = Desk()
+    desk.ask(said(protocol.Recover(), 1, "s"))
+    desk.run()
+    desk.inbox.poll()
     for number in range(50_000):
-        handler.inbox.put_keepalive(protocol.keepalive_key(f"nobody{number}", "x"), number)
-        handler.inbox.put_target(protocol.target_key(f"nobody{number}", 1, "x"), b"", "", number)
-    handler.inbox.put_keepalive(protocol.keepalive_key("owner", "s"), 5)
-    assert handler.inbox.poll() == [events.ClientSeen(client_id="owner", at_ns=5)]
+        desk.inbox.put_keepalive(protocol.keepalive_key(f"nobody{number}", "x"), number)
+        desk.inbox.put_target(protocol.target_key(f"nobody{number}", 1, "x"), b"", "", number)
+    desk.inbox.put_keepalive(protocol.keepalive_key("owner", "s"), 5)
+    assert desk.inbox.poll() == [events.ClientSeen(client_id="owner", at_ns=5)]
 
 
 def test_a_question_is_proven_by_its_own_secret():
     """What a stop says of its sender counts only with the secret."""
-    handler = RequestHandler()
-    handler.ask(said(protocol.Recover(), 1, "s3cret"))
-    handler.run()
-    handler.stops.proven = handler.inbox.identities.is_proven
+    desk = Desk()
+    desk.ask(said(protocol.Recover(), 1, "s3cret"))
+    desk.run()
+    desk.stops.proven = desk.inbox.identities.is_proven
     for secret in ("s3cret", "guess"):
         payload = protocol.encode({"client_id": "owner", "secret": secret})
-        handler.stops.arrive(protocol.STOP_KEY, payload, 0, AskedQuestion(payload))
-    assert [stop.client_id for stop in handler.stops.poll()] == ["owner", "'owner'"]
+        desk.stops.arrive(protocol.STOP_KEY, payload, 0, AskedQuestion(payload))
+    assert [stop.client_id for stop in desk.stops.poll()] == ["owner", "'owner'"]
     assert command(protocol.Recover()).secret == ""

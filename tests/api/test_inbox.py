@@ -5,23 +5,23 @@ from __future__ import annotations
 import logging
 
 import pytest
-from tests.api.handler import AskedQuestion, RequestHandler
 
 from gateway.api import inbox as module
 from gateway.api import protocol
 from gateway.api.inbox import MAX_ASIDE, MAX_CLIENTS, MAX_STREAMS, MAX_WAITING, PER_POLL
 from gateway.core.messages import events
 from gateway.errors import Code
+from tests.api.desk import AskedQuestion, Desk
 from tests.api.samples import HOME, Q, command
 
 
 @pytest.fixture
-def handler():
+def desk():
     """An inbox whose threads are the test; two clients of the first release, without secrets, are known."""
-    handler = RequestHandler()
+    desk = Desk()
     for client_id in ("c0ffee", "me"):
-        handler.inbox.identities.meet(client_id, "")
-    return handler
+        desk.inbox.identities.meet(client_id, "")
+    return desk
 
 
 def payload(request, request_id=1, **kwargs):
@@ -29,63 +29,63 @@ def payload(request, request_id=1, **kwargs):
     return protocol.encode(command(request, request_id, **kwargs))
 
 
-def test_a_request_reaches_the_loop_with_who_and_when(handler):
+def test_a_request_reaches_the_loop_with_who_and_when(desk):
     """Client, number and arrival come with the request; the question waits for its reply."""
     data = payload(protocol.Recover(), 7)
-    question = handler.ask(data, received_ns=123)
-    handler.run()
-    (event,) = handler.inbox.poll()
+    question = desk.ask(data, received_ns=123)
+    desk.run()
+    (event,) = desk.inbox.poll()
     assert event == events.CommandRequested(
         client_id="c0ffee", request_id=7, request=events.Recover(), received_ns=123, content=hash(data)
     )
-    assert handler.inbox.poll() == [] and question.answers == []
+    assert desk.inbox.poll() == [] and question.answers == []
 
 
-def test_another_request_under_a_number_that_still_waits_is_refused(handler):
+def test_another_request_under_a_number_that_still_waits_is_refused(desk):
     """It would be answered with the reply to the first, and not run; the same bytes again wait with the first."""
-    first = handler.ask(payload(protocol.Release(epoch=1), 7))
-    again = handler.ask(payload(protocol.Release(epoch=1), 7))
-    other = handler.ask(payload(protocol.Release(epoch=2), 7))
-    stop = handler.ask(payload(protocol.Stop(), 7))
-    handler.run()
+    first = desk.ask(payload(protocol.Release(epoch=1), 7))
+    again = desk.ask(payload(protocol.Release(epoch=1), 7))
+    other = desk.ask(payload(protocol.Release(epoch=2), 7))
+    stop = desk.ask(payload(protocol.Stop(), 7))
+    desk.run()
     assert other.code == "BAD_REQUEST" and first.answers == again.answers == stop.answers == []
-    requests = [event.request for event in handler.inbox.poll()]
+    requests = [event.request for event in desk.inbox.poll()]
     assert requests == [events.Stop(), events.Release(epoch=1), events.Release(epoch=1)]
 
 
-def test_a_stop_finds_room_where_a_flood_has_left_none(handler):
+def test_a_stop_finds_room_where_a_flood_has_left_none(desk):
     """What is not read yet is bounded; a stop is refused only by a flood of stops."""
     for n in range(MAX_WAITING + 1):
-        last = handler.ask(payload(protocol.Recover(), n))
-    stop = handler.ask(payload(protocol.Stop(), 5000))
-    handler.run()
+        last = desk.ask(payload(protocol.Recover(), n))
+    stop = desk.ask(payload(protocol.Stop(), 5000))
+    desk.run()
     assert last.code == "TIMEOUT" and stop.answers == []
-    assert handler.inbox.poll()[0].request == events.Stop()
+    assert desk.inbox.poll()[0].request == events.Stop()
     for n in range(2 * MAX_WAITING + 1):
-        last = handler.ask(payload(protocol.Stop(), 9000 + n))
-    handler.run()
+        last = desk.ask(payload(protocol.Stop(), 9000 + n))
+    desk.run()
     assert last.code == "TIMEOUT"
 
 
-def test_json_is_answered_in_json(handler):
+def test_json_is_answered_in_json(desk):
     """A question is refused in the encoding in which it was asked."""
-    question = handler.ask(b"{}", encoding=protocol.JSON)
-    handler.run()
+    question = desk.ask(b"{}", encoding=protocol.JSON)
+    desk.run()
     assert question.answers[0][1] == protocol.JSON and question.code == "BAD_REQUEST"
 
 
-def test_stops_come_first_then_signs_of_life_targets_requests_departures(handler):
+def test_stops_come_first_then_signs_of_life_targets_requests_departures(desk):
     """Whatever arrived before a stop, the stop is first; an emergency stop is before it."""
-    handler.ask(payload(protocol.Recover(), 1))
-    handler.inbox.put_target(
+    desk.ask(payload(protocol.Recover(), 1))
+    desk.inbox.put_target(
         protocol.target_key("c0ffee", 2), protocol.encode(protocol.Target(epoch=1, seq=1, values=Q)), "", 5
     )
-    handler.inbox.put_keepalive(protocol.keepalive_key("c0ffee"), 6)
-    handler.inbox.put_gone("other", 7)
-    handler.ask(payload(protocol.Stop(), 2))
-    handler.ask(payload(protocol.Estop(), 3))
-    handler.run()
-    arrived = handler.inbox.poll()
+    desk.inbox.put_keepalive(protocol.keepalive_key("c0ffee"), 6)
+    desk.inbox.put_gone("other", 7)
+    desk.ask(payload(protocol.Stop(), 2))
+    desk.ask(payload(protocol.Estop(), 3))
+    desk.run()
+    arrived = desk.inbox.poll()
     assert [type(event).__name__ for event in arrived] == [
         "CommandRequested",
         "CommandRequested",
@@ -103,25 +103,25 @@ def test_stops_come_first_then_signs_of_life_targets_requests_departures(handler
     assert arrived[5] == events.ClientGone(client_id="other", at_ns=7)
 
 
-def test_only_the_newest_target_of_a_stream_counts(handler):
+def test_only_the_newest_target_of_a_stream_counts(desk):
     """A flood of targets costs one decoding a tick; each stream keeps its own newest."""
     for seq in range(1, 1001):
         for stream in (1, 2):
             target = protocol.Target(epoch=1, seq=seq * stream, values=Q)
-            handler.inbox.put_target(protocol.target_key("me", stream), protocol.encode(target), "", seq)
-    arrived = handler.inbox.poll()
+            desk.inbox.put_target(protocol.target_key("me", stream), protocol.encode(target), "", seq)
+    arrived = desk.inbox.poll()
     assert [(e.client_id, e.stream_id, e.seq, e.received_ns) for e in arrived] == [
         ("me", 1, 1000, 1000),
         ("me", 2, 2000, 1000),
     ]
-    assert handler.inbox.poll() == []
+    assert desk.inbox.poll() == []
 
 
-def test_only_the_newest_sign_of_life_counts(handler):
+def test_only_the_newest_sign_of_life_counts(desk):
     """Keepalives of one client between two polls are one."""
     for at_ns in range(100):
-        handler.inbox.put_keepalive(protocol.keepalive_key("me"), at_ns)
-    assert handler.inbox.poll() == [events.ClientSeen(client_id="me", at_ns=99)]
+        desk.inbox.put_keepalive(protocol.keepalive_key("me"), at_ns)
+    assert desk.inbox.poll() == [events.ClientSeen(client_id="me", at_ns=99)]
 
 
 @pytest.mark.parametrize(
@@ -133,24 +133,24 @@ def test_only_the_newest_sign_of_life_counts(handler):
         (protocol.target_key("me", 1), b"\x00" * (protocol.MAX_PAYLOAD_BYTES + 1)),
     ],
 )
-def test_a_target_that_cannot_be_read_is_counted_and_nothing_else(handler, key, data):
+def test_a_target_that_cannot_be_read_is_counted_and_nothing_else(desk, key, data):
     """Nobody waits for an answer to a target: it is counted and logged, and the loop goes on."""
-    handler.inbox.put_target(key, data, "", 0)
-    assert handler.inbox.poll() == [] and handler.inbox.malformed == 1
+    desk.inbox.put_target(key, data, "", 0)
+    assert desk.inbox.poll() == [] and desk.inbox.malformed == 1
 
 
-def test_streams_and_clients_are_bounded(handler):
+def test_streams_and_clients_are_bounded(desk):
     """Keys that a hostile client invents do not fill the memory."""
     for number in range(MAX_STREAMS + 10):
-        handler.inbox.put_target(
+        desk.inbox.put_target(
             protocol.target_key("me", number), protocol.encode(protocol.Target(epoch=1, seq=1, values=Q)), "", 0
         )
     for number in range(MAX_CLIENTS + 10):
-        handler.inbox.identities.meet(f"client{number}", "")
-        handler.inbox.put_keepalive(protocol.keepalive_key(f"client{number}"), 0)
-        handler.inbox.put_gone(f"client{number}", 0)
-    assert handler.inbox.overflown == 30
-    assert len(handler.inbox.poll()) == MAX_STREAMS + 2 * MAX_CLIENTS
+        desk.inbox.identities.meet(f"client{number}", "")
+        desk.inbox.put_keepalive(protocol.keepalive_key(f"client{number}"), 0)
+        desk.inbox.put_gone(f"client{number}", 0)
+    assert desk.inbox.overflown == 30
+    assert len(desk.inbox.poll()) == MAX_STREAMS + 2 * MAX_CLIENTS
 
 
 @pytest.mark.parametrize(
@@ -163,118 +163,118 @@ def test_streams_and_clients_are_bounded(handler):
         (b"x" * (protocol.MAX_PAYLOAD_BYTES + 1), "BAD_REQUEST"),
     ],
 )
-def test_what_cannot_be_a_request_is_answered_at_once(handler, data, code):
+def test_what_cannot_be_a_request_is_answered_at_once(desk, data, code):
     """The engine never sees it; the sender gets the code."""
-    question = handler.ask(data)
-    handler.run()
-    assert question.code == code and handler.inbox.poll() == []
+    question = desk.ask(data)
+    desk.run()
+    assert question.code == code and desk.inbox.poll() == []
 
 
-def test_a_flood_of_questions_is_refused_not_queued(handler):
+def test_a_flood_of_questions_is_refused_not_queued(desk):
     """More questions than anybody needs are told that they were not run; nothing is lost silently."""
-    questions = [handler.ask(payload(protocol.Recover(), number)) for number in range(MAX_WAITING + 5)]
-    handler.run()
-    handed_out = [handler.inbox.poll() for _ in range(MAX_WAITING // PER_POLL + 1)]
+    questions = [desk.ask(payload(protocol.Recover(), number)) for number in range(MAX_WAITING + 5)]
+    desk.run()
+    handed_out = [desk.inbox.poll() for _ in range(MAX_WAITING // PER_POLL + 1)]
     assert [len(events) for events in handed_out] == [PER_POLL] * (MAX_WAITING // PER_POLL) + [0]
     assert [q.code for q in questions[MAX_WAITING:]] == ["TIMEOUT"] * 5
-    assert handler.inbox.overflown == 5
+    assert desk.inbox.overflown == 5
 
 
-def test_a_flood_delays_only_the_client_that_sends_it(handler):
+def test_a_flood_delays_only_the_client_that_sends_it(desk):
     """A few requests a tick, the clients in turn, each one's in its order: planning must not hold up the setpoints."""
     for number in range(40):
-        handler.ask(payload(protocol.Recover(), number, client_id="flood"))
-    handler.ask(payload(protocol.Recover(), 7, client_id="owner"))
-    handler.ask(payload(protocol.Recover(), 8, client_id="owner"))
-    handler.run()
-    polls = [[(e.client_id, e.request_id) for e in handler.inbox.poll()] for _ in range(2)]
+        desk.ask(payload(protocol.Recover(), number, client_id="flood"))
+    desk.ask(payload(protocol.Recover(), 7, client_id="owner"))
+    desk.ask(payload(protocol.Recover(), 8, client_id="owner"))
+    desk.run()
+    polls = [[(e.client_id, e.request_id) for e in desk.inbox.poll()] for _ in range(2)]
     assert polls[0] == [("flood", 0), ("owner", 7), ("flood", 1), ("owner", 8)]
     assert polls[1] == [("flood", n) for n in range(2, 6)]
 
 
-def test_a_stop_gets_through_a_full_lane(handler):
+def test_a_stop_gets_through_a_full_lane(desk):
     """When the loop hangs and requests pile up, a stop and an emergency stop still have their place."""
     for number in range(MAX_WAITING + 3):
-        handler.ask(payload(protocol.Recover(), number))
-        handler.run()
-    stops = [handler.ask(payload(protocol.Stop(), 10_000 + number)) for number in range(MAX_WAITING + 3)]
+        desk.ask(payload(protocol.Recover(), number))
+        desk.run()
+    stops = [desk.ask(payload(protocol.Stop(), 10_000 + number)) for number in range(MAX_WAITING + 3)]
     for _ in range(2):
-        handler.run()
-    estop = handler.ask(payload(protocol.Estop(), 99_999))
-    handler.run()
-    assert [type(e.request).__name__ for e in handler.inbox.poll()][:2] == ["Estop", "Stop"]
+        desk.run()
+    estop = desk.ask(payload(protocol.Estop(), 99_999))
+    desk.run()
+    assert [type(e.request).__name__ for e in desk.inbox.poll()][:2] == ["Estop", "Stop"]
     assert estop.answers == [] and stops[0].answers == []
 
 
-def test_a_request_that_was_given_up_does_not_run_later(handler):
+def test_a_request_that_was_given_up_does_not_run_later(desk):
     """Who was told that a command did not run can rely on it; a stop runs all the same."""
-    late = handler.ask(payload(protocol.Recover(), 1), received_ns=0)
-    stop = handler.ask(payload(protocol.Stop(), 2), received_ns=0)
-    handler.run()
-    handler.outbox.expire(protocol.REPLY_WITHIN_NS + 1)
-    handler.run()
+    late = desk.ask(payload(protocol.Recover(), 1), received_ns=0)
+    stop = desk.ask(payload(protocol.Stop(), 2), received_ns=0)
+    desk.run()
+    desk.outbox.expire(protocol.REPLY_WITHIN_NS + 1)
+    desk.run()
     assert late.code == "TIMEOUT" and "was not run" in late.reply.refusal.message and stop.code == "TIMEOUT"
-    assert [type(event.request).__name__ for event in handler.inbox.poll()] == ["Stop"]
+    assert [type(event.request).__name__ for event in desk.inbox.poll()] == ["Stop"]
 
 
-def test_complaints_are_logged_once_a_second(handler, caplog):
+def test_complaints_are_logged_once_a_second(desk, caplog):
     """A client that sends rubbish at a high rate does not fill the log."""
     with caplog.at_level(logging.WARNING, logger=module.__name__):
         for n in range(2500):
-            handler.inbox.ask(AskedQuestion(b"rubbish", received_ns=n * 1_000_000))
-            handler.run()
-    assert len(caplog.records) == 3 and handler.inbox.malformed == 2500
+            desk.inbox.ask(AskedQuestion(b"rubbish", received_ns=n * 1_000_000))
+            desk.run()
+    assert len(caplog.records) == 3 and desk.inbox.malformed == 2500
 
 
-def test_what_a_client_sent_cannot_forge_lines_of_the_log(handler, caplog):
+def test_what_a_client_sent_cannot_forge_lines_of_the_log(desk, caplog):
     """Names of fields and keys come from outside: in the log they are one short line of printable characters."""
     forged = b'{"version":1,"client_id":"a","request_id":1,"request":{"type":"recover","\\n\\u001b[2Jnow":1}}'
     with caplog.at_level(logging.WARNING, logger=module.__name__):
-        handler.inbox.ask(AskedQuestion(forged, encoding=protocol.JSON, received_ns=0))
-        handler.run()
+        desk.inbox.ask(AskedQuestion(forged, encoding=protocol.JSON, received_ns=0))
+        desk.run()
         target = protocol.encode(protocol.Target(epoch=1, seq=1, values=Q))
-        handler.inbox.put_target(f"{protocol.ROOT}/target/me\n/{'9' * 60_000}", target, "", 2_000_000_000)
-        handler.inbox.poll()
-    assert len(caplog.records) == 2 and handler.inbox.malformed == 2
+        desk.inbox.put_target(f"{protocol.ROOT}/target/me\n/{'9' * 60_000}", target, "", 2_000_000_000)
+        desk.inbox.poll()
+    assert len(caplog.records) == 2 and desk.inbox.malformed == 2
     assert all(line.getMessage().isprintable() and len(line.getMessage()) < 500 for line in caplog.records)
 
 
-def test_waiting_for_a_question_ends(handler):
+def test_waiting_for_a_question_ends(desk):
     """sort() waits as long as it is told, and is woken."""
-    assert handler.inbox.sort(0.01) is False
-    handler.inbox.wake()
-    assert handler.inbox.sort(10.0) is True
+    assert desk.inbox.sort(0.01) is False
+    desk.inbox.wake()
+    assert desk.inbox.sort(10.0) is True
     assert Code.TIMEOUT.value == "TIMEOUT"
 
 
-def test_a_request_ends_the_wait_of_a_loop_that_rests(handler):
+def test_a_request_ends_the_wait_of_a_loop_that_rests(desk):
     """Whether it is a stop or any other; what was taken ends no wait any more."""
-    assert not handler.inbox.wait(0.0)
+    assert not desk.inbox.wait(0.0)
     for number, request in enumerate((protocol.Stop(), protocol.Estop(), protocol.Recover())):
-        handler.ask(payload(request, number))
-        handler.run()
-        assert handler.inbox.wait(10.0)
-        handler.inbox.poll()
-        assert not handler.inbox.wait(0.0)
+        desk.ask(payload(request, number))
+        desk.run()
+        assert desk.inbox.wait(10.0)
+        desk.inbox.poll()
+        assert not desk.inbox.wait(0.0)
 
 
-def test_requests_that_one_poll_left_end_the_next_wait(handler):
+def test_requests_that_one_poll_left_end_the_next_wait(desk):
     """A poll hands out only so many: the rest of them must not wait for the rest of the loop."""
     for number in range(PER_POLL + 1):
-        handler.ask(payload(protocol.Recover(), number))
-    handler.run()
-    assert len(handler.inbox.poll()) == PER_POLL
-    assert handler.inbox.wait(10.0)
-    assert len(handler.inbox.poll()) == 1
-    assert not handler.inbox.wait(0.0)
+        desk.ask(payload(protocol.Recover(), number))
+    desk.run()
+    assert len(desk.inbox.poll()) == PER_POLL
+    assert desk.inbox.wait(10.0)
+    assert len(desk.inbox.poll()) == 1
+    assert not desk.inbox.wait(0.0)
 
 
-def test_signs_of_life_and_targets_end_no_wait(handler):
+def test_signs_of_life_and_targets_end_no_wait(desk):
     """They come 20 to 100 times a second, and say nothing while nobody owns the robot."""
-    handler.inbox.put_keepalive(protocol.keepalive_key("c0ffee"), 6)
-    handler.inbox.put_gone("other", 7)
-    handler.inbox.put_target(protocol.target_key("c0ffee", 2), b"", "", 5)
-    assert not handler.inbox.wait(0.0)
+    desk.inbox.put_keepalive(protocol.keepalive_key("c0ffee"), 6)
+    desk.inbox.put_gone("other", 7)
+    desk.inbox.put_target(protocol.target_key("c0ffee", 2), b"", "", 5)
+    assert not desk.inbox.wait(0.0)
 
 
 # ------------------------------------------------------------------------------------------------- chunks
@@ -285,69 +285,69 @@ def chunk(request_id, **kwargs):
     return payload(protocol.Follow(epoch=1, points={"left": (Q, Q)}, dt_s=0.1), request_id, **kwargs)
 
 
-def test_no_stop_waits_behind_chunks_that_are_still_to_be_worked_out(handler):
+def test_no_stop_waits_behind_chunks_that_are_still_to_be_worked_out(desk):
     """Whoever sends them: they are put aside until nothing else is left to read."""
     for number in range(4):
-        handler.ask(chunk(number, client_id=f"c{number}"))
-    handler.ask(payload(protocol.Stop(), 9))
+        desk.ask(chunk(number, client_id=f"c{number}"))
+    desk.ask(payload(protocol.Stop(), 9))
     for _ in range(5):
-        assert handler.inbox.sort(0)
-    assert [type(event.request).__name__ for event in handler.inbox.poll()] == ["Stop"]
-    handler.run()
+        assert desk.inbox.sort(0)
+    assert [type(event.request).__name__ for event in desk.inbox.poll()] == ["Stop"]
+    desk.run()
     for _ in range(4):
-        assert [type(event.request).__name__ for event in handler.inbox.poll()] == ["Follow"]
+        assert [type(event.request).__name__ for event in desk.inbox.poll()] == ["Follow"]
 
 
-def test_what_a_client_sends_after_a_chunk_stays_after_it(handler):
+def test_what_a_client_sends_after_a_chunk_stays_after_it(desk):
     """A hold must not be overtaken by the chunk that it ends; other clients do not wait, and neither does a stop."""
-    handler.ask(chunk(1))
-    handler.ask(payload(protocol.Hold(epoch=1, sides=("left",)), 2))
-    handler.ask(payload(protocol.Recover(), 1, client_id="other"))
-    handler.ask(payload(protocol.Estop(), 3))
-    handler.run()
-    polls = [handler.inbox.poll() for _ in range(2)]
+    desk.ask(chunk(1))
+    desk.ask(payload(protocol.Hold(epoch=1, sides=("left",)), 2))
+    desk.ask(payload(protocol.Recover(), 1, client_id="other"))
+    desk.ask(payload(protocol.Estop(), 3))
+    desk.run()
+    polls = [desk.inbox.poll() for _ in range(2)]
     arrived = [[(event.client_id, type(event.request).__name__) for event in poll] for poll in polls]
     assert arrived == [[("c0ffee", "Estop"), ("other", "Recover"), ("c0ffee", "Follow")], [("c0ffee", "Hold")]]
 
 
-def test_a_chunk_is_the_last_request_of_its_poll(handler):
+def test_a_chunk_is_the_last_request_of_its_poll(desk):
     """One tick plans the way of two arms onto one chunk, and no second one; what is only judged does not count so much."""
     checked = protocol.CheckFollow(follow=protocol.Follow(epoch=0, points={"left": (Q, Q)}, dt_s=0.1))
     for number in range(2):
-        handler.ask(payload(checked, number, client_id="looks"))
-        handler.ask(chunk(number))
-    handler.run()
-    kinds = [[type(event.request).__name__ for event in handler.inbox.poll()] for _ in range(3)]
+        desk.ask(payload(checked, number, client_id="looks"))
+        desk.ask(chunk(number))
+    desk.run()
+    kinds = [[type(event.request).__name__ for event in desk.inbox.poll()] for _ in range(3)]
     assert kinds == [["CheckFollow", "Follow"], ["CheckFollow", "Follow"], []]
 
 
-def test_a_flood_of_chunks_is_refused(handler):
+def test_a_flood_of_chunks_is_refused(desk):
     """16 may wait; the others are told that they were not run."""
-    questions = [handler.ask(chunk(number)) for number in range(MAX_ASIDE + 3)]
+    questions = [desk.ask(chunk(number)) for number in range(MAX_ASIDE + 3)]
     for _ in questions:
-        assert handler.inbox.sort(0)
-    assert handler.inbox.overflown == 3
-    handler.run()
+        assert desk.inbox.sort(0)
+    assert desk.inbox.overflown == 3
+    desk.run()
     assert [question.code for question in questions if question.answers] == ["TIMEOUT"] * 3
-    assert len(handler.inbox.poll()) == 1
+    assert len(desk.inbox.poll()) == 1
 
 
-def test_a_chunk_that_is_none_is_refused_without_the_loop(handler):
+def test_a_chunk_that_is_none_is_refused_without_the_loop(desk):
     """The first offending point is told by the thread that read it."""
-    question = handler.ask(payload(protocol.Follow(epoch=1, points={"left": (Q, Q[:3])}, dt_s=0.1)))
-    handler.run()
+    question = desk.ask(payload(protocol.Follow(epoch=1, points={"left": (Q, Q[:3])}, dt_s=0.1)))
+    desk.run()
     assert question.code == "WRONG_SHAPE" and question.reply.refusal.field == "left_arm[1]"
-    assert handler.inbox.poll() == []
+    assert desk.inbox.poll() == []
 
 
-def test_waiting_for_work_ends_when_something_lies_aside(handler):
+def test_waiting_for_work_ends_when_something_lies_aside(desk):
     """The reader does not sleep over it."""
-    handler.ask(chunk(1))
-    assert handler.inbox.sort(10.0) and handler.inbox.sort(10.0)
-    assert len(handler.inbox.poll()) == 1
+    desk.ask(chunk(1))
+    assert desk.inbox.sort(10.0) and desk.inbox.sort(10.0)
+    assert len(desk.inbox.poll()) == 1
 
 
-def test_the_largest_chunk_fits_into_a_request(handler):
+def test_the_largest_chunk_fits_into_a_request(desk):
     """450 points of both arms with times, as msgpack."""
     lefts, rights = tuple([Q] * 450), tuple([HOME] * 450)
     request = protocol.Follow(
@@ -355,6 +355,6 @@ def test_the_largest_chunk_fits_into_a_request(handler):
     )
     sent = payload(request, 2**62, client_id="f" * 32)
     assert len(sent) <= protocol.MAX_PAYLOAD_BYTES
-    question = handler.ask(sent)
-    handler.run()
-    assert not question.answers and len(handler.inbox.poll()) == 1
+    question = desk.ask(sent)
+    desk.run()
+    assert not question.answers and len(desk.inbox.poll()) == 1

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import pytest
-from tests.api.handler import AskedQuestion, RequestHandler
 
 from gateway.api import protocol
 from gateway.api.stop_lane import ANSWERING_NS, FIRST_NUMBER, MAX_SHARING, MAX_WAITING, READ_BYTES, StopLane
 from gateway.core.messages import events
+from tests.api.desk import AskedQuestion, Desk
 from tests.api.samples import command
 
 S = 1_000_000_000
@@ -121,14 +121,14 @@ def test_answers_to_other_requests_pass_by(lane):
 
 def test_what_lies_in_the_inbox_keeps_no_stop_away():
     """A thousand requests that wait to be read, and an outbox that sends nothing, do not come before it."""
-    handler = RequestHandler()
+    desk = Desk()
     for number in range(2000):
-        handler.ask(protocol.encode(command(protocol.Recover(), number)))
+        desk.ask(protocol.encode(command(protocol.Recover(), number)))
     question = AskedQuestion(key=protocol.ESTOP_KEY)
-    handler.stops.arrive(protocol.ESTOP_KEY, b"", 0, question)
-    (stop,) = handler.stops.poll()
-    handler.outbox.send([events.Reply(client_id=stop.client_id, request_id=stop.request_id)], [])
-    assert handler.stops.deliver(0) and question.reply.refusal is None
+    desk.stops.arrive(protocol.ESTOP_KEY, b"", 0, question)
+    (stop,) = desk.stops.poll()
+    desk.outbox.send([events.Reply(client_id=stop.client_id, request_id=stop.request_id)], [])
+    assert desk.stops.deliver(0) and question.reply.refusal is None
 
 
 def test_it_closes():

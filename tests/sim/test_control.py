@@ -33,7 +33,7 @@ class FakeNode:
         self.is_ended = True
 
 
-class RequestHandler:
+class Desk:
     """A robot, a node and the requests to both."""
 
     def __init__(self) -> None:
@@ -51,56 +51,56 @@ class RequestHandler:
 
 def test_ping_tells_which_robot_this_is():
     """Model and commands."""
-    answer = RequestHandler().ask(do="ping")
+    answer = Desk().ask(do="ping")
     assert (answer["ok"], answer["model"]) == (True, "standard")
     assert "/api/fsm/enable" in answer["commands"]
 
 
 def test_stats_state_and_reset():
     """What was seen, what is true, and a new beginning."""
-    handler = RequestHandler()
-    handler.robot.receive("/api/left_arm/joint_cmd", joints([0.0] * 7), 0)
-    assert handler.ask(do="stats")["commands"]["/api/left_arm/joint_cmd"]["count"] == 1
-    assert handler.ask(do="state")["arms"]["left"]["is_streamed"] is True
-    assert handler.ask(do="reset_stats") == {"ok": True}
-    assert handler.ask(do="stats")["commands"] == {}
+    desk = Desk()
+    desk.robot.receive("/api/left_arm/joint_cmd", joints([0.0] * 7), 0)
+    assert desk.ask(do="stats")["commands"]["/api/left_arm/joint_cmd"]["count"] == 1
+    assert desk.ask(do="state")["arms"]["left"]["is_streamed"] is True
+    assert desk.ask(do="reset_stats") == {"ok": True}
+    assert desk.ask(do="stats")["commands"] == {}
 
 
 def test_log_is_followed_by_number():
     """Only entries after the given number come back."""
-    handler = RequestHandler()
-    handler.robot.receive("/api/left_arm/joint_cmd", joints([0.0]), 0)
-    handler.robot.receive("/api/fsm/enable", std_msgs.Float32(data=3.0), 0)
-    entries = handler.ask(do="log")["entries"]
+    desk = Desk()
+    desk.robot.receive("/api/left_arm/joint_cmd", joints([0.0]), 0)
+    desk.robot.receive("/api/fsm/enable", std_msgs.Float32(data=3.0), 0)
+    entries = desk.ask(do="log")["entries"]
     assert [entry["code"] for entry in entries] == ["REFUSED_SHORT", "ENABLE_VALUE"]
-    assert [entry["code"] for entry in handler.ask(do="log", since=1)["entries"]] == ["ENABLE_VALUE"]
-    assert "since" in handler.ask(do="log", since="x")["error"]
+    assert [entry["code"] for entry in desk.ask(do="log", since=1)["entries"]] == ["ENABLE_VALUE"]
+    assert "since" in desk.ask(do="log", since="x")["error"]
 
 
 def test_faults_go_to_the_robot_or_to_the_node():
     """Each to the one that has it; both can be cleared together."""
-    handler = RequestHandler()
-    assert handler.ask(do="fault", fault="vr_mode") == {"ok": True, "fault": "vr_mode"}
-    assert handler.ask(do="fault", fault="router_stop", duration_s=0.5)["ok"]
-    assert (handler.robot.api_mode, handler.node.begun) == (False, ["router_stop"])
-    listed = handler.ask(do="faults")
+    desk = Desk()
+    assert desk.ask(do="fault", fault="vr_mode") == {"ok": True, "fault": "vr_mode"}
+    assert desk.ask(do="fault", fault="router_stop", duration_s=0.5)["ok"]
+    assert (desk.robot.api_mode, desk.node.begun) == (False, ["router_stop"])
+    listed = desk.ask(do="faults")
     assert (set(listed["known"]), listed["active"]) == (set(FAULTS), ["vr_mode"])
-    assert handler.ask(do="clear", fault="vr_mode")["ended"] == 2
-    assert handler.node.cleared == [("vr_mode", None)]
-    assert handler.robot.api_mode
+    assert desk.ask(do="clear", fault="vr_mode")["ended"] == 2
+    assert desk.node.cleared == [("vr_mode", None)]
+    assert desk.robot.api_mode
 
 
 def test_shutdown_ends_the_node():
     """Orderly, after the answer."""
-    handler = RequestHandler()
-    assert handler.ask(do="shutdown")["ok"]
-    assert handler.node.is_ended
+    desk = Desk()
+    assert desk.ask(do="shutdown")["ok"]
+    assert desk.node.is_ended
 
 
 @pytest.mark.parametrize("text", ["", "[]", "{}", '"stats"', '{"do":"fly"}', '{"do":["x"]}', "\x00", '{"do":null}'])
 def test_what_is_not_a_request_is_answered_with_the_known_ones(text):
     """Never silence, never an exception."""
-    answer = RequestHandler().raw(text)
+    answer = Desk().raw(text)
     assert answer["ok"] is False
     assert answer["error"]
 
@@ -108,17 +108,17 @@ def test_what_is_not_a_request_is_answered_with_the_known_ones(text):
 @pytest.mark.parametrize("request_", [{"do": "fault", "fault": "x"}, {"do": "clear", "fault": 3}, {"do": "fault"}])
 def test_wrong_parameters_are_errors(request_):
     """The text says what was wrong."""
-    answer = RequestHandler().ask(**request_)
+    answer = Desk().ask(**request_)
     assert answer["ok"] is False
     assert "fault" in answer["error"]
 
 
 def test_a_fault_acts_from_the_time_of_the_request():
     """Durations count from then on."""
-    handler = RequestHandler()
-    handler.robot.advance(3 * S)
-    handler.ask(do="fault", fault="vr_mode", duration_s=1.0)
-    handler.robot.advance(4 * S - 1)
-    assert not handler.robot.api_mode
-    handler.robot.advance(4 * S)
-    assert handler.robot.api_mode
+    desk = Desk()
+    desk.robot.advance(3 * S)
+    desk.ask(do="fault", fault="vr_mode", duration_s=1.0)
+    desk.robot.advance(4 * S - 1)
+    assert not desk.robot.api_mode
+    desk.robot.advance(4 * S)
+    assert desk.robot.api_mode

@@ -2,7 +2,7 @@
 
 Along the circle each joint angle is the direction of a vector whose two components are waves of the arm angle, or has such
 a wave as its sine or cosine. It passes a limit at the roots of one wave, at most two, and the wave's slope there says
-whether it comes in or goes out. Sorted around the circle, the trackers leave the sectors in which nothing is out.
+whether it comes in or goes out. Sorted around the circle, the passages leave the sectors in which nothing is out.
 """
 
 from __future__ import annotations
@@ -139,9 +139,9 @@ def sectors(circle: Circle, window: Window) -> list[Sector]:
         window: Way of shoulder and wrist, with the limits.
 
     Returns:
-        Sectors in order; a single one from -π to π where there is no tracker at all.
+        Sectors in order; a single one from -π to π where there is no passage at all.
     """
-    return _between(circle, window, _trackers(circle, window))
+    return _between(circle, window, _passages(circle, window))
 
 
 def points(circle: Circle, window: Window) -> list[Sector]:
@@ -150,7 +150,7 @@ def points(circle: Circle, window: Window) -> list[Sector]:
     A pose of a configuration in a corner, with several joints at their limits, has no sector with a width: one of these
     may be all there is.
     """
-    return [(at, at) for at in (straight(circle), *(tracker[0] for tracker in _trackers(circle, window)))]
+    return [(at, at) for at in (straight(circle), *(passage[0] for passage in _passages(circle, window)))]
 
 
 def straight(circle: Circle) -> float:
@@ -173,22 +173,22 @@ def turned_to(circle: Circle, window: Window, a1: float) -> list[float]:
     ]
 
 
-def _trackers(circle: Circle, window: Window) -> list[tuple[float, int, float]]:
+def _passages(circle: Circle, window: Window) -> list[tuple[float, int, float]]:
     """Return where joints pass their limits: arm angle, joint, 1 in or -1 out; in order."""
     waves = circle.waves
-    trackers: list[tuple[float, int, float]] = []
+    passages: list[tuple[float, int, float]] = []
     for joint, first, second, p, q, u, v, comes_in in window.turning:
         a, b, d = waves[first]
         e, f, g = waves[second]
         for c, s, rises in _roots((p * a + q * e, p * b + q * f, p * d + q * g)):
             if u * (a + b * c + d * s) + v * (e + f * c + g * s) > 0.0:
-                trackers.append((math.atan2(s, c), joint, comes_in * rises))
+                passages.append((math.atan2(s, c), joint, comes_in * rises))
     for joint, index, value, comes_in in window.bounded:
         a, b, d = waves[index]
         for c, s, rises in _roots((a - value, b, d)):
-            trackers.append((math.atan2(s, c), joint, comes_in * rises))
-    trackers.sort()
-    return trackers
+            passages.append((math.atan2(s, c), joint, comes_in * rises))
+    passages.sort()
+    return passages
 
 
 def _roots(wave: Wave) -> tuple[tuple[float, float, float], ...]:
@@ -205,11 +205,11 @@ def _roots(wave: Wave) -> tuple[tuple[float, float, float], ...]:
     )
 
 
-def _between(circle: Circle, window: Window, trackers: list[tuple[float, int, float]]) -> list[Sector]:
-    """Return the sectors that trackers leave."""
-    start = 0.5 * (trackers[0][0] + trackers[-1][0] + math.tau) if trackers else 0.0
+def _between(circle: Circle, window: Window, passages: list[tuple[float, int, float]]) -> list[Sector]:
+    """Return the sectors that passages leave."""
+    start = 0.5 * (passages[0][0] + passages[-1][0] + math.tau) if passages else 0.0
     first: dict[int, float] = {}
-    for _, joint, comes_in in trackers:
+    for _, joint, comes_in in passages:
         first.setdefault(joint, comes_in)
     angles, _ = circle.at(start, window.shoulder, window.wrist)
     out = 0
@@ -219,11 +219,11 @@ def _between(circle: Circle, window: Window, trackers: list[tuple[float, int, fl
             out += 1
         elif comes_in == 0.0 and joint != 3 and not low - SLACK_RAD <= angle <= high + SLACK_RAD:
             return []
-    if not trackers:
+    if not passages:
         return [(-math.pi, math.pi)]
     found: list[Sector] = []
-    begin = trackers[-1][0]
-    for arm_angle, _, comes_in in trackers:
+    begin = passages[-1][0]
+    for arm_angle, _, comes_in in passages:
         if comes_in > 0.0:
             out -= 1
             begin = arm_angle
