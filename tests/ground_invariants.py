@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from gateway.core.engine import Output
-from gateway.core.messages.events import Frame, FrameKind
+from gateway.core.messages.outputs import Frame, FrameKind
 from gateway.robot.topics import CHASSIS_VELOCITY, LIFT_COMMAND, gripper_command, joint_command, pose_command
 from gateway.values import Side, Vector
 from tests.pair import MS, Pair, S

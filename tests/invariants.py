@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 from itertools import pairwise
 
 from gateway.core.engine import Output
-from gateway.core.messages.events import Frame, FrameKind
+from gateway.core.messages.outputs import Frame, FrameKind
 from gateway.errors import Code
 from gateway.robot.limits import JOINT_LOWER_RAD, JOINT_UPPER_RAD, MAX_ARM_LEN_M
 from gateway.robot.topics import (

@@ -15,7 +15,7 @@ from gateway.api import protocol
 from gateway.api.inbox import Inbox
 from gateway.api.outbox import Outbox
 from gateway.api.stop_lane import StopLane
-from gateway.core.messages import events
+from gateway.core.messages import events, outputs
 from gateway.messages.snapshot import Snapshot
 
 __all__ = ["Listener", "MemoryPlane"]
@@ -134,7 +134,7 @@ class MemoryPlane:
         """Let those clients, and nobody else, put targets, keepalives and check-ins."""
         self._heeded = client_ids
 
-    def send(self, replies: Sequence[events.Reply], notices: Sequence[events.Notice]) -> None:
+    def send(self, replies: Sequence[outputs.Reply], notices: Sequence[outputs.Notice]) -> None:
         """Deliver replies and notices."""
         self._outbox.send(replies, notices)
         self._flush()

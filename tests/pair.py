@@ -11,32 +11,24 @@ from collections.abc import Callable, Mapping
 
 from gateway.core.engine import Engine, Output
 from gateway.core.messages.events import (
-    Acquire,
-    ClaimShown,
     ClientGone,
     ClientSeen,
     CommandRequested,
-    Enable,
     Event,
-    Frame,
-    FrameKind,
     LinkDown,
     LinkUp,
-    Move,
-    Notice,
-    OnLoss,
-    OpenStream,
-    Remembered,
-    Reply,
-    Request,
     SampleArrived,
     SampleRefused,
     TargetArrived,
 )
+from gateway.core.messages.outputs import Frame, FrameKind, Notice, Remembered, Reply
+from gateway.core.messages.sightings import ClaimShown
 from gateway.core.motion.chunk import Chunk
 from gateway.core.robot_state.body_model import BodyModel, body_model
 from gateway.errors import Code, Refusal
 from gateway.link.codec import BadSample, from_message, stamp_of, to_message
+from gateway.messages.incoming import OnLoss
+from gateway.messages.requests import Acquire, Enable, Move, OpenStream, Request
 from gateway.messages.snapshot import Snapshot
 from gateway.robot.topics import CURRENT_MODE, MOTION_STATE_TOPICS, STATE_TOPICS
 from gateway.settings.settings import Settings

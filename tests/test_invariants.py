@@ -13,11 +13,14 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from gateway.core.messages.events import (
+from gateway.core.messages.events import ClientGone, ExitRequested, Suspended
+from gateway.core.messages.sightings import ForeignData, ForeignTokens, Gateway, GatewayTokens, Means, Writer
+from gateway.core.motion.poses.quaternion import exp, multiply
+from gateway.messages.incoming import OnLimit, OnLoss
+from gateway.messages.requests import (
     Abandon,
     Acquire,
     Cancel,
-    ClientGone,
     CloseStream,
     Disable,
     DisableLift,
@@ -25,18 +28,10 @@ from gateway.core.messages.events import (
     DriveLift,
     Enable,
     Estop,
-    ExitRequested,
     Follow,
-    ForeignData,
-    ForeignTokens,
-    Gateway,
-    GatewayTokens,
     Hold,
-    Means,
     Move,
     MovePose,
-    OnLimit,
-    OnLoss,
     OpenStream,
     Recover,
     Release,
@@ -45,11 +40,8 @@ from gateway.core.messages.events import (
     Stop,
     StopChassis,
     StopLift,
-    Suspended,
     Take,
-    Writer,
 )
-from gateway.core.motion.poses.quaternion import exp, multiply
 from gateway.robot.limits import HOME_Q_RAD, JOINT_LOWER_RAD, JOINT_UPPER_RAD
 from gateway.robot.topics import (
     CHASSIS_VELOCITY,

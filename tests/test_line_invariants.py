@@ -9,9 +9,9 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from gateway.core.messages.events import Move, MovePose
 from gateway.core.motion.poses.quaternion import exp, multiply
 from gateway.core.robot_state.body_model import body_model
+from gateway.messages.requests import Move, MovePose
 from gateway.robot.limits import HOME_Q_RAD
 from gateway.robot.topics import ee_pose, joint_command, shoulder_frame
 from gateway.settings.settings import LinkSettings, LocalSettings, Settings

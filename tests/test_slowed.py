@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import pytest
 
-from gateway.core.messages.events import OpenStream, TargetArrived
+from gateway.core.messages.events import TargetArrived
 from gateway.core.robot_state.body_model import body_model
 from gateway.errors import Code
+from gateway.messages.requests import OpenStream
 from gateway.robot.limits import HOME_Q_RAD
 from gateway.robot.topics import STATE_TOPICS, arm_state, shoulder_frame
 from gateway.settings.settings import LocalSettings, ModelSettings, Settings

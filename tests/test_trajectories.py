@@ -11,8 +11,8 @@ from itertools import pairwise
 
 import pytest
 
-from gateway.core.messages.events import Cancel, Follow
 from gateway.errors import Code
+from gateway.messages.requests import Cancel, Follow
 from gateway.messages.snapshot import MotionView
 from gateway.values import Side, Vector
 from tests.behaviour.scene import Scene, watched

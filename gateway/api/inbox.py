@@ -33,6 +33,7 @@ from gateway.api.translate import printable, to_request, to_target
 from gateway.core.messages import events
 from gateway.core.requests.answers import number_was_used
 from gateway.errors import Code, Refusal
+from gateway.messages import requests
 
 __all__ = ["MAX_ASIDE", "MAX_CLIENTS", "MAX_STREAMS", "MAX_WAITING", "PER_POLL", "Inbox"]
 
@@ -241,10 +242,10 @@ class Inbox:
                 self._waiting += 1
         self._arrived.set()
 
-    def _stop_lane(self, request: events.Request) -> _Lane | None:
-        if isinstance(request, events.Estop):
+    def _stop_lane(self, request: requests.Request) -> _Lane | None:
+        if isinstance(request, requests.Estop):
             return self._estops
-        return self._stops if isinstance(request, events.Stop) else None
+        return self._stops if isinstance(request, requests.Stop) else None
 
     # ------------------------------------------------------------------------------------------------ the loop
 
@@ -292,7 +293,7 @@ class Inbox:
                 if lane:
                     self._commands[client_id] = lane  # behind the others
             if self._outbox.take(command.client_id, command.request_id):
-                given += PER_POLL if isinstance(command.request, events.Follow) else 1
+                given += PER_POLL if isinstance(command.request, requests.Follow) else 1
                 yield command
 
     def _read_target(self, key: str, payload: bytes, encoding: str, received_ns: int) -> events.TargetArrived | None:

@@ -23,7 +23,7 @@ from gateway.api import protocol
 from gateway.api.question import Audience, Question, reply_encoding
 from gateway.api.stop_lane import StopLane
 from gateway.api.translate import to_notice, to_refusal, to_reply
-from gateway.core.messages import events
+from gateway.core.messages import outputs
 from gateway.errors import Code, Refusal
 from gateway.messages.snapshot import Snapshot
 
@@ -135,7 +135,7 @@ class Outbox:
         """Whether anybody listens to snapshots at present."""
         return any(audience.wants_snapshots() for audience in self._audiences)
 
-    def send(self, replies: Sequence[events.Reply], notices: Sequence[events.Notice]) -> None:
+    def send(self, replies: Sequence[outputs.Reply], notices: Sequence[outputs.Notice]) -> None:
         """Take replies and notices of one tick; returns at once."""
         for reply in replies:
             if not self._stops.answer(reply, self._seq):
@@ -210,7 +210,7 @@ class Outbox:
             question.drop()
         return False
 
-    def _reply(self, reply: events.Reply, after_seq: int) -> None:
+    def _reply(self, reply: outputs.Reply, after_seq: int) -> None:
         key = (reply.client_id, reply.request_id)
         with self._lock:
             questions = self._pending.pop(key, [])
@@ -233,7 +233,7 @@ class Outbox:
             )
         question.answer(payload, encoding)
 
-    def _notice(self, notice: events.Notice, number: int) -> None:
+    def _notice(self, notice: outputs.Notice, number: int) -> None:
         payload = protocol.encode(to_notice(notice))
         for audience in self._audiences:
             audience.put_notice(payload, number)

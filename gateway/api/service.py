@@ -31,7 +31,7 @@ from gateway.api.outbox import Outbox
 from gateway.api.stop_lane import StopLane
 from gateway.api.translate import describe
 from gateway.api.zenoh_plane import ZenohPlane
-from gateway.core.messages import events
+from gateway.core.messages import events, outputs
 from gateway.messages.snapshot import Snapshot
 from gateway.process.threads import supervised
 from gateway.settings.settings import LocalSettings, Settings
@@ -187,7 +187,7 @@ class LocalPlane:
             self._heeded = client_ids
             self._outbox.do(partial(self._open_lanes, client_ids))
 
-    def send(self, replies: Sequence[events.Reply], notices: Sequence[events.Notice]) -> None:
+    def send(self, replies: Sequence[outputs.Reply], notices: Sequence[outputs.Notice]) -> None:
         """Pass on what a tick brought. Never waits. Call it before `publish_snapshot` of the same tick."""
         self._outbox.send(replies, notices)
 

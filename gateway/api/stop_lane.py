@@ -28,7 +28,8 @@ import msgspec
 from gateway.api import protocol
 from gateway.api.question import Question
 from gateway.api.translate import printable, to_reply
-from gateway.core.messages import events
+from gateway.core.messages import events, outputs
+from gateway.messages import requests
 
 __all__ = ["ANSWERING_NS", "FIRST_NUMBER", "MAX_WAITING", "READ_BYTES", "StopLane"]
 
@@ -141,15 +142,15 @@ class StopLane:
                 events.CommandRequested(
                     client_id=client_id,
                     request_id=number,
-                    request=events.Estop(reason=reason) if is_estop else events.Stop(reason=reason),
+                    request=requests.Estop(reason=reason) if is_estop else requests.Stop(reason=reason),
                     received_ns=received_ns,
                     content=hash(payload),
                 )
             )
-        arrived.sort(key=lambda stop: isinstance(stop.request, events.Stop))
+        arrived.sort(key=lambda stop: isinstance(stop.request, requests.Stop))
         return arrived
 
-    def answer(self, reply: events.Reply, after_seq: int) -> bool:
+    def answer(self, reply: outputs.Reply, after_seq: int) -> bool:
         """Take the engine's reply; False when it is not to a stop of this lane. Never waits."""
         if reply.request_id < FIRST_NUMBER:
             return False

@@ -17,7 +17,7 @@ from msgspec import structs
 
 import gateway
 from gateway.api import protocol
-from gateway.core.messages import events
+from gateway.core.messages import events, outputs
 from gateway.core.motion.chunk import Chunk
 from gateway.core.requests.follows import worked_out
 from gateway.errors import Code, Refusal
@@ -123,7 +123,7 @@ def to_target(target: protocol.Target, client_id: str, stream_id: int, received_
     )
 
 
-def to_reply(reply: events.Reply, after_seq: int) -> protocol.Reply:
+def to_reply(reply: outputs.Reply, after_seq: int) -> protocol.Reply:
     """Return a reply as it is sent.
 
     Args:
@@ -152,7 +152,7 @@ def to_refusal(refusal: Refusal) -> protocol.RefusalMessage:
     return protocol.RefusalMessage(**asdict(refusal) | {"code": refusal.code.value})
 
 
-def to_notice(notice: events.Notice) -> protocol.Notice:
+def to_notice(notice: outputs.Notice) -> protocol.Notice:
     """Return a notice as it is sent."""
     return protocol.Notice(
         code=notice.code.value,

@@ -20,26 +20,21 @@ from gateway.core.messages.events import (
     ClientSeen,
     CommandRequested,
     EndpointHeard,
-    Estop,
     Event,
     GuardSeen,
     HeldElsewhere,
-    Level,
     LinkDown,
     LinkUp,
-    Remembered,
-    Reply,
     RobotsAnnounced,
     RouteObserved,
     SampleArrived,
     SampleRefused,
-    Sighting,
-    Stop,
     Suspended,
     TakenOver,
     TargetArrived,
 )
-from gateway.core.messages.outputs import found_at
+from gateway.core.messages.outputs import Level, Remembered, Reply, found_at
+from gateway.core.messages.sightings import Sighting
 from gateway.core.others.other_robots import other_namespace, two_robots
 from gateway.core.output.diagnosis import Diagnosis
 from gateway.core.output.frame_collector import FrameCollector, Output
@@ -58,6 +53,7 @@ from gateway.core.supervision.phases import Phases
 from gateway.core.supervision.rivalry import Rivalry
 from gateway.core.supervision.supervisor import State, Trigger
 from gateway.errors import Code, Refusal
+from gateway.messages.requests import Estop, Stop
 from gateway.messages.snapshot import Snapshot
 from gateway.robot.limits import ARM_WATCHDOG_NS
 from gateway.robot.topics import FSM_STATE

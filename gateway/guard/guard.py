@@ -45,7 +45,7 @@ from gateway.api.protocol import default_socket
 from gateway.core.engine import Output
 from gateway.core.guardian import Guardian, Phase
 from gateway.core.handover.takeover import LATCHED_BEFORE
-from gateway.core.messages.events import CommandRequested, Estop, LinkUp, Stop, Suspended
+from gateway.core.messages.events import CommandRequested, LinkUp, Suspended
 from gateway.core.messages.held import Held
 from gateway.core.supervision.supervisor import State
 from gateway.errors import Code, GatewayError
@@ -57,6 +57,7 @@ from gateway.guard.guard_server import GuardServer
 from gateway.link.discovery.discovery import Discovery
 from gateway.link.hearing import DECIDING
 from gateway.link.robot_link import RobotLink
+from gateway.messages.requests import Estop, Stop
 from gateway.process.cores import LinuxAffinity, spread
 from gateway.process.log import configure_log
 from gateway.process.loop import LEVELS

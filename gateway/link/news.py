@@ -16,8 +16,8 @@ from gateway.core.messages.events import (
     RouteObserved,
     SampleArrived,
     SampleRefused,
-    Sighting,
 )
+from gateway.core.messages.sightings import Sighting
 
 __all__ = ["TransportNews", "time_of"]
 

@@ -30,16 +30,8 @@ from functools import partial
 import zenoh
 
 from gateway.api.protocol import Wire
-from gateway.core.messages.events import (
-    Befriended,
-    ClaimShown,
-    Event,
-    LinkUp,
-    RobotsAnnounced,
-    RouteObserved,
-    SampleArrived,
-    SampleRefused,
-)
+from gateway.core.messages.events import Event, LinkUp, RobotsAnnounced, RouteObserved, SampleArrived, SampleRefused
+from gateway.core.messages.sightings import Befriended, ClaimShown
 from gateway.core.streams.gate import Cleared
 from gateway.link.codec import BadFrame, BadSample, decode_sample, encode_frame, stamp_of
 from gateway.link.connecting import MAX_RETRY_S, connect

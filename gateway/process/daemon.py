@@ -28,8 +28,8 @@ from gateway.api import protocol
 from gateway.api.guard_protocol import guard_socket, robot_name
 from gateway.api.service import LocalPlane
 from gateway.core.engine import Engine
-from gateway.core.messages.events import Event, ExitRequested, GuardSeen, LinkUp, Notice, PartEnded, Reply
-from gateway.core.messages.outputs import router_name
+from gateway.core.messages.events import Event, ExitRequested, GuardSeen, LinkUp, PartEnded
+from gateway.core.messages.outputs import Notice, Reply, router_name
 from gateway.errors import Code
 from gateway.guard.launcher import GuardLauncher
 from gateway.guard.successor import HoldSuccessor

@@ -27,18 +27,9 @@ import time
 from collections.abc import Callable, Sequence
 from typing import Generic, Protocol, TypeVar
 
-from gateway.core.messages.events import (
-    CommandRequested,
-    Estop,
-    Event,
-    Frame,
-    Level,
-    Notice,
-    Remembered,
-    Reply,
-    Stop,
-    Suspended,
-)
+from gateway.core.messages.events import CommandRequested, Event, Suspended
+from gateway.core.messages.outputs import Frame, Level, Notice, Remembered, Reply
+from gateway.messages.requests import Estop, Stop
 from gateway.messages.snapshot import Snapshot
 from gateway.process.realtime import SleepWatch
 

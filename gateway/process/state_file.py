@@ -32,7 +32,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from types import TracebackType
 
-from gateway.core.messages.events import Remembered
+from gateway.core.messages.outputs import Remembered
 from gateway.errors import CODES, Code, ConfigError, NotReady, Refusal
 from gateway.process.threads import supervised
 from gateway.robot.endpoint import robot_name

@@ -8,8 +8,9 @@ from __future__ import annotations
 
 from msgspec.structs import replace
 
-from gateway.core.messages import events
+from gateway.core.messages import events, outputs
 from gateway.errors import Code, Refusal
+from gateway.messages import incoming
 from gateway.messages.snapshot import (
     ArmView,
     ChassisView,
@@ -233,7 +234,7 @@ class ScriptedEngine:
                 if isinstance(refusal_or_facts, Refusal)
                 else {"facts": refusal_or_facts or {}}
             )
-            self._answered[key] = events.Reply(client_id=event.client_id, request_id=event.request_id, **answer)
+            self._answered[key] = outputs.Reply(client_id=event.client_id, request_id=event.request_id, **answer)
             if type(event.request) in self.mute:
                 return None
         return self._answered[key]
@@ -359,7 +360,7 @@ class ScriptedEngine:
     # ------------------------------------------------------------------------------------------------ motions
 
     def _on_move(self, event):
-        clipped = {"left": [3]} if event.request.on_limit is events.OnLimit.CLIP else {}
+        clipped = {"left": [3]} if event.request.on_limit is incoming.OnLimit.CLIP else {}
         return self._begin(event, event.request.targets_rad, {"clipped": clipped})
 
     def _on_movepose(self, event):

@@ -12,8 +12,8 @@ import pytest
 
 from gateway.api import protocol
 from gateway.api.translate import to_request, to_target
-from gateway.core.messages import events
 from gateway.errors import Code, Refusal
+from gateway.messages import requests
 from tests.api.samples import REQUESTS, Q, command
 from tests.fuzz.hostile import as_json, mutated, scratched
 from tests.thoroughness import either
@@ -60,7 +60,7 @@ def test_a_hundred_thousand_hostile_payloads_give_typed_answers_only():
             outcomes["refusal"] += 1
         else:
             assert type(request[0]).__module__ == "gateway.messages.requests"
-            if isinstance(request, events.Move):
+            if isinstance(request, requests.Move):
                 assert request.targets_rad and all(len(q) == 7 for q in request.targets_rad.values())
             outcomes["request"] += 1
     assert codes == CODES

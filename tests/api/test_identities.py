@@ -5,6 +5,7 @@ from __future__ import annotations
 from gateway.api import protocol
 from gateway.api.identities import MOST, Identities
 from gateway.core.messages import events
+from gateway.messages import requests
 from tests.api.desk import AskedQuestion, Desk
 from tests.api.samples import Q, command
 
@@ -54,7 +55,7 @@ def test_a_stranger_under_the_owners_id_is_nobody():
     desk.inbox.put_keepalive("ta2/1/keepalive/**", 5)
     desk.run()
     stopped, own = desk.inbox.poll()
-    assert isinstance(stopped.request, events.Stop) and stopped.client_id == "stranger" and not stop.answers
+    assert isinstance(stopped.request, requests.Stop) and stopped.client_id == "stranger" and not stop.answers
     assert own.request_id == 1 and [question.code for question in posed] == ["NOT_OWNER", "NOT_OWNER"]
     assert "'owner'" in posed[0].reply.refusal.message
     desk.inbox.put_keepalive(protocol.keepalive_key("owner", "s3cret"), 6)

@@ -11,6 +11,7 @@ from gateway.api import protocol
 from gateway.api.inbox import MAX_ASIDE, MAX_CLIENTS, MAX_STREAMS, MAX_WAITING, PER_POLL
 from gateway.core.messages import events
 from gateway.errors import Code
+from gateway.messages import requests
 from tests.api.desk import AskedQuestion, Desk
 from tests.api.samples import HOME, Q, command
 
@@ -36,7 +37,7 @@ def test_a_request_reaches_the_loop_with_who_and_when(desk):
     desk.run()
     (event,) = desk.inbox.poll()
     assert event == events.CommandRequested(
-        client_id="c0ffee", request_id=7, request=events.Recover(), received_ns=123, content=hash(data)
+        client_id="c0ffee", request_id=7, request=requests.Recover(), received_ns=123, content=hash(data)
     )
     assert desk.inbox.poll() == [] and question.answers == []
 
@@ -49,8 +50,8 @@ def test_another_request_under_a_number_that_still_waits_is_refused(desk):
     stop = desk.ask(payload(protocol.Stop(), 7))
     desk.run()
     assert other.code == "BAD_REQUEST" and first.answers == again.answers == stop.answers == []
-    requests = [event.request for event in desk.inbox.poll()]
-    assert requests == [events.Stop(), events.Release(epoch=1), events.Release(epoch=1)]
+    asked = [event.request for event in desk.inbox.poll()]
+    assert asked == [requests.Stop(), requests.Release(epoch=1), requests.Release(epoch=1)]
 
 
 def test_a_stop_finds_room_where_a_flood_has_left_none(desk):
@@ -60,7 +61,7 @@ def test_a_stop_finds_room_where_a_flood_has_left_none(desk):
     stop = desk.ask(payload(protocol.Stop(), 5000))
     desk.run()
     assert last.code == "TIMEOUT" and stop.answers == []
-    assert desk.inbox.poll()[0].request == events.Stop()
+    assert desk.inbox.poll()[0].request == requests.Stop()
     for n in range(2 * MAX_WAITING + 1):
         last = desk.ask(payload(protocol.Stop(), 9000 + n))
     desk.run()

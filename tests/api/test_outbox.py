@@ -6,7 +6,7 @@ import pytest
 
 from gateway.api import protocol
 from gateway.api.outbox import MAX_UNSENT
-from gateway.core.messages import events
+from gateway.core.messages import outputs
 from gateway.errors import Code, Refusal
 from tests.api.desk import AskedQuestion, Desk, KeptAudience
 from tests.api.samples import command
@@ -28,7 +28,7 @@ def ask(desk, request_id=1, **kwargs):
 
 def reply(request_id=1, **kwargs):
     """Return the engine's reply to it."""
-    return events.Reply(client_id="c0ffee", request_id=request_id, **kwargs)
+    return outputs.Reply(client_id="c0ffee", request_id=request_id, **kwargs)
 
 
 def test_a_reply_finds_its_question_once(desk):
@@ -143,7 +143,7 @@ def test_notices_go_to_every_audience_in_order(desk):
     audiences = [KeptAudience(), KeptAudience(listens=False)]
     for audience in audiences:
         desk.outbox.add_audience(audience)
-    notices = [events.Notice(code=Code.WALK, level=events.Level.INFO, message=str(n), at_ns=n) for n in range(3)]
+    notices = [outputs.Notice(code=Code.WALK, level=outputs.Level.INFO, message=str(n), at_ns=n) for n in range(3)]
     desk.outbox.send([], notices)
     desk.run()
     assert all([notice.message for notice in audience.notices] == ["0", "1", "2"] for audience in audiences)
@@ -171,7 +171,7 @@ def test_a_sender_that_hangs_costs_no_memory(desk):
     """Notices are dropped and questions finished without an answer when nothing is being sent; later all is well."""
     audience = KeptAudience()
     desk.outbox.add_audience(audience)
-    notice = events.Notice(code=Code.WALK, level=events.Level.INFO, message="m", at_ns=1)
+    notice = outputs.Notice(code=Code.WALK, level=outputs.Level.INFO, message="m", at_ns=1)
     desk.outbox.send([], [notice] * (MAX_UNSENT + 7))
     assert desk.outbox.dropped == 7
     question = AskedQuestion(key=protocol.INFO_KEY)

@@ -11,14 +11,14 @@ import msgspec
 import pytest
 
 from gateway.api import protocol
-from gateway.core.messages import events
+from gateway.core.messages import outputs
 from gateway.errors import Refusal
 from gateway.values import ARM_DOF, FsmState
 
 
 def test_a_refusal_and_a_notice_keep_their_fields():
     """What the engine says with codes of this release is told in words, under the same names."""
-    for told, said in ((protocol.RefusalMessage, Refusal), (protocol.Notice, events.Notice)):
+    for told, said in ((protocol.RefusalMessage, Refusal), (protocol.Notice, outputs.Notice)):
         assert told.__struct_fields__ == tuple(field.name for field in dataclasses.fields(said))
 
 

@@ -17,8 +17,8 @@ from msgspec import structs
 
 from gateway.api import protocol
 from gateway.api.service import LocalPlane
-from gateway.core.messages import events
 from gateway.errors import Code, ConfigError, NotReady
+from gateway.messages import requests
 from gateway.process.threads import take_lost
 from gateway.settings.settings import LinkSettings, LocalSettings, Settings
 from tests.api.daemon import Daemon, eventually, settings_for
@@ -91,7 +91,7 @@ def test_a_person_can_ask_in_json(daemon, stranger):
     assert json.loads(snapshot)["lease"]["name"] == "curl"
 
 
-@pytest.mark.parametrize(("key", "kind"), [(protocol.STOP_KEY, events.Stop), (protocol.ESTOP_KEY, events.Estop)])
+@pytest.mark.parametrize(("key", "kind"), [(protocol.STOP_KEY, requests.Stop), (protocol.ESTOP_KEY, requests.Estop)])
 def test_ten_bytes_from_any_program_are_a_stop(daemon, stranger, key, kind):
     """A put of anything, a query with anything or nothing, and a delete: each is the stop; a query is answered in JSON."""
     stranger.put(key, b"0123456789")

@@ -6,7 +6,8 @@ import pytest
 
 from gateway.api import protocol
 from gateway.api.stop_lane import ANSWERING_NS, FIRST_NUMBER, MAX_SHARING, MAX_WAITING, READ_BYTES, StopLane
-from gateway.core.messages import events
+from gateway.core.messages import outputs
+from gateway.messages import requests
 from tests.api.desk import AskedQuestion, Desk
 from tests.api.samples import command
 
@@ -50,10 +51,10 @@ def test_whatever_arrives_is_the_stop(lane, key, payload):
     lane.arrive(key, payload, 5, question)
     lane.arrive(key, payload, 6)
     first, second = lane.poll()
-    kind = events.Estop if key == protocol.ESTOP_KEY else events.Stop
+    kind = requests.Estop if key == protocol.ESTOP_KEY else requests.Stop
     assert type(first.request) is type(second.request) is kind
     assert (first.received_ns, second.received_ns) == (5, 6)
-    assert lane.answer(events.Reply(client_id=first.client_id, request_id=first.request_id, facts={"n": 1}), 3)
+    assert lane.answer(outputs.Reply(client_id=first.client_id, request_id=first.request_id, facts={"n": 1}), 3)
     assert lane.deliver(0) and not question.dropped
     assert question.reply.facts == {"n": 1} and question.reply.after_seq == 3
 
@@ -82,7 +83,7 @@ def test_an_emergency_stop_comes_before_a_stop(lane):
     """Whatever came first."""
     for key in (protocol.STOP_KEY, protocol.ESTOP_KEY, protocol.STOP_KEY):
         lane.arrive(key, b"", 0)
-    assert [type(stop.request) for stop in lane.poll()] == [events.Estop, events.Stop, events.Stop]
+    assert [type(stop.request) for stop in lane.poll()] == [requests.Estop, requests.Stop, requests.Stop]
 
 
 def test_a_flood_of_stops_is_bounded_and_each_of_them_is_answered(lane):
@@ -92,9 +93,9 @@ def test_a_flood_of_stops_is_bounded_and_each_of_them_is_answered(lane):
         lane.arrive(protocol.STOP_KEY, b"", 0, question)
     lane.arrive(protocol.ESTOP_KEY, b"", 0)
     stops = lane.poll()
-    assert len(stops) == MAX_WAITING + 1 and isinstance(stops[0].request, events.Estop)
+    assert len(stops) == MAX_WAITING + 1 and isinstance(stops[0].request, requests.Estop)
     for stop in stops:
-        assert lane.answer(events.Reply(client_id=stop.client_id, request_id=stop.request_id), 0)
+        assert lane.answer(outputs.Reply(client_id=stop.client_id, request_id=stop.request_id), 0)
     while lane.deliver(0):
         pass
     assert sum(question.dropped for question in asked) == 1  # it stopped all the same
@@ -116,7 +117,7 @@ def test_a_stop_ends_the_wait_of_the_loop(lane):
 
 def test_answers_to_other_requests_pass_by(lane):
     """Numbers of stops are above those that a client can give."""
-    assert not lane.answer(events.Reply(client_id="a", request_id=FIRST_NUMBER - 1), 0)
+    assert not lane.answer(outputs.Reply(client_id="a", request_id=FIRST_NUMBER - 1), 0)
 
 
 def test_what_lies_in_the_inbox_keeps_no_stop_away():
@@ -127,7 +128,7 @@ def test_what_lies_in_the_inbox_keeps_no_stop_away():
     question = AskedQuestion(key=protocol.ESTOP_KEY)
     desk.stops.arrive(protocol.ESTOP_KEY, b"", 0, question)
     (stop,) = desk.stops.poll()
-    desk.outbox.send([events.Reply(client_id=stop.client_id, request_id=stop.request_id)], [])
+    desk.outbox.send([outputs.Reply(client_id=stop.client_id, request_id=stop.request_id)], [])
     assert desk.stops.deliver(0) and question.reply.refusal is None
 
 

@@ -9,8 +9,9 @@ import pytest
 import gateway
 from gateway.api import protocol
 from gateway.api.translate import config_hash, describe, to_notice, to_refusal, to_reply, to_request, to_target
-from gateway.core.messages import events
+from gateway.core.messages import events, outputs
 from gateway.errors import Code, Refusal
+from gateway.messages import incoming, requests
 from gateway.robot.limits import JOINT_LOWER_RAD, JOINT_UPPER_RAD
 from gateway.settings.settings import ArmSettings, ChassisSettings, LiftSettings, Settings
 from gateway.values import Side
@@ -25,9 +26,9 @@ def test_a_request_arrives_as_it_was_sent(request_):
     for encoding in (protocol.MSGPACK, protocol.JSON):
         taken, chunk = to_request(protocol.decode_command(protocol.encode(sent, encoding), encoding).request)
         assert taken == request_
-        assert isinstance(getattr(taken, "on_loss", events.OnLoss.HOLD), events.OnLoss)
-        assert isinstance(getattr(taken, "on_limit", events.OnLimit.CLIP), events.OnLimit)
-        assert (chunk is not None) is isinstance(taken, (events.Follow, events.CheckFollow))
+        assert isinstance(getattr(taken, "on_loss", incoming.OnLoss.HOLD), incoming.OnLoss)
+        assert isinstance(getattr(taken, "on_limit", incoming.OnLimit.CLIP), incoming.OnLimit)
+        assert (chunk is not None) is isinstance(taken, (requests.Follow, requests.CheckFollow))
 
 
 @pytest.mark.parametrize(
@@ -58,7 +59,7 @@ def test_text_of_clients_is_made_fit_to_be_shown():
     check, _ = to_request(protocol.CheckFollow(follow=follow))
     assert check.follow.frames == {"left": "a?"}
     stop, _ = to_request(protocol.Stop(reason="é" * 10_000))
-    assert isinstance(stop, events.Stop) and stop.reason == "é" * 256
+    assert isinstance(stop, requests.Stop) and stop.reason == "é" * 256
 
 
 def test_a_target_is_passed_on_unjudged():
@@ -72,7 +73,7 @@ def test_a_target_is_passed_on_unjudged():
 
 def test_a_reply_carries_plain_facts():
     """Facts of any mapping and sequence type become what both encodings know."""
-    reply = events.Reply(
+    reply = outputs.Reply(
         client_id="me",
         request_id=4,
         facts={"q_rad": MappingProxyType({Side.LEFT: (1.0, 2.0)}), "clipped": (3,), "code": Code.CANCELLED, "epoch": 1},
@@ -88,8 +89,8 @@ def test_refusals_and_notices_become_plain():
     """Codes and levels become their text, facts a plain map."""
     refusal = Refusal(code=Code.LEASE_HELD, message="m", hint="h")
     assert protocol.refusal_of(to_refusal(refusal)) == refusal
-    assert to_reply(events.Reply(client_id="a", request_id=1, refusal=refusal), 0).refusal == to_refusal(refusal)
-    notice = events.Notice(code=Code.WALK, level=events.Level.WARNING, message="m", at_ns=3, facts={"a": "b"})
+    assert to_reply(outputs.Reply(client_id="a", request_id=1, refusal=refusal), 0).refusal == to_refusal(refusal)
+    notice = outputs.Notice(code=Code.WALK, level=outputs.Level.WARNING, message="m", at_ns=3, facts={"a": "b"})
     assert to_notice(notice) == protocol.Notice(code="WALK", level="warning", message="m", at_ns=3, facts={"a": "b"})
 
 

@@ -12,19 +12,11 @@ from itertools import pairwise
 
 import numpy as np
 
-from gateway.core.messages.events import (
-    Disable,
-    Enable,
-    Frame,
-    FrameKind,
-    LinkUp,
-    Move,
-    Remembered,
-    SampleArrived,
-    Stop,
-)
+from gateway.core.messages.events import LinkUp, SampleArrived
+from gateway.core.messages.outputs import Frame, FrameKind, Remembered
 from gateway.core.robot_state.body_model import body_model
 from gateway.errors import Code
+from gateway.messages.requests import Disable, Enable, Move, Stop
 from gateway.messages.snapshot import MotionView, TargetView
 from gateway.robot.limits import HOME_Q_RAD
 from gateway.robot.topics import (

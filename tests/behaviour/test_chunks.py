@@ -7,9 +7,10 @@ from typing import Any
 
 import pytest
 
-from gateway.core.messages.events import Follow, FrameKind, Stop
+from gateway.core.messages.outputs import FrameKind
 from gateway.core.motion.poses.quaternion import exp, multiply
 from gateway.errors import Code
+from gateway.messages.requests import Follow, Stop
 from gateway.robot.limits import HOME_Q_RAD
 from gateway.robot.topics import STATE_TOPICS, pose_command, shoulder_frame
 from gateway.sim.robot.settings import SimSettings

@@ -10,19 +10,9 @@ from dataclasses import dataclass
 import pytest
 
 from gateway.codes import Code
-from gateway.core.messages.events import (
-    Cancel,
-    Disable,
-    Enable,
-    Hold,
-    Move,
-    MovePose,
-    Release,
-    RobotsAnnounced,
-    RouteObserved,
-    Stop,
-)
+from gateway.core.messages.events import RobotsAnnounced, RouteObserved
 from gateway.errors import CODES
+from gateway.messages.requests import Cancel, Disable, Enable, Hold, Move, MovePose, Release, Stop
 from gateway.messages.snapshot import Finding
 from gateway.robot.limits import JOINT_LOWER_RAD, JOINT_UPPER_RAD
 from gateway.robot.topics import (

@@ -7,7 +7,11 @@ from itertools import pairwise, product
 
 import pytest
 
-from gateway.core.messages.events import (
+from gateway.core.messages.events import ExitRequested, Suspended
+from gateway.core.messages.outputs import FrameKind
+from gateway.errors import Code
+from gateway.messages.incoming import OnLoss
+from gateway.messages.requests import (
     Abandon,
     Acquire,
     DisableLift,
@@ -15,19 +19,14 @@ from gateway.core.messages.events import (
     DriveLift,
     Enable,
     Estop,
-    ExitRequested,
-    FrameKind,
     Move,
-    OnLoss,
     Release,
     SetGripper,
     Stop,
     StopChassis,
     StopLift,
-    Suspended,
     Take,
 )
-from gateway.errors import Code
 from gateway.robot.topics import CHASSIS_VELOCITY, CURRENT_MODE, FSM_STATE, LIFT_COMMAND, joint_command
 from gateway.settings.settings import LossSettings
 from gateway.values import Side

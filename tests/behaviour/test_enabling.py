@@ -6,17 +6,10 @@ from collections.abc import Callable
 
 import pytest
 
-from gateway.core.messages.events import (
-    Acquire,
-    Disable,
-    Enable,
-    FrameKind,
-    Move,
-    Release,
-    RouteObserved,
-    Stop,
-)
+from gateway.core.messages.events import RouteObserved
+from gateway.core.messages.outputs import FrameKind
 from gateway.errors import Code
+from gateway.messages.requests import Acquire, Disable, Enable, Move, Release, Stop
 from gateway.robot.topics import (
     CHASSIS_STATE,
     CURRENT_MODE,

@@ -4,17 +4,10 @@ from __future__ import annotations
 
 import pytest
 
-from gateway.core.messages.events import (
-    Disable,
-    Enable,
-    Estop,
-    ExitRequested,
-    Move,
-    Recover,
-    Remembered,
-    Stop,
-)
+from gateway.core.messages.events import ExitRequested
+from gateway.core.messages.outputs import Remembered
 from gateway.errors import Code
+from gateway.messages.requests import Disable, Enable, Estop, Move, Recover, Stop
 from gateway.robot.topics import FSM_ENABLE, FSM_STATE, LIFT_COMMAND
 from gateway.settings.settings import ArmSettings
 from gateway.sim.robot.settings import SimSettings

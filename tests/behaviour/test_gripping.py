@@ -6,19 +6,9 @@ from collections.abc import Callable
 
 import pytest
 
-from gateway.core.messages.events import (
-    Acquire,
-    Disable,
-    Enable,
-    Estop,
-    FrameKind,
-    Move,
-    Release,
-    SetGripper,
-    Stop,
-    Take,
-)
+from gateway.core.messages.outputs import FrameKind
 from gateway.errors import Code
+from gateway.messages.requests import Acquire, Disable, Enable, Estop, Move, Release, SetGripper, Stop, Take
 from gateway.robot.topics import FSM_ENABLE, ee_pose, gripper_command, gripper_state, joint_command, pose_command
 from gateway.sim.robot.settings import SimSettings
 from gateway.values import Side

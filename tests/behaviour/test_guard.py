@@ -7,20 +7,10 @@ from itertools import pairwise
 import pytest
 
 from gateway.core.guardian import Phase
-from gateway.core.messages.events import (
-    Acquire,
-    CommandRequested,
-    Enable,
-    Estop,
-    FrameKind,
-    GuardSeen,
-    MovePose,
-    Release,
-    Reply,
-    SetGripper,
-    Stop,
-)
+from gateway.core.messages.events import CommandRequested, GuardSeen
+from gateway.core.messages.outputs import FrameKind, Reply
 from gateway.errors import Code
+from gateway.messages.requests import Acquire, Enable, Estop, MovePose, Release, SetGripper, Stop
 from gateway.robot.topics import FSM_ENABLE, STATE_TOPICS, gripper_command, joint_command, pose_command, shoulder_frame
 from gateway.sim.robot.settings import SimSettings
 from gateway.values import Side

@@ -7,7 +7,8 @@ from dataclasses import replace
 import pytest
 from msgspec import structs
 
-from gateway.core.messages.events import Enable, Event, SampleArrived
+from gateway.core.messages.events import Event, SampleArrived
+from gateway.messages.requests import Enable
 from gateway.robot.topics import STATE_TOPICS, arm_state
 from gateway.sim.robot.settings import SimSettings
 from gateway.values import ArmState, Side, Vector

@@ -4,19 +4,11 @@ from __future__ import annotations
 
 import pytest
 
-from gateway.core.messages.events import (
-    Abandon,
-    Acquire,
-    ClientSeen,
-    FrameKind,
-    Move,
-    OnLoss,
-    OpenStream,
-    Release,
-    Stop,
-    Take,
-)
+from gateway.core.messages.events import ClientSeen
+from gateway.core.messages.outputs import FrameKind
 from gateway.errors import Code
+from gateway.messages.incoming import OnLoss
+from gateway.messages.requests import Abandon, Acquire, Move, OpenStream, Release, Stop, Take
 from gateway.robot.topics import LIFT_COMMAND
 from gateway.settings.settings import LossSettings
 from gateway.values import Side

@@ -7,22 +7,11 @@ from itertools import pairwise
 import msgspec
 import pytest
 
-from gateway.core.messages.events import (
-    Disable,
-    Enable,
-    Estop,
-    ExitRequested,
-    ForeignData,
-    FrameKind,
-    Gateway,
-    GatewayTokens,
-    LinkUp,
-    Move,
-    Release,
-    Stop,
-    Suspended,
-)
+from gateway.core.messages.events import ExitRequested, LinkUp, Suspended
+from gateway.core.messages.outputs import FrameKind
+from gateway.core.messages.sightings import ForeignData, Gateway, GatewayTokens
 from gateway.errors import Code
+from gateway.messages.requests import Disable, Enable, Estop, Move, Release, Stop
 from gateway.robot.topics import CURRENT_MODE, FSM_ENABLE, FSM_STATE, arm_state, joint_command
 from gateway.values import Side
 from tests.behaviour.scene import HOME, LEAN, Scene, scene

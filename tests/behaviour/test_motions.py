@@ -8,14 +8,11 @@ from itertools import pairwise
 import pytest
 
 from gateway.core.body import body
-from gateway.core.messages.events import (
-    Cancel,
-    FrameKind,
-    Move,
-    OnLimit,
-)
+from gateway.core.messages.outputs import FrameKind
 from gateway.core.motion.motion import PlanFailed
 from gateway.errors import Code
+from gateway.messages.incoming import OnLimit
+from gateway.messages.requests import Cancel, Move
 from gateway.messages.snapshot import MotionView
 from gateway.values import Side
 from tests.behaviour.scene import HOME, away, watched

@@ -4,29 +4,30 @@ from __future__ import annotations
 
 import pytest
 
-from gateway.core.messages.events import (
-    Acquire,
+from gateway.core.messages.events import GuardSeen, LinkUp
+from gateway.core.messages.outputs import FrameKind
+from gateway.core.messages.sightings import (
     Befriended,
+    ForeignData,
+    ForeignTokens,
+    Gateway,
+    GatewayTokens,
+    Means,
+    Writer,
+)
+from gateway.errors import Code
+from gateway.messages.requests import (
+    Acquire,
     Disable,
     DriveChassis,
     DriveLift,
     Enable,
     Estop,
-    ForeignData,
-    ForeignTokens,
-    FrameKind,
-    Gateway,
-    GatewayTokens,
-    GuardSeen,
-    LinkUp,
-    Means,
     Move,
     Recover,
     Release,
     Stop,
-    Writer,
 )
-from gateway.errors import Code
 from gateway.robot.topics import (
     CHASSIS_VELOCITY,
     FSM_ENABLE,

@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from gateway.core.messages.events import Enable, Frame, FrameKind, Move
+from gateway.core.messages.outputs import Frame, FrameKind
 from gateway.core.motion.gap import gap
+from gateway.messages.requests import Enable, Move
 from gateway.robot.limits import JOINT_LOWER_RAD, JOINT_UPPER_RAD
 from gateway.robot.topics import (
     FSM_STATE,

@@ -8,8 +8,9 @@ from itertools import pairwise
 
 import pytest
 
-from gateway.core.messages.events import Enable, FrameKind, Hold, Move, MovePose, OpenStream, Recover, Stop, Take
+from gateway.core.messages.outputs import FrameKind
 from gateway.errors import Code
+from gateway.messages.requests import Enable, Hold, Move, MovePose, OpenStream, Recover, Stop, Take
 from gateway.robot.topics import (
     FSM_ENABLE,
     STATE_TOPICS,

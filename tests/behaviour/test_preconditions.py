@@ -15,20 +15,13 @@ from functools import lru_cache
 import pytest
 
 from gateway.codes import Code
-from gateway.core.messages.events import (
-    DriveChassis,
-    DriveLift,
-    Enable,
-    Move,
-    OnLoss,
-    Request,
-    SampleArrived,
-    SetGripper,
-)
+from gateway.core.messages.events import SampleArrived
 from gateway.core.requests.handler import RequestHandler
 from gateway.core.supervision.lease import Lease
 from gateway.core.supervision.supervisor import State
 from gateway.errors import CODES
+from gateway.messages.incoming import OnLoss
+from gateway.messages.requests import DriveChassis, DriveLift, Enable, Move, Request, SetGripper
 from gateway.robot.topics import CURRENT_MODE, FSM_STATE
 from gateway.settings.settings import LossSettings
 from tests.core.stage import GOAL, MODE, L, R, S, Stage

@@ -7,8 +7,9 @@ from collections.abc import Callable
 
 import pytest
 
-from gateway.core.messages.events import Enable, Estop, Move, Recover, Release, SampleRefused, Stop
+from gateway.core.messages.events import SampleRefused
 from gateway.errors import Code
+from gateway.messages.requests import Enable, Estop, Move, Recover, Release, Stop
 from gateway.robot.topics import CURRENT_MODE, FSM_STATE, arm_state, joint_command
 from gateway.values import Side
 from tests.behaviour.scene import HOME, Scene, away, scene

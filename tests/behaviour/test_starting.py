@@ -7,16 +7,10 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from gateway.core.messages.events import (
-    Enable,
-    FrameKind,
-    Move,
-    Recover,
-    SampleArrived,
-    Stop,
-    Take,
-)
+from gateway.core.messages.events import SampleArrived
+from gateway.core.messages.outputs import FrameKind
 from gateway.errors import Code
+from gateway.messages.requests import Enable, Move, Recover, Stop, Take
 from gateway.robot.topics import CURRENT_MODE, arm_state, joint_command
 from gateway.values import Side
 from tests.behaviour.scene import HOME, Scene, scene

@@ -7,14 +7,15 @@ from itertools import pairwise
 
 import pytest
 
-from gateway.core.messages.events import (
+from gateway.core.messages.events import CommandRequested
+from gateway.core.messages.outputs import FrameKind
+from gateway.errors import Code
+from gateway.messages.requests import (
     Cancel,
     CloseStream,
-    CommandRequested,
     Disable,
     Enable,
     Estop,
-    FrameKind,
     Hold,
     Move,
     OpenStream,
@@ -23,7 +24,6 @@ from gateway.core.messages.events import (
     SetGripper,
     Stop,
 )
-from gateway.errors import Code
 from gateway.robot.topics import CHASSIS_VELOCITY, FSM_ENABLE, FSM_STATE, LIFT_COMMAND, arm_state, gripper_command
 from gateway.values import Side
 from tests.behaviour.scene import HOME, REACHED_BY, Scene, scene

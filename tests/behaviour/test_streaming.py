@@ -7,16 +7,11 @@ from itertools import pairwise
 
 import pytest
 
-from gateway.core.messages.events import (
-    CloseStream,
-    FrameKind,
-    Hold,
-    Move,
-    OnLimit,
-    OpenStream,
-    TargetArrived,
-)
+from gateway.core.messages.events import TargetArrived
+from gateway.core.messages.outputs import FrameKind
 from gateway.errors import Code
+from gateway.messages.incoming import OnLimit
+from gateway.messages.requests import CloseStream, Hold, Move, OpenStream
 from gateway.robot.limits import JOINT_LOWER_RAD, JOINT_UPPER_RAD
 from gateway.robot.topics import joint_command
 from gateway.settings.settings import ArmSettings

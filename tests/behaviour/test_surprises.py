@@ -11,7 +11,9 @@ from functools import lru_cache
 import pytest
 
 from gateway.codes import Code
-from gateway.core.messages.events import Enable, FrameKind, LinkUp, Move, SampleRefused
+from gateway.core.messages.events import LinkUp, SampleRefused
+from gateway.core.messages.outputs import FrameKind
+from gateway.messages.requests import Enable, Move
 from gateway.robot.topics import CURRENT_MODE, STATE_TOPICS, arm_state, ee_pose, joint_command
 from gateway.sim.robot.settings import SimSettings
 from gateway.values import Side

@@ -7,8 +7,10 @@ from itertools import pairwise
 import pytest
 
 from gateway.core.guardian import Phase
-from gateway.core.messages.events import Enable, Estop, FrameKind, GuardSeen, Move, PartEnded, Recover, Stop
+from gateway.core.messages.events import GuardSeen, PartEnded
+from gateway.core.messages.outputs import FrameKind
 from gateway.errors import Code
+from gateway.messages.requests import Enable, Estop, Move, Recover, Stop
 from gateway.robot.topics import FSM_ENABLE, joint_command
 from gateway.settings.settings import ArmSettings
 from gateway.values import Side

@@ -8,16 +8,10 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from gateway.core.messages.events import (
-    ClientSeen,
-    DriveChassis,
-    Enable,
-    Estop,
-    FrameKind,
-    Move,
-    Suspended,
-)
+from gateway.core.messages.events import ClientSeen, Suspended
+from gateway.core.messages.outputs import FrameKind
 from gateway.errors import Code
+from gateway.messages.requests import DriveChassis, Enable, Estop, Move
 from gateway.robot.topics import CHASSIS_VELOCITY, FSM_ENABLE, arm_state, joint_command
 from gateway.sim.robot.settings import SimSettings
 from gateway.values import Side

@@ -11,29 +11,12 @@ from collections.abc import Callable
 
 import pytest
 
-from gateway.core.messages.events import (
-    Acquire,
-    Disable,
-    Enable,
-    Estop,
-    ExitRequested,
-    ForeignData,
-    ForeignTokens,
-    FrameKind,
-    Gateway,
-    GatewayTokens,
-    Means,
-    Move,
-    OnLoss,
-    Recover,
-    Release,
-    Reply,
-    Stop,
-    Suspended,
-    Take,
-    Writer,
-)
+from gateway.core.messages.events import ExitRequested, Suspended
+from gateway.core.messages.outputs import FrameKind, Reply
+from gateway.core.messages.sightings import ForeignData, ForeignTokens, Gateway, GatewayTokens, Means, Writer
 from gateway.errors import Code
+from gateway.messages.incoming import OnLoss
+from gateway.messages.requests import Acquire, Disable, Enable, Estop, Move, Recover, Release, Stop, Take
 from gateway.robot.topics import CHASSIS_VELOCITY, CURRENT_MODE, FSM_ENABLE, FSM_STATE, arm_state
 from gateway.values import Side
 from tests.behaviour.scene import HOME, LEAN, Scene, scene

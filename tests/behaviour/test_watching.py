@@ -6,21 +6,20 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from gateway.core.messages.events import (
-    ClientGone,
+from gateway.core.messages.events import ClientGone, EndpointHeard
+from gateway.core.messages.outputs import FrameKind
+from gateway.errors import Code
+from gateway.messages.incoming import OnLoss
+from gateway.messages.requests import (
     DriveChassis,
     Enable,
-    EndpointHeard,
-    FrameKind,
     LeaveEndpoint,
     Move,
-    OnLoss,
     OpenStream,
     Recover,
     RegisterEndpoint,
     SetGripper,
 )
-from gateway.errors import Code
 from gateway.robot.topics import CHASSIS_VELOCITY
 from gateway.values import Side
 from tests.behaviour.scene import HOME, Scene, scene

@@ -8,9 +8,9 @@ import time
 from gateway.api import protocol
 from gateway.api.translate import to_request
 from gateway.core.engine import Output
-from gateway.core.messages import events
 from gateway.core.motion.chunk import Chunk
 from gateway.errors import Refusal
+from gateway.messages import requests
 from gateway.sim.robot.settings import SimSettings
 from gateway.values import Side
 from tests.bench.table import Row
@@ -38,7 +38,7 @@ def _request(pair: Pair, epoch: int, space: protocol.Space, count: int) -> proto
     return protocol.Follow(epoch=epoch, points=points, space=space, frames=frames, dt_s=DT_S)
 
 
-def _accepting_ms(pair: Pair, request: events.Request, chunk: Chunk | None) -> float:
+def _accepting_ms(pair: Pair, request: requests.Request, chunk: Chunk | None) -> float:
     """Return the time of the tick that accepts a chunk [ms]; in processor time of this thread."""
     engine = pair.engine
     tick, accepting_ms = engine.tick, 0.0
@@ -77,7 +77,7 @@ def chunk_rows() -> list[Row]:
                 assert not isinstance(taken, Refusal), taken
                 in_tick_ms.append(_accepting_ms(pair, *taken))
                 pair.run(0.1)
-            pair.granted(events.Hold(epoch=epoch, sides=tuple(Side)))
+            pair.granted(requests.Hold(epoch=epoch, sides=tuple(Side)))
             pair.run(1.0)
             in_tick_ms.sort()
             worst_ms = in_tick_ms[-2]  # one round may meet whatever else the machine does

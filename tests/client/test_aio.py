@@ -9,9 +9,10 @@ import numpy as np
 import pytest
 
 from gateway.client import StopResult, aio
-from gateway.core.messages import events
-from gateway.core.messages.events import Level, MovePose, Notice
+from gateway.core.messages.outputs import Level, Notice
 from gateway.errors import Aborted, Code, Disconnected, LeaseError, OutcomeUnknown, Refusal, Rejected
+from gateway.messages import requests
+from gateway.messages.requests import MovePose
 from tests.api.daemon import eventually
 from tests.api.stand_in import START_Q
 from tests.client.playing import play
@@ -158,7 +159,7 @@ def test_cancelling_the_task_that_owns_leaves_the_robot_held(world, where):
                     world.plane.reachable = False  # the release will wait for its reply
 
             task = asyncio.create_task(owner())
-            awaited = events.Move if where == "in a wait" else events.Enable
+            awaited = requests.Move if where == "in a wait" else requests.Enable
             while not any(isinstance(request, awaited) for _, request in world.engine.requests):
                 await asyncio.sleep(0)
             while where == "while ending" and world.plane.reachable:
@@ -241,7 +242,7 @@ def test_errors_come_out_of_the_await_they_belong_to(world):
                     world.engine.end_streams("TARGET_EXPIRED")
                     for _ in range(5):
                         await out.tick()
-            world.engine.refusals[events.CloseStream] = Refusal(code=Code.LEASE_LOST, message="gone")
+            world.engine.refusals[requests.CloseStream] = Refusal(code=Code.LEASE_LOST, message="gone")
             with pytest.raises(LeaseError):
                 async with own.left_arm.stream():
                     pass

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from gateway.client import Robot, StopResult, connect
-from gateway.core.messages import events
-from gateway.core.messages.events import Level, Notice
+from gateway.core.messages.outputs import Level, Notice
 from gateway.errors import (
     Code,
     Disconnected,
@@ -18,6 +17,7 @@ from gateway.errors import (
     Rejected,
     Stale,
 )
+from gateway.messages import requests
 from gateway.messages.snapshot import SlowingView
 from tests.api.stand_in import START_Q, a_snapshot
 
@@ -194,7 +194,7 @@ def test_a_refusal_arrives_as_its_class_with_all_its_facts(world, robot):
     refusal = Refusal(
         code=Code.LATCH_PERSISTS, message="m", field="f", value="v", bound="b", unit="rad", hint="do this"
     )
-    world.engine.refusals[events.Recover] = refusal
+    world.engine.refusals[requests.Recover] = refusal
     with pytest.raises(NotReady) as caught:
         robot.recover()
     assert caught.value.refusal == refusal
@@ -202,7 +202,7 @@ def test_a_refusal_arrives_as_its_class_with_all_its_facts(world, robot):
 
 def test_a_lost_reply_is_an_unknown_outcome(world, robot):
     """A command whose reply never comes is not called failed: it may have run."""
-    world.engine.mute = {events.Recover}
+    world.engine.mute = {requests.Recover}
     with pytest.raises(OutcomeUnknown) as caught:
         robot.recover()
     assert "did not answer" in str(caught.value) and world.engine.names() == ["Recover"]
@@ -226,7 +226,7 @@ def test_a_lost_reply_is_asked_for_again_and_the_command_runs_once(world, robot)
 
 def test_a_daemon_that_dies_before_it_answers_leaves_the_outcome_unknown(world, robot):
     """A connection that breaks while a reply is under way is an unknown outcome, soon, not after all of the timeout."""
-    world.engine.mute = {events.Recover}
+    world.engine.mute = {requests.Recover}
     world.on_tick = lambda: world.plane.set_reachable(False) if world.engine.names() else None
     ask = world.plane.ask
     world.plane.ask = lambda key, payload, encoding, on_done: (

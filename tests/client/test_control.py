@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from gateway.client import PoseTarget, connect
-from gateway.core.messages import events
 from gateway.errors import (
     Aborted,
     Cancelled,
@@ -20,6 +19,7 @@ from gateway.errors import (
     Rejected,
     Superseded,
 )
+from gateway.messages import incoming, requests
 from gateway.values import Side, Space
 from tests.api.stand_in import START_Q, TICK_NS
 from tests.client.robot_world import RobotWorld
@@ -135,7 +135,7 @@ def test_taking_over_waits_until_the_arms_rest(world, robot):
     with connect(transport=world.transport(), name="person") as person:
         with person.control(take="needs a look") as own:
             assert person.state.left_arm.dq_ref.max() == 0.0 and own.epoch == 2
-        assert [r.reason for _, r in world.engine.requests if isinstance(r, events.Take)] == ["needs a look"]
+        assert [r.reason for _, r in world.engine.requests if isinstance(r, requests.Take)] == ["needs a look"]
     with pytest.raises(LeaseError) as caught:
         first.left_arm.hold()
     assert caught.value.code is Code.LEASE_STALE
@@ -215,7 +215,7 @@ def test_keepalives_come_every_50_ms_while_owning_and_not_before_or_after(world,
 
 def test_the_reply_to_acquire_getting_lost_leaves_no_signs_of_life(world, robot):
     """Who does not know that it owns the robot must not keep it."""
-    world.engine.mute = {events.Acquire}
+    world.engine.mute = {requests.Acquire}
     with pytest.raises(OutcomeUnknown):
         robot.control().acquire()
     count = len(world.engine.seen[robot.client_id])
@@ -246,7 +246,7 @@ def test_enable_raises_what_was_missing(world, robot):
 
 def test_enable_raises_the_refusal(world, robot):
     """A refusal at once arrives with its class."""
-    world.engine.refusals[events.Enable] = Refusal(code=Code.MODE_VR, message="the robot is in VR mode")
+    world.engine.refusals[requests.Enable] = Refusal(code=Code.MODE_VR, message="the robot is in VR mode")
     with robot.control() as own, pytest.raises(NotReady) as caught:
         own.enable()
     assert caught.value.code is Code.MODE_VR and "reboot" in caught.value.hint
@@ -302,7 +302,7 @@ def test_a_motion_is_accepted_at_once_and_reached_later(world, own):
     assert result.error == pytest.approx(0.004) and result.sides == ("left",) and result.duration == 0.2
     assert handle.goal == {"left": tuple(GOAL)} and handle.clipped == ()
     _, request = world.engine.requests[-1]
-    assert request == events.Move(epoch=1, targets_rad={Side.LEFT: tuple(GOAL)}, speed=0.5)
+    assert request == requests.Move(epoch=1, targets_rad={Side.LEFT: tuple(GOAL)}, speed=0.5)
 
 
 def test_two_arms_move_in_one_motion(world, own):
@@ -310,7 +310,7 @@ def test_two_arms_move_in_one_motion(world, own):
     own.move_by({"right": np.zeros(7), "left": GOAL * 0.01}, tolerance=0.02, on_limit="clip").result(timeout=5.0)
     _, request = world.engine.requests[-1]
     assert set(request.targets_rad) == {Side.LEFT, Side.RIGHT}
-    assert request.relative and request.tolerance_rad == 0.02 and request.on_limit is events.OnLimit.CLIP
+    assert request.relative and request.tolerance_rad == 0.02 and request.on_limit is incoming.OnLimit.CLIP
 
 
 @pytest.mark.parametrize("straight", [False, True])
@@ -320,7 +320,7 @@ def test_a_pose_is_gone_to_straight_only_where_that_is_asked_for(world, own, str
     p, quat = (0.3, 0.1, -0.2), (0.0, 0.0, 0.0, 1.0)
     go(p, quat, frame="left_shoulder_base", speed=0.4, tolerance_m=0.002)
     _, request = world.engine.requests[-1]
-    assert request == events.MovePose(
+    assert request == requests.MovePose(
         epoch=1,
         targets={Side.LEFT: (*p, *quat)},
         frames={Side.LEFT: "left_shoulder_base"},
@@ -471,7 +471,7 @@ def test_a_stream_starts_where_the_arm_is_held_and_sends_what_is_set(world, own)
             out.tick()
         assert np.allclose(sent, out.q) and sent.shape == (7,) and not sent.flags.writeable
         assert out.accepted == 10 and not out.limited and out.skipped == 0
-    _, opened = next((c, r) for c, r in world.engine.requests if isinstance(r, events.OpenStream))
+    _, opened = next((c, r) for c, r in world.engine.requests if isinstance(r, requests.OpenStream))
     assert opened.speed == 0.7 and opened.expiry_ns == 500_000_000
     assert [t.seq for t in world.engine.targets] == list(range(1, 11)) and world.engine.targets[-1].epoch == 1
     assert np.allclose(world.engine.targets[-1].values, sent)
@@ -573,10 +573,10 @@ def test_targets_are_taken_at_1_to_100_hz(own, rate):
 
 def test_the_error_of_the_block_wins_over_the_one_of_closing(world, own):
     """When a block fails and closing its stream fails too, the first error is told."""
-    world.engine.refusals[events.CloseStream] = Refusal(code=Code.LEASE_LOST, message="gone")
+    world.engine.refusals[requests.CloseStream] = Refusal(code=Code.LEASE_LOST, message="gone")
     with pytest.raises(ZeroDivisionError), own.left_arm.stream():
         _ = 1 / 0
-    world.engine.refusals[events.CloseStream] = Refusal(code=Code.LEASE_LOST, message="gone")
+    world.engine.refusals[requests.CloseStream] = Refusal(code=Code.LEASE_LOST, message="gone")
     with pytest.raises(LeaseError), own.left_arm.stream():
         pass
 
@@ -616,7 +616,7 @@ def test_a_chunk_is_asked_for_with_everything_that_was_wished(world, own):
         goal_time=1.5,
     )
     request = asked(world)
-    assert isinstance(request, events.Follow) and list(request.points) == [Side.LEFT]
+    assert isinstance(request, requests.Follow) and list(request.points) == [Side.LEFT]
     assert (request.dt_s, request.stretch, request.smoothing_s, request.open_end) == (0.1, 2.0, 0.1, True)
     assert (request.start_at_ns, request.start_in_ns, request.goal_time_ns) == (None, -300_000_000, 1_500_000_000)
     assert request.path_tolerance == {Side.LEFT: (0.2,) * 7}

@@ -9,12 +9,15 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping
 from dataclasses import replace
 
-from gateway.core.messages.events import CommandRequested, Frame, OnLoss, Remembered, Request, SampleArrived
+from gateway.core.messages.events import CommandRequested, SampleArrived
+from gateway.core.messages.outputs import Frame, Remembered
 from gateway.core.supervision.conditions import Conditions
 from gateway.core.supervision.coordinator import Coordinator
 from gateway.core.supervision.phases import Phases
 from gateway.core.supervision.supervisor import State
 from gateway.errors import Code
+from gateway.messages.incoming import OnLoss
+from gateway.messages.requests import Request
 from gateway.robot.limits import JOINT_LOWER_RAD, JOINT_UPPER_RAD
 from gateway.robot.topics import CURRENT_MODE, FSM_STATE, arm_state, ee_pose
 from gateway.settings.settings import LinkSettings, Settings

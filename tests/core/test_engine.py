@@ -10,42 +10,25 @@ import pytest
 
 from gateway.core.engine import Engine, Output
 from gateway.core.messages.events import (
-    Abandon,
-    Acquire,
-    Befriended,
     ClientSeen,
     CommandRequested,
-    Enable,
     EndpointHeard,
-    Estop,
     ExitRequested,
-    ForeignData,
-    FrameKind,
-    Gateway,
-    GatewayTokens,
     GuardSeen,
     HeldElsewhere,
     LinkDown,
     LinkUp,
-    Move,
-    Notice,
-    OnLoss,
     PartEnded,
-    Recover,
-    RegisterEndpoint,
-    Release,
-    Remembered,
-    Reply,
-    Request,
     RobotsAnnounced,
     RouteObserved,
     SampleArrived,
     SampleRefused,
-    Stop,
     Suspended,
     TakenOver,
 )
 from gateway.core.messages.held import Held
+from gateway.core.messages.outputs import FrameKind, Notice, Remembered, Reply
+from gateway.core.messages.sightings import Befriended, ForeignData, Gateway, GatewayTokens
 from gateway.core.output.pace import REST_NS, TICK_NS
 from gateway.core.requests.answers import REPLIES_KEPT
 from gateway.core.robot_state.body_model import BodyModel
@@ -54,6 +37,19 @@ from gateway.core.supervision.supervisor import State, Trigger
 from gateway.errors import Code
 from gateway.kinematics.description import nominal
 from gateway.kinematics.identification.agreement import Agreement
+from gateway.messages.incoming import OnLoss
+from gateway.messages.requests import (
+    Abandon,
+    Acquire,
+    Enable,
+    Estop,
+    Move,
+    Recover,
+    RegisterEndpoint,
+    Release,
+    Request,
+    Stop,
+)
 from gateway.robot.limits import HOME_Q_RAD
 from gateway.robot.topics import (
     CHASSIS_VELOCITY,

@@ -7,9 +7,11 @@ from itertools import pairwise
 import pytest
 
 from gateway.core.guardian import HANDED_NS, Guardian, Phase
-from gateway.core.messages.events import Enable, Estop, FrameKind, Suspended
+from gateway.core.messages.events import Suspended
 from gateway.core.messages.held import Held
+from gateway.core.messages.outputs import FrameKind
 from gateway.core.supervision.supervisor import State
+from gateway.messages.requests import Enable, Estop
 from gateway.robot.limits import HOME_Q_RAD
 from gateway.robot.topics import CURRENT_MODE, FSM_ENABLE, FSM_STATE, arm_state, joint_command
 from gateway.settings.settings import Settings

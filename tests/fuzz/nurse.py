@@ -8,18 +8,10 @@ from __future__ import annotations
 import itertools
 import math
 
-from gateway.core.messages.events import (
-    Acquire,
-    CommandRequested,
-    Enable,
-    Move,
-    MovePose,
-    Recover,
-    Reply,
-    Request,
-    Take,
-)
+from gateway.core.messages.events import CommandRequested
+from gateway.core.messages.outputs import Reply
 from gateway.errors import CODES
+from gateway.messages.requests import Acquire, Enable, Move, MovePose, Recover, Request, Take
 from gateway.robot.limits import HOME_Q_RAD
 from gateway.robot.topics import joint_command, pose_command
 from gateway.values import ARM_DOF, Side, Vector

@@ -25,9 +25,11 @@ from gateway.api.stop_lane import StopLane
 from gateway.api.translate import describe
 from gateway.core.body.motions import ENDED_KEPT
 from gateway.core.engine import Output
-from gateway.core.messages.events import CommandRequested, Estop, Event, FrameKind, Reply, Stop
+from gateway.core.messages.events import CommandRequested, Event
+from gateway.core.messages.outputs import FrameKind, Reply
 from gateway.core.requests.answers import REPLIES_KEPT
 from gateway.errors import CODES, Code
+from gateway.messages.requests import Estop, Stop
 from gateway.robot.limits import JOINT_LOWER_RAD, JOINT_UPPER_RAD
 from gateway.robot.topics import CURRENT_MODE, FSM_STATE, arm_state, ee_pose
 from gateway.settings.settings import LinkSettings, LocalSettings, Settings

@@ -20,10 +20,12 @@ from cdr_types import CdrError, encode
 from cdr_types.messages import builtin_interfaces, geometry_msgs, sensor_msgs, std_msgs
 from gateway.api import protocol
 from gateway.core.engine import Output
-from gateway.core.messages.events import FrameKind, Move, SampleArrived, SampleRefused
+from gateway.core.messages.events import SampleArrived, SampleRefused
+from gateway.core.messages.outputs import FrameKind
 from gateway.errors import Code
 from gateway.link.codec import MAX_MODE_CHARACTERS, BadSample, decode_sample, stamp_of
 from gateway.link.mailbox import Mailbox
+from gateway.messages.requests import Move
 from gateway.robot.limits import HOME_Q_RAD
 from gateway.robot.topics import CURRENT_MODE, FSM_STATE, JOINT_NAMES, JOINT_STATE, STATE_TOPICS, TOPICS, arm_state
 from gateway.settings.settings import LocalSettings, Settings

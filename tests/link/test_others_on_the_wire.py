@@ -7,17 +7,9 @@ import time
 
 import pytest
 
-from gateway.core.messages.events import (
-    Befriended,
-    ClaimShown,
-    ForeignData,
-    ForeignTokens,
-    Frame,
-    FrameKind,
-    GatewayTokens,
-    LinkUp,
-    Means,
-)
+from gateway.core.messages.events import LinkUp
+from gateway.core.messages.outputs import Frame, FrameKind
+from gateway.core.messages.sightings import Befriended, ClaimShown, ForeignData, ForeignTokens, GatewayTokens, Means
 from gateway.core.streams.gate import Cleared
 from gateway.link import RobotLink
 from gateway.link.discovery.discovery import TokenTable

@@ -14,7 +14,8 @@ import pytest
 import zenoh
 
 from cdr_types import encode
-from gateway.core.messages.events import Frame, FrameKind, LinkDown, LinkUp, RouteObserved, SampleArrived, SampleRefused
+from gateway.core.messages.events import LinkDown, LinkUp, RouteObserved, SampleArrived, SampleRefused
+from gateway.core.messages.outputs import Frame, FrameKind
 from gateway.core.streams.gate import Cleared
 from gateway.errors import Code
 from gateway.link import RobotLink

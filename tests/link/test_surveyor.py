@@ -10,7 +10,7 @@ import pytest
 import zenoh
 
 from cdr_types.keys import Qos, Reliability, Token, TokenKind, format_token, topic_to_key
-from gateway.core.messages.events import Frame, FrameKind
+from gateway.core.messages.outputs import Frame, FrameKind
 from gateway.core.streams.gate import Cleared
 from gateway.link.codec import BadFrame
 from gateway.link.robot_link import RobotLink

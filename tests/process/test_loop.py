@@ -15,26 +15,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from gateway.core.messages.events import (
-    ClientSeen,
-    CommandRequested,
-    Enable,
-    Estop,
-    Event,
-    ExitRequested,
-    Frame,
-    FrameKind,
-    Level,
-    Notice,
-    Recover,
-    Remembered,
-    Reply,
-    Request,
-    SampleArrived,
-    Stop,
-    Suspended,
-)
+from gateway.core.messages.events import ClientSeen, CommandRequested, Event, ExitRequested, SampleArrived, Suspended
+from gateway.core.messages.outputs import Frame, FrameKind, Level, Notice, Remembered, Reply
 from gateway.errors import Code
+from gateway.messages.requests import Enable, Estop, Recover, Request, Stop
 from gateway.messages.snapshot import Snapshot
 from gateway.process import loop as loop_module
 from gateway.process.loop import Loop

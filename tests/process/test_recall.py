@@ -9,8 +9,8 @@ from pathlib import Path
 import pytest
 
 from gateway.core.engine import Engine
-from gateway.core.messages.events import CommandRequested, LinkUp, Remembered
-from gateway.core.messages.outputs import ROUTERS_KEPT, found_at, router_name
+from gateway.core.messages.events import CommandRequested, LinkUp
+from gateway.core.messages.outputs import ROUTERS_KEPT, Remembered, found_at, router_name
 from gateway.errors import Code
 from gateway.messages.requests import Enable
 from gateway.process.recall import Recall

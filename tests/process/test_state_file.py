@@ -21,7 +21,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from gateway.core.messages.events import Remembered
+from gateway.core.messages.outputs import Remembered
 from gateway.errors import Code, ConfigError, NotReady
 from gateway.process import state_file
 from gateway.process.state_file import EPOCH_BLOCK, Started, StateFile, StateWriter, path_of

@@ -11,8 +11,9 @@ from operator import attrgetter
 
 from gateway.core.limits.pose_validation import check_pose
 from gateway.core.limits.validation import check_goal
-from gateway.core.messages.events import OnLimit, TargetArrived
+from gateway.core.messages.events import TargetArrived
 from gateway.errors import Code, Refusal
+from gateway.messages.incoming import OnLimit
 from gateway.messages.snapshot import TargetView
 from gateway.settings.settings import ArmSettings, PoseSettings
 from gateway.values import Side, Space, Vector

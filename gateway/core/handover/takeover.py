@@ -23,8 +23,9 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from gateway.core.messages.events import GuardSeen, HeldElsewhere, Level, TakenOver
+from gateway.core.messages.events import GuardSeen, HeldElsewhere, TakenOver
 from gateway.core.messages.held import Held, HeldArm
+from gateway.core.messages.outputs import Level
 from gateway.core.motion.motion import PlanFailed
 from gateway.core.streams.heartbeat import Beat
 from gateway.core.supervision.coordinator import AT_BASE, QUIET, Coordinator

@@ -10,11 +10,11 @@ import math
 from collections.abc import Sequence
 
 from gateway.core.limits.validation import Checked, check_tolerance
-from gateway.core.messages.events import OnLimit
 from gateway.core.motion.gap import Gap
 from gateway.core.motion.poses.pose_state import NORM_TOLERANCE
 from gateway.core.motion.poses.quaternion import unit
 from gateway.errors import Code, Refusal
+from gateway.messages.incoming import OnLimit
 from gateway.robot.topics import shoulder_frame
 from gateway.settings.settings import PoseSettings
 from gateway.values import Side, Vector

@@ -11,8 +11,8 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
-from gateway.core.messages.events import OnLimit
 from gateway.errors import Code, Refusal
+from gateway.messages.incoming import OnLimit
 from gateway.robot.topics import ARM_JOINTS
 from gateway.settings.settings import ArmSettings
 from gateway.values import ARM_DOF, CurrentMode, Side, Space, Vector

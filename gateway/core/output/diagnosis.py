@@ -17,7 +17,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 
 from gateway.codes import Code
-from gateway.core.messages.events import Level
+from gateway.core.messages.outputs import Level
 from gateway.core.robot_state.following import JOINT_GRAIN, POSE_GRAIN, Following, Stall
 from gateway.core.streams.heartbeat import Beat
 from gateway.core.supervision.coordinator import Coordinator

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from msgspec import Struct
 
-from gateway.core.messages.events import Frame, FrameKind, Notice, Remembered, Reply
+from gateway.core.messages.outputs import Frame, FrameKind, Notice, Remembered, Reply
 from gateway.core.separation.slowing import Slowing
 from gateway.core.separation.spacing import Spacing
 from gateway.core.streams.gate import Cleared, Gate, GateContext

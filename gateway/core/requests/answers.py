@@ -11,8 +11,10 @@ from __future__ import annotations
 
 from collections import OrderedDict
 
-from gateway.core.messages.events import CommandRequested, Estop, Reply, Stop
+from gateway.core.messages.events import CommandRequested
+from gateway.core.messages.outputs import Reply
 from gateway.errors import Code, Refusal
+from gateway.messages.requests import Estop, Stop
 
 __all__ = ["REPLIES_KEPT", "Answers", "number_was_used"]
 

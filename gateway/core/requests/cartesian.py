@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING, TypeAlias
 from gateway.core.body.motions import Motion, MotionState
 from gateway.core.limits import validation
 from gateway.core.limits.pose_validation import check_frame, check_pose, check_pose_tolerance
-from gateway.core.messages.events import CommandRequested, MovePose
+from gateway.core.messages.events import CommandRequested
 from gateway.core.motion.lines.line_curve import place
 from gateway.core.motion.lines.line_gaps import too_near
 from gateway.core.motion.lines.line_path import LinePath
@@ -33,6 +33,7 @@ from gateway.core.separation.goal_checks import check_goals
 from gateway.core.supervision.coordinator import Coordinator
 from gateway.core.supervision.supervisor import Trigger
 from gateway.errors import Code, Refusal
+from gateway.messages.requests import MovePose
 from gateway.robot.topics import ARM_JOINTS
 from gateway.values import EePose, Side, Space, Vector
 

@@ -8,13 +8,14 @@ from __future__ import annotations
 from gateway.codes import Code
 from gateway.core.limits import ground_rules as rules
 from gateway.core.limits.validation import check_expiry
-from gateway.core.messages.events import CommandRequested, DisableLift, DriveChassis, DriveLift, StopChassis, StopLift
+from gateway.core.messages.events import CommandRequested
 from gateway.core.requests.authorisation import Authorisation
 from gateway.core.requests.moves import Answer
 from gateway.core.streams.ground import LIFT_OFF
 from gateway.core.streams.lift import LiftStream
 from gateway.core.supervision.coordinator import Coordinator
 from gateway.errors import Refusal
+from gateway.messages.requests import DisableLift, DriveChassis, DriveLift, StopChassis, StopLift
 
 __all__ = ["Driving"]
 

@@ -12,7 +12,7 @@ from functools import partial
 
 from gateway.core.body.motions import MotionState, Terms
 from gateway.core.limits.pose_validation import check_frame
-from gateway.core.messages.events import CheckFollow, CommandRequested, Follow
+from gateway.core.messages.events import CommandRequested
 from gateway.core.motion.chunk import Chunk, check_jump, check_motion, check_start, prepare
 from gateway.core.motion.joints.trajectory import Trajectory
 from gateway.core.motion.poses.pose_chunk import check_pose_jump, check_pose_motion
@@ -25,6 +25,7 @@ from gateway.core.separation.goal_checks import check_goals
 from gateway.core.supervision.coordinator import Coordinator
 from gateway.core.supervision.supervisor import Trigger
 from gateway.errors import Code, Refusal
+from gateway.messages.requests import CheckFollow, Follow
 from gateway.values import ARM_DOF, Side, Space, Vector
 
 __all__ = ["Follows", "worked_out"]

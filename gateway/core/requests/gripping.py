@@ -5,12 +5,13 @@ from __future__ import annotations
 import math
 
 from gateway.codes import Code
-from gateway.core.messages.events import CommandRequested, SetGripper
+from gateway.core.messages.events import CommandRequested
 from gateway.core.requests.authorisation import Authorisation
 from gateway.core.requests.moves import Answer
 from gateway.core.supervision.coordinator import Coordinator
 from gateway.core.supervision.supervisor import Trigger
 from gateway.errors import Refusal
+from gateway.messages.requests import SetGripper
 from gateway.robot.limits import gripper_torque_nm
 from gateway.values import Side
 

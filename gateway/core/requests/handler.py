@@ -11,13 +11,24 @@ from functools import partial
 from typing import TypeAlias
 
 from gateway.core.limits import validation
-from gateway.core.messages.events import (
+from gateway.core.messages.events import CommandRequested, TargetArrived
+from gateway.core.messages.outputs import Level
+from gateway.core.requests.authorisation import REFUSAL_TEXT, Authorisation
+from gateway.core.requests.cartesian import Cartesian
+from gateway.core.requests.driving import Driving
+from gateway.core.requests.follows import Follows
+from gateway.core.requests.gripping import Gripping
+from gateway.core.requests.moves import Answer, Facts, Moves
+from gateway.core.supervision.coordinator import Coordinator
+from gateway.core.supervision.phases import Phases
+from gateway.core.supervision.supervisor import State, Trigger
+from gateway.errors import Code, Refusal
+from gateway.messages.requests import (
     Abandon,
     Acquire,
     Cancel,
     CheckFollow,
     CloseStream,
-    CommandRequested,
     Disable,
     DisableLift,
     DriveChassis,
@@ -27,7 +38,6 @@ from gateway.core.messages.events import (
     Follow,
     Hold,
     LeaveEndpoint,
-    Level,
     Move,
     MovePose,
     OpenStream,
@@ -39,18 +49,7 @@ from gateway.core.messages.events import (
     StopChassis,
     StopLift,
     Take,
-    TargetArrived,
 )
-from gateway.core.requests.authorisation import REFUSAL_TEXT, Authorisation
-from gateway.core.requests.cartesian import Cartesian
-from gateway.core.requests.driving import Driving
-from gateway.core.requests.follows import Follows
-from gateway.core.requests.gripping import Gripping
-from gateway.core.requests.moves import Answer, Facts, Moves
-from gateway.core.supervision.coordinator import Coordinator
-from gateway.core.supervision.phases import Phases
-from gateway.core.supervision.supervisor import State, Trigger
-from gateway.errors import Code, Refusal
 from gateway.values import FsmState, Side
 
 __all__ = ["May", "RequestHandler"]

@@ -11,16 +11,7 @@ from typing import TypeAlias
 from gateway.core.body.motions import Motion, MotionState
 from gateway.core.limits import validation
 from gateway.core.limits.pose_validation import check_frame, check_pose, check_pose_tolerance
-from gateway.core.messages.events import (
-    Cancel,
-    CloseStream,
-    CommandRequested,
-    Hold,
-    Move,
-    MovePose,
-    OpenStream,
-    TargetArrived,
-)
+from gateway.core.messages.events import CommandRequested, TargetArrived
 from gateway.core.motion.gap import Gap
 from gateway.core.motion.motion import PlanFailed
 from gateway.core.requests.authorisation import Authorisation
@@ -28,6 +19,7 @@ from gateway.core.separation import goal_checks
 from gateway.core.supervision.coordinator import Coordinator
 from gateway.core.supervision.supervisor import State, Trigger
 from gateway.errors import Code, Refusal
+from gateway.messages.requests import Cancel, CloseStream, Hold, Move, MovePose, OpenStream
 from gateway.values import Side, Space, Vector
 
 __all__ = ["Answer", "Facts", "Moves"]

@@ -10,11 +10,12 @@ from __future__ import annotations
 
 from typing import TypeAlias
 
-from gateway.core.messages.events import CommandRequested, Recover
+from gateway.core.messages.events import CommandRequested
 from gateway.core.requests.handler import RequestHandler
 from gateway.core.supervision.coordinator import Coordinator
 from gateway.core.supervision.supervisor import State
 from gateway.errors import CODES, Refusal
+from gateway.messages.requests import Recover
 from gateway.messages.snapshot import RefusalMessage
 
 __all__ = ["PERIOD_NS", "Preconditions"]

@@ -30,7 +30,7 @@ import math
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, NamedTuple
 
-from gateway.core.messages.events import Level
+from gateway.core.messages.outputs import Level
 from gateway.core.motion.motion import PoseReference, ReferenceMode
 from gateway.core.motion.poses.pose_state import PoseDynamics
 from gateway.core.supervision.coordinator import Coordinator

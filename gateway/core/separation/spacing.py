@@ -26,7 +26,7 @@ from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
 from gateway.core.body.motions import MotionState
-from gateway.core.messages.events import Level
+from gateway.core.messages.outputs import Level
 from gateway.core.motion.joints.braking import REST
 from gateway.core.motion.joints.stops import Stops
 from gateway.core.motion.motion import JointReference, ReferenceMode

@@ -21,7 +21,7 @@ from typing import NamedTuple, NewType
 
 from msgspec import Struct
 
-from gateway.core.messages.events import Frame, FrameKind
+from gateway.core.messages.outputs import Frame, FrameKind
 from gateway.core.motion.poses.quaternion import dot, turn
 from gateway.errors import Code, Refusal
 from gateway.robot.limits import HARD_CHASSIS_V_MPS, HARD_CHASSIS_W_RADPS

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from gateway.core.messages.events import Frame, FrameKind
+from gateway.core.messages.outputs import Frame, FrameKind
 from gateway.core.streams.grid import Grid
 from gateway.core.streams.stream import SentLog
 from gateway.robot.limits import GRIPPER_RELAXED

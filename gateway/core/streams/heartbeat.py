@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from enum import Enum
 
-from gateway.core.messages.events import Frame, FrameKind
+from gateway.core.messages.outputs import Frame, FrameKind
 from gateway.core.streams.grid import Grid
 from gateway.core.streams.stream import SentLog
 from gateway.robot.topics import FSM_ENABLE, TOPICS

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from gateway.core.messages.events import Frame, FrameKind
+from gateway.core.messages.outputs import Frame, FrameKind
 from gateway.core.motion.gap import Gap, gap
 from gateway.core.motion.motion import Reference, ReferenceMode
 from gateway.core.motion.space import Course

@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections import deque
 from typing import Protocol
 
-from gateway.core.messages.events import Frame
+from gateway.core.messages.outputs import Frame
 from gateway.messages.snapshot import StreamView
 
 __all__ = ["SentLog", "Stream"]

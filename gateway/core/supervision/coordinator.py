@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 from gateway.core.body.body import Body
 from gateway.core.body.motions import Motion, MotionState
-from gateway.core.messages.events import Level, Notice, Remembered
+from gateway.core.messages.outputs import Level, Notice, Remembered
 from gateway.core.others.claim import Claim
 from gateway.core.others.guarding import Guarding
 from gateway.core.others.others import Others

@@ -13,7 +13,7 @@ from __future__ import annotations
 
 from gateway.codes import Code
 from gateway.core.limits import ground_rules as rules
-from gateway.core.messages.events import Level
+from gateway.core.messages.outputs import Level
 from gateway.core.streams.ground import LIFT_OFF, GroundStream
 from gateway.core.supervision.coordinator import Coordinator
 from gateway.core.supervision.grip import Grips

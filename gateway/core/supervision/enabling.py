@@ -8,7 +8,7 @@ be no gap, and the robot does not follow. It stays with the arm until the first 
 
 from __future__ import annotations
 
-from gateway.core.messages.events import Level
+from gateway.core.messages.outputs import Level
 from gateway.core.supervision.conditions import Conditions
 from gateway.core.supervision.coordinator import Coordinator
 from gateway.core.supervision.starting import Starting

@@ -21,9 +21,9 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from enum import Enum
 
-from gateway.core.messages.events import OnLoss
 from gateway.core.supervision.silence import Silence
 from gateway.errors import Code, Refusal
+from gateway.messages.incoming import OnLoss
 from gateway.messages.snapshot import LeaseView
 from gateway.settings.settings import LossSettings
 

@@ -6,11 +6,12 @@ stands in the supervisor's table.
 
 from __future__ import annotations
 
-from gateway.core.messages.events import Level, OnLoss
+from gateway.core.messages.outputs import Level
 from gateway.core.supervision.coordinator import AT_BASE, Coordinator
 from gateway.core.supervision.lease import LossStage, Owner
 from gateway.core.supervision.supervisor import Trigger
 from gateway.errors import Code
+from gateway.messages.incoming import OnLoss
 
 __all__ = ["STAGE_NAMES", "Loss"]
 

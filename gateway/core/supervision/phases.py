@@ -6,7 +6,8 @@ tick, after conditions and requests. The longer courses have modules of their ow
 
 from __future__ import annotations
 
-from gateway.core.messages.events import ExitRequested, Level, PartEnded
+from gateway.core.messages.events import ExitRequested, PartEnded
+from gateway.core.messages.outputs import Level
 from gateway.core.streams.heartbeat import Beat
 from gateway.core.supervision.conditions import Conditions
 from gateway.core.supervision.coordinator import AT_BASE, Coordinator

@@ -8,15 +8,8 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-from gateway.core.messages.events import (
-    ClaimShown,
-    ForeignData,
-    ForeignTokens,
-    Gateway,
-    GatewayTokens,
-    Level,
-    Sighting,
-)
+from gateway.core.messages.outputs import Level
+from gateway.core.messages.sightings import ClaimShown, ForeignData, ForeignTokens, Gateway, GatewayTokens, Sighting
 from gateway.core.others.others import Trace
 from gateway.core.supervision.coordinator import Coordinator
 from gateway.core.supervision.supervisor import STREAMING

@@ -20,7 +20,7 @@ from collections.abc import Container, Sequence
 
 from gateway.core.limits.pose_validation import check_pose_start
 from gateway.core.limits.validation import check_start
-from gateway.core.messages.events import Level
+from gateway.core.messages.outputs import Level
 from gateway.core.motion.gap import Gap
 from gateway.core.motion.motion import PlanFailed
 from gateway.core.supervision.coordinator import Coordinator

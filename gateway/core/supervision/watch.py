@@ -8,11 +8,14 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import TypeAlias
 
-from gateway.core.messages.events import CommandRequested, LeaveEndpoint, Level, OnLoss, Recover, RegisterEndpoint
+from gateway.core.messages.events import CommandRequested
+from gateway.core.messages.outputs import Level
 from gateway.core.supervision.coordinator import Coordinator
 from gateway.core.supervision.endpoints import Endpoint
 from gateway.core.supervision.supervisor import Trigger
 from gateway.errors import Code, Refusal
+from gateway.messages.incoming import OnLoss
+from gateway.messages.requests import LeaveEndpoint, Recover, RegisterEndpoint
 
 __all__ = ["Watch"]
 

@@ -42,7 +42,8 @@ from collections.abc import Callable, Iterable, Mapping, Set
 from dataclasses import dataclass, field
 
 from cdr_types.keys import Token, TokenKind, topic_to_key
-from gateway.core.messages.events import Event, ForeignData, ForeignTokens, Gateway, GatewayTokens, Means, Writer
+from gateway.core.messages.events import Event
+from gateway.core.messages.sightings import ForeignData, ForeignTokens, Gateway, GatewayTokens, Means, Writer
 from gateway.link.discovery.discovery import Ask, TokenTable
 from gateway.link.others.gateway_token import GatewayToken, parse_gateway_token
 from gateway.robot.topics import STATE_TOPICS

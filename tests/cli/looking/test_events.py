@@ -8,7 +8,7 @@ import pytest
 
 from gateway.cli.looking.events import line_of_notice
 from gateway.cli.main import main
-from gateway.core.messages.events import Level, Notice
+from gateway.core.messages.outputs import Level, Notice
 from gateway.errors import Code
 from tests.cli.shell import Shell
 

@@ -16,7 +16,7 @@ from gateway.cli.looking import watch as watching
 from gateway.cli.looking.frame import Picture, Remark, frame
 from gateway.cli.looking.watch import Viewer, plain_line
 from gateway.client import connect
-from gateway.core.messages.events import Level, Notice
+from gateway.core.messages.outputs import Level, Notice
 from gateway.errors import Code
 from gateway.messages.snapshot import (
     LeaseView,

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from msgspec import structs
 
-from gateway.core.messages.events import Follow
+from gateway.messages.requests import Follow
 from tests.client.robot_world import RobotWorld
 
 DT_S = 0.05

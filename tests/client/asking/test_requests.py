@@ -10,8 +10,8 @@ import pytest
 from gateway.api.translate import describe
 from gateway.client.asking.requests import joints, move, number, read_only, seconds, within_limits
 from gateway.core.limits.validation import check_goal
-from gateway.core.messages.events import OnLimit
 from gateway.errors import Code, Refusal, Rejected, to_exception
+from gateway.messages.incoming import OnLimit
 from gateway.settings.settings import ArmSettings, Settings
 from gateway.values import Side
 

@@ -9,7 +9,7 @@ import pytest
 
 from gateway.client import aio, connect
 from gateway.client.connection.news import KEPT
-from gateway.core.messages.events import Level, Notice
+from gateway.core.messages.outputs import Level, Notice
 from gateway.errors import Code, Disconnected, GatewayTimeout, Rejected, Stale
 from gateway.messages.snapshot import LinkView
 from tests.api.stand_in import a_snapshot

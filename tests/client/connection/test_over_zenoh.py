@@ -17,7 +17,7 @@ import pytest
 
 from gateway.client import Credentials, connect
 from gateway.client.connection.over_zenoh import Pulse
-from gateway.core.messages.events import Level, Notice
+from gateway.core.messages.outputs import Level, Notice
 from gateway.errors import Code, Disconnected, LeaseError, OutcomeUnknown, Rejected
 from gateway.process.threads import take_lost
 from tests.api.daemon import Daemon, eventually

@@ -9,7 +9,8 @@ import pytest
 from gateway.core.body.body import Body
 from gateway.core.body.motions import Motion, MotionState, Terms
 from gateway.core.body.targets import TargetStream
-from gateway.core.messages.events import FrameKind, OnLimit, TargetArrived
+from gateway.core.messages.events import TargetArrived
+from gateway.core.messages.outputs import FrameKind
 from gateway.core.motion.gap import Gap
 from gateway.core.motion.joints.trajectory import interpolate
 from gateway.core.motion.motion import ReferenceMode, plan
@@ -17,6 +18,7 @@ from gateway.core.motion.tolerance import Tolerances
 from gateway.core.motion.tracker import Outcome
 from gateway.core.streams.ground import LIFT_OFF
 from gateway.errors import Code
+from gateway.messages.incoming import OnLimit
 from gateway.robot.limits import JOINT_LOWER_RAD, JOINT_UPPER_RAD
 from gateway.robot.topics import (
     CHASSIS_VELOCITY,

@@ -7,8 +7,9 @@ import math
 import pytest
 
 from gateway.core.body.targets import ENDED_KEPT, TargetBook, TargetStream
-from gateway.core.messages.events import OnLimit, TargetArrived
+from gateway.core.messages.events import TargetArrived
 from gateway.errors import Code
+from gateway.messages.incoming import OnLimit
 from gateway.messages.snapshot import TargetView
 from gateway.robot.limits import HOME_Q_RAD, JOINT_UPPER_RAD
 from gateway.settings.settings import ArmSettings

@@ -9,8 +9,10 @@ import msgspec
 import pytest
 
 from gateway.core.handover.takeover import LAST_FRAME_NS, Takeover
-from gateway.core.messages.events import ForeignData, Frame, FrameKind, Gateway, GuardSeen, HeldElsewhere, TakenOver
+from gateway.core.messages.events import GuardSeen, HeldElsewhere, TakenOver
 from gateway.core.messages.held import Held, HeldArm
+from gateway.core.messages.outputs import Frame, FrameKind
+from gateway.core.messages.sightings import ForeignData, Gateway
 from gateway.core.motion.motion import plan
 from gateway.core.output.frame_collector import FrameCollector
 from gateway.core.streams.gate import Cleared, Gate

@@ -8,9 +8,9 @@ import pytest
 
 from gateway.core.limits.pose_validation import check_frame, check_pose, check_pose_start, check_pose_tolerance
 from gateway.core.limits.validation import Checked
-from gateway.core.messages.events import OnLimit
 from gateway.core.motion.gap import Gap
 from gateway.errors import Code, Refusal
+from gateway.messages.incoming import OnLimit
 from gateway.settings.settings import PoseSettings
 from gateway.values import Side
 

@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 
 from gateway.core.limits import validation
 from gateway.core.limits.validation import Checked, Fitness
-from gateway.core.messages.events import OnLimit
 from gateway.errors import Code, Refusal, to_exception
+from gateway.messages.incoming import OnLimit
 from gateway.robot.limits import HOME_Q_RAD, JOINT_LOWER_RAD, JOINT_UPPER_RAD
 from gateway.settings.settings import ArmSettings
 from gateway.values import CurrentMode, Side

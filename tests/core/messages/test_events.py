@@ -10,9 +10,10 @@ from typing import get_args
 
 import pytest
 
-from gateway.core.messages import events
+from gateway.core.messages import events, outputs, sightings
 from gateway.core.messages.held import Held
 from gateway.errors import Code
+from gateway.messages import incoming, requests
 from gateway.robot.limits import HOME_Q_RAD
 from gateway.values import ArmState, Side
 
@@ -24,12 +25,12 @@ SAMPLES = (
     events.LinkDown(at_ns=1),
     events.RouteObserved(topic="/fsm_state", code=Code.ROUTE_DEAD, message="no reader", at_ns=1),
     events.RobotsAnnounced(elsewhere=("bot1",), at_ns=1),
-    events.ForeignTokens(writers=(), at_ns=1),
-    events.ForeignData(topic="/api/fsm/enable", zid="", at_ns=1),
-    events.GatewayTokens(gateways=(), at_ns=1),
-    events.ClaimShown(claim=1, at_ns=1),
-    events.Befriended(zid="a1", at_ns=1),
-    events.CommandRequested(client_id="c", request_id=1, request=events.Stop(), received_ns=1),
+    sightings.ForeignTokens(writers=(), at_ns=1),
+    sightings.ForeignData(topic="/api/fsm/enable", zid="", at_ns=1),
+    sightings.GatewayTokens(gateways=(), at_ns=1),
+    sightings.ClaimShown(claim=1, at_ns=1),
+    sightings.Befriended(zid="a1", at_ns=1),
+    events.CommandRequested(client_id="c", request_id=1, request=requests.Stop(), received_ns=1),
     events.TargetArrived(client_id="c", stream_id=1, epoch=1, seq=1, values=(0.0,) * 7, received_ns=1),
     events.ClientSeen(client_id="c", at_ns=1),
     events.EndpointHeard(client_id="c", at_ns=1),
@@ -43,34 +44,34 @@ SAMPLES = (
 )
 """One of each that the inbox can hold."""
 REQUESTS = (
-    events.Acquire(name="n", pid=1),
-    events.Take(name="n", pid=1, reason="r"),
-    events.Release(epoch=1),
-    events.Abandon(epoch=1),
-    events.Enable(epoch=1),
-    events.Disable(epoch=1),
-    events.Move(epoch=1, targets_rad={Side.LEFT: (0.0,) * 7}),
-    events.Follow(epoch=1, points={Side.LEFT: (HOME_Q_RAD[Side.LEFT],) * 2}, dt_s=0.1),
-    events.CheckFollow(
-        follow=events.Follow(epoch=1, points={Side.LEFT: (HOME_Q_RAD[Side.LEFT],) * 2}, dt_s=0.1),
+    requests.Acquire(name="n", pid=1),
+    requests.Take(name="n", pid=1, reason="r"),
+    requests.Release(epoch=1),
+    requests.Abandon(epoch=1),
+    requests.Enable(epoch=1),
+    requests.Disable(epoch=1),
+    requests.Move(epoch=1, targets_rad={Side.LEFT: (0.0,) * 7}),
+    requests.Follow(epoch=1, points={Side.LEFT: (HOME_Q_RAD[Side.LEFT],) * 2}, dt_s=0.1),
+    requests.CheckFollow(
+        follow=requests.Follow(epoch=1, points={Side.LEFT: (HOME_Q_RAD[Side.LEFT],) * 2}, dt_s=0.1),
         from_here=False,
     ),
-    events.MovePose(epoch=1, targets={Side.LEFT: (0.0,) * 7}, frames={}),
-    events.OpenStream(epoch=1, side=Side.LEFT),
-    events.CloseStream(epoch=1, stream_id=1),
-    events.Hold(epoch=1, sides=(Side.LEFT,)),
-    events.Cancel(epoch=1, motion_id=1),
-    events.SetGripper(epoch=1, side=Side.LEFT, raw=0.5),
-    events.DriveChassis(epoch=1, vx_mps=0.1, vy_mps=0.0, wz_radps=0.0),
-    events.StopChassis(epoch=1),
-    events.DriveLift(epoch=1, velocity=0.1),
-    events.StopLift(epoch=1),
-    events.DisableLift(epoch=1),
-    events.Stop(),
-    events.Estop(),
-    events.Recover(),
-    events.RegisterEndpoint(name="n", timeout_ns=1),
-    events.LeaveEndpoint(),
+    requests.MovePose(epoch=1, targets={Side.LEFT: (0.0,) * 7}, frames={}),
+    requests.OpenStream(epoch=1, side=Side.LEFT),
+    requests.CloseStream(epoch=1, stream_id=1),
+    requests.Hold(epoch=1, sides=(Side.LEFT,)),
+    requests.Cancel(epoch=1, motion_id=1),
+    requests.SetGripper(epoch=1, side=Side.LEFT, raw=0.5),
+    requests.DriveChassis(epoch=1, vx_mps=0.1, vy_mps=0.0, wz_radps=0.0),
+    requests.StopChassis(epoch=1),
+    requests.DriveLift(epoch=1, velocity=0.1),
+    requests.StopLift(epoch=1),
+    requests.DisableLift(epoch=1),
+    requests.Stop(),
+    requests.Estop(),
+    requests.Recover(),
+    requests.RegisterEndpoint(name="n", timeout_ns=1),
+    requests.LeaveEndpoint(),
 )
 """One of each that a client can ask."""
 
@@ -78,7 +79,7 @@ REQUESTS = (
 def test_the_unions_are_the_samples_of_this_file():
     """A new event or request must be added here, and so to every rule below."""
     assert set(get_args(events.Event)) == {type(event) for event in SAMPLES}
-    assert set(get_args(events.Request)) == {type(request) for request in REQUESTS}
+    assert set(get_args(requests.Request)) == {type(request) for request in REQUESTS}
 
 
 def test_everything_defined_is_exported_and_nothing_else():
@@ -118,32 +119,32 @@ def test_only_what_moves_nothing_and_stops_need_no_epoch(request_):
     assert isinstance(
         request_,
         (
-            events.Acquire,
-            events.Take,
-            events.Stop,
-            events.Estop,
-            events.Recover,
-            events.CheckFollow,
-            events.RegisterEndpoint,
-            events.LeaveEndpoint,
+            requests.Acquire,
+            requests.Take,
+            requests.Stop,
+            requests.Estop,
+            requests.Recover,
+            requests.CheckFollow,
+            requests.RegisterEndpoint,
+            requests.LeaveEndpoint,
         ),
     )
 
 
 def test_defaults_are_the_cautious_ones():
     """Hold on loss, reject at limits, absolute targets, one sample, nothing remembered."""
-    assert events.Acquire(name="n", pid=1).on_loss is events.OnLoss.HOLD
-    assert events.Take(name="n", pid=1, reason="r").on_loss is events.OnLoss.HOLD
-    move = events.Move(epoch=1, targets_rad={})
-    assert (move.relative, move.speed, move.tolerance_rad, move.on_limit) == (False, 1.0, None, events.OnLimit.REJECT)
-    assert events.OpenStream(epoch=1, side=Side.LEFT).on_limit is events.OnLimit.REJECT
+    assert requests.Acquire(name="n", pid=1).on_loss is incoming.OnLoss.HOLD
+    assert requests.Take(name="n", pid=1, reason="r").on_loss is incoming.OnLoss.HOLD
+    move = requests.Move(epoch=1, targets_rad={})
+    assert (move.relative, move.speed, move.tolerance_rad, move.on_limit) == (False, 1.0, None, incoming.OnLimit.REJECT)
+    assert requests.OpenStream(epoch=1, side=Side.LEFT).on_limit is incoming.OnLimit.REJECT
     sample = SAMPLES[0]
     assert (sample.stamp_ns, sample.count, sample.duplicates, sample.worst_gap_ns) == (None, 1, 0, 0)
-    assert events.Remembered() == events.Remembered(epoch=0, latches={})
-    assert events.Reply(client_id="c", request_id=1).refusal is None
+    assert outputs.Remembered() == outputs.Remembered(epoch=0, latches={})
+    assert outputs.Reply(client_id="c", request_id=1).refusal is None
 
 
-@pytest.mark.parametrize("kind", [events.OnLoss, events.OnLimit, events.FrameKind, events.Level])
+@pytest.mark.parametrize("kind", [incoming.OnLoss, incoming.OnLimit, outputs.FrameKind, outputs.Level])
 def test_enumerations_travel_as_their_lower_case_names(kind: type[Enum]):
     """Wire, log and state file show the same words; they never change."""
     assert [member.value for member in kind] == [member.name.lower() for member in kind]
@@ -152,4 +153,4 @@ def test_enumerations_travel_as_their_lower_case_names(kind: type[Enum]):
 
 def test_the_gates_kinds_of_frames_are_seven():
     """The gate's table of permissions is written for exactly these."""
-    assert [kind.name for kind in events.FrameKind] == ["MOTION", "ECHO", "BRAKE", "HOLD", "WALK", "BEAT", "STOP"]
+    assert [kind.name for kind in outputs.FrameKind] == ["MOTION", "ECHO", "BRAKE", "HOLD", "WALK", "BEAT", "STOP"]

@@ -7,7 +7,8 @@ from dataclasses import replace
 import pytest
 
 from gateway.codes import Code
-from gateway.core.messages.events import ForeignData, Gateway, SampleArrived, SampleRefused
+from gateway.core.messages.events import SampleArrived, SampleRefused
+from gateway.core.messages.sightings import ForeignData, Gateway
 from gateway.core.motion.motion import plan
 from gateway.core.others.other_robots import other_namespace, two_robots
 from gateway.core.output.diagnosis import PERIOD_NS, Diagnosis

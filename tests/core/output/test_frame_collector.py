@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from gateway.core.messages.events import Frame, FrameKind
+from gateway.core.messages.outputs import Frame, FrameKind
 from gateway.core.motion.motion import plan
 from gateway.core.output.frame_collector import FrameCollector
 from gateway.core.streams.gate import Gate, GateContext

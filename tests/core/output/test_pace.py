@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import pytest
 
-from gateway.core.messages.events import OnLoss, Remembered
+from gateway.core.messages.outputs import Remembered
 from gateway.core.output.pace import REST_NS, TICK_NS, UNWATCHED_PERIOD_NS, Pace, is_idle
 from gateway.core.supervision.coordinator import Coordinator
 from gateway.core.supervision.supervisor import State
+from gateway.messages.incoming import OnLoss
 from gateway.settings.settings import Settings
 
 MS = 1_000_000

@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import pytest
 
-from gateway.core.messages.events import ForeignData, Gateway, Means, OnLimit, SampleArrived, Writer
+from gateway.core.messages.events import SampleArrived
+from gateway.core.messages.sightings import ForeignData, Gateway, Means, Writer
 from gateway.core.motion.motion import plan
 from gateway.core.output.view import build
 from gateway.core.robot_state.body_model import BodyModel
 from gateway.core.supervision.supervisor import State
 from gateway.errors import Code
 from gateway.kinematics.description import nominal
+from gateway.messages.incoming import OnLimit
 from gateway.messages.snapshot import (
     ArmView,
     ChassisView,

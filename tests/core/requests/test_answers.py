@@ -6,9 +6,11 @@ from dataclasses import replace
 
 import pytest
 
-from gateway.core.messages.events import CommandRequested, Estop, Recover, Reply, Stop
+from gateway.core.messages.events import CommandRequested
+from gateway.core.messages.outputs import Reply
 from gateway.core.requests.answers import REPLIES_KEPT, Answers, number_was_used
 from gateway.errors import Code
+from gateway.messages.requests import Estop, Recover, Stop
 
 ASKED = CommandRequested(client_id="ann", request_id=7, request=Recover(), received_ns=1, content=11)
 GIVEN = Reply(client_id="ann", request_id=7, facts={"cleared": []})

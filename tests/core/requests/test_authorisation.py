@@ -6,12 +6,15 @@ from collections.abc import Callable, Sequence
 
 import pytest
 
-from gateway.core.messages.events import Enable, Gateway, GuardSeen, Means, Move, OnLoss, Writer
+from gateway.core.messages.events import GuardSeen
+from gateway.core.messages.sightings import Gateway, Means, Writer
 from gateway.core.motion.motion import plan
 from gateway.core.others.other_robots import other_namespace, two_robots
 from gateway.core.requests.authorisation import REFUSAL_TEXT, Authorisation
 from gateway.core.supervision.supervisor import TABLE, State, Trigger
 from gateway.errors import Code, Refusal
+from gateway.messages.incoming import OnLoss
+from gateway.messages.requests import Enable, Move
 from gateway.robot.topics import FSM_ENABLE
 from gateway.values import FsmState, Side, Space
 from tests.core.stage import GOAL, MIDDLE, L, R, Stage

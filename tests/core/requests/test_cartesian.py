@@ -7,13 +7,15 @@ from dataclasses import replace
 
 import pytest
 
-from gateway.core.messages.events import Cancel, FrameKind, Hold, Move, MovePose, OnLimit, Stop
+from gateway.core.messages.outputs import FrameKind
 from gateway.core.motion.lines.line import line_to
 from gateway.core.requests import cartesian as module
 from gateway.errors import Code, Refusal
 from gateway.kinematics.arm import ArmModel
 from gateway.kinematics.collision import CollisionModel
 from gateway.kinematics.description import nominal
+from gateway.messages.incoming import OnLimit
+from gateway.messages.requests import Cancel, Hold, Move, MovePose, Stop
 from gateway.robot.limits import HOME_Q_RAD
 from gateway.robot.topics import STATE_TOPICS, joint_command, pose_command, shoulder_frame
 from gateway.sim.robot.settings import SimSettings

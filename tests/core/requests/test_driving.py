@@ -8,12 +8,13 @@ from dataclasses import replace
 import pytest
 from msgspec import structs
 
-from gateway.core.messages.events import DisableLift, DriveChassis, DriveLift, FrameKind, StopChassis, StopLift
+from gateway.core.messages.outputs import FrameKind
 from gateway.core.requests.authorisation import Authorisation
 from gateway.core.requests.driving import Driving
 from gateway.core.requests.moves import Facts
 from gateway.core.supervision.supervisor import State
 from gateway.errors import Code, Refusal
+from gateway.messages.requests import DisableLift, DriveChassis, DriveLift, StopChassis, StopLift
 from gateway.robot.topics import CHASSIS_VELOCITY, LIFT_COMMAND
 from tests.core.stage import MODE, MS, S, Stage
 

@@ -8,7 +8,6 @@ from dataclasses import replace
 import pytest
 
 from gateway.core.body.motions import MotionState
-from gateway.core.messages.events import CheckFollow, Follow, Hold, Move, OpenStream
 from gateway.core.motion.chunk import Chunk, prepare
 from gateway.core.motion.motion import ReferenceMode
 from gateway.core.motion.tracker import Outcome
@@ -17,6 +16,7 @@ from gateway.core.requests.follows import Follows, worked_out
 from gateway.core.requests.moves import Facts, Moves
 from gateway.core.supervision.supervisor import State
 from gateway.errors import Code, Refusal
+from gateway.messages.requests import CheckFollow, Follow, Hold, Move, OpenStream
 from gateway.values import Side, Space
 from tests.core.stage import GOAL, MIDDLE, MS, PLACE, L, R, S, Stage
 

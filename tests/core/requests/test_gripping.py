@@ -6,12 +6,13 @@ import math
 
 import pytest
 
-from gateway.core.messages.events import FrameKind, SetGripper
+from gateway.core.messages.outputs import FrameKind
 from gateway.core.requests.authorisation import Authorisation
 from gateway.core.requests.gripping import Gripping
 from gateway.core.requests.moves import Facts
 from gateway.core.supervision.supervisor import State
 from gateway.errors import Code, Refusal
+from gateway.messages.requests import SetGripper
 from gateway.robot.topics import gripper_command
 from gateway.values import Side
 from tests.core.stage import L, R, Stage

@@ -6,7 +6,16 @@ from collections.abc import Callable
 
 import pytest
 
-from gateway.core.messages.events import (
+from gateway.core.messages.events import PartEnded, SampleRefused, TargetArrived
+from gateway.core.messages.outputs import Level
+from gateway.core.messages.sightings import Gateway, Means, Writer
+from gateway.core.requests.handler import RequestHandler
+from gateway.core.requests.moves import Facts
+from gateway.core.streams.heartbeat import Beat
+from gateway.core.supervision.supervisor import State
+from gateway.errors import Code, Refusal
+from gateway.messages.incoming import OnLoss
+from gateway.messages.requests import (
     Abandon,
     Acquire,
     Cancel,
@@ -14,28 +23,15 @@ from gateway.core.messages.events import (
     Disable,
     Enable,
     Estop,
-    Gateway,
     Hold,
-    Level,
-    Means,
     Move,
-    OnLoss,
     OpenStream,
-    PartEnded,
     Recover,
     Release,
     Request,
-    SampleRefused,
     Stop,
     Take,
-    TargetArrived,
-    Writer,
 )
-from gateway.core.requests.handler import RequestHandler
-from gateway.core.requests.moves import Facts
-from gateway.core.streams.heartbeat import Beat
-from gateway.core.supervision.supervisor import State
-from gateway.errors import Code, Refusal
 from gateway.robot.limits import JOINT_UPPER_RAD
 from gateway.robot.topics import arm_state, joint_command
 from gateway.values import FsmState, Side, Vector

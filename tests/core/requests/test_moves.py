@@ -7,17 +7,8 @@ import math
 import pytest
 
 from gateway.core.body.motions import MotionState
-from gateway.core.messages.events import (
-    Cancel,
-    CloseStream,
-    FrameKind,
-    Hold,
-    Move,
-    MovePose,
-    OnLimit,
-    OpenStream,
-    TargetArrived,
-)
+from gateway.core.messages.events import TargetArrived
+from gateway.core.messages.outputs import FrameKind
 from gateway.core.motion.gap import Gap
 from gateway.core.motion.motion import PlanFailed, ReferenceMode
 from gateway.core.requests.authorisation import Authorisation
@@ -25,6 +16,8 @@ from gateway.core.requests.moves import Facts, Moves
 from gateway.core.separation import goal_checks
 from gateway.core.supervision.supervisor import State
 from gateway.errors import Code, Refusal
+from gateway.messages.incoming import OnLimit
+from gateway.messages.requests import Cancel, CloseStream, Hold, Move, MovePose, OpenStream
 from gateway.robot.limits import HOME_Q_RAD, JOINT_UPPER_RAD
 from gateway.robot.topics import joint_command
 from gateway.values import Side, Space, Vector

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import pytest
 
-from gateway.core.messages.events import Remembered
+from gateway.core.messages.outputs import Remembered
 from gateway.core.separation import goal_checks
 from gateway.core.supervision.coordinator import Coordinator
 from gateway.errors import CODES, Code

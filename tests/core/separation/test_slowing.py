@@ -7,7 +7,8 @@ import math
 import numpy as np
 import pytest
 
-from gateway.core.messages.events import Remembered, SampleArrived
+from gateway.core.messages.events import SampleArrived
+from gateway.core.messages.outputs import Remembered
 from gateway.core.robot_state.body_model import BodyModel
 from gateway.core.separation.slowing import Slowing, predicted
 from gateway.core.supervision.coordinator import Coordinator

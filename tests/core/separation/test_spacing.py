@@ -8,7 +8,8 @@ from itertools import pairwise
 
 import pytest
 
-from gateway.core.messages.events import FrameKind, Level, SampleArrived
+from gateway.core.messages.events import SampleArrived
+from gateway.core.messages.outputs import FrameKind, Level
 from gateway.core.motion.motion import ReferenceMode, plan
 from gateway.core.separation import goal_checks
 from gateway.core.separation.spacing import ADRIFT_RADPS, Spacing

@@ -5,7 +5,7 @@ from __future__ import annotations
 from itertools import pairwise
 
 from gateway.codes import Code
-from gateway.core.messages.events import Frame, FrameKind
+from gateway.core.messages.outputs import Frame, FrameKind
 from gateway.core.streams.chassis import ChassisStream
 from gateway.robot.topics import CHASSIS_VELOCITY
 from gateway.settings.settings import ChassisSettings

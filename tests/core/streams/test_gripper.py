@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from itertools import pairwise
 
-from gateway.core.messages.events import Frame, FrameKind
+from gateway.core.messages.outputs import Frame, FrameKind
 from gateway.core.streams.gripper import GripperStream
 from gateway.robot.topics import gripper_command
 from gateway.values import Side

@@ -7,7 +7,7 @@ from itertools import pairwise
 import pytest
 
 from gateway.codes import Code
-from gateway.core.messages.events import Frame, FrameKind
+from gateway.core.messages.outputs import Frame, FrameKind
 from gateway.core.streams.chassis import ChassisStream
 from gateway.core.streams.ground import LIFT_OFF, GroundStream
 from gateway.core.streams.lift import LiftStream

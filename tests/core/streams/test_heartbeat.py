@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from gateway.core.messages.events import Frame, FrameKind
+from gateway.core.messages.outputs import Frame, FrameKind
 from gateway.core.streams.heartbeat import LAST_WORD_NS, Beat, HeartbeatStream
 from gateway.robot.topics import FSM_ENABLE
 

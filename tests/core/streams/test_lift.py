@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from gateway.codes import Code
-from gateway.core.messages.events import FrameKind
+from gateway.core.messages.outputs import FrameKind
 from gateway.core.streams.ground import LIFT_OFF
 from gateway.core.streams.lift import LiftStream
 from gateway.values import Vector

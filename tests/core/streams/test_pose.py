@@ -6,7 +6,7 @@ from itertools import pairwise
 
 import pytest
 
-from gateway.core.messages.events import FrameKind
+from gateway.core.messages.outputs import FrameKind
 from gateway.core.motion.gap import Gap
 from gateway.core.motion.motion import plan_poses
 from gateway.core.streams.pose import PoseStream

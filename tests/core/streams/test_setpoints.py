@@ -6,7 +6,7 @@ from itertools import pairwise
 
 import pytest
 
-from gateway.core.messages.events import Frame, FrameKind
+from gateway.core.messages.outputs import Frame, FrameKind
 from gateway.core.motion.gap import Gap
 from gateway.core.motion.joints.trajectory import Trajectory, interpolate
 from gateway.core.motion.motion import PlanFailed, plan

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import pytest
 
-from gateway.core.messages.events import ForeignData, Gateway, Means, Remembered, SampleRefused, Writer
+from gateway.core.messages.events import SampleRefused
+from gateway.core.messages.outputs import Remembered
+from gateway.core.messages.sightings import ForeignData, Gateway, Means, Writer
 from gateway.core.motion.motion import plan
 from gateway.core.supervision.conditions import Conditions
 from gateway.core.supervision.coordinator import Coordinator

@@ -5,7 +5,8 @@ from __future__ import annotations
 import pytest
 
 from gateway.core.body.motions import Motion, MotionState
-from gateway.core.messages.events import Frame, FrameKind, Level, Notice, OnLimit, Remembered, SampleArrived
+from gateway.core.messages.events import SampleArrived
+from gateway.core.messages.outputs import Frame, FrameKind, Level, Notice, Remembered
 from gateway.core.motion.motion import plan
 from gateway.core.robot_state.body_model import BodyModel
 from gateway.core.streams.heartbeat import Beat
@@ -13,6 +14,7 @@ from gateway.core.supervision.coordinator import AT_BASE, Coordinator, EnableRec
 from gateway.core.supervision.supervisor import BASE, END_CODE, LATCH_CODE, STREAMING, TABLE, Action, State, Trigger
 from gateway.errors import Code
 from gateway.kinematics.description import nominal
+from gateway.messages.incoming import OnLimit
 from gateway.robot.limits import HOME_Q_RAD
 from gateway.robot.topics import CHASSIS_VELOCITY, FSM_ENABLE, LIFT_COMMAND, arm_state, ee_pose, joint_command
 from gateway.settings.settings import Settings

@@ -6,7 +6,8 @@ from dataclasses import replace
 
 import pytest
 
-from gateway.core.messages.events import ForeignData, FrameKind, Gateway
+from gateway.core.messages.outputs import FrameKind
+from gateway.core.messages.sightings import ForeignData, Gateway
 from gateway.core.supervision.drives import Drives
 from gateway.core.supervision.supervisor import State
 from gateway.errors import Code

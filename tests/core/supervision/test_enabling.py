@@ -6,7 +6,9 @@ from itertools import pairwise
 
 import pytest
 
-from gateway.core.messages.events import Frame, FrameKind, Gateway, GuardSeen, Level
+from gateway.core.messages.events import GuardSeen
+from gateway.core.messages.outputs import Frame, FrameKind, Level
+from gateway.core.messages.sightings import Gateway
 from gateway.core.others.guarding import WAIT_NS
 from gateway.core.streams.heartbeat import Beat
 from gateway.core.supervision.conditions import Conditions

@@ -9,9 +9,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, invariant, precondition, rule
 
-from gateway.core.messages.events import OnLoss
 from gateway.core.supervision.lease import Lease, LeaseEvent, LossStage
 from gateway.errors import Code, Refusal
+from gateway.messages.incoming import OnLoss
 from gateway.settings.settings import LossSettings
 
 MS = 1_000_000

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import pytest
 
-from gateway.core.messages.events import Level, OnLoss
+from gateway.core.messages.outputs import Level
 from gateway.core.supervision.loss import STAGE_NAMES, Loss
 from gateway.core.supervision.supervisor import State
 from gateway.errors import Code
+from gateway.messages.incoming import OnLoss
 from tests.core.stage import MS, S, Stage
 
 

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import pytest
 
-from gateway.core.messages.events import ExitRequested, Frame, FrameKind, GuardSeen, PartEnded, Stop
+from gateway.core.messages.events import ExitRequested, GuardSeen, PartEnded
+from gateway.core.messages.outputs import Frame, FrameKind
 from gateway.core.supervision.phases import BRAKE_NS, EXIT_BRAKE_NS, EXIT_NS, EXIT_SETTLE_NS, TELL_NS
 from gateway.core.supervision.supervisor import State, Trigger
 from gateway.errors import Code
+from gateway.messages.requests import Stop
 from gateway.robot.topics import CHASSIS_VELOCITY, FSM_ENABLE, LIFT_COMMAND
 from gateway.values import FsmState
 from tests.core.stage import GOAL, MS, TICK_NS, L, Stage

@@ -4,17 +4,16 @@ from __future__ import annotations
 
 import pytest
 
-from gateway.core.messages.events import (
+from gateway.core.messages.events import GuardSeen
+from gateway.core.messages.outputs import Level, Notice
+from gateway.core.messages.sightings import (
     Befriended,
     ClaimShown,
     ForeignData,
     ForeignTokens,
     Gateway,
     GatewayTokens,
-    GuardSeen,
-    Level,
     Means,
-    Notice,
     Writer,
 )
 from gateway.core.others.claim import LINK_SETTLE_NS, LOOK_AGAIN_NS

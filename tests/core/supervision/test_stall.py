@@ -7,10 +7,12 @@ from dataclasses import replace
 
 import pytest
 
-from gateway.core.messages.events import Estop, ForeignData, Frame, FrameKind, Gateway, Means, Writer
+from gateway.core.messages.outputs import Frame, FrameKind
+from gateway.core.messages.sightings import ForeignData, Gateway, Means, Writer
 from gateway.core.supervision.stall import RESUME_NS, Stall
 from gateway.core.supervision.supervisor import State, Trigger
 from gateway.errors import Code
+from gateway.messages.requests import Estop
 from gateway.robot.limits import JOINT_UPPER_RAD
 from gateway.robot.topics import FSM_ENABLE, joint_command
 from gateway.values import FsmState, Side

@@ -7,7 +7,7 @@ from itertools import pairwise
 import pytest
 
 from gateway.core.body import body
-from gateway.core.messages.events import Frame, FrameKind, Level
+from gateway.core.messages.outputs import Frame, FrameKind, Level
 from gateway.core.motion.gap import Gap
 from gateway.core.motion.motion import PlanFailed
 from gateway.core.streams.heartbeat import Beat

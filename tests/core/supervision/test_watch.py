@@ -7,10 +7,12 @@ from dataclasses import replace
 import pytest
 from msgspec import structs
 
-from gateway.core.messages.events import CommandRequested, LeaveEndpoint, OnLoss, Recover, RegisterEndpoint
+from gateway.core.messages.events import CommandRequested
 from gateway.core.supervision.supervisor import State
 from gateway.core.supervision.watch import Watch
 from gateway.errors import Code, Refusal
+from gateway.messages.incoming import OnLoss
+from gateway.messages.requests import LeaveEndpoint, Recover, RegisterEndpoint
 from tests.core.stage import MS, S, Stage
 
 PAGE = RegisterEndpoint(name="page", timeout_ns=500 * MS)

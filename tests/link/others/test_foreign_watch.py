@@ -8,7 +8,7 @@ import pytest
 import zenoh
 
 from cdr_types.keys import Qos, Reliability, Token, TokenKind, format_token, presence_key
-from gateway.core.messages.events import ForeignData, ForeignTokens, Gateway, GatewayTokens, Means, Writer
+from gateway.core.messages.sightings import ForeignData, ForeignTokens, Gateway, GatewayTokens, Means, Writer
 from gateway.link.discovery.discovery import TokenTable
 from gateway.link.others.foreign_watch import (
     AGAIN_NS,

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from gateway.core.messages.events import DriveChassis, SetGripper, Stop
 from gateway.errors import Code
+from gateway.messages.requests import DriveChassis, SetGripper, Stop
 from gateway.robot.limits import HOME_Q_RAD
 from gateway.settings.settings import ArmSettings, Settings
 from gateway.sim.robot.settings import SimSettings
