@@ -127,11 +127,18 @@ def run_attacks(system: System, side: str, target: str) -> dict[str, Any]:
 
 @pytest.mark.thorough
 def test_hostile_clients_do_not_harm_the_daemon(system: System) -> None:
-    """Raw queries, puts, deletions and declarations on every key of the local plane, a megabyte ending each batch."""
+    """Raw queries, puts, deletions and declarations on every key of the local plane, a megabyte ending each batch.
+
+    Each question is answered once, but for those that are open when the daemon hangs up: on a busy host this attacker sends
+    faster than it is read.
+    """
     report = run_attacks(system, "local", system.target)
     done, codes = report["done"], report["codes"]
     asked = {key: count for key, count in done.items() if key.startswith("question")}
-    assert asked.keys() == {"question answered 1"}, f"a question was not answered once: {done}"
+    assert asked.keys() <= {"question answered 1", "question answered 0"}, f"a question was answered twice: {done}"
+    unanswered = asked.get("question answered 0", 0)
+    assert unanswered == 0 or "hung up" in system.daemon.text(), f"a question was not answered: {done}"
+    assert unanswered < asked["question answered 1"] // 10, done
     assert "never finished" not in done, done
     assert codes.keys() - {"no refusal"} <= {code.value for code in CODES} - {"INTERNAL"}, codes
     assert "malformed" in system.daemon.text()
