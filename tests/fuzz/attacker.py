@@ -74,6 +74,9 @@ class LocalAttack:
         self.inventor = Inventor(rng, HINTS)
         self.done: Counter[str] = Counter()
         self.codes: Counter[str] = Counter()
+        self.unanswered: list[int] = []
+        """Numbers of the payloads with which questions went that nobody answered."""
+        self._number = 0
         self._slots = threading.Semaphore(OUTSTANDING)
         self._kept: list[Any] = []
 
@@ -81,6 +84,7 @@ class LocalAttack:
         """Send so many payloads, most of them with queries that must be answered."""
         acts = (self.ask, self.ask, self.ask, self.select, self.put, self.put, self.delete, self.declare)
         for number in range(1, count + 1):
+            self._number = number
             try:
                 self.rng.choice(acts)()
             except zenoh.ZError:
@@ -139,7 +143,7 @@ class LocalAttack:
         if not self._slots.acquire(timeout=PATIENCE_S):
             self.done["never finished"] += 1
         payload, encoding = self.payload()
-        answers, slots = [0], self._slots
+        answers, slots, number = [0], self._slots, self._number
 
         def take(reply: zenoh.Reply) -> None:
             answers[0] += 1
@@ -148,6 +152,8 @@ class LocalAttack:
 
         def finish() -> None:
             self.done[f"{what} answered {answers[0]}" if due else what] += 1
+            if due and not answers[0]:
+                self.unanswered.append(number)
             slots.release()
 
         try:
@@ -206,6 +212,7 @@ class RobotAttack:
         self.session = connect(target)
         self.done: Counter[str] = Counter()
         self.codes: Counter[str] = Counter()
+        self.unanswered: list[int] = []
         self.keys = [topic[1:] for topic in STATE_TOPICS]
         self.good: dict[str, bytes] = dict.fromkeys(self.keys, b"\x00\x01\x00\x00")
         self._kept: list[Any] = []
@@ -273,7 +280,8 @@ def main(side: str, target: str, seed: str, count: str) -> None:
     """Attack, and say what was done."""
     attack = (LocalAttack if side == "local" else RobotAttack)(random.Random(int(seed)), target)
     attack.run(int(count))
-    print("DONE " + json.dumps({"done": attack.done, "codes": attack.codes}), flush=True)
+    done = {"done": attack.done, "codes": attack.codes, "unanswered": attack.unanswered}
+    print("DONE " + json.dumps(done), flush=True)
 
 
 if __name__ == "__main__":

@@ -129,16 +129,18 @@ def run_attacks(system: System, side: str, target: str) -> dict[str, Any]:
 def test_hostile_clients_do_not_harm_the_daemon(system: System) -> None:
     """Raw queries, puts, deletions and declarations on every key of the local plane, a megabyte ending each batch.
 
-    Each question is answered once, but for those that are open when the daemon hangs up: on a busy host this attacker sends
-    faster than it is read.
+    Each question is answered once. On a busy host this attacker sends faster than it is read, or reads less than it is sent:
+    then answers are lost, other ones each time.
     """
     report = run_attacks(system, "local", system.target)
-    done, codes = report["done"], report["codes"]
+    done, codes, unanswered = report["done"], report["codes"], set(report["unanswered"])
     asked = {key: count for key, count in done.items() if key.startswith("question")}
     assert asked.keys() <= {"question answered 1", "question answered 0"}, f"a question was answered twice: {done}"
-    unanswered = asked.get("question answered 0", 0)
-    assert unanswered == 0 or "hung up" in system.daemon.text(), f"a question was not answered: {done}"
-    assert unanswered < asked["question answered 1"] // 10, done
+    assert len(unanswered) < asked["question answered 1"] // 10, done
+    for _ in range(3):
+        if unanswered:
+            unanswered &= set(attack(system, "local", system.target, 2, PAYLOADS)["unanswered"])
+    assert not unanswered, f"never answered: {unanswered}"
     assert "never finished" not in done, done
     assert codes.keys() - {"no refusal"} <= {code.value for code in CODES} - {"INTERNAL"}, codes
     assert "malformed" in system.daemon.text()
