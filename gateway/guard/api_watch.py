@@ -69,13 +69,15 @@ class ApiWatch:
         self._thread.start()
 
     def close(self) -> None:
-        """End; does not wait for the thread, which may hang in zenoh. Nobody asks any more."""
+        """End; does not wait for the thread, which may hang in zenoh. Nobody asks any more, and nothing counts."""
         self._closing.set()
 
     def _watch(self) -> None:
         while not self._closing.wait(PERIOD_S if self.misses == 0 else 0.0):
             began_ns = time.monotonic_ns()
             is_answered = self._ask()
+            if self._closing.is_set():  # nobody wants to know any more: the daemon is being ended
+                return
             now_ns = time.monotonic_ns()
             is_late = now_ns - began_ns > PATIENCE_S * 1000 * MS + LATE_NS
             held = self._shown()

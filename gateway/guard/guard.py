@@ -84,7 +84,6 @@ DYING_NS = 500_000
 """A daemon that was killed is looked at this often [ns]."""
 LISTEN_NS = 40_000_000
 """The robot is listened to this often while the guard waits [ns]: a state is at most twice as old then, which is fresh."""
-FIRST_CLAIM = 1
 HANDED_S = 0.3
 """The claim stays seen this long after the hold was handed over [s]: until that of the daemon is."""
 ASKED_NS = 5 * S
@@ -291,6 +290,7 @@ class Guard:
     def _kill(self, why: str, held: Held | None, now_ns: int) -> None:
         """End the daemon that hangs, so that it can never send anything again."""
         self._is_killed = True
+        self._api.close()
         tick_ms = (now_ns - held.at_ns) / 1e6 if held is not None else 0.0
         if self._daemon < 0:
             _log.error("the daemon %s, and this kernel has no pidfd to end it by", why)
@@ -337,7 +337,7 @@ class Guard:
         phase = self._guardian.phase
         self._is_handing = phase is Phase.HANDED or (self._is_handing and phase is Phase.DONE)
         is_claimed = self._is_handing or (self._is_armed and phase is not Phase.DONE)
-        self._link.show(claim or FIRST_CLAIM * is_claimed)
+        self._link.show(claim or int(is_claimed))
 
     def _answer(self, now_ns: int) -> None:
         for caller, question in self._server.poll(self._guardian, now_ns):

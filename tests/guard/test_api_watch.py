@@ -111,3 +111,17 @@ def test_a_daemon_that_commands_has_been_asked_to_so_its_api_was_open(tmp_path: 
     watch.start()
     eventually(lambda: watch.misses >= SILENT_MISSES, 20.0)
     watch.close()
+
+
+def test_after_its_end_a_missing_answer_counts_no_more(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The guard has ended the daemon meanwhile: that it did not answer is no news."""
+    watch = ApiWatch(tmp_path / "gw.sock", ticking)
+    watch._was_open = True
+
+    def ask() -> bool:
+        watch.close()
+        return False
+
+    monkeypatch.setattr(watch, "_ask", ask)
+    watch._watch()
+    assert watch.misses == 0
