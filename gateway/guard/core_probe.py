@@ -12,7 +12,7 @@ import os
 import time
 from pathlib import Path
 
-from gateway.guard.starvation import Turn
+from gateway.guard.starvation import Starvation
 from gateway.process.cores import Affinity
 from gateway.process.threads import supervised
 
@@ -30,13 +30,13 @@ class CoreProbe:
         pid: That process.
         affinity: Of threads to cores.
         priority: SCHED_FIFO priority of that process's most urgent thread.
-        turn: Of the process; None for what the kernel says.
+        starvation: Of the process; None for what the kernel says.
     """
 
-    def __init__(self, pid: int, affinity: Affinity, priority: int, turn: Turn | None = None) -> None:
+    def __init__(self, pid: int, affinity: Affinity, priority: int, starvation: Starvation | None = None) -> None:
         self._pid, self._affinity = pid, affinity
         self._priority = min(priority + 1, 99)
-        self._turn = Turn(pid) if turn is None else turn
+        self._starvation = Starvation(pid) if starvation is None else starvation
         self._asked_ns = self._ran_ns = self._waited_ns = self._answered_ns = self._runnable = 0
         self._reader, self._writer = os.pipe()
         self._is_closing = False
@@ -50,7 +50,7 @@ class CoreProbe:
         if core is None or thread_id is None:
             return
         self._asked_ns = self._waited_ns = time.monotonic_ns()
-        self._runnable = self._turn.ask()
+        self._runnable = self._starvation.ask()
         try:
             self._affinity.keep(thread_id, {core})
         except OSError:  # a core that was taken away: nothing can be said of it
@@ -66,7 +66,7 @@ class CoreProbe:
             return None
         if self._answered_ns < self._asked_ns <= self._ran_ns:
             now_ns = time.monotonic_ns()
-            if self._turn.has_come():
+            if self._starvation.is_over():
                 self._answered_ns = max(self._ran_ns, self._waited_ns)
             else:
                 self._waited_ns = now_ns

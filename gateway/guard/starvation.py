@@ -17,11 +17,11 @@ from __future__ import annotations
 import time
 from pathlib import Path
 
-__all__ = ["Turn"]
+__all__ = ["Starvation"]
 
 
-class Turn:
-    """The turn of a process, asked for again and again.
+class Starvation:
+    """Whether a process starves, asked for again and again.
 
     Args:
         pid: That process.
@@ -44,7 +44,7 @@ class Turn:
         self._runnable = {task: ran_ns for task, ran_ns in found.items() if ran_ns is not None}
         return len(self._runnable)
 
-    def has_come(self) -> bool:
+    def is_over(self) -> bool:
         """Return whether no thread that could run when asked about still waits for its first moment since."""
         ran_ns, waiting = 0, 0
         for task, before_ns in self._runnable.items():

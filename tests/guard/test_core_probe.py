@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterator
 import pytest
 
 from gateway.guard.core_probe import CoreProbe
-from gateway.guard.starvation import Turn
+from gateway.guard.starvation import Starvation
 from gateway.process.cores import LinuxAffinity
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="cores can be chosen on Linux only")
@@ -85,27 +85,27 @@ def test_a_process_on_several_cores_is_asked_for_on_the_one_it_ran_on(
     assert probe.ran_ns() is None
 
 
-class Patient(Turn):
+class Patient(Starvation):
     """A process whose turn comes when the test says so."""
 
     def __init__(self) -> None:
         super().__init__(os.getpid())
-        self.is_over = False
+        self.has_had_its_turn = False
 
     def ask(self) -> int:
         """It wants to run."""
         return 1
 
-    def has_come(self) -> bool:
+    def is_over(self) -> bool:
         """Return what the test says."""
-        return self.is_over
+        return self.has_had_its_turn
 
 
 def test_a_process_that_waits_for_its_turn_on_a_core_that_runs_has_not_answered(child: subprocess.Popen[bytes]) -> None:
     """The answer is as old as the last look at which it still waited; the account tells both."""
     os.sched_setaffinity(child.pid, {min(os.sched_getaffinity(0))})
-    turn = Patient()
-    probe = CoreProbe(child.pid, LinuxAffinity(), URGENT, turn)
+    starvation = Patient()
+    probe = CoreProbe(child.pid, LinuxAffinity(), URGENT, starvation)
     try:
         assert probe.account(time.monotonic_ns()) == "its core was not asked"
         asked_ns = time.monotonic_ns()
@@ -114,7 +114,7 @@ def test_a_process_that_waits_for_its_turn_on_a_core_that_runs_has_not_answered(
         assert probe.ran_ns() == 0
         waited_ns = time.monotonic_ns()
         assert probe.ran_ns() == 0 and "it could run" not in probe.account(waited_ns)
-        turn.is_over = True
+        starvation.has_had_its_turn = True
         assert asked_ns < waited_ns <= (probe.ran_ns() or 0)
         assert "it could run" in probe.account(time.monotonic_ns())
     finally:

@@ -150,11 +150,11 @@ class Spacing:
                 speed_radps={side: wanted[side][1] if side in wanted else REST for side in Side},
                 together=self._together(moved),
                 course=lambda going: self._stops(here, moved, wanted, ways, going),
-                spare=lookahead,
+                lookahead=lookahead,
             )
         )
         self._look = look
-        self._lookahead.keep(here, lookahead, is_free=verdict.has_spare)
+        self._lookahead.keep(here, lookahead, is_free=verdict.has_lookahead)
         if not verdict.is_free:
             self._hold_back(model.collision, here, moved, verdict, now_ns)
         self._bound(moved, verdict.limit_radps)
@@ -168,7 +168,7 @@ class Spacing:
         passing = look.passing(ways, lookahead)
         if passing is None:
             return False
-        self._lookahead.keep(look.here, lookahead, is_free=passing.has_spare)
+        self._lookahead.keep(look.here, lookahead, is_free=passing.has_lookahead)
         self._ticks += 1
         if self._ticks % LIMITED_TICKS == 0:
             self._bound(moved, passing.limits({side: wanted[side][1] if side in wanted else REST for side in Side}))

@@ -24,7 +24,7 @@ before it counts as bad: setpoint by setpoint where it is short, else in pieces.
 
 Before that comes to pass, velocities are limited (`Verdict.limit_radps`), so that parts come to rest softly.
 
-What is true of a way is true of every way inside it. So a motion may give wider ways along (`Motion.spare`): where these
+What is true of a way is true of every way inside it. So a motion may give wider ways along (`Motion.lookahead`): where these
 keep the margin as well, nothing has to be judged until it leaves them. And what was looked at in one tick says something of
 the next ones (`Look.passing`): ways from where the body was then, that lead through where it is now, are ways as well. Only
 what they do not let pass has to be looked at again.
@@ -124,16 +124,16 @@ class Look:
         """
         return float(self._ends.on(Reach([ways])).gap_m.min(initial=math.inf))
 
-    def passing(self, wanted: Ways, spare: Ways | None) -> Passing | None:
+    def passing(self, wanted: Ways, lookahead: Ways | None) -> Passing | None:
         """Return what is known of ways from here where they may be gone for every order of the joints; None where they may not.
 
         Ways that lead further than what was looked at for may not.
 
         Args:
             wanted: Extents of each joint's way through the next state and the stop from there, shape (7,) per side [rad].
-            spare: Ways that hold the wanted ones; None where nobody asks for more.
+            lookahead: Ways that hold the wanted ones; None where nobody asks for more.
         """
-        reach = Reach([wanted] if spare is None else [wanted, spare])
+        reach = Reach([wanted] if lookahead is None else [wanted, lookahead])
         return None if (reach.goes_rad * BACK_AND_FORTH > self._far_rad).any() else self._passing(self._ends.on(reach))
 
     def judge(self, motion: Motion) -> Verdict:
@@ -142,11 +142,13 @@ class Look:
         Args:
             motion: From where the body was looked at, within the ways that were looked at for.
         """
-        kept = self._ends.on(Reach([motion.wanted] if motion.spare is None else [motion.wanted, motion.spare]))
+        kept = self._ends.on(Reach([motion.wanted] if motion.lookahead is None else [motion.wanted, motion.lookahead]))
         passing = self._passing(kept)
         limit_radps = self._limits(motion.speed_radps, kept)
         if passing is not None:
-            return Verdict(going=ALL, limit_radps=limit_radps, pair=-1, kept_m=math.inf, has_spare=passing.has_spare)
+            return Verdict(
+                going=ALL, limit_radps=limit_radps, pair=-1, kept_m=math.inf, has_lookahead=passing.has_lookahead
+            )
         kept_m = kept.gap_m[0]
         bad = (kept_m < self._floor_m).nonzero()[0]
         least = bad[kept_m[bad].argmin()]
@@ -162,7 +164,7 @@ class Look:
         is_kept = np.logical_and.reduce(kept.gap_m >= self._floor_m, axis=1).tolist()
         if not is_kept[0]:
             return None
-        return Passing(has_spare=is_kept[-1] and len(is_kept) > 1, limits=partial(self._limits, kept=kept))
+        return Passing(has_lookahead=is_kept[-1] and len(is_kept) > 1, limits=partial(self._limits, kept=kept))
 
     def _limits(self, speed_radps: Mapping[Side, Sequence[float]], kept: Kept) -> Mapping[Side, float]:
         """Return velocity limits for the next plans: where stops use more than their part of the room [rad/s]."""

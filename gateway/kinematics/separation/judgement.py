@@ -45,7 +45,7 @@ class Motion:
         braked: Tells the extents of their ways when they brake now, likewise; asked only where something has to brake.
         speed_radps: Velocity of each joint in the wanted state, shape (7,) per side [rad/s].
         together: Arms whose joints go on or brake as a whole; those of one row all at once.
-        spare: Ways that hold the wanted ones; None where nobody asks for more.
+        lookahead: Ways that hold the wanted ones; None where nobody asks for more.
         course: Tells how all joints go if some take the wanted step and the others one of their stop, and then all brake;
             None where that is not known, so that any order of the joints has to be reckoned with.
     """
@@ -54,7 +54,7 @@ class Motion:
     braked: Callable[[], Ways]
     speed_radps: Mapping[Side, Sequence[float]]
     together: Sequence[Sequence[Side]] = ()
-    spare: Ways | None = None
+    lookahead: Ways | None = None
     course: Callable[[Going], Course] | None = None
 
 
@@ -63,12 +63,12 @@ class Passing:
     """What is known of ways that may be gone.
 
     Attributes:
-        has_spare: Whether the spare ones may be as well.
+        has_lookahead: Whether the wider ones may be as well.
         limits: Tells the velocity limit for the next plan of each arm [rad/s], infinite where nothing is near; needs the
             velocity of each joint, shape (7,) per side [rad/s].
     """
 
-    has_spare: bool
+    has_lookahead: bool
     limits: Callable[[Mapping[Side, Sequence[float]]], Mapping[Side, float]]
 
 
@@ -81,14 +81,14 @@ class Verdict:
         limit_radps: Velocity limit for the next plan of each arm [rad/s]; infinite where nothing is near.
         pair: Number of the pair that keeps least on the wanted way (`Posture.told`); -1 if none may come inside the margin.
         kept_m: Gap that it keeps, at least [m]; infinite without one.
-        has_spare: Whether all pairs keep the margin on the spare ways as well.
+        has_lookahead: Whether all pairs keep the margin on the wider ways as well.
     """
 
     going: Going
     limit_radps: Mapping[Side, float]
     pair: int
     kept_m: float
-    has_spare: bool = False
+    has_lookahead: bool = False
 
     @property
     def is_free(self) -> bool:

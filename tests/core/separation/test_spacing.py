@@ -383,7 +383,7 @@ def test_what_was_found_free_is_not_judged_again_until_it_is_left(monkeypatch):
     assert 0 < len(looks) < 10 and len(asked) < 20
     pair.lead(MEET, 5.0)
     answers = [(lookahead, passing) for lookahead, passing in asked if passing is not None]
-    assert any(lookahead is not None and not passing.has_spare for lookahead, passing in answers)
+    assert any(lookahead is not None and not passing.has_lookahead for lookahead, passing in answers)
     assert any(lookahead is None for lookahead, _ in answers) and any(passing is None for _, passing in asked)
     assert len(looks) < len(asked)
 
