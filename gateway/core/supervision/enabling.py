@@ -101,7 +101,7 @@ class Enabling:
             message = f"the robot was not READY within {seconds:.0f} s: {self._missing(now_ns)}"
             self._fail(Refusal(code=Code.ENABLE_TIMEOUT, message=message), now_ns)
         elif self._conditions.first_beat_ns is None and value != FsmState.PAUSE:
-            message = f"the FSM went to {value} before our first heartbeat: somebody else enables"
+            message = f"the FSM went to {FSM_NAMES.get(value, value)} before our first heartbeat: somebody else enables"
             self._fail(Refusal(code=Code.FSM_BUSY, message=message), now_ns)
         elif self._echo_ns is None:
             is_awaited = coordinator.guard.is_awaited(now_ns - self._started_ns)
@@ -131,14 +131,18 @@ class Enabling:
             return "the robot's router has not shown our claim to other gateways"
         if self._echo_ns is None:
             waiting = [
-                str(side) for side in self._coordinator.enable.sides if not self._coordinator.seedable(side, now_ns)
+                f"the {side} arm"
+                for side in self._coordinator.enable.sides
+                if not self._coordinator.seedable(side, now_ns)
             ]
-            return f"no 0.3 s of steady, timely state from the {' and '.join(waiting)} arm"
+            return f"no 0.3 s of steady, timely state from {' and '.join(waiting)}"
         if self._conditions.first_beat_ns is None:
             waiting = [
-                str(side) for side in self._coordinator.enable.sides if not self._coordinator.agreed(side, now_ns)
+                f"the {side} arm"
+                for side in self._coordinator.enable.sides
+                if not self._coordinator.agreed(side, now_ns)
             ]
-            return f"the samples of the {' and '.join(waiting)} arm do not agree: it is being moved, or they are not its own"
+            return f"the samples of {' and '.join(waiting)} do not agree: it is being moved, or they are not its own"
         value = store.fsm(now_ns)
         return f"setpoints and heartbeat were sent, the FSM stayed {FSM_NAMES.get(value, value)}"
 

@@ -12,7 +12,7 @@ from gateway.core.messages.sightings import Gateway
 from gateway.core.others.guarding import WAIT_NS
 from gateway.core.streams.heartbeat import Beat
 from gateway.core.supervision.conditions import Conditions
-from gateway.core.supervision.enabling import Enabling
+from gateway.core.supervision.enabling import FSM_NAMES, Enabling
 from gateway.core.supervision.starting import Starting
 from gateway.core.supervision.supervisor import State, Trigger
 from gateway.errors import Code
@@ -226,13 +226,14 @@ def test_an_fsm_that_leaves_pause_before_our_heartbeat_is_somebody_elses(fsm, ti
     scene.live(1)
     assert (scene.state, scene.verdict) == (State.IDLE, ("failed", Code.FSM_BUSY))
     assert (
-        scene.coordinator.enable.message == f"the FSM went to {fsm} before our first heartbeat: somebody else enables"
+        scene.coordinator.enable.message
+        == f"the FSM went to {FSM_NAMES.get(fsm, fsm)} before our first heartbeat: somebody else enables"
     )
     scene.live(10)
     assert scene.sent_at_ns(FSM_ENABLE) == [] and scene.running == set()
 
 
-@pytest.mark.parametrize(("sides", "named"), [((L,), "left"), ((L, R), "left and right")])
+@pytest.mark.parametrize(("sides", "named"), [((L,), "the left arm"), ((L, R), "the left arm and the right arm")])
 def test_an_enabling_that_waited_too_long_for_steady_state_names_the_arms(sides, named):
     """ENABLE_TIMEOUT after 10 s and not before; nothing was sent, so no 0.0 is."""
     scene = Scene()
@@ -244,7 +245,7 @@ def test_an_enabling_that_waited_too_long_for_steady_state_names_the_arms(sides,
     scene.live(1)
     assert scene.verdict == ("failed", Code.ENABLE_TIMEOUT) and scene.state is not State.ENABLING
     assert scene.coordinator.enable.message == (
-        f"the robot was not READY within 10 s: no 0.3 s of steady, timely state from the {named} arm"
+        f"the robot was not READY within 10 s: no 0.3 s of steady, timely state from {named}"
     )
     assert scene.sent == [] and scene.coordinator.body.heartbeat.beat is Beat.SILENT
 
