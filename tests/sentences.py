@@ -28,7 +28,7 @@ LIST = Path(__file__).with_name("sentences.txt")
 SPEAKERS = "gateway.core."
 NAMES = re.compile(
     r"""(?<=zenoh session )\w+|(?<!\w)'[^']*'|"[^"]*"|\b(?:tcp|udp|unix)[/:][^ ,;]+|"""
-    r"""(?<![\w/])/[a-z_]+(?:/[a-z_]+)*|\b(?=\d*[a-f])[0-9a-f]{6,}\b"""
+    r"""(?<![\w/])/[a-z_]+(?:/[a-z_]+)*|(?<!\.)\b(?=\d*[a-f])[0-9a-f]{6,}\b"""
 )
 NUMBERS = re.compile(r"[-+]?\d+(?:\.\d+)?(?:e[-+]?\d+)?|\b(?:nan|inf)\b")
 PARTS = re.compile(
