@@ -3,7 +3,9 @@
 A sentence that a test brings about, and that is not in the list, fails the test. What differs from case to case (numbers,
 names, topics) is left out of the comparison. Property tests say what nobody has read before: they are not asked.
 
-    TA2_SENTENCES=write bin/test tests/core tests/behaviour      writes the list anew: read the difference
+    TA2_SENTENCES=write TA2_HYPOTHESIS_PROFILE=ci bin/test tests/core tests/behaviour
+
+writes the list anew, as CI says it, in five minutes: read the difference.
 """
 
 from __future__ import annotations
@@ -72,7 +74,7 @@ def _listening(cls: type, sentence: Callable[[Any], str]) -> None:
         if sys._getframe(1).f_globals.get("__name__", "").startswith(SPEAKERS) and not currently_in_test_context():
             SAID.add(sentence(self))
 
-    cls.__init__ = heard  # type: ignore[misc]
+    cls.__init__ = heard
 
 
 @pytest.fixture(autouse=True)
