@@ -290,7 +290,6 @@ class Guard:
     def _kill(self, why: str, held: Held | None, now_ns: int) -> None:
         """End the daemon that hangs, so that it can never send anything again."""
         self._is_killed = True
-        self._api.close()
         tick_ms = (now_ns - held.at_ns) / 1e6 if held is not None else 0.0
         if self._daemon < 0:
             _log.error("the daemon %s, and this kernel has no pidfd to end it by", why)
@@ -302,6 +301,7 @@ class Guard:
         except OSError as error:  # forbidden here: it may come back, and nothing is sent as long as it may
             _log.error("the daemon %s, and cannot be ended: %s", why, error)
             return
+        self._api.close()
         with contextlib.suppress(OSError):  # no /proc here: then its pipe tells
             self._dying = DyingProcess(self._daemon)
         _log.error("the daemon %s: it is ended", why)
