@@ -74,6 +74,9 @@ class MemoryTransport:
         """Ask; the answer comes when the engine was pumped."""
         self._plane.ask(key, payload, protocol.MSGPACK, on_done)
 
+    def drop(self, key: str, payload: bytes) -> None:
+        """Drop nothing: there is no pipe."""
+
     def put(self, key: str, payload: bytes) -> None:
         """Put a target or a keepalive."""
         self._plane.put(key, payload)

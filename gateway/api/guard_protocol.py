@@ -27,6 +27,7 @@ __all__ = [
     "guard_socket",
     "packed",
     "read_answer",
+    "read_dropped",
     "read_question",
     "robot_name",
 ]
@@ -113,6 +114,13 @@ def read_question(packet: bytes) -> GuardQuestion:
     return msgspec.structs.replace(
         question, client=question.client[:REASON_CHARS], reason=question.reason[:REASON_CHARS]
     )
+
+
+def read_dropped(payload: bytes, ask: Ask) -> GuardQuestion:
+    """Return the stop that was dropped into a pipe, with name and reason as far as they can be read."""
+    text = payload.decode(errors="replace").strip()
+    reason = _text_of("reason", text) if text.startswith("{") else text
+    return GuardQuestion(ask=ask, client=_text_of("name", text)[:REASON_CHARS], reason=reason[:REASON_CHARS])
 
 
 def _text_of(name: str, text: str) -> str:

@@ -21,7 +21,7 @@ import logging
 import queue
 import threading
 from collections import deque
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 
 from msgspec import structs
 
@@ -74,7 +74,8 @@ class Inbox:
         self._aside: deque[tuple[protocol.Command, Question]] = deque()
         """Chunks to be worked out, and what their clients sent after them."""
         self._lock = threading.Lock()
-        self._arrived = threading.Event()
+        self.on_arrival: Callable[[], None] = lambda: None
+        """Called after each request, from the reading thread: ends the rest of the loop. Signs of life and targets end none."""
         self._estops: _Lane = deque()
         self._stops: _Lane = deque()
         self._commands: dict[str, _Lane] = {}
@@ -168,10 +169,6 @@ class Inbox:
             self._read(question)
         return True
 
-    def ring(self) -> None:
-        """Let a waiting `wait` return."""
-        self._arrived.set()
-
     def wake(self) -> None:
         """Let a waiting `sort` return."""
         self._unread.put(None)
@@ -240,7 +237,7 @@ class Inbox:
             with self._lock:
                 self._commands.setdefault(event.client_id, deque()).append(event)
                 self._waiting += 1
-        self._arrived.set()
+        self.on_arrival()
 
     def _stop_lane(self, request: requests.Request) -> _Lane | None:
         if isinstance(request, requests.Estop):
@@ -249,14 +246,13 @@ class Inbox:
 
     # ------------------------------------------------------------------------------------------------ the loop
 
-    def wait(self, seconds: float) -> bool:
-        """Wait for a request, at most so long [s]; return whether there is one. Signs of life and targets end no wait."""
-        return bool(self._commands) or self._arrived.wait(seconds)
+    @property
+    def has_more(self) -> bool:
+        """Whether the last poll left requests for the next one."""
+        return bool(self._commands)
 
     def poll(self) -> list[events.Event]:
         """Return what arrived since the last call: stops, then signs of life, targets, other requests, departures."""
-        if self._arrived.is_set():
-            self._arrived.clear()  # first: what comes from here on ends the next wait
         signs = self._seen or self._checked_in or self._gone
         if not (signs or self._commands or self._targets or self._estops or self._stops):
             return []  # what comes in this very moment is found by the next poll

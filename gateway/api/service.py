@@ -23,12 +23,14 @@ import zenoh
 
 from gateway.api import protocol
 from gateway.api.address import is_private
+from gateway.api.bell import Bell
 from gateway.api.flood_watch import FloodWatch, OrdinaryWhileBusy
 from gateway.api.inbox import Inbox
 from gateway.api.instance_lock import InstanceLock, robot_lock_path, socket_lock_path
 from gateway.api.listener import network_configuration, refused_setting, unix_configuration
 from gateway.api.outbox import Outbox
 from gateway.api.stop_lane import StopLane
+from gateway.api.stop_pipe import StopPipes
 from gateway.api.translate import describe
 from gateway.api.zenoh_plane import ZenohPlane
 from gateway.core.messages import events, outputs
@@ -66,7 +68,9 @@ class LocalPlane:
         self._stops = StopLane()
         self._outbox = Outbox(self.info, self._stops)
         self._inbox = Inbox(self._outbox)
-        self._stops.on_arrival = self._inbox.ring
+        self._bell = Bell()  # while the loop rests
+        self._stops.on_arrival = self._inbox.on_arrival = self._bell.ring
+        self._pipes: StopPipes | None = None
         self._stops.proven = self._inbox.identities.is_proven
         self._planes: list[ZenohPlane] = []
         self._threads: list[threading.Thread] = []
@@ -93,6 +97,7 @@ class LocalPlane:
         """
         try:
             self._open_unix()
+            self._open_pipes()
             if self._network is not None:
                 self._open(self._network, "tcp", self._network["listen/endpoints"][0])
         except BaseException:  # half an opened plane must not stay
@@ -124,6 +129,14 @@ class LocalPlane:
             os.umask(before)
         os.chmod(self.socket, self._mode)
 
+    def _open_pipes(self) -> None:
+        try:
+            self._pipes = StopPipes(self.socket, self._mode)
+        except OSError as error:
+            raise refused_setting(
+                "socket", str(self.socket), f"no pipes for stops can be made beside it: {error}"
+            ) from None
+
     def _open(self, configuration: dict[str, object], name: str, value: str) -> None:
         try:
             plane = ZenohPlane(configuration, self._inbox, self._stops)
@@ -149,6 +162,8 @@ class LocalPlane:
         self._threads.clear()
         while self._planes:
             self._planes.pop().close()
+        if self._pipes is not None:
+            self._pipes.close(is_last=True)
         for lock in reversed(self._locks):
             lock.close()
 
@@ -164,19 +179,36 @@ class LocalPlane:
     def poll(self) -> list[events.Event]:
         """Return what clients sent since the last call: stops first. Never waits."""
         self._policy.look(time.monotonic_ns())
-        return [*self._stops.poll(), *self._inbox.poll()]
+        return [*self.poll_stops(), *self._inbox.poll()]
 
     def poll_stops(self) -> list[events.CommandRequested]:
-        """Return the stops that arrived on their own keys since the last call. Never waits."""
+        """Return the stops that arrived on their own keys, or in their pipes, since the last call. Never waits."""
+        self._take_dropped()
         return self._stops.poll()
 
+    def _take_dropped(self) -> None:
+        if self._pipes is not None:
+            for key, payload in self._pipes.read():
+                self._stops.arrive(key, payload, time.monotonic_ns())
+
     def wait_for_stop(self, seconds: float) -> bool:
-        """Wait for a stop on its own key, at most so long [s]; return whether there is one."""
-        return self._stops.wait(seconds)
+        """Wait for a stop on its own key or in its pipe, at most so long [s]; return whether there is one."""
+        # Not looked at while a stop waits to be polled: a flood of them must not take the processor.
+        pipes = [] if self._stops.has_waiting else self._pipe_files
+        is_there = self._stops.wait(seconds, pipes)
+        if is_there and pipes:
+            self._take_dropped()
+        return is_there
+
+    @property
+    def _pipe_files(self) -> list[int]:
+        return [] if self._pipes is None else self._pipes.files
 
     def wait(self, seconds: float) -> bool:
         """Wait for a request, at most so long [s]; return whether there is one."""
-        return self._inbox.wait(seconds)
+        if self._inbox.has_more:
+            return True
+        return self._bell.wait(seconds, self._pipe_files)
 
     def heed(self, client_ids: frozenset[str]) -> None:
         """Let those clients, and nobody else, put targets, keepalives and check-ins. Call it before `send`. Never waits.

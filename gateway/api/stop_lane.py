@@ -13,19 +13,17 @@ Does not know zenoh or the engine; arrival times are stamped by its callers.
 
 from __future__ import annotations
 
-import contextlib
 import itertools
 import logging
-import os
 import queue
-import select
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import msgspec
 
 from gateway.api import protocol
+from gateway.api.bell import Bell
 from gateway.api.question import Question
 from gateway.api.translate import printable, to_reply
 from gateway.core.messages import events, outputs
@@ -66,14 +64,11 @@ class StopLane:
         self._answers = queue.SimpleQueue()
         self._answered_ns = 0
         """When the latest question arrived that the thread has answered [ns]."""
-        self._bell, self._ringer = os.pipe()
-        os.set_blocking(self._bell, False)
-        os.set_blocking(self._ringer, False)
+        self._bell = Bell()
 
     def close(self) -> None:
         """Give the bell back; nothing may arrive, and nobody may wait any more."""
-        os.close(self._bell)
-        os.close(self._ringer)
+        self._bell.close()
 
     # ------------------------------------------------------------------------------------------------ coming in
 
@@ -99,8 +94,7 @@ class StopLane:
                 sharing.append((question, _encoding_of(question, payload)))
             else:
                 question.drop()
-        with contextlib.suppress(BlockingIOError):  # it rings already
-            os.write(self._ringer, b"!")
+        self._bell.ring()
         self.on_arrival()
 
     def ping(self, question: Question) -> None:
@@ -117,23 +111,20 @@ class StopLane:
 
     # ------------------------------------------------------------------------------------------------ the loop
 
-    def wait(self, seconds: float) -> bool:
-        """Wait for a stop, at most so long [s]; return whether one came since the last call that said so."""
-        ready, _, _ = select.select([self._bell], [], [], seconds)
-        if not ready:
-            return False
-        self._hush()
-        return True
+    @property
+    def has_waiting(self) -> bool:
+        """Whether a stop waits to be polled."""
+        return bool(self._waiting)
 
-    def _hush(self) -> None:
-        with contextlib.suppress(BlockingIOError):
-            os.read(self._bell, 65536)
+    def wait(self, seconds: float, also: Sequence[int] = ()) -> bool:
+        """Wait for a stop; return whether one came since the last call that said so. See `Bell.wait`."""
+        return self._bell.wait(seconds, also)
 
     def poll(self) -> list[events.CommandRequested]:
         """Return the stops that arrived since the last call, e-stops first."""
         arrived: list[events.CommandRequested] = []
         if self._waiting:
-            self._hush()  # first: what comes from here on rings again
+            self._bell.hush()  # first: what comes from here on rings again
         while self._waiting:
             number, key, payload, received_ns = self._waiting.popleft()
             client_id, reason = self._read(payload)

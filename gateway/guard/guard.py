@@ -125,7 +125,7 @@ class Guard:
         beside = Path(settings.local.socket or default_socket())
         name = robot_name(settings.link.endpoint, settings.link.namespace)
         self._api = ApiWatch(beside, self._board.read)
-        self._server = GuardServer(str(guard_socket(beside)), settings.local.socket_mode, name)
+        self._server = GuardServer(str(guard_socket(beside)), settings.local.socket_mode, name, beside)
         self._sleep = SleepWatch()
         self._measures = Measures(settings, is_guard=True)
         self._asked_ns: int | None = None

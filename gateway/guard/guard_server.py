@@ -6,6 +6,7 @@ only while a guard acts: the guard of a daemon that is started again, and ends a
 Nobody shuts others out: who comes is let in and read, and then, where there are too many, whoever was silent longest among
 the connections of the busiest user, of his busiest process, goes; not a stop under way, nor the next daemon. What one look
 costs is bounded, however many come.
+What was dropped into the pipes of stops beside the daemon's socket is read at each tick while the guard acts.
 The hold is given to the guard's own user and to root alone: that of the daemon; who may ask for a stop may not take it.
 """
 
@@ -18,10 +19,20 @@ import socket
 import struct
 from collections import Counter
 from dataclasses import dataclass
+from pathlib import Path
 
 import msgspec
 
-from gateway.api.guard_protocol import MAX_PACKET_BYTES, GuardAnswer, GuardQuestion, packed, read_question
+from gateway.api.guard_protocol import (
+    MAX_PACKET_BYTES,
+    GuardAnswer,
+    GuardQuestion,
+    packed,
+    read_dropped,
+    read_question,
+)
+from gateway.api.keys import ESTOP_KEY
+from gateway.api.stop_pipe import StopPipes
 from gateway.core.guardian import Guardian, Phase
 
 __all__ = ["GuardServer"]
@@ -69,13 +80,20 @@ class GuardServer:
         path: Of the socket; whatever lies there is replaced.
         mode: Permission bits.
         robot: Which robot it is about, see `robot_name`.
+        daemon: The daemon's socket, beside which stops are dropped; None for nowhere.
     """
 
-    def __init__(self, path: str, mode: int, robot: str = "") -> None:
+    def __init__(self, path: str, mode: int, robot: str = "", daemon: Path | None = None) -> None:
         self._path = path
         self._robot = robot
         self._mode = mode
         self._listener: socket.socket | None = None
+        self._pipes: StopPipes | None = None
+        if daemon is not None:
+            try:
+                self._pipes = StopPipes(daemon, mode)
+            except OSError as error:
+                _log.warning("the guard has no pipes for stops: %s", error)
         self._inode = 0
         self._callers: dict[int, _Caller] = {}
         self._last = 0
@@ -124,6 +142,8 @@ class GuardServer:
 
     def close(self) -> None:
         """Listen no more; a later guard's socket stays."""
+        if self._pipes is not None:
+            self._pipes.close()
         for file in self.files:
             file.close()
         self._callers.clear()
@@ -141,7 +161,7 @@ class GuardServer:
             now_ns: Monotonic time [ns].
         """
         self._accept(now_ns)
-        stops = []
+        stops = self._dropped() if guardian.phase is Phase.ACTING else []
         for number, caller in list(self._callers.items()):
             try:
                 packet = caller.socket.recv(MAX_PACKET_BYTES)
@@ -164,6 +184,11 @@ class GuardServer:
                 self._reply(number, self._answer_to(question, number, guardian, now_ns))
         self._make_room(guardian, now_ns)
         return stops
+
+    def _dropped(self) -> list[tuple[int, GuardQuestion]]:
+        """Return the stops that were dropped, under a number that no caller has."""
+        dropped = [] if self._pipes is None else self._pipes.read()
+        return [(0, read_dropped(payload, "estop" if key == ESTOP_KEY else "stop")) for key, payload in dropped]
 
     def stopped(self, number: int, guardian: Guardian, now_ns: int, *, is_undelivered: bool) -> None:
         """Answer a stop that was carried out."""

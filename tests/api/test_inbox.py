@@ -248,15 +248,22 @@ def test_waiting_for_a_question_ends(desk):
     assert Code.TIMEOUT.value == "TIMEOUT"
 
 
-def test_a_request_ends_the_wait_of_a_loop_that_rests(desk):
+@pytest.fixture
+def rung(desk):
+    """How often the loop's rest was ended, in a list."""
+    rung = []
+    desk.inbox.on_arrival = lambda: rung.append(1)
+    return rung
+
+
+def test_a_request_ends_the_wait_of_a_loop_that_rests(desk, rung):
     """Whether it is a stop or any other; what was taken ends no wait any more."""
-    assert not desk.inbox.wait(0.0)
     for number, request in enumerate((protocol.Stop(), protocol.Estop(), protocol.Recover())):
         desk.ask(payload(request, number))
         desk.run()
-        assert desk.inbox.wait(10.0)
+        assert len(rung) == number + 1
         desk.inbox.poll()
-        assert not desk.inbox.wait(0.0)
+        assert not desk.inbox.has_more
 
 
 def test_requests_that_one_poll_left_end_the_next_wait(desk):
@@ -265,17 +272,17 @@ def test_requests_that_one_poll_left_end_the_next_wait(desk):
         desk.ask(payload(protocol.Recover(), number))
     desk.run()
     assert len(desk.inbox.poll()) == PER_POLL
-    assert desk.inbox.wait(10.0)
+    assert desk.inbox.has_more
     assert len(desk.inbox.poll()) == 1
-    assert not desk.inbox.wait(0.0)
+    assert not desk.inbox.has_more
 
 
-def test_signs_of_life_and_targets_end_no_wait(desk):
+def test_signs_of_life_and_targets_end_no_wait(desk, rung):
     """They come 20 to 100 times a second, and say nothing while nobody owns the robot."""
     desk.inbox.put_keepalive(protocol.keepalive_key("c0ffee"), 6)
     desk.inbox.put_gone("other", 7)
     desk.inbox.put_target(protocol.target_key("c0ffee", 2), b"", "", 5)
-    assert not desk.inbox.wait(0.0)
+    assert not rung and not desk.inbox.has_more
 
 
 # ------------------------------------------------------------------------------------------------- chunks

@@ -41,7 +41,9 @@ def test_the_client_needs_zenoh_msgspec_and_numpy_alone():
     loaded = {name for name in eval(packages) if not name.startswith(("_", "cython", "numpy"))}
     assert loaded <= allowed
     assert ours == "[]" and asyncio == "False"
-    assert set(eval(api)) == {f"gateway.api{m}" for m in ("", ".address", ".encoding", ".keys", ".protocol")}
+    assert set(eval(api)) == {
+        f"gateway.api{m}" for m in ("", ".address", ".encoding", ".keys", ".protocol", ".stop_pipe")
+    }
 
 
 TIMES = """

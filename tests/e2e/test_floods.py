@@ -13,6 +13,8 @@ from pathlib import Path
 
 import pytest
 
+from gateway.api.keys import STOP_KEY
+from gateway.api.stop_pipe import drop_stop
 from gateway.client import connect
 from tests.e2e.system import Process, System, joint_topics, steady, wait_for, worst_gap_ms
 from tests.fuzz.attacker import connect as raw
@@ -114,7 +116,7 @@ def test_floods_harm_nobody_but_their_senders(tmp_path: Path, systems: Systems) 
 
 @pytest.mark.parametrize("kind", ["large_questions", "half_open", "sessions"])
 def test_a_stop_gets_through_every_flood(kind: str, tmp_path: Path, systems: Systems) -> None:
-    """Anybody's stop stops while others flood, from a connection that was there, and from one that is made now."""
+    """Anybody's stop stops while others flood, from a connection that was there, without any, and from one that is made now."""
     system = systems(tmp_path, has_guard=False)
     with system.connect("watcher") as watcher, raw(f"unixsock-stream/{system.target}") as session:
         with flooded(system, kind, 1):
@@ -122,6 +124,9 @@ def test_a_stop_gets_through_every_flood(kind: str, tmp_path: Path, systems: Sys
             wait_for(lambda: "STOPPED_BY_OTHER" in watcher.state.latches, "a stop", 10.0, tell=system.logs)
             watcher.recover()
             wait_for(lambda: not watcher.state.latches, "a recovery", 10.0)
+            assert drop_stop(Path(system.target), STOP_KEY, b"of somebody without a connection")
+            wait_for(lambda: "STOPPED_BY_OTHER" in watcher.state.latches, "a dropped stop", 10.0, tell=system.logs)
+            watcher.recover()
             with wait_for(lambda: connect(system.target, name="late", timeout_s=2.0), "a connection") as late:
                 late.estop("flooded")
             wait_for(lambda: "ESTOP" in watcher.state.latches, "an e-stop", 10.0, tell=system.logs)

@@ -16,6 +16,8 @@ from typing import Any
 import pytest
 import zenoh
 
+from gateway.api.keys import ESTOP_KEY
+from gateway.api.stop_pipe import drop_stop
 from gateway.client import Robot, connect
 from gateway.client.asking.guard_stop import stop_at_guard
 from gateway.errors import Disconnected
@@ -490,6 +492,29 @@ def test_stop_and_estop_work_while_the_daemon_is_dead(tmp_path: Path) -> None:
             second.close()
     finally:
         scene.close()
+
+
+@pytest.mark.alone
+@pytest.mark.sim_only("what is stopped is a process of this host")
+def test_an_estop_that_a_frozen_daemon_did_not_read_is_its_guards(tmp_path: Path) -> None:
+    """Dropped into the pipe of a daemon that stands still, it is carried out by the guard, and latched in the next daemon."""
+
+    def attempt(folder: Path) -> list[str]:
+        scene = Scene(folder)
+        try:
+            pid = scene.guard_pid
+            scene.system.daemon.send(signal.SIGSTOP)
+            assert drop_stop(Path(scene.system.target), ESTOP_KEY, b"smoke")
+            scene.system.daemon.wait()
+            wait_for(lambda: scene.system.robot_state()["fsm"] == 0, "PAUSE")
+            wait_for(lambda: gone(pid), "the guard's end")
+            with scene.restart() as second:
+                latches = second.state.latches
+            return [] if "smoke" in latches.get("ESTOP", "") else [f"latched is {latches}"]
+        finally:
+            scene.close()
+
+    steady(attempt, tmp_path)
 
 
 @pytest.mark.alone

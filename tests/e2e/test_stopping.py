@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import signal
+import subprocess
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -56,40 +57,50 @@ def asked(session: zenoh.Session, key: str, message: dict[str, Any] | None = Non
     pytest.fail(f"no answer on {key}")
 
 
-def put(key: str, payload: bytes = b"") -> Callable[[zenoh.Session], object]:
+Stopping = Callable[[zenoh.Session, System], object]
+
+
+def put(key: str, payload: bytes = b"") -> Stopping:
     """Return what puts it."""
-    return lambda session: session.put(key, payload)
+    return lambda session, system: session.put(key, payload)
+
+
+def shell(command: str) -> Stopping:
+    """Return what runs a line of a shell that knows nothing but the socket's place."""
+    return lambda session, system: subprocess.run(["sh", "-c", command.format(system.target)], check=True, timeout=10)
 
 
 LATER_RELEASE = json.dumps({"version": 99, "client_id": "a.b" * 40, "unknown": [1], "reason": None}).encode()
 
-STOPS: dict[str, Callable[[zenoh.Session], object]] = {
+STOPS: dict[str, Stopping] = {
     "nothing": put("ta2/stop"),
     "ten bytes": put("ta2/stop", b"smoke here"),
     "no text": put("ta2/stop", b"\xff\xfe\x80"),
     "a later release": put("ta2/stop", LATER_RELEASE),
     "a lone surrogate": put("ta2/stop", b'{"name": "\\ud800", "reason": "\\udfff"}'),
     "60,000 bytes": put("ta2/stop", b"[" * 60_000),
-    "a deletion": lambda session: session.delete("ta2/stop"),
-    "a question": lambda session: asked(session, "ta2/stop"),
+    "a deletion": lambda session, system: session.delete("ta2/stop"),
+    "a question": lambda session, system: asked(session, "ta2/stop"),
     "an e-stop": put("ta2/estop", b"smoke here"),
-    "an e-stop that is asked": lambda session: asked(session, "ta2/estop", {"name": "Ann", "reason": "smoke"}),
+    "an e-stop that is asked": lambda session, system: asked(session, "ta2/estop", {"name": "Ann", "reason": "smoke"}),
+    "an empty line of a shell": shell("echo > {0}.stop"),
+    "a shell's e-stop": shell("echo smoke | dd of={0}.estop oflag=nonblock conv=nocreat"),
 }
 
 
-SMOKE = ("ten bytes", "an e-stop", "an e-stop that is asked")
+SMOKE = ("ten bytes", "an e-stop", "an e-stop that is asked", "a shell's e-stop")
 """Those that say why."""
 
 
 def test_whatever_arrives_on_the_keys_of_stops_ends_motion_and_latches(tmp_path: Path, systems: Any) -> None:
-    """Of a session that shares nothing with our client but the socket; each in mid-move."""
+    """Of a session that shares nothing with our client but the socket, or of none; each in mid-move."""
     system = systems(tmp_path, has_guard=False)
     with system.connect("owner") as robot, stranger(system) as session, robot.control() as own:
         for name, stop in STOPS.items():
             wait_for(lambda: can_enable(own), "enabled")
             motion = own.left_arm.move_by(np.full(7, 0.2), speed=0.05)
             wait_for(lambda motion=motion: motion.progress > 0.0, "motion")
-            stop(session)
+            stop(session, system)
             with pytest.raises(MotionEnded):
                 motion.result(timeout=10.0)
             latch = Code.ESTOP if "e-stop" in name else Code.STOPPED_BY_OTHER

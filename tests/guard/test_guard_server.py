@@ -28,6 +28,8 @@ from gateway.api.guard_protocol import (
     read_question,
     robot_name,
 )
+from gateway.api.keys import ESTOP_KEY, STOP_KEY
+from gateway.api.stop_pipe import drop_stop
 from gateway.client.asking import guard_stop
 from gateway.client.asking.guard_stop import stop_at_guard
 from gateway.client.asking.results import StopResult
@@ -226,6 +228,36 @@ def test_what_names_no_stop_is_none(packet: bytes) -> None:
     """A word in a reason asks for nothing."""
     with pytest.raises(ValueError):
         read_question(packet)
+
+
+def test_what_was_dropped_beside_the_daemons_socket_is_read_while_the_guard_acts(tmp_path: Path) -> None:
+    """Before, it is the daemon's to read: it lies there still when that is dead."""
+    daemon = tmp_path / "gw.sock"
+    waiting, acting = Place(tmp_path, is_acting=False), Place(tmp_path)
+    for place in (waiting, acting):
+        place.server.close()
+        place.server = GuardServer(str(place.path), 0o600, daemon=daemon)
+        place.server.open()
+    drop_stop(daemon, ESTOP_KEY, b'{"name": "Ann", "reason": "smoke"}')
+    drop_stop(daemon, STOP_KEY, b"no JSON")
+    assert waiting.poll() == []
+    (first, estop), (second, stop) = acting.poll()
+    assert estop == GuardQuestion(ask="estop", client="Ann", reason="smoke")
+    assert stop == GuardQuestion(ask="stop", reason="no JSON")
+    assert first == second == 0 and acting.poll() == []
+    acting.server.stopped(first, acting.pair.guardian, acting.pair.now_ns, is_undelivered=False)  # nobody
+    for place in (waiting, acting):
+        place.close()
+
+
+def test_a_guard_without_pipes_works_all_the_same(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    """The folder of the daemon's socket is gone, say."""
+    place = Place(tmp_path)
+    place.server.close()
+    place.server = GuardServer(str(place.path), 0o600, daemon=tmp_path / "gone" / "gw.sock")
+    place.server.open()
+    assert place.ask(place.call(), ask="status").phase == "acting" and "no pipes for stops" in caplog.text
+    place.close()
 
 
 def test_idle_callers_shut_nobody_out(place: Place) -> None:

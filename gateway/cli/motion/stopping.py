@@ -5,6 +5,7 @@ A stop that may not have stopped the robot says so with the only hint that count
 
 from __future__ import annotations
 
+import contextlib
 import getpass
 import json
 
@@ -35,6 +36,7 @@ def stop(command: str, target: str | None, timeout_s: float, reason: str, *, as_
         GatewayError: Nobody knows whether it stopped.
     """
     said = _signed(reason or f"ta2 {command}")
+    _drop(command, target, said)  # before anything else: to connect takes a while, and in a crowd a long one
     try:
         with connected(command, target, timeout_s, greet=False) as robot:
             result = robot.stop(said) if command == "stop" else robot.estop(said)
@@ -51,6 +53,18 @@ def stop(command: str, target: str | None, timeout_s: float, reason: str, *, as_
     else:
         print(f"{who}{DONE[command]}; motion is refused until `ta2 recover`")
     return ExitStatus.OK
+
+
+def _drop(command: str, target: str | None, said: str) -> None:
+    """Drop the stop into the gateway's pipe, where there is one."""
+    from gateway.api import protocol
+    from gateway.api.stop_pipe import drop_stop
+
+    with contextlib.suppress(protocol.AddressRefused):  # told when it is to be connected to
+        path = protocol.find_socket() if target is None else protocol.parse_address(target).path
+        if path is not None:
+            key = protocol.STOP_KEY if command == "stop" else protocol.ESTOP_KEY
+            drop_stop(path, key, protocol.encode({"name": f"ta2 {command}", "reason": said}, protocol.JSON))
 
 
 def _by_guard(command: str, target: str | None, said: str) -> StopResult | None:

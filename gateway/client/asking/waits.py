@@ -218,7 +218,7 @@ class Stopped:
             "reason": command.reason,
         }
         self._ways = [
-            (protocol.ESTOP_KEY if is_estop else protocol.STOP_KEY, protocol.encode(who)),
+            (protocol.ESTOP_KEY if is_estop else protocol.STOP_KEY, protocol.encode(who, protocol.JSON)),
             (protocol.COMMAND_KEY, session.encode(command, session.next_request_id())),
         ]
         self._reply: protocol.Reply | None = None
@@ -227,6 +227,7 @@ class Stopped:
         self._may_have_run = session.is_connected
         self._begun_ns = session.transport.now_ns()
         self.deadline_ns = self._begun_ns + timeout_ns
+        session.transport.drop(*self._ways[0])
         self._send(self._begun_ns)
 
     def _send(self, now_ns: int) -> None:

@@ -20,6 +20,7 @@ from typing import Any
 import zenoh
 
 from gateway.api import protocol
+from gateway.api.stop_pipe import drop_stop
 from gateway.client.connection.transport import Receiver
 from gateway.errors import Code, GatewayError, Refusal, to_exception
 from gateway.process.threads import supervised
@@ -127,6 +128,11 @@ class ZenohTransport:
             )
         except zenoh.ZError:  # closed in this moment
             answer.finish()
+
+    def drop(self, key: str, payload: bytes) -> None:
+        """Drop a stop into its pipe beside the socket: nothing of zenoh comes between it and the daemon."""
+        if self._target.path is not None:
+            drop_stop(self._target.path, key, payload)
 
     def put(self, key: str, payload: bytes) -> None:
         """Send without waiting; lost when the daemon is not there or does not read."""

@@ -55,6 +55,10 @@ class Transport(Protocol):
         """Ask something; `on_done` is called once, with the reply or with None when there will be none."""
         ...
 
+    def drop(self, key: str, payload: bytes) -> None:
+        """Drop a stop where it acts without a session, if there is such a place. Whoever wants to know of it asks, too."""
+        ...
+
     def put(self, key: str, payload: bytes) -> None:
         """Send something that needs no answer; lost when the daemon is not there."""
         ...

@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import json
+
 import pytest
 
+from gateway.api.keys import ESTOP_KEY, STOP_KEY
+from gateway.api.stop_pipe import StopPipes
 from gateway.cli.motion import stopping
-from gateway.errors import Code, Refusal
+from gateway.errors import Code, Disconnected, Refusal
 from gateway.messages import requests
 from gateway.messages.snapshot import LinkView
 
@@ -21,6 +25,29 @@ def test_a_stop_is_one_request_with_reason_and_name(shell, monkeypatch, command,
     assert shell.names == [f"ta2 {command}"]
     assert shell.run(command, "--json").json == {"ok": True, "undelivered": False, "by_guard": False}
     assert shell.world.engine.requests[-1][1].reason == f"ta2 {command} (ada)"
+
+
+@pytest.mark.parametrize(("command", "key"), [("stop", STOP_KEY), ("estop", ESTOP_KEY)])
+def test_a_stop_is_dropped_before_anything_is_connected_to(shell, monkeypatch, tmp_path, command, key):
+    """In a crowd it takes seconds to connect, or fails."""
+    pipes, dropped = StopPipes(tmp_path / "gw.sock", 0o600), []
+
+    def fail(*_, **__):
+        dropped.extend(pipes.read())
+        raise Disconnected(Refusal(code=Code.DISCONNECTED, message="crowded"))
+
+    monkeypatch.setattr("gateway.client.connect", fail)
+    assert shell.run(command, "--socket", str(tmp_path / "gw.sock"), "smoke").status != 0
+    ((arrived, payload),) = dropped
+    assert arrived == key
+    assert json.loads(payload)["name"] == f"ta2 {command}" and json.loads(payload)["reason"].startswith("smoke")
+    pipes.close()
+
+
+@pytest.mark.parametrize("target", ["nonsense", "tcp/127.0.0.1:7448"])
+def test_where_there_is_no_pipe_the_connection_is_all(shell, target):
+    """A gateway beyond this host; what is no address is refused by whoever connects, which this shell does not."""
+    assert shell.run("stop", "--socket", target).status == 0
 
 
 def test_a_stop_without_a_name_is_a_stop(shell, monkeypatch):

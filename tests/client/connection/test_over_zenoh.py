@@ -19,6 +19,7 @@ from gateway.client import Credentials, connect
 from gateway.client.connection.over_zenoh import Pulse
 from gateway.core.messages.outputs import Level, Notice
 from gateway.errors import Code, Disconnected, LeaseError, OutcomeUnknown, Rejected
+from gateway.messages import requests
 from gateway.process.threads import take_lost
 from tests.api.daemon import Daemon, eventually
 from tests.api.stand_in import START_Q
@@ -110,6 +111,15 @@ def test_the_whole_way(daemon):
         daemon.engine.notices.append(Notice(code=Code.WALK, level=Level.INFO, message="hello", at_ns=1))
         assert [notice.message for notice in robot.events(timeout=0.3)] == ["hello"]
     eventually(lambda: daemon.engine.gone == [robot.client_id])
+
+
+def test_a_stop_is_dropped_and_asked_about(daemon):
+    """Into the pipe first, whose stop needs nothing of zenoh; both are its own, by its secret."""
+    with connect(str(daemon.socket)) as robot:
+        robot.recover()
+        robot.stop("smoke")
+        stops = [who for who, request in daemon.engine.requests if request == requests.Stop(reason="smoke")]
+    assert stops == [robot.client_id] * 2
 
 
 @pytest.mark.alone
