@@ -4,8 +4,8 @@ bin/bench stop                      150 stops under each flood
 bin/bench stop --stops 1000         enough for the 99.9th percentile
 
 A stop is a put on `ta2/stop`, or a line in the pipe beside the socket, in turn, and has arrived when the chassis' stop frame
-reaches a subscriber at the robot's router: two wires and the control loop between them. Its peer is a put to a process that only subscribes, over a socket that nobody
-floods. Stops are sent between the instants at which stop frames leave anyway.
+reaches a subscriber at the robot's router: two wires and the control loop between them. Its peer is a put to a process that
+only subscribes, over a socket that nobody floods. Stops are sent between the instants at which stop frames leave anyway.
 
 An owner streams targets to both arms under the same floods; his peer is himself before the flood.
 """
