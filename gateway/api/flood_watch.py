@@ -11,8 +11,8 @@ Rules
       container), each connection counts for itself.
     * Where there are too many connections, some of the process that has most of them are hung up on. So there is room for
       whoever comes to stop.
-    * While this process is busy, all of its threads but the loop's are ordinary ones, before others, until it was calm for
-      a second.
+    * While this process is busy, all of its threads are ordinary ones, before others, until it was calm for a second: but
+      the loop's, and those that send, without which its setpoints would leave late.
 
 Asks the kernel only, never zenoh. Who floods is looked for in a thread of its own, since that takes a millisecond. Whether
 this process is busy is the loop's to see, since nobody else gets to run then.
@@ -32,9 +32,20 @@ from collections import Counter
 from collections.abc import Callable, Iterator
 from contextlib import suppress
 from fcntl import ioctl
+from pathlib import Path
 from termios import FIONREAD
 
-__all__ = ["CALM_NS", "CLOSE_NS", "LOOKS", "MOST_AT_ONCE", "UNREAD_BYTES", "FloodWatch", "OrdinaryWhileBusy"]
+__all__ = [
+    "CALM_NS",
+    "CLOSE_NS",
+    "LOOKS",
+    "MOST_AT_ONCE",
+    "SENDER",
+    "UNREAD_BYTES",
+    "FloodWatch",
+    "OrdinaryWhileBusy",
+    "name_of",
+]
 
 MS = 1_000_000
 CALM_NS = 40 * MS
@@ -58,6 +69,8 @@ MOST_AT_ONCE = 16
 BUSY_SHARE = 0.4
 """Of one core: a robot at full load, with its client, takes 0.2."""
 CALMED_NS = 1000 * MS
+SENDER = "tx-"
+"""zenoh's threads that send, the robot's setpoints too: what they have to do is what we say, and no flood makes it more."""
 BEFORE_OTHERS = -5
 """Nice value of busy threads: before other programs, but not so far that the owner's gets nothing of a core it shares with us.
 At -20 its keepalives stayed away for 250 ms in 7 of 18 floods of half-open connections on a loaded host, at -8 in none."""
@@ -174,6 +187,15 @@ class FloodWatch:
                         connection.detach()  # it is zenoh's
 
 
+def name_of(thread_id: int) -> str:
+    """Return the name of a thread of this process.
+
+    Raises:
+        OSError: It has ended.
+    """
+    return Path(f"/proc/self/task/{thread_id}/comm").read_text()
+
+
 def _peer(connection: socket.socket) -> object:
     """Return what tells the process at the other end from others."""
     if connection.family == socket.AF_UNIX:
@@ -183,7 +205,7 @@ def _peer(connection: socket.socket) -> object:
 
 
 class OrdinaryWhileBusy:
-    """Takes this process's threads, but the one that calls, out of real time while they are busy."""
+    """Takes this process's threads, but the one that calls and those that send, out of real time while they are busy."""
 
     def __init__(self) -> None:
         self.lowered: dict[int, tuple[int, int, int]] = {}
@@ -225,7 +247,7 @@ class OrdinaryWhileBusy:
             for thread_id in {int(name) for name in os.listdir("/proc/self/task")} - {threading.get_native_id()}:
                 with suppress(OSError):  # it ended
                     policy = os.sched_getscheduler(thread_id)
-                    if policy != os.SCHED_OTHER:
+                    if policy != os.SCHED_OTHER and not name_of(thread_id).startswith(SENDER):
                         *_, nice = self.lowered.get(thread_id) or (os.getpriority(os.PRIO_PROCESS, thread_id),)
                         self.lowered[thread_id] = policy, os.sched_getparam(thread_id).sched_priority, nice
                         os.sched_setscheduler(thread_id, os.SCHED_OTHER, os.sched_param(0))

@@ -16,6 +16,7 @@ import zenoh
 from msgspec import structs
 
 from gateway.api import protocol
+from gateway.api.flood_watch import SENDER, name_of
 from gateway.api.service import LocalPlane
 from gateway.errors import Code, ConfigError, NotReady
 from gateway.messages import requests
@@ -69,6 +70,15 @@ def test_the_socket_is_for_owner_and_group_only(daemon):
     """The socket has mode 0660 from the start, and its directory is not open to others."""
     assert stat.S_IMODE(os.stat(daemon.socket).st_mode) == 0o660
     assert stat.S_ISSOCK(os.stat(daemon.socket).st_mode)
+
+
+def test_zenohs_senders_are_known_by_their_name(stranger):
+    """They stay in real time while others flood; a thread that ended has no name."""
+    assert ask(stranger, protocol.INFO_KEY)
+    names = {name_of(int(number)).partition("-")[0] for number in os.listdir("/proc/self/task")}
+    assert {SENDER.removesuffix("-"), "rx"} <= names
+    with pytest.raises(OSError):
+        name_of(2**22 + 1)
 
 
 def test_another_mode_and_a_new_directory_are_made_as_configured(tmp_path):

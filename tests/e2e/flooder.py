@@ -199,8 +199,16 @@ def deaf(endpoint: str, until: float) -> int:
     return len(held)
 
 
+def spin(endpoint: str, until: float) -> int:
+    """Send nothing, and take as much processor time as the others do: what they cost whom they only compete with."""
+    spun = 0
+    while time.monotonic() < until:
+        spun += 1
+    return spun
+
+
 PROCESSES: dict[str, Callable[[str, float], int]] = {
-    process.__name__: process for process in (sessions, half_open, deaf)
+    process.__name__: process for process in (sessions, half_open, deaf, spin)
 }
 
 KINDS = (*FLOODS, *PROCESSES)
