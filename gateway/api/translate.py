@@ -178,6 +178,7 @@ def describe(settings: Settings, *, socket: str, pid: int) -> protocol.Info:
         pid=pid,
         socket=socket,
         robot=settings.link.endpoint,
+        namespace=settings.link.namespace,
         model=settings.link.model,
         has_lift=settings.link.variant.has_lift,
         config_hash=config_hash(settings),

@@ -15,6 +15,7 @@ import sys
 from argparse import Namespace
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from importlib import import_module
 from types import FrameType
 from typing import TYPE_CHECKING
 
@@ -159,10 +160,13 @@ def _ask_sim(options: Namespace) -> int:
 # ------------------------------------------------------------------------------------------------------------ settings
 
 
-def _config(options: Namespace) -> int:
-    from gateway.cli.configuring import carry_out
+def _carried_out_by(module: str) -> Callable[[Namespace], int]:
+    """Return what loads a module and lets it carry out the command."""
 
-    return carry_out(options)
+    def carry_out(options: Namespace) -> int:
+        return int(import_module(module).carry_out(options))
+
+    return carry_out
 
 
 def _model(options: Namespace) -> int:
@@ -329,12 +333,6 @@ def _completion(options: Namespace) -> int:
     return print_script(options.shell)
 
 
-def _video(options: Namespace) -> int:
-    from gateway.cli.cameras.commands import carry_out
-
-    return carry_out(options)
-
-
 def _ground(options: Namespace) -> int:
     from gateway.cli.motion import grounding
 
@@ -366,7 +364,7 @@ def _kinematics(options: Namespace) -> int:
 COMMANDS: Mapping[str, Callable[[Namespace], int]] = {
     "run": _run,
     "sim": _sim,
-    "config": _config,
+    "config": _carried_out_by("gateway.cli.configuring"),
     "model": _model,
     "status": _status,
     "watch": _watch,
@@ -384,7 +382,9 @@ COMMANDS: Mapping[str, Callable[[Namespace], int]] = {
     "gripper": _ground,
     "drive": _ground,
     "lift": _ground,
-    "video": _video,
+    "video": _carried_out_by("gateway.cli.cameras.commands"),
+    "record": _carried_out_by("gateway.cli.recording.record"),
+    "bag": _carried_out_by("gateway.cli.recording.bag"),
     "example": _example,
     "demo": _demo,
     "completion": _completion,

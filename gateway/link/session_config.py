@@ -61,12 +61,13 @@ _PRIORITIES: Final = (
 )
 
 
-def session_config(settings: LinkSettings, *, is_reader: bool = False) -> str:
+def session_config(settings: LinkSettings, *, is_reader: bool = False, is_heard: bool = False) -> str:
     """Return the configuration as JSON.
 
     Args:
         settings: Endpoint, namespace, model and lease.
         is_reader: Whether nothing but questions and subscriptions may leave.
+        is_heard: Whether a reader may announce its subscriptions, too.
     """
     api = f"{topic_to_key('/api', settings.namespace)}/**"
     return json.dumps(
@@ -92,6 +93,7 @@ def session_config(settings: LinkSettings, *, is_reader: bool = False) -> str:
                 data=[*_state_keys(settings.namespace), api],
                 namespace=settings.namespace,
                 is_reader=is_reader,
+                is_heard=is_heard,
             ),
             "low_pass_filter": [_rule("size", "egress", ["put"], [api], size_limit=MAX_PAYLOAD_BYTES)],
         }
@@ -119,14 +121,19 @@ def _state_keys(namespace: str) -> list[str]:
     return [key if name in alone else f"{key}/**" for name, key in keys.items()]
 
 
-def _access_control(commands: list[str], data: list[str], namespace: str, *, is_reader: bool) -> dict[str, object]:
-    own = [_OWN_TOKENS, *(format_gateway_token("*", namespace, is_armed=is_armed) for is_armed in (False, True))]
+def _access_control(
+    commands: list[str], data: list[str], namespace: str, *, is_reader: bool, is_heard: bool
+) -> dict[str, object]:
+    presence = (
+        [] if is_reader else [format_gateway_token("*", namespace, is_armed=is_armed) for is_armed in (False, True)]
+    )
+    own = [] if is_reader and not is_heard else [_OWN_TOKENS, *presence]
     gateways = gateway_tokens(namespace)
     asked = [*_ASKED, f"@/*/router/{publishers_of(namespace)}"]
     rules = [
         *([] if is_reader else [_rule("out", "egress", ["put"], commands, permission="allow")]),
         _rule("sub", "egress", ["declare_subscriber"], data, permission="allow"),
-        *([] if is_reader else [_rule("tok", "egress", ["liveliness_token"], own, permission="allow")]),
+        *([_rule("tok", "egress", ["liveliness_token"], own, permission="allow")] if own else []),
         _rule("in", "ingress", ["put", "delete", "declare_subscriber"], data, permission="allow"),
         _rule(
             "q",

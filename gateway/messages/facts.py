@@ -38,6 +38,7 @@ class Info(Struct, frozen=True, kw_only=True):
         pid: Process id of the daemon.
         socket: Path of its unix socket.
         robot: Endpoint of the robot's router.
+        namespace: Namespace of its bridge; empty for none.
         model: `lite`, `standard` or `lift` (manual §1.2).
         has_lift: Whether this model has the lift.
         config_hash: Changes with any setting.
@@ -76,6 +77,7 @@ class Info(Struct, frozen=True, kw_only=True):
     pid: int
     socket: str
     robot: str
+    namespace: str = ""
     model: str
     has_lift: bool
     config_hash: str

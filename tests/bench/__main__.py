@@ -12,6 +12,7 @@ from rich.console import Console
 from tests.bench.chunks import chunk_rows
 from tests.bench.codec import codec_rows
 from tests.bench.collision import collision_rows
+from tests.bench.data import data_rows
 from tests.bench.guard import crowd_rows, guard_rows
 from tests.bench.kinematics import kinematics_rows
 from tests.bench.lines import line_rows
@@ -23,7 +24,7 @@ from tests.bench.tick import tick_rows
 from tests.bench.video import video_rows
 from tests.bench.wire import wire_rows
 
-PARTS = ("codec", "tick", "kinematics", "physics", "wire", "stop", "guard", "video")
+PARTS = ("codec", "tick", "kinematics", "physics", "wire", "stop", "guard", "video", "data")
 
 
 def main() -> int:
@@ -70,6 +71,10 @@ def main() -> int:
         with tempfile.TemporaryDirectory(prefix="ta2-bench-") as folder:
             rows += (found := video_rows(Path(folder), options.seconds))
         show("video (1280x2720 at 45 fps over loopback, receivers taking turns)", found, console)
+    if "data" in parts:
+        with tempfile.TemporaryDirectory(prefix="ta2-bench-") as folder:
+            rows += (found := data_rows(Path(folder), options.seconds))
+        show("recording (writers taking turns; real processes over loopback)", found, console)
     missed = [row.name for row in rows if row.good is False]
     console.print(f"{len(rows)} figures, {len(missed)} goals missed" + (f": {', '.join(missed)}" if missed else ""))
     return 1 if missed else 0

@@ -17,7 +17,8 @@ from gateway import __version__
 from gateway.cli import main as cli
 from gateway.cli.body.calibration_writing import write_arms
 from gateway.cli.command_line import arguments
-from gateway.cli.command_line.arguments import endpoint, joints, parse
+from gateway.cli.command_line.arguments import joints, parse
+from gateway.cli.command_line.robot_arguments import endpoint
 from gateway.kinematics.calibration import RobotIdentity
 from gateway.kinematics.calibration_file.arm_section import ArmCalibration, fingerprint
 from gateway.kinematics.correction import ArmCorrection

@@ -193,3 +193,12 @@ def test_who_only_looks_can_put_nothing_and_is_no_token():
     assert config["access_control"]["default_permission"] == "deny"
     assert set(rules(config)) == set(rules(parsed(model="lift"))) - {"out", "tok"}
     zenoh.Config.from_json5(text)
+
+
+def test_a_reader_that_is_heard_may_announce_its_subscriptions_and_nothing_else():
+    """A recorder: without its tokens a gateway that leaves would end what it hears; it is no gateway to others."""
+    config = json.loads(session_config(LinkSettings(model="lift"), is_reader=True, is_heard=True))
+    assert set(rules(config)) == set(rules(parsed(model="lift"))) - {"out"}
+    assert rules(config)["tok"]["key_exprs"] == ["@/*/@ros2_lv/MS/*/*/*"]
+    egress = [rule for rule in rules(config).values() if "egress" in rule["flows"]]
+    assert "put" not in {message for rule in egress for message in rule["messages"]}

@@ -18,22 +18,15 @@ from gateway.cli.command_line.frames_arguments import add_frames
 from gateway.cli.command_line.ground_arguments import add_ground, take_velocity
 from gateway.cli.command_line.identify_arguments import add_identify
 from gateway.cli.command_line.model_arguments import add_model
-from gateway.cli.command_line.numbers import above_zero, factor
+from gateway.cli.command_line.numbers import above_zero, factor, seconds
+from gateway.cli.command_line.record_arguments import add_bag, complete_record
+from gateway.cli.command_line.robot_arguments import MODELS, ROBOT_PORT, SIM_ENDPOINT, add_robot, endpoint, namespace
 from gateway.cli.command_line.sim_arguments import add_camera, add_clock, add_physics
 from gateway.cli.command_line.stop_arguments import add_stops
 from gateway.cli.command_line.video_arguments import add_video
 from gateway.cli.terminal.ending import STATUS_HELP
 
-__all__ = ["MODELS", "SIM_ENDPOINT", "endpoint", "joints", "parse", "parser"]
-
-ROBOT_PORT = 9000
-"""Where the robot's router listens (manual §2.4)."""
-
-SIM_ENDPOINT = f"tcp/127.0.0.1:{ROBOT_PORT}"
-"""Where the simulated robot listens, and where the gateway looks for a robot, unless told otherwise."""
-
-MODELS = ("lite", "standard", "lift")
-"""Keys of `topics.VARIANTS`, written out: to show a help text, nothing needs to be imported."""
+__all__ = ["joints", "parse", "parser"]
 
 ARM_DOF = 7
 """Joints per arm (manual §4.0.3)."""
@@ -61,16 +54,6 @@ for options; nothing that begins with a space is one."""
 # -------------------------------------------------------------------------------------------------------------- values
 
 
-def endpoint(text: str) -> str:
-    """Return the zenoh endpoint of a robot from what a person typed: `tcp/HOST:PORT`, `HOST:PORT` or `HOST`."""
-    if "/" in text:
-        return text
-    if text.count(":") > 1 and not text.startswith("["):
-        text = f"[{text}]"  # a bare IPv6 address
-    has_port = ":" in text.rpartition("]")[2]
-    return f"tcp/{text}" if has_port else f"tcp/{text}:{ROBOT_PORT}"
-
-
 def joints(words: Sequence[str]) -> tuple[float, ...]:
     """Return the numbers in the words of `--left` or `--right`; spaces, commas and brackets stand between them.
 
@@ -80,18 +63,8 @@ def joints(words: Sequence[str]) -> tuple[float, ...]:
     return tuple(float(word) for word in re.sub(r"[\[\],;]", " ", " ".join(words)).split())
 
 
-def _seconds(text: str) -> float:
-    return above_zero(text, 86_400.0, "time [s]")
-
-
 def _distance(text: str) -> float:
     return above_zero(text, 0.2, "distance [rad]")
-
-
-def _namespace(text: str) -> str:
-    if text and re.fullmatch(r"/?[A-Za-z0-9_]+(/[A-Za-z0-9_]+)*", text) is None:
-        raise argparse.ArgumentTypeError(f"{text!r} is not made of words of letters, digits and _, joined by /")
-    return text
 
 
 # -------------------------------------------------------------------------------------------------------------- parser
@@ -161,6 +134,7 @@ def _parsers() -> tuple[argparse.ArgumentParser, Mapping[str, argparse.ArgumentP
     _add_motions(commands)
     add_ground(commands, _client_command)
     add_video(commands, _command)
+    _add_recording(commands)
     add_frames(commands, _client_command)
     add_identify(commands, _client_command)
     _add_example(commands)
@@ -195,7 +169,7 @@ def _client_command(
     sub.add_argument(
         "--timeout",
         dest="timeout_s",
-        type=_seconds,
+        type=seconds,
         default=timeout_s,
         metavar="S",
         help=f"{timeout_of} [s] (default {timeout_s:g})",
@@ -228,7 +202,7 @@ def _add_run(run: argparse.ArgumentParser) -> None:
     run.add_argument("--config", metavar="FILE", help="settings that differ from the defaults, see `ta2 config`")
     run.add_argument(
         "--namespace",
-        type=_namespace,
+        type=namespace,
         metavar="NAME",
         help="ROS namespace of the robot's bridge (default: as configured, none)",
     )
@@ -246,7 +220,7 @@ def _add_sim(sim: argparse.ArgumentParser) -> None:
     sim.add_argument("--right-mode", choices=MODES, help="control mode of the right arm")
     sim.add_argument("--model", choices=MODELS, default="standard", help="model (default %(default)s)")
     sim.add_argument(
-        "--namespace", type=_namespace, default="", metavar="NAME", help="ROS namespace of its bridge (default: none)"
+        "--namespace", type=namespace, default="", metavar="NAME", help="ROS namespace of its bridge (default: none)"
     )
     sim.add_argument("--seed", type=int, default=0, help="of the measurement noise (default %(default)s)")
     sim.add_argument(
@@ -297,19 +271,26 @@ def _add_views(commands: Any) -> None:  # noqa: ANN401  argparse's private class
         "Paste it when you ask for help. With --robot or --config it looks by itself for some seconds, without a gateway, "
         "and sends nothing.",
     )
-    link.add_argument("--robot", type=endpoint, metavar="ROBOT", help="look at this robot's router without a gateway")
-    link.add_argument("--config", metavar="FILE", help="the same with the gateway's settings")
-    link.add_argument(
-        "--namespace", type=_namespace, metavar="NAME", help="of the robot's bridge (default: of the only robot there)"
-    )
-    link.add_argument("--model", choices=MODELS, help="of the robot (default: as configured, standard)")
+    add_robot(link, "look at", "of the only robot there")
     events = _client_command(
         commands,
         "events",
         "print what the gateway tells, a line each, until Ctrl-C",
         "Goes on when the gateway is restarted, and says how many lines were lost.",
     )
-    events.add_argument("--silence", type=_seconds, metavar="S", help="end after so long without any [s]")
+    events.add_argument("--silence", type=seconds, metavar="S", help="end after so long without any [s]")
+
+
+def _add_recording(commands: Any) -> None:  # noqa: ANN401  argparse's private class
+    record = _client_command(
+        commands,
+        "record",
+        "record what the robot and its users say, into a bag that ROS tools, Foxglove and PlotJuggler open",
+        "Commands nothing. Ends well with Ctrl-C. Without --robot or --config it asks the gateway where the robot is.",
+    )
+    add_robot(record, "record at", "as the gateway has it")
+    complete_record(record)
+    add_bag(commands, _command)
 
 
 def _add_motions(commands: Any) -> None:  # noqa: ANN401  argparse's private class

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 import math
 
-__all__ = ["above_zero", "between", "factor", "integer"]
+__all__ = ["above_zero", "between", "factor", "integer", "seconds"]
 
 
 def above_zero(text: str, most: float, what: str) -> float:
@@ -54,3 +54,8 @@ def _number(text: str) -> float:
         return float(text)
     except ValueError:
         return math.nan
+
+
+def seconds(text: str) -> float:
+    """Return a time of at most a day [s]; else as `above_zero`."""
+    return above_zero(text, 86_400.0, "time [s]")

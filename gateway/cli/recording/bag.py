@@ -1,0 +1,82 @@
+"""`ta2 bag info | topics | check`: what a bag holds, and whether it is fit for use."""
+
+from __future__ import annotations
+
+import json
+from argparse import Namespace
+from dataclasses import asdict
+from datetime import datetime, timezone
+
+from rich.console import Console
+from rich.table import Table
+
+from gateway.cli.terminal.ending import ExitStatus
+from gateway.cli.terminal.progress import teller
+from gateway.recording.bag_check import Checked, check
+from gateway.recording.bag_reader import Bag
+
+__all__ = ["carry_out"]
+
+MARKS = {"error": "ERROR", "warning": "warning", "info": "info"}
+
+
+def carry_out(options: Namespace) -> ExitStatus:
+    """Show or judge a bag.
+
+    Raises:
+        Rejected: BAD_REQUEST, there is none, or it cannot be read.
+    """
+    with Bag(options.bag) as bag:
+        if options.verb == "check":
+            with teller() as tell:
+                checked = check(bag, lambda share: tell.advance("check", share, f"{share:.0%}"))
+            _show_check(checked, as_json=options.json)
+            return ExitStatus.OK if checked.ok else ExitStatus.REFUSED
+        _show_info(bag, as_json=options.json)
+        return ExitStatus.OK
+
+
+def _show_info(bag: Bag, *, as_json: bool) -> None:
+    facts, begun = bag.facts(), datetime.fromtimestamp(bag.begin_ns / 1e9, tz=timezone.utc).astimezone()
+    if as_json:
+        topics = [asdict(topic) for topic in bag.topics]
+        print(
+            json.dumps(
+                {
+                    "bag": str(bag.path),
+                    "begin_ns": bag.begin_ns,
+                    "duration_s": bag.duration_s,
+                    "messages": bag.message_count,
+                    "size_bytes": bag.size_bytes,
+                    "facts": dict(facts),
+                    "topics": topics,
+                },
+                ensure_ascii=False,
+            )
+        )
+        return
+    print(f"{bag.path}: {bag.duration_s:.1f} s from {begun:%Y-%m-%d %H:%M:%S}, {bag.message_count} messages, ", end="")
+    print(f"{bag.size_bytes / 1e6:.1f} MB")
+    for name in ("robot", "model", "task"):
+        if facts.get(name):
+            print(f"{name:<8}{facts[name]}")
+    table = Table("topic", "type", box=None, pad_edge=False)
+    table.add_column("messages", justify="right")
+    table.add_column("Hz", justify="right")
+    for topic in bag.topics:
+        rate = f"{topic.count / bag.duration_s:.1f}" if bag.duration_s else ""
+        table.add_row(topic.name, topic.type_name, str(topic.count), rate)
+    Console(soft_wrap=True, highlight=False).print(table)
+
+
+def _show_check(checked: Checked, *, as_json: bool) -> None:
+    if as_json:
+        print(json.dumps(asdict(checked) | {"ok": checked.ok}, ensure_ascii=False))
+        return
+    for finding in checked.findings:
+        where = f"{finding.topic}: " if finding.topic else ""
+        print(f"{MARKS[finding.level]:<8}{where}{finding.message}" + (f" -> {finding.hint}" if finding.hint else ""))
+    verdict = "fit for use" if checked.ok else "not fit for use"
+    if checked.ok and not checked.findings:
+        verdict = "nothing is wrong"
+    print(f"{checked.messages} messages in {checked.duration_s:.1f} s: {verdict}")

@@ -1,0 +1,166 @@
+"""`ta2 record`: everything that a robot and its users say, into a bag; `ta2 record recover`: one that was cut off, made whole.
+
+Ends after a time, with Ctrl-C or SIGTERM, or before the disk is full; always well. It commands nothing, and owns nothing.
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+import time
+from argparse import Namespace
+from dataclasses import asdict
+from datetime import datetime
+from pathlib import Path
+
+from gateway.cli.terminal.connection import connected
+from gateway.cli.terminal.ending import ExitStatus, Interrupted
+from gateway.cli.terminal.progress import Teller, teller
+from gateway.errors import Code, GatewayTimeout, Refusal, to_exception
+from gateway.process.threads import supervised
+from gateway.process.zenoh_threads import share_reactor
+from gateway.recording.gateway_tap import GatewayTap
+from gateway.recording.recorder import Progress, Recorder
+from gateway.recording.recovering import recover
+from gateway.recording.tap import Tap
+from gateway.recording.topics import recorded_topics
+from gateway.settings import toml_file
+from gateway.settings.settings import LinkSettings
+
+__all__ = ["carry_out"]
+
+STEP_S = 0.25
+"""What came is written so often [s]."""
+FIRST_S = 10.0
+"""The first message must come within this [s], or nothing is recorded."""
+
+
+def carry_out(options: Namespace) -> ExitStatus:
+    """Record, or recover.
+
+    Raises:
+        Rejected: BAD_REQUEST, the folder is not empty, cannot be written, or has too little room; nothing to recover.
+        GatewayTimeout: Nothing came from the robot.
+        Disconnected: No gateway says where the robot is, and nobody else does.
+    """
+    if options.verb == "recover":
+        return _recover(options)
+    share_reactor()  # before the first session: whoever waits at the robot's socket reads it, too
+    settings = _link_of(options)
+    folder = options.out or Path(datetime.now().astimezone().strftime("ta2-%Y%m%d-%H%M%S"))
+    topics = recorded_topics(settings)
+    facts = {"robot": settings.endpoint, "model": settings.model, "namespace": settings.namespace}
+    recorder = Recorder(folder, topics, facts | ({"task": options.task} if options.task else {}))
+    robot, gateway = Tap(settings, topics, recorder.take), GatewayTap(options.target, recorder.tell)
+    opening = supervised(robot.open, "ta2-record-robot")
+    ended: Interrupted | None = None
+    with teller() as tell:
+        try:
+            opening.start()
+            gateway.start()
+            _follow(recorder, tell, options.seconds)
+        except Interrupted as end:
+            ended = end
+        except KeyboardInterrupt:
+            pass
+        except GatewayTimeout:
+            recorder.discard()
+            raise
+        finally:
+            robot.close()
+            gateway.close()
+    file = recorder.finish()
+    progress = recorder.progress(time.monotonic_ns())
+    _show(folder, progress, is_complete=file is not None, as_json=options.json)
+    if ended is not None:
+        raise ended
+    return ExitStatus.OK if file is not None and progress.messages and not progress.error else ExitStatus.REFUSED
+
+
+def _link_of(options: Namespace) -> LinkSettings:
+    """Return where the robot is: as said here, or as the gateway says."""
+    if options.robot is not None or options.config is not None:
+        return toml_file.overridden(
+            toml_file.load(options.config), robot=options.robot, namespace=options.namespace, model=options.model
+        ).link
+    with connected("record", options.target, options.timeout_s) as robot:
+        info = robot.info
+    return LinkSettings(
+        endpoint=info.robot,
+        namespace=options.namespace if options.namespace is not None else info.namespace,
+        model=options.model or info.model,
+    )
+
+
+def _follow(recorder: Recorder, tell: Teller, seconds: float | None) -> None:
+    """Write what comes until the time is over, or the recording ends by itself; time counts from the first message.
+
+    Raises:
+        GatewayTimeout: Nothing came.
+    """
+    begun_s, first_s, told = time.monotonic(), None, set[str]()
+    while True:
+        time.sleep(STEP_S if seconds is None else min(STEP_S, max(seconds / 20, 0.01)))
+        progress, now_s = recorder.step(time.monotonic_ns()), time.monotonic()
+        if progress.error:
+            tell.say(f"{progress.error}: the recording ends here, and is complete so far")
+            return
+        heard = progress.messages > 0 and len(progress.silent) < _STATES
+        first_s = now_s if heard and first_s is None else first_s
+        if first_s is None:
+            if now_s - begun_s > FIRST_S:
+                raise GatewayTimeout(
+                    Refusal(
+                        code=Code.TIMEOUT,
+                        message=f"nothing came from the robot in {FIRST_S:g} s",
+                        hint="is it on, and its bridge running? `ta2 link` tells what is there",
+                    )
+                )
+            tell.advance("record", None, "waiting for the robot")
+            continue
+        for topic, (_, worst_ns) in progress.gaps.items():
+            if topic not in told:
+                told.add(topic)
+                tell.say(f"{topic}: nothing for {worst_ns / 1e6:.0f} ms; the recording goes on")
+        if seconds is not None and now_s - first_s >= seconds:
+            return
+        share = None if seconds is None else (now_s - first_s) / seconds
+        tell.advance("record", share, _line(progress, now_s - first_s))
+
+
+_STATES = 9
+"""States that every robot has: while none of them has come there is no robot."""
+
+
+def _line(progress: Progress, for_s: float) -> str:
+    rate_hz = progress.messages / for_s if for_s > 0 else 0.0
+    gaps = sum(count for count, _ in progress.gaps.values())
+    lost = f", {progress.lost} LOST" if progress.lost else ""
+    return (
+        f"{for_s:.1f} s, {progress.messages} messages ({rate_hz:.0f}/s), {progress.size_bytes / 1e6:.1f} MB, "
+        f"{gaps} gaps{lost}, {progress.free_bytes / 1e9:.0f} GB free"
+    )
+
+
+def _show(folder: Path, progress: Progress, *, is_complete: bool, as_json: bool) -> None:
+    if as_json:
+        facts = asdict(progress) | {"ok": is_complete and not progress.error, "bag": str(folder)}
+        print(json.dumps(facts, ensure_ascii=False))
+        return
+    state = "complete" if is_complete else f"not complete: ta2 record recover {folder}"
+    print(f"{folder}: {progress.messages} messages, {progress.size_bytes / 1e6:.1f} MB, {state}")
+    if progress.silent:
+        print(f"nothing came of {', '.join(progress.silent)}", file=sys.stderr)
+
+
+def _recover(options: Namespace) -> ExitStatus:
+    if options.folder is None:
+        hint = "ta2 record recover DIR"
+        raise to_exception(Refusal(code=Code.BAD_REQUEST, message="which folder?", field="folder", hint=hint))
+    found = recover(options.folder)
+    if options.json:
+        print(json.dumps({"ok": True, **asdict(found), "file": str(found.file)}))
+    else:
+        torn = f"; torn there: {found.torn}" if found.torn else ""
+        print(f"{found.file}: {found.messages} messages, {found.duration_s:.1f} s{torn}")
+    return ExitStatus.OK

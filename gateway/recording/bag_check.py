@@ -1,0 +1,237 @@
+"""Judges a bag: is all there, does each message say what its type promises, where is something missing, do the clocks fit.
+
+Every message is read and decoded once. What is not known (topics of others) is counted, not judged.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from typing import Literal
+
+from cdr_types import CdrError, UnknownType, decode, message_type
+from cdr_types.messages.geometry_msgs import Pose
+from cdr_types.messages.sensor_msgs import JointState
+from gateway.recording.bag_reader import Bag, BagTopic
+from gateway.recording.topics import recorded_topics
+from gateway.robot.topics import TOPICS, Direction
+from gateway.settings.settings import LinkSettings
+
+__all__ = ["Checked", "Finding", "check"]
+
+Level = Literal["error", "warning", "info"]
+
+GAP_PERIODS = 5
+LEAST_GAP_NS = 100_000_000
+SLOW_SHARE = 0.9
+"""A state that comes at less than this part of its rate is too slow."""
+ENOUGH = 20
+"""Where fewer messages were to come no rate is judged."""
+WINDOW_NS = 10_000_000_000
+"""Of so long the smallest delay between stamp and arrival is kept [ns]."""
+DRIFT_PPM = 200.0
+"""Clocks that go apart by more than this cannot be put together by one offset."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Finding:
+    """Something that is not as it should be: how bad, of which topic (empty for the bag itself), what, and what then helps."""
+
+    level: Level
+    topic: str
+    message: str
+    hint: str = ""
+
+
+@dataclass(slots=True)
+class Watched:
+    """One topic while it is read: count, arrivals and stamps [ns], gaps, and what was wrong with its messages."""
+
+    type_name: str
+    rate_hz: float
+    count: int = 0
+    first_ns: int = 0
+    last_ns: int = 0
+    worst_ns: int = 0
+    worst_at_ns: int = 0
+    gaps: int = 0
+    back: int = 0
+    stamp_ns: int = 0
+    repeated: int = 0
+    stamps_back: int = 0
+    offsets: list[tuple[int, int]] = field(default_factory=list)
+    """Per window: its begin, and the smallest arrival minus stamp in it [ns]."""
+    malformed: int = 0
+    why: str = ""
+    not_finite: int = 0
+    short: int = 0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Checked:
+    """What came of it: messages read, length [s], rates by topic [Hz], and findings, the worst first."""
+
+    messages: int
+    duration_s: float
+    rates_hz: dict[str, float]
+    findings: list[Finding]
+
+    @property
+    def ok(self) -> bool:
+        """Whether there is no error."""
+        return not any(finding.level == "error" for finding in self.findings)
+
+
+def check(bag: Bag, on_progress: Callable[[float], None] = lambda share: None) -> Checked:
+    """Read a bag and judge it.
+
+    Args:
+        bag: Open.
+        on_progress: Called now and then with the part that was read, 0..1.
+    """
+    topics = bag.topics
+    watched = {topic.name: Watched(type_name=topic.type_name, rate_hz=_rate_hz(topic.name)) for topic in topics}
+    expected, count, previous_ns, unordered = max(bag.message_count, 1), 0, 0, 0
+    for topic, log_ns, payload in bag.messages():
+        if count % 5000 == 0:
+            on_progress(min(count / expected, 1.0))
+        count += 1
+        unordered += log_ns < previous_ns
+        previous_ns = log_ns
+        _watch(watched[topic], log_ns, payload)
+    on_progress(1.0)
+    findings = [*_of_bag(bag, topics, watched, count, unordered)]
+    for name, one in watched.items():
+        findings += _of_topic(name, one, bag.duration_s)
+    findings.sort(key=lambda finding: ("error", "warning", "info").index(finding.level))
+    rates = {
+        name: (one.count - 1) * 1e9 / (one.last_ns - one.first_ns)
+        for name, one in watched.items()
+        if one.count > 1 and one.last_ns > one.first_ns
+    }
+    return Checked(messages=count, duration_s=bag.duration_s, rates_hz=rates, findings=findings)
+
+
+def _rate_hz(name: str) -> float:
+    """Return the nominal rate of a state, also of a robot with a namespace; 0 where there is none."""
+    for known, topic in TOPICS.items():
+        if topic.direction is Direction.STATE and name.endswith(known):
+            return topic.rate_hz
+    return 0.0
+
+
+def _gap_ns(rate_hz: float) -> int:
+    return max(LEAST_GAP_NS, int(GAP_PERIODS * 1e9 / rate_hz))
+
+
+def _watch(topic: Watched, log_ns: int, payload: bytes) -> None:
+    if topic.count:
+        interval_ns = log_ns - topic.last_ns
+        topic.back += interval_ns < 0
+        if interval_ns > topic.worst_ns:
+            topic.worst_ns, topic.worst_at_ns = interval_ns, topic.last_ns
+        topic.gaps += bool(topic.rate_hz) and interval_ns > _gap_ns(topic.rate_hz)
+    else:
+        topic.first_ns = log_ns
+    topic.count += 1
+    topic.last_ns = log_ns
+    try:
+        message = decode(payload, message_type(topic.type_name))
+    except UnknownType:
+        return
+    except CdrError as error:
+        topic.malformed += 1
+        topic.why = topic.why or str(error)
+        return
+    if isinstance(message, JointState):
+        _watch_joints(topic, message, log_ns)
+    elif isinstance(message, Pose):
+        p, q = message.position, message.orientation
+        topic.not_finite += not all(map(math.isfinite, (p.x, p.y, p.z, q.x, q.y, q.z, q.w)))
+
+
+def _watch_joints(topic: Watched, message: JointState, log_ns: int) -> None:
+    stamp_ns = message.header.stamp.sec * 1_000_000_000 + message.header.stamp.nanosec
+    if stamp_ns:
+        if topic.stamp_ns:
+            topic.repeated += stamp_ns == topic.stamp_ns
+            topic.stamps_back += stamp_ns < topic.stamp_ns
+        topic.stamp_ns = stamp_ns
+        offset_ns = log_ns - stamp_ns
+        if not topic.offsets or log_ns - topic.offsets[-1][0] >= WINDOW_NS:
+            topic.offsets.append((log_ns, offset_ns))
+        elif offset_ns < topic.offsets[-1][1]:
+            topic.offsets[-1] = topic.offsets[-1][0], offset_ns
+    values = (*message.position, *message.velocity, *message.effort)
+    topic.not_finite += not all(map(math.isfinite, values))
+    topic.short += not message.position
+
+
+def _of_bag(
+    bag: Bag, topics: list[BagTopic], watched: dict[str, Watched], count: int, unordered: int
+) -> Iterator[Finding]:
+    if not count:
+        yield Finding(level="error", topic="", message="it holds no message")
+        return
+    if count != bag.message_count:
+        message = f"{count} messages can be read, {bag.message_count} are announced"
+        yield Finding(level="error", topic="", message=message, hint="copy it again, or recover it")
+    if unordered:
+        yield Finding(
+            level="warning", topic="", message=f"{unordered} messages arrived before the one in front of them"
+        )
+    facts = bag.facts()
+    if int(facts.get("lost") or 0):
+        message = f"the recorder lost {facts['lost']} messages: its disk was too slow"
+        yield Finding(level="error", topic="", message=message, hint="record on a faster disk")
+    if facts.get("error"):
+        yield Finding(level="warning", topic="", message=f"the recording ended by itself: {facts['error']}")
+    if facts and "lost" not in facts:
+        message = "the recorder was killed: the last half second may be missing"
+        yield Finding(level="warning", topic="", message=message)
+    if facts:
+        settings = LinkSettings(namespace=facts.get("namespace", ""), model=facts.get("model") or "standard")
+        for topic in recorded_topics(settings):
+            if topic.is_state and topic.name not in {t.name for t in topics if t.count}:
+                message = "nothing of it came, though every robot of this model has it"
+                hint = "was the robot on? `ta2 link` tells what is missing"
+                yield Finding(level="error", topic=topic.name, message=message, hint=hint)
+
+
+def _of_topic(name: str, topic: Watched, duration_s: float) -> Iterator[Finding]:
+    def finding(level: Level, message: str, hint: str = "") -> Finding:
+        return Finding(level=level, topic=name, message=message, hint=hint)
+
+    if topic.malformed:
+        yield finding("error", f"{topic.malformed} of {topic.count} messages cannot be decoded: {topic.why}")
+    if topic.not_finite:
+        yield finding("error", f"{topic.not_finite} of {topic.count} messages hold NaN or infinity")
+    if topic.short:
+        yield finding("error", f"{topic.short} of {topic.count} messages hold no position")
+    if topic.back:
+        yield finding("error", f"{topic.back} messages arrived before the one in front of them")
+    if topic.gaps:
+        worst, at_s = topic.worst_ns / 1e6, (topic.worst_at_ns - topic.first_ns) / 1e9
+        message = f"{topic.gaps} gaps, the longest of {worst:.0f} ms after {at_s:.2f} s"
+        yield finding("warning", message, "rows of a dataset are not made across them")
+    awaited = topic.rate_hz * duration_s
+    if awaited >= ENOUGH and topic.count < SLOW_SHARE * awaited:
+        rate_hz = topic.count / duration_s
+        yield finding("warning", f"{rate_hz:.1f} Hz over the whole bag, {topic.rate_hz:g} Hz are the rule")
+    if topic.repeated:
+        hint = "a bridge delivers twice: restart the robot's bridge"
+        yield finding("warning", f"{topic.repeated} messages have the stamp of the one before", hint)
+    if topic.stamps_back:
+        yield finding("warning", f"{topic.stamps_back} stamps go back: the robot's clock was set")
+    drift_ppm = _drift_ppm(topic.offsets)
+    if abs(drift_ppm) > DRIFT_PPM:
+        yield finding("warning", f"the robot's clock goes apart from the recorder's by {drift_ppm:.0f} ppm")
+
+
+def _drift_ppm(offsets: list[tuple[int, int]]) -> float:
+    """Return how fast the smallest delays of the first and of the last whole window go apart; 0 where there are too few."""
+    if len(offsets) < 4:
+        return 0.0
+    (first_ns, first), (last_ns, last) = offsets[0], offsets[-2]
+    return (last - first) / (last_ns - first_ns) * 1e6

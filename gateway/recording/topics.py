@@ -1,0 +1,88 @@
+"""What is recorded: every topic of the robot's model, and two of the gateway's own; with types, definitions and QoS.
+
+A bag holds the names that ROS would show: `/left_arm/joint_states`, under the namespace of the robot's bridge if it has one.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from cdr_types.keys import topic_to_key
+from gateway.robot.topics import STATE_TOPICS, TOPICS, Direction
+from gateway.settings.settings import LinkSettings
+
+__all__ = ["EVENTS", "GATEWAY", "RecordedTopic", "recorded_topics"]
+
+EVENTS = "/ta2/events"
+"""Notices of the gateway, as JSON: who owns the robot, what was refused, stopped, lost, and why."""
+GATEWAY = "/ta2/gateway"
+"""State, owner and latches of the gateway, as JSON, whenever one of them has changed."""
+TEXT = "std_msgs/msg/String"
+"""JSON in a message of its own type, since `ros2 bag` plays no file with two serialisations."""
+
+QOS = """\
+- history: 1
+  depth: 10
+  reliability: {}
+  durability: 2
+  deadline:
+    sec: 9223372036
+    nsec: 854775807
+  lifespan:
+    sec: 9223372036
+    nsec: 854775807
+  liveliness: 1
+  liveliness_lease_duration:
+    sec: 9223372036
+    nsec: 854775807
+  avoid_ros_namespace_conventions: false
+"""
+"""Keep last 10, volatile; `{}` is 1 for reliable, which all of them are (manual §4.1.1), in rmw's numbers."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RecordedTopic:
+    """A topic of a bag.
+
+    Attributes:
+        name: ROS name with the leading slash and the namespace.
+        type_name: ROS type.
+        key: zenoh key; empty for what comes from the gateway.
+        is_state: Whether the robot publishes it.
+        is_stamped: Whether its messages begin with a header.
+        rate_hz: Nominal rate; 0 where there is none.
+    """
+
+    name: str
+    type_name: str
+    key: str = ""
+    is_state: bool = False
+    is_stamped: bool = False
+    rate_hz: float = 0.0
+
+    @property
+    def qos(self) -> str:
+        """The QoS profiles that rosbag2 wants to read, as YAML in a string (its version 5)."""
+        return QOS.format(1)
+
+
+def recorded_topics(settings: LinkSettings) -> tuple[RecordedTopic, ...]:
+    """Return everything that is recorded of a robot, states first.
+
+    Args:
+        settings: Model and namespace.
+    """
+    robots = []
+    for name in (*STATE_TOPICS, *settings.variant.command_topics):
+        topic, key = TOPICS[name], topic_to_key(name, settings.namespace)
+        robots.append(
+            RecordedTopic(
+                name=f"/{key}",
+                type_name=topic.type_name,
+                key=key,
+                is_state=topic.direction is Direction.STATE,
+                is_stamped=topic.type_name == "sensor_msgs/msg/JointState",
+                rate_hz=topic.rate_hz if topic.direction is Direction.STATE else 0.0,
+            )
+        )
+    return (*robots, RecordedTopic(name=EVENTS, type_name=TEXT), RecordedTopic(name=GATEWAY, type_name=TEXT))

@@ -1,0 +1,53 @@
+"""Tests of `ta2 bag`: what a person and a script read of a recording."""
+
+from __future__ import annotations
+
+import pytest
+
+from gateway.robot.topics import arm_state
+from gateway.values import Side
+from tests.recording.bags import joints, written
+
+LEFT = arm_state(Side.LEFT)
+
+
+@pytest.mark.parametrize("verb", ["info", "topics"])
+def test_info_shows_what_a_bag_holds(shell, tmp_path, verb):
+    """Length, size, each topic with type, number and rate; the same as JSON."""
+    folder = written(tmp_path / "bag")
+    ended = shell.run("bag", verb, str(folder))
+    (line,) = [line for line in ended.out.splitlines() if line.startswith(LEFT)]
+    assert line.split() == [LEFT, "sensor_msgs/msg/JointState", "600", "200.3"]
+    assert ended.status == 0 and "3.0 s from" in ended.out and "model   standard" in ended.out
+    found = shell.run("bag", verb, str(folder), "--json").json
+    assert {"name": LEFT, "type_name": "sensor_msgs/msg/JointState", "count": 600} in found["topics"]
+    assert found["messages"] == sum(topic["count"] for topic in found["topics"])
+
+
+def test_check_says_that_nothing_is_wrong(shell, tmp_path):
+    """With a status that a script can go by."""
+    ended = shell.run("bag", "check", str(written(tmp_path / "bag")))
+    assert ended.status == 0 and ended.out.strip().endswith("nothing is wrong")
+
+
+def test_check_names_what_is_wrong_the_worst_first(shell, tmp_path):
+    """Topic, figure and what helps; status 1 when it is not fit for use."""
+
+    def spoil(topic, at_ns, data):
+        if topic.name == LEFT:
+            return at_ns, joints(at_ns, value=float("nan"))
+        return None if topic.name == arm_state(Side.RIGHT) else (at_ns, data)
+
+    folder = written(tmp_path / "bag", 3.0, spoil)
+    ended = shell.run("bag", "check", str(folder))
+    assert ended.status == 1 and ended.out.strip().endswith("not fit for use")
+    assert f"ERROR   {LEFT}: 600 of 600 messages hold NaN or infinity" in ended.out
+    found = shell.run("bag", "check", str(folder), "--json")
+    assert found.status == 1 and not found.json["ok"]
+    assert [finding["level"] for finding in found.json["findings"]] == ["error", "error"]
+
+
+def test_what_is_no_bag_is_refused_in_one_line(shell, tmp_path):
+    """Status 1, as any refusal."""
+    ended = shell.run("bag", "info", str(tmp_path / "nothing"))
+    assert ended.status == 1 and ended.err.startswith("BAD_REQUEST: there is no ")

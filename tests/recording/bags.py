@@ -1,0 +1,64 @@
+"""Bags for tests: a robot that says so much, written by our writer."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+from cdr_types import encode, message_type
+from cdr_types.messages.builtin_interfaces import Time
+from cdr_types.messages.sensor_msgs import JointState
+from cdr_types.messages.std_msgs import Header
+from gateway.recording.bag_writer import BagWriter
+from gateway.recording.topics import RecordedTopic, recorded_topics
+from gateway.robot.topics import arm_state, ee_pose
+from gateway.settings.settings import LinkSettings
+from gateway.values import Side
+
+BEGIN_NS = 1_790_000_000_000_000_000
+TOPICS = recorded_topics(LinkSettings())
+ARM = next(n for n, topic in enumerate(TOPICS) if topic.name == arm_state(Side.LEFT))
+POSE = next(n for n, topic in enumerate(TOPICS) if topic.name == ee_pose(Side.LEFT))
+"""Numbers of a topic with stamps, and of one without."""
+
+
+def joints(stamp_ns: int, width: int = 7, value: float = 0.5) -> bytes:
+    """Return a JointState."""
+    sec, nanosec = divmod(stamp_ns, 1_000_000_000)
+    values = [value] * width
+    return encode(
+        JointState(header=Header(stamp=Time(sec=sec, nanosec=nanosec)), position=values, velocity=values, effort=values)
+    )
+
+
+def payload(topic: RecordedTopic, stamp_ns: int) -> bytes:
+    """Return a message of a topic."""
+    return joints(stamp_ns) if topic.is_stamped else encode(message_type(topic.type_name)())
+
+
+Change = Callable[[RecordedTopic, int, bytes], "tuple[int, bytes] | None"]
+"""What becomes of a message: topic, arrival [ns], payload in; another arrival and payload out, or None for nothing."""
+
+
+def written(folder: Path, seconds: float = 3.0, change: Change = lambda topic, at_ns, data: (at_ns, data)) -> Path:
+    """Write a bag of a robot's whole state, and return its folder.
+
+    Args:
+        folder: Of the bag.
+        seconds: How long [s].
+        change: Applied to each message.
+    """
+    bag = BagWriter(folder, TOPICS)
+    rows = []
+    for number, topic in enumerate(TOPICS):
+        if topic.rate_hz:
+            for n in range(int(seconds * topic.rate_hz)):
+                rows.append((int(n * 1e9 / topic.rate_hz), number))  # noqa: PERF401
+    for after_ns, number in sorted(rows):
+        topic, at_ns = TOPICS[number], BEGIN_NS + after_ns
+        changed = change(topic, at_ns, payload(topic, at_ns - 1_000_000))
+        if changed is not None:
+            bag.add(number, changed[0], changed[0], changed[1])
+    bag.note("ta2", {"model": "standard", "namespace": "", "lost": "0"})
+    bag.finish()
+    return folder

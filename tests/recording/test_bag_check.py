@@ -1,0 +1,133 @@
+"""Tests of the judgement of bags: each fault is found, at its topic, and a bag without one is told so."""
+
+from __future__ import annotations
+
+import pytest
+
+from cdr_types import encode
+from cdr_types.messages.geometry_msgs import Point, Pose
+from gateway.recording.bag_check import check
+from gateway.recording.bag_reader import Bag
+from gateway.recording.bag_writer import METADATA, BagWriter
+from gateway.robot.topics import arm_state, ee_pose
+from gateway.values import Side
+from tests.recording.bags import ARM, BEGIN_NS, TOPICS, joints, written
+
+S, MS = 1_000_000_000, 1_000_000
+LEFT, POSE_TOPIC = arm_state(Side.LEFT), ee_pose(Side.LEFT)
+
+
+def found(folder):
+    """Return the findings: level, topic, message."""
+    with Bag(folder) as bag:
+        return [(f.level, f.topic, f.message) for f in check(bag).findings]
+
+
+def between(at_ns, begin_s, end_s):
+    """Whether a time lies between two times of the bag."""
+    return BEGIN_NS + begin_s * S <= at_ns < BEGIN_NS + end_s * S
+
+
+def test_nothing_is_wrong_with_a_good_bag(tmp_path):
+    """Its rates are measured, and progress is told to the end."""
+    shares = []
+    with Bag(written(tmp_path / "bag")) as bag:
+        checked = check(bag, shares.append)
+        assert checked.messages == bag.message_count
+    assert checked.ok and checked.findings == []
+    assert checked.rates_hz[LEFT] == pytest.approx(200.0)
+    assert shares[0] == 0.0 and shares[-1] == 1.0
+
+
+def shifted(topic, at_ns, data):
+    """The robot's clock goes back by an hour."""
+    late = at_ns - BEGIN_NS >= S
+    return at_ns, joints(at_ns - late * 3600 * S) if topic.is_stamped and topic.name == LEFT else data
+
+
+FAULTS = {
+    "gap": (
+        lambda topic, at_ns, data: None if topic.name == LEFT and between(at_ns, 1, 1.2) else (at_ns, data),
+        ("warning", LEFT, "1 gaps, the longest of 205 ms after 0.99 s"),
+    ),
+    "slow": (
+        lambda topic, at_ns, data: None if topic.name == LEFT and at_ns // (5 * MS) % 2 else (at_ns, data),
+        ("warning", LEFT, "100.2 Hz over the whole bag, 200 Hz are the rule"),
+    ),
+    "missing": (
+        lambda topic, at_ns, data: None if topic.name == LEFT else (at_ns, data),
+        ("error", LEFT, "nothing of it came, though every robot of this model has it"),
+    ),
+    "malformed": (
+        lambda topic, at_ns, data: (at_ns, data[:-9] if topic.name == LEFT and between(at_ns, 1, 1.01) else data),
+        ("error", LEFT, "2 of 600 messages cannot be decoded: "),
+    ),
+    "not finite": (
+        lambda topic, at_ns, data: (at_ns, joints(at_ns, value=float("nan")) if topic.name == LEFT else data),
+        ("error", LEFT, "600 of 600 messages hold NaN or infinity"),
+    ),
+    "pose not finite": (
+        lambda topic, at_ns, data: (
+            at_ns, encode(Pose(position=Point(x=float("inf")))) if topic.name == POSE_TOPIC else data
+        ),
+        ("error", POSE_TOPIC, "600 of 600 messages hold NaN or infinity"),
+    ),
+    "no position": (
+        lambda topic, at_ns, data: (at_ns, joints(at_ns, width=0) if topic.name == LEFT else data),
+        ("error", LEFT, "600 of 600 messages hold no position"),
+    ),
+    "twice": (
+        lambda topic, at_ns, data: (at_ns, joints(at_ns // (10 * MS) * 10 * MS) if topic.name == LEFT else data),
+        ("warning", LEFT, "300 messages have the stamp of the one before"),
+    ),
+    "clock set": (shifted, ("warning", LEFT, "1 stamps go back: the robot's clock was set")),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("fault", FAULTS)
+def test_each_fault_is_found_where_it_is_and_nothing_else(tmp_path, fault):
+    """One finding, of the topic that has it."""
+    change, (level, topic, message) = FAULTS[fault]
+    ((got_level, got_topic, got_message),) = found(written(tmp_path / "bag", 3.0, change))
+    assert (got_level, got_topic) == (level, topic) and got_message.startswith(message)
+
+
+def test_clocks_that_go_apart_are_found(tmp_path):
+    """By the smallest delays, which a busy network does not change."""
+
+    def drift(topic, at_ns, data):
+        if topic.name != LEFT:
+            return None
+        return at_ns, joints(at_ns - 5 * MS - (at_ns - BEGIN_NS) // 1000)
+
+    assert ("warning", LEFT, "the robot's clock goes apart from the recorder's by 1000 ppm") in found(
+        written(tmp_path / "bag", 45.0, drift)
+    )
+
+
+def test_arrivals_that_go_back_are_found(tmp_path):
+    """Of one topic, in the file: a reader puts them into order and hides it, the count of one topic does not."""
+    bag = BagWriter(tmp_path / "bag", TOPICS)
+    for n in range(10):
+        bag.add(ARM, BEGIN_NS + n * 5 * MS, BEGIN_NS, joints(BEGIN_NS + n))
+    bag.note("ta2", {"lost": "3", "error": "the disk is nearly full"})
+    bag.finish()
+    messages = [(level, message) for level, _, message in found(tmp_path / "bag")]
+    assert ("error", "the recorder lost 3 messages: its disk was too slow") in messages
+    assert ("warning", "the recording ended by itself: the disk is nearly full") in messages
+
+
+def test_what_is_announced_and_not_there_is_found(tmp_path):
+    """A copy that was edited, say."""
+    folder = written(tmp_path / "bag", 1.0)
+    path = folder / METADATA
+    with Bag(folder) as bag:
+        count = bag.message_count
+    path.write_text(path.read_text().replace(f"message_count: {count}\n", f"message_count: {count + 5}\n"))
+    assert found(folder) == [("error", "", f"{count} messages can be read, {count + 5} are announced")]
+
+
+def test_an_empty_bag_is_not_fit_for_use(tmp_path):
+    """It says so once."""
+    BagWriter(tmp_path / "bag", TOPICS).finish()
+    assert found(tmp_path / "bag") == [("error", "", "it holds no message")]
