@@ -9,14 +9,14 @@ import json
 import sys
 import time
 from argparse import Namespace
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from datetime import datetime
 from pathlib import Path
 
 from gateway.cli.terminal.connection import connected
 from gateway.cli.terminal.ending import ExitStatus, Interrupted
 from gateway.cli.terminal.progress import Teller, teller
-from gateway.errors import Code, GatewayTimeout, Refusal, to_exception
+from gateway.errors import Code, Disconnected, GatewayTimeout, Refusal, to_exception
 from gateway.process.threads import supervised
 from gateway.process.zenoh_threads import share_reactor
 from gateway.recording.gateway_tap import GatewayTap
@@ -83,8 +83,12 @@ def _link_of(options: Namespace) -> LinkSettings:
         return toml_file.overridden(
             toml_file.load(options.config), robot=options.robot, namespace=options.namespace, model=options.model
         ).link
-    with connected("record", options.target, options.timeout_s) as robot:
-        info = robot.info
+    try:
+        with connected("record", options.target, options.timeout_s) as robot:
+            info = robot.info
+    except Disconnected as error:
+        hint = "start the gateway with `ta2 run`, or name the robot with --robot: no gateway is needed to record"
+        raise Disconnected(replace(error.refusal, hint=hint)) from None
     return LinkSettings(
         endpoint=info.robot,
         namespace=options.namespace if options.namespace is not None else info.namespace,

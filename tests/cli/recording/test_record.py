@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import pytest
 
+from gateway.errors import Code, Disconnected, Refusal
 from gateway.recording.bag_writer import BagWriter, bag_file
 from tests.recording.bags import ARM, BEGIN_NS, TOPICS, joints
 
@@ -22,6 +23,17 @@ def test_a_bag_that_was_cut_off_is_recovered(shell, tmp_path):
             assert ended.json["messages"] == 1 and ended.json["file"] == str(bag_file(folder))
         else:
             assert "1 messages, 0.0 s; torn there: " in ended.out
+
+
+def test_without_a_gateway_it_says_that_none_is_needed(shell, monkeypatch):
+    """Where the robot is can be said here."""
+
+    def nobody(*_, **__):
+        raise Disconnected(Refusal(code=Code.DISCONNECTED, message="there is no socket"))
+
+    monkeypatch.setattr("gateway.client.connect", nobody)
+    ended = shell.run("record")
+    assert ended.status == 3 and "or name the robot with --robot" in ended.err
 
 
 @pytest.mark.parametrize(
