@@ -14,7 +14,7 @@ from cdr_types import CdrError, UnknownType, decode, message_type
 from cdr_types.messages.geometry_msgs import Pose
 from cdr_types.messages.sensor_msgs import JointState
 from gateway.recording.bag_reader import Bag, BagTopic
-from gateway.recording.topics import recorded_topics
+from gateway.recording.topics import gap_ns, recorded_topics
 from gateway.robot.topics import TOPICS, Direction
 from gateway.settings.settings import LinkSettings
 
@@ -22,8 +22,6 @@ __all__ = ["Checked", "Finding", "check"]
 
 Level = Literal["error", "warning", "info"]
 
-GAP_PERIODS = 5
-LEAST_GAP_NS = 100_000_000
 SLOW_SHARE = 0.9
 """A state that comes at less than this part of its rate is too slow."""
 ENOUGH = 20
@@ -121,17 +119,13 @@ def _rate_hz(name: str) -> float:
     return 0.0
 
 
-def _gap_ns(rate_hz: float) -> int:
-    return max(LEAST_GAP_NS, int(GAP_PERIODS * 1e9 / rate_hz))
-
-
 def _watch(topic: Watched, log_ns: int, payload: bytes) -> None:
     if topic.count:
         interval_ns = log_ns - topic.last_ns
         topic.back += interval_ns < 0
         if interval_ns > topic.worst_ns:
             topic.worst_ns, topic.worst_at_ns = interval_ns, topic.last_ns
-        topic.gaps += bool(topic.rate_hz) and interval_ns > _gap_ns(topic.rate_hz)
+        topic.gaps += interval_ns > gap_ns(topic.rate_hz)
     else:
         topic.first_ns = log_ns
     topic.count += 1

@@ -29,7 +29,7 @@ from cdr_types.encapsulation import HEADER_LITTLE
 from cdr_types.messages.std_msgs import String
 from gateway.errors import Code, Refusal, to_exception
 from gateway.recording.bag_writer import BagWriter
-from gateway.recording.topics import RecordedTopic
+from gateway.recording.topics import NEVER_NS, RecordedTopic, gap_ns
 
 __all__ = ["BEGIN_FREE_BYTES", "LEAST_FREE_BYTES", "NOTE", "Progress", "Recorder"]
 
@@ -44,10 +44,6 @@ MOST_WAITING: Final = 200_000
 FLUSH_NS: Final = 500_000_000
 """What was recorded is on the disk after so long [ns]."""
 LOOK_AT_DISK_NS: Final = 1_000_000_000
-GAP_PERIODS: Final = 5
-"""A state that does not come for so many of its periods, and `LEAST_GAP_NS`, has a gap."""
-LEAST_GAP_NS: Final = 100_000_000
-NEVER_NS: Final = 2**62
 LITTLE_ENDIAN, SHORTEST, STAMP = HEADER_LITTLE[1], 12, Struct("<4xiI").unpack_from
 
 
@@ -123,7 +119,7 @@ class Recorder:
         self._bag = BagWriter(folder, topics)
         self._topics = topics
         self._numbers = {topic.name: number for number, topic in enumerate(topics)}
-        self._heard = [Heard(topic.is_stamped, _gap_ns(topic)) for topic in topics]
+        self._heard = [Heard(topic.is_stamped, gap_ns(topic.rate_hz)) for topic in topics]
         self._clock = clock
         self._anchor_ns = wall_ns() - clock()
         self._queue: deque[tuple[int, int, bytes]] = deque()
@@ -244,10 +240,6 @@ class Recorder:
                     heard.gaps += 1
             heard.last_ns = received_ns
             add(number, log_ns, publish_ns, payload)
-
-
-def _gap_ns(topic: RecordedTopic) -> int:
-    return max(LEAST_GAP_NS, int(GAP_PERIODS * 1e9 / topic.rate_hz)) if topic.rate_hz else NEVER_NS
 
 
 def _stamp(payload: bytes) -> int:

@@ -11,12 +11,15 @@ from cdr_types.keys import topic_to_key
 from gateway.robot.topics import STATE_TOPICS, TOPICS, Direction
 from gateway.settings.settings import LinkSettings
 
-__all__ = ["EVENTS", "GATEWAY", "RecordedTopic", "recorded_topics"]
+__all__ = ["EVENTS", "GATEWAY", "NEVER_NS", "RecordedTopic", "gap_ns", "recorded_topics"]
 
 EVENTS = "/ta2/events"
 """Notices of the gateway, as JSON: who owns the robot, what was refused, stopped, lost, and why."""
 GATEWAY = "/ta2/gateway"
 """State, owner and latches of the gateway, as JSON, whenever one of them has changed."""
+GAP_PERIODS = 5
+LEAST_GAP_NS = 100_000_000
+NEVER_NS = 2**62
 TEXT = "std_msgs/msg/String"
 """JSON in a message of its own type, since `ros2 bag` plays no file with two serialisations."""
 
@@ -64,6 +67,15 @@ class RecordedTopic:
     def qos(self) -> str:
         """The QoS profiles that rosbag2 wants to read, as YAML in a string (its version 5)."""
         return QOS.format(1)
+
+
+def gap_ns(rate_hz: float) -> int:
+    """Return after how long a silence of a topic counts as a gap [ns]: five of its periods, and 0.1 s.
+
+    Args:
+        rate_hz: Nominal rate; 0 for a topic that may be silent for ever.
+    """
+    return max(LEAST_GAP_NS, int(GAP_PERIODS * 1e9 / rate_hz)) if rate_hz else NEVER_NS
 
 
 def recorded_topics(settings: LinkSettings) -> tuple[RecordedTopic, ...]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from gateway.recording.topics import EVENTS, GATEWAY, recorded_topics
+from gateway.recording.topics import EVENTS, GATEWAY, NEVER_NS, gap_ns, recorded_topics
 from gateway.robot.topics import STATE_TOPICS, TOPICS, VARIANTS
 from gateway.settings.settings import LinkSettings
 
@@ -30,3 +30,9 @@ def test_names_have_the_namespace_of_the_robots_bridge():
 def test_only_messages_with_a_header_have_a_stamp():
     """A pose has none (manual §4.0.2)."""
     assert {t.type_name for t in recorded_topics(LinkSettings()) if t.is_stamped} == {"sensor_msgs/msg/JointState"}
+
+
+def test_a_gap_is_five_periods_and_a_tenth_of_a_second():
+    """A command may be silent for ever."""
+    assert [gap_ns(rate_hz) for rate_hz in (200.0, 20.0, 1.0)] == [100_000_000, 250_000_000, 5_000_000_000]
+    assert gap_ns(0.0) == NEVER_NS
