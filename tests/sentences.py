@@ -1,7 +1,8 @@
 """Every sentence in which the core refuses or tells stands in `sentences.txt`: none changes unseen, and all can be read there.
 
 A sentence that a test brings about, and that is not in the list, fails the test. What differs from case to case (numbers,
-names, topics) is left out of the comparison. Property tests say what nobody has read before: they are not asked.
+names, topics) is left out of the comparison. Property tests say what nobody has read before: they are not asked. In all of
+them what is said is text, under a code that is one, at a time that is one: a `None` would only fail on its way out.
 
     TA2_SENTENCES=write TA2_HYPOTHESIS_PROFILE=ci bin/test tests/core tests/behaviour
 
@@ -22,7 +23,7 @@ import pytest
 from hypothesis import currently_in_test_context
 
 from gateway.core.messages.outputs import Notice
-from gateway.errors import Refusal
+from gateway.errors import Code, Refusal
 
 __all__ = ["only_known_sentences", "pytest_sessionfinish"]
 
@@ -55,11 +56,16 @@ def _pattern(text: str) -> str:
 
 
 def _of_refusal(refusal: Refusal) -> str:
+    texts = (refusal.message, refusal.field, refusal.value, refusal.bound, refusal.unit, refusal.hint)
+    assert isinstance(refusal.code, Code) and all(isinstance(text, str) for text in texts), refusal
     parts = (refusal.message, refusal.field, refusal.unit, refusal.hint)
     return " | ".join((str(refusal.code.value), *(_pattern(str(part)) for part in parts)))
 
 
 def _of_notice(notice: Notice) -> str:
+    texts = (notice.message, *notice.facts, *notice.facts.values())
+    assert isinstance(notice.code, Code) and all(isinstance(text, str) for text in texts), notice
+    assert isinstance(notice.at_ns, int), notice
     return " | ".join(
         (str(notice.code.value), notice.level.value, _pattern(str(notice.message)), ", ".join(sorted(notice.facts)))
     )
@@ -71,8 +77,10 @@ def _listening(cls: type, sentence: Callable[[Any], str]) -> None:
     @functools.wraps(init)
     def heard(self: object, *args: object, **facts: object) -> None:
         init(self, *args, **facts)
-        if sys._getframe(1).f_globals.get("__name__", "").startswith(SPEAKERS) and not currently_in_test_context():
-            SAID.add(sentence(self))
+        if sys._getframe(1).f_globals.get("__name__", "").startswith(SPEAKERS):
+            said = sentence(self)
+            if not currently_in_test_context():
+                SAID.add(said)
 
     cls.__init__ = heard
 

@@ -200,3 +200,46 @@ def test_a_token_that_cannot_be_spelled_cannot_be_built(fields):
     """The constructor refuses what the grammar has no place for."""
     with pytest.raises(BadName):
         Token(zid="ab", **fields)
+
+
+SENTENCES = (
+    (lambda: topic_to_key("left_arm"), "topic: 'left_arm' is no valid name: a topic begins with a slash"),
+    (
+        lambda: topic_to_key("/a//b"),
+        "topic: 'a//b' is no valid name: no part between slashes may be empty, begin with @ or contain * $ ? # §",
+    ),
+    (lambda: key_to_topic("b/c", "a"), "key: 'b/c' is no valid name: a key below the namespace 'a/'"),
+    (
+        lambda: parse_token("@/G/@ros2_lv"),
+        "zid: 'G' is no valid name: a zenoh id is 1 to 32 lower-case hexadecimal digits",
+    ),
+    (lambda: parse_token("/fsm_state"), "token: '/fsm_state' is no valid name: a token begins with @/<zid>/@ros2_lv"),
+    (
+        lambda: parse_token("@/1a/@ros2_lv/XX/a/b"),
+        "token kind: 'XX' is no valid name: one of MP, MS, SS, SC, AS, AC",
+    ),
+    (
+        lambda: parse_token("@/1a/@ros2_lv/SS/a"),
+        "token: '@/1a/@ros2_lv/SS/a' is no valid name: a token of kind SS has 6 parts",
+    ),
+    (
+        lambda: Token(zid="1a", kind=TokenKind.MS, topic="/a", type_name="b"),
+        "qos: None is no valid name: MP and MS carry a QoS, the other kinds none",
+    ),
+    (
+        lambda: Token(zid="1a", kind=TokenKind.PRESENCE, topic="/a"),
+        "topic: '/a' is no valid name: a presence token names no topic and no type",
+    ),
+    (
+        lambda: Token(zid="1a", kind=TokenKind.PRESENCE, type_name="b"),
+        "topic: 'b' is no valid name: a presence token names no topic and no type",
+    ),
+)
+
+
+@pytest.mark.parametrize(("wrong", "sentence"), SENTENCES)
+def test_what_is_wrong_is_told_in_one_sentence(wrong, sentence):
+    """Which part, what was found, and what is right."""
+    with pytest.raises(BadName) as caught:
+        wrong()
+    assert str(caught.value) == sentence

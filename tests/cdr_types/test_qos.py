@@ -98,3 +98,22 @@ def test_user_data_stays_within_its_part_of_the_key(user_data):
     """A slash would begin another part, a wildcard would match other tokens."""
     with pytest.raises(BadName):
         Qos(user_data=user_data)
+
+
+@pytest.mark.parametrize(
+    ("text", "sentence"),
+    [
+        ("::", "qos: '::' is no valid name: a QoS has at least four fields between colons"),
+        ("k:::", "qos.is_keyed: 'k' is no valid name: K or empty"),
+        (":2::", "qos.reliability: '2' is no valid name: one of 0, 1 or empty"),
+        (":x::", "qos.reliability: 'x' is no valid name: a decimal number or empty"),
+        (":::0", "qos.history: '0' is no valid name: <history>,<depth> or empty"),
+        (":::,5", "qos: (None, 5) is no valid name: history and depth are given together or not at all"),
+        (":1::0,10:*", "qos.user_data: '*' is no valid name: user data must not contain / * $ ? #"),
+    ],
+)
+def test_what_is_wrong_is_told_in_one_sentence(text, sentence):
+    """Which field, what was found, and what is right."""
+    with pytest.raises(BadName) as caught:
+        parse_qos(text)
+    assert str(caught.value) == sentence

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import pytest
@@ -470,3 +471,19 @@ def test_the_other_sign_of_a_quaternion_is_the_same_orientation():
         x, y, z, *quat = stage.coordinator.body.arms[R].values
         stage.pose[R] = (x, y, z, *(-part for part in quat))
         assert "IK_REFUSED" not in stage.codes
+
+
+def test_a_pose_that_is_turned_as_its_setpoint_is_off_by_no_angle():
+    """The product of this unit quaternion with itself is rounded to more than 1, which is the cosine of nothing."""
+    turned = (0.0, 0.0, math.sin(0.025), math.cos(0.025))
+    assert sum(part * part for part in turned) > 1.0
+    stage = Watched(State.ACTIVE, poses={R})
+    x, y, z, *_ = stage.pose[R]
+    stage.pose[R] = here = (x, y, z, *turned)
+    body = stage.coordinator.body
+    body.arms[R].stop()
+    body.arms[R].start(here, stage.now_ns)
+    stage.spend(10)
+    body.arms[R].follow_path(body.plan({R: (x, y + 0.1, z, *turned)}, 1.0)[R], stage.epoch)
+    stage.spend(90)
+    assert stage.only(Code.IK_REFUSED).facts["off_rad"] == 0.0

@@ -206,3 +206,12 @@ def test_a_model_without_a_lift_says_so(model):
         assert code(scene.ask(structs.replace(request, epoch=scene.epoch))) is Code.NO_LIFT
         assert code(scene.ask(request, "bob")) is Code.NOT_OWNER
     assert scene.drive() == {"drive_id": 1}
+
+
+def test_a_drive_leaves_under_the_epoch_it_was_asked_for_under():
+    """The gate lets nothing pass that a former owner set in motion."""
+    scene = Scene()
+    scene.drive(), scene.lift()
+    frames = [frame for frame in scene.run(20) if frame.kind is not FrameKind.STOP]
+    drives = {frame.topic: frame.epoch for frame in frames if frame.topic in (CHASSIS_VELOCITY, LIFT_COMMAND)}
+    assert drives == {CHASSIS_VELOCITY: scene.epoch, LIFT_COMMAND: scene.epoch}

@@ -9,6 +9,7 @@ from gateway.core.requests.handler import RequestHandler
 from gateway.core.requests.preconditions import PERIOD_NS, Preconditions
 from gateway.core.supervision.supervisor import State
 from gateway.errors import CODES
+from gateway.messages.requests import Stop
 from tests.core.stage import MODE, TICK_NS, L, R, Stage
 
 
@@ -77,3 +78,21 @@ def test_what_changes_at_once_is_seen_at_once():
     assert stage.codes(1) == {}
     stage.mode = replace(MODE, api=False)
     assert stage.codes(1) == {} and set(stage.codes(PERIOD_NS // TICK_NS).values()) >= {"MODE_VR"}
+
+
+def test_what_was_stopped_in_this_very_tick_does_not_matter():
+    """It asks as if it came after this tick."""
+    stage = Stage(State.ACTIVE)
+    handler = RequestHandler(stage.coordinator, stage.phases)
+    preconditions = Preconditions(stage.coordinator, handler)
+    handler.answer(stage.command(Stop()), stage.now_ns)
+    stage.coordinator.go(State.ACTIVE, stage.now_ns, "test")
+    preconditions.look(stage.now_ns)
+    assert "STOPPED" not in {refusal.code for refusal in preconditions.refusals.values()}
+
+
+def test_where_nobody_ever_owned_the_robot_no_epoch_is_over():
+    """Also after the first owner has gone."""
+    stage = Asked(State.IDLE)
+    assert stage.coordinator.lease.release("ann", stage.epoch, stage.now_ns) is None
+    assert set(stage.codes().values()) == {"NOT_OWNER"}

@@ -120,3 +120,12 @@ def test_a_view_tells_period_choice_and_age(endpoints):
     (view,) = endpoints.views(10 * S + 100 * MS)
     assert (view.endpoint_id, view.name, view.timeout_ns, view.on_silence) == (1, "page", 500 * MS, "hold")
     assert view.age_ns == 100 * MS and not view.is_silent and not hasattr(view, "client_id")
+
+
+def test_a_refusal_names_how_long_it_lasted_and_how_long_it_may(endpoints):
+    """In seconds, as the sentence says it; where none is registered, how many are demanded."""
+    endpoints.look(11 * S, 0)
+    refusal = endpoints.refusal(is_demanded=False)
+    assert (refusal.field, refusal.value, refusal.bound, refusal.unit) == ("endpoints", "1.00", "0.5", "s")
+    missing = Endpoints().refusal(is_demanded=True)
+    assert (missing.code, missing.field, missing.value, missing.bound) == (Code.ENDPOINT_MISSING, "endpoints", "0", "1")

@@ -114,6 +114,13 @@ def test_taking_gives_a_new_epoch_at_once_and_the_old_one_is_over(owned):
     assert not owned.lost
 
 
+@pytest.mark.parametrize("on_loss", list(OnLoss))
+def test_what_shall_happen_on_loss_is_asked_for_by_whoever_takes_the_robot(owned, on_loss):
+    """His own wish counts, not that of the one he took it from."""
+    owned.take("bob", "bob's program", 4003, "he is in the way", on_loss, T0 + S)
+    assert owned.owner.on_loss is on_loss and owned.view(T0 + S).on_loss == on_loss.value
+
+
 def test_taking_needs_a_reason_and_over_oneself_changes_nothing(owned):
     """The reason is shown to the one who loses the robot."""
     refusal = take(owned, "bob", T0, reason="  ")

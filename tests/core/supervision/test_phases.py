@@ -279,3 +279,24 @@ def test_a_hold_that_a_short_stall_interrupts_is_waited_for() -> None:
         assert not stage.phases.is_done(stage.now_ns)
         assert stage.coordinator.can_resume == is_waiting
     assert ticks_until_done(stage) > 0
+
+
+@pytest.mark.parametrize("how", ["guarded", "unguarded"])
+def test_what_still_moves_when_its_time_is_over_is_left_or_ends(how: str) -> None:
+    """A brake that does not end is the guard's to go on with; nobody waits for ever."""
+    stage = broken(moving(Stage(State.ACTIVE)), is_guarded=how == "guarded")
+    stage.now_ns += BRAKE_NS + TICK_NS
+    stage.hear()
+    assert stage.coordinator.state is State.HOLDING and not stage.coordinator.body.is_at_rest
+    stage.phases.step(stage.now_ns)
+    assert stage.phases.is_done(stage.now_ns) is (how == "guarded")
+
+
+def test_a_hold_at_rest_is_kept_until_who_looks_has_been_told() -> None:
+    """So long, and no longer."""
+    stage = broken(Stage(State.HOLDING))
+    assert stage.coordinator.body.is_at_rest
+    for wait_ns, is_left in ((TELL_NS - 1, False), (1, True)):
+        stage.now_ns += wait_ns
+        stage.phases.step(stage.now_ns)
+        assert stage.phases.is_done(stage.now_ns) is is_left

@@ -456,6 +456,25 @@ def test_an_estop_that_was_cleared_is_not_sent_again() -> None:
     assert beats(stage.go_on(20)) == []
 
 
+
+def test_an_estop_that_is_sent_again_is_one_and_goes_on_beside_somebody_who_drives() -> None:
+    """A common 0.0 would end there."""
+    stage = estopped(READY)
+    assert 0.0 in beats(stage.go_on(3)) and stage.coordinator.body.heartbeat.is_estop
+    stage.say_mode(api=False)
+    assert 0.0 in beats(stage.go_on(20))
+
+
+def test_an_estop_that_an_earlier_daemon_latched_is_sent_again() -> None:
+    """It may have ended before the robot heard it: a new daemon knows nothing but the latch."""
+    stage = Stalled(State.IDLE, latches={Code.ESTOP: "by hand"})
+    stage.fsm = READY
+    assert 0.0 in beats(stage.go_on(3))
+    calm = Stalled(State.IDLE)
+    calm.fsm = READY
+    assert beats(calm.go_on(3)) == []
+
+
 # ------------------------------------------------------------------------------------------------------------- others
 
 
