@@ -471,3 +471,37 @@ def test_mutated_payloads_are_values_or_bad_samples():
     # Each of the three outcomes is common: the damage neither always hits nor always misses.
     assert sum(counts.values()) == FUZZED_PAYLOADS
     assert all(number > FUZZED_PAYLOADS // 1000 for number in counts.values()), counts
+
+
+@pytest.mark.parametrize(
+    ("wrong", "sentence"),
+    [
+        (
+            lambda: refusal(CURRENT_MODE, std_msgs.String(data="[]")),
+            "JSON holds a list, not an object (manual §4.11.2)",
+        ),
+        (lambda: refusal(CURRENT_MODE, std_msgs.String(data="{}")), "key 'meta_mode' is missing (manual §4.11.2)"),
+        (
+            lambda: refusal(CURRENT_MODE, std_msgs.String(data=json.dumps({**MODE, "meta_mode": 2}))),
+            "meta_mode is 2, 0 or 1 is needed (manual §4.11.2)",
+        ),
+        (
+            lambda: refusal(LEFT_ARM, joints(position=[0.0] * 6)),
+            "position has 6 entries, 7 are needed (manual §4.8)",
+        ),
+        (
+            lambda: refusal(LEFT_ARM, joints(name=["l_joint1"])),
+            "name has 1 entries, 7 are needed (manual §4.8)",
+        ),
+    ],
+)
+def test_a_bad_sample_is_told_in_one_sentence(wrong, sentence):
+    """What it was, what it must be, and where that stands."""
+    found = wrong()
+    assert (found.code, found.message, str(found)) == (Code.SAMPLE_REFUSED, sentence, sentence)
+
+
+def test_a_number_beyond_single_precision_is_told_with_its_topic():
+    """Whoever reads the log sees which frame it was."""
+    with pytest.raises(BadFrame, match=f"^{FSM_ENABLE}: .*1e[+]39 cannot be written"):
+        encode_frame(FSM_ENABLE, (1e39,), 0)

@@ -293,6 +293,7 @@ def test_a_drive_waits_until_other_gateways_have_seen_our_claim():
     scene.body.chassis.stop(scene.now_ns)
     assert WHEELS in {frame.topic for frames in scene.tick(10) for frame in frames}
 
+
 def test_what_is_not_due_holds_nothing_back():
     """A chassis that is told to stop between two heartbeats does not wait for the next one."""
     scene = Scene()

@@ -12,11 +12,12 @@ from gateway.core.robot_state.body_model import BodyModel
 from gateway.core.supervision.supervisor import State
 from gateway.errors import Code
 from gateway.kinematics.description import nominal
-from gateway.messages.incoming import OnLimit
+from gateway.messages.incoming import OnLimit, OnLoss
 from gateway.messages.snapshot import (
     ArmView,
     ChassisView,
     EnableView,
+    Finding,
     GripView,
     GuardView,
     LiftView,
@@ -27,6 +28,8 @@ from gateway.messages.snapshot import (
     MotorView,
     OthersView,
     OtherView,
+    RefusalMessage,
+    SlowingView,
     Snapshot,
 )
 from gateway.robot.topics import (
@@ -342,3 +345,22 @@ def test_what_is_known_of_the_body_model_is_shown_for_each_arm():
     assert (seen["left"].state, seen["left"].reason, seen["left"].pairs) == ("differs", verdict.reason, 60)
     assert (seen["left"].position_m, seen["left"].angle_rad) == (verdict.position_m, verdict.angle_rad)
     assert seen["right"].state == "unknown"
+
+
+def test_what_others_have_found_is_shown_as_they_say_it():
+    """Findings, refusals, and how fast poses are followed."""
+    stage = Stage(State.IDLE)
+    finding = Finding(code="MODE_VR", message="it is", hint="", since_ns=1, facts={})
+    refusals = {"chassis": RefusalMessage(code="NOT_OWNER", message="you do not own the robot")}
+    slowing = SlowingView(on=True, why="", speed_ratio=0.5, held=True, joint=4, joint_radps=6.0, bound_radps=3.0)
+    stage.coordinator.body.slowing[R] = slowing
+    seen = build(stage.coordinator, (finding,), refusals, LOOP, 5, stage.now_ns)
+    assert seen.findings == (finding,) and seen.refusals == refusals and seen.slowing["right"] == slowing
+
+
+def test_a_stop_endpoint_is_shown_with_its_age():
+    """As of the instant of the snapshot."""
+    stage = Stage(State.IDLE)
+    stage.coordinator.endpoints.register("ann", "page", S, OnLoss.PAUSE, stage.now_ns)
+    (seen,) = look(stage, after_ns=30 * MS).endpoints
+    assert (seen.name, seen.timeout_ns, seen.on_silence, seen.age_ns) == ("page", S, "pause", 30 * MS)

@@ -19,6 +19,8 @@ from gateway.errors import Code, Refusal
 from gateway.messages.requests import CheckFollow, Follow, Hold, Move, OpenStream
 from gateway.values import Side, Space
 from tests.core.stage import GOAL, MIDDLE, MS, PLACE, L, R, S, Stage
+from tests.kinematics.guarded_arms import MEET
+from tests.spaced import SpacedPair
 
 HOLD, PATH, FOLLOW, CHUNK, BRAKE = ReferenceMode
 DT_S = 0.05
@@ -409,3 +411,27 @@ def test_a_chunk_of_poses_is_judged_for_anybody(is_held):
     away = poses.check(reach_out(R, off_m=0.03), frames=FRAMES, from_here=False)["away"]["right"]
     assert away == pytest.approx([0.03, 0.0], abs=1e-6)
     assert poses.check(reach_out(L), frames=FRAMES).code is Code.PART_STALE
+
+
+def test_a_chunk_is_worked_out_as_it_was_asked_for():
+    """Times of its own, slower, smoothed, of end effectors: nothing of a request is lost on the way."""
+    points = {L: [MIDDLE[L], GOAL[L], MIDDLE[L]]}
+    times_s = (0.0, 1.0, 3.0)
+    assert worked_out(Follow(epoch=1, points=points, times_s=times_s)) == prepare(points, times_s=times_s)
+    slower = worked_out(Follow(epoch=1, points=points, dt_s=1.0, stretch=2.0))
+    assert slower == prepare(points, dt_s=1.0, stretch=2.0) and slower.duration_s == 4.0
+    smooth = worked_out(Follow(epoch=1, points=points, dt_s=1.0, smoothing_s=0.5))
+    assert smooth == prepare(points, dt_s=1.0, smoothing_s=0.5)
+    poses = {L: [PLACE[L]] * 3}
+    led = worked_out(Follow(epoch=1, points=poses, dt_s=1.0, space=Space.POSE))
+    assert led == prepare(poses, dt_s=1.0, space=Space.POSE) and led.space is Space.POSE
+
+
+def test_a_chunk_that_ends_where_the_arms_would_meet_is_refused():
+    """Its last points are goals; a check says the same."""
+    pair = SpacedPair()
+    home = pair.coordinator.body.joint_arms
+    points = {side: [home[side].values, goal] for side, goal in MEET.items()}
+    follow = Follow(epoch=pair.epoch, points=points, dt_s=30.0)
+    assert pair.refused(follow).code is Code.GOAL_TOO_NEAR
+    assert pair.refused(CheckFollow(follow=follow)).code is Code.GOAL_TOO_NEAR

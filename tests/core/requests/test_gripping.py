@@ -73,6 +73,7 @@ def test_a_gripper_whose_arm_is_not_streamed_says_so():
     scene = Scene(sides=(R,))
     refusal = scene.ask(0.8)
     assert isinstance(refusal, Refusal) and (refusal.code, refusal.field) == (Code.NOT_ENABLED, "left_gripper")
+    assert (refusal.value, refusal.bound) == ("off", "enabled")
     assert "§4.4" in refusal.message and isinstance(scene.ask(0.8, R), dict)
 
 

@@ -307,6 +307,7 @@ def test_enable_is_refused_while_the_robot_is_in_no_state_for_it(happens, code, 
     happens(scene)
     refusal = scene.refused_enable()
     assert (refusal.code, refusal.field) == (code, field)
+    assert field != "fsm_state" or (refusal.value, refusal.bound) == (str(int(scene.fsm)), "0")
     assert scene.coordinator.enable.attempt == 0
     assert {frame.values for frame in scene.run(5)} <= {(0.0,)}, "nothing but a 0.0 that was under way"
 

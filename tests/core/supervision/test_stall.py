@@ -456,7 +456,6 @@ def test_an_estop_that_was_cleared_is_not_sent_again() -> None:
     assert beats(stage.go_on(20)) == []
 
 
-
 def test_an_estop_that_is_sent_again_is_one_and_goes_on_beside_somebody_who_drives() -> None:
     """A common 0.0 would end there."""
     stage = estopped(READY)
