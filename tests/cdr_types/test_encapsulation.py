@@ -33,6 +33,10 @@ def test_a_payload_without_room_for_a_header_is_truncated(size):
     with pytest.raises(Truncated) as caught:
         byte_order(b"\x00\x01\x00\x00"[:size])
     assert (caught.value.value, caught.value.bound) == (size, 4)
+    assert (
+        str(caught.value)
+        == f"encapsulation header: the payload ends too early: {size} bytes left, 4 needed (at byte 0)"
+    )
 
 
 @pytest.mark.parametrize("padding", range(4))
@@ -82,8 +86,9 @@ def test_a_payload_that_ends_before_the_stamp_is_truncated():
     data = encode(arm_state())
     assert peek_stamp(data[:12]) == peek_stamp(data)
     for size in range(12):
-        with pytest.raises(Truncated):
+        with pytest.raises(Truncated) as caught:
             peek_stamp(data[:size])
+        assert caught.value.offset in (0, 4) and caught.value.field in ("encapsulation header", "header.stamp")
 
 
 def test_the_stamp_of_another_representation_is_not_read():

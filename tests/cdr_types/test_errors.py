@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import pickle
+import reprlib
 
 import pytest
 
@@ -32,6 +33,7 @@ def test_the_message_tells_field_value_bound_and_place():
 def test_the_message_leaves_out_what_is_not_known():
     """Without a field or an offset the sentence stands alone; a bound that is no phrase is shown as a value."""
     assert str(CdrError(1, 2)) == "found 1, allowed is 2"
+    assert str(CdrError(1, ["a" * 100] * 9)) == "found 1, allowed is " + reprlib.repr(["a" * 100] * 9)
     assert str(UnencodableValue(None, "a str", field="data")) == "data: None cannot be written; it must be a str"
 
 

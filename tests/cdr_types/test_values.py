@@ -102,15 +102,20 @@ def test_text_that_the_wire_cannot_carry_is_refused(message, field, reason):
     """No text, text that a NUL would cut, and lone surrogates."""
     with pytest.raises(UnencodableValue, match=reason) as caught:
         check(message)
-    assert caught.value.field == field
+    assert caught.value.field == field and str(caught.value).startswith(f"{field}: ")
+    name, _, index = field.partition("[")
+    found = getattr(message, name)
+    assert caught.value.value == (found[int(index[:-1])] if index else found)
 
 
 @pytest.mark.parametrize("value", ["l_joint1", None, {"a": 1}, {"a"}, iter([]), np.zeros(7), 3])
 def test_a_sequence_is_a_list_or_a_tuple(value):
     """A str is a sequence of letters, a generator is empty the second time: neither is meant."""
-    with pytest.raises(UnencodableValue, match="list or tuple") as caught:
-        check(JointState(name=value))
-    assert caught.value.field == "name"
+    for field in ("name", "position"):
+        with pytest.raises(UnencodableValue) as caught:
+            check(JointState(**{field: value}))
+        assert (caught.value.field, caught.value.bound) == (field, "a list or tuple")
+        assert caught.value.value is value
 
 
 @pytest.mark.parametrize("value", [None, Time(), (0.0, 0.0, 0.0), type("Point", (Point,), {})()])
@@ -118,7 +123,7 @@ def test_a_nested_message_is_exactly_of_its_class(value):
     """Look-alikes and subclasses are refused: they may have other fields."""
     with pytest.raises(UnencodableValue, match="a Point") as caught:
         check(Pose(position=value))
-    assert caught.value.field == "position"
+    assert caught.value.field == "position" and caught.value.value is value
 
 
 def test_the_elements_of_a_sequence_of_messages_are_checked():
