@@ -35,7 +35,7 @@ from gateway.messages.requests import (
 from gateway.robot.limits import JOINT_UPPER_RAD
 from gateway.robot.topics import arm_state, joint_command
 from gateway.values import FsmState, Side, Vector
-from tests.core.stage import GOAL, MIDDLE, L, R, Stage
+from tests.core.stage import GOAL, MIDDLE, MS, L, R, S, Stage
 
 FALSE = dict.fromkeys(Side, False)
 ACQUIRE_BOB = Acquire(name="bob", pid=8)
@@ -455,6 +455,16 @@ def test_recover_with_nothing_latched_is_no_news():
     """It is granted, and nothing is told."""
     scene = Scene(State.ACTIVE)
     assert scene.granted(Recover()) == {"cleared": []} and scene.coordinator.notices == []
+
+
+def test_recover_lets_silent_endpoints_go_only_with_a_reason():
+    """Who let them go, and why, is told."""
+    scene = Scene()
+    scene.coordinator.endpoints.register("pad", "page", 500 * MS, OnLoss.HOLD, scene.now_ns)
+    scene.coordinator.endpoints.look(scene.now_ns + S, 0)
+    assert scene.refused(Recover()).field == "reason" and scene.coordinator.endpoints.silent == ["page"]
+    assert scene.granted(Recover(reason="its page was closed")) == {"cleared": [], "dismissed": ["page"]}
+    assert scene.told(Code.ENDPOINT_CHANGED) == ["recover() by ann let stop endpoint 'page' go: its page was closed"]
 
 
 @pytest.mark.parametrize(("state", "code"), [(State.OFFLINE, Code.NO_LINK), (State.STALE, Code.STATE_STALE)])

@@ -473,6 +473,18 @@ def test_end_effectors_are_moved_to_their_goals(sides):
         assert scene.body.arms[side].values == pytest.approx(wanted)
 
 
+def test_a_pose_motion_settles_within_the_tolerance_it_was_asked_with():
+    """Both figures, or each for itself."""
+    scene = Scene(poses=(L, R))
+    for how, gap in (
+        ({"tolerance_m": 0.002, "tolerance_rad": 0.03}, Gap(0.03, 0.002)),
+        ({"tolerance_m": 0.002}, Gap(0.05, 0.002)),
+        ({"tolerance_rad": 0.03}, Gap(0.03, 0.005)),
+    ):
+        facts = scene.granted(to_pose(scene, {L: AWAY[L]}, **how))
+        assert scene.body.motions.find(facts["motion_id"]).tolerance == gap
+
+
 def test_a_position_beyond_the_reach_is_clipped_when_that_was_asked_for():
     """And named in the reply."""
     scene = Scene(poses=(L,))
