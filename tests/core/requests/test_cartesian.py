@@ -94,10 +94,10 @@ def until_ended(pair, motion_id):
 # ------------------------------------------------------------------------------------------------ straight motions
 
 
-@pytest.mark.parametrize("sides", [(L,), (R,), (L, R)])
-def test_a_straight_motion_waits_while_it_is_worked_out_and_then_goes_straight(sides):
+@pytest.mark.parametrize(("sides", "is_kept_apart"), [((L,), False), ((R,), False), ((L, R), False), ((L,), True)])
+def test_a_straight_motion_waits_while_it_is_worked_out_and_then_goes_straight(sides, is_kept_apart):
     """Queued and nothing moves; then every setpoint of every arm is on its line, inside the limits, to the measured pose."""
-    pair = ready()
+    pair = with_parts(ready()) if is_kept_apart else ready()
     begins = {side: here(pair, side) for side in sides}
     asked_for = request(pair, sides=sides, by_m=(0.03, 0.0, 0.06))
     facts = pair.granted(asked_for, "ann")
