@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import pytest
+
 from gateway.codes import Code
 from gateway.core.requests.handler import RequestHandler
 from gateway.core.requests.preconditions import PERIOD_NS, Preconditions
@@ -96,3 +98,12 @@ def test_where_nobody_ever_owned_the_robot_no_epoch_is_over():
     stage = Asked(State.IDLE)
     assert stage.coordinator.lease.release("ann", stage.epoch, stage.now_ns) is None
     assert set(stage.codes().values()) == {"NOT_OWNER"}
+
+
+@pytest.mark.parametrize("state", [State.IDLE, State.ACTIVE])
+def test_a_mode_that_nobody_knows_is_the_reason(state):
+    """For an arm that is sent setpoints and for one that is not."""
+    stage = Asked(state)
+    stage.mode = None
+    stage.run(400)
+    assert stage.codes()["left_arm"] == ("MODE_UNKNOWN" if state is State.ACTIVE else "NOT_ENABLED")
