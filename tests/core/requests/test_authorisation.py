@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 import pytest
 
 from gateway.core.messages.events import GuardSeen
-from gateway.core.messages.sightings import Gateway, Means, Writer
+from gateway.core.messages.sightings import ForeignData, Gateway, Means, Writer
 from gateway.core.motion.motion import plan
 from gateway.core.others.other_robots import other_namespace, two_robots
 from gateway.core.requests.authorisation import REFUSAL_TEXT, Authorisation
@@ -15,7 +15,7 @@ from gateway.core.supervision.supervisor import TABLE, State, Trigger
 from gateway.errors import Code, Refusal
 from gateway.messages.incoming import OnLoss
 from gateway.messages.requests import Enable, Move
-from gateway.robot.topics import FSM_ENABLE
+from gateway.robot.topics import FSM_ENABLE, joint_command
 from gateway.values import FsmState, Side, Space
 from tests.core.stage import GOAL, MIDDLE, L, R, Stage
 
@@ -453,3 +453,13 @@ def test_a_held_end_effector_that_was_pushed_away_is_not_moved():
     command = scene.command(Move(epoch=scene.epoch, targets_rad={}))
     refusal = scene.authorisation.motion(command, scene.epoch, (R,), scene.now_ns, Space.POSE)
     assert (refusal.code, refusal.value, refusal.bound, refusal.unit) == (Code.TRACKING_ERROR, "0.08", "0.06", "m")
+
+
+def test_commands_that_are_not_ours_are_an_objection_until_they_are_long_past():
+    """What was received of them counts as of now."""
+    stage = Scene(State.IDLE)
+    trace = ForeignData(topic=joint_command(L), zid="b0b", at_ns=stage.now_ns, count=1, link="tcp/10.0.0.9:4711")
+    stage.coordinator.others.see_data(trace)
+    assert stage.authorisation.beside_others(stage.now_ns).code is Code.FOREIGN_WRITER
+    stage.run(1000)
+    assert stage.authorisation.beside_others(stage.now_ns) is None
