@@ -126,6 +126,8 @@ def test_a_takeover_brakes_first_and_tells_why():
     assert scene.granted(TAKE_BOB, "bob") == {"epoch": scene.epoch + 1}
     assert (scene.owner, scene.state) == ("bob", State.HOLDING)
     assert scene.told(Code.LEASE_CHANGED) == ["bob (pid 8) took the robot from ann: he left"]
+    (notice,) = [notice for notice in scene.coordinator.notices if notice.code is Code.LEASE_CHANGED]
+    assert (dict(notice.facts), notice.at_ns) == ({"epoch": str(scene.epoch + 1)}, scene.now_ns)
     assert [view.code for view in scene.coordinator.body.motions.views()] == ["LEASE_LOST"]
     move = Move(epoch=scene.epoch + 1, targets_rad={L: MIDDLE[L]})
     assert scene.refused(move, "bob").code is Code.TAKEOVER_BRAKING
