@@ -20,7 +20,7 @@ from gateway.settings.settings import LinkSettings
 
 __all__ = ["Checked", "Finding", "check"]
 
-Level = Literal["error", "warning", "info"]
+Level = Literal["error", "warning"]
 
 SLOW_SHARE = 0.9
 """A state that comes at less than this part of its rate is too slow."""
@@ -54,7 +54,6 @@ class Watched:
     worst_ns: int = 0
     worst_at_ns: int = 0
     gaps: int = 0
-    back: int = 0
     stamp_ns: int = 0
     repeated: int = 0
     stamps_back: int = 0
@@ -90,19 +89,17 @@ def check(bag: Bag, on_progress: Callable[[float], None] = lambda share: None) -
     """
     topics = bag.topics
     watched = {topic.name: Watched(type_name=topic.type_name, rate_hz=_rate_hz(topic.name)) for topic in topics}
-    expected, count, previous_ns, unordered = max(bag.message_count, 1), 0, 0, 0
+    expected, count = max(bag.message_count, 1), 0
     for topic, log_ns, payload in bag.messages():
         if count % 5000 == 0:
             on_progress(min(count / expected, 1.0))
         count += 1
-        unordered += log_ns < previous_ns
-        previous_ns = log_ns
         _watch(watched[topic], log_ns, payload)
     on_progress(1.0)
-    findings = [*_of_bag(bag, topics, watched, count, unordered)]
+    findings = [*_of_bag(bag, topics, count)]
     for name, one in watched.items():
         findings += _of_topic(name, one, bag.duration_s)
-    findings.sort(key=lambda finding: ("error", "warning", "info").index(finding.level))
+    findings.sort(key=lambda finding: finding.level != "error")
     rates = {
         name: (one.count - 1) * 1e9 / (one.last_ns - one.first_ns)
         for name, one in watched.items()
@@ -122,7 +119,6 @@ def _rate_hz(name: str) -> float:
 def _watch(topic: Watched, log_ns: int, payload: bytes) -> None:
     if topic.count:
         interval_ns = log_ns - topic.last_ns
-        topic.back += interval_ns < 0
         if interval_ns > topic.worst_ns:
             topic.worst_ns, topic.worst_at_ns = interval_ns, topic.last_ns
         topic.gaps += interval_ns > gap_ns(topic.rate_hz)
@@ -162,19 +158,13 @@ def _watch_joints(topic: Watched, message: JointState, log_ns: int) -> None:
     topic.short += not message.position
 
 
-def _of_bag(
-    bag: Bag, topics: list[BagTopic], watched: dict[str, Watched], count: int, unordered: int
-) -> Iterator[Finding]:
+def _of_bag(bag: Bag, topics: list[BagTopic], count: int) -> Iterator[Finding]:
     if not count:
         yield Finding(level="error", topic="", message="it holds no message")
         return
     if count != bag.message_count:
         message = f"{count} messages can be read, {bag.message_count} are announced"
         yield Finding(level="error", topic="", message=message, hint="copy it again, or recover it")
-    if unordered:
-        yield Finding(
-            level="warning", topic="", message=f"{unordered} messages arrived before the one in front of them"
-        )
     facts = bag.facts()
     if int(facts.get("lost") or 0):
         message = f"the recorder lost {facts['lost']} messages: its disk was too slow"
@@ -203,8 +193,6 @@ def _of_topic(name: str, topic: Watched, duration_s: float) -> Iterator[Finding]
         yield finding("error", f"{topic.not_finite} of {topic.count} messages hold NaN or infinity")
     if topic.short:
         yield finding("error", f"{topic.short} of {topic.count} messages hold no position")
-    if topic.back:
-        yield finding("error", f"{topic.back} messages arrived before the one in front of them")
     if topic.gaps:
         worst, at_s = topic.worst_ns / 1e6, (topic.worst_at_ns - topic.first_ns) / 1e9
         message = f"{topic.gaps} gaps, the longest of {worst:.0f} ms after {at_s:.2f} s"

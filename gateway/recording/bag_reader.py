@@ -12,8 +12,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from gateway.errors import Code, Refusal, to_exception
-from gateway.recording.bag_writer import ACTIVE, METADATA, needed
-from gateway.recording.recorder import NOTE
+from gateway.recording.bag_writer import ACTIVE, METADATA, NOTE, needed
 
 __all__ = ["Bag", "BagMessage", "BagTopic"]
 

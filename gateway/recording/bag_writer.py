@@ -20,12 +20,14 @@ from typing import Any
 from cdr_types.schemas import ENCODING, definition
 from gateway import __version__
 from gateway.errors import Code, Refusal, to_exception
-from gateway.recording.topics import RecordedTopic
+from gateway.recording.topics import QOS, RecordedTopic
 
-__all__ = ["ACTIVE", "METADATA", "BagWriter", "bag_file", "needed"]
+__all__ = ["ACTIVE", "METADATA", "NOTE", "BagWriter", "bag_file", "needed"]
 
 ACTIVE = ".active"
 METADATA = "metadata.yaml"
+NOTE = "ta2"
+"""Name of the facts about a recording in its bag."""
 CHUNK_BYTES = 512 * 1024
 """A chunk is closed before it is larger: some one and a half seconds of a robot's whole state."""
 
@@ -83,7 +85,7 @@ class BagWriter:
                 topic=topic.name,
                 message_encoding="cdr",
                 schema_id=schemas[topic.type_name],
-                metadata={"offered_qos_profiles": topic.qos},
+                metadata={"offered_qos_profiles": QOS},
             )
             for topic in topics
         ]
@@ -109,9 +111,9 @@ class BagWriter:
         count = self.counts[number] = self.counts[number] + 1
         self._add(self._channels[number], log_ns, payload, publish_ns, count)
 
-    def note(self, name: str, facts: Mapping[str, str]) -> None:
-        """Add facts about the recording itself."""
-        self._writer.add_metadata(name, dict(facts))
+    def note(self, facts: Mapping[str, str]) -> None:
+        """Add facts about the recording itself, under `NOTE`."""
+        self._writer.add_metadata(NOTE, dict(facts))
 
     def flush(self) -> None:
         """Hand everything so far to the disk, and wait for it.
@@ -190,7 +192,7 @@ def metadata(file: str, topics: Sequence[RecordedTopic], counts: Sequence[int], 
                 "name": topic.name,
                 "type": topic.type_name,
                 "serialization_format": "cdr",
-                "offered_qos_profiles": topic.qos,
+                "offered_qos_profiles": QOS,
             }
             rows.append(f"    - topic_metadata: {json.dumps(facts)}\n      message_count: {count}\n")
     return (

@@ -31,10 +31,8 @@ from gateway.errors import Code, Refusal, to_exception
 from gateway.recording.bag_writer import BagWriter
 from gateway.recording.topics import NEVER_NS, RecordedTopic, gap_ns
 
-__all__ = ["BEGIN_FREE_BYTES", "LEAST_FREE_BYTES", "NOTE", "Progress", "Recorder"]
+__all__ = ["BEGIN_FREE_BYTES", "LEAST_FREE_BYTES", "Progress", "Recorder"]
 
-NOTE = "ta2"
-"""Name of the facts about a recording in its bag."""
 BEGIN_FREE_BYTES: Final = 2 * 1024**3
 """A recording does not begin with less free on its disk: more than an hour of a robot without video."""
 LEAST_FREE_BYTES: Final = 512 * 1024**2
@@ -129,7 +127,7 @@ class Recorder:
         self._free = free
         self._error = ""
         begun = {"begun_ns": str(self._begun_ns + self._anchor_ns), "wall_minus_monotonic_ns": str(self._anchor_ns)}
-        self._bag.note(NOTE, begun | dict(facts))
+        self._bag.note(begun | dict(facts))
         self._bag.flush()
 
     # ------------------------------------------------------------------------------------------------ any thread
@@ -204,7 +202,7 @@ class Recorder:
                 for topic, heard in zip(self._topics, self._heard, strict=True)
                 if heard.offset_ns != NEVER_NS
             }
-            self._bag.note(NOTE, {"lost": str(self._lost), "error": self._error, **offsets})
+            self._bag.note({"lost": str(self._lost), "error": self._error, **offsets})
             return self._bag.finish()
         except OSError as error:
             self._error = self._error or f"the disk does not take it: {error.strerror or error}"

@@ -11,7 +11,7 @@ from cdr_types.keys import topic_to_key
 from gateway.robot.topics import STATE_TOPICS, TOPICS, Direction
 from gateway.settings.settings import LinkSettings
 
-__all__ = ["EVENTS", "GATEWAY", "NEVER_NS", "RecordedTopic", "gap_ns", "recorded_topics"]
+__all__ = ["EVENTS", "GATEWAY", "NEVER_NS", "QOS", "RecordedTopic", "gap_ns", "recorded_topics"]
 
 EVENTS = "/ta2/events"
 """Notices of the gateway, as JSON: who owns the robot, what was refused, stopped, lost, and why."""
@@ -20,13 +20,14 @@ GATEWAY = "/ta2/gateway"
 GAP_PERIODS = 5
 LEAST_GAP_NS = 100_000_000
 NEVER_NS = 2**62
+"""Longer than anything lasts [ns]."""
 TEXT = "std_msgs/msg/String"
 """JSON in a message of its own type, since `ros2 bag` plays no file with two serialisations."""
 
 QOS = """\
 - history: 1
   depth: 10
-  reliability: {}
+  reliability: 1
   durability: 2
   deadline:
     sec: 9223372036
@@ -40,7 +41,7 @@ QOS = """\
     nsec: 854775807
   avoid_ros_namespace_conventions: false
 """
-"""Keep last 10, volatile; `{}` is 1 for reliable, which all of them are (manual §4.1.1), in rmw's numbers."""
+"""Keep last 10, reliable, volatile, as all of them are (manual §4.1.1): rmw's numbers, in the form of rosbag2's version 5."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -62,11 +63,6 @@ class RecordedTopic:
     is_state: bool = False
     is_stamped: bool = False
     rate_hz: float = 0.0
-
-    @property
-    def qos(self) -> str:
-        """The QoS profiles that rosbag2 wants to read, as YAML in a string (its version 5)."""
-        return QOS.format(1)
 
 
 def gap_ns(rate_hz: float) -> int:

@@ -59,6 +59,6 @@ def written(folder: Path, seconds: float = 3.0, change: Change = lambda topic, a
         changed = change(topic, at_ns, payload(topic, at_ns - 1_000_000))
         if changed is not None:
             bag.add(number, changed[0], changed[0], changed[1])
-    bag.note("ta2", {"model": "standard", "namespace": "", "lost": "0"})
+    bag.note({"model": "standard", "namespace": "", "lost": "0"})
     bag.finish()
     return folder

@@ -105,12 +105,12 @@ def test_clocks_that_go_apart_are_found(tmp_path):
     )
 
 
-def test_arrivals_that_go_back_are_found(tmp_path):
-    """Of one topic, in the file: a reader puts them into order and hides it, the count of one topic does not."""
+def test_what_the_recorder_noted_of_itself_is_told(tmp_path):
+    """What it lost is an error, why it ended by itself a warning."""
     bag = BagWriter(tmp_path / "bag", TOPICS)
     for n in range(10):
         bag.add(ARM, BEGIN_NS + n * 5 * MS, BEGIN_NS, joints(BEGIN_NS + n))
-    bag.note("ta2", {"lost": "3", "error": "the disk is nearly full"})
+    bag.note({"lost": "3", "error": "the disk is nearly full"})
     bag.finish()
     messages = [(level, message) for level, _, message in found(tmp_path / "bag")]
     assert ("error", "the recorder lost 3 messages: its disk was too slow") in messages

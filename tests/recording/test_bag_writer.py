@@ -37,7 +37,7 @@ def test_mcap_finds_profile_schemas_qos_and_both_times(tmp_path):
     """As Foxglove and `ros2 bag` look for them; a message is byte for byte what it was."""
     bag = BagWriter(tmp_path / "bag", TOPICS)
     bag.add(ARM, BEGIN_NS + 5, 77, joints(77))
-    bag.note("ta2", {"task": "pick"})
+    bag.note({"task": "pick"})
     with bag.finish().open("rb") as file:
         reader = make_reader(file)
         assert reader.get_header().profile == "ros2"

@@ -18,7 +18,7 @@ from tests.recording.bags import ARM, BEGIN_NS, TOPICS, joints
 def torn(tmp_path):
     """A folder whose recorder was killed after 20 flushes of 50 messages each."""
     bag = BagWriter(tmp_path / "bag", TOPICS)
-    bag.note("ta2", {"task": "pick"})
+    bag.note({"task": "pick"})
     for n in range(1000):
         bag.add(ARM, BEGIN_NS + n, n + 1, joints(n + 1))
         if n % 50 == 49:

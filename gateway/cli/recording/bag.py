@@ -17,7 +17,7 @@ from gateway.recording.bag_reader import Bag
 
 __all__ = ["carry_out"]
 
-MARKS = {"error": "ERROR", "warning": "warning", "info": "info"}
+MARKS = {"error": "ERROR", "warning": "warning"}
 
 
 def carry_out(options: Namespace) -> ExitStatus:

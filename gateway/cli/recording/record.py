@@ -24,6 +24,7 @@ from gateway.recording.recorder import Progress, Recorder
 from gateway.recording.recovering import recover
 from gateway.recording.tap import Tap
 from gateway.recording.topics import recorded_topics
+from gateway.robot.topics import STATE_TOPICS
 from gateway.settings import toml_file
 from gateway.settings.settings import LinkSettings
 
@@ -109,7 +110,7 @@ def _follow(recorder: Recorder, tell: Teller, seconds: float | None) -> None:
         if progress.error:
             tell.say(f"{progress.error}: the recording ends here, and is complete so far")
             return
-        heard = progress.messages > 0 and len(progress.silent) < _STATES
+        heard = progress.messages > 0 and len(progress.silent) < len(STATE_TOPICS)
         first_s = now_s if heard and first_s is None else first_s
         if first_s is None:
             if now_s - begun_s > FIRST_S:
@@ -130,10 +131,6 @@ def _follow(recorder: Recorder, tell: Teller, seconds: float | None) -> None:
             return
         share = None if seconds is None else (now_s - first_s) / seconds
         tell.advance("record", share, _line(progress, now_s - first_s))
-
-
-_STATES = 9
-"""States that every robot has: while none of them has come there is no robot."""
 
 
 def _line(progress: Progress, for_s: float) -> str:
