@@ -26,7 +26,8 @@ MAX_PADDING = 3
 """Most bytes that may follow a message [bytes]."""
 
 _ORDERS = {b"\x00\x01": LITTLE, b"\x00\x00": BIG}
-_STAMPS = {LITTLE: Struct("<4xiI"), BIG: Struct(">4xiI")}
+STAMP_BYTES = 8
+_STAMPS = {mark: Struct(f"{order}4xiI") for mark, order in _ORDERS.items()}
 
 
 def as_bytes(data: object) -> bytes:
@@ -83,8 +84,9 @@ def peek_stamp(data: bytes) -> int:
     """
     if data.__class__ is not bytes:
         data = as_bytes(data)
-    stamp = _STAMPS[byte_order(data)]
-    if len(data) < stamp.size:
-        raise Truncated(len(data) - HEADER_SIZE, stamp.size - HEADER_SIZE, HEADER_SIZE, "header.stamp")
+    stamp = _STAMPS.get(data[:2])
+    if stamp is None or len(data) < stamp.size:
+        byte_order(data)  # raises where the header itself is wrong or cut
+        raise Truncated(len(data) - HEADER_SIZE, STAMP_BYTES, HEADER_SIZE, "header.stamp")
     sec, nanosec = stamp.unpack_from(data)
     return int(sec) * 1_000_000_000 + int(nanosec)

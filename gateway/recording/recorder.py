@@ -21,11 +21,9 @@ from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from struct import Struct
 from typing import Final
 
 from cdr_types import CdrError, encode, peek_stamp
-from cdr_types.encapsulation import HEADER_LITTLE
 from cdr_types.messages.std_msgs import String
 from gateway.errors import Code, Refusal, to_exception
 from gateway.recording.bag_writer import BagWriter
@@ -42,7 +40,6 @@ MOST_WAITING: Final = 200_000
 FLUSH_NS: Final = 500_000_000
 """What was recorded is on the disk after so long [ns]."""
 LOOK_AT_DISK_NS: Final = 1_000_000_000
-LITTLE_ENDIAN, SHORTEST, STAMP = HEADER_LITTLE[1], 12, Struct("<4xiI").unpack_from
 
 
 @dataclass(slots=True)
@@ -220,13 +217,10 @@ class Recorder:
             heard = hearings[number]
             log_ns = publish_ns = received_ns + anchor_ns
             if heard.is_stamped:
-                if (
-                    len(payload) >= SHORTEST and payload[1] == LITTLE_ENDIAN
-                ):  # nearly all: `peek_stamp` costs thrice as much
-                    sec, nanosec = STAMP(payload)
-                    publish_ns = sec * 1_000_000_000 + nanosec or log_ns
-                else:
-                    publish_ns = _stamp(payload) or log_ns
+                try:
+                    publish_ns = peek_stamp(payload) or log_ns
+                except CdrError:  # malformed: it is recorded all the same
+                    pass
                 offset_ns = log_ns - publish_ns
                 if offset_ns < heard.offset_ns and offset_ns:
                     heard.offset_ns = offset_ns
@@ -238,11 +232,3 @@ class Recorder:
                     heard.gaps += 1
             heard.last_ns = received_ns
             add(number, log_ns, publish_ns, payload)
-
-
-def _stamp(payload: bytes) -> int:
-    """Return the stamp of a message [ns]; 0 where there is none, or it is malformed: it is recorded all the same."""
-    try:
-        return peek_stamp(payload)
-    except CdrError:
-        return 0
