@@ -72,6 +72,10 @@ class FsmState(IntEnum):
     PLAY_READY = 5
     PLAY = 6
 
+    def __str__(self) -> str:
+        """Return the number, as every Python from 3.11 on does."""
+        return str(self.value)
+
 
 OWN_FSM = frozenset({FsmState.ERROR, FsmState.PAUSE, FsmState.SLOW_START, FsmState.READY})
 """Values that an API program meets; the others belong to VR and playback (manual §4.11.1), or to nobody we know."""
