@@ -82,6 +82,11 @@ class Bag:
         return int(self._reader.start_time) if self._reader.message_count else 0
 
     @property
+    def end_ns(self) -> int:
+        """The first instant after the last message [ns]; 0 in an empty bag."""
+        return int(self._reader.end_time) if self._reader.message_count else 0
+
+    @property
     def duration_s(self) -> float:
         """From the first to the last message [s]."""
         return float(self._reader.duration) / 1e9 if self._reader.message_count else 0.0

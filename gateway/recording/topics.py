@@ -1,4 +1,4 @@
-"""What is recorded: every topic of the robot's model, and two of the gateway's own; with types, definitions and QoS.
+"""What is recorded: every topic of the robot's model, two of the gateway's own, and episodes; with types, definitions and QoS.
 
 A bag holds the names that ROS would show: `/left_arm/joint_states`, under the namespace of the robot's bridge if it has one.
 """
@@ -11,12 +11,14 @@ from cdr_types.keys import topic_to_key
 from gateway.robot.topics import STATE_TOPICS, TOPICS, Direction
 from gateway.settings.settings import LinkSettings
 
-__all__ = ["EVENTS", "GATEWAY", "NEVER_NS", "QOS", "RecordedTopic", "gap_ns", "recorded_topics"]
+__all__ = ["EPISODES", "EVENTS", "GATEWAY", "NEVER_NS", "QOS", "RecordedTopic", "gap_ns", "recorded_topics"]
 
 EVENTS = "/ta2/events"
 """Notices of the gateway, as JSON: who owns the robot, what was refused, stopped, lost, and why."""
 GATEWAY = "/ta2/gateway"
 """State, owner and latches of the gateway, as JSON, whenever one of them has changed."""
+EPISODES = "/ta2/episodes"
+"""What the users of a recorder said: when an episode began and ended, what came of it; see `episodes.EpisodeEvent`."""
 GAP_PERIODS = 5
 LEAST_GAP_NS = 100_000_000
 NEVER_NS = 2**62
@@ -51,7 +53,7 @@ class RecordedTopic:
     Attributes:
         name: ROS name with the leading slash and the namespace.
         type_name: ROS type.
-        key: zenoh key; empty for what comes from the gateway.
+        key: zenoh key; empty for what does not come from the robot.
         is_state: Whether the robot publishes it.
         is_stamped: Whether its messages begin with a header.
         rate_hz: Nominal rate; 0 where there is none.
@@ -93,4 +95,4 @@ def recorded_topics(settings: LinkSettings) -> tuple[RecordedTopic, ...]:
                 rate_hz=topic.rate_hz if topic.direction is Direction.STATE else 0.0,
             )
         )
-    return (*robots, RecordedTopic(name=EVENTS, type_name=TEXT), RecordedTopic(name=GATEWAY, type_name=TEXT))
+    return (*robots, *(RecordedTopic(name=name, type_name=TEXT) for name in (EVENTS, GATEWAY, EPISODES)))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from gateway.recording.topics import EVENTS, GATEWAY, NEVER_NS, gap_ns, recorded_topics
+from gateway.recording.topics import EPISODES, EVENTS, GATEWAY, NEVER_NS, gap_ns, recorded_topics
 from gateway.robot.topics import STATE_TOPICS, TOPICS, VARIANTS
 from gateway.settings.settings import LinkSettings
 
@@ -14,7 +14,7 @@ def test_every_topic_of_the_model_is_recorded_and_the_gateways_own(model):
     """States first; a lift's command only where there is a lift."""
     topics = recorded_topics(LinkSettings(model=model))
     names = [topic.name for topic in topics]
-    assert names == [*STATE_TOPICS, *VARIANTS[model].command_topics, EVENTS, GATEWAY]
+    assert names == [*STATE_TOPICS, *VARIANTS[model].command_topics, EVENTS, GATEWAY, EPISODES]
     assert [topic.name for topic in topics if topic.is_state] == list(STATE_TOPICS)
     assert all(topic.type_name == TOPICS[topic.name].type_name for topic in topics if topic.key)
     assert {topic.rate_hz for topic in topics if not topic.is_state} == {0.0}
@@ -24,7 +24,7 @@ def test_names_have_the_namespace_of_the_robots_bridge():
     """As ROS would show them there; the gateway's have none."""
     topics = recorded_topics(LinkSettings(namespace="/lab/seven"))
     assert topics[0].name == f"/lab/seven{STATE_TOPICS[0]}" and topics[0].key == topics[0].name[1:]
-    assert topics[-1].name == GATEWAY and not topics[-1].key
+    assert topics[-1].name == EPISODES and not topics[-1].key
 
 
 def test_only_messages_with_a_header_have_a_stamp():
