@@ -49,7 +49,9 @@ class Bag:
         reading = needed("rosbags.highlevel")
         _refuse_incomplete(path)
         try:
-            self._reader: Any = reading.AnyReader([path])
+            typesys = needed("rosbags.typesys")
+            known = typesys.get_typestore(typesys.Stores.ROS2_HUMBLE)
+            self._reader: Any = reading.AnyReader([path], default_typestore=known)
             self._reader.open()
         except Exception as error:
             message = f"{path} cannot be read: {error}"
@@ -113,6 +115,20 @@ class Bag:
             return
         for connection, log_ns, payload in self._reader.messages(connections=wanted):
             yield BagMessage(connection.topic, log_ns, bytes(payload))
+
+    def decoded(self, topics: Collection[str]) -> Iterator[tuple[str, int, Any]]:
+        """Yield topic, arrival [ns] and message, in the order of arrival; None for a message that is not of its type.
+
+        Args:
+            topics: Only these. Their types are the bag's own, or those of ROS 2 Humble.
+        """
+        for connection, log_ns, payload in self._reader.messages(
+            connections=[c for c in self._reader.connections if c.topic in topics]
+        ):
+            message = None
+            with suppress(Exception):  # rosbags raises whatever its generated code meets
+                message = self._reader.deserialize(payload, connection.msgtype)
+            yield connection.topic, log_ns, message
 
     def facts(self) -> Mapping[str, str]:
         """Return what our recorder noted; nothing of other recorders' bags."""

@@ -12,6 +12,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from gateway import __version__
+from gateway.cli.command_line.dataset_arguments import add_dataset
 from gateway.cli.command_line.first_arguments import add_first
 from gateway.cli.command_line.follow_arguments import add_follow
 from gateway.cli.command_line.frames_arguments import add_frames
@@ -291,6 +292,7 @@ def _add_recording(commands: Any) -> None:  # noqa: ANN401  argparse's private c
     add_robot(record, "record at", "as the gateway has it")
     complete_record(record)
     add_bag(commands, _command)
+    add_dataset(commands, _command)
 
 
 def _add_motions(commands: Any) -> None:  # noqa: ANN401  argparse's private class

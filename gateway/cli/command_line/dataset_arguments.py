@@ -1,0 +1,61 @@
+"""Arguments of `ta2 dataset`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from gateway.cli.command_line.numbers import above_zero, integer
+from gateway.cli.command_line.video_arguments import AddCommand
+
+__all__ = ["add_dataset"]
+
+MOST_FPS = 200.0
+"""The robot's states come that often [Hz] (manual §4.1.1)."""
+DIMS = (48, 62, 72)
+FORMATS = ("v2.1", "v3.0")
+
+
+def _fps(text: str) -> float:
+    return above_zero(text, MOST_FPS, "rows per second")
+
+
+def _rows(text: str) -> int:
+    return integer(text, 1, 100_000, "a number of rows")
+
+
+def add_dataset(commands: Any, add: AddCommand) -> None:  # noqa: ANN401  argparse's private class
+    """Add `dataset` and its verbs; `options.verb` says which verb it is."""
+    more = "Reads bags of `ta2 record`, of `ros2 bag record` (manual §5.4) and of the robot's own recorder. Needs no LeRobot."
+    verbs = add(commands, "dataset", "make bags into a dataset for training", more).add_subparsers(
+        title="what to do", dest="verb", metavar="VERB", required=True
+    )
+    build = add(verbs, "build", "make bags into a dataset that LeRobot and openpi load")
+    build.add_argument(
+        "bags", nargs="+", type=Path, metavar="DIR", help="folders of bags, in the order of their episodes"
+    )
+    build.add_argument("--out", type=Path, required=True, metavar="DIR", help="of the dataset, made anew")
+    build.add_argument(
+        "--format",
+        choices=FORMATS,
+        default="v2.1",
+        help="of LeRobot: v2.1 for openpi, v3.0 for LeRobot from 0.4 on (default v2.1)",
+    )
+    build.add_argument(
+        "--fps", type=_fps, default=45.0, metavar="HZ", help="rows per second (default 45, as the cameras)"
+    )
+    build.add_argument("--task", default="", metavar="TEXT", help="what is shown, in words, instead of what was noted")
+    build.add_argument("--success-only", action="store_true", help="only episodes that were judged a success")
+    layout = build.add_mutually_exclusive_group()
+    layout.add_argument("--dims", type=int, choices=DIMS, default=72, help="of the maker's vector (default 72)")
+    layout.add_argument(
+        "--layout", type=Path, metavar="FILE", help="own vectors, in TOML: see the docs, Build a dataset"
+    )
+    build.add_argument(
+        "--least-rows", type=_rows, default=30, metavar="N", help="leave out shorter episodes (default 30)"
+    )
+    build.add_argument("--by-arrival", action="store_true", help="go by messages' arrivals, not by their stamps")
+    check = add(verbs, "check", "read a dataset, and say what is missing or wrong")
+    check.add_argument("dataset", type=Path, metavar="DIR", help="its folder, the one with meta/ in it")
+    for sub in (build, check):
+        sub.add_argument("--json", action="store_true", help="print JSON on standard output")

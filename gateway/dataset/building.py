@@ -1,0 +1,252 @@
+"""Builds a dataset: bags -> episodes -> a folder that LeRobot loads.
+
+    bag -> series -> rows of each episode -> OUT.building/bag-0000/ -> LeRobot's layout -> OUT
+
+Rules
+    * What a bag lacks is told, and is in `meta/teleavatar.json`; nothing is made up, and no row spans a gap.
+    * Each bag's episodes are kept in `OUT.building` until all are there: what is broken off goes on where it was.
+    * OUT appears at the end, whole. The same bags and choices give the same bytes.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import shutil
+from collections.abc import Callable, Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+
+import msgspec
+
+from gateway import __version__
+from gateway.dataset.episode import EpisodeFacts, StoredEpisode, store_episode
+from gateway.dataset.layout import Layout
+from gateway.dataset.lerobot_format import Format, write_dataset
+from gateway.dataset.parquet import pyarrow
+from gateway.dataset.rows import NO_SOURCE, Chosen, choose, runs
+from gateway.dataset.series import Series, read_series
+from gateway.dataset.vendor_marks import all_episodes
+from gateway.errors import Code, Refusal, to_exception
+from gateway.recording.bag_reader import Bag
+
+__all__ = ["PROVENANCE", "Built", "Choices", "build"]
+
+PROVENANCE: Final = "meta/teleavatar.json"
+"""What LeRobot's files do not tell: where each episode and each dimension comes from. LeRobot passes it over."""
+
+
+class Choices(msgspec.Struct, frozen=True, kw_only=True):
+    """How a dataset is built.
+
+    Attributes:
+        layout: What its vectors are.
+        version: Of LeRobot's format.
+        fps: Rows per second.
+        task: In words, instead of what was noted; empty for that.
+        success_only: Whether only episodes are taken that were judged a success.
+        least_rows: Shorter runs without a gap are left out.
+        by_arrival: Whether messages count at their arrival instead of their stamp.
+    """
+
+    layout: Layout
+    version: Format = "v2.1"
+    fps: float = 45.0
+    task: str = ""
+    success_only: bool = False
+    least_rows: int = 30
+    by_arrival: bool = False
+
+
+class OneBag(msgspec.Struct, frozen=True, kw_only=True):
+    """What came of one bag: its episodes, and what was left out, by reason."""
+
+    episodes: tuple[EpisodeFacts, ...]
+    left_out: dict[str, int]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Built:
+    """What was built.
+
+    Attributes:
+        folder: Of the dataset.
+        episodes: How many.
+        rows: In all of them.
+        tasks: In words.
+        left_out: Rows, or episodes, by reason.
+        uncovered: Per feature, groups of dimensions that have no value in any episode and are 0.
+        partly: Per dimension group, the share of rows that have a value where it is neither none nor all.
+    """
+
+    folder: Path
+    episodes: int
+    rows: int
+    tasks: tuple[str, ...]
+    left_out: dict[str, int]
+    uncovered: dict[str, tuple[str, ...]]
+    partly: dict[str, float]
+
+
+def build(
+    bags: Sequence[Path],
+    out: Path,
+    choices: Choices,
+    on_progress: Callable[[str, float], None] = lambda what, share: None,
+) -> Built:
+    """Build a dataset.
+
+    Args:
+        bags: Folders, or MCAP files, in the order of their episodes.
+        out: Folder to be made.
+        choices: How.
+        on_progress: Called with what is done, and how much of it, 0..1.
+
+    Raises:
+        Rejected: BAD_REQUEST, `out` holds something; a bag cannot be read or lacks what the layout needs; nothing is left;
+            pyarrow is not installed.
+    """
+    pyarrow()
+    if out.exists() and (not out.is_dir() or any(out.iterdir())):
+        hint = "name another with --out, or move it away: datasets are never overwritten"
+        raise to_exception(Refusal(code=Code.BAD_REQUEST, message=f"{out} is not empty", field="out", hint=hint))
+    work = _work_folder(out, bags, choices)
+    found: list[StoredEpisode] = []
+    left_out: dict[str, int] = {}
+    for number, bag in enumerate(bags):
+        folder = work / f"bag-{number:04d}"
+        if not (folder / "bag.json").exists():
+            shutil.rmtree(folder, ignore_errors=True)
+            folder.mkdir()
+            _convert(bag, folder, choices, lambda share, bag=bag: on_progress(f"reading {bag.name}", share))  # type: ignore[misc]
+        one = msgspec.json.decode((folder / "bag.json").read_bytes(), type=OneBag)
+        found += [StoredEpisode(facts=facts, file=_file(folder, n)) for n, facts in enumerate(one.episodes)]
+        for reason, count in one.left_out.items():
+            left_out[reason] = left_out.get(reason, 0) + count
+    if not found:
+        why = "; ".join(f"{count} x {reason}" for reason, count in left_out.items()) or "the bags are empty"
+        message = f"no episode is left: {why}"
+        shutil.rmtree(work)
+        raise to_exception(Refusal(code=Code.BAD_REQUEST, message=message, field="bag"))
+    new = work / "dataset"
+    shutil.rmtree(new, ignore_errors=True)
+    new.mkdir()
+    write_dataset(new, choices.version, choices.layout, found, choices.fps, lambda share: on_progress("writing", share))
+    built = _told(out, choices.layout, found, left_out)
+    (new / PROVENANCE).write_text(json.dumps(_provenance(choices, found, built), indent=1, ensure_ascii=False) + "\n")
+    if out.exists():
+        out.rmdir()
+    new.rename(out)
+    shutil.rmtree(work)
+    return built
+
+
+def _file(folder: Path, number: int) -> Path:
+    return folder / f"episode-{number:04d}.npz"
+
+
+def _work_folder(out: Path, bags: Sequence[Path], choices: Choices) -> Path:
+    """Return the folder in which parts are kept; what another choice or other bags left there is thrown away."""
+    work = out.with_name(out.name + ".building")
+    files = [
+        (str(bag.resolve()), file.name, file.stat().st_size, file.stat().st_mtime_ns)
+        for bag in bags
+        for file in (sorted(bag.glob("*")) if bag.is_dir() else [bag])
+        if file.is_file()
+    ]
+    plan = hashlib.sha256(msgspec.json.encode((__version__, choices, files))).hexdigest()
+    try:
+        if not (work / "plan").exists() or (work / "plan").read_text() != plan:
+            shutil.rmtree(work, ignore_errors=True)
+            work.mkdir(parents=True)
+            (work / "plan").write_text(plan)
+    except OSError as error:
+        raise to_exception(Refusal(code=Code.BAD_REQUEST, message=f"{work}: {error}", field="out")) from error
+    return work
+
+
+def _convert(path: Path, folder: Path, choices: Choices, on_progress: Callable[[float], None]) -> None:
+    """Make the episodes of one bag, and note them last: a bag without that note is begun anew."""
+    made: list[EpisodeFacts] = []
+    left_out: dict[str, int] = {}
+    with ExitStack() as stack:
+        bag = stack.enter_context(Bag(path))
+        names = [topic.name for topic in bag.topics if topic.count]
+        chosen = choose(choices.layout, names, bag.facts().get("namespace", ""))
+        series = read_series(bag, chosen.pairs, by_arrival=choices.by_arrival, on_progress=on_progress)
+        for (topic, field), one in series.items():
+            if one.rejected:
+                left_out[f"message of {topic} without numbers in {field}"] = one.rejected
+        for episode in all_episodes(bag):
+            unfit = "discarded" if episode.is_discarded else ""
+            if choices.success_only and episode.outcome != "success":
+                unfit = unfit or "not judged a success"
+            if unfit:
+                left_out[f"episode {unfit}"] = left_out.get(f"episode {unfit}", 0) + 1
+                continue
+            interval_ns = (episode.begin_ns, episode.end_ns)
+            found, missing = runs(chosen, series, interval_ns, choices.fps, choices.least_rows)
+            for reason, count in missing.items():
+                left_out[f"row: {reason}"] = left_out.get(f"row: {reason}", 0) + count
+            for run in found:
+                store_episode(_file(folder, len(made)), run.tables)
+                made.append(
+                    EpisodeFacts(
+                        bag=path.resolve().name,
+                        number=episode.number,
+                        begin_ns=int(run.times_ns[0]),
+                        rows=len(run.times_ns),
+                        task=choices.task or episode.task,
+                        outcome=episode.outcome,
+                        covered=run.covered,
+                        sources=_sources(chosen, series),
+                    )
+                )
+    (folder / "bag.json").write_bytes(msgspec.json.encode(OneBag(episodes=tuple(made), left_out=left_out)))
+
+
+def _sources(chosen: Chosen, series: dict[tuple[str, str], Series]) -> dict[str, tuple[str, ...]]:
+    return {
+        feature.name: tuple(one[0] if one and (one[0], one[1].field) in series else "" for one in sources)
+        for feature, sources in zip(chosen.layout.feature, chosen.sources, strict=True)
+    }
+
+
+def _told(out: Path, layout: Layout, episodes: Sequence[StoredEpisode], left_out: dict[str, int]) -> Built:
+    rows = sum(episode.facts.rows for episode in episodes)
+    uncovered: dict[str, tuple[str, ...]] = {}
+    partly: dict[str, float] = {}
+    for feature in layout.feature:
+        none: list[str] = []
+        for number, part in enumerate(feature.part):
+            share = sum(each.facts.covered[feature.name][number] * each.facts.rows for each in episodes) / rows
+            if share == 0.0:
+                none.append(part.label)
+            elif share < 1.0:
+                partly[f"{feature.name}: {part.label}"] = round(share, 4)
+        if none:
+            uncovered[feature.name] = tuple(none)
+    return Built(
+        folder=out,
+        episodes=len(episodes),
+        rows=rows,
+        tasks=tuple(dict.fromkeys(episode.facts.task for episode in episodes)),
+        left_out=left_out,
+        uncovered=uncovered,
+        partly=partly,
+    )
+
+
+def _provenance(choices: Choices, episodes: Sequence[StoredEpisode], built: Built) -> dict[str, Any]:
+    return {
+        "made_by": f"teleavatar-gateway {__version__}",
+        "choices": msgspec.to_builtins(choices),
+        "uncovered": {
+            name: {"value": 0, "why": NO_SOURCE, "names": list(none)} for name, none in built.uncovered.items()
+        },
+        "partly_covered": built.partly,
+        "left_out": built.left_out,
+        "episodes": [msgspec.to_builtins(episode.facts) for episode in episodes],
+    }

@@ -1,0 +1,86 @@
+"""An episode of a dataset while it is built: its tables, its task and where it comes from; kept in a file between steps."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+import msgspec
+import numpy as np
+import numpy.typing as npt
+
+from gateway.dataset.stats import Stats, of_table
+
+__all__ = ["INTEGERS", "EpisodeFacts", "StoredEpisode", "load_episode", "numbered", "store_episode"]
+
+INTEGERS: Final = ("frame_index", "episode_index", "index", "task_index")
+
+
+class EpisodeFacts(msgspec.Struct, frozen=True, kw_only=True):
+    """What is known of an episode beside its rows.
+
+    Attributes:
+        bag: Name of the bag's folder.
+        number: Of the episode in the bag, from 1.
+        begin_ns: Of its first row [ns since 1970, recording host].
+        rows: How many.
+        task: What is shown, in words.
+        outcome: `success`, `failure`, or empty.
+        covered: Per feature and part, the share of rows with a value, 0..1.
+        sources: Per feature and part, the topic; empty where nothing of it was recorded.
+    """
+
+    bag: str
+    number: int
+    begin_ns: int
+    rows: int
+    task: str
+    outcome: str
+    covered: dict[str, tuple[float, ...]]
+    sources: dict[str, tuple[str, ...]]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class StoredEpisode:
+    """An episode and the file that holds its tables."""
+
+    facts: EpisodeFacts
+    file: Path
+
+
+def store_episode(file: Path, tables: dict[str, npt.NDArray[np.float32]]) -> None:
+    """Write the tables of an episode."""
+    # Its stubs take any of them for `allow_pickle`.
+    np.savez(file, **tables)  # type: ignore[arg-type]
+
+
+def load_episode(episode: StoredEpisode) -> dict[str, npt.NDArray[np.float32]]:
+    """Return the tables of an episode."""
+    with np.load(episode.file) as stored:
+        return {name: stored[name] for name in stored.files}
+
+
+def numbered(
+    tables: dict[str, npt.NDArray[np.float32]], fps: float, episode: int, first: int, task: int
+) -> tuple[dict[str, npt.NDArray[np.generic]], dict[str, Stats]]:
+    """Return all columns of an episode, LeRobot's own included, and the statistics of each.
+
+    Args:
+        tables: Its features.
+        fps: Rows per second: the times in a dataset are row / fps, exactly.
+        episode: Its number in the dataset, from 0.
+        first: Number of its first row in the dataset.
+        task: Number of its task.
+    """
+    rows = len(next(iter(tables.values())))
+    frames = np.arange(rows, dtype=np.int64)
+    whole: dict[str, npt.NDArray[np.generic]] = {
+        **tables,
+        "timestamp": (frames / fps).astype(np.float32),
+        "frame_index": frames,
+        "episode_index": np.full(rows, episode, dtype=np.int64),
+        "index": frames + first,
+        "task_index": np.full(rows, task, dtype=np.int64),
+    }
+    return whole, {name: of_table(table) for name, table in whole.items()}

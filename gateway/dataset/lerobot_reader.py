@@ -1,0 +1,168 @@
+"""A dataset that is read, in either of LeRobot's formats: what is written down about it, and its episodes in order."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from gateway.dataset.lerobot_format import FORMATS, V30_EPISODES
+from gateway.dataset.parquet import pyarrow, read
+from gateway.dataset.series import Floats
+from gateway.errors import Code, Refusal, to_exception
+
+__all__ = ["Dataset", "EpisodeRead"]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class EpisodeRead:
+    """An episode as it lies in a dataset.
+
+    Attributes:
+        number: From 0.
+        rows: How many, as is written down.
+        tasks: In words, as is written down.
+        columns: Vectors, shape (n, dimensions), and numbers, shape (n,).
+        types: Arrow's name of each column's type, such as `fixed_size_list<element: float>[72]`.
+        stats: Per feature and statistic, as is written down.
+    """
+
+    number: int
+    rows: int
+    tasks: tuple[str, ...]
+    columns: dict[str, npt.NDArray[Any]]
+    types: dict[str, str]
+    stats: dict[str, dict[str, Floats]]
+
+
+class Dataset:
+    """An existing dataset.
+
+    Args:
+        folder: The one with `meta/info.json`.
+
+    Raises:
+        Rejected: BAD_REQUEST, it is none, or none of these formats; pyarrow is not installed.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        pyarrow()
+        self.folder = folder
+        try:
+            self.info: dict[str, Any] = json.loads((folder / "meta/info.json").read_text(encoding="utf-8"))
+            self.version = str(self.info["codebase_version"])
+            self.fps = float(self.info["fps"])
+            self.features: dict[str, dict[str, Any]] = dict(self.info["features"])
+        except (OSError, ValueError, KeyError, TypeError) as error:
+            message = f"{folder} is no dataset of LeRobot: meta/info.json: {error!r}"
+            raise to_exception(Refusal(code=Code.BAD_REQUEST, message=message, field="dataset")) from error
+        if self.version not in FORMATS:
+            message = f"{folder} is of LeRobot's format {self.version}"
+            refusal = Refusal(
+                code=Code.BAD_REQUEST, message=message, field="dataset", value=self.version, bound=" or ".join(FORMATS)
+            )
+            raise to_exception(refusal)
+
+    def tasks(self) -> dict[int, str]:
+        """Return the tasks by their number.
+
+        Raises:
+            Exception: Whatever says that they cannot be read.
+        """
+        if self.version == "v2.1":
+            return {row["task_index"]: row["task"] for row in self._lines("tasks")}
+        table = read(self.folder / "meta/tasks.parquet").to_pydict()
+        label = next(name for name in table if name != "task_index")
+        return dict(zip(table["task_index"], table[label], strict=True))
+
+    def total_stats(self) -> dict[str, dict[str, Floats]]:
+        """Return the statistics of the whole dataset; none in v2.1, which keeps none.
+
+        Raises:
+            Exception: Whatever says that they cannot be read.
+        """
+        if self.version == "v2.1":
+            return {}
+        return _as_stats(json.loads((self.folder / "meta/stats.json").read_text(encoding="utf-8")))
+
+    def episodes(self) -> Iterator[EpisodeRead]:
+        """Yield the episodes in order.
+
+        Raises:
+            Exception: Whatever says that what comes next cannot be read.
+        """
+        yield from self._episodes_v21() if self.version == "v2.1" else self._episodes_v30()
+
+    def _lines(self, name: str) -> list[dict[str, Any]]:
+        text = (self.folder / f"meta/{name}.jsonl").read_text(encoding="utf-8")
+        return [json.loads(line) for line in text.splitlines() if line.strip()]
+
+    def _episodes_v21(self) -> Iterator[EpisodeRead]:
+        stats = {row["episode_index"]: row["stats"] for row in self._lines("episodes_stats")}
+        for row in self._lines("episodes"):
+            number = row["episode_index"]
+            path = self.info["data_path"].format(episode_chunk=number // self.info["chunks_size"], episode_index=number)
+            yield self._episode(number, row["length"], row["tasks"], read(self.folder / path), stats.get(number, {}))
+
+    def _episodes_v30(self) -> Iterator[EpisodeRead]:
+        opened, table, begin = None, None, 0
+        for row in _pages(self.folder / V30_EPISODES):
+            place = row["data/chunk_index"], row["data/file_index"]
+            if place != opened:
+                path = self.info["data_path"].format(chunk_index=place[0], file_index=place[1])
+                opened, table, begin = place, read(self.folder / path), row["dataset_from_index"]
+            stats: dict[str, dict[str, Any]] = {}
+            for name, value in row.items():
+                if name.startswith("stats/"):
+                    _, feature, what = name.split("/", 2)
+                    stats.setdefault(feature, {})[what] = value
+            first = row["dataset_from_index"] - begin
+            part = table.slice(first, row["dataset_to_index"] - row["dataset_from_index"])  # type: ignore[union-attr]
+            yield self._episode(row["episode_index"], row["length"], row["tasks"], part, stats)
+
+    def _episode(
+        self,
+        number: int,
+        rows: int,
+        tasks: list[str],
+        table: Any,
+        stats: Mapping[str, Mapping[str, Any]],
+    ) -> EpisodeRead:
+        return EpisodeRead(
+            number=number,
+            rows=rows,
+            tasks=tuple(tasks),
+            columns={name: _array(table.column(name)) for name in table.column_names},
+            types={field.name: str(field.type) for field in table.schema},
+            stats=_as_stats(stats),
+        )
+
+
+def _pages(first: Path) -> list[dict[str, Any]]:
+    """Return the rows of all files of a folder of folders: LeRobot writes more than one when there are many episodes."""
+    files = sorted(first.parent.parent.glob("chunk-*/file-*.parquet")) or [first]
+    return [row for file in files for row in read(file).to_pylist()]
+
+
+def _array(column: Any) -> npt.NDArray[Any]:  # noqa: ANN401
+    joined = column.combine_chunks()
+    if not hasattr(joined.type, "list_size"):
+        rows = joined.to_pylist()
+        return (
+            np.array(rows, dtype=np.float64)
+            if rows and isinstance(rows[0], list)
+            else joined.to_numpy(zero_copy_only=False)
+        )
+    return np.asarray(joined.flatten().to_numpy(zero_copy_only=False)).reshape(len(joined), joined.type.list_size)
+
+
+def _as_stats(stats: Mapping[str, Mapping[str, Any]]) -> dict[str, dict[str, Floats]]:
+    return {
+        name: {what: np.asarray(values, dtype=np.float64) for what, values in one.items()}
+        for name, one in stats.items()
+    }

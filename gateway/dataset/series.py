@@ -1,0 +1,160 @@
+"""Fields of a bag's messages as columns over time: what a layout asks for, by the recording host's clock.
+
+A message with a stamp counts at its stamp, moved to the host's clock by the smallest delay between stamp and arrival around
+it: arrival jitters with the network, stamps do not (manual §4.1.1: the robot's stamps are of its own publishing). Where a stamp
+is missing, or the robot's clock was set while recording, arrival counts. A pose has no stamp (§4.0.2).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, field
+from typing import Any, Final
+
+import numpy as np
+import numpy.typing as npt
+
+from gateway.recording.bag_reader import Bag
+
+__all__ = ["Floats", "Instants", "Series", "read_series"]
+
+Floats = npt.NDArray[np.float64]
+Instants = npt.NDArray[np.int64]
+
+WINDOW_NS: Final = 10_000_000_000
+"""Of so long the smallest delay between stamp and arrival is taken [ns]."""
+STEP_NS: Final = 50_000_000
+"""A delay that changes by more from one window to the next is a clock that was set [ns]; 200 ppm are 2 ms."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Series:
+    """One field of one topic over time.
+
+    Attributes:
+        times_ns: When each sample counts, ascending [ns since 1970, recording host], shape (N,).
+        values: The field's numbers, shape (N, width).
+        rejected: Messages of the topic without this field, with another width than most, or with a number that is not finite.
+    """
+
+    times_ns: Instants
+    values: Floats
+    rejected: int = 0
+
+
+@dataclass(slots=True)
+class _Column:
+    """A topic while it is read: arrivals and stamps [ns] (0 for none), and per field a row for each message."""
+
+    fields: tuple[str, ...]
+    arrivals: list[int] = field(default_factory=list)
+    stamps: list[int] = field(default_factory=list)
+    rows: dict[str, list[tuple[float, ...]]] = field(default_factory=dict)
+
+
+def read_series(
+    bag: Bag,
+    wanted: Iterable[tuple[str, str]],
+    *,
+    by_arrival: bool = False,
+    on_progress: Callable[[float], None] = lambda share: None,
+) -> dict[tuple[str, str], Series]:
+    """Read fields of topics.
+
+    Args:
+        bag: Open.
+        wanted: Pairs of topic (as the bag names it) and field.
+        by_arrival: Whether stamps are passed over.
+        on_progress: Called now and then with the part that was read, 0..1.
+
+    Returns:
+        A series for each pair; pairs of which the bag has no usable sample are left out.
+    """
+    pairs = sorted(set(wanted))
+    columns = {topic: _Column(tuple(name for other, name in pairs if other == topic)) for topic, _ in pairs}
+    for column in columns.values():
+        column.rows = {name: [] for name in column.fields}
+    counts = {topic.name: topic.count for topic in bag.topics}
+    expected, count = max(1, sum(counts.get(topic, 0) for topic in columns)), 0
+    for topic, log_ns, message in bag.decoded(columns):
+        if count % 5000 == 0:
+            on_progress(min(1.0, count / expected))
+        count += 1
+        column = columns[topic]
+        column.arrivals.append(log_ns)
+        column.stamps.append(_stamp_ns(message))
+        for name in column.fields:
+            column.rows[name].append(_numbers(message, name))
+    on_progress(1.0)
+    delays = None if by_arrival else _delays(columns.values())
+    found = {}
+    for topic, column in columns.items():
+        times_ns = _times(column, delays)
+        for name in column.fields:
+            series = _series(times_ns, column.rows[name])
+            if len(series.times_ns):
+                found[topic, name] = series
+    return found
+
+
+def _stamp_ns(message: Any) -> int:  # noqa: ANN401  messages of any type
+    header = getattr(message, "header", None)
+    return 0 if header is None else int(header.stamp.sec) * 1_000_000_000 + int(header.stamp.nanosec)
+
+
+def _numbers(message: Any, name: str) -> tuple[float, ...]:  # noqa: ANN401
+    """Return a field's numbers in order; none where there is no such field, or it holds something else."""
+    for part in name.split("."):
+        message = getattr(message, part, None)
+    return tuple(_flat(message))
+
+
+def _flat(value: Any) -> Iterable[float]:  # noqa: ANN401
+    if isinstance(value, bool | int | float):
+        return (float(value),)
+    if isinstance(value, np.ndarray):
+        return value.ravel().tolist() if value.dtype.kind in "biuf" else ()
+    names = getattr(value, "__dataclass_fields__", {})
+    return [number for name in names if name != "__msgtype__" for number in _flat(getattr(value, name))]
+
+
+def _series(times_ns: Instants, rows: list[tuple[float, ...]]) -> Series:
+    """Return rows of the width that most have, in the order of their times; of equal times the last."""
+    widths = np.array([len(row) for row in rows], dtype=np.int64)
+    used = widths[widths > 0]
+    width = int(np.bincount(used).argmax()) if len(used) else 0
+    fits = np.flatnonzero(widths == width) if width else np.empty(0, dtype=np.int64)
+    values = np.array([rows[index] for index in fits], dtype=np.float64).reshape(len(fits), width)
+    finite = np.isfinite(values).all(axis=1)
+    times, values = times_ns[fits][finite], values[finite]
+    order = np.argsort(times, kind="stable")
+    times, values = times[order], values[order]
+    is_last = np.append(times[1:] != times[:-1], True)[: len(times)]
+    return Series(times_ns=times[is_last], values=values[is_last], rejected=len(rows) - int(finite.sum()))
+
+
+def _delays(columns: Iterable[_Column]) -> tuple[Floats, Floats] | None:
+    """Return the middles of windows and the smallest arrival minus stamp in each [ns]; None where stamps cannot be used."""
+    stamped = [
+        (np.array(column.arrivals, dtype=np.int64), np.array(column.stamps, dtype=np.int64))
+        for column in columns
+        if column.stamps and min(column.stamps) > 0
+    ]
+    if not stamped:
+        return None
+    arrivals, stamps = (np.concatenate(part) for part in zip(*stamped, strict=True))
+    windows, which = np.unique(arrivals // WINDOW_NS, return_inverse=True)
+    least = np.full(len(windows), np.iinfo(np.int64).max)
+    np.minimum.at(least, which, arrivals - stamps)
+    if np.any(np.abs(np.diff(least)) > STEP_NS):
+        return None
+    return (windows + 0.5) * WINDOW_NS, least.astype(np.float64)
+
+
+def _times(column: _Column, delays: tuple[Floats, Floats] | None) -> Instants:
+    arrivals = np.array(column.arrivals, dtype=np.int64)
+    if delays is None or not column.stamps or min(column.stamps) <= 0:
+        return arrivals
+    middles, least = delays
+    moved = np.array(column.stamps, dtype=np.int64) + np.rint(np.interp(arrivals, middles, least)).astype(np.int64)
+    return np.minimum(moved, arrivals)  # nothing is known before it was said
