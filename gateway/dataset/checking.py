@@ -23,9 +23,9 @@ TOLERANCE_S: Final = 1e-4
 JUMP_SHARE: Final = 0.25
 """A step of more than this part of all that a dimension does in an episode is a jump, if it is"""
 JUMP_TIMES: Final = 10.0
-"""so much larger than nearly all of its steps."""
-STEPS: Final = 0.99
-"""Nearly all."""
+"""so much larger than most of its steps."""
+STEPS: Final = 0.9
+"""Most."""
 RELATIVE: Final = 1e-4
 """Statistics may differ by this from what is recomputed, relative to the size of the numbers."""
 LEAST_SPAN: Final = 1e-3
@@ -76,7 +76,7 @@ def check_dataset(dataset: Dataset, on_progress: Callable[[float], None] = lambd
         for episode in dataset.episodes():
             findings += _of_episode(dataset, episode, tasks, episodes, rows)
             for name, column in episode.columns.items():
-                if name in dataset.features and len(column):
+                if len(column) and column.size == _size(dataset.features.get(name, {})) * len(column):
                     every.setdefault(name, []).append(of_table(column))
             used |= set(episode.tasks)
             episodes, rows = episodes + 1, rows + len(next(iter(episode.columns.values()), ()))
@@ -88,6 +88,11 @@ def check_dataset(dataset: Dataset, on_progress: Callable[[float], None] = lambd
     findings += _constant(dataset, every)
     findings.sort(key=lambda finding: finding.level != "error")
     return CheckedDataset(version=dataset.version, episodes=episodes, rows=rows, findings=findings)
+
+
+def _size(feature: Mapping[str, Any]) -> int:
+    """Return the number of a feature's dimensions; 0 for none."""
+    return int(np.prod(feature.get("shape", 0)))
 
 
 def _error(where: str, message: str) -> DatasetFinding:
@@ -106,7 +111,8 @@ def _of_dataset(
             yield _error("meta/info.json", f"{name} is {dataset.info.get(name)}, there are {count}")
     if not rows:
         yield _error("", "it has no row")
-    for task in sorted(set(tasks.values()) - used):
+    unused = set(tasks.values()) - used if episodes == dataset.info.get("total_episodes") else set()
+    for task in sorted(unused):
         yield _warning("", f"no episode has the task {task!r}")
     if used & {""}:
         yield _warning("", "an episode has no task in words: policies that read a prompt learn nothing from it")
@@ -137,7 +143,7 @@ def _of_episode(
 def _of_column(
     where: str, feature: Mapping[str, Any], column: npt.NDArray[Any], episode: EpisodeRead
 ) -> Iterator[DatasetFinding]:
-    size = int(np.prod(feature["shape"]))
+    size = _size(feature)
     if column.dtype.name != feature["dtype"]:
         yield _error(where, f"is of {column.dtype.name}, written down is {feature['dtype']}")
     if column.size != size * len(column):

@@ -130,7 +130,7 @@ class Dataset:
         number: int,
         rows: int,
         tasks: list[str],
-        table: Any,
+        table: Any,  # noqa: ANN401
         stats: Mapping[str, Mapping[str, Any]],
     ) -> EpisodeRead:
         return EpisodeRead(

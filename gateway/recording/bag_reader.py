@@ -110,10 +110,7 @@ class Bag:
         Args:
             topics: Only these; None for all.
         """
-        wanted = [c for c in self._reader.connections if topics is None or c.topic in topics]
-        if not wanted:
-            return
-        for connection, log_ns, payload in self._reader.messages(connections=wanted):
+        for connection, log_ns, payload in self._messages(topics):
             yield BagMessage(connection.topic, log_ns, bytes(payload))
 
     def decoded(self, topics: Collection[str]) -> Iterator[tuple[str, int, Any]]:
@@ -122,13 +119,15 @@ class Bag:
         Args:
             topics: Only these. Their types are the bag's own, or those of ROS 2 Humble.
         """
-        for connection, log_ns, payload in self._reader.messages(
-            connections=[c for c in self._reader.connections if c.topic in topics]
-        ):
+        for connection, log_ns, payload in self._messages(topics):
             message = None
             with suppress(Exception):  # rosbags raises whatever its generated code meets
                 message = self._reader.deserialize(payload, connection.msgtype)
             yield connection.topic, log_ns, message
+
+    def _messages(self, topics: Collection[str] | None) -> Iterator[tuple[Any, int, Any]]:
+        wanted = [c for c in self._reader.connections if topics is None or c.topic in topics]
+        return iter(self._reader.messages(connections=wanted) if wanted else ())  # rosbags takes none for all
 
     def facts(self) -> Mapping[str, str]:
         """Return what our recorder noted; nothing of other recorders' bags."""

@@ -12,7 +12,7 @@ __all__ = ["add_dataset"]
 
 MOST_FPS = 200.0
 """The robot's states come that often [Hz] (manual §4.1.1)."""
-DIMS = (48, 62, 72)
+DIMS = ("48", "62", "72")
 FORMATS = ("v2.1", "v3.0")
 
 
@@ -47,7 +47,7 @@ def add_dataset(commands: Any, add: AddCommand) -> None:  # noqa: ANN401  argpar
     build.add_argument("--task", default="", metavar="TEXT", help="what is shown, in words, instead of what was noted")
     build.add_argument("--success-only", action="store_true", help="only episodes that were judged a success")
     layout = build.add_mutually_exclusive_group()
-    layout.add_argument("--dims", type=int, choices=DIMS, default=72, help="of the maker's vector (default 72)")
+    layout.add_argument("--dims", choices=DIMS, default="72", help="of the maker's vector (default 72)")
     layout.add_argument(
         "--layout", type=Path, metavar="FILE", help="own vectors, in TOML: see the docs, Build a dataset"
     )

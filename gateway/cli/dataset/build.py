@@ -27,7 +27,7 @@ def carry_out(options: Namespace) -> ExitStatus:
 
 def _build(options: Namespace) -> ExitStatus:
     choices = Choices(
-        layout=load(options.layout) if options.layout else vendor_layout(options.dims),
+        layout=load(options.layout) if options.layout else vendor_layout(int(options.dims)),
         version=options.format,
         fps=options.fps,
         task=options.task,

@@ -1,0 +1,88 @@
+"""Tests of reading fields: at which instant a message counts, and which numbers of it do."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from cdr_types import encode
+from cdr_types.messages.sensor_msgs import JointState
+from gateway.dataset.series import read_series
+from gateway.recording.bag_reader import Bag
+from gateway.robot.topics import CHASSIS_STATE, arm_state, ee_pose
+from gateway.values import Side
+from tests.dataset.motion import BEGIN_NS, DELAY_NS, moving, position
+from tests.recording.bags import TOPICS, joints
+
+LEFT, POSE = arm_state(Side.LEFT), ee_pose(Side.LEFT)
+TOPIC = {topic.name: topic for topic in TOPICS}
+
+
+def read(folder, *wanted, **options):
+    """Return the series of a bag."""
+    with Bag(folder) as bag:
+        return read_series(bag, wanted, **options)
+
+
+def test_a_stamped_message_counts_at_its_stamp_by_this_hosts_clock(tmp_path):
+    """Arrivals that are up to 4 ms late do not show; the robot's clock is 5 s behind."""
+    series = read(moving(tmp_path / "bag"), (LEFT, "position"))[LEFT, "position"]
+    off_ns = series.times_ns - (BEGIN_NS + np.arange(600) * 5_000_000)
+    assert abs(int(off_ns.max()) - int(off_ns.min())) < 1000 and 0 <= off_ns.min() < 100_000
+    expected = [[position(LEFT, joint, n * 0.005) for joint in range(7)] for n in range(600)]
+    assert series.values == pytest.approx(np.array(expected))
+    late = read(tmp_path / "bag", (LEFT, "position"), by_arrival=True)[LEFT, "position"]
+    assert int((late.times_ns - (BEGIN_NS + np.arange(600) * 5_000_000)).max()) > 3_000_000
+
+
+def test_a_pose_counts_at_its_arrival(tmp_path):
+    """It has no stamp; its numbers come in the order of the message."""
+    folder = moving(tmp_path / "bag")
+    found = read(folder, (POSE, "position"), (POSE, "orientation"), (LEFT, "position"))
+    assert np.array_equal(found[POSE, "position"].times_ns, BEGIN_NS + np.arange(600) * 5_000_000)
+    assert found[POSE, "position"].values[200] == pytest.approx([1.0, 0.1, 0.2])
+    assert found[POSE, "orientation"].values[0] == pytest.approx([0.0, 0.0, 0.0, 1.0])
+
+
+def test_a_robot_whose_clock_was_set_is_taken_by_arrival(tmp_path):
+    """A step between two windows would put one part of the recording elsewhere."""
+    more = [(TOPIC[LEFT], 25_000_000_000, joints(BEGIN_NS + 25_000_000_000 - DELAY_NS))]
+    folder = moving(tmp_path / "bag", more=more)
+    series = read(folder, (LEFT, "position"))[LEFT, "position"]
+    assert series.times_ns[-1] == BEGIN_NS + 25_000_000_000
+    assert int((series.times_ns[:600] - (BEGIN_NS + np.arange(600) * 5_000_000)).max()) > 3_000_000
+
+
+def test_messages_without_the_field_with_another_width_or_no_number_are_left_out_and_counted(tmp_path):
+    """One that is not of its type, too."""
+    stamp = BEGIN_NS - 5_000_000_000
+    bad = [
+        joints(stamp, width=6),
+        joints(stamp, value=float("nan")),
+        encode(JointState()),
+        b"\x00\x01\x00\x00\x01",
+    ]
+    more = [(TOPIC[LEFT], 4_000_000_000 + n, data) for n, data in enumerate(bad)]
+    series = read(moving(tmp_path / "bag", more=more), (LEFT, "position"), by_arrival=True)[LEFT, "position"]
+    assert (len(series.times_ns), series.rejected) == (600, 4)
+
+
+def test_of_messages_of_one_instant_the_last_counts(tmp_path):
+    """Times ascend."""
+    more = [(TOPIC[LEFT], 4_000_000_000, joints(0, value=value)) for value in (0.1, 0.2)]
+    series = read(moving(tmp_path / "bag", more=more), (LEFT, "position"))[LEFT, "position"]
+    assert np.all(np.diff(series.times_ns) > 0) and series.values[-1] == pytest.approx([0.2] * 7)
+
+
+def test_what_a_bag_does_not_have_is_left_out(tmp_path):
+    """A topic, and a field."""
+    folder = moving(tmp_path / "bag", is_there=lambda topic, t_s: topic.name != CHASSIS_STATE)
+    found = read(folder, (CHASSIS_STATE, "position"), (LEFT, "torque"), (LEFT, "name"), (LEFT, "effort"))
+    assert set(found) == {(LEFT, "effort")}
+
+
+def test_a_field_inside_a_field_is_found(tmp_path):
+    """By its path."""
+    found = read(moving(tmp_path / "bag"), (LEFT, "header.stamp.sec"), (POSE, "position.x"))
+    assert found[LEFT, "header.stamp.sec"].values.shape == (600, 1)
+    assert found[POSE, "position.x"].values[100] == pytest.approx([0.5])
