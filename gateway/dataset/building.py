@@ -22,15 +22,17 @@ from typing import Any, Final
 import msgspec
 
 from gateway import __version__
-from gateway.dataset.episode import EpisodeFacts, StoredEpisode, store_episode
+from gateway.dataset.episode import EpisodeFacts, StoredEpisode, store_episode, video_files
 from gateway.dataset.layout import Layout
 from gateway.dataset.lerobot_format import Format, write_dataset
 from gateway.dataset.parquet import pyarrow
 from gateway.dataset.rows import NO_SOURCE, Chosen, choose, runs
-from gateway.dataset.series import Series, read_series
+from gateway.dataset.series import Instants, Series, read_series
 from gateway.dataset.vendor_marks import all_episodes
+from gateway.dataset.videos import IMAGES, video_source, write_videos
 from gateway.errors import Code, Refusal, to_exception
 from gateway.recording.bag_reader import Bag
+from gateway.robot.vector_layout import EYES
 
 __all__ = ["PROVENANCE", "Built", "Choices", "build"]
 
@@ -49,6 +51,7 @@ class Choices(msgspec.Struct, frozen=True, kw_only=True):
         success_only: Whether only episodes are taken that were judged a success.
         least_rows: Shorter runs without a gap are left out.
         by_arrival: Whether messages count at their arrival instead of their stamp.
+        eyes: Which views the cameras are, a key of `vector_layout.EYES`.
     """
 
     layout: Layout
@@ -58,6 +61,7 @@ class Choices(msgspec.Struct, frozen=True, kw_only=True):
     success_only: bool = False
     least_rows: int = 30
     by_arrival: bool = False
+    eyes: str = "vendor_openpi"
 
 
 class OneBag(msgspec.Struct, frozen=True, kw_only=True):
@@ -95,6 +99,7 @@ def build(
     out: Path,
     choices: Choices,
     on_progress: Callable[[str, float], None] = lambda what, share: None,
+    videos: Sequence[Path] = (),
 ) -> Built:
     """Build a dataset.
 
@@ -103,6 +108,7 @@ def build(
         out: Folder to be made.
         choices: How.
         on_progress: Called with what is done, and how much of it, 0..1.
+        videos: Recordings of the cameras, one for each bag; without, those that lie in the bags' folders.
 
     Raises:
         Rejected: BAD_REQUEST, `out` holds something; a bag cannot be read or lacks what the layout needs; nothing is left;
@@ -112,7 +118,8 @@ def build(
     if out.exists() and (not out.is_dir() or any(out.iterdir())):
         hint = "name another with --out, or move it away: datasets are never overwritten"
         raise to_exception(Refusal(code=Code.BAD_REQUEST, message=f"{out} is not empty", field="out", hint=hint))
-    work = _work_folder(out, bags, choices)
+    seen = _videos(bags, videos)
+    work = _work_folder(out, bags, seen, choices)
     found: list[StoredEpisode] = []
     left_out: dict[str, int] = {}
     for number, bag in enumerate(bags):
@@ -120,7 +127,7 @@ def build(
         if not (folder / "bag.json").exists():
             shutil.rmtree(folder, ignore_errors=True)
             folder.mkdir()
-            _convert(bag, folder, choices, lambda share, bag=bag: on_progress(f"reading {bag.name}", share))  # type: ignore[misc]
+            _convert(bag, seen[number], folder, choices, on_progress)
         one = msgspec.json.decode((folder / "bag.json").read_bytes(), type=OneBag)
         found += [StoredEpisode(facts=facts, file=_file(folder, n)) for n, facts in enumerate(one.episodes)]
         for reason, count in one.left_out.items():
@@ -147,12 +154,26 @@ def _file(folder: Path, number: int) -> Path:
     return folder / f"episode-{number:04d}.npz"
 
 
-def _work_folder(out: Path, bags: Sequence[Path], choices: Choices) -> Path:
+def _videos(bags: Sequence[Path], videos: Sequence[Path]) -> list[Path | None]:
+    """Return the recording of the cameras for each bag: all have one, or none has."""
+    beside = [sorted(index.with_suffix("") for index in bag.glob("*.jsonl")) if bag.is_dir() else [] for bag in bags]
+    found = [*videos] if videos else [files[0] for files in beside if len(files) == 1]
+    several = [str(bag) for bag, files in zip(bags, beside, strict=True) if len(files) > 1 and not videos]
+    if several or len(found) not in (0, len(bags)):
+        message = f"{len(found)} recordings of the cameras for {len(bags)} bags"
+        if several:
+            message = f"more than one recording of the cameras in {', '.join(several)}"
+        hint = "name one for each bag, in their order: --video FILE --video FILE"
+        raise to_exception(Refusal(code=Code.BAD_REQUEST, message=message, field="video", hint=hint))
+    return [*found] or [None] * len(bags)
+
+
+def _work_folder(out: Path, bags: Sequence[Path], videos: Sequence[Path | None], choices: Choices) -> Path:
     """Return the folder in which parts are kept; what another choice or other bags left there is thrown away."""
     work = out.with_name(out.name + ".building")
     files = [
         (str(bag.resolve()), file.name, file.stat().st_size, file.stat().st_mtime_ns)
-        for bag in bags
+        for bag in (*bags, *filter(None, videos))
         for file in (sorted(bag.glob("*")) if bag.is_dir() else [bag])
         if file.is_file()
     ]
@@ -167,15 +188,23 @@ def _work_folder(out: Path, bags: Sequence[Path], choices: Choices) -> Path:
     return work
 
 
-def _convert(path: Path, folder: Path, choices: Choices, on_progress: Callable[[float], None]) -> None:
+def _convert(
+    path: Path, video: Path | None, folder: Path, choices: Choices, on_progress: Callable[[str, float], None]
+) -> None:
     """Make the episodes of one bag, and note them last: a bag without that note is begun anew."""
     made: list[EpisodeFacts] = []
+    times: list[Instants] = []
+    pictures = None if video is None else video_source(video)
     left_out: dict[str, int] = {}
     with ExitStack() as stack:
         bag = stack.enter_context(Bag(path))
         names = [topic.name for topic in bag.topics if topic.count]
         chosen = choose(choices.layout, names, bag.facts().get("namespace", ""))
-        series = read_series(bag, chosen.pairs, by_arrival=choices.by_arrival, on_progress=on_progress)
+
+        def reading(share: float) -> None:
+            on_progress(f"reading {path.name}", share)
+
+        series = read_series(bag, chosen.pairs, by_arrival=choices.by_arrival, on_progress=reading)
         for (topic, field), one in series.items():
             if one.rejected:
                 left_out[f"message of {topic} without numbers in {field}"] = one.rejected
@@ -187,11 +216,13 @@ def _convert(path: Path, folder: Path, choices: Choices, on_progress: Callable[[
                 left_out[f"episode {unfit}"] = left_out.get(f"episode {unfit}", 0) + 1
                 continue
             interval_ns = (episode.begin_ns, episode.end_ns)
-            found, missing = runs(chosen, series, interval_ns, choices.fps, choices.least_rows)
+            pictures_ns = None if pictures is None else pictures.times_ns
+            found, missing = runs(chosen, series, interval_ns, choices.fps, choices.least_rows, pictures_ns)
             for reason, count in missing.items():
                 left_out[f"row: {reason}"] = left_out.get(f"row: {reason}", 0) + count
             for run in found:
                 store_episode(_file(folder, len(made)), run.tables)
+                times.append(run.times_ns)
                 made.append(
                     EpisodeFacts(
                         bag=path.resolve().name,
@@ -204,6 +235,14 @@ def _convert(path: Path, folder: Path, choices: Choices, on_progress: Callable[[
                         sources=_sources(chosen, series),
                     )
                 )
+    if pictures is not None and made:
+        views = {IMAGES + camera: view for camera, view in EYES[choices.eyes].items()}
+        files = [video_files(_file(folder, number), views) for number in range(len(made))]
+        wanted = list(zip(times, files, strict=True))
+        told = write_videos(
+            pictures, wanted, views, choices.fps, lambda share: on_progress(f"pictures {path.name}", share)
+        )
+        made = [msgspec.structs.replace(facts, videos=one) for facts, one in zip(made, told, strict=True)]
     (folder / "bag.json").write_bytes(msgspec.json.encode(OneBag(episodes=tuple(made), left_out=left_out)))
 
 
@@ -248,5 +287,6 @@ def _provenance(choices: Choices, episodes: Sequence[StoredEpisode], built: Buil
         },
         "partly_covered": built.partly,
         "left_out": built.left_out,
+        "views": EYES[choices.eyes] if episodes[0].facts.videos else {},
         "episodes": [msgspec.to_builtins(episode.facts) for episode in episodes],
     }

@@ -15,6 +15,7 @@ import numpy.typing as npt
 from gateway.dataset.lerobot_reader import Dataset, EpisodeRead
 from gateway.dataset.series import Floats
 from gateway.dataset.stats import Stats, merged, of_table
+from gateway.dataset.video_check import VideoCheck
 
 __all__ = ["CheckedDataset", "DatasetFinding", "check_dataset"]
 
@@ -71,15 +72,20 @@ def check_dataset(dataset: Dataset, on_progress: Callable[[float], None] = lambd
     expected = max(1, int(dataset.info.get("total_episodes", 1)))
     tasks: dict[int, str] = {}
     used: set[str] = set()
+    videos = VideoCheck(dataset.features, dataset.fps)
     try:
         tasks = dataset.tasks()
         for episode in dataset.episodes():
             findings += _of_episode(dataset, episode, tasks, episodes, rows)
+            length = len(next(iter(episode.columns.values()), ()))
+            findings += [
+                _error(f"episode {episode.number}: {name}", text) for name, text in videos.faults(episode, length)
+            ]
             for name, column in episode.columns.items():
                 if len(column) and column.size == _size(dataset.features.get(name, {})) * len(column):
                     every.setdefault(name, []).append(of_table(column))
             used |= set(episode.tasks)
-            episodes, rows = episodes + 1, rows + len(next(iter(episode.columns.values()), ()))
+            episodes, rows = episodes + 1, rows + length
             on_progress(min(1.0, episodes / expected))
         findings += _of_totals(dataset.total_stats(), every)
     except Exception as error:  # noqa: BLE001  files of others: whatever a reader meets is the finding

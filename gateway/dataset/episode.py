@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
@@ -11,8 +12,9 @@ import numpy as np
 import numpy.typing as npt
 
 from gateway.dataset.stats import Stats, of_table
+from gateway.dataset.videos import VideoFacts
 
-__all__ = ["INTEGERS", "EpisodeFacts", "StoredEpisode", "load_episode", "numbered", "store_episode"]
+__all__ = ["INTEGERS", "EpisodeFacts", "StoredEpisode", "load_episode", "numbered", "store_episode", "video_files"]
 
 INTEGERS: Final = ("frame_index", "episode_index", "index", "task_index")
 
@@ -29,6 +31,7 @@ class EpisodeFacts(msgspec.Struct, frozen=True, kw_only=True):
         outcome: `success`, `failure`, or empty.
         covered: Per feature and part, the share of rows with a value, 0..1.
         sources: Per feature and part, the topic; empty where nothing of it was recorded.
+        videos: By camera; empty without pictures.
     """
 
     bag: str
@@ -39,6 +42,7 @@ class EpisodeFacts(msgspec.Struct, frozen=True, kw_only=True):
     outcome: str
     covered: dict[str, tuple[float, ...]]
     sources: dict[str, tuple[str, ...]]
+    videos: dict[str, VideoFacts] = {}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -47,6 +51,16 @@ class StoredEpisode:
 
     facts: EpisodeFacts
     file: Path
+
+    @property
+    def videos(self) -> dict[str, Path]:
+        """Each camera's file."""
+        return video_files(self.file, self.facts.videos)
+
+
+def video_files(file: Path, cameras: Iterable[str]) -> dict[str, Path]:
+    """Return where the videos of an episode are whose tables are in a file."""
+    return {camera: file.with_suffix(f".{camera}.mp4") for camera in cameras}
 
 
 def store_episode(file: Path, tables: dict[str, npt.NDArray[np.float32]]) -> None:

@@ -6,7 +6,8 @@ Both hold the same rows. v2.1 has a file for each episode, v3.0 many episodes in
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Mapping, Sequence
+import shutil
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final, Literal
 
@@ -15,6 +16,7 @@ import numpy.typing as npt
 
 from gateway.dataset.episode import INTEGERS, StoredEpisode, load_episode, numbered
 from gateway.dataset.layout import Layout
+from gateway.dataset.lerobot_videos import VIDEO_MB, JoinedVideo, video_feature
 from gateway.dataset.parquet import columns, pyarrow, write
 from gateway.dataset.stats import Stats, merged, quantiles
 
@@ -55,12 +57,13 @@ def write_dataset(
         on_progress: Called with the part that was written, 0..1.
     """
     tasks = list(dict.fromkeys(episode.facts.task for episode in episodes))
-    writer = _V21(folder) if version == "v2.1" else _V30(folder)
+    cameras = episodes[0].facts.videos
+    writer = _V21(folder) if version == "v2.1" else _V30(folder, cameras, fps)
     first = 0
     for number, episode in enumerate(episodes):
         task = tasks.index(episode.facts.task)
         whole, stats = numbered(load_episode(episode), fps, number, first, task)
-        writer.add(number, episode, whole, stats)
+        writer.add(number, episode, whole, stats | {name: one.as_stats for name, one in episode.facts.videos.items()})
         first += episode.facts.rows
         on_progress((number + 1) / len(episodes))
     writer.finish(tasks)
@@ -73,8 +76,8 @@ def write_dataset(
         "chunks_size": CHUNK,
         "fps": int(fps) if float(fps).is_integer() else fps,
         "splits": {"train": f"0:{len(episodes)}"},
-        **writer.info(len(episodes)),
-        "features": features_of(layout),
+        **writer.info(len(episodes), len(cameras)),
+        "features": features_of(layout) | {name: video_feature(one, fps) for name, one in cameras.items()},
     }
     _write_json(folder / "meta/info.json", info)
 
@@ -100,6 +103,10 @@ class _V21:
     def add(self, number: int, episode: StoredEpisode, whole: Columns, stats: Mapping[str, Stats]) -> None:
         path = V21_DATA.format(episode_chunk=number // CHUNK, episode_index=number)
         write(columns(whole), self._folder / path)
+        for name, video in episode.videos.items():
+            place = V21_VIDEO.format(episode_chunk=number // CHUNK, episode_index=number, video_key=name)
+            (self._folder / place).parent.mkdir(parents=True, exist_ok=True)
+            shutil.copyfile(video, self._folder / place)
         self._episodes.append({"episode_index": number, "tasks": [episode.facts.task], "length": episode.facts.rows})
         self._stats.append({"episode_index": number, "stats": _as_lists(stats)})
 
@@ -110,16 +117,22 @@ class _V21:
             path.parent.mkdir(parents=True, exist_ok=True)
             path.write_text("".join(json.dumps(row, ensure_ascii=False) + "\n" for row in rows), encoding="utf-8")
 
-    def info(self, episodes: int) -> dict[str, Any]:
+    def info(self, episodes: int, cameras: int) -> dict[str, Any]:
         chunks = -(-episodes // CHUNK)
-        return {"total_videos": 0, "total_chunks": chunks, "data_path": V21_DATA, "video_path": V21_VIDEO}
+        return {
+            "total_videos": episodes * cameras,
+            "total_chunks": chunks,
+            "data_path": V21_DATA,
+            "video_path": V21_VIDEO,
+        }
 
 
 class _V30:
     """Many episodes in a file of rows; what is known of episodes as a table."""
 
-    def __init__(self, folder: Path) -> None:
+    def __init__(self, folder: Path, cameras: Iterable[str], fps: float) -> None:
         self._folder = folder
+        self._videos = {name: JoinedVideo(folder, V30_VIDEO, name, CHUNK, fps) for name in cameras}
         self._waiting: list[Columns] = []
         self._size_bytes = 0
         self._file = 0
@@ -147,6 +160,11 @@ class _V30:
                 "dataset_from_index": first,
                 "dataset_to_index": first + episode.facts.rows,
                 **{
+                    f"videos/{name}/{what}": value
+                    for name, video in episode.videos.items()
+                    for what, value in self._videos[name].add(video, episode.facts.rows).items()
+                },
+                **{
                     f"stats/{name}/{what}": values.tolist()
                     for name, one in _with_quantiles(stats, {key: [table] for key, table in whole.items()}).items()
                     for what, values in one.items()
@@ -164,6 +182,8 @@ class _V30:
 
     def finish(self, tasks: Sequence[str]) -> None:
         self._close_file()
+        for video in self._videos.values():
+            video.close()
         pa = pyarrow()
         write(pa.Table.from_pylist(self._rows), self._folder / V30_EPISODES)
         table = pa.table({"task_index": pa.array(range(len(tasks)), pa.int64()), "task": list(tasks)})
@@ -171,11 +191,11 @@ class _V30:
         every = {name: merged([stats[name] for stats in self._stats]) for name in self._stats[0]}
         _write_json(self._folder / "meta/stats.json", _as_lists(_with_quantiles(every, self._all)))
 
-    def info(self, episodes: int) -> dict[str, Any]:
-        del episodes
+    def info(self, episodes: int, cameras: int) -> dict[str, Any]:
+        del episodes, cameras
         return {
             "data_files_size_in_mb": DATA_MB,
-            "video_files_size_in_mb": 200,
+            "video_files_size_in_mb": VIDEO_MB,
             "data_path": V30_DATA,
             "video_path": V30_VIDEO,
         }
@@ -184,7 +204,7 @@ class _V30:
 def _with_quantiles(
     stats: Mapping[str, Stats], tables: Mapping[str, Sequence[npt.NDArray[np.generic]]]
 ) -> dict[str, Stats]:
-    return {name: one | quantiles(tables[name]) for name, one in stats.items()}
+    return {name: one | quantiles(tables[name]) if name in tables else one for name, one in stats.items()}
 
 
 def _as_lists(stats: Mapping[str, Stats]) -> dict[str, dict[str, list[float] | list[int]]]:

@@ -30,6 +30,7 @@ class EpisodeRead:
         columns: Vectors, shape (n, dimensions), and numbers, shape (n,).
         types: Arrow's name of each column's type, such as `fixed_size_list<element: float>[72]`.
         stats: Per feature and statistic, as is written down.
+        videos: By feature, the file and where the episode begins in it [s].
     """
 
     number: int
@@ -38,6 +39,7 @@ class EpisodeRead:
     columns: dict[str, npt.NDArray[Any]]
     types: dict[str, str]
     stats: dict[str, dict[str, Floats]]
+    videos: dict[str, tuple[Path, float]]
 
 
 class Dataset:
@@ -67,6 +69,11 @@ class Dataset:
                 code=Code.BAD_REQUEST, message=message, field="dataset", value=self.version, bound=" or ".join(FORMATS)
             )
             raise to_exception(refusal)
+
+    @property
+    def cameras(self) -> list[str]:
+        """Features that are videos."""
+        return [name for name, feature in self.features.items() if feature["dtype"] == "video"]
 
     def tasks(self) -> dict[int, str]:
         """Return the tasks by their number.
@@ -106,8 +113,13 @@ class Dataset:
         stats = {row["episode_index"]: row["stats"] for row in self._lines("episodes_stats")}
         for row in self._lines("episodes"):
             number = row["episode_index"]
-            path = self.info["data_path"].format(episode_chunk=number // self.info["chunks_size"], episode_index=number)
-            yield self._episode(number, row["length"], row["tasks"], read(self.folder / path), stats.get(number, {}))
+            place = {"episode_chunk": number // self.info["chunks_size"], "episode_index": number}
+            table = read(self.folder / self.info["data_path"].format(**place))
+            videos = {
+                name: (self.folder / self.info["video_path"].format(**place, video_key=name), 0.0)
+                for name in self.cameras
+            }
+            yield self._episode(number, row["length"], row["tasks"], table, stats.get(number, {}), videos)
 
     def _episodes_v30(self) -> Iterator[EpisodeRead]:
         opened, table, begin = None, None, 0
@@ -123,7 +135,12 @@ class Dataset:
                     stats.setdefault(feature, {})[what] = value
             first = row["dataset_from_index"] - begin
             part = table.slice(first, row["dataset_to_index"] - row["dataset_from_index"])  # type: ignore[union-attr]
-            yield self._episode(row["episode_index"], row["length"], row["tasks"], part, stats)
+            videos = {}
+            for name in self.cameras:
+                place = row[f"videos/{name}/chunk_index"], row[f"videos/{name}/file_index"]
+                path = self.info["video_path"].format(video_key=name, chunk_index=place[0], file_index=place[1])
+                videos[name] = (self.folder / path, float(row[f"videos/{name}/from_timestamp"]))
+            yield self._episode(row["episode_index"], row["length"], row["tasks"], part, stats, videos)
 
     def _episode(
         self,
@@ -132,6 +149,7 @@ class Dataset:
         tasks: list[str],
         table: Any,  # noqa: ANN401
         stats: Mapping[str, Mapping[str, Any]],
+        videos: dict[str, tuple[Path, float]],
     ) -> EpisodeRead:
         return EpisodeRead(
             number=number,
@@ -140,6 +158,7 @@ class Dataset:
             columns={name: _array(table.column(name)) for name in table.column_names},
             types={field.name: str(field.type) for field in table.schema},
             stats=_as_stats(stats),
+            videos=videos,
         )
 
 

@@ -18,6 +18,7 @@ import numpy.typing as npt
 from gateway.dataset.layout import Feature, Layout, Part, Source
 from gateway.dataset.resample import Bools, resample
 from gateway.dataset.series import Floats, Instants, Series
+from gateway.dataset.videos import STALE_NS
 from gateway.errors import Code, Refusal, to_exception
 from gateway.robot.vector_layout import effort_of_command
 
@@ -82,6 +83,7 @@ def runs(
     interval_ns: tuple[int, int],
     fps: float,
     least_rows: int,
+    pictures_ns: Instants | None = None,
 ) -> tuple[list[Run], dict[str, int]]:
     """Return the rows of an episode.
 
@@ -91,6 +93,7 @@ def runs(
         interval_ns: Begin and end of the episode; the end is not part of it.
         fps: Rows per second.
         least_rows: Shorter runs are left out.
+        pictures_ns: When pictures arrived, ascending, each row needs one; None where there are none.
 
     Returns:
         Runs, in order; and how many rows were left out, by reason.
@@ -114,6 +117,9 @@ def runs(
                 topic = source[0] if source else part.names[0]
                 missing[topic] = missing.get(topic, np.zeros(count, dtype=np.bool_)) | ~ok
         tables[feature.name] = np.concatenate(columns, axis=1).astype(np.float32)
+    if pictures_ns is not None:
+        seen = Series(times_ns=pictures_ns, values=np.zeros((len(pictures_ns), 1)))
+        missing["the cameras"] = ~resample(seen, times_ns, "hold", STALE_NS)[1]
     usable = ~np.any(np.stack(list(missing.values())), axis=0) if missing else np.ones(count, dtype=np.bool_)
     left_out = _reasons(missing, usable)
     found = []

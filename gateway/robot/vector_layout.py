@@ -9,7 +9,7 @@ from __future__ import annotations
 from gateway.robot.limits import GRIPPER_CLOSE_NM, GRIPPER_OPEN_NM, GRIPPER_RELAXED
 from gateway.values import Side
 
-__all__ = ["STATE_NAMES", "STATE_WIDTHS", "command_of_effort", "effort_of_command"]
+__all__ = ["EYES", "STATE_NAMES", "STATE_WIDTHS", "command_of_effort", "effort_of_command"]
 
 
 def _names() -> tuple[str, ...]:
@@ -31,6 +31,21 @@ STATE_NAMES: tuple[str, ...] = _names()
 
 STATE_WIDTHS: tuple[int, ...] = (48, 62, 72)
 """Widths in use: each is a prefix of the next."""
+
+
+EYES: dict[str, dict[str, str]] = {
+    "vendor_openpi": {
+        "head_camera": "head_left_eye",
+        "left_color": "left_wrist_right_eye",
+        "right_color": "right_wrist_left_eye",
+    },
+    "left_eyes": {
+        "head_camera": "head_left_eye",
+        "left_color": "left_wrist_left_eye",
+        "right_color": "right_wrist_left_eye",
+    },
+}
+"""Which view of the composite (§5.2) each camera of a dataset is: of the wrists the inner eyes, or the left ones."""
 
 
 def effort_of_command(c: float) -> float:

@@ -86,9 +86,9 @@ def test_what_is_broken_off_goes_on_where_it_was_and_ends_the_same(tmp_path, mon
     build(bags, tmp_path / "whole", choices())
     read, convert = [], module._convert
 
-    def breaking(path, folder, chosen, on_progress):
+    def breaking(path, video, folder, chosen, on_progress):
         read.append(path.name)
-        convert(path, folder, chosen, on_progress)
+        convert(path, video, folder, chosen, on_progress)
         if read == ["a", "b"]:
             (folder / "bag.json").unlink()
             raise KeyboardInterrupt

@@ -14,6 +14,7 @@ MOST_FPS = 200.0
 """The robot's states come that often [Hz] (manual §4.1.1)."""
 DIMS = ("48", "62", "72")
 FORMATS = ("v2.1", "v3.0")
+EYES = ("vendor_openpi", "left_eyes")
 
 
 def _fps(text: str) -> float:
@@ -50,6 +51,20 @@ def add_dataset(commands: Any, add: AddCommand) -> None:  # noqa: ANN401  argpar
     layout.add_argument("--dims", choices=DIMS, default="72", help="of the maker's vector (default 72)")
     layout.add_argument(
         "--layout", type=Path, metavar="FILE", help="own vectors, in TOML: see the docs, Build a dataset"
+    )
+    build.add_argument(
+        "--video",
+        action="append",
+        default=[],
+        type=Path,
+        metavar="FILE",
+        help="of `ta2 video record`, one for each bag (default: the one in the bag's folder, if any)",
+    )
+    build.add_argument(
+        "--eyes",
+        choices=EYES,
+        default=EYES[0],
+        help="which views the cameras are: see the docs (default vendor_openpi)",
     )
     build.add_argument(
         "--least-rows", type=_rows, default=30, metavar="N", help="leave out shorter episodes (default 30)"

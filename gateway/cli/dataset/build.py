@@ -34,9 +34,16 @@ def _build(options: Namespace) -> ExitStatus:
         success_only=options.success_only,
         least_rows=options.least_rows,
         by_arrival=options.by_arrival,
+        eyes=options.eyes,
     )
     with teller() as tell:
-        built = build(options.bags, options.out, choices, lambda what, share: tell.advance(what, share, f"{share:.0%}"))
+        built = build(
+            options.bags,
+            options.out,
+            choices,
+            lambda what, share: tell.advance(what, share, f"{share:.0%}"),
+            options.video,
+        )
     if options.json:
         print(json.dumps(asdict(built) | {"ok": True, "folder": str(built.folder)}, ensure_ascii=False))
     else:

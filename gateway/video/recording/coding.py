@@ -33,11 +33,13 @@ class Coding:
         codec: `h264`, which everything plays, or `h265`.
         is_all_intra: Whether each picture stands alone: several times the size, and any of them is found at once.
         is_live: Whether it has to keep up with a camera.
+        gop: Every so manieth picture stands alone; 0 leaves that to the encoder.
     """
 
     codec: str = "h264"
     is_all_intra: bool = False
     is_live: bool = False
+    gop: int = 0
 
     def __post_init__(self) -> None:
         """Refuse a codec that there is not."""
@@ -58,8 +60,8 @@ class Coding:
             "crf": str(LIVE_QUALITY if self.is_live else QUALITY),
             "bf": "0",
         }
-        if self.is_all_intra:
-            options["g"] = "1"
+        if self.is_all_intra or self.gop:
+            options["g"] = "1" if self.is_all_intra else str(self.gop)
         if self.codec == "h265":
             options["x265-params"] = f"log-level=none:info=0:pools={os.cpu_count() or 1}:frame-threads=1"
         return options

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import json
 import threading
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Generator, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -27,7 +27,7 @@ from gateway.video.recording.growing import Growing
 from gateway.video.recording.index import index_path, read_index
 from gateway.video.recording.view_files import ViewFiles, view_paths
 
-__all__ = ["DAMAGED", "Damaged", "Split", "Splitter", "split_folder"]
+__all__ = ["DAMAGED", "Damaged", "Split", "Splitter", "decoded_pictures", "split_folder"]
 
 DAMAGED = "damaged.json"
 """Beside the views: which of their pictures are damaged."""
@@ -138,7 +138,7 @@ class Splitter:
         files = ViewFiles(self._paths, self._coding, self._prepare)
         try:
             try:
-                for picture, pts in self._decoded():
+                for picture, pts in decoded_pictures(self._recording, self._end.is_set):
                     if files.write(picture, pts):
                         self._written.append(pts)
                     else:
@@ -156,17 +156,6 @@ class Splitter:
         split = self._outcome()
         (self._folder / DAMAGED).write_text(json.dumps(asdict(split), indent=1, default=str) + "\n")
         return split
-
-    def _decoded(self) -> Iterator[tuple[av.VideoFrame, int]]:
-        file = Growing(self._recording, self._end.is_set)
-        try:
-            with av.open(file, "r") as container, _flushed(container) as stream:
-                for packet in _readable(container.demux(stream)):
-                    for picture in _decodable(stream, packet):
-                        if picture.pts is not None and picture.time_base is not None:
-                            yield picture, ticks_of(picture.pts, picture.time_base)
-        finally:
-            file.close()
 
     def _outcome(self) -> Split:
         try:
@@ -194,6 +183,29 @@ class Splitter:
             damaged=damaged,
             is_whole=not self._end.is_set(),
         )
+
+
+def decoded_pictures(
+    recording: Path, is_cancelled: Callable[[], bool] = lambda: False
+) -> Generator[tuple[av.VideoFrame, int], None, None]:
+    """Yield what can be decoded of a recording, each with where it stands [ticks of CLOCK_HZ]; one that grows to its end.
+
+    Args:
+        recording: Its file.
+        is_cancelled: Whether to end before it has ended.
+
+    Raises:
+        OSError, av.FFmpegError: It cannot be read.
+    """
+    file = Growing(recording, is_cancelled)
+    try:
+        with av.open(file, "r") as container, _flushed(container) as stream:
+            for packet in _readable(container.demux(stream)):
+                for picture in _decodable(stream, packet):
+                    if picture.pts is not None and picture.time_base is not None:
+                        yield picture, ticks_of(picture.pts, picture.time_base)
+    finally:
+        file.close()
 
 
 @contextmanager
