@@ -380,6 +380,10 @@ CODES: dict[Code, CodeInfo] = {
         error=GatewayTimeout, hint="look at the state (`ta2 status`), then wait longer", retryable=True
     ),
     Code.OUTCOME_UNKNOWN: CodeInfo(error=OutcomeUnknown, hint="look at the state before repeating the command"),
+    Code.POLICY_FAILED: CodeInfo(
+        error=Aborted,
+        hint="see the policy server's log: an observation map or prompt that it does not know, most often",
+    ),
     Code.INTERNAL: CodeInfo(error=InternalError, hint="report the message: this is a bug of the gateway"),
 }
 """Every code that can reach a caller. Codes that are only notices (no request can fail with them) are not here."""

@@ -385,6 +385,7 @@ COMMANDS: Mapping[str, Callable[[Namespace], int]] = {
     "video": _carried_out_by("gateway.cli.cameras.commands"),
     "record": _carried_out_by("gateway.cli.recording.record"),
     "bag": _carried_out_by("gateway.cli.recording.bag"),
+    "policy": _carried_out_by("gateway.cli.policy.run"),
     "example": _example,
     "demo": _demo,
     "completion": _completion,
