@@ -13,7 +13,7 @@ import time
 from collections import deque
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
-from typing import Any, Protocol
+from typing import Any, Literal, Protocol
 
 from gateway.client import MotionHandle
 from gateway.errors import (
@@ -68,14 +68,14 @@ class Plan:
         horizon: Steps of a chunk that are played before the next one should be there; 0 for half of it.
         smoothing_s: Jitter is averaged over so much time on each side of a step [s].
         patience_s: How long lost servers and refused chunks are borne [s].
-        approaches: Whether the arms are moved to a first step that is far away.
+        far: What is done about a first step that is far away: `refuse`, `approach` it first, or `follow` it all the same.
     """
 
     seconds: float | None
     horizon: int
     smoothing_s: float
     patience_s: float
-    approaches: bool
+    far: Literal["refuse", "approach", "follow"]
 
 
 @dataclass(slots=True)
@@ -222,12 +222,12 @@ class Runner:
         figures.recent_s.append(answer.delay_ns / 1e9)
         figures.worst_s = max(figures.worst_s, answer.delay_ns / 1e9)
         try:
-            if self._chunk is None:
+            if self._chunk is None and self._plan.far != "follow":
                 require_near(answer, now_ns)
         except Rejected as far:
-            if not self._plan.approaches:
+            if self._plan.far == "refuse":
                 raise
-            self._plan = replace(self._plan, approaches=False)
+            self._plan = replace(self._plan, far="refuse")
             self._say(f"{far.message}: moved there first")
             row = chunk.row(now_ns)
             self._hands.approach({side: joints[row] for side, joints in chunk.arms.items()})

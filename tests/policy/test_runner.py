@@ -28,7 +28,7 @@ from tests.client.robot_world import RobotWorld
 
 HZ = 30.0
 PERIOD_NS = round(1e9 / HZ)
-PLAN = Plan(seconds=3.0, horizon=0, smoothing_s=0.1, patience_s=1.0, approaches=False)
+PLAN = Plan(seconds=3.0, horizon=0, smoothing_s=0.1, patience_s=1.0, far="refuse")
 
 
 def failure(code, field="server"):
@@ -225,7 +225,7 @@ def test_a_policy_that_begins_far_away_is_refused_with_the_joint(played):
 
 def test_with_approach_the_arms_are_moved_there_first(played):
     """By a motion of its own, and the policy is asked anew from there; said once."""
-    policy, figures, said, shown, error = played(replace(PLAN, approaches=True, seconds=6.0), off_rad=0.2, rate=0.0)
+    policy, figures, said, shown, error = played(replace(PLAN, far="approach", seconds=6.0), off_rad=0.2, rate=0.0)
     assert error is None and figures.chunks > 3 and "moved there first" in said[0] and len(said) == 1
     assert shown[-1][3] == pytest.approx(policy.start["left"][3] + 0.2, abs=0.01)
 

@@ -99,7 +99,7 @@ class _Judge:
         return None
 
     def approach(self, joints: Mapping[str, Any]) -> None:
-        self.tell.say("--approach would move there first")
+        pass
 
     def grip(self, side: str, command: float) -> None:
         pass
@@ -146,7 +146,7 @@ def _play(options: Namespace, robot: Robot, asking: Asking, facts: dict[str, Any
         horizon=options.horizon,
         smoothing_s=options.smoothing,
         patience_s=options.patience,
-        approaches=options.approach or options.dry,
+        far="follow" if options.dry else "approach" if options.approach else "refuse",
     )
     error: GatewayError | None = None
     figures, judged, began_s = Figures(), dict[str, Any](), time.monotonic()
