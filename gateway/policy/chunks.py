@@ -16,10 +16,11 @@ from gateway.errors import Code, GatewayError, Refusal, to_exception
 from gateway.policy.policy_map import COLUMNS, Actions
 from gateway.robot.vector_layout import command_of_effort
 
-__all__ = ["MIN_STEPS", "Chunk", "chunk_of", "retry_after_ns"]
+__all__ = ["MIN_STEPS", "Chunk", "chunk_of", "refused", "retry_after_ns"]
 
 MIN_STEPS = 2
 """Fewer steps make no motion."""
+ANOTHER = "ask a server whose policy fits this robot and --map; nothing of this answer was sent"
 MAX_STEPS = 450
 """The gateway takes no more in one request."""
 
@@ -89,26 +90,25 @@ def chunk_of(answer: Mapping[Any, Any], layout: Actions, observed_ns: int, perio
     Raises:
         Rejected: WRONG_SHAPE or NOT_FINITE, with value and bound.
     """
-    key, wanted = layout.key, f"(H, {layout.width}), H from {MIN_STEPS} to {MAX_STEPS}"
+    key, its = layout.key, f"the policy server's {layout.key}"
+    wanted = f"(H, {layout.width}), H from {MIN_STEPS} to {MAX_STEPS}"
     if key not in answer:
-        raise _wrong(Code.WRONG_SHAPE, f"has no {key!r}, only {sorted(map(str, answer))}", "", key)
+        message = f"the policy server's answer has no {key!r}, only {sorted(map(str, answer))}"
+        raise refused(Code.WRONG_SHAPE, message, bound=key)
     try:
         actions = np.asarray(answer[key])
     except ValueError:  # rows of different lengths
-        raise _wrong(Code.WRONG_SHAPE, f"has {key} that are no table of numbers", "", wanted) from None
+        raise refused(Code.WRONG_SHAPE, f"{its} are no table of numbers, {wanted} is needed", bound=wanted) from None
+    shape, kind = str(actions.shape), str(actions.dtype)
     if actions.ndim != 2 or actions.shape[1] != layout.width or not MIN_STEPS <= len(actions) <= MAX_STEPS:
-        raise _wrong(
-            Code.WRONG_SHAPE, f"has {key} of shape {actions.shape}, {wanted} is needed", f"{actions.shape}", wanted
-        )
+        raise refused(Code.WRONG_SHAPE, f"{its} have shape {shape}, {wanted} is needed", shape, wanted)
     if actions.dtype.kind not in "iuf":
-        raise _wrong(
-            Code.WRONG_SHAPE, f"has {key} of {actions.dtype}, numbers are needed", f"{actions.dtype}", "float32"
-        )
+        raise refused(Code.WRONG_SHAPE, f"{its} are of {kind}, numbers are needed", kind, "float32")
     rows = actions.astype(np.float64)
     if not np.isfinite(rows).all():
         step, place = map(int, np.argwhere(~np.isfinite(rows))[0])
-        value = f"{rows[step, place]}"
-        raise _wrong(Code.NOT_FINITE, f"has {value} in step {step}, column {place} of {key}", value, "finite numbers")
+        value = str(rows[step, place])
+        raise refused(Code.NOT_FINITE, f"{its} have {value} in step {step}, column {place}", value, "finite numbers")
     arms, grips, begin = dict[str, NDArray[np.float64]](), dict[str, NDArray[np.float64]](), 0
     for column in layout.columns:
         side, _, part = column.partition("_")
@@ -128,7 +128,8 @@ def retry_after_ns(failures: int) -> int:
     return min(2_000_000_000, 100_000_000 << min(max(failures - 1, 0), 8))
 
 
-def _wrong(code: Code, message: str, value: str, bound: str) -> GatewayError:
-    hint = "ask a server whose policy fits this robot and --map; nothing of this answer was sent"
-    text = f"the policy server's answer {message}"
-    return to_exception(Refusal(code=code, message=text, field="actions", value=value, bound=bound, hint=hint))
+def refused(
+    code: Code, message: str, value: str = "", bound: str = "", *, field: str = "actions", hint: str = ANOTHER
+) -> GatewayError:
+    """Return why a chunk is not played."""
+    return to_exception(Refusal(code=code, message=message, field=field, value=value, bound=bound, hint=hint))

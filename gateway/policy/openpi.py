@@ -168,7 +168,9 @@ class PolicyServer:
             ) from None
         except (OSError, EOFError, self._errors.WebSocketException) as error:
             raise self._gone(str(error) or type(error).__name__) from None
-        until_s = struct.pack("ll", int(self._answer_s) + 1, 0)  # a server that stands still takes no large frame
+        until_s = struct.pack(
+            "ll", *divmod(round(self._answer_s * 1e6), 1_000_000)
+        )  # one that stands still takes no picture
         self._connection.socket.setsockopt(socket.SOL_SOCKET, socket.SO_SNDTIMEO, until_s)
         self._has_answered = False
         self.metadata = self._received(self._connect_s, "metadata")

@@ -16,19 +16,9 @@ from dataclasses import dataclass, field, replace
 from typing import Any, Literal, Protocol
 
 from gateway.client import MotionHandle
-from gateway.errors import (
-    Aborted,
-    Code,
-    Disconnected,
-    GatewayError,
-    GatewayTimeout,
-    Refusal,
-    Rejected,
-    Stale,
-    to_exception,
-)
+from gateway.errors import Aborted, Code, Disconnected, GatewayError, GatewayTimeout, Rejected, Stale
 from gateway.policy.asking import Answer, Asking
-from gateway.policy.chunks import Chunk, retry_after_ns
+from gateway.policy.chunks import Chunk, refused, retry_after_ns
 
 __all__ = ["JUMP_RAD", "Figures", "Hands", "Plan", "Runner", "require_near"]
 
@@ -123,18 +113,8 @@ def require_near(answer: Answer, now_ns: int) -> None:
             f"the policy begins {gap_rad:.3f} rad from the {side} arm's joint {joint}; {JUMP_RAD} rad is the bound"
         )
         hint = "bring the arms to where its demonstrations begin, or let it: --approach"
-        place, value = f"{side}_arm[{joint - 1}]", f"{gap_rad:.4g}"
-        raise to_exception(
-            Refusal(
-                code=Code.JUMP_TOO_FAR,
-                message=message,
-                field=place,
-                value=value,
-                bound=f"{JUMP_RAD}",
-                unit="rad",
-                hint=hint,
-            )
-        )
+        place = f"{side}_arm[{joint - 1}]"
+        raise refused(Code.JUMP_TOO_FAR, message, f"{gap_rad:.4g}", f"{JUMP_RAD}", field=place, hint=hint)
 
 
 class Runner:
@@ -159,14 +139,8 @@ class Runner:
         now_ns: Callable[[], int] = time.monotonic_ns,
     ) -> None:
         self.figures = Figures()
-        self._asking, self._hands, self._plan, self._say, self._show, self._now_ns = (
-            asking,
-            hands,
-            plan,
-            say,
-            show,
-            now_ns,
-        )
+        self._asking, self._hands, self._plan = asking, hands, plan
+        self._say, self._show, self._now_ns = say, show, now_ns
         self._chunk: Chunk | None = None
         self._motion: MotionHandle | None = None
         self._plays = False
@@ -219,6 +193,7 @@ class Runner:
 
     def _take(self, answer: Answer, now_ns: int) -> None:
         chunk, figures = answer.chunk, self.figures
+        late_s = (now_ns - chunk.observed_ns) / 1e9
         figures.recent_s.append(answer.delay_ns / 1e9)
         figures.worst_s = max(figures.worst_s, answer.delay_ns / 1e9)
         try:
@@ -234,21 +209,16 @@ class Runner:
             return
         try:
             if chunk.is_over(now_ns):
-                passed_s = (now_ns - chunk.observed_ns) / 1e9
-                message = (
-                    f"the policy's {chunk.steps} steps had passed when they came, {passed_s:.2f} s after it looked"
-                )
-                hint = "ask a faster server, or one with longer chunks"
-                raise to_exception(Refusal(code=Code.TOO_LATE, message=message, field="actions", hint=hint))
-            smoothing_s = chunk.smoothing_s(self._plan.smoothing_s)
-            motion = self._hands.follow(chunk, (now_ns - chunk.observed_ns) / 1e9, smoothing_s)
-        except Rejected as refused:
-            if refused.code not in BORNE:
+                message = f"the policy's {chunk.steps} steps had passed when they came, {late_s:.2f} s after it looked"
+                raise refused(Code.TOO_LATE, message, hint="ask a faster server, or one with longer chunks")
+            motion = self._hands.follow(chunk, late_s, chunk.smoothing_s(self._plan.smoothing_s))
+        except Rejected as error:
+            if error.code not in BORNE:
                 raise
             figures.refused += 1
             figures.steps_dropped += chunk.steps
-            too_fast = refused.code is Code.TOO_FAST
-            self._bear(type(refused)(replace(refused.refusal, hint=SLOWER)) if too_fast else refused, now_ns)
+            too_fast = error.code is Code.TOO_FAST
+            self._bear(Rejected(replace(error.refusal, hint=SLOWER)) if too_fast else error, now_ns)
             return
         if self._trouble is not None:
             self._say("the policy plays again")
@@ -258,11 +228,10 @@ class Runner:
         figures.steps_dropped += chunk.passed(now_ns) if motion is None else motion.skipped
 
     def _bear_loss(self, error: GatewayError, now_ns: int) -> None:
-        if not (
-            isinstance(error, Stale) or (isinstance(error, (Disconnected, GatewayTimeout)) and error.field == "server")
-        ):
+        is_lost = isinstance(error, (Disconnected, GatewayTimeout)) and error.field == "server"
+        if not (is_lost or isinstance(error, Stale)):
             raise error
-        self.figures.lost += not isinstance(error, Stale) and self._failures == 0
+        self.figures.lost += is_lost and self._failures == 0
         self._bear(error, now_ns)
 
     def _bear(self, error: GatewayError, now_ns: int) -> None:

@@ -52,7 +52,7 @@ def test_a_gripper_may_be_told_its_command_itself() -> None:
         ({"actions": np.zeros((451, 16))}, Code.WRONG_SHAPE, "shape (451, 16)"),
         ({"actions": "none"}, Code.WRONG_SHAPE, "shape ()"),
         ({"actions": [[1.0], [1.0, 2.0]]}, Code.WRONG_SHAPE, "no table of numbers"),
-        ({"actions": np.zeros((2, 16), bool)}, Code.WRONG_SHAPE, "actions of bool"),
+        ({"actions": np.zeros((2, 16), bool)}, Code.WRONG_SHAPE, "actions are of bool"),
         ({"actions": [["a"] * 16] * 2}, Code.WRONG_SHAPE, "numbers are needed"),
         ({"actions": np.where(np.arange(32).reshape(2, 16) == 19, np.nan, 0.0)}, Code.NOT_FINITE, "step 1, column 3"),
         ({"actions": np.full((2, 16), np.inf)}, Code.NOT_FINITE, "inf in step 0, column 0"),

@@ -10,6 +10,7 @@ from typing import Any
 import msgpack
 import numpy as np
 import pytest
+from websockets.server import ServerProtocol
 
 from gateway.errors import Aborted, Code, Disconnected, GatewayTimeout, Rejected
 from gateway.policy.openpi import PolicyServer, decoded, encoded
@@ -126,6 +127,34 @@ def test_a_silent_server_is_not_waited_for_for_ever(served) -> None:
     finally:
         release.set()
     assert caught.value.field == "server" and not asker.is_connected
+
+
+def test_a_server_that_stands_still_is_not_sent_to_for_ever() -> None:
+    """It reads nothing: a large observation does not fit into what the kernel holds for it."""
+    with socket.create_server(("127.0.0.1", 0)) as listener:
+        held: list[socket.socket] = []
+
+        def accept() -> None:
+            near, _ = listener.accept()
+            held.append(near)
+            protocol = ServerProtocol()
+            while not protocol.events_received():
+                protocol.receive_data(near.recv(4096))
+                for request in protocol.events_received():
+                    protocol.send_response(protocol.accept(request))
+                    protocol.send_binary(packed({}))
+                    near.sendall(b"".join(protocol.data_to_send()))
+                    return
+
+        thread = threading.Thread(target=accept)
+        thread.start()
+        asker = PolicyServer(f"ws://127.0.0.1:{listener.getsockname()[1]}", answer_s=0.1)
+        asker.connect()
+        thread.join(10.0)
+        with pytest.raises(Disconnected):
+            asker.ask({"picture": np.zeros((4000, 4000), np.uint8)})
+        asker.close()
+        held[0].close()
 
 
 def test_whoever_listens_and_says_nothing_is_no_server() -> None:

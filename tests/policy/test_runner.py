@@ -9,6 +9,7 @@ import pytest
 
 from gateway.cli.policy.run import _Owner
 from gateway.client import connect
+from gateway.core.motion import chunk
 from gateway.errors import (
     Aborted,
     Code,
@@ -21,9 +22,9 @@ from gateway.errors import (
     to_exception,
 )
 from gateway.policy.asking import Answer
-from gateway.policy.chunks import Chunk
+from gateway.policy.chunks import MAX_STEPS, MIN_STEPS, Chunk
 from gateway.policy.observing import Observation
-from gateway.policy.runner import Plan, Runner
+from gateway.policy.runner import JUMP_RAD, Plan, Runner
 from tests.client.robot_world import RobotWorld
 
 HZ = 30.0
@@ -62,10 +63,10 @@ class Policy:
             away[::2] += self.jitter_rad
             arms = {side: q + (away if side == "left" else -away) * np.eye(7)[3] for side, q in self.start.items()}
             grips = {side: np.full(self.steps, self.grip) for side in arms}
-            chunk = Chunk(arms=arms, grips=grips, observed_ns=now_ns, period_ns=PERIOD_NS)
+            found = Chunk(arms=arms, grips=grips, observed_ns=now_ns, period_ns=PERIOD_NS)
             measured = {side: np.array(self.robot.state.arm(side).q) for side in arms}
             seen = Observation(values={}, observed_ns=now_ns, measured=measured, uncovered=())
-            answer = Answer(chunk=chunk, observation=seen, delay_ns=round(delay_s * 1e9))
+            answer = Answer(chunk=found, observation=seen, delay_ns=round(delay_s * 1e9))
         self.due = (now_ns + round(delay_s * 1e9), answer)
 
     def answer(self, timeout_s):
@@ -249,6 +250,11 @@ def test_what_the_gateway_refuses_for_its_state_is_shown_as_it_says_it(played, w
     with connect(transport=world.transport(), name="other") as other:
         _, figures, _, _, error = played(on_tick=stop)
     assert isinstance(error, (Aborted, NotReady)) and figures.chunks >= 2
+
+
+def test_the_bounds_are_the_gateways_own():
+    """Said twice, because whoever plays a policy does not know the control core."""
+    assert JUMP_RAD == chunk.JUMP_RAD and MAX_STEPS == chunk.MAX_POINTS and MIN_STEPS == chunk.MIN_POINTS
 
 
 def test_a_server_that_times_out_is_lost_too(played):

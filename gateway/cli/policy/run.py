@@ -9,8 +9,8 @@ import json
 import sys
 import time
 from argparse import Namespace
-from collections.abc import Mapping
-from contextlib import ExitStack
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
@@ -18,10 +18,10 @@ from typing import Any
 from gateway.cli.terminal.asking import confirmed
 from gateway.cli.terminal.connection import connected
 from gateway.cli.terminal.ending import ExitStatus, line_of, status_of
-from gateway.cli.terminal.owning import held_text, is_held, owned
+from gateway.cli.terminal.owning import HELD, held_text, is_held, owned
 from gateway.cli.terminal.progress import Teller, teller
 from gateway.client import Control, MotionHandle, Robot
-from gateway.errors import Code, GatewayError, Refusal, Rejected, to_exception
+from gateway.errors import Code, GatewayError, Refusal, Refused, Rejected, to_exception
 from gateway.policy.asking import Answer, Asking
 from gateway.policy.chunks import Chunk
 from gateway.policy.observing import Observer
@@ -157,8 +157,10 @@ def _play(options: Namespace, robot: Robot, asking: Asking, facts: dict[str, Any
                 hands: Hands = judge
                 judged = judge.facts
             else:
+                was_held = robot.state.state in HELD
                 own = stack.enter_context(owned(robot, tell, take=options.take, is_left_held=options.hold))
                 tell.advance("enable", None, "waiting for READY")
+                stack.enter_context(_undone(own, was_held, lambda: figures.chunks > 0))
                 own.enable(timeout=ENABLE_S)
                 hands = _Owner(own)
             runner = Runner(asking, hands, plan, tell.say, lambda share, text: tell.advance("policy", share, text))
@@ -176,6 +178,18 @@ def _play(options: Namespace, robot: Robot, asking: Asking, facts: dict[str, Any
         if is_held(robot):
             print(held_text(robot, "policy run"), file=sys.stderr)
     return ExitStatus.OK if error is None else status_of(error)
+
+
+@contextmanager
+def _undone(own: Control, was_held: bool, has_moved: Callable[[], bool]) -> Iterator[None]:
+    """Undo what this command began when it was refused before anything moved; what another one left held stays so."""
+    try:
+        yield
+    except Refused:
+        if not (was_held or has_moved()):
+            with suppress(GatewayError):
+                own.release()
+        raise
 
 
 def _ranges(judged: Mapping[str, Any]) -> dict[str, Any]:

@@ -120,3 +120,11 @@ def test_dry_tells_what_the_gateway_would_refuse(robot, tmp_path, served):
     )
     assert told.status == 0 and told.json["would_refuse"] == told.json["chunks"] and told.json["over_speed"] >= 1
     assert "the gateway would refuse it: TOO_FAST: left arm point" in told.err
+
+
+def test_what_the_gateway_refuses_is_shown_and_the_lease_given_back(robot, tmp_path, served):
+    """With the gateway's own words; nothing was begun, so nothing is left held."""
+    assert robot.run("estop").status == 0
+    ended = run(robot, tmp_path, served(still(robot)), "--json", "--seconds", "1")
+    assert ended.status == 1 and ended.json["error"]["code"] == "LATCHED" and ended.json["chunks"] == 0
+    assert "`ta2 recover`" in ended.err and not robot.world.pair.see().lease.owned
