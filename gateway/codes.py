@@ -130,6 +130,7 @@ class Code(str, Enum):
     DISCONNECTED = "DISCONNECTED"
     TIMEOUT = "TIMEOUT"
     OUTCOME_UNKNOWN = "OUTCOME_UNKNOWN"
+    POLICY_FAILED = "POLICY_FAILED"
     INTERNAL = "INTERNAL"
 
     def __str__(self) -> str:

@@ -386,6 +386,7 @@ COMMANDS: Mapping[str, Callable[[Namespace], int]] = {
     "record": _carried_out_by("gateway.cli.recording.record"),
     "bag": _carried_out_by("gateway.cli.recording.bag"),
     "dataset": _carried_out_by("gateway.cli.dataset.build"),
+    "policy": _carried_out_by("gateway.cli.policy.run"),
     "example": _example,
     "demo": _demo,
     "completion": _completion,

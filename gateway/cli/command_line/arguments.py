@@ -20,6 +20,7 @@ from gateway.cli.command_line.ground_arguments import add_ground, take_velocity
 from gateway.cli.command_line.identify_arguments import add_identify
 from gateway.cli.command_line.model_arguments import add_model
 from gateway.cli.command_line.numbers import above_zero, factor, seconds
+from gateway.cli.command_line.policy_arguments import add_policy
 from gateway.cli.command_line.record_arguments import add_bag, complete_record
 from gateway.cli.command_line.robot_arguments import MODELS, ROBOT_PORT, SIM_ENDPOINT, add_robot, endpoint, namespace
 from gateway.cli.command_line.sim_arguments import add_camera, add_clock, add_physics
@@ -136,6 +137,9 @@ def _parsers() -> tuple[argparse.ArgumentParser, Mapping[str, argparse.ArgumentP
     add_ground(commands, _client_command)
     add_video(commands, _command)
     _add_recording(commands)
+    policy = _command(commands, "policy", "let a policy drive the arms")
+    verbs = policy.add_subparsers(title="what to do", dest="verb", metavar="VERB", required=True)
+    add_policy(verbs, _client_command)
     add_frames(commands, _client_command)
     add_identify(commands, _client_command)
     _add_example(commands)

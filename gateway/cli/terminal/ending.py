@@ -67,10 +67,10 @@ STATUS_HELP = """exit status:
   0    done
   1    refused, or the motion did not reach its goal; nothing moves, or the arms are held
   2    the command line or a file is wrong
-  3    no gateway (or no robot) answers there
+  3    no gateway (or no robot, or no policy server) answers there
   4    timeout, or the reply was lost: look at `ta2 status` before you repeat it
   5    client and gateway do not understand each other, or a bug
-  130  Ctrl-C: `home`, `move` and `follow` leave the robot held (SIGTERM 143, SIGHUP 129)
+  130  Ctrl-C: `home`, `move`, `follow` and `policy run` leave the robot held (SIGTERM 143, SIGHUP 129)
 """
 
 SHELL_WORDS = {

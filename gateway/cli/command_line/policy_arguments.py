@@ -1,0 +1,88 @@
+"""Arguments of `ta2 policy run`."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable
+from typing import Any
+
+from gateway.cli.command_line.numbers import above_zero, between, integer, seconds
+
+__all__ = ["add_policy"]
+
+MORE = (
+    "Asks for the next action chunk while the last one plays. Ctrl-C leaves the arms held. --dry asks and judges, and sends "
+    "nothing. With cameras, also: pip install 'teleavatar-gateway[policy,video]'."
+)
+
+
+def add_policy(verbs: Any, add: Callable[..., argparse.ArgumentParser]) -> None:  # noqa: ANN401  argparse's private class
+    """Add `run`."""
+    run = add(
+        verbs,
+        "run",
+        "play a policy from its openpi server",
+        MORE,
+        timeout_of="longest wait for the gateway, and an answer",
+    )
+    run.add_argument("--server", required=True, metavar="URL", help="of the policy: ws://HOST:PORT")
+    run.add_argument("--api-key-file", metavar="FILE", help="with the key that the server asks for")
+    run.add_argument("--prompt", default="", metavar="TEXT", help="the task, in words")
+    run.add_argument(
+        "--map",
+        default="vendor_openpi",
+        metavar="FILE",
+        help="what the policy is shown and says: vendor_openpi, left_eyes, or a file like them (default %(default)s)",
+    )
+    run.add_argument(
+        "--resize", type=_pixels, metavar="N", help="make pictures N x N, with bars (default: as in --map)"
+    )
+    run.add_argument("--seconds", type=seconds, metavar="S", help="how long [s] (default: until Ctrl-C)")
+    run.add_argument("--hz", type=_hz, metavar="HZ", help="steps a second (default: as the server says, else 30)")
+    run.add_argument(
+        "--horizon", type=_steps, default=0, metavar="N", help="steps played of a chunk (default: half of it)"
+    )
+    run.add_argument(
+        "--smoothing",
+        type=_smoothing,
+        default=0.1,
+        metavar="S",
+        help="averages jitter over S around a step (default 0.1)",
+    )
+    run.add_argument(
+        "--patience",
+        type=seconds,
+        default=10.0,
+        metavar="S",
+        help="how long a lost server and refused chunks are borne [s] (default %(default)g)",
+    )
+    run.add_argument(
+        "--approach", action="store_true", help="move to a first step that is far away, with a motion of its own"
+    )
+    run.add_argument("--dry", action="store_true", help="ask and judge only: own nothing, send nothing")
+    run.add_argument(
+        "--video-port", type=_port, default=8890, metavar="N", help="of the pictures (default %(default)s)"
+    )
+    run.add_argument("--hold", action="store_true", help="leave the arms held instead of pausing the robot")
+    run.add_argument("--yes", action="store_true", help="do not ask before moving")
+    run.add_argument("--take", metavar="REASON", help="take the robot from its owner, who is shown the reason")
+
+
+def _pixels(text: str) -> int:
+    return integer(text, 16, 2048, "side [pixels]")
+
+
+def _hz(text: str) -> float:
+    return above_zero(text, 100.0, "rate [Hz]")
+
+
+def _steps(text: str) -> int:
+    return integer(text, 1, 450, "number of steps")
+
+
+def _smoothing(text: str) -> float:
+    return between(text, 0.0, 1.0, "time [s]")
+
+
+def _port(text: str) -> int:
+    return integer(text, 1, 65_535, "UDP port")

@@ -1,0 +1,272 @@
+"""`ta2 policy run`: a policy's server is asked once before anybody owns the robot; then it is played, or only judged (--dry).
+
+What was under way when something went wrong (a lost server, Ctrl-C) leaves the arms braked and held, as any motion does.
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+import time
+from argparse import Namespace
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import ExitStack, contextmanager, suppress
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any
+
+from gateway.cli.terminal.asking import confirmed
+from gateway.cli.terminal.connection import connected
+from gateway.cli.terminal.ending import ExitStatus, line_of, status_of
+from gateway.cli.terminal.owning import HELD, held_text, is_held, owned
+from gateway.cli.terminal.progress import Teller, teller
+from gateway.client import Control, MotionHandle, Robot
+from gateway.errors import Code, GatewayError, Refusal, Refused, Rejected, to_exception
+from gateway.policy.asking import Answer, Asking
+from gateway.policy.chunks import Chunk
+from gateway.policy.observing import Observer
+from gateway.policy.openpi import FIRST_ANSWER_S, PolicyServer
+from gateway.policy.policy_map import Observed, load_map
+from gateway.policy.runner import Figures, Hands, Plan, Runner, require_near
+
+__all__ = ["carry_out"]
+
+DEFAULT_HZ = 30.0
+"""Steps a second of the vendor's client, where nobody says otherwise."""
+APPROACH = 0.3
+"""Factor on the velocity limits of the motion to a first step."""
+FIRST_PICTURE_S = 10.0
+ENABLE_S = 12.0
+"""The gateway gives up enabling after 10 s; its reason is worth waiting for [s]."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Owner:
+    """Hands that move the robot."""
+
+    own: Control
+
+    def follow(self, chunk: Chunk, late_s: float, smoothing_s: float) -> MotionHandle | None:
+        return self.own.follow(
+            chunk.arms, chunk.period_ns / 1e9, start_in=-late_s, smoothing=smoothing_s, open_end=True
+        )
+
+    def approach(self, joints: Mapping[str, Any]) -> None:
+        self.own.move_to(joints, speed=APPROACH).result()
+
+    def grip(self, side: str, command: float) -> None:
+        (self.own.left_gripper if side == "left" else self.own.right_gripper).set(command)
+
+
+@dataclass(slots=True)
+class _Judge:
+    """Hands that only look: what each chunk asks for, and what the gateway would say to it."""
+
+    robot: Robot
+    tell: Teller
+    v_radps: float
+    facts: dict[str, Any] = field(default_factory=lambda: {"over_speed": 0, "first_step_rad": 0.0, "would_refuse": 0})
+
+    def follow(self, chunk: Chunk, late_s: float, smoothing_s: float) -> MotionHandle | None:
+        measured = {side: self.robot.state.arm(side).q for side in chunk.arms}
+        gap_rad, side, joint = chunk.gap(time.monotonic_ns(), measured)
+        verdict, facts, fast = "the gateway would follow it", self.facts, chunk.over_speed(self.v_radps)
+        try:
+            self.robot.check_follow(
+                chunk.arms,
+                chunk.period_ns / 1e9,
+                from_here=False,
+                start_in=-late_s,
+                smoothing=smoothing_s,
+                open_end=True,
+            )
+        except Rejected as refused:
+            facts["would_refuse"] += 1
+            verdict = f"the gateway would refuse it: {refused.code}: {refused.message}"
+        facts["over_speed"] += fast
+        facts["first_step_rad"] = max(facts["first_step_rad"], gap_rad)
+        facts["steps"] = chunk.steps
+        for name, values in (
+            *((f"{side}_arm", q) for side, q in chunk.arms.items()),
+            *((f"{side}_gripper", grip) for side, grip in chunk.grips.items()),
+        ):
+            low, high = facts.setdefault("range", {}).get(name, (values.min(axis=0), values.max(axis=0)))
+            facts["range"][name] = (low.clip(max=values.min(axis=0)), high.clip(min=values.max(axis=0)))
+        self.tell.say(
+            f"{chunk.steps} steps, {gap_rad:.3f} rad from the {side} arm's joint {joint}, {fast} over {self.v_radps:g} rad/s: "
+            f"{verdict}"
+        )
+        return None
+
+    def approach(self, joints: Mapping[str, Any]) -> None:
+        pass
+
+    def grip(self, side: str, command: float) -> None:
+        pass
+
+
+def carry_out(options: Namespace) -> ExitStatus:
+    """Play a policy, or judge it.
+
+    Raises:
+        GatewayError: Nothing was begun.
+    """
+    layout = load_map(options.map, options.resize)
+    key = "" if options.api_key_file is None else _key(options.api_key_file)
+    answer_s = options.timeout_s
+    first_s = max(FIRST_ANSWER_S, answer_s)
+    server = PolicyServer(options.server, api_key=key, connect_s=answer_s, answer_s=answer_s, first_answer_s=first_s)
+    with ExitStack() as stack:
+        robot = stack.enter_context(connected("policy run", options.target, options.timeout_s))
+        stack.callback(server.close)
+        server.connect()
+        hz, said_by = _rate(options.hz, server.metadata)
+        _require_task(options.prompt, server.metadata)
+        newest = _cameras(stack, robot, layout.observation, options.video_port)
+        observer = Observer(layout.observation, options.prompt, robot.fresh_state, newest)
+        asking = Asking(server, observer, layout.actions, round(1e9 / hz))
+        stack.callback(asking.close)
+        asking.order()
+        first = asking.answer(first_s + FIRST_PICTURE_S)
+        if not isinstance(first, Answer):
+            raise first or to_exception(Refusal(code=Code.TIMEOUT, message="no answer came from the policy server"))
+        if not (options.dry or options.approach):
+            require_near(first, time.monotonic_ns())
+        print("\n".join(_preview(options, first, f"{hz:g} steps a second, {said_by}")), file=sys.stderr)
+        if not (options.dry or options.yes or confirmed()):
+            print("nothing was done", file=sys.stderr)
+            return ExitStatus.REFUSED
+        facts = {"hz": hz, "hz_from": said_by, "uncovered": list(first.observation.uncovered), "dry": options.dry}
+        return _play(options, robot, asking, facts)
+
+
+def _play(options: Namespace, robot: Robot, asking: Asking, facts: dict[str, Any]) -> ExitStatus:
+    plan = Plan(
+        seconds=options.seconds,
+        horizon=options.horizon,
+        smoothing_s=options.smoothing,
+        patience_s=options.patience,
+        far="follow" if options.dry else "approach" if options.approach else "refuse",
+    )
+    error: GatewayError | None = None
+    figures, judged, began_s = Figures(), dict[str, Any](), time.monotonic()
+    try:
+        with teller() as tell, ExitStack() as stack:
+            if options.dry:
+                judge = _Judge(robot, tell, robot.info.v_radps)
+                hands: Hands = judge
+                judged = judge.facts
+            else:
+                was_held = robot.state.state in HELD
+                own = stack.enter_context(owned(robot, tell, take=options.take, is_left_held=options.hold))
+                tell.advance("enable", None, "waiting for READY")
+                stack.enter_context(_undone(own, was_held, lambda: figures.chunks > 0))
+                own.enable(timeout=ENABLE_S)
+                hands = _Owner(own)
+            runner = Runner(asking, hands, plan, tell.say, lambda share, text: tell.advance("policy", share, text))
+            figures, began_s = runner.figures, time.monotonic()
+            runner.run()
+    except GatewayError as ended:
+        error = ended
+    except KeyboardInterrupt:
+        _show(options, figures, facts | _ranges(judged), began_s, None)
+        if is_held(robot):
+            print(f"\ninterrupted: {held_text(robot, 'policy run')}", file=sys.stderr)
+        raise
+    _show(options, figures, facts | _ranges(judged), began_s, error)
+    if error is not None or options.hold:
+        if is_held(robot):
+            print(held_text(robot, "policy run"), file=sys.stderr)
+    return ExitStatus.OK if error is None else status_of(error)
+
+
+@contextmanager
+def _undone(own: Control, was_held: bool, has_moved: Callable[[], bool]) -> Iterator[None]:
+    """Undo what this command began when it was refused before anything moved; what another one left held stays so."""
+    try:
+        yield
+    except Refused:
+        if not (was_held or has_moved()):
+            with suppress(GatewayError):
+                own.release()
+        raise
+
+
+def _ranges(judged: Mapping[str, Any]) -> dict[str, Any]:
+    """Return what was judged, for scripts."""
+    ranges = {name: [values.tolist() for values in pair] for name, pair in judged.get("range", {}).items()}
+    return dict(judged) | ({"range": ranges} if judged else {})
+
+
+def _show(
+    options: Namespace, figures: Figures, facts: Mapping[str, Any], began_s: float, error: GatewayError | None
+) -> None:
+    if error is not None:
+        print(line_of(error), file=sys.stderr)
+    if not options.json:
+        print(figures.line())
+        return
+    told: dict[str, Any] = {
+        "ok": error is None,
+        "seconds": round(time.monotonic() - began_s, 2),
+        **figures.facts(),
+        **facts,
+    }
+    if error is not None:
+        failure = asdict(error.refusal) | {"retryable": error.retryable}
+        told |= {"error": failure, "exit_status": int(status_of(error))}
+    print(json.dumps(told, ensure_ascii=False))
+
+
+def _preview(options: Namespace, first: Answer, rate: str) -> list[str]:
+    gap_rad, side, joint = first.chunk.gap(time.monotonic_ns(), first.observation.measured)
+    uncovered = first.observation.uncovered
+    return [
+        f"policy: {options.server}, {' and '.join(first.chunk.arms)}, {first.chunk.steps} steps in a chunk, {rate}",
+        f"  begins {gap_rad:.3f} rad from the {side} arm's joint {joint}",
+        *([f"  not known, and shown as 0: {', '.join(uncovered)}"] if uncovered else []),
+        *([] if options.dry else [f"  then the arms are {'held' if options.hold else 'disabled'}"]),
+    ]
+
+
+def _rate(hz: float | None, metadata: Mapping[Any, Any]) -> tuple[float, str]:
+    """Return how many steps a second there are, and who says so."""
+    if hz is not None:
+        return hz, "as asked for"
+    for key in ("fps", "hz", "control_hz"):
+        value = metadata.get(key)
+        if isinstance(value, (int, float)) and 0.0 < value <= 100.0:
+            return float(value), "as the server says"
+    return DEFAULT_HZ, "as nobody says otherwise: it must be the rate of the policy's data (--hz)"
+
+
+def _require_task(prompt: str, metadata: Mapping[Any, Any]) -> None:
+    tasks = metadata.get("available_tasks")
+    if isinstance(tasks, list) and tasks and prompt not in tasks:
+        message, hint = f"the policy knows no task {prompt!r}", f"--prompt one of {', '.join(map(repr, tasks))}"
+        raise to_exception(Refusal(code=Code.BAD_REQUEST, message=message, field="prompt", value=prompt, hint=hint))
+
+
+def _cameras(stack: ExitStack, robot: Robot, layout: Observed, port: int) -> Any:  # noqa: ANN401  a function
+    if not layout.images:
+        return lambda: None
+    from gateway.video.errors import VideoError
+    from gateway.video.receiving.source import robot_address
+    from gateway.video.video import Video
+
+    try:
+        video = stack.enter_context(Video(robot_address(robot.info.robot, None), port=port))
+        if video.wait_frame(timeout=FIRST_PICTURE_S) is None:
+            raise video.silence(FIRST_PICTURE_S)
+    except VideoError as error:
+        hint = f"{error.hint}; see `ta2 video check`"
+        raise to_exception(Refusal(code=Code.PART_STALE, message=error.message, field="cameras", hint=hint)) from None
+    return lambda: video.latest
+
+
+def _key(file: str) -> str:
+    try:
+        return Path(file).read_text(encoding="utf-8").strip()
+    except (OSError, UnicodeDecodeError) as error:
+        message = f"the key in {file} cannot be read: {error}"
+        raise to_exception(Refusal(code=Code.BAD_REQUEST, message=message, field="file", value=file)) from None

@@ -1,0 +1,96 @@
+"""Asking a policy's server in a thread of its own: whoever plays chunks orders one, and goes on playing until it is there."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from queue import Empty, SimpleQueue
+
+from gateway.errors import Code, GatewayError, Refusal, to_exception
+from gateway.policy.chunks import Chunk, chunk_of
+from gateway.policy.observing import Observation, Observer
+from gateway.policy.openpi import PolicyServer
+from gateway.policy.policy_map import Actions
+from gateway.process.threads import Lost, supervised
+
+__all__ = ["Answer", "Asking"]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Answer:
+    """A chunk, and what it was made from.
+
+    Attributes:
+        chunk: What the policy wants.
+        observation: What it was shown.
+        delay_ns: From its being shown to the answer [ns].
+    """
+
+    chunk: Chunk
+    observation: Observation
+    delay_ns: int
+
+
+class Asking:
+    """One order, one answer or error. Connects by itself when there is no connection.
+
+    Args:
+        server: Who is asked.
+        observer: Looks just before.
+        layout: Of its actions.
+        period_ns: From step to step [ns].
+        now_ns: The monotonic clock [ns].
+    """
+
+    def __init__(
+        self,
+        server: PolicyServer,
+        observer: Observer,
+        layout: Actions,
+        period_ns: int,
+        now_ns: Callable[[], int] = time.monotonic_ns,
+    ) -> None:
+        self._server, self._observer, self._layout = server, observer, layout
+        self._period_ns, self._now_ns = period_ns, now_ns
+        self._orders: SimpleQueue[bool] = SimpleQueue()
+        self._answers: SimpleQueue[Answer | GatewayError] = SimpleQueue()
+        self._thread = supervised(self._run, "ta2-policy-server", on_lost=self._lost)
+        self._thread.start()
+
+    def order(self) -> None:
+        """Have it asked; never waits."""
+        self._orders.put(True)
+
+    def answer(self, timeout_s: float) -> Answer | GatewayError | None:
+        """Return the next answer, or why there is none; None when neither came in time."""
+        try:
+            return self._answers.get(timeout=max(0.0, timeout_s))
+        except Empty:
+            return None
+
+    def close(self) -> None:
+        """Hang up, and end the thread."""
+        self._orders.put(False)
+        self._server.close()
+        self._thread.join(1.0)
+
+    def _run(self) -> None:
+        while self._orders.get():
+            try:
+                self._answers.put(self._asked())
+            except GatewayError as error:
+                self._answers.put(error)
+
+    def _asked(self) -> Answer:
+        if not self._server.is_connected:
+            self._server.connect()
+        seen = self._observer.observe()
+        asked_ns = self._now_ns()
+        answer = self._server.ask(seen.values)
+        delay_ns = self._now_ns() - asked_ns
+        chunk = chunk_of(answer, self._layout, seen.observed_ns, self._period_ns)
+        return Answer(chunk=chunk, observation=seen, delay_ns=delay_ns)
+
+    def _lost(self, lost: Lost) -> None:
+        self._answers.put(to_exception(Refusal(code=Code.INTERNAL, message=str(lost))))

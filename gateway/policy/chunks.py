@@ -1,0 +1,135 @@
+"""Action chunks: an answer's rows as arms and grippers on one clock, and the arithmetic of joining them. Pure.
+
+A chunk's clock begins when its policy looked, not when its answer came: the steps that passed meanwhile are never played.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gateway.errors import Code, GatewayError, Refusal, to_exception
+from gateway.policy.policy_map import COLUMNS, Actions
+from gateway.robot.vector_layout import command_of_effort
+
+__all__ = ["MIN_STEPS", "Chunk", "chunk_of", "refused", "retry_after_ns"]
+
+MIN_STEPS = 2
+"""Fewer steps make no motion."""
+ANOTHER = "ask a server whose policy fits this robot and --map; nothing of this answer was sent"
+MAX_STEPS = 450
+"""The gateway takes no more in one request."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Chunk:
+    """What a policy wants next.
+
+    Attributes:
+        arms: Per side the joints of each step [rad], shape (H, 7).
+        grips: Per side the gripper's command of each step, 0..1, shape (H,).
+        observed_ns: When step 0 is: the policy looked then [ns].
+        period_ns: From step to step [ns].
+    """
+
+    arms: Mapping[str, NDArray[np.float64]]
+    grips: Mapping[str, NDArray[np.float64]]
+    observed_ns: int
+    period_ns: int
+
+    @property
+    def steps(self) -> int:
+        """How many steps it has."""
+        return len(next(iter(self.arms.values())))
+
+    def passed(self, now_ns: int) -> int:
+        """Return how many of its steps lie before an instant."""
+        return min(self.steps, max(0, -((self.observed_ns - now_ns) // self.period_ns)))
+
+    def is_over(self, now_ns: int) -> bool:
+        """Return whether its last step has passed, or is the only one left."""
+        return now_ns >= self.observed_ns + (self.steps - 1) * self.period_ns
+
+    def row(self, now_ns: int) -> int:
+        """Return the step that counts at an instant; the last one stays."""
+        return min(self.steps - 1, max(0, (now_ns - self.observed_ns) // self.period_ns))
+
+    def gap(self, now_ns: int, measured: Mapping[str, NDArray[np.float64]]) -> tuple[float, str, int]:
+        """Return how far the farthest joint is from where the chunk is at an instant [rad], its side and number, 1 to 7."""
+        row = self.row(now_ns)
+        away = {side: np.abs(joints[row] - measured[side]) for side, joints in self.arms.items()}
+        return max((float(gap), side, n + 1) for side, gaps in away.items() for n, gap in enumerate(gaps))
+
+    def smoothing_s(self, wanted_s: float) -> float:
+        """Return the smoothing nearest to one that is wanted that so few, or so distant, steps allow [s]."""
+        return min(round(wanted_s * 1e9 / self.period_ns), self.steps - 1) * self.period_ns / 1e9
+
+    def over_speed(self, v_radps: float) -> int:
+        """Return how many steps ask a joint for more than a velocity [rad/s]."""
+        too_fast = [np.abs(np.diff(q, axis=0)).max(axis=1) * 1e9 / self.period_ns > v_radps for q in self.arms.values()]
+        return int(np.logical_or.reduce(too_fast).sum())
+
+    def ask_ns(self, horizon: int, delay_ns: int) -> int:
+        """Return when the next chunk should be asked for, to be there once `horizon` steps were played [ns]."""
+        return self.observed_ns + min(horizon, self.steps - 1) * self.period_ns - delay_ns
+
+
+def chunk_of(answer: Mapping[Any, Any], layout: Actions, observed_ns: int, period_ns: int) -> Chunk:
+    """Return the chunk of an answer.
+
+    Args:
+        answer: Of the server.
+        layout: What its actions consist of.
+        observed_ns: When the policy looked [ns].
+        period_ns: From step to step [ns].
+
+    Raises:
+        Rejected: WRONG_SHAPE or NOT_FINITE, with value and bound.
+    """
+    key, its = layout.key, f"the policy server's {layout.key}"
+    wanted = f"(H, {layout.width}), H from {MIN_STEPS} to {MAX_STEPS}"
+    if key not in answer:
+        message = f"the policy server's answer has no {key!r}, only {sorted(map(str, answer))}"
+        raise refused(Code.WRONG_SHAPE, message, bound=key)
+    try:
+        actions = np.asarray(answer[key])
+    except ValueError:  # rows of different lengths
+        raise refused(Code.WRONG_SHAPE, f"{its} are no table of numbers, {wanted} is needed", bound=wanted) from None
+    shape, kind = str(actions.shape), str(actions.dtype)
+    if actions.ndim != 2 or actions.shape[1] != layout.width or not MIN_STEPS <= len(actions) <= MAX_STEPS:
+        raise refused(Code.WRONG_SHAPE, f"{its} have shape {shape}, {wanted} is needed", shape, wanted)
+    if actions.dtype.kind not in "iuf":
+        raise refused(Code.WRONG_SHAPE, f"{its} are of {kind}, numbers are needed", kind, "float32")
+    rows = actions.astype(np.float64)
+    if not np.isfinite(rows).all():
+        step, place = map(int, np.argwhere(~np.isfinite(rows))[0])
+        value = str(rows[step, place])
+        raise refused(Code.NOT_FINITE, f"{its} have {value} in step {step}, column {place}", value, "finite numbers")
+    arms, grips, begin = dict[str, NDArray[np.float64]](), dict[str, NDArray[np.float64]](), 0
+    for column in layout.columns:
+        side, _, part = column.partition("_")
+        values = rows[:, begin : begin + COLUMNS[column]]
+        begin += COLUMNS[column]
+        if part == "arm":
+            arms[side] = values
+        elif part == "gripper_effort":
+            grips[side] = np.array([command_of_effort(effort) for effort in values[:, 0]])
+        else:
+            grips[side] = np.clip(values[:, 0], 0.0, 1.0)
+    return Chunk(arms=arms, grips=grips, observed_ns=observed_ns, period_ns=period_ns)
+
+
+def retry_after_ns(failures: int) -> int:
+    """Return how long to wait after so many failures in a row: 0.1 s, doubled each time, at most 2 s [ns]."""
+    return min(2_000_000_000, 100_000_000 << min(max(failures - 1, 0), 8))
+
+
+def refused(
+    code: Code, message: str, value: str = "", bound: str = "", *, field: str = "actions", hint: str = ANOTHER
+) -> GatewayError:
+    """Return why a chunk is not played."""
+    return to_exception(Refusal(code=code, message=message, field=field, value=value, bound=bound, hint=hint))

@@ -1,0 +1,267 @@
+"""Plays a policy: asks for the next chunk while the last one plays, and hands each to the gateway, which joins and limits it.
+
+Rules
+    * Nothing moves but by chunks and gripper commands of the ordinary client; a chunk that the gateway refuses is left out.
+    * When no chunk follows in time, the gateway brakes at the end of the last one, and the next goes on from there.
+    * A server that is lost, and chunks that are refused, are borne for `patience_s`; a wrong answer is not: it ends the run.
+"""
+
+from __future__ import annotations
+
+import statistics
+import time
+from collections import deque
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
+from typing import Any, Literal, Protocol
+
+from gateway.client import MotionHandle
+from gateway.errors import Aborted, Code, Disconnected, GatewayError, GatewayTimeout, Rejected, Stale
+from gateway.policy.asking import Answer, Asking
+from gateway.policy.chunks import Chunk, refused, retry_after_ns
+
+__all__ = ["JUMP_RAD", "Figures", "Hands", "Plan", "Runner", "require_near"]
+
+JUMP_RAD = 0.1
+"""The gateway takes no chunk that begins farther from an arm [rad]."""
+LOOK_NS = 50_000_000
+"""Longest time without a look at the motion [ns]."""
+GRIP_STEP = 0.005
+"""A smaller change of a gripper's command is not sent."""
+BORNE = frozenset({Code.TOO_FAST, Code.JUMP_TOO_FAR, Code.CANNOT_JOIN, Code.TOO_LATE, Code.OUT_OF_RANGE})
+"""What may be wrong with a chunk while the next one is good."""
+SLOWER = "run it slower with --hz, or smoother with --smoothing; --dry shows what each chunk asks for"
+
+
+class Hands(Protocol):
+    """What moves: the owner's client, or one that only looks."""
+
+    def follow(self, chunk: Chunk, late_s: float, smoothing_s: float) -> MotionHandle | None:
+        """Follow a chunk whose step 0 was so long ago [s]; return its motion, None where nothing moves."""
+        ...
+
+    def approach(self, joints: Mapping[str, Any]) -> None:
+        """Move the arms to joints [rad], and wait until they are there."""
+        ...
+
+    def grip(self, side: str, command: float) -> None:
+        """Tell a gripper its command, 0..1."""
+        ...
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Plan:
+    """How a policy is played.
+
+    Attributes:
+        seconds: How long [s]; None until somebody ends it.
+        horizon: Steps of a chunk that are played before the next one should be there; 0 for half of it.
+        smoothing_s: Jitter is averaged over so much time on each side of a step [s].
+        patience_s: How long lost servers and refused chunks are borne [s].
+        far: What is done about a first step that is far away: `refuse`, `approach` it first, or `follow` it all the same.
+    """
+
+    seconds: float | None
+    horizon: int
+    smoothing_s: float
+    patience_s: float
+    far: Literal["refuse", "approach", "follow"]
+
+
+@dataclass(slots=True)
+class Figures:
+    """How well the server keeps up."""
+
+    chunks: int = 0
+    refused: int = 0
+    steps_dropped: int = 0
+    underruns: int = 0
+    lost: int = 0
+    chunk_age_s: float = 0.0
+    worst_s: float = 0.0
+    recent_s: deque[float] = field(default_factory=lambda: deque(maxlen=1000))
+
+    @property
+    def p50_s(self) -> float:
+        """Median of the latest answers' delays [s]."""
+        return statistics.median(self.recent_s) if self.recent_s else 0.0
+
+    def facts(self) -> dict[str, Any]:
+        """Return them for scripts."""
+        delays = {"p50": round(self.p50_s * 1e3, 1), "worst": round(self.worst_s * 1e3, 1)}
+        names = ("chunks", "refused", "steps_dropped", "underruns", "lost")
+        return {"inference_ms": delays, **{name: getattr(self, name) for name in names}}
+
+    def line(self) -> str:
+        """Return them for people."""
+        return (
+            f"{self.chunks} chunks, inference {self.p50_s * 1e3:.0f} ms (worst {self.worst_s * 1e3:.0f}), chunk "
+            f"{self.chunk_age_s:.2f} s old, {self.steps_dropped} steps dropped, {self.underruns} underruns, "
+            f"{self.refused} refused, server lost {self.lost} times"
+        )
+
+
+def require_near(answer: Answer, now_ns: int) -> None:
+    """Refuse a chunk that begins too far from where the arms were measured.
+
+    Raises:
+        Rejected: JUMP_TOO_FAR, with the joint.
+    """
+    gap_rad, side, joint = answer.chunk.gap(now_ns, answer.observation.measured)
+    if gap_rad > JUMP_RAD:
+        message = (
+            f"the policy begins {gap_rad:.3f} rad from the {side} arm's joint {joint}; {JUMP_RAD} rad is the bound"
+        )
+        hint = "bring the arms to where its demonstrations begin, or let it: --approach"
+        place = f"{side}_arm[{joint - 1}]"
+        raise refused(Code.JUMP_TOO_FAR, message, f"{gap_rad:.4g}", f"{JUMP_RAD}", field=place, hint=hint)
+
+
+class Runner:
+    """Plays until its time is over.
+
+    Args:
+        asking: Asks the server.
+        hands: Move.
+        plan: How.
+        say: Is told what a person should read.
+        show: Is told how far it is, 0..1, and the figures.
+        now_ns: The monotonic clock [ns].
+    """
+
+    def __init__(
+        self,
+        asking: Asking,
+        hands: Hands,
+        plan: Plan,
+        say: Callable[[str], None],
+        show: Callable[[float | None, str], None],
+        now_ns: Callable[[], int] = time.monotonic_ns,
+    ) -> None:
+        self.figures = Figures()
+        self._asking, self._hands, self._plan = asking, hands, plan
+        self._say, self._show, self._now_ns = say, show, now_ns
+        self._chunk: Chunk | None = None
+        self._motion: MotionHandle | None = None
+        self._plays = False
+        self._is_asked, self._failures = False, 0
+        self._retry_ns = self._trouble_ns = 0
+        self._trouble: GatewayError | None = None
+        self._gripped: dict[str, float] = {}
+
+    def run(self) -> None:
+        """Play.
+
+        Raises:
+            GatewayError: What ended it before its time; the arms brake, or are held.
+        """
+        began_ns, seconds = self._now_ns(), self._plan.seconds
+        while (now_ns := self._now_ns()) - began_ns < (seconds or float("inf")) * 1e9:
+            if not self._is_asked and now_ns >= max(self._retry_ns, self._ask_ns()):
+                self._asking.order()
+                self._is_asked = True
+            self._grip(now_ns)
+            answer = self._asking.answer(self._rest_ns(now_ns) / 1e9)
+            now_ns = self._now_ns()
+            if answer is not None:
+                self._is_asked = False
+                if isinstance(answer, GatewayError):
+                    self._bear_loss(answer, now_ns)
+                else:
+                    self._take(answer, now_ns)
+            self._watch()
+            if self._trouble is not None and now_ns - self._trouble_ns > self._plan.patience_s * 1e9:
+                raise self._trouble
+            if self._chunk is not None:
+                self.figures.chunk_age_s = (now_ns - self._chunk.observed_ns) / 1e9
+            self._show(None if seconds is None else min(1.0, (now_ns - began_ns) / 1e9 / seconds), self.figures.line())
+
+    def _ask_ns(self) -> int:
+        if self._chunk is None or not self._plays:
+            return 0
+        horizon = self._plan.horizon or (self._chunk.steps + 1) // 2
+        return self._chunk.ask_ns(horizon, round(self.figures.p50_s * 1e9))
+
+    def _rest_ns(self, now_ns: int) -> int:
+        """Return how long nothing is to be done but to wait for an answer [ns]."""
+        rest_ns = LOOK_NS
+        if not self._is_asked:
+            rest_ns = min(rest_ns, max(self._retry_ns, self._ask_ns()) - now_ns)
+        if self._chunk is not None and self._chunk.grips:
+            rest_ns = min(rest_ns, self._chunk.period_ns - (now_ns - self._chunk.observed_ns) % self._chunk.period_ns)
+        return max(0, rest_ns)
+
+    def _take(self, answer: Answer, now_ns: int) -> None:
+        chunk, figures = answer.chunk, self.figures
+        late_s = (now_ns - chunk.observed_ns) / 1e9
+        figures.recent_s.append(answer.delay_ns / 1e9)
+        figures.worst_s = max(figures.worst_s, answer.delay_ns / 1e9)
+        try:
+            if self._chunk is None and self._plan.far != "follow":
+                require_near(answer, now_ns)
+        except Rejected as far:
+            if self._plan.far == "refuse":
+                raise
+            self._plan = replace(self._plan, far="refuse")
+            self._say(f"{far.message}: moved there first")
+            row = chunk.row(now_ns)
+            self._hands.approach({side: joints[row] for side, joints in chunk.arms.items()})
+            return
+        try:
+            if chunk.is_over(now_ns):
+                message = f"the policy's {chunk.steps} steps had passed when they came, {late_s:.2f} s after it looked"
+                raise refused(Code.TOO_LATE, message, hint="ask a faster server, or one with longer chunks")
+            motion = self._hands.follow(chunk, late_s, chunk.smoothing_s(self._plan.smoothing_s))
+        except Rejected as error:
+            if error.code not in BORNE:
+                raise
+            figures.refused += 1
+            figures.steps_dropped += chunk.steps
+            too_fast = error.code is Code.TOO_FAST
+            self._bear(Rejected(replace(error.refusal, hint=SLOWER)) if too_fast else error, now_ns)
+            return
+        if self._trouble is not None:
+            self._say("the policy plays again")
+        self._chunk, self._motion, self._trouble, self._failures = chunk, motion, None, 0
+        self._plays = True
+        figures.chunks += 1
+        figures.steps_dropped += chunk.passed(now_ns) if motion is None else motion.skipped
+
+    def _bear_loss(self, error: GatewayError, now_ns: int) -> None:
+        is_lost = isinstance(error, (Disconnected, GatewayTimeout)) and error.field == "server"
+        if not (is_lost or isinstance(error, Stale)):
+            raise error
+        self.figures.lost += is_lost and self._failures == 0
+        self._bear(error, now_ns)
+
+    def _bear(self, error: GatewayError, now_ns: int) -> None:
+        if self._trouble is None:
+            self._trouble_ns = now_ns
+        if self._trouble is None or self._trouble.code is not error.code:
+            self._say(f"{error.code}: {error.message}; borne for {self._plan.patience_s:g} s")
+        self._trouble, self._failures = error, self._failures + 1
+        self._retry_ns = now_ns + retry_after_ns(self._failures)
+
+    def _watch(self) -> None:
+        """See whether the motion has ended: for want of a successor, or for what ends the run."""
+        if self._motion is None or not self._motion.done:
+            return
+        try:
+            self._motion.result(1.0)
+        except Aborted as ended:
+            if ended.code is not Code.UNDERRUN:
+                raise
+            self.figures.underruns += 1
+            self._say("no chunk came in time: the arms brake and hold")
+        self._motion, self._plays = None, False
+
+    def _grip(self, now_ns: int) -> None:
+        """Tell the grippers what is due; the last command stays while no chunk plays."""
+        if self._chunk is None or not self._plays:
+            return
+        row = self._chunk.row(now_ns)
+        for side, commands in self._chunk.grips.items():
+            command = float(commands[row])
+            if abs(command - self._gripped.get(side, -1.0)) > GRIP_STEP:
+                self._hands.grip(side, command)
+                self._gripped[side] = command
