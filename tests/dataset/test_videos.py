@@ -1,0 +1,231 @@
+"""Tests of pictures in datasets: each row has the one that was newest at its time, in either format, and none is made up."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from dataclasses import replace
+
+import av
+import msgspec
+import numpy as np
+import pytest
+
+from gateway.dataset import lerobot_videos
+from gateway.dataset.building import PROVENANCE, Choices, build
+from gateway.dataset.checking import check_dataset
+from gateway.dataset.layout import load
+from gateway.dataset.lerobot_reader import Dataset
+from gateway.dataset.videos import IMAGES, STALE_NS, video_source
+from gateway.errors import Rejected
+from gateway.policy.policy_map import PRESETS, load_map
+from gateway.robot.vector_layout import EYES
+from gateway.video.decoding.views import VIEWS
+from gateway.video.recording.index import Picture, index_path, read_index
+from gateway.video.recording.take import Take
+from tests.dataset.motion import BEGIN_NS, moving
+from tests.dataset.test_checking import OWN
+from tests.video.coded import grey_of, units
+
+FPS, COUNT = 45.0, 80
+PERIOD_NS = round(1e9 / FPS)
+FIRST_NS = BEGIN_NS + 100_000_000
+"""When the first picture arrived."""
+CAMERAS = [IMAGES + camera for camera in EYES["vendor_openpi"]]
+
+
+def taken(path, change=lambda picture: picture, count=COUNT):
+    """Record pictures that count, from a tenth of a second after the bag's begin on; return the file."""
+    take = Take(path)
+    for unit in units(count):
+        take.write(unit)
+    take.end("it was ended")
+    index = read_index(index_path(path))
+    lines = [index.header]
+    for picture in index.pictures:
+        lines.append(change(msgspec.structs.replace(picture, arrival_wall_ns=FIRST_NS + picture.n * PERIOD_NS)))  # noqa: PERF401
+    index_path(path).write_bytes(b"".join(msgspec.json.encode(line) + b"\n" for line in [*lines, index.end]))
+    return path
+
+
+def filmed(folder, name, change=lambda picture: picture):
+    """Return a bag with a recording of the cameras in its folder."""
+    bag = moving(folder / name, 2.0)
+    taken(bag / "video.mkv", change)
+    return bag
+
+
+@pytest.fixture(scope="module")
+def layout(tmp_path_factory):
+    """Return a small layout."""
+    path = tmp_path_factory.mktemp("layout") / "own.toml"
+    path.write_text(OWN)
+    return load(path)
+
+
+@pytest.fixture(scope="module")
+def bags(tmp_path_factory):
+    """Return two bags with pictures."""
+    folder = tmp_path_factory.mktemp("bags")
+    return [filmed(folder, "a"), filmed(folder, "b")]
+
+
+def greys(path, begin_s, rows):
+    """Return the mean luma of an episode's pictures, and their times from its begin [s]."""
+    with av.open(str(path)) as file:
+        shown = [
+            (float(p.pts * p.time_base), float(p.to_ndarray(format="yuv420p")[: p.height].mean()))
+            for p in file.decode(video=0)
+        ]
+    mine = [(at_s - begin_s, grey) for at_s, grey in shown if begin_s - 1e-6 <= at_s < begin_s + (rows - 0.5) / FPS]
+    return np.array([grey for _, grey in mine]), np.array([at_s for at_s, _ in mine])
+
+
+@pytest.mark.parametrize("version", ["v2.1", "v3.0"])
+def test_each_row_has_the_picture_that_was_newest_at_its_time(bags, layout, tmp_path, version):
+    """Of each camera; at exactly the row's time in the file; of two bags each its own."""
+    built = build(bags, tmp_path / "set", Choices(layout=layout, version=version, fps=FPS))
+    dataset = Dataset(tmp_path / "set")
+    facts = json.loads((tmp_path / "set" / PROVENANCE).read_text())
+    assert dataset.cameras == CAMERAS and built.left_out == {"row: no value of the cameras": 10}
+    assert facts["views"] == EYES["vendor_openpi"]
+    for episode, noted in zip(dataset.episodes(), facts["episodes"], strict=True):
+        times_ns = noted["begin_ns"] + np.rint(np.arange(episode.rows) * 1e9 / FPS).astype(np.int64)
+        expected = [grey_of(min(COUNT - 1, int((at_ns - FIRST_NS) // PERIOD_NS))) for at_ns in times_ns]
+        for path, begin_s in episode.videos.values():
+            seen, at_s = greys(path, begin_s, episode.rows)
+            assert len(seen) == episode.rows and np.abs(at_s - np.arange(episode.rows) / FPS).max() < 1e-5
+            assert np.abs(seen - expected).max() < 4.0
+    assert [f for f in check_dataset(dataset).findings if f.level == "error"] == []
+
+
+def test_statistics_of_pictures_are_of_each_colour_from_0_to_1(bags, layout, tmp_path):
+    """In the shape that LeRobot has."""
+    build(bags, tmp_path / "set", Choices(layout=layout, version="v3.0"))
+    stats = json.loads((tmp_path / "set/meta/stats.json").read_text())[CAMERAS[0]]
+    assert np.shape(stats["mean"]) == (3, 1, 1) and set(stats) == {"min", "max", "mean", "std", "count"}
+    assert np.all(0.0 <= np.array(stats["min"])) and np.all(np.array(stats["max"]) <= 1.0)
+    assert np.all(np.array(stats["min"]) < np.array(stats["mean"])) and np.all(np.array(stats["std"]) > 0.05)
+    info = json.loads((tmp_path / "set/meta/info.json").read_text())
+    assert info["features"][CAMERAS[0]]["shape"] == [120, 120, 3] and info["features"][CAMERAS[1]]["shape"] == [
+        50,
+        80,
+        3,
+    ]
+
+
+def test_a_hole_in_the_pictures_ends_an_episode(layout, tmp_path):
+    """Damaged pictures count as none; one that is missing for less than a fifth of a second is held."""
+
+    def damaged(first, last):
+        return lambda picture: msgspec.structs.replace(picture, clean=not first <= picture.n < last)
+
+    short, long = filmed(tmp_path, "short", damaged(40, 45)), filmed(tmp_path, "long", damaged(36, 50))
+    one = build([short], tmp_path / "one", Choices(layout=layout, least_rows=10))
+    assert one.episodes == 1
+    two = build([long], tmp_path / "two", Choices(layout=layout, least_rows=10))
+    gap = round((15 * PERIOD_NS - STALE_NS) / PERIOD_NS)
+    assert two.episodes == 2 and two.left_out["row: no value of the cameras"] == pytest.approx(10 + gap, abs=1)
+    assert check_dataset(Dataset(tmp_path / "two")).ok
+
+
+def test_a_picture_that_cannot_be_decoded_is_held_over(layout, tmp_path):
+    """As many pictures as rows, whatever the file lacks."""
+    bag = moving(tmp_path / "bag", 2.0)
+    whole, cut = taken(tmp_path / "whole.mkv"), tmp_path / "cut.mkv"
+    cut.write_bytes(whole.read_bytes()[: whole.stat().st_size * 3 // 4])
+    shutil.copy(index_path(whole), index_path(cut))
+    build([bag], tmp_path / "set", Choices(layout=layout), videos=[cut])
+    assert check_dataset(Dataset(tmp_path / "set")).ok
+
+
+def test_another_file_is_begun_where_one_is_full_or_the_pictures_are_others(bags, layout, tmp_path, monkeypatch):
+    """v3.0 puts several episodes into one."""
+    build(bags, tmp_path / "one", Choices(layout=layout, version="v3.0"))
+    assert len(list((tmp_path / "one/videos" / CAMERAS[0]).rglob("*.mp4"))) == 1
+    monkeypatch.setattr(lerobot_videos, "VIDEO_MB", 0)
+    build(bags, tmp_path / "two", Choices(layout=layout, version="v3.0"))
+    assert len(list((tmp_path / "two/videos" / CAMERAS[0]).rglob("*.mp4"))) == 2
+    assert check_dataset(Dataset(tmp_path / "two")).ok
+
+
+@pytest.mark.parametrize("version", ["v2.1", "v3.0"])
+def test_faults_of_videos_are_found(bags, layout, tmp_path, version):
+    """A file that is gone, cut, of another size, or has a picture too few."""
+    folder = build(bags, tmp_path / "set", Choices(layout=layout, version=version)).folder
+    paths = [sorted((folder / "videos").rglob(f"*{camera}*/**/*.mp4"))[-1] for camera in CAMERAS]
+    paths[0].unlink()
+    paths[1].write_bytes(paths[1].read_bytes()[:500])
+    shorter(paths[2])
+    found = [(f.where, f.message) for f in check_dataset(Dataset(folder)).findings if f.level == "error"]
+    for camera, why in zip(CAMERAS, ("cannot be decoded", "cannot be decoded", "no picture for row"), strict=True):
+        assert any(where.endswith(camera) and why in message for where, message in found), found
+    info = json.loads((folder / "meta/info.json").read_text())
+    info["features"][CAMERAS[2]]["shape"] = [50, 81, 3]
+    (folder / "meta/info.json").write_text(json.dumps(info))
+    assert any(
+        "pictures are 80 x 50, written down is 81 x 50" in f.message for f in check_dataset(Dataset(folder)).findings
+    )
+
+
+def shorter(path):
+    """Take the last pictures out of a file."""
+    whole = path.with_suffix(".whole")
+    path.rename(whole)
+    with av.open(str(whole), format="mp4") as source, av.open(str(path), "w") as out:
+        stream = out.add_stream_from_template(source.streams.video[0])
+        packets = [packet for packet in source.demux(video=0) if packet.pts is not None]
+        for packet in packets[:-4]:
+            packet.stream = stream
+            out.mux(packet)
+    whole.unlink()
+
+
+def test_what_is_no_recording_of_the_cameras_is_refused(layout, tmp_path):
+    """Without an index nobody knows when its pictures came."""
+    bag = moving(tmp_path / "bag", 1.0)
+    path = taken(tmp_path / "take.mkv", lambda picture: msgspec.structs.replace(picture, clean=False), 20)
+    with pytest.raises(Rejected, match="has no undamaged picture"):
+        build([bag], tmp_path / "set", Choices(layout=layout), videos=[path])
+    index_path(path).unlink()
+    with pytest.raises(Rejected, match="has no index that can be read"):
+        video_source(path)
+    rubbish = taken(tmp_path / "rubbish.mkv")
+    rubbish.write_bytes(b"rubbish" * 1000)
+    with pytest.raises(Rejected, match="cannot be used"):
+        build([bag], tmp_path / "set", Choices(layout=layout), videos=[rubbish])
+
+
+def test_either_each_bag_has_a_recording_of_the_cameras_or_none_has(bags, layout, tmp_path):
+    """And one only, unless it is named."""
+    bare = moving(tmp_path / "bare", 1.0)
+    for chosen, videos in (([bags[0], bare], []), (bags, [bags[0] / "video.mkv"])):
+        with pytest.raises(Rejected, match="1 recordings of the cameras for 2 bags"):
+            build(chosen, tmp_path / "set", Choices(layout=layout), videos=videos)
+    two = filmed(tmp_path, "two")
+    taken(two / "other.mkv")
+    with pytest.raises(Rejected, match="more than one recording of the cameras"):
+        build([two], tmp_path / "set", Choices(layout=layout))
+    build([two], tmp_path / "set", Choices(layout=layout), videos=[two / "other.mkv"])
+
+
+def test_pictures_that_came_at_one_instant_count_once(tmp_path):
+    """The clock of the recording host was set back: what came before counts until it is reached again."""
+
+    def back(picture: Picture) -> Picture:
+        return msgspec.structs.replace(
+            picture, arrival_wall_ns=picture.arrival_wall_ns - (PERIOD_NS * 3 if picture.n > 9 else 0)
+        )
+
+    source = video_source(taken(tmp_path / "take.mkv", back))
+    assert np.all(np.diff(source.times_ns) > 0) and len(source.pts) == COUNT - 3
+    assert replace(source, path=tmp_path).pts is source.pts
+
+
+def test_a_dataset_and_a_policy_of_the_same_name_see_the_same_views():
+    """What was learnt from is what is shown."""
+    assert set(PRESETS) == set(EYES)
+    for name, views in EYES.items():
+        shown = load_map(name).observation.images
+        assert {key.rpartition("/")[2]: view for key, view in shown.items()} == views
+        assert set(views.values()) <= set(VIEWS)
