@@ -150,7 +150,7 @@ class _Pictures:
 
         self._decoded = decoded_pictures(source.path)
         self._current: Any = None
-        self._next: tuple[Any, int] | None = next(self._decoded, None)
+        self._next: tuple[Any, int] | None = (None, -1)  # before the first
 
     def at(self, pts: int) -> Any:  # noqa: ANN401  a frame of PyAV's, of either of its releases
         while self._next is not None and self._next[1] <= pts:

@@ -73,10 +73,8 @@ def bags(tmp_path_factory):
 def greys(path, begin_s, rows):
     """Return the mean luma of an episode's pictures, and their times from its begin [s]."""
     with av.open(str(path)) as file:
-        shown = [
-            (float(p.pts * p.time_base), float(p.to_ndarray(format="yuv420p")[: p.height].mean()))
-            for p in file.decode(video=0)
-        ]
+        pictures = list(file.decode(video=0))
+    shown = [(float(p.pts * p.time_base), float(p.to_ndarray(format="yuv420p")[: p.height].mean())) for p in pictures]
     mine = [(at_s - begin_s, grey) for at_s, grey in shown if begin_s - 1e-6 <= at_s < begin_s + (rows - 0.5) / FPS]
     return np.array([grey for _, grey in mine]), np.array([at_s for at_s, _ in mine])
 
@@ -125,7 +123,7 @@ def test_a_hole_in_the_pictures_ends_an_episode(layout, tmp_path):
     assert one.episodes == 1
     two = build([long], tmp_path / "two", Choices(layout=layout, least_rows=10))
     gap = round((15 * PERIOD_NS - STALE_NS) / PERIOD_NS)
-    assert two.episodes == 2 and two.left_out["row: no value of the cameras"] == pytest.approx(10 + gap, abs=1)
+    assert two.episodes == 2 and two.left_out["row: no value of the cameras"] == 5 + gap
     assert check_dataset(Dataset(tmp_path / "two")).ok
 
 
@@ -213,9 +211,8 @@ def test_pictures_that_came_at_one_instant_count_once(tmp_path):
     """The clock of the recording host was set back: what came before counts until it is reached again."""
 
     def back(picture: Picture) -> Picture:
-        return msgspec.structs.replace(
-            picture, arrival_wall_ns=picture.arrival_wall_ns - (PERIOD_NS * 3 if picture.n > 9 else 0)
-        )
+        step_ns = PERIOD_NS * 3 if picture.n > 9 else 0
+        return msgspec.structs.replace(picture, arrival_wall_ns=picture.arrival_wall_ns - step_ns)
 
     source = video_source(taken(tmp_path / "take.mkv", back))
     assert np.all(np.diff(source.times_ns) > 0) and len(source.pts) == COUNT - 3
