@@ -102,16 +102,20 @@ class Bag:
         files = self.path.rglob("*") if self.path.is_dir() else [self.path]
         return sum(file.stat().st_size for file in files if file.is_file())
 
-    def messages(self, topics: Collection[str] | None = None) -> Iterator[BagMessage]:
+    def messages(
+        self, topics: Collection[str] | None = None, begin_ns: int | None = None, end_ns: int | None = None
+    ) -> Iterator[BagMessage]:
         """Yield messages in the order of their arrival.
 
         Args:
             topics: Only these; None for all.
+            begin_ns: Only those that came then or later [ns].
+            end_ns: Only those that came before [ns].
         """
         wanted = [c for c in self._reader.connections if topics is None or c.topic in topics]
         if not wanted:
             return
-        for connection, log_ns, payload in self._reader.messages(connections=wanted):
+        for connection, log_ns, payload in self._reader.messages(connections=wanted, start=begin_ns, stop=end_ns):
             yield BagMessage(connection.topic, log_ns, bytes(payload))
 
     def facts(self) -> Mapping[str, str]:

@@ -1,4 +1,4 @@
-"""Arguments of `ta2 record` and `ta2 bag`."""
+"""Arguments of `ta2 record`, `ta2 episode` and `ta2 bag`."""
 
 from __future__ import annotations
 
@@ -9,7 +9,9 @@ from typing import Any
 from gateway.cli.command_line.numbers import seconds
 from gateway.cli.command_line.video_arguments import AddCommand
 
-__all__ = ["add_bag", "complete_record"]
+__all__ = ["add_bag", "add_episode", "complete_record"]
+
+EPISODE_VERBS = ("start", "stop", "mark", "success", "failure", "discard", "status")
 
 
 def complete_record(record: argparse.ArgumentParser) -> None:
@@ -24,6 +26,15 @@ def complete_record(record: argparse.ArgumentParser) -> None:
     record.add_argument("--out", type=Path, metavar="DIR", help="of the bag, made anew (default: ta2-DATE-TIME here)")
     record.add_argument("--seconds", type=seconds, metavar="S", help="how long [s] (default: until Ctrl-C)")
     record.add_argument("--task", default="", metavar="TEXT", help="what is shown, in words: noted in the bag")
+
+
+def add_episode(episode: argparse.ArgumentParser) -> None:
+    """Add what `episode` takes; `options.verb` says what is asked."""
+    episode.add_argument("verb", choices=EPISODE_VERBS, help="what to tell; status only asks")
+    episode.add_argument("text", nargs="*", metavar="TEXT", help="of a mark or a verdict; of start, the task")
+    episode.add_argument(
+        "--task", default="", metavar="TEXT", help="what is shown, in words (default: the recording's)"
+    )
 
 
 def add_bag(commands: Any, add: AddCommand) -> None:  # noqa: ANN401  argparse's private class

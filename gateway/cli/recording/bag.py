@@ -8,12 +8,15 @@ from dataclasses import asdict
 from datetime import datetime, timezone
 
 from rich.console import Console
+from rich.markup import escape
 from rich.table import Table
 
 from gateway.cli.terminal.ending import ExitStatus
 from gateway.cli.terminal.progress import teller
 from gateway.recording.bag_check import Checked, check
 from gateway.recording.bag_reader import Bag
+from gateway.recording.episodes import episodes
+from gateway.recording.topics import EPISODES
 
 __all__ = ["carry_out"]
 
@@ -49,6 +52,7 @@ def _show_info(bag: Bag, *, as_json: bool) -> None:
                     "messages": bag.message_count,
                     "size_bytes": bag.size_bytes,
                     "facts": dict(facts),
+                    "episodes": [asdict(episode) for episode in episodes(bag)],
                     "topics": topics,
                 },
                 ensure_ascii=False,
@@ -60,12 +64,34 @@ def _show_info(bag: Bag, *, as_json: bool) -> None:
     for name in ("robot", "model", "task"):
         if facts.get(name):
             print(f"{name:<8}{facts[name]}")
+    _show_episodes(bag)
     table = Table("topic", "type", box=None, pad_edge=False)
     table.add_column("messages", justify="right")
     table.add_column("Hz", justify="right")
     for topic in bag.topics:
         rate = f"{topic.count / bag.duration_s:.1f}" if bag.duration_s else ""
         table.add_row(topic.name, topic.type_name, str(topic.count), rate)
+    Console(soft_wrap=True, highlight=False).print(table)
+
+
+def _show_episodes(bag: Bag) -> None:
+    """Show them as a table, where somebody told of any."""
+    if not any(topic.name == EPISODES and topic.count for topic in bag.topics):
+        return
+    table = Table("episode", box=None, pad_edge=False)
+    for name in ("from [s]", "length [s]"):
+        table.add_column(name, justify="right")
+    for name in ("outcome", "marks", "task"):
+        table.add_column(name)
+    for episode in episodes(bag):
+        begin_s, length_s = (episode.begin_ns - bag.begin_ns) / 1e9, (episode.end_ns - episode.begin_ns) / 1e9
+        outcome = "discarded" if episode.is_discarded else episode.outcome
+        words = [
+            f"{begin_s:.2f}",
+            f"{length_s:.2f}",
+            outcome if episode.is_finished else f"{outcome} unfinished".strip(),
+        ]
+        table.add_row(str(episode.number), *words, str(len(episode.marks)), escape(episode.task))
     Console(soft_wrap=True, highlight=False).print(table)
 
 
