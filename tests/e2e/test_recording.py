@@ -145,6 +145,12 @@ def test_episodes_are_told_from_another_process_and_by_a_client(tmp_path: Path, 
         assert any(bag.messages([LEFT], first.begin_ns, first.end_ns))
     assert [episode["number"] for episode in ta2(system, "bag", "info", str(folder))["episodes"]] == [1, 2]
     assert ta2(system, "bag", "check", str(folder))["ok"]
+    assert ta2(system, "bag", "cut", str(folder), "--out", str(tmp_path / "one"), "--episode", "1")["episodes"] == 1
+    (found,) = ta2(system, "bag", "info", str(tmp_path / "one"))["episodes"]
+    assert (found["task"], found["outcome"], found["end_ns"]) == ("wave", "success", first.end_ns)
+    tables = ta2(system, "bag", "export", str(tmp_path / "one"), "--out", str(tmp_path / "csv"))["tables"]
+    with Bag(tmp_path / "one") as bag:
+        assert {table["topic"]: table["rows"] for table in tables} == {t.name: t.count for t in bag.topics if t.count}
 
 
 def test_an_episode_in_which_the_recorder_was_killed_is_there_unfinished(tmp_path: Path, systems: Systems) -> None:

@@ -11,6 +11,7 @@ from gateway.cli.command_line.video_arguments import AddCommand
 
 __all__ = ["add_bag", "add_episode", "complete_record"]
 
+FORMATS = ("csv", "parquet")
 EPISODE_VERBS = ("start", "stop", "mark", "success", "failure", "discard", "status")
 
 
@@ -49,5 +50,34 @@ def add_bag(commands: Any, add: AddCommand) -> None:  # noqa: ANN401  argparse's
         ("check", "read every message, and say what is missing or wrong"),
     ):
         sub = add(verbs, name, text)
-        sub.add_argument("bag", type=Path, metavar="DIR", help="its folder; or an .mcap file")
-        sub.add_argument("--json", action="store_true", help="print JSON on standard output")
+        _add_bag(sub)
+    part = add(verbs, "cut", "copy a part of a bag into a new one", "Messages are copied byte for byte.")
+    _add_bag(part, out="of the new bag")
+    part.add_argument(
+        "--from", dest="from_s", type=_moment, default=0.0, metavar="S", help="begin (default %(default)g)"
+    )
+    part.add_argument("--to", dest="to_s", type=seconds, metavar="S", help="end (default: that of the bag)")
+    part.add_argument(
+        "--episode", type=int, metavar="N", help="only this episode; --from and --to count from its begin"
+    )
+    merged = add(
+        verbs, "merge", "put bags together into a new one, in the order of arrival", "Episodes are counted on."
+    )
+    _add_bag(merged, out="of the new bag", nargs="+")
+    table = add(verbs, "export", "write tables: a file for each topic, a row for each message, a column for each value")
+    _add_bag(table, out="of the tables, made anew")
+    table.add_argument(
+        "--format", choices=FORMATS, default=FORMATS[0], help="default: %(default)s; parquet takes pyarrow"
+    )
+    table.add_argument("--topic", action="append", metavar="NAME", help="only this one; may be repeated")
+
+
+def _add_bag(sub: argparse.ArgumentParser, out: str = "", nargs: str | None = None) -> None:
+    sub.add_argument("bag", type=Path, nargs=nargs, metavar="DIR", help="its folder; or an .mcap file")
+    if out:
+        sub.add_argument("--out", type=Path, required=True, metavar="DIR", help=f"folder {out}")
+    sub.add_argument("--json", action="store_true", help="print JSON on standard output")
+
+
+def _moment(text: str) -> float:
+    return 0.0 if text.strip() in ("0", "0.0") else seconds(text)

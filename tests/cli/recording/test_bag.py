@@ -64,3 +64,19 @@ def test_what_is_no_bag_is_refused_in_one_line(shell, tmp_path):
     """Status 1, as any refusal."""
     ended = shell.run("bag", "info", str(tmp_path / "nothing"))
     assert ended.status == 1 and ended.err.startswith("BAD_REQUEST: there is no ")
+
+
+def test_bags_and_tables_are_made_of_bags(shell, tmp_path):
+    """Cut, merge and export: a line each, the same as JSON."""
+    words = (said("start", 1, 0.5), said("stop", 1, 1.5))
+    folder, part, both = str(written(tmp_path / "bag", words=words)), str(tmp_path / "part"), str(tmp_path / "both")
+    cut = shell.run("bag", "cut", folder, "--out", part, "--from", "0", "--to", "1")
+    assert cut.status == 0 and cut.out == f"{part}/part_0.mcap: 1423 messages, 1 episodes\n" and "cut: 100%" in cut.err
+    found = shell.run("bag", "merge", folder, part, "--out", both, "--json").json
+    assert found["file"] == f"{both}/both_0.mcap" and found["episodes"] == 2
+    tables = shell.run("bag", "export", folder, "--out", str(tmp_path / "csv"), "--topic", LEFT)
+    assert tables.out == f"{tmp_path}/csv/left_arm.joint_states.csv: 600 rows, 24 columns\n"
+    found = shell.run("bag", "export", part, "--out", str(tmp_path / "parquet"), "--format", "parquet", "--json").json
+    assert {table["topic"]: table["rows"] for table in found["tables"]}[LEFT] == 200
+    refused = shell.run("bag", "cut", folder, "--out", str(tmp_path / "no"), "--episode", "5", "--json")
+    assert refused.status == 1 and "has no episode 5; there are: 1" in refused.json["error"]["message"]
