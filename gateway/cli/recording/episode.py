@@ -7,10 +7,11 @@ from argparse import Namespace
 
 import msgspec
 
+from gateway.api.recorder_protocol import RecordingState
 from gateway.cli.terminal.ending import ExitStatus
 from gateway.client.connection.recorder import ask_recorder
 
-__all__ = ["carry_out"]
+__all__ = ["carry_out", "line_of"]
 
 
 def carry_out(options: Namespace) -> ExitStatus:
@@ -28,10 +29,13 @@ def carry_out(options: Namespace) -> ExitStatus:
     if options.json:
         print(json.dumps({"ok": True, **msgspec.to_builtins(state)}, ensure_ascii=False))
         return ExitStatus.OK
-    done = (
-        "no episode yet"
-        if not state.episode
-        else f"episode {state.episode} {'goes on' if state.is_running else 'has ended'}"
-    )
-    print(f"{state.bag}: {done}" + (f": {state.task}" if state.task else ""))
+    print(f"{state.bag}: {line_of(state)}")
     return ExitStatus.OK
+
+
+def line_of(state: RecordingState) -> str:
+    """Return which episode goes on, or has ended, with its task."""
+    if not state.episode:
+        return "no episode yet"
+    task = f": {state.task}" if state.task else ""
+    return f"episode {state.episode} {'goes on' if state.is_running else 'has ended'}{task}"

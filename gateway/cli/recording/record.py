@@ -16,6 +16,7 @@ from datetime import datetime
 from pathlib import Path
 
 from gateway.api.recorder_protocol import recorder_socket
+from gateway.cli.recording.episode import line_of
 from gateway.cli.recording.keys import HELP, KEYS, Keys, keys
 from gateway.cli.terminal.connection import connected
 from gateway.cli.terminal.ending import ExitStatus, Interrupted
@@ -146,12 +147,11 @@ def _follow(recorder: Recorder, desk: EpisodeDesk, tell: Teller, pressed: Keys, 
         if seconds is not None and now_s - first_s >= seconds:
             return
         share = None if seconds is None else (now_s - first_s) / seconds
-        now, shown = desk.state, _line(progress, now_s - first_s)
-        if now.is_running:
-            shown += f", EPISODE {now.episode}" + (f" ({now.task})" if now.task else "")
-        elif now.episode:
-            shown += f", {now.episode} episodes"
-        tell.advance("record", share, f"{shown} [{HELP}]" if pressed.are_there else shown)
+        tell.advance("record", share, _line(progress, now_s - first_s))
+        if desk.state.episode:
+            tell.advance("episode", None, line_of(desk.state))
+        if pressed.are_there:
+            tell.advance("keys", None, HELP)
 
 
 def _obey(typed: str, desk: EpisodeDesk, tell: Teller) -> None:

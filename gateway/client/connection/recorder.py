@@ -40,10 +40,14 @@ def ask_recorder(
         OutcomeUnknown: The recorder did not answer.
     """
     path = recorder_socket(address)
-    question = packed(RecorderQuestion(ask=ask, task=task, text=text))
+    try:
+        question = packed(RecorderQuestion(ask=ask, task=task, text=text))
+    except UnicodeEncodeError as error:
+        message, hint = f"that is no text: {error}", "write it in UTF-8"
+        raise to_exception(Refusal(code=Code.BAD_REQUEST, message=message, field="text", hint=hint)) from None
     if len(question) > MAX_PACKET_BYTES:
-        message = f"{len(question)} bytes are asked, {MAX_PACKET_BYTES} bytes fit"
-        raise to_exception(Refusal(code=Code.BAD_REQUEST, message=message, hint="say it in fewer words"))
+        message, hint = f"{len(question)} bytes are asked, {MAX_PACKET_BYTES} bytes fit", "say it in fewer words"
+        raise to_exception(Refusal(code=Code.BAD_REQUEST, message=message, field="text", hint=hint))
     try:
         if os.stat(path).st_uid != os.geteuid():
             raise FileNotFoundError

@@ -48,7 +48,9 @@ def test_a_recorder_that_does_not_answer_leaves_the_outcome_unknown(address):
                 ask_recorder(address, "start", timeout_s=0.05)
 
 
-def test_what_does_not_fit_into_a_packet_is_not_sent(address):
+def test_what_does_not_fit_into_a_packet_or_is_no_text_is_not_sent(address):
     """Whether somebody records or not."""
     with pytest.raises(Rejected, match="20024 bytes are asked, 16384 bytes fit"):
         ask_recorder(address, "mark", text="x" * 20_000)
+    with pytest.raises(Rejected, match=r"that is no text: .* -> write it in UTF-8"):
+        ask_recorder(address, "mark", text="\udcff")
