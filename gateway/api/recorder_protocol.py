@@ -13,6 +13,7 @@ from typing import Annotated, Literal
 import msgspec
 
 from gateway.api.address import AddressRefused, default_socket, find_socket, parse_address
+from gateway.errors import Code, Refusal, to_exception
 
 __all__ = [
     "MAX_PACKET_BYTES",
@@ -74,13 +75,18 @@ def recorder_socket(address: str | None) -> Path:
     Args:
         address: Of the gateway, as a person typed it; None finds its socket. One on another host, or in a folder that is not
             this user's, has its recorder beside this user's own socket.
+
+    Raises:
+        Rejected: BAD_REQUEST, that is no address.
     """
     try:
         path = find_socket() if address is None else parse_address(address).path
-    except AddressRefused:
-        path = None
-    if path is None or not os.access(path.parent, os.W_OK):
-        path = default_socket()
+        if path is None or not os.access(path.parent, os.W_OK):
+            path = default_socket()
+    except AddressRefused as error:
+        raise to_exception(
+            Refusal(code=Code.BAD_REQUEST, message=str(error), field="target", hint="see connect()")
+        ) from None
     return path.with_name(f"{path.name}.recorder")
 
 

@@ -36,7 +36,7 @@ def ask_recorder(
 
     Raises:
         NotReady: NO_RECORDER, none of this user records there.
-        Rejected: It cannot be done now, or makes no sense.
+        Rejected: It cannot be done now, or makes no sense; field `target`: that is no address.
         OutcomeUnknown: The recorder did not answer.
     """
     path = recorder_socket(address)
