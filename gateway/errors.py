@@ -376,7 +376,8 @@ CODES: dict[Code, CodeInfo] = {
         error=ConfigError, hint="use the calibration of this very robot; never copy one (manual A.4, A.6)"
     ),
     Code.DISCONNECTED: CodeInfo(error=Disconnected, hint="start the daemon with `ta2 run`", retryable=True),
-    Code.TIMEOUT: CodeInfo(error=GatewayTimeout, hint="see the state (`ta2 status`), then wait longer", retryable=True),
+    Code.NO_RECORDER: CodeInfo(error=NotReady, hint="start one on this host: `ta2 record --out DIR`", retryable=True),
+    Code.TIMEOUT: CodeInfo(error=GatewayTimeout, hint="look (`ta2 status`), then wait longer", retryable=True),
     Code.OUTCOME_UNKNOWN: CodeInfo(error=OutcomeUnknown, hint="look at the state before repeating the command"),
     Code.POLICY_FAILED: CodeInfo(error=Aborted, hint="see its log: most often it does not know what --map shows it"),
     Code.INTERNAL: CodeInfo(error=InternalError, hint="report the message: this is a bug of the gateway"),

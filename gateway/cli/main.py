@@ -384,6 +384,7 @@ COMMANDS: Mapping[str, Callable[[Namespace], int]] = {
     "lift": _ground,
     "video": _carried_out_by("gateway.cli.cameras.commands"),
     "record": _carried_out_by("gateway.cli.recording.record"),
+    "episode": _carried_out_by("gateway.cli.recording.episode"),
     "bag": _carried_out_by("gateway.cli.recording.bag"),
     "dataset": _carried_out_by("gateway.cli.dataset.build"),
     "policy": _carried_out_by("gateway.cli.policy.run"),

@@ -49,6 +49,8 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike
     from typing_extensions import Unpack
 
+    from gateway.client.aio_recording import Recording
+
 __all__ = [
     "ArmControl",
     "ChassisControl",
@@ -245,6 +247,13 @@ class Robot:
     async def recover(self, reason: str = "") -> None:
         """Clear all latches, or none when a cause persists. As `client.Robot.recover`."""
         await run(self._session, procedures.request(self._session, protocol.Recover(reason=reason)))
+
+    @property
+    def recording(self) -> Recording:
+        """The recording of this robot that `ta2 record` makes on this host. As `client.Robot.recording`."""
+        from gateway.client.aio_recording import Recording  # few programs record, and imports take time
+
+        return Recording(self._session.transport.address)
 
     def stop_endpoint(self, timeout: float = 0.5, on_silence: protocol.OnLossName = "hold") -> StopEndpoint:
         """Return a stop endpoint, to be used in `async with`. As `client.Robot.stop_endpoint`."""

@@ -50,6 +50,8 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike
     from typing_extensions import Unpack
 
+    from gateway.client.recording import Recording
+
 __all__ = ["EventStream", "Robot", "connect"]
 
 
@@ -320,6 +322,13 @@ class Robot:
             NotReady: LATCH_PERSISTS, or the robot cannot be seen; ENDPOINT_SILENT without a reason.
         """
         run(self._session, procedures.request(self._session, protocol.Recover(reason=reason)))
+
+    @property
+    def recording(self) -> Recording:
+        """The recording of this robot that `ta2 record` makes on this host: its episodes begun, ended, marked and judged."""
+        from gateway.client.recording import Recording  # few programs record, and imports take time
+
+        return Recording(self._session.transport.address)
 
     def stop_endpoint(self, timeout: float = 0.5, on_silence: protocol.OnLossName = "hold") -> StopEndpoint:
         """Return a stop endpoint, to be used in a `with` block whose loop calls `check_in()`: a deadman. Anybody may.

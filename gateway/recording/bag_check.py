@@ -14,7 +14,8 @@ from cdr_types import CdrError, UnknownType, decode, message_type
 from cdr_types.messages.geometry_msgs import Pose
 from cdr_types.messages.sensor_msgs import JointState
 from gateway.recording.bag_reader import Bag, BagTopic
-from gateway.recording.topics import gap_ns, recorded_topics
+from gateway.recording.episodes import Episode, episodes, events
+from gateway.recording.topics import EPISODES, EVENTS, GATEWAY, gap_ns, recorded_topics
 from gateway.robot.topics import TOPICS, Direction
 from gateway.settings.settings import LinkSettings
 
@@ -96,7 +97,7 @@ def check(bag: Bag, on_progress: Callable[[float], None] = lambda share: None) -
         count += 1
         _watch(watched[topic], log_ns, payload)
     on_progress(1.0)
-    findings = [*_of_bag(bag, topics, count)]
+    findings = [*_of_bag(bag, topics, count), *_of_episodes(bag, watched[EPISODES].count if EPISODES in watched else 0)]
     for name, one in watched.items():
         findings += _of_topic(name, one, bag.duration_s)
     findings.sort(key=lambda finding: finding.level != "error")
@@ -181,6 +182,33 @@ def _of_bag(bag: Bag, topics: list[BagTopic], count: int) -> Iterator[Finding]:
                 message = "nothing of it came, though every robot of this model has it"
                 hint = "was the robot on? `ta2 link` tells what is missing"
                 yield Finding(level="error", topic=topic.name, message=message, hint=hint)
+
+
+def _of_episodes(bag: Bag, said: int) -> Iterator[Finding]:
+    """Judge what was said of episodes: so many words."""
+
+    def finding(message: str, hint: str = "") -> Finding:
+        return Finding(level="warning", topic=EPISODES, message=message, hint=hint)
+
+    if not said:
+        return
+    unread = said - sum(1 for _ in events(bag))
+    if unread:
+        yield finding(f"{unread} of {said} messages say nothing of an episode that can be read")
+    robots = [topic.name for topic in bag.topics if topic.name not in (EPISODES, EVENTS, GATEWAY)]
+    before: Episode | None = None
+    for episode in episodes(bag):
+        name = f"episode {episode.number}"
+        if not episode.is_finished:
+            yield finding(f"{name} was never stopped: it ends with the bag", "was the recorder killed in it?")
+        if next(bag.messages(robots, episode.begin_ns, episode.end_ns), None) is None:
+            yield finding(f"{name} is empty: nothing of the robot came in it", "leave it out, or discard it")
+        if before is not None and episode.begin_ns < before.end_ns:
+            overlap_s = (min(before.end_ns, episode.end_ns) - episode.begin_ns) / 1e9
+            yield finding(
+                f"{name} begins {overlap_s:.2f} s before the end of episode {before.number}", "cut one of them"
+            )
+        before = episode if before is None or episode.end_ns > before.end_ns else before
 
 
 def _of_topic(name: str, topic: Watched, duration_s: float) -> Iterator[Finding]:

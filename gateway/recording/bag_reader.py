@@ -5,16 +5,18 @@ Libraries: rosbags. A message is handed out as bytes: nothing is decoded that no
 
 from __future__ import annotations
 
+import heapq
 from collections.abc import Collection, Iterator, Mapping
-from contextlib import suppress
+from contextlib import ExitStack, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from gateway.errors import Code, Refusal, to_exception
 from gateway.recording.bag_writer import ACTIVE, METADATA, NOTE, needed
+from gateway.recording.topics import RecordedTopic
 
-__all__ = ["Bag", "BagMessage", "BagTopic"]
+__all__ = ["Bag", "BagCopy", "BagMessage", "BagTopic"]
 
 
 class BagMessage(NamedTuple):
@@ -22,6 +24,15 @@ class BagMessage(NamedTuple):
 
     topic: str
     log_ns: int
+    payload: bytes
+
+
+class BagCopy(NamedTuple):
+    """A message to be copied: arrival and sender's time [ns], topic, CDR bytes."""
+
+    log_ns: int
+    publish_ns: int
+    topic: str
     payload: bytes
 
 
@@ -46,12 +57,11 @@ class Bag:
 
     def __init__(self, path: Path) -> None:
         self.path = path
-        reading = needed("rosbags.highlevel")
+        reading, types = needed("rosbags.highlevel"), needed("rosbags.typesys")
         _refuse_incomplete(path)
         try:
-            typesys = needed("rosbags.typesys")
-            known = typesys.get_typestore(typesys.Stores.ROS2_HUMBLE)
-            self._reader: Any = reading.AnyReader([path], default_typestore=known)
+            store = types.get_typestore(types.Stores.ROS2_HUMBLE)  # SQLite bags of Humble hold no definitions
+            self._reader: Any = reading.AnyReader([path], default_typestore=store)
             self._reader.open()
         except Exception as error:
             message = f"{path} cannot be read: {error}"
@@ -77,6 +87,38 @@ class Bag:
             count = connection.msgcount + (before.count if before else 0)
             found[connection.topic] = BagTopic(name=connection.topic, type_name=connection.msgtype, count=count)
         return [found[name] for name in sorted(found)]
+
+    def recorded_topics(self) -> list[RecordedTopic]:
+        """Return every topic as a writer needs it, with definition and QoS, by name.
+
+        Raises:
+            Rejected: BAD_REQUEST, nobody knows the definition of a type.
+        """
+        dump, languages = needed("rosbags.rosbag2.metadata").dump_qos_v8, {"MSG": "ros2msg", "IDL": "ros2idl"}
+        found: dict[str, RecordedTopic] = {}
+        for connection in self._reader.connections:
+            name, type_name = connection.topic, connection.msgtype
+            text, encoding = connection.msgdef.data, languages.get(connection.msgdef.format.name)
+            try:
+                if encoding is None:
+                    text, encoding = self._reader.typestore.generate_msgdef(type_name, ros_version=2)[0], "ros2msg"
+            except Exception as error:
+                message = f"{name}: nobody knows the definition of {type_name}"
+                raise to_exception(Refusal(code=Code.BAD_REQUEST, message=message, field="bag")) from error
+            qos = dump(connection.ext.offered_qos_profiles)
+            found[name] = RecordedTopic(name=name, type_name=type_name, definition=text, encoding=encoding, qos=qos)
+        return [found[name] for name in sorted(found)]
+
+    def decode(self, type_name: str, payload: bytes) -> Any:  # noqa: ANN401  a class that rosbags made of the definition
+        """Return a message of any type of this bag, as a dataclass.
+
+        Raises:
+            ValueError: It is malformed.
+        """
+        try:
+            return self._reader.deserialize(payload, type_name)
+        except Exception as error:  # whatever a malformed message makes of it
+            raise ValueError(f"{type_name}: {error}") from error
 
     @property
     def begin_ns(self) -> int:
@@ -104,13 +146,17 @@ class Bag:
         files = self.path.rglob("*") if self.path.is_dir() else [self.path]
         return sum(file.stat().st_size for file in files if file.is_file())
 
-    def messages(self, topics: Collection[str] | None = None) -> Iterator[BagMessage]:
+    def messages(
+        self, topics: Collection[str] | None = None, begin_ns: int | None = None, end_ns: int | None = None
+    ) -> Iterator[BagMessage]:
         """Yield messages in the order of their arrival.
 
         Args:
             topics: Only these; None for all.
+            begin_ns: Only those that came then or later [ns].
+            end_ns: Only those that came before [ns].
         """
-        for connection, log_ns, payload in self._messages(topics):
+        for connection, log_ns, payload in self._messages(topics, begin_ns, end_ns):
             yield BagMessage(connection.topic, log_ns, bytes(payload))
 
     def decoded(self, topics: Collection[str]) -> Iterator[tuple[str, int, Any]]:
@@ -125,15 +171,38 @@ class Bag:
                 message = self._reader.deserialize(payload, connection.msgtype)
             yield connection.topic, log_ns, message
 
-    def _messages(self, topics: Collection[str] | None) -> Iterator[tuple[Any, int, Any]]:
+    def copies(self, begin_ns: int | None = None, end_ns: int | None = None) -> Iterator[BagCopy]:
+        """Yield messages in the order of their arrival, as they are to be copied: with the times of their senders.
+
+        Args:
+            begin_ns: Only those that came then or later [ns].
+            end_ns: Only those that came before [ns].
+        """
+        files = self._mcap_files()
+        if not files:  # SQLite keeps one time
+            yield from (BagCopy(m.log_ns, m.log_ns, m.topic, m.payload) for m in self.messages(None, begin_ns, end_ns))
+            return
+        with ExitStack() as streams:
+            readers = [needed("mcap.reader").make_reader(streams.enter_context(file.open("rb"))) for file in files]
+            rows = [reader.iter_messages(starting_at=begin_ns, ending_before=end_ns) for reader in readers]
+            for _, channel, message in heapq.merge(*rows, key=lambda row: row[2].log_time):
+                yield BagCopy(message.log_time, message.publish_time, channel.topic, message.data)
+
+    def _messages(
+        self, topics: Collection[str] | None, begin_ns: int | None = None, end_ns: int | None = None
+    ) -> Iterator[tuple[Any, int, Any]]:
         wanted = [c for c in self._reader.connections if topics is None or c.topic in topics]
-        return iter(self._reader.messages(connections=wanted) if wanted else ())  # rosbags takes none for all
+        if wanted:  # rosbags takes none for all
+            yield from self._reader.messages(connections=wanted, start=begin_ns, stop=end_ns)
+
+    def _mcap_files(self) -> list[Path]:
+        files = sorted(self.path.glob("*.mcap")) if self.path.is_dir() else [self.path]
+        return [file for file in files if file.suffix == ".mcap"]
 
     def facts(self) -> Mapping[str, str]:
         """Return what our recorder noted; nothing of other recorders' bags."""
         facts: dict[str, str] = {}
-        files = sorted(self.path.glob("*.mcap")) if self.path.is_dir() else [self.path]
-        for file in files:
+        for file in self._mcap_files():
             with file.open("rb") as stream, suppress(Exception):  # noted facts are a gift: none are no fault
                 for record in needed("mcap.reader").make_reader(stream).iter_metadata():
                     if record.name == NOTE:

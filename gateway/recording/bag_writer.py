@@ -17,10 +17,10 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from cdr_types.schemas import ENCODING, definition
+from cdr_types.schemas import definition
 from gateway import __version__
 from gateway.errors import Code, Refusal, to_exception
-from gateway.recording.topics import QOS, RecordedTopic
+from gateway.recording.topics import RecordedTopic
 
 __all__ = ["ACTIVE", "METADATA", "NOTE", "BagWriter", "bag_file", "needed"]
 
@@ -32,8 +32,8 @@ CHUNK_BYTES = 512 * 1024
 """A chunk is closed before it is larger: some one and a half seconds of a robot's whole state."""
 
 
-def needed(module: str) -> Any:  # noqa: ANN401  a module without types of its own
-    """Return a module of the packages that recording takes.
+def needed(module: str, extra: str = "record") -> Any:  # noqa: ANN401  a module without types of its own
+    """Return a module of the packages that recording takes, as an extra names them.
 
     Raises:
         Rejected: BAD_REQUEST, it is not installed.
@@ -43,8 +43,8 @@ def needed(module: str) -> Any:  # noqa: ANN401  a module without types of its o
     try:
         return importlib.import_module(module)
     except ImportError as error:
-        hint = "install it: pip install 'teleavatar-gateway[record]'"
-        message = f"bags are written and read with {module.partition('.')[0]}, which is not installed ({error})"
+        hint = f"install it: pip install 'teleavatar-gateway[{extra}]'"
+        message = f"this takes {module.partition('.')[0]}, which is not installed ({error})"
         raise to_exception(Refusal(code=Code.BAD_REQUEST, message=message, hint=hint)) from None
 
 
@@ -76,18 +76,19 @@ class BagWriter:
         self._writer = writing.Writer(self._file, chunk_size=CHUNK_BYTES, compression=writing.CompressionType.ZSTD)
         self._add = self._writer.add_message
         self._writer.start(profile="ros2", library=f"teleavatar-gateway {__version__}")
+        kinds = [(topic.type_name, topic.encoding, topic.definition or definition(topic.type_name)) for topic in topics]
         schemas = {
-            name: self._writer.register_schema(name=name, encoding=ENCODING, data=definition(name).encode())
-            for name in dict.fromkeys(topic.type_name for topic in topics)
+            (name, encoding, text): self._writer.register_schema(name=name, encoding=encoding, data=text.encode())
+            for name, encoding, text in dict.fromkeys(kinds)
         }
         self._channels = [
             self._writer.register_channel(
                 topic=topic.name,
                 message_encoding="cdr",
-                schema_id=schemas[topic.type_name],
-                metadata={"offered_qos_profiles": QOS},
+                schema_id=schemas[kind],
+                metadata={"offered_qos_profiles": topic.qos},
             )
-            for topic in topics
+            for topic, kind in zip(topics, kinds, strict=True)
         ]
 
     @property
@@ -192,7 +193,7 @@ def metadata(file: str, topics: Sequence[RecordedTopic], counts: Sequence[int], 
                 "name": topic.name,
                 "type": topic.type_name,
                 "serialization_format": "cdr",
-                "offered_qos_profiles": QOS,
+                "offered_qos_profiles": topic.qos,
             }
             rows.append(f"    - topic_metadata: {json.dumps(facts)}\n      message_count: {count}\n")
     return (

@@ -21,7 +21,7 @@ __all__ = ["GatewayTap"]
 AGAIN_S = 1.0
 LOOK_S = 0.1
 
-Tell = Callable[[str, Mapping[str, object]], None]
+Tell = Callable[[str, Mapping[str, object]], object]
 """Takes what is told: the topic, and facts for JSON."""
 
 

@@ -27,7 +27,7 @@ from cdr_types import CdrError, encode, peek_stamp
 from cdr_types.messages.std_msgs import String
 from gateway.errors import Code, Refusal, to_exception
 from gateway.recording.bag_writer import BagWriter
-from gateway.recording.topics import NEVER_NS, RecordedTopic, gap_ns
+from gateway.recording.topics import EPISODES, NEVER_NS, RecordedTopic, gap_ns
 
 __all__ = ["BEGIN_FREE_BYTES", "LEAST_FREE_BYTES", "Progress", "Recorder"]
 
@@ -142,10 +142,22 @@ class Recorder:
         else:
             self._lost += 1
 
-    def tell(self, topic: str, facts: Mapping[str, object]) -> None:
-        """Take what a gateway says, for one of `EVENTS` and `GATEWAY`; never waits."""
-        text = json.dumps(facts, ensure_ascii=False)
-        self.take(self._numbers[topic], self._clock(), encode(String(data=text)))
+    def tell(self, topic: str, facts: Mapping[str, object]) -> bool:
+        """Take what a gateway or a user says, as JSON; never waits.
+
+        Args:
+            topic: `EVENTS`, `GATEWAY` or `EPISODES`; what is said of an episode gets its time here.
+            facts: What is said.
+
+        Returns:
+            Whether there was room for it.
+        """
+        now_ns = self._clock()
+        if topic == EPISODES:
+            facts = {**facts, "at_ns": now_ns + self._anchor_ns}
+        is_room = len(self._queue) < MOST_WAITING
+        self.take(self._numbers[topic], now_ns, encode(String(data=json.dumps(facts, ensure_ascii=False))))
+        return is_room
 
     # ------------------------------------------------------------------------------------------------ the recording's own
 

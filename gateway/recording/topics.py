@@ -8,6 +8,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from cdr_types.keys import topic_to_key
+from cdr_types.schemas import ENCODING
 from gateway.robot.topics import STATE_TOPICS, TOPICS, Direction
 from gateway.settings.settings import LinkSettings
 
@@ -57,6 +58,9 @@ class RecordedTopic:
         is_state: Whether the robot publishes it.
         is_stamped: Whether its messages begin with a header.
         rate_hz: Nominal rate; 0 where there is none.
+        definition: Of a type that others defined, as its bag has it; empty for ours.
+        encoding: Language of that.
+        qos: As it is offered, in the form of rosbag2's version 5.
     """
 
     name: str
@@ -65,6 +69,9 @@ class RecordedTopic:
     is_state: bool = False
     is_stamped: bool = False
     rate_hz: float = 0.0
+    definition: str = ""
+    encoding: str = ENCODING
+    qos: str = QOS
 
 
 def gap_ns(rate_hz: float) -> int:

@@ -2,8 +2,14 @@
 
 from __future__ import annotations
 
+import fcntl
 import json
+import os
+import pty
 import signal
+import subprocess
+import sys
+import termios
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -14,16 +20,18 @@ from cdr_types import decode, encode
 from cdr_types.keys import topic_to_key
 from cdr_types.messages.sensor_msgs import JointState
 from cdr_types.messages.std_msgs import Float32, String
+from gateway.errors import NotReady
 from gateway.recording.bag_check import check
 from gateway.recording.bag_reader import Bag
 from gateway.recording.bag_writer import ACTIVE
+from gateway.recording.episodes import episodes
 from gateway.recording.recovering import recover
 from gateway.recording.tap import Tap
 from gateway.recording.topics import EVENTS, GATEWAY, recorded_topics
 from gateway.robot.topics import FSM_ENABLE, STATE_TOPICS, arm_state
 from gateway.settings.settings import LinkSettings
 from gateway.values import Side
-from tests.e2e.system import Process, System, joint_topics, steady, wait_for, worst_gap_ms
+from tests.e2e.system import ROOT, Process, System, joint_topics, steady, wait_for, worst_gap_ms
 
 pytestmark = [
     pytest.mark.e2e,
@@ -101,6 +109,109 @@ def test_a_recording_holds_what_robot_owner_and_gateway_said(tmp_path: Path, sys
         assert checked.ok, checked.findings
         first = next(decode(m.payload, JointState) for m in bag.messages([LEFT]))
         assert len(first.position) == 7
+
+
+def ta2(system: System, *words: str) -> dict[str, Any]:
+    """Return what a command of another process says as JSON."""
+    arguments = [sys.executable, "-m", "gateway.cli", *words, "--json"]
+    ended = subprocess.run(arguments, cwd=ROOT, capture_output=True, text=True, timeout=60.0, check=False)
+    assert ended.returncode == 0, ended.stderr
+    said: dict[str, Any] = json.loads(ended.stdout)
+    return said
+
+
+def test_episodes_are_told_from_another_process_and_by_a_client(tmp_path: Path, systems: Systems) -> None:
+    """Each with task, length and verdict in the bag; the gateway hears nothing of it."""
+    system, folder = systems(tmp_path, has_guard=False), tmp_path / "bag"
+
+    def tell(*words: str) -> dict[str, Any]:
+        return ta2(system, "episode", *words, "--socket", system.target)
+
+    with system.connect("watcher") as watcher:
+        recorder = recording(system, folder, "--task", "wave")
+        assert tell("start")["is_running"]
+        so_far = system.count(FSM_ENABLE)
+        assert tell("mark", "here")["episode"] == 1 and tell("success")["is_running"] is False
+        assert watcher.recording.start("lift").task == "lift"
+        watcher.recording.stop()
+        assert watcher.recording.discard().bag == str(folder) and system.count(FSM_ENABLE) == so_far
+        recorder.send(signal.SIGINT)
+        assert recorder.wait() == 0, recorder.text()
+    with Bag(folder) as bag:
+        first, second = episodes(bag)
+        assert (first.task, first.outcome, [mark.text for mark in first.marks]) == ("wave", "success", ["here"])
+        assert (second.task, second.is_discarded, second.is_finished) == ("lift", True, True)
+        assert bag.begin_ns < first.begin_ns < first.end_ns < second.begin_ns < second.end_ns < bag.end_ns
+        assert any(bag.messages([LEFT], first.begin_ns, first.end_ns))
+    assert [episode["number"] for episode in ta2(system, "bag", "info", str(folder))["episodes"]] == [1, 2]
+    assert ta2(system, "bag", "check", str(folder))["ok"]
+    assert ta2(system, "bag", "cut", str(folder), "--out", str(tmp_path / "one"), "--episode", "1")["episodes"] == 1
+    (found,) = ta2(system, "bag", "info", str(tmp_path / "one"))["episodes"]
+    assert (found["task"], found["outcome"], found["end_ns"]) == ("wave", "success", first.end_ns)
+    tables = ta2(system, "bag", "export", str(tmp_path / "one"), "--out", str(tmp_path / "csv"))["tables"]
+    with Bag(tmp_path / "one") as bag:
+        assert {table["topic"]: table["rows"] for table in tables} == {t.name: t.count for t in bag.topics if t.count}
+
+
+def test_an_episode_in_which_the_recorder_was_killed_is_there_unfinished(tmp_path: Path, systems: Systems) -> None:
+    """After the recovery; and the next recorder takes the place of the dead one."""
+    system, folder = systems(tmp_path, has_guard=False), tmp_path / "bag"
+    with system.connect("watcher") as watcher:
+        recorder = recording(system, folder)
+        watcher.recording.start("wave")
+        path = folder / f"bag_0.mcap{ACTIVE}"
+        size = path.stat().st_size
+        wait_for(lambda: path.stat().st_size > size + 50_000, "more of the recording")
+        recorder.send(signal.SIGKILL)
+        recorder.wait()
+        with pytest.raises(NotReady, match="no recorder listens"):
+            watcher.recording.stop()
+        recover(folder)
+        with Bag(folder) as bag:
+            (episode,) = episodes(bag)
+            assert (episode.task, episode.is_finished, episode.end_ns) == ("wave", False, bag.end_ns)
+            assert [f.message for f in check(bag).findings if "never stopped" in f.message]
+        again = recording(system, tmp_path / "again")
+        assert watcher.recording.state().episode == 0
+        again.send(signal.SIGINT)
+        assert again.wait() == 0, again.text()
+
+
+def test_keys_of_the_terminal_that_records_tell_of_episodes(tmp_path: Path, systems: Systems) -> None:
+    """Space, a verdict, q; a person sees what goes on, and the terminal is given back as it was."""
+    system, folder = systems(tmp_path, has_guard=False), tmp_path / "bag"
+    system.connect("first").close()
+    ours, theirs = pty.openpty()
+    before = termios.tcgetattr(theirs)
+
+    def take() -> None:
+        os.setsid()
+        fcntl.ioctl(theirs, termios.TIOCSCTTY, 0)
+
+    arguments = [sys.executable, "-m", "gateway.cli", "record", "--socket", system.target, "--out", str(folder)]
+    with (tmp_path / "shown").open("wb") as shown:
+        recorder = subprocess.Popen(
+            arguments, cwd=ROOT, stdin=theirs, stdout=shown, stderr=shown, preexec_fn=take, pass_fds=[theirs]
+        )
+
+    def says(words: str) -> bool:
+        return words in (tmp_path / "shown").read_text()
+
+    try:
+        wait_for(lambda: says("space start/stop"), "its keys", tell=lambda: (tmp_path / "shown").read_text())
+        for keys, words in ((b" ", "episode 1: start"), (b"s", "episode 1: success"), (b"s d", "episode 2: discard")):
+            os.write(ours, keys)
+            wait_for(lambda words=words: says(words), words)
+        os.write(ours, b" q")
+        assert recorder.wait(20.0) == 0
+        assert termios.tcgetattr(theirs) == before
+    finally:
+        recorder.kill()
+        os.close(ours)
+        os.close(theirs)
+    with Bag(folder) as bag:
+        first, second, third = episodes(bag)
+        assert first.outcome == "success" and second.is_discarded and third.is_finished
 
 
 @pytest.mark.alone

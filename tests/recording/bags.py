@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from cdr_types import encode, message_type
@@ -10,7 +10,8 @@ from cdr_types.messages.builtin_interfaces import Time
 from cdr_types.messages.sensor_msgs import JointState
 from cdr_types.messages.std_msgs import Header
 from gateway.recording.bag_writer import BagWriter
-from gateway.recording.topics import RecordedTopic, recorded_topics
+from gateway.recording.episodes import EpisodeEvent, EventName, as_message
+from gateway.recording.topics import EPISODES, RecordedTopic, recorded_topics
 from gateway.robot.topics import arm_state, ee_pose
 from gateway.settings.settings import LinkSettings
 from gateway.values import Side
@@ -20,6 +21,7 @@ TOPICS = recorded_topics(LinkSettings())
 ARM = next(n for n, topic in enumerate(TOPICS) if topic.name == arm_state(Side.LEFT))
 POSE = next(n for n, topic in enumerate(TOPICS) if topic.name == ee_pose(Side.LEFT))
 """Numbers of a topic with stamps, and of one without."""
+WORDS = next(n for n, topic in enumerate(TOPICS) if topic.name == EPISODES)
 
 
 def joints(stamp_ns: int, width: int = 7, value: float = 0.5) -> bytes:
@@ -40,13 +42,26 @@ Change = Callable[[RecordedTopic, int, bytes], "tuple[int, bytes] | None"]
 """What becomes of a message: topic, arrival [ns], payload in; another arrival and payload out, or None for nothing."""
 
 
-def written(folder: Path, seconds: float = 3.0, change: Change = lambda topic, at_ns, data: (at_ns, data)) -> Path:
+def said(event: EventName, episode: int, after_s: float, **fields: str) -> EpisodeEvent:
+    """Return what was said of an episode so long after the begin [s]."""
+    return EpisodeEvent(event=event, episode=episode, at_ns=BEGIN_NS + int(after_s * 1e9), **fields)
+
+
+def written(
+    folder: Path,
+    seconds: float = 3.0,
+    change: Change = lambda topic, at_ns, data: (at_ns, data),
+    words: Sequence[EpisodeEvent] = (),
+    task: str = "",
+) -> Path:
     """Write a bag of a robot's whole state, and return its folder.
 
     Args:
         folder: Of the bag.
         seconds: How long [s].
         change: Applied to each message.
+        words: What is said of episodes.
+        task: Noted for the whole.
     """
     bag = BagWriter(folder, TOPICS)
     rows = []
@@ -54,11 +69,17 @@ def written(folder: Path, seconds: float = 3.0, change: Change = lambda topic, a
         if topic.rate_hz:
             for n in range(int(seconds * topic.rate_hz)):
                 rows.append((int(n * 1e9 / topic.rate_hz), number))  # noqa: PERF401
+    waiting = sorted(words, key=lambda word: word.at_ns)
     for after_ns, number in sorted(rows):
+        while waiting and waiting[0].at_ns <= BEGIN_NS + after_ns:
+            word = waiting.pop(0)
+            bag.add(WORDS, word.at_ns, word.at_ns, as_message(word))
         topic, at_ns = TOPICS[number], BEGIN_NS + after_ns
         changed = change(topic, at_ns, payload(topic, at_ns - 1_000_000))
         if changed is not None:
             bag.add(number, changed[0], changed[0], changed[1])
-    bag.note({"model": "standard", "namespace": "", "lost": "0"})
+    for word in waiting:
+        bag.add(WORDS, word.at_ns, word.at_ns, as_message(word))
+    bag.note({"model": "standard", "namespace": "", "lost": "0"} | ({"task": task} if task else {}))
     bag.finish()
     return folder

@@ -6,12 +6,14 @@ import pytest
 
 from cdr_types import encode
 from cdr_types.messages.geometry_msgs import Point, Pose
+from cdr_types.messages.std_msgs import String
 from gateway.recording.bag_check import check
 from gateway.recording.bag_reader import Bag
 from gateway.recording.bag_writer import METADATA, BagWriter
+from gateway.recording.topics import EPISODES
 from gateway.robot.topics import arm_state, ee_pose
 from gateway.values import Side
-from tests.recording.bags import ARM, BEGIN_NS, TOPICS, joints, written
+from tests.recording.bags import ARM, BEGIN_NS, TOPICS, WORDS, joints, said, written
 
 S, MS = 1_000_000_000, 1_000_000
 LEFT, POSE_TOPIC = arm_state(Side.LEFT), ee_pose(Side.LEFT)
@@ -131,3 +133,32 @@ def test_an_empty_bag_is_not_fit_for_use(tmp_path):
     """It says so once."""
     BagWriter(tmp_path / "bag", TOPICS).finish()
     assert found(tmp_path / "bag") == [("error", "", "it holds no message")]
+
+
+@pytest.mark.parametrize(
+    ("words", "why"),
+    [
+        ((said("start", 1, 1),), "episode 1 was never stopped: it ends with the bag"),
+        ((said("start", 1, 1), said("stop", 1, 1)), "episode 1 is empty: nothing of the robot came in it"),
+        (
+            (said("start", 1, 0), said("start", 2, 1), said("stop", 2, 1.5), said("stop", 1, 2)),
+            "episode 2 begins 0.50 s before the end of episode 1",
+        ),
+    ],
+)
+def test_episodes_that_cannot_be_used_as_they_are_are_named(tmp_path, words, why):
+    """Unfinished, empty, two at once; good ones are no finding."""
+    assert found(written(tmp_path / "bag", words=words)) == [("warning", EPISODES, why)]
+    good = (said("start", 1, 0), said("stop", 1, 1), said("start", 2, 1), said("stop", 2, 2), said("success", 1, 2.5))
+    assert found(written(tmp_path / "good", words=good)) == []
+
+
+def test_what_nobody_can_read_of_episodes_is_counted(tmp_path):
+    """It may have been the end of one."""
+    bag = BagWriter(tmp_path / "bag", TOPICS)
+    bag.add(ARM, BEGIN_NS, BEGIN_NS, joints(1))
+    bag.add(WORDS, BEGIN_NS, BEGIN_NS, encode(String(data="start")))
+    bag.finish()
+    assert ("warning", EPISODES, "1 of 1 messages say nothing of an episode that can be read") in found(
+        tmp_path / "bag"
+    )

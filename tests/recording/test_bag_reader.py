@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import contextlib
+import sqlite3
+
 import pytest
 from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
 
 from gateway.errors import Rejected
 from gateway.recording.bag_reader import Bag
-from gateway.recording.bag_writer import BagWriter, bag_file
+from gateway.recording.bag_writer import METADATA, BagWriter, bag_file
 from gateway.robot.topics import FSM_STATE, arm_state
 from gateway.values import Side
 from tests.recording.bags import BEGIN_NS, TOPICS, joints, written
@@ -51,6 +54,43 @@ def test_bags_of_other_recorders_are_read(tmp_path, plugin):
     with Bag(tmp_path / "other") as bag:
         assert [(m.topic, m.log_ns, m.payload) for m in bag.messages()] == [(arm_state(Side.LEFT), BEGIN_NS, joints(5))]
         assert bag.facts() == {}
+
+
+def test_bags_without_definitions_are_read(tmp_path):
+    """Humble's SQLite holds the names of types alone (manual §5.4); one that nobody knows is named when it is needed."""
+    folder, store = tmp_path / "humble", get_typestore(Stores.ROS2_HUMBLE)
+    with Writer(folder, version=8, storage_plugin=StoragePlugin.SQLITE3) as writer:
+        connection = writer.add_connection(arm_state(Side.LEFT), "sensor_msgs/msg/JointState", typestore=store)
+        writer.write(connection, BEGIN_NS, joints(5))
+    for type_name in ("sensor_msgs/msg/JointState", "nobody_msgs/msg/Secret"):
+        with contextlib.closing(sqlite3.connect(next(folder.glob("*.db3")))) as database:
+            database.execute("DELETE FROM message_definitions")
+            database.execute("UPDATE topics SET type = ?", [type_name])
+            database.commit()
+        metadata = folder / METADATA
+        metadata.write_text(metadata.read_text().replace("sensor_msgs/msg/JointState", type_name))
+        with Bag(folder) as bag:
+            assert [m.payload for m in bag.messages()] == [joints(5)]
+            if type_name.startswith("sensor"):
+                (topic,) = bag.recorded_topics()
+                assert "float64[] position" in topic.definition and topic.encoding == "ros2msg"
+                assert list(bag.decode(type_name, joints(5)).position) == [0.5] * 7
+                assert bag.copies().__next__().publish_ns == BEGIN_NS
+                with pytest.raises(ValueError, match="JointState"):
+                    bag.decode(type_name, b"")
+            else:
+                with pytest.raises(Rejected, match="nobody knows the definition of nobody_msgs/msg/Secret"):
+                    bag.recorded_topics()
+
+
+def test_a_span_of_it_is_read(folder):
+    """Its begin is in it, its end is not; copies have the times of their senders."""
+    with Bag(folder) as bag:
+        begin_ns, end_ns = BEGIN_NS + 100_000_000, BEGIN_NS + 200_000_000
+        times = [message.log_ns for message in bag.messages([arm_state(Side.LEFT)], begin_ns, end_ns)]
+        assert (times[0], len(times)) == (begin_ns, 20)
+        assert {copy.log_ns for copy in bag.copies(begin_ns, end_ns)} == set(times) | {BEGIN_NS + 100_000_000}
+        assert bag.end_ns == max(m.log_ns for m in bag.messages()) + 1
 
 
 def test_an_empty_bag_has_no_begin(tmp_path):

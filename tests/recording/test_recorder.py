@@ -14,7 +14,7 @@ from gateway.errors import Rejected
 from gateway.recording import recorder as module
 from gateway.recording.bag_writer import ACTIVE, bag_file
 from gateway.recording.recorder import BEGIN_FREE_BYTES, LEAST_FREE_BYTES, Recorder
-from gateway.recording.topics import EVENTS, GATEWAY
+from gateway.recording.topics import EPISODES, EVENTS, GATEWAY
 from tests.recording.bags import ARM, BEGIN_NS, POSE, TOPICS, joints, payload
 
 S, MS = 1_000_000_000, 1_000_000
@@ -191,3 +191,16 @@ def test_threads_may_take_while_it_writes(desk):
     for number in (ARM, POSE):
         times = [m.log_time for topic, m in messages if topic == TOPICS[number].name]
         assert times == [BEGIN_NS + S + n for n in range(2000)]
+
+
+def test_what_is_said_of_episodes_lies_at_its_time(desk, monkeypatch):
+    """By the clock of the bag's arrivals; where there is no room for it, whoever said it hears of that."""
+    desk.now_ns = 6 * S
+    assert desk.recorder.tell(EPISODES, {"event": "start", "episode": 1})
+    desk.step(7 * S)
+    monkeypatch.setattr(module, "MOST_WAITING", 0)
+    assert not desk.recorder.tell(EPISODES, {"event": "stop", "episode": 1})
+    desk.recorder.finish()
+    ((topic, message),) = desk.messages()
+    assert topic == EPISODES and message.log_time == BEGIN_NS + S
+    assert json.loads(decode(message.data, String).data) == {"event": "start", "episode": 1, "at_ns": BEGIN_NS + S}

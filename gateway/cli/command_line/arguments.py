@@ -21,7 +21,7 @@ from gateway.cli.command_line.identify_arguments import add_identify
 from gateway.cli.command_line.model_arguments import add_model
 from gateway.cli.command_line.numbers import above_zero, factor, seconds
 from gateway.cli.command_line.policy_arguments import add_policy
-from gateway.cli.command_line.record_arguments import add_bag, complete_record
+from gateway.cli.command_line.record_arguments import add_bag, add_episode, complete_record
 from gateway.cli.command_line.robot_arguments import MODELS, ROBOT_PORT, SIM_ENDPOINT, add_robot, endpoint, namespace
 from gateway.cli.command_line.sim_arguments import add_camera, add_clock, add_physics
 from gateway.cli.command_line.stop_arguments import add_stops
@@ -295,6 +295,16 @@ def _add_recording(commands: Any) -> None:  # noqa: ANN401  argparse's private c
     )
     add_robot(record, "record at", "as the gateway has it")
     complete_record(record)
+    add_episode(
+        _client_command(
+            commands,
+            "episode",
+            "tell a running `ta2 record` that an episode begins or ends, or what came of it",
+            "Needs no gateway, and is for the recorder of this user on this host. A verdict ends an episode that goes on.",
+            timeout_s=2.0,
+            timeout_of="longest wait for the recorder",
+        )
+    )
     add_bag(commands, _command)
     add_dataset(commands, _command)
 

@@ -1,4 +1,4 @@
-"""Arguments of `ta2 record` and `ta2 bag`."""
+"""Arguments of `ta2 record`, `ta2 episode` and `ta2 bag`."""
 
 from __future__ import annotations
 
@@ -9,7 +9,10 @@ from typing import Any
 from gateway.cli.command_line.numbers import seconds
 from gateway.cli.command_line.video_arguments import AddCommand
 
-__all__ = ["add_bag", "complete_record"]
+__all__ = ["add_bag", "add_episode", "complete_record"]
+
+FORMATS = ("csv", "parquet")
+EPISODE_VERBS = ("start", "stop", "mark", "success", "failure", "discard", "status")
 
 
 def complete_record(record: argparse.ArgumentParser) -> None:
@@ -26,6 +29,15 @@ def complete_record(record: argparse.ArgumentParser) -> None:
     record.add_argument("--task", default="", metavar="TEXT", help="what is shown, in words: noted in the bag")
 
 
+def add_episode(episode: argparse.ArgumentParser) -> None:
+    """Add what `episode` takes; `options.verb` says what is asked."""
+    episode.add_argument("verb", choices=EPISODE_VERBS, help="what to tell; status only asks")
+    episode.add_argument("text", nargs="*", metavar="TEXT", help="of a mark or a verdict; of start, the task")
+    episode.add_argument(
+        "--task", default="", metavar="TEXT", help="what is shown, in words (default: the recording's)"
+    )
+
+
 def add_bag(commands: Any, add: AddCommand) -> None:  # noqa: ANN401  argparse's private class
     """Add `bag` and its verbs; `options.verb` says which verb it is."""
     more = "Reads bags of ours, and those of ROS 2 (MCAP or SQLite)."
@@ -38,5 +50,34 @@ def add_bag(commands: Any, add: AddCommand) -> None:  # noqa: ANN401  argparse's
         ("check", "read every message, and say what is missing or wrong"),
     ):
         sub = add(verbs, name, text)
-        sub.add_argument("bag", type=Path, metavar="DIR", help="its folder; or an .mcap file")
-        sub.add_argument("--json", action="store_true", help="print JSON on standard output")
+        _add_bag(sub)
+    part = add(verbs, "cut", "copy a part of a bag into a new one", "Messages are copied byte for byte.")
+    _add_bag(part, out="of the new bag")
+    part.add_argument(
+        "--from", dest="from_s", type=_moment, default=0.0, metavar="S", help="begin (default %(default)g)"
+    )
+    part.add_argument("--to", dest="to_s", type=seconds, metavar="S", help="end (default: that of the bag)")
+    part.add_argument(
+        "--episode", type=int, metavar="N", help="only this episode; --from and --to count from its begin"
+    )
+    merged = add(
+        verbs, "merge", "put bags together into a new one, in the order of arrival", "Episodes are counted on."
+    )
+    _add_bag(merged, out="of the new bag", nargs="+")
+    table = add(verbs, "export", "write tables: a file for each topic, a row for each message, a column for each value")
+    _add_bag(table, out="of the tables, made anew")
+    table.add_argument(
+        "--format", choices=FORMATS, default=FORMATS[0], help="default: %(default)s; parquet takes pyarrow"
+    )
+    table.add_argument("--topic", action="append", metavar="NAME", help="only this one; may be repeated")
+
+
+def _add_bag(sub: argparse.ArgumentParser, out: str = "", nargs: str | None = None) -> None:
+    sub.add_argument("bag", type=Path, nargs=nargs, metavar="DIR", help="its folder; or an .mcap file")
+    if out:
+        sub.add_argument("--out", type=Path, required=True, metavar="DIR", help=f"folder {out}")
+    sub.add_argument("--json", action="store_true", help="print JSON on standard output")
+
+
+def _moment(text: str) -> float:
+    return 0.0 if text.strip() in ("0", "0.0") else seconds(text)

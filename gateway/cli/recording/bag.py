@@ -1,19 +1,25 @@
-"""`ta2 bag info | topics | check`: what a bag holds, and whether it is fit for use."""
+"""`ta2 bag`: what a bag holds, whether it is fit for use (info, topics, check), and what is made of it (cut, merge, export)."""
 
 from __future__ import annotations
 
 import json
 from argparse import Namespace
+from contextlib import ExitStack
 from dataclasses import asdict
 from datetime import datetime, timezone
 
 from rich.console import Console
+from rich.markup import escape
 from rich.table import Table
 
 from gateway.cli.terminal.ending import ExitStatus
 from gateway.cli.terminal.progress import teller
 from gateway.recording.bag_check import Checked, check
 from gateway.recording.bag_reader import Bag
+from gateway.recording.editing import Made, cut, merge
+from gateway.recording.episodes import episodes
+from gateway.recording.exporting import export
+from gateway.recording.topics import EPISODES
 
 __all__ = ["carry_out"]
 
@@ -21,11 +27,13 @@ MARKS = {"error": "ERROR", "warning": "warning"}
 
 
 def carry_out(options: Namespace) -> ExitStatus:
-    """Show or judge a bag.
+    """Show or judge a bag, or make something of it.
 
     Raises:
-        Rejected: BAD_REQUEST, there is none, or it cannot be read.
+        Rejected: BAD_REQUEST, there is none, it cannot be read, or there is no such part of it.
     """
+    if options.verb in ("cut", "merge", "export"):
+        return _make(options)
     with Bag(options.bag) as bag:
         if options.verb == "check":
             with teller() as tell:
@@ -34,6 +42,37 @@ def carry_out(options: Namespace) -> ExitStatus:
             return ExitStatus.OK if checked.ok else ExitStatus.REFUSED
         _show_info(bag, as_json=options.json)
         return ExitStatus.OK
+
+
+def _make(options: Namespace) -> ExitStatus:
+    """Make a bag or tables, and say what came of it."""
+    with ExitStack() as opened, teller() as tell:
+
+        def on_progress(share: float, name: str = "") -> None:
+            tell.advance(options.verb, share, f"{share:.0%} {name}".rstrip())
+
+        bags = [opened.enter_context(Bag(path)) for path in ([options.bag] if options.verb != "merge" else options.bag)]
+        if options.verb == "export":
+            tables = export(bags[0], options.out, options.format, options.topic, on_progress)
+            made: Made | None = None
+        elif options.verb == "merge":
+            made = merge(bags, options.out, on_progress)
+        else:
+            part = {"from_s": options.from_s, "to_s": options.to_s, "episode": options.episode}
+            made = cut(bags[0], options.out, **part, on_progress=on_progress)
+    if made is None:
+        if options.json:
+            print(json.dumps({"ok": True, "tables": [asdict(t) | {"file": str(t.file or "")} for t in tables]}))
+            return ExitStatus.OK
+        for table in tables:
+            skipped = f", {table.malformed} malformed ones left out" if table.malformed else ""
+            print(f"{table.file or table.topic}: {table.why or f'{table.rows} rows, {table.columns} columns'}{skipped}")
+        return ExitStatus.OK
+    if options.json:
+        print(json.dumps({"ok": True, **asdict(made), "file": str(made.file)}))
+    else:
+        print(f"{made.file}: {made.messages} messages, {made.episodes} episodes")
+    return ExitStatus.OK
 
 
 def _show_info(bag: Bag, *, as_json: bool) -> None:
@@ -49,6 +88,7 @@ def _show_info(bag: Bag, *, as_json: bool) -> None:
                     "messages": bag.message_count,
                     "size_bytes": bag.size_bytes,
                     "facts": dict(facts),
+                    "episodes": [asdict(episode) for episode in episodes(bag)],
                     "topics": topics,
                 },
                 ensure_ascii=False,
@@ -60,12 +100,34 @@ def _show_info(bag: Bag, *, as_json: bool) -> None:
     for name in ("robot", "model", "task"):
         if facts.get(name):
             print(f"{name:<8}{facts[name]}")
+    _show_episodes(bag)
     table = Table("topic", "type", box=None, pad_edge=False)
     table.add_column("messages", justify="right")
     table.add_column("Hz", justify="right")
     for topic in bag.topics:
         rate = f"{topic.count / bag.duration_s:.1f}" if bag.duration_s else ""
         table.add_row(topic.name, topic.type_name, str(topic.count), rate)
+    Console(soft_wrap=True, highlight=False).print(table)
+
+
+def _show_episodes(bag: Bag) -> None:
+    """Show them as a table, where somebody told of any."""
+    if not any(topic.name == EPISODES and topic.count for topic in bag.topics):
+        return
+    table = Table("episode", box=None, pad_edge=False)
+    for name in (r"from \[s]", r"length \[s]"):
+        table.add_column(name, justify="right")
+    for name in ("outcome", "marks", "task"):
+        table.add_column(name)
+    for episode in episodes(bag):
+        begin_s, length_s = (episode.begin_ns - bag.begin_ns) / 1e9, (episode.end_ns - episode.begin_ns) / 1e9
+        outcome = "discarded" if episode.is_discarded else episode.outcome
+        words = [
+            f"{begin_s:.2f}",
+            f"{length_s:.2f}",
+            outcome if episode.is_finished else f"{outcome} unfinished".strip(),
+        ]
+        table.add_row(str(episode.number), *words, str(len(episode.marks)), escape(episode.task))
     Console(soft_wrap=True, highlight=False).print(table)
 
 

@@ -1,6 +1,7 @@
 """`ta2 record`: everything that a robot and its users say, into a bag; `ta2 record recover`: one that was cut off, made whole.
 
-Ends after a time, with Ctrl-C or SIGTERM, or before the disk is full; always well. It commands nothing, and owns nothing.
+Ends after a time, with q, Ctrl-C or SIGTERM, or before the disk is full; always well. It commands nothing, and owns nothing.
+Episodes are told by keys of its terminal, and at its door by `ta2 episode` and `robot.recording`.
 """
 
 from __future__ import annotations
@@ -9,21 +10,27 @@ import json
 import sys
 import time
 from argparse import Namespace
+from contextlib import ExitStack
 from dataclasses import asdict, replace
 from datetime import datetime
 from pathlib import Path
 
+from gateway.api.recorder_protocol import recorder_socket
+from gateway.cli.recording.episode import line_of
+from gateway.cli.recording.keys import HELP, KEYS, Keys, keys
 from gateway.cli.terminal.connection import connected
 from gateway.cli.terminal.ending import ExitStatus, Interrupted
 from gateway.cli.terminal.progress import Teller, teller
-from gateway.errors import Code, Disconnected, GatewayTimeout, Refusal, to_exception
+from gateway.errors import Code, Disconnected, GatewayTimeout, Refusal, Rejected, to_exception
 from gateway.process.threads import supervised
 from gateway.process.zenoh_threads import share_reactor
+from gateway.recording.door import Door
+from gateway.recording.episode_desk import EpisodeDesk
 from gateway.recording.gateway_tap import GatewayTap
 from gateway.recording.recorder import Progress, Recorder
 from gateway.recording.recovering import recover
 from gateway.recording.tap import Tap
-from gateway.recording.topics import recorded_topics
+from gateway.recording.topics import EPISODES, recorded_topics
 from gateway.robot.topics import STATE_TOPICS
 from gateway.settings import toml_file
 from gateway.settings.settings import LinkSettings
@@ -52,14 +59,20 @@ def carry_out(options: Namespace) -> ExitStatus:
     topics = recorded_topics(settings)
     facts = {"robot": settings.endpoint, "model": settings.model, "namespace": settings.namespace}
     recorder = Recorder(folder, topics, facts | ({"task": options.task} if options.task else {}))
+    desk = EpisodeDesk(folder, options.task, lambda said: recorder.tell(EPISODES, said))
     robot, gateway = Tap(settings, topics, recorder.take), GatewayTap(options.target, recorder.tell)
     opening = supervised(robot.open, "ta2-record-robot")
     ended: Interrupted | None = None
-    with teller() as tell:
+    with teller() as tell, keys() as pressed, ExitStack() as doors:
         try:
+            try:
+                door = Door(recorder_socket(options.target), desk.carry_out, lambda: desk.state)
+                doors.callback(door.close)
+            except Rejected as error:
+                tell.say(f"{error.message} -> {error.hint}")
             opening.start()
             gateway.start()
-            _follow(recorder, tell, options.seconds)
+            _follow(recorder, desk, tell, pressed, options.seconds)
         except Interrupted as end:
             ended = end
         except KeyboardInterrupt:
@@ -70,6 +83,7 @@ def carry_out(options: Namespace) -> ExitStatus:
         finally:
             robot.close()
             gateway.close()
+    desk.end()
     file = recorder.finish()
     progress = recorder.progress(time.monotonic_ns())
     _show(folder, progress, is_complete=file is not None, as_json=options.json)
@@ -97,21 +111,24 @@ def _link_of(options: Namespace) -> LinkSettings:
     )
 
 
-def _follow(recorder: Recorder, tell: Teller, seconds: float | None) -> None:
-    """Write what comes until the time is over, or the recording ends by itself; time counts from the first message.
+def _follow(recorder: Recorder, desk: EpisodeDesk, tell: Teller, pressed: Keys, seconds: float | None) -> None:
+    """Write what comes until the time is over, q, or the recording ends by itself; time counts from the first message.
 
     Raises:
         GatewayTimeout: Nothing came.
     """
     begun_s, first_s, told = time.monotonic(), None, set[str]()
     while True:
-        time.sleep(STEP_S if seconds is None else min(STEP_S, max(seconds / 20, 0.01)))
+        typed = pressed.wait(STEP_S if seconds is None else min(STEP_S, max(seconds / 20, 0.01)))
+        _obey(typed, desk, tell)
         progress, now_s = recorder.step(time.monotonic_ns()), time.monotonic()
         if progress.error:
             tell.say(f"{progress.error}: the recording ends here, and is complete so far")
             return
         heard = progress.messages > 0 and len(progress.silent) < len(STATE_TOPICS)
         first_s = now_s if heard and first_s is None else first_s
+        if "q" in typed:
+            return
         if first_s is None:
             if now_s - begun_s > FIRST_S:
                 raise GatewayTimeout(
@@ -131,6 +148,21 @@ def _follow(recorder: Recorder, tell: Teller, seconds: float | None) -> None:
             return
         share = None if seconds is None else (now_s - first_s) / seconds
         tell.advance("record", share, _line(progress, now_s - first_s))
+        if desk.state.episode:
+            tell.advance("episode", None, line_of(desk.state))
+        if pressed.are_there:
+            tell.advance("keys", None, HELP)
+
+
+def _obey(typed: str, desk: EpisodeDesk, tell: Teller) -> None:
+    """Tell the desk what keys say, and a person what came of it."""
+    for key in typed:
+        ask = KEYS.get(key) if key != " " else ("stop" if desk.state.is_running else "start")
+        if ask is not None:
+            try:
+                tell.say(f"episode {desk.carry_out(ask).episode}: {ask}")
+            except Rejected as error:
+                tell.say(f"{error.message} -> {error.hint}")
 
 
 def _line(progress: Progress, for_s: float) -> str:

@@ -6,7 +6,7 @@ import pytest
 
 from gateway.robot.topics import arm_state
 from gateway.values import Side
-from tests.recording.bags import joints, written
+from tests.recording.bags import joints, said, written
 
 LEFT = arm_state(Side.LEFT)
 
@@ -22,6 +22,19 @@ def test_info_shows_what_a_bag_holds(shell, tmp_path, verb):
     found = shell.run("bag", verb, str(folder), "--json").json
     assert {"name": LEFT, "type_name": "sensor_msgs/msg/JointState", "count": 600} in found["topics"]
     assert found["messages"] == sum(topic["count"] for topic in found["topics"])
+
+
+def test_info_lists_episodes(shell, tmp_path):
+    """When each began, how long it was, and what came of it; of a bag without, nothing but in JSON."""
+    words = (said("start", 1, 0.5, task="wave [once]"), said("mark", 1, 1), said("stop", 1, 1.5), said("failure", 1, 2))
+    folder = written(tmp_path / "bag", words=(*words, said("start", 2, 2), said("discard", 2, 2.5)))
+    lines = [line.split() for line in shell.run("bag", "info", str(folder)).out.splitlines()]
+    assert ["1", "0.50", "1.00", "failure", "1", "wave", "[once]"] in lines
+    assert ["2", "2.00", "1.00", "discarded", "unfinished", "0"] in lines
+    assert [e["task"] for e in shell.run("bag", "info", str(folder), "--json").json["episodes"]] == ["wave [once]", ""]
+    plain = str(written(tmp_path / "plain", task="pick"))
+    assert "outcome" not in shell.run("bag", "info", plain).out
+    assert [e["task"] for e in shell.run("bag", "info", plain, "--json").json["episodes"]] == ["pick"]
 
 
 def test_check_says_that_nothing_is_wrong(shell, tmp_path):
@@ -51,3 +64,19 @@ def test_what_is_no_bag_is_refused_in_one_line(shell, tmp_path):
     """Status 1, as any refusal."""
     ended = shell.run("bag", "info", str(tmp_path / "nothing"))
     assert ended.status == 1 and ended.err.startswith("BAD_REQUEST: there is no ")
+
+
+def test_bags_and_tables_are_made_of_bags(shell, tmp_path):
+    """Cut, merge and export: a line each, the same as JSON."""
+    words = (said("start", 1, 0.5), said("stop", 1, 1.5))
+    folder, part, both = str(written(tmp_path / "bag", words=words)), str(tmp_path / "part"), str(tmp_path / "both")
+    cut = shell.run("bag", "cut", folder, "--out", part, "--from", "0", "--to", "1")
+    assert cut.status == 0 and cut.out == f"{part}/part_0.mcap: 1423 messages, 1 episodes\n" and "cut: 100%" in cut.err
+    found = shell.run("bag", "merge", folder, part, "--out", both, "--json").json
+    assert found["file"] == f"{both}/both_0.mcap" and found["episodes"] == 2
+    tables = shell.run("bag", "export", folder, "--out", str(tmp_path / "csv"), "--topic", LEFT)
+    assert tables.out == f"{tmp_path}/csv/left_arm.joint_states.csv: 600 rows, 24 columns\n"
+    found = shell.run("bag", "export", part, "--out", str(tmp_path / "parquet"), "--format", "parquet", "--json").json
+    assert {table["topic"]: table["rows"] for table in found["tables"]}[LEFT] == 200
+    refused = shell.run("bag", "cut", folder, "--out", str(tmp_path / "no"), "--episode", "5", "--json")
+    assert refused.status == 1 and "has no episode 5; there are: 1" in refused.json["error"]["message"]

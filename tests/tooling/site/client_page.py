@@ -6,7 +6,7 @@ from gateway import client as package
 from gateway.client import aio, client
 from tests.tooling.site.markdown import prose
 
-__all__ = ["PARTS", "page"]
+__all__ = ["PARTS", "RECORD", "page"]
 
 PARTS = {
     "Connect and look": (
@@ -35,6 +35,9 @@ PARTS = {
 }
 """Every name of `gateway.client`, in the order in which they are met."""
 
+RECORD = ("client.recording.Recording", "api.recorder_protocol.RecordingState")
+"""What `Robot.recording` gives: loaded by whoever asks for it alone."""
+
 
 def page() -> str:
     """Return the page."""
@@ -42,6 +45,7 @@ def page() -> str:
     for title, names in PARTS.items():
         lines += [f"## {title}", ""]
         lines += [line for name in names for line in (f"::: gateway.client.{name}", "")]
+    lines += ["## Record", ""] + [line for name in RECORD for line in (f"::: gateway.{name}", "")]
     lines += ["## asyncio", "", prose(aio.__doc__ or ""), ""]
     lines += ["## Errors", "", "What each code means, and what to do: [codes](codes.md).", ""]
     lines += [
