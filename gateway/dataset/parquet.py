@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib
 import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -11,7 +10,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from gateway.errors import Code, Refusal, to_exception
+from gateway.recording.bag_writer import needed
 
 __all__ = ["columns", "pyarrow", "read", "write"]
 
@@ -22,12 +21,7 @@ def pyarrow(module: str = "pyarrow") -> Any:  # noqa: ANN401  a module without t
     Raises:
         Rejected: BAD_REQUEST, it is not installed.
     """
-    try:
-        return importlib.import_module(module)
-    except ImportError as error:
-        hint = "install it: pip install 'teleavatar-gateway[dataset]'"
-        message = f"datasets are written and read with pyarrow, which is not installed ({error})"
-        raise to_exception(Refusal(code=Code.BAD_REQUEST, message=message, hint=hint)) from None
+    return needed(module, "dataset")
 
 
 def columns(tables: Mapping[str, npt.NDArray[np.generic]]) -> Any:  # noqa: ANN401

@@ -167,8 +167,8 @@ class Bag:
         """
         for connection, log_ns, payload in self._messages(topics):
             message = None
-            with suppress(Exception):  # rosbags raises whatever its generated code meets
-                message = self._reader.deserialize(payload, connection.msgtype)
+            with suppress(ValueError):
+                message = self.decode(connection.msgtype, payload)
             yield connection.topic, log_ns, message
 
     def copies(self, begin_ns: int | None = None, end_ns: int | None = None) -> Iterator[BagCopy]:

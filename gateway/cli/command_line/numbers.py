@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 import math
 
-__all__ = ["above_zero", "between", "factor", "integer", "seconds"]
+__all__ = ["above_zero", "between", "factor", "integer", "seconds", "udp_port"]
 
 
 def above_zero(text: str, most: float, what: str) -> float:
@@ -47,6 +47,11 @@ def integer(text: str, least: int, most: int, what: str) -> int:
     if not least <= value <= most:
         raise argparse.ArgumentTypeError(f"{text.strip()!r} is no {what} from {least} to {most}")
     return value
+
+
+def udp_port(text: str) -> int:
+    """Return a UDP port; else as `above_zero`."""
+    return integer(text, 1, 65_535, "UDP port")
 
 
 def _number(text: str) -> float:

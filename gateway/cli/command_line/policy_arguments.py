@@ -6,7 +6,8 @@ import argparse
 from collections.abc import Callable
 from typing import Any
 
-from gateway.cli.command_line.numbers import above_zero, between, integer, seconds
+from gateway.cli.command_line.numbers import above_zero, between, integer, seconds, udp_port
+from gateway.cli.command_line.video_arguments import PORT
 
 __all__ = ["add_policy"]
 
@@ -61,7 +62,7 @@ def add_policy(verbs: Any, add: Callable[..., argparse.ArgumentParser]) -> None:
     )
     run.add_argument("--dry", action="store_true", help="ask and judge only: own nothing, send nothing")
     run.add_argument(
-        "--video-port", type=_port, default=8890, metavar="N", help="of the pictures (default %(default)s)"
+        "--video-port", type=udp_port, default=PORT, metavar="N", help="of the pictures (default %(default)s)"
     )
     run.add_argument("--hold", action="store_true", help="leave the arms held instead of pausing the robot")
     run.add_argument("--yes", action="store_true", help="do not ask before moving")
@@ -82,7 +83,3 @@ def _steps(text: str) -> int:
 
 def _smoothing(text: str) -> float:
     return between(text, 0.0, 1.0, "time [s]")
-
-
-def _port(text: str) -> int:
-    return integer(text, 1, 65_535, "UDP port")

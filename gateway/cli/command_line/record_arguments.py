@@ -6,8 +6,8 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from gateway.cli.command_line.numbers import seconds
-from gateway.cli.command_line.video_arguments import AddCommand
+from gateway.cli.command_line.numbers import seconds, udp_port
+from gateway.cli.command_line.video_arguments import PORT, AddCommand
 
 __all__ = ["add_bag", "add_episode", "complete_record"]
 
@@ -26,6 +26,10 @@ def complete_record(record: argparse.ArgumentParser) -> None:
     record.add_argument("folder", nargs="?", type=Path, metavar="DIR", help="of the bag that is to be recovered")
     record.add_argument("--out", type=Path, metavar="DIR", help="of the bag, made anew (default: ta2-DATE-TIME here)")
     record.add_argument("--seconds", type=seconds, metavar="S", help="how long [s] (default: until Ctrl-C)")
+    record.add_argument("--video", action="store_true", help="record the cameras, too, into the bag's folder")
+    record.add_argument(
+        "--video-port", type=udp_port, default=PORT, metavar="N", help=f"UDP port of the pictures (default {PORT})"
+    )
     record.add_argument("--task", default="", metavar="TEXT", help="what is shown, in words: noted in the bag")
 
 

@@ -6,9 +6,9 @@ import argparse
 from pathlib import Path
 from typing import Any, Protocol
 
-from gateway.cli.command_line.numbers import above_zero, integer
+from gateway.cli.command_line.numbers import above_zero, integer, udp_port
 
-__all__ = ["add_video"]
+__all__ = ["PORT", "AddCommand", "add_video"]
 
 PORT = 8890
 """Where the robot sends its pictures to (manual §2.6.3)."""
@@ -100,7 +100,7 @@ def _add_json(sub: argparse.ArgumentParser) -> None:
 
 def _add_stream(sub: argparse.ArgumentParser) -> None:
     """Add which stream it is: for every verb that receives."""
-    sub.add_argument("--port", type=_port, default=PORT, metavar="N", help="UDP port (default %(default)s)")
+    sub.add_argument("--port", type=udp_port, default=PORT, metavar="N", help="UDP port (default %(default)s)")
     sub.add_argument(
         "--payload-type",
         type=_payload_type,
@@ -130,10 +130,6 @@ def _add_decoding(sub: argparse.ArgumentParser) -> None:
         "--decoder", choices=DECODERS, default="auto", help="auto takes the GPU where it works (default %(default)s)"
     )
     sub.add_argument("--strict", action="store_true", help="leave out damaged pictures instead of marking them")
-
-
-def _port(text: str) -> int:
-    return integer(text, 1, 65_535, "UDP port")
 
 
 def _payload_type(text: str) -> int:

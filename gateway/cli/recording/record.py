@@ -16,6 +16,7 @@ from datetime import datetime
 from pathlib import Path
 
 from gateway.api.recorder_protocol import recorder_socket
+from gateway.cli.recording.camera import Camera
 from gateway.cli.recording.episode import line_of
 from gateway.cli.recording.keys import HELP, KEYS, Keys, keys
 from gateway.cli.terminal.connection import connected
@@ -63,8 +64,11 @@ def carry_out(options: Namespace) -> ExitStatus:
     robot, gateway = Tap(settings, topics, recorder.take), GatewayTap(options.target, recorder.tell)
     opening = supervised(robot.open, "ta2-record-robot")
     ended: Interrupted | None = None
+    camera: Camera | None = None
     with teller() as tell, keys() as pressed, ExitStack() as doors:
         try:
+            if options.video:
+                camera = doors.enter_context(Camera(folder, settings.endpoint, options.video_port))
             try:
                 door = Door(recorder_socket(options.target), desk.carry_out, lambda: desk.state)
                 doors.callback(door.close)
@@ -72,12 +76,12 @@ def carry_out(options: Namespace) -> ExitStatus:
                 tell.say(f"{error.message} -> {error.hint}")
             opening.start()
             gateway.start()
-            _follow(recorder, desk, tell, pressed, options.seconds)
+            _follow(recorder, desk, tell, pressed, camera, options.seconds)
         except Interrupted as end:
             ended = end
         except KeyboardInterrupt:
             pass
-        except GatewayTimeout:
+        except Exception:
             recorder.discard()
             raise
         finally:
@@ -86,7 +90,7 @@ def carry_out(options: Namespace) -> ExitStatus:
     desk.end()
     file = recorder.finish()
     progress = recorder.progress(time.monotonic_ns())
-    _show(folder, progress, is_complete=file is not None, as_json=options.json)
+    _show(folder, progress, camera, is_complete=file is not None, as_json=options.json)
     if ended is not None:
         raise ended
     return ExitStatus.OK if file is not None and progress.messages and not progress.error else ExitStatus.REFUSED
@@ -111,7 +115,9 @@ def _link_of(options: Namespace) -> LinkSettings:
     )
 
 
-def _follow(recorder: Recorder, desk: EpisodeDesk, tell: Teller, pressed: Keys, seconds: float | None) -> None:
+def _follow(
+    recorder: Recorder, desk: EpisodeDesk, tell: Teller, pressed: Keys, camera: Camera | None, seconds: float | None
+) -> None:
     """Write what comes until the time is over, q, or the recording ends by itself; time counts from the first message.
 
     Raises:
@@ -148,6 +154,9 @@ def _follow(recorder: Recorder, desk: EpisodeDesk, tell: Teller, pressed: Keys, 
             return
         share = None if seconds is None else (now_s - first_s) / seconds
         tell.advance("record", share, _line(progress, now_s - first_s))
+        if camera is not None:
+            camera.look(tell, now_s)
+            tell.advance("cameras", None, camera.line)
         if desk.state.episode:
             tell.advance("episode", None, line_of(desk.state))
         if pressed.are_there:
@@ -175,13 +184,15 @@ def _line(progress: Progress, for_s: float) -> str:
     )
 
 
-def _show(folder: Path, progress: Progress, *, is_complete: bool, as_json: bool) -> None:
+def _show(folder: Path, progress: Progress, camera: Camera | None, *, is_complete: bool, as_json: bool) -> None:
     if as_json:
         facts = asdict(progress) | {"ok": is_complete and not progress.error, "bag": str(folder)}
+        facts |= {"video": camera.facts} if camera is not None else {}
         print(json.dumps(facts, ensure_ascii=False))
         return
     state = "complete" if is_complete else f"not complete: ta2 record recover {folder}"
-    print(f"{folder}: {progress.messages} messages, {progress.size_bytes / 1e6:.1f} MB, {state}")
+    seen = f", {camera.line}" if camera is not None else ""
+    print(f"{folder}: {progress.messages} messages, {progress.size_bytes / 1e6:.1f} MB{seen}, {state}")
     if progress.silent:
         print(f"nothing came of {', '.join(progress.silent)}", file=sys.stderr)
 
