@@ -109,6 +109,7 @@ def done(*words: str) -> dict[str, Any]:
 def test_what_was_shown_is_learnt_from_and_played_back(systems: Systems, tmp_path: Path) -> None:
     """Five episodes, judged; both formats, checked; a policy that says what was done moves both arms the same way again."""
     system = systems(tmp_path, has_guard=False)
+    robot = system.connect("watcher")
     bag = shown(system, tmp_path / "bag")
     done("bag", "check", str(bag))
     for version in ("v2.1", "v3.0"):
@@ -138,7 +139,6 @@ def test_what_was_shown_is_learnt_from_and_played_back(systems: Systems, tmp_pat
     server = Scripted(policy, {"fps": FPS})
     try:
         words = ["--server", server.url, "--map", str(layout), "--socket", system.target, "--approach", "--json"]
-        robot = system.connect("watcher")
         player = Process("policy", ["-m", "gateway.cli", "policy", "run", *words, "--take", "begin"], system.folder)
         system.clients.append(player)
         wait_for(lambda: policy.asked > 2, "a policy that is played", 60.0, player.text)
