@@ -192,25 +192,26 @@ def _action_parts() -> Rows:
     rows: Rows = []
     for field, unit in QUANTITIES:
         for side in Side:
-            arm = [_command(f"/{side}_arm/joint_cmd", field)]
+            arm = [_command(f"/{side}_arm/joint_cmd", field, "linear")]
             gripper = [_command(f"/{side}_gripper/joint_cmd", field)]
             if field == "position":
-                arm.append(_command(joint_command(side), field))
+                arm.append(_command(joint_command(side), field, "linear"))
             if field == "effort":
                 gripper.append(_command(gripper_command(side), "data", convert="gripper_torque"))
             rows.append((7, unit, "always" if field == "position" else "never", tuple(arm)))
             rows.append((1, unit, "always" if field == "effort" else "never", tuple(gripper)))
     for side in Side:
         topics = (f"/{side}_arm/target_ee_pose", pose_command(side))
-        rows.append((3, "m", "never", tuple(_command(topic, "position") for topic in topics)))
-        rows.append((4, "", "never", tuple(_command(topic, "orientation") for topic in topics)))
+        rows.append((3, "m", "never", tuple(_command(topic, "position", "linear") for topic in topics)))
+        rows.append((4, "", "never", tuple(_command(topic, "orientation", "slerp") for topic in topics)))
     for field, unit in QUANTITIES:
         rows.append((3, unit, "never", (_command("/chassis/joint_cmd", field),)))
     return [*rows, (1, "rad/s", "never", (_command("/kinco/cmd_velocity", "data"),))]
 
 
-def _command(topic: str, field: str, convert: Literal["", "gripper_torque"] = "") -> Source:
-    return Source(topic=topic, field=field, convert=convert, shift_s=ACTION_SHIFT_S)
+def _command(topic: str, field: str, rule: Rule = "hold", convert: Literal["", "gripper_torque"] = "") -> Source:
+    """Return where a command comes from: of a way that is commanded in many steps the way, of what is switched the last word."""
+    return Source(topic=topic, field=field, convert=convert, rule=rule, shift_s=ACTION_SHIFT_S)
 
 
 def _refusal(message: str, value: str = "", bound: str = "") -> Refusal:

@@ -60,7 +60,7 @@ def test_each_number_is_what_the_robot_did_at_that_instant(tmp_path, version):
             name = f"{side}_joint{joint + 1}_position"
             assert np.allclose(state[name], [position(f"/{side}_arm", joint, t) for t in times], atol=1e-3)
             commanded = [position(f"/{side}_arm", joint, t + ACTION_SHIFT_S) for t in times]
-            assert np.allclose(action[name], commanded, atol=6e-3)  # held for 10 ms
+            assert np.allclose(action[name], commanded, atol=1e-3)
         assert np.allclose(state[f"{side}_ee_position_x"], times, atol=1e-3)
         assert np.allclose(
             np.abs(state[f"{side}_ee_orientation_z"]), [abs(np.sin(angle(t) / 2)) for t in times], atol=1e-3

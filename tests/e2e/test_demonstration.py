@@ -152,4 +152,6 @@ def test_what_was_shown_is_learnt_from_and_played_back(systems: Systems, tmp_pat
         player.end()
     finally:
         server.close()
+    told = next(json.loads(line) for line in reversed(player.text().splitlines()) if line.startswith("{"))
+    assert told["refused"] == told["underruns"] == 0, told  # what was smooth when it was shown is smooth in the dataset
     assert len(off_rad) > 100 and max(off_rad) < 0.12, f"{max(off_rad)} rad off{player.text()}"
