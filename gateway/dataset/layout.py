@@ -210,7 +210,7 @@ def _action_parts() -> Rows:
 
 
 def _command(topic: str, field: str, rule: Rule = "hold", convert: Literal["", "gripper_torque"] = "") -> Source:
-    """Return where a command comes from: of a way that is commanded in many steps the way, of what is switched the last word."""
+    """Return where a command comes from: of what moves in many small steps the way, of what is switched the last word."""
     return Source(topic=topic, field=field, convert=convert, rule=rule, shift_s=ACTION_SHIFT_S)
 
 
