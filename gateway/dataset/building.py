@@ -111,14 +111,29 @@ def build(
         videos: Recordings of the cameras, one for each bag; without, those that lie in the bags' folders.
 
     Raises:
-        Rejected: BAD_REQUEST, `out` holds something; a bag cannot be read or lacks what the layout needs; nothing is left;
-            pyarrow is not installed.
+        Rejected: BAD_REQUEST, `out` holds something or cannot be written; a bag cannot be read or lacks what the layout needs;
+            nothing is left; pyarrow is not installed.
     """
     pyarrow()
     if out.exists() and (not out.is_dir() or any(out.iterdir())):
         hint = "name another with --out, or move it away: datasets are never overwritten"
         raise to_exception(Refusal(code=Code.BAD_REQUEST, message=f"{out} is not empty", field="out", hint=hint))
     seen = _videos(bags, videos)
+    try:
+        return _build(bags, seen, out, choices, on_progress)
+    except OSError as error:
+        hint = "what is done is kept: mend that, and build again"
+        message = f"{out} cannot be built: {error}"
+        raise to_exception(Refusal(code=Code.BAD_REQUEST, message=message, field="out", hint=hint)) from error
+
+
+def _build(
+    bags: Sequence[Path],
+    seen: Sequence[Path | None],
+    out: Path,
+    choices: Choices,
+    on_progress: Callable[[str, float], None],
+) -> Built:
     work = _work_folder(out, bags, seen, choices)
     found: list[StoredEpisode] = []
     left_out: dict[str, int] = {}
@@ -170,7 +185,7 @@ def _videos(bags: Sequence[Path], videos: Sequence[Path]) -> list[Path | None]:
 
 def _work_folder(out: Path, bags: Sequence[Path], videos: Sequence[Path | None], choices: Choices) -> Path:
     """Return the folder in which parts are kept; what another choice or other bags left there is thrown away."""
-    work = out.with_name(out.name + ".building")
+    work = out.resolve().with_name(out.resolve().name + ".building")
     files = [
         (str(bag.resolve()), file.name, file.stat().st_size, file.stat().st_mtime_ns)
         for bag in (*bags, *filter(None, videos))
@@ -178,13 +193,10 @@ def _work_folder(out: Path, bags: Sequence[Path], videos: Sequence[Path | None],
         if file.is_file()
     ]
     plan = hashlib.sha256(msgspec.json.encode((__version__, choices, files))).hexdigest()
-    try:
-        if not (work / "plan").exists() or (work / "plan").read_text() != plan:
-            shutil.rmtree(work, ignore_errors=True)
-            work.mkdir(parents=True)
-            (work / "plan").write_text(plan)
-    except OSError as error:
-        raise to_exception(Refusal(code=Code.BAD_REQUEST, message=f"{work}: {error}", field="out")) from error
+    if not (work / "plan").exists() or (work / "plan").read_text() != plan:
+        shutil.rmtree(work, ignore_errors=True)
+        work.mkdir(parents=True)
+        (work / "plan").write_text(plan)
     return work
 
 
@@ -243,7 +255,9 @@ def _convert(
             pictures, wanted, views, choices.fps, lambda share: on_progress(f"pictures {path.name}", share)
         )
         made = [msgspec.structs.replace(facts, videos=one) for facts, one in zip(made, told, strict=True)]
-    (folder / "bag.json").write_bytes(msgspec.json.encode(OneBag(episodes=tuple(made), left_out=left_out)))
+    whole = folder / "bag.json.new"
+    whole.write_bytes(msgspec.json.encode(OneBag(episodes=tuple(made), left_out=left_out)))
+    whole.rename(folder / "bag.json")
 
 
 def _sources(chosen: Chosen, series: dict[tuple[str, str], Series]) -> dict[str, tuple[str, ...]]:

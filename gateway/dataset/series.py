@@ -7,6 +7,7 @@ is missing, or the robot's clock was set while recording, arrival counts. A pose
 
 from __future__ import annotations
 
+from array import array
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 from typing import Any, Final
@@ -43,13 +44,23 @@ class Series:
 
 
 @dataclass(slots=True)
-class _Column:
-    """A topic while it is read: arrivals and stamps [ns] (0 for none), and per field a row for each message."""
+class _Field:
+    """A field while it is read: how many numbers each message has of it, and all of these, one after the other."""
 
-    fields: tuple[str, ...]
-    arrivals: list[int] = field(default_factory=list)
-    stamps: list[int] = field(default_factory=list)
-    rows: dict[str, list[tuple[float, ...]]] = field(default_factory=dict)
+    widths: array[int] = field(default_factory=lambda: array("i"))
+    numbers: array[float] = field(default_factory=lambda: array("d"))
+
+
+@dataclass(slots=True)
+class _Column:
+    """A topic while it is read: arrivals and stamps [ns] (0 for none), and its fields by their names.
+
+    An hour of a robot has millions of numbers: they are kept in eight bytes each.
+    """
+
+    fields: dict[str, _Field]
+    arrivals: array[int] = field(default_factory=lambda: array("q"))
+    stamps: array[int] = field(default_factory=lambda: array("q"))
 
 
 def read_series(
@@ -71,9 +82,7 @@ def read_series(
         A series for each pair; pairs of which the bag has no usable sample are left out.
     """
     pairs = sorted(set(wanted))
-    columns = {topic: _Column(tuple(name for other, name in pairs if other == topic)) for topic, _ in pairs}
-    for column in columns.values():
-        column.rows = {name: [] for name in column.fields}
+    columns = {topic: _Column({name: _Field() for other, name in pairs if other == topic}) for topic, _ in pairs}
     counts = {topic.name: topic.count for topic in bag.topics}
     expected, count = max(1, sum(counts.get(topic, 0) for topic in columns)), 0
     for topic, log_ns, message in bag.decoded(columns):
@@ -83,15 +92,17 @@ def read_series(
         column = columns[topic]
         column.arrivals.append(log_ns)
         column.stamps.append(_stamp_ns(message))
-        for name in column.fields:
-            column.rows[name].append(_numbers(message, name))
+        for name, values in column.fields.items():
+            before = len(values.numbers)
+            values.numbers.extend(_numbers(message, name))
+            values.widths.append(len(values.numbers) - before)
     on_progress(1.0)
     delays = None if by_arrival else _delays(columns.values())
     found = {}
     for topic, column in columns.items():
         times_ns = _times(column, delays)
-        for name in column.fields:
-            series = _series(times_ns, column.rows[name])
+        for name, values in column.fields.items():
+            series = _series(times_ns, values)
             if len(series.times_ns):
                 found[topic, name] = series
     return found
@@ -102,11 +113,11 @@ def _stamp_ns(message: Any) -> int:  # noqa: ANN401  messages of any type
     return 0 if header is None else int(header.stamp.sec) * 1_000_000_000 + int(header.stamp.nanosec)
 
 
-def _numbers(message: Any, name: str) -> tuple[float, ...]:  # noqa: ANN401
+def _numbers(message: Any, name: str) -> Iterable[float]:  # noqa: ANN401
     """Return a field's numbers in order; none where there is no such field, or it holds something else."""
     for part in name.split("."):
         message = getattr(message, part, None)
-    return tuple(_flat(message))
+    return _flat(message)
 
 
 def _flat(value: Any) -> Iterable[float]:  # noqa: ANN401
@@ -118,19 +129,19 @@ def _flat(value: Any) -> Iterable[float]:  # noqa: ANN401
     return [number for name in names if name != "__msgtype__" for number in _flat(getattr(value, name))]
 
 
-def _series(times_ns: Instants, rows: list[tuple[float, ...]]) -> Series:
+def _series(times_ns: Instants, field: _Field) -> Series:
     """Return rows of the width that most have, in the order of their times; of equal times the last."""
-    widths = np.array([len(row) for row in rows], dtype=np.int64)
+    widths, numbers = np.array(field.widths, dtype=np.int64), np.array(field.numbers, dtype=np.float64)
     used = widths[widths > 0]
     width = int(np.bincount(used).argmax()) if len(used) else 0
     fits = np.flatnonzero(widths == width) if width else np.empty(0, dtype=np.int64)
-    values = np.array([rows[index] for index in fits], dtype=np.float64).reshape(len(fits), width)
+    values = numbers[(np.cumsum(widths) - widths)[fits, np.newaxis] + np.arange(width)]
     finite = np.isfinite(values).all(axis=1)
     times, values = times_ns[fits][finite], values[finite]
     order = np.argsort(times, kind="stable")
     times, values = times[order], values[order]
     is_last = np.append(times[1:] != times[:-1], True)[: len(times)]
-    return Series(times_ns=times[is_last], values=values[is_last], rejected=len(rows) - int(finite.sum()))
+    return Series(times_ns=times[is_last], values=values[is_last], rejected=len(widths) - int(finite.sum()))
 
 
 def _delays(columns: Iterable[_Column]) -> tuple[Floats, Floats] | None:

@@ -203,6 +203,26 @@ def test_what_leaves_no_episode_is_refused_with_the_reasons(tmp_path):
     assert not (tmp_path / "set").exists()
 
 
+def test_a_disk_that_is_full_is_refused_in_one_line_and_what_is_done_is_kept(tmp_path, monkeypatch):
+    """The next build goes on from there."""
+    bags = [moving(tmp_path / name, 1.0) for name in ("a", "b")]
+    store = module.store_episode
+    stored = []
+
+    def full(file, tables):
+        if stored:
+            raise OSError(28, "No space left on device")
+        stored.append(file)
+        store(file, tables)
+
+    monkeypatch.setattr(module, "store_episode", full)
+    with pytest.raises(Rejected, match=r"cannot be built: .*No space left on device"):
+        build(bags, tmp_path / "set", choices())
+    monkeypatch.undo()
+    assert (tmp_path / "set.building/bag-0000/bag.json").exists()
+    assert build(bags, tmp_path / "set", choices()).episodes == 2
+
+
 def test_progress_is_told(tmp_path):
     """Of reading and of writing, to the end."""
     told = []
