@@ -18,6 +18,7 @@ from tests.bench.kinematics import kinematics_rows
 from tests.bench.lines import line_rows
 from tests.bench.model_check import model_check_rows
 from tests.bench.physics import physics_rows
+from tests.bench.policies import dataset_rows, join_rows
 from tests.bench.stop import stop_rows
 from tests.bench.table import Row, show
 from tests.bench.tick import tick_rows
@@ -73,8 +74,8 @@ def main() -> int:
         show("video (1280x2720 at 45 fps over loopback, receivers taking turns)", found, console)
     if "data" in parts:
         with tempfile.TemporaryDirectory(prefix="ta2-bench-") as folder:
-            rows += (found := data_rows(Path(folder), options.seconds))
-        show("recording (writers taking turns; real processes over loopback)", found, console)
+            rows += (found := [*join_rows(), *dataset_rows(Path(folder)), *data_rows(Path(folder), options.seconds)])
+        show("policies, datasets, recording (virtual time; then real processes over loopback)", found, console)
     missed = [row.name for row in rows if row.good is False]
     console.print(f"{len(rows)} figures, {len(missed)} goals missed" + (f": {', '.join(missed)}" if missed else ""))
     return 1 if missed else 0

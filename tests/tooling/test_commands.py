@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
-COMMANDS = ["bin/demo", "bin/test", "bin/check", "bin/bench", "bin/bridge", "bin/docs", ".ci/run"]
+COMMANDS = ["bin/demo", "bin/test", "bin/check", "bin/bench", "bin/bridge", "bin/interop", "bin/docs", ".ci/run"]
 # What the scripts call besides Python.
 PROGRAMS = ["bash", "cat", "cut", "dirname", "env", "readlink"]
 
