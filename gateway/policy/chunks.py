@@ -18,6 +18,10 @@ from gateway.robot.vector_layout import command_of_effort
 
 __all__ = ["MIN_STEPS", "Chunk", "chunk_of", "refused", "retry_after_ns"]
 
+SMOOTHED_TWICE = 2
+"""The gateway takes the mean of means: a step depends on neighbours up to twice the smoothing away."""
+FADES = 3
+"""So many times the smoothing does a chunk take to fade into the next one."""
 MIN_STEPS = 2
 """Fewer steps make no motion."""
 ANOTHER = "ask a server whose policy fits this robot and --map; nothing of this answer was sent"
@@ -46,13 +50,18 @@ class Chunk:
         """How many steps it has."""
         return len(next(iter(self.arms.values())))
 
+    @property
+    def end_ns(self) -> int:
+        """When its last step is [ns]."""
+        return self.observed_ns + (self.steps - 1) * self.period_ns
+
     def passed(self, now_ns: int) -> int:
         """Return how many of its steps lie before an instant."""
         return min(self.steps, max(0, -((self.observed_ns - now_ns) // self.period_ns)))
 
     def is_over(self, now_ns: int) -> bool:
         """Return whether its last step has passed, or is the only one left."""
-        return now_ns >= self.observed_ns + (self.steps - 1) * self.period_ns
+        return now_ns >= self.end_ns
 
     def row(self, now_ns: int) -> int:
         """Return the step that counts at an instant; the last one stays."""
@@ -67,6 +76,34 @@ class Chunk:
     def smoothing_s(self, wanted_s: float) -> float:
         """Return the smoothing nearest to one that is wanted that so few, or so distant, steps allow [s]."""
         return min(round(wanted_s * 1e9 / self.period_ns), self.steps - 1) * self.period_ns / 1e9
+
+    def joined_to(self, before: Chunk | None, now_ns: int, smoothing_s: float) -> Chunk:
+        """Return the arms' way of this chunk after one that plays: where both agree, nobody sees where they meet.
+
+        In front are the steps that were played, as many as smoothing looks back on; from now on the old chunk fades into the
+        new one, for three times the smoothing, or until it ends. Without smoothing the gateway joins them as fast as it may.
+
+        Args:
+            before: The chunk that plays; None for none.
+            now_ns: The instant at which this one begins to count [ns].
+            smoothing_s: Over how much time jitter is averaged on each side of a step [s].
+        """
+        reach = round(smoothing_s * 1e9 / self.period_ns)
+        if before is None or not reach:
+            return self
+        covered = (self.observed_ns - before.observed_ns) // self.period_ns
+        lead = max(0, min(SMOOTHED_TWICE * reach, covered, MAX_STEPS - self.steps))
+        at_ns = self.observed_ns + self.period_ns * np.arange(-lead, self.steps)
+        fade_ns = min(FADES * reach * self.period_ns, before.end_ns - now_ns)
+        if fade_ns <= 0:
+            return self
+        share = np.clip((at_ns - now_ns) / fade_ns, 0.0, 1.0)[:, np.newaxis]
+        share = share * share * (3.0 - 2.0 * share)
+        place, rows, arms = (at_ns - before.observed_ns) / before.period_ns, np.arange(before.steps), {}
+        for side, new in self.arms.items():
+            old = np.stack([np.interp(place, rows, q) for q in before.arms[side].T], axis=1)
+            arms[side] = old + share * (np.concatenate([old[:lead], new]) - old)
+        return Chunk(arms=arms, grips={}, observed_ns=int(at_ns[0]), period_ns=self.period_ns)
 
     def over_speed(self, v_radps: float) -> int:
         """Return how many steps ask a joint for more than a velocity [rad/s]."""

@@ -12,6 +12,7 @@ import statistics
 import time
 from collections import deque
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from typing import Any, Literal, Protocol
 
@@ -142,6 +143,8 @@ class Runner:
         self._asking, self._hands, self._plan = asking, hands, plan
         self._say, self._show, self._now_ns = say, show, now_ns
         self._chunk: Chunk | None = None
+        self._way: Chunk | None = None
+        """What the arms follow of it: joined to the one before."""
         self._motion: MotionHandle | None = None
         self._plays = False
         self._is_asked, self._failures = False, 0
@@ -211,7 +214,7 @@ class Runner:
             if chunk.is_over(now_ns):
                 message = f"the policy's {chunk.steps} steps had passed when they came, {late_s:.2f} s after it looked"
                 raise refused(Code.TOO_LATE, message, hint="ask a faster server, or one with longer chunks")
-            motion = self._hands.follow(chunk, late_s, chunk.smoothing_s(self._plan.smoothing_s))
+            motion, led = self._follow(chunk, now_ns)
         except Rejected as error:
             if error.code not in BORNE:
                 raise
@@ -225,7 +228,22 @@ class Runner:
         self._chunk, self._motion, self._trouble, self._failures = chunk, motion, None, 0
         self._plays = True
         figures.chunks += 1
-        figures.steps_dropped += chunk.passed(now_ns) if motion is None else motion.skipped
+        figures.steps_dropped += chunk.passed(now_ns) if motion is None else max(0, motion.skipped - led)
+
+    def _follow(self, chunk: Chunk, now_ns: int) -> tuple[MotionHandle | None, int]:
+        """Hand a chunk to the gateway, joined to what plays if that is taken; return its motion, and how many steps lead it."""
+        smoothing_s = chunk.smoothing_s(self._plan.smoothing_s)
+        joined = chunk.joined_to(self._way if self._plays else None, now_ns, smoothing_s)
+        if joined is not chunk:
+            with suppress(
+                Rejected
+            ):  # they differ by more than can be faded: then the gateway joins them, or says why not
+                motion = self._hands.follow(joined, (now_ns - joined.observed_ns) / 1e9, smoothing_s)
+                self._way = joined
+                return motion, joined.steps - chunk.steps
+        motion = self._hands.follow(chunk, (now_ns - chunk.observed_ns) / 1e9, smoothing_s)
+        self._way = chunk
+        return motion, 0
 
     def _bear_loss(self, error: GatewayError, now_ns: int) -> None:
         is_lost = isinstance(error, (Disconnected, GatewayTimeout)) and error.field == "server"

@@ -14,6 +14,7 @@ from gateway.dataset.building import Choices, build
 from gateway.dataset.layout import vendor_layout
 from gateway.errors import Refusal
 from gateway.messages import requests
+from gateway.policy.chunks import Chunk
 from gateway.robot.topics import joint_command
 from gateway.values import Side
 from tests.bench.table import Row
@@ -26,6 +27,7 @@ HZ, STEPS, PLAYED, LATE_S = 30.0, 30, 15, 0.1
 """A policy as the vendor's: 30 steps at 30 Hz, half of them played, 0.1 s from its looking to its answer."""
 CHUNKS = 24
 TOPIC = joint_command(Side.LEFT)
+SMOOTHING_S = 0.1
 JOIN_S = 0.25
 """So long after it has come a chunk is being joined [s]."""
 GOAL = 1.2
@@ -43,24 +45,29 @@ def _played(differ_rad: float) -> tuple[npt.NDArray[np.float64], list[int]]:
     epoch = pair.activate()
     held = pair.see().arms[Side.LEFT].q_ref_rad
     begun_ns, came = pair.now_ns, list[int]()
+    before: Chunk | None = None
     for number in range(CHUNKS):
         looked_s = number * PLAYED / HZ - (LATE_S if number else 0.0)
         offset = float(random.uniform(-differ_rad, differ_rad)) if number else 0.0
-        points = tuple((held[0] + _away_rad(max(0.0, looked_s + n / HZ)) + offset, *held[1:]) for n in range(STEPS))
+        rows = np.tile(held, (STEPS, 1))
+        rows[:, 0] += [_away_rad(max(0.0, looked_s + n / HZ)) + offset for n in range(STEPS)]
+        chunk = Chunk(arms={"left": rows}, grips={}, observed_ns=round(looked_s * 1e9), period_ns=round(1e9 / HZ))
+        led = chunk.joined_to(before, round(number * PLAYED / HZ * 1e9), SMOOTHING_S)
+        before = led
         taken = to_request(
             requests.Follow(
                 epoch=epoch,
-                points={Side.LEFT: points},
+                points={Side.LEFT: tuple(map(tuple, led.arms["left"].tolist()))},
                 dt_s=1.0 / HZ,
-                smoothing_s=0.1,
+                smoothing_s=SMOOTHING_S,
                 open_end=True,
-                start_in_ns=-round(LATE_S * 1e9) if number else 0,
+                start_in_ns=led.observed_ns - round(number * PLAYED / HZ * 1e9),
             )
         )
         assert not isinstance(taken, Refusal), taken
         came.append(len(pair.sent_on(TOPIC, begun_ns)))
-        request, chunk = taken
-        pair.tell(request, chunk=chunk)
+        request, motion = taken
+        pair.tell(request, chunk=motion)
         pair.run(PLAYED / HZ)
     return np.array([frame.values[0] for _, frame in pair.sent_on(TOPIC, begun_ns)]), came
 

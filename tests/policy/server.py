@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import contextlib
+import socket
 import threading
 from collections.abc import Callable
 from typing import Any
@@ -80,9 +82,6 @@ class Scripted:
         """End it as a killed process would: every connection is torn."""
         self._server.shutdown()
         for connection in self._connections:
-            connection.socket.close()
-            try:
-                connection.close_socket()
-            except (OSError, AttributeError):
-                pass
+            with contextlib.suppress(OSError):  # it is gone already
+                connection.socket.shutdown(socket.SHUT_RDWR)
         self._thread.join(5.0)

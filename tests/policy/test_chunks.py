@@ -105,3 +105,40 @@ def test_steps_over_a_velocity_are_counted_once() -> None:
 def test_waits_between_tries_double_up_to_two_seconds() -> None:
     """Whatever happens how often."""
     assert [retry_after_ns(n) / 1e9 for n in (0, 1, 2, 5, 6, 1000)] == [0.1, 0.1, 0.2, 1.6, 2.0, 2.0]
+
+
+def line(begin: float, slope: float, observed_ns: int, steps: int = 10) -> Chunk:
+    """A chunk whose joints move evenly [rad/s]."""
+    rows = np.repeat(begin + slope * np.arange(steps)[:, np.newaxis] * PERIOD_NS / 1e9, 7, axis=1)
+    return Chunk(arms={"left": rows}, grips={}, observed_ns=observed_ns, period_ns=PERIOD_NS)
+
+
+def test_a_chunk_that_goes_on_as_the_last_one_is_the_same_way_with_what_was_played_in_front() -> None:
+    """As many steps as smoothing looks back on, between the old one's steps, too; never more than were played."""
+    before = line(0.0, 1.0, T0)
+    after = line(0.35, 1.0, T0 + 350 * MS)
+    way = after.joined_to(before, T0 + 500 * MS, 0.1)
+    assert (way.steps, way.observed_ns) == (after.steps + 2, T0 + 150 * MS)
+    np.testing.assert_allclose(way.arms["left"][:, 0], 0.15 + 0.1 * np.arange(12))
+    way = after.joined_to(before, T0 + 500 * MS, 0.3)
+    assert way.observed_ns == T0 + 50 * MS
+
+
+def test_the_old_chunk_fades_into_another_one_from_now_on() -> None:
+    """What was played stays; behind three times the smoothing, or the old one's end, there is the new one alone."""
+    before, after = line(0.0, 0.0, T0, 20), line(1.0, 0.0, T0 + 500 * MS, 20)
+    way = after.joined_to(before, T0 + 700 * MS, 0.2)
+    at_s = (way.observed_ns - T0) / 1e9 + 0.1 * np.arange(way.steps)
+    q = way.arms["left"][:, 0]
+    assert np.all(q[at_s < 0.701] == 0.0) and np.all(q[at_s > 1.299] == 1.0) and np.all(np.diff(q) >= 0.0)
+    assert q[np.argmin(abs(at_s - 1.0))] == pytest.approx(0.5)
+    soon = after.joined_to(before, T0 + 1700 * MS, 0.2).arms["left"][:, 0]
+    assert soon[-5] == pytest.approx(1.0) and set(np.round(soon, 3)) == {0.0, 0.5, 1.0}
+
+
+def test_a_chunk_stays_as_it_is_where_nothing_is_to_be_joined() -> None:
+    """The first one, one behind an end, and where no smoothing is wanted."""
+    before, after = line(0.0, 0.0, T0), line(1.0, 0.0, T0 + 500 * MS)
+    assert after.joined_to(None, T0, 0.1) is after
+    assert after.joined_to(before, T0 + 600 * MS, 0.0) is after
+    assert after.joined_to(before, T0 + 900 * MS, 0.1) is after

@@ -133,6 +133,23 @@ def test_arms_are_where_the_policy_says_while_it_thinks(played):
     assert facts["inference_ms"] == {"p50": 100.0, "worst": 100.0} and facts["chunks"] == figures.chunks
 
 
+def test_a_way_that_the_gateway_does_not_take_is_followed_by_the_chunk_itself(played, monkeypatch):
+    """What differs too much is not faded: the gateway joins it inside its limits, and nothing is refused for it."""
+    asked = []
+    follow = _Owner.follow
+
+    def picky(self, chunk, late_s, smoothing_s):
+        asked.append(chunk.steps)
+        if chunk.steps > 30:
+            raise failure(Code.TOO_FAST, "actions")
+        return follow(self, chunk, late_s, smoothing_s)
+
+    monkeypatch.setattr(_Owner, "follow", picky)
+    _, figures, said, _, error = played()
+    assert error is None and not said and figures.refused == 0
+    assert figures.chunks >= 5 and asked[:3] == [30, 36, 30] and asked.count(30) == figures.chunks
+
+
 def test_the_next_chunk_is_asked_for_before_the_horizon(played):
     """Half of 30 steps, earlier by the median delay; or as many steps as were wished for."""
     for horizon, steps in ((0, 15), (10, 10)):
