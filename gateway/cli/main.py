@@ -269,32 +269,15 @@ def _move(options: Namespace) -> int:
 
 
 def _follow(options: Namespace) -> int:
-    from pathlib import Path
-
     from gateway.cli.motion import following
-    from gateway.cli.motion.passing import Passing
 
-    passing = Passing(
-        arm=options.arm,
-        space=options.space,
-        dt_s=options.dt,
-        stretch=options.stretch,
-        smoothing_s=options.smoothing,
-        start_at_s=options.start_at,
-        start_in_s=options.start_in,
-        path_tolerance=_one_or_all(options.path_tolerance),
-        goal_tolerance=_one_or_all(options.tolerance),
-        approach=options.speed if options.approach else None,
-    )
-    path = Path(options.file)
-    if options.check:
-        return following.check(options.target, options.timeout_s, path, passing, as_json=options.json)
-    return following.follow(_job(options), path, passing)
+    return following.command(options, _job(options))
 
 
-def _one_or_all(values: list[float] | None) -> float | list[float] | None:
-    """Return one number for all joints as such."""
-    return values[0] if values is not None and len(values) == 1 else values
+def _replay(options: Namespace) -> int:
+    from gateway.cli.motion import replaying
+
+    return replaying.command(options, _job(options))
 
 
 def _job(options: Namespace) -> Job:
@@ -379,6 +362,7 @@ COMMANDS: Mapping[str, Callable[[Namespace], int]] = {
     "move": _move,
     "move-pose": _move,
     "follow": _follow,
+    "replay": _replay,
     "gripper": _ground,
     "drive": _ground,
     "lift": _ground,

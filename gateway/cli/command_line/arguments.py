@@ -14,7 +14,7 @@ from typing import Any
 from gateway import __version__
 from gateway.cli.command_line.dataset_arguments import add_dataset
 from gateway.cli.command_line.first_arguments import add_first
-from gateway.cli.command_line.follow_arguments import add_follow
+from gateway.cli.command_line.follow_arguments import add_follow, add_replay
 from gateway.cli.command_line.frames_arguments import add_frames
 from gateway.cli.command_line.ground_arguments import add_ground, take_velocity
 from gateway.cli.command_line.identify_arguments import add_identify
@@ -341,6 +341,11 @@ def _add_motions(commands: Any) -> None:  # noqa: ANN401  argparse's private cla
         timeout_of="longest wait for the approach, and for the arms to settle after the last point",
     )
     add_follow(follow)
+    replay = _client_command(
+        commands, "replay", "tell the arms what they were told in a recording: judge it, enable, follow, disable",
+        timeout_s=PATIENCE_S, timeout_of="longest wait for the approach, and for the arms to settle after the last point",
+    )  # fmt: skip
+    add_replay(replay)
     move = motions[1]
     for side in ("left", "right"):
         move.add_argument(
@@ -368,7 +373,7 @@ def _add_motions(commands: Any) -> None:  # noqa: ANN401  argparse's private cla
             metavar="RAD",
             help="reached within this [rad] (default: as configured, 0.05)",
         )
-    motions.append(follow)
+    motions += (follow, replay)
     for motion in motions:
         motion.add_argument(
             "--speed",

@@ -5,7 +5,9 @@ from __future__ import annotations
 import argparse
 import math
 
-__all__ = ["add_follow"]
+from gateway.cli.command_line.numbers import integer
+
+__all__ = ["add_follow", "add_replay"]
 
 FILES_HELP = """files:
   FILE.npy   an array of shape (N, 7) for one arm, (N, 14) for both, the left one first
@@ -71,6 +73,31 @@ def add_follow(follow: argparse.ArgumentParser) -> None:
             help=f"{what}: one or seven distances [rad], of poses two [m, rad]",
         )
     follow.add_argument("--check", action="store_true", help="only say whether it could be followed; nothing moves")
+
+
+def add_replay(replay: argparse.ArgumentParser) -> None:
+    """Add the options of `replay`; as `add_follow`."""
+    replay.add_argument("bag", metavar="DIR", help="a recording: of `ta2 record` or another of ROS 2")
+    replay.add_argument("--episode", type=_episode, metavar="N", help="which one (default: the first not discarded)")
+    replay.add_argument(
+        "--arm", choices=("left", "right", "both"), default="", help="which arm (default: those in the recording)"
+    )
+    replay.add_argument(
+        "--stretch", type=_stretch, default=1.0, metavar="F", help="makes all of it so many times slower, 1 to 100"
+    )
+    replay.add_argument(
+        "--smoothing",
+        type=_positive,
+        default=0.1,
+        metavar="S",
+        help="average jitter over so much time on each side [s] (default %(default)s)",
+    )
+    replay.add_argument("--approach", action="store_true", help="move the arms to the first point before, with --speed")
+    replay.add_argument("--check", action="store_true", help="only say whether it could be replayed; nothing moves")
+
+
+def _episode(text: str) -> int:
+    return integer(text, 1, 100_000, "number of an episode")
 
 
 def _number(text: str) -> float:

@@ -10,6 +10,7 @@ Rules
 from __future__ import annotations
 
 import json
+from argparse import Namespace
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from itertools import pairwise
@@ -22,11 +23,11 @@ from gateway.cli.terminal.connection import connected
 from gateway.cli.terminal.ending import ExitStatus
 from gateway.cli.terminal.owning import LOOK_S
 from gateway.cli.terminal.progress import Teller
-from gateway.client import Control, FollowCheck, MotionHandle, MotionResult, PoseTarget, Robot
+from gateway.client import Control, FollowCheck, MotionHandle, MotionResult, PoseTarget, Robot, RobotState
 from gateway.client.asking.chunks import Wishes
 from gateway.errors import Aborted, Code, Refusal, Refused, to_exception
 
-__all__ = ["Way", "check", "follow"]
+__all__ = ["Way", "command", "follow"]
 
 AHEAD_S = 6.0
 """A part is asked for when it begins in less than this [s]; the gateway takes it up to 10 s ahead."""
@@ -170,6 +171,7 @@ class Way:
         """Wait until the next part may be asked for; raise what ended the one before it."""
         for state in robot.states(max_rate=PROGRESS_HZ, timeout=LOOK_S):
             now_s = state.view.at_ns / 1e9 - begins_s
+            self._see(state, now_s)
             tell.advance("follow", *self._progress(now_s))
             if handle.done:
                 handle.result()
@@ -181,6 +183,7 @@ class Way:
     ) -> MotionResult:
         for state in robot.states(max_rate=PROGRESS_HZ, timeout=LOOK_S):
             now_s = state.view.at_ns / 1e9 - begins_s
+            self._see(state, now_s)
             progress, detail = self._progress(now_s)
             tell.advance("follow", progress, detail if progress < 1.0 or handle.done else f"{detail}, settling")
             if handle.done:
@@ -189,6 +192,9 @@ class Way:
                 message = f"the arms have not settled {timeout_s:g} s after the last point"
                 raise to_exception(Refusal(code=Code.TIMEOUT, message=message, hint="wait longer with --timeout"))
         return replace(handle.result(), duration=self.duration_s)
+
+    def _see(self, state: RobotState, now_s: float) -> None:
+        """Be shown a state so long after the first point [s]; for whoever looks on."""
 
     def _progress(self, now_s: float) -> tuple[float, str]:
         part = min(max(now_s / self.duration_s, 0.0), 1.0)
@@ -203,33 +209,45 @@ class Way:
         return f", {self._skipped} points skipped" if self._skipped else ""
 
 
-def follow(job: Job, path: Path, passing: Passing) -> ExitStatus:
-    """Follow a file.
-
-    Args:
-        job: How a motion is carried out.
-        path: Of the file.
-        passing: How it is followed.
+def command(options: Namespace, job: Job) -> ExitStatus:
+    """Follow a file, or have it judged.
 
     Raises:
         GatewayError: Nothing was begun.
     """
-    way = Way(read(path), passing)
-    return carry_out(job, lambda _: way)
+    passing = Passing(
+        arm=options.arm,
+        space=options.space,
+        dt_s=options.dt,
+        stretch=options.stretch,
+        smoothing_s=options.smoothing,
+        start_at_s=options.start_at,
+        start_in_s=options.start_in,
+        path_tolerance=_one_or_all(options.path_tolerance),
+        goal_tolerance=_one_or_all(options.tolerance),
+        approach=options.speed if options.approach else None,
+    )
+    return follow(options, job, Way(read(Path(options.file)), passing))
 
 
-def check(target: str | None, timeout_s: float, path: Path, passing: Passing, *, as_json: bool) -> ExitStatus:
-    """Have a file judged; nothing moves, and nobody needs to own the robot.
+def follow(options: Namespace, job: Job, way: Way) -> ExitStatus:
+    """Follow a way; or with `--check` have it judged: nothing moves then, and nobody needs to own the robot.
 
     Raises:
-        GatewayError: What is wrong with it.
+        GatewayError: Nothing was begun, or what is wrong with it.
     """
-    way = Way(read(path), passing)
-    with connected("follow", target, timeout_s) as robot:
+    if not options.check:
+        return carry_out(job, lambda _: way)
+    with connected("follow", options.target, options.timeout_s) as robot:
         judged = way.judge(robot)
-    if as_json:
+    if options.json:
         away = {side: list(values) for side, values in judged.away.items()}
         print(json.dumps({"ok": True, "duration_s": way.duration_s, "away": away, **way.figures()}))
     else:
         print("\n".join([*way.description(judged), "good: the gateway would follow it"]))
     return ExitStatus.OK
+
+
+def _one_or_all(values: list[float] | None) -> float | list[float] | None:
+    """Return one number for all joints as such."""
+    return values[0] if values is not None and len(values) == 1 else values

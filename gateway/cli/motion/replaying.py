@@ -1,0 +1,155 @@
+"""`ta2 replay`: what the arms of a recording were told, told again: judged whole, approached, followed, and measured beside it.
+
+As any motion: with lease, limits, arms kept apart, and a factor of time. Grippers, chassis and lift stay as they are.
+"""
+
+from __future__ import annotations
+
+from argparse import Namespace
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gateway.cli.motion.following import Way, follow
+from gateway.cli.motion.job import Job
+from gateway.cli.motion.passing import Passing
+from gateway.cli.motion.recording import Recording
+from gateway.cli.terminal.ending import ExitStatus
+from gateway.client import RobotState
+from gateway.dataset.resample import resample
+from gateway.dataset.series import Series, read_series
+from gateway.dataset.vendor_marks import all_episodes
+from gateway.errors import Code, GatewayError, Refusal, to_exception
+from gateway.recording.bag_reader import Bag
+from gateway.recording.episodes import Episode
+from gateway.robot.topics import arm_state, joint_command
+from gateway.values import Side
+
+__all__ = ["Replay", "command", "recorded"]
+
+DT_S = 0.02
+"""From point to point [s]: a setpoint is told a hundred times a second, and is a smooth way."""
+STALE_NS = 200_000_000
+"""Where nothing was recorded for so long, a way ends [ns]."""
+FIELD = "position"
+
+Joints = Mapping[str, NDArray[np.float64]]
+"""Per side joints [rad], shape (N, 7)."""
+
+
+def command(options: Namespace, job: Job) -> ExitStatus:
+    """Replay a bag, or have it judged.
+
+    Raises:
+        GatewayError: Nothing was begun.
+    """
+    recording, measured = recorded(Path(options.bag), options.episode)
+    approach = options.speed if options.approach else None
+    passing = Passing(
+        arm=options.arm, stretch=options.stretch, smoothing_s=options.smoothing, approach=approach, dt_s=DT_S
+    )
+    return follow(options, job, Replay(recording, passing, measured))
+
+
+def recorded(path: Path, episode: int | None = None) -> tuple[Recording, Joints]:
+    """Return what the arms of a bag were told, as points 20 ms apart, and where they were measured at the same times.
+
+    Args:
+        path: Of the bag.
+        episode: Its number; None for the first that was not discarded.
+
+    Raises:
+        Rejected: BAD_REQUEST, it is no bag, has no such episode, or nobody told the arms anything in it.
+    """
+    with Bag(path) as bag:
+        chosen = _episode(bag, path, episode)
+        prefix = f"/{bag.facts()['namespace']}" if bag.facts().get("namespace") else ""
+        told = {side.value: prefix + joint_command(side) for side in Side}
+        seen = {side.value: prefix + arm_state(side) for side in Side}
+        series = read_series(bag, [(topic, FIELD) for topic in (*told.values(), *seen.values())])
+    ways = {side: series[topic, FIELD] for side, topic in told.items() if (topic, FIELD) in series}
+    if not ways:
+        hint = "record while the gateway moves the arms in joint mode"
+        raise _refused(f"{path}: nobody told the arms where to go (joint mode)", hint)
+    count = max(0, int((chosen.end_ns - chosen.begin_ns) / 1e9 / DT_S))
+    times_ns = chosen.begin_ns + np.rint(np.arange(count) * DT_S * 1e9).astype(np.int64)
+    points, ok = {}, np.ones(count, dtype=np.bool_)
+    for side, one in ways.items():
+        points[side], there = resample(one, times_ns, "linear", STALE_NS)
+        ok &= there
+    first, last = _longest(ok)
+    if last - first < 2:
+        raise _refused(f"{path}: episode {chosen.number} has no two points in a row", "see `ta2 bag info`")
+    measured = {side: _measured(series.get((seen[side], FIELD)), times_ns[first:last]) for side in points}
+    rows = {side: rows[first:last] for side, rows in points.items()}
+    return Recording(path=path, points=rows, dt_s=DT_S, space="joint"), measured
+
+
+def _episode(bag: Bag, path: Path, number: int | None) -> Episode:
+    there = all_episodes(bag)
+    for episode in there:
+        if episode.number == number or (number is None and not episode.is_discarded):
+            return episode
+    what = "no episode that was not discarded" if number is None else f"no episode {number}"
+    raise _refused(f"{path} has {what}, but {len(there)} in all", "`ta2 bag info` lists them")
+
+
+def _measured(series: Series | None, times_ns: NDArray[np.int64]) -> NDArray[np.float64]:
+    """Return where an arm was at the times, NaN where nobody knows."""
+    if series is None:
+        return np.full((len(times_ns), 7), np.nan)
+    values, ok = resample(series, times_ns, "linear", STALE_NS)
+    return np.where(ok[:, np.newaxis], values, np.nan)
+
+
+def _longest(ok: NDArray[np.bool_]) -> tuple[int, int]:
+    """Return begin and end of the longest run of True."""
+    edges = np.flatnonzero(np.diff(np.concatenate(([False], ok, [False])).astype(np.int8)))
+    runs = [(int(first), int(last)) for first, last in zip(edges[::2], edges[1::2], strict=True)]
+    return max(runs, key=lambda run: run[1] - run[0], default=(0, 0))
+
+
+class Replay(Way):
+    """A way that was recorded, and how far the arms are from where they were then.
+
+    Args:
+        recording: What they were told.
+        passing: How it is followed.
+        measured: Where they were, at the same times.
+    """
+
+    def __init__(self, recording: Recording, passing: Passing, measured: Joints) -> None:
+        super().__init__(recording, passing)
+        self._measured = {side: measured[side] for side in self.points}
+        self._step_s = DT_S * passing.stretch
+        self._off_rad: list[float] = []
+
+    def _see(self, state: RobotState, now_s: float) -> None:
+        place = now_s / self._step_s
+        if not 0.0 <= place <= len(next(iter(self._measured.values()))) - 1:
+            return
+        before, share = int(place), place - int(place)
+        for side, rows in self._measured.items():
+            then = rows[before] + share * (rows[min(before + 1, len(rows) - 1)] - rows[before])
+            off = np.abs(state.arm(side).q - then)
+            self._off_rad += off[np.isfinite(off)].tolist()
+
+    def figures(self) -> dict[str, object]:
+        """Return the same as of any way, and how far from the recorded one it was measured: RMS and most [rad]."""
+        off = np.array(self._off_rad)
+        beside = {"rms_rad": float(np.sqrt(np.mean(off**2))), "most_rad": float(off.max())} if len(off) else {}
+        return super().figures() | beside
+
+    def remark(self) -> str:
+        """Return the same in words."""
+        figures = self.figures()
+        if "rms_rad" not in figures:
+            return super().remark()
+        beside = f", {figures['rms_rad']:.4f} rad RMS from the recording, {figures['most_rad']:.4f} at most"
+        return super().remark() + beside
+
+
+def _refused(message: str, hint: str) -> GatewayError:
+    return to_exception(Refusal(code=Code.BAD_REQUEST, message=message, field="bag", hint=hint))

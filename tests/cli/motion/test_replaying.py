@@ -1,0 +1,161 @@
+"""Tests of `ta2 replay` against the real engine and the simulated robot, in virtual time."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from cdr_types import encode
+from cdr_types.messages.builtin_interfaces import Time
+from cdr_types.messages.sensor_msgs import JointState
+from cdr_types.messages.std_msgs import Header
+from gateway.cli.motion.replaying import DT_S, recorded
+from gateway.errors import Rejected
+from gateway.recording.bag_writer import BagWriter
+from gateway.recording.episodes import EpisodeEvent, as_message
+from gateway.recording.topics import EPISODES, recorded_topics
+from gateway.robot.topics import arm_state, joint_command
+from gateway.settings.settings import LinkSettings
+from gateway.values import Side
+from tests.client.robot_world import RobotWorld
+from tests.recording.bags import BEGIN_NS
+
+SECONDS = 3.0
+SIZE_RAD = 0.15
+LAG_S = 0.05
+"""Arms are so far behind what they are told."""
+
+
+@pytest.fixture
+def robot(shell):
+    """A shell whose commands find a robot in joint mode."""
+    shell.world = RobotWorld()
+    return shell
+
+
+def way(t_s):
+    """Return how far joint 4 is from where it began [rad]."""
+    return SIZE_RAD * (1.0 - np.cos(2.0 * np.pi * max(0.0, t_s) / SECONDS)) / 2.0
+
+
+def shown(folder, starts, sides=tuple(Side), words=(), namespace="", gap=None):
+    """Write a bag in which arms swing their elbow from where they start; what is told lies under its name."""
+    topics = recorded_topics(LinkSettings(namespace=namespace))
+    number = {topic.name: n for n, topic in enumerate(topics)}
+    prefix = f"/{namespace}" if namespace else ""
+    rows = []
+    for side in sides:
+        for name, period_s, lag_s in ((joint_command(side), 0.01, 0.0), (arm_state(side), 0.005, LAG_S)):
+            for n in range(round(SECONDS / period_s)):
+                t_s = n * period_s
+                if gap is not None and gap[0] < t_s < gap[1]:
+                    continue
+                q_rad = np.array(starts[side]) + way(t_s - lag_s) * np.eye(7)[3]
+                stamp = Time(sec=0, nanosec=0)
+                message = JointState(header=Header(stamp=stamp), position=q_rad.tolist(), velocity=[], effort=[])
+                rows.append((BEGIN_NS + round(t_s * 1e9), number[prefix + name], encode(message)))
+    for event, t_s, episode in words:
+        at_ns = BEGIN_NS + round(t_s * 1e9)
+        rows.append((at_ns, number[EPISODES], as_message(EpisodeEvent(event=event, episode=episode, at_ns=at_ns))))
+    bag = BagWriter(folder, topics)
+    for at_ns, which, data in sorted(rows):
+        bag.add(which, at_ns, at_ns, data)
+    bag.note({"namespace": namespace, "lost": "0"})
+    bag.finish()
+    return folder
+
+
+def starts(shell, off_rad=0.0):
+    """Return so far from where the arms hang, each to its own side."""
+    arms, signs = shell.world.pair.see().arms, {Side.LEFT: 1.0, Side.RIGHT: -1.0}
+    return {side: np.array(arms[side].measured.q_rad) + signs[side] * off_rad * np.eye(7)[3] for side in Side}
+
+
+def commanded(shell, side):
+    """Every setpoint of joint 4 that reached the wire, in order."""
+    return np.array([frame.values[3] for _, frame in shell.world.pair.sent_on(f"/api/{side}_arm/joint_cmd")])
+
+
+def test_arms_do_again_what_they_were_told_and_are_measured_beside_it(robot, tmp_path):
+    """Both on one clock, to the millirad; how far they are from where they were then is told."""
+    begin = starts(robot)
+    ended = robot.run("replay", str(shown(tmp_path / "bag", begin)), "--json")
+    assert ended.status == 0, ended.err
+    told = ended.json
+    assert told["ok"] and told["points"] == 149 and told["duration_s"] == pytest.approx(148 * DT_S)
+    assert 0.0 < told["rms_rad"] < 0.02 and told["rms_rad"] < told["most_rad"] < 0.05
+    for side in Side:
+        assert commanded(robot, side).max() == pytest.approx(begin[side][3] + SIZE_RAD, abs=2e-3)
+
+
+def test_it_is_told_in_words_too_slower_and_for_one_arm(robot, tmp_path):
+    """`--stretch` makes it last longer; the other arm does not move."""
+    begin = starts(robot)
+    ended = robot.run("replay", str(shown(tmp_path / "bag", begin)), "--stretch", "2", "--arm", "left")
+    assert ended.status == 0 and "rad RMS from the recording" in ended.out + ended.err
+    assert "follow: left through 149 points of bag, 5.9 s" in ended.err
+    assert np.ptp(commanded(robot, Side.RIGHT)) < 0.01 if len(commanded(robot, Side.RIGHT)) else True
+
+
+def test_a_recording_that_begins_elsewhere_is_refused_and_approached_when_asked_to(robot, tmp_path):
+    """Nothing jumps."""
+    bag = str(shown(tmp_path / "bag", starts(robot, 0.3)))
+    ended = robot.run("replay", bag)
+    assert ended.status == 1 and "JUMP_TOO_FAR" in ended.err and not len(commanded(robot, Side.LEFT))
+    ended = robot.run("replay", bag, "--approach")
+    assert ended.status == 0, ended.err
+
+
+def test_check_moves_nothing(robot, tmp_path):
+    """It says how long it is, and how far away it begins."""
+    bag = str(shown(tmp_path / "bag", starts(robot)))
+    ended = robot.run("replay", bag, "--check")
+    assert ended.status == 0 and "good: the gateway would follow it" in ended.out
+    assert not len(commanded(robot, Side.LEFT))
+
+
+WORDS = (
+    ("start", 0.1, 1),
+    ("stop", 0.9, 1),
+    ("discard", 0.95, 1),
+    ("start", 1.0, 2),
+    ("stop", 2.0, 2),
+    ("start", 2.1, 3),
+)
+
+
+def test_an_episode_is_chosen_by_its_number_and_the_first_good_one_without(robot, tmp_path):
+    """A discarded one only by its number; one that was not stopped goes to the end."""
+    bag = shown(tmp_path / "bag", starts(robot), words=WORDS)
+    assert [len(recorded(bag, n)[0]) for n in (None, 1, 2, 3)] == [50, 40, 50, 44]
+    begin = recorded(bag)[0].points["left"][0, 3]
+    assert begin == pytest.approx(starts(robot)[Side.LEFT][3] + way(1.0), abs=1e-4)
+    with pytest.raises(Rejected, match="has no episode 4, but 3 in all"):
+        recorded(bag, 4)
+
+
+def test_a_way_ends_where_nothing_was_recorded(robot, tmp_path):
+    """The longest piece is taken: no arm is told what nobody said."""
+    bag = shown(tmp_path / "bag", starts(robot), gap=(0.5, 1.0))
+    recording, measured = recorded(bag)
+    assert len(recording) == pytest.approx(98, abs=2)
+    assert recording.points["left"][0, 3] == pytest.approx(starts(robot)[Side.LEFT][3] + way(1.0), abs=1e-3)
+    assert {side: rows.shape for side, rows in measured.items()} == {s: (len(recording), 7) for s in ("left", "right")}
+
+
+def test_one_arm_and_a_namespace_are_found(robot, tmp_path):
+    """As the recording has them."""
+    recording, _ = recorded(shown(tmp_path / "bag", starts(robot), sides=(Side.RIGHT,), namespace="robot1"))
+    assert set(recording.points) == {"right"}
+
+
+def test_a_bag_in_which_nobody_told_the_arms_anything_is_refused(robot, tmp_path):
+    """With what helps."""
+    bag = shown(tmp_path / "bag", starts(robot), sides=())
+    with pytest.raises(Rejected, match="has no episode that was not discarded"):
+        recorded(bag)
+    bag = shown(tmp_path / "words", starts(robot), sides=(), words=WORDS)
+    with pytest.raises(Rejected, match="nobody told the arms where to go"):
+        recorded(bag)
+    ended = robot.run("replay", str(tmp_path / "nothing"))
+    assert ended.status == 1 and "there is no" in ended.err
