@@ -233,7 +233,7 @@ class Runner:
     def _follow(self, chunk: Chunk, now_ns: int) -> tuple[MotionHandle | None, int]:
         """Hand a chunk to the gateway, joined to what plays if that is taken; return its motion, and how many steps lead it."""
         smoothing_s = chunk.smoothing_s(self._plan.smoothing_s)
-        joined = chunk.joined_to(self._way if self._plays else None, now_ns, smoothing_s)
+        joined = chunk.joined_to(self._way if self._motion is not None else None, now_ns, smoothing_s)
         if joined is not chunk:
             with suppress(
                 Rejected
