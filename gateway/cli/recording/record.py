@@ -19,6 +19,7 @@ from gateway.api.recorder_protocol import recorder_socket
 from gateway.cli.recording.camera import Camera
 from gateway.cli.recording.episode import line_of
 from gateway.cli.recording.keys import HELP, KEYS, Keys, keys
+from gateway.cli.recording.undisturbed import undisturbed
 from gateway.cli.terminal.connection import connected
 from gateway.cli.terminal.ending import ExitStatus, Interrupted
 from gateway.cli.terminal.progress import Teller, teller
@@ -127,7 +128,8 @@ def _follow(
     while True:
         typed = pressed.wait(STEP_S if seconds is None else min(STEP_S, max(seconds / 20, 0.01)))
         _obey(typed, desk, tell)
-        progress, now_s = recorder.step(time.monotonic_ns()), time.monotonic()
+        with undisturbed():
+            progress, now_s = recorder.step(time.monotonic_ns()), time.monotonic()
         if progress.error:
             tell.say(f"{progress.error}: the recording ends here, and is complete so far")
             return
