@@ -65,8 +65,7 @@ def video_files(file: Path, cameras: Iterable[str]) -> dict[str, Path]:
 
 def store_episode(file: Path, tables: dict[str, npt.NDArray[np.float32]]) -> None:
     """Write the tables of an episode."""
-    # Its stubs take any of them for `allow_pickle`.
-    np.savez(file, **tables)  # type: ignore[arg-type]
+    np.savez(file, **tables)  # type: ignore[arg-type]  # its stub takes any table for `allow_pickle`
 
 
 def load_episode(episode: StoredEpisode) -> dict[str, npt.NDArray[np.float32]]:

@@ -122,7 +122,9 @@ class Dataset:
             yield self._episode(number, row["length"], row["tasks"], table, stats.get(number, {}), videos)
 
     def _episodes_v30(self) -> Iterator[EpisodeRead]:
-        opened, table, begin = None, None, 0
+        opened: tuple[int, int] | None = None
+        table: Any = None
+        begin = 0
         for row in _pages(self.folder / V30_EPISODES):
             place = row["data/chunk_index"], row["data/file_index"]
             if place != opened:
@@ -134,7 +136,7 @@ class Dataset:
                     _, feature, what = name.split("/", 2)
                     stats.setdefault(feature, {})[what] = value
             first = row["dataset_from_index"] - begin
-            part = table.slice(first, row["dataset_to_index"] - row["dataset_from_index"])  # type: ignore[union-attr]
+            part = table.slice(first, row["dataset_to_index"] - row["dataset_from_index"])
             videos = {}
             for name in self.cameras:
                 place = row[f"videos/{name}/chunk_index"], row[f"videos/{name}/file_index"]

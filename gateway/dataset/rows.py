@@ -22,7 +22,7 @@ from gateway.dataset.videos import STALE_NS
 from gateway.errors import Code, Refusal, to_exception
 from gateway.robot.vector_layout import effort_of_command
 
-__all__ = ["NO_SOURCE", "Chosen", "Run", "choose", "runs"]
+__all__ = ["NO_SOURCE", "Chosen", "Run", "choose", "runs", "stretches"]
 
 Table = npt.NDArray[np.float32]
 NO_SOURCE: Final = "nothing of it was recorded"
@@ -123,7 +123,7 @@ def runs(
     usable = ~np.any(np.stack(list(missing.values())), axis=0) if missing else np.ones(count, dtype=np.bool_)
     left_out = _reasons(missing, usable)
     found = []
-    for first, last in _stretches(usable):
+    for first, last in stretches(usable):
         if last - first < least_rows:
             reason = f"less than {least_rows} rows in a row"
             left_out[reason] = left_out.get(reason, 0) + last - first
@@ -181,7 +181,7 @@ def _part(
     return values, ok, True
 
 
-def _stretches(usable: Bools) -> list[tuple[int, int]]:
+def stretches(usable: Bools) -> list[tuple[int, int]]:
     """Return begin and end of each run of True."""
     edges = np.flatnonzero(np.diff(np.concatenate(([False], usable, [False])).astype(np.int8)))
     return [(int(first), int(last)) for first, last in zip(edges[::2], edges[1::2], strict=True)]

@@ -64,5 +64,5 @@ def _decode(path: Path) -> tuple[Floats, tuple[int, int]]:
     with av.open(str(path)) as file:
         stream = file.streams.video[0]
         stream.thread_type = "AUTO"
-        times = [float(picture.pts * picture.time_base) for picture in file.decode(stream)]  # type: ignore[operator]
+        times = [picture.time for picture in file.decode(stream) if picture.time is not None]
         return np.array(sorted(times)), (stream.height, stream.width)

@@ -19,6 +19,7 @@ from gateway.cli.motion.recording import Recording
 from gateway.cli.terminal.ending import ExitStatus
 from gateway.client import RobotState
 from gateway.dataset.resample import resample
+from gateway.dataset.rows import stretches
 from gateway.dataset.series import Series, read_series
 from gateway.dataset.vendor_marks import all_episodes
 from gateway.errors import Code, GatewayError, Refusal, to_exception
@@ -79,7 +80,7 @@ def recorded(path: Path, episode: int | None = None) -> tuple[Recording, Joints]
     for side, one in ways.items():
         points[side], there = resample(one, times_ns, "linear", STALE_NS)
         ok &= there
-    first, last = _longest(ok)
+    first, last = max(stretches(ok), key=lambda run: run[1] - run[0], default=(0, 0))
     if last - first < 2:
         raise _refused(f"{path}: episode {chosen.number} has no two points in a row", "see `ta2 bag info`")
     measured = {side: _measured(series.get((seen[side], FIELD)), times_ns[first:last]) for side in points}
@@ -102,13 +103,6 @@ def _measured(series: Series | None, times_ns: NDArray[np.int64]) -> NDArray[np.
         return np.full((len(times_ns), 7), np.nan)
     values, ok = resample(series, times_ns, "linear", STALE_NS)
     return np.where(ok[:, np.newaxis], values, np.nan)
-
-
-def _longest(ok: NDArray[np.bool_]) -> tuple[int, int]:
-    """Return begin and end of the longest run of True."""
-    edges = np.flatnonzero(np.diff(np.concatenate(([False], ok, [False])).astype(np.int8)))
-    runs = [(int(first), int(last)) for first, last in zip(edges[::2], edges[1::2], strict=True)]
-    return max(runs, key=lambda run: run[1] - run[0], default=(0, 0))
 
 
 class Replay(Way):

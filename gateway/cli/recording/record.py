@@ -82,7 +82,7 @@ def carry_out(options: Namespace) -> ExitStatus:
             ended = end
         except KeyboardInterrupt:
             pass
-        except Exception:
+        except Exception:  # whatever it was: half a bag is none, and the error goes on to who reports it
             recorder.discard()
             raise
         finally:
