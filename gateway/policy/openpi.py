@@ -75,10 +75,11 @@ def _revived(value: Any) -> Any:  # noqa: ANN401  whatever a frame holds
 
 
 def _array(value: Mapping[Any, Any]) -> np.ndarray[Any, np.dtype[Any]]:
-    name, shape, data = (value.get(key) for key in (b"dtype", b"shape", b"data"))
+    wire: list[Any] = [value.get(key) for key in (b"dtype", b"shape", b"data")]
+    name, shape, data = wire
     try:
-        dtype = np.dtype(name if isinstance(name, str) else name.decode())  # type: ignore[union-attr]
-        sizes = [int(size) for size in shape]  # type: ignore[union-attr]
+        dtype = np.dtype(name if isinstance(name, str) else name.decode())
+        sizes = [int(size) for size in shape]
     except (AttributeError, TypeError, ValueError):
         raise _wrong(Code.BAD_REQUEST, f"the policy server sent an array of type {name!r}, shape {shape!r}") from None
     if dtype.kind not in NUMBERS:

@@ -7,14 +7,14 @@ from typing import Any
 
 from gateway.cli.command_line.numbers import above_zero, integer
 from gateway.cli.command_line.video_arguments import AddCommand
+from gateway.robot.vector_layout import EYES, STATE_WIDTHS
 
 __all__ = ["add_dataset"]
 
 MOST_FPS = 200.0
 """The robot's states come that often [Hz] (manual §4.1.1)."""
-DIMS = ("48", "62", "72")
+DIMS = tuple(map(str, STATE_WIDTHS))
 FORMATS = ("v2.1", "v3.0")
-EYES = ("vendor_openpi", "left_eyes")
 
 
 def _fps(text: str) -> float:
@@ -62,8 +62,8 @@ def add_dataset(commands: Any, add: AddCommand) -> None:  # noqa: ANN401  argpar
     )
     build.add_argument(
         "--eyes",
-        choices=EYES,
-        default=EYES[0],
+        choices=tuple(EYES),
+        default=next(iter(EYES)),
         help="which views the cameras are: see the docs (default vendor_openpi)",
     )
     build.add_argument(
