@@ -12,14 +12,15 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from gateway import __version__
+from gateway.cli.command_line.adding import add_client_command, add_command, add_target
 from gateway.cli.command_line.dataset_arguments import add_dataset
 from gateway.cli.command_line.first_arguments import add_first
-from gateway.cli.command_line.follow_arguments import add_follow, add_replay
 from gateway.cli.command_line.frames_arguments import add_frames
 from gateway.cli.command_line.ground_arguments import add_ground, take_velocity
 from gateway.cli.command_line.identify_arguments import add_identify
 from gateway.cli.command_line.model_arguments import add_model
-from gateway.cli.command_line.numbers import above_zero, factor, seconds
+from gateway.cli.command_line.motion_arguments import add_motions
+from gateway.cli.command_line.numbers import seconds
 from gateway.cli.command_line.policy_arguments import add_policy
 from gateway.cli.command_line.record_arguments import add_bag, add_episode, complete_record
 from gateway.cli.command_line.robot_arguments import MODELS, ROBOT_PORT, SIM_ENDPOINT, add_robot, endpoint, namespace
@@ -35,9 +36,6 @@ ARM_DOF = 7
 
 PARTS = ("left_arm", "right_arm", "chassis", "lift_servo")
 MODES = ("joint", "pose")
-
-PATIENCE_S = 60.0
-"""How long a motion may take [s]."""
 
 EPILOG = f"""without a robot, in three terminals:
   ta2 sim          a simulated robot on {SIM_ENDPOINT}
@@ -63,10 +61,6 @@ def joints(words: Sequence[str]) -> tuple[float, ...]:
         ValueError: One is no number. How many there are, and whether they are finite, is for others to judge.
     """
     return tuple(float(word) for word in re.sub(r"[\[\],;]", " ", " ".join(words)).split())
-
-
-def _distance(text: str) -> float:
-    return above_zero(text, 0.2, "distance [rad]")
 
 
 # -------------------------------------------------------------------------------------------------------------- parser
@@ -129,69 +123,24 @@ def _parsers() -> tuple[argparse.ArgumentParser, Mapping[str, argparse.ArgumentP
     )
     top.add_argument("--version", action="version", version=f"ta2 {__version__}")
     commands = top.add_subparsers(title="commands", dest="command", metavar="COMMAND", required=True)
-    _add_run(_command(commands, "run", "run the gateway until Ctrl-C"))
-    _add_sim(_command(commands, "sim", "run a simulated robot until Ctrl-C, or ask a running one"))
-    _add_config(_command(commands, "config", "show the effective settings, or check a file of them"))
+    _add_run(add_command(commands, "run", "run the gateway until Ctrl-C"))
+    _add_sim(add_command(commands, "sim", "run a simulated robot until Ctrl-C, or ask a running one"))
+    _add_config(add_command(commands, "config", "show the effective settings, or check a file of them"))
     _add_views(commands)
-    _add_motions(commands)
-    add_ground(commands, _client_command)
-    add_video(commands, _command)
+    add_motions(commands)
+    add_ground(commands)
+    add_video(commands)
     _add_recording(commands)
-    policy = _command(commands, "policy", "let a policy drive the arms")
+    policy = add_command(commands, "policy", "let a policy drive the arms")
     verbs = policy.add_subparsers(title="what to do", dest="verb", metavar="VERB", required=True)
-    add_policy(verbs, _client_command)
-    add_frames(commands, _client_command)
-    add_identify(commands, _client_command)
+    add_policy(verbs)
+    add_frames(commands)
+    add_identify(commands)
     _add_example(commands)
-    add_first(commands, _command)
-    add_model(_command(commands, "model", "check the numbers of the robot's body, or of a URDF"))
-    add_stops(commands, _client_command)
+    add_first(commands)
+    add_model(add_command(commands, "model", "check the numbers of the robot's body, or of a URDF"))
+    add_stops(commands)
     return top, commands.choices
-
-
-def _command(commands: Any, name: str, text: str, more: str = "") -> argparse.ArgumentParser:  # noqa: ANN401  argparse's private class
-    sub: argparse.ArgumentParser = commands.add_parser(
-        name,
-        help=text,
-        description=f"{text[0].upper()}{text[1:]}.{f' {more}' if more else ''}",
-        allow_abbrev=False,
-    )
-    return sub
-
-
-def _client_command(
-    commands: Any,  # noqa: ANN401  argparse's private class
-    name: str,
-    text: str,
-    more: str = "",
-    *,
-    shows_json: bool = True,
-    timeout_s: float = 5.0,
-    timeout_of: str = "longest wait for the gateway",
-) -> argparse.ArgumentParser:
-    sub = _command(commands, name, text, more)
-    _add_target(sub)
-    sub.add_argument(
-        "--timeout",
-        dest="timeout_s",
-        type=seconds,
-        default=timeout_s,
-        metavar="S",
-        help=f"{timeout_of} [s] (default {timeout_s:g})",
-    )
-    if shows_json:
-        sub.add_argument("--json", action="store_true", help="print JSON on standard output")
-    return sub
-
-
-def _add_target(sub: argparse.ArgumentParser) -> None:
-    sub.add_argument(
-        "--socket",
-        "--at",
-        dest="target",
-        metavar="TARGET",
-        help="the gateway: a path, unix:PATH, tcp/HOST:PORT or tls/HOST:PORT (default: found by itself)",
-    )
 
 
 def _add_run(run: argparse.ArgumentParser) -> None:
@@ -241,7 +190,7 @@ def _add_sim(sim: argparse.ArgumentParser) -> None:
         ("faults", "list the faults there are"),
         ("stats", "print what the robot has seen of its users"),
     ):
-        ask = _command(asks, name, text)
+        ask = add_command(asks, name, text)
         ask.add_argument("--at", type=endpoint, default=SIM_ENDPOINT, help="where it listens (default %(default)s)")
         if name == "fault":
             ask.add_argument("fault", metavar="JSON", help="name and parameters; `ta2 sim faults` lists them")
@@ -258,9 +207,9 @@ def _add_config(config: argparse.ArgumentParser) -> None:
 
 
 def _add_views(commands: Any) -> None:  # noqa: ANN401  argparse's private class
-    _client_command(commands, "status", "show on one screen what the gateway sees, and what to do next")
-    _client_command(commands, "why", "say why the robot does not do what it is told, as far as it can be known")
-    watch = _client_command(
+    add_client_command(commands, "status", "show on one screen what the gateway sees, and what to do next")
+    add_client_command(commands, "why", "say why the robot does not do what it is told, as far as it can be known")
+    watch = add_client_command(
         commands,
         "watch",
         "watch it live: state, lease, joints, topics, streams, motions, notices",
@@ -268,8 +217,8 @@ def _add_views(commands: Any) -> None:  # noqa: ANN401  argparse's private class
         shows_json=False,
     )
     watch.add_argument("--once", action="store_true", help="print one frame and end")
-    _client_command(commands, "topics", "list every topic with rate, age, worst gap and counters")
-    link = _client_command(
+    add_client_command(commands, "topics", "list every topic with rate, age, worst gap and counters")
+    link = add_client_command(
         commands,
         "link",
         "show the state of the wire on one page: bridge, topics, rates, who else is there, what is wrong",
@@ -277,7 +226,7 @@ def _add_views(commands: Any) -> None:  # noqa: ANN401  argparse's private class
         "and sends nothing.",
     )
     add_robot(link, "look at", "of the only robot there")
-    events = _client_command(
+    events = add_client_command(
         commands,
         "events",
         "print what the gateway tells, a line each, until Ctrl-C",
@@ -287,7 +236,7 @@ def _add_views(commands: Any) -> None:  # noqa: ANN401  argparse's private class
 
 
 def _add_recording(commands: Any) -> None:  # noqa: ANN401  argparse's private class
-    record = _client_command(
+    record = add_client_command(
         commands,
         "record",
         "record what the robot and its users say, into a bag that ROS tools, Foxglove and PlotJuggler open",
@@ -296,7 +245,7 @@ def _add_recording(commands: Any) -> None:  # noqa: ANN401  argparse's private c
     add_robot(record, "record at", "as the gateway has it")
     complete_record(record)
     add_episode(
-        _client_command(
+        add_client_command(
             commands,
             "episode",
             "tell a running `ta2 record` that an episode begins or ends, or what came of it",
@@ -305,92 +254,13 @@ def _add_recording(commands: Any) -> None:  # noqa: ANN401  argparse's private c
             timeout_of="longest wait for the recorder",
         )
     )
-    add_bag(commands, _command)
-    add_dataset(commands, _command)
-
-
-def _add_motions(commands: Any) -> None:  # noqa: ANN401  argparse's private class
-    enable = _client_command(
-        commands,
-        "enable",
-        "enable the arms, hold them where they are until Ctrl-C, then release",
-        shows_json=False,
-        timeout_s=12.0,
-        timeout_of="longest wait until the robot is READY",
-    )
-    motions = []
-    for name, text in (
-        ("home", "move both arms to the initial position of manual §6.6: enable, move, disable"),
-        ("move", "move one or both arms to joint positions: enable, move, disable"),
-        ("move-pose", "move one or both end effectors to poses: enable, move, disable"),
-    ):
-        motion = _client_command(
-            commands,
-            name,
-            text,
-            "Ctrl-C leaves the arms held.",
-            timeout_s=PATIENCE_S,
-            timeout_of="longest wait for the motion to end",
-        )
-        motions.append(motion)
-    follow = _client_command(
-        commands,
-        "follow",
-        "follow a trajectory from a file: judge it, enable, follow, disable",
-        timeout_s=PATIENCE_S,
-        timeout_of="longest wait for the approach, and for the arms to settle after the last point",
-    )
-    add_follow(follow)
-    replay = _client_command(
-        commands, "replay", "tell the arms what they were told in a recording: judge it, enable, follow, disable",
-        timeout_s=PATIENCE_S, timeout_of="longest wait for the approach, and for the arms to settle after the last point",
-    )  # fmt: skip
-    add_replay(replay)
-    move = motions[1]
-    for side in ("left", "right"):
-        move.add_argument(
-            f"--{side}",
-            nargs="+",
-            metavar="Q",
-            help=f"seven joints of the {side} arm [rad], in the order of manual §4.0.3, spaces or commas between them",
-        )
-    for side in ("left", "right"):
-        motions[2].add_argument(
-            f"--{side}",
-            nargs="+",
-            metavar="P",
-            help=f"x y z [m] qx qy qz qw of the {side} end effector in {side}_shoulder_base (manual §4.0.1)",
-        )
-    straight = "go straight in joint mode, too; in end-effector mode the arms always do"
-    motions[2].add_argument("--straight", action="store_true", help=straight)
-    motions[2].add_argument("--clip", action="store_true", help="move a position beyond the reach to its end")
-    move.add_argument("--by", action="store_true", help="the joints are offsets from where the arms are")
-    move.add_argument("--clip", action="store_true", help="move a target outside the limits to the limit, and say so")
-    for motion in motions:
-        motion.add_argument(
-            "--tolerance",
-            type=_distance,
-            metavar="RAD",
-            help="reached within this [rad] (default: as configured, 0.05)",
-        )
-    motions += (follow, replay)
-    for motion in motions:
-        motion.add_argument(
-            "--speed",
-            type=factor,
-            default=0.5,
-            metavar="F",
-            help="factor on the configured velocity limit, up to 1 (default %(default)s)",
-        )
-        motion.add_argument("--hold", action="store_true", help="leave the arms held instead of pausing the robot")
-        motion.add_argument("--yes", action="store_true", help="do not ask before moving")
-    for owning in (enable, *motions):
-        owning.add_argument("--take", metavar="REASON", help="take the robot from its owner, who is shown the reason")
+    add_bag(commands)
+    add_dataset(commands)
 
 
 def _add_example(commands: Any) -> None:  # noqa: ANN401  argparse's private class
-    example = _command(commands, "example", "run an example of the manual's chapter 6; without a number, list them")
+    example = add_command(commands, "example", "run an example of the manual's chapter 6; without a number, list them")
     example.add_argument("number", nargs="?", metavar="NUMBER", help="section of the manual, e.g. 6.6")
-    _add_target(example)
+    add_target(example)
     example.add_argument("--show", action="store_true", help="print the program instead of running it")
     example.add_argument("--yes", action="store_true", help="do not ask before moving")

@@ -5,8 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+from gateway.cli.command_line.adding import add_command
 from gateway.cli.command_line.numbers import above_zero, integer
-from gateway.cli.command_line.video_arguments import AddCommand
 from gateway.robot.vector_layout import EYES, STATE_WIDTHS
 
 __all__ = ["add_dataset"]
@@ -25,13 +25,13 @@ def _rows(text: str) -> int:
     return integer(text, 1, 100_000, "a number of rows")
 
 
-def add_dataset(commands: Any, add: AddCommand) -> None:  # noqa: ANN401  argparse's private class
+def add_dataset(commands: Any) -> None:  # noqa: ANN401  argparse's private class
     """Add `dataset` and its verbs; `options.verb` says which verb it is."""
     more = "Reads bags of `ta2 record`, of `ros2 bag record` (manual §5.4) and of the robot's own recorder. Needs no LeRobot."
-    verbs = add(commands, "dataset", "make bags into a dataset for training", more).add_subparsers(
+    verbs = add_command(commands, "dataset", "make bags into a dataset for training", more).add_subparsers(
         title="what to do", dest="verb", metavar="VERB", required=True
     )
-    build = add(verbs, "build", "make bags into a dataset that LeRobot and openpi load")
+    build = add_command(verbs, "build", "make bags into a dataset that LeRobot and openpi load")
     build.add_argument(
         "bags", nargs="+", type=Path, metavar="DIR", help="folders of bags, in the order of their episodes"
     )
@@ -70,7 +70,7 @@ def add_dataset(commands: Any, add: AddCommand) -> None:  # noqa: ANN401  argpar
         "--least-rows", type=_rows, default=30, metavar="N", help="leave out shorter episodes (default 30)"
     )
     build.add_argument("--by-arrival", action="store_true", help="go by messages' arrivals, not by their stamps")
-    check = add(verbs, "check", "read a dataset, and say what is missing or wrong")
+    check = add_command(verbs, "check", "read a dataset, and say what is missing or wrong")
     check.add_argument("dataset", type=Path, metavar="DIR", help="its folder, the one with meta/ in it")
     for sub in (build, check):
         sub.add_argument("--json", action="store_true", help="print JSON on standard output")

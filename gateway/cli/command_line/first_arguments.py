@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+from gateway.cli.command_line.adding import add_command
 from gateway.cli.command_line.numbers import factor
 
 __all__ = ["PICTURES", "SHELLS", "add_first"]
@@ -22,14 +22,9 @@ PLACES = """where shells that are started next find it (write it anew after an u
   ta2 completion fish > ~/.config/fish/completions/ta2.fish"""
 
 
-def add_first(commands: Any, add: Callable[..., argparse.ArgumentParser]) -> None:  # noqa: ANN401  argparse's private class
-    """Add `demo` and `completion`.
-
-    Args:
-        commands: What `add_subparsers` returned.
-        add: Adds a command: takes `commands`, name, text and more text; returns its parser.
-    """
-    demo = add(
+def add_first(commands: Any) -> None:  # noqa: ANN401  argparse's private class
+    """Add `demo` and `completion`."""
+    demo = add_command(
         commands,
         "demo",
         "start a simulated robot and a gateway of its own, move both arms there and back, and report",
@@ -46,7 +41,7 @@ def add_first(commands: Any, add: Callable[..., argparse.ArgumentParser]) -> Non
         help=f"where the plot goes, {' or '.join(PICTURES)} (default %(default)s)",
     )
     demo.add_argument("--seed", type=int, default=0, help="of the simulated robot's noise (default %(default)s)")
-    completion = add(
+    completion = add_command(
         commands,
         "completion",
         "print a script by which a shell completes commands, options, choices and paths of `ta2`",

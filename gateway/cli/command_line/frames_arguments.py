@@ -1,24 +1,17 @@
-"""The command for the frames, as data; part of `arguments.py`, which gives it its way to add a command."""
+"""The command for the frames, as data."""
 
 from __future__ import annotations
 
-import argparse
-from typing import Any, Protocol
+from typing import Any
+
+from gateway.cli.command_line.adding import add_client_command
 
 __all__ = ["add_frames"]
 
 
-class AddCommand(Protocol):
-    """Adds a command that may talk to a gateway."""
-
-    def __call__(self, commands: Any, name: str, text: str, more: str = "") -> argparse.ArgumentParser:  # noqa: ANN401  argparse's private class
-        """Return its parser."""
-        ...
-
-
-def add_frames(commands: Any, add: AddCommand) -> None:  # noqa: ANN401  argparse's private class
+def add_frames(commands: Any) -> None:  # noqa: ANN401  argparse's private class
     """Add `frames`."""
-    frames = add(
+    frames = add_client_command(
         commands,
         "frames",
         "show the frames of manual appendix A: the tree, where each frame is, and whether that is this robot's own",

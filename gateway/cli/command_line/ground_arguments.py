@@ -1,10 +1,11 @@
-"""The commands for grippers, chassis and lift, as data; part of `arguments.py`, which gives it its way to add a command."""
+"""The commands for grippers, chassis and lift, as data."""
 
 from __future__ import annotations
 
 import argparse
-from typing import Any, Protocol
+from typing import Any
 
+from gateway.cli.command_line.adding import add_client_command
 from gateway.cli.command_line.numbers import between
 
 __all__ = ["GRIPPER_ACTIONS", "LIFT_ACTIONS", "add_ground", "take_velocity"]
@@ -14,17 +15,9 @@ LIFT_ACTIONS = ("up", "down", "off")
 AXES = ("vx", "vy", "wz")
 
 
-class AddCommand(Protocol):
-    """Adds a command that talks to a gateway."""
-
-    def __call__(self, commands: Any, name: str, text: str, more: str = "") -> argparse.ArgumentParser:  # noqa: ANN401  argparse's private class
-        """Return its parser."""
-        ...
-
-
-def add_ground(commands: Any, add: AddCommand) -> None:  # noqa: ANN401  argparse's private class
+def add_ground(commands: Any) -> None:  # noqa: ANN401  argparse's private class
     """Add `gripper`, `drive` and `lift`."""
-    gripper = add(
+    gripper = add_client_command(
         commands,
         "gripper",
         "close, open or relax a gripper: enable, command, watch, disable",
@@ -47,7 +40,7 @@ def add_ground(commands: Any, add: AddCommand) -> None:  # noqa: ANN401  argpars
         help="part of the greatest torque, up to 1 (default %(default)s)",
     )
     gripper.add_argument("--hold", action="store_true", help="leave the arms held with the grip, not paused")
-    drive = add(
+    drive = add_client_command(
         commands,
         "drive",
         "drive the chassis at a velocity for a time, then ramp down",
@@ -62,7 +55,7 @@ def add_ground(commands: Any, add: AddCommand) -> None:  # noqa: ANN401  argpars
     )
     for name, what in (("vx", "along x [m/s]"), ("vy", "along y [m/s]"), ("wz", "around z [rad/s]")):
         drive.add_argument(f"--{name}", type=_velocity, default=0.0, metavar="V", help=f"{what} (default 0)")
-    lift = add(
+    lift = add_client_command(
         commands,
         "lift",
         "drive the lift up or down for a time, or take its servo off",

@@ -1,18 +1,18 @@
-"""The command for identification, as data; part of `arguments.py`, which gives it its way to add a command."""
+"""The command for identification, as data."""
 
 from __future__ import annotations
 
 from typing import Any
 
-from gateway.cli.command_line.frames_arguments import AddCommand
+from gateway.cli.command_line.adding import add_client_command
 from gateway.cli.command_line.numbers import above_zero
 
 __all__ = ["add_identify"]
 
 
-def add_identify(commands: Any, add: AddCommand) -> None:  # noqa: ANN401  argparse's private class
+def add_identify(commands: Any) -> None:  # noqa: ANN401  argparse's private class
     """Add `identify`."""
-    identify = add(
+    identify = add_client_command(
         commands,
         "identify",
         "find joint zeros and end effector of this robot's arms from joints and poses that were measured",

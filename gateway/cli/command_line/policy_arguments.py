@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import argparse
-from collections.abc import Callable
 from typing import Any
 
+from gateway.cli.command_line.adding import add_client_command
 from gateway.cli.command_line.numbers import above_zero, between, integer, seconds, udp_port
 from gateway.cli.command_line.video_arguments import PORT
 
@@ -17,9 +16,9 @@ MORE = (
 )
 
 
-def add_policy(verbs: Any, add: Callable[..., argparse.ArgumentParser]) -> None:  # noqa: ANN401  argparse's private class
+def add_policy(verbs: Any) -> None:  # noqa: ANN401  argparse's private class
     """Add `run`."""
-    run = add(
+    run = add_client_command(
         verbs,
         "run",
         "play a policy from its openpi server",

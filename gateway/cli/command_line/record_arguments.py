@@ -6,8 +6,9 @@ import argparse
 from pathlib import Path
 from typing import Any
 
+from gateway.cli.command_line.adding import add_command
 from gateway.cli.command_line.numbers import seconds, udp_port
-from gateway.cli.command_line.video_arguments import PORT, AddCommand
+from gateway.cli.command_line.video_arguments import PORT
 
 __all__ = ["add_bag", "add_episode", "complete_record"]
 
@@ -42,10 +43,10 @@ def add_episode(episode: argparse.ArgumentParser) -> None:
     )
 
 
-def add_bag(commands: Any, add: AddCommand) -> None:  # noqa: ANN401  argparse's private class
+def add_bag(commands: Any) -> None:  # noqa: ANN401  argparse's private class
     """Add `bag` and its verbs; `options.verb` says which verb it is."""
     more = "Reads bags of ours, and those of ROS 2 (MCAP or SQLite)."
-    verbs = add(commands, "bag", "look at a recording", more).add_subparsers(
+    verbs = add_command(commands, "bag", "look at a recording", more).add_subparsers(
         title="what to do", dest="verb", metavar="VERB", required=True
     )
     for name, text in (
@@ -53,9 +54,9 @@ def add_bag(commands: Any, add: AddCommand) -> None:  # noqa: ANN401  argparse's
         ("topics", "list its topics, the same"),
         ("check", "read every message, and say what is missing or wrong"),
     ):
-        sub = add(verbs, name, text)
+        sub = add_command(verbs, name, text)
         _add_bag(sub)
-    part = add(verbs, "cut", "copy a part of a bag into a new one", "Messages are copied byte for byte.")
+    part = add_command(verbs, "cut", "copy a part of a bag into a new one", "Messages are copied byte for byte.")
     _add_bag(part, out="of the new bag")
     part.add_argument(
         "--from", dest="from_s", type=_moment, default=0.0, metavar="S", help="begin (default %(default)g)"
@@ -64,11 +65,13 @@ def add_bag(commands: Any, add: AddCommand) -> None:  # noqa: ANN401  argparse's
     part.add_argument(
         "--episode", type=int, metavar="N", help="only this episode; --from and --to count from its begin"
     )
-    merged = add(
+    merged = add_command(
         verbs, "merge", "put bags together into a new one, in the order of arrival", "Episodes are counted on."
     )
     _add_bag(merged, out="of the new bag", nargs="+")
-    table = add(verbs, "export", "write tables: a file for each topic, a row for each message, a column for each value")
+    table = add_command(
+        verbs, "export", "write tables: a file for each topic, a row for each message, a column for each value"
+    )
     _add_bag(table, out="of the tables, made anew")
     table.add_argument(
         "--format", choices=FORMATS, default=FORMATS[0], help="default: %(default)s; parquet takes pyarrow"

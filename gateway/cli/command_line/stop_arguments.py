@@ -4,21 +4,21 @@ from __future__ import annotations
 
 from typing import Any
 
-from gateway.cli.command_line.ground_arguments import AddCommand
+from gateway.cli.command_line.adding import add_client_command
 
 __all__ = ["add_stops"]
 
 
-def add_stops(commands: Any, add: AddCommand) -> None:  # noqa: ANN401  argparse's private class
+def add_stops(commands: Any) -> None:  # noqa: ANN401  argparse's private class
     """Add `stop`, `estop`, `stop-endpoint` and `recover`."""
     latched = "Anybody may. Motion is refused until `ta2 recover`."
     for name, text in (
         ("stop", "stop everything; arms and grip are held"),
         ("estop", "stop everything and pause the robot; the grip is lost"),
     ):
-        sub = add(commands, name, text, latched)
+        sub = add_client_command(commands, name, text, latched)
         sub.add_argument("reason", nargs="*", help="shown to the owner and in the log")
-    watch = add(
+    watch = add_client_command(
         commands,
         "stop-endpoint",
         "watch over the robot from this terminal: without it, nothing moves",
@@ -32,5 +32,7 @@ def add_stops(commands: Any, add: AddCommand) -> None:  # noqa: ANN401  argparse
         help="the robot is held when this terminal was not heard for longer, 0.1 to 10 [s] (default 0.5)",
     )
     watch.add_argument("--pause", action="store_true", help="then pause the robot; the grip is lost")
-    recover = add(commands, "recover", "clear what holds motion off, if its cause is gone", "Never moves or enables.")
+    recover = add_client_command(
+        commands, "recover", "clear what holds motion off, if its cause is gone", "Never moves or enables."
+    )
     recover.add_argument("reason", nargs="*", help="needed to let stop endpoints go that are silent; told to everybody")

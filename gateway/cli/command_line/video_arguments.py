@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
+from gateway.cli.command_line.adding import add_command
 from gateway.cli.command_line.numbers import above_zero, integer, udp_port
 
-__all__ = ["PORT", "AddCommand", "add_video"]
+__all__ = ["PORT", "add_video"]
 
 PORT = 8890
 """Where the robot sends its pictures to (manual §2.6.3)."""
@@ -22,35 +23,27 @@ DECODERS = ("auto", "software", "nvdec")
 CODECS = ("h264", "h265")
 
 
-class AddCommand(Protocol):
-    """Adds a command."""
-
-    def __call__(self, commands: Any, name: str, text: str, more: str = "") -> argparse.ArgumentParser:  # noqa: ANN401  argparse's private class
-        """Return its parser."""
-        ...
-
-
-def add_video(commands: Any, add: AddCommand) -> None:  # noqa: ANN401  argparse's private class
+def add_video(commands: Any) -> None:  # noqa: ANN401  argparse's private class
     """Add `video` and its verbs; `options.verb` says which verb it is."""
-    video = add(
+    video = add_command(
         commands,
         "video",
         "look at the robot's video stream",
         "Without a gateway: the robot sends its pictures straight to this host.",
     )
     verbs = video.add_subparsers(title="what to do", dest="verb", metavar="VERB", required=True)
-    _add_viewing(verbs, add)
-    _add_recording(verbs, add)
+    _add_viewing(verbs)
+    _add_recording(verbs)
     more = (
         "Writes a module rtp_video_interface.py of one import, which such programs find beside them or on PYTHONPATH."
     )
-    shim = add(verbs, "shim", "let programs of the manual's chapter 6 run on this receiver, unchanged", more)
+    shim = add_command(verbs, "shim", "let programs of the manual's chapter 6 run on this receiver, unchanged", more)
     shim.add_argument("folder", nargs="?", type=Path, default=Path(), metavar="DIR", help="where to (default: here)")
 
 
-def _add_viewing(verbs: Any, add: AddCommand) -> None:  # noqa: ANN401  argparse's private class
+def _add_viewing(verbs: Any) -> None:  # noqa: ANN401  argparse's private class
     more = "q or Ctrl-C ends it. Without a display, or with --sheet, one JPEG file is written instead."
-    view = add(verbs, "view", "show the six views in a window, or write a sheet that names each", more)
+    view = add_command(verbs, "view", "show the six views in a window, or write a sheet that names each", more)
     _add_stream(view)
     _add_decoding(view)
     view.add_argument("--sheet", type=Path, metavar="FILE", help="write a sheet (JPEG) and end")
@@ -63,15 +56,15 @@ def _add_viewing(verbs: Any, add: AddCommand) -> None:  # noqa: ANN401  argparse
     )
 
 
-def _add_recording(verbs: Any, add: AddCommand) -> None:  # noqa: ANN401  argparse's private class
+def _add_recording(verbs: Any) -> None:  # noqa: ANN401  argparse's private class
     more = "Nothing is encoded again: it takes about a hundredth of a core. Ends well with Ctrl-C."
-    sub = add(verbs, "record", "record the robot's pictures as they come", more)
+    sub = add_command(verbs, "record", "record the robot's pictures as they come", more)
     _add_stream(sub)
     sub.add_argument("--seconds", type=_seconds, metavar="S", help="how long [s] (default: until Ctrl-C)")
     sub.add_argument("--out", metavar="FILE", help=".mkv, or .mp4 (default: ta2-DATE-TIME.mkv here)")
     sub.add_argument("--split", action="store_true", help="split the six views off as well, into a folder beside it")
     _add_json(sub)
-    sub = add(verbs, "split", "split a recording into the six views (manual §5.2), with its exact times")
+    sub = add_command(verbs, "split", "split a recording into the six views (manual §5.2), with its exact times")
     sub.add_argument("file", metavar="FILE", help="of `ta2 video record`; one that still grows is followed")
     sub.add_argument("--codec", choices=CODECS, default=CODECS[0], help="default: %(default)s")
     sub.add_argument(
@@ -80,11 +73,11 @@ def _add_recording(verbs: Any, add: AddCommand) -> None:  # noqa: ANN401  argpar
     sub.add_argument("--views", nargs="+", metavar="NAME", help="only these (default: all six)")
     sub.add_argument("--out", metavar="DIR", help="folder (default: FILE without its ending)")
     _add_json(sub)
-    sub = add(verbs, "info", "say what a recording holds: duration, rate, jitter, damaged stretches")
+    sub = add_command(verbs, "info", "say what a recording holds: duration, rate, jitter, damaged stretches")
     sub.add_argument("file", metavar="FILE")
     _add_json(sub)
     more = "First picture, packets and pictures rising, six views, measured rate; each point that fails says why."
-    sub = add(verbs, "check", "check the stream point by point (manual §2.7.2)", more)
+    sub = add_command(verbs, "check", "check the stream point by point (manual §2.7.2)", more)
     _add_stream(sub)
     _add_decoding(sub)
     sub.add_argument(

@@ -1,0 +1,58 @@
+"""How a command is added to the command line: its name and help, and what all that talk to a gateway have in common."""
+
+from __future__ import annotations
+
+import argparse
+from typing import Any
+
+from gateway.cli.command_line.numbers import seconds
+
+__all__ = ["add_client_command", "add_command", "add_target"]
+
+
+def add_command(commands: Any, name: str, text: str, more: str = "") -> argparse.ArgumentParser:  # noqa: ANN401  argparse's private class
+    """Return the parser of a new command; `text` is its line in the list, `more` what its own help says on top."""
+    sub: argparse.ArgumentParser = commands.add_parser(
+        name,
+        help=text,
+        description=f"{text[0].upper()}{text[1:]}.{f' {more}' if more else ''}",
+        allow_abbrev=False,
+    )
+    return sub
+
+
+def add_client_command(
+    commands: Any,  # noqa: ANN401  argparse's private class
+    name: str,
+    text: str,
+    more: str = "",
+    *,
+    shows_json: bool = True,
+    timeout_s: float = 5.0,
+    timeout_of: str = "longest wait for the gateway",
+) -> argparse.ArgumentParser:
+    """Return the parser of a new command that talks to a gateway: it has its address, a timeout, and JSON."""
+    sub = add_command(commands, name, text, more)
+    add_target(sub)
+    sub.add_argument(
+        "--timeout",
+        dest="timeout_s",
+        type=seconds,
+        default=timeout_s,
+        metavar="S",
+        help=f"{timeout_of} [s] (default {timeout_s:g})",
+    )
+    if shows_json:
+        sub.add_argument("--json", action="store_true", help="print JSON on standard output")
+    return sub
+
+
+def add_target(sub: argparse.ArgumentParser) -> None:
+    """Add the gateway's address."""
+    sub.add_argument(
+        "--socket",
+        "--at",
+        dest="target",
+        metavar="TARGET",
+        help="the gateway: a path, unix:PATH, tcp/HOST:PORT or tls/HOST:PORT (default: found by itself)",
+    )
