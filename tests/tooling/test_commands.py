@@ -14,7 +14,7 @@ import pytest
 ROOT = Path(__file__).resolve().parents[2]
 COMMANDS = ["bin/demo", "bin/test", "bin/check", "bin/bench", "bin/bridge", "bin/interop", "bin/docs", ".ci/run"]
 # What the scripts call besides Python.
-PROGRAMS = ["bash", "cat", "cut", "dirname", "env", "readlink"]
+PROGRAMS = ["bash", "cat", "cut", "dirname", "env", "grep", "head", "mktemp", "readlink", "rm", "sh", "sort", "tail"]
 
 
 @pytest.fixture
@@ -166,13 +166,16 @@ case "$*" in "-m pytest"*) printf '%s\n' "$*" >>"$0.calls" ;; esac
 case "$*" in
     *version_info*) echo 3.12.3 ;;
     *sched_getaffinity*) echo 2 ;;
-    "-m pytest"*default-@BREAKS@.xml*) exit 3 ;;
-    "-m pytest"*default-@FAILS@.xml*) printf '<t><testcase/><testcase><failure/></testcase></t>' >"$report" && exit 1 ;;
-    "-m pytest"*) printf '<t><testcase/></t>' >"$report" ;;
+    "-m pytest"*[t3]-@BREAKS@.xml*) exit 3 ;;
+    "-m pytest"*[t3]-@FAILS@.xml*)
+        printf '<t><testcase name="a"/><testcase name="b"><failure/></testcase></t>' >"$report"
+        exit 1
+        ;;
+    "-m pytest"*) printf '<t><testcase name="b"/></t>' >"$report" ;;
     *) exec @PYTHON@ "$@" ;;
 esac
 """
-"""An interpreter whose pytest passes one test in every run, fails one more in one run, and breaks off in another."""
+"""An interpreter whose pytest passes one test in every run, fails it beside another in one run, and breaks off in another."""
 
 
 def put_played(checkout: Path, fails: str = "", breaks: str = "") -> Path:
@@ -180,7 +183,8 @@ def put_played(checkout: Path, fails: str = "", breaks: str = "") -> Path:
     python = checkout / ".venv/bin/python"
     put_script(python, PLAYED.replace("@FAILS@", fails).replace("@BREAKS@", breaks).replace("@PYTHON@", sys.executable))
     stamp = f"{checkout}\n3.12.3\n{(checkout / 'pyproject.toml').read_text(encoding='utf-8')}"
-    (checkout / ".venv/.installed-test").write_text(stamp, encoding="utf-8")
+    for kind in ("test", "body"):
+        (checkout / f".venv/.installed-{kind}").write_text(stamp, encoding="utf-8")
     return checkout / ".venv/bin/python.calls"
 
 
@@ -203,6 +207,30 @@ def test_a_failure_in_any_part_fails_the_whole_run(checkout: Path, fails: str, b
     result = subprocess.run([checkout / "bin/test"], capture_output=True, text=True, timeout=120, check=False)
     assert re.fullmatch(rf"=+ {said} in \d+\.00s \(\d+:\d\d:\d\d\) =+", result.stdout.splitlines()[-1])
     assert (result.returncode == 0) is (said == "3 passed"), result.stderr
+
+
+@pytest.mark.parametrize(
+    ("fails", "said"),
+    [
+        ("e2e", "4 passed"),  # of each part one, and one more of that which failed
+        pytest.param("quick", "4 passed", marks=pytest.mark.thorough),
+        ("quick-again", "3 passed"),  # nothing failed at first, so nothing is run again
+        ("e2e*", "1 failed, 3 passed"),
+    ],
+)
+def test_what_failed_counts_as_it_ends_by_itself(checkout: Path, programs: Path, fails: str, said: str) -> None:
+    """With --all-pythons a failure is run once more by itself, and the sum names it; one that fails again fails all."""
+    calls = put_played(checkout, fails=fails)
+    environment = {"PATH": str(programs), "HOME": str(programs)}
+    command = [checkout / "bin/test", "--all-pythons"]
+    result = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=120, check=False)
+    lines = result.stdout.splitlines()
+    assert lines, result.stderr
+    assert re.fullmatch(rf"=+ {said} in \d+\.00s \(\d+:\d\d:\d\d\) =+", lines[-1]), result.stderr
+    assert (result.returncode == 0) is ("failed" not in said)
+    is_named = any(line.startswith("failed at first, passed by itself: 3.12.3-") for line in lines)
+    assert is_named is (said == "4 passed")
+    assert ("--last-failed" in calls.read_text(encoding="utf-8")) is (said != "3 passed")
 
 
 @pytest.mark.parametrize(("profile", "is_left_out"), [("", True), ("ci", False)])
