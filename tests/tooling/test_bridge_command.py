@@ -21,7 +21,7 @@ else:
 VERSIONS = ["1.10.2", "1.5.1", "1.9.0"]
 CRATES = ROOT / "tests/interop/bridge"
 # Besides what every command calls.
-MORE_PROGRAMS = ["chmod", "cksum", "flock", "mkdir", "mv", "nice", "rm"]
+MORE_PROGRAMS = ["chmod", "cksum", "flock", "mkdir", "mv", "nice"]
 
 CARGO = """
 for word in "$@"; do
