@@ -65,14 +65,12 @@ class PickPlace(gymnasium.Env[dict[str, Array], Array]):
     allow; `told`, what the engine refused or warned of in this step (`CODE: message`); `latches`, the causes of such an end.
 
     Args:
-        arms: Whose actions are taken; another arm is held, its gripper relaxed.
+        arms: Whose actions are taken; another arm is held, its gripper relaxed. Another word is a ValueError.
         dense: Whether the reward is dense.
-        rate_hz: Actions per second of virtual time, 1 to 50 [Hz].
+        rate_hz: Actions per second of virtual time, 1 to 50 [Hz]; ValueError beyond.
         pictures: Whether there are pictures; they need EGL or OSMesa.
         settings: Of the gateway, None for its defaults; the model is always `lift`.
         render_mode: `rgb_array` for pictures of the scene from the side, shape (480, 640, 3).
-
-    Raises ValueError for arms or a rate that there are not.
     """
 
     metadata: dict[str, Any] = {"render_modes": ["rgb_array"], "render_fps": 20}  # noqa: RUF012  Gymnasium's own
@@ -89,6 +87,7 @@ class PickPlace(gymnasium.Env[dict[str, Array], Array]):
     ) -> None:
         if not 1.0 <= rate_hz <= 50.0:
             raise ValueError(f"rate_hz is {rate_hz}, outside [1, 50] Hz")
+        self.metadata = {**self.metadata, "render_fps": round(rate_hz)}
         self.render_mode, self._dense, self._period_ns = render_mode, dense, round(S / rate_hz)
         chosen = settings or Settings()
         link, local = replace(chosen.link, model="lift"), replace(chosen.local, snapshot_hz=max(rate_hz, 10.0))
@@ -134,10 +133,8 @@ class PickPlace(gymnasium.Env[dict[str, Array], Array]):
 
     def step(self, action: Array) -> tuple[dict[str, Array], float, bool, bool, dict[str, Any]]:
         """Send an action's targets and let a period pass. ValueError: another shape than the space's, or not finite."""
-        robot, wanted = (
-            self._robot,
-            dict(zip(self._sides, self.to_units(action).reshape(-1, 8).tolist(), strict=True)),
-        )
+        robot, units = self._robot, self.to_units(action).reshape(-1, 8)
+        wanted = dict(zip(self._sides, units.tolist(), strict=True))
         for side in Side:
             *q_rad, gripper = wanted.get(side, (*START_RAD[SimSide(side.value)], GRIPPER_RELAXED))
             robot.aim(side, tuple(q_rad), gripper)
@@ -167,9 +164,8 @@ class PickPlace(gymnasium.Env[dict[str, Array], Array]):
 
     def close(self) -> None:
         """Give back what draws; safe to call twice."""
-        drawing, self._drawing = self._drawing, None
-        if drawing is not None:
-            drawing.close()
+        if self._drawing is not None:
+            self._drawing.close()
 
     def _placed(self, name: str) -> tuple[Array, Array]:
         """Return position [m] and rotation of a thing or a frame of the robot, on the ground's frame."""
