@@ -11,7 +11,7 @@ from gateway.gym.pick_place import PickPlace
 from gateway.sim.robot.geometry import EePose, arm_geometry, quat_from_rotation
 from gateway.sim.robot.manual import Side
 
-__all__ = ["actions"]
+__all__ = ["actions", "joints"]
 
 TILT = math.radians(-20.0)
 DOWN = np.array(
@@ -20,6 +20,19 @@ DOWN = np.array(
 """The left hand pointing down and a little ahead, its fingers opening along y of the shoulder."""
 PADS_M = np.array([0.185, -0.0068, 0.0])
 UP_M = np.array([0.0, 0.0, 0.08])
+
+
+def joints(place_m: np.ndarray, q_rad: np.ndarray) -> np.ndarray:
+    """Return the left arm's joints with which its pads hold a place, from above.
+
+    Args:
+        place_m: In the shoulder's frame [m].
+        q_rad: Joints to begin the search with, shape (7,) [rad].
+    """
+    wrist_m, quat_xyzw = place_m - DOWN @ PADS_M, quat_from_rotation(DOWN.tolist())
+    found = arm_geometry(Side.LEFT).inverse(EePose(position_m=tuple(wrist_m.tolist()), quat_xyzw=quat_xyzw), q_rad)
+    assert found is not None, f"{place_m} is out of reach"
+    return found
 
 
 def actions(env: PickPlace, observation: dict[str, np.ndarray]) -> Iterator[np.ndarray]:
@@ -42,10 +55,7 @@ def actions(env: PickPlace, observation: dict[str, np.ndarray]) -> Iterator[np.n
     )
     q_rad, rest = observation["state"][:7].astype(float), (*observation["state"][8:15].astype(float), 0.1)
     for place_m, gripper, steps in stages:
-        wrist_m, quat_xyzw = place_m - DOWN @ PADS_M, quat_from_rotation(DOWN.tolist())
-        pose = EePose(position_m=tuple(wrist_m.tolist()), quat_xyzw=quat_xyzw)
-        goal_rad = arm_geometry(Side.LEFT).inverse(pose, q_rad)
-        assert goal_rad is not None, f"{place_m} is out of reach"
+        goal_rad = joints(place_m, q_rad)
         for step in range(1, steps + 1):
             part = 0.5 - 0.5 * math.cos(math.pi * step / steps)
             both = (*(q_rad + part * (goal_rad - q_rad)), gripper, *rest)
