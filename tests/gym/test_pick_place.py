@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -314,3 +315,14 @@ def test_without_a_render_mode_there_is_no_picture():
     env = made()
     env.reset(seed=0)
     assert env.render() is None
+
+
+def test_the_programs_of_its_page_do_what_it_says(capsys):
+    """Both run as they stand there, and the second one prints what the page says."""
+    page = (ROOT / "docs/how-to/gym.md").read_text(encoding="utf-8")
+    first, second = re.findall(r"```python\n(.*?)```", page, flags=re.DOTALL)
+    (output,) = re.findall(r"```text\n(.*?)```", page, flags=re.DOTALL)
+    exec(first, {})
+    capsys.readouterr()
+    exec(second, {})
+    assert capsys.readouterr().out == output
