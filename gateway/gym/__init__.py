@@ -2,7 +2,7 @@
 
 In: actions, as targets of joints and commands of grippers. Out: what the robot measures, rewards, and what the engine limited
 or refused. All in virtual time: no socket, thread or clock. Libraries: Gymnasium, MuJoCo (extra `gym`). Importing this
-registers `TeleAvatar-PickPlace-v0`, as Gymnasium's plugins do. Read first: `pick_place`.
+registers it: `gymnasium.make("gateway.gym:TeleAvatar-PickPlace-v0")` does both. Read first: `pick_place`.
 """
 
 from __future__ import annotations
@@ -15,14 +15,9 @@ except ModuleNotFoundError as error:
     hint = "gateway.gym needs Gymnasium, which is not installed: pip install 'teleavatar-gateway[gym]'"
     raise ModuleNotFoundError(hint, name="gymnasium") from error
 
-__all__ = ["register"]
+__all__ = ["ENV_ID"]
 
+ENV_ID = "TeleAvatar-PickPlace-v0"
+"""A block is to be picked from the table and put on the mark."""
 
-def register() -> None:
-    """Make the environment known to `gymnasium.make`, unless it is."""
-    name = "TeleAvatar-PickPlace-v0"
-    if name not in gymnasium.registry:
-        gymnasium.register(name, entry_point="gateway.gym.pick_place:PickPlace", max_episode_steps=400)
-
-
-register()
+gymnasium.register(ENV_ID, entry_point="gateway.gym.pick_place:PickPlace", max_episode_steps=400)
