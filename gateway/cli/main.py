@@ -169,6 +169,24 @@ def _carried_out_by(module: str) -> Callable[[Namespace], int]:
     return carry_out
 
 
+def _asked_by(function: str, *words: str, **named: str) -> Callable[[Namespace], int]:
+    """Return what loads a module and calls a function of it with where the gateway is and how long to wait for it.
+
+    Args:
+        function: `MODULE:FUNCTION`.
+        words: Options that it takes after these two.
+        named: Options that it takes by name: its name for each, then the option's.
+    """
+    module, _, name = function.partition(":")
+
+    def carry_out(options: Namespace) -> int:
+        further = {taken: getattr(options, option) for taken, option in named.items()}
+        values = [getattr(options, word) for word in ("target", "timeout_s", *words)]
+        return int(getattr(import_module(module), name)(*values, **further))
+
+    return carry_out
+
+
 def _model(options: Namespace) -> int:
     from gateway.cli.body.model import check_model
 
@@ -176,24 +194,6 @@ def _model(options: Namespace) -> int:
 
 
 # ------------------------------------------------------------------------------------------------------------- clients
-
-
-def _status(options: Namespace) -> int:
-    from gateway.cli.looking.status import show_status
-
-    return show_status(options.target, options.timeout_s, as_json=options.json)
-
-
-def _why(options: Namespace) -> int:
-    from gateway.cli.looking.why import show_why
-
-    return show_why(options.target, options.timeout_s, as_json=options.json)
-
-
-def _topics(options: Namespace) -> int:
-    from gateway.cli.looking.topics import show_topics
-
-    return show_topics(options.target, options.timeout_s, as_json=options.json)
 
 
 def _link(options: Namespace) -> int:
@@ -214,18 +214,6 @@ def _link(options: Namespace) -> int:
     return link.show_look(wire, as_json=options.json)
 
 
-def _watch(options: Namespace) -> int:
-    from gateway.cli.looking.watch import watch
-
-    return watch(options.target, options.timeout_s, once=options.once)
-
-
-def _events(options: Namespace) -> int:
-    from gateway.cli.looking.events import show_events
-
-    return show_events(options.target, options.timeout_s, silence_s=options.silence, as_json=options.json)
-
-
 def _stop(options: Namespace) -> int:
     from gateway.cli.motion.stopping import stop
 
@@ -236,18 +224,6 @@ def _recover(options: Namespace) -> int:
     from gateway.cli.motion.stopping import recover
 
     return recover(options.target, options.timeout_s, " ".join(options.reason), as_json=options.json)
-
-
-def _stop_endpoint(options: Namespace) -> int:
-    from gateway.cli.motion.stop_endpoint import watch_over
-
-    return watch_over(options.target, options.timeout_s, options.within, pauses=options.pause)
-
-
-def _enable(options: Namespace) -> int:
-    from gateway.cli.motion.enabling import enable
-
-    return enable(options.target, options.timeout_s, options.take)
 
 
 def _move(options: Namespace) -> int:
@@ -336,28 +312,20 @@ def _ground(options: Namespace) -> int:
     return grounding.lift(outing, options.action, options.speed)
 
 
-def _kinematics(options: Namespace) -> int:
-    from gateway.cli.body import frames, identify
-
-    if options.command == "identify":
-        return identify.carry_out(options)
-    return frames.carry_out(options)
-
-
 COMMANDS: Mapping[str, Callable[[Namespace], int]] = {
     "run": _run,
     "sim": _sim,
     "config": _carried_out_by("gateway.cli.configuring"),
     "model": _model,
-    "status": _status,
-    "watch": _watch,
-    "why": _why,
-    "topics": _topics,
+    "status": _asked_by("gateway.cli.looking.status:show_status", as_json="json"),
+    "watch": _asked_by("gateway.cli.looking.watch:watch", once="once"),
+    "why": _asked_by("gateway.cli.looking.why:show_why", as_json="json"),
+    "topics": _asked_by("gateway.cli.looking.topics:show_topics", as_json="json"),
     "link": _link,
-    "events": _events,
-    "frames": _kinematics,
-    "identify": _kinematics,
-    "enable": _enable,
+    "events": _asked_by("gateway.cli.looking.events:show_events", silence_s="silence", as_json="json"),
+    "frames": _carried_out_by("gateway.cli.body.frames"),
+    "identify": _carried_out_by("gateway.cli.body.identify"),
+    "enable": _asked_by("gateway.cli.motion.enabling:enable", "take"),
     "home": _move,
     "move": _move,
     "move-pose": _move,
@@ -377,7 +345,7 @@ COMMANDS: Mapping[str, Callable[[Namespace], int]] = {
     "completion": _completion,
     "stop": _stop,
     "estop": _stop,
-    "stop-endpoint": _stop_endpoint,
+    "stop-endpoint": _asked_by("gateway.cli.motion.stop_endpoint:watch_over", "within", pauses="pause"),
     "recover": _recover,
 }
 """Who carries out which command."""

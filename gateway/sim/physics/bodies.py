@@ -36,12 +36,13 @@ class Bodies:
         real_time_factor: Time of physics per time of the robot over the last full second; None before the first.
     """
 
-    def __init__(self, parts: Parts, start_ns: int) -> None:
+    def __init__(self, parts: Parts, start_ns: int, x_m: float = 0.0) -> None:
         """Put the robot where its parts say it is, at rest.
 
         Args:
             parts: What moves.
             start_ns: Now [ns].
+            x_m: How far ahead of the scene's origin [m].
         """
         self._parts = parts
         self.world = World(has_lift=parts.lift is not None)
@@ -52,6 +53,7 @@ class Bodies:
         self._mark_ns, self._mark_steps = start_ns, 0
         self._worst = 1.0
         self._tell_ns: int | None = None  # again, while it is too slow
+        self.world.pose_base(x_m)
         for side in Side:
             self.world.pose_arm(side, parts.arms[side].q_rad)
             gripper = parts.grippers[side]

@@ -109,6 +109,7 @@ class Drawing:
         return self._picture(self._eye, width, height)
 
     def _picture(self, camera: Any, width: int, height: int) -> NDArray[np.uint8]:  # noqa: ANN401  MuJoCo's own class
+        self._surface.make_current()  # there may be other views in this thread
         everything = mujoco.mjtCatBit.mjCAT_ALL
         mujoco.mjv_updateScene(self._model, self._data, self._option, None, camera, everything, self._scene)
         frame = mujoco.MjrRect(0, 0, width, height)
@@ -121,6 +122,7 @@ class Drawing:
         """Give the context back; safe to call twice."""
         surface, self._surface = self._surface, None
         if surface is not None:
+            surface.make_current()
             self._context.free()
             surface.free()
 

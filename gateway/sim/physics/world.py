@@ -80,6 +80,11 @@ class World:
 
     # -------------------------------------------------------------------------------------------------------- posing
 
+    def pose_base(self, x_m: float) -> None:
+        """Put the base somewhere ahead of where it starts, at rest [m]; for the start."""
+        self.data.qpos[self._qpos["base_x"]] = x_m
+        mujoco.mj_forward(self.model, self.data)
+
     def pose_arm(self, side: Side, q_rad: Array) -> None:
         """Put an arm somewhere at rest, without a motion; for the start.
 

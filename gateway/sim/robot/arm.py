@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 from gateway.sim.robot.geometry import EePose, arm_geometry
 from gateway.sim.robot.journal import Journal
 from gateway.sim.robot.manual import ARM_WATCHDOG_NS, DOF, LOWER_RAD, SLOW_START_RADPS, UPPER_RAD, S, Side
-from gateway.sim.robot.settings import HANGING_RAD, SimSettings
+from gateway.sim.robot.settings import SimSettings
 
 __all__ = ["Drive", "SimArm"]
 
@@ -66,7 +66,7 @@ class SimArm:
 
     def __init__(self, side: Side, settings: SimSettings, journal: Journal) -> None:
         self.side = side
-        self.q_rad = np.array(HANGING_RAD[side])
+        self.q_rad = np.array(settings.start_rad[side])
         self.v_radps = np.zeros(DOF)
         self.target_rad = self.q_rad.copy()
         self.is_enabled = settings.arm_enabled(side)

@@ -40,8 +40,8 @@ class SimLift:
         has_error: FSM is in ERROR.
     """
 
-    def __init__(self, journal: Journal, start_ns: int, *, is_configured: bool) -> None:
-        self.lowered_m = 0.30
+    def __init__(self, journal: Journal, start_ns: int, *, is_configured: bool, lowered_m: float = 0.30) -> None:
+        self.lowered_m = lowered_m
         self.motor_radps = 0.0
         self.is_powered = False
         self.is_configured = is_configured

@@ -110,7 +110,8 @@ class SimRobot:
         self.chassis = SimChassis(self.journal, is_enabled=self.settings.enable_chassis)
         self.lift: SimLift | None = None
         if self.settings.has_lift:
-            self.lift = SimLift(self.journal, start_ns, is_configured=self.settings.enable_lift_servo)
+            is_configured, lowered_m = self.settings.enable_lift_servo, self.settings.start_lowered_m
+            self.lift = SimLift(self.journal, start_ns, is_configured=is_configured, lowered_m=lowered_m)
         parts = Parts(
             arms=self.arms, grippers=self.grippers, chassis=self.chassis, lift=self.lift, journal=self.journal
         )

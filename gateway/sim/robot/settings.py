@@ -7,7 +7,8 @@ from __future__ import annotations
 
 import re
 from argparse import Namespace
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from typing import Final
 
 from gateway.sim.robot.manual import MS, ArmMode, S, Side
@@ -67,6 +68,9 @@ class SimSettings:
             `compliance_radpnm`, `creep_radps`.
         left_object_rad: Motor angle at which the left gripper meets an object; None when empty [rad].
         right_object_rad: The same of the right gripper.
+        start_rad: Where the arms are at the start, per side seven joints [rad].
+        start_lowered_m: Where the lift is at the start, below its top [m].
+        start_x_m: How far ahead of the scene's origin the robot stands at the start [m]; only with `physics`.
         grip_survives_pause: Whether the gripper keeps its torque in PAUSE while the arm's stream goes on. §4.4 ties the
             torque to that stream only, so the default is True; False is the careful reading of §4.1.
     """
@@ -94,6 +98,9 @@ class SimSettings:
     physics: str = "kinematic"
     left_object_rad: float | None = None
     right_object_rad: float | None = None
+    start_rad: Mapping[Side, tuple[float, ...]] = field(default_factory=lambda: HANGING_RAD)
+    start_lowered_m: float = 0.30
+    start_x_m: float = 0.0
     grip_survives_pause: bool = True
 
     def __post_init__(self) -> None:
