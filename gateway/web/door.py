@@ -23,6 +23,7 @@ __all__ = ["OPEN_PATHS", "Door", "cookie_name"]
 
 LOOPBACK = frozenset({"127.0.0.1", "localhost", "::1"})
 OPEN_PATHS = frozenset({"/", "/static/page.js", "/static/page.css", "/api/stop", "/api/estop"})
+UNKNOWN = "the secret is missing or wrong"
 HEADERS = {
     "Content-Security-Policy": "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' data:; connect-src "
     "'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'",
@@ -56,7 +57,7 @@ class Door:
         self._open = OPEN_PATHS | ({"/metrics"} if opens_metrics else frozenset())
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Answer 403, or go on."""
+        """Answer 401 or 403, or go on."""
         if scope["type"] == "lifespan":
             await self._app(scope, receive, send)
             return
@@ -75,7 +76,8 @@ class Door:
             error = {
                 "error": {"code": "FORBIDDEN", "message": why_not, "hint": "open the address that `ta2 web` printed"}
             }
-            await JSONResponse(error, status_code=403)(scope, receive, sent)
+            status, more = (401, {"WWW-Authenticate": "Bearer"}) if why_not == UNKNOWN else (403, None)
+            await JSONResponse(error, status_code=status, headers=more)(scope, receive, sent)
 
     def _why_not(self, path: str, headers: Mapping[str, str]) -> str | None:
         host = headers.get("host", "")
@@ -88,7 +90,7 @@ class Door:
             return "a page of another site may not ask for anything here"
         if path in self._open or self._is_known(headers):
             return None
-        return "the secret is missing or wrong"
+        return UNKNOWN
 
     def _is_known(self, headers: Mapping[str, str]) -> bool:
         scheme, _, bearer = headers.get("authorization", "").partition(" ")

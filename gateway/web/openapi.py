@@ -64,7 +64,8 @@ TYPES = (State, Gone, Noticed, Replied, Error, Reasons, Nothing, StopAsked, Stop
 SECURITY: list[dict[str, list[str]]] = [{"secret": []}]
 FAILURES = {
     "400": "What was asked for is wrong.",
-    "403": "Not for whoever asks.",
+    "401": "The secret is missing or wrong.",
+    "403": "Not for pages of other sites.",
     "404": "There is nothing.",
     "405": "Not by this method.",
     "409": "Refused; nothing moved.",
@@ -86,13 +87,7 @@ def description() -> bytes:
 
     def operation(summary: str, gives: type, takes: type | None = None, *, is_open: bool = False) -> dict[str, Any]:
         responses = {"200": {"description": "Done.", "content": content(gives)}}
-        for status, text in (
-            ("400", "Wrong."),
-            ("403", "Not for this asker."),
-            ("409", "Refused."),
-            ("503", "No gateway."),
-            ("504", "Lost."),
-        ):
+        for status, text in FAILURES.items():
             responses[status] = {"description": text, "content": content(Error)}
         made: dict[str, Any] = {"summary": summary, "responses": responses, "security": [] if is_open else SECURITY}
         if takes is not None:

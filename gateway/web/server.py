@@ -296,9 +296,10 @@ async def _failed(_: Request, error: Exception) -> Response:
 
 async def _not_there(_: Request, error: Exception) -> Response:
     assert isinstance(error, HTTPException)
-    return _json(
-        {"error": Failure(code=Code.BAD_REQUEST, message=error.detail, hint="see /openapi.json")}, error.status_code
-    )
+    failure = Failure(code=Code.BAD_REQUEST, message=error.detail, hint="see /openapi.json")
+    response = _json({"error": failure}, error.status_code)
+    response.headers.update(error.headers or {})  # which methods there are
+    return response
 
 
 async def _body(request: Request) -> bytes:

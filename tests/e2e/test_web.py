@@ -191,8 +191,8 @@ def test_two_pages_race_for_the_robot(system: System, web: Web) -> None:
 
 def test_without_the_secret_there_is_nothing_to_see(web: Web) -> None:
     """Any user of this host can reach the port."""
-    assert httpx.get(f"{web.url}api/state", timeout=20.0).status_code == 403
-    assert httpx.get(f"{web.url}metrics", timeout=20.0).status_code == 403
+    assert httpx.get(f"{web.url}api/state", timeout=20.0).status_code == 401
+    assert httpx.get(f"{web.url}metrics", timeout=20.0).status_code == 401
     with pytest.raises(InvalidStatus, match="403"), connect(f"ws://127.0.0.1:{web.port}/api/live"):
         pass
 

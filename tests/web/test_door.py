@@ -37,7 +37,7 @@ def client(*, opens_metrics: bool = False) -> TestClient:
 def test_all_but_the_page_and_a_stop_takes_the_secret(path: str) -> None:
     """A stop takes none: nothing comes between a person and a stop."""
     with client() as browser:
-        assert browser.get(path).status_code == (200 if path in OPEN_PATHS else 403)
+        assert browser.get(path).status_code == (200 if path in OPEN_PATHS else 401)
         assert browser.get(path, headers=KNOWN).status_code == 200
         assert browser.get(path, headers={"Cookie": f"{cookie_name(8700)}={TOKEN}"}).status_code == 200
 
@@ -58,7 +58,7 @@ def test_a_wrong_secret_is_none(headers: dict[str, str]) -> None:
     """Nor is the right one in the wrong place."""
     with client() as browser:
         answer = browser.get("/api/state", headers=headers)
-    assert answer.status_code == 403 and "secret" in answer.json()["error"]["message"]
+    assert answer.status_code == 401 and "secret" in answer.json()["error"]["message"]
 
 
 @pytest.mark.parametrize("host", ["127.0.0.1:8700", "localhost:9000", "[::1]:8700", "LOCALHOST"])
@@ -119,7 +119,7 @@ def test_metrics_can_be_opened() -> None:
     """For a Prometheus on this host, which has no secret; nothing else is opened with them."""
     with client(opens_metrics=True) as browser:
         assert browser.get("/metrics").status_code == 200
-        assert browser.get("/api/state").status_code == 403
+        assert browser.get("/api/state").status_code == 401
 
 
 @pytest.mark.parametrize("path", ["/", "/api/state"])
