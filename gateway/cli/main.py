@@ -340,6 +340,7 @@ COMMANDS: Mapping[str, Callable[[Namespace], int]] = {
     "bag": _carried_out_by("gateway.cli.recording.bag"),
     "dataset": _carried_out_by("gateway.cli.dataset.build"),
     "policy": _carried_out_by("gateway.cli.policy.run"),
+    "web": _carried_out_by("gateway.cli.web"),
     "example": _example,
     "demo": _demo,
     "completion": _completion,

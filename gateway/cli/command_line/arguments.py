@@ -27,6 +27,7 @@ from gateway.cli.command_line.robot_arguments import MODELS, ROBOT_PORT, SIM_END
 from gateway.cli.command_line.sim_arguments import add_camera, add_clock, add_physics
 from gateway.cli.command_line.stop_arguments import add_stops
 from gateway.cli.command_line.video_arguments import add_video
+from gateway.cli.command_line.web_arguments import add_web
 from gateway.cli.terminal.ending import STATUS_HELP
 
 __all__ = ["joints", "parse", "parser"]
@@ -136,6 +137,7 @@ def _parsers() -> tuple[argparse.ArgumentParser, Mapping[str, argparse.ArgumentP
     add_policy(verbs)
     add_frames(commands)
     add_identify(commands)
+    add_web(commands)
     _add_example(commands)
     add_first(commands)
     add_model(add_command(commands, "model", "check the numbers of the robot's body, or of a URDF"))

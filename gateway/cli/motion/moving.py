@@ -13,8 +13,8 @@ from gateway.cli.terminal.progress import Teller
 from gateway.client import Control, MotionHandle, MotionResult, PoseTarget, Robot, RobotState
 from gateway.client.asking.poses import numbers, within_reach
 from gateway.client.asking.requests import joints, within_limits
-from gateway.errors import Code, Refusal, to_exception
-from gateway.robot.limits import HOME_Q_RAD
+from gateway.client.state.home import home_goals
+from gateway.values import Side
 
 __all__ = ["Manner", "Plan", "home", "to_joints", "to_poses"]
 
@@ -119,18 +119,10 @@ def home(manner: Manner) -> Aim:
 
 
 def _home(manner: Manner, state: RobotState) -> Plan:
-    enabled = {"left": True, "right": True} if state.mode is None else state.mode.arm_enabled
-    joint = {"left": True, "right": True} if state.mode is None else state.mode.joint_mode
-    goals = {
-        side.value: q_rad for side, q_rad in HOME_Q_RAD.items() if enabled.get(side.value) and joint.get(side.value)
-    }
-    staying = [side.value for side in HOME_Q_RAD if side.value not in goals]
-    if not goals and any(enabled.values()):
-        message = "every enabled arm is in end-effector mode, and the initial position is one of joints"
-        raise to_exception(Refusal(code=Code.WRONG_CONTROL_MODE, message=message))
-    if not goals:
-        raise to_exception(Refusal(code=Code.NO_ARM_ENABLED, message="no arm is enabled in the robot's configuration"))
-    why = "in end-effector mode" if staying and enabled.get(staying[0]) else "disabled"
+    goals = home_goals(state)
+    staying = [side.value for side in Side if side.value not in goals]
+    is_enabled = state.mode is not None and bool(staying) and state.mode.arm_enabled.get(staying[0], False)
+    why = "in end-effector mode" if is_enabled else "disabled"
     note = f"; the {staying[0]} arm is {why} and stays" if staying else ""
     return Plan(what=f"to the initial position of manual §6.6{note}", manner=manner, targets_rad=goals)
 

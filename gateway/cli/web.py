@@ -1,0 +1,73 @@
+"""`ta2 web`: the page and the HTTP API of `gateway.web`, on loopback alone, until Ctrl-C."""
+
+from __future__ import annotations
+
+import json
+import secrets
+import socket
+import sys
+from argparse import Namespace
+
+from gateway.cli.terminal.ending import ExitStatus
+from gateway.errors import Code, Refusal, to_exception
+
+__all__ = ["carry_out"]
+
+HOST = "127.0.0.1"
+ENDING_S = 2
+"""How long open pages are waited for at the end [s]."""
+MOST_MESSAGE_BYTES = 16_384
+
+
+def carry_out(options: Namespace) -> ExitStatus:
+    """Serve until Ctrl-C or SIGTERM.
+
+    Raises:
+        NotReady: The extra `web` is missing.
+        Rejected: BAD_REQUEST, the port is taken, or the gateway's address makes no sense.
+    """
+    try:
+        import uvicorn
+
+        from gateway.web.server import application
+    except ImportError as error:
+        hint = "install it: pip install 'teleavatar-gateway[web]'"
+        refusal = Refusal(
+            code=Code.BAD_REQUEST, message=f"the web page needs {error.name}, which is not installed", hint=hint
+        )
+        raise to_exception(refusal) from None
+    token = secrets.token_urlsafe(24)
+    with _listening(options.port) as listener:
+        port = listener.getsockname()[1]
+        app = application(options.target, token, port, opens_metrics=options.metrics)
+        config = uvicorn.Config(
+            app,
+            log_level="warning",
+            access_log=False,
+            ws="websockets-sansio",
+            ws_max_size=MOST_MESSAGE_BYTES,
+            server_header=False,
+            timeout_graceful_shutdown=ENDING_S,
+        )
+        url = f"http://{HOST}:{port}/"
+        if options.json:
+            print(json.dumps({"ok": True, "url": url, "token": token}), flush=True)
+        else:
+            print(f"{url}?token={token}", flush=True)
+            print("open that address; Ctrl-C ends it. A stop on the page needs no secret.", file=sys.stderr)
+        uvicorn.Server(config).run(sockets=[listener])
+    return ExitStatus.OK
+
+
+def _listening(port: int) -> socket.socket:
+    try:
+        return socket.create_server((HOST, port))
+    except OSError as error:
+        refusal = Refusal(
+            code=Code.BAD_REQUEST,
+            message=f"{HOST}:{port} cannot be listened on: {error.strerror}",
+            field="--port",
+            value=str(port),
+            hint="take another one: --port N",
+        )
+        raise to_exception(refusal) from None

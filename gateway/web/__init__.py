@@ -1,0 +1,8 @@
+"""The web page and the HTTP API: one more client of the local API, in a process of its own, on loopback alone.
+
+    a browser or any program  ->  door.py (who may come in)  ->  server.py (what there is)
+        ->  viewer.py (one connection, for all who look)  and  owning.py (one connection for each page that commands)
+
+What comes in: HTTP and WebSocket messages, `messages.py`, all of them described by `/openapi.json`. What goes out: what
+`gateway.client` asks for. Read `server.py` first. Needs the extra `web`; nothing here is loaded by any other part.
+"""

@@ -1,0 +1,315 @@
+"""The application: what there is under which path, and what goes back and forth with each page.
+
+    GET  /                       the page; with ?token=... the secret becomes a cookie
+    GET  /api/state, /api/why    what the gateway sees, what stands in the way; 503 while there is none
+    POST /api/stop, /api/estop   everybody's stop, {"reason": ...} or any body
+    POST /api/recover            clears latches, {"reason": ...}
+    WS   /api/live               states and notices as they come; what the page asks for, and the replies
+    GET  /metrics                for Prometheus
+    GET  /openapi.json           all of this
+
+A page is one WebSocket: closed, it is a lost client. See `door.py` for who may ask.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import hmac
+import logging
+from collections.abc import AsyncIterator, Coroutine
+from dataclasses import asdict
+from pathlib import Path
+from typing import Literal
+
+import msgspec
+from prometheus_client import CONTENT_TYPE_LATEST
+from starlette.applications import Starlette
+from starlette.exceptions import HTTPException
+from starlette.requests import ClientDisconnect, Request
+from starlette.responses import FileResponse, RedirectResponse, Response
+from starlette.routing import Mount, Route, WebSocketRoute
+from starlette.staticfiles import StaticFiles
+from starlette.types import ASGIApp
+from starlette.websockets import WebSocket, WebSocketDisconnect
+
+from gateway.client import aio
+from gateway.client.state.reasons import why_of
+from gateway.errors import (
+    Code,
+    Disconnected,
+    GatewayError,
+    GatewayTimeout,
+    OutcomeUnknown,
+    Refusal,
+    Rejected,
+    to_exception,
+)
+from gateway.web import metrics, stopping
+from gateway.web.door import Door, cookie_name
+from gateway.web.messages import Alive, Asked, Failure
+from gateway.web.openapi import description
+from gateway.web.owning import Owning
+from gateway.web.viewer import Viewer
+
+__all__ = ["application"]
+
+_log = logging.getLogger(__name__)
+
+STATIC = Path(__file__).parent / "static"
+MOST_PAGES = 100
+MOST_BODY_BYTES = 4096
+BODY_S = 0.5
+"""How long the body of a stop is waited for [s]; the stop goes on without it."""
+SILENT_S = 5.0
+"""A page that owns the robot and says nothing for so long is gone [s]."""
+MOST_WAITING = 32
+"""Requests of one page that are not answered yet."""
+
+
+def application(target: str | None, token: str, port: int, *, opens_metrics: bool = False) -> ASGIApp:
+    """Return the application, to be served by uvicorn.
+
+    Args:
+        target: Where the gateway is; None finds its socket.
+        token: The secret that all but stops take.
+        port: Where it listens.
+        opens_metrics: Whether `/metrics` takes no secret.
+    """
+    server = _Server(target, token, port)
+
+    @contextlib.asynccontextmanager
+    async def lifespan(_: Starlette) -> AsyncIterator[None]:
+        viewing = asyncio.create_task(server.viewer.run())
+        try:
+            yield
+        finally:
+            viewing.cancel()
+            await asyncio.gather(viewing, return_exceptions=True)
+
+    routes = [
+        Route("/", server.page),
+        Mount("/static", StaticFiles(directory=STATIC)),
+        Route("/api/state", server.state),
+        Route("/api/why", server.why),
+        Route("/api/stop", server.stop, methods=["POST"]),
+        Route("/api/estop", server.estop, methods=["POST"]),
+        Route("/api/recover", server.recover, methods=["POST"]),
+        WebSocketRoute("/api/live", server.live),
+        Route("/metrics", server.metrics),
+        Route("/openapi.json", server.openapi),
+    ]
+    failed = {GatewayError: _failed, HTTPException: _not_there}
+    return Door(
+        Starlette(routes=routes, lifespan=lifespan, exception_handlers=failed), token, port, opens_metrics=opens_metrics
+    )
+
+
+class _Server:
+    def __init__(self, target: str | None, token: str, port: int) -> None:
+        self._target = target
+        self._token = token
+        self._cookie = cookie_name(port)
+        self._pages = 0
+        self.viewer = Viewer(target)
+
+    async def page(self, request: Request) -> Response:
+        said = request.query_params.get("token")
+        if said is None or not hmac.compare_digest(said.encode(), self._token.encode()):
+            return FileResponse(STATIC / "index.html")
+        response = RedirectResponse("/", status_code=303)  # the secret stays in no address line and no history
+        response.set_cookie(self._cookie, self._token, httponly=True, samesite="strict")
+        return response
+
+    async def state(self, _: Request) -> Response:
+        self._require()
+        return Response(self.viewer.state, media_type="application/json")
+
+    async def why(self, _: Request) -> Response:
+        robot = self._require()
+        why = why_of(await robot.state())
+        shown = {
+            "state": why.state,
+            "findings": why.findings,
+            "latches": dict(why.latches),
+            "refusals": dict(why.refusals),
+        }
+        return _json(shown)
+
+    async def stop(self, request: Request) -> Response:
+        return await self._stopped(request, "stop")
+
+    async def estop(self, request: Request) -> Response:
+        return await self._stopped(request, "estop")
+
+    async def _stopped(self, request: Request, word: Literal["stop", "estop"]) -> Response:
+        body = b""
+        with contextlib.suppress(asyncio.TimeoutError, ClientDisconnect):  # no body keeps a stop
+            body = await asyncio.wait_for(_body(request), BODY_S)
+        reason = f"{stopping.reason_of(body) or 'by the page'} ({_host(request)})"
+        done = await stopping.stop(word, reason, self._target, self.viewer.robot)
+        return _json(done)
+
+    async def recover(self, request: Request) -> Response:
+        reason = stopping.reason_of(await _body(request))
+        await self._require().recover(f"{reason} ({_host(request)})" if reason else "")
+        return _json({})
+
+    async def metrics(self, _: Request) -> Response:
+        return Response(metrics.text(self.viewer), headers={"Content-Type": CONTENT_TYPE_LATEST})
+
+    async def openapi(self, _: Request) -> Response:
+        return Response(description(), media_type="application/json")
+
+    def _require(self) -> aio.Robot:
+        robot = self.viewer.robot
+        if robot is None or self.viewer.view is None:
+            raise to_exception(Refusal(code=Code.DISCONNECTED, message="no gateway answers", hint="start it: ta2 run"))
+        return robot
+
+    async def live(self, socket: WebSocket) -> None:
+        if self._pages >= MOST_PAGES:
+            await socket.close(1013, f"{MOST_PAGES} pages are open already")
+            return
+        await socket.accept()
+        self._pages += 1
+        try:
+            await _Page(socket, self.viewer, Owning(self._target, f"page of {_host(socket)}")).run()
+        finally:
+            self._pages -= 1
+
+
+class _Page:
+    """One WebSocket: what is told, and what is asked."""
+
+    def __init__(self, socket: WebSocket, viewer: Viewer, owning: Owning) -> None:
+        self._socket = socket
+        self._viewer = viewer
+        self._owning = owning
+        self._sending = asyncio.Lock()
+        self._waiting: set[asyncio.Task[None]] = set()
+        self._heard_s = 0.0
+
+    async def run(self) -> None:
+        """Serve it until it is gone."""
+        parts = {asyncio.create_task(part) for part in (self._tell(), self._listen(), self._watch())}
+        try:
+            await asyncio.wait(parts, return_when=asyncio.FIRST_COMPLETED)
+        finally:
+            await self._owning.lose()  # first: whatever else ends slowly, the robot is held
+            await _ended(parts | self._waiting)
+            with contextlib.suppress(RuntimeError, WebSocketDisconnect):  # closed already
+                await self._socket.close()
+
+    async def _send(self, message: bytes) -> None:
+        async with self._sending:
+            await self._socket.send_text(message.decode())
+
+    async def _tell(self) -> None:
+        shown, told = -1, 0
+        while True:
+            viewer = self._viewer
+            if viewer.number != shown:
+                shown = viewer.number
+                await self._send(viewer.state)
+            for number, message in tuple(viewer.notices):
+                if number > told:
+                    told = number
+                    await self._send(message)
+            if viewer.number == shown and (not viewer.notices or viewer.notices[-1][0] == told):
+                await viewer.news()
+
+    async def _listen(self) -> None:
+        with contextlib.suppress(WebSocketDisconnect):
+            while True:
+                text = await self._socket.receive_text()
+                self._heard_s = asyncio.get_running_loop().time()
+                self._take(text)
+
+    async def _watch(self) -> None:
+        """End when a page that owns the robot has been silent for too long: a frozen tab, a closed lid, a cut cable."""
+        while not self._owning.is_owner or asyncio.get_running_loop().time() - self._heard_s < SILENT_S:
+            await asyncio.sleep(SILENT_S / 10.0)
+
+    def _take(self, text: str) -> None:
+        try:
+            asked = msgspec.json.decode(text, type=Asked)
+        except (msgspec.MsgspecError, UnicodeError) as error:
+            self._begin(self._reply(None, Failure(code=Code.BAD_REQUEST, message=str(error), hint="see /openapi.json")))
+            return
+        if isinstance(asked, Alive):
+            return
+        if len(self._waiting) >= MOST_WAITING:
+            message = f"{MOST_WAITING} requests of this page wait for their answers"
+            self._begin(self._reply(asked.id, Failure(code=Code.BAD_REQUEST, message=message, hint="wait for one")))
+            return
+        self._begin(self._carry_out(asked))
+
+    def _begin(self, doing: Coroutine[None, None, None]) -> None:
+        task = asyncio.create_task(doing)
+        self._waiting.add(task)
+        task.add_done_callback(self._waiting.discard)
+
+    async def _carry_out(self, asked: Asked) -> None:
+        try:
+            facts = await self._owning.carry_out(asked)
+        except GatewayError as error:
+            await self._reply(asked.id, failure_of(error))
+        else:
+            await self._send(msgspec.json.encode({"type": "reply", "id": asked.id, "ok": True, "facts": facts}))
+
+    async def _reply(self, number: int | None, failure: Failure) -> None:
+        await self._send(msgspec.json.encode({"type": "reply", "id": number, "ok": False, "error": failure}))
+
+
+async def _ended(tasks: set[asyncio.Task[None]]) -> None:
+    """End what belongs to a page, and tell what ended otherwise than because the page is gone."""
+    for task in tasks:
+        task.cancel()
+    await asyncio.wait(tasks)
+    for task in tasks:
+        error = None if task.cancelled() else task.exception()
+        if error is not None and not isinstance(error, WebSocketDisconnect):
+            _log.error("a page ended by an error", exc_info=error)
+
+
+def failure_of(error: GatewayError) -> Failure:
+    """Return an error as pages get it."""
+    return msgspec.convert(asdict(error.refusal), Failure)
+
+
+def _json(value: object, status: int = 200) -> Response:
+    return Response(msgspec.json.encode(value), status_code=status, media_type="application/json")
+
+
+async def _failed(_: Request, error: Exception) -> Response:
+    assert isinstance(error, GatewayError)
+    status = 409
+    if isinstance(error, Rejected):
+        status = 400
+    elif isinstance(error, Disconnected):
+        status = 503
+    elif isinstance(error, (GatewayTimeout, OutcomeUnknown)):
+        status = 504
+    return _json({"error": failure_of(error)}, status)
+
+
+async def _not_there(_: Request, error: Exception) -> Response:
+    assert isinstance(error, HTTPException)
+    failure = Failure(code=Code.BAD_REQUEST, message=error.detail, hint="see /openapi.json")
+    response = _json({"error": failure}, error.status_code)
+    response.headers.update(error.headers or {})  # which methods there are
+    return response
+
+
+async def _body(request: Request) -> bytes:
+    body = b""
+    async for part in request.stream():
+        body += part
+        if len(body) > MOST_BODY_BYTES:
+            return b""
+    return body
+
+
+def _host(connection: Request | WebSocket) -> str:
+    return "unknown" if connection.client is None else f"{connection.client.host}:{connection.client.port}"

@@ -1,0 +1,289 @@
+// The page of `ta2 web`: shows what /api/live tells, asks for what its buttons say. No library, nothing from elsewhere.
+"use strict";
+
+const byId = (id) => document.getElementById(id);
+const SIDES = ["left", "right"];
+const COLOURS = ["#d1495b", "#edae49", "#5ba300", "#00798c", "#4361ee", "#9d4edd", "#8d6e63"];
+const PLOT_S = 30;
+const AGAIN_MS = 150; // a held button says its velocity again; the server lets it count for 400 ms
+let socket = null;
+let number = 0;
+let isOwner = false;
+let drawnAt = 0;
+const waiting = new Map();
+const history = { left: [], right: [] };
+
+// ------------------------------------------------------------------------------------------------------------- stop
+
+async function stop(word) {
+  const said = byId("stopped");
+  said.textContent = "stopping";
+  try {
+    const answer = await fetch(`/api/${word}`, { method: "POST", body: JSON.stringify({ reason: "" }), keepalive: true });
+    const done = await answer.json();
+    if (!answer.ok) said.textContent = `${done.error.message}: ${done.error.hint}`;
+    else if (done.undelivered) said.textContent = "NOT delivered: no way to the robot. Use the physical emergency stop.";
+    else said.textContent = `stopped${done.by_guard ? " by the guard; the gateway does not answer" : ""}; Recover lets it move again`;
+  } catch {
+    said.textContent = "the page's own server does not answer: use the physical emergency stop";
+  }
+}
+
+byId("stop").addEventListener("pointerdown", () => stop("stop"));
+byId("stop").addEventListener("click", (event) => { if (event.detail === 0) stop("stop"); }); // by the keyboard
+byId("estop").addEventListener("click", () => stop("estop"));
+document.addEventListener("keydown", (event) => { if (event.key === "Escape" && !event.repeat) stop("stop"); });
+byId("recover").addEventListener("click", async () => {
+  const answer = await fetch("/api/recover", { method: "POST", body: "{}" });
+  const done = await answer.json();
+  byId("stopped").textContent = answer.ok ? "" : `${done.error.message} ${done.error.hint}`;
+});
+
+// ---------------------------------------------------------------------------------------------------------- the socket
+
+function connect() {
+  socket = new WebSocket(`${location.protocol === "https:" ? "wss" : "ws"}://${location.host}/api/live`);
+  const opened = { it: false };
+  socket.addEventListener("open", () => { opened.it = true; });
+  socket.addEventListener("message", (event) => take(JSON.parse(event.data)));
+  socket.addEventListener("close", () => {
+    own(false);
+    waiting.clear();
+    show(opened.it ? "the page's server is away" : "open the address that `ta2 web` printed; stopping works without", true);
+    setTimeout(connect, 1000);
+  });
+}
+
+function ask(message) {
+  if (!socket || socket.readyState !== WebSocket.OPEN) return;
+  number += 1;
+  waiting.set(number, message.do);
+  socket.send(JSON.stringify({ id: number, ...message }));
+}
+
+function take(message) {
+  if (message.type === "state") showState(message);
+  else if (message.type === "gone") show("no gateway answers: start it with ta2 run", true);
+  else if (message.type === "notice") showNotice(message);
+  else if (message.type === "reply") showReply(message);
+}
+
+function showReply(reply) {
+  const asked = waiting.get(reply.id);
+  waiting.delete(reply.id);
+  if (reply.ok) {
+    byId("answer").textContent = "";
+    if (asked === "acquire") own(true);
+    if (asked === "release") own(false);
+  } else {
+    const error = reply.error;
+    byId("answer").textContent = `${error.code}: ${error.message}${error.hint ? ` → ${error.hint}` : ""}`;
+    if (error.code === "NOT_OWNER" || error.code === "LEASE_LOST") own(false);
+  }
+}
+
+setInterval(() => { if (isOwner) { ask({ do: "alive" }); waiting.delete(number); } }, 1000);
+
+// ------------------------------------------------------------------------------------------------------------- control
+
+function own(is) {
+  isOwner = is;
+  byId("acquire").disabled = is;
+  for (const button of document.querySelectorAll(".owner")) button.disabled = !is;
+}
+
+byId("acquire").addEventListener("click", () => {
+  const owner = byId("owner").dataset.name;
+  const take = owner ? prompt(`${owner} owns the robot. Why do you take it?`) : "";
+  if (take !== null) ask({ do: "acquire", take });
+});
+for (const button of document.querySelectorAll("[data-do]")) {
+  button.addEventListener("click", () => ask({ do: button.dataset.do }));
+}
+
+// A velocity counts only while its button is held: whatever ends the press ends the motion.
+function held(button, message, rest) {
+  let timer = 0;
+  const begin = () => {
+    if (timer || button.disabled) return;
+    button.classList.add("held");
+    ask(message);
+    timer = setInterval(() => (isOwner ? ask(message) : end()), AGAIN_MS);
+  };
+  const end = () => {
+    if (!timer) return;
+    clearInterval(timer);
+    timer = 0;
+    button.classList.remove("held");
+    ask(rest);
+  };
+  button.addEventListener("pointerdown", (event) => { button.setPointerCapture(event.pointerId); begin(); });
+  for (const name of ["pointerup", "pointercancel", "lostpointercapture", "blur"]) button.addEventListener(name, end);
+  button.addEventListener("keydown", (event) => { if (event.key === " " || event.key === "Enter") { event.preventDefault(); begin(); } });
+  button.addEventListener("keyup", end);
+  document.addEventListener("visibilitychange", end);
+}
+
+for (const button of document.querySelectorAll("[data-drive]")) {
+  const [vx_mps, vy_mps, wz_radps] = button.dataset.drive.split(",").map(Number);
+  held(button, { do: "drive", vx_mps, vy_mps, wz_radps }, { do: "drive", vx_mps: 0, vy_mps: 0, wz_radps: 0 });
+}
+for (const button of document.querySelectorAll("[data-lift]")) {
+  held(button, { do: "lift", velocity_ratio: Number(button.dataset.lift) }, { do: "lift", velocity_ratio: 0 });
+}
+
+function element(name, text, parent) {
+  const made = document.createElement(name);
+  made.textContent = text;
+  if (parent) parent.append(made);
+  return made;
+}
+
+function button(text, label, parent, then) {
+  const made = element("button", text, parent);
+  made.className = "owner";
+  made.disabled = true;
+  made.setAttribute("aria-label", label);
+  made.addEventListener("click", then);
+}
+
+for (const side of SIDES) {
+  const table = element("table", "", byId("jog"));
+  element("caption", `${side} arm`, table);
+  for (let joint = 1; joint <= 7; joint += 1) {
+    const row = element("tr", "", table);
+    element("th", `joint ${joint}`, row).scope = "row";
+    element("td", "–", row).id = `${side}-${joint}`;
+    const cell = element("td", "", row);
+    const jog = (sign) => ask({ do: "jog", side, joint, step_rad: sign * Number(byId("step").value) });
+    button("−", `${side} joint ${joint} minus`, cell, () => jog(-1));
+    button("+", `${side} joint ${joint} plus`, cell, () => jog(1));
+  }
+  const row = element("tr", "", table);
+  element("th", "gripper", row).scope = "row";
+  element("td", "–", row).id = `${side}-gripper`;
+  const cell = element("td", "", row);
+  button("open", `open the ${side} gripper`, cell, () => ask({ do: "grip", side, force: -0.5 }));
+  button("grip", `close the ${side} gripper`, cell, () => ask({ do: "grip", side, force: 0.5 }));
+  const plot = element("figure", "", byId("plots"));
+  const caption = element("figcaption", `${side} arm [rad], joint `, plot);
+  COLOURS.forEach((colour, index) => { element("span", String(index + 1), caption).style.color = colour; });
+  const canvas = element("canvas", "", plot);
+  canvas.id = `plot-${side}`;
+  canvas.setAttribute("role", "img");
+  canvas.setAttribute("aria-label", `joint positions of the ${side} arm over the last ${PLOT_S} seconds`);
+}
+own(false);
+
+// --------------------------------------------------------------------------------------------------------------- show
+
+function show(text, isBad) {
+  const state = byId("state");
+  if (state.textContent !== text) state.textContent = text;
+  state.classList.toggle("bad", isBad);
+}
+
+const BAD = new Set(["ESTOP", "FAULT", "DISCONNECTED", "LOST"]);
+
+function showState({ info, state }) {
+  const age = state.link.up ? "" : ", no link to the robot";
+  show(`${state.shown}${age}`, BAD.has(state.shown) || !state.link.fresh);
+  const owner = byId("owner");
+  owner.dataset.name = state.lease.owned && !isOwner ? state.lease.name : "";
+  owner.textContent = isOwner ? "you own the robot" : state.lease.owned ? `owner: ${state.lease.name}` : "nobody owns it";
+  byId("place").textContent = info ? `${info.robot} (${info.model})` : "";
+  byId("lift").hidden = !(info && info.has_lift);
+  for (const side of SIDES) {
+    const arm = state.arms[side];
+    const gripper = state.grippers[side];
+    const q = arm.measured ? arm.measured.q_rad : [];
+    for (let joint = 1; joint <= 7; joint += 1) {
+      byId(`${side}-${joint}`).textContent = joint <= q.length ? `${q[joint - 1].toFixed(3)} rad` : "–";
+    }
+    byId(`${side}-gripper`).textContent = gripper ? `${gripper.q_rad[0].toFixed(2)} rad` : "–";
+    if (q.length) history[side].push([state.at_ns / 1e9, q]);
+    while (history[side].length && history[side][0][0] < state.at_ns / 1e9 - PLOT_S) history[side].shift();
+    if (history[side].length && history[side].at(-1)[0] < history[side][0][0]) history[side].length = 0; // another gateway
+  }
+  showWhy(state);
+  showWire(state);
+  if (performance.now() - drawnAt > 250 && !document.hidden) {
+    drawnAt = performance.now();
+    SIDES.forEach(draw);
+  }
+}
+
+function showWhy(state) {
+  const told = [
+    ...Object.entries(state.latches).map(([code, text]) => `${code}: ${text}. Recover when its cause is gone.`),
+    ...state.findings.map((finding) => `${finding.code}: ${finding.message} → ${finding.hint}`),
+    ...state.others.seen.map((other) => `another ${other.kind} commands the robot, or could: ${other.topic || other.zid}`),
+    ...(state.spacing && state.spacing.held.length ? [`${state.spacing.first} and ${state.spacing.second} would come too near`] : []),
+  ];
+  const list = byId("why");
+  const text = told.join("\n");
+  if (list.dataset.text === text && list.childElementCount) return; // a screen reader hears what is new alone
+  list.dataset.text = text;
+  list.replaceChildren();
+  for (const line of told) element("li", line, list);
+  if (!told.length) element("li", "nothing", list).className = "fine";
+}
+
+const seconds = (ns) => (ns === null || ns === undefined ? "–" : ns < 1e9 ? `${(ns / 1e6).toFixed(0)} ms` : `${(ns / 1e9).toFixed(1)} s`);
+
+function showWire(state) {
+  const body = byId("wire").tBodies[0];
+  const rows = [
+    ...Object.entries(state.topics).map(([name, t]) => [name, t.rate_hz, seconds(t.age_ns), t.worst_gap_ns, t.count]),
+    ...Object.entries(state.streams).filter(([, s]) => s.running).map(([name, s]) => [`→ ${name}`, s.rate_hz, "", s.worst_gap_ns, s.sent]),
+  ];
+  while (body.rows.length > rows.length) body.deleteRow(-1);
+  rows.forEach(([name, rate, age, gap, count], index) => {
+    const row = body.rows[index] || body.insertRow();
+    while (row.cells.length < 5) row.insertCell();
+    [name, `${rate.toFixed(1)} Hz`, age, seconds(gap), String(count)].forEach((text, column) => { row.cells[column].textContent = text; });
+  });
+}
+
+function showNotice({ notice }) {
+  const list = byId("events");
+  const item = document.createElement("li");
+  item.className = notice.level;
+  element("b", notice.code, item);
+  item.append(` ${notice.message}`);
+  list.prepend(item);
+  while (list.childElementCount > 100) list.lastChild.remove();
+}
+
+function draw(side) {
+  const canvas = byId(`plot-${side}`);
+  const points = history[side];
+  const scale = window.devicePixelRatio || 1;
+  const width = (canvas.width = canvas.clientWidth * scale);
+  const height = (canvas.height = canvas.clientHeight * scale);
+  const pen = canvas.getContext("2d");
+  pen.clearRect(0, 0, width, height);
+  if (points.length < 2) return;
+  const all = points.flatMap(([, q]) => q);
+  const low = Math.min(...all) - 0.1;
+  const high = Math.max(...all) + 0.1;
+  const end = points.at(-1)[0];
+  const y = (q) => height - ((q - low) / (high - low)) * height;
+  pen.fillStyle = getComputedStyle(canvas).color;
+  pen.font = `${11 * scale}px system-ui`;
+  pen.fillText(high.toFixed(1), 2, 11 * scale);
+  pen.fillText(low.toFixed(1), 2, height - 3);
+  pen.lineWidth = 1.5 * scale;
+  for (let joint = 0; joint < 7; joint += 1) {
+    pen.strokeStyle = COLOURS[joint];
+    pen.beginPath();
+    points.forEach(([at, q], index) => {
+      const x = width - ((end - at) / PLOT_S) * width;
+      if (index) pen.lineTo(x, y(q[joint]));
+      else pen.moveTo(x, y(q[joint]));
+    });
+    pen.stroke();
+  }
+}
+
+connect();

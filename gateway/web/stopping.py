@@ -1,0 +1,69 @@
+"""A stop from the web: everybody's, first of all else, and past a gateway that hangs.
+
+It is dropped into the gateway's pipe before anything is awaited: its control loop sleeps on it, and the guard of a gateway
+that is dead or frozen reads it. Only then is the gateway asked, and its guard, what became of it.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from typing import Literal
+
+import msgspec
+
+from gateway.api import protocol
+from gateway.api.stop_pipe import drop_stop
+from gateway.client import StopResult, aio
+from gateway.client.asking.guard_stop import stop_at_guard
+from gateway.errors import Code, GatewayError, Refusal, to_exception
+from gateway.web.messages import StopAsked, StopDone
+
+__all__ = ["reason_of", "stop"]
+
+KEYS = {"stop": protocol.STOP_KEY, "estop": protocol.ESTOP_KEY}
+NAME = "ta2 web"
+MOST_REASON = 200
+
+
+def reason_of(body: bytes) -> str:
+    """Return the reason in the body of a request, as far as there is one."""
+    try:
+        return msgspec.json.decode(body, type=StopAsked).reason[:MOST_REASON]
+    except (msgspec.MsgspecError, UnicodeError):
+        return ""
+
+
+async def stop(word: Literal["stop", "estop"], reason: str, target: str | None, robot: aio.Robot | None) -> StopDone:
+    """Stop everything.
+
+    Args:
+        word: Which stop.
+        reason: Shown to the owner and in the log.
+        target: Where the gateway is; None finds its socket.
+        robot: A connection that is there already; None where there was no gateway yet.
+
+    Raises:
+        GatewayError: Nobody knows whether it stopped: use the physical emergency stop.
+    """
+    path = protocol.find_socket() if target is None else protocol.parse_address(target).path
+    is_dropped = path is not None and drop_stop(
+        path, KEYS[word], protocol.encode({"name": NAME, "reason": reason}, protocol.JSON)
+    )
+    result: StopResult | None = None
+    try:
+        if robot is not None:
+            result = await (robot.stop(reason) if word == "stop" else robot.estop(reason))
+        elif path is not None:
+            result = await asyncio.to_thread(stop_at_guard, str(path), word, reason, NAME)
+    except GatewayError:
+        if not is_dropped:
+            raise
+    if result is None and not is_dropped:
+        hint = "use the physical emergency stop: nobody knows whether the robot has stopped"
+        message = "no gateway and no guard answers"
+        raise to_exception(Refusal(code=Code.DISCONNECTED, message=message, hint=hint))
+    return StopDone(
+        dropped=is_dropped,
+        by_guard=result is not None and result.by_guard,
+        undelivered=result is not None and result.undelivered,
+    )

@@ -1,0 +1,245 @@
+"""`ta2 web` as a process: everybody's stop, a page that owns the robot and is lost, pages that race, a browser."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import re
+import shutil
+import signal
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import httpx
+import numpy as np
+import pytest
+from websockets.exceptions import InvalidStatus
+from websockets.sync.client import ClientConnection, connect
+
+from gateway.errors import Aborted, LeaseError
+from tests.e2e.system import Process, System, free_port, wait_for
+
+pytestmark = [
+    pytest.mark.e2e,
+    pytest.mark.sim_only("the page is a client of the gateway, whatever the robot is"),
+]
+
+CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
+
+
+class Web:
+    """A running `ta2 web`."""
+
+    def __init__(self, system: System) -> None:
+        self.port = free_port()
+        arguments = ["-m", "gateway.cli", "web", "--at", system.target, "--port", str(self.port), "--json"]
+        self.process = Process("web", arguments, system.folder)
+        said = wait_for(lambda: self.process.text().splitlines(), "the address", tell=self.process.text)
+        self.url, self.token = (json.loads(said[0])[name] for name in ("url", "token"))
+        self.known = {"Authorization": f"Bearer {self.token}"}
+        wait_for(lambda: self.get("/api/state").status_code == 200, "the page's gateway", tell=self.process.text)
+
+    def get(self, path: str) -> httpx.Response:
+        """Get something, as who knows the secret; 599 while nobody listens."""
+        try:
+            return httpx.get(f"{self.url}{path[1:]}", headers=self.known, timeout=20.0)
+        except httpx.TransportError:
+            return httpx.Response(599)
+
+    def post(self, path: str, body: object) -> dict[str, Any]:
+        """Ask for a stop, without the secret."""
+        answer = httpx.post(f"{self.url}{path[1:]}", json=body, timeout=20.0)
+        assert answer.status_code == 200, answer.text
+        said: dict[str, Any] = answer.json()
+        return said
+
+    @contextlib.contextmanager
+    def page(self) -> Iterator[Page]:
+        """Open the socket of a page."""
+        address = f"ws://127.0.0.1:{self.port}/api/live"
+        with connect(address, additional_headers=self.known, max_size=None) as socket:
+            yield Page(socket)
+
+
+class Page:
+    """What a page does, without a browser."""
+
+    def __init__(self, socket: ClientConnection) -> None:
+        self.socket = socket
+        self._number = 0
+
+    def ask(self, do: str, **values: object) -> dict[str, Any]:
+        """Ask for something, and return the reply."""
+        self._number += 1
+        self.socket.send(json.dumps({"do": do, "id": self._number, **values}))
+        deadline = time.monotonic() + 30.0
+        while time.monotonic() < deadline:
+            message: dict[str, Any] = json.loads(self.socket.recv(timeout=10.0))
+            if message["type"] == "reply" and message["id"] == self._number:
+                return message
+        pytest.fail(f"no reply to {do}")
+
+
+@pytest.fixture
+def system(systems, tmp_path: Path, request: pytest.FixtureRequest) -> System:
+    """A robot and its gateway; with a guard where the gateway dies or hangs."""
+    made: System = systems(tmp_path, has_guard="hangs" in request.node.name)
+    made.connect("first").close()
+    return made
+
+
+@pytest.fixture
+def web(system: System) -> Iterator[Web]:
+    """A page of it."""
+    made = Web(system)
+    yield made
+    made.process.end()
+
+
+def test_everybody_stops_anybodys_motion(system: System, web: Web) -> None:
+    """Without the secret; the owner is told by whom and why."""
+    with system.connect("owner") as robot, robot.control(on_exit="hold") as own:
+        own.enable()
+        motion = own.left_arm.move_by(np.full(7, 0.2), speed=0.05)
+        wait_for(lambda: robot.state.state == "ACTIVE", "motion")
+        assert web.post("/api/stop", {"reason": "smoke"}) == {"dropped": True, "by_guard": False, "undelivered": False}
+        with pytest.raises(Aborted):
+            motion.result(timeout=10.0)
+        said = wait_for(lambda: dict(robot.state.latches), "the latch")
+        assert any("ta2 web" in text and "smoke" in text for text in said.values())
+        answer = httpx.post(f"{web.url}api/recover", json={}, headers=web.known, timeout=20.0)
+        assert answer.status_code == 200
+        wait_for(lambda: not robot.state.latches, "the recovery")
+
+
+def test_a_stop_reaches_the_robot_while_the_gateway_hangs(system: System, web: Web) -> None:
+    """Its guard takes over and reads what lies in the pipe; the robot is held, and the stop latched for whoever comes next."""
+    with system.connect("owner") as robot:
+        own = robot.control(on_exit="hold").acquire()
+        own.enable()
+        own.left_arm.move_by(np.full(7, 0.3), speed=0.05)
+        wait_for(lambda: robot.state.state == "ACTIVE", "motion")
+        system.daemon.send(signal.SIGSTOP)
+        try:
+            done = web.post("/api/stop", {"reason": "smoke"})
+            assert done["dropped"] or done["by_guard"]
+            wait_for(lambda: "smoke" in system.logs() or done["by_guard"], "the guard", tell=system.logs)
+        finally:
+            with contextlib.suppress(ProcessLookupError):
+                system.daemon.send(signal.SIGCONT)
+
+
+def test_a_page_enables_moves_and_gives_back(system: System, web: Web) -> None:
+    """Each word is answered when it was accepted; what is out of bounds is refused with the bound, and nothing moves."""
+    with system.connect("watcher") as robot, web.page() as page:
+        assert page.ask("enable")["error"]["code"] == "NOT_OWNER"
+        assert page.ask("acquire")["ok"]
+        assert page.ask("enable")["ok"]
+        before = robot.fresh_state().left_arm.q[0]
+        assert page.ask("jog", side="left", joint=1, step_rad=0.05)["ok"]
+        wait_for(lambda: abs(robot.state.left_arm.q[0] - before - 0.05) < 0.01, "the step", tell=system.logs)
+        refused = page.ask("drive", vx_mps=99.0, vy_mps=0.0, wz_radps=0.0)
+        assert not refused["ok"] and refused["error"]["bound"]
+        assert page.ask("drive", vx_mps=0.1, vy_mps=0.0, wz_radps=0.0)["ok"]
+        wait_for(lambda: not robot.state.view.drive.driven, "the end of a drive that nobody says again")
+        assert page.ask("grip", side="left", force=0.3)["ok"]
+        assert page.ask("home")["ok"]
+        assert page.ask("hold")["ok"]
+        assert page.ask("release")["ok"]
+        wait_for(lambda: not robot.state.view.lease.owned, "the release")
+
+
+@pytest.mark.parametrize("how", ["closed", "killed"])
+def test_a_page_that_is_lost_leaves_the_robot_held(system: System, web: Web, how: str) -> None:
+    """Closed, or its server killed: as a client that dies. Held, and free for others after its time."""
+    with system.connect("watcher") as robot:
+        with contextlib.ExitStack() as stack:
+            page = stack.enter_context(web.page())
+            assert page.ask("acquire")["ok"] and page.ask("enable")["ok"]
+            assert page.ask("jog", side="left", joint=1, step_rad=0.2)["ok"]
+            wait_for(lambda: robot.state.state == "ACTIVE", "motion")
+            if how == "killed":
+                web.process.send(signal.SIGKILL)
+                stack.pop_all()
+        state = wait_for(lambda: robot.state if robot.state.state == "HOLDING" else None, "the hold", tell=system.logs)
+        assert state.view.lease.lost_ns is not None and state.view.fsm is not None
+
+
+def test_a_page_that_says_nothing_for_long_is_lost(system: System, web: Web) -> None:
+    """A frozen tab, a closed lid: its socket is open still."""
+    with system.connect("watcher") as robot, web.page() as page:
+        assert page.ask("acquire")["ok"]
+        wait_for(lambda: robot.state.view.lease.lost_ns is not None, "the loss", seconds=20.0)
+
+
+def test_two_pages_race_for_the_robot(system: System, web: Web) -> None:
+    """One gets it, the other hears who has it; with a reason it takes it, and the first is told at its next word."""
+    with web.page() as first, web.page() as second:
+        assert first.ask("acquire")["ok"]
+        refused = second.ask("acquire")
+        assert refused["error"]["code"] == "LEASE_HELD" and "page of" in refused["error"]["message"]
+        assert second.ask("acquire", take="my turn")["ok"]
+        assert not first.ask("hold")["ok"]
+        assert second.ask("release")["ok"]
+    with system.connect("program") as robot, pytest.raises(LeaseError), web.page() as page:
+        assert page.ask("acquire")["ok"]
+        robot.control().acquire()
+
+
+def test_without_the_secret_there_is_nothing_to_see(web: Web) -> None:
+    """Any user of this host can reach the port."""
+    assert httpx.get(f"{web.url}api/state", timeout=20.0).status_code == 401
+    assert httpx.get(f"{web.url}metrics", timeout=20.0).status_code == 401
+    with pytest.raises(InvalidStatus, match="403"), connect(f"ws://127.0.0.1:{web.port}/api/live"):
+        pass
+
+
+def test_a_page_outlives_its_gateway(system: System, web: Web) -> None:
+    """It says that the gateway is away, and finds the next one."""
+    system.daemon.end()
+    wait_for(lambda: web.get("/api/state").status_code == 503, "the gap")
+    assert "ta2_up 0.0" in web.get("/metrics").text
+    system.daemon = system.start_daemon()
+    wait_for(lambda: web.get("/api/state").status_code == 200, "the next one", seconds=40.0, tell=system.logs)
+
+
+@pytest.mark.skipif(
+    CHROMIUM is None and os.environ.get("TA2_BROWSER") != "required",
+    reason="no Chromium here (Debian: apt install chromium)",
+)
+def test_in_a_browser_a_person_takes_it_moves_it_and_stops_it(system: System, web: Web) -> None:
+    """Debian's Chromium: the page obeys its own policy, its buttons do what they say, Escape stops, a closed tab is a loss."""
+    playwright = pytest.importorskip("playwright.sync_api", reason="no Playwright: pip install playwright")
+    with system.connect("watcher") as robot, playwright.sync_playwright() as play:
+        browser = play.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox"])
+        page = browser.new_page(viewport={"width": 1280, "height": 900})
+        said: list[str] = []
+        page.on("console", lambda message: said.append(message.text))
+        page.on("pageerror", lambda error: said.append(str(error)))
+        see = playwright.expect
+        see.set_options(timeout=30_000)
+        page.goto(f"{web.url}?token={web.token}")
+        see(page.locator("#place")).to_contain_text("tcp/127.0.0.1")
+        assert "token" not in page.url
+        page.get_by_role("button", name="Take control").click()
+        see(page.locator("#owner")).to_have_text("you own the robot")
+        page.get_by_role("button", name="Enable", exact=True).click()
+        see(page.locator("#state")).to_have_text(re.compile("ACTIVE|HOLDING"))
+        before = robot.fresh_state().left_arm.q[0]
+        page.get_by_label("left joint 1 plus").click()
+        wait_for(lambda: robot.state.left_arm.q[0] > before + 0.03, "the step", tell=system.logs)
+        page.keyboard.press("Escape")
+        wait_for(lambda: robot.state.latches, "the stop", tell=system.logs)
+        see(page.locator("#stopped")).to_contain_text("stopped")
+        page.get_by_role("button", name="Recover").click()
+        wait_for(lambda: not robot.state.latches, "the recovery")
+        if folder := os.environ.get("TA2_ARTEFACTS"):
+            Path(folder).mkdir(parents=True, exist_ok=True)
+            page.screenshot(path=str(Path(folder) / "web-page.png"), full_page=True)
+        page.close()
+        wait_for(lambda: robot.state.view.lease.lost_ns is not None, "the loss of a closed tab", tell=system.logs)
+        assert said == []
+        browser.close()

@@ -1,0 +1,50 @@
+"""Metrics are what Prometheus's own parser reads, in base units."""
+
+from __future__ import annotations
+
+from collections import Counter
+from types import SimpleNamespace
+
+import pytest
+from msgspec.structs import replace
+from prometheus_client.parser import text_string_to_metric_families
+
+from gateway.web import metrics
+from tests.cli.views import a_view, owned
+
+
+def read(view, counted=None) -> dict[str, list]:
+    """Return the samples of each name, as Prometheus reads them."""
+    page = metrics.text(SimpleNamespace(view=view, counted=Counter(counted or {})))  # type: ignore[arg-type]
+    samples: dict[str, list] = {}
+    for family in text_string_to_metric_families(page.decode()):
+        for sample in family.samples:
+            samples.setdefault(sample.name, []).append(sample)
+    return samples
+
+
+def test_a_gateway_that_is_away_is_told_and_nothing_old_beside_it() -> None:
+    """Old figures of a dead gateway would look like a robot that stands still."""
+    samples = read(None, {("LINK_UP", "info"): 2})
+    assert samples["ta2_up"][0].value == 0
+    assert samples["ta2_notices_total"][0].labels == {"code": "LINK_UP", "level": "info"}
+    assert set(samples) == {"ta2_up", "ta2_web", "ta2_notices_total"}
+
+
+def test_times_are_seconds_and_unknown_ones_are_left_out() -> None:
+    """A topic that was never heard has a count and no age."""
+    view = a_view(lease=owned(lost_ns=1_500_000_000), latches={"ESTOP_BY_OTHER": 'a "quoted"\nline'})
+    name = next(iter(view.topics))
+    silent = replace(view, topics={**view.topics, name: replace(view.topics[name], age_ns=None)})
+    samples = read(silent)
+    ages = {sample.labels["topic"]: sample.value for sample in samples["ta2_topic_age_seconds"]}
+    assert name not in ages and set(ages.values()) == {0.003}
+    assert samples["ta2_lease_lost_seconds"][0].value == 1.5
+    assert samples["ta2_latch"][0].labels == {"code": "ESTOP_BY_OTHER"}
+    assert samples["ta2_state"][0].labels == {"state": view.shown}
+
+
+@pytest.mark.parametrize("name", ["ta2_loop_ticks_total", "ta2_stream_sent_total", "ta2_topic_samples_total"])
+def test_what_rises_is_a_counter(name: str) -> None:
+    """By its name and its type."""
+    assert read(a_view())[name]

@@ -1,0 +1,79 @@
+"""The application without a gateway: what is there, what is answered, and that a stop waits for nothing."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from starlette.testclient import TestClient
+
+from gateway.web.door import cookie_name
+from gateway.web.server import application
+
+TOKEN = "the-secret"
+KNOWN = {"Authorization": f"Bearer {TOKEN}"}
+
+
+@pytest.fixture
+def browser(tmp_path: Path) -> Iterator[TestClient]:
+    """A browser at a server whose gateway never comes."""
+    app = application(str(tmp_path / "gw.sock"), TOKEN, 8700)
+    with TestClient(app, base_url="http://127.0.0.1:8700", raise_server_exceptions=False) as client:
+        yield client
+
+
+def test_the_page_and_its_files_are_there(browser: TestClient) -> None:
+    """And nothing of them comes from elsewhere."""
+    page = browser.get("/")
+    assert page.status_code == 200 and 'id="stop"' in page.text and "://" not in page.text
+    for name in ("page.js", "page.css"):
+        assert browser.get(f"/static/{name}").status_code == 200
+
+
+def test_the_secret_in_the_address_becomes_a_cookie_that_no_script_reads(browser: TestClient) -> None:
+    """And leaves the address line; a wrong one does nothing."""
+    answer = browser.get(f"/?token={TOKEN}", follow_redirects=False)
+    assert answer.status_code == 303 and answer.headers["location"] == "/"
+    cookie = answer.headers["set-cookie"]
+    assert cookie.startswith(f"{cookie_name(8700)}={TOKEN};") and "HttpOnly" in cookie and "SameSite=strict" in cookie
+    assert "set-cookie" not in browser.get("/?token=other").headers
+
+
+@pytest.mark.parametrize(("method", "path"), [("GET", "/api/state"), ("GET", "/api/why"), ("POST", "/api/recover")])
+def test_without_a_gateway_that_is_said(browser: TestClient, method: str, path: str) -> None:
+    """With the command that starts one."""
+    answer = browser.request(method, path, headers=KNOWN)
+    assert answer.status_code == 503
+    assert answer.json()["error"]["code"] == "DISCONNECTED" and "ta2 run" in answer.json()["error"]["hint"]
+
+
+@pytest.mark.parametrize("body", [b"", b"{}", b"\x00" * 100_000, b'{"reason": 1}'])
+def test_a_stop_without_a_gateway_tells_the_only_remedy(browser: TestClient, body: bytes) -> None:
+    """Whatever came with it."""
+    answer = browser.post("/api/estop", content=body)
+    assert answer.status_code == 503 and "physical emergency stop" in answer.json()["error"]["hint"]
+
+
+def test_a_stop_cannot_be_got(browser: TestClient) -> None:
+    """A link or a picture on some page is a GET, and must not stop the robot."""
+    assert browser.get("/api/stop").status_code == 405
+    assert browser.get("/api/nothing", headers=KNOWN).json()["error"]["code"] == "BAD_REQUEST"
+
+
+def test_a_page_hears_that_the_gateway_is_away_and_that_it_owns_nothing(browser: TestClient) -> None:
+    """What it asks for wrongly is answered with the reason, what it cannot with the remedy."""
+    with browser.websocket_connect("ws://127.0.0.1:8700/api/live", headers=KNOWN) as socket:
+        assert socket.receive_json() == {"type": "gone"}
+        socket.send_text("nonsense")
+        assert socket.receive_json()["error"]["code"] == "BAD_REQUEST"
+        socket.send_text('{"do": "alive", "id": 1}')
+        socket.send_text('{"do": "hold", "id": 2}')
+        reply = socket.receive_json()
+        assert (reply["id"], reply["ok"], reply["error"]["code"]) == (2, False, "NOT_OWNER")
+
+
+def test_metrics_say_that_the_gateway_is_away(browser: TestClient) -> None:
+    """So that an alarm can be made of it."""
+    assert "ta2_up 0.0" in browser.get("/metrics", headers=KNOWN).text
+    assert browser.get("/openapi.json", headers=KNOWN).json()["openapi"].startswith("3.")

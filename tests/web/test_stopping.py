@@ -1,0 +1,52 @@
+"""A stop from the web is a stop, whatever came with it."""
+
+from __future__ import annotations
+
+import asyncio
+import os
+from pathlib import Path
+
+import pytest
+
+from gateway.api.keys import ESTOP_KEY, STOP_KEY
+from gateway.api.stop_pipe import stop_pipe
+from gateway.errors import Disconnected
+from gateway.web.stopping import reason_of, stop
+
+
+@pytest.mark.parametrize(
+    ("body", "reason"),
+    [
+        (b'{"reason": "smoke"}', "smoke"),
+        (b"", ""),
+        (b"\xff\xfe", ""),
+        (b"[1, 2", ""),
+        (b'{"reason": 7}', ""),
+        (b'{"reason": "\\ud800"}', ""),
+        (b'{"reason": "x", "more": 1}', "x"),
+        (b'{"reason": "' + b"y" * 900 + b'"}', "y" * 200),
+    ],
+)
+def test_of_a_stop_as_much_is_read_as_can_be(body: bytes, reason: str) -> None:
+    """Nothing that comes with a stop refuses it."""
+    assert reason_of(body) == reason
+
+
+@pytest.mark.parametrize(("word", "key"), [("stop", STOP_KEY), ("estop", ESTOP_KEY)])
+def test_it_lies_in_the_pipe_before_anybody_is_asked(tmp_path: Path, word, key: str) -> None:
+    """Without any connection: by then the control loop, or the guard of a frozen gateway, has it."""
+    socket = tmp_path / "gw.sock"
+    os.mkfifo(stop_pipe(socket, key))
+    reader = os.open(stop_pipe(socket, key), os.O_RDONLY | os.O_NONBLOCK)
+    try:
+        done = asyncio.run(stop(word, "smoke", str(socket), None))
+        assert done.dropped and not done.undelivered
+        assert b"smoke" in os.read(reader, 4096)
+    finally:
+        os.close(reader)
+
+
+def test_where_nobody_is_it_says_so(tmp_path: Path) -> None:
+    """With the only remedy that counts."""
+    with pytest.raises(Disconnected, match="physical emergency stop"):
+        asyncio.run(stop("stop", "", str(tmp_path / "gw.sock"), None))
