@@ -355,6 +355,7 @@ COMMANDS: Mapping[str, Callable[[Namespace], int]] = {
     "topics": _topics,
     "link": _link,
     "events": _events,
+    "view": _carried_out_by("gateway.cli.scene.view"),
     "frames": _kinematics,
     "identify": _kinematics,
     "enable": _enable,
