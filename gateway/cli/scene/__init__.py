@@ -4,3 +4,9 @@ In: snapshots and notices of the gateway, the messages of a bag, pictures of the
 Out: a window, or an .rrd file.
 Read first: `view.py`.
 """
+
+from gateway.recording.bag_writer import needed
+
+__all__: list[str] = []
+
+needed("rerun", "view")  # before any of these modules is loaded: whoever lacks it is told what to install

@@ -1,4 +1,4 @@
-"""A recording as a scene: its joints, hands and words at the times of a grid, by the recording host's clock."""
+"""A recording as a scene: its joints, hands and words at the times of a grid, from its begin on."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from gateway.cli.scene.scene import Moment, Scene
+from gateway.cli.scene.scene import Scene
 from gateway.cli.scene.sink import Sink
 from gateway.dataset.resample import resample
 from gateway.dataset.series import Instants, Series, read_series
@@ -23,24 +23,13 @@ __all__ = ["show_bag"]
 
 STALE_NS = 200_000_000
 """Between samples that are farther apart nothing is shown [ns]."""
-BATCH = 50
-"""So many moments are handed on at once."""
-FIELDS = {
-    "q": (arm_state, "position"),
-    "q_ref": (joint_command, "position"),
-    "p": (ee_pose, "position"),
-    "quat": (ee_pose, "orientation"),
-}
+BATCH = 50  # so many moments are handed on at once
+PLACE, TURN = "position", "orientation"
+FIELDS = {"q": (arm_state, PLACE), "q_ref": (joint_command, PLACE), "p": (ee_pose, PLACE), "quat": (ee_pose, TURN)}
 
 
 def show_bag(path: Path, scene: Scene, sink: Sink, rate_hz: float) -> None:
-    """Draw all of a bag, and wait until nobody looks any more.
-
-    Args:
-        path: Of the bag.
-        scene: Draws.
-        sink: Takes what is drawn.
-        rate_hz: Moments per second [Hz].
+    """Draw all of a bag, so many moments a second [Hz], and wait until nobody looks any more.
 
     Raises:
         Rejected: BAD_REQUEST, it is no bag, or there are no joints in it.
@@ -50,8 +39,8 @@ def show_bag(path: Path, scene: Scene, sink: Sink, rate_hz: float) -> None:
         names = {(side, k): (prefix + topic(side), field) for side in Side for k, (topic, field) in FIELDS.items()}
         found = read_series(bag, names.values())
         times_ns = np.arange(bag.begin_ns, bag.end_ns, round(1e9 / rate_hz), dtype=np.int64)
-        for word in _words(bag):
-            scene.tell(*word)
+        for at_ns, level, text in _words(bag):
+            scene.tell(at_ns - bag.begin_ns, level, text)
     rows = {key: _rows(found[name], times_ns, is_turn=key[1] == "quat") for key, name in names.items() if name in found}
     if not any((side, "q") in rows for side in Side):
         message, hint = f"{path}: no joints of an arm were recorded", "`ta2 bag info` lists what there is"
@@ -60,7 +49,7 @@ def show_bag(path: Path, scene: Scene, sink: Sink, rate_hz: float) -> None:
         now = {key: row for key, some in rows.items() if (row := some[n])}
         q, q_ref, p, quat = ({side: now[side, k] for side in Side if (side, k) in now} for k in FIELDS)
         hands = {side: (p[side], quat[side]) for side in p if side in quat}
-        scene.show(Moment(at_ns=at_ns, q_rad=q, q_ref_rad=q_ref, hands=hands))
+        scene.show(at_ns - int(times_ns[0]), q, q_ref, hands)
         if n % BATCH == 0 and not sink.push():
             return
     if sink.push():

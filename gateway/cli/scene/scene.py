@@ -7,76 +7,39 @@ nobody publishes where it is (§4.12). A hand has two places: by the model (`lef
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Collection, Mapping
 
 import numpy as np
 import numpy.typing as npt
 import rerun as rr
 import rerun.blueprint as rrb
 
-from gateway.kinematics.collision import CollisionModel
+from gateway.kinematics.collision import CollisionModel, Posture
 from gateway.kinematics.frames import ROOT, FrameTree
 from gateway.robot.topics import shoulder_frame
 from gateway.values import ARM_DOF, ArmState, Side, Vector
 
-__all__ = ["Moment", "Scene"]
+__all__ = ["Scene"]
 
 CHEST = f"{ROOT}/chest"
 COLOURS = {Side.LEFT: (80, 150, 220), Side.RIGHT: (230, 150, 60), None: (150, 150, 150)}
-AXES = ((220, 60, 60), (60, 180, 60), (70, 90, 230))
-"""Colours of x, y and z."""
-AXIS_M, MEASURED_M = 0.05, 0.09
-LEVELS = {"warning": "WARN"}
-"""Where our word for a level is not Rerun's in capitals."""
+AXES = ((220, 60, 60), (60, 180, 60), (70, 90, 230))  # colours of x, y and z
+AXIS_M, MEASURED_M = 0.05, 0.09  # lengths of axes
+LEVELS = {"warning": "WARN"}  # where our word for a level is not Rerun's in capitals
 
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Moment:
-    """What is shown of one instant; an arm of which something is not known is missing there.
-
-    Attributes:
-        at_ns: On the scene's clock [ns].
-        q_rad: Measured joints, shape (7,) each [rad].
-        q_ref_rad: Setpoints of joints, likewise.
-        hands: Measured poses in the shoulder frames: position [m], quaternion xyzw.
-        pair: Names of the two parts of the body that are nearest to each other; None where nobody says it.
-        gap_m: Their distance [m].
-    """
-
-    at_ns: int
-    q_rad: Mapping[Side, Vector]
-    q_ref_rad: Mapping[Side, Vector]
-    hands: Mapping[Side, tuple[Vector, Vector]]
-    pair: tuple[str, str] | None = None
-    gap_m: float | None = None
+Vectors = Mapping[Side, Vector]
+Hands = Mapping[Side, tuple[Vector, Vector]]
+Names = Collection[str]
 
 
 class Scene:
-    """Draws into a stream; what does not change is drawn at once.
+    """Draws a robot, its frames and its hull, into a stream; what does not change is drawn at once."""
 
-    Args:
-        stream: Where to.
-        tree: Frames of this robot.
-        body: Its hull.
-        timeline: Name of the clock.
-        is_since_1970: Whether its times count from 1970; else from some beginning, as a monotonic clock does.
-    """
-
-    def __init__(
-        self,
-        stream: rr.RecordingStream,
-        tree: FrameTree,
-        body: CollisionModel,
-        timeline: str,
-        *,
-        is_since_1970: bool = False,
-    ) -> None:
+    def __init__(self, stream: rr.RecordingStream, tree: FrameTree, body: CollisionModel) -> None:
         self._stream, self._tree, self._body = stream, tree, body
-        self._timeline, self._is_since_1970 = timeline, is_since_1970
         names = [capsule.name for capsule in body.capsules]
         self._pairs = {frozenset({names[i], names[j]}): number for number, (i, j, *_) in enumerate(body.pairs)}
-        stream.send_blueprint(_arrangement(timeline))
+        stream.send_blueprint(_arrangement())
         stream.log(ROOT, rr.ViewCoordinates.FLU, static=True)  # x forward, y left, z up (A.1)
         for frame in tree.frames:
             self._log_axes(self._path(frame), AXIS_M)
@@ -85,30 +48,37 @@ class Scene:
         shoulders = [tree.locate(ROOT, shoulder_frame(side)).transform for side in Side]
         middle_m = np.mean([shoulder.p_m for shoulder in shoulders], axis=0)
         stream.log(CHEST, rr.Transform3D(translation=middle_m, mat3x3=shoulders[0].rotation), static=True)
+        self._measured = {side: f"{self._path(shoulder_frame(side))}/measured" for side in Side}
         for side in Side:
-            self._log_axes(self._measured(side), MEASURED_M)
+            self._log_axes(self._measured[side], MEASURED_M)
             for kind, width in (("measured", 1.5), ("setpoint", 0.7)):
                 lines = rr.SeriesLines(names=[f"{kind} {n + 1}" for n in range(ARM_DOF)], widths=[width] * ARM_DOF)
                 stream.log(f"joints/{side}/{kind}", lines, static=True)
             stream.log(f"hands/{side}", rr.SeriesLines(names=[f"{side} {axis}" for axis in "xyz"]), static=True)
 
-    def show(self, moment: Moment) -> None:
-        """Draw an instant; the body where the joints of both arms are known."""
-        self._go_to(moment.at_ns)
+    def show(self, at_ns: int, joints: Vectors, setpoints: Vectors, hands: Hands, nearest: Names = ()) -> None:
+        """Draw an instant. An arm of which something is not known is missing there; the body takes both.
+
+        Args:
+            at_ns: When, from whatever beginning [ns].
+            joints: As measured, shape (7,) each [rad].
+            setpoints: Of joints, likewise.
+            hands: Measured poses in the shoulder frames: position [m], quaternion xyzw.
+            nearest: Names of the two parts of the body that are nearest to each other; none where nobody says it.
+        """
+        self._go_to(at_ns)
         log = self._stream.log
-        states = {side: ArmState(q_rad=q, dq_radps=(), tau_nm=(), stamp_ns=0) for side, q in moment.q_rad.items()}
-        for side, q_rad in moment.q_rad.items():
+        states = {side: ArmState(q_rad=q, dq_radps=(), tau_nm=(), stamp_ns=0) for side, q in joints.items()}
+        for side, q_rad in joints.items():
             log(f"joints/{side}/measured", rr.Scalars(q_rad))
             self._place(f"{side}_ee", states)
-        for side, q_rad in moment.q_ref_rad.items():
+        for side, q_rad in setpoints.items():
             log(f"joints/{side}/setpoint", rr.Scalars(q_rad))
-        for side, (p_m, quat_xyzw) in moment.hands.items():
+        for side, (p_m, quat_xyzw) in hands.items():
             log(f"hands/{side}", rr.Scalars(p_m))
-            log(self._measured(side), _transform(p_m, quat_xyzw))
-        if moment.gap_m is not None:
-            log("gap", rr.Scalars(moment.gap_m))
-        if len(moment.q_rad) == len(Side):
-            self._show_body(moment)
+            log(self._measured[side], _transform(p_m, quat_xyzw))
+        if len(joints) == len(Side):
+            self._show_body(self._body.posture(joints), self._pairs.get(frozenset(nearest)))
 
     def tell(self, at_ns: int, level: str, text: str) -> None:
         """Add a line to the text log; its level is `info`, `warning` or `error`."""
@@ -122,18 +92,12 @@ class Scene:
             self._stream.log(f"cameras/{name}", rr.Image(np.ascontiguousarray(rgb[::2, ::2])).compress(75))
 
     def _go_to(self, at_ns: int) -> None:
-        if self._is_since_1970:
-            self._stream.set_time(self._timeline, timestamp=np.datetime64(at_ns, "ns"))
-        else:
-            self._stream.set_time(self._timeline, duration=np.timedelta64(at_ns, "ns"))
+        self._stream.set_time("time", duration=np.timedelta64(at_ns, "ns"))
 
     def _path(self, frame: str) -> str:
         """Return the entity of a frame, below that of its parent."""
         parent = self._tree.parent(frame)
         return frame if parent is None else f"{self._path(parent)}/{frame}"
-
-    def _measured(self, side: Side) -> str:
-        return f"{self._path(shoulder_frame(side))}/measured"
 
     def _place(self, frame: str, states: Mapping[Side, ArmState], *, static: bool = False) -> None:
         """Draw where a frame is in its parent."""
@@ -141,12 +105,11 @@ class Scene:
         self._stream.log(self._path(frame), _transform(place.p_m, place.quat_xyzw), static=static)
 
     def _log_axes(self, path: str, length_m: float) -> None:
-        self._stream.log(
-            f"{path}/axes", rr.Arrows3D(vectors=length_m * np.eye(3), colors=AXES, radii=0.002), static=True
-        )
+        arrows = rr.Arrows3D(vectors=length_m * np.eye(3), colors=AXES, radii=0.002)
+        self._stream.log(f"{path}/axes", arrows, static=True)
 
-    def _show_body(self, moment: Moment) -> None:
-        posture, capsules = self._body.posture(moment.q_rad), self._body.capsules
+    def _show_body(self, posture: Posture, pair: int | None) -> None:
+        capsules = self._body.capsules
         body = rr.Capsules3D(
             lengths=[math.sqrt(square) for *_, square in posture.segments],
             radii=[capsule.radius_m for capsule in capsules],
@@ -157,11 +120,12 @@ class Scene:
             labels=[capsule.name for capsule in capsules],
             show_labels=False,
         )
-        number = None if moment.pair is None else self._pairs.get(frozenset(moment.pair))
-        nearest = None if number is None else posture.told(number)
-        line = [] if nearest is None else [[nearest.first_m, nearest.second_m]]
         self._stream.log(f"{CHEST}/body", body)
-        self._stream.log(f"{CHEST}/nearest", rr.LineStrips3D(line, colors=[(255, 40, 40)], radii=0.004))
+        near = [] if pair is None else [posture.told(pair)]
+        lines = [[one.first_m, one.second_m] for one in near]
+        self._stream.log(f"{CHEST}/nearest", rr.LineStrips3D(lines, colors=[(255, 40, 40)], radii=0.004))
+        for one in near:
+            self._stream.log("gap", rr.Scalars(one.gap_m))
 
 
 def _transform(p_m: npt.ArrayLike, quat_xyzw: npt.ArrayLike) -> rr.Transform3D:
@@ -177,18 +141,14 @@ def _along(x: float, y: float, z: float) -> Vector:
     return 0.0 - y / norm, x / norm, 0.0, (length + z) / norm
 
 
-def _arrangement(timeline: str) -> rrb.Blueprint:
-    series = [rrb.TimeSeriesView(origin=f"joints/{side}", name=f"{side} joints [rad]") for side in Side]
-    more = (
-        rrb.TimeSeriesView(origin="hands", name="hands in their shoulder frames [m]"),
-        rrb.TimeSeriesView(origin="gap", name="nearest parts of the body [m]"),
-        rrb.Spatial2DView(origin="cameras/head_left_eye", name="camera"),
-    )
-    robot = rrb.Spatial3DView(origin=ROOT, name="robot")
-    left = rrb.Vertical(robot, rrb.TextLogView(origin="events", name="events"), row_shares=[3, 1])
+def _arrangement() -> rrb.Blueprint:
+    joints = [rrb.TimeSeriesView(origin=f"joints/{side}", name=f"{side} joints [rad]") for side in Side]
+    hands = rrb.TimeSeriesView(origin="hands", name="hands in their shoulder frames [m]")
+    gap = rrb.TimeSeriesView(origin="gap", name="nearest parts of the body [m]")
+    camera = rrb.Spatial2DView(origin="cameras/head_left_eye", name="camera")
+    robot, events = rrb.Spatial3DView(origin=ROOT, name="robot"), rrb.TextLogView(origin="events", name="events")
+    right = rrb.Vertical(*joints, rrb.Tabs(hands, gap, camera))
+    views = rrb.Horizontal(rrb.Vertical(robot, events, row_shares=[3, 1]), right, column_shares=[3, 2])
     return rrb.Blueprint(
-        rrb.Horizontal(left, rrb.Vertical(*series, rrb.Tabs(*more)), column_shares=[3, 2]),
-        rrb.TimePanel(timeline=timeline, state="collapsed"),
-        rrb.BlueprintPanel(state="collapsed"),
-        rrb.SelectionPanel(state="collapsed"),
+        views, rrb.TimePanel(timeline="time", state="collapsed"), rrb.SelectionPanel(state="collapsed")
     )

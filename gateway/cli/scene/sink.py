@@ -18,20 +18,15 @@ from gateway.errors import Code, GatewayError, Refusal, to_exception
 
 __all__ = ["Sink"]
 
-GRACE_S = 2.0
-"""A viewer that is to end may take so long [s]."""
+GRACE_S = 2.0  # for a viewer that is to end
 OPTIONS = ("--bind", "127.0.0.1", "--port", "0", "--memory-limit", "2GB", "--hide-welcome-screen", "--expect-data-soon")
-"""A free port; with more in its memory it forgets the oldest."""
-ENVIRONMENT = {"CI": "1", "RUST_LOG": "warn"}
-"""`CI` turns its reports off without writing into the user's settings."""
+ENVIRONMENT = {"CI": "1", "RUST_LOG": "warn"}  # the first turns its reports off, and leaves the user's settings alone
 
 
 class Sink:
-    """Takes what is drawn. `RERUN_CLI_PATH` names another viewer than the wheel's, as Rerun has it.
+    """Takes what is drawn: into a file, to be written or written over, or where that is None into a window.
 
-    Args:
-        stream: What is drawn.
-        file: To be written, or written over; None opens a window.
+    `RERUN_CLI_PATH` names another viewer than the wheel's, as Rerun has it.
 
     Raises:
         GatewayError: BAD_REQUEST, the file cannot be written, or the viewer not started.
@@ -43,35 +38,28 @@ class Sink:
             if file is not None:
                 stream.save(file)
                 return
-            self._pipe = rr.binary_stream(stream)
+            self._drawn = rr.binary_stream(stream)
             program = os.environ.get("RERUN_CLI_PATH") or Path(rerun_cli.__file__).with_name("rerun")
-            self._viewer = subprocess.Popen(
-                [program, "-", *OPTIONS],
-                stdin=subprocess.PIPE,
-                stdout=subprocess.DEVNULL,
-                env={**os.environ, **ENVIRONMENT},
-            )
+            quiet = {**os.environ, **ENVIRONMENT}
+            pipe, nothing = subprocess.PIPE, subprocess.DEVNULL
+            self._viewer = subprocess.Popen([program, "-", *OPTIONS], stdin=pipe, stdout=nothing, env=quiet)
         except (RuntimeError, OSError) as error:
             raise _refused(str(error), "name a place that can be written" if file else "") from None
 
     def push(self) -> bool:
-        """Hand on what was drawn; return whether there is still somebody who looks. GatewayError as `wait`."""
+        """Hand on what was drawn; return whether there is still somebody who looks. Raises as `wait`."""
         if self._viewer is None:
             return True
         if self._viewer.poll() is None and self._viewer.stdin is not None:
             with suppress(BrokenPipeError):
-                self._viewer.stdin.write(self._pipe.read() or b"")
+                self._viewer.stdin.write(self._drawn.read() or b"")
                 self._viewer.stdin.flush()
                 return True
         self.wait()
         return False
 
     def wait(self) -> None:
-        """Wait until nobody looks any more.
-
-        Raises:
-            GatewayError: BAD_REQUEST, the viewer ended by an error.
-        """
+        """Wait until nobody looks any more; raise GatewayError, BAD_REQUEST, where the viewer ended by an error."""
         if self._viewer is not None and (status := self._viewer.wait()):
             hint = "a window takes a display and a graphics driver; --save FILE takes neither"
             raise _refused(f"Rerun's viewer ended with status {status}", hint)
@@ -86,10 +74,8 @@ class Sink:
             self._viewer.wait(GRACE_S)
         except subprocess.TimeoutExpired:
             self._viewer.kill()
-            self._viewer.wait()
-        if self._viewer.stdin is not None:
-            with suppress(BrokenPipeError):
-                self._viewer.stdin.close()
+        with suppress(BrokenPipeError):
+            self._viewer.communicate()
 
 
 def _refused(message: str, hint: str) -> GatewayError:

@@ -13,6 +13,11 @@ from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import rerun as rr
+
+from gateway.cli.scene.from_bag import show_bag
+from gateway.cli.scene.scene import Scene
+from gateway.cli.scene.sink import Sink
 from gateway.cli.terminal.connection import connected
 from gateway.cli.terminal.ending import ExitStatus, Interrupted
 from gateway.client import Robot
@@ -20,25 +25,19 @@ from gateway.errors import Code, Disconnected, GatewayTimeout, Refusal, to_excep
 from gateway.kinematics.calibration import RobotIdentity, load
 from gateway.kinematics.collision import CollisionModel
 from gateway.kinematics.configured import configured
-from gateway.kinematics.frames import FrameTree
 from gateway.kinematics.sight import robot_frames
-from gateway.messages.snapshot import Snapshot
 from gateway.recording.bag_writer import needed
 from gateway.settings import toml_file
 from gateway.settings.settings import Settings
 from gateway.values import Side
 
 if TYPE_CHECKING:
-    from gateway.cli.scene.scene import Moment, Scene
-    from gateway.cli.scene.sink import Sink
     from gateway.video import Video
 
-__all__ = ["carry_out", "moment_of"]
+__all__ = ["carry_out"]
 
-SILENCE_S = 1.0
-"""After so long without a snapshot it is looked whether anybody still wants one [s]."""
-AWAY_S = 0.5
-"""Time between two looks for a gateway that is gone [s]."""
+SILENCE_S, AWAY_S = 1.0, 0.5
+"""Between two looks whether anybody still looks on: without snapshots, and without a gateway [s]."""
 PICTURES_HZ = 5.0
 
 
@@ -46,28 +45,22 @@ def carry_out(options: Namespace) -> ExitStatus:
     """Show it until Ctrl-C, until the window is closed, or until the time is over.
 
     Raises:
-        Rejected: BAD_REQUEST, a package is missing, there is no such bag, no window can be opened or no file written.
-        ConfigError: The settings, or a file that they name, are wrong.
-        Disconnected: No gateway answers at the beginning.
+        GatewayError: No gateway answers at the beginning, or settings, bag, window, file or cameras are not to be had.
     """
-    rr = needed("rerun", "view")
-    from gateway.cli.scene.from_bag import show_bag
-    from gateway.cli.scene.scene import Scene
-    from gateway.cli.scene.sink import Sink
-
-    tree, body = _robot(toml_file.load(options.config))
+    settings = toml_file.load(options.config)
     with ExitStack() as stack:  # whatever can be refused is refused before a window opens
         robot = None if options.bag else stack.enter_context(connected("view", options.target, options.timeout_s))
         video = stack.enter_context(_cameras(robot, options.video_port)) if robot and options.video else None
         stream = rr.RecordingStream("TeleAvatar 2")
+        scene = _scene(stream, settings)
         sink = Sink(stream, options.save)
         stack.callback(sink.close)
         try:
             if robot is None:
-                show_bag(options.bag, Scene(stream, tree, body, "recorded", is_since_1970=True), sink, options.rate)
+                show_bag(options.bag, scene, sink, options.rate)
             else:
                 print(f"showing {robot!r}; Ctrl-C ends it", file=sys.stderr)
-                _show_live(robot, Scene(stream, tree, body, "gateway"), sink, video, options.rate, options.seconds)
+                _show_live(robot, scene, sink, video, options.rate, options.seconds)
         except Interrupted:
             raise
         except KeyboardInterrupt:
@@ -77,13 +70,14 @@ def carry_out(options: Namespace) -> ExitStatus:
     return ExitStatus.OK
 
 
-def _robot(settings: Settings) -> tuple[FrameTree, CollisionModel]:
-    """Return frames and hull of the robot that the settings name."""
+def _scene(stream: rr.RecordingStream, settings: Settings) -> Scene:
+    """Return a scene of the robot that the settings name."""
     link, file = settings.link, settings.model.calibration
     description = configured(settings)
     body = CollisionModel(description)
     identity = RobotIdentity(serial=link.serial, model=link.model) if link.serial else None
-    return robot_frames(description, body.chains, load(Path(file).expanduser(), identity) if file else None), body
+    own = load(Path(file).expanduser(), identity) if file else None
+    return Scene(stream, robot_frames(description, body.chains, own), body)
 
 
 def _show_live(
@@ -95,7 +89,12 @@ def _show_live(
     while sink.push() and (seconds is None or time.monotonic() - begun_s < seconds):
         try:
             view = next(states).view
-            scene.show(moment_of(view))
+            arms = {side: view.arms[side.value] for side in Side}
+            joints = {side: arm.measured.q_rad for side, arm in arms.items() if arm.measured is not None}
+            setpoints = {side: arm.q_ref_rad for side, arm in arms.items() if arm.q_ref_rad}
+            hands = {side: (arm.p_m, arm.quat_xyzw) for side, arm in arms.items() if arm.pose_age_ns is not None}
+            nearest = () if view.spacing is None else (view.spacing.first, view.spacing.second)
+            scene.show(view.at_ns, joints, setpoints, hands, nearest)
             for notice in notices:
                 scene.tell(notice.at_ns, notice.level, f"{notice.code}: {notice.message}")
         except (Disconnected, GatewayTimeout) as error:
@@ -109,29 +108,9 @@ def _show_live(
             scene.picture(view.at_ns, frame.views)
 
 
-def moment_of(view: Snapshot) -> Moment:
-    """Return what is shown of a snapshot."""
-    from gateway.cli.scene.scene import Moment
-
-    arms = {side: view.arms[side.value] for side in Side}
-    spacing = view.spacing if view.spacing is not None and view.spacing.on else None
-    return Moment(
-        at_ns=view.at_ns,
-        q_rad={side: arm.measured.q_rad for side, arm in arms.items() if arm.measured is not None},
-        q_ref_rad={side: arm.q_ref_rad for side, arm in arms.items() if arm.q_ref_rad},
-        hands={side: (arm.p_m, arm.quat_xyzw) for side, arm in arms.items() if arm.pose_age_ns is not None},
-        pair=None if spacing is None else (spacing.first, spacing.second),
-        gap_m=None if spacing is None else spacing.gap_m,
-    )
-
-
 @contextmanager
 def _cameras(robot: Robot, port: int) -> Iterator[Video]:
-    """Receive the robot's pictures while the block runs.
-
-    Raises:
-        Rejected: BAD_REQUEST, the packages for video are missing, or the port is taken.
-    """
+    """Receive the robot's pictures while the block runs."""
     needed("av", "video")
     from gateway.video import Video, VideoError
     from gateway.video.receiving.source import robot_address
