@@ -14,6 +14,8 @@ from numpy.typing import NDArray
 
 __all__ = ["write_plot"]
 
+LEAST_RAD = 0.1  # of a panel's height: a joint that stands still shall look like one
+
 
 def write_plot(rows: Mapping[str, NDArray[np.float64]], path: Path) -> None:
     """Draw a column per arm, a panel per joint, and write it.
@@ -30,14 +32,18 @@ def write_plot(rows: Mapping[str, NDArray[np.float64]], path: Path) -> None:
             off = now[:, joint] - then[:, joint]
             panel.plot(times_s, then[:, joint], color="0.65", linewidth=3.0, label="recorded")
             panel.plot(times_s, now[:, joint], color="tab:blue", linewidth=1.0, label="measured now")
-            rms_mrad = 1e3 * np.sqrt(np.nanmean(off**2)) if np.isfinite(off).any() else np.nan
-            panel.set_title(f"{side} joint {joint + 1}: RMS {rms_mrad:.1f} mrad", loc="left", fontsize=9)
+            rms = f"RMS {1e3 * np.sqrt(np.nanmean(off**2)):.1f} mrad" if np.isfinite(off).any() else "not recorded"
+            middle, height = panel.viewLim.intervaly.mean(), panel.viewLim.height
+            panel.set_ylim(middle - max(height, LEAST_RAD) / 2.0, middle + max(height, LEAST_RAD) / 2.0)
+            panel.set_title(f"{side} joint {joint + 1}: {rms}", loc="left", fontsize=9)
             panel.set_ylabel("[rad]", fontsize=8)
             panel.tick_params(labelsize=8)
+            panel.yaxis.get_major_formatter().set_useOffset(False)
             panel.grid(alpha=0.3)
         column[-1].set_xlabel("time since the first point [s]", fontsize=8)
     figure.legend(
         *panels[0, 0].get_legend_handles_labels(), loc="outside upper right", ncols=2, fontsize=9, frameon=False
     )
+    figure.align_ylabels()
     figure.savefig(path, dpi=110)
     plt.close(figure)

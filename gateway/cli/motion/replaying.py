@@ -45,6 +45,8 @@ FIELD = "position"
 PICTURES = (".png", ".svg", ".pdf")
 END_S = 5.0
 """A view that is to end may take so long [s]."""
+NICE = 10
+"""How far a view steps back behind whoever moves the robot."""
 
 Joints = Mapping[str, NDArray[np.float64]]
 """Per side joints [rad], shape (N, 7)."""
@@ -101,6 +103,7 @@ def _view(options: Namespace) -> Iterator[None]:
     words = ["view"] if options.target is None else ["view", "--socket", options.target]
     quiet, command = subprocess.DEVNULL, own_module("gateway.cli", *words)
     view = subprocess.Popen(command, stdin=quiet, stdout=quiet, stderr=quiet, start_new_session=True)
+    os.setpriority(os.PRIO_PROCESS, view.pid, NICE)
     try:
         yield
     finally:

@@ -19,6 +19,7 @@ from gateway.errors import Code, GatewayError, Refusal, to_exception
 __all__ = ["Sink"]
 
 GRACE_S = 2.0  # for a viewer that is to end
+NICE = 10  # whatever drawing costs, the gateway goes first
 OPTIONS = ("--bind", "127.0.0.1", "--port", "0", "--memory-limit", "2GB", "--hide-welcome-screen", "--expect-data-soon")
 ENVIRONMENT = {"CI": "1", "RUST_LOG": "warn"}  # the first turns its reports off, and leaves the user's settings alone
 
@@ -43,6 +44,7 @@ class Sink:
             quiet = {**os.environ, **ENVIRONMENT}
             pipe, nothing = subprocess.PIPE, subprocess.DEVNULL
             self._viewer = subprocess.Popen([program, "-", *OPTIONS], stdin=pipe, stdout=nothing, env=quiet)
+            os.setpriority(os.PRIO_PROCESS, self._viewer.pid, NICE)
         except (RuntimeError, OSError) as error:
             raise _refused(str(error), "name a place that can be written" if file else "") from None
 
