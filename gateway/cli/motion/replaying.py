@@ -103,7 +103,7 @@ def _view(options: Namespace) -> Iterator[None]:
     words = ["view"] if options.target is None else ["view", "--socket", options.target]
     quiet, command = subprocess.DEVNULL, own_module("gateway.cli", *words)
     view = subprocess.Popen(command, stdin=quiet, stdout=quiet, stderr=quiet, start_new_session=True)
-    os.setpriority(os.PRIO_PROCESS, view.pid, NICE)
+    os.setpriority(os.PRIO_PROCESS, view.pid, max(NICE, os.getpriority(os.PRIO_PROCESS, 0)))
     try:
         yield
     finally:

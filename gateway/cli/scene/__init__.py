@@ -7,6 +7,6 @@ Read first: `view.py`.
 
 from gateway.recording.bag_writer import needed
 
-__all__: list[str] = []
+__all__ = ()
 
 needed("rerun", "view")  # before any of these modules is loaded: whoever lacks it is told what to install

@@ -31,8 +31,7 @@ FIELDS = {"q": (arm_state, PLACE), "q_ref": (joint_command, PLACE), "p": (ee_pos
 def show_bag(path: Path, scene: Scene, sink: Sink, rate_hz: float) -> None:
     """Draw all of a bag, so many moments a second [Hz], and wait until nobody looks any more.
 
-    Raises:
-        Rejected: BAD_REQUEST, it is no bag, or there are no joints in it.
+    Raises `Rejected`, BAD_REQUEST: it is no bag, or there are no joints in it.
     """
     with Bag(path) as bag:
         prefix = f"/{bag.facts()['namespace']}" if bag.facts().get("namespace") else ""

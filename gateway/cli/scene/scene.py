@@ -57,14 +57,10 @@ class Scene:
             stream.log(f"hands/{side}", rr.SeriesLines(names=[f"{side} {axis}" for axis in "xyz"]), static=True)
 
     def show(self, at_ns: int, joints: Vectors, setpoints: Vectors, hands: Hands, nearest: Names = ()) -> None:
-        """Draw an instant. An arm of which something is not known is missing there; the body takes both.
+        """Draw an instant [ns] from whatever beginning; an arm of which something is not known is missing there.
 
-        Args:
-            at_ns: When, from whatever beginning [ns].
-            joints: As measured, shape (7,) each [rad].
-            setpoints: Of joints, likewise.
-            hands: Measured poses in the shoulder frames: position [m], quaternion xyzw.
-            nearest: Names of the two parts of the body that are nearest to each other; none where nobody says it.
+        Joints as measured and as told, shape (7,) each [rad]; measured hands in their shoulder frames, position [m] and
+        quaternion xyzw; names of the two parts of the body that are nearest to each other, none where nobody says it.
         """
         self._go_to(at_ns)
         log = self._stream.log

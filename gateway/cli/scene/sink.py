@@ -27,10 +27,7 @@ ENVIRONMENT = {"CI": "1", "RUST_LOG": "warn"}  # the first turns its reports off
 class Sink:
     """Takes what is drawn: into a file, to be written or written over, or where that is None into a window.
 
-    `RERUN_CLI_PATH` names another viewer than the wheel's, as Rerun has it.
-
-    Raises:
-        GatewayError: BAD_REQUEST, the file cannot be written, or the viewer not started.
+    Raises `GatewayError`, BAD_REQUEST, where that cannot be. `RERUN_CLI_PATH` names another viewer, as Rerun has it.
     """
 
     def __init__(self, stream: rr.RecordingStream, file: Path | None) -> None:
@@ -44,7 +41,8 @@ class Sink:
             quiet = {**os.environ, **ENVIRONMENT}
             pipe, nothing = subprocess.PIPE, subprocess.DEVNULL
             self._viewer = subprocess.Popen([program, "-", *OPTIONS], stdin=pipe, stdout=nothing, env=quiet)
-            os.setpriority(os.PRIO_PROCESS, self._viewer.pid, NICE)
+            nice = max(NICE, os.getpriority(os.PRIO_PROCESS, 0))
+            os.setpriority(os.PRIO_PROCESS, self._viewer.pid, nice)
         except (RuntimeError, OSError) as error:
             raise _refused(str(error), "name a place that can be written" if file else "") from None
 

@@ -42,11 +42,7 @@ PICTURES_HZ = 5.0
 
 
 def carry_out(options: Namespace) -> ExitStatus:
-    """Show it until Ctrl-C, until the window is closed, or until the time is over.
-
-    Raises:
-        GatewayError: No gateway answers at the beginning, or settings, bag, window, file or cameras are not to be had.
-    """
+    """Show it until Ctrl-C, until the window is closed, or until the time is over; raise GatewayError where it cannot be."""
     settings = toml_file.load(options.config)
     with ExitStack() as stack:  # whatever can be refused is refused before a window opens
         robot = None if options.bag else stack.enter_context(connected("view", options.target, options.timeout_s))
@@ -61,10 +57,9 @@ def carry_out(options: Namespace) -> ExitStatus:
             else:
                 print(f"showing {robot!r}; Ctrl-C ends it", file=sys.stderr)
                 _show_live(robot, scene, sink, video, options.rate, options.seconds)
-        except Interrupted:
-            raise
-        except KeyboardInterrupt:
-            pass
+        except KeyboardInterrupt as end:
+            if isinstance(end, Interrupted):
+                raise
     if options.save:
         print(options.save)
     return ExitStatus.OK
