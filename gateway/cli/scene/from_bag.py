@@ -23,7 +23,6 @@ __all__ = ["show_bag"]
 
 STALE_NS = 200_000_000
 """Between samples that are farther apart nothing is shown [ns]."""
-BATCH = 50  # so many moments are handed on at once
 PLACE, TURN = "position", "orientation"
 FIELDS = {"q": (arm_state, PLACE), "q_ref": (joint_command, PLACE), "p": (ee_pose, PLACE), "quat": (ee_pose, TURN)}
 
@@ -49,7 +48,7 @@ def show_bag(path: Path, scene: Scene, sink: Sink, rate_hz: float) -> None:
         q, q_ref, p, quat = ({side: now[side, k] for side in Side if (side, k) in now} for k in FIELDS)
         hands = {side: (p[side], quat[side]) for side in p if side in quat}
         scene.show(at_ns - int(times_ns[0]), q, q_ref, hands)
-        if n % BATCH == 0 and not sink.push():
+        if n % 50 == 0 and not sink.push():
             return
     if sink.push():
         sink.wait()

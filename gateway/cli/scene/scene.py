@@ -29,7 +29,6 @@ LEVELS = {"warning": "WARN"}  # where our word for a level is not Rerun's in cap
 
 Vectors = Mapping[Side, Vector]
 Hands = Mapping[Side, tuple[Vector, Vector]]
-Names = Collection[str]
 
 
 class Scene:
@@ -56,7 +55,7 @@ class Scene:
                 stream.log(f"joints/{side}/{kind}", lines, static=True)
             stream.log(f"hands/{side}", rr.SeriesLines(names=[f"{side} {axis}" for axis in "xyz"]), static=True)
 
-    def show(self, at_ns: int, joints: Vectors, setpoints: Vectors, hands: Hands, nearest: Names = ()) -> None:
+    def show(self, at_ns: int, joints: Vectors, told: Vectors, hands: Hands, nearest: Collection[str] = ()) -> None:
         """Draw an instant [ns] from whatever beginning; an arm of which something is not known is missing there.
 
         Joints as measured and as told, shape (7,) each [rad]; measured hands in their shoulder frames, position [m] and
@@ -68,7 +67,7 @@ class Scene:
         for side, q_rad in joints.items():
             log(f"joints/{side}/measured", rr.Scalars(q_rad))
             self._place(f"{side}_ee", states)
-        for side, q_rad in setpoints.items():
+        for side, q_rad in told.items():
             log(f"joints/{side}/setpoint", rr.Scalars(q_rad))
         for side, (p_m, quat_xyzw) in hands.items():
             log(f"hands/{side}", rr.Scalars(p_m))
@@ -91,12 +90,10 @@ class Scene:
         self._stream.set_time("time", duration=np.timedelta64(at_ns, "ns"))
 
     def _path(self, frame: str) -> str:
-        """Return the entity of a frame, below that of its parent."""
         parent = self._tree.parent(frame)
         return frame if parent is None else f"{self._path(parent)}/{frame}"
 
     def _place(self, frame: str, states: Mapping[Side, ArmState], *, static: bool = False) -> None:
-        """Draw where a frame is in its parent."""
         place = self._tree.locate(self._tree.parent(frame) or ROOT, frame, states).transform
         self._stream.log(self._path(frame), _transform(place.p_m, place.quat_xyzw), static=static)
 

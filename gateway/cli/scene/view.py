@@ -66,7 +66,6 @@ def carry_out(options: Namespace) -> ExitStatus:
 
 
 def _scene(stream: rr.RecordingStream, settings: Settings) -> Scene:
-    """Return a scene of the robot that the settings name."""
     link, file = settings.link, settings.model.calibration
     description = configured(settings)
     body = CollisionModel(description)
@@ -86,10 +85,10 @@ def _show_live(
             view = next(states).view
             arms = {side: view.arms[side.value] for side in Side}
             joints = {side: arm.measured.q_rad for side, arm in arms.items() if arm.measured is not None}
-            setpoints = {side: arm.q_ref_rad for side, arm in arms.items() if arm.q_ref_rad}
+            told = {side: arm.q_ref_rad for side, arm in arms.items() if arm.q_ref_rad}
             hands = {side: (arm.p_m, arm.quat_xyzw) for side, arm in arms.items() if arm.pose_age_ns is not None}
             nearest = () if view.spacing is None else (view.spacing.first, view.spacing.second)
-            scene.show(view.at_ns, joints, setpoints, hands, nearest)
+            scene.show(view.at_ns, joints, told, hands, nearest)
             for notice in notices:
                 scene.tell(notice.at_ns, notice.level, f"{notice.code}: {notice.message}")
         except (Disconnected, GatewayTimeout) as error:
@@ -105,7 +104,6 @@ def _show_live(
 
 @contextmanager
 def _cameras(robot: Robot, port: int) -> Iterator[Video]:
-    """Receive the robot's pictures while the block runs."""
     needed("av", "video")
     from gateway.video import Video, VideoError
     from gateway.video.receiving.source import robot_address
