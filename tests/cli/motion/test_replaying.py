@@ -167,15 +167,33 @@ def test_a_bag_in_which_nobody_told_the_arms_anything_is_refused(robot, tmp_path
     assert ended.status == 1 and "there is no" in ended.err
 
 
-def test_a_picture_shows_it_beside_the_recording(robot, tmp_path):
+def test_a_picture_shows_it_beside_the_recording(robot, tmp_path, monkeypatch):
     """Of each arm, from the first point to the last; also of one that broke off."""
     pytest.importorskip("matplotlib")
-    bag = str(shown(tmp_path / "bag", starts(robot)))
-    ended = robot.run("replay", bag, "--plot", str(tmp_path / "a.png"))
-    assert ended.status == 0 and (tmp_path / "a.png").read_bytes().startswith(b"\x89PNG")
+    drawn = []
+    monkeypatch.setattr("gateway.cli.motion.replay_plot.write_plot", lambda *given: drawn.append(given))
+    bag, file = str(shown(tmp_path / "bag", starts(robot))), tmp_path / "a.png"
+    assert robot.run("replay", bag, "--plot", str(file)).status == 0
     robot.world.after(2.0, lambda: os.kill(os.getpid(), signal.SIGINT))
-    assert robot.run("replay", bag, "--plot", str(tmp_path / "b.svg")).status == 130
-    assert (tmp_path / "b.svg").exists()
+    assert robot.run("replay", bag, "--plot", str(file)).status == 130
+    (whole, where), (part, _) = drawn
+    assert where == file and set(whole) == {"left", "right"}
+    for rows in whole.values():
+        assert rows.shape[1] == 15 and rows[0, 0] < 0.3 and rows[-1, 0] > 148 * DT_S - 0.3
+        assert rows[:, 1:8] == pytest.approx(rows[:, 8:], abs=0.05)
+    assert 0 < len(part["left"]) < len(whole["left"])
+
+
+def test_a_picture_that_cannot_be_written_is_told(robot, tmp_path, monkeypatch):
+    """The replay went well all the same."""
+    pytest.importorskip("matplotlib")
+
+    def full(*given):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr("gateway.cli.motion.replay_plot.write_plot", full)
+    ended = robot.run("replay", str(shown(tmp_path / "bag", starts(robot))), "--plot", str(tmp_path / "a.png"))
+    assert ended.status == 0 and "no picture: " in ended.err and "No space left on device" in ended.err
 
 
 @pytest.mark.parametrize(

@@ -4,7 +4,11 @@ from __future__ import annotations
 
 import os
 import signal
+import socket
+from contextlib import nullcontext
+from types import SimpleNamespace
 
+import numpy as np
 import pytest
 
 from tests.cli.scene.rrd import read
@@ -78,3 +82,24 @@ def test_what_cannot_be_is_said_in_a_line(shell, tmp_path):
     shell.world = RobotWorld()
     ended = shell.run("view", "--save", str(tmp_path / "no" / "a.rrd"))
     assert ended.status == 1 and ended.err.splitlines()[-1].startswith("BAD_REQUEST: ")
+
+
+def test_pictures_are_shown_each_once(robot, tmp_path, monkeypatch):
+    """The newest of the cameras, by the names of the manual."""
+    frame = SimpleNamespace(seq=7, views={"head_left_eye": np.zeros((64, 48, 3), np.uint8)})
+    monkeypatch.setattr(viewing, "_cameras", lambda _, port: nullcontext(SimpleNamespace(latest=frame)))
+    file = tmp_path / "a.rrd"
+    assert robot.run("view", "--video", "--save", str(file), "--seconds", "0.5").status == 0
+    found = read(file)
+    assert found["cameras/head_left_eye"]["media_type"] == [["image/jpeg"]]
+    assert len(found["joints/left/measured"]["scalars"]) > 1
+
+
+def test_a_port_of_pictures_that_is_taken_is_said_before_anything_is_shown(robot, tmp_path):
+    """Two receivers of one stream would each get half of it."""
+    pytest.importorskip("av")
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as taken:
+        taken.bind(("", 0))
+        port = str(taken.getsockname()[1])
+        ended = robot.run("view", "--video", "--video-port", port, "--save", str(tmp_path / "a.rrd"))
+    assert ended.status == 1 and port in ended.err and not (tmp_path / "a.rrd").exists()
