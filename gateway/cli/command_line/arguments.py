@@ -28,6 +28,7 @@ from gateway.cli.command_line.sim_arguments import add_camera, add_clock, add_ph
 from gateway.cli.command_line.stop_arguments import add_stops
 from gateway.cli.command_line.video_arguments import add_video
 from gateway.cli.command_line.web_arguments import add_web
+from gateway.cli.command_line.view_arguments import add_view
 from gateway.cli.terminal.ending import STATUS_HELP
 
 __all__ = ["joints", "parse", "parser"]
@@ -235,6 +236,7 @@ def _add_views(commands: Any) -> None:  # noqa: ANN401  argparse's private class
         "Goes on when the gateway is restarted, and says how many lines were lost.",
     )
     events.add_argument("--silence", type=seconds, metavar="S", help="end after so long without any [s]")
+    add_view(commands)
 
 
 def _add_recording(commands: Any) -> None:  # noqa: ANN401  argparse's private class

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import math
+from pathlib import Path
 
 from gateway.cli.command_line.numbers import integer
 
@@ -94,6 +95,10 @@ def add_replay(replay: argparse.ArgumentParser) -> None:
     )
     replay.add_argument("--approach", action="store_true", help="move the arms to the first point before, with --speed")
     replay.add_argument("--check", action="store_true", help="only say whether it could be replayed; nothing moves")
+    replay.add_argument(
+        "--plot", type=Path, metavar="FILE", help="draw joints beside the recorded ones (.png, .svg, .pdf)"
+    )
+    replay.add_argument("--view", action="store_true", help="show the robot meanwhile, as `ta2 view` does")
 
 
 def _episode(text: str) -> int:

@@ -5,8 +5,13 @@ As any motion: with lease, limits, arms kept apart, and a factor of time. Grippe
 
 from __future__ import annotations
 
+import os
+import signal
+import subprocess
+import sys
 from argparse import Namespace
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 import numpy as np
@@ -23,7 +28,9 @@ from gateway.dataset.rows import stretches
 from gateway.dataset.series import Series, read_series
 from gateway.dataset.vendor_marks import all_episodes
 from gateway.errors import Code, GatewayError, Refusal, to_exception
+from gateway.process.own_module import own_module
 from gateway.recording.bag_reader import Bag
+from gateway.recording.bag_writer import needed
 from gateway.recording.episodes import Episode
 from gateway.robot.topics import arm_state, joint_command
 from gateway.values import Side
@@ -35,6 +42,11 @@ DT_S = 0.02
 STALE_NS = 200_000_000
 """Where nothing was recorded for so long, a way ends [ns]."""
 FIELD = "position"
+PICTURES = (".png", ".svg", ".pdf")
+END_S = 5.0
+"""A view that is to end may take so long [s]."""
+NICE = 10
+"""How far a view steps back behind whoever moves the robot."""
 
 Joints = Mapping[str, NDArray[np.float64]]
 """Per side joints [rad], shape (N, 7)."""
@@ -46,12 +58,62 @@ def command(options: Namespace, job: Job) -> ExitStatus:
     Raises:
         GatewayError: Nothing was begun.
     """
+    plot = _plot_of(options)
     recording, measured = recorded(Path(options.bag), options.episode)
     approach = options.speed if options.approach else None
     passing = Passing(
         arm=options.arm, stretch=options.stretch, smoothing_s=options.smoothing, approach=approach, dt_s=DT_S
     )
-    return follow(options, job, Replay(recording, passing, measured))
+    replay = Replay(recording, passing, measured)
+    try:
+        with _view(options):
+            return follow(options, job, replay)
+    finally:
+        if plot is not None and (rows := replay.rows()):  # also of one that broke off
+            from gateway.cli.motion.replay_plot import write_plot
+
+            try:
+                write_plot(rows, plot)
+            except OSError as error:
+                print(f"no picture: {plot}: {error.strerror or error}", file=sys.stderr)
+
+
+def _plot_of(options: Namespace) -> Path | None:
+    """Return where to draw; whatever is in its way is said before anything moves."""
+    if options.plot is None and not options.view:
+        return None
+    if options.check:
+        raise _refused("with --check nothing moves: there is nothing to draw", "leave out --check", "check")
+    if options.view:
+        needed("rerun", "view")
+    if options.plot is None:
+        return None
+    needed("matplotlib", "demo")
+    if options.plot.suffix not in PICTURES or not options.plot.parent.is_dir():
+        raise _refused(f"{options.plot} cannot be drawn", f"{', '.join(PICTURES)} in a folder that is there", "plot")
+    return Path(options.plot)
+
+
+@contextmanager
+def _view(options: Namespace) -> Iterator[None]:
+    """Have a `ta2 view` beside, where that is asked for: a process of its own, whose hanging or dying changes nothing here."""
+    if not options.view:
+        yield
+        return
+    words = ["view"] if options.target is None else ["view", "--socket", options.target]
+    quiet, command = subprocess.DEVNULL, own_module("gateway.cli", *words)
+    view = subprocess.Popen(command, stdin=quiet, stdout=quiet, stderr=quiet, start_new_session=True)
+    os.setpriority(os.PRIO_PROCESS, view.pid, max(NICE, os.getpriority(os.PRIO_PROCESS, 0)))
+    try:
+        yield
+    finally:
+        view.terminate()
+        try:
+            view.wait(END_S)
+        except subprocess.TimeoutExpired:
+            with suppress(ProcessLookupError):
+                os.killpg(view.pid, signal.SIGKILL)
+            view.wait()
 
 
 def recorded(path: Path, episode: int | None = None) -> tuple[Recording, Joints]:
@@ -119,6 +181,7 @@ class Replay(Way):
         self._measured = {side: measured[side] for side in self.points}
         self._step_s = DT_S * passing.stretch
         self._off_rad: list[float] = []
+        self._rows: dict[str, list[NDArray[np.float64]]] = {side: [] for side in self.points}
 
     def _see(self, state: RobotState, now_s: float) -> None:
         place = now_s / self._step_s
@@ -127,8 +190,14 @@ class Replay(Way):
         before, share = int(place), place - int(place)
         for side, rows in self._measured.items():
             then = rows[before] + share * (rows[min(before + 1, len(rows) - 1)] - rows[before])
-            off = np.abs(state.arm(side).q - then)
+            now = state.arm(side).q
+            self._rows[side].append(np.array([now_s, *now, *then]))
+            off = np.abs(now - then)
             self._off_rad += off[np.isfinite(off)].tolist()
+
+    def rows(self) -> dict[str, NDArray[np.float64]]:
+        """Return per side what was seen, shape (N, 15): time [s], joints now and then [rad]; nothing before it was begun."""
+        return {side: np.array(rows) for side, rows in self._rows.items() if rows}
 
     def figures(self) -> dict[str, object]:
         """Return the same as of any way, and how far from the recorded one it was measured: RMS and most [rad]."""
@@ -145,5 +214,5 @@ class Replay(Way):
         return super().remark() + beside
 
 
-def _refused(message: str, hint: str) -> GatewayError:
-    return to_exception(Refusal(code=Code.BAD_REQUEST, message=message, field="bag", hint=hint))
+def _refused(message: str, hint: str, field: str = "bag") -> GatewayError:
+    return to_exception(Refusal(code=Code.BAD_REQUEST, message=message, field=field, hint=hint))

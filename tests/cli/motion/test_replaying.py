@@ -2,6 +2,11 @@
 
 from __future__ import annotations
 
+import os
+import signal
+import sys
+import time
+
 import numpy as np
 import pytest
 
@@ -9,6 +14,7 @@ from cdr_types import encode
 from cdr_types.messages.builtin_interfaces import Time
 from cdr_types.messages.sensor_msgs import JointState
 from cdr_types.messages.std_msgs import Header
+from gateway.cli.motion import replaying
 from gateway.cli.motion.replaying import DT_S, recorded
 from gateway.errors import Rejected
 from gateway.recording.bag_writer import BagWriter
@@ -159,3 +165,86 @@ def test_a_bag_in_which_nobody_told_the_arms_anything_is_refused(robot, tmp_path
         recorded(bag)
     ended = robot.run("replay", str(tmp_path / "nothing"))
     assert ended.status == 1 and "there is no" in ended.err
+
+
+def test_a_picture_shows_it_beside_the_recording(robot, tmp_path, monkeypatch):
+    """Of each arm, from the first point to the last; also of one that broke off."""
+    pytest.importorskip("matplotlib")
+    drawn = []
+    monkeypatch.setattr("gateway.cli.motion.replay_plot.write_plot", lambda *given: drawn.append(given))
+    bag, file = str(shown(tmp_path / "bag", starts(robot))), tmp_path / "a.png"
+    assert robot.run("replay", bag, "--plot", str(file)).status == 0
+    robot.world.after(2.0, lambda: os.kill(os.getpid(), signal.SIGINT))
+    assert robot.run("replay", bag, "--plot", str(file)).status == 130
+    (whole, where), (part, _) = drawn
+    assert where == file and set(whole) == {"left", "right"}
+    for rows in whole.values():
+        assert rows.shape[1] == 15 and rows[0, 0] < 0.3 and rows[-1, 0] > 148 * DT_S - 0.3
+        assert rows[:, 1:8] == pytest.approx(rows[:, 8:], abs=0.05)
+    assert 0 < len(part["left"]) < len(whole["left"])
+
+
+def test_a_picture_that_cannot_be_written_is_told(robot, tmp_path, monkeypatch):
+    """The replay went well all the same."""
+    pytest.importorskip("matplotlib")
+
+    def full(*given):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr("gateway.cli.motion.replay_plot.write_plot", full)
+    ended = robot.run("replay", str(shown(tmp_path / "bag", starts(robot))), "--plot", str(tmp_path / "a.png"))
+    assert ended.status == 0 and "no picture: " in ended.err and "No space left on device" in ended.err
+
+
+@pytest.mark.parametrize(
+    ("words", "why"),
+    [
+        (["--plot", "a.txt"], "a.txt cannot be drawn"),
+        (["--plot", "no/such/folder/a.png"], "cannot be drawn"),
+        (["--plot", "a.png", "--check"], "with --check nothing moves"),
+        (["--view", "--check"], "with --check nothing moves"),
+    ],
+)
+def test_what_cannot_be_drawn_is_refused_before_anything_moves(robot, tmp_path, monkeypatch, words, why):
+    """With what is in its way."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(replaying, "needed", lambda *_: None)
+    ended = robot.run("replay", str(shown(tmp_path / "bag", starts(robot))), *words)
+    assert ended.status == 1 and why in ended.err and not len(commanded(robot, Side.LEFT))
+
+
+WATCHER = """
+import os, signal, sys, time
+open(sys.argv[1], "w").write(" ".join([str(os.getpid()), *sys.argv[2:]]))
+signal.signal(signal.SIGTERM, signal.SIG_IGN if sys.argv[1].endswith("stubborn") else signal.SIG_DFL)
+for _ in range(100_000):
+    os.write(2, b"a line that nobody reads\\n" * 100)
+time.sleep(600.0)
+"""
+
+
+@pytest.mark.parametrize("kind", ["willing", "stubborn"])
+def test_a_view_beside_it_begins_before_it_and_ends_with_it(robot, tmp_path, monkeypatch, kind):
+    """For the same gateway; what it says fills no pipe, and one that will not end is ended."""
+    said, owned = tmp_path / kind, []
+    command = [sys.executable, "-c", WATCHER, str(said)]
+    monkeypatch.setattr(replaying, "own_module", lambda module, *words: [*command, module, *words])
+    monkeypatch.setattr(replaying, "needed", lambda *_: None)
+    monkeypatch.setattr(replaying, "END_S", 0.3)
+    original = replaying.follow
+
+    def follow(*given):
+        owned.append(robot.world.pair.see().lease.owned)
+        deadline = time.monotonic() + 30.0
+        while not (said.exists() and said.read_text().count(" ") == 4):
+            assert time.monotonic() < deadline, "no view"
+            time.sleep(0.01)
+        return original(*given)
+
+    monkeypatch.setattr(replaying, "follow", follow)
+    ended = robot.run("replay", str(shown(tmp_path / "bag", starts(robot))), "--view", "--socket", "/tmp/x.sock")
+    assert ended.status == 0 and owned == [False], ended.err
+    pid, *words = said.read_text().split()
+    assert words == ["gateway.cli", "view", "--socket", "/tmp/x.sock"]
+    with pytest.raises(ProcessLookupError):
+        os.kill(int(pid), 0)

@@ -1,0 +1,49 @@
+"""Arguments of `ta2 view`."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+from gateway.cli.command_line.adding import add_client_command
+from gateway.cli.command_line.numbers import above_zero, seconds, udp_port
+from gateway.cli.command_line.video_arguments import PORT
+
+__all__ = ["add_view"]
+
+RATE_HZ = 20.0
+MOST_HZ = 200.0
+SUFFIX = ".rrd"
+
+
+def add_view(commands: Any) -> None:  # noqa: ANN401  argparse's private class
+    """Add `view`."""
+    view = add_client_command(
+        commands,
+        "view",
+        "show the robot in three dimensions, its joints over time and what is told, in a window of Rerun",
+        "It only looks. Ends with Ctrl-C, and when the window is closed.",
+        shows_json=False,
+    )
+    view.add_argument("--bag", type=Path, metavar="DIR", help="show a recording instead; needs no gateway")
+    view.add_argument("--save", type=_rrd, metavar="FILE", help=f"write a file (*{SUFFIX}) instead of opening a window")
+    view.add_argument("--seconds", type=seconds, metavar="S", help="how long [s] (default: until Ctrl-C)")
+    view.add_argument(
+        "--rate", type=_rate, default=RATE_HZ, metavar="HZ", help="moments per second, at most (default %(default)g)"
+    )
+    view.add_argument("--video", action="store_true", help="show the cameras, too")
+    view.add_argument(
+        "--video-port", type=udp_port, default=PORT, metavar="N", help=f"UDP port of the pictures (default {PORT})"
+    )
+    view.add_argument("--config", metavar="FILE", help="the gateway's settings, for the numbers of this robot's body")
+
+
+def _rate(text: str) -> float:
+    return above_zero(text, MOST_HZ, "rate [Hz]")
+
+
+def _rrd(text: str) -> Path:
+    if not text.endswith(SUFFIX):
+        raise argparse.ArgumentTypeError(f"{text!r} does not end with {SUFFIX}")
+    return Path(text)
