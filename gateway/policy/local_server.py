@@ -1,0 +1,102 @@
+"""A policy that is a function in Python, asked as a server is: in a process of its own, which may hang, fail or die.
+
+Whatever goes wrong there is told as of a server: lost, silent, or failed. One that is silent for too long is ended; who
+connects begins a new one.
+"""
+
+from __future__ import annotations
+
+import os
+import signal
+import socket
+import subprocess
+from collections.abc import Mapping
+from contextlib import suppress
+from typing import Any, BinaryIO
+
+from gateway.errors import Code, GatewayError, Refusal, to_exception
+from gateway.policy.local_policy import received, send
+from gateway.policy.openpi import FIRST_ANSWER_S, decoded, encoded
+from gateway.process.own_module import own_module
+
+__all__ = ["LocalPolicy"]
+
+
+class LocalPolicy:
+    """A function in a process of its own, begun by `connect`; used by one thread, closed by any.
+
+    Args:
+        name: `MODULE:FUNCTION`; the working directory is looked in first.
+        answer_s: Longest wait for an answer [s] ...
+        first_answer_s: ... and for its import, and the first one of a process: models are loaded then.
+    """
+
+    def __init__(self, name: str, *, answer_s: float = 5.0, first_answer_s: float = FIRST_ANSWER_S) -> None:
+        self.url = name
+        self.metadata: Mapping[Any, Any] = {}
+        """What the function's attribute `metadata` says."""
+        self._answer_s, self._first_answer_s = answer_s, first_answer_s
+        self._running: tuple[subprocess.Popen[bytes], socket.socket, BinaryIO] | None = None
+        self._has_answered = False
+
+    @property
+    def is_connected(self) -> bool:
+        """Whether there is a process that was not lost yet."""
+        return self._running is not None
+
+    def connect(self) -> None:
+        """Begin a process, and wait until it has imported the function. Raises as `ask` does."""
+        self.close()
+        ours, theirs = socket.socketpair()
+        with theirs:
+            command = own_module("gateway.policy.local_policy", self.url, str(os.getpid()))
+            # A session of its own: Ctrl-C in the terminal is for who plays it.
+            process = subprocess.Popen(
+                command, stdin=theirs.fileno(), stdout=subprocess.DEVNULL, start_new_session=True
+            )
+        self._running, self._has_answered = (process, ours, ours.makefile("rb")), False
+        self.metadata = self._exchange(None, self._first_answer_s)
+
+    def ask(self, observation: Mapping[str, Any]) -> dict[Any, Any]:
+        """Return the function's answer to an observation. Raises as `PolicyServer.ask` does."""
+        answer = self._exchange(encoded(observation), self._answer_s if self._has_answered else self._first_answer_s)
+        self._has_answered = True
+        return answer
+
+    def close(self) -> None:
+        """End the process, and what it has begun; nothing when there is none."""
+        running, self._running = self._running, None
+        if running is not None:
+            process, end, _ = running
+            with suppress(OSError):
+                end.shutdown(socket.SHUT_RDWR)  # wakes who reads
+            end.close()
+            with suppress(ProcessLookupError):
+                os.killpg(process.pid, signal.SIGKILL)
+            process.wait()
+
+    def _exchange(self, frame: bytes | None, wait_s: float) -> dict[Any, Any]:
+        if self._running is None:
+            raise self._failed(Code.DISCONNECTED, "is not there", "see what it printed")
+        _, end, stream = self._running
+        try:
+            end.settimeout(wait_s)
+            if frame is not None:
+                with suppress(BrokenPipeError):  # what it said before it ended is still there to be read
+                    send(end, frame)
+            answer, has_failed = received(stream)
+        except TimeoutError:
+            self.close()
+            hint = "its process was ended; see what it does, or wait longer with --timeout"
+            raise self._failed(Code.TIMEOUT, f"did not answer in {wait_s:g} s", hint) from None
+        except (OSError, EOFError) as error:
+            self.close()
+            raise self._failed(Code.DISCONNECTED, f"is gone: {error}", "see what it printed") from None
+        if has_failed:
+            self.close()
+            raise self._failed(Code.POLICY_FAILED, f"failed: {answer.decode()[:300]}", "its traceback is on stderr")
+        return decoded(answer)
+
+    def _failed(self, code: Code, what: str, hint: str) -> GatewayError:
+        message = f"the local policy {self.url} {what}"
+        return to_exception(Refusal(code=code, message=message, field="server", hint=hint))
