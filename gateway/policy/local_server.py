@@ -67,9 +67,10 @@ class LocalPolicy:
         """End the process, and what it has begun; nothing when there is none."""
         running, self._running = self._running, None
         if running is not None:
-            process, end, _ = running
+            process, end, stream = running
             with suppress(OSError):
                 end.shutdown(socket.SHUT_RDWR)  # wakes who reads
+            stream.close()
             end.close()
             with suppress(ProcessLookupError):
                 os.killpg(process.pid, signal.SIGKILL)

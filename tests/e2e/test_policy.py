@@ -68,11 +68,11 @@ def served() -> Iterator[tuple[Swing, Scripted]]:
     server.close()
 
 
-def playing(system: System, url: str, *options: str) -> Process:
+def playing(system: System, url: str, *options: str, layout: str = MAP, by: str = "--server") -> Process:
     """Return a `ta2 policy run`."""
-    layout = system.folder / "map.toml"
-    layout.write_text(MAP)
-    words = ["--server", url, "--map", str(layout), "--socket", system.target, "--json", "--take", "begin", *options]
+    file = system.folder / "map.toml"
+    file.write_text(layout)
+    words = [by, url, "--map", str(file), "--socket", system.target, "--json", "--take", "begin", *options]
     process = Process("policy", ["-m", "gateway.cli", "policy", "run", *words], system.folder)
     system.clients.append(process)
     return process
