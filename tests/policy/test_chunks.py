@@ -161,7 +161,7 @@ def test_chassis_and_lift_are_driven_by_their_columns() -> None:
             found.require_drivable(v_mps, w_radps)
         assert caught.value.code is Code.OUT_OF_RANGE
     rows[1, 0] = 1.1
-    with pytest.raises(Rejected, match="wants 1.1 of the lift's full speed, 1 is the bound"):
+    with pytest.raises(Rejected, match=r"wants 1.1 of the lift's full speed, 1 is the bound"):
         chunk_of({"actions": rows}, layout, T0, PERIOD_NS).require_drivable(9.0, 9.0)
     chunk().require_drivable(0.0, 0.0)
 
