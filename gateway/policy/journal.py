@@ -16,25 +16,19 @@ from gateway.process.threads import supervised
 __all__ = ["Journal"]
 
 MOST_WAITING = 100
-"""Facts that may wait for a recorder that hangs; more are left out."""
 
 
 class Journal:
-    """Tells it in a thread of its own.
-
-    Args:
-        address: Of the gateway beside whose socket the recorder listens; None finds it.
-        mode: Said with everything: `play`, `dry` or `shadow`.
-    """
+    """Tells the recorder beside the socket of a gateway (None finds it), in a thread of its own; `mode` is said each time."""
 
     def __init__(self, address: str | None, mode: str) -> None:
         self._address, self._mode = address, mode
         self._queue: Queue[Mapping[str, object] | None] = Queue(MOST_WAITING)
-        self._thread = supervised(self._run, "ta2-policy-journal", may_return=lambda: True)
+        self._thread = supervised(self._run, "ta2-policy-journal")
         self._thread.start()
 
     def note(self, facts: Mapping[str, object]) -> None:
-        """Have facts told; never waits."""
+        """Have facts told; never waits, and leaves them out where a recorder hangs."""
         with suppress(Full):
             self._queue.put_nowait({"mode": self._mode, **facts})
 

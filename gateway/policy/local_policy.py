@@ -36,7 +36,7 @@ PR_SET_PDEATHSIG = 1
 
 
 def send(end: socket.socket, frame: bytes, has_failed: bool = False) -> None:
-    """Send a frame. Raises OSError: nobody takes it, or not in the socket's time."""
+    """Send a frame. Raises OSError as the socket does."""
     end.sendall(HEAD.pack(len(frame), has_failed) + frame)
 
 
@@ -64,12 +64,7 @@ def _answer(said: Any) -> bytes:  # noqa: ANN401  whatever a policy returns
 
 
 def main(name: str, parent: int) -> None:
-    """Serve a function on the socket that is this process's stdin.
-
-    Args:
-        name: `MODULE:FUNCTION`; the function's attribute `metadata`, a dict, is told first.
-        parent: Process id of who asks.
-    """
+    """Serve a function on the socket that is this process's stdin; its attribute `metadata`, a dict, is told first."""
     if sys.platform == "linux":
         ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGKILL, 0, 0, 0)
     if os.getppid() != parent:  # it was too late for that

@@ -23,12 +23,9 @@ __all__ = ["LocalPolicy"]
 
 
 class LocalPolicy:
-    """A function in a process of its own, begun by `connect`; used by one thread, closed by any.
+    """`MODULE:FUNCTION` in a process of its own, begun by `connect`; used by one thread, closed by any.
 
-    Args:
-        name: `MODULE:FUNCTION`; the working directory is looked in first.
-        answer_s: Longest wait for an answer [s] ...
-        first_answer_s: ... and for its import, and the first one of a process: models are loaded then.
+    The longest waits [s] are as a `PolicyServer`'s, `first_answer_s` for the import as well.
     """
 
     def __init__(self, name: str, *, answer_s: float = 5.0, first_answer_s: float = FIRST_ANSWER_S) -> None:
@@ -49,11 +46,9 @@ class LocalPolicy:
         self.close()
         ours, theirs = socket.socketpair()
         with theirs:
-            command = own_module("gateway.policy.local_policy", self.url, str(os.getpid()))
+            command, nowhere = own_module("gateway.policy.local_policy", self.url, str(os.getpid())), subprocess.DEVNULL
             # A session of its own: Ctrl-C in the terminal is for who plays it.
-            process = subprocess.Popen(
-                command, stdin=theirs.fileno(), stdout=subprocess.DEVNULL, start_new_session=True
-            )
+            process = subprocess.Popen(command, stdin=theirs.fileno(), stdout=nowhere, start_new_session=True)
         self._running, self._has_answered = (process, ours, ours.makefile("rb")), False
         self.metadata = self._exchange(None, self._first_answer_s)
 
@@ -90,7 +85,7 @@ class LocalPolicy:
             self.close()
             hint = "its process was ended; see what it does, or wait longer with --timeout"
             raise self._failed(Code.TIMEOUT, f"did not answer in {wait_s:g} s", hint) from None
-        except (OSError, EOFError) as error:
+        except (OSError, EOFError, ValueError) as error:  # the last one where another thread closes it
             self.close()
             raise self._failed(Code.DISCONNECTED, f"is gone: {error}", "see what it printed") from None
         if has_failed:

@@ -13,9 +13,8 @@ from gateway.policy.chunks import Chunk
 __all__ = ["SIDES", "WHATS", "Trace"]
 
 SIDES, WHATS = ("left", "right"), ("told", "measured", "commanded")
-MOST_ROWS = 200_000
-"""Newer rows push out the oldest: two hours at 30 a second."""
-STALE_S = 0.1
+STALE_S, MOST_ROWS = 0.1, 200_000
+"""Rows of two hours at 30 a second; newer ones push out the oldest."""
 
 
 class Trace:

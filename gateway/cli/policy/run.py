@@ -39,9 +39,7 @@ DEFAULT_HZ = 30.0
 """Steps a second of the vendor's client, where nobody says otherwise."""
 APPROACH = 0.3
 """Factor on the velocity limits of the motion to a first step."""
-DRIVE_HZ = 50.0
-"""Velocities are sent when they are due, and never more often [Hz]."""
-PICTURES = (".png", ".svg")
+DRIVE_HZ, PICTURES = 50.0, (".png", ".svg")
 FIRST_PICTURE_S = 10.0
 ENABLE_S = 12.0
 """The gateway gives up enabling after 10 s; its reason is worth waiting for [s]."""
