@@ -70,10 +70,10 @@ class Chunk:
         """Return the step that counts at an instant; the last one stays."""
         return min(self.steps - 1, max(0, (now_ns - self.observed_ns) // self.period_ns))
 
-    def at(self, at_ns: int, side: str) -> NDArray[np.float64]:
-        """Return where it has an arm at an instant, between its steps, too [rad]."""
-        place, rows = (at_ns - self.observed_ns) / self.period_ns, np.arange(self.steps)
-        return np.array([np.interp(place, rows, q) for q in self.arms[side].T])
+    def at(self, at_ns: int | NDArray[np.int64], side: str) -> NDArray[np.float64]:
+        """Return where it has an arm at an instant, or at many, between its steps, too [rad]; shape (..., 7)."""
+        place = (at_ns - self.observed_ns) / self.period_ns
+        return np.stack([np.interp(place, np.arange(self.steps), q) for q in self.arms[side].T], axis=-1)
 
     def gap(self, now_ns: int, measured: Mapping[str, NDArray[np.float64]]) -> tuple[float, str, int]:
         """Return how far the farthest joint is from where the chunk is at an instant [rad], its side and number, 1 to 7."""
@@ -107,9 +107,9 @@ class Chunk:
             return self
         share = np.clip((at_ns - now_ns) / fade_ns, 0.0, 1.0)[:, np.newaxis]
         share = share * share * (3.0 - 2.0 * share)
-        place, rows, arms = (at_ns - before.observed_ns) / before.period_ns, np.arange(before.steps), {}
+        arms = {}
         for side, new in self.arms.items():
-            old = np.stack([np.interp(place, rows, q) for q in before.arms[side].T], axis=1)
+            old = before.at(at_ns, side)
             arms[side] = old + share * (np.concatenate([old[:lead], new]) - old)
         return Chunk(arms=arms, grips={}, observed_ns=int(at_ns[0]), period_ns=self.period_ns)
 

@@ -1,6 +1,4 @@
-"""The process of a local policy: imports `MODULE:FUNCTION`, and answers observations until whoever asks is gone.
-
-    python -m gateway.policy.local_policy MODULE:FUNCTION PID    # its stdin is one end of a socket pair, see `local_server`
+"""The process of a local policy, begun by `local_server`: imports `MODULE:FUNCTION`, and answers until whoever asks is gone.
 
 Rules
     * It ends with its parent, however that ends and whatever the policy does then: by a thread that reads, and on Linux by

@@ -83,8 +83,8 @@ class LocalPolicy:
             answer, has_failed = received(stream)
         except TimeoutError:
             self.close()
-            hint = "its process was ended; see what it does, or wait longer with --timeout"
-            raise self._failed(Code.TIMEOUT, f"did not answer in {wait_s:g} s", hint) from None
+            what, hint = f"did not answer in {wait_s:g} s, and was ended", "wait longer with --timeout"
+            raise self._failed(Code.TIMEOUT, what, hint) from None
         except (OSError, EOFError, ValueError) as error:  # the last one where another thread closes it
             self.close()
             raise self._failed(Code.DISCONNECTED, f"is gone: {error}", "see what it printed") from None

@@ -27,10 +27,8 @@ JUMP_RAD = 0.1
 """The gateway takes no chunk that begins farther from an arm [rad]."""
 LOOK_NS = 50_000_000
 """Longest time without a look at the motion [ns]."""
-DRIVE_S = 0.3
-"""So long does a velocity of chassis or lift count that has no successor [s]."""
-DRIVE_AGAIN_NS = 90_000_000
-"""So often is one sent that stays the same [ns]."""
+DRIVE_S, DRIVE_AGAIN_NS = 0.3, 90_000_000
+"""So long does a velocity of chassis or lift count that has no successor [s]; so often is one sent that stays the same [ns]."""
 TOLD_STEPS = 100
 """Joints of longer chunks are not noted: a recorder takes no more in one packet."""
 GRIP_STEP = 0.005

@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 from gateway.client import RobotState
 from gateway.policy.chunks import Chunk
 
-__all__ = ["SIDES", "WHATS", "Trace"]
+__all__ = ["KINDS", "SIDES", "Trace"]
 
-SIDES, WHATS = ("left", "right"), ("told", "measured", "commanded")
+SIDES, KINDS = ("left", "right"), ("told", "measured", "commanded")
 STALE_S, MOST_ROWS = 0.1, 200_000
 """Rows of two hours at 30 a second; newer ones push out the oldest."""
 
@@ -34,7 +34,7 @@ class Trace:
             self.boundaries_ns.append(now_ns)
         if age_s > STALE_S or (self._rows and at_ns - self._rows[-1][0] < 1_000_000):
             return
-        row = np.full((len(SIDES), len(WHATS), 7), np.nan)
+        row = np.full((len(SIDES), len(KINDS), 7), np.nan)
         for part, side in zip(row, SIDES, strict=True):
             if chunk is not None and side in chunk.arms:
                 part[0] = chunk.at(at_ns, side)
@@ -44,8 +44,8 @@ class Trace:
         self._rows.append((at_ns, row))
 
     def table(self) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-        """Return times [ns], shape (N,), and joints [rad], shape (N, 2, 3, 7), by `SIDES` and `WHATS`; NaN for none."""
-        shape = (-1, len(SIDES), len(WHATS), 7)
+        """Return times [ns], shape (N,), and joints [rad], shape (N, 2, 3, 7), by `SIDES` and `KINDS`; NaN for none."""
+        shape = (-1, len(SIDES), len(KINDS), 7)
         return np.array([at_ns for at_ns, _ in self._rows], np.int64), np.array([q for _, q in self._rows]).reshape(
             shape
         )

@@ -185,12 +185,12 @@ def test_a_local_policy_that_fails_leaves_the_arms_held(
     process, told_id = local(system, policy, *options)
     wait_for(lambda: said in process.text(), "a failure that is told", 60.0, process.text)
     if policy == "fails":
-        assert process.wait() == 1, process.text()
+        assert process.wait(60.0) == 1, process.text()
         assert result(process)["error"]["code"] == "POLICY_FAILED"
     else:
         wait_for(lambda: "the policy plays again" in process.text(), "a process that is begun anew", 60.0, process.text)
         process.send(signal.SIGINT)
-        assert process.wait() == 130, process.text()
+        assert process.wait(60.0) == 130, process.text()
         assert result(process)["lost"] >= 1
     if policy == "hangs":
         wait_for(lambda: is_gone(int(told_id.read_text())), "the end of the policy's process")

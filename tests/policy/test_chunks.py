@@ -169,5 +169,6 @@ def test_chassis_and_lift_are_driven_by_their_columns() -> None:
 def test_a_chunk_is_known_between_its_steps() -> None:
     """Straight from one to the next; before and after it, as at its ends."""
     found = chunk(3, np.outer([0.0, 1.0, 3.0], np.ones(7)))
+    assert found.at(T0 + PERIOD_NS * np.arange(5), "left").shape == (5, 7)
     for periods, q_rad in ((-1.0, 0.0), (0.5, 0.5), (1.75, 2.5), (9.0, 3.0)):
         np.testing.assert_allclose(found.at(T0 + round(periods * PERIOD_NS), "left"), q_rad)

@@ -9,7 +9,7 @@ import matplotlib as mpl
 mpl.use("Agg")  # a file, never a window
 import matplotlib.pyplot as plt
 
-from gateway.policy.trace import SIDES, WHATS, Trace
+from gateway.policy.trace import KINDS, SIDES, Trace
 
 __all__ = ["write_plot"]
 
@@ -29,7 +29,7 @@ def write_plot(trace: Trace, path: Path) -> None:
         for joint, panel in enumerate(panels[:, place]):
             for boundary_ns in trace.boundaries_ns:
                 panel.axvline((boundary_ns - begin_ns) / 1e9, color="0.85", linewidth=0.8)
-            for number, (what, (colour, style)) in enumerate(zip(WHATS, STYLES, strict=True)):
+            for number, (what, (colour, style)) in enumerate(zip(KINDS, STYLES, strict=True)):
                 q_rad = joints[:, place, number, joint]
                 panel.plot((at_ns - begin_ns) / 1e9, q_rad, style, color=colour, linewidth=1.0, label=what)
             panel.set_ylabel(f"{side} {joint + 1} [rad]", fontsize=8)

@@ -133,15 +133,13 @@ def carry_out(options: Namespace) -> ExitStatus:
     key = "" if options.api_key_file is None else _key(options.api_key_file)
     answer_s = options.timeout_s
     first_s = max(FIRST_ANSWER_S, answer_s)
-    server: PolicyServer | LocalPolicy
-    if options.local is not None:
-        server = LocalPolicy(options.local, answer_s=answer_s, first_answer_s=first_s)
-    else:
-        server = PolicyServer(
-            options.server, api_key=key, connect_s=answer_s, answer_s=answer_s, first_answer_s=first_s
-        )
-    if options.plot is not None:
-        _require_plot(options.plot)
+    waits = {"answer_s": answer_s, "first_answer_s": first_s}
+    server: PolicyServer | LocalPolicy = (
+        LocalPolicy(options.local, **waits)
+        if options.local is not None
+        else PolicyServer(options.server, api_key=key, connect_s=answer_s, **waits)
+    )
+    _require_plot(options.plot)
     is_looking = options.dry or options.shadow
     with ExitStack() as stack:
         robot = stack.enter_context(connected("policy run", options.target, options.timeout_s))
@@ -163,8 +161,8 @@ def carry_out(options: Namespace) -> ExitStatus:
         if not (is_looking or options.yes or confirmed()):
             print("nothing was done", file=sys.stderr)
             return ExitStatus.REFUSED
-        facts = {"hz": hz, "hz_from": said_by, "uncovered": list(first.observation.uncovered), "dry": options.dry}
-        facts["shadow"] = options.shadow
+        facts = {"hz": hz, "hz_from": said_by, "uncovered": list(first.observation.uncovered)}
+        facts |= {"dry": options.dry, "shadow": options.shadow}
         journal = Journal(options.target, "shadow" if options.shadow else "dry" if options.dry else "play")
         stack.callback(journal.close)
         return _play(options, robot, asking, facts, journal, first.chunk.drives)
@@ -322,9 +320,9 @@ def _cameras(stack: ExitStack, robot: Robot, layout: Observed, port: int) -> Any
     return lambda: video.latest
 
 
-def _require_plot(file: str) -> None:
+def _require_plot(file: str | None) -> None:
     """Refuse what cannot be drawn, before anything moves."""
-    if find_spec("matplotlib") is None or not file.endswith(PICTURES):
+    if file is not None and (find_spec("matplotlib") is None or not file.endswith(PICTURES)):
         message = f"no plot {file}: matplotlib draws {' or '.join(PICTURES)}, where it is installed"
         hint = "pip install 'teleavatar-gateway[demo]'"
         raise to_exception(Refusal(code=Code.BAD_REQUEST, message=message, field="plot", value=file, hint=hint))

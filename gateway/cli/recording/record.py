@@ -72,8 +72,8 @@ def carry_out(options: Namespace) -> ExitStatus:
             if options.video:
                 camera = doors.enter_context(Camera(folder, settings.endpoint, options.video_port))
             try:
-                path, note = recorder_socket(options.target), partial(recorder.tell, POLICY)
-                door = Door(path, desk.carry_out, lambda: desk.state, note)
+                note = partial(recorder.tell, POLICY)
+                door = Door(recorder_socket(options.target), desk.carry_out, lambda: desk.state, note)
                 doors.callback(door.close)
             except Rejected as error:
                 tell.say(f"{error.message} -> {error.hint}")
