@@ -45,10 +45,8 @@ class Trace:
 
     def table(self) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
         """Return times [ns], shape (N,), and joints [rad], shape (N, 2, 3, 7), by `SIDES` and `KINDS`; NaN for none."""
-        shape = (-1, len(SIDES), len(KINDS), 7)
-        return np.array([at_ns for at_ns, _ in self._rows], np.int64), np.array([q for _, q in self._rows]).reshape(
-            shape
-        )
+        joints = np.array([row for _, row in self._rows]).reshape(-1, len(SIDES), len(KINDS), 7)
+        return np.array([at_ns for at_ns, _ in self._rows], np.int64), joints
 
     def differences(self) -> dict[str, dict[str, dict[str, float]]]:
         """Return per arm how far what was told is from what was measured and commanded: RMS and worst [rad], of rows."""
