@@ -1,7 +1,4 @@
-"""Tells whoever records what a policy wanted and what became of it: a message each on `/ta2/policy` of the bag.
-
-A recorder of this user on this host, as for episodes. Where nobody records, nothing happens; nothing waits for a recorder.
-"""
+"""Tells whoever records on this host what a policy wanted and what became of it; where nobody does, nothing happens."""
 
 from __future__ import annotations
 

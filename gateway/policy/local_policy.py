@@ -1,8 +1,7 @@
 """The process of a local policy, begun by `local_server`: imports `MODULE:FUNCTION`, and answers until whoever asks is gone.
 
 Rules
-    * It ends with its parent, however that ends and whatever the policy does then: by a thread that reads, and on Linux by
-      the kernel.
+    * It ends with its parent, however that ends and whatever the policy does: by a thread that reads; on Linux by the kernel.
     * What the policy raises is its answer, with the traceback on stderr, where its prints go, too.
 """
 

@@ -1,7 +1,6 @@
 """A policy that is a function in Python, asked as a server is: in a process of its own, which may hang, fail or die.
 
-Whatever goes wrong there is told as of a server: lost, silent, or failed. One that is silent for too long is ended; who
-connects begins a new one.
+Whatever goes wrong there is told as of a server: lost, silent, or failed. One that is silent for too long is ended.
 """
 
 from __future__ import annotations
@@ -31,7 +30,6 @@ class LocalPolicy:
     def __init__(self, name: str, *, answer_s: float = 5.0, first_answer_s: float = FIRST_ANSWER_S) -> None:
         self.url = name
         self.metadata: Mapping[Any, Any] = {}
-        """What the function's attribute `metadata` says."""
         self._answer_s, self._first_answer_s = answer_s, first_answer_s
         self._running: tuple[subprocess.Popen[bytes], socket.socket, BinaryIO] | None = None
         self._has_answered = False
