@@ -1,4 +1,4 @@
-"""What is said at a recorder's socket: when an episode begins and ends, and what came of it.
+"""What is said at a recorder's socket: when an episode begins and ends, what came of it, and what a policy wanted.
 
 One packet each way (SOCK_SEQPACKET, JSON). The socket lies beside the gateway's, `<socket>.recorder`, for its user alone; the
 gateway itself knows nothing of it. This is all that a client must know of a recorder.
@@ -7,8 +7,9 @@ gateway itself knows nothing of it. This is all that a client must know of a rec
 from __future__ import annotations
 
 import os
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 import msgspec
 
@@ -30,15 +31,16 @@ __all__ = [
 MAX_PACKET_BYTES = 16_384
 """No packet is larger."""
 Text = Annotated[str, msgspec.Meta(max_length=1000)]
-RecorderAsk = Literal["status", "start", "stop", "mark", "success", "failure", "discard"]
+RecorderAsk = Literal["status", "start", "stop", "mark", "success", "failure", "discard", "policy"]
 
 
 class RecorderQuestion(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
-    """What is wanted: of `start` the task, of a mark or a verdict a text."""
+    """What is wanted: of `start` the task, of a mark or a verdict a text; `policy` notes facts of one that is played."""
 
     ask: RecorderAsk
     task: Text = ""
     text: Text = ""
+    facts: Mapping[str, Any] = {}
 
 
 class RecordingState(msgspec.Struct, frozen=True, kw_only=True):

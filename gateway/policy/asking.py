@@ -9,6 +9,7 @@ from queue import Empty, SimpleQueue
 
 from gateway.errors import Code, GatewayError, Refusal, to_exception
 from gateway.policy.chunks import Chunk, chunk_of
+from gateway.policy.local_server import LocalPolicy
 from gateway.policy.observing import Observation, Observer
 from gateway.policy.openpi import PolicyServer
 from gateway.policy.policy_map import Actions
@@ -45,7 +46,7 @@ class Asking:
 
     def __init__(
         self,
-        server: PolicyServer,
+        server: PolicyServer | LocalPolicy,
         observer: Observer,
         layout: Actions,
         period_ns: int,

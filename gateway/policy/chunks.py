@@ -6,7 +6,7 @@ A chunk's clock begins when its policy looked, not when its answer came: the ste
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -36,6 +36,8 @@ class Chunk:
     Attributes:
         arms: Per side the joints of each step [rad], shape (H, 7).
         grips: Per side the gripper's command of each step, 0..1, shape (H,).
+        drives: Of `chassis` vx, vy [m/s] and wz [rad/s] of each step, shape (H, 3); of `lift`
+            the part of full speed, -1 (down) to 1 (up), shape (H, 1).
         observed_ns: When step 0 is: the policy looked then [ns].
         period_ns: From step to step [ns].
     """
@@ -44,6 +46,7 @@ class Chunk:
     grips: Mapping[str, NDArray[np.float64]]
     observed_ns: int
     period_ns: int
+    drives: Mapping[str, NDArray[np.float64]] = field(default_factory=dict)
 
     @property
     def steps(self) -> int:
@@ -66,6 +69,11 @@ class Chunk:
     def row(self, now_ns: int) -> int:
         """Return the step that counts at an instant; the last one stays."""
         return min(self.steps - 1, max(0, (now_ns - self.observed_ns) // self.period_ns))
+
+    def at(self, at_ns: int | NDArray[np.int64], side: str) -> NDArray[np.float64]:
+        """Return where it has an arm at an instant, or at many, between its steps, too [rad]; shape (..., 7)."""
+        place = (at_ns - self.observed_ns) / self.period_ns
+        return np.stack([np.interp(place, np.arange(self.steps), q) for q in self.arms[side].T], axis=-1)
 
     def gap(self, now_ns: int, measured: Mapping[str, NDArray[np.float64]]) -> tuple[float, str, int]:
         """Return how far the farthest joint is from where the chunk is at an instant [rad], its side and number, 1 to 7."""
@@ -99,9 +107,9 @@ class Chunk:
             return self
         share = np.clip((at_ns - now_ns) / fade_ns, 0.0, 1.0)[:, np.newaxis]
         share = share * share * (3.0 - 2.0 * share)
-        place, rows, arms = (at_ns - before.observed_ns) / before.period_ns, np.arange(before.steps), {}
+        arms = {}
         for side, new in self.arms.items():
-            old = np.stack([np.interp(place, rows, q) for q in before.arms[side].T], axis=1)
+            old = before.at(at_ns, side)
             arms[side] = old + share * (np.concatenate([old[:lead], new]) - old)
         return Chunk(arms=arms, grips={}, observed_ns=int(at_ns[0]), period_ns=self.period_ns)
 
@@ -109,6 +117,23 @@ class Chunk:
         """Return how many steps ask a joint for more than a velocity [rad/s]."""
         too_fast = [np.abs(np.diff(q, axis=0)).max(axis=1) * 1e9 / self.period_ns > v_radps for q in self.arms.values()]
         return int(np.logical_or.reduce(too_fast).sum())
+
+    def require_drivable(self, v_mps: float, w_radps: float) -> None:
+        """Refuse a chunk that drives the chassis faster than this, over the ground [m/s] or turning [rad/s], or the lift.
+
+        Raises:
+            Rejected: OUT_OF_RANGE, with value and bound.
+        """
+        chassis, lift = self.drives.get("chassis", np.zeros((1, 3))), self.drives.get("lift", np.zeros(1))
+        for wanted, bound, what in (
+            (np.hypot(chassis[:, 0], chassis[:, 1]), v_mps, "m/s of the chassis"),
+            (chassis[:, 2], w_radps, "rad/s of the chassis"),
+            (lift, 1.0, "of the lift's full speed"),
+        ):
+            value = float(np.abs(wanted).max())
+            if value > bound * (1.0 + 1e-6):  # float32 rounds
+                message = f"the policy wants {value:.3g} {what}, {bound:g} is the bound"
+                raise refused(Code.OUT_OF_RANGE, message, f"{value:.4g}", f"{bound:g}")
 
     def ask_ns(self, horizon: int, delay_ns: int) -> int:
         """Return when the next chunk should be asked for, to be there once `horizon` steps were played [ns]."""
@@ -146,18 +171,21 @@ def chunk_of(answer: Mapping[Any, Any], layout: Actions, observed_ns: int, perio
         step, place = map(int, np.argwhere(~np.isfinite(rows))[0])
         value = str(rows[step, place])
         raise refused(Code.NOT_FINITE, f"{its} have {value} in step {step}, column {place}", value, "finite numbers")
-    arms, grips, begin = dict[str, NDArray[np.float64]](), dict[str, NDArray[np.float64]](), 0
+    arms, grips, drives = (dict[str, NDArray[np.float64]]() for _ in range(3))
+    begin = 0
     for column in layout.columns:
         side, _, part = column.partition("_")
         values = rows[:, begin : begin + COLUMNS[column]]
         begin += COLUMNS[column]
         if part == "arm":
             arms[side] = values
+        elif part == "velocity":
+            drives[side] = values
         elif part == "gripper_effort":
             grips[side] = np.array([command_of_effort(effort) for effort in values[:, 0]])
         else:
             grips[side] = np.clip(values[:, 0], 0.0, 1.0)
-    return Chunk(arms=arms, grips=grips, observed_ns=observed_ns, period_ns=period_ns)
+    return Chunk(arms=arms, grips=grips, drives=drives, observed_ns=observed_ns, period_ns=period_ns)
 
 
 def retry_after_ns(failures: int) -> int:

@@ -27,8 +27,8 @@ COLUMNS: Mapping[str, int] = {
     f"{side}_{part}": width
     for side in ("left", "right")
     for part, width in (("arm", 7), ("gripper_effort", 1), ("gripper_command", 1))
-}
-"""What actions may consist of, and how many numbers each has."""
+} | {"chassis_velocity": 3, "lift_velocity": 1}
+"""What actions may consist of, and how many numbers each has; see `chunks.Chunk` for units."""
 
 
 class Observed(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):

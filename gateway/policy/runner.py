@@ -11,7 +11,7 @@ from __future__ import annotations
 import statistics
 import time
 from collections import deque
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from typing import Any, Literal, Protocol
@@ -27,6 +27,10 @@ JUMP_RAD = 0.1
 """The gateway takes no chunk that begins farther from an arm [rad]."""
 LOOK_NS = 50_000_000
 """Longest time without a look at the motion [ns]."""
+DRIVE_S, DRIVE_AGAIN_NS = 0.3, 90_000_000
+"""So long does a velocity of chassis or lift count that has no successor [s]; so often is one sent that stays the same [ns]."""
+TOLD_STEPS = 100
+"""Joints of longer chunks are not noted: a recorder takes no more in one packet."""
 GRIP_STEP = 0.005
 """A smaller change of a gripper's command is not sent."""
 BORNE = frozenset({Code.TOO_FAST, Code.JUMP_TOO_FAR, Code.CANNOT_JOIN, Code.TOO_LATE, Code.OUT_OF_RANGE})
@@ -49,6 +53,10 @@ class Hands(Protocol):
         """Tell a gripper its command, 0..1."""
         ...
 
+    def drive(self, part: str, velocity: Sequence[float]) -> None:
+        """Tell `chassis` or `lift` a velocity that counts for `DRIVE_S`; see `Chunk.drives`."""
+        ...
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Plan:
@@ -59,6 +67,7 @@ class Plan:
         horizon: Steps of a chunk that are played before the next one should be there; 0 for half of it.
         smoothing_s: Jitter is averaged over so much time on each side of a step [s].
         patience_s: How long lost servers and refused chunks are borne [s].
+        drive_bounds: Greatest speed of the chassis over the ground [m/s], and of its turning [rad/s].
         far: What is done about a first step that is far away: `refuse`, `approach` it first, or `follow` it all the same.
     """
 
@@ -67,6 +76,7 @@ class Plan:
     smoothing_s: float
     patience_s: float
     far: Literal["refuse", "approach", "follow"]
+    drive_bounds: tuple[float, float] = (0.0, 0.0)
 
 
 @dataclass(slots=True)
@@ -128,6 +138,7 @@ class Runner:
         say: Is told what a person should read.
         show: Is told how far it is, 0..1, and the figures.
         now_ns: The monotonic clock [ns].
+        note: Is told each chunk, and what became of it, as facts for JSON; must not wait. See docs/how-to/policy.md.
     """
 
     def __init__(
@@ -138,10 +149,11 @@ class Runner:
         say: Callable[[str], None],
         show: Callable[[float | None, str], None],
         now_ns: Callable[[], int] = time.monotonic_ns,
+        note: Callable[[Mapping[str, object]], None] = lambda facts: None,
     ) -> None:
         self.figures = Figures()
         self._asking, self._hands, self._plan = asking, hands, plan
-        self._say, self._show, self._now_ns = say, show, now_ns
+        self._say, self._show, self._now_ns, self._note = say, show, now_ns, note
         self._chunk: Chunk | None = None
         self._way: Chunk | None = None
         """What the arms follow of it: joined to the one before."""
@@ -151,6 +163,15 @@ class Runner:
         self._retry_ns = self._trouble_ns = 0
         self._trouble: GatewayError | None = None
         self._gripped: dict[str, float] = {}
+        self._driven: dict[str, tuple[tuple[float, ...], int]] = {}
+        self._ordered_ns = self._begun_ns = self._number = self._played = 0
+        """When the policy was asked last, when the chunk that plays began, how many chunks came, and which one plays."""
+
+    @property
+    def playing(self) -> Chunk | None:
+        """The chunk that plays, or would; None for none."""
+        chunk = self._chunk if self._plays else None
+        return None if chunk is None or chunk.is_over(self._now_ns()) else chunk
 
     def run(self) -> None:
         """Play.
@@ -158,12 +179,22 @@ class Runner:
         Raises:
             GatewayError: What ended it before its time; the arms brake, or are held.
         """
+        try:
+            self._run()
+        except GatewayError as ended:
+            self._over(ended.code)
+            raise
+        finally:  # Ctrl-C, too
+            self._over("END")
+
+    def _run(self) -> None:
         began_ns, seconds = self._now_ns(), self._plan.seconds
         while (now_ns := self._now_ns()) - began_ns < (seconds or float("inf")) * 1e9:
             if not self._is_asked and now_ns >= max(self._retry_ns, self._ask_ns()):
                 self._asking.order()
-                self._is_asked = True
+                self._is_asked, self._ordered_ns = True, now_ns
             self._grip(now_ns)
+            self._drive(now_ns)
             answer = self._asking.answer(self._rest_ns(now_ns) / 1e9)
             now_ns = self._now_ns()
             if answer is not None:
@@ -190,7 +221,7 @@ class Runner:
         rest_ns = LOOK_NS
         if not self._is_asked:
             rest_ns = min(rest_ns, max(self._retry_ns, self._ask_ns()) - now_ns)
-        if self._chunk is not None and self._chunk.grips:
+        if self._chunk is not None and (self._chunk.grips or self._chunk.drives):
             rest_ns = min(rest_ns, self._chunk.period_ns - (now_ns - self._chunk.observed_ns) % self._chunk.period_ns)
         return max(0, rest_ns)
 
@@ -203,6 +234,7 @@ class Runner:
             if self._chunk is None and self._plan.far != "follow":
                 require_near(answer, now_ns)
         except Rejected as far:
+            self._tell(answer, now_ns, far.code)
             if self._plan.far == "refuse":
                 raise
             self._plan = replace(self._plan, far="refuse")
@@ -214,8 +246,10 @@ class Runner:
             if chunk.is_over(now_ns):
                 message = f"the policy's {chunk.steps} steps had passed when they came, {late_s:.2f} s after it looked"
                 raise refused(Code.TOO_LATE, message, hint="ask a faster server, or one with longer chunks")
+            chunk.require_drivable(*self._plan.drive_bounds)
             motion, led = self._follow(chunk, now_ns)
         except Rejected as error:
+            self._tell(answer, now_ns, error.code)
             if error.code not in BORNE:
                 raise
             figures.refused += 1
@@ -223,12 +257,33 @@ class Runner:
             too_fast = error.code is Code.TOO_FAST
             self._bear(Rejected(replace(error.refusal, hint=SLOWER)) if too_fast else error, now_ns)
             return
+        self._over("SUPERSEDED")
+        self._tell(answer, now_ns, "ACCEPTED" if motion is not None else "NOT_PLAYED")
+        self._begun_ns, self._played = now_ns, self._number
         if self._trouble is not None:
             self._say("the policy plays again")
         self._chunk, self._motion, self._trouble, self._failures = chunk, motion, None, 0
         self._plays = True
         figures.chunks += 1
         figures.steps_dropped += chunk.passed(now_ns) if motion is None else max(0, motion.skipped - led)
+
+    def _tell(self, answer: Answer, now_ns: int, verdict: str) -> None:
+        """Note a chunk, and what the gateway said to it."""
+        chunk, self._number = answer.chunk, self._number + 1
+        facts: dict[str, object] = {"event": "chunk", "number": self._number, "verdict": verdict, "steps": chunk.steps}
+        facts |= {"asked_ns": self._ordered_ns, "observed_ns": chunk.observed_ns, "arrived_ns": now_ns}
+        facts |= {"delay_ns": answer.delay_ns, "period_ns": chunk.period_ns}
+        if chunk.steps <= TOLD_STEPS:
+            facts["arms"] = {side: q.round(4).tolist() for side, q in chunk.arms.items()}
+        self._note(facts)
+
+    def _over(self, why: str) -> None:
+        """Note that the chunk that plays is over, if one does."""
+        if self._chunk is not None and self._plays:
+            now_ns, chunk = self._now_ns(), self._chunk
+            steps = 0 if self._motion is None else chunk.passed(now_ns) - chunk.passed(self._begun_ns)
+            self._note({"event": "end", "number": self._played, "why": why, "steps_played": steps, "ended_ns": now_ns})
+        self._plays = False
 
     def _follow(self, chunk: Chunk, now_ns: int) -> tuple[MotionHandle | None, int]:
         """Hand a chunk to the gateway, joined to what plays if that is taken; return its motion, and how many steps lead it."""
@@ -249,6 +304,7 @@ class Runner:
         is_lost = isinstance(error, (Disconnected, GatewayTimeout)) and error.field == "server"
         if not (is_lost or isinstance(error, Stale)):
             raise error
+        self._note({"event": "error", "code": error.code, "message": error.message, "asked_ns": self._ordered_ns})
         self.figures.lost += is_lost and self._failures == 0
         self._bear(error, now_ns)
 
@@ -271,7 +327,8 @@ class Runner:
                 raise
             self.figures.underruns += 1
             self._say("no chunk came in time: the arms brake and hold")
-        self._motion, self._plays = None, False
+        self._over("UNDERRUN")
+        self._motion = None
 
     def _grip(self, now_ns: int) -> None:
         """Tell the grippers what is due; the last command stays while no chunk plays."""
@@ -283,3 +340,14 @@ class Runner:
             if abs(command - self._gripped.get(side, -1.0)) > GRIP_STEP:
                 self._hands.grip(side, command)
                 self._gripped[side] = command
+
+    def _drive(self, now_ns: int) -> None:
+        """Tell chassis and lift what is due, again before it expires, and zero where no chunk plays."""
+        chunk = self.playing
+        for part, velocities in self._chunk.drives.items() if self._chunk is not None else ():
+            rest = (0.0,) * velocities.shape[1]
+            velocity = rest if chunk is None else tuple(map(float, velocities[chunk.row(now_ns)]))
+            last, sent_ns = self._driven.get(part, (rest, 0))
+            if velocity != last or (any(velocity) and now_ns - sent_ns > DRIVE_AGAIN_NS):
+                self._hands.drive(part, velocity)
+                self._driven[part] = velocity, now_ns

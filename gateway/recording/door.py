@@ -1,4 +1,4 @@
-"""Where a recorder is told about episodes: a unix socket for its user alone, in a thread of its own.
+"""Where a recorder is told about episodes and policies: a unix socket for its user alone, in a thread of its own.
 
 One caller at a time, one packet each way, a quarter of a second for each: whoever hangs there keeps other callers waiting, and
 nobody else. Nothing of the recording waits for it.
@@ -10,7 +10,7 @@ import contextlib
 import os
 import socket
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 
 from gateway.api.recorder_protocol import (
@@ -38,6 +38,7 @@ class Door:
         path: Of the socket, see `recorder_socket`.
         carry_out: Does what is asked; may raise a `GatewayError`.
         state: Tells how the recording is.
+        note: Takes facts about a policy that is played; returns whether there was room for them.
 
     Raises:
         Rejected: BAD_REQUEST, another recorder listens there, or it cannot be made.
@@ -48,8 +49,10 @@ class Door:
         path: Path,
         carry_out: Callable[[RecorderAsk, str, str], RecordingState],
         state: Callable[[], RecordingState],
+        note: Callable[[Mapping[str, object]], bool] = lambda facts: False,
     ) -> None:
         self._path = path
+        self._note = note
         self._carry_out = carry_out
         self._state = state
         self._is_closing = threading.Event()
@@ -97,6 +100,8 @@ class Door:
             question = read_question(packet)
         except ValueError as error:
             return RecorderAnswer(state=self._state(), error=f"nobody can read that: {error}")
+        if question.ask == "policy":
+            return RecorderAnswer(state=self._state(), error="" if self._note(question.facts) else "it was not noted")
         try:
             return RecorderAnswer(state=self._carry_out(question.ask, question.task, question.text))
         except GatewayError as error:

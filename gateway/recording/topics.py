@@ -1,4 +1,4 @@
-"""What is recorded: every topic of the robot's model, two of the gateway's own, and episodes; with types, definitions and QoS.
+"""What is recorded: every topic of the robot's model, of the gateway, policies and episodes; with types, definitions and QoS.
 
 A bag holds the names that ROS would show: `/left_arm/joint_states`, under the namespace of the robot's bridge if it has one.
 """
@@ -12,12 +12,14 @@ from cdr_types.schemas import ENCODING
 from gateway.robot.topics import STATE_TOPICS, TOPICS, Direction
 from gateway.settings.settings import LinkSettings
 
-__all__ = ["EPISODES", "EVENTS", "GATEWAY", "NEVER_NS", "QOS", "RecordedTopic", "gap_ns", "recorded_topics"]
+__all__ = ["EPISODES", "EVENTS", "GATEWAY", "NEVER_NS", "POLICY", "QOS", "RecordedTopic", "gap_ns", "recorded_topics"]
 
 EVENTS = "/ta2/events"
 """Notices of the gateway, as JSON: who owns the robot, what was refused, stopped, lost, and why."""
 GATEWAY = "/ta2/gateway"
 """State, owner and latches of the gateway, as JSON, whenever one of them has changed."""
+POLICY = "/ta2/policy"
+"""What a policy wanted that somebody played, and what became of each chunk, as JSON; see docs/how-to/policy.md."""
 EPISODES = "/ta2/episodes"
 """What the users of a recorder said: when an episode began and ended, what came of it; see `episodes.EpisodeEvent`."""
 GAP_PERIODS = 5
@@ -102,4 +104,4 @@ def recorded_topics(settings: LinkSettings) -> tuple[RecordedTopic, ...]:
                 rate_hz=topic.rate_hz if topic.direction is Direction.STATE else 0.0,
             )
         )
-    return (*robots, *(RecordedTopic(name=name, type_name=TEXT) for name in (EVENTS, GATEWAY, EPISODES)))
+    return (*robots, *(RecordedTopic(name=name, type_name=TEXT) for name in (EVENTS, GATEWAY, POLICY, EPISODES)))

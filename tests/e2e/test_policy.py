@@ -6,12 +6,17 @@ import json
 import signal
 import time
 from collections.abc import Callable, Iterator
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
+from cdr_types import decode
+from cdr_types.messages.std_msgs import String
+from gateway.recording.bag_reader import Bag
+from gateway.recording.topics import POLICY
 from tests.e2e.system import Process, System, wait_for
 from tests.policy.server import Scripted
 
@@ -68,11 +73,11 @@ def served() -> Iterator[tuple[Swing, Scripted]]:
     server.close()
 
 
-def playing(system: System, url: str, *options: str) -> Process:
+def playing(system: System, url: str, *options: str, layout: str = MAP, by: str = "--server") -> Process:
     """Return a `ta2 policy run`."""
-    layout = system.folder / "map.toml"
-    layout.write_text(MAP)
-    words = ["--server", url, "--map", str(layout), "--socket", system.target, "--json", "--take", "begin", *options]
+    file = system.folder / "map.toml"
+    file.write_text(layout)
+    words = [by, url, "--map", str(file), "--socket", system.target, "--json", "--take", "begin", *options]
     process = Process("policy", ["-m", "gateway.cli", "policy", "run", *words], system.folder)
     system.clients.append(process)
     return process
@@ -145,3 +150,105 @@ def test_dry_moves_nothing_and_ctrl_c_leaves_arms_held(
     told = result(policy)
     assert told["chunks"] >= 1 and "the arms are held" in policy.text()
     wait_for(system.is_still, "arms at rest")
+
+
+def is_gone(pid: int) -> bool:
+    """Return whether a process has ended, whoever has to reap it."""
+    try:
+        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] in "ZX"
+    except FileNotFoundError:
+        return True
+
+
+def local(system: System, policy: str, *options: str) -> tuple[Process, Path]:
+    """Return a `ta2 policy run` of one of `tests.policy.local_policies`, and the file for its process id."""
+    told = system.folder / "policy.pid"
+    name = f"tests.policy.local_policies:{policy}"
+    return playing(system, name, "--prompt", str(told), *options, by="--local"), told
+
+
+@pytest.mark.parametrize(
+    ("policy", "options", "said"),
+    [
+        ("hangs", ("--timeout", "1"), "TIMEOUT: the local policy"),
+        ("dies", (), "DISCONNECTED: the local policy"),
+        ("fails", (), "POLICY_FAILED: the local policy"),
+    ],
+)
+def test_a_local_policy_that_fails_leaves_the_arms_held(
+    systems: Systems, tmp_path: Path, policy: str, options: tuple[str, ...], said: str
+) -> None:
+    """By the rules of a silent, a lost and a wrong server: borne, borne, and the end; gateway and arms are none the worse."""
+    system = systems(tmp_path, has_guard=False)
+    robot = system.connect("watcher")
+    wait_for(lambda: robot.state.left_arm.is_known and robot.state.right_arm.is_known, "both arms")
+    process, told_id = local(system, policy, *options)
+    wait_for(lambda: said in process.text(), "a failure that is told", 60.0, process.text)
+    if policy == "fails":
+        assert process.wait(60.0) == 1, process.text()
+        assert result(process)["error"]["code"] == "POLICY_FAILED"
+    else:
+        wait_for(lambda: "the policy plays again" in process.text(), "a process that is begun anew", 60.0, process.text)
+        process.send(signal.SIGINT)
+        assert process.wait(60.0) == 130, process.text()
+        assert result(process)["lost"] >= 1
+    if policy == "hangs":
+        wait_for(lambda: is_gone(int(told_id.read_text())), "the end of the policy's process")
+    wait_for(system.is_still, "arms at rest")
+    assert robot.state.state in ("HOLDING", "ACTIVE") and not robot.state.latches
+
+
+def test_a_local_policy_ends_with_a_run_that_is_killed(systems: Systems, tmp_path: Path) -> None:
+    """By SIGKILL, in the midst of an answer that never comes; the gateway holds the arms."""
+    system = systems(tmp_path, has_guard=False)
+    robot = system.connect("watcher")
+    wait_for(lambda: robot.state.left_arm.is_known and robot.state.right_arm.is_known, "both arms")
+    process, told_id = local(system, "hangs", "--timeout", "60")
+    wait_for(told_id.exists, "a policy that hangs", tell=process.text)
+    pid = int(told_id.read_text())
+    assert not is_gone(pid)
+    process.send(signal.SIGKILL)
+    process.wait()
+    wait_for(lambda: is_gone(pid), "the end of the policy's process")
+    wait_for(lambda: robot.state.state == "HOLDING", "arms that are held")
+
+
+def test_a_shadow_compares_with_whoever_drives_and_is_recorded(
+    systems: Systems, tmp_path: Path, served: tuple[Swing, Scripted]
+) -> None:
+    """It owns nothing and sends nothing while somebody else moves the arms; its chunks lie in the bag of whoever records."""
+    system, (_, server) = systems(tmp_path, has_guard=False), served
+    robot = system.connect("driver")
+    wait_for(lambda: robot.state.left_arm.is_known and robot.state.right_arm.is_known, "both arms")
+    bag, picture = tmp_path / "bag", tmp_path / "shadow.svg"
+    words = ["record", "--out", str(bag), "--socket", system.target, "--json"]
+    recorder = Process("recorder", ["-m", "gateway.cli", *words], system.folder)
+    system.clients.append(recorder)
+    wait_for(lambda: Path(f"{system.target}.recorder").exists(), "a recorder", tell=recorder.text)
+    plotted = ("--plot", str(picture)) if find_spec("matplotlib") else ()
+    shadow = playing(system, server.url, "--shadow", "--seconds", "4", *plotted)
+    owners = set()
+    with robot.control() as own:
+        own.enable(timeout=15.0)
+        start = np.array(robot.state.left_arm.q)
+        way = 0.1 * np.eye(7)[3]
+        while shadow.is_running:
+            own.left_arm.move_to(start + way).result()
+            owners.add(robot.state.lease.name)
+            way = 0.1 * np.eye(7)[3] - way
+    assert shadow.wait() == 0, shadow.text()
+    assert owners == {"driver"}
+    told = result(shadow)
+    assert told["ok"] and told["shadow"] and told["chunks"] >= 2 and "would_refuse" not in told
+    left = told["differences"]["left"]
+    assert left["measured"]["rows"] > 10 and 0.01 < left["measured"]["rms_rad"] < 0.5
+    assert left["commanded"]["rows"] > 10 and left["commanded"]["worst_rad"] >= left["commanded"]["rms_rad"]
+    assert picture.exists() == bool(plotted)
+    recorder.send(signal.SIGINT)
+    assert recorder.wait() == 0, recorder.text()
+    with Bag(bag) as opened:
+        noted = [json.loads(decode(row.payload, String).data) for row in opened.messages([POLICY])]
+    chunks = [facts for facts in noted if facts["event"] == "chunk"]
+    assert {facts["mode"] for facts in noted} == {"shadow"} and {facts["verdict"] for facts in chunks} == {"NOT_PLAYED"}
+    assert abs(len(chunks) - told["chunks"]) <= 1 and np.shape(chunks[0]["arms"]["left"]) == (STEPS, 7)
+    assert all(facts["steps_played"] == 0 for facts in noted if facts["event"] == "end")

@@ -142,3 +142,33 @@ def test_a_chunk_stays_as_it_is_where_nothing_is_to_be_joined() -> None:
     assert after.joined_to(None, T0, 0.1) is after
     assert after.joined_to(before, T0 + 600 * MS, 0.0) is after
     assert after.joined_to(before, T0 + 900 * MS, 0.1) is after
+
+
+def test_chassis_and_lift_are_driven_by_their_columns() -> None:
+    """In the order of the map; judged whole by the bounds: over the ground, turning, a part of full speed."""
+    layout = Actions(columns=("lift_velocity", "left_arm", "chassis_velocity"))
+    rows = np.zeros((4, 11))
+    rows[:, 0], rows[:, 8:] = [0.0, 1.0, -1.0, 0.5], [0.3, -0.4, 0.2]
+    found = chunk_of({"actions": rows}, layout, T0, PERIOD_NS)
+    np.testing.assert_allclose(found.drives["lift"], rows[:, :1])
+    np.testing.assert_allclose(found.drives["chassis"], rows[:, 8:])
+    found.require_drivable(0.5, 0.2)
+    for v_mps, w_radps, words in (
+        (0.49, 0.2, "wants 0.5 m/s of the chassis, 0.49 is the bound"),
+        (0.5, 0.19, "wants 0.2 rad/s of the chassis, 0.19 is the bound"),
+    ):
+        with pytest.raises(Rejected, match=words) as caught:
+            found.require_drivable(v_mps, w_radps)
+        assert caught.value.code is Code.OUT_OF_RANGE
+    rows[1, 0] = 1.1
+    with pytest.raises(Rejected, match=r"wants 1.1 of the lift's full speed, 1 is the bound"):
+        chunk_of({"actions": rows}, layout, T0, PERIOD_NS).require_drivable(9.0, 9.0)
+    chunk().require_drivable(0.0, 0.0)
+
+
+def test_a_chunk_is_known_between_its_steps() -> None:
+    """Straight from one to the next; before and after it, as at its ends."""
+    found = chunk(3, np.outer([0.0, 1.0, 3.0], np.ones(7)))
+    assert found.at(T0 + PERIOD_NS * np.arange(5), "left").shape == (5, 7)
+    for periods, q_rad in ((-1.0, 0.0), (0.5, 0.5), (1.75, 2.5), (9.0, 3.0)):
+        np.testing.assert_allclose(found.at(T0 + round(periods * PERIOD_NS), "left"), q_rad)

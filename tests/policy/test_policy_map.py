@@ -38,6 +38,14 @@ def test_a_file_may_name_dims_and_leave_out_the_rest(tmp_path: Path) -> None:
     assert not found.observation.images and found.actions.width == 7
 
 
+def test_a_map_may_drive_and_the_presets_do_not(tmp_path: Path) -> None:
+    """Chassis and lift only where a file says so."""
+    file = tmp_path / "map.toml"
+    file.write_text('[observation]\n[actions]\ncolumns = ["left_arm", "chassis_velocity", "lift_velocity"]\n')
+    assert load_map(str(file)).actions.width == 7 + 3 + 1
+    assert not any({"chassis_velocity", "lift_velocity"} & set(load_map(name).actions.columns) for name in PRESETS)
+
+
 GOOD = '[actions]\ncolumns = ["left_arm"]\n'
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import ExitStack
 from dataclasses import replace
 
 import numpy as np
@@ -24,7 +25,7 @@ from gateway.errors import (
 from gateway.policy.asking import Answer
 from gateway.policy.chunks import MAX_STEPS, MIN_STEPS, Chunk
 from gateway.policy.observing import Observation
-from gateway.policy.runner import JUMP_RAD, Plan, Runner
+from gateway.policy.runner import DRIVE_S, JUMP_RAD, Plan, Runner
 from tests.client.robot_world import RobotWorld
 
 HZ = 30.0
@@ -47,6 +48,7 @@ class Policy:
         self.began_ns = world.now_ns()
         self.delay_s, self.steps, self.off_rad, self.rate, self.grip = 0.1, 30, 0.0, 1.0, 0.55
         self.scripted, self.due, self.asked_ns, self.late_s, self.jitter_rad = [], None, [], [], 0.0
+        self.drives = {}
 
     def wanted(self, at_ns):
         """Where the left elbow should be."""
@@ -63,7 +65,8 @@ class Policy:
             away[::2] += self.jitter_rad
             arms = {side: q + (away if side == "left" else -away) * np.eye(7)[3] for side, q in self.start.items()}
             grips = {side: np.full(self.steps, self.grip) for side in arms}
-            found = Chunk(arms=arms, grips=grips, observed_ns=now_ns, period_ns=PERIOD_NS)
+            drives = {part: np.tile(np.float64(velocity), (self.steps, 1)) for part, velocity in self.drives.items()}
+            found = Chunk(arms=arms, grips=grips, drives=drives, observed_ns=now_ns, period_ns=PERIOD_NS)
             measured = {side: np.array(self.robot.state.arm(side).q) for side in arms}
             seen = Observation(values={}, observed_ns=now_ns, measured=measured, uncovered=())
             answer = Answer(chunk=found, observation=seen, delay_ns=round(delay_s * 1e9))
@@ -93,7 +96,13 @@ def robot(world):
 
 
 @pytest.fixture
-def played(world, robot):
+def noted():
+    """What was noted of the chunks."""
+    return []
+
+
+@pytest.fixture
+def played(world, robot, noted):
     """Plays a policy as a plan says; what was said, shown and measured stays."""
 
     def play(plan=PLAN, on_tick=None, **traits):
@@ -109,10 +118,17 @@ def played(world, robot):
                 if on_tick is not None:
                     on_tick(policy)
 
-            runner = Runner(policy, _Owner(own), plan, said.append, show, world.now_ns)
+            driven = {
+                "chassis": own.chassis.stream(50.0, expiry=DRIVE_S),
+                "lift": own.lift.stream(50.0, expiry=DRIVE_S),
+            }
+            runner = Runner(policy, _Owner(own, driven), plan, said.append, show, world.now_ns, noted.append)
             error = None
             try:
-                runner.run()
+                with ExitStack() as streams:
+                    for part in policy.drives:
+                        streams.enter_context(driven[part])
+                    runner.run()
             except GatewayError as ended:
                 error = ended
             return policy, runner.figures, said, shown, error
@@ -278,3 +294,139 @@ def test_a_server_that_times_out_is_lost_too(played):
     """Its connection was closed."""
     _, figures, *_, error = played(scripted=[None, *[failure(Code.TIMEOUT)] * 99])
     assert isinstance(error, GatewayTimeout) and figures.lost == 1
+
+
+# ------------------------------------------------------------------------------------------------------- chassis and lift
+
+
+DRIVING = replace(PLAN, drive_bounds=(0.3, 0.5))
+
+
+@pytest.fixture
+def driven():
+    """The model that has a lift."""
+    return RobotWorld(model="lift")
+
+
+def speeds(world):
+    """How fast the chassis is, along x [m/s], and the lift's motor [rad/s]."""
+    return world.pair.robot.chassis.velocity[0], world.pair.robot.lift.motor_radps
+
+
+class TestOnTheLiftModel:
+    """Chassis and lift go as the chunk that plays says, and stand still as soon as none does."""
+
+    @pytest.fixture
+    def world(self, driven):
+        """The robot of all fixtures."""
+        return driven
+
+    def test_they_are_driven_while_a_chunk_plays_and_stand_at_the_end(self, played, world):
+        """By its velocities, renewed before they expire."""
+        seen = []
+        drives = {"chassis": (0.1, 0.0, 0.0), "lift": (0.2,)}
+        *_, error = played(DRIVING, lambda _: seen.append(speeds(world)), drives=drives)
+        assert error is None
+        middle = seen[len(seen) // 2 : -1]
+        assert all(v == pytest.approx(0.1, abs=0.01) and lift == pytest.approx(-30.0, abs=1.0) for v, lift in middle)
+        world.run(1.0)
+        assert speeds(world) == (0.0, 0.0)
+
+    def test_they_stand_when_no_chunk_comes_in_time(self, played, world):
+        """As the arms do at an underrun, and go on with the next chunk."""
+        seen = []
+        drives = {"chassis": (0.1, 0.0, 0.0), "lift": (0.2,)}
+        _, figures, *_, error = played(
+            replace(DRIVING, seconds=6.0),
+            lambda policy: seen.append((*speeds(world), policy.due is not None and len(policy.asked_ns) == 3)),
+            drives=drives,
+            late_s=[0.1, 0.1, 3.0],
+        )
+        assert error is None and figures.underruns == 1
+        assert seen[-1][0] == pytest.approx(0.1, abs=0.02)
+        waiting = [(v, lift) for v, lift, is_waiting in seen if is_waiting]
+        assert waiting[-1] == (0.0, 0.0)
+
+    def test_they_stand_when_the_server_is_lost(self, played, world):
+        """Before the patience is over; the error ends the drive as well."""
+        seen = []
+        *_, error = played(
+            replace(DRIVING, seconds=9.0, patience_s=3.0),
+            lambda _: seen.append(speeds(world)),
+            drives={"chassis": (0.1, 0.0, 0.0), "lift": (0.2,)},
+            scripted=[None, *[failure(Code.DISCONNECTED)] * 99],
+        )
+        assert isinstance(error, Disconnected) and max(v for v, _ in seen) > 0.09
+        assert seen[-1] == (0.0, 0.0)
+
+    def test_a_stop_from_elsewhere_is_not_undone(self, played, world):
+        """The drive is over with the arms' motion, and nothing drives on."""
+
+        def stop(policy):
+            if len(policy.asked_ns) == 3 and not stopped:
+                stopped.append(True)
+                other.stop()
+
+        stopped = []
+        with connect(transport=world.transport(), name="other") as other:
+            *_, error = played(DRIVING, stop, drives={"chassis": (0.1, 0.0, 0.0)})
+        world.run(1.0)
+        assert isinstance(error, GatewayError) and speeds(world)[0] == 0.0
+
+    def test_a_chunk_that_drives_too_fast_is_left_out_whole(self, played, world, noted):
+        """Never clipped: neither arms nor chassis get any of it."""
+        seen = []
+        _, figures, said, _, error = played(
+            DRIVING, lambda _: seen.append(speeds(world)[0]), drives={"chassis": (0.25, 0.25, 0.0)}
+        )
+        assert isinstance(error, Rejected) and error.code is Code.OUT_OF_RANGE and figures.chunks == 0
+        assert "wants 0.354 m/s of the chassis, 0.3 is the bound" in said[0] and not any(seen)
+        assert {facts["verdict"] for facts in noted} == {"OUT_OF_RANGE"}
+
+
+def test_a_lift_that_is_not_there_ends_it_before_anything_moves(played, robot):
+    """With the gateway's own words."""
+    _, figures, *_, error = played(DRIVING, drives={"lift": (0.2,)})
+    assert isinstance(error, NotReady) and error.code is Code.NO_LIFT and figures.chunks == 0
+
+
+# --------------------------------------------------------------------------------------------------------------- notes
+
+
+def test_each_chunk_and_what_became_of_it_is_noted(played, noted):
+    """When it was asked for, looked and arrived; then how many steps of it were played, and what ended it."""
+    _, figures, *_ = played()
+    chunks = [facts for facts in noted if facts["event"] == "chunk"]
+    ends = [facts for facts in noted if facts["event"] == "end"]
+    assert (
+        [facts["number"] for facts in chunks]
+        == [facts["number"] for facts in ends]
+        == list(range(1, figures.chunks + 1))
+    )
+    assert {facts["verdict"] for facts in chunks} == {"ACCEPTED"}
+    assert [facts["why"] for facts in ends] == ["SUPERSEDED"] * (len(ends) - 1) + ["END"]
+    for facts in chunks:
+        assert facts["asked_ns"] <= facts["observed_ns"] < facts["arrived_ns"] and facts["delay_ns"] == 100_000_000
+        assert np.shape(facts["arms"]["left"]) == (30, 7)
+    assert all(0 < facts["steps_played"] < 30 for facts in ends)
+
+
+def test_refusals_losses_and_underruns_are_noted(played, noted):
+    """With the code of each."""
+    played(
+        replace(PLAN, seconds=4.0, patience_s=5.0),
+        scripted=[None, failure(Code.DISCONNECTED)],
+        late_s=[0.1, 1.2],
+        rate=0.3,
+    )
+    told = [facts.get("verdict") or facts.get("why") or facts["code"] for facts in noted]
+    assert told[:4] == ["ACCEPTED", "UNDERRUN", "DISCONNECTED", "ACCEPTED"]
+    noted.clear()
+    played(delay_s=0.5, steps=10)
+    assert {facts["verdict"] for facts in noted} == {"TOO_LATE"}
+
+
+def test_joints_of_a_chunk_that_no_recorder_takes_are_left_out(played, noted):
+    """The rest is noted all the same."""
+    played(replace(PLAN, seconds=1.0), steps=101)
+    assert noted[0]["verdict"] == "ACCEPTED" and "arms" not in noted[0]

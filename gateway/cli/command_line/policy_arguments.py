@@ -11,8 +11,8 @@ from gateway.cli.command_line.video_arguments import PORT
 __all__ = ["add_policy"]
 
 MORE = (
-    "Asks for the next action chunk while the last one plays. Ctrl-C leaves the arms held. --dry asks and judges, and sends "
-    "nothing. With cameras, also: pip install 'teleavatar-gateway[policy,video]'."
+    "Asks for the next action chunk while the last one plays. Ctrl-C leaves the arms held. --dry asks and judges, --shadow "
+    "compares with whoever drives: both send nothing. With cameras, also: pip install 'teleavatar-gateway[policy,video]'."
 )
 
 
@@ -21,11 +21,17 @@ def add_policy(verbs: Any) -> None:  # noqa: ANN401  argparse's private class
     run = add_client_command(
         verbs,
         "run",
-        "play a policy from its openpi server",
+        "play a policy: of an openpi server, or a Python function",
         MORE,
         timeout_of="longest wait for the gateway, and an answer",
     )
-    run.add_argument("--server", required=True, metavar="URL", help="of the policy: ws://HOST:PORT")
+    policy = run.add_mutually_exclusive_group(required=True)
+    policy.add_argument("--server", metavar="URL", help="of the policy: ws://HOST:PORT")
+    policy.add_argument(
+        "--local",
+        metavar="MODULE:FUNCTION",
+        help="a policy in Python, of the current folder too, in a process of its own",
+    )
     run.add_argument("--api-key-file", metavar="FILE", help="with the key that the server asks for")
     run.add_argument("--prompt", default="", metavar="TEXT", help="the task, in words")
     run.add_argument(
@@ -59,7 +65,14 @@ def add_policy(verbs: Any) -> None:  # noqa: ANN401  argparse's private class
     run.add_argument(
         "--approach", action="store_true", help="move to a first step that is far away, with a motion of its own"
     )
-    run.add_argument("--dry", action="store_true", help="ask and judge only: own nothing, send nothing")
+    looking = run.add_mutually_exclusive_group()
+    looking.add_argument("--dry", action="store_true", help="ask and judge only: own nothing, send nothing")
+    looking.add_argument(
+        "--shadow",
+        action="store_true",
+        help="ask while somebody else moves the arms, and compare: own nothing, send nothing",
+    )
+    run.add_argument("--plot", metavar="FILE", help="draw joints as told and as measured to FILE (.png, .svg)")
     run.add_argument(
         "--video-port", type=udp_port, default=PORT, metavar="N", help="of the pictures (default %(default)s)"
     )

@@ -1,4 +1,4 @@
-"""`ta2 policy run`: a policy's server is asked once before anybody owns the robot; then it is played, or only judged (--dry).
+"""`ta2 policy run`: a policy is asked once before anybody owns the robot; then played, judged (--dry) or compared (--shadow).
 
 What was under way when something went wrong (a lost server, Ctrl-C) leaves the arms braked and held, as any motion does.
 """
@@ -9,9 +9,10 @@ import json
 import sys
 import time
 from argparse import Namespace
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import asdict, dataclass, field
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -20,14 +21,17 @@ from gateway.cli.terminal.connection import connected
 from gateway.cli.terminal.ending import ExitStatus, line_of, status_of
 from gateway.cli.terminal.owning import HELD, held_text, is_held, owned
 from gateway.cli.terminal.progress import Teller, teller
-from gateway.client import Control, MotionHandle, Robot
+from gateway.client import ChassisStream, Control, LiftStream, MotionHandle, Robot
 from gateway.errors import Code, GatewayError, Refusal, Refused, Rejected, to_exception
 from gateway.policy.asking import Answer, Asking
 from gateway.policy.chunks import Chunk
+from gateway.policy.journal import Journal
+from gateway.policy.local_server import LocalPolicy
 from gateway.policy.observing import Observer
 from gateway.policy.openpi import FIRST_ANSWER_S, PolicyServer
 from gateway.policy.policy_map import Observed, load_map
-from gateway.policy.runner import Figures, Hands, Plan, Runner, require_near
+from gateway.policy.runner import DRIVE_S, Figures, Hands, Plan, Runner, require_near
+from gateway.policy.trace import Trace
 
 __all__ = ["carry_out"]
 
@@ -35,6 +39,7 @@ DEFAULT_HZ = 30.0
 """Steps a second of the vendor's client, where nobody says otherwise."""
 APPROACH = 0.3
 """Factor on the velocity limits of the motion to a first step."""
+DRIVE_HZ, PICTURES = 50.0, (".png", ".svg")
 FIRST_PICTURE_S = 10.0
 ENABLE_S = 12.0
 """The gateway gives up enabling after 10 s; its reason is worth waiting for [s]."""
@@ -45,6 +50,7 @@ class _Owner:
     """Hands that move the robot."""
 
     own: Control
+    streams: Mapping[str, ChassisStream | LiftStream] = field(default_factory=dict)
 
     def follow(self, chunk: Chunk, late_s: float, smoothing_s: float) -> MotionHandle | None:
         return self.own.follow(
@@ -57,43 +63,52 @@ class _Owner:
     def grip(self, side: str, command: float) -> None:
         (self.own.left_gripper if side == "left" else self.own.right_gripper).set(command)
 
+    def drive(self, part: str, velocity: Sequence[float]) -> None:
+        stream = self.streams[part]
+        stream.set(*velocity)
+        stream.tick()
+
 
 @dataclass(slots=True)
 class _Judge:
-    """Hands that only look: what each chunk asks for, and what the gateway would say to it."""
+    """Hands that only look: what each chunk asks for, and, unless somebody else drives, what the gateway would say to it."""
 
     robot: Robot
     tell: Teller
     v_radps: float
+    is_shadow: bool
     facts: dict[str, Any] = field(default_factory=lambda: {"over_speed": 0, "first_step_rad": 0.0, "would_refuse": 0})
 
     def follow(self, chunk: Chunk, late_s: float, smoothing_s: float) -> MotionHandle | None:
         measured = {side: self.robot.state.arm(side).q for side in chunk.arms}
         gap_rad, side, joint = chunk.gap(time.monotonic_ns(), measured)
-        verdict, facts, fast = "the gateway would follow it", self.facts, chunk.over_speed(self.v_radps)
+        verdict, facts, fast = "", self.facts, chunk.over_speed(self.v_radps)
         try:
-            self.robot.check_follow(
-                chunk.arms,
-                chunk.period_ns / 1e9,
-                from_here=False,
-                start_in=-late_s,
-                smoothing=smoothing_s,
-                open_end=True,
-            )
+            if not self.is_shadow:
+                verdict = ": the gateway would follow it"
+                self.robot.check_follow(
+                    chunk.arms,
+                    chunk.period_ns / 1e9,
+                    from_here=False,
+                    start_in=-late_s,
+                    smoothing=smoothing_s,
+                    open_end=True,
+                )
         except Rejected as refused:
             facts["would_refuse"] += 1
-            verdict = f"the gateway would refuse it: {refused.code}: {refused.message}"
+            verdict = f": the gateway would refuse it: {refused.code}: {refused.message}"
         facts["over_speed"] += fast
         facts["first_step_rad"] = max(facts["first_step_rad"], gap_rad)
         facts["steps"] = chunk.steps
         for name, values in (
             *((f"{side}_arm", q) for side, q in chunk.arms.items()),
             *((f"{side}_gripper", grip) for side, grip in chunk.grips.items()),
+            *chunk.drives.items(),
         ):
             low, high = facts.setdefault("range", {}).get(name, (values.min(axis=0), values.max(axis=0)))
             facts["range"][name] = (low.clip(max=values.min(axis=0)), high.clip(min=values.max(axis=0)))
         self.tell.say(
-            f"{chunk.steps} steps, {gap_rad:.3f} rad from the {side} arm's joint {joint}, {fast} over {self.v_radps:g} rad/s: "
+            f"{chunk.steps} steps, {gap_rad:.3f} rad from the {side} arm's joint {joint}, {fast} over {self.v_radps:g} rad/s"
             f"{verdict}"
         )
         return None
@@ -102,6 +117,9 @@ class _Judge:
         pass
 
     def grip(self, side: str, command: float) -> None:
+        pass
+
+    def drive(self, part: str, velocity: Sequence[float]) -> None:
         pass
 
 
@@ -115,7 +133,14 @@ def carry_out(options: Namespace) -> ExitStatus:
     key = "" if options.api_key_file is None else _key(options.api_key_file)
     answer_s = options.timeout_s
     first_s = max(FIRST_ANSWER_S, answer_s)
-    server = PolicyServer(options.server, api_key=key, connect_s=answer_s, answer_s=answer_s, first_answer_s=first_s)
+    waits = {"answer_s": answer_s, "first_answer_s": first_s}
+    server: PolicyServer | LocalPolicy = (
+        LocalPolicy(options.local, **waits)
+        if options.local is not None
+        else PolicyServer(options.server, api_key=key, connect_s=answer_s, **waits)
+    )
+    _require_plot(options.plot)
+    is_looking = options.dry or options.shadow
     with ExitStack() as stack:
         robot = stack.enter_context(connected("policy run", options.target, options.timeout_s))
         stack.callback(server.close)
@@ -130,30 +155,38 @@ def carry_out(options: Namespace) -> ExitStatus:
         first = asking.answer(first_s + FIRST_PICTURE_S)
         if not isinstance(first, Answer):
             raise first or to_exception(Refusal(code=Code.TIMEOUT, message="no answer came from the policy server"))
-        if not (options.dry or options.approach):
+        if not (is_looking or options.approach):
             require_near(first, time.monotonic_ns())
-        print("\n".join(_preview(options, first, f"{hz:g} steps a second, {said_by}")), file=sys.stderr)
-        if not (options.dry or options.yes or confirmed()):
+        print("\n".join(_preview(options, server.url, first, f"{hz:g} steps a second, {said_by}")), file=sys.stderr)
+        if not (is_looking or options.yes or confirmed()):
             print("nothing was done", file=sys.stderr)
             return ExitStatus.REFUSED
-        facts = {"hz": hz, "hz_from": said_by, "uncovered": list(first.observation.uncovered), "dry": options.dry}
-        return _play(options, robot, asking, facts)
+        facts = {"hz": hz, "hz_from": said_by, "uncovered": list(first.observation.uncovered)}
+        facts |= {"dry": options.dry, "shadow": options.shadow}
+        journal = Journal(options.target, "shadow" if options.shadow else "dry" if options.dry else "play")
+        stack.callback(journal.close)
+        return _play(options, robot, asking, facts, journal, first.chunk.drives)
 
 
-def _play(options: Namespace, robot: Robot, asking: Asking, facts: dict[str, Any]) -> ExitStatus:
+def _play(
+    options: Namespace, robot: Robot, asking: Asking, facts: dict[str, Any], journal: Journal, driven: Iterable[str]
+) -> ExitStatus:
+    is_looking = options.dry or options.shadow
+    trace = Trace()
     plan = Plan(
         seconds=options.seconds,
         horizon=options.horizon,
         smoothing_s=options.smoothing,
         patience_s=options.patience,
-        far="follow" if options.dry else "approach" if options.approach else "refuse",
+        drive_bounds=(robot.info.chassis_v_mps, robot.info.chassis_w_radps),
+        far="follow" if is_looking else "approach" if options.approach else "refuse",
     )
     error: GatewayError | None = None
     figures, judged, began_s = Figures(), dict[str, Any](), time.monotonic()
     try:
         with teller() as tell, ExitStack() as stack:
-            if options.dry:
-                judge = _Judge(robot, tell, robot.info.v_radps)
+            if is_looking:
+                judge = _Judge(robot, tell, robot.info.v_radps, options.shadow)
                 hands: Hands = judge
                 judged = judge.facts
             else:
@@ -162,21 +195,31 @@ def _play(options: Namespace, robot: Robot, asking: Asking, facts: dict[str, Any
                 tell.advance("enable", None, "waiting for READY")
                 stack.enter_context(_undone(own, was_held, lambda: figures.chunks > 0))
                 own.enable(timeout=ENABLE_S)
-                hands = _Owner(own)
-            runner = Runner(asking, hands, plan, tell.say, lambda share, text: tell.advance("policy", share, text))
+                streams: dict[str, ChassisStream | LiftStream] = {
+                    "chassis": own.chassis.stream(DRIVE_HZ, expiry=DRIVE_S),
+                    "lift": own.lift.stream(DRIVE_HZ, expiry=DRIVE_S),
+                }
+                for part in driven:
+                    stack.enter_context(streams[part])
+                hands = _Owner(own, streams)
+
+            def show(share: float | None, text: str) -> None:
+                tell.advance("policy", share, text)
+                trace.look(runner.playing, robot.state, time.monotonic_ns())
+
+            runner = Runner(asking, hands, plan, tell.say, show, note=journal.note)
             figures, began_s = runner.figures, time.monotonic()
             runner.run()
     except GatewayError as ended:
         error = ended
     except KeyboardInterrupt:
-        _show(options, figures, facts | _ranges(judged), began_s, None)
-        if is_held(robot):
+        _show(options, figures, facts | _ranges(judged, began_s), trace, None)
+        if not is_looking and is_held(robot):
             print(f"\ninterrupted: {held_text(robot, 'policy run')}", file=sys.stderr)
         raise
-    _show(options, figures, facts | _ranges(judged), began_s, error)
-    if error is not None or options.hold:
-        if is_held(robot):
-            print(held_text(robot, "policy run"), file=sys.stderr)
+    _show(options, figures, facts | _ranges(judged, began_s), trace, error)
+    if (error is not None or options.hold) and not is_looking and is_held(robot):
+        print(held_text(robot, "policy run"), file=sys.stderr)
     return ExitStatus.OK if error is None else status_of(error)
 
 
@@ -192,23 +235,36 @@ def _undone(own: Control, was_held: bool, has_moved: Callable[[], bool]) -> Iter
         raise
 
 
-def _ranges(judged: Mapping[str, Any]) -> dict[str, Any]:
-    """Return what was judged, for scripts."""
+def _ranges(judged: Mapping[str, Any], began_s: float) -> dict[str, Any]:
+    """Return what was judged and how long, for scripts."""
+    seconds = round(time.monotonic() - began_s, 2)
     ranges = {name: [values.tolist() for values in pair] for name, pair in judged.get("range", {}).items()}
-    return dict(judged) | ({"range": ranges} if judged else {})
+    return {"seconds": seconds, **judged, **({"range": ranges} if judged else {})}
 
 
 def _show(
-    options: Namespace, figures: Figures, facts: Mapping[str, Any], began_s: float, error: GatewayError | None
+    options: Namespace, figures: Figures, facts: dict[str, Any], trace: Trace, error: GatewayError | None
 ) -> None:
+    if options.plot is not None:
+        from gateway.cli.policy.plot import write_plot
+
+        try:
+            write_plot(trace, Path(options.plot))
+        except OSError as no_plot:
+            print(f"no plot: {options.plot}: {no_plot.strerror or no_plot}", file=sys.stderr)
     if error is not None:
         print(line_of(error), file=sys.stderr)
+    if options.shadow:
+        facts["differences"] = trace.differences()
+        facts.pop("would_refuse", None)  # nobody asked the gateway
     if not options.json:
         print(figures.line())
+        for side, against in facts.get("differences", {}).items():
+            away = (f"{found['rms_rad']:.4f} rad RMS from what was {what}" for what, found in against.items())
+            print(f"{side} arm: the policy was {', '.join(away)}")
         return
     told: dict[str, Any] = {
         "ok": error is None,
-        "seconds": round(time.monotonic() - began_s, 2),
         **figures.facts(),
         **facts,
     }
@@ -218,14 +274,14 @@ def _show(
     print(json.dumps(told, ensure_ascii=False))
 
 
-def _preview(options: Namespace, first: Answer, rate: str) -> list[str]:
+def _preview(options: Namespace, policy: str, first: Answer, rate: str) -> list[str]:
     gap_rad, side, joint = first.chunk.gap(time.monotonic_ns(), first.observation.measured)
     uncovered = first.observation.uncovered
     return [
-        f"policy: {options.server}, {' and '.join(first.chunk.arms)}, {first.chunk.steps} steps in a chunk, {rate}",
+        f"policy: {policy}, {' and '.join(first.chunk.arms)}, {first.chunk.steps} steps in a chunk, {rate}",
         f"  begins {gap_rad:.3f} rad from the {side} arm's joint {joint}",
         *([f"  not known, and shown as 0: {', '.join(uncovered)}"] if uncovered else []),
-        *([] if options.dry else [f"  then the arms are {'held' if options.hold else 'disabled'}"]),
+        *([] if options.dry or options.shadow else [f"  then the arms are {'held' if options.hold else 'disabled'}"]),
     ]
 
 
@@ -262,6 +318,14 @@ def _cameras(stack: ExitStack, robot: Robot, layout: Observed, port: int) -> Any
         hint = f"{error.hint}; see `ta2 video check`"
         raise to_exception(Refusal(code=Code.PART_STALE, message=error.message, field="cameras", hint=hint)) from None
     return lambda: video.latest
+
+
+def _require_plot(file: str | None) -> None:
+    """Refuse what cannot be drawn, before anything moves."""
+    if file is not None and (find_spec("matplotlib") is None or not file.endswith(PICTURES)):
+        message = f"no plot {file}: matplotlib draws {' or '.join(PICTURES)}, where it is installed"
+        hint = "pip install 'teleavatar-gateway[demo]'"
+        raise to_exception(Refusal(code=Code.BAD_REQUEST, message=message, field="plot", value=file, hint=hint))
 
 
 def _key(file: str) -> str:

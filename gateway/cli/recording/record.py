@@ -13,6 +13,7 @@ from argparse import Namespace
 from contextlib import ExitStack
 from dataclasses import asdict, replace
 from datetime import datetime
+from functools import partial
 from pathlib import Path
 
 from gateway.api.recorder_protocol import recorder_socket
@@ -32,7 +33,7 @@ from gateway.recording.gateway_tap import GatewayTap
 from gateway.recording.recorder import Progress, Recorder
 from gateway.recording.recovering import recover
 from gateway.recording.tap import Tap
-from gateway.recording.topics import EPISODES, recorded_topics
+from gateway.recording.topics import EPISODES, POLICY, recorded_topics
 from gateway.robot.topics import STATE_TOPICS
 from gateway.settings import toml_file
 from gateway.settings.settings import LinkSettings
@@ -71,7 +72,8 @@ def carry_out(options: Namespace) -> ExitStatus:
             if options.video:
                 camera = doors.enter_context(Camera(folder, settings.endpoint, options.video_port))
             try:
-                door = Door(recorder_socket(options.target), desk.carry_out, lambda: desk.state)
+                note = partial(recorder.tell, POLICY)
+                door = Door(recorder_socket(options.target), desk.carry_out, lambda: desk.state, note)
                 doors.callback(door.close)
             except Rejected as error:
                 tell.say(f"{error.message} -> {error.hint}")

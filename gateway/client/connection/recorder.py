@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Mapping
 
 from gateway.api.guard_protocol import connected
 from gateway.api.recorder_protocol import (
@@ -23,9 +24,14 @@ ANSWER_S = 2.0
 
 
 def ask_recorder(
-    address: str | None, ask: RecorderAsk, task: str = "", text: str = "", timeout_s: float = ANSWER_S
+    address: str | None,
+    ask: RecorderAsk,
+    task: str = "",
+    text: str = "",
+    timeout_s: float = ANSWER_S,
+    facts: Mapping[str, object] | None = None,
 ) -> RecordingState:
-    """Tell a recorder something about an episode, and return how its recording is then.
+    """Tell a recorder something about an episode or a policy, and return how its recording is then.
 
     Args:
         address: Of the gateway beside whose socket it listens, see `recorder_socket`.
@@ -33,6 +39,7 @@ def ask_recorder(
         task: Of `start`.
         text: Of a mark or a verdict.
         timeout_s: Longest wait [s].
+        facts: Of `policy`, for JSON.
 
     Raises:
         NotReady: NO_RECORDER, none of this user records there.
@@ -41,7 +48,7 @@ def ask_recorder(
     """
     path = recorder_socket(address)
     try:
-        question = packed(RecorderQuestion(ask=ask, task=task, text=text))
+        question = packed(RecorderQuestion(ask=ask, task=task, text=text, facts=facts or {}))
     except UnicodeEncodeError as error:
         message, hint = f"that is no text: {error}", "write it in UTF-8"
         raise to_exception(Refusal(code=Code.BAD_REQUEST, message=message, field="text", hint=hint)) from None

@@ -130,7 +130,7 @@ class Coordinator:
     def report_ended(self, motions: list[Motion], now_ns: int) -> None:
         """Say how motions ended."""
         for motion in motions:
-            level = Level.INFO if motion.code is None else Level.WARNING
+            level = Level.INFO if motion.code in (None, Code.SUPERSEDED) else Level.WARNING
             text = f"motion {motion.motion_id} {motion.state.value}"
             self.notice(
                 Code.MOTION_ENDED,

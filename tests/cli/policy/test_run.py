@@ -128,3 +128,84 @@ def test_what_the_gateway_refuses_is_shown_and_the_lease_given_back(robot, tmp_p
     ended = run(robot, tmp_path, served(still(robot)), "--json", "--seconds", "1")
     assert ended.status == 1 and ended.json["error"]["code"] == "LATCHED" and ended.json["chunks"] == 0
     assert "`ta2 recover`" in ended.err and not robot.world.pair.see().lease.owned
+
+
+def test_it_needs_one_policy_and_looks_in_one_way(shell):
+    """A server or a function; a judge or a shadow: usage, status 2."""
+    for words in (
+        ("--server", "ws://h:1", "--local", "a:b"),
+        ("--local", "a:b", "--dry", "--shadow"),
+    ):
+        assert shell.run("policy", "run", *words).status == 2
+
+
+LOCAL = """
+import numpy as np
+
+def act(observation):
+    state = observation["observation/state"]
+    return np.tile(np.float32([*state[0:7], 0.0, *state[8:15], 0.0]), (10, 1))
+
+act.metadata = {"fps": 20}
+
+def fails(observation):
+    raise ValueError("no such towel")
+"""
+
+
+@pytest.fixture
+def towels(tmp_path, monkeypatch):
+    """A module of the working directory."""
+    (tmp_path / "towels.py").write_text(LOCAL)
+    monkeypatch.chdir(tmp_path)
+    return ("--map", str(tmp_path / "map.toml"), "--timeout", "30")
+
+
+def test_a_function_is_a_policy(robot, towels):
+    """Of the current folder, with its own rate; it is named where a server would be."""
+    told = robot.run("policy", "run", "--local", "towels:act", *towels, "--dry", "--seconds", "0.1", "--json")
+    assert told.status == 0, told.err
+    assert told.json["hz"] == 20 and told.json["chunks"] >= 1 and told.json["would_refuse"] == 0
+    assert "policy: towels:act, left and right, 10 steps" in told.err
+
+
+def test_a_function_that_raises_is_told_before_anything_moves(robot, towels):
+    """With what it said, and its traceback."""
+    ended = robot.run("policy", "run", "--local", "towels:fails", *towels)
+    assert ended.status == 1 and "the local policy towels:fails failed: ValueError: no such towel" in ended.err
+    assert not robot.world.pair.see().lease.owned
+
+
+def test_a_shadow_owns_nothing_and_tells_how_far_it_is_from_what_was_done(robot, tmp_path, served):
+    """Per arm, in numbers and in words; it asks nobody whether a chunk would be followed, and needs no answer to begin."""
+    url = served(still(robot, off_rad=0.15, steps=300))
+    told = run(robot, tmp_path, url, "--shadow", "--seconds", "1", "--json")
+    assert told.status == 0 and told.json["shadow"] and not told.json["dry"] and "would_refuse" not in told.json
+    away = told.json["differences"]
+    assert away["left"]["measured"]["rms_rad"] == pytest.approx(0.0, abs=0.002)
+    assert away["right"]["measured"]["rms_rad"] == pytest.approx(0.15 / np.sqrt(7), abs=0.002)
+    assert away["right"]["measured"]["worst_rad"] == pytest.approx(0.15, abs=0.005) and "commanded" not in away["right"]
+    assert not robot.world.pair.sent_on("/api/left_arm/joint_cmd") and not robot.world.pair.see().lease.owned
+    plain = run(robot, tmp_path, url, "--shadow", "--seconds", "1")
+    assert "right arm: the policy was 0.0567 rad RMS from what was measured" in plain.out
+    assert "the gateway would" not in plain.err
+
+
+def test_a_plot_that_cannot_be_drawn_is_refused_before_anything_moves(robot, tmp_path, served, monkeypatch):
+    """No picture's name; no matplotlib, with what installs it."""
+    url = served(still(robot))
+    assert "matplotlib draws .png or .svg" in run(robot, tmp_path, url, "--plot", "a.txt").err
+    monkeypatch.setattr("gateway.cli.policy.run.find_spec", lambda name: None)
+    ended = run(robot, tmp_path, url, "--plot", "a.png")
+    assert ended.status == 1 and "pip install 'teleavatar-gateway[demo]'" in ended.err
+
+
+def test_what_was_told_and_measured_is_drawn(robot, tmp_path, served):
+    """A file that is a picture; one that cannot be written is told, and the run is as good as without."""
+    pytest.importorskip("matplotlib")
+    url = served(still(robot))
+    file = tmp_path / "policy.svg"
+    assert run(robot, tmp_path, url, "--dry", "--seconds", "0.2", "--plot", str(file)).status == 0
+    assert "<svg" in file.read_text()
+    ended = run(robot, tmp_path, url, "--dry", "--seconds", "0.1", "--plot", str(tmp_path / "no" / "a.png"))
+    assert ended.status == 0 and "no plot: " in ended.err and "No such file" in ended.err
