@@ -27,8 +27,8 @@ from gateway.cli.command_line.robot_arguments import MODELS, ROBOT_PORT, SIM_END
 from gateway.cli.command_line.sim_arguments import add_camera, add_clock, add_physics
 from gateway.cli.command_line.stop_arguments import add_stops
 from gateway.cli.command_line.video_arguments import add_video
-from gateway.cli.command_line.web_arguments import add_web
 from gateway.cli.command_line.view_arguments import add_view
+from gateway.cli.command_line.web_arguments import add_web
 from gateway.cli.terminal.ending import STATUS_HELP
 
 __all__ = ["joints", "parse", "parser"]
