@@ -214,6 +214,13 @@ def _link(options: Namespace) -> int:
     return link.show_look(wire, as_json=options.json)
 
 
+def _check(options: Namespace) -> int:
+    from gateway.cli.check import command
+    from gateway.link.surveyor import look
+
+    return command.carry_out(options, look)
+
+
 def _watch(options: Namespace) -> int:
     from gateway.cli.looking.watch import watch
 
@@ -354,6 +361,8 @@ COMMANDS: Mapping[str, Callable[[Namespace], int]] = {
     "why": _why,
     "topics": _topics,
     "link": _link,
+    "check": _check,
+    "doctor": _carried_out_by("gateway.cli.check.doctor"),
     "events": _events,
     "frames": _kinematics,
     "identify": _kinematics,
