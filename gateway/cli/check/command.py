@@ -7,9 +7,7 @@ import socket
 import sys
 import time
 from argparse import Namespace
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
-from dataclasses import asdict, replace
+from dataclasses import replace
 from datetime import datetime
 from typing import Protocol
 from urllib.parse import urlsplit
@@ -17,30 +15,32 @@ from urllib.parse import urlsplit
 from gateway import __version__
 from gateway.api.protocol import Wire
 from gateway.cli.check.capture import Capture
-from gateway.cli.check.looked import FIRST_S, KNOCK_S, Seen, Wish, looked, parts_of
+from gateway.cli.check.looked import Seen, Wish, looked, parts_of
 from gateway.cli.check.report import show, write_page
-from gateway.cli.check.rows import MOVING, Row, row, skipped
+from gateway.cli.check.rows import MOVING, POINTS, Row, row, skipped
 from gateway.cli.check.trials import Trials
 from gateway.cli.terminal.connection import connected, link_of
 from gateway.cli.terminal.ending import ExitStatus
 from gateway.cli.terminal.progress import Teller, teller
+from gateway.errors import GatewayError
 from gateway.process.threads import supervised
 from gateway.process.zenoh_threads import share_reactor
 from gateway.recording.tap import Tap
 from gateway.recording.topics import recorded_topics
-from gateway.robot.topics import FSM_STATE, STATE_TOPICS
+from gateway.robot.topics import STATE_TOPICS
 from gateway.settings.settings import LinkSettings
 
-__all__ = ["WORD", "carry_out"]
+__all__ = ["WORD", "carry_out", "knock"]
 
 WORD = "move"
 """What a person types who agrees that the robot moves."""
 LEAST_S = 3.0
 """So long it is listened at least [s]: some samples of the slowest topic."""
-CONSENT = """
-What is still to be checked moves the robot: each enabled arm by 0.05 rad or 2 cm and back, its gripper opens; the chassis drives
-forward for about 30 cm in all; twice the gateway is killed on purpose, and the robot has to stop by itself.
-Nobody and nothing in reach, a hand at the physical emergency stop (§1.3)?"""
+CONSENT = f"""
+What is still to be checked MOVES the robot: each enabled arm by 0.05 rad or 2 cm and back, its gripper opens; the chassis
+drives forward for about 20 cm in all; twice the gateway is killed on purpose, and the robot has to stop by itself.
+Nobody and nothing in reach, a hand at the physical emergency stop (§1.3)?
+Type {WORD} to go on, anything else to leave it: """
 
 
 class Look(Protocol):
@@ -64,36 +64,44 @@ def carry_out(options: Namespace, look: Look) -> ExitStatus:
     """
     share_reactor()
     logging.getLogger("gateway").addHandler(logging.NullHandler())  # rows say it
-    settings = link_of(options)
-    has_gateway = options.robot is None and options.config is None
-    wish = Wish(without=frozenset(options.without), mode=options.mode)
+    settings, wish = link_of(options), Wish(without=frozenset(options.without), mode=options.mode)
+    knock_s, error = knock(settings.endpoint)
     with teller() as tell:
         tell.advance("look", None, settings.endpoint)
-        knock_s, knock_error = _knock(settings.endpoint)
-        wire = look(settings, is_named=bool(options.namespace is not None or settings.namespace or has_gateway))
+        wire = look(
+            settings, is_named=bool(options.namespace is not None or settings.namespace or not _is_alone(options))
+        )
         settings = replace(settings, namespace=wire.namespace)
-        with _tapped(settings, is_up=wire.is_up) as capture:
-            began_ns = time.monotonic_ns()
-            _listen(capture, wire, tell)
-            seen = Seen(wire=wire, capture=capture, began_ns=began_ns, knock_s=knock_s, knock_error=knock_error)
+        capture = Capture((*STATE_TOPICS, *settings.variant.command_topics))
+        tap = Tap(settings, recorded_topics(settings), capture.take)
+        seen = Seen(wire=wire, capture=capture, began_ns=time.monotonic_ns(), knock_s=knock_s, knock_error=error)
+        try:
+            if wire.is_up and wire.robots:
+                supervised(tap.open, "ta2-check-tap").start()
+                _listen(capture, wire, tell)
             rows = looked(seen, wish)
             rows += _video(options, settings) if options.video else skipped(("video",), "not asked for", "--video")
             tell.advance("look", 1.0, "")
             parts = parts_of(capture.mode(), wish, has_lift=settings.variant.has_lift)
-            rows += _moved(options, rows, Trials(capture=capture, parts=parts, tell=tell), settings)
-    facts: dict[str, object] = {
-        "robot": settings.endpoint,
-        "model": settings.model,
-        "ta2": __version__,
-        "at": datetime.now().astimezone().isoformat(timespec="seconds"),
-    }
+            trials = Trials(capture=capture, parts=parts, tell=tell, settings=settings, config=options.config)
+            may_not = _objection(options, rows)
+            rows += may_not or _moved(options, trials)
+        finally:
+            tap.close()
+    at = datetime.now().astimezone().isoformat(timespec="seconds")
+    facts: dict[str, object] = {"robot": settings.endpoint, "model": settings.model, "ta2": __version__, "at": at}
     show(rows, facts, as_json=options.json)
     if options.html is not None:
         write_page(options.html, rows, facts)
     return ExitStatus.REFUSED if any(each.verdict == "fail" for each in rows) else ExitStatus.OK
 
 
-def _knock(endpoint: str) -> tuple[float | None, str]:
+def _is_alone(options: Namespace) -> bool:
+    """Return whether no gateway is asked for anything."""
+    return options.robot is not None or options.config is not None
+
+
+def knock(endpoint: str) -> tuple[float | None, str]:
     """Return how long the port took to answer [s], or why it did not; neither of what is no TCP port."""
     kind, _, place = endpoint.partition("/")
     url = urlsplit(f"//{place.partition('#')[0].partition('?')[0]}")
@@ -101,34 +109,20 @@ def _knock(endpoint: str) -> tuple[float | None, str]:
         return None, ""
     began_s = time.monotonic()
     try:
-        socket.create_connection((url.hostname, url.port), timeout=KNOCK_S).close()
+        socket.create_connection((url.hostname, url.port), timeout=POINTS["network"].most).close()
     except OSError as error:
         return None, f"{endpoint}: {error.strerror or error}"
     return time.monotonic() - began_s, ""
 
 
-@contextmanager
-def _tapped(settings: LinkSettings, *, is_up: bool) -> Iterator[Capture]:
-    """Listen to all topics while the block runs."""
-    topics = recorded_topics(settings)
-    capture = Capture((*STATE_TOPICS, *settings.variant.command_topics))
-    tap = Tap(settings, topics, capture.take)
-    try:
-        if is_up:
-            supervised(tap.open, "ta2-check-tap").start()
-        yield capture
-    finally:
-        tap.close()
-
-
 def _listen(capture: Capture, wire: Wire, tell: Teller) -> None:
-    """Wait until every state came, some of each; at most as long as the manual says."""
-    wanted = [topic.name for topic in wire.topics if topic.is_state and wire.is_up and wire.robots]
-    began_s = time.monotonic()
-    while wanted and (passed_s := time.monotonic() - began_s) < FIRST_S:
+    """Wait until every state came, and some of each; at most as long as the manual says."""
+    wanted = [topic.name for topic in wire.topics if topic.is_state]
+    began_s, most_s = time.monotonic(), POINTS["states"].most
+    while (passed_s := time.monotonic() - began_s) < most_s:
         if passed_s > LEAST_S and all(capture.arrivals(topic) for topic in wanted):
             return
-        tell.advance("listen", passed_s / FIRST_S, "to every topic")
+        tell.advance("listen", passed_s / most_s, "to every topic")
         time.sleep(0.1)
 
 
@@ -136,7 +130,6 @@ def _video(options: Namespace, settings: LinkSettings) -> list[Row]:
     """Return what `ta2 video check` finds, a row each of its points."""
     from gateway.cli.cameras.check import examined
     from gateway.cli.command_line.video_arguments import CHECK_S, FIRST_FRAME_S, PORT
-    from gateway.errors import GatewayError
     from gateway.video.errors import VideoError
     from gateway.video.receiving.source import robot_address
     from gateway.video.video import Video
@@ -152,32 +145,28 @@ def _video(options: Namespace, settings: LinkSettings) -> list[Row]:
     ]
 
 
-def _moved(options: Namespace, rows: list[Row], trials: Trials, settings: LinkSettings) -> list[Row]:
-    """Return what has to be moved to be known; skipped unless all is well so far and a person has agreed."""
-    if any(each.verdict == "fail" for each in rows):
-        return skipped(MOVING, "nothing moves as long as something above fails")
-    if not any(each.name == FSM_ROW and each.verdict == "pass" for each in rows):
-        return skipped(MOVING, "nobody knows the state of the robot")
-    if not (options.consent == WORD or (options.consent is None and not options.json and _agreed())):
-        return skipped(
-            MOVING, "nobody agreed that the robot moves", f"type {WORD} at the terminal, or --consent {WORD}"
-        )
-    config = options.config
-    if options.robot is not None or config is not None:
-        return trials.all(None, settings, config)
+def _objection(options: Namespace, rows: list[Row]) -> list[Row]:
+    """Return why nothing may move: something is not well, or nobody has agreed; nothing when all may."""
+    if any(each.verdict == "fail" or (each.name in ("mode", "fsm") and each.verdict == "unknown") for each in rows):
+        return skipped(MOVING, "nothing moves unless all above is well")
+    if options.consent == WORD or (options.consent is None and not options.json and _agreed()):
+        return []
+    return skipped(MOVING, "nobody agreed that the robot moves", f"type {WORD} at the terminal, or --consent {WORD}")
+
+
+def _moved(options: Namespace, trials: Trials) -> list[Row]:
+    if _is_alone(options):
+        return trials.all(None)
     with connected("check", options.target, options.timeout_s) as robot:
-        return trials.all(robot, settings, config)
+        return trials.all(robot)
 
 
-FSM_ROW = "fsm"
-
-
-def _agreed(ask: Callable[[], str] | None = None) -> bool:
+def _agreed() -> bool:
     """Ask a person to type the word; nobody agrees where there is no terminal."""
     if not (sys.stdin.isatty() and sys.stderr.isatty()):
         return False
     import termios
 
     termios.tcflush(sys.stdin, termios.TCIFLUSH)  # what was typed before the question is no answer to it
-    print(f"{CONSENT}\nType {WORD} to go on, anything else to leave it: ", end="", file=sys.stderr, flush=True)
+    print(CONSENT, end="", file=sys.stderr, flush=True)
     return sys.stdin.readline().strip() == WORD

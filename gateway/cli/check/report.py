@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import json
+import os
 import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
-from html import escape
 from pathlib import Path
 
 from rich.console import Console
@@ -16,12 +16,10 @@ from rich.text import Text
 from gateway.cli.check.rows import Row
 from gateway.errors import Code, Refusal, to_exception
 
-__all__ = ["document", "page", "show", "write_page"]
+__all__ = ["document", "print_rows", "show", "write_page"]
 
 STYLES = {"pass": "green", "fail": "bold red", "skipped": "dim", "unknown": "yellow"}
-CSS = """body{font:15px sans-serif;margin:2em}table{border-collapse:collapse}td,th{padding:.3em .8em;text-align:left;
-vertical-align:top;border-bottom:1px solid #ccc}.pass{color:#060}.fail{color:#b00;font-weight:bold}.skipped{color:#777}
-.unknown{color:#960}"""
+PAGE_COLUMNS = 180
 
 
 def document(rows: Sequence[Row], facts: Mapping[str, object]) -> dict[str, object]:
@@ -29,63 +27,46 @@ def document(rows: Sequence[Row], facts: Mapping[str, object]) -> dict[str, obje
     return {"ok": all(row.verdict != "fail" for row in rows), **facts, "rows": [asdict(row) for row in rows]}
 
 
-def _figure(row: Row) -> str:
-    """Return figure, bound and unit in one cell."""
-    figure = "" if row.figure is None else f"{row.figure:g}"
-    return " ".join(part for part in (figure, f"({row.bound})" if row.bound else "", row.unit) if part)
-
-
-def _summary(rows: Sequence[Row]) -> str:
-    return ", ".join(f"{sum(row.verdict == verdict for row in rows)} {verdict}" for verdict in STYLES)
+def print_rows(console: Console, rows: Sequence[Row], facts: Mapping[str, object]) -> None:
+    """Print a table, what was checked above, the counts below; a remedy of what was skipped once."""
+    table, told = Table(box=None, pad_edge=False), set[str]()
+    for title in ("", "row", "figure (bound)", "found", "manual"):
+        table.add_column(title, overflow="fold")
+    for row in rows:
+        found = Text(row.found)
+        if row.remedy and row.remedy not in told:
+            found.append(f"\n-> {row.remedy}", style="bold" if row.verdict == "fail" else "dim")
+        told |= {row.remedy} if row.verdict == "skipped" else set()
+        figure = "" if row.figure is None else f"{row.figure:g}"
+        cell = " ".join(part for part in (figure, f"({row.bound})" if row.bound else "", row.unit) if part)
+        verdict = Text(row.verdict, style=STYLES[row.verdict])
+        table.add_row(verdict, Text(row.title), Text(cell), found, Text(row.section))
+    counts = ", ".join(f"{sum(row.verdict == verdict for row in rows)} {verdict}" for verdict in STYLES)
+    console.print(Text(", ".join(f"{key} {value}" for key, value in facts.items()), style="dim"))
+    console.print(table)
+    console.print(Text(counts, style=STYLES["fail" if any(row.verdict == "fail" for row in rows) else "pass"]))
 
 
 def show(rows: Sequence[Row], facts: Mapping[str, object], *, as_json: bool) -> None:
     """Print the report on standard output."""
     if as_json:
         print(json.dumps(document(rows, facts), ensure_ascii=False, indent=2))
-        return
-    table = Table(box=None, pad_edge=False)
-    for title in ("", "row", "figure (bound)", "found", "manual"):
-        table.add_column(title, overflow="fold")
-    for row in rows:
-        found = Text(row.found)
-        if row.remedy:
-            found.append(f"\n-> {row.remedy}", style="bold" if row.verdict == "fail" else "dim")
-        verdict = Text(row.verdict, style=STYLES[row.verdict])
-        table.add_row(verdict, Text(row.title), Text(_figure(row)), found, Text(row.section))
-    console = Console(highlight=False, width=None if sys.stdout.isatty() else 160)
-    console.print(Text(", ".join(f"{key} {value}" for key, value in facts.items()), style="dim"))
-    console.print(table)
-    console.print(
-        Text(_summary(rows), style="bold red" if any(row.verdict == "fail" for row in rows) else "bold green")
-    )
-
-
-def page(rows: Sequence[Row], facts: Mapping[str, object]) -> str:
-    """Return the report as HTML; whatever it is made of is escaped."""
-    cells = "".join(
-        f'<tr><td class="{row.verdict}">{row.verdict}</td>'
-        + "".join(f"<td>{escape(text)}</td>" for text in (row.title, _figure(row), row.found, row.remedy, row.section))
-        + "</tr>\n"
-        for row in rows
-    )
-    told = "".join(f"<li>{escape(key)}: {escape(str(value))}</li>" for key, value in facts.items())
-    head = "".join(f"<th>{title}</th>" for title in ("", "row", "figure (bound)", "found", "what to do", "manual"))
-    return (
-        f'<!doctype html>\n<html lang="en"><meta charset="utf-8"><title>ta2 check</title><style>{CSS}</style>\n'
-        f"<h1>ta2 check</h1><ul>{told}</ul>\n<p>{_summary(rows)}</p>\n<table><tr>{head}</tr>\n{cells}</table></html>\n"
-    )
+    else:
+        print_rows(Console(highlight=False, width=None if sys.stdout.isatty() else PAGE_COLUMNS), rows, facts)
 
 
 def write_page(path: Path, rows: Sequence[Row], facts: Mapping[str, object]) -> None:
-    """Write the HTML page.
+    """Write the report as one HTML file; whatever it is made of is escaped.
 
     Raises:
         Rejected: BAD_REQUEST, the file cannot be written.
     """
     try:
-        path.write_text(page(rows, facts), encoding="utf-8")
+        with open(os.devnull, "w", encoding="utf-8") as nowhere:
+            console = Console(record=True, file=nowhere, width=PAGE_COLUMNS, highlight=False)
+            print_rows(console, rows, {"ta2 check": "of", **facts})
+        path.write_text(console.export_html(inline_styles=True), encoding="utf-8")
     except OSError as error:
-        message = f"{path}: {error.strerror or error}"
-        refusal = Refusal(code=Code.BAD_REQUEST, message=message, field="file", hint="name another place: --html FILE")
+        hint = "name another place: --html FILE"
+        refusal = Refusal(code=Code.BAD_REQUEST, message=f"{path}: {error.strerror or error}", field="file", hint=hint)
         raise to_exception(refusal) from None

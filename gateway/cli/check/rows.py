@@ -1,69 +1,86 @@
-"""A row of a check: what is asked, what was found, how it is judged, and what to do. Pure."""
+"""Rows of a check: what is asked, within which bound, what was found, and what to do. One table has all bounds. Pure."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from typing import Final, Literal
+from math import inf
+from typing import Final, Literal, NamedTuple
 
-__all__ = ["MOVING", "TITLES", "Row", "Verdict", "row", "skipped"]
+from gateway.cli.looking.link_findings import FAST, SLOW, TWICE, names_of
+from gateway.robot.limits import CHASSIS_DOWN_MPS2, CHASSIS_WATCHDOG_NS, FSM_WATCHDOG_NS
+
+__all__ = ["DRIVE_MPS", "MOVING", "POINTS", "Row", "Verdict", "measured", "row", "skipped", "worst"]
 
 Verdict = Literal["pass", "fail", "skipped", "unknown"]
+S = 1_000_000_000
+DRIVE_MPS = 0.05
+"""How fast a trial drives [m/s] (choice)."""
+LATE_S = 0.5
+"""So long a reaction may take to be seen, beyond the manual's time [s] (choice: states of 20 Hz, and a slow host)."""
+BRAKE_S = DRIVE_MPS / CHASSIS_DOWN_MPS2 + LATE_S
+PAGE = "set it on the robot's page, save, apply, restart (§2.3)"
+HALT = "do not go on: the robot does not stop as the manual says"
 
-TITLES: Final[Mapping[str, tuple[str, str]]] = {
-    "network": ("the robot's port answers", "§2.7.1"),
-    "router": ("the router answers", "§2.4"),
-    "bridge": ("one bridge announces the robot", "§2.4"),
-    "announced": ("topics are announced", "§2.7.1"),
-    "types": ("they have the manual's types", "§4.1.1"),
-    "routes": ("the bridge passes them on", "§2.4"),
-    "samples": ("what comes can be read", "§4.8"),
-    "states": ("states come, and go on coming", "§2.7.1"),
-    "fresh": ("states are new each time", "§2.7.1"),
-    "rates": ("rates are about the manual's", "§4.1.1"),
-    "copies": ("each sample comes once", "§4.1.1"),
-    "order": ("samples come in their order", "§4.8"),
-    "latency": ("no topic comes later than others", "§4.8"),
-    "clock": ("the robot's clock agrees with ours", "§4.8"),
-    "mode": ("the robot is in API mode", "§2.3"),
-    "parts": ("its parts are enabled", "§2.3"),
-    "control": ("control mode of the arms", "§2.3"),
-    "fsm": ("the state machine is ready to be enabled", "§4.11.1"),
-    "still": ("arms stand still while nobody commands", "§1.3"),
-    "writers": ("nobody else commands", "§3.3.2"),
-    "video": ("video", "§2.7.2"),
-    "echo": ("arms that are sent where they are stay there", "§2.7.3"),
-    "move_left": ("the left arm goes a little and back", "§2.7.3"),
-    "move_right": ("the right arm goes a little and back", "§2.7.3"),
-    "gripper_left": ("the left gripper pulls and lets go", "§4.4"),
-    "gripper_right": ("the right gripper pulls and lets go", "§4.4"),
-    "disable": ("a disable pauses the robot", "§2.7.3"),
-    "chassis_stop": ("zero velocity stops the chassis", "§2.7.3"),
-    "lift_stop": ("the lift is stopped", "§4.6"),
-    "heartbeat": ("without its heartbeat the robot pauses by itself", "§2.7.3"),
-    "chassis_timeout": ("without commands the chassis stops by itself", "§2.7.3"),
-    "home": ("both arms reach the initial position", "§2.7.3"),
+
+class Point(NamedTuple):
+    """What a row asks: title, section of the manual, both bounds of its figure, their unit, what to do when it fails."""
+
+    title: str
+    section: str
+    least: float = -inf
+    most: float = inf
+    unit: str = ""
+    remedy: str = ""
+
+
+# Bounds that the manual does not give are choices.
+# fmt: off
+POINTS: Final[Mapping[str, Point]] = {
+    "network": Point("the robot's port answers", "§2.7.1", most=3, unit="s", remedy="check power, cable and address"),
+    "router": Point("the router answers", "§2.4"),
+    "bridge": Point("one bridge announces the robot", "§2.4"),
+    "announced": Point("topics are announced", "§2.7.1"),
+    "types": Point("they have the manual's types", "§4.1.1"),
+    "routes": Point("the bridge passes them on", "§2.4"),
+    "samples": Point("what comes can be read", "§4.8", most=0, unit="refused"),
+    "states": Point("states come, and go on coming", "§2.7.1", most=10, unit="s", remedy="look at the node that publishes it"),
+    "fresh": Point("states are new each time", "§2.7.1", most=1, unit="s", remedy="restart that node on the robot"),
+    "rates": Point("rates are about the manual's", "§4.1.1", SLOW, FAST, "of it"),
+    "copies": Point("each sample comes once", "§4.1.1", most=TWICE, unit="times"),
+    "order": Point("samples come in their order", "§4.8", most=0, unit="samples", remedy="restart the robot's bridge"),
+    "latency": Point("no topic comes later than others", "§4.8", most=0.1, unit="s", remedy="look at the robot's load"),
+    "clock": Point("the robot's clock agrees with ours", "§4.8", -0.5, 0.5, "s", "let both keep one time, by NTP or chrony"),
+    "mode": Point("the robot is in API mode", "§2.3", remedy=PAGE),
+    "parts": Point("its parts are enabled", "§2.3", remedy=f"{PAGE}; of a part that is meant to be off: --without PART"),
+    "control": Point("control mode of the arms", "§2.3", remedy=PAGE),
+    "fsm": Point("it can be enabled", "§4.11.1", 0, 2, remedy="end VR or playback there; in ERROR restart the robot"),
+    "still": Point("arms stand still", "§1.3", most=0.05, unit="rad", remedy="who moves it? else that joint's encoder"),
+    "writers": Point("nobody else commands", "§3.3.2"),
+    "video": Point("video", "§2.7.2"),
+    "echo": Point("sent where they are, arms stay", "§2.7.3", most=0.02, unit="rad", remedy="do not go on: the robot jumps"),
+    "move_left": Point("the left arm goes a little and back", "§2.7.3", 0.8, 1.2, "of it", "free, enabled, in that mode?"),
+    "move_right": Point("the right arm goes a little and back", "§2.7.3", 0.8, 1.2, "of it", "free, enabled, in that mode?"),
+    "gripper_left": Point("the left gripper pulls", "§4.4", 0.05, unit="N·m", remedy="is its arm enabled?"),
+    "gripper_right": Point("the right gripper pulls", "§4.4", 0.05, unit="N·m", remedy="is its arm enabled?"),
+    "disable": Point("a disable pauses the robot", "§2.7.3", most=LATE_S, unit="s", remedy=HALT),
+    "chassis_stop": Point("zeros stop the chassis", "§2.7.3", most=BRAKE_S, unit="s", remedy=HALT),
+    "lift_stop": Point("the lift is stopped", "§4.6", remedy="did you see it move a little, and stop?"),
+    "heartbeat": Point("unheard, the robot pauses", "§2.7.3", most=FSM_WATCHDOG_NS / S + LATE_S, unit="s", remedy=HALT),
+    "chassis_timeout": Point("unheard, the chassis stops", "§2.7.3", -inf, CHASSIS_WATCHDOG_NS / S + BRAKE_S, "s", HALT),
+    "home": Point("arms reach the initial position", "§2.7.3", remedy="`ta2 home`, with the arms' way in sight"),
 }
-"""Each row's title and section of the manual, in the order of a report."""
-
-MOVING: Final = tuple(TITLES)[tuple(TITLES).index("echo") :]
+"""Every row in the order of a report."""
+# fmt: on
+MOVING: Final = tuple(POINTS)[tuple(POINTS).index("echo") :]
 """Rows for which something moves."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Row:
-    """What came of one point.
+    """What came of one point; `figure` is what was judged by `bound`, both in `unit`.
 
-    Attributes:
-        name: Stable name, for scripts.
-        title: What is asked, in words.
-        section: Of the manual.
-        verdict: `pass`, `fail`, `skipped` (not tried) or `unknown` (tried, and nobody can tell).
-        found: What was found, in words.
-        figure: The number that was judged; None where there is none.
-        bound: What it must keep, e.g. `<= 10`; empty when it is only told.
-        unit: Of both.
-        remedy: What to do; empty when there is nothing to be done.
+    `skipped` was not tried; `unknown` was, and nobody can tell.
     """
 
     name: str
@@ -71,38 +88,38 @@ class Row:
     section: str
     verdict: Verdict
     found: str
-    figure: float | None = None
-    bound: str = ""
-    unit: str = ""
-    remedy: str = ""
+    figure: float | None
+    bound: str
+    unit: str
+    remedy: str
 
 
-def row(
-    name: str,
-    verdict: Verdict | bool,
-    found: str,
-    *,
-    figure: float | None = None,
-    bound: str = "",
-    unit: str = "",
-    remedy: str = "",
-) -> Row:
-    """Return a row with its title and section; True is `pass`, False `fail`. What passed needs no remedy."""
-    judged: Verdict = verdict if isinstance(verdict, str) else "pass" if verdict else "fail"
-    title, section = TITLES[name]
+def row(name: str, verdict: Verdict | bool, found: str, figure: float | None = None, remedy: str | None = None) -> Row:
+    """Return a row of the table; True is `pass`, False `fail`. What passed needs no remedy."""
+    said: Verdict = verdict if isinstance(verdict, str) else "pass" if verdict else "fail"
+    title, section, least, most, unit, remedy_then = POINTS[name]
+    both = f"{least:g} to {most:.3g}" if least > -inf else f"<= {most:.3g}"
+    bound = "" if least == -inf and most == inf else f">= {least:g}" if most == inf else both
+    remedy = "" if said == "pass" else remedy_then if remedy is None else remedy
+    shown = None if figure is None else round(figure, 4)
     return Row(
-        name=name,
-        title=title,
-        section=section,
-        verdict=judged,
-        found=found,
-        figure=None if figure is None else round(figure, 4),
-        bound=bound,
-        unit=unit,
-        remedy="" if judged == "pass" else remedy,
-    )
+        name=name, title=title, section=section, verdict=said, found=found, figure=shown, bound=bound, unit=unit, remedy=remedy
+    )  # fmt: skip
 
 
-def skipped(names: tuple[str, ...], why: str, remedy: str = "") -> list[Row]:
+def measured(name: str, figure: float | None, found: str, *, wrong: str = "", remedy: str | None = None) -> Row:
+    """Return a row that its figure decides, or what is wrong beside it; without either nobody can tell."""
+    good = not wrong and figure is not None and POINTS[name].least <= figure <= POINTS[name].most
+    return row(name, "unknown" if figure is None and not wrong else good, wrong or found, figure, remedy)
+
+
+def worst(name: str, figures: Mapping[str, float], found: str, wrong: str) -> Row:
+    """Return a row that the greatest of some figures decides; those beyond the bound are named."""
+    beyond = [who for who, figure in figures.items() if not figure <= POINTS[name].most]
+    most = max(figures.values(), default=None)
+    return measured(name, most, found, wrong=f"{wrong}: {names_of(beyond)}" if beyond else "")
+
+
+def skipped(names: Iterable[str], why: str, remedy: str = "") -> list[Row]:
     """Return rows that were not tried, and why."""
     return [row(name, "skipped", why, remedy=remedy) for name in names]
