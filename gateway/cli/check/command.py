@@ -7,9 +7,9 @@ import socket
 import sys
 import time
 from argparse import Namespace
+from collections.abc import Callable
 from dataclasses import replace
 from datetime import datetime
-from typing import Protocol
 from urllib.parse import urlsplit
 
 from gateway import __version__
@@ -43,20 +43,12 @@ Nobody and nothing in reach, a hand at the physical emergency stop (§1.3)?
 Type {WORD} to go on, anything else to leave it: """
 
 
-class Look(Protocol):
-    """A look at the wire without a gateway: `gateway.link.surveyor.look`."""
-
-    def __call__(self, settings: LinkSettings, *, is_named: bool) -> Wire:
-        """Return what was seen."""
-        ...
-
-
-def carry_out(options: Namespace, look: Look) -> ExitStatus:
+def carry_out(options: Namespace, look: Callable[..., Wire]) -> ExitStatus:
     """Check; return REFUSED when a row fails.
 
     Args:
         options: Of the command line.
-        look: At the wire.
+        look: At the wire without a gateway: `gateway.link.surveyor.look`.
 
     Raises:
         Disconnected: No gateway says where the robot is, and nobody else does.

@@ -17,31 +17,30 @@ from argparse import Namespace
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import suppress
 from importlib.metadata import PackageNotFoundError, version
+from math import inf
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
 from gateway.api.protocol import default_socket
+from gateway.cli.command_line.robot_arguments import ROBOT_PORT
 from gateway.cli.command_line.video_arguments import PORT
 from gateway.cli.terminal.ending import ExitStatus
 
-__all__ = ["READERS", "Advice", "advice", "carry_out", "readings"]
+__all__ = ["PROBES", "Advice", "Probe", "advice", "carry_out", "readings"]
 
-TICK_S, TICKS = 0.01, 100
-LATE_MS = 5.0
-"""A tick of 10 ms that comes so late costs half a setpoint [ms] (choice)."""
+TICKS, TICK_S, LATE_MS = 100, 0.01, 5.0
+"""A tick of 10 ms that comes later costs half a setpoint (choice)."""
 RMEM_BYTES = 4_194_304
-"""What a receiver of the robot's pictures asks for [bytes]."""
-DISK_BYTES = 5_000_000_000
-LIMITS = "of the user who runs it: `{0} {1}` in /etc/security/limits.d/ta2.conf, or {2}= in its systemd unit"
+"""Holds a second of the robot's pictures (choice)."""
+DISK_BYTES = 5e9
 EXTRAS: Final = {
     "body": "pin",
-    "video": "av",
-    "record": "mcap",
     "dataset": "pyarrow",
     "policy": "websockets",
+    "record": "mcap",
     "sim": "mujoco",
+    "video": "av",
 }
-MARKS: Final = {"ok": "ok     ", "advice": "ADVICE ", "problem": "PROBLEM", "unknown": "?      "}
 
 
 class Advice(NamedTuple):
@@ -50,15 +49,13 @@ class Advice(NamedTuple):
     name: str
     verdict: str
     found: str
-    do: str = ""
-
-
-# ------------------------------------------------------------------------------------------------------------- reading
+    do: str
 
 
 def _limit(which: int) -> float:
+    """Return a hard limit of this user; root has none."""
     hard = resource.getrlimit(which)[1]
-    return float("inf") if hard == resource.RLIM_INFINITY else hard
+    return inf if os.geteuid() == 0 or hard == resource.RLIM_INFINITY else hard
 
 
 def _late_ms() -> tuple[float, float]:
@@ -72,40 +69,33 @@ def _late_ms() -> tuple[float, float]:
 
 
 def _is_synchronised() -> bool:
-    """Ask the kernel whether something keeps its clock (adjtimex, which asks only when its modes are 0)."""
+    """Ask the kernel whether something keeps its clock: adjtimex, which changes nothing when it is handed zeros."""
     state = ctypes.CDLL(None, use_errno=True).adjtimex(ctypes.create_string_buffer(512))
     if state < 0:
         raise OSError(ctypes.get_errno(), "adjtimex")
     return bool(state != 5)
 
 
-def _governors() -> set[str]:
-    found = {
-        path.read_text().strip() for path in Path("/sys/devices/system/cpu").glob("cpu[0-9]*/cpufreq/scaling_governor")
-    }
-    if not found:
-        raise FileNotFoundError
-    return found
+def _governors() -> list[str]:
+    files = Path("/sys/devices/system/cpu").glob("cpu[0-9]*/cpufreq/scaling_governor")
+    return sorted({path.read_text().strip() for path in files}) or _nothing()
+
+
+def _nothing() -> Any:  # noqa: ANN401  it never returns
+    raise FileNotFoundError
 
 
 def _folder() -> tuple[str, bool]:
-    """Return the folder of the gateway's socket, or what will be its parent, and whether it can be written."""
+    """Return the folder of the gateway's socket, or where that will be made, and whether it can be written."""
     folder = next(path for path in default_socket().parents if path.exists())
     return str(folder), os.access(folder, os.W_OK | os.X_OK)
 
 
 def _is_free(port: int, kind: socket.SocketKind) -> bool:
-    with socket.socket(socket.AF_INET, kind) as probe:
-        try:
-            probe.bind(("0.0.0.0", port))
-        except OSError:
-            return False
-    return True
-
-
-def _firewall() -> str:
-    """Return whether a firewall is set to start; its rules are for root."""
-    return "on" if "ENABLED=yes" in Path("/etc/ufw/ufw.conf").read_text() else "off"
+    with socket.socket(socket.AF_INET, kind) as probe, suppress(OSError):
+        probe.bind(("0.0.0.0", port))
+        return True
+    return False
 
 
 def _packages() -> dict[str, str]:
@@ -116,117 +106,67 @@ def _packages() -> dict[str, str]:
     return found
 
 
-READERS: Final[Mapping[str, Callable[[], Any]]] = {
-    "rtprio": lambda: _limit(resource.RLIMIT_RTPRIO),
-    "memlock": lambda: _limit(resource.RLIMIT_MEMLOCK),
-    "root": lambda: os.geteuid() == 0,
-    "tick": _late_ms,
-    "governor": _governors,
-    "cores": lambda: len(os.sched_getaffinity(0)),
-    "clock": _is_synchronised,
-    "disk": lambda: shutil.disk_usage(Path.cwd()).free,
-    "socket": _folder,
-    "port 7447": lambda: _is_free(7447, socket.SOCK_STREAM),
-    f"port {PORT}": lambda: _is_free(PORT, socket.SOCK_DGRAM),
-    "udp buffer": lambda: int(Path("/proc/sys/net/core/rmem_max").read_text()),
-    "firewall": _firewall,
-    "python": platform.python_version,
-    "packages": _packages,
+class Probe(NamedTuple):
+    """How a fact is read, whether it is good (or how bad), how it is told, and what to type when it is not good."""
+
+    read: Callable[[], Any]
+    judge: Callable[[Any], bool | str]
+    text: str
+    do: str = ""
+
+
+LIMITS = "`USER - {} {}` in /etc/security/limits.d/ta2.conf, or {} in the unit of systemd"
+TAKEN = "`ss -lntup` says by whom; it is fine if you know"
+# fmt: off
+PROBES: Final[Mapping[str, Probe]] = {
+    "real time": Probe(lambda: _limit(resource.RLIMIT_RTPRIO), lambda most: most >= 80, "priority up to {:g}",
+                       LIMITS.format("rtprio", 80, "LimitRTPRIO=80")),
+    "memlock": Probe(lambda: _limit(resource.RLIMIT_MEMLOCK), lambda most: most == inf, "{:g} bytes may be locked",
+                     LIMITS.format("memlock", "unlimited", "LimitMEMLOCK=infinity")),
+    "tick": Probe(_late_ms, lambda late_ms: "problem" if late_ms[0] > LATE_MS else late_ms[1] <= LATE_MS,
+                  "10 ms come {0[0]:.2f} ms late in the middle, {0[1]:.2f} ms at worst", "end what loads this computer"),
+    "governor": Probe(_governors, lambda names: {*names} <= {"performance", "schedutil"}, "{0}",
+                      "sudo cpupower frequency-set -g performance"),
+    "cores": Probe(lambda: len(os.sched_getaffinity(0)), lambda count: count >= 2, "{}", "give it two at least"),
+    "clock": Probe(_is_synchronised, bool, "kept by something: {}", "sudo timedatectl set-ntp true"),
+    "disk": Probe(lambda: shutil.disk_usage(Path.cwd()).free, lambda free: free >= DISK_BYTES, "{:.3g} bytes are free",
+                  "record on another disk: --out DIR"),
+    "socket": Probe(_folder, lambda found: found[1] or "problem", "{0[0]}", "export TA2_SOCKET=PATH, in a folder of yours"),
+    f"tcp {ROBOT_PORT}": Probe(lambda: _is_free(ROBOT_PORT, socket.SOCK_STREAM), bool, "free for `ta2 sim`: {}", TAKEN),
+    "tcp 7447": Probe(lambda: _is_free(7447, socket.SOCK_STREAM), bool, "free, so that no zenoh router is here: {}", TAKEN),
+    f"udp {PORT}": Probe(lambda: _is_free(PORT, socket.SOCK_DGRAM), bool, "free for the robot's pictures: {}", TAKEN),
+    "udp buffer": Probe(lambda: int(Path("/proc/sys/net/core/rmem_max").read_text()), lambda size: size >= RMEM_BYTES,
+                        "{} bytes", f"sudo sysctl -w net.core.rmem_max={RMEM_BYTES}"),
+    "firewall": Probe(lambda: "ENABLED=yes" in Path("/etc/ufw/ufw.conf").read_text(), lambda is_on: not is_on,
+                      "ufw is on: {}", f"sudo ufw allow from ROBOT_IP to any port {PORT} proto udp (§2.6.3)"),
+    "python": Probe(platform.python_version, bool, "{}"),
+    "packages": Probe(_packages, bool, "{}"),
+    "extras": Probe(lambda: [extra for extra, name in EXTRAS.items() if name not in _packages()],
+                    lambda missing: not missing, "missing: {}", "pip install 'teleavatar-gateway[NAME]', where you need one"),
 }
-"""How each of the host's facts is read; Any: each its own type, as `advice` takes it."""
+"""Every row."""
+# fmt: on
 
 
-def readings(readers: Mapping[str, Callable[[], Any]] = READERS) -> dict[str, Any]:
-    """Return what can be read; None stands for what cannot."""
-    found: dict[str, Any] = {}
-    for name, read in readers.items():
-        found[name] = None
+def readings() -> dict[str, Any]:
+    """Return what can be read; None stands for what cannot. Any: each its own type, as its probe takes it."""
+    found: dict[str, Any] = dict.fromkeys(PROBES)
+    for name, probe in PROBES.items():
         with suppress(OSError, ValueError, AttributeError, StopIteration):  # not there, or not permitted, here
-            found[name] = read()
+            found[name] = probe.read()
     return found
 
 
-# ------------------------------------------------------------------------------------------------------------- judging
-
-
 def advice(host: Mapping[str, Any]) -> Iterator[Advice]:
-    """Yield a row for each of the host's facts, as `readings` gives them; `unknown` for each that is None."""
-    for name, judge in JUDGES.items():
+    """Yield a row for each of the host's facts, as `readings` gives them."""
+    for name, probe in PROBES.items():
         fact = host.get(name)
-        said = (name, "unknown", "cannot be read here") if fact is None else (name, *judge(fact, host))
-        yield Advice(*said)
-
-
-Judged = tuple[str, str] | tuple[str, str, str]
-
-
-def _limited(text: str, words: tuple[str, str, str], least: float) -> Callable[[Any, Mapping[str, Any]], Judged]:
-    def judge(fact: float, host: Mapping[str, Any]) -> Judged:
-        if host.get("root") or fact >= least:
-            return "ok", "root may, unless a container forbids it" if host.get("root") else f"{fact:g}"
-        return "advice", f"{fact:g}: {text}", LIMITS.format(*words)
-
-    return judge
-
-
-def _tick(fact: tuple[float, float], _: Mapping[str, Any]) -> Judged:
-    found = f"a tick of 10 ms is {fact[0]:.2f} ms late in the middle, {fact[1]:.2f} ms at worst"
-    late = "end what loads this computer; see rows rtprio and governor"
-    return ("problem" if fact[0] > LATE_MS else "advice" if fact[1] > LATE_MS else "ok"), found, late
-
-
-def _governor(fact: set[str], _: Mapping[str, Any]) -> Judged:
-    slow = fact - {"performance", "schedutil"}
-    return "advice" if slow else "ok", ", ".join(sorted(fact)), "sudo cpupower frequency-set -g performance"
-
-
-def _port(fact: bool, _: Mapping[str, Any]) -> Judged:
-    return "ok" if fact else "advice", "free" if fact else "taken: fine, if you know by whom", "ss -lntup"
-
-
-def _packed(fact: Mapping[str, str], _: Mapping[str, Any]) -> Judged:
-    missing = [extra for extra, package in EXTRAS.items() if package not in fact]
-    found = ", ".join(f"{name} {number}" for name, number in fact.items())
-    without = f"; without the extras {', '.join(missing)}" if missing else ""
-    return "ok", found + without, f"pip install 'teleavatar-gateway[{','.join(missing)}]'" if missing else ""
-
-
-JUDGES: Final[Mapping[str, Callable[[Any, Mapping[str, Any]], Judged]]] = {
-    "rtprio": _limited("ticks come late under load", ("- rtprio", "80", "LimitRTPRIO=80"), 80),
-    "memlock": _limited("memory may be swapped out", ("- memlock", "unlimited", "LimitMEMLOCK=infinity"), float("inf")),
-    "tick": _tick,
-    "governor": _governor,
-    "cores": lambda fact, _: ("ok" if fact >= 2 else "advice", str(fact), "give it two cores at least"),
-    "clock": lambda fact, _: (
-        ("ok", "synchronised")
-        if fact
-        else ("advice", "nothing keeps it: recordings do not fit the robot's", "sudo timedatectl set-ntp true")
-    ),
-    "disk": lambda fact, _: (
-        "ok" if fact >= DISK_BYTES else "advice",
-        f"{fact / 1e9:.0f} GB free",
-        "record on another disk",
-    ),
-    "socket": lambda fact, _: (
-        "ok" if fact[1] else "problem",
-        fact[0],
-        "export TA2_SOCKET=PATH, in a folder of your own",
-    ),
-    "port 7447": _port,
-    f"port {PORT}": _port,
-    "udp buffer": lambda fact, _: (
-        "ok" if fact >= RMEM_BYTES else "advice",
-        f"{fact} bytes",
-        f"sudo sysctl -w net.core.rmem_max={RMEM_BYTES}",
-    ),
-    "firewall": lambda fact, _: (
-        "ok" if fact == "off" else "advice",
-        f"ufw is {fact}",
-        f"sudo ufw allow from ROBOT_IP to any port {PORT} proto udp (§2.6.3)",
-    ),
-    "python": lambda fact, _: ("ok", fact),
-    "packages": _packed,
-}
+        if fact is None:
+            yield Advice(name, "unknown", "cannot be read here", "")
+            continue
+        said = probe.judge(fact)
+        verdict = said if isinstance(said, str) else "ok" if said else "advice"
+        yield Advice(name, verdict, probe.text.format(fact), "" if verdict == "ok" else probe.do)
 
 
 def carry_out(options: Namespace) -> ExitStatus:
@@ -237,8 +177,5 @@ def carry_out(options: Namespace) -> ExitStatus:
         print(json.dumps({"ok": is_good, "rows": [row._asdict() for row in rows]}, ensure_ascii=False, indent=2))
     else:
         for row in rows:
-            print(
-                f"{MARKS[row.verdict]} {row.name}: {row.found}"
-                + (f"\n        -> {row.do}" if row.do and row.verdict != "ok" else "")
-            )
+            print(f"{row.verdict:<8} {row.name:<11} {row.found}" + (f"\n{'':<20} -> {row.do}" if row.do else ""))
     return ExitStatus.OK if is_good else ExitStatus.REFUSED

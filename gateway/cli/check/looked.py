@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence, Set
 from dataclasses import dataclass
 from itertools import pairwise
+from math import isfinite
 from typing import Final
 
 from msgspec.structs import replace
@@ -93,16 +94,15 @@ def looked(seen: Seen, wish: Wish) -> list[Row]:
     for finding in findings_of(wire):
         if finding.level != "info" or finding.code == "UNKNOWN":
             found.setdefault(ROW_OF.get(finding.code, finding.code), []).append(finding)
-    why = "the robot's router was not reached"
-    rows = [
-        _network(seen),
-        _wired("router", found, f"zenoh {wire.router_version.partition('-')[0] or 'that does not say more'}"),
-    ]
+    why, rows = "the robot's router was not reached", [_network(seen)]
+    if wire.is_up or not seen.knock_error:
+        rows.append(_wired("router", found, f"zenoh {wire.router_version.partition('-')[0] or 'that says no version'}"))
     if wire.is_up:
         why = "no robot is known there"
         rows.append(_wired("bridge", found, _bridge(wire)))
     if wire.is_up and rows[-1].verdict == "pass":
-        heard = [topic for topic in STATE_TOPICS if topic not in absent]
+        explained = {topic.name for topic in wire.topics if topic.route in ("dead", "lost", "unannounced")}
+        heard = [topic for topic in STATE_TOPICS if topic not in absent | explained]
         rows += [*_wire_rows(wire, found), *_come(seen, heard, found), *_robot_rows(seen, wish)]
     done = {each.name for each in rows}
     rows += skipped((name for name in POINTS if name not in {*MOVING, "video", *done}), why)
@@ -206,6 +206,12 @@ def _robot_rows(seen: Seen, wish: Wish) -> Iterator[Row]:
     spread_rad = {
         side.value: max(max(joint) - min(joint) for joint in zip(*came, strict=False))
         for side in Side
-        if (came := [message.position for _, message in seen.capture.messages(arm_state(side))])
+        if (
+            came := [
+                q_rad
+                for _, message in seen.capture.messages(arm_state(side))
+                if isfinite(sum(q_rad := message.position))
+            ]
+        )
     }
     yield worst("still", spread_rad, "the furthest", "moved, or seem to")

@@ -71,6 +71,8 @@ class Trials:
     tell: Teller
     settings: LinkSettings
     config: str | None = None
+    now: str = "echo"
+    """The row that is tried."""
 
     def all(self, running: Robot | None) -> list[Row]:
         """Return all rows that move, those too that were not tried; by a gateway that runs, or one of our own."""
@@ -83,8 +85,7 @@ class Trials:
                     _take(self.commanded(robot), rows)
                 _take(self.abandoned(), rows)
         except GatewayError as error:
-            name = next((name for name in self._wanted() if name not in {each.name for each in rows}), "disable")
-            rows.append(row(name, False, line_of(error), remedy="`ta2 why` says more while a gateway runs"))
+            rows.append(row(self.now, False, line_of(error), remedy="`ta2 why` says more while a gateway runs"))
         has_failed = any(each.verdict == "fail" for each in rows)
         if has_failed and running is None and self._is_started():  # it did not pause by itself
             with suppress(GatewayError), self._own_gateway() as (robot, _):
@@ -101,14 +102,6 @@ class Trials:
 
     def _sides(self) -> list[Side]:
         return [side for side in Side if self.parts.get(f"{side}_arm")]
-
-    def _wanted(self) -> list[str]:
-        """Return the rows that are tried, in order."""
-        arms = [f"{kind}_{side}" for kind in ("move", "gripper") for side in self._sides()]
-        wanted = ["echo", *arms, "disable", "heartbeat"] if arms else []
-        wanted += ["chassis_stop", "chassis_timeout"] if self.parts.get("chassis") else []
-        wanted += ["lift_stop"] if self.parts.get("lift_servo") else []
-        return sorted(wanted, key=MOVING.index)
 
     @contextmanager
     def _own_gateway(self) -> Iterator[tuple[Robot, subprocess.Popen[bytes]]]:
@@ -137,13 +130,15 @@ class Trials:
                 for side in sides:
                     yield self._moved(robot, own, side)
                 for side in sides:
-                    yield moved.gripped(capture, side, self._while("gripper", lambda side=side: _pull(own, side)))  # type: ignore[misc]  # a default binds it
+                    yield moved.gripped(
+                        capture, side, self._while(f"gripper_{side}", lambda side=side: _pull(own, side))
+                    )  # type: ignore[misc]  # a default binds it
                 yield moved.paused("disable", capture, self._while("disable", own.disable, HOLD_S))
             if self.parts.get("chassis"):
-                span = self._while("chassis", lambda: _drive(own), HOLD_S)
+                span = self._while("chassis_stop", lambda: _drive(own), HOLD_S)
                 yield moved.rolled_out("chassis_stop", capture, span)
             if self.parts.get("lift_servo"):
-                yield moved.lifted(capture, self._while("lift", lambda: own.lift.drive_for(LIFT, HOLD_S), HOLD_S))
+                yield moved.lifted(capture, self._while("lift_stop", lambda: own.lift.drive_for(LIFT, HOLD_S), HOLD_S))
 
     def abandoned(self) -> Rows:
         """Kill a gateway of our own in mid-hold, another in mid-drive, and see what the robot does by itself."""
@@ -158,16 +153,17 @@ class Trials:
                 begin_ns = time.monotonic_ns()
                 robot.control().acquire().chassis.set_velocity(DRIVE_MPS, 0.0, 0.0, expiry=EXPIRY_S)
                 _until(lambda: self._is_rolling(begin_ns), EXPIRY_S / 2)
-                span = self._while("chassis", process.kill, EXPIRY_S)
+                span = self._while("chassis_timeout", process.kill, EXPIRY_S)
                 yield moved.rolled_out("chassis_timeout", self.capture, Span(begin_ns, span.end_ns))
 
-    def _while(self, phase: str, do: Callable[[], object], more_s: float = LOOK_S) -> Span:
-        """Do something; return when that was, with some time behind it."""
-        self.tell.advance(phase, None, "")
+    def _while(self, name: str, do: Callable[[], object], more_s: float = LOOK_S) -> Span:
+        """Do something for a row; return when that was, with some time behind it."""
+        self.now = name
+        self.tell.advance(name, None, "")
         begin_ns = time.monotonic_ns()
         do()
         time.sleep(more_s)
-        self.tell.advance(phase, 1.0, "")
+        self.tell.advance(name, 1.0, "")
         return Span(begin_ns, time.monotonic_ns())
 
     def _moved(self, robot: Robot, own: Control, side: Side) -> Row:
@@ -186,8 +182,8 @@ class Trials:
                 own.move_pose({side.value: PoseTarget(p_m, pose.quat_xyzw, pose.frame)}, speed=SPEED).result()
 
         if mode is None or mode.joint_mode[side.value]:
-            return moved.moved_back(self.capture, side, joint, step, self._while("move", by_joint))
-        return moved.moved_back(self.capture, side, None, -moved.STEP_M, self._while("move", by_pose))
+            return moved.moved_back(self.capture, side, joint, step, self._while(f"move_{side}", by_joint))
+        return moved.moved_back(self.capture, side, None, -moved.STEP_M, self._while(f"move_{side}", by_pose))
 
     def _is_started(self, since_ns: int = 0) -> bool:
         """Return whether the robot's newest state, or its silence since then, leaves its arms enabled."""
