@@ -11,6 +11,7 @@ import time
 from collections.abc import Callable, Generator, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 from gateway.cli.check import moved
@@ -42,16 +43,10 @@ Rows = Generator[Row, None, None]
 
 
 def step_of(side: Side, q_rad: Sequence[float]) -> tuple[int, float]:
-    """Return the joint with the most room to one of its limits (manual §4.13), and a step that way [rad]."""
-    up = [
-        (high - q, joint, moved.STEP_RAD)
-        for joint, (q, high) in enumerate(zip(q_rad, JOINT_UPPER_RAD[side], strict=True))
-    ]
-    down = [
-        (q - low, joint, -moved.STEP_RAD)
-        for joint, (q, low) in enumerate(zip(q_rad, JOINT_LOWER_RAD[side], strict=True))
-    ]
-    return max(up + down)[1:]
+    """Return the joint that is furthest inside its limits (manual §4.13), and a step to the farther one [rad]."""
+    limits = zip(q_rad, JOINT_LOWER_RAD[side], JOINT_UPPER_RAD[side], strict=True)
+    _, joint, is_up = max((min(q - low, high - q), n, high - q > q - low) for n, (q, low, high) in enumerate(limits))
+    return joint, moved.STEP_RAD if is_up else -moved.STEP_RAD
 
 
 @dataclass(slots=True, kw_only=True)
@@ -85,6 +80,7 @@ class Trials:
                     _take(self.commanded(robot), rows)
                 _take(self.abandoned(), rows)
         except GatewayError as error:
+            rows = [each for each in rows if each.name != self.now]
             rows.append(row(self.now, False, line_of(error), remedy="`ta2 why` says more while a gateway runs"))
         has_failed = any(each.verdict == "fail" for each in rows)
         if has_failed and running is None and self._is_started():  # it did not pause by itself
@@ -130,9 +126,8 @@ class Trials:
                 for side in sides:
                     yield self._moved(robot, own, side)
                 for side in sides:
-                    yield moved.gripped(
-                        capture, side, self._while(f"gripper_{side}", lambda side=side: _pull(own, side))
-                    )  # type: ignore[misc]  # a default binds it
+                    span = self._while(f"gripper_{side}", partial(_pull, own, side))
+                    yield moved.gripped(capture, side, span)
                 yield moved.paused("disable", capture, self._while("disable", own.disable, HOLD_S))
             if self.parts.get("chassis"):
                 span = self._while("chassis_stop", lambda: _drive(own), HOLD_S)
