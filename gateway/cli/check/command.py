@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 import socket
 import sys
+import termios
 import time
 from argparse import Namespace
 from collections.abc import Callable
@@ -39,7 +40,7 @@ LEAST_S = 3.0
 CONSENT = f"""
 What is still to be checked MOVES the robot: each enabled arm by 0.05 rad or 2 cm and back, its gripper opens; the chassis
 drives forward for about 20 cm in all; twice the gateway is killed on purpose, and the robot has to stop by itself.
-Nobody and nothing in reach, a hand at the physical emergency stop (§1.3)?
+An arm that nobody commands is not held (§4.10). Nobody and nothing in reach, a hand at the physical emergency stop (§1.3)?
 Type {WORD} to go on, anything else to leave it: """
 
 
@@ -58,11 +59,10 @@ def carry_out(options: Namespace, look: Callable[..., Wire]) -> ExitStatus:
     logging.getLogger("gateway").addHandler(logging.NullHandler())  # rows say it
     settings, wish = link_of(options), Wish(without=frozenset(options.without), mode=options.mode)
     knock_s, error = knock(settings.endpoint)
+    asks_gateway = options.robot is None and options.config is None
     with teller() as tell:
         tell.advance("look", None, settings.endpoint)
-        wire = look(
-            settings, is_named=bool(options.namespace is not None or settings.namespace or not _is_alone(options))
-        )
+        wire = look(settings, is_named=bool(asks_gateway or options.namespace is not None or settings.namespace))
         settings = replace(settings, namespace=wire.namespace)
         capture = Capture((*STATE_TOPICS, *settings.variant.command_topics))
         tap = Tap(settings, recorded_topics(settings), capture.take)
@@ -77,7 +77,11 @@ def carry_out(options: Namespace, look: Callable[..., Wire]) -> ExitStatus:
             parts = parts_of(capture.mode(), wish, has_lift=settings.variant.has_lift)
             trials = Trials(capture=capture, parts=parts, tell=tell, settings=settings, config=options.config)
             may_not = _objection(options, rows)
-            rows += may_not or _moved(options, trials)
+            if may_not or not asks_gateway:
+                rows += may_not or trials.all(None)
+            else:
+                with connected("check", options.target, options.timeout_s) as robot:
+                    rows += trials.all(robot)
         finally:
             tap.close()
     at = datetime.now().astimezone().isoformat(timespec="seconds")
@@ -86,11 +90,6 @@ def carry_out(options: Namespace, look: Callable[..., Wire]) -> ExitStatus:
     if options.html is not None:
         write_page(options.html, rows, facts)
     return ExitStatus.REFUSED if any(each.verdict == "fail" for each in rows) else ExitStatus.OK
-
-
-def _is_alone(options: Namespace) -> bool:
-    """Return whether no gateway is asked for anything."""
-    return options.robot is not None or options.config is not None
 
 
 def knock(endpoint: str) -> tuple[float | None, str]:
@@ -146,19 +145,10 @@ def _objection(options: Namespace, rows: list[Row]) -> list[Row]:
     return skipped(MOVING, "nobody agreed that the robot moves", f"type {WORD} at the terminal, or --consent {WORD}")
 
 
-def _moved(options: Namespace, trials: Trials) -> list[Row]:
-    if _is_alone(options):
-        return trials.all(None)
-    with connected("check", options.target, options.timeout_s) as robot:
-        return trials.all(robot)
-
-
 def _agreed() -> bool:
     """Ask a person to type the word; nobody agrees where there is no terminal."""
     if not (sys.stdin.isatty() and sys.stderr.isatty()):
         return False
-    import termios
-
     termios.tcflush(sys.stdin, termios.TCIFLUSH)  # what was typed before the question is no answer to it
     print(CONSENT, end="", file=sys.stderr, flush=True)
     return sys.stdin.readline().strip() == WORD

@@ -16,7 +16,8 @@ import time
 from argparse import Namespace
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import suppress
-from importlib.metadata import PackageNotFoundError, version
+from importlib.metadata import version
+from importlib.util import find_spec
 from math import inf
 from pathlib import Path
 from typing import Any, Final, NamedTuple
@@ -33,8 +34,9 @@ TICKS, TICK_S, LATE_MS = 100, 0.01, 5.0
 RMEM_BYTES = 4_194_304
 """Holds a second of the robot's pictures (choice)."""
 DISK_BYTES = 5e9
+NEEDED: Final = ("eclipse-zenoh", "numpy", "ruckig", "msgspec", "rich")
 EXTRAS: Final = {
-    "body": "pin",
+    "body": "pinocchio",
     "dataset": "pyarrow",
     "policy": "websockets",
     "record": "mcap",
@@ -76,13 +78,9 @@ def _is_synchronised() -> bool:
     return bool(state != 5)
 
 
-def _governors() -> list[str]:
+def _governors() -> list[str] | None:
     files = Path("/sys/devices/system/cpu").glob("cpu[0-9]*/cpufreq/scaling_governor")
-    return sorted({path.read_text().strip() for path in files}) or _nothing()
-
-
-def _nothing() -> Any:  # noqa: ANN401  it never returns
-    raise FileNotFoundError
+    return sorted({path.read_text().strip() for path in files}) or None
 
 
 def _folder() -> tuple[str, bool]:
@@ -96,14 +94,6 @@ def _is_free(port: int, kind: socket.SocketKind) -> bool:
         probe.bind(("0.0.0.0", port))
         return True
     return False
-
-
-def _packages() -> dict[str, str]:
-    found = {}
-    for name in ("eclipse-zenoh", "numpy", "ruckig", *EXTRAS.values()):
-        with suppress(PackageNotFoundError):
-            found[name] = version(name)
-    return found
 
 
 class Probe(NamedTuple):
@@ -140,8 +130,8 @@ PROBES: Final[Mapping[str, Probe]] = {
     "firewall": Probe(lambda: "ENABLED=yes" in Path("/etc/ufw/ufw.conf").read_text(), lambda is_on: not is_on,
                       "ufw is on: {}", f"sudo ufw allow from ROBOT_IP to any port {PORT} proto udp (§2.6.3)"),
     "python": Probe(platform.python_version, bool, "{}"),
-    "packages": Probe(_packages, bool, "{}"),
-    "extras": Probe(lambda: [extra for extra, name in EXTRAS.items() if name not in _packages()],
+    "packages": Probe(lambda: ", ".join(f"{name} {version(name)}" for name in NEEDED), bool, "{}"),
+    "extras": Probe(lambda: ", ".join(extra for extra, name in EXTRAS.items() if find_spec(name) is None),
                     lambda missing: not missing, "missing: {}", "pip install 'teleavatar-gateway[NAME]', where you need one"),
 }
 """Every row."""
@@ -152,7 +142,9 @@ def readings() -> dict[str, Any]:
     """Return what can be read; None stands for what cannot. Any: each its own type, as its probe takes it."""
     found: dict[str, Any] = dict.fromkeys(PROBES)
     for name, probe in PROBES.items():
-        with suppress(OSError, ValueError, AttributeError, StopIteration):  # not there, or not permitted, here
+        with suppress(
+            OSError, ValueError, AttributeError, ImportError, StopIteration
+        ):  # not there, or not permitted, here
             found[name] = probe.read()
     return found
 

@@ -208,9 +208,7 @@ def _robot_rows(seen: Seen, wish: Wish) -> Iterator[Row]:
         for side in Side
         if (
             came := [
-                q_rad
-                for _, message in seen.capture.messages(arm_state(side))
-                if isfinite(sum(q_rad := message.position))
+                each for _, message in seen.capture.messages(arm_state(side)) if isfinite(sum(each := message.position))
             ]
         )
     }

@@ -39,6 +39,8 @@ REACT_S = 4.0
 """Longest wait for what the robot shall do by itself: its watchdogs, and then some [s]."""
 SPEED, FORCE, LIFT = 0.3, 0.2, 0.1
 """Parts of the velocity limits, of a gripper's greatest torque, and of the lift's full speed."""
+KILLING = ("heartbeat", "chassis_timeout")
+"""Rows for which a gateway of our own is killed."""
 Rows = Generator[Row, None, None]
 
 
@@ -86,14 +88,14 @@ class Trials:
         if has_failed and running is None and self._is_started():  # it did not pause by itself
             with suppress(GatewayError), self._own_gateway() as (robot, _):
                 robot.estop("ta2 check: the robot did not pause")
+            if self._is_started():
+                self.tell.say("nobody knows whether the robot has paused: use the physical emergency stop")
+        rows += skipped(("home",), "left to you", "`ta2 home`, with the arms' way in sight")
+        if running is not None:
+            rows += skipped(KILLING, "needs a gateway of its own", "end yours, then `ta2 check --robot ADDRESS`")
         done = {each.name for each in rows}
-        for name in (name for name in MOVING if name not in done):
-            why, remedy = ("an earlier one failed", "") if has_failed else ("the part is not there, or disabled", "")
-            if name == "home":
-                why, remedy = "left to you", "`ta2 home`, with the arms' way in sight"
-            elif running is not None and name in ("heartbeat", "chassis_timeout"):
-                why, remedy = "needs a gateway of its own", "end yours, then `ta2 check --robot ADDRESS`"
-            rows += skipped((name,), why, remedy)
+        why = "an earlier one failed" if has_failed else "the part is not there, or disabled"
+        rows += skipped((name for name in MOVING if name not in done), why)
         return sorted(rows, key=lambda each: MOVING.index(each.name))
 
     def _sides(self) -> list[Side]:
@@ -120,7 +122,6 @@ class Trials:
         capture, sides = self.capture, self._sides()
         with robot.control(on_loss="pause") as own:
             if sides:
-                self.tell.advance("enable", None, "waiting for READY")
                 own.enable()
                 yield moved.echoed(capture, sides, self._while("echo", lambda: time.sleep(HOLD_S)))
                 for side in sides:

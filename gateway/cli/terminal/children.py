@@ -13,7 +13,7 @@ from pathlib import Path
 
 import gateway.client
 from gateway.client import Robot
-from gateway.errors import Disconnected, GatewayTimeout
+from gateway.errors import Code, Disconnected, GatewayTimeout, Refusal
 from gateway.process.own_module import own_module
 
 __all__ = ["child", "when_live"]
@@ -78,8 +78,13 @@ def when_live(target: str, name: str, log: Path) -> Robot:
                 raise
     for state in robot.states(timeout=START_S):
         if state.link.fresh and state.mode is not None:
+            return robot
+        if time.monotonic() > deadline_s:
             break
-    return robot
+    robot.close()
+    raise GatewayTimeout(
+        Refusal(code=Code.TIMEOUT, message=f"no robot that lives within {START_S:g} s", hint="`ta2 link`")
+    )
 
 
 def _end_of(log: Path) -> str:

@@ -110,7 +110,7 @@ def test_a_person_is_asked_at_a_terminal(shell, robot, monkeypatch, typed, moves
     monkeypatch.setattr("sys.stdin.isatty", lambda: True, raising=False)
     monkeypatch.setattr("sys.stderr.isatty", lambda: True, raising=False)
     monkeypatch.setattr("sys.stdin.readline", lambda: typed, raising=False)
-    monkeypatch.setattr("termios.tcflush", lambda *_: None)
+    monkeypatch.setattr("gateway.cli.check.command.termios.tcflush", lambda *_: None)
     ended = shell.run("check", "--robot", NOWHERE)
     assert bool(robot) == moves and "MOVES the robot" in ended.err and ended.status == 0
 

@@ -24,8 +24,8 @@ GOOD = {
     "udp buffer": 8_388_608,
     "firewall": False,
     "python": "3.11.7",
-    "packages": {"numpy": "2.0"},
-    "extras": [],
+    "packages": "numpy 2.0",
+    "extras": "",
 }
 
 
@@ -57,7 +57,7 @@ def test_a_computer_that_is_set_up_needs_nothing():
         ("udp 8890", False, "advice", "ss -lntup"),
         ("udp buffer", 212_992, "advice", "sysctl -w net.core.rmem_max="),
         ("firewall", True, "advice", "ufw allow from"),
-        ("extras", ["video"], "advice", "pip install"),
+        ("extras", "video, sim", "advice", "pip install"),
     ],
 )
 def test_what_is_amiss_is_told_with_what_to_type(name, fact, verdict, do):
@@ -74,7 +74,7 @@ def test_what_cannot_be_read_is_unknown():
 
 
 @pytest.mark.parametrize(
-    "error", [PermissionError("no"), FileNotFoundError("no"), ValueError("no"), AttributeError("no")]
+    "error", [PermissionError("no"), FileNotFoundError("no"), ValueError("no"), AttributeError("no"), ImportError("no")]
 )
 def test_a_reading_that_fails_is_none(monkeypatch, error):
     """Whatever the kernel or the sandbox says."""
