@@ -35,14 +35,7 @@ RMEM_BYTES = 4_194_304
 """Holds a second of the robot's pictures (choice)."""
 DISK_BYTES = 5e9
 NEEDED: Final = ("eclipse-zenoh", "numpy", "ruckig", "msgspec", "rich")
-EXTRAS: Final = {
-    "body": "pinocchio",
-    "dataset": "pyarrow",
-    "policy": "websockets",
-    "record": "mcap",
-    "sim": "mujoco",
-    "video": "av",
-}
+EXTRAS: Final = dict(body="pinocchio", dataset="pyarrow", policy="websockets", record="mcap", sim="mujoco", video="av")
 
 
 class Advice(NamedTuple):

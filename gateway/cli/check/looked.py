@@ -19,21 +19,14 @@ from gateway.cli.check.capture import Capture, stamp_ns
 from gateway.cli.check.rows import MOVING, POINTS, Row, measured, row, skipped, worst
 from gateway.cli.looking.link_findings import Finding, findings_of, names_of
 from gateway.cli.terminal.figures import fsm_text
-from gateway.robot.topics import (
-    CHASSIS_STATE,
-    CHASSIS_VELOCITY,
-    FSM_STATE,
-    LIFT_COMMAND,
-    STATE_TOPICS,
-    TOPICS,
-    arm_state,
-)
+from gateway.robot.topics import FSM_STATE, STATE_TOPICS, TOPICS, arm_state
 from gateway.values import Side
 
 __all__ = ["PARTS", "ROW_OF", "Seen", "Wish", "looked", "parts_of"]
 
 S = 1_000_000_000
-PARTS: Final = ("left_arm", "right_arm", "chassis", "lift_servo")
+PARTS: Final = {"left_arm": "/left_", "right_arm": "/right_", "chassis": "/chassis/", "lift_servo": "/servo/"}
+"""Parts that can be switched off (manual §2.3), and how their topics begin."""
 
 ROW_OF: Final[Mapping[str, str]] = {
     "NO_LINK": "router",
@@ -60,14 +53,9 @@ class Wish:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Seen:
-    """What a check has seen.
+    """What a check has seen: one look at the wire, and what came since then [ns].
 
-    Attributes:
-        wire: One look at it.
-        capture: What came meanwhile.
-        began_ns: When that began to listen [ns].
-        knock_s: How long the port took to answer [s]; None when it did not, or is no TCP port.
-        knock_error: Why it did not; empty when it did, or was not asked.
+    The port took so long to answer [s], or did not for that reason; neither where it is no TCP port.
     """
 
     wire: Wire
@@ -88,7 +76,8 @@ def parts_of(mode: Mapping[str, object] | None, wish: Wish, *, has_lift: bool) -
 
 def looked(seen: Seen, wish: Wish) -> list[Row]:
     """Return all rows for which nothing moves, `video` excepted."""
-    absent = {topic for part in wish.without for topic in _topics_of(part)}
+    off = tuple(PARTS[part] for part in wish.without)
+    absent = {topic for topic in TOPICS if topic.removeprefix("/api").startswith(off)}
     wire = replace(seen.wire, topics=tuple(topic for topic in seen.wire.topics if topic.name not in absent))
     found: dict[str, list[Finding]] = {}
     for finding in findings_of(wire):
@@ -107,14 +96,6 @@ def looked(seen: Seen, wish: Wish) -> list[Row]:
     done = {each.name for each in rows}
     rows += skipped((name for name in POINTS if name not in {*MOVING, "video", *done}), why)
     return sorted(rows, key=lambda each: list(POINTS).index(each.name))
-
-
-def _topics_of(part: str) -> tuple[str, ...]:
-    if part == "chassis":
-        return (CHASSIS_STATE, CHASSIS_VELOCITY)
-    side = part.partition("_arm")[0]
-    arm = tuple(topic for topic in TOPICS if topic.removeprefix("/api").startswith(f"/{side}_"))
-    return (LIFT_COMMAND,) if part == "lift_servo" else arm
 
 
 def _wired(name: str, found: Findings, text: str, figure: float | None = None) -> Row:

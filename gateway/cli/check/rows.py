@@ -76,7 +76,7 @@ MOVING: Final = tuple(POINTS)[tuple(POINTS).index("echo") :]
 """Rows for which something moves."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True)
 class Row:
     """What came of one point; `figure` is what was judged by `bound`, both in `unit`.
 
@@ -102,9 +102,7 @@ def row(name: str, verdict: Verdict | bool, found: str, figure: float | None = N
     bound = "" if least == -inf and most == inf else f">= {least:g}" if most == inf else both
     remedy = "" if said == "pass" else remedy_then if remedy is None else remedy
     shown = None if figure is None else round(figure, 4)
-    return Row(
-        name=name, title=title, section=section, verdict=said, found=found, figure=shown, bound=bound, unit=unit, remedy=remedy
-    )  # fmt: skip
+    return Row(name, title, section, said, found, shown, bound, unit, remedy)
 
 
 def measured(name: str, figure: float | None, found: str, *, wrong: str = "", remedy: str | None = None) -> Row:

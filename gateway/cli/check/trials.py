@@ -23,7 +23,7 @@ from gateway.cli.terminal.progress import Teller
 from gateway.client import Control, PoseTarget, Robot
 from gateway.errors import GatewayError
 from gateway.robot.limits import JOINT_LOWER_RAD, JOINT_UPPER_RAD
-from gateway.robot.topics import CHASSIS_STATE, FSM_STATE
+from gateway.robot.topics import FSM_STATE
 from gateway.settings.settings import LinkSettings
 from gateway.values import Side
 
@@ -142,13 +142,15 @@ class Trials:
             with self._own_gateway() as (robot, process):
                 robot.control().acquire().enable()
                 killed = self._while("heartbeat", process.kill)
-                _until(lambda: not self._is_started(killed.end_ns + S // 5), REACT_S)
+                end_s = time.monotonic() + REACT_S
+                while self._is_started(killed.end_ns + S // 5) and time.monotonic() < end_s:
+                    time.sleep(LOOK_S)
                 yield moved.paused("heartbeat", self.capture, Span(killed.begin_ns - S, time.monotonic_ns()))
         if self.parts.get("chassis"):
             with self._own_gateway() as (robot, process):
                 begin_ns = time.monotonic_ns()
                 robot.control().acquire().chassis.set_velocity(DRIVE_MPS, 0.0, 0.0, expiry=EXPIRY_S)
-                _until(lambda: self._is_rolling(begin_ns), EXPIRY_S / 2)
+                time.sleep(HOLD_S)
                 span = self._while("chassis_timeout", process.kill, EXPIRY_S)
                 yield moved.rolled_out("chassis_timeout", self.capture, Span(begin_ns, span.end_ns))
 
@@ -186,10 +188,6 @@ class Trials:
         newest = self.capture.messages(FSM_STATE, Span(since_ns))[-1:]
         return not newest or newest[0][1].data != moved.PAUSE
 
-    def _is_rolling(self, since_ns: int) -> bool:
-        wheels = self.capture.messages(CHASSIS_STATE, Span(max(since_ns, time.monotonic_ns() - S // 5)))[-1:]
-        return bool(wheels) and max(map(abs, wheels[0][1].velocity)) > 4 * moved.RESTING_RADPS
-
 
 def _take(trials: Rows, rows: list[Row]) -> None:
     """Take rows until one fails: the rest is not tried, and whoever owns the robot ends as by an error."""
@@ -199,12 +197,6 @@ def _take(trials: Rows, rows: list[Row]) -> None:
         rows.append(each)
         if each.verdict == "fail":
             trials.close()
-
-
-def _until(is_so: Callable[[], bool], longest_s: float) -> None:
-    end_s = time.monotonic() + longest_s
-    while not is_so() and time.monotonic() < end_s:
-        time.sleep(LOOK_S)
 
 
 def _pull(own: Control, side: Side) -> None:
