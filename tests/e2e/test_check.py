@@ -5,7 +5,8 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
-from collections.abc import Callable, Iterator
+import time
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -13,13 +14,14 @@ import pytest
 
 from gateway.cli.check.rows import MOVING, POINTS
 from gateway.sim.remote import SimControl
-from tests.e2e.system import ROOT, Process, free_port, run_apart, wait_for
+from tests.e2e.system import ROOT, STALLED, Process, free_port, run_apart, wait_for
 
-pytestmark = [pytest.mark.e2e, pytest.mark.sim_only("a check starts what it needs itself")]
+pytestmark = [pytest.mark.e2e, pytest.mark.sim_only("a check starts what it needs itself"), pytest.mark.timeout(500)]
 
-Robots = Callable[..., str]
-ATTEMPTS = 4
-"""Rates and reactions are the robot's and this machine's: one that is busy with something else is looked at again."""
+LONGEST_S = 150.0
+"""No check begins later than this [s]: each takes half a minute, or much more on a busy machine."""
+TIMED = ("disable", "heartbeat", "chassis_stop", "chassis_timeout")
+"""Rows with a bound on time, which is this machine's as well."""
 
 
 @pytest.fixture
@@ -53,15 +55,26 @@ def of(report: dict[str, Any], verdict: str) -> dict[str, str]:
 
 
 def passed(endpoint: str, *words: str) -> dict[str, Any]:
-    """Return the report of a check in which nothing failed."""
-    wrong = []
-    for _ in range(ATTEMPTS):
+    """Return the report of a check in which nothing failed. What fails since the machine stood still is tried again."""
+    wrong: list[dict[str, str]] = []
+    end_s = time.monotonic() + LONGEST_S
+    while time.monotonic() < end_s:
         status, report = check(endpoint, *words)
         assert (status == 0) == report["ok"]
         if report["ok"]:
             return report
         wrong.append(of(report, "fail"))
-    pytest.fail(f"never well: {wrong}")
+        if not all(is_slowness(name, found) for name, found in wrong[-1].items()):
+            pytest.fail(f"not well: {wrong}")
+    pytest.skip(f"the machine was never steady enough: {wrong}")
+
+
+def is_slowness(name: str, found: str) -> bool:
+    """Return whether a row may fail on a machine that is busy with something else: rates, silences, and what ends by one."""
+    return name in ("states", "rates", "clock", "latency", "fresh", *TIMED) or found.partition(":")[0] in (
+        *STALLED,
+        "TIMEOUT",
+    )
 
 
 def test_a_healthy_robot_passes_and_nothing_was_sent(robot: tuple[str, SimControl], tmp_path: Path) -> None:
