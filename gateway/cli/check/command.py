@@ -9,6 +9,7 @@ import termios
 import time
 from argparse import Namespace
 from collections.abc import Callable
+from contextlib import ExitStack
 from dataclasses import replace
 from datetime import datetime
 from urllib.parse import urlsplit
@@ -38,9 +39,10 @@ WORD = "move"
 LEAST_S = 3.0
 """So long it is listened at least [s]: some samples of the slowest topic."""
 CONSENT = f"""
-What is still to be checked MOVES the robot: each enabled arm by 0.05 rad or 2 cm and back, its gripper opens; the chassis
-drives forward for about 20 cm in all; twice the gateway is killed on purpose, and the robot has to stop by itself.
-An arm that nobody commands is not held (§4.10). Nobody and nothing in reach, a hand at the physical emergency stop (§1.3)?
+All that can be looked at is well. What is still to be checked MOVES the robot: each enabled arm goes by 0.05 rad or 2 cm
+and back, its gripper opens; the chassis drives forward for about 20 cm in all; twice the gateway is killed on purpose, and the
+robot has to stop by itself. An arm that nobody commands is not held (§4.10): it may sink.
+Nobody and nothing in reach, a hand at the physical emergency stop (§1.3)?
 Type {WORD} to go on, anything else to leave it: """
 
 
@@ -60,30 +62,29 @@ def carry_out(options: Namespace, look: Callable[..., Wire]) -> ExitStatus:
     settings, wish = link_of(options), Wish(without=frozenset(options.without), mode=options.mode)
     knock_s, error = knock(settings.endpoint)
     asks_gateway = options.robot is None and options.config is None
-    with teller() as tell:
-        tell.advance("look", None, settings.endpoint)
-        wire = look(settings, is_named=bool(asks_gateway or options.namespace is not None or settings.namespace))
-        settings = replace(settings, namespace=wire.namespace)
-        capture = Capture((*STATE_TOPICS, *settings.variant.command_topics))
-        tap = Tap(settings, recorded_topics(settings), capture.take)
-        seen = Seen(wire=wire, capture=capture, began_ns=time.monotonic_ns(), knock_s=knock_s, knock_error=error)
-        try:
+    with ExitStack() as stack:
+        with teller() as tell:
+            tell.advance("look", None, settings.endpoint)
+            wire = look(settings, is_named=bool(asks_gateway or options.namespace is not None or settings.namespace))
+            settings = replace(settings, namespace=wire.namespace)
+            capture = Capture((*STATE_TOPICS, *settings.variant.command_topics))
+            tap = Tap(settings, recorded_topics(settings), capture.take)
+            stack.callback(tap.close)
+            seen = Seen(wire=wire, capture=capture, began_ns=time.monotonic_ns(), knock_s=knock_s, knock_error=error)
             if wire.is_up and wire.robots:
                 supervised(tap.open, "ta2-check-tap").start()
                 _listen(capture, wire, tell)
-            rows = looked(seen, wish)
-            rows += _video(options, settings) if options.video else skipped(("video",), "not asked for", "--video")
             tell.advance("look", 1.0, "")
+        rows = looked(seen, wish)
+        rows += _video(options, settings) if options.video else skipped(("video",), "not asked for", "--video")
+        may_not = _objection(options, rows)  # beside no live bars: whoever is asked shall read the question
+        rows += may_not
+        if not may_not:
+            tell = stack.enter_context(teller())
+            robot = stack.enter_context(connected("check", options.target, options.timeout_s)) if asks_gateway else None
             parts = parts_of(capture.mode(), wish, has_lift=settings.variant.has_lift)
             trials = Trials(capture=capture, parts=parts, tell=tell, settings=settings, config=options.config)
-            may_not = _objection(options, rows)
-            if may_not or not asks_gateway:
-                rows += may_not or trials.all(None)
-            else:
-                with connected("check", options.target, options.timeout_s) as robot:
-                    rows += trials.all(robot)
-        finally:
-            tap.close()
+            rows += trials.all(robot)
     at = datetime.now().astimezone().isoformat(timespec="seconds")
     facts: dict[str, object] = {"robot": settings.endpoint, "model": settings.model, "ta2": __version__, "at": at}
     show(rows, facts, as_json=options.json)
