@@ -11,14 +11,10 @@ through the control channel that no real robot has.
 from __future__ import annotations
 
 import json
-import os
 import socket
-import subprocess
-import sys
 import tempfile
 import time
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -30,10 +26,10 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
+from gateway.cli.terminal.children import child, when_live
 from gateway.cli.terminal.ending import ExitStatus
-from gateway.client import Control, MotionHandle, Robot, connect
-from gateway.errors import Code, Disconnected, GatewayError, Refusal, to_exception
-from gateway.process.own_module import own_module
+from gateway.client import Control, MotionHandle, Robot
+from gateway.errors import Code, GatewayError, Refusal, to_exception
 from gateway.robot.limits import HOME_Q_RAD
 from gateway.values import Side
 
@@ -48,8 +44,6 @@ GRIPPER_WATCHDOG_S = 0.1
 """A longer gap in an arm's stream would cost the grip [s] (manual §4.4)."""
 STATS_TIMEOUT_S = 2.0
 PAUSE_TIMEOUT_S = 3.0
-START_TIMEOUT_S = 20.0
-END_TIMEOUT_S = 8.0
 SIM_CONTROL_KEY = "sim/control"
 """Where the simulated robot answers; see `gateway.sim`."""
 
@@ -80,49 +74,6 @@ def _free_port() -> int:
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
         return int(probe.getsockname()[1])
-
-
-@contextmanager
-def _process(name: str, arguments: Sequence[str], log: Path, environment: Mapping[str, str]) -> Iterator[None]:
-    """Run `ta2` with arguments; end it by SIGTERM and see that it ends."""
-    with log.open("w") as stream:
-        process = subprocess.Popen(
-            own_module("gateway.cli", *arguments),
-            stdin=subprocess.DEVNULL,
-            stdout=stream,
-            stderr=subprocess.STDOUT,
-            env=dict(environment),
-            start_new_session=True,  # Ctrl-C in the demo must not reach them: they end in order
-        )
-    try:
-        yield
-    finally:
-        process.terminate()
-        try:
-            status = process.wait(END_TIMEOUT_S)
-        except subprocess.TimeoutExpired:
-            process.kill()
-            process.wait()
-            status = -9
-        if status not in (0, -15):
-            print(f"{name} ended with status {status}; its log:\n{log.read_text()[-2000:]}", file=sys.stderr)
-
-
-def _connect(target: str, log: Path) -> Robot:
-    """Connect as soon as the daemon listens and sees the robot."""
-    deadline = time.monotonic() + START_TIMEOUT_S
-    while True:
-        try:
-            robot = connect(target, name="demo", timeout_s=1.0)
-            break
-        except Disconnected:
-            if time.monotonic() > deadline:
-                print(log.read_text()[-2000:], file=sys.stderr)
-                raise
-    for state in robot.states(timeout=START_TIMEOUT_S):
-        if state.link.fresh and state.mode is not None:
-            break
-    return robot
 
 
 def _sim_stats(endpoint: str) -> dict[str, Any]:
@@ -301,13 +252,12 @@ def _no_plot(message: str, hint: str) -> GatewayError:
 def _run(speed: float, seed: int, recording: Recording, folder: Path, console: Console) -> list[Finding]:
     endpoint = f"tcp/127.0.0.1:{_free_port()}"
     target = str(folder / "gateway.sock")
-    environment = {**os.environ, "TA2_STATE_DIR": str(folder / "state")}
     sim = ["sim", "--listen", endpoint, "--seed", str(seed)]
     daemon = ["run", "--robot", endpoint, "--socket", target]
     console.print(f"simulated robot at {endpoint}, gateway at {target}", soft_wrap=True)
-    with _process("the simulated robot", sim, folder / "sim.log", environment):
-        with _process("the gateway", daemon, folder / "run.log", environment):
-            with _connect(target, folder / "run.log") as robot:
+    with child("the simulated robot", sim, folder / "sim.log"):
+        with child("the gateway", daemon, folder / "run.log"):
+            with when_live(target, "demo", folder / "run.log") as robot:
                 with robot.control() as own:
                     own.enable(timeout=12.0)
                     console.print(

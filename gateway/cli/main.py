@@ -214,6 +214,13 @@ def _link(options: Namespace) -> int:
     return link.show_look(wire, as_json=options.json)
 
 
+def _check(options: Namespace) -> int:
+    from gateway.cli.check import command
+    from gateway.link.surveyor import look
+
+    return command.carry_out(options, look)
+
+
 def _stop(options: Namespace) -> int:
     from gateway.cli.motion.stopping import stop
 
@@ -322,6 +329,8 @@ COMMANDS: Mapping[str, Callable[[Namespace], int]] = {
     "why": _asked_by("gateway.cli.looking.why:show_why", as_json="json"),
     "topics": _asked_by("gateway.cli.looking.topics:show_topics", as_json="json"),
     "link": _link,
+    "check": _check,
+    "doctor": _carried_out_by("gateway.cli.check.doctor"),
     "events": _asked_by("gateway.cli.looking.events:show_events", silence_s="silence", as_json="json"),
     "frames": _carried_out_by("gateway.cli.body.frames"),
     "identify": _carried_out_by("gateway.cli.body.identify"),

@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from gateway.video.recording.recorder import Recorder
     from gateway.video.video import Video
 
-__all__ = ["NOMINAL_FPS", "Point", "Report", "check"]
+__all__ = ["NOMINAL_FPS", "Point", "Report", "check", "examined"]
 
 NOMINAL_FPS = 45.0
 """What the robot sends, about (§5.1) [1/s]."""
@@ -102,10 +102,15 @@ def check(video: Video, *, seconds: float, first_s: float, folder: Path | None, 
         Rejected: BAD_REQUEST, a file is in the way, or cannot be written.
         VideoError: The port is taken, or a thread failed.
     """
-    with teller() as tell, _place(folder) as place:
-        report = _checked(video, seconds, first_s, place, tell, is_kept=folder is not None)
+    report = examined(video, seconds=seconds, first_s=first_s, folder=folder)
     print(json.dumps(asdict(report), indent=2, default=str) if as_json else "\n".join(lines(report)))
     return ExitStatus.OK if report.ok else ExitStatus.REFUSED
+
+
+def examined(video: Video, *, seconds: float, first_s: float, folder: Path | None) -> Report:
+    """Return what is found; arguments and errors as of `check`."""
+    with teller() as tell, _place(folder) as place:
+        return _checked(video, seconds, first_s, place, tell, is_kept=folder is not None)
 
 
 @contextmanager

@@ -13,6 +13,7 @@ from typing import Any
 
 from gateway import __version__
 from gateway.cli.command_line.adding import add_client_command, add_command, add_target
+from gateway.cli.command_line.check_arguments import add_check
 from gateway.cli.command_line.dataset_arguments import add_dataset
 from gateway.cli.command_line.first_arguments import add_first
 from gateway.cli.command_line.frames_arguments import add_frames
@@ -129,6 +130,7 @@ def _parsers() -> tuple[argparse.ArgumentParser, Mapping[str, argparse.ArgumentP
     _add_sim(add_command(commands, "sim", "run a simulated robot until Ctrl-C, or ask a running one"))
     _add_config(add_command(commands, "config", "show the effective settings, or check a file of them"))
     _add_views(commands)
+    add_check(commands)
     add_motions(commands)
     add_ground(commands)
     add_video(commands)

@@ -11,7 +11,7 @@ import sys
 import time
 from argparse import Namespace
 from contextlib import ExitStack
-from dataclasses import asdict, replace
+from dataclasses import asdict
 from datetime import datetime
 from functools import partial
 from pathlib import Path
@@ -21,10 +21,10 @@ from gateway.cli.recording.camera import Camera
 from gateway.cli.recording.episode import line_of
 from gateway.cli.recording.keys import HELP, KEYS, Keys, keys
 from gateway.cli.recording.undisturbed import undisturbed
-from gateway.cli.terminal.connection import connected
+from gateway.cli.terminal.connection import link_of
 from gateway.cli.terminal.ending import ExitStatus, Interrupted
 from gateway.cli.terminal.progress import Teller, teller
-from gateway.errors import Code, Disconnected, GatewayTimeout, Refusal, Rejected, to_exception
+from gateway.errors import Code, GatewayTimeout, Refusal, Rejected, to_exception
 from gateway.process.threads import supervised
 from gateway.process.zenoh_threads import share_reactor
 from gateway.recording.door import Door
@@ -35,8 +35,6 @@ from gateway.recording.recovering import recover
 from gateway.recording.tap import Tap
 from gateway.recording.topics import EPISODES, POLICY, recorded_topics
 from gateway.robot.topics import STATE_TOPICS
-from gateway.settings import toml_file
-from gateway.settings.settings import LinkSettings
 
 __all__ = ["carry_out"]
 
@@ -57,7 +55,7 @@ def carry_out(options: Namespace) -> ExitStatus:
     if options.verb == "recover":
         return _recover(options)
     share_reactor()  # before the first session: whoever waits at the robot's socket reads it, too
-    settings = _link_of(options)
+    settings = link_of(options)
     folder = options.out or Path(datetime.now().astimezone().strftime("ta2-%Y%m%d-%H%M%S"))
     topics = recorded_topics(settings)
     facts = {"robot": settings.endpoint, "model": settings.model, "namespace": settings.namespace}
@@ -97,25 +95,6 @@ def carry_out(options: Namespace) -> ExitStatus:
     if ended is not None:
         raise ended
     return ExitStatus.OK if file is not None and progress.messages and not progress.error else ExitStatus.REFUSED
-
-
-def _link_of(options: Namespace) -> LinkSettings:
-    """Return where the robot is: as said here, or as the gateway says."""
-    if options.robot is not None or options.config is not None:
-        return toml_file.overridden(
-            toml_file.load(options.config), robot=options.robot, namespace=options.namespace, model=options.model
-        ).link
-    try:
-        with connected("record", options.target, options.timeout_s) as robot:
-            info = robot.info
-    except Disconnected as error:
-        hint = "start the gateway with `ta2 run`, or name the robot with --robot: no gateway is needed to record"
-        raise Disconnected(replace(error.refusal, hint=hint)) from None
-    return LinkSettings(
-        endpoint=info.robot,
-        namespace=options.namespace if options.namespace is not None else info.namespace,
-        model=options.model or info.model,
-    )
 
 
 def _follow(

@@ -2,10 +2,18 @@
 
 from __future__ import annotations
 
+from argparse import Namespace
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
 import gateway.client
 from gateway.client import Robot
+from gateway.errors import Disconnected
 
-__all__ = ["connected"]
+if TYPE_CHECKING:
+    from gateway.settings.settings import LinkSettings
+
+__all__ = ["connected", "link_of"]
 
 GREETING_S = 5.0
 """Longest wait for the gateway, also of commands that wait longer for the robot [s]."""
@@ -24,3 +32,30 @@ def connected(command: str, target: str | None, timeout_s: float, *, greet: bool
         Disconnected: No gateway answers there.
     """
     return gateway.client.connect(target, name=f"ta2 {command}", timeout_s=min(timeout_s, GREETING_S), greet=greet)
+
+
+def link_of(options: Namespace) -> LinkSettings:
+    """Return where the robot is, for a command that listens by itself: as its options say, or as the gateway says.
+
+    Raises:
+        ConfigError: The settings are wrong.
+        Disconnected: No gateway says it, and nobody else does.
+    """
+    from gateway.settings import toml_file
+    from gateway.settings.settings import LinkSettings
+
+    if options.robot is not None or options.config is not None:
+        return toml_file.overridden(
+            toml_file.load(options.config), robot=options.robot, namespace=options.namespace, model=options.model
+        ).link
+    try:
+        with connected(options.command, options.target, options.timeout_s) as robot:
+            info = robot.info
+    except Disconnected as error:
+        hint = f"start the gateway with `ta2 run`, or name the robot with --robot: no gateway is needed to {options.command}"
+        raise Disconnected(replace(error.refusal, hint=hint)) from None
+    return LinkSettings(
+        endpoint=info.robot,
+        namespace=options.namespace if options.namespace is not None else info.namespace,
+        model=options.model or info.model,
+    )

@@ -1,0 +1,105 @@
+"""`ta2 doctor`: what it makes of a computer. All readings are given here; that it can read some is one test."""
+
+from __future__ import annotations
+
+from math import inf
+
+import pytest
+
+from gateway.cli.check import doctor
+from gateway.cli.check.doctor import PROBES, advice, readings
+
+GOOD = {
+    "real time": 95,
+    "memlock": inf,
+    "tick": (0.1, 1.0),
+    "governor": ["performance"],
+    "cores": 8,
+    "clock": True,
+    "disk": 200_000_000_000,
+    "socket": ("/run/user/1000", True),
+    "tcp 9000": True,
+    "tcp 7447": True,
+    "udp 8890": True,
+    "udp buffer": 8_388_608,
+    "firewall": False,
+    "python": "3.11.7",
+    "packages": "numpy 2.0",
+    "extras": "",
+}
+
+
+def verdicts(**changes):
+    """Return what is said of a good computer, changed as asked, where it is not ok."""
+    return {row.name: row.verdict for row in advice({**GOOD, **changes}) if row.verdict != "ok"}
+
+
+def test_a_computer_that_is_set_up_needs_nothing():
+    """Each reading has its row, and no row has anything to be typed."""
+    rows = list(advice(GOOD))
+    assert set(GOOD) == set(PROBES) and not verdicts() and not any(row.do for row in rows)
+
+
+@pytest.mark.parametrize(
+    ("name", "fact", "verdict", "do"),
+    [
+        ("real time", 0, "advice", "rtprio 80"),
+        ("memlock", 65_536, "advice", "LimitMEMLOCK=infinity"),
+        ("tick", (0.1, 30.0), "advice", "end what loads"),
+        ("tick", (6.0, 30.0), "problem", "end what loads"),
+        ("governor", ["performance", "powersave"], "advice", "cpupower"),
+        ("cores", 1, "advice", "two"),
+        ("clock", False, "advice", "timedatectl set-ntp true"),
+        ("disk", 1_000, "advice", "--out"),
+        ("socket", ("/", False), "problem", "TA2_SOCKET"),
+        ("tcp 9000", False, "advice", "ss -lntup"),
+        ("tcp 7447", False, "advice", "ss -lntup"),
+        ("udp 8890", False, "advice", "ss -lntup"),
+        ("udp buffer", 212_992, "advice", "sysctl -w net.core.rmem_max="),
+        ("firewall", True, "advice", "ufw allow from"),
+        ("extras", "video, sim", "advice", "pip install"),
+    ],
+)
+def test_what_is_amiss_is_told_with_what_to_type(name, fact, verdict, do):
+    """In its own row, and in no other."""
+    assert verdicts(**{name: fact}) == {name: verdict}
+    (row,) = [row for row in advice({**GOOD, name: fact}) if row.name == name]
+    assert do in row.do and row.found
+
+
+def test_what_cannot_be_read_is_unknown():
+    """As in a container without /sys: neither good nor bad."""
+    assert verdicts(**dict.fromkeys(GOOD)) == dict.fromkeys(GOOD, "unknown")
+    assert all(row.verdict == "unknown" for row in advice({}))
+
+
+@pytest.mark.parametrize(
+    "error", [PermissionError("no"), FileNotFoundError("no"), ValueError("no"), AttributeError("no"), ImportError("no")]
+)
+def test_a_reading_that_fails_is_none(monkeypatch, error):
+    """Whatever the kernel or the sandbox says."""
+
+    def fail():
+        raise error
+
+    monkeypatch.setattr(doctor, "PROBES", {"tick": PROBES["tick"]._replace(read=fail)})
+    assert readings() == {"tick": None}
+
+
+def test_this_computer_can_be_asked(shell, monkeypatch):
+    """Whatever it is, there is a row for everything, for people and for scripts; the status is that of its problems."""
+    monkeypatch.setattr(doctor, "TICKS", 3)
+    for options in ((), ("--json",)):
+        ended = shell.run("doctor", *options)
+        assert not ended.err and all(name in ended.out for name in PROBES)
+        if options:
+            rows = ended.json["rows"]
+            assert [row["name"] for row in rows] == list(PROBES)
+            assert ended.json["ok"] == (ended.status == 0) == all(row["verdict"] != "problem" for row in rows)
+
+
+def test_a_problem_is_an_exit_status(shell, monkeypatch):
+    """With what to type under it."""
+    monkeypatch.setattr(doctor, "readings", lambda: {**GOOD, "socket": ("/", False)})
+    ended = shell.run("doctor")
+    assert ended.status == 1 and "problem  socket      /\n" in ended.out and "-> export TA2_SOCKET=" in ended.out
