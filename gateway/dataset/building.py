@@ -22,9 +22,9 @@ from typing import Any, Final
 import msgspec
 
 from gateway import __version__
-from gateway.dataset.episode import EpisodeFacts, StoredEpisode, store_episode, video_files
+from gateway.dataset.episode import EpisodeFacts, StoredEpisode, load_episode, store_episode, video_files
 from gateway.dataset.layout import Layout
-from gateway.dataset.lerobot_format import Format, write_dataset
+from gateway.dataset.lerobot_format import Format, features_of, write_dataset
 from gateway.dataset.parquet import pyarrow
 from gateway.dataset.rows import NO_SOURCE, Chosen, choose, runs
 from gateway.dataset.series import Instants, Series, read_series
@@ -34,7 +34,7 @@ from gateway.errors import Code, Refusal, to_exception
 from gateway.recording.bag_reader import Bag
 from gateway.robot.vector_layout import EYES
 
-__all__ = ["PROVENANCE", "Built", "Choices", "build"]
+__all__ = ["PROVENANCE", "Built", "Choices", "build", "refuse_full", "told", "write_provenance"]
 
 PROVENANCE: Final = "meta/teleavatar.json"
 """What LeRobot's files do not tell: where each episode and each dimension comes from. LeRobot passes it over."""
@@ -115,9 +115,7 @@ def build(
             nothing is left; pyarrow is not installed.
     """
     pyarrow()
-    if out.exists() and (not out.is_dir() or any(out.iterdir())):
-        hint = "name another with --out, or move it away: datasets are never overwritten"
-        raise to_exception(Refusal(code=Code.BAD_REQUEST, message=f"{out} is not empty", field="out", hint=hint))
+    refuse_full(out)
     seen = _videos(bags, videos)
     try:
         return _build(bags, seen, out, choices, on_progress)
@@ -155,14 +153,34 @@ def _build(
     new = work / "dataset"
     shutil.rmtree(new, ignore_errors=True)
     new.mkdir()
-    write_dataset(new, choices.version, choices.layout, found, choices.fps, lambda share: on_progress("writing", share))
-    built = _told(out, choices.layout, found, left_out)
-    (new / PROVENANCE).write_text(json.dumps(_provenance(choices, found, built), indent=1, ensure_ascii=False) + "\n")
+    facts = [episode.facts for episode in found]
+    write_dataset(
+        new,
+        choices.version,
+        features_of(choices.layout, facts[0].videos, choices.fps),
+        map(load_episode, found),
+        choices.fps,
+        lambda count: on_progress("writing", count / len(found)),
+    )
+    built = told(out, choices.layout, facts, left_out)
+    views = EYES[choices.eyes] if facts[0].videos else {}
+    write_provenance(new, msgspec.to_builtins(choices), views, facts, built)
     if out.exists():
         out.rmdir()
     new.rename(out)
     shutil.rmtree(work)
     return built
+
+
+def refuse_full(out: Path) -> None:
+    """Refuse a folder that holds something.
+
+    Raises:
+        Rejected: BAD_REQUEST, it does.
+    """
+    if out.exists() and (not out.is_dir() or any(out.iterdir())):
+        hint = "name another with --out, or move it away: datasets are never overwritten"
+        raise to_exception(Refusal(code=Code.BAD_REQUEST, message=f"{out} is not empty", field="out", hint=hint))
 
 
 def _file(folder: Path, number: int) -> Path:
@@ -267,14 +285,15 @@ def _sources(chosen: Chosen, series: dict[tuple[str, str], Series]) -> dict[str,
     }
 
 
-def _told(out: Path, layout: Layout, episodes: Sequence[StoredEpisode], left_out: dict[str, int]) -> Built:
-    rows = sum(episode.facts.rows for episode in episodes)
+def told(out: Path, layout: Layout, episodes: Sequence[EpisodeFacts], left_out: dict[str, int]) -> Built:
+    """Return what is to be told of a dataset in a folder that holds these episodes."""
+    rows = sum(episode.rows for episode in episodes)
     uncovered: dict[str, tuple[str, ...]] = {}
     partly: dict[str, float] = {}
     for feature in layout.feature:
         none: list[str] = []
         for number, part in enumerate(feature.part):
-            share = sum(each.facts.covered[feature.name][number] * each.facts.rows for each in episodes) / rows
+            share = sum(each.covered[feature.name][number] * each.rows for each in episodes) / rows
             if share == 0.0:
                 none.append(part.label)
             elif share < 1.0:
@@ -285,22 +304,26 @@ def _told(out: Path, layout: Layout, episodes: Sequence[StoredEpisode], left_out
         folder=out,
         episodes=len(episodes),
         rows=rows,
-        tasks=tuple(dict.fromkeys(episode.facts.task for episode in episodes)),
+        tasks=tuple(dict.fromkeys(episode.task for episode in episodes)),
         left_out=left_out,
         uncovered=uncovered,
         partly=partly,
     )
 
 
-def _provenance(choices: Choices, episodes: Sequence[StoredEpisode], built: Built) -> dict[str, Any]:
-    return {
+def write_provenance(
+    folder: Path, choices: dict[str, Any], views: dict[str, str], episodes: Sequence[EpisodeFacts], built: Built
+) -> None:
+    """Write what LeRobot's files do not tell."""
+    facts = {
         "made_by": f"teleavatar-gateway {__version__}",
-        "choices": msgspec.to_builtins(choices),
+        "choices": choices,
         "uncovered": {
             name: {"value": 0, "why": NO_SOURCE, "names": list(none)} for name, none in built.uncovered.items()
         },
         "partly_covered": built.partly,
         "left_out": built.left_out,
-        "views": EYES[choices.eyes] if episodes[0].facts.videos else {},
-        "episodes": [msgspec.to_builtins(episode.facts) for episode in episodes],
+        "views": views,
+        "episodes": [msgspec.to_builtins(episode) for episode in episodes],
     }
+    (folder / PROVENANCE).write_text(json.dumps(facts, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")

@@ -14,7 +14,7 @@ import numpy.typing as npt
 from gateway.dataset.stats import Stats, of_table
 from gateway.dataset.videos import VideoFacts
 
-__all__ = ["INTEGERS", "EpisodeFacts", "StoredEpisode", "load_episode", "numbered", "store_episode", "video_files"]
+__all__ = ["INTEGERS", "EpisodeFacts", "StoredEpisode", "WholeEpisode", "load_episode", "numbered", "store_episode", "video_files"]
 
 INTEGERS: Final = ("frame_index", "episode_index", "index", "task_index")
 
@@ -52,10 +52,22 @@ class StoredEpisode:
     facts: EpisodeFacts
     file: Path
 
-    @property
-    def videos(self) -> dict[str, Path]:
-        """Each camera's file."""
-        return video_files(self.file, self.facts.videos)
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class WholeEpisode:
+    """An episode as a dataset takes it.
+
+    Attributes:
+        task: In words.
+        tables: Its features without the videos, shape (n, dimensions) or (n,); numbers and task are not among them.
+        videos: By camera, the file and where the episode begins in it [s].
+        video_stats: By camera.
+    """
+
+    task: str
+    tables: dict[str, npt.NDArray[np.generic]]
+    videos: dict[str, tuple[Path, float]]
+    video_stats: dict[str, Stats]
 
 
 def video_files(file: Path, cameras: Iterable[str]) -> dict[str, Path]:
@@ -68,19 +80,25 @@ def store_episode(file: Path, tables: dict[str, npt.NDArray[np.float32]]) -> Non
     np.savez(file, **tables)  # type: ignore[arg-type]  # its stub takes any table for `allow_pickle`
 
 
-def load_episode(episode: StoredEpisode) -> dict[str, npt.NDArray[np.float32]]:
-    """Return the tables of an episode."""
+def load_episode(episode: StoredEpisode) -> WholeEpisode:
+    """Return an episode with its tables."""
+    facts = episode.facts
     with np.load(episode.file) as stored:
-        return {name: stored[name] for name in stored.files}
+        return WholeEpisode(
+            task=facts.task,
+            tables={name: stored[name] for name in stored.files},
+            videos={camera: (path, 0.0) for camera, path in video_files(episode.file, facts.videos).items()},
+            video_stats={camera: one.as_stats for camera, one in facts.videos.items()},
+        )
 
 
 def numbered(
-    tables: dict[str, npt.NDArray[np.float32]], fps: float, episode: int, first: int, task: int
+    tables: dict[str, npt.NDArray[np.generic]], fps: float, episode: int, first: int, task: int
 ) -> tuple[dict[str, npt.NDArray[np.generic]], dict[str, Stats]]:
     """Return all columns of an episode, LeRobot's own included, and the statistics of each.
 
     Args:
-        tables: Its features.
+        tables: Its features; times among them stay as they are.
         fps: Rows per second: the times in a dataset are row / fps, exactly.
         episode: Its number in the dataset, from 0.
         first: Number of its first row in the dataset.
@@ -90,7 +108,7 @@ def numbered(
     frames = np.arange(rows, dtype=np.int64)
     whole: dict[str, npt.NDArray[np.generic]] = {
         **tables,
-        "timestamp": (frames / fps).astype(np.float32),
+        "timestamp": tables.get("timestamp", (frames / fps).astype(np.float32)),
         "frame_index": frames,
         "episode_index": np.full(rows, episode, dtype=np.int64),
         "index": frames + first,

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from fractions import Fraction
 from pathlib import Path
 from typing import Any, Final
 
 from gateway.dataset.videos import VideoFacts
+from gateway.recording.bag_writer import needed
 
-__all__ = ["VIDEO_MB", "JoinedVideo", "video_feature"]
+__all__ = ["VIDEO_MB", "JoinedVideo", "episode_pictures", "video_feature"]
 
 VIDEO_MB: Final = 200
 """A file of v3.0 is not continued when it is larger."""
@@ -54,21 +55,34 @@ class JoinedVideo:
         self._like: tuple[Any, ...] = ()
         self._rows = self._size_bytes = 0
 
-    def add(self, path: Path, rows: int) -> Mapping[str, float]:
-        """Append an episode's video, and return where it is: chunk, file, begin and end in it [s]."""
-        import av
+    def add(self, path: Path, begin_s: float, rows: int) -> Mapping[str, float]:
+        """Append an episode's video, without encoding it anew, and return where it is: chunk, file, begin and end in it [s].
 
+        Args:
+            path: Of its file.
+            begin_s: Where it begins in that [s].
+            rows: How many.
+
+        Raises:
+            OSError: A file cannot be read or written.
+            ValueError: The picture at its begin does not stand alone.
+        """
+        av = needed("av", "video")
+        try:
+            return self._add(av, path, begin_s, rows)
+        except av.FFmpegError as error:
+            raise OSError(f"{path}: {error}") from error
+
+    def _add(self, av: Any, path: Path, begin_s: float, rows: int) -> Mapping[str, float]:  # noqa: ANN401
         with av.open(str(path)) as source:
             stream = source.streams.video[0]
             context = stream.codec_context
             like = (context.width, context.height, bytes(context.extradata or b""))
             if self._out is None or like != self._like or self._size_bytes > VIDEO_MB * 1024**2:
-                self._begin(stream, like)
+                self._begin(av, stream, like)
             begin = Fraction(self._rows) / Fraction(self._fps)
-            for packet in source.demux(stream):
-                if packet.pts is None:
-                    continue
-                shift = round(begin / packet.time_base)
+            for packet in _packets(source, stream, begin_s, rows, self._fps):
+                shift = round(begin / packet.time_base) - round(Fraction(begin_s) / packet.time_base)
                 packet.pts, packet.dts = packet.pts + shift, (packet.pts if packet.dts is None else packet.dts) + shift
                 packet.stream = self._stream
                 self._size_bytes += packet.size
@@ -81,9 +95,7 @@ class JoinedVideo:
             "to_timestamp": float(Fraction(self._rows) / Fraction(self._fps)),
         }
 
-    def _begin(self, stream: Any, like: tuple[Any, ...]) -> None:  # noqa: ANN401
-        import av
-
+    def _begin(self, av: Any, stream: Any, like: tuple[Any, ...]) -> None:  # noqa: ANN401
         self.close()
         self._file += 1
         name = self._pattern.format(
@@ -100,3 +112,40 @@ class JoinedVideo:
         if self._out is not None:
             self._out.close()
             self._out = None
+
+
+def episode_pictures(path: Path, begin_s: float, rows: int, fps: float) -> Iterator[Any]:
+    """Yield an episode's pictures, decoded, in order: PyAV's frames.
+
+    Raises:
+        OSError: The file cannot be read.
+        ValueError: The picture at its begin does not stand alone.
+    """
+    av = needed("av", "video")
+    try:
+        with av.open(str(path)) as source:
+            stream = source.streams.video[0]
+            stream.thread_type = "AUTO"
+            for packet in (*_packets(source, stream, begin_s, rows, fps), None):
+                yield from stream.codec_context.decode(packet)
+    except av.FFmpegError as error:
+        raise OSError(f"{path}: {error}") from error
+
+
+def _packets(source: Any, stream: Any, begin_s: float, rows: int, fps: float) -> Iterator[Any]:  # noqa: ANN401
+    """Yield an episode's packets; the others of the file are of other episodes."""
+    begin, half = Fraction(begin_s), 1 / Fraction(fps) / 2
+    first, last = begin - half, begin + rows / Fraction(fps) - half
+    source.seek(max(0, round(begin / stream.time_base)), stream=stream)
+    is_first = True
+    for packet in source.demux(stream):
+        if packet.pts is None or packet.pts * stream.time_base < first:
+            continue
+        if packet.pts * stream.time_base >= last:
+            if packet.dts is None or packet.dts * stream.time_base >= last:
+                return
+            continue
+        if is_first and not packet.is_keyframe:
+            raise ValueError(f"{source.name}: the picture at {begin_s:.3f} s does not stand alone: it cannot be cut there")
+        is_first = False
+        yield packet
