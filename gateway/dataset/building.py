@@ -22,6 +22,7 @@ from typing import Any, Final
 import msgspec
 
 from gateway import __version__
+from gateway.dataset.bag_videos import FIELD, bag_video_sources, packet_topics
 from gateway.dataset.episode import EpisodeFacts, StoredEpisode, load_episode, store_episode, video_files
 from gateway.dataset.layout import Layout
 from gateway.dataset.lerobot_format import Format, features_of, write_dataset
@@ -150,6 +151,10 @@ def _build(
         message = f"no episode is left: {why}"
         shutil.rmtree(work)
         raise to_exception(Refusal(code=Code.BAD_REQUEST, message=message, field="bag"))
+    if len({tuple(episode.facts.videos) for episode in found}) > 1:
+        named = {episode.facts.bag: ", ".join(episode.facts.videos) or "none" for episode in found}
+        message = f"the bags have other cameras: {'; '.join(f'{bag}: {has}' for bag, has in named.items())}"
+        raise to_exception(Refusal(code=Code.BAD_REQUEST, message=message, field="bag", hint="build them apart"))
     new = work / "dataset"
     shutil.rmtree(new, ignore_errors=True)
     new.mkdir()
@@ -224,7 +229,8 @@ def _convert(
     """Make the episodes of one bag, and note them last: a bag without that note is begun anew."""
     made: list[EpisodeFacts] = []
     times: list[Instants] = []
-    pictures = None if video is None else video_source(video)
+    views = {IMAGES + camera: view for camera, view in EYES[choices.eyes].items()}
+    pictures = [] if video is None else [video_source(video, views)]
     left_out: dict[str, int] = {}
     with ExitStack() as stack:
         bag = stack.enter_context(Bag(path))
@@ -234,7 +240,12 @@ def _convert(
         def reading(share: float) -> None:
             on_progress(f"reading {path.name}", share)
 
-        series = read_series(bag, chosen.pairs, by_arrival=choices.by_arrival, on_progress=reading)
+        packets = packet_topics(bag) if video is None else []
+        pairs = chosen.pairs | {(topic, FIELD) for topic in packets}
+        series = read_series(bag, pairs, by_arrival=choices.by_arrival, on_progress=reading)
+        if packets:
+            pictures = bag_video_sources(bag, {topic: series.get((topic, FIELD)) for topic in packets}, views)
+        pictures_ns = {one.topic or "the cameras": one.times_ns for one in pictures}
         for (topic, field), one in series.items():
             if one.rejected:
                 left_out[f"message of {topic} without numbers in {field}"] = one.rejected
@@ -246,7 +257,6 @@ def _convert(
                 left_out[f"episode {unfit}"] = left_out.get(f"episode {unfit}", 0) + 1
                 continue
             interval_ns = (episode.begin_ns, episode.end_ns)
-            pictures_ns = None if pictures is None else pictures.times_ns
             found, missing = runs(chosen, series, interval_ns, choices.fps, choices.least_rows, pictures_ns)
             for reason, count in missing.items():
                 left_out[f"row: {reason}"] = left_out.get(f"row: {reason}", 0) + count
@@ -265,14 +275,13 @@ def _convert(
                         sources=_sources(chosen, series),
                     )
                 )
-    if pictures is not None and made:
-        views = {IMAGES + camera: view for camera, view in EYES[choices.eyes].items()}
-        files = [video_files(_file(folder, number), views) for number in range(len(made))]
+    for source in pictures if made else ():
+        files = [video_files(_file(folder, number), source.views) for number in range(len(made))]
         wanted = list(zip(times, files, strict=True))
-        told = write_videos(
-            pictures, wanted, views, choices.fps, lambda share: on_progress(f"pictures {path.name}", share)
-        )
-        made = [msgspec.structs.replace(facts, videos=one) for facts, one in zip(made, told, strict=True)]
+        seen = write_videos(source, wanted, choices.fps, lambda share: on_progress(f"pictures {path.name}", share))
+        made = [
+            msgspec.structs.replace(facts, videos=facts.videos | one) for facts, one in zip(made, seen, strict=True)
+        ]
     whole = folder / "bag.json.new"
     whole.write_bytes(msgspec.json.encode(OneBag(episodes=tuple(made), left_out=left_out)))
     whole.rename(folder / "bag.json")

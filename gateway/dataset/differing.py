@@ -1,4 +1,4 @@
-"""Says in what two datasets differ: features, tasks, rows and pictures. The format is not content, nor is how videos are coded."""
+"""Says in what two datasets differ: features, tasks, rows and pictures. Neither format nor coding is content."""
 
 from __future__ import annotations
 
@@ -63,7 +63,9 @@ def differences(a: Dataset, b: Dataset, on_progress: Callable[[float], None] = l
             except (OSError, ValueError) as error:
                 hint = "`ta2 dataset check` says what is wrong with it"
                 message = f"episode {number} cannot be compared: {error}"
-                raise to_exception(Refusal(code=Code.BAD_REQUEST, message=message, field="dataset", hint=hint)) from error
+                raise to_exception(
+                    Refusal(code=Code.BAD_REQUEST, message=message, field="dataset", hint=hint)
+                ) from error
         on_progress(min(1.0, (number + 1) / expected))
     if counts[0] != counts[1]:
         found.append(Difference(where="", feature="", message=f"{counts[0]} or {counts[1]} episodes"))
@@ -73,12 +75,17 @@ def differences(a: Dataset, b: Dataset, on_progress: Callable[[float], None] = l
 def _of_features(a: Dataset, b: Dataset) -> Iterator[Difference]:
     for name in dict.fromkeys([*a.features, *b.features]):
         if name not in a.features or name not in b.features:
-            yield Difference(where="info.json", feature=name, message=f"only {(a if name in a.features else b).folder} has it")
+            yield Difference(
+                where="info.json", feature=name, message=f"only {(a if name in a.features else b).folder} has it"
+            )
             continue
         for what in ("dtype", "shape", "names"):
             mine, its = a.features[name].get(what), b.features[name].get(what)
             if mine != its and what == "names" and isinstance(mine, list) and isinstance(its, list):
-                mine, its = sorted(set(mine) - set(its)) or "names in one order", sorted(set(its) - set(mine)) or "another"
+                mine, its = (
+                    sorted(set(mine) - set(its)) or "names in one order",
+                    sorted(set(its) - set(mine)) or "another",
+                )
             if mine != its:
                 yield Difference(where="info.json", feature=name, message=f"{what}: {mine} or {its}")
 

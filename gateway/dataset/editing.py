@@ -2,8 +2,8 @@
 
     datasets -> episodes -> OUT.making/ -> LeRobot's layout -> OUT
 
-Rows, numbers, statistics and what is known of their origin are what `build` would have given of the same bags, byte for byte; but
-what was left out of a bag is told of all bags together. Videos are not encoded anew: copied, or cut where episodes begin.
+Rows, numbers, statistics and origin are what `build` would have given of the same bags, byte for byte; but what was left out is
+told of all bags together. Videos are not encoded anew: copied, or cut where episodes begin.
 """
 
 from __future__ import annotations
@@ -74,7 +74,9 @@ def merge(datasets: Sequence[Dataset], out: Path, on_progress: OnProgress = lamb
     return _made([(dataset, None) for dataset in datasets], out, on_progress)
 
 
-def split(dataset: Dataset, numbers: Collection[int], out: Path, on_progress: OnProgress = lambda share: None) -> Edited:
+def split(
+    dataset: Dataset, numbers: Collection[int], out: Path, on_progress: OnProgress = lambda share: None
+) -> Edited:
     """Take episodes out of a dataset into a new one, in their order; the dataset stays as it is.
 
     Args:
@@ -148,7 +150,9 @@ def _whole(dataset: Dataset, episode: EpisodeRead) -> WholeEpisode:
             continue
         column = episode.columns.get(name)
         if column is None or column.dtype.kind not in "biuf" or len(column) != episode.rows:
-            raise _refused(f"{where}: {name} is no column of {episode.rows} numbers", hint="`ta2 dataset check` says more")
+            raise _refused(
+                f"{where}: {name} is no column of {episode.rows} numbers", hint="`ta2 dataset check` says more"
+            )
         tables[name] = column.astype(feature["dtype"], copy=False)
     lacking = [camera for camera in dataset.cameras if "count" not in episode.stats.get(camera, {})]
     if lacking:
@@ -174,7 +178,9 @@ def _origin(
         facts += episodes if only is None else [episodes[number] for number in only]
         for reason, count in one["left_out"].items():
             left_out[reason] = left_out.get(reason, 0) + count
-    kept = {name: value for name, value in first["choices"].items() if all(o["choices"].get(name) == value for o in every)}
+    kept = {
+        name: value for name, value in first["choices"].items() if all(o["choices"].get(name) == value for o in every)
+    }
     return kept, first["views"], facts, left_out
 
 

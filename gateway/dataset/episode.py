@@ -14,7 +14,16 @@ import numpy.typing as npt
 from gateway.dataset.stats import Stats, of_table
 from gateway.dataset.videos import VideoFacts
 
-__all__ = ["INTEGERS", "EpisodeFacts", "StoredEpisode", "WholeEpisode", "load_episode", "numbered", "store_episode", "video_files"]
+__all__ = [
+    "INTEGERS",
+    "EpisodeFacts",
+    "StoredEpisode",
+    "WholeEpisode",
+    "load_episode",
+    "numbered",
+    "store_episode",
+    "video_files",
+]
 
 INTEGERS: Final = ("frame_index", "episode_index", "index", "task_index")
 

@@ -146,6 +146,8 @@ def _packets(source: Any, stream: Any, begin_s: float, rows: int, fps: float) ->
                 return
             continue
         if is_first and not packet.is_keyframe:
-            raise ValueError(f"{source.name}: the picture at {begin_s:.3f} s does not stand alone: it cannot be cut there")
+            raise ValueError(
+                f"{source.name}: the picture at {begin_s:.3f} s does not stand alone: it cannot be cut there"
+            )
         is_first = False
         yield packet

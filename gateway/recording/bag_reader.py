@@ -16,7 +16,14 @@ from gateway.errors import Code, Refusal, to_exception
 from gateway.recording.bag_writer import ACTIVE, METADATA, NOTE, needed
 from gateway.recording.topics import RecordedTopic
 
-__all__ = ["Bag", "BagCopy", "BagMessage", "BagTopic"]
+__all__ = ["VIDEO_PACKET", "VIDEO_PACKET_FIELDS", "Bag", "BagCopy", "BagMessage", "BagTopic"]
+
+VIDEO_PACKET = "ffmpeg_image_transport_msgs/msg/FFMPEGPacket"
+VIDEO_PACKET_FIELDS = (
+    "std_msgs/Header header\nint32 width\nint32 height\nstring encoding\n"
+    "uint64 pts\nuint8 flags\nbool is_bigendian\nuint8[] data\n"
+)
+"""A coded picture, as the robot's own recorder keeps its cameras (§5.4); ROS itself does not define it."""
 
 
 class BagMessage(NamedTuple):
@@ -61,6 +68,7 @@ class Bag:
         _refuse_incomplete(path)
         try:
             store = types.get_typestore(types.Stores.ROS2_HUMBLE)  # SQLite bags of Humble hold no definitions
+            store.register(types.get_types_from_msg(VIDEO_PACKET_FIELDS, VIDEO_PACKET))
             self._reader: Any = reading.AnyReader([path], default_typestore=store)
             self._reader.open()
         except Exception as error:

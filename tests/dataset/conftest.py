@@ -7,6 +7,7 @@ import pytest
 from gateway.dataset.layout import load
 from tests.dataset.motion import OWN, filmed
 
+
 @pytest.fixture(scope="session")
 def layout(tmp_path_factory):
     """Return a small layout: three joints, and what they were told."""

@@ -16,6 +16,7 @@ from gateway.dataset.parquet import columns, read, write
 from gateway.errors import Rejected
 from tests.dataset.motion import OWN, moving
 
+
 @pytest.fixture(scope="module")
 def bags(tmp_path_factory, layout):
     """Return two bags and a small layout."""

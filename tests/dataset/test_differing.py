@@ -22,7 +22,11 @@ CAMERA = "observation.images.head_camera"
 def folder(filmed_bags, layout, tmp_path_factory):
     """Return a folder with datasets `a` (v2.1) and `b` (v3.0) of the same bags, and `half` of the first bag."""
     folder = tmp_path_factory.mktemp("sets")
-    for name, version, bags in (("a", "v2.1", filmed_bags), ("b", "v3.0", filmed_bags), ("half", "v2.1", filmed_bags[:1])):
+    for name, version, bags in (
+        ("a", "v2.1", filmed_bags),
+        ("b", "v3.0", filmed_bags),
+        ("half", "v2.1", filmed_bags[:1]),
+    ):
         build(bags, folder / name, Choices(layout=layout, version=version, least_rows=10))
     return folder
 
@@ -117,7 +121,12 @@ def test_another_picture_is_found_to_the_pixel(folder, filmed_bags, layout, tmp_
     import msgspec
 
     bag = filmed(
-        tmp_path, "wave", lambda p: msgspec.structs.replace(p, clean=p.n != 20), count=40, seconds=0.9, facts={"task": "wave"}
+        tmp_path,
+        "wave",
+        lambda p: msgspec.structs.replace(p, clean=p.n != 20),
+        count=40,
+        seconds=0.9,
+        facts={"task": "wave"},
     )
     build([bag], tmp_path / "set", Choices(layout=layout, least_rows=10))
     told = differences(Dataset(folder / "half"), Dataset(tmp_path / "set"))

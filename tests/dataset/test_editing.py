@@ -29,7 +29,9 @@ def pictures(folder):
     """Return the decoded pictures of each episode and camera, in order."""
     dataset = Dataset(folder)
     return [
-        np.stack([picture.to_ndarray(format="rgb24") for picture in episode_pictures(*video, episode.rows, dataset.fps)])
+        np.stack(
+            [picture.to_ndarray(format="rgb24") for picture in episode_pictures(*video, episode.rows, dataset.fps)]
+        )
         for episode in dataset.episodes()
         for video in episode.videos.values()
     ]
@@ -76,7 +78,10 @@ def test_an_episode_that_is_split_off_is_what_would_have_been_built_of_its_bag(s
     origins = [json.loads(files.pop(PROVENANCE)) for files in (mine, built)]
     left_out = [origin.pop("left_out") for origin in origins]
     assert mine == built and origins[0] == origins[1] and set(left_out[0]) == set(left_out[1])
-    assert same(pictures(tmp_path / "set"), pictures(sets[version][number])) and check_dataset(Dataset(tmp_path / "set")).ok
+    assert (
+        same(pictures(tmp_path / "set"), pictures(sets[version][number]))
+        and check_dataset(Dataset(tmp_path / "set")).ok
+    )
 
 
 @pytest.mark.parametrize("version", VERSIONS)
@@ -138,7 +143,10 @@ def test_what_does_not_go_together_is_refused_by_name(sets, filmed_bags, layout,
     for change, why in (
         ({"fps": 20}, "of another rows per second"),
         ({"robot_type": "so100"}, "of another kind of robot"),
-        ({"features": info["features"] | {"action": {"dtype": "float32", "shape": [2], "names": None}}}, "features .*: action"),
+        (
+            {"features": info["features"] | {"action": {"dtype": "float32", "shape": [2], "names": None}}},
+            "features .*: action",
+        ),
     ):
         path.write_text(json.dumps(info | change))
         with pytest.raises(Rejected, match=why):
@@ -150,7 +158,9 @@ def test_what_does_not_go_together_is_refused_by_name(sets, filmed_bags, layout,
     assert not (tmp_path / "set").exists()
 
 
-@pytest.mark.parametrize(("numbers", "why"), [([2], "no episode 2"), ([-1, 0], "no episode -1"), ([], "no episode at all")])
+@pytest.mark.parametrize(
+    ("numbers", "why"), [([2], "no episode 2"), ([-1, 0], "no episode -1"), ([], "no episode at all")]
+)
 def test_episodes_that_are_not_there_are_refused(sets, tmp_path, numbers, why):
     """Nothing is left behind."""
     with pytest.raises(Rejected, match=why):

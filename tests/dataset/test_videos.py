@@ -152,7 +152,7 @@ def test_what_is_no_recording_of_the_cameras_is_refused(layout, tmp_path):
         build([bag], tmp_path / "set", Choices(layout=layout), videos=[path])
     index_path(path).unlink()
     with pytest.raises(Rejected, match="has no index that can be read"):
-        video_source(path)
+        video_source(path, {})
     rubbish = taken(tmp_path / "rubbish.mkv")
     rubbish.write_bytes(b"rubbish" * 1000)
     with pytest.raises(Rejected, match="cannot be used"):
@@ -179,7 +179,7 @@ def test_pictures_that_came_at_one_instant_count_once(tmp_path):
         step_ns = PERIOD_NS * 3 if picture.n > 9 else 0
         return msgspec.structs.replace(picture, arrival_wall_ns=picture.arrival_wall_ns - step_ns)
 
-    source = video_source(taken(tmp_path / "take.mkv", back))
+    source = video_source(taken(tmp_path / "take.mkv", back), {})
     assert np.all(np.diff(source.times_ns) > 0) and len(source.pts) == COUNT - 3
     assert replace(source, path=tmp_path).pts is source.pts
 
