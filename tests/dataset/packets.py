@@ -35,7 +35,9 @@ def coded(width: int, height: int, count: int, codec: str = "libx265") -> tuple[
     coder.time_base, coder.framerate = Fraction(1, 45), Fraction(45)
     coder.gop_size, coder.max_b_frames = GOP, 0
     options = f"keyint={GOP}:min-keyint={GOP}:scenecut=0:repeat-headers=1:log-level=none:pools=1:frame-threads=1"
-    coder.options = {"preset": "ultrafast", "tune": "zerolatency"} | ({"x265-params": options} if "265" in codec else {})
+    coder.options = {"preset": "ultrafast", "tune": "zerolatency"} | (
+        {"x265-params": options} if "265" in codec else {}
+    )
     packets = []
     for n in range(count):
         planes = np.full((height * 3 // 2, width), 128, np.uint8)

@@ -81,7 +81,9 @@ def test_a_picture_of_one_eye_is_taken_whole(layout, tmp_path, monkeypatch):
     assert Dataset(tmp_path / "set").features[IMAGES + "head_camera"]["shape"] == [64, 64, 3]
 
 
-@pytest.mark.parametrize(("encoding", "why"), [("hevc", "no picture of .* can be decoded"), ("theora2", "no decoder of")])
+@pytest.mark.parametrize(
+    ("encoding", "why"), [("hevc", "no picture of .* can be decoded"), ("theora2", "no decoder of")]
+)
 def test_what_cannot_be_decoded_is_refused(layout, tmp_path, encoding, why):
     """Not one picture that stands alone; a codec that nobody has."""
     bag = vendor_bag(tmp_path / "bag", count=GOP, first=1, topics=[TOPICS["head"]], encoding=encoding)
