@@ -16,9 +16,6 @@ from gateway.errors import Code, Refusal, to_exception
 
 __all__ = ["Difference", "differences"]
 
-TASKS = "task_index"
-"""A number that each dataset gives as it likes: words are compared."""
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Difference:
@@ -28,121 +25,103 @@ class Difference:
         where: `info.json`, or an episode; empty for the datasets as wholes.
         feature: Of it; empty for all.
         message: What.
-        largest: By how much at most: a feature's unit, or steps of a pixel's colour of 255; 0 where nothing is measured.
+        largest: By how much at most, in the feature's unit, or in steps of a colour (0..255); the largest number where a number
+            stands against NaN; 0 where nothing is measured.
         row: Where that is, in the episode; -1 where nothing is measured.
     """
 
-    where: str
-    feature: str
+    where: str = ""
+    feature: str = ""
     message: str
     largest: float = 0.0
     row: int = -1
 
 
 def differences(a: Dataset, b: Dataset, on_progress: Callable[[float], None] = lambda share: None) -> list[Difference]:
-    """Compare two datasets.
-
-    Args:
-        a: One.
-        b: The other.
-        on_progress: Called with the part that was compared, 0..1.
+    """Compare two datasets, and tell how much of them was compared, 0..1.
 
     Raises:
         Rejected: BAD_REQUEST, one of them cannot be read.
     """
-    found = list(_of_features(a, b))
-    if a.fps != b.fps:
-        found.append(Difference(where="info.json", feature="", message=f"{a.fps:g} or {b.fps:g} rows per second"))
+    found = list(_of_info(a, b))
     expected = max(1, int(a.info.get("total_episodes", 1)))
-    counts = [0, 0]
-    for number, (one, other) in enumerate(zip_longest(a.readable(), b.readable())):
-        counts = [counts[0] + (one is not None), counts[1] + (other is not None)]
-        if one is not None and other is not None:
-            try:
+    pairs = list[tuple[bool, bool]]()
+    try:
+        for one, other in zip_longest(a.readable(), b.readable()):
+            pairs.append((one is not None, other is not None))
+            if one is not None and other is not None:
                 found += _of_episode(a, one, b, other)
-            except (OSError, ValueError) as error:
-                hint = "`ta2 dataset check` says what is wrong with it"
-                message = f"episode {number} cannot be compared: {error}"
-                raise to_exception(
-                    Refusal(code=Code.BAD_REQUEST, message=message, field="dataset", hint=hint)
-                ) from error
-        on_progress(min(1.0, (number + 1) / expected))
-    if counts[0] != counts[1]:
-        found.append(Difference(where="", feature="", message=f"{counts[0]} or {counts[1]} episodes"))
-    return found
+            on_progress(min(1.0, len(pairs) / expected))
+    except (OSError, ValueError) as error:
+        hint = "`ta2 dataset check` says what is wrong with it"
+        message = f"episode {len(pairs) - 1} cannot be compared: {error}"
+        raise to_exception(Refusal(code=Code.BAD_REQUEST, message=message, field="dataset", hint=hint)) from error
+    mine, its = (sum(pair[n] for pair in pairs) for n in (0, 1))
+    return found + [Difference(message=f"{mine} or {its} episodes")] * (mine != its)
 
 
-def _of_features(a: Dataset, b: Dataset) -> Iterator[Difference]:
+def _of_info(a: Dataset, b: Dataset) -> Iterator[Difference]:
+    if a.fps != b.fps:
+        yield Difference(where="info.json", message=f"{a.fps:g} or {b.fps:g} rows per second")
     for name in dict.fromkeys([*a.features, *b.features]):
-        if name not in a.features or name not in b.features:
-            yield Difference(
-                where="info.json", feature=name, message=f"only {(a if name in a.features else b).folder} has it"
-            )
+        mine, its = a.features.get(name), b.features.get(name)
+        if mine is None or its is None:
+            folder = b.folder if mine is None else a.folder
+            yield Difference(where="info.json", feature=name, message=f"only {folder} has it")
             continue
-        for what in ("dtype", "shape", "names"):
-            mine, its = a.features[name].get(what), b.features[name].get(what)
-            if mine != its and what == "names" and isinstance(mine, list) and isinstance(its, list):
-                mine, its = (
-                    sorted(set(mine) - set(its)) or "names in one order",
-                    sorted(set(its) - set(mine)) or "another",
-                )
-            if mine != its:
-                yield Difference(where="info.json", feature=name, message=f"{what}: {mine} or {its}")
+        for what in ("dtype", "shape"):
+            if mine.get(what) != its.get(what):
+                yield Difference(where="info.json", feature=name, message=f"{what} {mine.get(what)} or {its.get(what)}")
+        names = zip_longest(mine.get("names") or (), its.get("names") or ())
+        for place, (one, other) in enumerate(names):
+            if one != other:
+                message = f"dimension {place} is {one} or {other}: the first of another name"
+                yield Difference(where="info.json", feature=name, message=message)
+                break
 
 
 def _of_episode(a: Dataset, one: EpisodeRead, b: Dataset, other: EpisodeRead) -> Iterator[Difference]:
     where = f"episode {one.number}"
-    if one.tasks != other.tasks:
-        yield Difference(where=where, feature="", message=f"tasks {list(one.tasks)} or {list(other.tasks)}")
-    if one.rows != other.rows:
-        yield Difference(where=where, feature="", message=f"{one.rows} or {other.rows} rows")
-    for name, mine in one.columns.items():
-        its = other.columns.get(name)
-        if its is None or name == TASKS or name not in a.features:
-            continue
-        rows = min(len(mine), len(its))
-        if not rows:
-            continue
-        x, y = mine[:rows].reshape(rows, -1), its[:rows].reshape(rows, -1)
-        if x.shape == y.shape and (largest := _largest(x, y))[0] > 0.0:
-            row, dimension = divmod(largest[1], x.shape[1])
-            named = (a.features[name].get("names") or [])[dimension : dimension + 1] or [f"dimension {dimension}"]
-            message = f"{named[0]} is {x[row, dimension]} or {y[row, dimension]} in row {row}: the largest difference"
-            yield Difference(where=where, feature=name, message=message, largest=largest[0], row=row)
-    for name in one.videos:
-        if name in other.videos:
+    tasks = (", ".join(each.tasks) for each in (one, other))
+    for what, mine, its in (("tasks", *tasks), ("rows", one.rows, other.rows)):
+        if mine != its:
+            yield Difference(where=where, message=f"{what}: {mine} or {its}")
+    for name in a.features:
+        if name in one.videos and name in other.videos:
             yield from _of_pictures(where, name, (a, one), (b, other))
+        elif name in one.columns and name in other.columns and name != "task_index":  # of which words are compared
+            rows = min(len(one.columns[name]), len(other.columns[name]))
+            x, y = (each.columns[name][:rows].reshape(rows, -1) for each in (one, other))
+            if x.shape == y.shape and x.size and (off := _off(x, y)).any():
+                row, dimension = divmod(int(off.argmax()), off.shape[1])
+                names = a.features[name].get("names")
+                label = names[dimension] if isinstance(names, list) else f"dimension {dimension}"
+                values = f"{label} is {x[row, dimension]} or {y[row, dimension]}"
+                message, largest = f"{values} in row {row}: the largest difference", float(off[row, dimension])
+                yield Difference(where=where, feature=name, message=message, largest=largest, row=row)
 
 
-def _largest(x: npt.NDArray[Any], y: npt.NDArray[Any]) -> tuple[float, int]:
-    """Return the largest difference of two tables and where it is, counted through; infinite where numbers meet none."""
+def _off(x: npt.NDArray[Any], y: npt.NDArray[Any]) -> npt.NDArray[np.float64]:
     if x.dtype.kind not in "biuf" or y.dtype.kind not in "biuf":
-        off = (x != y).astype(np.float64)
-    else:
-        u, v = x.astype(np.float64), y.astype(np.float64)
-        off = np.where((u == v) | (np.isnan(u) & np.isnan(v)), 0.0, np.nan_to_num(np.abs(u - v), nan=np.inf))
-    place = int(off.argmax())
-    return float(off.flat[place]), place
+        return (x != y).astype(np.float64)
+    u, v = x.astype(np.float64), y.astype(np.float64)
+    is_same = (u == v) | (np.isnan(u) & np.isnan(v))
+    return np.where(is_same, 0.0, np.nan_to_num(np.abs(u - v), nan=np.finfo(np.float64).max))
 
 
 def _of_pictures(
     where: str, name: str, one: tuple[Dataset, EpisodeRead], other: tuple[Dataset, EpisodeRead]
 ) -> Iterator[Difference]:
     pictures = (episode_pictures(*episode.videos[name], episode.rows, dataset.fps) for dataset, episode in (one, other))
-    counts, largest, at, size = [0, 0], 0.0, -1, ""
+    counts, largest, at = [0, 0], 0, -1
     for row, pair in enumerate(zip_longest(*pictures)):
         counts = [count + (picture is not None) for count, picture in zip(counts, pair, strict=True)]
-        if None in pair:
-            continue
-        mine, its = (picture.to_ndarray(format="rgb24").astype(np.int16) for picture in pair)
-        if mine.shape != its.shape:
-            size = f"pictures of {mine.shape[1]} x {mine.shape[0]} or {its.shape[1]} x {its.shape[0]}"
-        elif (off := float(np.abs(mine - its).max())) > largest:
-            largest, at = off, row
-    if size:
-        yield Difference(where=where, feature=name, message=size)
+        if None not in pair:
+            mine, its = (picture.to_ndarray(format="rgb24").astype(np.int16) for picture in pair)
+            off = 255 if mine.shape != its.shape else int(np.abs(mine - its).max())
+            largest, at = (off, row) if off > largest else (largest, at)
     if counts[0] != counts[1]:
         yield Difference(where=where, feature=name, message=f"{counts[0]} or {counts[1]} pictures")
     if largest:
-        message = f"a pixel differs by {largest:g} of 255 in row {at}: the largest difference"
+        message = f"a pixel is {largest} of 255 off in row {at}, or the size differs: the largest difference"
         yield Difference(where=where, feature=name, message=message, largest=largest, row=at)

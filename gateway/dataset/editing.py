@@ -1,7 +1,5 @@
 """Datasets made of datasets: several put together, some episodes taken out. Episodes are renumbered, statistics made anew.
 
-    datasets -> episodes -> OUT.making/ -> LeRobot's layout -> OUT
-
 Rows, numbers, statistics and origin are what `build` would have given of the same bags, byte for byte; but what was left out is
 told of all bags together. Videos are not encoded anew: copied, or cut where episodes begin.
 """
@@ -13,7 +11,7 @@ import shutil
 from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Final
+from typing import Any
 
 import msgspec
 import numpy as np
@@ -30,10 +28,6 @@ from gateway.recording.bag_writer import needed
 __all__ = ["Edited", "merge", "split"]
 
 OnProgress = Callable[[float], None]
-Part = tuple[Dataset, Collection[int] | None]
-"""A dataset, and the numbers of the episodes that are taken; None for all."""
-SAME: Final = ("layout", "eyes")
-"""Choices that make numbers and pictures mean something else."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -46,62 +40,49 @@ class Edited:
 
 
 def merge(datasets: Sequence[Dataset], out: Path, on_progress: OnProgress = lambda share: None) -> Edited:
-    """Put datasets together, one after the other.
-
-    Args:
-        datasets: At least one.
-        out: Folder to be made.
-        on_progress: Called with the part that is done, 0..1.
+    """Put datasets together, at least one, in their order; tell how much is done, 0..1.
 
     Raises:
-        Rejected: BAD_REQUEST, they differ in format, fps, kind of robot, features or what these mean; one cannot be read;
-            `out` holds something or cannot be written.
+        Rejected: BAD_REQUEST, they differ in format, rate, robot, features or what these mean; one cannot be read; `out` holds
+            something or cannot be written.
     """
     first = datasets[0]
     for other in datasets[1:]:
-        for name, mine, its in (
-            ("format", first.version, other.version),
-            ("rows per second", first.fps, other.fps),
-            ("kind of robot", first.info.get("robot_type"), other.info.get("robot_type")),
-        ):
-            if mine != its:
-                raise _refused(f"{other.folder} is of another {name} than {first.folder}", str(its), str(mine))
-        names = dict.fromkeys([*first.features, *other.features])
-        differing = [name for name in names if first.features.get(name) != other.features.get(name)]
+        pairs = {"format": (other.version, first.version), "rows per second": (other.fps, first.fps)}
+        pairs |= {"robot_type": (other.info.get("robot_type"), first.info.get("robot_type"))}
+        for name in dict.fromkeys([*first.features, *other.features]):
+            pairs[f"feature {name}"] = (other.features.get(name), first.features.get(name))
+        for what in ("layout", "eyes"):
+            pairs[f"{what} in {PROVENANCE}"] = tuple(
+                _origin(one).get("choices", {}).get(what) for one in (other, first)
+            )
+        differing = [what for what, (its, mine) in pairs.items() if its != mine]
         if differing:
-            hint = "`ta2 dataset diff` says how; `ta2 dataset build` makes both alike"
-            raise _refused(f"{other.folder} has other features than {first.folder}: {', '.join(differing)}", hint=hint)
+            message = f"{other.folder} and {first.folder} do not go together: other {', '.join(differing)}"
+            raise _refused(message, "build both alike; `ta2 dataset diff` says more")
     return _made([(dataset, None) for dataset in datasets], out, on_progress)
 
 
 def split(
     dataset: Dataset, numbers: Collection[int], out: Path, on_progress: OnProgress = lambda share: None
 ) -> Edited:
-    """Take episodes out of a dataset into a new one, in their order; the dataset stays as it is.
-
-    Args:
-        dataset: It.
-        numbers: Of the episodes, from 0.
-        out: Folder to be made.
-        on_progress: Called with the part that is done, 0..1.
+    """Copy episodes, by their numbers from 0 on, into a new dataset, in the old order; tell how much is done, 0..1.
 
     Raises:
         Rejected: BAD_REQUEST, there is no such episode; the dataset cannot be read; `out` holds something or cannot be written.
     """
-    there = int(dataset.info.get("total_episodes", 0))
-    missing = sorted(number for number in numbers if not 0 <= number < there)
-    if missing or not numbers:
-        named = ", ".join(map(str, missing)) or "at all"
-        raise _refused(f"{dataset.folder} has no episode {named}", named, f"0 to {there - 1}")
+    there = range(int(dataset.info.get("total_episodes", 0)))
+    missing = [str(number) for number in sorted(numbers) if number not in there]
+    if missing:
+        raise _refused(f"{dataset.folder} has no episode {', '.join(missing)}: there are {len(there)}, from 0 on")
     return _made([(dataset, sorted(set(numbers)))], out, on_progress)
 
 
-def _made(parts: Sequence[Part], out: Path, on_progress: OnProgress) -> Edited:
+def _made(parts: Sequence[tuple[Dataset, list[int] | None]], out: Path, on_progress: OnProgress) -> Edited:
     refuse_full(out)
     first, _ = parts[0]
     if first.cameras:
         needed("av", "video")
-    version = next(version for version in FORMATS if version == first.version)
     total = sum(int(dataset.info.get("total_episodes", 0)) if only is None else len(only) for dataset, only in parts)
     new, rows = out.resolve().with_name(out.resolve().name + ".making"), list[int]()
 
@@ -109,81 +90,66 @@ def _made(parts: Sequence[Part], out: Path, on_progress: OnProgress) -> Edited:
         for dataset, only in parts:
             for episode in dataset.readable(only):
                 rows.append(episode.rows)
+                on_progress(min(1.0, len(rows) / max(1, total)))
                 yield _whole(dataset, episode)
-        if not rows:
-            raise ValueError("there is no episode")
 
     try:
-        origin = _origin(parts)
         shutil.rmtree(new, ignore_errors=True)
         new.mkdir(parents=True)
-        write_dataset(
-            new,
-            version,
-            first.features,
-            episodes(),
-            first.fps,
-            lambda count: on_progress(min(1.0, count / max(1, total))),
-            str(first.info.get("robot_type")),
-        )
-        if origin is not None:
-            choices, views, facts, left_out = origin
-            built = told(out, msgspec.convert(choices["layout"], Layout), facts, left_out)
-            write_provenance(new, choices, views, facts, built)
+        version = next(version for version in FORMATS if version == first.version)
+        write_dataset(new, version, first.features, episodes(), first.fps, robot_type=str(first.info.get("robot_type")))
+        _write_origin(new, out, parts)
         if out.exists():
             out.rmdir()
         new.rename(out)
-    except (OSError, ValueError) as error:
-        raise _refused(f"{out} cannot be made: {error}") from error
+    except (OSError, ValueError, LookupError) as error:
+        raise _refused(
+            f"{out} cannot be made: {error!r}", "`ta2 dataset check` says what is wrong with a dataset"
+        ) from error
     finally:
         shutil.rmtree(new, ignore_errors=True)
     return Edited(folder=out, episodes=len(rows), rows=sum(rows))
 
 
 def _whole(dataset: Dataset, episode: EpisodeRead) -> WholeEpisode:
-    where = f"{dataset.folder}: episode {episode.number}"
-    if len(episode.tasks) != 1:
-        raise _refused(f"{where} has {len(episode.tasks)} tasks, one is needed")
+    """Return an episode to be written.
+
+    Raises:
+        LookupError: A column or the statistics of a video are missing.
+        ValueError: It has several tasks, or a column that is none of numbers.
+    """
+    (task,) = episode.tasks
     tables: dict[str, npt.NDArray[np.generic]] = {}
     for name, feature in dataset.features.items():
-        if feature["dtype"] == "video" or name in INTEGERS:
-            continue
-        column = episode.columns.get(name)
-        if column is None or column.dtype.kind not in "biuf" or len(column) != episode.rows:
-            raise _refused(
-                f"{where}: {name} is no column of {episode.rows} numbers", hint="`ta2 dataset check` says more"
-            )
-        tables[name] = column.astype(feature["dtype"], copy=False)
-    lacking = [camera for camera in dataset.cameras if "count" not in episode.stats.get(camera, {})]
-    if lacking:
-        raise _refused(f"{where}: {', '.join(lacking)} has no statistics")
+        if feature["dtype"] != "video" and name not in INTEGERS:
+            tables[name] = episode.columns[name].astype(np.dtype(feature["dtype"]), copy=False)
+            if tables[name].dtype.kind not in "biuf" or len(tables[name]) != episode.rows:
+                raise ValueError(f"episode {episode.number}: {name} is no column of {episode.rows} numbers")
     stats = {camera: episode.stats[camera] for camera in dataset.cameras}
-    return WholeEpisode(task=episode.tasks[0], tables=tables, videos=episode.videos, video_stats=stats)
+    return WholeEpisode(task=task, tables=tables, videos=episode.videos, video_stats=stats)
 
 
-def _origin(
-    parts: Sequence[Part],
-) -> tuple[dict[str, Any], dict[str, str], list[EpisodeFacts], dict[str, int]] | None:
-    """Return choices, views, episodes and what was left out; None where a dataset is not of `build`. Choices that differ go."""
-    found = [dataset.folder / PROVENANCE for dataset, _ in parts]
-    if not all(path.exists() for path in found):
-        return None
-    every: list[dict[str, Any]] = [json.loads(path.read_text(encoding="utf-8")) for path in found]
-    first, facts, left_out = every[0], list[EpisodeFacts](), dict[str, int]()
-    for (dataset, only), one in zip(parts, every, strict=True):
-        for name in SAME:
-            if one["choices"].get(name) != first["choices"].get(name):
-                raise _refused(f"{dataset.folder} has another {name} than {parts[0][0].folder}: {PROVENANCE} has both")
-        episodes = msgspec.convert(one["episodes"], list[EpisodeFacts])
+def _origin(dataset: Dataset) -> dict[str, Any]:
+    path = dataset.folder / PROVENANCE
+    return dict(json.loads(path.read_text(encoding="utf-8"))) if path.exists() else {}
+
+
+def _write_origin(folder: Path, out: Path, parts: Sequence[tuple[Dataset, list[int] | None]]) -> None:
+    """Write where all this comes from, if that is known of every part; choices that differ are not told."""
+    origins = [_origin(dataset) for dataset, _ in parts]
+    if not all(origins):
+        return
+    facts, left_out = list[EpisodeFacts](), dict[str, int]()
+    for (_, only), origin in zip(parts, origins, strict=True):
+        episodes = msgspec.convert(origin["episodes"], list[EpisodeFacts])
         facts += episodes if only is None else [episodes[number] for number in only]
-        for reason, count in one["left_out"].items():
+        for reason, count in origin["left_out"].items():
             left_out[reason] = left_out.get(reason, 0) + count
-    kept = {
-        name: value for name, value in first["choices"].items() if all(o["choices"].get(name) == value for o in every)
-    }
-    return kept, first["views"], facts, left_out
+    first = origins[0]["choices"]
+    choices = {name: value for name, value in first.items() if all(o["choices"].get(name) == value for o in origins)}
+    built = told(out, msgspec.convert(choices["layout"], Layout), facts, left_out)
+    write_provenance(folder, choices, origins[0]["views"], facts, built)
 
 
-def _refused(message: str, value: str = "", bound: str = "", hint: str = "") -> GatewayError:
-    refusal = Refusal(code=Code.BAD_REQUEST, message=message, field="dataset", value=value, bound=bound, hint=hint)
-    return to_exception(refusal)
+def _refused(message: str, hint: str = "") -> GatewayError:
+    return to_exception(Refusal(code=Code.BAD_REQUEST, message=message, field="dataset", hint=hint))

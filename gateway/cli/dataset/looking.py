@@ -3,16 +3,14 @@
 from __future__ import annotations
 
 import json
-import math
 from argparse import Namespace
 from dataclasses import asdict
-from typing import Any
 
 from gateway.cli.terminal.ending import ExitStatus
 from gateway.cli.terminal.progress import teller
 from gateway.dataset.differing import differences
-from gateway.dataset.drawing import draw, parts_of
-from gateway.dataset.lerobot_reader import Dataset, EpisodeRead
+from gateway.dataset.drawing import draw, groups_of
+from gateway.dataset.lerobot_reader import Dataset
 from gateway.errors import Code, Refusal, to_exception
 
 __all__ = ["counted", "diff", "show"]
@@ -30,72 +28,37 @@ def show(options: Namespace) -> ExitStatus:
         Rejected: BAD_REQUEST, it cannot be read, has no such episode, or cannot be drawn.
     """
     dataset = Dataset(options.dataset)
-    number = options.episode or 0
-    episode = None if options.episode is None and options.out is None else next(dataset.readable([number]), None)
-    if episode is None and (options.episode is not None or options.out is not None):
-        bound = f"0 to {int(dataset.info.get('total_episodes', 0)) - 1}"
-        message = f"{dataset.folder} has no episode {number}"
-        raise to_exception(
-            Refusal(code=Code.BAD_REQUEST, message=message, field="episode", value=str(number), bound=bound)
-        )
-    facts = _facts(dataset, episode)
+    number, episode, fps = options.episode or 0, None, dataset.fps
+    episodes, rows = (int(dataset.info.get(name, 0)) for name in ("total_episodes", "total_frames"))
+    if options.episode is not None or options.out is not None:
+        episode = next(dataset.readable([number]), None)
+        if episode is None:
+            message, bound = f"{dataset.folder} has no episode {number}", f"0 to {episodes - 1}"
+            raise to_exception(Refusal(code=Code.BAD_REQUEST, message=message, field="episode", bound=bound))
     if options.out is not None and episode is not None:
-        title = f"{dataset.folder.resolve().name}, episode {number}: {', '.join(episode.tasks)}"
         try:
+            title = f"{dataset.folder.resolve().name}, episode {number}: {', '.join(episode.tasks)}"
             draw(dataset, episode, title, options.out)
         except (OSError, ValueError) as error:
             message = f"{options.out} cannot be drawn: {error}"
             raise to_exception(Refusal(code=Code.BAD_REQUEST, message=message, field="out")) from error
-        facts["file"] = str(options.out)
-    if options.json:
-        print(json.dumps(facts, ensure_ascii=False))
-    elif options.out is not None:
         print(options.out)
-    else:
-        _print(facts)
-    return ExitStatus.OK
-
-
-def _facts(dataset: Dataset, episode: EpisodeRead | None) -> dict[str, Any]:
-    try:
-        tasks = dataset.tasks()
-    except Exception as error:  # files of others: whatever a reader meets says that they cannot be read
-        message, hint = f"{dataset.folder} cannot be read: {error!r}", "`ta2 dataset check` says what is wrong with it"
-        raise to_exception(Refusal(code=Code.BAD_REQUEST, message=message, field="dataset", hint=hint)) from error
-    facts: dict[str, Any] = {
-        "ok": True,
-        "dataset": str(dataset.folder),
-        "version": dataset.version,
-        "episodes": int(dataset.info.get("total_episodes", 0)),
-        "rows": int(dataset.info.get("total_frames", 0)),
-        "fps": dataset.fps,
-        "tasks": list(tasks.values()),
-        "vectors": {
-            name: [{"names": names, "unit": unit} for names, unit in mine] for name, mine in parts_of(dataset).items()
-        },
-        "cameras": {name: dataset.features[name]["shape"] for name in dataset.cameras},
-    }
-    if episode is not None:
-        facts["episode"] = {"number": episode.number, "rows": episode.rows, "tasks": list(episode.tasks)}
-    return facts
-
-
-def _print(facts: dict[str, Any]) -> None:
-    fps = facts["fps"]
-    much = f"{counted(facts['episodes'], 'episode')}, {facts['rows']} rows, {facts['rows'] / fps:.1f} s"
-    print(f"{facts['dataset']}: LeRobot {facts['version']}, {much}, {fps:g} rows per second")
-    for task in facts["tasks"]:
+        return ExitStatus.OK
+    much = f"{counted(episodes, 'episode')}, {rows} rows, {rows / fps:.1f} s"
+    print(f"{dataset.folder}: LeRobot {dataset.version}, {much}, {fps:g} rows per second")
+    for task in dataset.tasks().values():
         print(f"task      {task or '(none)'}")
-    for name, parts in facts["vectors"].items():
-        print(f"vector    {name}: {counted(sum(len(part['names']) for part in parts), 'dimension')}")
-        for part in parts:
-            names = part["names"][0] if len(part["names"]) == 1 else f"{part['names'][0]} .. {part['names'][-1]}"
-            print(f"            {names}" + (f" [{part['unit']}]" if part["unit"] else ""))
-    for name, shape in facts["cameras"].items():
-        print(f"camera    {name}: {shape[1]} x {shape[0]}")
-    if "episode" in facts:
-        one = facts["episode"]
-        print(f"episode   {one['number']}: {one['rows']} rows, {one['rows'] / fps:.1f} s, {', '.join(one['tasks'])}")
+    for name, groups in groups_of(dataset).items():
+        print(f"vector    {name}: {counted(sum(len(names) for names, _ in groups), 'dimension')}")
+        for names, unit in groups:
+            label = names[0] if len(names) == 1 else f"{names[0]} .. {names[-1]}"
+            print(f"            {label}" + (f" [{unit}]" if unit else ""))
+    for name in dataset.cameras:
+        height, width, *_ = dataset.features[name]["shape"]
+        print(f"camera    {name}: {width} x {height}")
+    if episode is not None:
+        print(f"episode   {number}: {episode.rows} rows, {episode.rows / fps:.1f} s, {', '.join(episode.tasks)}")
+    return ExitStatus.OK
 
 
 def diff(options: Namespace) -> ExitStatus:
@@ -108,8 +71,7 @@ def diff(options: Namespace) -> ExitStatus:
     with teller() as tell:
         found = differences(a, b, lambda share: tell.advance("diff", share, f"{share:.0%}"))
     if options.json:
-        told = [asdict(one) | {"largest": one.largest if math.isfinite(one.largest) else None} for one in found]
-        print(json.dumps({"ok": not found, "differences": told}, ensure_ascii=False))
+        print(json.dumps({"ok": not found, "differences": [asdict(one) for one in found]}, ensure_ascii=False))
     else:
         for one in found:
             print(": ".join(filter(None, (one.where, one.feature, one.message))))
