@@ -1,4 +1,4 @@
-"""The robot's own videos: what its recorder keeps of each camera in a bag, both eyes side by side (the vendor's public converter).
+"""The robot's own videos: what its recorder keeps of each camera, both eyes side by side (the vendor's converter).
 
 A packet counts at its stamp, as other messages do. Libraries: PyAV.
 """
@@ -6,14 +6,15 @@ A packet counts at its stamp, as other messages do. Libraries: PyAV.
 from __future__ import annotations
 
 from collections.abc import Generator, Mapping
-from typing import Any, Final
 from pathlib import Path
+from typing import Any, Final
 
 from gateway.dataset.series import Series
 from gateway.dataset.videos import VideoSource
 from gateway.errors import Code, Refusal, to_exception
 from gateway.recording.bag_reader import VIDEO_PACKET, Bag
 from gateway.recording.bag_writer import needed
+from gateway.video.decoding.views import COMPOSITE
 
 __all__ = ["FIELD", "TOPICS", "bag_pictures", "bag_video_sources", "packet_topics"]
 
@@ -54,19 +55,11 @@ def bag_video_sources(bag: Bag, packets: Mapping[str, Series | None], views: Map
         first, number = next(pictures, (None, 0))
         pictures.close()
         if series is None or first is None:
-            hint = "is its codec one of FFmpeg's, and is there a picture in it that stands alone?"
-            message = f"{bag.path}: no picture of {topic} can be decoded"
+            message, hint = f"{bag.path}: no picture of {topic} can be decoded", "does none in it stand alone?"
             raise to_exception(Refusal(code=Code.BAD_REQUEST, message=message, field="bag", hint=hint))
-        is_usable = series.messages >= number
-        found.append(
-            VideoSource(
-                path=bag.path,
-                times_ns=series.times_ns[is_usable],
-                pts=series.messages[is_usable],
-                views={camera: half if first.width >= 2 * first.height else "head_camera"},
-                topic=topic,
-            )
-        )
+        seen = {camera: half if first.width >= 2 * first.height else COMPOSITE}
+        times_ns, pts = (column[series.messages >= number] for column in (series.times_ns, series.messages))
+        found.append(VideoSource(path=bag.path, times_ns=times_ns, pts=pts, views=seen, topic=topic))
     return found
 
 
@@ -80,14 +73,12 @@ def bag_pictures(path: Path, topic: str) -> Generator[tuple[Any, int], None, Non
     with Bag(path) as bag:
         try:
             for number, (_, _, message) in enumerate(bag.decoded([topic])):
-                if message is None:
-                    continue
-                decoder = decoder or _decoder(av, message.encoding)
-                packet = av.Packet(message.data.tobytes())
-                packet.pts = packet.dts = number
-                yield from _decoded(av, decoder, packet)
-            if decoder is not None:
-                yield from _decoded(av, decoder, None)
+                if message is not None:
+                    decoder = decoder or _decoder(av, message.encoding)
+                    packet = av.Packet(message.data.tobytes())
+                    packet.pts = packet.dts = number
+                    yield from _decoded(av, decoder, packet)
+            yield from _decoded(av, decoder, None) if decoder is not None else ()
         finally:
             if decoder is not None:
                 decoder.flush_buffers()  # one that is dropped with pictures in it can hang

@@ -23,7 +23,7 @@ import msgspec
 
 from gateway import __version__
 from gateway.dataset.bag_videos import FIELD, bag_video_sources, packet_topics
-from gateway.dataset.episode import EpisodeFacts, StoredEpisode, load_episode, store_episode, video_files
+from gateway.dataset.episode import EpisodeFacts, load_episode, store_episode, video_files
 from gateway.dataset.layout import Layout
 from gateway.dataset.lerobot_format import Format, features_of, write_dataset
 from gateway.dataset.parquet import pyarrow
@@ -134,7 +134,8 @@ def _build(
     on_progress: Callable[[str, float], None],
 ) -> Built:
     work = _work_folder(out, bags, seen, choices)
-    found: list[StoredEpisode] = []
+    found: list[EpisodeFacts] = []
+    files: list[Path] = []
     left_out: dict[str, int] = {}
     for number, bag in enumerate(bags):
         folder = work / f"bag-{number:04d}"
@@ -143,7 +144,8 @@ def _build(
             folder.mkdir()
             _convert(bag, seen[number], folder, choices, on_progress)
         one = msgspec.json.decode((folder / "bag.json").read_bytes(), type=OneBag)
-        found += [StoredEpisode(facts=facts, file=_file(folder, n)) for n, facts in enumerate(one.episodes)]
+        found += one.episodes
+        files += [_file(folder, n) for n in range(len(one.episodes))]
         for reason, count in one.left_out.items():
             left_out[reason] = left_out.get(reason, 0) + count
     if not found:
@@ -151,25 +153,20 @@ def _build(
         message = f"no episode is left: {why}"
         shutil.rmtree(work)
         raise to_exception(Refusal(code=Code.BAD_REQUEST, message=message, field="bag"))
-    if len({tuple(episode.facts.videos) for episode in found}) > 1:
-        named = {episode.facts.bag: ", ".join(episode.facts.videos) or "none" for episode in found}
-        message = f"the bags have other cameras: {'; '.join(f'{bag}: {has}' for bag, has in named.items())}"
+    if len({tuple(facts.videos) for facts in found}) > 1:
+        named = dict.fromkeys(f"{facts.bag}: {', '.join(facts.videos) or 'none'}" for facts in found)
+        message = f"the bags have other cameras: {'; '.join(named)}"
         raise to_exception(Refusal(code=Code.BAD_REQUEST, message=message, field="bag", hint="build them apart"))
     new = work / "dataset"
     shutil.rmtree(new, ignore_errors=True)
     new.mkdir()
-    facts = [episode.facts for episode in found]
+    features = features_of(choices.layout, found[0].videos, choices.fps)
+    episodes = map(load_episode, found, files)
     write_dataset(
-        new,
-        choices.version,
-        features_of(choices.layout, facts[0].videos, choices.fps),
-        map(load_episode, found),
-        choices.fps,
-        lambda count: on_progress("writing", count / len(found)),
+        new, choices.version, features, episodes, choices.fps, lambda n: on_progress("writing", n / len(found))
     )
-    built = told(out, choices.layout, facts, left_out)
-    views = EYES[choices.eyes] if facts[0].videos else {}
-    write_provenance(new, msgspec.to_builtins(choices), views, facts, built)
+    built = told(out, choices.layout, found, left_out)
+    write_provenance(new, msgspec.to_builtins(choices), EYES[choices.eyes] if found[0].videos else {}, found, built)
     if out.exists():
         out.rmdir()
     new.rename(out)
@@ -178,11 +175,7 @@ def _build(
 
 
 def refuse_full(out: Path) -> None:
-    """Refuse a folder that holds something.
-
-    Raises:
-        Rejected: BAD_REQUEST, it does.
-    """
+    """Raise Rejected, BAD_REQUEST, where a folder holds something."""
     if out.exists() and (not out.is_dir() or any(out.iterdir())):
         hint = "name another with --out, or move it away: datasets are never overwritten"
         raise to_exception(Refusal(code=Code.BAD_REQUEST, message=f"{out} is not empty", field="out", hint=hint))
@@ -234,7 +227,7 @@ def _convert(
     left_out: dict[str, int] = {}
     with ExitStack() as stack:
         bag = stack.enter_context(Bag(path))
-        names = [topic.name for topic in bag.topics if topic.count]
+        names = [topic.name for topic in bag.topics if topic.count and not topic.alias_of]
         chosen = choose(choices.layout, names, bag.facts().get("namespace", ""))
 
         def reading(share: float) -> None:

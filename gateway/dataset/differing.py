@@ -103,10 +103,11 @@ def _of_episode(a: Dataset, one: EpisodeRead, b: Dataset, other: EpisodeRead) ->
 
 def _off(x: npt.NDArray[Any], y: npt.NDArray[Any]) -> npt.NDArray[np.float64]:
     if x.dtype.kind not in "biuf" or y.dtype.kind not in "biuf":
-        return (x != y).astype(np.float64)
+        return np.asarray(x != y, dtype=np.float64)
     u, v = x.astype(np.float64), y.astype(np.float64)
-    is_same = (u == v) | (np.isnan(u) & np.isnan(v))
-    return np.where(is_same, 0.0, np.nan_to_num(np.abs(u - v), nan=np.finfo(np.float64).max))
+    off = np.nan_to_num(np.abs(u - v), nan=np.finfo(np.float64).max)
+    off[(u == v) | (np.isnan(u) & np.isnan(v))] = 0.0
+    return np.asarray(off)
 
 
 def _of_pictures(

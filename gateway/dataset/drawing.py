@@ -113,7 +113,7 @@ def _draw_part(panel: Any, times_s: Any, names: tuple[str, ...], unit: str, valu
         return
     lines = panel.plot(times_s, values, linewidth=1.0)
     if len(names) > 1:
-        begin, end = (len(os.path.commonprefix([name[::step] for name in names])) for step in (1, -1))
+        begin, end = (len(os.path.commonprefix([name[::step] for name in names])) for step in (1, -1))  # noqa: RUF071  no paths
         short = [_plain(name[begin : len(name) - end] or name).lstrip("_") for name in names]
         place = {"loc": "center left", "bbox_to_anchor": (1.0, 0.5)}
         panel.legend(lines, short, fontsize=7, frameon=False, labelspacing=0.1, **place)

@@ -52,10 +52,9 @@ def merge(datasets: Sequence[Dataset], out: Path, on_progress: OnProgress = lamb
         pairs |= {"robot_type": (other.info.get("robot_type"), first.info.get("robot_type"))}
         for name in dict.fromkeys([*first.features, *other.features]):
             pairs[f"feature {name}"] = (other.features.get(name), first.features.get(name))
-        for what in ("layout", "eyes"):
-            pairs[f"{what} in {PROVENANCE}"] = tuple(
-                _origin(one).get("choices", {}).get(what) for one in (other, first)
-            )
+        if all(origins := [_origin(dataset) for dataset in (other, first)]):
+            for what in ("layout", "eyes"):
+                pairs[f"{what} in {PROVENANCE}"] = (origins[0]["choices"][what], origins[1]["choices"][what])
         differing = [what for what, (its, mine) in pairs.items() if its != mine]
         if differing:
             message = f"{other.folder} and {first.folder} do not go together: other {', '.join(differing)}"
@@ -98,6 +97,8 @@ def _made(parts: Sequence[tuple[Dataset, list[int] | None]], out: Path, on_progr
         new.mkdir(parents=True)
         version = next(version for version in FORMATS if version == first.version)
         write_dataset(new, version, first.features, episodes(), first.fps, robot_type=str(first.info.get("robot_type")))
+        if not rows:
+            raise ValueError("there is no episode")
         _write_origin(new, out, parts)
         if out.exists():
             out.rmdir()
@@ -112,12 +113,7 @@ def _made(parts: Sequence[tuple[Dataset, list[int] | None]], out: Path, on_progr
 
 
 def _whole(dataset: Dataset, episode: EpisodeRead) -> WholeEpisode:
-    """Return an episode to be written.
-
-    Raises:
-        LookupError: A column or the statistics of a video are missing.
-        ValueError: It has several tasks, or a column that is none of numbers.
-    """
+    """Return an episode to be written; raise LookupError where something is missing, ValueError where it is of another kind."""
     (task,) = episode.tasks
     tables: dict[str, npt.NDArray[np.generic]] = {}
     for name, feature in dataset.features.items():

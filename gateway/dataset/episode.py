@@ -14,16 +14,7 @@ import numpy.typing as npt
 from gateway.dataset.stats import Stats, of_table
 from gateway.dataset.videos import VideoFacts
 
-__all__ = [
-    "INTEGERS",
-    "EpisodeFacts",
-    "StoredEpisode",
-    "WholeEpisode",
-    "load_episode",
-    "numbered",
-    "store_episode",
-    "video_files",
-]
+__all__ = ["INTEGERS", "EpisodeFacts", "WholeEpisode", "load_episode", "numbered", "store_episode", "video_files"]
 
 INTEGERS: Final = ("frame_index", "episode_index", "index", "task_index")
 
@@ -55,23 +46,8 @@ class EpisodeFacts(msgspec.Struct, frozen=True, kw_only=True):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class StoredEpisode:
-    """An episode and the file that holds its tables."""
-
-    facts: EpisodeFacts
-    file: Path
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
 class WholeEpisode:
-    """An episode as a dataset takes it.
-
-    Attributes:
-        task: In words.
-        tables: Its features without the videos, shape (n, dimensions) or (n,); numbers and task are not among them.
-        videos: By camera, the file and where the episode begins in it [s].
-        video_stats: By camera.
-    """
+    """An episode as a dataset takes it: columns but for `INTEGERS`, and by camera the file and where it begins there [s]."""
 
     task: str
     tables: dict[str, npt.NDArray[np.generic]]
@@ -89,16 +65,13 @@ def store_episode(file: Path, tables: dict[str, npt.NDArray[np.float32]]) -> Non
     np.savez(file, **tables)  # type: ignore[arg-type]  # its stub takes any table for `allow_pickle`
 
 
-def load_episode(episode: StoredEpisode) -> WholeEpisode:
-    """Return an episode with its tables."""
-    facts = episode.facts
-    with np.load(episode.file) as stored:
-        return WholeEpisode(
-            task=facts.task,
-            tables={name: stored[name] for name in stored.files},
-            videos={camera: (path, 0.0) for camera, path in video_files(episode.file, facts.videos).items()},
-            video_stats={camera: one.as_stats for camera, one in facts.videos.items()},
-        )
+def load_episode(facts: EpisodeFacts, file: Path) -> WholeEpisode:
+    """Return an episode with its tables, which are in a file."""
+    with np.load(file) as stored:
+        tables = {name: stored[name] for name in stored.files}
+    videos = {camera: (path, 0.0) for camera, path in video_files(file, facts.videos).items()}
+    stats = {camera: one.as_stats for camera, one in facts.videos.items()}
+    return WholeEpisode(task=facts.task, tables=tables, videos=videos, video_stats=stats)
 
 
 def numbered(

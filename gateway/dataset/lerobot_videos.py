@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from fractions import Fraction
+from itertools import chain
 from pathlib import Path
 from typing import Any, Final
 
@@ -56,30 +58,18 @@ class JoinedVideo:
         self._rows = self._size_bytes = 0
 
     def add(self, path: Path, begin_s: float, rows: int) -> Mapping[str, float]:
-        """Append an episode's video, without encoding it anew, and return where it is: chunk, file, begin and end in it [s].
-
-        Args:
-            path: Of its file.
-            begin_s: Where it begins in that [s].
-            rows: How many.
+        """Append an episode's video, and return where it is: chunk, file, begin and end in it [s].
 
         Raises:
             OSError: A file cannot be read or written.
             ValueError: The picture at its begin does not stand alone.
         """
-        av = needed("av", "video")
-        try:
-            return self._add(av, path, begin_s, rows)
-        except av.FFmpegError as error:
-            raise OSError(f"{path}: {error}") from error
-
-    def _add(self, av: Any, path: Path, begin_s: float, rows: int) -> Mapping[str, float]:  # noqa: ANN401
-        with av.open(str(path)) as source:
+        with _opened(path) as source:
             stream = source.streams.video[0]
             context = stream.codec_context
             like = (context.width, context.height, bytes(context.extradata or b""))
             if self._out is None or like != self._like or self._size_bytes > VIDEO_MB * 1024**2:
-                self._begin(av, stream, like)
+                self._begin(stream, like)
             begin = Fraction(self._rows) / Fraction(self._fps)
             for packet in _packets(source, stream, begin_s, rows, self._fps):
                 shift = round(begin / packet.time_base) - round(Fraction(begin_s) / packet.time_base)
@@ -95,7 +85,9 @@ class JoinedVideo:
             "to_timestamp": float(Fraction(self._rows) / Fraction(self._fps)),
         }
 
-    def _begin(self, av: Any, stream: Any, like: tuple[Any, ...]) -> None:  # noqa: ANN401
+    def _begin(self, stream: Any, like: tuple[Any, ...]) -> None:  # noqa: ANN401
+        import av
+
         self.close()
         self._file += 1
         name = self._pattern.format(
@@ -121,13 +113,19 @@ def episode_pictures(path: Path, begin_s: float, rows: int, fps: float) -> Itera
         OSError: The file cannot be read.
         ValueError: The picture at its begin does not stand alone.
     """
+    with _opened(path) as source:
+        stream = source.streams.video[0]
+        for packet in chain(_packets(source, stream, begin_s, rows, fps), [None]):
+            yield from stream.codec_context.decode(packet)
+
+
+@contextmanager
+def _opened(path: Path) -> Iterator[Any]:
+    """Open a video; what FFmpeg says against it is an OSError."""
     av = needed("av", "video")
     try:
         with av.open(str(path)) as source:
-            stream = source.streams.video[0]
-            stream.thread_type = "AUTO"
-            for packet in (*_packets(source, stream, begin_s, rows, fps), None):
-                yield from stream.codec_context.decode(packet)
+            yield source
     except av.FFmpegError as error:
         raise OSError(f"{path}: {error}") from error
 
@@ -137,17 +135,14 @@ def _packets(source: Any, stream: Any, begin_s: float, rows: int, fps: float) ->
     begin, half = Fraction(begin_s), 1 / Fraction(fps) / 2
     first, last = begin - half, begin + rows / Fraction(fps) - half
     source.seek(max(0, round(begin / stream.time_base)), stream=stream)
-    is_first = True
+    is_begun = False
     for packet in source.demux(stream):
-        if packet.pts is None or packet.pts * stream.time_base < first:
-            continue
-        if packet.pts * stream.time_base >= last:
-            if packet.dts is None or packet.dts * stream.time_base >= last:
-                return
-            continue
-        if is_first and not packet.is_keyframe:
-            raise ValueError(
-                f"{source.name}: the picture at {begin_s:.3f} s does not stand alone: it cannot be cut there"
-            )
-        is_first = False
-        yield packet
+        if packet.dts is not None and packet.dts * stream.time_base >= last:
+            return
+        if packet.pts is not None and first <= packet.pts * stream.time_base < last:
+            if not (is_begun or packet.is_keyframe):
+                raise ValueError(
+                    f"{source.name}: the picture at {begin_s:.3f} s does not stand alone: nothing is cut there"
+                )
+            is_begun = True
+            yield packet

@@ -20,6 +20,7 @@ import numpy.typing as npt
 from gateway.dataset.series import Instants
 from gateway.dataset.stats import Stats
 from gateway.errors import Code, GatewayError, Refusal, to_exception
+from gateway.recording.bag_writer import needed
 
 __all__ = ["IMAGES", "STALE_NS", "VideoFacts", "VideoSource", "video_source", "write_videos"]
 
@@ -78,7 +79,7 @@ def video_source(path: Path, views: Mapping[str, str]) -> VideoSource:
     Raises:
         Rejected: BAD_REQUEST, it has no index, which tells when its pictures came, or no undamaged picture.
     """
-    _video()
+    needed("av", "video")
     from gateway.video.recording.index import index_path, read_index
 
     try:
@@ -212,14 +213,6 @@ def _sampled(rows: int) -> set[int]:
     """Return which rows' pictures count for statistics: evenly spread, LeRobot's number."""
     count = min(rows, max(LEAST_SAMPLES, round(rows**0.75)))
     return set(np.linspace(0, rows - 1, count).round().astype(int).tolist())
-
-
-def _video() -> None:
-    try:
-        import av  # noqa: F401
-    except ImportError as error:
-        hint = "install it: pip install 'teleavatar-gateway[video]'"
-        raise _refused(f"videos are read with av, which is not installed ({error})", hint) from None
 
 
 def _refused(message: str, hint: str) -> GatewayError:

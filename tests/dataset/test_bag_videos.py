@@ -93,7 +93,7 @@ def test_what_cannot_be_decoded_is_refused(layout, tmp_path, encoding, why):
 
 def test_bags_of_other_cameras_are_not_put_together(layout, tmp_path):
     """Nor one with pictures and one without; a recording beside a bag counts before what is in it."""
-    with pytest.raises(Rejected, match="other cameras: .*bag: none"):
+    with pytest.raises(Rejected, match=r"other cameras: .*bag: none"):
         bags = [vendor_bag(tmp_path / "one"), moving(tmp_path / "bag", 0.9)]
         build(bags, tmp_path / "set", Choices(layout=layout, least_rows=10))
     bag = filmed(tmp_path, "filmed", count=40, seconds=0.9)

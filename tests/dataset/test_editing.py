@@ -128,7 +128,7 @@ def test_choices_that_differ_are_not_told_of_both(sets, filmed_bags, layout, tmp
     assert "least_rows" not in choices and "task" not in choices and choices["fps"] == 45.0
     assert set(Dataset(tmp_path / "set").tasks().values()) == {"wave", "bow"}
     build(filmed_bags[:1], tmp_path / "c", Choices(layout=layout, least_rows=10, eyes="left_eyes"))
-    with pytest.raises(Rejected, match="other eyes in meta/teleavatar.json"):
+    with pytest.raises(Rejected, match=r"other eyes in meta/teleavatar\.json"):
         merge([Dataset(a), Dataset(tmp_path / "c")], tmp_path / "other")
     assert not (tmp_path / "other").exists()
 

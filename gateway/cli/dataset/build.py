@@ -1,4 +1,4 @@
-"""`ta2 dataset`: bags made into a dataset for training; datasets judged, put together, taken apart. Needs no robot and no gateway."""
+"""`ta2 dataset`: bags made into a dataset for training; datasets judged, put together, taken apart. Needs no robot."""
 
 from __future__ import annotations
 

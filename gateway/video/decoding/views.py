@@ -13,7 +13,7 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-__all__ = ["BOXES", "COMPOSITE", "HALVES", "COMPOSITE_SHAPE", "VIEWS", "pixel_box", "view_of"]
+__all__ = ["BOXES", "COMPOSITE", "COMPOSITE_SHAPE", "HALVES", "VIEWS", "pixel_box", "view_of"]
 
 Picture = npt.NDArray[np.uint8]
 
