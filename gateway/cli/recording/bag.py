@@ -106,12 +106,8 @@ def _show_info(bag: Bag, *, as_json: bool) -> None:
     table.add_column("Hz", justify="right")
     for topic in bag.topics:
         rate = f"{topic.count / bag.duration_s:.1f}" if bag.duration_s else ""
-        table.add_row(
-            topic.name + (f" (alias of {topic.alias_of})" if topic.alias_of else ""),
-            topic.type_name,
-            str(topic.count),
-            rate,
-        )
+        alias = f" (alias of {topic.alias_of})" if topic.alias_of else ""
+        table.add_row(topic.name + alias, topic.type_name, str(topic.count), rate)
     Console(soft_wrap=True, highlight=False).print(table)
 
 
