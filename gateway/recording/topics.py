@@ -103,7 +103,7 @@ ALIASES = {
 
 
 def as_alias(topic: RecordedTopic, payload: bytes) -> bytes | None:
-    """Return a message as its topic's alias has it: a gripper's command as torque [N·m] (manual §4.4); None for what is none."""
+    """Return a message as its topic's alias has it: a gripper's command as torque [N·m] (manual §4.4), None for no command."""
     if topic.type_name != "std_msgs/msg/Float32":
         return payload
     try:
