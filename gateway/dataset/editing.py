@@ -96,7 +96,7 @@ def _made(parts: Sequence[tuple[Dataset, list[int] | None]], out: Path, on_progr
         shutil.rmtree(new, ignore_errors=True)
         new.mkdir(parents=True)
         version = next(version for version in FORMATS if version == first.version)
-        write_dataset(new, version, first.features, episodes(), first.fps, robot_type=str(first.info.get("robot_type")))
+        write_dataset(new, version, first.features, episodes(), first.fps, robot_type=first.info.get("robot_type"))
         if not rows:
             raise ValueError("there is no episode")
         _write_origin(new, out, parts)

@@ -46,7 +46,7 @@ def write_dataset(
     episodes: Iterable[WholeEpisode],
     fps: float,
     on_progress: Callable[[int], None] = lambda count: None,
-    robot_type: str = "teleavatar",
+    robot_type: str | None = "teleavatar",
 ) -> None:
     """Write a dataset.
 

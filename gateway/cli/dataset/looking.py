@@ -27,6 +27,17 @@ def show(options: Namespace) -> ExitStatus:
     Raises:
         Rejected: BAD_REQUEST, it cannot be read, has no such episode, or cannot be drawn.
     """
+    try:
+        return _shown(options)
+    except (OSError, ValueError, LookupError) as error:
+        message, hint = (
+            f"{options.dataset} cannot be shown: {error!r}",
+            "`ta2 dataset check` says what is wrong with it",
+        )
+        raise to_exception(Refusal(code=Code.BAD_REQUEST, message=message, field="dataset", hint=hint)) from error
+
+
+def _shown(options: Namespace) -> ExitStatus:
     dataset = Dataset(options.dataset)
     number, episode, fps = options.episode or 0, None, dataset.fps
     episodes, rows = (int(dataset.info.get(name, 0)) for name in ("total_episodes", "total_frames"))
@@ -36,12 +47,8 @@ def show(options: Namespace) -> ExitStatus:
             message, bound = f"{dataset.folder} has no episode {number}", f"0 to {episodes - 1}"
             raise to_exception(Refusal(code=Code.BAD_REQUEST, message=message, field="episode", bound=bound))
     if options.out is not None and episode is not None:
-        try:
-            title = f"{dataset.folder.resolve().name}, episode {number}: {', '.join(episode.tasks)}"
-            draw(dataset, episode, title, options.out)
-        except (OSError, ValueError) as error:
-            message = f"{options.out} cannot be drawn: {error}"
-            raise to_exception(Refusal(code=Code.BAD_REQUEST, message=message, field="out")) from error
+        title = f"{dataset.folder.resolve().name}, episode {number}: {', '.join(episode.tasks)}"
+        draw(dataset, episode, title, options.out)
         print(options.out)
         return ExitStatus.OK
     much = f"{counted(episodes, 'episode')}, {rows} rows, {rows / fps:.1f} s"

@@ -136,7 +136,7 @@ def test_a_dataset_is_shown_in_words_and_as_a_picture(shell, sets, tmp_path):
     ended = shell.run("dataset", "show", sets[0], "--out", str(tmp_path / "a.html"))
     assert ended.status == 0 and (tmp_path / "a.html").read_text(encoding="utf-8").startswith("<!doctype html>")
     ended = shell.run("dataset", "show", sets[0], "--out", str(tmp_path / "nowhere/a.png"))
-    assert ended.status == 1 and "cannot be drawn" in ended.err
+    assert ended.status == 1 and "cannot be shown" in ended.err and "nowhere" in ended.err
 
 
 @pytest.mark.parametrize(
