@@ -16,16 +16,17 @@ from gateway.dataset.drawing import draw, groups_of
 from gateway.dataset.layout import STATE, vendor_layout
 from gateway.dataset.lerobot_reader import Dataset
 from gateway.robot.vector_layout import STATE_NAMES
+from tests.dataset.motion import moving
 
 pytest.importorskip("matplotlib")
 image = pytest.importorskip("PIL.Image")
 
 
 @pytest.fixture(scope="module")
-def built(filmed_bags, tmp_path_factory):
-    """Return a dataset of the maker's layout, with pictures."""
+def built(filmed_bags, layout, tmp_path_factory):
+    """Return a dataset with pictures."""
     folder = tmp_path_factory.mktemp("drawn") / "set"
-    build(filmed_bags[:1], folder, Choices(layout=vendor_layout(), least_rows=10))
+    build(filmed_bags[:1], folder, Choices(layout=layout, least_rows=10))
     return folder
 
 
@@ -40,11 +41,11 @@ def drawn(folder, out, title="wave"):
     return np.asarray(image.open(io.BytesIO(data)).convert("RGB"))
 
 
-def test_vectors_are_grouped_as_their_layout_has_them(built, tmp_path):
+def test_vectors_are_grouped_as_their_layout_has_them(tmp_path):
     """With units; without a word on the layout in eights."""
-    groups = groups_of(Dataset(built))[STATE]
+    build([moving(tmp_path / "bag", 0.5)], tmp_path / "set", Choices(layout=vendor_layout(), least_rows=10))
+    groups = groups_of(Dataset(tmp_path / "set"))[STATE]
     assert groups[0] == (STATE_NAMES[:7], "rad") and groups[1] == (("left_gripper_position",), "rad")
-    shutil.copytree(built, tmp_path / "set")
     (tmp_path / "set" / PROVENANCE).unlink()
     assert [len(names) for names, unit in groups_of(Dataset(tmp_path / "set"))[STATE]] == [8] * 9
 

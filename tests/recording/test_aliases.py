@@ -109,7 +109,7 @@ def test_aliases_are_marked_in_the_file_and_in_what_is_cut_of_it(commanded, tmp_
             "/right_arm/target_ee_pose": pose_command(Side.RIGHT),
         }
     ended = shell.run("bag", "info", str(commanded[0]))
-    assert f"/left_arm/joint_cmd (alias of {joint_command(Side.LEFT)})" in ended.out
+    assert f"alias   /left_arm/joint_cmd of {joint_command(Side.LEFT)}\n" in ended.out
 
 
 def test_they_are_never_counted_twice(commanded):

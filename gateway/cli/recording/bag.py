@@ -100,14 +100,16 @@ def _show_info(bag: Bag, *, as_json: bool) -> None:
     for name in ("robot", "model", "task"):
         if facts.get(name):
             print(f"{name:<8}{facts[name]}")
+    for topic in bag.topics:
+        if topic.alias_of:
+            print(f"alias   {topic.name} of {topic.alias_of}")
     _show_episodes(bag)
     table = Table("topic", "type", box=None, pad_edge=False)
     table.add_column("messages", justify="right")
     table.add_column("Hz", justify="right")
     for topic in bag.topics:
         rate = f"{topic.count / bag.duration_s:.1f}" if bag.duration_s else ""
-        alias = f" (alias of {topic.alias_of})" if topic.alias_of else ""
-        table.add_row(topic.name + alias, topic.type_name, str(topic.count), rate)
+        table.add_row(topic.name, topic.type_name, str(topic.count), rate)
     Console(soft_wrap=True, highlight=False).print(table)
 
 
