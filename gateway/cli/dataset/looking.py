@@ -49,13 +49,21 @@ def _shown(options: Namespace) -> ExitStatus:
     if options.out is not None and episode is not None:
         title = f"{dataset.folder.resolve().name}, episode {number}: {', '.join(episode.tasks)}"
         draw(dataset, episode, title, options.out)
+    tasks, vectors = list(dataset.tasks().values()), groups_of(dataset)
+    if options.json:
+        facts = {"ok": True, "version": dataset.version, "episodes": episodes, "rows": rows, "fps": fps, "tasks": tasks}
+        cameras = {name: dataset.features[name]["shape"] for name in dataset.cameras}
+        file = str(options.out or "")
+        print(json.dumps(facts | {"vectors": vectors, "cameras": cameras, "file": file}, ensure_ascii=False))
+        return ExitStatus.OK
+    if options.out is not None:
         print(options.out)
         return ExitStatus.OK
     much = f"{counted(episodes, 'episode')}, {rows} rows, {rows / fps:.1f} s"
     print(f"{dataset.folder}: LeRobot {dataset.version}, {much}, {fps:g} rows per second")
-    for task in dataset.tasks().values():
+    for task in tasks:
         print(f"task      {task or '(none)'}")
-    for name, groups in groups_of(dataset).items():
+    for name, groups in vectors.items():
         print(f"vector    {name}: {counted(sum(len(names) for names, _ in groups), 'dimension')}")
         for names, unit in groups:
             label = names[0] if len(names) == 1 else f"{names[0]} .. {names[-1]}"

@@ -128,6 +128,8 @@ def test_a_dataset_is_shown_in_words_and_as_a_picture(shell, sets, tmp_path):
     ended = shell.run("dataset", "show", sets[0])
     assert ended.status == 0 and "LeRobot v2.1, 1 episode, " in ended.out and "task      a\n" in ended.out
     assert "vector    observation.state: 3 dimensions\n            a .. c [rad]\n" in ended.out
+    found = shell.run("dataset", "show", sets[0], "--json").json
+    assert found["vectors"]["action"] == [[["a", "b", "c"], "rad"]] and found["tasks"] == ["a"] and not found["file"]
     ended = shell.run("dataset", "show", sets[0], "--episode", "0")
     assert re.search(r"^episode   0: \d+ rows, \d\.\d s, a$", ended.out, re.MULTILINE)
     ended = shell.run("dataset", "show", sets[0], "--episode", "1")
