@@ -105,7 +105,8 @@ def _made(parts: Sequence[tuple[Dataset, list[int] | None]], out: Path, on_progr
         new.rename(out)
     except (OSError, ValueError, LookupError) as error:
         raise _refused(
-            f"{out} cannot be made: {error!r}", "`ta2 dataset check` says what is wrong with a dataset"
+            f"{out} cannot be made: {type(error).__name__}: {error}",
+            "`ta2 dataset check` says what is wrong with a dataset",
         ) from error
     finally:
         shutil.rmtree(new, ignore_errors=True)

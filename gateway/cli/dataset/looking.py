@@ -31,7 +31,7 @@ def show(options: Namespace) -> ExitStatus:
         return _shown(options)
     except (OSError, ValueError, LookupError) as error:
         message, hint = (
-            f"{options.dataset} cannot be shown: {error!r}",
+            f"{options.dataset} cannot be shown: {type(error).__name__}: {error}",
             "`ta2 dataset check` says what is wrong with it",
         )
         raise to_exception(Refusal(code=Code.BAD_REQUEST, message=message, field="dataset", hint=hint)) from error
