@@ -22,9 +22,10 @@ from typing import Any, Final
 import msgspec
 
 from gateway import __version__
-from gateway.dataset.episode import EpisodeFacts, StoredEpisode, store_episode, video_files
+from gateway.dataset.bag_videos import FIELD, bag_video_sources, packet_topics
+from gateway.dataset.episode import EpisodeFacts, load_episode, store_episode, video_files
 from gateway.dataset.layout import Layout
-from gateway.dataset.lerobot_format import Format, write_dataset
+from gateway.dataset.lerobot_format import Format, features_of, write_dataset
 from gateway.dataset.parquet import pyarrow
 from gateway.dataset.rows import NO_SOURCE, Chosen, choose, runs
 from gateway.dataset.series import Instants, Series, read_series
@@ -34,7 +35,7 @@ from gateway.errors import Code, Refusal, to_exception
 from gateway.recording.bag_reader import Bag
 from gateway.robot.vector_layout import EYES
 
-__all__ = ["PROVENANCE", "Built", "Choices", "build"]
+__all__ = ["PROVENANCE", "Built", "Choices", "build", "refuse_full", "told", "write_provenance"]
 
 PROVENANCE: Final = "meta/teleavatar.json"
 """What LeRobot's files do not tell: where each episode and each dimension comes from. LeRobot passes it over."""
@@ -115,9 +116,7 @@ def build(
             nothing is left; pyarrow is not installed.
     """
     pyarrow()
-    if out.exists() and (not out.is_dir() or any(out.iterdir())):
-        hint = "name another with --out, or move it away: datasets are never overwritten"
-        raise to_exception(Refusal(code=Code.BAD_REQUEST, message=f"{out} is not empty", field="out", hint=hint))
+    refuse_full(out)
     seen = _videos(bags, videos)
     try:
         return _build(bags, seen, out, choices, on_progress)
@@ -135,7 +134,8 @@ def _build(
     on_progress: Callable[[str, float], None],
 ) -> Built:
     work = _work_folder(out, bags, seen, choices)
-    found: list[StoredEpisode] = []
+    found: list[EpisodeFacts] = []
+    files: list[Path] = []
     left_out: dict[str, int] = {}
     for number, bag in enumerate(bags):
         folder = work / f"bag-{number:04d}"
@@ -144,7 +144,8 @@ def _build(
             folder.mkdir()
             _convert(bag, seen[number], folder, choices, on_progress)
         one = msgspec.json.decode((folder / "bag.json").read_bytes(), type=OneBag)
-        found += [StoredEpisode(facts=facts, file=_file(folder, n)) for n, facts in enumerate(one.episodes)]
+        found += one.episodes
+        files += [_file(folder, n) for n in range(len(one.episodes))]
         for reason, count in one.left_out.items():
             left_out[reason] = left_out.get(reason, 0) + count
     if not found:
@@ -152,17 +153,32 @@ def _build(
         message = f"no episode is left: {why}"
         shutil.rmtree(work)
         raise to_exception(Refusal(code=Code.BAD_REQUEST, message=message, field="bag"))
+    if len({tuple(facts.videos) for facts in found}) > 1:
+        named = dict.fromkeys(f"{facts.bag}: {', '.join(facts.videos) or 'none'}" for facts in found)
+        message = f"the bags have other cameras: {'; '.join(named)}"
+        raise to_exception(Refusal(code=Code.BAD_REQUEST, message=message, field="bag", hint="build them apart"))
     new = work / "dataset"
     shutil.rmtree(new, ignore_errors=True)
     new.mkdir()
-    write_dataset(new, choices.version, choices.layout, found, choices.fps, lambda share: on_progress("writing", share))
-    built = _told(out, choices.layout, found, left_out)
-    (new / PROVENANCE).write_text(json.dumps(_provenance(choices, found, built), indent=1, ensure_ascii=False) + "\n")
+    features = features_of(choices.layout, found[0].videos, choices.fps)
+    episodes = map(load_episode, found, files)
+    write_dataset(
+        new, choices.version, features, episodes, choices.fps, lambda n: on_progress("writing", n / len(found))
+    )
+    built = told(out, choices.layout, found, left_out)
+    write_provenance(new, msgspec.to_builtins(choices), EYES[choices.eyes] if found[0].videos else {}, found, built)
     if out.exists():
         out.rmdir()
     new.rename(out)
     shutil.rmtree(work)
     return built
+
+
+def refuse_full(out: Path) -> None:
+    """Raise Rejected, BAD_REQUEST, where a folder holds something."""
+    if out.exists() and (not out.is_dir() or any(out.iterdir())):
+        hint = "name another with --out, or move it away: datasets are never overwritten"
+        raise to_exception(Refusal(code=Code.BAD_REQUEST, message=f"{out} is not empty", field="out", hint=hint))
 
 
 def _file(folder: Path, number: int) -> Path:
@@ -206,17 +222,23 @@ def _convert(
     """Make the episodes of one bag, and note them last: a bag without that note is begun anew."""
     made: list[EpisodeFacts] = []
     times: list[Instants] = []
-    pictures = None if video is None else video_source(video)
+    views = {IMAGES + camera: view for camera, view in EYES[choices.eyes].items()}
+    pictures = [] if video is None else [video_source(video, views)]
     left_out: dict[str, int] = {}
     with ExitStack() as stack:
         bag = stack.enter_context(Bag(path))
-        names = [topic.name for topic in bag.topics if topic.count]
+        names = [topic.name for topic in bag.topics if topic.count and not topic.alias_of]
         chosen = choose(choices.layout, names, bag.facts().get("namespace", ""))
 
         def reading(share: float) -> None:
             on_progress(f"reading {path.name}", share)
 
-        series = read_series(bag, chosen.pairs, by_arrival=choices.by_arrival, on_progress=reading)
+        packets = packet_topics(bag) if video is None else []
+        pairs = chosen.pairs | {(topic, FIELD) for topic in packets}
+        series = read_series(bag, pairs, by_arrival=choices.by_arrival, on_progress=reading)
+        if packets:
+            pictures = bag_video_sources(bag, {topic: series.get((topic, FIELD)) for topic in packets}, views)
+        pictures_ns = {one.topic or "the cameras": one.times_ns for one in pictures}
         for (topic, field), one in series.items():
             if one.rejected:
                 left_out[f"message of {topic} without numbers in {field}"] = one.rejected
@@ -228,7 +250,6 @@ def _convert(
                 left_out[f"episode {unfit}"] = left_out.get(f"episode {unfit}", 0) + 1
                 continue
             interval_ns = (episode.begin_ns, episode.end_ns)
-            pictures_ns = None if pictures is None else pictures.times_ns
             found, missing = runs(chosen, series, interval_ns, choices.fps, choices.least_rows, pictures_ns)
             for reason, count in missing.items():
                 left_out[f"row: {reason}"] = left_out.get(f"row: {reason}", 0) + count
@@ -247,14 +268,13 @@ def _convert(
                         sources=_sources(chosen, series),
                     )
                 )
-    if pictures is not None and made:
-        views = {IMAGES + camera: view for camera, view in EYES[choices.eyes].items()}
-        files = [video_files(_file(folder, number), views) for number in range(len(made))]
+    for source in pictures if made else ():
+        files = [video_files(_file(folder, number), source.views) for number in range(len(made))]
         wanted = list(zip(times, files, strict=True))
-        told = write_videos(
-            pictures, wanted, views, choices.fps, lambda share: on_progress(f"pictures {path.name}", share)
-        )
-        made = [msgspec.structs.replace(facts, videos=one) for facts, one in zip(made, told, strict=True)]
+        seen = write_videos(source, wanted, choices.fps, lambda share: on_progress(f"pictures {path.name}", share))
+        made = [
+            msgspec.structs.replace(facts, videos=facts.videos | one) for facts, one in zip(made, seen, strict=True)
+        ]
     whole = folder / "bag.json.new"
     whole.write_bytes(msgspec.json.encode(OneBag(episodes=tuple(made), left_out=left_out)))
     whole.rename(folder / "bag.json")
@@ -267,14 +287,15 @@ def _sources(chosen: Chosen, series: dict[tuple[str, str], Series]) -> dict[str,
     }
 
 
-def _told(out: Path, layout: Layout, episodes: Sequence[StoredEpisode], left_out: dict[str, int]) -> Built:
-    rows = sum(episode.facts.rows for episode in episodes)
+def told(out: Path, layout: Layout, episodes: Sequence[EpisodeFacts], left_out: dict[str, int]) -> Built:
+    """Return what is to be told of a dataset in a folder that holds these episodes."""
+    rows = sum(episode.rows for episode in episodes)
     uncovered: dict[str, tuple[str, ...]] = {}
     partly: dict[str, float] = {}
     for feature in layout.feature:
         none: list[str] = []
         for number, part in enumerate(feature.part):
-            share = sum(each.facts.covered[feature.name][number] * each.facts.rows for each in episodes) / rows
+            share = sum(each.covered[feature.name][number] * each.rows for each in episodes) / rows
             if share == 0.0:
                 none.append(part.label)
             elif share < 1.0:
@@ -285,22 +306,26 @@ def _told(out: Path, layout: Layout, episodes: Sequence[StoredEpisode], left_out
         folder=out,
         episodes=len(episodes),
         rows=rows,
-        tasks=tuple(dict.fromkeys(episode.facts.task for episode in episodes)),
+        tasks=tuple(dict.fromkeys(episode.task for episode in episodes)),
         left_out=left_out,
         uncovered=uncovered,
         partly=partly,
     )
 
 
-def _provenance(choices: Choices, episodes: Sequence[StoredEpisode], built: Built) -> dict[str, Any]:
-    return {
+def write_provenance(
+    folder: Path, choices: dict[str, Any], views: dict[str, str], episodes: Sequence[EpisodeFacts], built: Built
+) -> None:
+    """Write what LeRobot's files do not tell."""
+    facts = {
         "made_by": f"teleavatar-gateway {__version__}",
-        "choices": msgspec.to_builtins(choices),
+        "choices": choices,
         "uncovered": {
             name: {"value": 0, "why": NO_SOURCE, "names": list(none)} for name, none in built.uncovered.items()
         },
         "partly_covered": built.partly,
         "left_out": built.left_out,
-        "views": EYES[choices.eyes] if episodes[0].facts.videos else {},
-        "episodes": [msgspec.to_builtins(episode.facts) for episode in episodes],
+        "views": views,
+        "episodes": [msgspec.to_builtins(episode) for episode in episodes],
     }
+    (folder / PROVENANCE).write_text(json.dumps(facts, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")

@@ -14,7 +14,7 @@ import numpy.typing as npt
 from gateway.dataset.stats import Stats, of_table
 from gateway.dataset.videos import VideoFacts
 
-__all__ = ["INTEGERS", "EpisodeFacts", "StoredEpisode", "load_episode", "numbered", "store_episode", "video_files"]
+__all__ = ["INTEGERS", "EpisodeFacts", "WholeEpisode", "load_episode", "numbered", "store_episode", "video_files"]
 
 INTEGERS: Final = ("frame_index", "episode_index", "index", "task_index")
 
@@ -46,16 +46,13 @@ class EpisodeFacts(msgspec.Struct, frozen=True, kw_only=True):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class StoredEpisode:
-    """An episode and the file that holds its tables."""
+class WholeEpisode:
+    """An episode as a dataset takes it: columns but for `INTEGERS`, and by camera the file and where it begins there [s]."""
 
-    facts: EpisodeFacts
-    file: Path
-
-    @property
-    def videos(self) -> dict[str, Path]:
-        """Each camera's file."""
-        return video_files(self.file, self.facts.videos)
+    task: str
+    tables: dict[str, npt.NDArray[np.generic]]
+    videos: dict[str, tuple[Path, float]]
+    video_stats: dict[str, Stats]
 
 
 def video_files(file: Path, cameras: Iterable[str]) -> dict[str, Path]:
@@ -68,19 +65,22 @@ def store_episode(file: Path, tables: dict[str, npt.NDArray[np.float32]]) -> Non
     np.savez(file, **tables)  # type: ignore[arg-type]  # its stub takes any table for `allow_pickle`
 
 
-def load_episode(episode: StoredEpisode) -> dict[str, npt.NDArray[np.float32]]:
-    """Return the tables of an episode."""
-    with np.load(episode.file) as stored:
-        return {name: stored[name] for name in stored.files}
+def load_episode(facts: EpisodeFacts, file: Path) -> WholeEpisode:
+    """Return an episode with its tables, which are in a file."""
+    with np.load(file) as stored:
+        tables = {name: stored[name] for name in stored.files}
+    videos = {camera: (path, 0.0) for camera, path in video_files(file, facts.videos).items()}
+    stats = {camera: one.as_stats for camera, one in facts.videos.items()}
+    return WholeEpisode(task=facts.task, tables=tables, videos=videos, video_stats=stats)
 
 
 def numbered(
-    tables: dict[str, npt.NDArray[np.float32]], fps: float, episode: int, first: int, task: int
+    tables: dict[str, npt.NDArray[np.generic]], fps: float, episode: int, first: int, task: int
 ) -> tuple[dict[str, npt.NDArray[np.generic]], dict[str, Stats]]:
     """Return all columns of an episode, LeRobot's own included, and the statistics of each.
 
     Args:
-        tables: Its features.
+        tables: Its features; times among them stay as they are.
         fps: Rows per second: the times in a dataset are row / fps, exactly.
         episode: Its number in the dataset, from 0.
         first: Number of its first row in the dataset.
@@ -90,7 +90,7 @@ def numbered(
     frames = np.arange(rows, dtype=np.int64)
     whole: dict[str, npt.NDArray[np.generic]] = {
         **tables,
-        "timestamp": (frames / fps).astype(np.float32),
+        "timestamp": tables.get("timestamp", (frames / fps).astype(np.float32)),
         "frame_index": frames,
         "episode_index": np.full(rows, episode, dtype=np.int64),
         "index": frames + first,

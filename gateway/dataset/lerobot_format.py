@@ -14,11 +14,12 @@ from typing import Any, Final, Literal
 import numpy as np
 import numpy.typing as npt
 
-from gateway.dataset.episode import INTEGERS, StoredEpisode, load_episode, numbered
+from gateway.dataset.episode import INTEGERS, WholeEpisode, numbered
 from gateway.dataset.layout import Layout
 from gateway.dataset.lerobot_videos import VIDEO_MB, JoinedVideo, video_feature
 from gateway.dataset.parquet import columns, pyarrow, write
 from gateway.dataset.stats import Stats, merged, quantiles
+from gateway.dataset.videos import VideoFacts
 
 __all__ = ["CHUNK", "DATA_BYTES", "FORMATS", "Format", "features_of", "write_dataset"]
 
@@ -41,55 +42,61 @@ Columns = dict[str, npt.NDArray[np.generic]]
 def write_dataset(
     folder: Path,
     version: Format,
-    layout: Layout,
-    episodes: Sequence[StoredEpisode],
+    features: Mapping[str, Any],
+    episodes: Iterable[WholeEpisode],
     fps: float,
-    on_progress: Callable[[float], None] = lambda share: None,
+    on_progress: Callable[[int], None] = lambda count: None,
+    robot_type: str | None = "teleavatar",
 ) -> None:
     """Write a dataset.
 
     Args:
         folder: Of the dataset; exists.
         version: Of the format.
-        layout: What the vectors are.
+        features: Of `info.json`.
         episodes: In order; at least one.
         fps: Rows per second.
-        on_progress: Called with the part that was written, 0..1.
+        on_progress: Called with the number of episodes that were written.
+        robot_type: Of `info.json`.
+
+    Raises:
+        OSError: A file cannot be read or written.
+        ValueError: A video cannot be cut where an episode begins.
     """
-    tasks = list(dict.fromkeys(episode.facts.task for episode in episodes))
-    cameras = episodes[0].facts.videos
+    tasks: dict[str, int] = {}
+    cameras = [name for name, feature in features.items() if feature["dtype"] == "video"]
     writer = _V21(folder) if version == "v2.1" else _V30(folder, cameras, fps)
-    first = 0
-    for number, episode in enumerate(episodes):
-        task = tasks.index(episode.facts.task)
-        whole, stats = numbered(load_episode(episode), fps, number, first, task)
-        writer.add(number, episode, whole, stats | {name: one.as_stats for name, one in episode.facts.videos.items()})
-        first += episode.facts.rows
-        on_progress((number + 1) / len(episodes))
-    writer.finish(tasks)
+    count = first = 0
+    for count, episode in enumerate(episodes, 1):
+        whole, stats = numbered(episode.tables, fps, count - 1, first, tasks.setdefault(episode.task, len(tasks)))
+        writer.add(count - 1, episode, whole, stats | episode.video_stats)
+        first += len(whole["index"])
+        on_progress(count)
+    writer.finish(list(tasks))
     info = {
         "codebase_version": version,
-        "robot_type": "teleavatar",
-        "total_episodes": len(episodes),
+        "robot_type": robot_type,
+        "total_episodes": count,
         "total_frames": first,
         "total_tasks": len(tasks),
         "chunks_size": CHUNK,
         "fps": int(fps) if float(fps).is_integer() else fps,
-        "splits": {"train": f"0:{len(episodes)}"},
-        **writer.info(len(episodes), len(cameras)),
-        "features": features_of(layout) | {name: video_feature(one, fps) for name, one in cameras.items()},
+        "splits": {"train": f"0:{count}"},
+        **writer.info(count, len(cameras)),
+        "features": dict(features),
     }
     _write_json(folder / "meta/info.json", info)
 
 
-def features_of(layout: Layout) -> dict[str, Any]:
-    """Return the `features` of `info.json`: each vector, and LeRobot's own columns."""
+def features_of(layout: Layout, cameras: Mapping[str, VideoFacts], fps: float) -> dict[str, Any]:
+    """Return the `features` of `info.json`: each vector, LeRobot's own columns, and each camera."""
     named: dict[str, Any] = {
         feature.name: {"dtype": "float32", "shape": [len(feature.names)], "names": list(feature.names)}
         for feature in layout.feature
     }
     own = {"timestamp": "float32", **dict.fromkeys(INTEGERS, "int64")}
-    return named | {name: {"dtype": dtype, "shape": [1], "names": None} for name, dtype in own.items()}
+    named |= {name: {"dtype": dtype, "shape": [1], "names": None} for name, dtype in own.items()}
+    return named | {name: video_feature(one, fps) for name, one in cameras.items()}
 
 
 class _V21:
@@ -100,14 +107,14 @@ class _V21:
         self._episodes: list[dict[str, Any]] = []
         self._stats: list[dict[str, Any]] = []
 
-    def add(self, number: int, episode: StoredEpisode, whole: Columns, stats: Mapping[str, Stats]) -> None:
+    def add(self, number: int, episode: WholeEpisode, whole: Columns, stats: Mapping[str, Stats]) -> None:
         path = V21_DATA.format(episode_chunk=number // CHUNK, episode_index=number)
         write(columns(whole), self._folder / path)
-        for name, video in episode.videos.items():
+        for name, (video, _) in episode.videos.items():
             place = V21_VIDEO.format(episode_chunk=number // CHUNK, episode_index=number, video_key=name)
             (self._folder / place).parent.mkdir(parents=True, exist_ok=True)
             shutil.copyfile(video, self._folder / place)
-        self._episodes.append({"episode_index": number, "tasks": [episode.facts.task], "length": episode.facts.rows})
+        self._episodes.append({"episode_index": number, "tasks": [episode.task], "length": len(whole["index"])})
         self._stats.append({"episode_index": number, "stats": _as_lists(stats)})
 
     def finish(self, tasks: Sequence[str]) -> None:
@@ -140,7 +147,7 @@ class _V30:
         self._stats: list[Mapping[str, Stats]] = []
         self._all: dict[str, list[npt.NDArray[np.generic]]] = {}
 
-    def add(self, number: int, episode: StoredEpisode, whole: Columns, stats: Mapping[str, Stats]) -> None:
+    def add(self, number: int, episode: WholeEpisode, whole: Columns, stats: Mapping[str, Stats]) -> None:
         size_bytes = sum(table.nbytes for table in whole.values())
         if self._waiting and self._size_bytes + size_bytes > DATA_BYTES:
             self._close_file()
@@ -149,20 +156,20 @@ class _V30:
         self._stats.append(stats)
         for name, table in whole.items():
             self._all.setdefault(name, []).append(table)
-        first = int(whole["index"].flat[0])
+        first, rows = int(whole["index"].flat[0]), len(whole["index"])
         self._rows.append(
             {
                 "episode_index": number,
-                "tasks": [episode.facts.task],
-                "length": episode.facts.rows,
+                "tasks": [episode.task],
+                "length": rows,
                 "data/chunk_index": self._file // CHUNK,
                 "data/file_index": self._file % CHUNK,
                 "dataset_from_index": first,
-                "dataset_to_index": first + episode.facts.rows,
+                "dataset_to_index": first + rows,
                 **{
                     f"videos/{name}/{what}": value
-                    for name, video in episode.videos.items()
-                    for what, value in self._videos[name].add(video, episode.facts.rows).items()
+                    for name, (video, begin_s) in episode.videos.items()
+                    for what, value in self._videos[name].add(video, begin_s, rows).items()
                 },
                 **{
                     f"stats/{name}/{what}": values.tolist()

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -97,22 +97,36 @@ class Dataset:
             return {}
         return _as_stats(json.loads((self.folder / "meta/stats.json").read_text(encoding="utf-8")))
 
-    def episodes(self) -> Iterator[EpisodeRead]:
-        """Yield the episodes in order.
+    def episodes(self, only: Collection[int] | None = None) -> Iterator[EpisodeRead]:
+        """Yield the episodes in order, or only those of some numbers.
 
         Raises:
             Exception: Whatever says that what comes next cannot be read.
         """
-        yield from self._episodes_v21() if self.version == "v2.1" else self._episodes_v30()
+        yield from self._episodes_v21(only) if self.version == "v2.1" else self._episodes_v30(only)
+
+    def readable(self, only: Collection[int] | None = None) -> Iterator[EpisodeRead]:
+        """Yield the same as `episodes`.
+
+        Raises:
+            Rejected: BAD_REQUEST, what comes next cannot be read.
+        """
+        try:
+            yield from self.episodes(only)
+        except Exception as error:  # files of others: whatever a reader meets says that they cannot be read
+            message, hint = f"{self.folder} cannot be read: {error!r}", "`ta2 dataset check` says what is wrong with it"
+            raise to_exception(Refusal(code=Code.BAD_REQUEST, message=message, field="dataset", hint=hint)) from error
 
     def _lines(self, name: str) -> list[dict[str, Any]]:
         text = (self.folder / f"meta/{name}.jsonl").read_text(encoding="utf-8")
         return [json.loads(line) for line in text.splitlines() if line.strip()]
 
-    def _episodes_v21(self) -> Iterator[EpisodeRead]:
+    def _episodes_v21(self, only: Collection[int] | None) -> Iterator[EpisodeRead]:
         stats = {row["episode_index"]: row["stats"] for row in self._lines("episodes_stats")}
         for row in self._lines("episodes"):
             number = row["episode_index"]
+            if only is not None and number not in only:
+                continue
             place = {"episode_chunk": number // self.info["chunks_size"], "episode_index": number}
             table = read(self.folder / self.info["data_path"].format(**place))
             videos = {
@@ -121,7 +135,7 @@ class Dataset:
             }
             yield self._episode(number, row["length"], row["tasks"], table, stats.get(number, {}), videos)
 
-    def _episodes_v30(self) -> Iterator[EpisodeRead]:
+    def _episodes_v30(self, only: Collection[int] | None) -> Iterator[EpisodeRead]:
         opened: tuple[int, int] | None = None
         table: Any = None
         begin = 0
@@ -130,6 +144,8 @@ class Dataset:
             if place != opened:
                 path = self.info["data_path"].format(chunk_index=place[0], file_index=place[1])
                 opened, table, begin = place, read(self.folder / path), row["dataset_from_index"]
+            if only is not None and row["episode_index"] not in only:
+                continue
             stats: dict[str, dict[str, Any]] = {}
             for name, value in row.items():
                 if name.startswith("stats/"):

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from fractions import Fraction
+from itertools import chain
 from pathlib import Path
 from typing import Any, Final
 
 from gateway.dataset.videos import VideoFacts
+from gateway.recording.bag_writer import needed
 
-__all__ = ["VIDEO_MB", "JoinedVideo", "video_feature"]
+__all__ = ["VIDEO_MB", "JoinedVideo", "episode_pictures", "video_feature"]
 
 VIDEO_MB: Final = 200
 """A file of v3.0 is not continued when it is larger."""
@@ -54,21 +57,22 @@ class JoinedVideo:
         self._like: tuple[Any, ...] = ()
         self._rows = self._size_bytes = 0
 
-    def add(self, path: Path, rows: int) -> Mapping[str, float]:
-        """Append an episode's video, and return where it is: chunk, file, begin and end in it [s]."""
-        import av
+    def add(self, path: Path, begin_s: float, rows: int) -> Mapping[str, float]:
+        """Append an episode's video, and return where it is: chunk, file, begin and end in it [s].
 
-        with av.open(str(path)) as source:
+        Raises:
+            OSError: A file cannot be read or written.
+            ValueError: The picture at its begin does not stand alone.
+        """
+        with _opened(path) as source:
             stream = source.streams.video[0]
             context = stream.codec_context
             like = (context.width, context.height, bytes(context.extradata or b""))
             if self._out is None or like != self._like or self._size_bytes > VIDEO_MB * 1024**2:
                 self._begin(stream, like)
             begin = Fraction(self._rows) / Fraction(self._fps)
-            for packet in source.demux(stream):
-                if packet.pts is None:
-                    continue
-                shift = round(begin / packet.time_base)
+            for packet in _packets(source, stream, begin_s, rows, self._fps):
+                shift = round(begin / packet.time_base) - round(Fraction(begin_s) / packet.time_base)
                 packet.pts, packet.dts = packet.pts + shift, (packet.pts if packet.dts is None else packet.dts) + shift
                 packet.stream = self._stream
                 self._size_bytes += packet.size
@@ -100,3 +104,45 @@ class JoinedVideo:
         if self._out is not None:
             self._out.close()
             self._out = None
+
+
+def episode_pictures(path: Path, begin_s: float, rows: int, fps: float) -> Iterator[Any]:
+    """Yield an episode's pictures, decoded, in order: PyAV's frames.
+
+    Raises:
+        OSError: The file cannot be read.
+        ValueError: The picture at its begin does not stand alone.
+    """
+    with _opened(path) as source:
+        stream = source.streams.video[0]
+        for packet in chain(_packets(source, stream, begin_s, rows, fps), [None]):
+            yield from stream.codec_context.decode(packet)
+
+
+@contextmanager
+def _opened(path: Path) -> Iterator[Any]:
+    """Open a video; what FFmpeg says against it is an OSError."""
+    av = needed("av", "video")
+    try:
+        with av.open(str(path)) as source:
+            yield source
+    except av.FFmpegError as error:
+        raise OSError(f"{path}: {error}") from error
+
+
+def _packets(source: Any, stream: Any, begin_s: float, rows: int, fps: float) -> Iterator[Any]:  # noqa: ANN401
+    """Yield an episode's packets; the others of the file are of other episodes."""
+    begin, half = Fraction(begin_s), 1 / Fraction(fps) / 2
+    first, last = begin - half, begin + rows / Fraction(fps) - half
+    source.seek(max(0, round(begin / stream.time_base)), stream=stream)
+    is_begun = False
+    for packet in source.demux(stream):
+        if packet.dts is not None and packet.dts * stream.time_base >= last:
+            return
+        if packet.pts is not None and first <= packet.pts * stream.time_base < last:
+            if not (is_begun or packet.is_keyframe):
+                raise ValueError(
+                    f"{source.name}: the picture at {begin_s:.3f} s does not stand alone: nothing is cut there"
+                )
+            is_begun = True
+            yield packet

@@ -83,7 +83,7 @@ def runs(
     interval_ns: tuple[int, int],
     fps: float,
     least_rows: int,
-    pictures_ns: Instants | None = None,
+    pictures_ns: Mapping[str, Instants] | None = None,
 ) -> tuple[list[Run], dict[str, int]]:
     """Return the rows of an episode.
 
@@ -93,7 +93,7 @@ def runs(
         interval_ns: Begin and end of the episode; the end is not part of it.
         fps: Rows per second.
         least_rows: Shorter runs are left out.
-        pictures_ns: When pictures arrived, ascending, each row needs one; None where there are none.
+        pictures_ns: When pictures arrived, ascending, by what they are of: each row needs one of each.
 
     Returns:
         Runs, in order; and how many rows were left out, by reason.
@@ -117,9 +117,9 @@ def runs(
                 topic = source[0] if source else part.names[0]
                 missing[topic] = missing.get(topic, np.zeros(count, dtype=np.bool_)) | ~ok
         tables[feature.name] = np.concatenate(columns, axis=1).astype(np.float32)
-    if pictures_ns is not None:
-        seen = Series(times_ns=pictures_ns, values=np.zeros((len(pictures_ns), 1)))
-        missing["the cameras"] = ~resample(seen, times_ns, "hold", STALE_NS)[1]
+    for name, arrivals_ns in (pictures_ns or {}).items():
+        seen = Series(times_ns=arrivals_ns, values=np.zeros((len(arrivals_ns), 1)))
+        missing[name] = ~resample(seen, times_ns, "hold", STALE_NS)[1]
     usable = ~np.any(np.stack(list(missing.values())), axis=0) if missing else np.ones(count, dtype=np.bool_)
     left_out = _reasons(missing, usable)
     found = []

@@ -35,11 +35,13 @@ class Series:
     Attributes:
         times_ns: When each sample counts, ascending [ns since 1970, recording host], shape (N,).
         values: The field's numbers, shape (N, width).
+        messages: Which message of the topic each sample is of, in the order of arrival, shape (N,).
         rejected: Messages of the topic without this field, with another width than most, or with a number that is not finite.
     """
 
     times_ns: Instants
     values: Floats
+    messages: Instants = field(default_factory=lambda: np.empty(0, dtype=np.int64))
     rejected: int = 0
 
 
@@ -139,9 +141,10 @@ def _series(times_ns: Instants, field: _Field) -> Series:
     finite = np.isfinite(values).all(axis=1)
     times, values = times_ns[fits][finite], values[finite]
     order = np.argsort(times, kind="stable")
-    times, values = times[order], values[order]
+    times, values, messages = times[order], values[order], fits[finite][order]
     is_last = np.append(times[1:] != times[:-1], True)[: len(times)]
-    return Series(times_ns=times[is_last], values=values[is_last], rejected=len(widths) - int(finite.sum()))
+    rejected = len(widths) - int(finite.sum())
+    return Series(times_ns=times[is_last], values=values[is_last], messages=messages[is_last], rejected=rejected)
 
 
 def _delays(columns: Iterable[_Column]) -> tuple[Floats, Floats] | None:

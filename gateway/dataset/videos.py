@@ -20,6 +20,7 @@ import numpy.typing as npt
 from gateway.dataset.series import Instants
 from gateway.dataset.stats import Stats
 from gateway.errors import Code, GatewayError, Refusal, to_exception
+from gateway.recording.bag_writer import needed
 
 __all__ = ["IMAGES", "STALE_NS", "VideoFacts", "VideoSource", "video_source", "write_videos"]
 
@@ -54,23 +55,31 @@ class VideoSource:
     """A recording of the cameras.
 
     Attributes:
-        path: Of its file.
+        path: Of its file, or of a bag.
         times_ns: When each undamaged picture arrived [ns since 1970, recording host], ascending.
-        pts: Where each stands [ticks].
+        pts: Where each stands [ticks]; in a bag, which message of its topic it is.
+        views: Which view of it each camera is.
+        topic: Of a bag; empty for a file.
     """
 
     path: Path
     times_ns: Instants
     pts: Instants
+    views: Mapping[str, str]
+    topic: str = ""
 
 
-def video_source(path: Path) -> VideoSource:
+def video_source(path: Path, views: Mapping[str, str]) -> VideoSource:
     """Return a recording of `ta2 video record`.
+
+    Args:
+        path: Of its file.
+        views: Which view of the composite each camera is.
 
     Raises:
         Rejected: BAD_REQUEST, it has no index, which tells when its pictures came, or no undamaged picture.
     """
-    _video()
+    needed("av", "video")
     from gateway.video.recording.index import index_path, read_index
 
     try:
@@ -81,15 +90,13 @@ def video_source(path: Path) -> VideoSource:
         raise _refused(f"{path} has no undamaged picture", "look at `ta2 video info`")
     times = np.array([picture.arrival_wall_ns for picture in pictures], dtype=np.int64)
     is_new = np.append(True, np.maximum.accumulate(times)[:-1] < times[1:])
-    return VideoSource(
-        path=path, times_ns=times[is_new], pts=np.array([picture.pts for picture in pictures], dtype=np.int64)[is_new]
-    )
+    pts = np.array([picture.pts for picture in pictures], dtype=np.int64)
+    return VideoSource(path=path, times_ns=times[is_new], pts=pts[is_new], views=views)
 
 
 def write_videos(
     source: VideoSource,
     episodes: Sequence[tuple[Instants, Mapping[str, Path]]],
-    views: Mapping[str, str],
     fps: float,
     on_progress: Callable[[float], None] = lambda share: None,
 ) -> list[dict[str, VideoFacts]]:
@@ -98,7 +105,6 @@ def write_videos(
     Args:
         source: The recording.
         episodes: In order of time, the times of the rows [ns] and each camera's file; each row has a picture.
-        views: Which view of the composite each camera is.
         fps: Rows per second.
         on_progress: Called now and then with the part that was written, 0..1.
 
@@ -113,14 +119,14 @@ def write_videos(
     from gateway.video.recording.container import TROUBLE
     from gateway.video.recording.view_files import ViewFiles
 
-    pictures, found, written = _Pictures(source), [], 0
+    pictures, found, written, views = _Pictures(source), [], 0, source.views
     total = sum(len(times_ns) for times_ns, _ in episodes)
     try:
         for times_ns, files in episodes:
             chosen = source.pts[np.searchsorted(source.times_ns, times_ns, side="right") - 1]
             sampled = _sampled(len(times_ns))
             sums = {camera: _Sums() for camera in views}
-            out = ViewFiles({views[camera]: path for camera, path in files.items()}, Coding(gop=GOP))
+            out = ViewFiles({view: files[camera] for camera, view in views.items()}, Coding(gop=GOP))
             try:
                 for row, pts in enumerate(chosen):
                     picture = pictures.at(int(pts))
@@ -146,9 +152,10 @@ class _Pictures:
     """Decodes forwards, and gives the picture at a place, or the last before it that can be decoded."""
 
     def __init__(self, source: VideoSource) -> None:
+        from gateway.dataset.bag_videos import bag_pictures
         from gateway.video.recording.split import decoded_pictures
 
-        self._decoded = decoded_pictures(source.path)
+        self._decoded = bag_pictures(source.path, source.topic) if source.topic else decoded_pictures(source.path)
         self._current: Any = None
         self._next: tuple[Any, int] | None = (None, -1)  # before the first
 
@@ -206,14 +213,6 @@ def _sampled(rows: int) -> set[int]:
     """Return which rows' pictures count for statistics: evenly spread, LeRobot's number."""
     count = min(rows, max(LEAST_SAMPLES, round(rows**0.75)))
     return set(np.linspace(0, rows - 1, count).round().astype(int).tolist())
-
-
-def _video() -> None:
-    try:
-        import av  # noqa: F401
-    except ImportError as error:
-        hint = "install it: pip install 'teleavatar-gateway[video]'"
-        raise _refused(f"videos are read with av, which is not installed ({error})", hint) from None
 
 
 def _refused(message: str, hint: str) -> GatewayError:

@@ -88,16 +88,20 @@ def check(bag: Bag, on_progress: Callable[[float], None] = lambda share: None) -
         bag: Open.
         on_progress: Called now and then with the part that was read, 0..1.
     """
-    topics = bag.topics
+    topics = [topic for topic in bag.topics if not topic.alias_of]
     watched = {topic.name: Watched(type_name=topic.type_name, rate_hz=_rate_hz(topic.name)) for topic in topics}
-    expected, count = max(bag.message_count, 1), 0
-    for topic, log_ns, payload in bag.messages():
+    announced = bag.message_count - sum(topic.count for topic in bag.topics if topic.alias_of)
+    expected, count = max(announced, 1), 0
+    for topic, log_ns, payload in bag.messages(watched):
         if count % 5000 == 0:
             on_progress(min(count / expected, 1.0))
         count += 1
         _watch(watched[topic], log_ns, payload)
     on_progress(1.0)
-    findings = [*_of_bag(bag, topics, count), *_of_episodes(bag, watched[EPISODES].count if EPISODES in watched else 0)]
+    findings = [
+        *_of_bag(bag, topics, count, announced),
+        *_of_episodes(bag, watched[EPISODES].count if EPISODES in watched else 0),
+    ]
     for name, one in watched.items():
         findings += _of_topic(name, one, bag.duration_s)
     findings.sort(key=lambda finding: finding.level != "error")
@@ -159,12 +163,12 @@ def _watch_joints(topic: Watched, message: JointState, log_ns: int) -> None:
     topic.short += not message.position
 
 
-def _of_bag(bag: Bag, topics: list[BagTopic], count: int) -> Iterator[Finding]:
+def _of_bag(bag: Bag, topics: list[BagTopic], count: int, announced: int) -> Iterator[Finding]:
     if not count:
         yield Finding(level="error", topic="", message="it holds no message")
         return
-    if count != bag.message_count:
-        message = f"{count} messages can be read, {bag.message_count} are announced"
+    if count != announced:
+        message = f"{count} messages can be read, {announced} are announced"
         yield Finding(level="error", topic="", message=message, hint="copy it again, or recover it")
     facts = bag.facts()
     if int(facts.get("lost") or 0):

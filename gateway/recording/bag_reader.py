@@ -13,10 +13,17 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from gateway.errors import Code, Refusal, to_exception
-from gateway.recording.bag_writer import ACTIVE, METADATA, NOTE, needed
+from gateway.recording.bag_writer import ACTIVE, ALIAS, METADATA, NOTE, needed
 from gateway.recording.topics import RecordedTopic
 
-__all__ = ["Bag", "BagCopy", "BagMessage", "BagTopic"]
+__all__ = ["VIDEO_PACKET", "VIDEO_PACKET_FIELDS", "Bag", "BagCopy", "BagMessage", "BagTopic"]
+
+VIDEO_PACKET = "ffmpeg_image_transport_msgs/msg/FFMPEGPacket"
+VIDEO_PACKET_FIELDS = (
+    "std_msgs/Header header\nint32 width\nint32 height\nstring encoding\n"
+    "uint64 pts\nuint8 flags\nbool is_bigendian\nuint8[] data\n"
+)
+"""A coded picture, as the robot's own recorder keeps its cameras (§5.4); ROS itself does not define it."""
 
 
 class BagMessage(NamedTuple):
@@ -38,11 +45,12 @@ class BagCopy(NamedTuple):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BagTopic:
-    """A topic of a bag: ROS name, ROS type, number of messages."""
+    """A topic of a bag: ROS name, ROS type, number of messages, and which one it repeats, if it does."""
 
     name: str
     type_name: str
     count: int
+    alias_of: str = ""
 
 
 class Bag:
@@ -61,8 +69,10 @@ class Bag:
         _refuse_incomplete(path)
         try:
             store = types.get_typestore(types.Stores.ROS2_HUMBLE)  # SQLite bags of Humble hold no definitions
+            store.register(types.get_types_from_msg(VIDEO_PACKET_FIELDS, VIDEO_PACKET))
             self._reader: Any = reading.AnyReader([path], default_typestore=store)
             self._reader.open()
+            self._aliases = self._found_aliases()
         except Exception as error:
             message = f"{path} cannot be read: {error}"
             hint = "a folder with metadata.yaml and an .mcap or .db3 file, or an .mcap file, is a bag"
@@ -85,7 +95,8 @@ class Bag:
         for connection in self._reader.connections:
             before = found.get(connection.topic)
             count = connection.msgcount + (before.count if before else 0)
-            found[connection.topic] = BagTopic(name=connection.topic, type_name=connection.msgtype, count=count)
+            name, alias_of = connection.topic, self._aliases.get(connection.topic, "")
+            found[name] = BagTopic(name=name, type_name=connection.msgtype, count=count, alias_of=alias_of)
         return [found[name] for name in sorted(found)]
 
     def recorded_topics(self) -> list[RecordedTopic]:
@@ -106,7 +117,14 @@ class Bag:
                 message = f"{name}: nobody knows the definition of {type_name}"
                 raise to_exception(Refusal(code=Code.BAD_REQUEST, message=message, field="bag")) from error
             qos = dump(connection.ext.offered_qos_profiles)
-            found[name] = RecordedTopic(name=name, type_name=type_name, definition=text, encoding=encoding, qos=qos)
+            found[name] = RecordedTopic(
+                name=name,
+                type_name=type_name,
+                definition=text,
+                encoding=encoding,
+                qos=qos,
+                alias_of=self._aliases.get(name, ""),
+            )
         return [found[name] for name in sorted(found)]
 
     def decode(self, type_name: str, payload: bytes) -> Any:  # noqa: ANN401  a class that rosbags made of the definition
@@ -198,6 +216,15 @@ class Bag:
     def _mcap_files(self) -> list[Path]:
         files = sorted(self.path.glob("*.mcap")) if self.path.is_dir() else [self.path]
         return [file for file in files if file.suffix == ".mcap"]
+
+    def _found_aliases(self) -> dict[str, str]:
+        found: dict[str, str] = {}
+        for file in self._mcap_files():
+            with file.open("rb") as stream:
+                summary = needed("mcap.reader").make_reader(stream).get_summary()
+                channels = summary.channels.values() if summary is not None else ()
+                found |= {channel.topic: channel.metadata[ALIAS] for channel in channels if ALIAS in channel.metadata}
+        return found
 
     def facts(self) -> Mapping[str, str]:
         """Return what our recorder noted; nothing of other recorders' bags."""

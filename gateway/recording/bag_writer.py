@@ -22,12 +22,14 @@ from gateway import __version__
 from gateway.errors import Code, Refusal, to_exception
 from gateway.recording.topics import RecordedTopic
 
-__all__ = ["ACTIVE", "METADATA", "NOTE", "BagWriter", "bag_file", "needed"]
+__all__ = ["ACTIVE", "ALIAS", "METADATA", "NOTE", "BagWriter", "bag_file", "needed"]
 
 ACTIVE = ".active"
 METADATA = "metadata.yaml"
 NOTE = "ta2"
 """Name of the facts about a recording in its bag."""
+ALIAS = "ta2_alias_of"
+"""In a channel's metadata, the topic that it repeats under another name."""
 CHUNK_BYTES = 512 * 1024
 """A chunk is closed before it is larger: some one and a half seconds of a robot's whole state."""
 
@@ -86,7 +88,7 @@ class BagWriter:
                 topic=topic.name,
                 message_encoding="cdr",
                 schema_id=schemas[kind],
-                metadata={"offered_qos_profiles": topic.qos},
+                metadata={"offered_qos_profiles": topic.qos} | ({ALIAS: topic.alias_of} if topic.alias_of else {}),
             )
             for topic, kind in zip(topics, kinds, strict=True)
         ]

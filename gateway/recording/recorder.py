@@ -27,7 +27,7 @@ from cdr_types import CdrError, encode, peek_stamp
 from cdr_types.messages.std_msgs import String
 from gateway.errors import Code, Refusal, to_exception
 from gateway.recording.bag_writer import BagWriter
-from gateway.recording.topics import EPISODES, NEVER_NS, RecordedTopic, gap_ns
+from gateway.recording.topics import EPISODES, NEVER_NS, RecordedTopic, as_alias, gap_ns
 
 __all__ = ["BEGIN_FREE_BYTES", "LEAST_FREE_BYTES", "Progress", "Recorder"]
 
@@ -114,6 +114,7 @@ class Recorder:
         self._bag = BagWriter(folder, topics)
         self._topics = topics
         self._numbers = {topic.name: number for number, topic in enumerate(topics)}
+        self._aliases = {self._numbers[topic.alias_of]: n for n, topic in enumerate(topics) if topic.alias_of}
         self._heard = [Heard(topic.is_stamped, gap_ns(topic.rate_hz)) for topic in topics]
         self._clock = clock
         self._anchor_ns = wall_ns() - clock()
@@ -193,7 +194,9 @@ class Recorder:
                 if heard.gaps or is_missing:
                     gaps[topic.name] = heard.gaps + is_missing, max(heard.worst_ns, running_ns if is_missing else 0)
         return Progress(
-            messages=sum(self._bag.counts),
+            messages=sum(
+                self._bag.counts[number] for number in self._numbers.values() if not self._topics[number].alias_of
+            ),
             size_bytes=self._bag.size_bytes,
             lost=self._lost,
             gaps=gaps,
@@ -244,3 +247,5 @@ class Recorder:
                     heard.gaps += 1
             heard.last_ns = received_ns
             add(number, log_ns, publish_ns, payload)
+            if number in self._aliases and (again := as_alias(self._topics[number], payload)) is not None:
+                add(self._aliases[number], log_ns, publish_ns, again)

@@ -7,12 +7,28 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from cdr_types import CdrError, decode, encode
 from cdr_types.keys import topic_to_key
+from cdr_types.messages.sensor_msgs import JointState
+from cdr_types.messages.std_msgs import Float32
 from cdr_types.schemas import ENCODING
-from gateway.robot.topics import STATE_TOPICS, TOPICS, Direction
+from gateway.robot.topics import STATE_TOPICS, TOPICS, Direction, gripper_command, joint_command, pose_command
+from gateway.robot.vector_layout import effort_of_command
 from gateway.settings.settings import LinkSettings
+from gateway.values import Side
 
-__all__ = ["EPISODES", "EVENTS", "GATEWAY", "NEVER_NS", "POLICY", "QOS", "RecordedTopic", "gap_ns", "recorded_topics"]
+__all__ = [
+    "EPISODES",
+    "EVENTS",
+    "GATEWAY",
+    "NEVER_NS",
+    "POLICY",
+    "QOS",
+    "RecordedTopic",
+    "as_alias",
+    "gap_ns",
+    "recorded_topics",
+]
 
 EVENTS = "/ta2/events"
 """Notices of the gateway, as JSON: who owns the robot, what was refused, stopped, lost, and why."""
@@ -60,6 +76,7 @@ class RecordedTopic:
         is_state: Whether the robot publishes it.
         is_stamped: Whether its messages begin with a header.
         rate_hz: Nominal rate; 0 where there is none.
+        alias_of: Topic that it repeats under another name; empty for most.
         definition: Of a type that others defined, as its bag has it; empty for ours.
         encoding: Language of that.
         qos: As it is offered, in the form of rosbag2's version 5.
@@ -71,6 +88,7 @@ class RecordedTopic:
     is_state: bool = False
     is_stamped: bool = False
     rate_hz: float = 0.0
+    alias_of: str = ""
     definition: str = ""
     encoding: str = ENCODING
     qos: str = QOS
@@ -85,11 +103,35 @@ def gap_ns(rate_hz: float) -> int:
     return max(LEAST_GAP_NS, int(GAP_PERIODS * 1e9 / rate_hz)) if rate_hz else NEVER_NS
 
 
-def recorded_topics(settings: LinkSettings) -> tuple[RecordedTopic, ...]:
+ALIASES = {
+    name: f"/{side}_{end}"
+    for side in Side
+    for name, end in (
+        (joint_command(side), "arm/joint_cmd"),
+        (pose_command(side), "arm/target_ee_pose"),
+        (gripper_command(side), "gripper/joint_cmd"),
+    )
+}
+"""What is commanded, by the names that it has inside the robot: its maker's converter of bags knows no others."""
+
+
+def as_alias(topic: RecordedTopic, payload: bytes) -> bytes | None:
+    """Return a message as its topic's alias has it: a gripper's command as torque [N·m] (manual §4.4), None for no command."""
+    if topic.type_name != "std_msgs/msg/Float32":
+        return payload
+    try:
+        effort_nm = effort_of_command(decode(payload, Float32).data)
+    except (CdrError, ValueError):
+        return None
+    return encode(JointState(position=[0.0], velocity=[0.0], effort=[effort_nm]))
+
+
+def recorded_topics(settings: LinkSettings, *, aliases: bool = False) -> tuple[RecordedTopic, ...]:
     """Return everything that is recorded of a robot, states first.
 
     Args:
         settings: Model and namespace.
+        aliases: Whether commands are there under their names inside the robot, too, at the end.
     """
     robots = []
     for name in (*STATE_TOPICS, *settings.variant.command_topics):
@@ -104,4 +146,11 @@ def recorded_topics(settings: LinkSettings) -> tuple[RecordedTopic, ...]:
                 rate_hz=topic.rate_hz if topic.direction is Direction.STATE else 0.0,
             )
         )
-    return (*robots, *(RecordedTopic(name=name, type_name=TEXT) for name in (EVENTS, GATEWAY, POLICY, EPISODES)))
+    own = [RecordedTopic(name=name, type_name=TEXT) for name in (EVENTS, GATEWAY, POLICY, EPISODES)]
+    again = []
+    for name, alias in ALIASES.items() if aliases else ():
+        kind = "sensor_msgs/msg/JointState" if "gripper" in alias else TOPICS[name].type_name
+        mine, its = (f"/{topic_to_key(one, settings.namespace)}" for one in (alias, name))
+        if its in {topic.name for topic in robots}:
+            again.append(RecordedTopic(name=mine, type_name=kind, alias_of=its))
+    return (*robots, *own, *again)

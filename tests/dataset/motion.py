@@ -6,6 +6,7 @@ import math
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
+import msgspec
 import numpy as np
 
 from cdr_types import encode
@@ -17,8 +18,26 @@ from gateway.recording.bag_writer import BagWriter
 from gateway.recording.topics import RecordedTopic
 from gateway.robot.topics import COMMAND_TOPICS, ee_pose, gripper_command
 from gateway.values import Side
+from gateway.video.recording.index import index_path, read_index
+from gateway.video.recording.take import Take
 from tests.recording.bags import BEGIN_NS, TOPICS
+from tests.video.coded import units
 
+OWN = """
+[[feature]]
+name = "observation.state"
+[[feature.part]]
+names = ["a", "b", "c"]
+unit = "rad"
+source = [{ topic = "/left_arm/joint_states", field = "position", rule = "linear" }]
+[[feature]]
+name = "action"
+[[feature.part]]
+names = ["a", "b", "c"]
+unit = "rad"
+source = [{ topic = "/api/left_arm/joint_cmd", field = "position" }]
+"""
+"""A layout: three joints, and what they were told."""
 CLOCK_NS = 5_000_000_000
 """The robot's clock is so far behind [ns]."""
 DELAY_NS = 1_000_000
@@ -110,3 +129,30 @@ def moving(
     bag.note({"model": "standard", "namespace": "", "task": "wave", "lost": "0"} | (facts or {}))
     bag.finish()
     return folder
+
+
+COUNT = 80
+PERIOD_NS = round(1e9 / 45.0)
+FIRST_NS = BEGIN_NS + 100_000_000
+"""How many pictures there are, how far apart, and when the first one arrived."""
+
+
+def taken(path, change=lambda picture: picture, count=COUNT):
+    """Record pictures that count, from a tenth of a second after the bag's begin on; return the file."""
+    take = Take(path)
+    for unit in units(count):
+        take.write(unit)
+    take.end("it was ended")
+    index = read_index(index_path(path))
+    lines = [index.header]
+    for picture in index.pictures:
+        lines.append(change(msgspec.structs.replace(picture, arrival_wall_ns=FIRST_NS + picture.n * PERIOD_NS)))  # noqa: PERF401
+    index_path(path).write_bytes(b"".join(msgspec.json.encode(line) + b"\n" for line in [*lines, index.end]))
+    return path
+
+
+def filmed(folder, name, change=lambda picture: picture, count=COUNT, seconds=2.0, **more):
+    """Return a bag with a recording of the cameras in its folder."""
+    bag = moving(folder / name, seconds, **more)
+    taken(bag / "video.mkv", change, count)
+    return bag

@@ -14,28 +14,14 @@ from gateway.dataset.layout import ACTION, STATE, load
 from gateway.dataset.lerobot_reader import Dataset
 from gateway.dataset.parquet import columns, read, write
 from gateway.errors import Rejected
-from tests.dataset.motion import moving
-
-OWN = """
-[[feature]]
-name = "observation.state"
-[[feature.part]]
-names = ["a", "b", "c"]
-source = [{ topic = "/left_arm/joint_states", field = "position", rule = "linear" }]
-[[feature]]
-name = "action"
-[[feature.part]]
-names = ["a", "b", "c"]
-source = [{ topic = "/api/left_arm/joint_cmd", field = "position" }]
-"""
+from tests.dataset.motion import OWN, moving
 
 
 @pytest.fixture(scope="module")
-def bags(tmp_path_factory):
+def bags(tmp_path_factory, layout):
     """Return two bags and a small layout."""
     folder = tmp_path_factory.mktemp("bags")
-    (folder / "own.toml").write_text(OWN)
-    return [moving(folder / "a", 2.0), moving(folder / "b", 2.0)], load(folder / "own.toml")
+    return [moving(folder / "a", 2.0), moving(folder / "b", 2.0)], layout
 
 
 def built(bags, folder, version, **more):

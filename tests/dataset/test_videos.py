@@ -14,53 +14,18 @@ import pytest
 from gateway.dataset import lerobot_videos
 from gateway.dataset.building import PROVENANCE, Choices, build
 from gateway.dataset.checking import check_dataset
-from gateway.dataset.layout import load
 from gateway.dataset.lerobot_reader import Dataset
 from gateway.dataset.videos import IMAGES, STALE_NS, video_source
 from gateway.errors import Rejected
 from gateway.policy.policy_map import PRESETS, load_map
 from gateway.robot.vector_layout import EYES
 from gateway.video.decoding.views import VIEWS
-from gateway.video.recording.index import Picture, index_path, read_index
-from gateway.video.recording.take import Take
-from tests.dataset.motion import BEGIN_NS, moving
-from tests.dataset.test_checking import OWN
-from tests.video.coded import grey_of, units
+from gateway.video.recording.index import Picture, index_path
+from tests.dataset.motion import COUNT, FIRST_NS, PERIOD_NS, filmed, moving, taken
+from tests.video.coded import grey_of
 
-FPS, COUNT = 45.0, 80
-PERIOD_NS = round(1e9 / FPS)
-FIRST_NS = BEGIN_NS + 100_000_000
-"""When the first picture arrived."""
+FPS = 45.0
 CAMERAS = [IMAGES + camera for camera in EYES["vendor_openpi"]]
-
-
-def taken(path, change=lambda picture: picture, count=COUNT):
-    """Record pictures that count, from a tenth of a second after the bag's begin on; return the file."""
-    take = Take(path)
-    for unit in units(count):
-        take.write(unit)
-    take.end("it was ended")
-    index = read_index(index_path(path))
-    lines = [index.header]
-    for picture in index.pictures:
-        lines.append(change(msgspec.structs.replace(picture, arrival_wall_ns=FIRST_NS + picture.n * PERIOD_NS)))  # noqa: PERF401
-    index_path(path).write_bytes(b"".join(msgspec.json.encode(line) + b"\n" for line in [*lines, index.end]))
-    return path
-
-
-def filmed(folder, name, change=lambda picture: picture):
-    """Return a bag with a recording of the cameras in its folder."""
-    bag = moving(folder / name, 2.0)
-    taken(bag / "video.mkv", change)
-    return bag
-
-
-@pytest.fixture(scope="module")
-def layout(tmp_path_factory):
-    """Return a small layout."""
-    path = tmp_path_factory.mktemp("layout") / "own.toml"
-    path.write_text(OWN)
-    return load(path)
 
 
 @pytest.fixture(scope="module")
@@ -187,7 +152,7 @@ def test_what_is_no_recording_of_the_cameras_is_refused(layout, tmp_path):
         build([bag], tmp_path / "set", Choices(layout=layout), videos=[path])
     index_path(path).unlink()
     with pytest.raises(Rejected, match="has no index that can be read"):
-        video_source(path)
+        video_source(path, {})
     rubbish = taken(tmp_path / "rubbish.mkv")
     rubbish.write_bytes(b"rubbish" * 1000)
     with pytest.raises(Rejected, match="cannot be used"):
@@ -214,7 +179,7 @@ def test_pictures_that_came_at_one_instant_count_once(tmp_path):
         step_ns = PERIOD_NS * 3 if picture.n > 9 else 0
         return msgspec.structs.replace(picture, arrival_wall_ns=picture.arrival_wall_ns - step_ns)
 
-    source = video_source(taken(tmp_path / "take.mkv", back))
+    source = video_source(taken(tmp_path / "take.mkv", back), {})
     assert np.all(np.diff(source.times_ns) > 0) and len(source.pts) == COUNT - 3
     assert replace(source, path=tmp_path).pts is source.pts
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import argparse
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +14,7 @@ __all__ = ["add_dataset"]
 
 MOST_FPS = 200.0
 """The robot's states come that often [Hz] (manual §4.1.1)."""
+MOST_EPISODES = 1_000_000
 DIMS = tuple(map(str, STATE_WIDTHS))
 FORMATS = ("v2.1", "v3.0")
 
@@ -23,6 +25,28 @@ def _fps(text: str) -> float:
 
 def _rows(text: str) -> int:
     return integer(text, 1, 100_000, "a number of rows")
+
+
+def _episode(text: str) -> int:
+    return integer(text, 0, MOST_EPISODES, "a number of an episode")
+
+
+def _episodes(text: str) -> list[int]:
+    """Return the numbers of a list such as `0,3-5`."""
+    found: list[int] = []
+    for part in text.split(","):
+        first, _, last = part.partition("-")
+        found += range(_episode(first), (_episode(last) if last else _episode(first)) + 1)
+    if not found:
+        raise argparse.ArgumentTypeError(f"{text!r} names no episode")
+    return found
+
+
+def _picture(text: str) -> Path:
+    path = Path(text)
+    if path.suffix.lower() not in (".png", ".html"):
+        raise argparse.ArgumentTypeError(f"{text!r} is no .png and no .html")
+    return path
 
 
 def add_dataset(commands: Any) -> None:  # noqa: ANN401  argparse's private class
@@ -71,6 +95,21 @@ def add_dataset(commands: Any) -> None:  # noqa: ANN401  argparse's private clas
     )
     build.add_argument("--by-arrival", action="store_true", help="go by messages' arrivals, not by their stamps")
     check = add_command(verbs, "check", "read a dataset, and say what is missing or wrong")
-    check.add_argument("dataset", type=Path, metavar="DIR", help="its folder, the one with meta/ in it")
-    for sub in (build, check):
+    show = add_command(verbs, "show", "show what a dataset holds, and what happens in an episode of it")
+    show.add_argument("--episode", type=_episode, metavar="N", help="this one, from 0 on (drawn without it: 0)")
+    show.add_argument("--out", type=_picture, metavar="FILE", help="draw it: pictures and vectors, .png or .html")
+    diff = add_command(
+        verbs, "diff", "say in what two datasets differ", "Format and coding aside; status 1 if they do."
+    )
+    diff.add_argument("dataset", type=Path, metavar="DIR", help="one")
+    diff.add_argument("other", type=Path, metavar="DIR", help="the other")
+    merge = add_command(verbs, "merge", "put datasets together into a new one", "No video is encoded anew.")
+    merge.add_argument("datasets", nargs="+", type=Path, metavar="DIR", help="in the order of their episodes")
+    split = add_command(verbs, "split", "copy episodes of a dataset into a new one", "No video is encoded anew.")
+    split.add_argument("--episodes", type=_episodes, required=True, metavar="LIST", help="from 0 on, such as 0,3-5")
+    for sub in (merge, split):
+        sub.add_argument("--out", type=Path, required=True, metavar="DIR", help="of the dataset, made anew")
+    for sub in (check, show, split):
+        sub.add_argument("dataset", type=Path, metavar="DIR", help="its folder, the one with meta/ in it")
+    for sub in (build, check, show, diff, merge, split):
         sub.add_argument("--json", action="store_true", help="print JSON on standard output")

@@ -31,6 +31,9 @@ def complete_record(record: argparse.ArgumentParser) -> None:
     record.add_argument(
         "--video-port", type=udp_port, default=PORT, metavar="N", help=f"UDP port of the pictures (default {PORT})"
     )
+    record.add_argument(
+        "--aliases", action="store_true", help="keep commands under their names inside the robot, too, in the file only"
+    )
     record.add_argument("--task", default="", metavar="TEXT", help="what is shown, in words: noted in the bag")
 
 

@@ -1,4 +1,4 @@
-"""`ta2 dataset build | check`: bags made into a dataset for training, and a dataset judged. Needs no robot and no gateway."""
+"""`ta2 dataset`: bags made into a dataset for training; datasets judged, put together, taken apart. Needs no robot."""
 
 from __future__ import annotations
 
@@ -6,10 +6,12 @@ import json
 from argparse import Namespace
 from dataclasses import asdict
 
+from gateway.cli.dataset.looking import counted, diff, show
 from gateway.cli.terminal.ending import ExitStatus
 from gateway.cli.terminal.progress import teller
 from gateway.dataset.building import PROVENANCE, Built, Choices, build
 from gateway.dataset.checking import CheckedDataset, check_dataset
+from gateway.dataset.editing import merge, split
 from gateway.dataset.layout import load, vendor_layout
 from gateway.dataset.lerobot_reader import Dataset
 
@@ -17,12 +19,30 @@ __all__ = ["carry_out"]
 
 
 def carry_out(options: Namespace) -> ExitStatus:
-    """Build or judge a dataset.
+    """Do what the verb says.
 
     Raises:
         Rejected: BAD_REQUEST, a bag, the layout, the folder or the dataset is not what it has to be.
     """
-    return _check(options) if options.verb == "check" else _build(options)
+    verbs = {"check": _check, "merge": _edit, "split": _edit, "show": show, "diff": diff}
+    return verbs.get(options.verb, _build)(options)
+
+
+def _edit(options: Namespace) -> ExitStatus:
+    with teller() as tell:
+
+        def on_progress(share: float) -> None:
+            tell.advance(options.verb, share, f"{share:.0%}")
+
+        if options.verb == "merge":
+            made = merge([Dataset(folder) for folder in options.datasets], options.out, on_progress)
+        else:
+            made = split(Dataset(options.dataset), options.episodes, options.out, on_progress)
+    if options.json:
+        print(json.dumps(asdict(made) | {"ok": True, "folder": str(made.folder)}, ensure_ascii=False))
+    else:
+        print(f"{made.folder}: {counted(made.episodes, 'episode')}, {made.rows} rows")
+    return ExitStatus.OK
 
 
 def _build(options: Namespace) -> ExitStatus:
@@ -54,7 +74,7 @@ def _build(options: Namespace) -> ExitStatus:
 def _show(built: Built, choices: Choices) -> None:
     length_s = built.rows / choices.fps
     print(
-        f"{built.folder}: {_count(built.episodes, 'episode')}, {built.rows} rows, {length_s:.1f} s, LeRobot {choices.version}"
+        f"{built.folder}: {counted(built.episodes, 'episode')}, {built.rows} rows, {length_s:.1f} s, LeRobot {choices.version}"
     )
     for task in built.tasks:
         print(f"task      {task or '(none: policies that read a prompt learn nothing from it; --task TEXT)'}")
@@ -83,8 +103,4 @@ def _show_check(checked: CheckedDataset) -> None:
         mark = "ERROR" if finding.level == "error" else finding.level
         print(f"{mark:<8}" + (f"{finding.where}: " if finding.where else "") + finding.message)
     verdict = "fit for training" if checked.ok else "not fit for training"
-    print(f"LeRobot {checked.version}, {_count(checked.episodes, 'episode')}, {checked.rows} rows: {verdict}")
-
-
-def _count(number: int, what: str) -> str:
-    return f"{number} {what}" + ("" if number == 1 else "s")
+    print(f"LeRobot {checked.version}, {counted(checked.episodes, 'episode')}, {checked.rows} rows: {verdict}")

@@ -100,6 +100,9 @@ def _show_info(bag: Bag, *, as_json: bool) -> None:
     for name in ("robot", "model", "task"):
         if facts.get(name):
             print(f"{name:<8}{facts[name]}")
+    for topic in bag.topics:
+        if topic.alias_of:
+            print(f"alias   {topic.name} of {topic.alias_of}")
     _show_episodes(bag)
     table = Table("topic", "type", box=None, pad_edge=False)
     table.add_column("messages", justify="right")

@@ -57,7 +57,7 @@ def carry_out(options: Namespace) -> ExitStatus:
     share_reactor()  # before the first session: whoever waits at the robot's socket reads it, too
     settings = link_of(options)
     folder = options.out or Path(datetime.now().astimezone().strftime("ta2-%Y%m%d-%H%M%S"))
-    topics = recorded_topics(settings)
+    topics = recorded_topics(settings, aliases=options.aliases)
     facts = {"robot": settings.endpoint, "model": settings.model, "namespace": settings.namespace}
     recorder = Recorder(folder, topics, facts | ({"task": options.task} if options.task else {}))
     desk = EpisodeDesk(folder, options.task, lambda said: recorder.tell(EPISODES, said))

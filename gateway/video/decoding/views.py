@@ -13,7 +13,7 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-__all__ = ["BOXES", "COMPOSITE", "COMPOSITE_SHAPE", "VIEWS", "pixel_box", "view_of"]
+__all__ = ["BOXES", "COMPOSITE", "COMPOSITE_SHAPE", "HALVES", "VIEWS", "pixel_box", "view_of"]
 
 Picture = npt.NDArray[np.uint8]
 
@@ -32,6 +32,8 @@ BOXES: Final[Mapping[str, tuple[float, float, float, float]]] = MappingProxyType
     }
 )
 """Each view's box as parts of width and height: x0, y0, x1, y1 (§6.9)."""
+HALVES: Final = {"left": (0.0, 0.0, 0.5, 1.0), "right": (0.5, 0.0, 1.0, 1.0)}
+"""Both eyes of a camera in a picture of that camera alone, as the robot's own recorder has it (§5.4)."""
 VIEWS: Final = tuple(BOXES)
 """Names of the six views, in the manual's order."""
 
@@ -49,9 +51,9 @@ def pixel_box(name: str, width: int, height: int) -> tuple[int, int, int, int]:
     """
     if name == COMPOSITE:
         return 0, 0, width, height
-    if name not in BOXES:
+    if name not in BOXES and name not in HALVES:
         raise KeyError(f"no view {name!r}: there are {', '.join((COMPOSITE, *VIEWS))} (§5.2)")
-    x0, y0, x1, y1 = BOXES[name]
+    x0, y0, x1, y1 = BOXES[name] if name in BOXES else HALVES[name]
     return round(x0 * width), round(y0 * height), round(x1 * width), round(y1 * height)
 
 

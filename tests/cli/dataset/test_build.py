@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import re
+
 import pytest
 
-from tests.dataset.motion import moving
+from tests.dataset.motion import OWN, moving
 
 
 def test_a_dataset_is_built_and_judged_with_two_commands(shell, tmp_path):
@@ -80,3 +82,74 @@ def test_what_is_no_bag_or_no_dataset_is_refused_in_one_line(shell, tmp_path):
     assert ended.status == 1 and "there is no " in ended.err
     ended = shell.run("dataset", "check", str(tmp_path))
     assert ended.status == 1 and "is no dataset of LeRobot" in ended.err
+
+
+OWN_LAYOUT = ("--least-rows", "10", "--layout")
+
+
+@pytest.fixture
+def sets(shell, tmp_path):
+    """Return two datasets of bags without pictures."""
+    (tmp_path / "own.toml").write_text(OWN)
+    found = []
+    for name in ("a", "b"):
+        bag = moving(tmp_path / f"bag-{name}", 1.0, facts={"task": name})
+        out = str(tmp_path / name)
+        shell.run("dataset", "build", str(bag), "--out", out, *OWN_LAYOUT, str(tmp_path / "own.toml"))
+        found.append(out)
+    return found
+
+
+def test_datasets_are_merged_and_split(shell, sets, tmp_path):
+    """How much is in what was made, in words and as JSON; status 1 for what cannot be."""
+    ended = shell.run("dataset", "merge", *sets, "--out", str(tmp_path / "both"))
+    assert ended.status == 0 and re.fullmatch(r".*both: 2 episodes, \d+ rows\n", ended.out)
+    part = shell.run(
+        "dataset", "split", str(tmp_path / "both"), "--episodes", "1", "--out", str(tmp_path / "one"), "--json"
+    )
+    assert part.json["ok"] and part.json["episodes"] == 1 and part.json["folder"].endswith("one")
+    assert shell.run("dataset", "diff", str(tmp_path / "one"), sets[1]).out == "they hold the same\n"
+    ended = shell.run("dataset", "split", sets[0], "--episodes", "0,2-3", "--out", str(tmp_path / "two"))
+    assert ended.status == 1 and "has no episode 2, 3" in ended.err
+    ended = shell.run("dataset", "merge", *sets, "--out", sets[0])
+    assert ended.status == 1 and "is not empty" in ended.err
+
+
+def test_what_differs_is_listed_with_status_1(shell, sets):
+    """A line each; as JSON with places and sizes."""
+    ended = shell.run("dataset", "diff", *sets)
+    assert ended.status == 1 and ended.out == "episode 0: tasks: a or b\nthey differ\n"
+    found = shell.run("dataset", "diff", *sets, "--json").json
+    assert not found["ok"] and found["differences"][0]["where"] == "episode 0"
+
+
+def test_a_dataset_is_shown_in_words_and_as_a_picture(shell, sets, tmp_path):
+    """Episodes, rows, tasks, names and units; one episode on request."""
+    ended = shell.run("dataset", "show", sets[0])
+    assert ended.status == 0 and "LeRobot v2.1, 1 episode, " in ended.out and "task      a\n" in ended.out
+    assert "vector    observation.state: 3 dimensions\n            a .. c [rad]\n" in ended.out
+    found = shell.run("dataset", "show", sets[0], "--json").json
+    assert found["vectors"]["action"] == [[["a", "b", "c"], "rad"]] and found["tasks"] == ["a"] and not found["file"]
+    ended = shell.run("dataset", "show", sets[0], "--episode", "0")
+    assert re.search(r"^episode   0: \d+ rows, \d\.\d s, a$", ended.out, re.MULTILINE)
+    ended = shell.run("dataset", "show", sets[0], "--episode", "1")
+    assert ended.status == 1 and "has no episode 1" in ended.err
+    pytest.importorskip("matplotlib")
+    ended = shell.run("dataset", "show", sets[0], "--out", str(tmp_path / "a.html"))
+    assert ended.status == 0 and (tmp_path / "a.html").read_text(encoding="utf-8").startswith("<!doctype html>")
+    ended = shell.run("dataset", "show", sets[0], "--out", str(tmp_path / "nowhere/a.png"))
+    assert ended.status == 1 and "cannot be shown" in ended.err and "nowhere" in ended.err
+
+
+@pytest.mark.parametrize(
+    ("arguments", "why"),
+    [
+        (("split", "set", "--episodes", "5-3", "--out", "new"), "names no episode"),
+        (("split", "set", "--episodes", "x", "--out", "new"), "a number of an episode"),
+        (("show", "set", "--out", "a.bmp"), "is no .png and no .html"),
+    ],
+)
+def test_what_makes_no_sense_is_refused_before_a_dataset_is_read(shell, arguments, why):
+    """Status 2, with what it has to be."""
+    ended = shell.run("dataset", *arguments)
+    assert ended.status == 2 and why in ended.err

@@ -20,7 +20,7 @@ def test_info_shows_what_a_bag_holds(shell, tmp_path, verb):
     assert line.split() == [LEFT, "sensor_msgs/msg/JointState", "600", "200.3"]
     assert ended.status == 0 and "3.0 s from" in ended.out and "model   standard" in ended.out
     found = shell.run("bag", verb, str(folder), "--json").json
-    assert {"name": LEFT, "type_name": "sensor_msgs/msg/JointState", "count": 600} in found["topics"]
+    assert {"name": LEFT, "type_name": "sensor_msgs/msg/JointState", "count": 600, "alias_of": ""} in found["topics"]
     assert found["messages"] == sum(topic["count"] for topic in found["topics"])
 
 
