@@ -15,7 +15,7 @@ schemathesis = pytest.importorskip("schemathesis", reason="no Schemathesis: pip 
 TOKEN = "the-secret"
 KNOWN = {"Authorization": f"Bearer {TOKEN}", "Host": "127.0.0.1:8700"}
 NOWHERE = Path(tempfile.gettempdir()) / "no-gateway-is-here" / "gw.sock"
-"""Without a gateway the answers are failures, which are described, too; what a gateway answers, `tests/e2e/test_web.py` asks."""
+"""Without a gateway the answers are failures, which are described, too; what one answers, `tests/e2e/test_web.py` asks."""
 
 schema = schemathesis.openapi.from_asgi("/openapi.json", application(str(NOWHERE), TOKEN, 8700), headers=KNOWN)
 
