@@ -10,6 +10,7 @@ from argparse import Namespace
 
 from gateway.cli.terminal.ending import ExitStatus
 from gateway.errors import Code, Refusal, to_exception
+from gateway.recording.bag_writer import needed
 
 __all__ = ["carry_out"]
 
@@ -23,23 +24,21 @@ def carry_out(options: Namespace) -> ExitStatus:
     """Serve until Ctrl-C or SIGTERM.
 
     Raises:
-        NotReady: The extra `web` is missing.
-        Rejected: BAD_REQUEST, the port is taken, or the gateway's address makes no sense.
+        Rejected: BAD_REQUEST, the extra `web` is missing, the port is taken, or the gateway's address makes no sense.
     """
-    try:
-        import uvicorn
+    uvicorn = needed("uvicorn", "web")
+    needed("prometheus_client", "web")
+    needed("starlette", "web")
+    if options.video:
+        needed("av", "video")
+        needed("PIL", "video")
+    from gateway.web.server import application
 
-        from gateway.web.server import application
-    except ImportError as error:
-        hint = "install it: pip install 'teleavatar-gateway[web]'"
-        refusal = Refusal(
-            code=Code.BAD_REQUEST, message=f"the web page needs {error.name}, which is not installed", hint=hint
-        )
-        raise to_exception(refusal) from None
     token = secrets.token_urlsafe(24)
     with _listening(options.port) as listener:
         port = listener.getsockname()[1]
-        app = application(options.target, token, port, opens_metrics=options.metrics)
+        video_port = options.video_port if options.video else None
+        app = application(options.target, token, port, opens_metrics=options.metrics, video_port=video_port)
         config = uvicorn.Config(
             app,
             log_level="warning",

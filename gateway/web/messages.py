@@ -11,9 +11,11 @@ from typing import Annotated, Literal, TypeAlias
 from msgspec import Meta, Struct
 
 __all__ = [
+    "BOUNDARY",
     "Acquire",
     "Alive",
     "Asked",
+    "CamerasSeen",
     "Disable",
     "Drive",
     "Enable",
@@ -28,6 +30,8 @@ __all__ = [
     "StopDone",
 ]
 
+BOUNDARY = "picture"
+"""Between the pictures of one view."""
 Side: TypeAlias = Literal["left", "right"]
 Text: TypeAlias = Annotated[str, Meta(max_length=200)]
 
@@ -118,6 +122,24 @@ class StopDone(Struct, frozen=True, kw_only=True):
     dropped: bool
     by_guard: bool
     undelivered: bool
+
+
+class CamerasSeen(Struct, frozen=True, kw_only=True):
+    """How the cameras are seen.
+
+    Attributes:
+        views: What can be looked at under `/api/video/NAME`.
+        is_receiving: Whether anybody looks now.
+        age_s: Age of the newest picture [s], from its first packet on; None before the first.
+        rate_hz: Pictures that were decoded in a second.
+        why: What is wrong, the worst first.
+    """
+
+    views: tuple[str, ...]
+    is_receiving: bool
+    age_s: float | None
+    rate_hz: float
+    why: tuple[str, ...]
 
 
 class Failure(Struct, frozen=True, kw_only=True):

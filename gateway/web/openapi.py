@@ -9,7 +9,7 @@ import msgspec
 
 from gateway import __version__
 from gateway.api.protocol import Finding, Info, Notice, RefusalMessage, Snapshot
-from gateway.web.messages import Asked, Failure, StopAsked, StopDone
+from gateway.web.messages import Asked, CamerasSeen, Failure, StopAsked, StopDone
 
 __all__ = ["description"]
 
@@ -60,7 +60,7 @@ class Nothing(msgspec.Struct, frozen=True):
     """Done; there is nothing to tell."""
 
 
-TYPES = (State, Gone, Noticed, Replied, Error, Reasons, Nothing, StopAsked, StopDone, Asked)
+TYPES = (State, Gone, Noticed, Replied, Error, Reasons, Nothing, StopAsked, StopDone, CamerasSeen, Asked)
 SECURITY: list[dict[str, list[str]]] = [{"secret": []}]
 FAILURES = {
     "400": "What was asked for is wrong.",
@@ -97,6 +97,7 @@ def description() -> bytes:
     paths = {
         "/api/state": {"get": operation("What the gateway sees now.", State)},
         "/api/why": {"get": operation("What keeps the robot from doing what it is told.", Reasons)},
+        "/api/video": {"get": operation("How the cameras are seen.", CamerasSeen)},
         "/api/stop": {
             "post": operation(
                 "Stop: arms brake and are held, chassis and lift stop.", StopDone, StopAsked, is_open=True
@@ -109,7 +110,8 @@ def description() -> bytes:
     }
     live = (
         "The WebSocket `/api/live` gives the messages State, Gone, Noticed and Replied, and takes what Asked describes; "
-        "whoever owns the robot says Alive once a second. Closing it is losing the client: the robot is held."
+        "whoever owns the robot says Alive once a second. Closing it is losing the client: the robot is held. "
+        "`/api/video/NAME` is a view of the cameras as motion JPEG."
     )
     document = {
         "openapi": "3.1.0",

@@ -5,6 +5,7 @@
     POST /api/stop, /api/estop   everybody's stop, {"reason": ...} or any body
     POST /api/recover            clears latches, {"reason": ...}
     WS   /api/live               states and notices as they come; what the page asks for, and the replies
+    GET  /api/video, .../VIEW    how the cameras are seen, and one of their views, where they are shown
     GET  /metrics                for Prometheus
     GET  /openapi.json           all of this
 
@@ -20,19 +21,20 @@ import logging
 from collections.abc import AsyncIterator, Coroutine
 from dataclasses import asdict
 from pathlib import Path
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 import msgspec
 from prometheus_client import CONTENT_TYPE_LATEST
 from starlette.applications import Starlette
 from starlette.exceptions import HTTPException
 from starlette.requests import ClientDisconnect, Request
-from starlette.responses import FileResponse, RedirectResponse, Response
+from starlette.responses import FileResponse, RedirectResponse, Response, StreamingResponse
 from starlette.routing import Mount, Route, WebSocketRoute
 from starlette.staticfiles import StaticFiles
 from starlette.types import ASGIApp
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
+from gateway.api.protocol import Info
 from gateway.client import aio
 from gateway.client.state.reasons import why_of
 from gateway.errors import (
@@ -47,15 +49,19 @@ from gateway.errors import (
 )
 from gateway.web import metrics, stopping
 from gateway.web.door import Door, cookie_name
-from gateway.web.messages import Alive, Asked, Failure
+from gateway.web.messages import BOUNDARY, Alive, Asked, CamerasSeen, Failure
 from gateway.web.openapi import description
 from gateway.web.owning import Owning
 from gateway.web.viewer import Viewer
+
+if TYPE_CHECKING:
+    pass
 
 __all__ = ["application"]
 
 _log = logging.getLogger(__name__)
 
+NO_CAMERAS = "this page shows no cameras: ta2 web --video"
 STATIC = Path(__file__).parent / "static"
 MOST_PAGES = 100
 MOST_BODY_BYTES = 4096
@@ -67,7 +73,9 @@ MOST_WAITING = 32
 """Requests of one page that are not answered yet."""
 
 
-def application(target: str | None, token: str, port: int, *, opens_metrics: bool = False) -> ASGIApp:
+def application(
+    target: str | None, token: str, port: int, *, opens_metrics: bool = False, video_port: int | None = None
+) -> ASGIApp:
     """Return the application, to be served by uvicorn.
 
     Args:
@@ -75,8 +83,9 @@ def application(target: str | None, token: str, port: int, *, opens_metrics: boo
         token: The secret that all but stops take.
         port: Where it listens.
         opens_metrics: Whether `/metrics` takes no secret.
+        video_port: Where the robot sends its pictures; None shows none.
     """
-    server = _Server(target, token, port)
+    server = _Server(target, token, port, video_port)
 
     @contextlib.asynccontextmanager
     async def lifespan(_: Starlette) -> AsyncIterator[None]:
@@ -96,6 +105,8 @@ def application(target: str | None, token: str, port: int, *, opens_metrics: boo
         Route("/api/estop", server.estop, methods=["POST"]),
         Route("/api/recover", server.recover, methods=["POST"]),
         WebSocketRoute("/api/live", server.live),
+        Route("/api/video", server.video),
+        Route("/api/video/{view}", server.pictures),
         Route("/metrics", server.metrics),
         Route("/openapi.json", server.openapi),
     ]
@@ -106,12 +117,17 @@ def application(target: str | None, token: str, port: int, *, opens_metrics: boo
 
 
 class _Server:
-    def __init__(self, target: str | None, token: str, port: int) -> None:
+    def __init__(self, target: str | None, token: str, port: int, video_port: int | None) -> None:
         self._target = target
         self._token = token
         self._cookie = cookie_name(port)
         self._pages = 0
         self.viewer = Viewer(target)
+        self._cameras = None
+        if video_port is not None:
+            from gateway.web.cameras import Cameras  # what decodes is another extra
+
+            self._cameras = Cameras(lambda: self._info().robot, video_port)
 
     async def page(self, request: Request) -> Response:
         said = request.query_params.get("token")
@@ -155,11 +171,30 @@ class _Server:
         await self._require().recover(f"{reason} ({_host(request)})" if reason else "")
         return _json({})
 
+    async def video(self, _: Request) -> Response:
+        none = CamerasSeen(views=(), is_receiving=False, age_s=None, rate_hz=0.0, why=(NO_CAMERAS,))
+        return _json(none if self._cameras is None else self._cameras.seen())
+
+    async def pictures(self, request: Request) -> Response:
+        cameras, view = self._cameras, request.path_params["view"]
+        if cameras is None:
+            raise HTTPException(404, NO_CAMERAS)
+        cameras.require(view)
+        pictures = cameras.pictures(view)
+        first = await anext(pictures, b"")  # a port that is taken is refused before anything was said
+        return StreamingResponse(_from(first, pictures), media_type=f"multipart/x-mixed-replace; boundary={BOUNDARY}")
+
     async def metrics(self, _: Request) -> Response:
         return Response(metrics.text(self.viewer), headers={"Content-Type": CONTENT_TYPE_LATEST})
 
     async def openapi(self, _: Request) -> Response:
         return Response(description(), media_type="application/json")
+
+    def _info(self) -> Info:
+        self._require()
+        if self.viewer.info is None:
+            raise to_exception(Refusal(code=Code.DISCONNECTED, message="no gateway answers", hint="start it: ta2 run"))
+        return self.viewer.info
 
     def _require(self) -> aio.Robot:
         robot = self.viewer.robot
@@ -300,6 +335,12 @@ async def _not_there(_: Request, error: Exception) -> Response:
     response = _json({"error": failure}, error.status_code)
     response.headers.update(error.headers or {})  # which methods there are
     return response
+
+
+async def _from(first: bytes, rest: AsyncIterator[bytes]) -> AsyncIterator[bytes]:
+    yield first
+    async for part in rest:
+        yield part
 
 
 async def _body(request: Request) -> bytes:

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import contextlib
+import io
 import json
 import os
 import re
 import shutil
 import signal
+import socket
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -33,9 +35,9 @@ CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
 class Web:
     """A running `ta2 web`."""
 
-    def __init__(self, system: System) -> None:
+    def __init__(self, system: System, *options: str) -> None:
         self.port = free_port()
-        arguments = ["-m", "gateway.cli", "web", "--at", system.target, "--port", str(self.port), "--json"]
+        arguments = ["-m", "gateway.cli", "web", "--at", system.target, "--port", str(self.port), "--json", *options]
         self.process = Process("web", arguments, system.folder)
         said = wait_for(lambda: self.process.text().splitlines(), "the address", tell=self.process.text)
         self.url, self.token = (json.loads(said[0])[name] for name in ("url", "token"))
@@ -243,3 +245,30 @@ def test_in_a_browser_a_person_takes_it_moves_it_and_stops_it(system: System, we
         wait_for(lambda: robot.state.view.lease.lost_ns is not None, "the loss of a closed tab", tell=system.logs)
         assert said == []
         browser.close()
+
+
+def test_the_cameras_are_shown_and_nothing_is_received_for_nobody(systems, tmp_path: Path) -> None:
+    """A view as motion JPEG; when nobody looks any more, the port is free for others."""
+    pytest.importorskip("av")
+    image = pytest.importorskip("PIL.Image")
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        probe.bind(("127.0.0.1", 0))
+        port = probe.getsockname()[1]
+    system = systems(tmp_path, has_guard=False, sim_options=("--camera-to", f"127.0.0.1:{port}"))
+    system.connect("first").close()
+    web = Web(system, "--video", "--video-port", str(port))
+    try:
+        assert web.get("/api/video/ceiling").status_code == 400
+        assert not web.get("/api/video").json()["is_receiving"]
+        url = f"{web.url}api/video/head_left_eye"
+        with httpx.stream("GET", url, headers=web.known, timeout=60.0) as answer:
+            assert answer.headers["content-type"].startswith("multipart/x-mixed-replace")
+            coming, parts = answer.iter_bytes(), b""
+            while parts.count(b"image/jpeg") <= 3:
+                parts += next(coming)
+            assert web.get("/api/video").json()["is_receiving"]
+        picture = parts.split(b"\r\n\r\n")[1].split(b"\r\n--")[0]
+        assert max(image.open(io.BytesIO(picture)).size) == 640
+        wait_for(lambda: not web.get("/api/video").json()["is_receiving"], "the end", tell=web.process.text)
+    finally:
+        web.process.end()

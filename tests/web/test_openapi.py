@@ -35,6 +35,7 @@ def test_stops_take_no_secret_and_all_else_does() -> None:
     assert secured == {
         "/api/state": True,
         "/api/why": True,
+        "/api/video": True,
         "/api/stop": False,
         "/api/estop": False,
         "/api/recover": True,

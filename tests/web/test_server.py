@@ -77,3 +77,11 @@ def test_metrics_say_that_the_gateway_is_away(browser: TestClient) -> None:
     """So that an alarm can be made of it."""
     assert "ta2_up 0.0" in browser.get("/metrics", headers=KNOWN).text
     assert browser.get("/openapi.json", headers=KNOWN).json()["openapi"].startswith("3.")
+
+
+def test_cameras_are_shown_where_that_was_asked_for(browser: TestClient) -> None:
+    """Else the answer says how."""
+    seen = browser.get("/api/video", headers=KNOWN).json()
+    assert seen["views"] == [] and "ta2 web --video" in seen["why"][0]
+    answer = browser.get("/api/video/head_left_eye", headers=KNOWN)
+    assert answer.status_code == 404 and "ta2 web --video" in answer.json()["error"]["message"]

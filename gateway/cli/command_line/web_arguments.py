@@ -5,7 +5,8 @@ from __future__ import annotations
 from typing import Any
 
 from gateway.cli.command_line.adding import add_command, add_target
-from gateway.cli.command_line.numbers import integer
+from gateway.cli.command_line.numbers import integer, udp_port
+from gateway.cli.command_line.video_arguments import PORT
 
 __all__ = ["WEB_PORT", "add_web"]
 
@@ -27,6 +28,10 @@ def add_web(commands: Any) -> None:  # noqa: ANN401  argparse's private class
     add_target(web)
     web.add_argument(
         "--port", type=_port, default=WEB_PORT, metavar="N", help="TCP port on 127.0.0.1 (default %(default)s)"
+    )
+    web.add_argument("--video", action="store_true", help="show the robot's cameras to those who ask (extra `video`)")
+    web.add_argument(
+        "--video-port", type=udp_port, default=PORT, metavar="N", help="UDP port of the pictures (default %(default)s)"
     )
     web.add_argument("--metrics", action="store_true", help="let anybody on this host read /metrics (Prometheus)")
     web.add_argument("--json", action="store_true", help="print address and secret as JSON")

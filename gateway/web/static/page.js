@@ -286,4 +286,32 @@ function draw(side) {
   }
 }
 
+// ------------------------------------------------------------------------------------------------------------- cameras
+
+function look(is) {
+  const picture = byId("picture");
+  byId("look").textContent = is ? "Hide" : "Show";
+  byId("look").setAttribute("aria-pressed", String(is));
+  picture.hidden = !is;
+  picture.alt = `the robot's camera, view ${byId("view").value}`;
+  if (is) picture.src = `/api/video/${byId("view").value}?${Date.now()}`;
+  else picture.removeAttribute("src"); // ends the answer: nothing is received for nobody
+}
+
+async function seeCameras() {
+  const answer = await fetch("/api/video").catch(() => null);
+  if (!answer || !answer.ok) return;
+  const seen = await answer.json();
+  const list = byId("view");
+  if (!list.options.length) for (const view of seen.views) element("option", view, list);
+  byId("video").hidden = !seen.views.length;
+  const age = seen.age_s === null ? "no picture yet" : `${(seen.age_s * 1000).toFixed(0)} ms old, ${seen.rate_hz.toFixed(0)} a second`;
+  byId("seen").textContent = seen.is_receiving ? [age, ...seen.why].join("; ") : "";
+}
+
+byId("look").addEventListener("click", () => look(byId("picture").hidden));
+byId("view").addEventListener("change", () => { if (!byId("picture").hidden) look(true); });
+setInterval(() => { if (!document.hidden && (byId("video").hidden === false)) seeCameras(); }, 1000);
+
 connect();
+seeCameras();

@@ -1,0 +1,118 @@
+"""The cameras for a page: one receiver and one decoder for all who look, each view as JPEG pictures (motion JPEG).
+
+Rules
+    * Nothing is received while nobody looks: the pictures' port is free for `ta2 record --video` and programs.
+    * The newest picture counts: who reads slowly skips some, and holds nobody up.
+    * Pictures that do not come end the answer with the reason on `/api/video`, nothing else.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import io
+from collections.abc import AsyncIterator, Callable
+from typing import TYPE_CHECKING
+
+from gateway.errors import Code, Refusal, to_exception
+from gateway.video import COMPOSITE, VIEWS, AsyncVideo, VideoError
+from gateway.video.receiving.source import robot_address
+from gateway.web.messages import BOUNDARY, CamerasSeen
+
+if TYPE_CHECKING:
+    from gateway.video import Frame
+
+__all__ = ["Cameras"]
+
+RATE_HZ = 12.0
+WIDTH = 640
+QUALITY = 70
+NAMES = (*VIEWS, COMPOSITE)
+
+
+class Cameras:
+    """Receives while anybody looks.
+
+    Args:
+        endpoint: Gives the robot's endpoint, for pictures from elsewhere are refused; empty while it is unknown.
+        port: UDP port of the pictures (manual §2.6.3).
+    """
+
+    def __init__(self, endpoint: Callable[[], str], port: int) -> None:
+        self._endpoint = endpoint
+        self._port = port
+        self._lock = asyncio.Lock()
+        self._video: AsyncVideo | None = None
+        self._stack = contextlib.AsyncExitStack()
+        self._looking = 0
+
+    def seen(self) -> CamerasSeen:
+        """Return how they are seen now."""
+        if self._video is None:
+            return CamerasSeen(views=NAMES, is_receiving=False, age_s=None, rate_hz=0.0, why=())
+        latest, health = self._video.latest, self._video.health
+        why = tuple(f"{finding.code.value}: {finding.message} -> {finding.hint}" for finding in self._video.why())
+        age_s = None if latest is None else latest.age
+        return CamerasSeen(views=NAMES, is_receiving=True, age_s=age_s, rate_hz=health.reading.fps, why=why)
+
+    def require(self, view: str) -> None:
+        """Refuse what is none of the views.
+
+        Raises:
+            Rejected: BAD_REQUEST, with those that there are.
+        """
+        if view not in NAMES:
+            refusal = Refusal(
+                code=Code.BAD_REQUEST,
+                message=f"there is no view {view!r}",
+                field="view",
+                hint=f"one of {', '.join(NAMES)}",
+            )
+            raise to_exception(refusal)
+
+    async def pictures(self, view: str) -> AsyncIterator[bytes]:
+        """Yield parts of a multipart answer, a picture each, until they stop coming.
+
+        Args:
+            view: One of the views.
+
+        Raises:
+            GatewayError: The port is taken, or the robot's address cannot be found.
+        """
+        video = await self._begin()
+        try:
+            with contextlib.suppress(VideoError):  # none came: why() says so
+                async for frame in video.frames(max_rate=RATE_HZ):
+                    picture = await asyncio.to_thread(_jpeg, frame, view)
+                    yield b"--" + BOUNDARY.encode() + b"\r\nContent-Type: image/jpeg\r\n\r\n" + picture + b"\r\n"
+        finally:
+            await asyncio.shield(self._end())  # a page that is closed cancels this
+
+    async def _begin(self) -> AsyncVideo:
+        async with self._lock:
+            if self._video is None:
+                try:
+                    address = robot_address(self._endpoint(), None)
+                    self._video = await self._stack.enter_async_context(AsyncVideo(address, port=self._port))
+                except VideoError as error:
+                    refusal = Refusal(code=Code.BAD_REQUEST, message=str(error), hint="see `ta2 video check`")
+                    raise to_exception(refusal) from error
+            self._looking += 1
+            return self._video
+
+    async def _end(self) -> None:
+        async with self._lock:
+            self._looking -= 1
+            if not self._looking:
+                self._video = None
+                await self._stack.aclose()
+
+
+def _jpeg(frame: Frame, view: str) -> bytes:
+    from PIL import Image
+
+    image = Image.fromarray(frame[view])
+    image.thumbnail((WIDTH, WIDTH))
+    out = io.BytesIO()
+    image.save(out, "JPEG", quality=QUALITY)
+    return out.getvalue()
