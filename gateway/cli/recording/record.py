@@ -7,6 +7,7 @@ Episodes are told by keys of its terminal, and at its door by `ta2 episode` and 
 from __future__ import annotations
 
 import json
+import os
 import sys
 import time
 from argparse import Namespace
@@ -24,6 +25,7 @@ from gateway.cli.terminal.connection import connected
 from gateway.cli.terminal.ending import ExitStatus, Interrupted
 from gateway.cli.terminal.progress import Teller, teller
 from gateway.errors import Code, Disconnected, GatewayTimeout, Refusal, Rejected, to_exception
+from gateway.process.notify import Notifier, notifier_of
 from gateway.process.threads import supervised
 from gateway.process.zenoh_threads import share_reactor
 from gateway.recording.door import Door
@@ -65,6 +67,7 @@ def carry_out(options: Namespace) -> ExitStatus:
     robot, gateway = Tap(settings, topics, recorder.take), GatewayTap(options.target, recorder.tell)
     opening = supervised(robot.open, "ta2-record-robot")
     ended: Interrupted | None = None
+    manager = notifier_of(os.environ, os.getpid())
     camera: Camera | None = None
     with teller() as tell, keys() as pressed, ExitStack() as doors:
         try:
@@ -77,7 +80,7 @@ def carry_out(options: Namespace) -> ExitStatus:
                 tell.say(f"{error.message} -> {error.hint}")
             opening.start()
             gateway.start()
-            _follow(recorder, desk, tell, pressed, camera, options.seconds)
+            _follow(recorder, desk, tell, pressed, camera, options.seconds, manager)
         except Interrupted as end:
             ended = end
         except KeyboardInterrupt:
@@ -88,6 +91,8 @@ def carry_out(options: Namespace) -> ExitStatus:
         finally:
             robot.close()
             gateway.close()
+            if manager is not None:
+                manager.close()
     desk.end()
     file = recorder.finish()
     progress = recorder.progress(time.monotonic_ns())
@@ -117,7 +122,13 @@ def _link_of(options: Namespace) -> LinkSettings:
 
 
 def _follow(
-    recorder: Recorder, desk: EpisodeDesk, tell: Teller, pressed: Keys, camera: Camera | None, seconds: float | None
+    recorder: Recorder,
+    desk: EpisodeDesk,
+    tell: Teller,
+    pressed: Keys,
+    camera: Camera | None,
+    seconds: float | None,
+    manager: Notifier | None,
 ) -> None:
     """Write what comes until the time is over, q, or the recording ends by itself; time counts from the first message.
 
@@ -134,6 +145,10 @@ def _follow(
             tell.say(f"{progress.error}: the recording ends here, and is complete so far")
             return
         heard = progress.messages > 0 and len(progress.silent) < len(STATE_TOPICS)
+        if manager is not None:
+            if heard and first_s is None:
+                manager.ready(time.monotonic_ns(), lambda: desk.state.bag)
+            manager.beat(time.monotonic_ns())
         first_s = now_s if heard and first_s is None else first_s
         if "q" in typed:
             return
