@@ -89,7 +89,6 @@ RuntimeDirectory=ta2
 RuntimeDirectoryPreserve=yes
 Environment=TA2_STATE_DIR=%S/ta2
 UMask=0077
-# Real time is allowed; what is not follows.
 LimitRTPRIO=90
 LimitMEMLOCK=infinity
 {"".join(f"{name}=yes{chr(10)}" for name in YES.split())}\
@@ -98,7 +97,6 @@ ProtectSystem=strict
 ReadWritePaths=-/run/lock
 ProtectHome=read-only
 ProtectProc=invisible
-DevicePolicy=closed
 KeyringMode=private
 RestrictAddressFamilies=AF_UNIX AF_INET AF_INET6 AF_NETLINK
 SystemCallArchitectures=native
@@ -123,7 +121,8 @@ def carry_out(options: Namespace) -> ExitStatus:
         return _show(as_json=options.json)
     if options.verb == "remove":
         return _remove(options.root)
-    user = options.user or _user()
+    asked = (options.user, os.environ.get("SUDO_USER"), os.environ.get("USER"))
+    user = options.user or next((name for name in asked if name not in (None, "", "root")), "ta2")
     units = _units(options, user)
     if not options.prints:
         return _install(options, user, units)
@@ -144,18 +143,10 @@ def _units(options: Namespace, user: str) -> Mapping[str, str]:
         toml_file.load(options.config)  # it may be wrong
         run += ["--config", str(files[0])]
     folder = "%S/ta2/bags" if options.recorder is None else str(files[-1]).replace("%", "%%")
-    both = BOTH.format(user=user)
     record = _command("record", "--socket", str(SYSTEM_SOCKET))
-    return {
-        GATEWAY: GATEWAY_UNIT.format(command=_command(*run)) + both,
-        RECORDER: RECORDER_UNIT.format(command=record, folder=folder) + both,
-    }
-
-
-def _user() -> str:
-    """Return whose services they are unless told otherwise: his programs find the socket by themselves."""
-    name = os.environ.get("SUDO_USER", "") if os.geteuid() == 0 else pwd.getpwuid(os.geteuid()).pw_name
-    return name if name not in ("", "root") else "ta2"
+    units = {GATEWAY: GATEWAY_UNIT.format(command=_command(*run))}
+    units[RECORDER] = RECORDER_UNIT.format(command=record, folder=folder)
+    return {name: text + BOTH.format(user=user) for name, text in units.items()}
 
 
 def _command(*words: str) -> str:
@@ -168,8 +159,8 @@ def _command(*words: str) -> str:
 
 def _install(options: Namespace, user: str, units: Mapping[str, str]) -> ExitStatus:
     root: Path | None = options.root
+    is_running = root is None and _require_systemd()
     if root is None:
-        _require_systemd()
         try:
             pwd.getpwnam(user)
         except KeyError:
@@ -186,15 +177,15 @@ def _install(options: Namespace, user: str, units: Mapping[str, str]) -> ExitSta
         return ExitStatus.OK
     if changed:
         _systemctl("daemon-reload")
-        print(f"what ran before runs on as it was; while nothing moves: systemctl restart {GATEWAY}")
+    if changed and is_running:
+        print(f"the gateway runs on as it was started; while nothing moves: systemctl restart {GATEWAY}")
     _systemctl("enable", "--now", *wanted)
     return ExitStatus.OK
 
 
 def _write(path: Path, text: str) -> bool:
     """Write a file, whole or not at all, and tell; return whether it was another one before."""
-    is_new = not path.exists() or path.read_text(encoding="utf-8") != text
-    if is_new:
+    if is_new := not path.exists() or path.read_text(encoding="utf-8") != text:
         new = path.with_suffix(".new")
         new.write_text(text, encoding="utf-8")
         new.chmod(0o644)
@@ -203,20 +194,18 @@ def _write(path: Path, text: str) -> bool:
     return is_new
 
 
-def _require_systemd() -> None:
-    """Refuse before anything is changed: who may not, and where there is none."""
+def _require_systemd() -> bool:
+    """Refuse who may not, and where there is no systemd, before anything is changed; return whether the gateway runs."""
     if os.geteuid() != 0:
-        script = _command().split(" ")[0]
-        _refuse("only root installs and removes services", f"sudo {script} service ...; --print needs no root")
-    _shown()
+        _refuse("only root installs and removes services", f"sudo {_command('service')} ...; --print needs no root")
+    return _shown().get(GATEWAY, {}).get("ActiveState") == "active"
 
 
 def _remove(root: Path | None) -> ExitStatus:
     if root is None:
         _require_systemd()
     folder = root / str(UNITS)[1:] if root else UNITS
-    there = [path for name in (RECORDER, GATEWAY) if (path := folder / name).exists()]
-    if there:
+    if there := [path for name in (RECORDER, GATEWAY) if (path := folder / name).exists()]:
         how = ["--root", str(root), "disable"] if root else ["disable", "--now"]
         _systemctl(*how, *(path.name for path in there))
     for path in there:
@@ -258,8 +247,8 @@ def _systemctl(*words: str) -> str:
     except (OSError, subprocess.CalledProcessError) as error:
         said = " ".join(getattr(error, "stderr", str(error)).split())
         hint = f"`journalctl -u {GATEWAY}` tells more; without systemd start `ta2 run` by other means"
-        message = f"systemctl {' '.join(words[:2])}: {said}"
-        raise to_exception(Refusal(code=Code.DISCONNECTED, message=message, hint=hint)) from None
+        failed = Refusal(code=Code.DISCONNECTED, message=f"systemctl {' '.join(words[:2])}: {said}", hint=hint)
+        raise to_exception(failed) from None
 
 
 def _refuse(message: str, hint: str) -> NoReturn:

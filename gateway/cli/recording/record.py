@@ -136,6 +136,8 @@ def _follow(
         GatewayTimeout: Nothing came.
     """
     begun_s, first_s, told = time.monotonic(), None, set[str]()
+    if manager is not None:
+        manager.ready(time.monotonic_ns(), lambda: desk.state.bag)
     while True:
         typed = pressed.wait(STEP_S if seconds is None else min(STEP_S, max(seconds / 20, 0.01)))
         _obey(typed, desk, tell)
@@ -146,8 +148,6 @@ def _follow(
             return
         heard = progress.messages > 0 and len(progress.silent) < len(STATE_TOPICS)
         if manager is not None:
-            if heard and first_s is None:
-                manager.ready(time.monotonic_ns(), lambda: desk.state.bag)
             manager.beat(time.monotonic_ns())
         first_s = now_s if heard and first_s is None else first_s
         if "q" in typed:
