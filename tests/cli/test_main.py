@@ -150,7 +150,6 @@ def test_run_hands_the_settings_to_the_daemon(shell, monkeypatch, tmp_path):
     """Options win over the file, the file over the defaults; the log is configured as asked."""
     file = tmp_path / "a.toml"
     file.write_text('[robot]\nendpoint = "tcp/10.0.0.1:9000"\nmodel = "lite"\n[arm]\nv_radps = 0.4\n')
-    monkeypatch.delenv("NOTIFY_SOCKET", raising=False)
     seen = {}
     monkeypatch.setattr("gateway.process.log.configure_log", lambda *, is_json: seen.update(is_json=is_json))
     monkeypatch.setattr(
