@@ -11,5 +11,4 @@ from tests.cli.shell import Shell
 def shell(monkeypatch, capsys, tmp_path):
     """A shell whose commands find a scripted engine, and never the gateway of whoever runs the tests."""
     monkeypatch.setenv("TA2_SOCKET", str(tmp_path / "nobody.sock"))
-    monkeypatch.delenv("NOTIFY_SOCKET", raising=False)  # nor the service manager
     return Shell(monkeypatch, capsys)
