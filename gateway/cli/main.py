@@ -85,6 +85,7 @@ def _run(options: Namespace) -> int:
     one_blas_thread()  # before anything takes numpy along; the guard inherits it
     from gateway.api.protocol import default_socket
     from gateway.process import daemon, log
+    from gateway.process.notify import notifier_of
     from gateway.settings import toml_file
 
     settings = toml_file.overridden(
@@ -95,6 +96,7 @@ def _run(options: Namespace) -> int:
         model=options.model,
     )
     log.configure_log(is_json=options.json_log)
+    notifier = notifier_of(os.environ, os.getpid())  # before anything is started that would inherit its variables
 
     def on_ready(socket: str) -> None:
         if options.json_log:
@@ -114,7 +116,7 @@ def _run(options: Namespace) -> int:
 
     if options.no_guard:
         settings = replace(settings, guard=replace(settings.guard, enabled=False))
-    return daemon.run(settings, on_ready, is_json_log=options.json_log)
+    return daemon.run(settings, on_ready, is_json_log=options.json_log, notifier=notifier)
 
 
 def _sim(options: Namespace) -> int:
@@ -354,6 +356,7 @@ COMMANDS: Mapping[str, Callable[[Namespace], int]] = {
     "example": _example,
     "demo": _demo,
     "completion": _completion,
+    "service": _carried_out_by("gateway.cli.service"),
     "stop": _stop,
     "estop": _stop,
     "stop-endpoint": _asked_by("gateway.cli.motion.stop_endpoint:watch_over", "within", pauses="pause"),

@@ -69,7 +69,7 @@ class GuardLauncher:
         if os.getpid() == 1:
             _log.warning(
                 "this process is the first of its container: when it dies the kernel ends the guard with it; "
-                "start the container with an init (docker run --init)"
+                "give the container a first process that stays (configs/containers/keep-running.sh)"
             )
         self._process = self._spawn()
         self._thread.start()

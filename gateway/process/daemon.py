@@ -37,6 +37,7 @@ from gateway.link.robot_link import RobotLink
 from gateway.messages.snapshot import Snapshot
 from gateway.process.loop import Loop
 from gateway.process.measures import Measures
+from gateway.process.notify import Notifier
 from gateway.process.recall import Recall
 from gateway.process.state_file import StateFile, StateWriter, path_of
 from gateway.process.threads import take_lost
@@ -61,9 +62,11 @@ class _Watched:
     Args:
         plane: The local plane.
         engine: Told whether anybody watches.
+        notifier: Tells the service manager that the end was asked for.
     """
 
-    def __init__(self, plane: LocalPlane, engine: Engine) -> None:
+    def __init__(self, plane: LocalPlane, engine: Engine, notifier: Notifier | None = None) -> None:
+        self._notifier = notifier
         self._plane = plane
         self._engine = engine
         self._signals: list[int] = []
@@ -80,6 +83,8 @@ class _Watched:
             number = self._signals[0]
             self._signals.clear()
             _log.info("%s: ending", signal.Signals(number).name)
+            if self._notifier is not None:
+                self._notifier.stopping(time.monotonic_ns())
             events = [*events, ExitRequested(at_ns=time.monotonic_ns())]
         return events
 
@@ -207,7 +212,13 @@ def _signals(handle: Callable[[int], None]) -> Iterator[None]:
             signal.signal(number, handler)
 
 
-def run(settings: Settings, on_ready: Callable[[str], None] | None = None, *, is_json_log: bool = False) -> int:
+def run(
+    settings: Settings,
+    on_ready: Callable[[str], None] | None = None,
+    *,
+    is_json_log: bool = False,
+    notifier: Notifier | None = None,
+) -> int:
     """Run the daemon until it is asked to end.
 
     Must be called in the main thread: it takes over SIGTERM, SIGINT and SIGHUP while it runs.
@@ -216,6 +227,7 @@ def run(settings: Settings, on_ready: Callable[[str], None] | None = None, *, is
         settings: Effective settings.
         on_ready: Called with the socket's path when clients can connect.
         is_json_log: Whether the guard's log is JSON lines, like this process's own.
+        notifier: Tells the service manager; None without one.
 
     Returns:
         Exit status: 0. A daemon that lost a thread of its own, or whose API hangs, ends its process with 1.
@@ -230,6 +242,8 @@ def run(settings: Settings, on_ready: Callable[[str], None] | None = None, *, is
     status = 1
     try:
         with contextlib.ExitStack() as ending:  # all of it happens whatever fails, the last pushed first
+            if notifier is not None:
+                ending.callback(notifier.close)
             robot_of = settings.link.endpoint, settings.link.namespace
             state_file = ending.enter_context(StateFile(path_of(state_dir(), *robot_of)))
             plane = LocalPlane(settings)
@@ -240,7 +254,7 @@ def run(settings: Settings, on_ready: Callable[[str], None] | None = None, *, is
                 _log.warning("%s", started.report)
             engine = Engine(settings, started.remembered, model)
             recall.known_here(started.remembered, _latching(engine))
-            watched = _Watched(plane, engine)
+            watched = _Watched(plane, engine, notifier)
             ending.enter_context(_signals(watched.ask_to_end))  # to the very end: impatience must skip nothing
             # Before real-time measures, and before this process has anything that another one should not inherit.
             guards = _Guards(settings, engine, plane.socket, is_json_log=is_json_log)
@@ -257,10 +271,19 @@ def run(settings: Settings, on_ready: Callable[[str], None] | None = None, *, is
             link.open()
             measures.take()
             robot = _Link(link, engine, measures.renew, guards, recall, settings.link.namespace)
-            loop = Loop(engine, robot, watched, on_remembered=writer.write, on_sending=guards.on_sending)
+            loop = Loop(
+                engine,
+                robot,
+                watched,
+                on_remembered=writer.write,
+                on_sending=guards.on_sending,
+                on_cycle=None if notifier is None else notifier.beat,
+            )
             ending.callback(guards.close, lambda: status == 0)  # first of all: no tick comes any more
             if on_ready is not None:
                 on_ready(str(plane.socket))
+            if notifier is not None:
+                notifier.ready(time.monotonic_ns(), lambda: engine.state.value)
             loop.run(lambda: False)
             if engine.is_broken:
                 _leave(guards, partial(_close_writer, writer, state_file))

@@ -178,6 +178,7 @@ class Loop(Generic[F]):
         on_remembered: Takes what must survive a restart; must not wait for the disk.
         on_sending: Called in every cycle before its frames leave, with its time [ns]: whoever goes on when this process
             dies between the two takes a frame for sent that is lost, never a sent one, or a 1.0, for unsent.
+        on_cycle: Called at the end of every cycle, with its time [ns], for whoever must know that there was one.
         period_ns: Period of the base grid [ns].
         clock: Monotonic clock [ns].
         sleep: Sleeps for a time [s]; may end early, and says whether it did so for a stop. None waits for one.
@@ -192,6 +193,7 @@ class Loop(Generic[F]):
         *,
         on_remembered: Callable[[Remembered], None],
         on_sending: Callable[[int], None] = lambda now_ns: None,
+        on_cycle: Callable[[int], None] | None = None,
         period_ns: int = PERIOD_NS,
         clock: Callable[[], int] = time.monotonic_ns,
         sleep: Callable[[float], bool | None] | None = None,
@@ -202,6 +204,7 @@ class Loop(Generic[F]):
         self._service = service
         self._on_remembered = on_remembered
         self._on_sending = on_sending
+        self._on_cycle = on_cycle
         self._period_ns = period_ns
         self._clock = clock
         self._sleep = service.wait_for_stop if sleep is None else sleep
@@ -306,6 +309,8 @@ class Loop(Generic[F]):
             self._on_remembered(output.remembered)
         if output.snapshot is not None:
             self._service.publish_snapshot(output.snapshot)
+        if self._on_cycle is not None:
+            self._on_cycle(now_ns)
         return output.done
 
     def _next_deadline_ns(self, now_ns: int, grid_ns: int) -> int:

@@ -18,11 +18,12 @@ import pytest
 
 from gateway.api.service import LocalPlane
 from gateway.core.engine import Engine
-from gateway.core.messages.events import PartEnded
+from gateway.core.messages.events import ExitRequested, PartEnded
 from gateway.link.robot_link import RobotLink
 from gateway.process import daemon
 from gateway.process.log import JsonLines, LogWriter, RateLimit
 from gateway.process.measures import Measures
+from gateway.process.notify import Notifier
 from gateway.process.state_file import StateWriter
 from gateway.process.threads import supervised, take_lost
 from gateway.settings.settings import GuardSettings, LinkSettings, LocalSettings, RealtimeSettings, Settings
@@ -276,6 +277,49 @@ def test_impatience_at_the_end_skips_nothing(monkeypatch: pytest.MonkeyPatch, tm
     assert daemon.run(parts.settings) == 0
     assert parts.ended == ["plane", "link", "real time", "writer"]
     assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+
+
+class Manager(Notifier):
+    """A service manager's ear, and what was said there."""
+
+    def __init__(self) -> None:
+        super().__init__("/nobody")
+        self.heard: list[str] = []
+
+    def ready(self, now_ns: int, status: Callable[[], str]) -> None:
+        self.heard.append(f"ready, {status()}")
+
+    def stopping(self, now_ns: int) -> None:
+        self.heard.append("stopping")
+
+    def close(self) -> None:
+        super().close()
+        self.heard.append("closed")
+
+
+def test_a_service_manager_hears_when_clients_can_connect(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """With the state as the line for people; not before the plane is open, and nothing after all has been closed."""
+    parts, manager = Parts(monkeypatch, tmp_path), Manager()
+    parts.on_plane_close = lambda: manager.heard.append("plane closed")
+    daemon.run(parts.settings, lambda socket: manager.heard.append("clients can connect"), notifier=manager)
+    assert manager.heard == ["clients can connect", "ready, OFFLINE", "plane closed", "closed"]
+
+
+def test_a_service_manager_hears_that_the_end_was_asked_for(tmp_path: Path) -> None:
+    """Once, before the engine is told."""
+    settings = Settings(
+        link=LinkSettings(endpoint=f"tcp/127.0.0.1:{10_000 + os.getpid() % 50_000}"),
+        local=LocalSettings(socket=str(tmp_path / "s")),
+    )
+    plane, manager = LocalPlane(settings, tmp_path), Manager()
+    try:
+        watched = daemon._Watched(plane, Engine(settings), manager)
+        watched.ask_to_end(signal.SIGTERM)
+        assert [type(event) for event in watched.poll()] == [ExitRequested]
+        assert list(watched.poll()) == [] and manager.heard == ["stopping"]
+    finally:
+        plane.close()
+        manager.close()
 
 
 def test_one_part_that_fails_to_close_keeps_no_other_open(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:

@@ -87,6 +87,8 @@ class Bench:
     asked_at: list[int] = field(default_factory=list)
     """When requests come that end a rest."""
     claims: list[int] = field(default_factory=list)
+    is_watched: bool = False
+    """Whether somebody must know of every cycle."""
     is_guarded: bool = False
     """Whether what is shown to a guard is written down, too."""
     broken: dict[str, BaseException] = field(default_factory=dict)
@@ -193,6 +195,7 @@ class Bench:
             Service(),
             on_remembered=self.remember,
             on_sending=self.show,
+            on_cycle=(lambda now_ns: self._note("cycle", now_ns)) if self.is_watched else None,
             period_ns=period_ns,
             clock=self.time.clock,
             sleep=self.time.sleep,
@@ -442,6 +445,19 @@ def test_the_results_of_a_tick_leave_in_their_order() -> None:
         ("remember", remembered),
         ("snapshot", snapshot),
     ]
+
+
+def test_who_must_know_of_every_cycle_is_told_at_its_end() -> None:
+    """A watchdog proves that the cycle came to its end: with its time, after the last result, and not when it broke."""
+    bench = Bench(is_watched=True)
+    bench.on_tick = lambda n, now_ns: Out(frames=[_frame("arm")], snapshot=object())
+    bench.run(3)
+    assert [entry for entry in bench.log if entry[0] == "cycle"] == [("cycle", START + n * PERIOD) for n in range(3)]
+    assert bench.names()[4:6] == ["snapshot", "cycle"] and bench.names()[-1] == "cycle"
+    broken = Bench(is_watched=True, broken={"tick": ZeroDivisionError()})
+    with pytest.raises(ZeroDivisionError):
+        broken.run(1)
+    assert "cycle" not in broken.names()
 
 
 @pytest.mark.parametrize("out", [Out(replies=[REPLY]), Out(notices=[NOTICE])])

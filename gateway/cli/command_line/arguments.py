@@ -25,6 +25,7 @@ from gateway.cli.command_line.numbers import seconds
 from gateway.cli.command_line.policy_arguments import add_policy
 from gateway.cli.command_line.record_arguments import add_bag, add_episode, complete_record
 from gateway.cli.command_line.robot_arguments import MODELS, ROBOT_PORT, SIM_ENDPOINT, add_robot, endpoint, namespace
+from gateway.cli.command_line.service_arguments import add_service
 from gateway.cli.command_line.sim_arguments import add_camera, add_clock, add_physics
 from gateway.cli.command_line.stop_arguments import add_stops
 from gateway.cli.command_line.video_arguments import add_video
@@ -143,6 +144,7 @@ def _parsers() -> tuple[argparse.ArgumentParser, Mapping[str, argparse.ArgumentP
     add_web(commands)
     _add_example(commands)
     add_first(commands)
+    add_service(add_command(commands, "service", "run gateway and recorder as services of systemd"))
     add_model(add_command(commands, "model", "check the numbers of the robot's body, or of a URDF"))
     add_stops(commands)
     return top, commands.choices

@@ -7,6 +7,7 @@ Episodes are told by keys of its terminal, and at its door by `ta2 episode` and 
 from __future__ import annotations
 
 import json
+import os
 import sys
 import time
 from argparse import Namespace
@@ -25,6 +26,8 @@ from gateway.cli.terminal.connection import link_of
 from gateway.cli.terminal.ending import ExitStatus, Interrupted
 from gateway.cli.terminal.progress import Teller, teller
 from gateway.errors import Code, GatewayTimeout, Refusal, Rejected, to_exception
+from gateway.errors import Code, Disconnected, GatewayTimeout, Refusal, Rejected, to_exception
+from gateway.process.notify import Notifier, notifier_of
 from gateway.process.threads import supervised
 from gateway.process.zenoh_threads import share_reactor
 from gateway.recording.door import Door
@@ -64,6 +67,7 @@ def carry_out(options: Namespace) -> ExitStatus:
     robot, gateway = Tap(settings, topics, recorder.take), GatewayTap(options.target, recorder.tell)
     opening = supervised(robot.open, "ta2-record-robot")
     ended: Interrupted | None = None
+    manager = notifier_of(os.environ, os.getpid())
     camera: Camera | None = None
     with teller() as tell, keys() as pressed, ExitStack() as doors:
         try:
@@ -77,7 +81,7 @@ def carry_out(options: Namespace) -> ExitStatus:
                 tell.say(f"{error.message} -> {error.hint}")
             opening.start()
             gateway.start()
-            _follow(recorder, desk, tell, pressed, camera, options.seconds)
+            _follow(recorder, desk, tell, pressed, camera, options.seconds, manager)
         except Interrupted as end:
             ended = end
         except KeyboardInterrupt:
@@ -88,6 +92,8 @@ def carry_out(options: Namespace) -> ExitStatus:
         finally:
             robot.close()
             gateway.close()
+            if manager is not None:
+                manager.close()
     desk.end()
     file = recorder.finish()
     progress = recorder.progress(time.monotonic_ns())
@@ -98,7 +104,13 @@ def carry_out(options: Namespace) -> ExitStatus:
 
 
 def _follow(
-    recorder: Recorder, desk: EpisodeDesk, tell: Teller, pressed: Keys, camera: Camera | None, seconds: float | None
+    recorder: Recorder,
+    desk: EpisodeDesk,
+    tell: Teller,
+    pressed: Keys,
+    camera: Camera | None,
+    seconds: float | None,
+    manager: Notifier | None,
 ) -> None:
     """Write what comes until the time is over, q, or the recording ends by itself; time counts from the first message.
 
@@ -106,6 +118,8 @@ def _follow(
         GatewayTimeout: Nothing came.
     """
     begun_s, first_s, told = time.monotonic(), None, set[str]()
+    if manager is not None:
+        manager.ready(time.monotonic_ns(), lambda: desk.state.bag)
     while True:
         typed = pressed.wait(STEP_S if seconds is None else min(STEP_S, max(seconds / 20, 0.01)))
         _obey(typed, desk, tell)
@@ -115,6 +129,8 @@ def _follow(
             tell.say(f"{progress.error}: the recording ends here, and is complete so far")
             return
         heard = progress.messages > 0 and len(progress.silent) < len(STATE_TOPICS)
+        if manager is not None:
+            manager.beat(time.monotonic_ns())
         first_s = now_s if heard and first_s is None else first_s
         if "q" in typed:
             return
