@@ -9,10 +9,10 @@ import subprocess
 import sys
 import termios
 
-from gateway.cli.recording.keys import keys
+from gateway.cli.terminal.keys import keys
 
 READER = """
-from gateway.cli.recording.keys import keys
+from gateway.cli.terminal.keys import keys
 with keys() as pressed:
     print("ready" if pressed.are_there else "nobody", flush=True)
     typed = ""
