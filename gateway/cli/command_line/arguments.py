@@ -26,6 +26,7 @@ from gateway.cli.command_line.record_arguments import add_bag, add_episode, comp
 from gateway.cli.command_line.robot_arguments import MODELS, ROBOT_PORT, SIM_ENDPOINT, add_robot, endpoint, namespace
 from gateway.cli.command_line.sim_arguments import add_camera, add_clock, add_physics
 from gateway.cli.command_line.stop_arguments import add_stops
+from gateway.cli.command_line.teleop_arguments import add_teleop
 from gateway.cli.command_line.video_arguments import add_video
 from gateway.cli.terminal.ending import STATUS_HELP
 
@@ -129,6 +130,7 @@ def _parsers() -> tuple[argparse.ArgumentParser, Mapping[str, argparse.ArgumentP
     _add_views(commands)
     add_motions(commands)
     add_ground(commands)
+    add_teleop(commands)
     add_video(commands)
     _add_recording(commands)
     policy = add_command(commands, "policy", "let a policy drive the arms")

@@ -1,0 +1,122 @@
+"""One arm that is jogged: the next target of its stream, or in a sentence why it stays where it is.
+
+What is jogged from is the target that was told last, never what was measured. It goes ahead of the reference that the gateway
+tells by no more than that needs to follow it: what holds the reference up (a limit, another part of the body) holds it up, too.
+
+In end-effector mode the hand is told poses. In joint mode it is told joints; those for a pose of the hand come from the body
+model, as near to the last ones as there are, and only while the gateway finds that the model agrees with the robot.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+from gateway.cli.teleop.jogging import HAND, apart, moved
+from gateway.client.handles import JointStream, PoseStream
+from gateway.client.state.reading import RobotState
+from gateway.kinematics.arm import ArmModel
+from gateway.values import EePose, Vector
+
+__all__ = ["Arm", "held_up"]
+
+LEAD_S, LEAD = 0.3, 0.004
+"""A target may be ahead of the told reference by what it does in so long [s], for the gateway's filter and the age of a
+snapshot, and by so much [m, rad]."""
+EQUAL = 1e-9
+
+
+class Arm:
+    """An arm whose stream is open.
+
+    Args:
+        out: The stream.
+        model: Of an arm in joint mode, inside the gateway's limits; None in end-effector mode.
+        most_radps: No joint goes faster than this for the hand [rad/s].
+    """
+
+    def __init__(self, out: JointStream | PoseStream, model: ArmModel | None, most_radps: float) -> None:
+        self.out = out
+        self._model = model
+        self._most_radps = most_radps
+        self._pose: Vector = ()  # of the hand while that is jogged by joints; empty otherwise
+
+    def advance(self, rates: Mapping[str, float], joint: int, dt_s: float, state: RobotState, *, in_hand: bool) -> str:
+        """Set the next target.
+
+        Args:
+            rates: Of the hand [m/s, rad/s], and of the `joint` [rad/s].
+            joint: Which one that is, from 0.
+            dt_s: How long the step is, above 0 [s].
+            state: Of the robot.
+            in_hand: Whether the hand goes along its own axes; else along those of its shoulder frame.
+
+        Returns:
+            Why it is not what was wished for; empty when it is.
+        """
+        out, arm, why = self.out, state.arm(self.out.side), ""
+        twist, pose = tuple(rates[axis] for axis in HAND), self._pose
+        if isinstance(out, PoseStream):
+            here = tuple([*out.p.tolist(), *out.quat_xyzw.tolist()])
+            told = [*arm.p_ref.tolist(), *arm.quat_ref_xyzw.tolist()]
+            wanted = moved(here, twist, dt_s, in_hand=in_hand)
+            if rates["joint"]:
+                why = "this arm is in end-effector mode: its joints cannot be jogged (manual §2.3)"
+        else:
+            here, told, pose = tuple(out.q.tolist()), arm.q_ref.tolist(), ()
+            wanted = here
+            if any(twist):
+                wanted, pose, why = self._solved(here, twist, dt_s, state, in_hand=in_hand)
+            by_rad = rates["joint"] * dt_s
+            wanted = (*wanted[:joint], wanted[joint] + by_rad, *wanted[joint + 1 :])
+            pose = () if by_rad else pose
+        leads, steps = self._gaps(here, told) if told else (), self._gaps(wanted, here)
+        if any(step and lead > LEAD_S * step / dt_s + LEAD for lead, step in zip(leads, steps, strict=bool(leads))):
+            wanted, pose, why = here, self._pose, held_up(state, out.side)
+        if isinstance(out, PoseStream):
+            sent = (*out.set(wanted[:3], wanted[3:]).tolist(), *wanted[3:])
+        else:
+            sent = tuple(out.set(wanted).tolist())
+        if max(self._gaps(sent, wanted)) > EQUAL:
+            pose, why = (), why or "the arm is at a limit: of a joint, or of its reach"
+        self._pose = pose
+        return why
+
+    def _gaps(self, a: Sequence[float], b: Sequence[float]) -> tuple[float, ...]:
+        """Return how far two targets are apart: [rad], or [m] and [rad]."""
+        return apart(a, b) if self._model is None else (max(abs(x - y) for x, y in zip(a, b, strict=True)),)
+
+    def _solved(
+        self, here: Vector, twist: Vector, dt_s: float, state: RobotState, *, in_hand: bool
+    ) -> tuple[Vector, Vector, str]:
+        """Return joints and pose of the hand after a step, a shorter one where a joint would be too fast; or why there are none."""
+        view, model = state.arm(self.out.side).model, self._model
+        if model is None or view is None or view.state != "agrees":
+            why = "there is none" if view is None else view.reason
+            return here, (), f"the hand takes a body model that agrees with the robot ({why}): jog joints"
+        part, pose = 1.0, self._pose or model.forward(here).values
+        for _ in range(3):
+            wanted = moved(pose, twist, part * dt_s, in_hand=in_hand)
+            found = model.solution(EePose(p_m=wanted[:3], quat_xyzw=wanted[3:]), here)
+            if found is None:
+                break
+            excess = self._gaps(found.q_rad, here)[0] / (self._most_radps * dt_s)
+            if excess <= 1.0:
+                return found.q_rad, wanted, ""
+            part *= 0.9 / excess
+        return here, pose, "no joints take the hand on: a joint's limit, the end of its reach, or a singular posture"
+
+
+def held_up(state: RobotState, side: str) -> str:
+    """Return in a sentence what keeps an arm behind its target, as far as the gateway tells."""
+    spacing, slowing = state.spacing, state.slowing.get(side)
+    if spacing is not None and side in spacing.held and spacing.gap_m is not None:
+        gap = f"{spacing.gap_m * 1e3:.0f} mm apart, {spacing.margin_m * 1e3:.0f} mm have to stay free"
+        return f"held back: {spacing.first} and {spacing.second} are {gap}"
+    if slowing is not None and slowing.on and slowing.held:
+        return f"slower near a singular posture: joint {slowing.joint} would race"
+    findings = state.view.findings
+    return (
+        f"held up: {findings[0].code}: {findings[0].message}"
+        if findings
+        else "held up: the arm is behind what it is told"
+    )
