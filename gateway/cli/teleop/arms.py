@@ -9,8 +9,10 @@ model, as near to the last ones as there are, and only while the gateway finds t
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 
+from gateway.api.protocol import Info
 from gateway.cli.teleop.jogging import HAND, apart, moved
 from gateway.client.handles import JointStream, PoseStream
 from gateway.client.state.reading import RobotState
@@ -20,8 +22,12 @@ from gateway.values import EePose, Vector
 __all__ = ["Arm", "held_up"]
 
 LEAD_S, LEAD = 0.3, 0.004
-"""A target may be ahead of the told reference by what it does in so long [s], for the gateway's filter and the age of a
+"""A target may be ahead of the told reference by what it did lately in so long [s], for the gateway's filter and the age of a
 snapshot, and by so much [m, rad]."""
+LATELY_S = 0.4
+FAR_PART, JOINT_PART = 0.35, 0.8
+"""An arm that is farther behind its reference than this part of what aborts a motion is not led on. No joint goes faster for the
+hand than this part of its limit."""
 EQUAL = 1e-9
 
 
@@ -31,14 +37,19 @@ class Arm:
     Args:
         out: The stream.
         model: Of an arm in joint mode, inside the gateway's limits; None in end-effector mode.
-        most_radps: No joint goes faster than this for the hand [rad/s].
+        info: Of the gateway.
     """
 
-    def __init__(self, out: JointStream | PoseStream, model: ArmModel | None, most_radps: float) -> None:
+    def __init__(self, out: JointStream | PoseStream, model: ArmModel | None, info: Info) -> None:
         self.out = out
         self._model = model
-        self._most_radps = most_radps
+        self._info = info
+        self._most_radps = JOINT_PART * info.v_radps
+        farthest = (info.tracking_pose_m, info.tracking_pose_rad) if model is None else (info.tracking_rad,)
+        self._farthest = tuple(FAR_PART * far for far in farthest)
         self._pose: Vector = ()  # of the hand while that is jogged by joints; empty otherwise
+        self._returns = False  # to where the arm is, since that does not follow
+        self._lately: Vector = (0.0, 0.0)  # how fast the target went [m/s, rad/s]
 
     def advance(self, rates: Mapping[str, float], joint: int, dt_s: float, state: RobotState, *, in_hand: bool) -> str:
         """Set the next target.
@@ -53,37 +64,48 @@ class Arm:
         Returns:
             Why it is not what was wished for; empty when it is.
         """
-        out, arm, why = self.out, state.arm(self.out.side), ""
-        twist, pose = tuple(rates[axis] for axis in HAND), self._pose
+        out, arm, why, pose = self.out, state.arm(self.out.side), "", self._pose
+        twist = tuple(rates[axis] for axis in HAND)
         if isinstance(out, PoseStream):
-            here = tuple([*out.p.tolist(), *out.quat_xyzw.tolist()])
-            told = [*arm.p_ref.tolist(), *arm.quat_ref_xyzw.tolist()]
+            here: Vector = (*out.p.tolist(), *out.quat_xyzw.tolist())
+            told, errors = [*arm.p_ref.tolist(), *arm.quat_ref_xyzw.tolist()], (arm.tracking_error_m, arm.tracking_error)
+            measured: Vector = (*arm.pose.p.tolist(), *arm.pose.quat_xyzw.tolist())
             wanted = moved(here, twist, dt_s, in_hand=in_hand)
+            if math.hypot(*wanted[:3]) > max(self._info.reach_m, math.hypot(*here[:3])):
+                wanted, why = here, f"the hand is at the end of its reach, {self._info.reach_m:g} m"
             if rates["joint"]:
                 why = "this arm is in end-effector mode: its joints cannot be jogged (manual §2.3)"
         else:
-            here, told, pose = tuple(out.q.tolist()), arm.q_ref.tolist(), ()
-            wanted = here
+            here, told, errors, measured = tuple(out.q.tolist()), arm.q_ref.tolist(), (arm.tracking_error,), tuple(arm.q.tolist())
+            wanted, pose = here, ()
             if any(twist):
                 wanted, pose, why = self._solved(here, twist, dt_s, state, in_hand=in_hand)
             by_rad = rates["joint"] * dt_s
             wanted = (*wanted[:joint], wanted[joint] + by_rad, *wanted[joint + 1 :])
             pose = () if by_rad else pose
-        leads, steps = self._gaps(here, told) if told else (), self._gaps(wanted, here)
-        if any(step and lead > LEAD_S * step / dt_s + LEAD for lead, step in zip(leads, steps, strict=bool(leads))):
+        leads, steps = self._gaps(here, told) if told else (0.0, 0.0), self._gaps(wanted, here)
+        self._lately = tuple(max(step / dt_s, v * (1.0 - dt_s / LATELY_S)) for step, v in zip(steps, self._lately, strict=False))
+        is_far = any((error or 0.0) > far for error, far in zip(errors, self._farthest, strict=True))
+        self._returns |= is_far and self._gaps(wanted, measured) > self._gaps(here, measured)
+        if self._returns:
+            wanted, pose, why = measured, (), "the arm does not follow, held up or out of reach: let go, then jog it another way"
+            self._returns = any(rates.values())
+        elif any(steps) and any(lead > LEAD_S * v + LEAD for lead, v in zip(leads, self._lately, strict=False)):
             wanted, pose, why = here, self._pose, held_up(state, out.side)
         if isinstance(out, PoseStream):
-            sent = (*out.set(wanted[:3], wanted[3:]).tolist(), *wanted[3:])
-        else:
-            sent = tuple(out.set(wanted).tolist())
-        if max(self._gaps(sent, wanted)) > EQUAL:
-            pose, why = (), why or "the arm is at a limit: of a joint, or of its reach"
+            out.set(wanted[:3], wanted[3:])
+        elif (number := self._off(out.set(wanted).tolist(), wanted)) is not None:
+            pose, why = (), why or f"joint {number + 1} is at its limit, {out.q[number]:.2f} rad"
         self._pose = pose
         return why
 
     def _gaps(self, a: Sequence[float], b: Sequence[float]) -> tuple[float, ...]:
         """Return how far two targets are apart: [rad], or [m] and [rad]."""
         return apart(a, b) if self._model is None else (max(abs(x - y) for x, y in zip(a, b, strict=True)),)
+
+    def _off(self, sent: Sequence[float], wanted: Sequence[float]) -> int | None:
+        """Return the first joint that was not sent as wanted."""
+        return next((n for n, (a, b) in enumerate(zip(sent, wanted, strict=True)) if abs(a - b) > EQUAL), None)
 
     def _solved(
         self, here: Vector, twist: Vector, dt_s: float, state: RobotState, *, in_hand: bool

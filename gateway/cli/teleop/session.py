@@ -43,8 +43,8 @@ IDLE_NS = 600_000_000
 OLD_S = 0.3
 """Nothing moves by a state that is older [s]."""
 ENABLE_S = 12.0
-HOME_SPEED, FORCE, JOINT_PART = 0.2, 0.5, 0.8
-"""Parts: of the velocity limits on the way home, of a gripper's greatest torque, of a joint's limit for the hand."""
+HOME_SPEED, FORCE = 0.2, 0.5
+"""Parts of the velocity limits on the way home, and of a gripper's greatest torque."""
 
 
 @dataclass(kw_only=True)
@@ -127,13 +127,13 @@ class Session:
             self.own.chassis.set_velocity(rates["vx"], rates["vy"], rates["wz"], expiry=EXPIRY_S)
         if self._is_due("lift", bool(rates["lift"]), now_ns):
             self.own.lift.set_velocity(rates["lift"], expiry=EXPIRY_S)
-        self._jog(rates, state, now_ns, dt_s)
+        self._jog(rates, state, now_ns, dt_s, wished=bool(wish.demand) and not is_off)
         mode, axes = state.arm(self.side).space, "hand" if self._in_hand else "shoulder"
         speed = f"{full['x'] * 100:.3g} cm/s {full['yaw']:.2g} rad/s, joint {self._joint + 1}, axes of {axes}"
         told = (f"{self.side} arm, {mode} mode, {speed}", f"{state.shown} {state.fsm_name}", self._episode, self._note)
         self.show(" | ".join(filter(None, told)))
 
-    def _jog(self, rates: Mapping[str, float], state: RobotState, now_ns: int, dt_s: float) -> None:
+    def _jog(self, rates: Mapping[str, float], state: RobotState, now_ns: int, dt_s: float, *, wished: bool) -> None:
         """Set the next target and wait for its successor's instant."""
         moves = any(rates[axis] for axis in (*HAND, "joint"))
         if moves:
@@ -145,19 +145,18 @@ class Session:
             self.pause(PERIOD_S)
             return
         why = self._arm.advance(rates, self._joint, dt_s, state, in_hand=self._in_hand)
-        if moves:
+        if wished:
             self._tell(why)
         self._arm.out.tick()
 
     def _opened(self, state: RobotState) -> Arm:
         side, info = self.side, self.robot.info
         arm = self.own.left_arm if side == "left" else self.own.right_arm
-        most_radps = JOINT_PART * info.v_radps
         if state.mode is not None and not state.mode.joint_mode[side]:
             poses = arm.stream("pose", frame=f"{side}_shoulder_base", on_limit="clip", expiry=EXPIRY_S)
-            return Arm(poses.__enter__(), None, most_radps)
+            return Arm(poses.__enter__(), None, info)
         model = ArmModel(self.body, Side(side), info.lower_rad[side], info.upper_rad[side])
-        return Arm(arm.stream(on_limit="clip", expiry=EXPIRY_S).__enter__(), model, most_radps)
+        return Arm(arm.stream(on_limit="clip", expiry=EXPIRY_S).__enter__(), model, info)
 
     def _close(self) -> None:
         """End the stream: the arm brakes and is held."""
