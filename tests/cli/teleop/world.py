@@ -51,4 +51,3 @@ class Turn:
         """The left arm as the client sees it."""
         self.world.run(0.05)
         return self.robot.state.left_arm
-
