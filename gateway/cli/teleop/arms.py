@@ -21,124 +21,93 @@ from gateway.values import EePose, Vector
 
 __all__ = ["Arm", "held_up"]
 
-LEAD_S, LEAD = 0.3, 0.004
+LEAD_S, LEAD, LATELY_S = 0.3, 0.004, 0.4
 """A target may be ahead of the told reference by what it did lately in so long [s], for the gateway's filter and the age of a
 snapshot, and by so much [m, rad]."""
-LATELY_S = 0.4
-FAR_PART, JOINT_PART = 0.35, 0.8
-"""An arm that is farther behind its reference than this part of what aborts a motion is not led on. No joint goes faster for the
-hand than this part of its limit."""
-EQUAL = 1e-9
+FAR_PART, JOINT_PART, EQUAL = 0.35, 0.8, 1e-9
+"""An arm that is farther behind its reference than this part of what aborts a motion is not led on. No joint goes faster for
+the hand than this part of its limit."""
 
 
 class Arm:
-    """An arm whose stream is open.
-
-    Args:
-        out: The stream.
-        model: Of an arm in joint mode, inside the gateway's limits; None in end-effector mode.
-        info: Of the gateway.
-    """
+    """An arm whose stream is open; in joint mode with its model, inside the gateway's limits, in end-effector mode without."""
 
     def __init__(self, out: JointStream | PoseStream, model: ArmModel | None, info: Info) -> None:
-        self.out = out
-        self._model = model
-        self._info = info
-        self._most_radps = JOINT_PART * info.v_radps
+        self.out, self._model, self._info = out, model, info
         farthest = (info.tracking_pose_m, info.tracking_pose_rad) if model is None else (info.tracking_rad,)
         self._farthest = tuple(FAR_PART * far for far in farthest)
-        self._pose: Vector = ()  # of the hand while that is jogged by joints; empty otherwise
         self._returns = False  # to where the arm is, since that does not follow
-        self._lately: Vector = (0.0, 0.0)  # how fast the target went [m/s, rad/s]
+        self._lately: Vector = (0.0,) * len(farthest)  # how fast the target went [m/s, rad/s]
 
     def advance(self, rates: Mapping[str, float], joint: int, dt_s: float, state: RobotState, *, in_hand: bool) -> str:
-        """Set the next target.
+        """Set the next target, and return why it is not what was wished for; empty when it is.
 
-        Args:
-            rates: Of the hand [m/s, rad/s], and of the `joint` [rad/s].
-            joint: Which one that is, from 0.
-            dt_s: How long the step is, above 0 [s].
-            state: Of the robot.
-            in_hand: Whether the hand goes along its own axes; else along those of its shoulder frame.
-
-        Returns:
-            Why it is not what was wished for; empty when it is.
+        The rates are those of the hand [m/s, rad/s], along its own axes or those of its shoulder frame, and of the joint with
+        that number, counted from 0 [rad/s]; the step stands for a time above 0 [s].
         """
-        out, arm, why, pose = self.out, state.arm(self.out.side), "", self._pose
+        out, arm, why = self.out, state.arm(self.out.side), ""
         twist = tuple(rates[axis] for axis in HAND)
         if isinstance(out, PoseStream):
             here: Vector = (*out.p.tolist(), *out.quat_xyzw.tolist())
-            told, errors = [*arm.p_ref.tolist(), *arm.quat_ref_xyzw.tolist()], (arm.tracking_error_m, arm.tracking_error)
+            told: Vector = (*arm.p_ref.tolist(), *arm.quat_ref_xyzw.tolist())
             measured: Vector = (*arm.pose.p.tolist(), *arm.pose.quat_xyzw.tolist())
+            errors = [arm.tracking_error_m, arm.tracking_error]
             wanted = moved(here, twist, dt_s, in_hand=in_hand)
             if math.hypot(*wanted[:3]) > max(self._info.reach_m, math.hypot(*here[:3])):
                 wanted, why = here, f"the hand is at the end of its reach, {self._info.reach_m:g} m"
             if rates["joint"]:
                 why = "this arm is in end-effector mode: its joints cannot be jogged (manual §2.3)"
         else:
-            here, told, errors, measured = tuple(out.q.tolist()), arm.q_ref.tolist(), (arm.tracking_error,), tuple(arm.q.tolist())
-            wanted, pose = here, ()
+            here, told, measured = tuple(out.q.tolist()), tuple(arm.q_ref.tolist()), tuple(arm.q.tolist())
+            errors, wanted = [arm.tracking_error], here
             if any(twist):
-                wanted, pose, why = self._solved(here, twist, dt_s, state, in_hand=in_hand)
-            by_rad = rates["joint"] * dt_s
-            wanted = (*wanted[:joint], wanted[joint] + by_rad, *wanted[joint + 1 :])
-            pose = () if by_rad else pose
-        leads, steps = self._gaps(here, told) if told else (0.0, 0.0), self._gaps(wanted, here)
-        self._lately = tuple(max(step / dt_s, v * (1.0 - dt_s / LATELY_S)) for step, v in zip(steps, self._lately, strict=False))
+                wanted, why = self._solved(here, twist, dt_s, state, in_hand=in_hand)
+            wanted = (*wanted[:joint], wanted[joint] + rates["joint"] * dt_s, *wanted[joint + 1 :])
+        leads, steps = self._gaps(here, told or here), self._gaps(wanted, here)
+        fade = 1.0 - dt_s / LATELY_S
+        self._lately = tuple(max(step / dt_s, v * fade) for step, v in zip(steps, self._lately, strict=True))
         is_far = any((error or 0.0) > far for error, far in zip(errors, self._farthest, strict=True))
         self._returns |= is_far and self._gaps(wanted, measured) > self._gaps(here, measured)
         if self._returns:
-            wanted, pose, why = measured, (), "the arm does not follow, held up or out of reach: let go, then jog it another way"
+            wanted, why = measured, "the arm does not follow, held up or out of reach: let go, then jog it another way"
             self._returns = any(rates.values())
-        elif any(steps) and any(lead > LEAD_S * v + LEAD for lead, v in zip(leads, self._lately, strict=False)):
-            wanted, pose, why = here, self._pose, held_up(state, out.side)
+        elif any(steps) and any(lead > LEAD_S * v + LEAD for lead, v in zip(leads, self._lately, strict=True)):
+            wanted, why = here, held_up(state, out.side)
         if isinstance(out, PoseStream):
             out.set(wanted[:3], wanted[3:])
-        elif (number := self._off(out.set(wanted).tolist(), wanted)) is not None:
-            pose, why = (), why or f"joint {number + 1} is at its limit, {out.q[number]:.2f} rad"
-        self._pose = pose
+            return why
+        for number, (sent, asked) in enumerate(zip(out.set(wanted).tolist(), wanted, strict=True), start=1):
+            why = why or (f"joint {number} is at its limit, {sent:.2f} rad" if abs(sent - asked) > EQUAL else "")
         return why
 
     def _gaps(self, a: Sequence[float], b: Sequence[float]) -> tuple[float, ...]:
         """Return how far two targets are apart: [rad], or [m] and [rad]."""
         return apart(a, b) if self._model is None else (max(abs(x - y) for x, y in zip(a, b, strict=True)),)
 
-    def _off(self, sent: Sequence[float], wanted: Sequence[float]) -> int | None:
-        """Return the first joint that was not sent as wanted."""
-        return next((n for n, (a, b) in enumerate(zip(sent, wanted, strict=True)) if abs(a - b) > EQUAL), None)
-
-    def _solved(
-        self, here: Vector, twist: Vector, dt_s: float, state: RobotState, *, in_hand: bool
-    ) -> tuple[Vector, Vector, str]:
-        """Return joints and pose of the hand after a step, a shorter one where a joint would be too fast; or why there are none."""
-        view, model = state.arm(self.out.side).model, self._model
+    def _solved(self, q: Vector, twist: Vector, dt_s: float, state: RobotState, *, in_hand: bool) -> tuple[Vector, str]:
+        """Return joints after a step of the hand, a shorter one where a joint would be too fast; or why there are none."""
+        view, model, part = state.arm(self.out.side).model, self._model, 1.0
         if model is None or view is None or view.state != "agrees":
             why = "there is none" if view is None else view.reason
-            return here, (), f"the hand takes a body model that agrees with the robot ({why}): jog joints"
-        part, pose = 1.0, self._pose or model.forward(here).values
+            return q, f"the hand takes a body model that agrees with the robot ({why}): jog joints"
         for _ in range(3):
-            wanted = moved(pose, twist, part * dt_s, in_hand=in_hand)
-            found = model.solution(EePose(p_m=wanted[:3], quat_xyzw=wanted[3:]), here)
+            wanted = moved(model.forward(q).values, twist, part * dt_s, in_hand=in_hand)
+            found = model.solution(EePose(p_m=wanted[:3], quat_xyzw=wanted[3:]), q)
             if found is None:
                 break
-            excess = self._gaps(found.q_rad, here)[0] / (self._most_radps * dt_s)
+            excess = self._gaps(found.q_rad, q)[0] / (JOINT_PART * self._info.v_radps * dt_s)
             if excess <= 1.0:
-                return found.q_rad, wanted, ""
+                return found.q_rad, ""
             part *= 0.9 / excess
-        return here, pose, "no joints take the hand on: a joint's limit, the end of its reach, or a singular posture"
+        return q, "no joints take the hand on: a joint's limit, the end of its reach, or a singular posture"
 
 
 def held_up(state: RobotState, side: str) -> str:
     """Return in a sentence what keeps an arm behind its target, as far as the gateway tells."""
-    spacing, slowing = state.spacing, state.slowing.get(side)
+    spacing, findings = state.spacing, state.view.findings
     if spacing is not None and side in spacing.held and spacing.gap_m is not None:
         gap = f"{spacing.gap_m * 1e3:.0f} mm apart, {spacing.margin_m * 1e3:.0f} mm have to stay free"
         return f"held back: {spacing.first} and {spacing.second} are {gap}"
-    if slowing is not None and slowing.on and slowing.held:
-        return f"slower near a singular posture: joint {slowing.joint} would race"
-    findings = state.view.findings
     return (
-        f"held up: {findings[0].code}: {findings[0].message}"
-        if findings
-        else "held up: the arm is behind what it is told"
+        f"held up: {findings[0].code}: {findings[0].message}" if findings else "held up: the arm is behind its target"
     )

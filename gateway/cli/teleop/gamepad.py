@@ -8,18 +8,17 @@ from __future__ import annotations
 
 import os
 import warnings
+from collections.abc import Callable
 from typing import Any
 
-from gateway.cli.teleop.keyboard import Device, Wish
-from gateway.errors import Code, GatewayError, Refusal, to_exception
+from gateway.cli.teleop.keyboard import Wish
+from gateway.errors import Code, Refusal, to_exception
 
 __all__ = ["HELP", "Gamepad"]
 
-DEAD_ZONE, PULLED = 0.15, 0.5
-"""Parts of the whole way: what counts as a stick's middle, and as a trigger that is pulled."""
-FULL = 32767.0
-LEFT_X, LEFT_Y, RIGHT_X, RIGHT_Y, LEFT_TRIGGER, RIGHT_TRIGGER = range(6)
-LEFT_SHOULDER, RIGHT_SHOULDER = 9, 10
+DEAD_ZONE, PULLED, FULL = 0.15, 0.3, 32767.0
+"""Parts of the whole way: a stick's middle, and when a trigger counts as pulled; and all of it."""
+LEFT_X, LEFT_Y, RIGHT_X, RIGHT_Y, LEFT_TRIGGER, RIGHT_TRIGGER, LEFT_SHOULDER, RIGHT_SHOULDER = *range(6), 9, 10
 ASKED = {
     0: "episode", 1: "failure", 2: "discard", 3: "yes", 4: "arm", 6: "enable", 7: "stop", 8: "home",
     11: "faster", 12: "slower", 13: "frame", 14: "relax", 100 + LEFT_TRIGGER: "open", 100 + RIGHT_TRIGGER: "grip",
@@ -32,10 +31,7 @@ once: left stick pressed in STOP, right one home; back other arm; cross up/down 
 
 
 class Gamepad:
-    """The first gamepad there is. Context manager.
-
-    Attributes:
-        beside: A device whose actions count as well.
+    """The first gamepad there is; `beside` is a device whose actions count as well.
 
     Raises:
         Rejected: BAD_REQUEST, SDL is not installed, or there is no gamepad.
@@ -49,8 +45,9 @@ class Gamepad:
                 import sdl2
         except ImportError as error:
             hint = "install it: pip install 'teleavatar-gateway[teleop]'"
-            raise _refused(f"gamepads are read with SDL, which is not installed ({error})", hint) from None
-        self.beside: Device | None = None
+            message = f"gamepads are read with SDL, which is not installed ({error})"
+            raise to_exception(Refusal(code=Code.BAD_REQUEST, message=message, field="device", hint=hint)) from None
+        self.beside: Callable[[int], Wish] = lambda _: Wish({})
         self._sdl: Any = sdl2
         self._pad: Any = None
         self._down: set[int] = set()
@@ -58,27 +55,16 @@ class Gamepad:
         sdl2.SDL_SetHint(sdl2.SDL_HINT_JOYSTICK_ALLOW_BACKGROUND_EVENTS, b"1")
         if sdl2.SDL_Init(sdl2.SDL_INIT_GAMECONTROLLER) != 0 or not self._is_there():
             hint = "plug one in; this user must be able to read /dev/input/event* (group input); or --device keyboard"
-            raise _refused("no gamepad is there", hint)
-
-    def __enter__(self) -> Gamepad:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self._sdl.SDL_QuitSubSystem(self._sdl.SDL_INIT_GAMECONTROLLER)
-
-    @property
-    def name(self) -> str:
-        """What it calls itself."""
-        return str(self._sdl.SDL_GameControllerName(self._pad).decode(errors="replace"))
+            raise to_exception(Refusal(code=Code.BAD_REQUEST, message="no gamepad is there", field="device", hint=hint))
 
     def read(self, now_ns: int) -> Wish:
         """Return what is wished for now; never waits."""
-        beside = Wish({}) if self.beside is None else self.beside.read(now_ns)
+        beside = self.beside(now_ns)
         if not self._is_there():
             self._down = set()
             return Wish({}, beside.actions, missing="the gamepad is gone: plug it in again")
         down = {button for button in range(15) if self._sdl.SDL_GameControllerGetButton(self._pad, button)}
-        down |= {100 + axis for axis in (LEFT_TRIGGER, RIGHT_TRIGGER) if self._axis(axis) > PULLED}
+        down |= {100 + axis for axis in (LEFT_TRIGGER, RIGHT_TRIGGER) if self._stick(axis) > PULLED}
         pressed, self._down = down - self._down, down
         asked = [ASKED[button] for button in sorted(pressed) if button in ASKED]
         return Wish(self._demand(), (*beside.actions, *asked))
@@ -103,15 +89,8 @@ class Gamepad:
             return {"x": ahead, "y": aside, "z": up, "yaw": turn}
         return {"vx": ahead, "vy": aside, "wz": turn, "lift": up} if right else {}
 
-    def _axis(self, axis: int) -> float:
-        return float(self._sdl.SDL_GameControllerGetAxis(self._pad, axis)) / FULL
-
     def _stick(self, axis: int) -> float:
         """Return where a stick is, -1 to 1, its middle left out; finer near that."""
-        value = self._axis(axis)
+        value = self._sdl.SDL_GameControllerGetAxis(self._pad, axis) / FULL
         past = min(max(abs(value) - DEAD_ZONE, 0.0) / (1.0 - DEAD_ZONE), 1.0)
-        return past * past if value > 0.0 else -past * past
-
-
-def _refused(message: str, hint: str) -> GatewayError:
-    return to_exception(Refusal(code=Code.BAD_REQUEST, message=message, field="device", hint=hint))
+        return float(past * past if value > 0.0 else -past * past)

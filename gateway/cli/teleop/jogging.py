@@ -24,12 +24,10 @@ LEVELS = (0.05, 0.1, 0.2, 0.4, 0.7, 1.0)
 """Parts of the greatest speeds to choose from."""
 
 TAP_LEVEL, TAP_NS = 0.15, 600_000_000
-"""A key that was pressed once: its part of full speed, and for how long [ns]. Terminals repeat a key after 250 to 500 ms: so
-little that this wait may be moved through."""
-HELD_NS = 250_000_000
-"""A key counts as held for so long after its last repetition [ns]; terminals send 10 to 40 a second."""
-REPEAT_NS = 150_000_000
-"""Only keys that come as quickly as this are repeated by a terminal and not by a finger [ns]."""
+"""Of a key that was pressed once: its part of full speed, so little that the wait for its repetition (250 to 500 ms) may be
+moved through; and for how long [ns]."""
+REPEAT_NS, HELD_NS = 150_000_000, 250_000_000
+"""Terminals repeat 10 to 40 times a second, fingers do not; a key counts as held for so long after its last repetition [ns]."""
 RISE_PER_S, FALL_PER_S = 4.0, 10.0
 """How quickly a part of full speed is taken up and let go [1/s]."""
 
@@ -94,14 +92,7 @@ def _inside(parts: dict[str, float]) -> dict[str, float]:
 
 
 def moved(pose: Sequence[float], twist: Sequence[float], dt_s: float, *, in_hand: bool) -> Vector:
-    """Return a pose after a step.
-
-    Args:
-        pose: x, y, z [m], qx, qy, qz, qw in the shoulder frame.
-        twist: Linear [m/s], then angular velocity [rad/s], shape (6,).
-        dt_s: How long [s].
-        in_hand: Whether the twist is in the hand's own axes; else in those of the shoulder frame.
-    """
+    """Return a pose, x, y, z [m], qx, qy, qz, qw, after a step: its twist [m/s, rad/s] along its frame's axes or the hand's."""
     q, linear, angular = tuple(pose[3:]), tuple(twist[:3]), tuple(twist[3:])
     if in_hand:
         linear = _times(_times(q, (*linear, 0.0)), (-q[0], -q[1], -q[2], q[3]))[:3]

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
 from gateway.cli.teleop.jogging import Demand, KeyDeadman
 from gateway.cli.terminal.keys import Keys
 
-__all__ = ["ACTIONS", "HELP", "MOTIONS", "Device", "Keyboard", "Wish"]
+__all__ = ["ACTIONS", "HELP", "MOTIONS", "Keyboard", "Wish"]
 
 MOTIONS: Mapping[str, tuple[str, float]] = {
     "w": ("x", 1.0), "s": ("x", -1.0), "a": ("y", 1.0), "d": ("y", -1.0), "r": ("z", 1.0), "f": ("z", -1.0),
@@ -33,9 +33,8 @@ once: space STOP, tab other arm, [ ] slower/faster, m axes of shoulder/hand, g g
       e episode begins/ends, y success, n failure, backspace discard; enter enable again, ? this, q end (arms pause)"""
 
 TOKEN = re.compile(r"\x1b(?:\[[0-9;]*[a-z~]|o[a-z])|.", re.DOTALL)
-"""A key as a terminal sends it: one character, or a sequence."""
 UNFINISHED = re.compile(r"\x1b(?:\[[0-9;]*|o)?\Z")
-"""The begin of a sequence whose end has not arrived."""
+"""A key as a terminal sends it, one character or a sequence; and the begin of one whose end has not arrived."""
 STALL_NS = 400_000_000
 """What was typed while nobody read for so long is forgotten: it was meant for another moment [ns]."""
 
@@ -56,28 +55,12 @@ class Wish(NamedTuple):
     missing: str = ""
 
 
-class Device(Protocol):
-    """Something to wish with."""
-
-    def read(self, now_ns: int) -> Wish:
-        """Return what is wished for now; never waits."""
-        ...
-
-
 class Keyboard:
-    """A terminal.
-
-    Args:
-        keys: Of it.
-        moves: Whether its keys move something; else they only ask, beside another device.
-    """
+    """A terminal, whose keys move something, or only ask for things beside another device."""
 
     def __init__(self, keys: Keys, *, moves: bool = True) -> None:
-        self._keys = keys
-        self._moves = moves
-        self._deadman = KeyDeadman()
-        self._rest = ""
-        self._read_ns = 0
+        self._keys, self._moves, self._deadman = keys, moves, KeyDeadman()
+        self._rest, self._read_ns = "", 0
 
     def read(self, now_ns: int) -> Wish:
         """Return what is wished for now; never waits."""

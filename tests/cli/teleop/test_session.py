@@ -221,12 +221,12 @@ def test_episodes_need_a_recorder(tmp_path, monkeypatch):
 def test_a_device_that_is_gone_ends_the_turn_and_one_that_is_missing_does_not():
     """Nobody can wish anything then."""
     turn = Turn()
-    turn.session.device = Fixed(Wish({}, gone="the terminal is gone"))
+    turn.device = Fixed(Wish({}, gone="the terminal is gone"))
     with pytest.raises(GatewayError) as gone:
-        turn.session.run()
+        turn.run()
     assert gone.value.code is Code.CANCELLED
-    turn.session.device = Fixed(Wish({}, missing="plug it in"), Wish({}, ("quit",)))
-    turn.session.run()
+    turn.device = Fixed(Wish({}, missing="plug it in"), Wish({}, ("quit",)))
+    turn.run()
     assert turn.said == ["plug it in"]
 
 
@@ -236,8 +236,7 @@ class Fixed:
     def __init__(self, *wishes):
         self._wishes = list(wishes)
 
-    def read(self, now_ns):
-        """Return the next."""
+    def __call__(self, now_ns):
         return self._wishes.pop(0) if len(self._wishes) > 1 else self._wishes[0]
 
 

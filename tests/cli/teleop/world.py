@@ -2,13 +2,21 @@
 
 from __future__ import annotations
 
+import pytest
+
 from gateway.cli.teleop.keyboard import Wish
 from gateway.cli.teleop.session import Session
 from gateway.client import connect
-from gateway.kinematics.description import nominal
 from tests.client.robot_world import RobotWorld
 
 __all__ = ["Turn"]
+
+
+class Clock:
+    """Virtual time."""
+
+    def __init__(self, world):
+        self.monotonic_ns, self.sleep = world.now_ns, world.run
 
 
 class Turn:
@@ -24,10 +32,16 @@ class Turn:
         self.own.enable()
         self._until_ns, self._now = 0, Wish({})
         self.each = lambda: None
-        self.session = Session(
-            robot=self.robot, own=self.own, device=self, body=nominal(), say=self.said.append, show=self.shown.append,
-            now_ns=self.world.now_ns, pause=self.world.run, help="help",
-        )  # fmt: skip
+        self.session = Session(self.robot, self.own, lambda now_ns: self.device(now_ns), self)
+        self.session.help, self.device = "help", self.read
+
+    def say(self, text):
+        """Be the screen."""
+        self.said.append(text)
+
+    def advance(self, phase, progress, detail):
+        """Be its line of status."""
+        self.shown.append(detail)
 
     def read(self, now_ns):
         """Be the device."""
@@ -43,7 +57,9 @@ class Turn:
     def run(self, *script):
         """Play a script to its end."""
         self.script = list(script)
-        self.session.run()
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr("gateway.cli.teleop.session.time", Clock(self.world))
+            self.session.run()
         return self
 
     @property
