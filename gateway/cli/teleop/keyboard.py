@@ -36,7 +36,7 @@ TOKEN = re.compile(r"\x1b(?:\[[0-9;]*[a-z~]|o[a-z])|.", re.DOTALL)
 UNFINISHED = re.compile(r"\x1b(?:\[[0-9;]*|o)?\Z")
 """A key as a terminal sends it, one character or a sequence; and the begin of one whose end has not arrived."""
 STALL_NS = 400_000_000
-"""What was typed while nobody read for so long is forgotten: it was meant for another moment [ns]."""
+"""Nothing moves by what was typed while nobody read for so long: it was meant for another moment [ns]. A stop stops."""
 
 
 class Wish(NamedTuple):
@@ -66,10 +66,10 @@ class Keyboard:
         """Return what is wished for now; never waits."""
         if not self._keys.are_there:
             return Wish({}, gone="the terminal is gone, or this command runs in its background" if self._moves else "")
-        if self._read_ns and now_ns - self._read_ns > STALL_NS:
+        is_late = now_ns - (self._read_ns or now_ns) > STALL_NS
+        if is_late:
             self._keys.renew()
             self._deadman.press("", now_ns)
-            self._rest = ""
         self._read_ns = now_ns
         typed, actions = self._rest + self._keys.wait(0.0), []
         unfinished = UNFINISHED.search(typed)
@@ -77,7 +77,7 @@ class Keyboard:
         for token in TOKEN.findall(typed.removesuffix(self._rest)):
             key = token.replace("\x1bo", "\x1b[")  # arrows of a terminal in application mode
             actions += [ACTIONS[key]] if key in ACTIONS else []
-            self._deadman.press(key if key in MOTIONS and self._moves else "", now_ns)
+            self._deadman.press(key if key in MOTIONS and self._moves and not is_late else "", now_ns)
         key, level = self._deadman.level(now_ns)
         axis, direction = MOTIONS.get(key, ("x", 0.0))
         return Wish({axis: direction * level} if key else {}, tuple(actions))

@@ -42,9 +42,9 @@ class Keys:
         return pressed.decode(errors="replace").lower()
 
     def renew(self) -> None:
-        """Forget what was typed while nobody read, and take keys one by one again: a shell may have changed its terminal."""
+        """Take keys one by one again: while this process stood still, a shell may have changed its terminal."""
         if self._file is not None and self.are_there:
-            tty.setcbreak(self._file, termios.TCSAFLUSH)
+            tty.setcbreak(self._file, termios.TCSANOW)
 
 
 def _is_ours(file: int) -> bool:

@@ -25,9 +25,8 @@ class Typed:
         return self._typed.pop(0) if self._typed else ""
 
     def renew(self):
-        """Forget what was typed."""
+        """Count it."""
         self.renewed += 1
-        self._typed = []
 
 
 @pytest.fixture
@@ -64,14 +63,14 @@ def test_a_sequence_that_arrives_in_pieces_is_one_key_and_an_unknown_one_is_none
     assert [wish.actions for wish in seen] == [()] * 7 + [("quit",)]
 
 
-def test_what_was_typed_while_nobody_read_is_forgotten(typed):
-    """It was meant for another moment; the terminal is asked for single keys again."""
+def test_nothing_moves_by_what_was_typed_while_nobody_read(typed):
+    """It was meant for another moment; what was asked for counts. The terminal is asked for single keys again."""
     board = Keyboard(typed)
-    typed.type("w")
-    board.read(1)
-    typed.type("wwwwwwww")
+    typed.type("w", "ww w", "w")
+    assert board.read(1).demand
     wish = board.read(500 * MS)
-    assert wish.demand == {} and typed.renewed == 1
+    assert wish.demand == {} and wish.actions == ("stop",) and typed.renewed == 1
+    assert board.read(600 * MS).demand == {"x": 0.15} and typed.renewed == 1
 
 
 def test_beside_another_device_keys_only_ask(typed):

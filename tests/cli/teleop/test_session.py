@@ -95,7 +95,7 @@ def test_what_is_told_never_jumps_and_is_never_too_fast(turn):
 def test_a_joint_is_jogged_and_told_where_its_limit_is():
     """In joint mode; it stays at the limit, and comes back at once."""
     turn = Turn(is_modelled=True)
-    turn.run((0.02, {}, "joint 4", *["faster"] * 5), (8.0, {"joint": 1.0}), (1.0, {}))
+    turn.run((0.02, {}, "joint 4", *["faster"] * 5), (4.0, {"joint": 1.0}), (1.0, {}))
     info = turn.robot.info
     assert turn.left.q_ref[3] == pytest.approx(info.upper_rad["left"][3], abs=1e-6)
     assert turn.said == ["joint 4 is at its limit, 2.20 rad"]
@@ -122,7 +122,7 @@ def test_without_a_model_that_agrees_the_hand_of_an_arm_in_joint_mode_stays():
 
 def test_at_the_end_of_its_reach_the_target_waits_for_the_arm(turn):
     """It says so once, and the way back begins at once: nothing has run away."""
-    turn.run((0.02, {}, *["faster"] * 3), (10.0, {"x": 1.0}), (1.0, {}))
+    turn.run((0.02, {}, *["faster"] * 3), (4.0, {"x": 1.0}), (1.0, {}))
     out = turn.left.pose.p
     assert len(turn.said) >= 1
     turn.run((0.6, {"x": -1.0}), (1.0, {}))
@@ -206,7 +206,7 @@ def test_home_is_asked_for_twice_and_ended_by_anything():
     turn.run((0.1, {}, "home"), (1.0, {}, "yes"), (0.02, {"x": 1.0}), (1.0, {}))
     apart = float(np.abs(turn.left.q_ref - goal).max())
     assert 0.1 < apart < 1.1 and any("CANCELLED" in said for said in turn.said)
-    turn.run((0.1, {}, "home"), (15.0, {}, "home"))
+    turn.run((0.1, {}, "home"), (9.0, {}, "home"))
     assert float(np.abs(turn.left.q_ref - goal).max()) < 1e-6 and "is at its initial position" in turn.said[-1]
 
 
