@@ -68,15 +68,19 @@ class Session:
             last_ns = now_ns
 
     def _step(self, wish: Wish, now_ns: int, dt_s: float) -> None:
+        if "stop" in wish.actions:  # before anything else, which may wait or fail
+            self._home, self._asked = None, ""
+            self._robot.stop("teleop")
+            self._rest("stopped: the arms are held")
+            return
         state = self._robot.state
         if state.lease.client_id != self._robot.client_id:
             _fail(Code.LEASE_LOST, f"{state.lease.name or 'nobody'!r} owns the robot now")
         if wish.missing:
             self._say(wish.missing)
         is_homing = self._home is not None and self._is_homing(self._home, is_over=bool(wish.actions or wish.demand))
-        for action in wish.actions:
-            if action == "stop" or not is_homing:
-                self._act(action, state)
+        for action in () if is_homing else wish.actions:
+            self._act(action, state)
         self._must_let_go &= bool(wish.demand)
         is_off = self._must_let_go or self._home is not None or state.age > OLD_S
         parts, full = self._ramp.step({} if is_off else wish.demand, dt_s), full_speeds(self._robot.info, self._level)
@@ -138,10 +142,7 @@ class Session:
     def _act(self, action: str, state: RobotState) -> None:
         name, _, number = action.partition(" ")
         asked, self._asked = self._asked, ""
-        if name == "stop":
-            self._robot.stop("teleop")
-            self._rest("stopped: the arms are held")
-        elif name == "arm":
+        if name == "arm":
             self.side = "right" if self.side == "left" else "left"
             self._rest(f"the {self.side} arm")
         elif name == "frame":

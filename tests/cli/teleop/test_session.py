@@ -206,6 +206,8 @@ def test_home_is_asked_for_twice_and_ended_by_anything():
     turn.run((0.1, {}, "home"), (1.0, {}, "yes"), (0.02, {"x": 1.0}), (1.0, {}))
     apart = float(np.abs(turn.left.q_ref - goal).max())
     assert 0.1 < apart < 1.1 and any("CANCELLED" in said for said in turn.said)
+    turn.run((0.1, {}, "home"), (0.5, {}, "home"), (0.5, {}, "stop"))
+    assert turn.said[-1] == "stopped: the arms are held" and turn.robot.state.motions[-1].state == "aborted"
     turn.run((0.1, {}, "home"), (9.0, {}, "home"))
     assert float(np.abs(turn.left.q_ref - goal).max()) < 1e-6 and "is at its initial position" in turn.said[-1]
 
