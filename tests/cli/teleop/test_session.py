@@ -12,6 +12,8 @@ from gateway.robot.limits import HOME_Q_RAD
 from gateway.values import Side
 from tests.cli.teleop.world import Turn
 
+pytestmark = pytest.mark.timeout(600)  # the robot's seconds are ours, on a machine that does much else minutes
+
 AXES = [("x", 0), ("y", 1), ("z", 2)]
 
 
@@ -22,8 +24,8 @@ def turn(request):
     if request.param == "joint":
         turn.own.move_to({"left": [0.0, 1.0, -0.3, 1.2, 0.0, 0.0, 0.0]}).result()
     else:
-        turn.run((0.2, {}, "faster", "faster"), (1.0, {"z": 1.0}), (1.0, {"x": 1.0}), (1.0, {}, "slower", "slower"))
-    turn.world.run(1.0)
+        turn.run((0.1, {}, "faster", "faster"), (1.0, {"z": 1.0}), (0.8, {"x": 1.0}), (0.7, {}, "slower", "slower"))
+    turn.world.run(0.5)
     assert turn.said == []
     return turn
 
