@@ -346,6 +346,7 @@ COMMANDS: Mapping[str, Callable[[Namespace], int]] = {
     "gripper": _ground,
     "drive": _ground,
     "lift": _ground,
+    "teleop": _carried_out_by("gateway.cli.teleop.run"),
     "video": _carried_out_by("gateway.cli.cameras.commands"),
     "record": _carried_out_by("gateway.cli.recording.record"),
     "episode": _carried_out_by("gateway.cli.recording.episode"),

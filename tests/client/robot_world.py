@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from gateway.api.translate import describe
+from gateway.core.robot_state.body_model import body_model
 from gateway.settings.settings import ChassisSettings, LinkSettings, LocalSettings, Settings
 from gateway.sim.robot.settings import SimSettings
 from tests.memory_plane import MemoryPlane
@@ -18,14 +19,16 @@ class RobotWorld:
     Args:
         model: `lite`, `standard` or `lift`.
         chassis: Limits of the chassis and the life of its velocities, where other ones than the usual are needed.
+        is_modelled: Whether the gateway has a model of the body.
         sim: Further settings of the robot.
     """
 
-    def __init__(self, model="standard", chassis=None, **sim):
+    def __init__(self, model="standard", chassis=None, is_modelled=False, **sim):
         settings = Settings(
             link=LinkSettings(model=model), local=LocalSettings(snapshot_hz=50), chassis=chassis or ChassisSettings()
         )
-        self.pair = Pair(settings, SimSettings(state_period_ns=10 * MS, model=model, **sim))
+        body = body_model(settings) if is_modelled else None
+        self.pair = Pair(settings, SimSettings(state_period_ns=10 * MS, model=model, **sim), model=body)
         self.plane = MemoryPlane(describe(settings, socket="/s", pid=1), self.now_ns)
         self.transports = []
         self.at = {}

@@ -28,6 +28,7 @@ from gateway.cli.command_line.robot_arguments import MODELS, ROBOT_PORT, SIM_END
 from gateway.cli.command_line.service_arguments import add_service
 from gateway.cli.command_line.sim_arguments import add_camera, add_clock, add_physics
 from gateway.cli.command_line.stop_arguments import add_stops
+from gateway.cli.command_line.teleop_arguments import add_teleop
 from gateway.cli.command_line.video_arguments import add_video
 from gateway.cli.command_line.view_arguments import add_view
 from gateway.cli.command_line.web_arguments import add_web
@@ -134,6 +135,7 @@ def _parsers() -> tuple[argparse.ArgumentParser, Mapping[str, argparse.ArgumentP
     add_check(commands)
     add_motions(commands)
     add_ground(commands)
+    add_teleop(commands)
     add_video(commands)
     _add_recording(commands)
     policy = add_command(commands, "policy", "let a policy drive the arms")

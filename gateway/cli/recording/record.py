@@ -11,19 +11,20 @@ import os
 import sys
 import time
 from argparse import Namespace
+from collections.abc import Mapping
 from contextlib import ExitStack
 from dataclasses import asdict
 from datetime import datetime
 from functools import partial
 from pathlib import Path
 
-from gateway.api.recorder_protocol import recorder_socket
+from gateway.api.recorder_protocol import RecorderAsk, recorder_socket
 from gateway.cli.recording.camera import Camera
 from gateway.cli.recording.episode import line_of
-from gateway.cli.recording.keys import HELP, KEYS, Keys, keys
 from gateway.cli.recording.undisturbed import undisturbed
 from gateway.cli.terminal.connection import link_of
 from gateway.cli.terminal.ending import ExitStatus, Interrupted
+from gateway.cli.terminal.keys import Keys, keys
 from gateway.cli.terminal.progress import Teller, teller
 from gateway.errors import Code, GatewayTimeout, Refusal, Rejected, to_exception
 from gateway.errors import Code, Disconnected, GatewayTimeout, Refusal, Rejected, to_exception
@@ -40,6 +41,10 @@ from gateway.recording.topics import EPISODES, POLICY, recorded_topics
 from gateway.robot.topics import STATE_TOPICS
 
 __all__ = ["carry_out"]
+
+KEYS: Mapping[str, RecorderAsk] = {"s": "success", "f": "failure", "d": "discard", "m": "mark"}
+"""Key -> what it tells. Space starts or stops, q ends the recording."""
+HELP = "space start/stop, s success, f failure, d discard, m mark, q end"
 
 STEP_S = 0.25
 """What came is written so often [s]."""

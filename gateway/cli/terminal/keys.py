@@ -1,4 +1,4 @@
-"""Keys of the terminal that records: taken one by one and unechoed; Ctrl-C and Ctrl-Z stay what they are."""
+"""Keys of a terminal: taken one by one and unechoed; Ctrl-C and Ctrl-Z stay what they are."""
 
 from __future__ import annotations
 
@@ -8,16 +8,10 @@ import sys
 import termios
 import time
 import tty
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from contextlib import contextmanager
 
-from gateway.api.recorder_protocol import RecorderAsk
-
-__all__ = ["HELP", "KEYS", "Keys", "keys"]
-
-KEYS: Mapping[str, RecorderAsk] = {"s": "success", "f": "failure", "d": "discard", "m": "mark"}
-"""Key -> what it tells. Space starts or stops, q ends the recording."""
-HELP = "space start/stop, s success, f failure, d discard, m mark, q end"
+__all__ = ["Keys", "keys"]
 
 
 class Keys:
@@ -46,6 +40,11 @@ class Keys:
         if not pressed:  # the terminal is gone
             self._file = None
         return pressed.decode(errors="replace").lower()
+
+    def renew(self) -> None:
+        """Take keys one by one again: while this process stood still, a shell may have changed its terminal."""
+        if self._file is not None and self.are_there:
+            tty.setcbreak(self._file, termios.TCSANOW)
 
 
 def _is_ours(file: int) -> bool:

@@ -9,10 +9,10 @@ import subprocess
 import sys
 import termios
 
-from gateway.cli.recording.keys import keys
+from gateway.cli.terminal.keys import keys
 
 READER = """
-from gateway.cli.recording.keys import keys
+from gateway.cli.terminal.keys import keys
 with keys() as pressed:
     print("ready" if pressed.are_there else "nobody", flush=True)
     typed = ""
@@ -22,14 +22,22 @@ print(repr(typed), flush=True)
 """
 
 
-def reading(theirs, *, owns_it):
+CHANGED = READER.replace(
+    "    typed =",
+    "    import termios\n    mode = termios.tcgetattr(0)\n    mode[3] |= termios.ICANON | termios.ECHO\n"
+    "    termios.tcsetattr(0, termios.TCSANOW, mode)\n    pressed.renew()\n    print('renewed', flush=True)\n    typed =",
+)
+"""The same, whose terminal somebody changes meanwhile."""
+
+
+def reading(theirs, *, owns_it, program=READER):
     """Return a process that reads keys from a terminal, which it controls or only has open."""
 
     def take():
         os.setsid()
         fcntl.ioctl(theirs, termios.TIOCSCTTY, 0)
 
-    command = [sys.executable, "-c", READER]
+    command = [sys.executable, "-c", program]
     return subprocess.Popen(
         command,
         stdin=theirs,
@@ -52,6 +60,19 @@ def test_keys_are_taken_one_by_one_and_the_terminal_is_given_back():
         os.write(ours, b"q")
         assert reader.communicate(timeout=30)[0] == "' smq'\n" and reader.returncode == 0
         assert termios.tcgetattr(theirs) == before
+    finally:
+        os.close(ours)
+        os.close(theirs)
+
+
+def test_single_keys_come_again_from_a_terminal_that_a_shell_has_changed():
+    """As it does while a process is stopped."""
+    ours, theirs = pty.openpty()
+    try:
+        reader = reading(theirs, owns_it=True, program=CHANGED)
+        assert [reader.stdout.readline() for _ in range(2)] == ["ready\n", "renewed\n"]
+        os.write(ours, b"sq")
+        assert reader.communicate(timeout=30)[0] == "'sq'\n" and reader.returncode == 0
     finally:
         os.close(ours)
         os.close(theirs)
