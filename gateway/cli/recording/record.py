@@ -27,7 +27,6 @@ from gateway.cli.terminal.ending import ExitStatus, Interrupted
 from gateway.cli.terminal.keys import Keys, keys
 from gateway.cli.terminal.progress import Teller, teller
 from gateway.errors import Code, GatewayTimeout, Refusal, Rejected, to_exception
-from gateway.errors import Code, Disconnected, GatewayTimeout, Refusal, Rejected, to_exception
 from gateway.process.notify import Notifier, notifier_of
 from gateway.process.threads import supervised
 from gateway.process.zenoh_threads import share_reactor
