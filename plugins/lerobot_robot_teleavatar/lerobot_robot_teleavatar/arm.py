@@ -1,0 +1,63 @@
+"""One arm with its gripper, as LeRobot's actions move it: by a stream that is opened anew after each end."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Final
+
+from gateway.client import ArmControl, GripperControl, JointStream
+from gateway.errors import GatewayError, Rejected
+from gateway.robot.vector_layout import command_of_effort, effort_of_command
+
+__all__ = ["Arm"]
+
+GRIP_STEP: Final = 0.005
+"""A smaller change of a gripper's command, 0..1, is not sent."""
+
+
+class Arm:
+    """An arm of an owned, enabled robot.
+
+    Args:
+        arm: Its joints.
+        gripper: Its gripper.
+        speed: Factor on the velocity limit, 0 < speed <= 1.
+    """
+
+    def __init__(self, arm: ArmControl, gripper: GripperControl, speed: float) -> None:
+        self._arm, self._gripper, self._speed = arm, gripper, speed
+        self._stream: JointStream | None = None
+        self._grip: float | None = None
+
+    def send(self, target: Sequence[float]) -> list[float]:
+        """Send a target; does not pace.
+
+        A stream that has ended is opened anew, where the arm is held: LeRobot takes seconds to save an episode, meanwhile
+        the last target expires and the arm brakes.
+
+        Args:
+            target: Seven joints [rad], and the torque of the gripper's motor [N·m], positive opens.
+
+        Returns:
+            What is followed: joints clipped to the gateway's limits [rad], the torque to the gripper's own [N·m].
+
+        Raises:
+            ValueError: The torque is not a number.
+            Rejected: A joint is not a number.
+            GatewayError: It cannot be sent now; the arm is held.
+        """
+        grip = command_of_effort(target[7])
+        if self._stream is not None:
+            try:
+                self._stream.check()
+            except Rejected:
+                raise
+            except GatewayError:
+                self._stream = None
+        if self._stream is None:
+            self._stream, self._grip = self._arm.stream(speed=self._speed, on_limit="clip").__enter__(), None
+        sent_rad = self._stream.set(target[:7]).tolist()
+        if self._grip is None or abs(grip - self._grip) > GRIP_STEP:
+            self._gripper.set(grip)
+            self._grip = grip
+        return [*sent_rad, effort_of_command(self._grip)]
