@@ -30,10 +30,7 @@ class Arm:
         self._grip: float | None = None
 
     def send(self, target: Sequence[float]) -> list[float]:
-        """Send a target; does not pace.
-
-        A stream that has ended is opened anew, where the arm is held: LeRobot takes seconds to save an episode, meanwhile
-        the last target expires and the arm brakes.
+        """Send a target; does not pace. A stream that was ended by a loss is opened anew, where the arm is held.
 
         Args:
             target: Seven joints [rad], and the torque of the gripper's motor [N·m], positive opens.
