@@ -221,7 +221,9 @@ def test_statistics_that_lerobot_added_up_in_single_precision_fit(bags, tmp_path
     assert [level for level, _, _ in told(folder)] == ["warning"]
     stats["std"][1] = 0.05
     path.write_text("".join(json.dumps(row) + "\n" for row in rows))
-    assert ("error", f"episode 1: {ACTION}", "std of dimension 1 is 0.05 in the statistics, 0 in the rows") in told(folder)
+    assert ("error", f"episode 1: {ACTION}", "std of dimension 1 is 0.05 in the statistics, 0 in the rows") in told(
+        folder
+    )
 
 
 def test_dimensions_that_never_change_an_empty_task_and_short_episodes_are_warned_of(bags, tmp_path):

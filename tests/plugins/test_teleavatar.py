@@ -92,7 +92,7 @@ def test_what_stands_against_it_is_lerobots_error_in_the_gateways_words(plugin, 
     """Somebody owns the robot; nothing stays open."""
     with connect(transport=world.transport(), name="policy-a") as other, other.control():
         robot = plugin.Teleavatar(plugin.TeleavatarConfig(id="r1"))
-        with pytest.raises(errors.DeviceNotConnectedError, match="LEASE_HELD.*policy-a"):
+        with pytest.raises(errors.DeviceNotConnectedError, match=r"LEASE_HELD.*policy-a"):
             robot.connect()
         assert not robot.is_connected
     robot.connect()
@@ -174,7 +174,7 @@ def test_a_long_loss_is_an_error_and_the_robot_is_not_enabled_again(world, robot
     play(world, robot, ACTION, 1.0)
     world.pair.freeze()
     began_ns = world.now_ns()
-    with pytest.raises(errors.DeviceNotConnectedError, match="for 2.0 s: "):
+    with pytest.raises(errors.DeviceNotConnectedError, match=r"for 2\.0 s: "):
         play(world, robot, ACTION, 4.0)
     assert (world.now_ns() - began_ns) / 1e9 == pytest.approx(2.1, abs=0.2)
     world.pair.thaw()

@@ -70,7 +70,7 @@ def test_its_loss_is_borne_for_a_while(ahead, leader, errors):
     ahead.run(1.9)
     assert leader.get_action() == before
     ahead.run(0.2)
-    with pytest.raises(errors.DeviceNotConnectedError, match="no new state of the robot for 2.1 s: "):
+    with pytest.raises(errors.DeviceNotConnectedError, match=r"no new state of the robot for 2\.1 s: "):
         leader.get_action()
     ahead.pair.thaw()
     ahead.run(0.5)

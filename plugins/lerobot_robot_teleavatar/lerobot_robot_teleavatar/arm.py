@@ -16,13 +16,7 @@ GRIP_STEP: Final = 0.005
 
 
 class Arm:
-    """An arm of an owned, enabled robot.
-
-    Args:
-        arm: Its joints.
-        gripper: Its gripper.
-        speed: Factor on the velocity limit, 0 < speed <= 1.
-    """
+    """An arm of an owned, enabled robot; `speed` is a factor on its velocity limit, 0 < speed <= 1."""
 
     def __init__(self, arm: ArmControl, gripper: GripperControl, speed: float) -> None:
         self._arm, self._gripper, self._speed = arm, gripper, speed
@@ -36,11 +30,10 @@ class Arm:
             target: Seven joints [rad], and the torque of the gripper's motor [N·m], positive opens.
 
         Returns:
-            What is followed: joints clipped to the gateway's limits [rad], the torque to the gripper's own [N·m].
+            What is followed: each clipped to its limits.
 
         Raises:
-            ValueError: The torque is not a number.
-            Rejected: A joint is not a number.
+            ValueError: The torque is not a number; `Rejected`, a joint is none.
             GatewayError: It cannot be sent now; the arm is held.
         """
         grip = command_of_effort(target[7])

@@ -6,9 +6,10 @@ Annotations are read while the program runs (draccus), so they are no strings he
 from dataclasses import dataclass, field
 from typing import Literal
 
-from gateway.robot.vector_layout import EYES
 from lerobot.robots import RobotConfig
 from lerobot.teleoperators import TeleoperatorConfig
+
+from gateway.robot.vector_layout import EYES
 
 __all__ = ["TeleavatarConfig", "TeleavatarLeaderConfig"]
 

@@ -7,15 +7,15 @@ from __future__ import annotations
 
 import logging
 import time
-from abc import abstractmethod
 from collections.abc import Callable
 from contextlib import ExitStack
 from typing import Final
 
+from lerobot.utils.errors import DeviceAlreadyConnectedError, DeviceNotConnectedError
+
 from gateway.client import Robot, RobotState
 from gateway.errors import Code, GatewayError, Refusal, Stale, to_exception
 from gateway.video.errors import VideoError
-from lerobot.utils.errors import DeviceAlreadyConnectedError, DeviceNotConnectedError
 
 __all__ = ["CONNECT_S", "Device", "Patience", "Sight"]
 
@@ -39,25 +39,18 @@ class Device:
         return self._opened is not None
 
     def connect(self, calibrate: bool = True) -> None:
-        """Connect; nothing is to be calibrated.
-
-        Raises:
-            DeviceAlreadyConnectedError: It is connected.
-            DeviceNotConnectedError: What is missing or stands against it, in the gateway's words; nothing stays open.
-        """
+        """Connect; nothing is to be calibrated. Raises LeRobot's errors, with the gateway's words; then nothing stays open."""
         del calibrate
         if self.is_connected:
             raise DeviceAlreadyConnectedError(f"{self} is connected")
-        with ExitStack() as opened:
-            try:
+        try:
+            with ExitStack() as opened:
                 self._open(opened)
-            except (GatewayError, VideoError) as error:
-                raise DeviceNotConnectedError(f"{self}: {error}") from error
-            self._opened = opened.pop_all()
+                self._opened = opened.pop_all()
+        except (GatewayError, VideoError) as error:
+            raise DeviceNotConnectedError(f"{self}: {error}") from error
 
-    @abstractmethod
-    def _open(self, opened: ExitStack) -> None:
-        """Connect; what must be undone goes on the stack."""
+    def _open(self, opened: ExitStack) -> None: ...  # what must be undone goes on the stack
 
     def calibrate(self) -> None:
         """Do nothing: the robot calibrates itself."""
@@ -67,38 +60,35 @@ class Device:
 
     def disconnect(self) -> None:
         """Undo what `connect` did. Raises `DeviceNotConnectedError` when it is not connected."""
-        self._require_connected()
-        opened, self._opened = self._opened, None
-        if opened is not None:
+        opened = self._require_connected()
+        self._opened = None
+        try:
             opened.close()
+        except GatewayError as error:
+            log.warning("%s is left, and held if it was owned: %s", self, error)
 
-    def _require_connected(self) -> None:
-        if not self.is_connected:
+    def _require_connected(self) -> ExitStack:
+        if self._opened is None:
             raise DeviceNotConnectedError(f"{self} is not connected")
+        return self._opened
 
 
 class Patience:
-    """Tells a short loss from a long one.
-
-    Args:
-        what: Is lost, in words.
-        most_s: So long it is borne [s].
-    """
+    """Tells a short loss of something (`what`, in words) from one of more than `most_s` [s]."""
 
     def __init__(self, what: str, most_s: float) -> None:
-        self._what, self._most_s = what, most_s
-        self._since_s: float | None = None
+        self._what, self._most_s, self._since_s = what, most_s, float("inf")
 
     def well(self) -> None:
         """Nothing is lost, or nothing any more."""
-        if self._since_s is not None:
+        if self._since_s != float("inf"):
             log.warning("%s: over after %.2f s", self._what, time.monotonic() - self._since_s)
-            self._since_s = None
+            self._since_s = float("inf")
 
     def bear(self, error: GatewayError) -> None:
         """Bear a loss. Raises `DeviceNotConnectedError`, with the gateway's words, when it lasts for too long."""
         now_s = time.monotonic()
-        if self._since_s is None:
+        if self._since_s == float("inf"):
             self._since_s = now_s
             log.warning("%s: %s", self._what, error)
         if now_s - self._since_s >= self._most_s:
@@ -106,16 +96,7 @@ class Patience:
 
 
 class Sight:
-    """What is read of a robot, or was read last; waits for the first.
-
-    Args:
-        robot: To look at.
-        read: Reads a state.
-        patience_s: So long a loss is borne [s].
-
-    Raises:
-        GatewayError: Something of it is not heard within `CONNECT_S`, or the gateway is lost.
-    """
+    """What is read of a robot, or was read last; waits for the first. Raises `GatewayError` when that does not come."""
 
     def __init__(self, robot: Robot, read: Callable[[RobotState], dict[str, float]], patience_s: float) -> None:
         self._robot, self._read, self._patience = robot, read, Patience("no new state of the robot", patience_s)
@@ -140,6 +121,6 @@ class Sight:
     def _young(self, state: RobotState) -> dict[str, float]:
         for arm in (state.left_arm, state.right_arm):
             if arm.age > STALE_S:
-                message = f"the newest state of the {arm.name.replace('_', ' ')} is {arm.age:.2f} s old"
+                message = f"the newest state of the {arm.name} is {arm.age:.2f} s old"
                 raise to_exception(Refusal(code=Code.PART_STALE, message=message, field=arm.name))
         return self._read(state)

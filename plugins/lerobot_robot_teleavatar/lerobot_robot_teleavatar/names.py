@@ -31,11 +31,7 @@ def led_by(state: RobotState) -> dict[str, float]:
 
 
 def picked(action: Mapping[str, Any]) -> list[float]:
-    """Return an action in our order; it may have the names of the vendor's layout, as sets of `ta2 dataset build` do.
-
-    Raises:
-        ValueError: Something is missing.
-    """
+    """Return an action in our order, by our names or those of sets of `ta2 dataset build`. Raises `ValueError` for a gap."""
     found = []
     for name in ACTION:
         vendor = name.replace(".pos", "_position").replace(".torque", "_effort")

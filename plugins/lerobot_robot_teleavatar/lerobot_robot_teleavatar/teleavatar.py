@@ -8,18 +8,17 @@ Rules
 
 from __future__ import annotations
 
-import logging
 from contextlib import ExitStack
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from lerobot.robots import Robot
+from lerobot.utils.errors import DeviceNotConnectedError
 
-from gateway.client import Control, connect
+from gateway.client import connect
 from gateway.errors import GatewayError, Rejected
 from gateway.policy.observing import resized
 from gateway.video.decoding.views import COMPOSITE_SHAPE, VIEWS, pixel_box
-from lerobot.robots import Robot
-from lerobot.utils.errors import DeviceNotConnectedError
 from lerobot_robot_teleavatar.arm import Arm
 from lerobot_robot_teleavatar.config_teleavatar import TeleavatarConfig
 from lerobot_robot_teleavatar.device import CONNECT_S, Device, Patience, Sight
@@ -30,20 +29,12 @@ if TYPE_CHECKING:
 
 __all__ = ["Teleavatar"]
 
-log = logging.getLogger(__name__)
-
 
 class Teleavatar(Device, Robot):
     """A TeleAvatar 2 behind its gateway. Connecting owns and enables it, where its arms are.
 
-    Args:
-        config: Where it is, and how it is to be moved.
-
     Attributes:
         cameras: Name of each camera -> view of the composite (manual §5.2); empty where no video is taken.
-
-    Raises:
-        ValueError: There is no such view.
     """
 
     config_class = TeleavatarConfig
@@ -83,22 +74,16 @@ class Teleavatar(Device, Robot):
             if self._video.wait_frame(timeout=CONNECT_S) is None:
                 raise self._video.silence(CONNECT_S)
         own = robot.control(on_exit=config.on_disconnect).acquire()
-        opened.callback(_end, own)
+        opened.callback(own.__exit__, None, None, None)
         own.enable()
-        self._arms = (
-            Arm(own.left_arm, own.left_gripper, config.speed),
-            Arm(own.right_arm, own.right_gripper, config.speed),
-        )
+        both = ((own.left_arm, own.left_gripper), (own.right_arm, own.right_gripper))
+        self._arms = [Arm(arm, gripper, config.speed) for arm, gripper in both]
         seen = self._sight.look()
         self._sent = {name: seen.get(name, 0.0) for name in ACTION}
         self._sending = Patience("the robot is held, targets are not followed", config.patience_s)
 
     def get_observation(self) -> dict[str, Any]:
-        """Return the newest numbers and pictures, never waiting.
-
-        Raises:
-            DeviceNotConnectedError: It is not connected, or nothing new came for `patience_s`.
-        """
+        """Return the newest numbers and pictures, never waiting. `DeviceNotConnectedError` if none came for `patience_s`."""
         self._require_connected()
         seen: dict[str, Any] = self._sight.look()
         if self._video is not None:
@@ -112,15 +97,12 @@ class Teleavatar(Device, Robot):
     def send_action(self, action: dict[str, Any]) -> dict[str, float]:
         """Send a target for both arms and grippers; does not wait until they are there.
 
-        Args:
-            action: As `action_features`; names of the vendor's layout (`left_joint1_position`) do as well.
-
         Returns:
             What is followed: clipped to the gateway's limits; in a short loss, what was followed last.
 
         Raises:
             ValueError: Something is missing or not a number.
-            DeviceNotConnectedError: It is not connected, or could not be moved for `patience_s`: it is held.
+            DeviceNotConnectedError: It could not be moved for `patience_s`, and is held.
         """
         self._require_connected()
         target = picked(action)
@@ -133,10 +115,3 @@ class Teleavatar(Device, Robot):
         except GatewayError as error:
             self._sending.bear(error)
         return dict(self._sent)
-
-
-def _end(own: Control) -> None:
-    try:
-        own.__exit__(None, None, None)
-    except GatewayError as error:
-        log.warning("the robot could not be given back, and is held: %s", error)

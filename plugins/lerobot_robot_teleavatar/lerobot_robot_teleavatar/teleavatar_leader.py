@@ -1,12 +1,13 @@
-"""LeRobot's teleoperator `teleavatar_leader`: another robot's measured joints and grippers lead. It is looked at, never owned."""
+"""LeRobot's teleoperator `teleavatar_leader`: another robot's measured joints and grippers lead. It is only looked at."""
 
 from __future__ import annotations
 
 from contextlib import ExitStack
 from typing import Any
 
-from gateway.client import connect
 from lerobot.teleoperators import Teleoperator
+
+from gateway.client import connect
 from lerobot_robot_teleavatar.config_teleavatar import TeleavatarLeaderConfig
 from lerobot_robot_teleavatar.device import Device, Sight
 from lerobot_robot_teleavatar.names import ACTION, led_by
@@ -15,11 +16,7 @@ __all__ = ["TeleavatarLeader"]
 
 
 class TeleavatarLeader(Device, Teleoperator):
-    """A TeleAvatar 2 that somebody else moves: in VR mode, by hand, or by a program.
-
-    Args:
-        config: Where its gateway is.
-    """
+    """A TeleAvatar 2 that somebody else moves: in VR mode, by hand, or by a program."""
 
     config_class = TeleavatarLeaderConfig
     name = "teleavatar_leader"
@@ -43,11 +40,7 @@ class TeleavatarLeader(Device, Teleoperator):
         self._sight = Sight(robot, led_by, self.config.patience_s)
 
     def get_action(self) -> dict[str, float]:
-        """Return where the leader is, never waiting; in a short loss, where it was.
-
-        Raises:
-            DeviceNotConnectedError: It is not connected, or nothing new came for `patience_s`.
-        """
+        """Return where the leader is, never waiting. `DeviceNotConnectedError` if nothing new came for `patience_s`."""
         self._require_connected()
         return self._sight.look()
 
