@@ -35,20 +35,26 @@ SWUNG = [0, 4, 7, 11]
 """Of the 14 joints, those that swing."""
 REACHED_RAD = 0.02
 SWING = """
-own = robot.control().acquire()
-own.enable()
-own.left_gripper.set(0.6)
-own.move_to(HOME, speed=0.5).result(timeout=30)
-print("there", flush=True)
-began = time.monotonic()
-with own.left_arm.stream(rate_hz=50) as left, own.right_arm.stream(rate_hz=50) as right:
-    while True:
-        away = 0.3 * np.array([1, 0, 0, 0, 1, 0, 0]) * np.sin(time.monotonic() - began)
-        left.set(HOME["left"] + away)
-        right.set(HOME["right"] - away)
-        left.tick()
+from gateway.errors import GatewayError
+while True:
+    try:
+        with robot.control(take="to lead") as own:
+            own.enable()
+            own.left_gripper.set(0.6)
+            own.move_to(HOME, speed=0.5).result(timeout=30)
+            print("there", flush=True)
+            began = time.monotonic()
+            with own.left_arm.stream(rate_hz=50) as left, own.right_arm.stream(rate_hz=50) as right:
+                while True:
+                    away = 0.3 * np.array([1, 0, 0, 0, 1, 0, 0]) * np.sin(time.monotonic() - began)
+                    left.set(HOME["left"] + away)
+                    right.set(HOME["right"] - away)
+                    left.tick()
+    except GatewayError as error:
+        print(error, flush=True)
+        time.sleep(0.5)
 """
-"""Of the leader: both arms swing about the initial position, the left gripper closes."""
+"""Of the leader: both arms swing about the initial position, the left gripper closes; after a stall, again."""
 
 
 def run(program: Path, *words: str) -> str:
@@ -80,19 +86,27 @@ def teleoperate(programs: Path, robot: list[str], teleop: list[str], leader: Sys
     assert far > 0.2 and apart < REACHED_RAD
 
 
+def amiss(place: Path) -> str:
+    """Return in what an episode is not what the leader did; empty when they all are."""
+    for episode in range(EPISODES):
+        state, action = (rows[:, JOINTS] for rows in columns(place, episode))
+        lag, swing = np.abs(state - action).max(), np.ptp(action, axis=0)[SWUNG].min()
+        told = f"episode {episode}: {len(state)} rows, joints swing by {swing:.2f} rad, at most {lag:.3f} rad behind"
+        print(f"  {told}")
+        if not (len(state) > FPS and swing > 0.2 and lag < LAG_RAD):
+            return told
+    return ""
+
+
 def record(programs: Path, words: list[str], folder: Path) -> Path:
     """Record episodes in which the follower does as the leader; return the set's folder."""
     for attempt in range(ATTEMPTS):
         place = folder / f"recorded{attempt}"
-        failed = run(programs / "lerobot-record", *words, f"--dataset.root={place}")
-        if not failed:
+        wrong = run(programs / "lerobot-record", *words, f"--dataset.root={place}") or amiss(place)
+        if not wrong:
             break
-    assert not failed, failed[-6000:]
-    for episode in range(EPISODES):
-        state, action = (rows[:, JOINTS] for rows in columns(place, episode))
-        lag, swing = np.abs(state - action).max(), np.ptp(action, axis=0)[SWUNG].min()
-        print(f"  episode {episode}: {len(state)} rows, joints swing by {swing:.2f} rad, at most {lag:.3f} rad behind")
-        assert len(state) > FPS and swing > 0.2 and lag < LAG_RAD
+        print(f"  {wrong.splitlines()[-1]}")
+    assert not wrong, wrong[-6000:]
     checked = check_dataset(Dataset(place))
     for finding in checked.findings:
         print(f"  {finding.level} {finding.where}: {finding.message}")
