@@ -98,11 +98,14 @@ def amiss(place: Path) -> str:
     return ""
 
 
-def record(programs: Path, words: list[str], folder: Path) -> Path:
+def record(programs: Path, words: list[str], camera: list[str], folder: Path) -> Path:
     """Record episodes in which the follower does as the leader; return the set's folder."""
     for attempt in range(ATTEMPTS):
         place = folder / f"recorded{attempt}"
-        wrong = run(programs / "lerobot-record", *words, f"--dataset.root={place}") or amiss(place)
+        is_last = attempt + 1 == ATTEMPTS
+        print("  without a camera, as a last attempt" if is_last else "  with a camera")
+        seen = [] if is_last else camera
+        wrong = run(programs / "lerobot-record", *words, *seen, f"--dataset.root={place}") or amiss(place)
         if not wrong:
             break
         print(f"  {wrong.splitlines()[-1]}")
@@ -151,7 +154,7 @@ def main(programs: Path, folder: Path) -> int:
         swing = leader.client("swing", SWING)
         wait_for(lambda: "there" in swing.text(), "the leader", 60.0, swing.text)
         teleoperate(programs, robot, teleop, leader, follower)
-        place = record(programs, [*robot, *camera, "--robot.resize=224", *teleop, *words], folder)
+        place = record(programs, [*robot, *teleop, *words], [*camera, "--robot.resize=224"], folder)
         swing.end()
         replay(programs, robot, place, follower)
     finally:
