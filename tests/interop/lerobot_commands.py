@@ -91,10 +91,8 @@ def amiss(place: Path, bound_rad: float) -> str:
     """Return in what an episode is not what the leader did; empty when they all are."""
     for episode in range(EPISODES):
         state, action = (rows[:, JOINTS] for rows in columns(place, episode))
-        lag, swing = (
-            np.abs(state - action)[FPS:].max(initial=0.0),
-            np.ptp(action, axis=0)[SWUNG].min(),
-        )  # a second to get there
+        lag = np.abs(state - action)[FPS:].max(initial=0.0)  # after a second to get there
+        swing = np.ptp(action, axis=0)[SWUNG].min()
         told = f"episode {episode}: {len(state)} rows, joints swing by {swing:.2f} rad, at most {lag:.3f} rad behind"
         print(f"  {told}")
         if not (len(state) > 2 * FPS and swing > 0.2 and lag < bound_rad):
