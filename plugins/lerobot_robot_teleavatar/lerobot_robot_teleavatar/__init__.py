@@ -1,7 +1,4 @@
-"""The TeleAvatar 2 for LeRobot: robot `teleavatar`, teleoperator `teleavatar_leader`, both by a gateway of this robot.
-
-LeRobot imports this by its name (`register_third_party_plugins`); importing it is what registers both.
-"""
+"""The TeleAvatar 2 for LeRobot, which imports this by its name: that registers `teleavatar` and `teleavatar_leader`."""
 
 from __future__ import annotations
 

@@ -11,8 +11,7 @@ from gateway.robot.vector_layout import command_of_effort, effort_of_command
 
 __all__ = ["Arm"]
 
-GRIP_STEP: Final = 0.005
-"""A smaller change of a gripper's command, 0..1, is not sent."""
+GRIP_STEP: Final = 0.005  # a smaller change of a gripper's command, 0..1, is not sent
 
 
 class Arm:

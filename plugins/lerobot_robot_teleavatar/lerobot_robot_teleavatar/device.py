@@ -19,10 +19,8 @@ from gateway.video.errors import VideoError
 
 __all__ = ["CONNECT_S", "Device", "Patience", "Sight"]
 
-CONNECT_S: Final = 10.0
-"""Longest wait for a first state, and for a first picture [s]."""
-STALE_S: Final = 0.1
-"""An arm's state that is older is a loss [s]."""
+CONNECT_S: Final = 10.0  # longest wait for a first state, and for a first picture [s]
+STALE_S: Final = 0.1  # an arm's state that is older is a loss [s]
 
 log = logging.getLogger(__name__)
 
