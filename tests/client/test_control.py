@@ -530,6 +530,18 @@ def test_an_ended_stream_raises_at_the_next_tick(world, own):
     assert caught.value.code is Code.TARGET_EXPIRED and "left" in str(caught.value)
 
 
+def test_a_stream_is_checked_without_waiting(world, own):
+    """In loops that somebody else paces: no time passes, and an end is told as by `tick`."""
+    with pytest.raises(Aborted) as caught, own.left_arm.stream() as out:
+        before = world.now_ns()
+        out.check()
+        assert world.now_ns() == before
+        world.engine.end_streams("STOPPED")
+        world.run(0.1)
+        out.check()
+    assert caught.value.code is Code.STOPPED
+
+
 def test_a_refused_target_raises_at_the_next_tick_once(world, own):
     """What the daemon refuses of a target is raised in the stream it belongs to, and only once."""
     with own.left_arm.stream() as out:

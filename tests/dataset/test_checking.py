@@ -180,6 +180,38 @@ def test_statistics_that_are_not_those_of_the_rows_are_found(bags, tmp_path):
     ]  # fmt: skip
 
 
+def in_single_precision(rows):
+    """Return statistics as LeRobot 0.6 makes them: means of rows and of squares in float32, one row after another."""
+    mean, squares = np.mean(rows, axis=0), np.mean(rows**2, axis=0)
+    std = np.sqrt(np.maximum(0.0, squares - mean**2))
+    return {"mean": mean.astype(float).tolist(), "std": std.astype(float).tolist()}
+
+
+def test_statistics_that_lerobot_added_up_in_single_precision_fit(bags, tmp_path):
+    """Of a gripper that is told the same for an episode, LeRobot finds a deviation of a thousandth and more: no fault."""
+    folder = built(bags, tmp_path / "set", "v2.1")
+    path = folder / "meta/episodes_stats.jsonl"
+    for episode in (0, 1):
+        data = folder / f"data/chunk-000/episode_{episode:06d}.parquet"
+        table = read(data)
+        arrays = {name: np.array(table.column(name).to_pylist()) for name in table.column_names}
+        arrays = {name: a.astype(np.float32 if a.dtype.kind == "f" else np.int64) for name, a in arrays.items()}
+        arrays[ACTION][:, 1] = np.float32(2.7)
+        write(columns(arrays), data)
+        rows = [json.loads(line) for line in path.read_text().splitlines()]
+        stats = rows[episode]["stats"][ACTION]
+        stats["min"][1] = stats["max"][1] = float(np.float32(2.7))
+        stats.update(in_single_precision(arrays[ACTION]))
+        path.write_text("".join(json.dumps(row) + "\n" for row in rows))
+    assert stats["std"][1] > 1e-3, "nothing is proved"
+    assert [level for level, _, _ in told(folder)] == ["warning"]
+    stats["std"][1] = 0.05
+    path.write_text("".join(json.dumps(row) + "\n" for row in rows))
+    assert ("error", f"episode 1: {ACTION}", "std of dimension 1 is 0.05 in the statistics, 0 in the rows") in told(
+        folder
+    )
+
+
 def test_dimensions_that_never_change_an_empty_task_and_short_episodes_are_warned_of(bags, tmp_path):
     """They are no error: a robot may stand."""
     _, layout = bags

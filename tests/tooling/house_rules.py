@@ -28,6 +28,7 @@ __all__ = [
 
 ROOT = Path(__file__).resolve().parents[2]
 PACKAGES = ("gateway", "cdr_types")
+SOURCES = (*PACKAGES, "plugins")
 MAX_LINES = 400
 MOST_MODULES = 20
 BANNED_NAMES = frozenset(
@@ -46,7 +47,7 @@ def _modules(root: Path, *folders: str) -> Iterator[Path]:
 
 def long_modules(root: Path) -> Iterator[str]:
     """Modules of more than 400 lines. Tests are exempt: one file must cover one module, however much that takes."""
-    for path in _modules(root, *PACKAGES):
+    for path in _modules(root, *SOURCES):
         lines = len(path.read_text(encoding="utf-8").splitlines())
         if lines > MAX_LINES:
             yield f"{path.relative_to(root)}: {lines} lines, {MAX_LINES} are allowed: split it by concept"
@@ -54,7 +55,7 @@ def long_modules(root: Path) -> Iterator[str]:
 
 def crowded_folders(root: Path) -> Iterator[str]:
     """Folders in which a stranger does not find his way."""
-    folders = Counter(path.parent for path in _modules(root, *PACKAGES))
+    folders = Counter(path.parent for path in _modules(root, *SOURCES))
     for folder, count in sorted(folders.items()):
         if count > MOST_MODULES:
             yield f"{folder.relative_to(root)}: {count} modules, {MOST_MODULES} are allowed: make rooms of it"
@@ -62,7 +63,7 @@ def crowded_folders(root: Path) -> Iterator[str]:
 
 def banned_names(root: Path) -> Iterator[str]:
     """Modules and folders whose name says nothing."""
-    for path in _modules(root, *PACKAGES, "tests"):
+    for path in _modules(root, *SOURCES, "tests"):
         for part in path.relative_to(root).with_suffix("").parts:
             if part.removeprefix("test_").lower() in BANNED_NAMES:
                 yield f"{path.relative_to(root)}: '{part}' says nothing: name it after the concept inside"
@@ -70,7 +71,7 @@ def banned_names(root: Path) -> Iterator[str]:
 
 def missing_exports(root: Path) -> Iterator[str]:
     """Modules that define or import something and do not say in `__all__` what is public, or name what is not there."""
-    for path in _modules(root, *PACKAGES):
+    for path in _modules(root, *SOURCES):
         tree = ast.parse(path.read_text(encoding="utf-8"))
         body = [node for node in tree.body if not _is_docstring(node)]
         if not body or path.name == "__main__.py":
@@ -116,7 +117,7 @@ def _bound(body: list[ast.stmt]) -> Iterator[str]:
 
 def cloud_calls(root: Path) -> Iterator[str]:
     """Source that mentions ruckig's waypoint field: the community version sends such a motion to a cloud service."""
-    for path in _modules(root, *PACKAGES):
+    for path in _modules(root, *SOURCES):
         for number, line in enumerate(path.read_text(encoding="utf-8").splitlines(), start=1):
             if CLOUD_FIELD in line:
                 yield f"{path.relative_to(root)}:{number}: '{CLOUD_FIELD}' would call a cloud service"
@@ -207,7 +208,7 @@ def _anchors(page: Path) -> set[str]:
 
 def bare_threads(root: Path) -> Iterator[str]:
     """Threads that nobody would miss: each is started by `threads.supervised`, which tells when one ends unasked."""
-    for path in _modules(root, *PACKAGES):
+    for path in _modules(root, *SOURCES):
         if path == root / THREADS:
             continue
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):

@@ -120,6 +120,26 @@ class TargetStream:
         self._look()
         return 0 if self._view is None else self._view.seq
 
+    def check(self) -> None:
+        """Raise what has happened to the stream since the last look; never waits. For loops that somebody else paces.
+
+        Raises:
+            GatewayError: The stream has ended, or a target was refused; class, `.code` and message say why.
+        """
+        self._require_open()
+        if not self._look():
+            return
+        view = self._view
+        if view is None or not view.open:
+            code = Code.STREAM_ENDED.value if view is None else view.code
+            message = f"stream {self._stream_id} of the {self.side} arm ended"
+            raise to_exception(protocol.refusal_of(protocol.RefusalMessage(code=code, message=message)))
+        if view.refused > self._refused:
+            self._refused = view.refused
+            raise to_exception(
+                protocol.refusal_of(protocol.RefusalMessage(code=view.refusal_code, message=view.refusal_message))
+            )
+
     def _put(self, values: tuple[float, ...]) -> None:
         self._seq += 1
         target = protocol.Target(epoch=self._lease.epoch, seq=self._seq, values=values)
@@ -138,7 +158,7 @@ class TargetStream:
         self._due_ns = self._session.transport.now_ns()
 
     def _tick(self) -> Procedure[None]:
-        self._check()
+        self.check()
         now_ns = self._session.transport.now_ns()
         self._due_ns += self._period_ns
         if now_ns > self._due_ns:
@@ -149,7 +169,7 @@ class TargetStream:
         if self._phase is not None:
             wake_ns, self._due_ns = self._phase.wake(self._due_ns, now_ns)
         yield from pause(wake_ns)
-        self._check()
+        self.check()
 
     def _close(self) -> Procedure[None]:
         if self._session.holds(self._lease):
@@ -184,22 +204,6 @@ class TargetStream:
             setpoint_ns = round(1e9 / (info.pose_rate_hz if self._opening.frame else info.arm_rate_hz))
             self._phase.hear(view.seq, view.lead_ns, setpoint_ns, self._session.transport.now_ns())
         return True
-
-    def _check(self) -> None:
-        """Raise what has happened to the stream since the last look."""
-        self._require_open()
-        if not self._look():
-            return
-        view = self._view
-        if view is None or not view.open:
-            code = Code.STREAM_ENDED.value if view is None else view.code
-            message = f"stream {self._stream_id} of the {self.side} arm ended"
-            raise to_exception(protocol.refusal_of(protocol.RefusalMessage(code=code, message=message)))
-        if view.refused > self._refused:
-            self._refused = view.refused
-            raise to_exception(
-                protocol.refusal_of(protocol.RefusalMessage(code=view.refusal_code, message=view.refusal_message))
-            )
 
 
 class JointTargets(TargetStream):

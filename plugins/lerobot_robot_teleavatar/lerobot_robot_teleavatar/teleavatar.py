@@ -1,0 +1,117 @@
+"""LeRobot's robot `teleavatar`: observes joints, grippers and cameras, and moves by streams through the gateway.
+
+Rules
+    * The gateway owns, limits and holds: what LeRobot sends is checked like anybody's targets.
+    * The loop is LeRobot's: nothing here paces, and nothing waits but `connect` and `disconnect`.
+    * A loss that is shorter than `patience_s` raises nothing: the gateway holds the arms, observations stay the last ones.
+"""
+
+from __future__ import annotations
+
+from contextlib import ExitStack
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from lerobot.robots import Robot
+from lerobot.utils.errors import DeviceNotConnectedError
+
+from gateway.client import connect
+from gateway.errors import GatewayError, Rejected
+from gateway.policy.observing import resized
+from gateway.video.decoding.views import COMPOSITE_SHAPE, VIEWS, pixel_box
+from lerobot_robot_teleavatar.arm import Arm
+from lerobot_robot_teleavatar.config_teleavatar import TeleavatarConfig
+from lerobot_robot_teleavatar.device import CONNECT_S, Device, Patience, Sight
+from lerobot_robot_teleavatar.names import ACTION, OBSERVATION, measured, picked
+
+if TYPE_CHECKING:
+    from gateway.video import Video
+
+__all__ = ["Teleavatar"]
+
+
+class Teleavatar(Device, Robot):
+    """A TeleAvatar 2 behind its gateway. Connecting owns and enables it, where its arms are.
+
+    Attributes:
+        cameras: Name of each camera -> view of the composite (manual §5.2); empty where no video is taken.
+    """
+
+    config_class = TeleavatarConfig
+    name = "teleavatar"
+
+    def __init__(self, config: TeleavatarConfig) -> None:
+        super().__init__(config)
+        if unknown := set(config.views.values()) - set(VIEWS):
+            raise ValueError(f"no view {', '.join(sorted(unknown))}: there are {', '.join(VIEWS)} (manual §5.2)")
+        self.config = config
+        self.cameras = dict(config.views) if config.video else {}
+        self._video: Video | None = None
+
+    @property
+    def observation_features(self) -> dict[str, Any]:
+        """16 numbers (`names`), and the shape of each camera's picture (height, width, 3)."""
+        features: dict[str, Any] = dict.fromkeys(OBSERVATION, float)
+        for name, view in self.cameras.items():
+            x0, y0, x1, y1 = pixel_box(view, COMPOSITE_SHAPE[1], COMPOSITE_SHAPE[0])
+            features[name] = (self.config.resize or y1 - y0, self.config.resize or x1 - x0, 3)
+        return features
+
+    @property
+    def action_features(self) -> dict[str, type]:
+        """16 numbers (`names`)."""
+        return dict.fromkeys(ACTION, float)
+
+    def _open(self, opened: ExitStack) -> None:
+        config = self.config
+        robot = opened.enter_context(connect(config.gateway, name=f"lerobot {self.id or ''}".strip()))
+        self._sight = Sight(robot, measured, config.patience_s)
+        if config.video:
+            from gateway.video import Video
+
+            source = None if config.video == "any" else config.video
+            self._video = opened.enter_context(Video(source, port=config.video_port))
+            if self._video.wait_frame(timeout=CONNECT_S) is None:
+                raise self._video.silence(CONNECT_S)
+        own = robot.control(on_exit=config.on_disconnect).acquire()
+        opened.callback(own.__exit__, None, None, None)
+        own.enable()
+        both = ((own.left_arm, own.left_gripper), (own.right_arm, own.right_gripper))
+        self._arms = [Arm(arm, gripper, config.speed) for arm, gripper in both]
+        seen = self._sight.look()
+        self._sent = {name: seen.get(name, 0.0) for name in ACTION}
+        self._sending = Patience("the robot is held, targets are not followed", config.patience_s)
+
+    def get_observation(self) -> dict[str, Any]:
+        """Return the newest numbers and pictures, never waiting. `DeviceNotConnectedError` if none came for `patience_s`."""
+        self._require_connected()
+        seen: dict[str, Any] = self._sight.look()
+        if self._video is not None:
+            frame, side = self._video.latest, self.config.resize
+            if frame is None or frame.age > max(self.config.patience_s, 0.5):
+                raise DeviceNotConnectedError(str(self._video.silence(self.config.patience_s)))
+            for name, view in self.cameras.items():
+                seen[name] = resized(frame[view], side) if side else np.array(frame[view])
+        return seen
+
+    def send_action(self, action: dict[str, Any]) -> dict[str, float]:
+        """Send a target for both arms and grippers; does not wait until they are there.
+
+        Returns:
+            What is followed: clipped to the gateway's limits; in a short loss, what was followed last.
+
+        Raises:
+            ValueError: Something is missing or not a number.
+            DeviceNotConnectedError: It could not be moved for `patience_s`, and is held.
+        """
+        self._require_connected()
+        target = picked(action)
+        try:
+            sent = [value for n, arm in enumerate(self._arms) for value in arm.send(target[8 * n : 8 * n + 8])]
+            self._sent = dict(zip(ACTION, sent, strict=True))
+            self._sending.well()
+        except Rejected as error:
+            raise ValueError(str(error)) from error
+        except GatewayError as error:
+            self._sending.bear(error)
+        return dict(self._sent)
