@@ -13,13 +13,11 @@ from typing import Any
 
 from gateway import __version__
 from gateway.cli.command_line.adding import add_client_command, add_command, add_target
+from gateway.cli.command_line.body_arguments import add_frames, add_identify, add_model
 from gateway.cli.command_line.check_arguments import add_check
 from gateway.cli.command_line.dataset_arguments import add_dataset
 from gateway.cli.command_line.first_arguments import add_first
-from gateway.cli.command_line.frames_arguments import add_frames
 from gateway.cli.command_line.ground_arguments import add_ground, take_velocity
-from gateway.cli.command_line.identify_arguments import add_identify
-from gateway.cli.command_line.model_arguments import add_model
 from gateway.cli.command_line.motion_arguments import add_motions
 from gateway.cli.command_line.numbers import seconds
 from gateway.cli.command_line.policy_arguments import add_policy
@@ -30,8 +28,7 @@ from gateway.cli.command_line.sim_arguments import add_camera, add_clock, add_ph
 from gateway.cli.command_line.stop_arguments import add_stops
 from gateway.cli.command_line.teleop_arguments import add_teleop
 from gateway.cli.command_line.video_arguments import add_video
-from gateway.cli.command_line.view_arguments import add_view
-from gateway.cli.command_line.web_arguments import add_web
+from gateway.cli.command_line.view_arguments import add_view, add_web
 from gateway.cli.terminal.ending import STATUS_HELP
 
 __all__ = ["joints", "parse", "parser"]
