@@ -309,7 +309,7 @@ def carry_out(options: Namespace) -> int:
     """Return the exit status of `ta2 frames`.
 
     Args:
-        options: As `frames_arguments` reads them.
+        options: As `body_arguments` reads them.
     """
     link = toml_file.load(options.config).link
     serial = link.serial if options.serial is None else options.serial

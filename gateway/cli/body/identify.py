@@ -223,7 +223,7 @@ def carry_out(options: Namespace) -> int:
     """Return the exit status of `ta2 identify`.
 
     Args:
-        options: As `identify_arguments` reads them.
+        options: As `body_arguments` reads them.
     """
     settings = toml_file.load(options.config)
     link, urdf = settings.link, options.urdf or settings.model.urdf
