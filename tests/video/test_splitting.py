@@ -27,7 +27,7 @@ from tests.video.coded import units
 def ask(*words: str) -> ExitStatus:
     """Carry out `ta2 video WORDS`."""
     top = argparse.ArgumentParser()
-    add_video(top.add_subparsers(), lambda commands, name, text, more="": commands.add_parser(name, help=text))
+    add_video(top.add_subparsers())
     return carry_out(top.parse_args(["video", *words]))
 
 
