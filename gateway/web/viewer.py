@@ -9,7 +9,7 @@ Rules
 from __future__ import annotations
 
 import asyncio
-import contextlib
+import logging
 from collections import Counter, deque
 
 import msgspec
@@ -19,6 +19,8 @@ from gateway.client import aio
 from gateway.errors import GatewayError
 
 __all__ = ["Viewer"]
+
+_log = logging.getLogger(__name__)
 
 RATE_HZ = 10.0
 RETRY_S = 0.5
@@ -63,10 +65,20 @@ class Viewer:
     async def run(self) -> None:
         """Look until it is cancelled."""
         while True:
-            with contextlib.suppress(GatewayError):  # looked for again
+            parts: set[asyncio.Task[None]] = set()
+            try:
                 async with aio.connect(self._target, name="ta2 web", timeout_s=CONNECT_S) as robot:
                     self.robot = robot
-                    await asyncio.gather(self._see(robot), self._hear(robot))
+                    parts = {asyncio.create_task(self._see(robot)), asyncio.create_task(self._hear(robot))}
+                    await asyncio.gather(*parts)
+            except GatewayError:  # looked for again
+                pass
+            except Exception:  # noqa: BLE001  whatever it was: an old state must not stand there as the newest
+                _log.exception("looking at the gateway failed; it is looked for again")
+            finally:
+                for part in parts:
+                    part.cancel()
+            self._show(None)
             await asyncio.sleep(RETRY_S)
 
     async def _see(self, robot: aio.Robot) -> None:

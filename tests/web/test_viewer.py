@@ -1,0 +1,58 @@
+"""What pages look through goes on, whatever happens to it."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+
+import pytest
+
+from gateway.web import viewer
+from gateway.web.viewer import Viewer
+
+
+class Broken:
+    """A gateway that says something nobody expects, once, and nothing later."""
+
+    tries = 0
+
+    @asynccontextmanager
+    async def connect(self, *_: object, **__: object) -> AsyncIterator[Broken]:
+        """Connect."""
+        self.tries += 1
+        yield self
+
+    async def info(self) -> None:
+        """Fail at first."""
+        if self.tries == 1:
+            raise ValueError("nobody expects this")
+        await asyncio.Event().wait()
+
+    async def events(self, timeout: float | None) -> AsyncIterator[None]:
+        """Tell nothing."""
+        await asyncio.Event().wait()
+        yield
+
+
+def test_an_error_that_nobody_expects_leaves_no_old_state(
+    monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    """It is told, pages hear that the gateway is away, and it is looked for again."""
+    gateway = Broken()
+    monkeypatch.setattr(viewer.aio, "connect", gateway.connect)
+    monkeypatch.setattr(viewer, "RETRY_S", 0.0)
+
+    async def story() -> None:
+        seen = Viewer(None)
+        seen.view, seen.state = object(), b"old"  # type: ignore[assignment]  # whatever was seen last
+        running = asyncio.create_task(seen.run())
+        for _ in range(100):
+            await asyncio.sleep(0)
+        assert gateway.tries == 2 and not running.done()
+        assert seen.view is None and b"gone" in seen.state
+        running.cancel()
+        await asyncio.wait({running})
+
+    asyncio.run(story())
+    assert "nobody expects this" in caplog.text
