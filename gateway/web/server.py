@@ -35,7 +35,7 @@ from starlette.staticfiles import StaticFiles
 from starlette.types import ASGIApp
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
-from gateway.api.protocol import Info
+from gateway.api.protocol import Info, RefusalMessage
 from gateway.client import aio
 from gateway.client.state.reasons import why_of
 from gateway.errors import (
@@ -50,7 +50,7 @@ from gateway.errors import (
 )
 from gateway.web import metrics, stopping
 from gateway.web.door import Door, cookie_name
-from gateway.web.messages import BOUNDARY, Alive, Asked, CamerasSeen, Failure
+from gateway.web.messages import BOUNDARY, Alive, Asked, CamerasSeen
 from gateway.web.openapi import description
 from gateway.web.owning import Owning
 from gateway.web.viewer import Viewer
@@ -288,13 +288,17 @@ class _Page:
         try:
             asked = msgspec.json.decode(text, type=Asked)
         except (msgspec.MsgspecError, UnicodeError) as error:
-            self._begin(self._reply(None, Failure(code=Code.BAD_REQUEST, message=str(error), hint="see /openapi.json")))
+            self._begin(
+                self._reply(None, RefusalMessage(code=Code.BAD_REQUEST, message=str(error), hint="see /openapi.json"))
+            )
             return
         if isinstance(asked, Alive):
             return
         if len(self._waiting) >= MOST_WAITING:
             message = f"{MOST_WAITING} requests of this page wait for their answers"
-            self._begin(self._reply(asked.id, Failure(code=Code.BAD_REQUEST, message=message, hint="wait for one")))
+            self._begin(
+                self._reply(asked.id, RefusalMessage(code=Code.BAD_REQUEST, message=message, hint="wait for one"))
+            )
             return
         self._begin(self._carry_out(asked))
 
@@ -311,7 +315,7 @@ class _Page:
         else:
             await self._send(msgspec.json.encode({"type": "reply", "id": asked.id, "ok": True, "facts": facts}))
 
-    async def _reply(self, number: int | None, failure: Failure) -> None:
+    async def _reply(self, number: int | None, failure: RefusalMessage) -> None:
         await self._send(msgspec.json.encode({"type": "reply", "id": number, "ok": False, "error": failure}))
 
 
@@ -326,9 +330,9 @@ async def _ended(tasks: set[asyncio.Task[None]]) -> None:
             _log.error("a page ended by an error", exc_info=error)
 
 
-def failure_of(error: GatewayError) -> Failure:
+def failure_of(error: GatewayError) -> RefusalMessage:
     """Return an error as pages get it."""
-    return msgspec.convert(asdict(error.refusal), Failure)
+    return msgspec.convert(asdict(error.refusal), RefusalMessage)
 
 
 def _json(value: object, status: int = 200) -> Response:
@@ -349,7 +353,7 @@ async def _failed(_: Request, error: Exception) -> Response:
 
 async def _not_there(_: Request, error: Exception) -> Response:
     assert isinstance(error, HTTPException)
-    failure = Failure(code=Code.BAD_REQUEST, message=error.detail, hint="see /openapi.json")
+    failure = RefusalMessage(code=Code.BAD_REQUEST, message=error.detail, hint="see /openapi.json")
     response = _json({"error": failure}, error.status_code)
     response.headers.update(error.headers or {})  # which methods there are
     return response

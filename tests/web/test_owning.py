@@ -23,7 +23,7 @@ class World:
         self.may_leave.set()
 
     @asynccontextmanager
-    async def connect(self, target: str | None, *, name: str):  # noqa: ANN201
+    async def connect(self, target: str | None, *, name: str):
         self.made += 1
         me = f"client {self.made}"
 
@@ -31,7 +31,7 @@ class World:
             return SimpleNamespace(lease=SimpleNamespace(client_id=self.owner))
 
         @asynccontextmanager
-        async def control(take: str | None):  # noqa: ANN202
+        async def control(take: str | None):
             await asyncio.sleep(0)
             if self.owner and take is None:
                 raise to_exception(Refusal(code=Code.LEASE_HELD, message=self.owner))
