@@ -15,13 +15,19 @@ from gateway.web.viewer import Viewer
 class Broken:
     """A gateway that says something nobody expects, once, and nothing later."""
 
-    tries = 0
+    tries = asked = 0
+    is_closed = False
 
     @asynccontextmanager
     async def connect(self, *_: object, **__: object) -> AsyncIterator[Broken]:
         """Connect."""
-        self.tries += 1
-        yield self
+        self.tries, self.is_closed = self.tries + 1, False
+        try:
+            yield self
+        finally:
+            self.is_closed = True
+            for _ in range(10):
+                await asyncio.sleep(0)
 
     async def info(self) -> None:
         """Fail at first."""
@@ -30,9 +36,28 @@ class Broken:
         await asyncio.Event().wait()
 
     async def events(self, timeout: float | None) -> AsyncIterator[None]:
-        """Tell nothing."""
-        await asyncio.Event().wait()
-        yield
+        """Tell nothing; what is closed ends at once."""
+        self.asked += 1
+        assert self.asked < 10, "nobody else gets a turn"
+        while not self.is_closed:
+            await asyncio.sleep(0)
+        for nothing in ():
+            yield nothing
+
+
+def test_a_connection_that_is_closed_is_not_asked_without_end() -> None:
+    """What never waits would keep everybody else's stop out of the event loop."""
+
+    async def story() -> None:
+        gateway = Broken()
+        gateway.is_closed = True
+        hearing = asyncio.create_task(Viewer(None)._hear(gateway))  # type: ignore[arg-type]  # as much of one as is used
+        await asyncio.sleep(0)
+        assert not hearing.done()
+        hearing.cancel()
+        await asyncio.wait({hearing})
+
+    asyncio.run(story())
 
 
 def test_an_error_that_nobody_expects_leaves_no_old_state(
