@@ -112,7 +112,7 @@ class Connecting:
             if self._greet:
                 await run(session, procedures.greet(session, timeout_ns))
         except BaseException:  # cancellation included: nobody will get the robot that could close it
-            session.close()
+            await asyncio.to_thread(session.close)  # which waits for the network
             raise
         return Robot(session)
 

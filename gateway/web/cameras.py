@@ -3,6 +3,7 @@
 Rules
     * Nothing is received while nobody looks: the pictures' port is free for `ta2 record --video` and programs.
     * The newest picture counts: who reads slowly skips some, and holds nobody up.
+    * A browser opens six connections to a server, and a stop needs one: no more than four are for pictures.
     * Pictures that do not come end the answer with the reason on `/api/video`, nothing else.
 """
 
@@ -27,6 +28,7 @@ __all__ = ["Cameras"]
 RATE_HZ = 12.0
 WIDTH = 640
 QUALITY = 70
+MOST_LOOKING = 4
 NAMES = (*VIEWS, COMPOSITE)
 
 
@@ -77,7 +79,7 @@ class Cameras:
             view: One of the views.
 
         Raises:
-            GatewayError: The port is taken, or the robot's address cannot be found.
+            GatewayError: The port is taken, the robot's address cannot be found, or too many look already.
         """
         video = await self._begin()
         try:
@@ -90,9 +92,12 @@ class Cameras:
 
     async def _begin(self) -> AsyncVideo:
         async with self._lock:
+            if self._looking >= MOST_LOOKING:
+                message, hint = f"{MOST_LOOKING} views are looked at already", "hide one"
+                raise to_exception(Refusal(code=Code.BAD_REQUEST, message=message, hint=hint))
             if self._video is None:
                 try:
-                    address = robot_address(self._endpoint(), None)
+                    address = await asyncio.to_thread(robot_address, self._endpoint(), None)  # a name may take seconds
                     self._video = await self._stack.enter_async_context(AsyncVideo(address, port=self._port))
                 except VideoError as error:
                     refusal = Refusal(code=Code.BAD_REQUEST, message=str(error), hint="see `ta2 video check`")

@@ -19,7 +19,6 @@ __all__ = [
     "Disable",
     "Drive",
     "Enable",
-    "Failure",
     "Grip",
     "Hold",
     "Home",
@@ -114,11 +113,13 @@ class StopDone(Struct, frozen=True, kw_only=True):
     """What became of a stop.
 
     Attributes:
+        confirmed: Whether the gateway or its guard has said that it knows; else it only lies in the pipe.
         dropped: Whether it lies in the gateway's pipe already, which its control loop or its guard reads.
         by_guard: Whether the guard of a dead gateway answered.
         undelivered: Whether there was no way to the robot: use the physical emergency stop.
     """
 
+    confirmed: bool
     dropped: bool
     by_guard: bool
     undelivered: bool
@@ -140,15 +141,3 @@ class CamerasSeen(Struct, frozen=True, kw_only=True):
     age_s: float | None
     rate_hz: float
     why: tuple[str, ...]
-
-
-class Failure(Struct, frozen=True, kw_only=True):
-    """Why something was not done: the fields of `gateway.errors.Refusal`."""
-
-    code: str
-    message: str
-    field: str = ""
-    value: str = ""
-    bound: str = ""
-    unit: str = ""
-    hint: str = ""

@@ -9,7 +9,7 @@ import msgspec
 
 from gateway import __version__
 from gateway.api.protocol import Finding, Info, Notice, RefusalMessage, Snapshot
-from gateway.web.messages import Asked, CamerasSeen, Failure, StopAsked, StopDone
+from gateway.web.messages import Asked, CamerasSeen, StopAsked, StopDone
 
 __all__ = ["description"]
 
@@ -38,13 +38,13 @@ class Replied(msgspec.Struct, frozen=True, kw_only=True, tag_field="type", tag="
     id: int | None
     ok: bool
     facts: dict[str, Any] = {}
-    error: Failure | None = None
+    error: RefusalMessage | None = None
 
 
 class Error(msgspec.Struct, frozen=True, kw_only=True):
     """An answer with a status of 400 or more."""
 
-    error: Failure
+    error: RefusalMessage
 
 
 class Reasons(msgspec.Struct, frozen=True, kw_only=True):

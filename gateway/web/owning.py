@@ -10,7 +10,7 @@ Rules
 from __future__ import annotations
 
 import asyncio
-import contextlib
+import logging
 from collections.abc import Mapping
 
 from gateway.client import aio
@@ -19,6 +19,8 @@ from gateway.errors import Code, GatewayError, Refusal, to_exception
 from gateway.web.messages import Acquire, Asked, Disable, Drive, Enable, Grip, Hold, Home, Jog, Lift, Release
 
 __all__ = ["Owning"]
+
+_log = logging.getLogger(__name__)
 
 SPEED = 0.3
 """Factor on the velocity limit of what a page moves."""
@@ -41,6 +43,8 @@ class Owning:
         self._own: aio.Control | None = None
         self._task: asyncio.Task[None] | None = None
         self._is_over = asyncio.Event()
+        self._changing = asyncio.Lock()
+        """One at a time takes the robot or gives it back: what one of them ends is not what the next one began."""
 
     @property
     def is_owner(self) -> bool:
@@ -82,12 +86,14 @@ class Owning:
         return {}
 
     async def lose(self) -> None:
-        """The page is gone: leave the robot held, at once."""
+        """The page is gone: leave the robot held, at once. Whoever waits here may be cancelled; the loss goes on."""
         task, self._task = self._task, None
         if task is not None:
             task.cancel()
-            with contextlib.suppress(asyncio.CancelledError, GatewayError):
-                await task
+            await asyncio.wait({task})
+            error = None if task.cancelled() else task.exception()
+            if error is not None and not isinstance(error, GatewayError):  # of others somebody has heard
+                _log.error("a page lost the robot by an error", exc_info=error)
 
     def _owned(self) -> tuple[aio.Control, aio.Robot]:
         if self._own is None or self._robot is None:
@@ -96,13 +102,22 @@ class Owning:
         return self._own, self._robot
 
     async def _acquire(self, take: str) -> None:
-        if self._task is not None and not self._task.done() and self.is_owner:
-            return
-        await self.lose()
-        owned: asyncio.Future[None] = asyncio.get_running_loop().create_future()
-        self._is_over = asyncio.Event()
-        self._task = asyncio.create_task(self._keep(take, owned))
-        await owned
+        async with self._changing:
+            if await self._is_ours():
+                return
+            await self.lose()
+            owned: asyncio.Future[None] = asyncio.get_running_loop().create_future()
+            self._is_over = asyncio.Event()
+            self._task = asyncio.create_task(self._keep(take, owned))
+            await owned
+
+    async def _is_ours(self) -> bool:
+        """Return whether the gateway says so, too: somebody may have taken it since this page was told anything."""
+        robot = self._robot
+        try:
+            return self.is_owner and robot is not None and (await robot.state()).lease.client_id == robot.client_id
+        except GatewayError:
+            return False
 
     async def _keep(self, take: str, owned: asyncio.Future[None]) -> None:
         """Own the robot until it is released; cancelled, leave it held."""
@@ -121,7 +136,7 @@ class Owning:
                 owned.cancel()
 
     async def _release(self) -> None:
-        task, self._task = self._task, None
-        self._is_over.set()
-        if task is not None:
-            await task
+        async with self._changing:
+            self._is_over.set()
+            if self._task is not None:
+                await self._task

@@ -20,6 +20,7 @@ import hmac
 import logging
 from collections.abc import AsyncIterator, Coroutine
 from dataclasses import asdict
+from math import inf
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
@@ -34,7 +35,7 @@ from starlette.staticfiles import StaticFiles
 from starlette.types import ASGIApp
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
-from gateway.api.protocol import Info
+from gateway.api.protocol import Info, RefusalMessage
 from gateway.client import aio
 from gateway.client.state.reasons import why_of
 from gateway.errors import (
@@ -49,7 +50,7 @@ from gateway.errors import (
 )
 from gateway.web import metrics, stopping
 from gateway.web.door import Door, cookie_name
-from gateway.web.messages import BOUNDARY, Alive, Asked, CamerasSeen, Failure
+from gateway.web.messages import BOUNDARY, Alive, Asked, CamerasSeen
 from gateway.web.openapi import description
 from gateway.web.owning import Owning
 from gateway.web.viewer import Viewer
@@ -69,6 +70,10 @@ BODY_S = 0.5
 """How long the body of a stop is waited for [s]; the stop goes on without it."""
 SILENT_S = 5.0
 """A page that owns the robot and says nothing for so long is gone [s]."""
+STALLED_S = 10.0
+"""A page that takes nothing for so long is gone, owner or not [s]."""
+CLOSE_S = 1.0
+"""How long a page is waited for that is closed [s]."""
 MOST_WAITING = 32
 """Requests of one page that are not answered yet."""
 
@@ -224,6 +229,8 @@ class _Page:
         self._sending = asyncio.Lock()
         self._waiting: set[asyncio.Task[None]] = set()
         self._heard_s = 0.0
+        self._sends_s = inf
+        """Since when a message has been on its way out [s]; inf while none is."""
 
     async def run(self) -> None:
         """Serve it until it is gone."""
@@ -231,14 +238,20 @@ class _Page:
         try:
             await asyncio.wait(parts, return_when=asyncio.FIRST_COMPLETED)
         finally:
+            tasks = parts | self._waiting
+            for task in tasks:
+                task.cancel()  # nothing is begun any more that `lose` would not end
             await self._owning.lose()  # first: whatever else ends slowly, the robot is held
-            await _ended(parts | self._waiting)
-            with contextlib.suppress(RuntimeError, WebSocketDisconnect):  # closed already
-                await self._socket.close()
+            await _ended(tasks)
+            closing = asyncio.create_task(self._socket.close())
+            await asyncio.wait({closing}, timeout=CLOSE_S)  # whoever reads nothing is not waited for
+            await _ended({closing})
 
     async def _send(self, message: bytes) -> None:
         async with self._sending:
+            self._sends_s = asyncio.get_running_loop().time()
             await self._socket.send_text(message.decode())
+            self._sends_s = inf
 
     async def _tell(self) -> None:
         shown, told = -1, 0
@@ -260,23 +273,32 @@ class _Page:
                 text = await self._socket.receive_text()
                 self._heard_s = asyncio.get_running_loop().time()
                 self._take(text)
+                while len(self._waiting) >= 2 * MOST_WAITING:  # it asks, and takes no answers
+                    await asyncio.wait(self._waiting, return_when=asyncio.FIRST_COMPLETED)
 
     async def _watch(self) -> None:
-        """End when a page that owns the robot has been silent for too long: a frozen tab, a closed lid, a cut cable."""
-        while not self._owning.is_owner or asyncio.get_running_loop().time() - self._heard_s < SILENT_S:
-            await asyncio.sleep(SILENT_S / 10.0)
+        """End when a page takes nothing any more, or owns the robot and is silent: a frozen tab, a closed lid, a cut cable."""
+        while True:
+            now_s = asyncio.get_running_loop().time()
+            if now_s - self._sends_s > STALLED_S or (self._owning.is_owner and now_s - self._heard_s >= SILENT_S):
+                return
+            await asyncio.sleep(min(SILENT_S, STALLED_S) / 10.0)
 
     def _take(self, text: str) -> None:
         try:
             asked = msgspec.json.decode(text, type=Asked)
         except (msgspec.MsgspecError, UnicodeError) as error:
-            self._begin(self._reply(None, Failure(code=Code.BAD_REQUEST, message=str(error), hint="see /openapi.json")))
+            self._begin(
+                self._reply(None, RefusalMessage(code=Code.BAD_REQUEST, message=str(error), hint="see /openapi.json"))
+            )
             return
         if isinstance(asked, Alive):
             return
         if len(self._waiting) >= MOST_WAITING:
             message = f"{MOST_WAITING} requests of this page wait for their answers"
-            self._begin(self._reply(asked.id, Failure(code=Code.BAD_REQUEST, message=message, hint="wait for one")))
+            self._begin(
+                self._reply(asked.id, RefusalMessage(code=Code.BAD_REQUEST, message=message, hint="wait for one"))
+            )
             return
         self._begin(self._carry_out(asked))
 
@@ -293,24 +315,24 @@ class _Page:
         else:
             await self._send(msgspec.json.encode({"type": "reply", "id": asked.id, "ok": True, "facts": facts}))
 
-    async def _reply(self, number: int | None, failure: Failure) -> None:
+    async def _reply(self, number: int | None, failure: RefusalMessage) -> None:
         await self._send(msgspec.json.encode({"type": "reply", "id": number, "ok": False, "error": failure}))
 
 
 async def _ended(tasks: set[asyncio.Task[None]]) -> None:
-    """End what belongs to a page, and tell what ended otherwise than because the page is gone."""
+    """End what belongs to a page, and tell what ended otherwise than because the page is gone, or closed already."""
     for task in tasks:
         task.cancel()
     await asyncio.wait(tasks)
     for task in tasks:
         error = None if task.cancelled() else task.exception()
-        if error is not None and not isinstance(error, WebSocketDisconnect):
+        if error is not None and not isinstance(error, (WebSocketDisconnect, RuntimeError)):
             _log.error("a page ended by an error", exc_info=error)
 
 
-def failure_of(error: GatewayError) -> Failure:
+def failure_of(error: GatewayError) -> RefusalMessage:
     """Return an error as pages get it."""
-    return msgspec.convert(asdict(error.refusal), Failure)
+    return msgspec.convert(asdict(error.refusal), RefusalMessage)
 
 
 def _json(value: object, status: int = 200) -> Response:
@@ -331,7 +353,7 @@ async def _failed(_: Request, error: Exception) -> Response:
 
 async def _not_there(_: Request, error: Exception) -> Response:
     assert isinstance(error, HTTPException)
-    failure = Failure(code=Code.BAD_REQUEST, message=error.detail, hint="see /openapi.json")
+    failure = RefusalMessage(code=Code.BAD_REQUEST, message=error.detail, hint="see /openapi.json")
     response = _json({"error": failure}, error.status_code)
     response.headers.update(error.headers or {})  # which methods there are
     return response

@@ -63,6 +63,7 @@ async def stop(word: Literal["stop", "estop"], reason: str, target: str | None, 
         message = "no gateway and no guard answers"
         raise to_exception(Refusal(code=Code.DISCONNECTED, message=message, hint=hint))
     return StopDone(
+        confirmed=result is not None,
         dropped=is_dropped,
         by_guard=result is not None and result.by_guard,
         undelivered=result is not None and result.undelivered,

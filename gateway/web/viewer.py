@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import logging
 from collections import Counter, deque
 
 import msgspec
@@ -19,6 +20,8 @@ from gateway.client import aio
 from gateway.errors import GatewayError
 
 __all__ = ["Viewer"]
+
+_log = logging.getLogger(__name__)
 
 RATE_HZ = 10.0
 RETRY_S = 0.5
@@ -63,10 +66,20 @@ class Viewer:
     async def run(self) -> None:
         """Look until it is cancelled."""
         while True:
-            with contextlib.suppress(GatewayError):  # looked for again
+            try:
                 async with aio.connect(self._target, name="ta2 web", timeout_s=CONNECT_S) as robot:
                     self.robot = robot
-                    await asyncio.gather(self._see(robot), self._hear(robot))
+                    parts = [asyncio.create_task(part) for part in (self._see(robot), self._hear(robot))]
+                    try:
+                        await asyncio.gather(*parts)
+                    finally:
+                        for part in parts:
+                            part.cancel()
+            except GatewayError:  # looked for again
+                pass
+            except Exception:  # noqa: BLE001  whatever it was: an old state must not stand there as the newest
+                _log.exception("looking at the gateway failed; it is looked for again")
+            self._show(None)
             await asyncio.sleep(RETRY_S)
 
     async def _see(self, robot: aio.Robot) -> None:
@@ -77,7 +90,7 @@ class Viewer:
                     self._show(state.view)
             except GatewayError:  # away, silent, or another one meanwhile
                 self._show(None)
-                await asyncio.sleep(RETRY_S)
+            await asyncio.sleep(RETRY_S)  # also where there is nothing to wait for: nobody else would get a turn
 
     def _show(self, view: Snapshot | None) -> None:
         if view is None and self.view is None:
@@ -90,11 +103,10 @@ class Viewer:
 
     async def _hear(self, robot: aio.Robot) -> None:
         while True:
-            try:
+            with contextlib.suppress(GatewayError):
                 async for notice in robot.events(timeout=None):
                     self._note(notice)
-            except GatewayError:
-                await asyncio.sleep(RETRY_S)
+            await asyncio.sleep(RETRY_S)
 
     def _note(self, notice: Notice) -> None:
         self.counted[notice.code, notice.level] += 1

@@ -118,6 +118,27 @@ def test_a_connection_that_is_given_up_while_it_is_made_does_not_stay(world):
     eventually(lambda: world.plane._listeners == {})
 
 
+def test_a_connection_that_is_given_up_is_not_closed_in_the_event_loop(world):
+    """That waits for the network, and whoever else is in this event loop, with a stop perhaps, would wait for it."""
+    world.plane.reachable = False
+    transport, closed_by = world.transport(), []
+    closing = transport.close
+
+    def close():
+        closed_by.append(threading.current_thread())
+        closing()
+
+    transport.close = close
+
+    async def scene():
+        loop_thread = threading.current_thread()
+        with pytest.raises(Disconnected):
+            await aio.connect(transport=transport, timeout_s=0.5)
+        assert closed_by and loop_thread not in closed_by
+
+    play(world, scene)
+
+
 def test_connecting_to_nobody_is_disconnected(world):
     """The wait for a daemon ends in time."""
     world.plane.reachable = False

@@ -107,7 +107,12 @@ def test_everybody_stops_anybodys_motion(system: System, web: Web) -> None:
         own.enable()
         motion = own.left_arm.move_by(np.full(7, 0.2), speed=0.05)
         wait_for(lambda: robot.state.state == "ACTIVE", "motion")
-        assert web.post("/api/stop", {"reason": "smoke"}) == {"dropped": True, "by_guard": False, "undelivered": False}
+        assert web.post("/api/stop", {"reason": "smoke"}) == {
+            "confirmed": True,
+            "dropped": True,
+            "by_guard": False,
+            "undelivered": False,
+        }
         with pytest.raises(Aborted):
             motion.result(timeout=10.0)
         said = wait_for(lambda: dict(robot.state.latches), "the latch")

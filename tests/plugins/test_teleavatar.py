@@ -146,6 +146,16 @@ def test_what_is_no_action_is_refused_by_name(world, robot):
     play(world, robot, ACTION, 0.2)
 
 
+def test_half_an_action_is_none(world, robot):
+    """What is wrong with the right arm keeps the left one, too, where it is."""
+    sent = []
+    for arm in robot._arms:
+        arm.send = lambda target: sent.append(target) or target
+    with pytest.raises(ValueError, match="NOT_FINITE"):
+        robot.send_action({**ACTION, "right_joint3.pos": math.inf})
+    assert not sent
+
+
 def test_a_loop_may_rest_while_an_episode_is_saved(world, robot):
     """Targets expire, the arms brake and hold; the next action goes on, and nobody is told of an error."""
     play(world, robot, ACTION, 0.5)

@@ -41,6 +41,7 @@ def test_it_lies_in_the_pipe_before_anybody_is_asked(tmp_path: Path, word, key: 
     try:
         done = asyncio.run(stop(word, "smoke", str(socket), None))
         assert done.dropped and not done.undelivered
+        assert not done.confirmed  # it lies there: nobody has said that the robot stops
         assert b"smoke" in os.read(reader, 4096)
     finally:
         os.close(reader)

@@ -25,6 +25,8 @@ class Span(NamedTuple):
 
 
 ALL = Span()
+KEPT = 24_000
+"""Messages of a topic that are kept, the newest: two minutes at 200 Hz. A person may think for hours before anything moves."""
 
 
 class Capture:
@@ -35,7 +37,7 @@ class Capture:
     """
 
     def __init__(self, topics: Sequence[str]) -> None:
-        self._kept: list[deque[tuple[int, bytes]]] = [deque() for _ in topics]
+        self._kept: list[deque[tuple[int, bytes]]] = [deque(maxlen=KEPT) for _ in topics]
         self._number = {topic: number for number, topic in enumerate(topics)}
 
     def take(self, number: int, at_ns: int, payload: bytes) -> None:

@@ -23,6 +23,7 @@ async function stop(word) {
     const done = await answer.json();
     if (!answer.ok) said.textContent = `${done.error.message}: ${done.error.hint}`;
     else if (done.undelivered) said.textContent = "NOT delivered: no way to the robot. Use the physical emergency stop.";
+    else if (!done.confirmed) said.textContent = "sent, but nobody has confirmed it: look at the robot, use the physical emergency stop";
     else said.textContent = `stopped${done.by_guard ? " by the guard; the gateway does not answer" : ""}; Recover lets it move again`;
   } catch {
     said.textContent = "the page's own server does not answer: use the physical emergency stop";
@@ -44,7 +45,7 @@ byId("recover").addEventListener("click", async () => {
 function connect() {
   socket = new WebSocket(`${location.protocol === "https:" ? "wss" : "ws"}://${location.host}/api/live`);
   const opened = { it: false };
-  socket.addEventListener("open", () => { opened.it = true; });
+  socket.addEventListener("open", () => { opened.it = true; byId("events").replaceChildren(); });
   socket.addEventListener("message", (event) => take(JSON.parse(event.data)));
   socket.addEventListener("close", () => {
     own(false);
@@ -78,11 +79,11 @@ function showReply(reply) {
   } else {
     const error = reply.error;
     byId("answer").textContent = `${error.code}: ${error.message}${error.hint ? ` → ${error.hint}` : ""}`;
-    if (error.code === "NOT_OWNER" || error.code === "LEASE_LOST") own(false);
+    if (["NOT_OWNER", "LEASE_LOST", "LEASE_STALE"].includes(error.code)) own(false);
   }
 }
 
-setInterval(() => { if (isOwner) { ask({ do: "alive" }); waiting.delete(number); } }, 1000);
+setInterval(() => { ask({ do: "alive" }); waiting.delete(number); }, 1000); // also while it waits to become the owner
 
 // ------------------------------------------------------------------------------------------------------------- control
 

@@ -7,6 +7,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from math import isfinite
 from typing import Any, Final
 
 from gateway.client import RobotState
@@ -31,7 +32,10 @@ def led_by(state: RobotState) -> dict[str, float]:
 
 
 def picked(action: Mapping[str, Any]) -> list[float]:
-    """Return an action in our order, by our names or those of sets of `ta2 dataset build`. Raises `ValueError` for a gap."""
+    """Return an action in our order, by our names or those of sets of `ta2 dataset build`.
+
+    Raises `ValueError` for a gap, and for what is not a finite number.
+    """
     found = []
     for name in ACTION:
         vendor = name.replace(".pos", "_position").replace(".torque", "_effort")
@@ -39,4 +43,6 @@ def picked(action: Mapping[str, Any]) -> list[float]:
         if value is None:
             raise ValueError(f"an action without {name} (or {vendor}): it has {', '.join(action) or 'nothing'}")
         found.append(float(value))
+        if not isfinite(found[-1]):  # said before anything is sent: half an action is none
+            raise ValueError(f"NOT_FINITE: {name} is {found[-1]}")
     return found

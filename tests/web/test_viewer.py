@@ -1,0 +1,83 @@
+"""What pages look through goes on, whatever happens to it."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+
+import pytest
+
+from gateway.web import viewer
+from gateway.web.viewer import Viewer
+
+
+class Broken:
+    """A gateway that says something nobody expects, once, and nothing later."""
+
+    tries = asked = 0
+    is_closed = False
+
+    @asynccontextmanager
+    async def connect(self, *_: object, **__: object) -> AsyncIterator[Broken]:
+        """Connect."""
+        self.tries, self.is_closed = self.tries + 1, False
+        try:
+            yield self
+        finally:
+            self.is_closed = True
+            for _ in range(10):
+                await asyncio.sleep(0)
+
+    async def info(self) -> None:
+        """Fail at first."""
+        if self.tries == 1:
+            raise ValueError("nobody expects this")
+        await asyncio.Event().wait()
+
+    async def events(self, timeout: float | None) -> AsyncIterator[None]:
+        """Tell nothing; what is closed ends at once."""
+        self.asked += 1
+        assert self.asked < 10, "nobody else gets a turn"
+        while not self.is_closed:
+            await asyncio.sleep(0)
+        for nothing in ():
+            yield nothing
+
+
+def test_a_connection_that_is_closed_is_not_asked_without_end() -> None:
+    """What never waits would keep everybody else's stop out of the event loop."""
+
+    async def story() -> None:
+        gateway = Broken()
+        gateway.is_closed = True
+        hearing = asyncio.create_task(Viewer(None)._hear(gateway))  # type: ignore[arg-type]  # as much of one as is used
+        await asyncio.sleep(0)
+        assert not hearing.done()
+        hearing.cancel()
+        await asyncio.wait({hearing})
+
+    asyncio.run(story())
+
+
+def test_an_error_that_nobody_expects_leaves_no_old_state(
+    monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    """It is told, pages hear that the gateway is away, and it is looked for again."""
+    gateway = Broken()
+    monkeypatch.setattr(viewer.aio, "connect", gateway.connect)
+    monkeypatch.setattr(viewer, "RETRY_S", 0.0)
+
+    async def story() -> None:
+        seen = Viewer(None)
+        seen.view, seen.state = object(), b"old"  # type: ignore[assignment]  # whatever was seen last
+        running = asyncio.create_task(seen.run())
+        for _ in range(100):
+            await asyncio.sleep(0)
+        assert gateway.tries == 2 and not running.done()
+        assert seen.view is None and b"gone" in seen.state
+        running.cancel()
+        await asyncio.wait({running})
+
+    asyncio.run(story())
+    assert "nobody expects this" in caplog.text
