@@ -7,7 +7,7 @@ from collections.abc import Mapping
 
 from gateway.cli.command_line.arguments import parser
 from gateway.cli.terminal.ending import ExitStatus
-from gateway.errors import Code, Refusal, to_exception
+from gateway.errors import Code, failure
 
 __all__ = ["FILES", "FOLDERS", "print_script"]
 
@@ -29,8 +29,7 @@ def print_script(shell: str) -> ExitStatus:
     try:
         import shtab
     except ImportError:
-        hint = "pip install shtab"
-        raise to_exception(Refusal(code=Code.BAD_REQUEST, message="shtab is not installed", hint=hint)) from None
+        raise failure(Code.BAD_REQUEST, "shtab is not installed", hint="pip install shtab") from None
     top = parser()
     _mark_paths(top, dict.fromkeys(FILES, shtab.FILE) | dict.fromkeys(FOLDERS, shtab.DIRECTORY))
     print(shtab.complete(top, shell))

@@ -29,7 +29,7 @@ from rich.table import Table
 from gateway.cli.terminal.children import child, when_live
 from gateway.cli.terminal.ending import ExitStatus
 from gateway.client import Control, MotionHandle, Robot
-from gateway.errors import Code, GatewayError, Refusal, to_exception
+from gateway.errors import Code, GatewayError, failure
 from gateway.robot.limits import HOME_Q_RAD
 from gateway.values import Side
 
@@ -246,7 +246,7 @@ def _recording(plot: Path) -> Recording:
 
 
 def _no_plot(message: str, hint: str) -> GatewayError:
-    return to_exception(Refusal(code=Code.BAD_REQUEST, message=f"no plot: {message}", field="plot", hint=hint))
+    return failure(Code.BAD_REQUEST, f"no plot: {message}", field="plot", hint=hint)
 
 
 def _run(speed: float, seed: int, recording: Recording, folder: Path, console: Console) -> list[Finding]:

@@ -8,7 +8,7 @@ import sys
 
 from gateway.cli.terminal.asking import confirmed
 from gateway.cli.terminal.ending import ExitStatus
-from gateway.errors import Code, Refusal, to_exception
+from gateway.errors import Code, failure
 from gateway.examples import EXAMPLES
 
 __all__ = ["list_examples", "run_example", "show_example"]
@@ -52,14 +52,12 @@ def run_example(number: str, target: str | None, *, asks: bool) -> ExitStatus:
 def _module_of(number: str) -> str:
     if number not in EXAMPLES:
         known = ", ".join(EXAMPLES)
-        raise to_exception(
-            Refusal(
-                code=Code.BAD_REQUEST,
-                message=f"there is no example {number!r}, there are {known}",
-                field="example",
-                value=number,
-                bound=known,
-                hint="`ta2 example` lists them",
-            )
+        raise failure(
+            Code.BAD_REQUEST,
+            f"there is no example {number!r}, there are {known}",
+            field="example",
+            value=number,
+            bound=known,
+            hint="`ta2 example` lists them",
         )
     return EXAMPLES[number].module

@@ -22,7 +22,7 @@ from typing import TYPE_CHECKING
 from gateway import __version__
 from gateway.cli.command_line.arguments import parse
 from gateway.cli.terminal.ending import ExitStatus, Interrupted, report
-from gateway.errors import Code, GatewayError, Refusal, to_exception
+from gateway.errors import Code, GatewayError, failure
 
 if TYPE_CHECKING:
     from gateway.cli.motion.job import Job
@@ -130,8 +130,7 @@ def _sim(options: Namespace) -> int:
     try:
         return start(options)
     except CannotStart as error:
-        hint = "`ta2 sim --help` lists what can be chosen"
-        raise to_exception(Refusal(code=Code.BAD_REQUEST, message=str(error), hint=hint)) from None
+        raise failure(Code.BAD_REQUEST, str(error), hint="`ta2 sim --help` lists what can be chosen") from None
 
 
 def _ask_sim(options: Namespace) -> int:
@@ -152,10 +151,9 @@ def _ask_sim(options: Namespace) -> int:
     except SimUnreachable as error:
         hint = "start one with `ta2 sim`; a real robot has no such channel"
         message = str(error).partition(": ")[0]  # what follows is zenoh's own trace
-        raise to_exception(Refusal(code=Code.DISCONNECTED, message=message, hint=hint)) from None
+        raise failure(Code.DISCONNECTED, message, hint=hint) from None
     except ValueError as error:  # no JSON, or refused by the simulation
-        hint = "`ta2 sim faults` lists what there is"
-        raise to_exception(Refusal(code=Code.BAD_REQUEST, message=str(error), hint=hint)) from None
+        raise failure(Code.BAD_REQUEST, str(error), hint="`ta2 sim faults` lists what there is") from None
     return ExitStatus.OK
 
 

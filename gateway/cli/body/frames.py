@@ -17,7 +17,7 @@ from rich.text import Text
 from gateway.cli.terminal.connection import connected
 from gateway.cli.terminal.ending import ExitStatus
 from gateway.cli.terminal.figures import age_text
-from gateway.errors import Code, GatewayError, Refusal, to_exception
+from gateway.errors import Code, GatewayError, failure
 from gateway.kinematics.calibration import RobotIdentity, load
 from gateway.kinematics.calibration_file.conventions import MANUAL
 from gateway.kinematics.frames import ROOT, FrameTree, Located
@@ -152,7 +152,7 @@ def _given(joints: Mapping[Side, Sequence[float]]) -> Posture:
             for side in Side
         }
     except ValueRefused as error:
-        raise to_exception(Refusal(code=Code.NOT_FINITE, message=f"joints: {error}", field="joints")) from None
+        raise failure(Code.NOT_FINITE, f"joints: {error}", field="joints") from None
     sources = [f"{side} {'as given' if side in joints else 'at the initial position of §6.6'}" for side in Side]
     return Posture(joints=states, source=", ".join(sources), is_measured=False)
 
@@ -172,7 +172,7 @@ def _draw(tree: FrameTree, posture: Posture, path: Path) -> None:
 
 
 def _no_picture(message: str, hint: str) -> GatewayError:
-    return to_exception(Refusal(code=Code.BAD_REQUEST, message=f"no picture: {message}", field="plot", hint=hint))
+    return failure(Code.BAD_REQUEST, f"no picture: {message}", field="plot", hint=hint)
 
 
 # ----------------------------------------------------------------------------------------------------------------- text

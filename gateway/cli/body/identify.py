@@ -21,7 +21,7 @@ from gateway.cli.body.calibration_writing import robot_to_write_for, write_arms
 from gateway.cli.body.observer import Observer
 from gateway.cli.body.pairs import Pairs, keep, measured_live, read_pairs
 from gateway.cli.terminal.ending import ExitStatus
-from gateway.errors import Code, Refusal, to_exception
+from gateway.errors import Code, failure
 from gateway.kinematics.arm import ArmModel
 from gateway.kinematics.calibration import RobotIdentity
 from gateway.kinematics.calibration_file.arm_section import ArmCalibration, fingerprint
@@ -85,12 +85,10 @@ def identify_arms(job: Job, target: str | None, timeout_s: float) -> ExitStatus:
     pairs = _pairs(job, arms, target, timeout_s)
     asked = job.sides or tuple(side for side in Side if pairs[side])
     if not any(pairs[side] for side in asked):
-        raise to_exception(
-            Refusal(
-                code=Code.PART_STALE,
-                message="no pairs of joints and pose" + (f" of the {asked[0]} arm" if asked else ""),
-                hint="does the gateway see the robot, and does the robot publish current_ee_pose? `ta2 topics` tells",
-            )
+        raise failure(
+            Code.PART_STALE,
+            "no pairs of joints and pose" + (f" of the {asked[0]} arm" if asked else ""),
+            hint="does the gateway see the robot, and does the robot publish current_ee_pose? `ta2 topics` tells",
         )
     results = {side: identify(arms[side], pairs[side], job.groups) for side in asked}
     found = {side: result for side, result in results.items() if isinstance(result, Identification)}

@@ -17,7 +17,7 @@ from gateway.cli.terminal.ending import ExitStatus
 from gateway.cli.terminal.owning import HELD, LOOK_HZ, LOOK_S, owned
 from gateway.cli.terminal.progress import Teller, teller
 from gateway.client import Robot, RobotState
-from gateway.errors import CODES, Code, GatewayError, Refusal, to_exception
+from gateway.errors import CODES, Code, GatewayError, failure
 
 __all__ = ["enable"]
 
@@ -77,7 +77,7 @@ def _watch_over(robot: Robot, tell: Teller, epoch: int, wanted: list[int]) -> No
             return
         if state.lease.epoch != epoch or state.lease.client_id != robot.client_id:
             who = f"{state.lease.name!r} (pid {state.lease.pid})" if state.lease.owned else "nobody"
-            raise to_exception(Refusal(code=Code.LEASE_LOST, message=f"{who} owns the robot now"))
+            raise failure(Code.LEASE_LOST, f"{who} owns the robot now")
         if state.shown != shown:
             shown = state.shown
             urgent = [step.text for step in next_steps(state.view, robot.info) if step.level != "info"]
@@ -91,6 +91,4 @@ def _not_held(state: RobotState) -> GatewayError:
     latches = "; ".join(f"{code}: {message}" for code, message in state.latches.items())
     code = next((Code(code) for code in state.latches if code in {known.value for known in CODES}), Code.NOT_ENABLED)
     why = f", {latches}" if latches else f"; the robot's FSM is {state.fsm_name}"
-    return to_exception(
-        Refusal(code=code, message=f"the arms are not held any more: the gateway is {state.state}{why}")
-    )
+    return failure(code, f"the arms are not held any more: the gateway is {state.state}{why}")

@@ -25,7 +25,7 @@ from gateway.cli.terminal.owning import LOOK_S
 from gateway.cli.terminal.progress import Teller
 from gateway.client import Control, FollowCheck, MotionHandle, MotionResult, PoseTarget, Robot, RobotState
 from gateway.client.asking.chunks import Wishes
-from gateway.errors import Aborted, Code, Refusal, Refused, to_exception
+from gateway.errors import Aborted, Code, Refused, failure
 
 __all__ = ["Way", "command", "follow"]
 
@@ -190,7 +190,7 @@ class Way:
                 break
             if now_s > self.duration_s + timeout_s:
                 message = f"the arms have not settled {timeout_s:g} s after the last point"
-                raise to_exception(Refusal(code=Code.TIMEOUT, message=message, hint="wait longer with --timeout"))
+                raise failure(Code.TIMEOUT, message, hint="wait longer with --timeout")
         return replace(handle.result(), duration=self.duration_s)
 
     def _see(self, state: RobotState, now_s: float) -> None:

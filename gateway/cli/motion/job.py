@@ -21,7 +21,7 @@ from gateway.cli.terminal.ending import ExitStatus, report
 from gateway.cli.terminal.owning import HELD, LOOK_S, held_text, is_held, owned
 from gateway.cli.terminal.progress import Teller, teller
 from gateway.client import Control, MotionHandle, MotionResult, Robot, RobotState
-from gateway.errors import Code, GatewayError, Refusal, Refused, to_exception
+from gateway.errors import Code, GatewayError, Refused, failure
 
 __all__ = ["ENABLE_S", "PROGRESS_HZ", "Aim", "Job", "Stage", "Task", "carry_out", "require_mode", "watched"]
 
@@ -137,14 +137,12 @@ def require_mode(side: str, state: RobotState, *, is_pose: bool, remedy: str) ->
     if state.mode is None or is_joint != is_pose:
         return
     mode = "joint" if is_joint else "end-effector"
-    raise to_exception(
-        Refusal(
-            code=Code.WRONG_CONTROL_MODE,
-            message=f"the {side} arm is in {mode} mode (manual §2.3)",
-            field=f"{side}_arm",
-            value=mode,
-            hint=f"use {remedy}, or set the arm to the other mode in the robot's web page",
-        )
+    raise failure(
+        Code.WRONG_CONTROL_MODE,
+        f"the {side} arm is in {mode} mode (manual §2.3)",
+        field=f"{side}_arm",
+        value=mode,
+        hint=f"use {remedy}, or set the arm to the other mode in the robot's web page",
     )
 
 
@@ -172,7 +170,7 @@ def watched(robot: Robot, handle: MotionHandle, tell: Teller, timeout_s: float, 
             break
         if state.view.at_ns - begin_ns > timeout_s * 1e9:
             message = f"motion {handle.motion_id} has not ended within {timeout_s:g} s: {handle.progress:.0%}{error}"
-            raise to_exception(Refusal(code=Code.TIMEOUT, message=message, hint="wait longer with --timeout"))
+            raise failure(Code.TIMEOUT, message, hint="wait longer with --timeout")
     return handle.result()
 
 

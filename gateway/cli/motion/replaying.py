@@ -27,7 +27,7 @@ from gateway.dataset.resample import resample
 from gateway.dataset.rows import stretches
 from gateway.dataset.series import Series, read_series
 from gateway.dataset.vendor_marks import all_episodes
-from gateway.errors import Code, GatewayError, Refusal, to_exception
+from gateway.errors import Code, GatewayError, failure
 from gateway.process.own_module import own_module
 from gateway.recording.bag_reader import Bag
 from gateway.recording.bag_writer import needed
@@ -215,4 +215,4 @@ class Replay(Way):
 
 
 def _refused(message: str, hint: str, field: str = "bag") -> GatewayError:
-    return to_exception(Refusal(code=Code.BAD_REQUEST, message=message, field=field, hint=hint))
+    return failure(Code.BAD_REQUEST, message, field=field, hint=hint)

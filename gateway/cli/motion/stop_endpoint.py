@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING
 
 from gateway.cli.terminal.connection import connected
 from gateway.cli.terminal.ending import ExitStatus
-from gateway.errors import Code, Refusal, to_exception
+from gateway.errors import Code, failure
 
 if TYPE_CHECKING:
     from gateway.api.protocol import OnLossName
@@ -45,7 +45,7 @@ def watch_over(target: str | None, timeout_s: float, period_s: float, *, pauses:
     """
     if not (sys.stdin.isatty() and sys.stdout.isatty()):
         message = "a stop endpoint needs a terminal with a person at it"
-        raise to_exception(Refusal(code=Code.BAD_REQUEST, message=message, hint="use stop_endpoint() in a program"))
+        raise failure(Code.BAD_REQUEST, message, hint="use stop_endpoint() in a program")
     on_silence: OnLossName = "pause" if pauses else "hold"
     with connected("stop-endpoint", target, timeout_s) as robot:
         with robot.stop_endpoint(period_s, on_silence) as endpoint, _keys() as keyboard:
@@ -56,9 +56,7 @@ def watch_over(target: str | None, timeout_s: float, period_s: float, *, pauses:
                 ready, _, _ = select.select([keyboard], [], [], period_s / 5)
                 pressed = os.read(keyboard, 64) if ready else b""
                 if ready and not pressed:
-                    raise to_exception(
-                        Refusal(code=Code.DISCONNECTED, message="the terminal is gone; the robot is held")
-                    )
+                    raise failure(Code.DISCONNECTED, "the terminal is gone; the robot is held")
                 if any(key in STOP_KEYS for key in pressed):  # before q: both may have been pressed
                     robot.stop("the stop endpoint's key")
                     print("\r\x1b[Kstopped: motion is refused until `ta2 recover`")

@@ -26,7 +26,7 @@ from gateway.cli.terminal.connection import link_of
 from gateway.cli.terminal.ending import ExitStatus, Interrupted
 from gateway.cli.terminal.keys import Keys, keys
 from gateway.cli.terminal.progress import Teller, teller
-from gateway.errors import Code, GatewayTimeout, Refusal, Rejected, to_exception
+from gateway.errors import Code, GatewayTimeout, Refusal, Rejected, failure
 from gateway.process.notify import Notifier, notifier_of
 from gateway.process.threads import supervised
 from gateway.process.zenoh_threads import share_reactor
@@ -202,8 +202,7 @@ def _show(folder: Path, progress: Progress, camera: Camera | None, *, is_complet
 
 def _recover(options: Namespace) -> ExitStatus:
     if options.folder is None:
-        hint = "ta2 record recover DIR"
-        raise to_exception(Refusal(code=Code.BAD_REQUEST, message="which folder?", field="folder", hint=hint))
+        raise failure(Code.BAD_REQUEST, "which folder?", field="folder", hint="ta2 record recover DIR")
     found = recover(options.folder)
     if options.json:
         print(json.dumps({"ok": True, **asdict(found), "file": str(found.file)}))

@@ -20,8 +20,8 @@ from gateway.errors import (
     InternalError,
     OutcomeUnknown,
     ProtocolError,
-    Refusal,
     Rejected,
+    failure,
     to_exception,
 )
 
@@ -138,6 +138,4 @@ def for_stopping(error: GatewayError) -> GatewayError:
 
 def undelivered() -> GatewayError:
     """Return the error of a stop that had no way to the robot."""
-    return to_exception(
-        Refusal(code=Code.STOP_UNDELIVERED, message="the gateway has no transport to the robot: the stop did not leave")
-    )
+    return failure(Code.STOP_UNDELIVERED, "the gateway has no transport to the robot: the stop did not leave")
