@@ -86,12 +86,10 @@ class Placed(Protocol):
     @property
     def p_m(self) -> Sequence[float]:
         """Origin, shape (3,) [m]."""
-        ...
 
     @property
     def rows(self) -> Sequence[Sequence[float]]:
         """Rotation matrix, child coordinates to the parent's, shape (3, 3)."""
-        ...
 
 
 class ForwardKinematics(Protocol):
@@ -99,7 +97,6 @@ class ForwardKinematics(Protocol):
 
     def forward(self, q_rad: Sequence[float]) -> Placed:
         """Return `*_ee` in `*_shoulder_base` for joints of §4.0.3, shape (7,) [rad]."""
-        ...
 
 
 class Origin(str, Enum):

@@ -68,20 +68,16 @@ class Task(Protocol):
 
     def preview(self, robot: Robot, job: Job) -> Iterable[str]:
         """Return, line by line, what will move and how far; raise what refuses it."""
-        ...
 
     @property
     def stages(self) -> Sequence[Stage]:
         """Motions, one after the other; the result of the last one counts."""
-        ...
 
     def figures(self) -> dict[str, object]:
         """Return what scripts are told of it at the end, beside what all motions have."""
-        ...
 
     def remark(self) -> str:
         """Return the same for people, as the end of a sentence; may be empty."""
-        ...
 
 
 Aim = Callable[[RobotState], Task]

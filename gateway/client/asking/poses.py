@@ -30,17 +30,14 @@ class PoseLike(Protocol):
     @property
     def p(self) -> ArrayLike:
         """Position [m], shape (3,)."""
-        ...
 
     @property
     def quat_xyzw(self) -> ArrayLike:
         """Orientation, shape (4,)."""
-        ...
 
     @property
     def frame(self) -> str:
         """Name of the frame."""
-        ...
 
 
 @dataclass(frozen=True, slots=True)

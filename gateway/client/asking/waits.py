@@ -52,11 +52,9 @@ class Wait(Protocol[T_co]):
 
     def poll(self, now_ns: int) -> T_co | None:
         """Return what was waited for, or None when it is not there yet; raise what makes it impossible."""
-        ...
 
     def expire(self) -> GatewayError:
         """Return the exception for the deadline."""
-        ...
 
 
 class Daemon:
