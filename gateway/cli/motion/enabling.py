@@ -7,6 +7,7 @@ process dies or its terminal goes, the arms stay held as for any client that van
 from __future__ import annotations
 
 import signal
+from argparse import Namespace
 from collections.abc import Iterator
 from contextlib import contextmanager
 from types import FrameType
@@ -19,24 +20,19 @@ from gateway.cli.terminal.progress import Teller, teller
 from gateway.client import Robot, RobotState
 from gateway.errors import CODES, Code, GatewayError, failure
 
-__all__ = ["enable"]
+__all__ = ["carry_out"]
 
 
-def enable(target: str | None, timeout_s: float, take: str | None) -> ExitStatus:
+def carry_out(options: Namespace) -> ExitStatus:
     """Hold the arms until somebody ends it.
-
-    Args:
-        target: Where the gateway is; None finds its socket.
-        timeout_s: Longest wait until the robot is READY [s].
-        take: Reason to take the robot from its owner; None to be refused.
 
     Raises:
         GatewayError: It could not be enabled, or is not held any more.
     """
-    with connected("enable", target, timeout_s) as robot:
-        with teller() as tell, owned(robot, tell, take=take, is_left_held=False) as own:
+    with connected("enable", options.target, options.timeout_s) as robot:
+        with teller() as tell, owned(robot, tell, take=options.take, is_left_held=False) as own:
             tell.advance("enable", None, "waiting for READY")
-            own.enable(timeout=timeout_s)
+            own.enable(timeout=options.timeout_s)
             tell.advance("enable", 1.0, "READY")
             tell.say("held where they are; Ctrl-C releases: the robot pauses, the grip is lost")
             epoch = own.epoch

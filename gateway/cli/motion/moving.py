@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import math
+from argparse import Namespace
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 from gateway.api import protocol
-from gateway.cli.motion.job import Aim, Job, Stage, require_mode, watched
+from gateway.cli.motion.job import Aim, Stage, after, move, require_mode, watched
+from gateway.cli.terminal.ending import ExitStatus
 from gateway.cli.terminal.figures import joints_text
 from gateway.cli.terminal.progress import Teller
 from gateway.client import Control, MotionHandle, MotionResult, PoseTarget, Robot, RobotState
@@ -16,7 +18,7 @@ from gateway.client.asking.requests import joints, within_limits
 from gateway.client.state.home import home_goals
 from gateway.values import Side
 
-__all__ = ["Manner", "Plan", "home", "to_joints", "to_poses"]
+__all__ = ["Manner", "Plan", "carry_out"]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -61,7 +63,7 @@ class Plan:
     is_pose: bool = False
     clipped: tuple[str, ...] = ()
 
-    def preview(self, robot: Robot, job: Job) -> Iterator[str]:
+    def preview(self, robot: Robot, options: Namespace) -> Iterator[str]:
         """Yield what will move and how far.
 
         Raises:
@@ -72,13 +74,13 @@ class Plan:
         if not self.is_pose:
             for side in self.targets_rad:
                 require_mode(side, robot.state, is_pose=False, remedy="`ta2 move-pose`")
-            return _preview(job, self, robot)
+            return _preview(options, self, robot)
         mode = robot.state.mode
         is_joint = mode is not None and all(mode.joint_mode.get(side, True) for side in self.targets_rad)
         if not is_joint:
             for side in self.targets_rad:
                 require_mode(side, robot.state, is_pose=True, remedy="`ta2 move-pose` for one arm after the other")
-        return _pose_preview(job, self, robot, by_joints=is_joint and not self.manner.is_straight)
+        return _pose_preview(options, self, robot, by_joints=is_joint and not self.manner.is_straight)
 
     @property
     def stages(self) -> Sequence[Stage]:
@@ -113,9 +115,23 @@ class Plan:
         return f", clipped to the limits: {', '.join(self.clipped)}" if self.clipped else ""
 
 
-def home(manner: Manner) -> Aim:
-    """Return the way to the initial position of manual §6.6, for every arm that is enabled."""
-    return lambda state: _home(manner, state)
+def carry_out(options: Namespace) -> ExitStatus:
+    """Move to where the command says.
+
+    Raises:
+        GatewayError: Nothing was begun.
+    """
+    is_home, is_pose = options.command == "home", options.command == "move-pose"
+    manner = Manner(
+        speed=options.speed,
+        tolerance_rad=options.tolerance,
+        is_clipping=not is_home and options.clip,
+        is_straight=is_pose and options.straight,
+    )
+    if is_home:
+        return move(options, lambda state: _home(manner, state))
+    named = {side: values for side in ("left", "right") if (values := getattr(options, side)) is not None}
+    return move(options, _to_poses(manner, named) if is_pose else _to_joints(manner, named, is_offset=options.by))
 
 
 def _home(manner: Manner, state: RobotState) -> Plan:
@@ -127,37 +143,24 @@ def _home(manner: Manner, state: RobotState) -> Plan:
     return Plan(what=f"to the initial position of manual §6.6{note}", manner=manner, targets_rad=goals)
 
 
-def to_joints(manner: Manner, targets_rad: Mapping[str, tuple[float, ...]], *, is_offset: bool) -> Aim:
-    """Return the way to joints that a person gave.
-
-    Args:
-        manner: How.
-        targets_rad: Per side [rad].
-        is_offset: Whether they are offsets.
-
-    Raises:
-        Rejected: WRONG_SHAPE or NOT_FINITE.
-    """
+def _to_joints(manner: Manner, targets_rad: Mapping[str, tuple[float, ...]], *, is_offset: bool) -> Aim:
+    """Return the way to joints that a person gave; raise Rejected, WRONG_SHAPE or NOT_FINITE."""
     checked = {side: joints(side, q_rad) for side, q_rad in targets_rad.items()}
     what = "by offsets" if is_offset else "to joint positions"
     return lambda _: Plan(what=what, manner=manner, targets_rad=checked, is_offset=is_offset)
 
 
-def to_poses(manner: Manner, targets: Mapping[str, tuple[float, ...]]) -> Aim:
-    """Return the way to poses that a person gave: x, y, z [m], qx, qy, qz, qw in each arm's own shoulder frame.
-
-    Raises:
-        Rejected: WRONG_SHAPE, NOT_FINITE or OUT_OF_RANGE (the norm of the quaternion).
-    """
+def _to_poses(manner: Manner, targets: Mapping[str, tuple[float, ...]]) -> Aim:
+    """Return the way to poses that a person gave, each in its arm's own shoulder frame; raise Rejected where one is none."""
     checked = {side: numbers(side, values[:3], values[3:]) for side, values in targets.items()}
     what = "to poses in their shoulder frames"
     return lambda _: Plan(what=what, manner=manner, targets_rad=checked, is_pose=True)
 
 
-def _preview(job: Job, plan: Plan, robot: Robot) -> Iterator[str]:
+def _preview(options: Namespace, plan: Plan, robot: Robot) -> Iterator[str]:
     info, state = robot.info, robot.state
     v_radps = plan.manner.speed * info.v_radps
-    yield f"{job.command}: {' and '.join(plan.targets_rad)} {plan.what}, with up to {v_radps:g} rad/s"
+    yield f"{options.command}: {' and '.join(plan.targets_rad)} {plan.what}, with up to {v_radps:g} rad/s"
     longest_s = 0.0
     for side, target in plan.targets_rad.items():
         arm = state.arm(side)
@@ -167,16 +170,16 @@ def _preview(job: Job, plan: Plan, robot: Robot) -> Iterator[str]:
         ways = tuple(end - begin for begin, end in zip(start, goal, strict=True))
         yield f"  {side + ' arm':<9} by {joints_text(ways)} rad"
         longest_s = max(longest_s, _duration_s(max(map(abs, ways)), v_radps, info))
-    yield f"  takes about {longest_s:.1f} s, then the arms are {job.after}"
+    yield f"  takes about {longest_s:.1f} s, then the arms are {after(options)}"
 
 
-def _pose_preview(job: Job, plan: Plan, robot: Robot, *, by_joints: bool) -> Iterator[str]:
+def _pose_preview(options: Namespace, plan: Plan, robot: Robot, *, by_joints: bool) -> Iterator[str]:
     """Yield how far end effectors will move and turn."""
     info, state, speed = robot.info, robot.state, plan.manner.speed
     v_mps, w_radps = speed * info.pose_v_mps, speed * info.pose_w_radps
     arms = " and ".join(plan.targets_rad)
     fastest = f"{speed * info.v_radps:g} rad/s of each joint" if by_joints else f"{v_mps:g} m/s and {w_radps:g} rad/s"
-    yield f"{job.command}: {arms} {plan.what}, with up to {fastest}"
+    yield f"{options.command}: {arms} {plan.what}, with up to {fastest}"
     how = "as the joints like" if by_joints else "straight"
     for side, target in plan.targets_rad.items():
         goal = within_reach(side, target, info, plan.manner.on_limit)
@@ -184,7 +187,7 @@ def _pose_preview(job: Job, plan: Plan, robot: Robot, *, by_joints: bool) -> Ite
         cosine = min(1.0, abs(sum(a * b for a, b in zip(map(float, pose.quat_xyzw), goal[3:], strict=True))))
         moved_m, turned_rad = math.dist(tuple(map(float, pose.p)), goal[:3]), 2.0 * math.acos(cosine)
         yield f"  {side + ' arm':<9} by {moved_m * 1e3:.0f} mm and {turned_rad:.3f} rad, {how}"
-    yield f"  then the arms are {job.after}"
+    yield f"  then the arms are {after(options)}"
 
 
 def _duration_s(way_rad: float, v_radps: float, info: protocol.Info) -> float:

@@ -11,6 +11,7 @@ import select
 import sys
 import termios
 import tty
+from argparse import Namespace
 from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING
@@ -23,20 +24,14 @@ if TYPE_CHECKING:
     from gateway.api.protocol import OnLossName
     from gateway.client import Robot
 
-__all__ = ["watch_over"]
+__all__ = ["carry_out"]
 
 STOP_KEYS = b" \r\n"
 LEAVE_KEYS = b"qQ"
 
 
-def watch_over(target: str | None, timeout_s: float, period_s: float, *, pauses: bool) -> ExitStatus:
+def carry_out(options: Namespace) -> ExitStatus:
     """Hold the terminal until q.
-
-    Args:
-        target: Where the gateway is; None finds its socket.
-        timeout_s: Longest wait for it [s].
-        period_s: The robot is held when this loop was not heard for longer [s].
-        pauses: Whether the robot is paused then, rather than held.
 
     Raises:
         Rejected: BAD_REQUEST, there is no terminal; OUT_OF_RANGE, the period.
@@ -46,10 +41,13 @@ def watch_over(target: str | None, timeout_s: float, period_s: float, *, pauses:
     if not (sys.stdin.isatty() and sys.stdout.isatty()):
         message = "a stop endpoint needs a terminal with a person at it"
         raise failure(Code.BAD_REQUEST, message, hint="use stop_endpoint() in a program")
-    on_silence: OnLossName = "pause" if pauses else "hold"
-    with connected("stop-endpoint", target, timeout_s) as robot:
+    on_silence: OnLossName = "pause" if options.pause else "hold"
+    period_s: float = options.within
+    with connected("stop-endpoint", options.target, options.timeout_s) as robot:
         with robot.stop_endpoint(period_s, on_silence) as endpoint, _keys() as keyboard:
-            print(f"watching; without this terminal for {period_s:g} s the robot is {'paused' if pauses else 'held'}")
+            print(
+                f"watching; without this terminal for {period_s:g} s the robot is {'paused' if options.pause else 'held'}"
+            )
             print("Enter, space: stop the robot now   q: leave in order   (anything else that ends this: it is held)")
             while True:
                 endpoint.check_in()
