@@ -17,15 +17,11 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from importlib import import_module
 from types import FrameType
-from typing import TYPE_CHECKING
 
 from gateway import __version__
 from gateway.cli.command_line.arguments import parse
 from gateway.cli.terminal.ending import ExitStatus, Interrupted, report
 from gateway.errors import Code, GatewayError, failure
-
-if TYPE_CHECKING:
-    pass
 
 __all__ = ["COMMANDS", "main"]
 
