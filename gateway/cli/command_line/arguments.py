@@ -79,17 +79,17 @@ def parse(arguments: Sequence[str]) -> argparse.Namespace:
         _take_joints(sub, options)
     if options.command == "drive":
         take_velocity(sub, options)
-    if options.command == "link" and options.robot is None and options.config is None and _asks_for_a_look(options):
+    if (
+        options.command == "link"
+        and options.robot is options.config is None
+        and (options.namespace, options.model) != (None, None)
+    ):
         sub.error("--namespace and --model are for a look without a gateway: name the robot with --robot")
     if options.command == "frames" and options.live and (options.left or options.right):
         sub.error("joints come from --live or from --left and --right, not from both")
     if options.command == "gripper" and (options.value is not None) != (options.action == "set"):
         sub.error("`set` takes the robot's own input, 0 to 1, the other actions take --force")
     return options
-
-
-def _asks_for_a_look(options: argparse.Namespace) -> bool:
-    return options.namespace is not None or options.model is not None
 
 
 def _take_joints(sub: argparse.ArgumentParser, options: argparse.Namespace) -> None:

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Protocol
 
 from gateway.api import protocol
-from gateway.client.asking.requests import SIDES, chosen, number, numeric
+from gateway.client.asking.requests import SIDES, chosen, number, numeric, require_sides
 from gateway.errors import Code, failure
 
 if TYPE_CHECKING:
@@ -190,15 +190,7 @@ def move_pose(
     Raises:
         Rejected: WRONG_SHAPE (no arm, an unknown one, not a pose), NOT_FINITE, OUT_OF_RANGE or WRONG_FRAME.
     """
-    unknown = [str(side) for side in targets if side not in SIDES]
-    if unknown or not targets:
-        raise failure(
-            Code.WRONG_SHAPE,
-            f"a motion of {unknown or 'no arm'} was asked for, 'left' and 'right' exist",
-            field="targets",
-            value=", ".join(unknown),
-            bound="left, right",
-        )
+    require_sides("targets", targets)
     named = {side: targets[side] for side in SIDES if side in targets}
     return protocol.MovePose(
         epoch=epoch,

@@ -26,6 +26,7 @@ __all__ = [
     "number",
     "numeric",
     "read_only",
+    "require_sides",
     "require_word",
     "seconds",
     "within_limits",
@@ -189,6 +190,19 @@ def within_limits(
     return q_rad
 
 
+def require_sides(field: str, targets: Mapping[str, object]) -> None:
+    """Refuse what names no arm, or one that there is not; raise Rejected, WRONG_SHAPE."""
+    unknown = [str(side) for side in targets if side not in SIDES]
+    if unknown or not targets:
+        raise failure(
+            Code.WRONG_SHAPE,
+            f"a motion of {unknown or 'no arm'} was asked for, 'left' and 'right' exist",
+            field=field,
+            value=", ".join(unknown),
+            bound="left, right",
+        )
+
+
 def move(
     epoch: int,
     targets_rad: Mapping[str, ArrayLike],
@@ -203,15 +217,7 @@ def move(
     Raises:
         Rejected: WRONG_SHAPE (no arm, an unknown one, not seven values) or NOT_FINITE.
     """
-    unknown = [str(side) for side in targets_rad if side not in SIDES]
-    if unknown or not targets_rad:
-        raise failure(
-            Code.WRONG_SHAPE,
-            f"a motion of {unknown or 'no arm'} was asked for, 'left' and 'right' exist",
-            field="targets_rad",
-            value=", ".join(unknown),
-            bound="left, right",
-        )
+    require_sides("targets_rad", targets_rad)
     return protocol.Move(
         epoch=epoch,
         targets_rad={side: joints(side, targets_rad[side]) for side in SIDES if side in targets_rad},
