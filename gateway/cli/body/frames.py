@@ -90,9 +90,7 @@ def carry_out(options: Namespace) -> ExitStatus:
     if options.json:
         print(json.dumps(shown, ensure_ascii=False, indent=2))
         return ExitStatus.OK
-    console = Console(highlight=False)
-    for line in texts:
-        console.print(line, soft_wrap=True)
+    Console(highlight=False).print(*texts, sep="\n", soft_wrap=True)
     return ExitStatus.OK
 
 

@@ -79,10 +79,8 @@ def carry_out(options: Namespace) -> ExitStatus:
     if options.json:
         print(json.dumps(document(results, description), ensure_ascii=False, indent=2))
     else:
-        console = Console(highlight=False)
-        for side, result in results.items():
-            for line in lines(side, result):
-                console.print(line, soft_wrap=True)
+        texts = (line for side, result in results.items() for line in lines(side, result))
+        Console(highlight=False).print(*texts, sep="\n", soft_wrap=True)
     if out is not None and owner is not None and found:
         write_arms(out, owner, [_calibration(side, found[side], description) for side in found])
         print(f"{out}: {', '.join(found)} of robot {owner} written", file=sys.stderr)

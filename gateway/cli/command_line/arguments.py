@@ -22,7 +22,16 @@ from gateway.cli.command_line.motion_arguments import add_motions
 from gateway.cli.command_line.numbers import seconds
 from gateway.cli.command_line.policy_arguments import add_policy
 from gateway.cli.command_line.record_arguments import add_bag, add_episode, complete_record
-from gateway.cli.command_line.robot_arguments import MODELS, ROBOT_PORT, SIM_ENDPOINT, add_robot, endpoint, namespace
+from gateway.cli.command_line.robot_arguments import (
+    MODELS,
+    MODES,
+    PARTS,
+    ROBOT_PORT,
+    SIM_ENDPOINT,
+    add_robot,
+    endpoint,
+    namespace,
+)
 from gateway.cli.command_line.service_arguments import add_service
 from gateway.cli.command_line.sim_arguments import add_camera, add_clock, add_physics
 from gateway.cli.command_line.stop_arguments import add_stops
@@ -35,9 +44,6 @@ __all__ = ["joints", "parse", "parser"]
 
 ARM_DOF = 7
 """Joints per arm (manual §4.0.3)."""
-
-PARTS = ("left_arm", "right_arm", "chassis", "lift_servo")
-MODES = ("joint", "pose")
 
 EPILOG = f"""without a robot, in three terminals:
   ta2 sim          a simulated robot on {SIM_ENDPOINT}

@@ -39,9 +39,7 @@ def carry_out(options: Namespace) -> ExitStatus:
     if options.json:
         print(json.dumps(_document(info, state.view, health), ensure_ascii=False, indent=2))
         return ExitStatus.OK
-    console = Console(highlight=False)
-    for line in lines(info, state.view):
-        console.print(line, soft_wrap=True)
+    Console(highlight=False).print(*lines(info, state.view), sep="\n", soft_wrap=True)
     return ExitStatus.OK
 
 

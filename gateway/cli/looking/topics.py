@@ -41,9 +41,9 @@ def carry_out(options: Namespace) -> ExitStatus:
     if options.json:
         print(json.dumps(document(info, view, routes), indent=2))
         return ExitStatus.OK
-    console = Console(highlight=False)
-    for line in (*lines(info, view), *route_lines(routes), *foreign_lines(view)):
-        console.print(line, soft_wrap=True)
+    Console(highlight=False).print(
+        *lines(info, view), *route_lines(routes), *foreign_lines(view), sep="\n", soft_wrap=True
+    )
     return ExitStatus.OK
 
 

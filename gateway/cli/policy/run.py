@@ -263,14 +263,10 @@ def _show(
             away = (f"{found['rms_rad']:.4f} rad RMS from what was {what}" for what, found in against.items())
             print(f"{side} arm: the policy was {', '.join(away)}")
         return
-    told: dict[str, Any] = {
-        "ok": error is None,
-        **figures.facts(),
-        **facts,
-    }
+    told: dict[str, Any] = {"ok": error is None, **figures.facts(), **facts}
     if error is not None:
-        failure = asdict(error.refusal) | {"retryable": error.retryable}
-        told |= {"error": failure, "exit_status": int(status_of(error))}
+        told["error"] = asdict(error.refusal) | {"retryable": error.retryable}
+        told["exit_status"] = int(status_of(error))
     print(json.dumps(told, ensure_ascii=False))
 
 

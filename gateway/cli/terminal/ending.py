@@ -123,8 +123,8 @@ def report(error: GatewayError, *, as_json: bool = False) -> ExitStatus:
     status = status_of(error)
     print(line_of(error), file=sys.stderr)
     if as_json:
-        failure = asdict(error.refusal) | {"retryable": error.retryable}
-        print(json.dumps({"ok": False, "error": failure, "exit_status": int(status)}, ensure_ascii=False))
+        facts = asdict(error.refusal) | {"retryable": error.retryable}
+        print(json.dumps({"ok": False, "error": facts, "exit_status": int(status)}, ensure_ascii=False))
     return status
 
 
