@@ -30,10 +30,8 @@ def show(options: Namespace) -> ExitStatus:
     try:
         return _shown(options)
     except (OSError, ValueError, LookupError) as error:
-        message, hint = (
-            f"{options.dataset} cannot be shown: {type(error).__name__}: {error}",
-            "`ta2 dataset check` says what is wrong with it",
-        )
+        message = f"{options.dataset} cannot be shown: {type(error).__name__}: {error}"
+        hint = "`ta2 dataset check` says what is wrong with it"
         raise failure(Code.BAD_REQUEST, message, field="dataset", hint=hint) from error
 
 
