@@ -48,6 +48,7 @@ __all__ = [
     "Rejected",
     "Stale",
     "Superseded",
+    "failure",
     "to_exception",
 ]
 
@@ -76,11 +77,7 @@ class Refusal:
 
 
 class GatewayError(Exception):
-    """Base of every error this package raises on purpose.
-
-    Args:
-        refusal: Code, message and facts; every attribute of it can be read from the exception too.
-    """
+    """Base of every error this package raises on purpose; every attribute of its refusal can be read from it too."""
 
     def __init__(self, refusal: Refusal) -> None:
         super().__init__(refusal)
@@ -386,15 +383,17 @@ CODES: dict[Code, CodeInfo] = {
 
 
 def to_exception(refusal: Refusal) -> GatewayError:
-    """Return the exception for a refusal: the class of its code, with the default hint filled in.
-
-    Args:
-        refusal: As the core made it, or as it came over the wire.
-
-    Returns:
-        An instance, not raised. Codes without a class of their own give `InternalError`.
-    """
+    """Return the exception for a refusal, not raised: the class of its code, else `InternalError`; hint filled in."""
     info = CODES.get(refusal.code, CodeInfo(error=InternalError))
     if not refusal.hint:
         refusal = replace(refusal, hint=info.hint)
     return info.error(refusal)
+
+
+def failure(
+    code: Code, message: str, *, field: str = "", value: str = "", bound: str = "", unit: str = "", hint: str = ""
+) -> GatewayError:
+    """Return the exception for a `Refusal` of these attributes, not raised."""
+    return to_exception(
+        Refusal(code=code, message=message, field=field, value=value, bound=bound, unit=unit, hint=hint)
+    )

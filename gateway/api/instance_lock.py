@@ -26,7 +26,7 @@ import tempfile
 from collections.abc import Iterator
 from pathlib import Path
 
-from gateway.errors import Code, GatewayError, Refusal, to_exception
+from gateway.errors import Code, GatewayError, failure
 from gateway.robot.endpoint import robot_name
 
 __all__ = ["InstanceLock", "robot_lock_path", "socket_lock_path"]
@@ -226,28 +226,22 @@ def _held(what: str, path: Path, holder: str) -> GatewayError:
     of = "" if owner is None or owner == os.geteuid() else f", a file of {_user(owner)}"
     by = ", as its user or root" if whom or of else ""
     remedy = f"kill {holder}" if holder else f"fuser {path} tells its process"
-    return to_exception(
-        Refusal(
-            code=Code.OTHER_GATEWAY,
-            message=f"{who}{whom} is already the gateway of {what} (lock {path}{of})",
-            field="pid",
-            value=holder,
-            hint=f"stop it first ({remedy}{by}), or choose another socket and robot",
-        )
+    return failure(
+        Code.OTHER_GATEWAY,
+        f"{who}{whom} is already the gateway of {what} (lock {path}{of})",
+        field="pid",
+        value=holder,
+        hint=f"stop it first ({remedy}{by}), or choose another socket and robot",
     )
 
 
 def _unusable(path: Path, what: str, error: OSError) -> GatewayError:
     owner = _owner(path)
     of = "" if owner is None or owner == os.geteuid() else f", a file of {_user(owner)}"
-    return to_exception(
-        Refusal(
-            code=Code.BAD_CONFIG,
-            message=f"the lock of {what} cannot be taken at {path}{of}: {error.strerror}",
-            field="socket",
-            value=str(path),
-            hint=f"have its owner or root remove it: rm {path}"
-            if of
-            else "choose a directory that this user may write to",
-        )
+    return failure(
+        Code.BAD_CONFIG,
+        f"the lock of {what} cannot be taken at {path}{of}: {error.strerror}",
+        field="socket",
+        value=str(path),
+        hint=f"have its owner or root remove it: rm {path}" if of else "choose a directory that this user may write to",
     )

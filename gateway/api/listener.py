@@ -23,7 +23,7 @@ from pathlib import Path
 from typing import Any
 
 from gateway.api import protocol
-from gateway.errors import CODES, Code, ConfigError, Refusal
+from gateway.errors import Code, GatewayError, failure
 from gateway.settings.settings import LocalSettings
 
 __all__ = ["access_rules", "network_configuration", "refused_setting", "unix_configuration"]
@@ -235,15 +235,13 @@ def _is_loopback(host: str) -> bool:
         return False
 
 
-def refused_setting(name: str, value: str, message: str, bound: str = "", hint: str = "") -> ConfigError:
+def refused_setting(name: str, value: str, message: str, bound: str = "", hint: str = "") -> GatewayError:
     """Return the error of a setting of the local plane."""
-    return ConfigError(
-        Refusal(
-            code=Code.BAD_CONFIG,
-            message=f"local.{name} = {value!r}: {message}",
-            field=f"local.{name}",
-            value=value,
-            bound=bound,
-            hint=hint or CODES[Code.BAD_CONFIG].hint,
-        )
+    return failure(
+        Code.BAD_CONFIG,
+        f"local.{name} = {value!r}: {message}",
+        field=f"local.{name}",
+        value=value,
+        bound=bound,
+        hint=hint,
     )

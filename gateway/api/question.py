@@ -26,11 +26,9 @@ class Question(Protocol):
 
     def answer(self, payload: bytes, encoding: str) -> None:
         """Send the one answer and finish. Never raises; may block for a moment when the client does not read."""
-        ...
 
     def drop(self) -> None:
         """Finish without an answer; the client will call the outcome unknown."""
-        ...
 
 
 class Audience(Protocol):
@@ -38,15 +36,12 @@ class Audience(Protocol):
 
     def wants_snapshots(self) -> bool:
         """Whether anybody listens to snapshots at present."""
-        ...
 
     def put_snapshot(self, payload: bytes, seq: int) -> None:
         """Send a snapshot to all who listen; never blocks for one who does not read, never raises."""
-        ...
 
     def put_notice(self, payload: bytes, number: int) -> None:
         """Send a notice and its number to all who listen; never raises."""
-        ...
 
 
 def reply_encoding(question: Question) -> str:

@@ -14,7 +14,7 @@ from typing import Annotated, Any, Literal
 import msgspec
 
 from gateway.api.address import AddressRefused, default_socket, find_socket, parse_address
-from gateway.errors import Code, Refusal, to_exception
+from gateway.errors import Code, failure
 
 __all__ = [
     "MAX_PACKET_BYTES",
@@ -86,9 +86,7 @@ def recorder_socket(address: str | None) -> Path:
         if path is None or not os.access(path.parent, os.W_OK):
             path = default_socket()
     except AddressRefused as error:
-        raise to_exception(
-            Refusal(code=Code.BAD_REQUEST, message=str(error), field="target", hint="see connect()")
-        ) from None
+        raise failure(Code.BAD_REQUEST, str(error), field="target", hint="see connect()") from None
     return path.with_name(f"{path.name}.recorder")
 
 

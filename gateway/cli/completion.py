@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import argparse
+from argparse import Namespace
 from collections.abc import Mapping
 
 from gateway.cli.command_line.arguments import parser
 from gateway.cli.terminal.ending import ExitStatus
-from gateway.errors import Code, Refusal, to_exception
+from gateway.errors import Code, failure
 
-__all__ = ["FILES", "FOLDERS", "print_script"]
+__all__ = ["FILES", "FOLDERS", "carry_out"]
 
 FILES = frozenset({"FILE", "PATH", "TARGET"})
 """Options and arguments that the usage shows by these names take the path of a file, or may."""
@@ -17,11 +18,8 @@ FOLDERS = frozenset({"DIR"})
 """The same for folders."""
 
 
-def print_script(shell: str) -> ExitStatus:
+def carry_out(options: Namespace) -> ExitStatus:
     """Print the script of a shell.
-
-    Args:
-        shell: `bash`, `zsh` or `fish`.
 
     Raises:
         GatewayError: BAD_REQUEST: the library that writes it is not installed.
@@ -29,11 +27,10 @@ def print_script(shell: str) -> ExitStatus:
     try:
         import shtab
     except ImportError:
-        hint = "pip install shtab"
-        raise to_exception(Refusal(code=Code.BAD_REQUEST, message="shtab is not installed", hint=hint)) from None
+        raise failure(Code.BAD_REQUEST, "shtab is not installed", hint="pip install shtab") from None
     top = parser()
     _mark_paths(top, dict.fromkeys(FILES, shtab.FILE) | dict.fromkeys(FOLDERS, shtab.DIRECTORY))
-    print(shtab.complete(top, shell))
+    print(shtab.complete(top, options.shell))
     return ExitStatus.OK
 
 

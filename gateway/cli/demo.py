@@ -14,6 +14,7 @@ import json
 import socket
 import tempfile
 import time
+from argparse import Namespace
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -29,14 +30,14 @@ from rich.table import Table
 from gateway.cli.terminal.children import child, when_live
 from gateway.cli.terminal.ending import ExitStatus
 from gateway.client import Control, MotionHandle, Robot
-from gateway.errors import Code, GatewayError, Refusal, to_exception
+from gateway.errors import Code, GatewayError, failure
 from gateway.robot.limits import HOME_Q_RAD
 from gateway.values import Side
 
 if TYPE_CHECKING:
     from gateway.cli.demo_plot import Recording
 
-__all__ = ["demonstrate"]
+__all__ = ["carry_out"]
 
 FINAL_ERROR_RAD = 0.05
 """How near both arms must come to their goals [rad] (manual §6.6)."""
@@ -200,26 +201,21 @@ def _show(findings: Sequence[Finding], console: Console) -> None:
     console.print(table)
 
 
-def demonstrate(speed: float, plot: Path, seed: int) -> int:
+def carry_out(options: Namespace) -> int:
     """Run the demo; return the exit status.
-
-    Args:
-        speed: Factor on the velocity limit, above 0 and up to 1.
-        plot: Where the plot goes: .png or .svg.
-        seed: Of the simulated robot's noise.
 
     Raises:
         GatewayError: BAD_REQUEST: the plot cannot be drawn, which is said before anything starts; or whatever the gateway
             refused.
     """
-    plot = plot.absolute()
+    plot = options.plot.absolute()
     recording = _recording(plot)
     from gateway.cli.demo_plot import write_plot
 
     console = Console()
     with tempfile.TemporaryDirectory(prefix="ta2-demo-") as folder:
         try:
-            findings = _run(speed, seed, recording, Path(folder), console)
+            findings = _run(options.speed, options.seed, recording, Path(folder), console)
         except KeyboardInterrupt:
             console.print("interrupted: the daemon brakes the arms and pauses the robot")
             raise
@@ -246,7 +242,7 @@ def _recording(plot: Path) -> Recording:
 
 
 def _no_plot(message: str, hint: str) -> GatewayError:
-    return to_exception(Refusal(code=Code.BAD_REQUEST, message=f"no plot: {message}", field="plot", hint=hint))
+    return failure(Code.BAD_REQUEST, f"no plot: {message}", field="plot", hint=hint)
 
 
 def _run(speed: float, seed: int, recording: Recording, folder: Path, console: Console) -> list[Finding]:

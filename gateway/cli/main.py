@@ -17,15 +17,11 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from importlib import import_module
 from types import FrameType
-from typing import TYPE_CHECKING
 
 from gateway import __version__
 from gateway.cli.command_line.arguments import parse
 from gateway.cli.terminal.ending import ExitStatus, Interrupted, report
-from gateway.errors import Code, GatewayError, Refusal, to_exception
-
-if TYPE_CHECKING:
-    from gateway.cli.motion.job import Job
+from gateway.errors import Code, GatewayError, failure
 
 __all__ = ["COMMANDS", "main"]
 
@@ -130,8 +126,7 @@ def _sim(options: Namespace) -> int:
     try:
         return start(options)
     except CannotStart as error:
-        hint = "`ta2 sim --help` lists what can be chosen"
-        raise to_exception(Refusal(code=Code.BAD_REQUEST, message=str(error), hint=hint)) from None
+        raise failure(Code.BAD_REQUEST, str(error), hint="`ta2 sim --help` lists what can be chosen") from None
 
 
 def _ask_sim(options: Namespace) -> int:
@@ -152,47 +147,22 @@ def _ask_sim(options: Namespace) -> int:
     except SimUnreachable as error:
         hint = "start one with `ta2 sim`; a real robot has no such channel"
         message = str(error).partition(": ")[0]  # what follows is zenoh's own trace
-        raise to_exception(Refusal(code=Code.DISCONNECTED, message=message, hint=hint)) from None
+        raise failure(Code.DISCONNECTED, message, hint=hint) from None
     except ValueError as error:  # no JSON, or refused by the simulation
-        hint = "`ta2 sim faults` lists what there is"
-        raise to_exception(Refusal(code=Code.BAD_REQUEST, message=str(error), hint=hint)) from None
+        raise failure(Code.BAD_REQUEST, str(error), hint="`ta2 sim faults` lists what there is") from None
     return ExitStatus.OK
 
 
 # ------------------------------------------------------------------------------------------------------------ settings
 
 
-def _carried_out_by(module: str) -> Callable[[Namespace], int]:
-    """Return what loads a module and lets it carry out the command."""
+def _carried_out_by(module: str, name: str = "carry_out") -> Callable[[Namespace], int]:
+    """Return what loads a module and lets a function of it carry out the command."""
 
     def carry_out(options: Namespace) -> int:
-        return int(import_module(module).carry_out(options))
+        return int(getattr(import_module(module), name)(options))
 
     return carry_out
-
-
-def _asked_by(function: str, *words: str, **named: str) -> Callable[[Namespace], int]:
-    """Return what loads a module and calls a function of it with where the gateway is and how long to wait for it.
-
-    Args:
-        function: `MODULE:FUNCTION`.
-        words: Options that it takes after these two.
-        named: Options that it takes by name: its name for each, then the option's.
-    """
-    module, _, name = function.partition(":")
-
-    def carry_out(options: Namespace) -> int:
-        further = {taken: getattr(options, option) for taken, option in named.items()}
-        values = [getattr(options, word) for word in ("target", "timeout_s", *words)]
-        return int(getattr(import_module(module), name)(*values, **further))
-
-    return carry_out
-
-
-def _model(options: Namespace) -> int:
-    from gateway.cli.body.model import check_model
-
-    return check_model(options.urdf, as_json=options.json)
 
 
 # ------------------------------------------------------------------------------------------------------------- clients
@@ -223,129 +193,31 @@ def _check(options: Namespace) -> int:
     return command.carry_out(options, look)
 
 
-def _stop(options: Namespace) -> int:
-    from gateway.cli.motion.stopping import stop
-
-    return stop(options.command, options.target, options.timeout_s, " ".join(options.reason), as_json=options.json)
-
-
-def _recover(options: Namespace) -> int:
-    from gateway.cli.motion.stopping import recover
-
-    return recover(options.target, options.timeout_s, " ".join(options.reason), as_json=options.json)
-
-
-def _move(options: Namespace) -> int:
-    from gateway.cli.motion.job import carry_out
-    from gateway.cli.motion.moving import Manner, home, to_joints, to_poses
-
-    is_clipping = options.command != "home" and options.clip
-    is_straight = options.command == "move-pose" and options.straight
-    manner = Manner(
-        speed=options.speed, tolerance_rad=options.tolerance, is_clipping=is_clipping, is_straight=is_straight
-    )
-    job = _job(options)
-    if options.command == "home":
-        return carry_out(job, home(manner))
-    named = {side: values for side in ("left", "right") if (values := getattr(options, side)) is not None}
-    if options.command == "move-pose":
-        return carry_out(job, to_poses(manner, named))
-    return carry_out(job, to_joints(manner, named, is_offset=options.by))
-
-
-def _follow(options: Namespace) -> int:
-    from gateway.cli.motion import following
-
-    return following.command(options, _job(options))
-
-
-def _replay(options: Namespace) -> int:
-    from gateway.cli.motion import replaying
-
-    return replaying.command(options, _job(options))
-
-
-def _job(options: Namespace) -> Job:
-    from gateway.cli.motion.job import Job
-
-    return Job(
-        command=options.command,
-        target=options.target,
-        timeout_s=options.timeout_s,
-        is_left_held=options.hold,
-        take=options.take,
-        asks=not options.yes,
-        as_json=options.json,
-    )
-
-
-def _example(options: Namespace) -> int:
-    from gateway.cli import examples
-
-    if options.number is None:
-        return examples.list_examples()
-    if options.show:
-        return examples.show_example(options.number)
-    return examples.run_example(options.number, options.target, asks=not options.yes)
-
-
-def _demo(options: Namespace) -> int:
-    from gateway.cli.demo import demonstrate
-
-    return demonstrate(options.speed, options.plot, options.seed)
-
-
-def _completion(options: Namespace) -> int:
-    from gateway.cli.completion import print_script
-
-    return print_script(options.shell)
-
-
-def _ground(options: Namespace) -> int:
-    from gateway.cli.motion import grounding
-
-    outing = grounding.Outing(
-        command=options.command,
-        target=options.target,
-        timeout_s=options.timeout_s,
-        for_s=options.for_s,
-        is_left_held=options.command == "gripper" and options.hold,
-        take=options.take,
-        asks=not options.yes,
-        as_json=options.json,
-    )
-    if options.command == "gripper":
-        return grounding.gripper(outing, options.side, options.action, options.force, options.value or 0.0)
-    if options.command == "drive":
-        return grounding.drive(outing, options.vx, options.vy, options.wz)
-    return grounding.lift(outing, options.action, options.speed)
-
-
 COMMANDS: Mapping[str, Callable[[Namespace], int]] = {
     "run": _run,
     "sim": _sim,
     "config": _carried_out_by("gateway.cli.configuring"),
-    "model": _model,
-    "status": _asked_by("gateway.cli.looking.status:show_status", as_json="json"),
-    "watch": _asked_by("gateway.cli.looking.watch:watch", once="once"),
-    "why": _asked_by("gateway.cli.looking.why:show_why", as_json="json"),
-    "topics": _asked_by("gateway.cli.looking.topics:show_topics", as_json="json"),
+    "model": _carried_out_by("gateway.cli.body.model"),
+    "status": _carried_out_by("gateway.cli.looking.status"),
+    "watch": _carried_out_by("gateway.cli.looking.watch"),
+    "why": _carried_out_by("gateway.cli.looking.why"),
+    "topics": _carried_out_by("gateway.cli.looking.topics"),
     "link": _link,
     "check": _check,
     "doctor": _carried_out_by("gateway.cli.check.doctor"),
-    "events": _asked_by("gateway.cli.looking.events:show_events", silence_s="silence", as_json="json"),
+    "events": _carried_out_by("gateway.cli.looking.events"),
     "frames": _carried_out_by("gateway.cli.body.frames"),
     "identify": _carried_out_by("gateway.cli.body.identify"),
-    "enable": _asked_by("gateway.cli.motion.enabling:enable", "take"),
+    "enable": _carried_out_by("gateway.cli.motion.enabling"),
     "view": _carried_out_by("gateway.cli.scene.view"),
-    "home": _move,
-    "move": _move,
-    "move-pose": _move,
-    "follow": _follow,
-    "replay": _replay,
-    "gripper": _ground,
-    "drive": _ground,
-    "lift": _ground,
+    "home": _carried_out_by("gateway.cli.motion.moving"),
+    "move": _carried_out_by("gateway.cli.motion.moving"),
+    "move-pose": _carried_out_by("gateway.cli.motion.moving"),
+    "follow": _carried_out_by("gateway.cli.motion.following"),
+    "replay": _carried_out_by("gateway.cli.motion.replaying"),
+    "gripper": _carried_out_by("gateway.cli.motion.grounding"),
+    "drive": _carried_out_by("gateway.cli.motion.grounding"),
+    "lift": _carried_out_by("gateway.cli.motion.grounding"),
     "teleop": _carried_out_by("gateway.cli.teleop.run"),
     "video": _carried_out_by("gateway.cli.cameras.commands"),
     "record": _carried_out_by("gateway.cli.recording.record"),
@@ -354,13 +226,13 @@ COMMANDS: Mapping[str, Callable[[Namespace], int]] = {
     "dataset": _carried_out_by("gateway.cli.dataset.build"),
     "policy": _carried_out_by("gateway.cli.policy.run"),
     "web": _carried_out_by("gateway.cli.web"),
-    "example": _example,
-    "demo": _demo,
-    "completion": _completion,
+    "example": _carried_out_by("gateway.cli.examples"),
+    "demo": _carried_out_by("gateway.cli.demo"),
+    "completion": _carried_out_by("gateway.cli.completion"),
     "service": _carried_out_by("gateway.cli.service"),
-    "stop": _stop,
-    "estop": _stop,
-    "stop-endpoint": _asked_by("gateway.cli.motion.stop_endpoint:watch_over", "within", pauses="pause"),
-    "recover": _recover,
+    "stop": _carried_out_by("gateway.cli.motion.stopping", "stop"),
+    "estop": _carried_out_by("gateway.cli.motion.stopping", "stop"),
+    "stop-endpoint": _carried_out_by("gateway.cli.motion.stop_endpoint"),
+    "recover": _carried_out_by("gateway.cli.motion.stopping", "recover"),
 }
 """Who carries out which command."""

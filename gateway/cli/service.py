@@ -23,7 +23,7 @@ from typing import NoReturn
 
 from gateway.api.address import SYSTEM_SOCKET
 from gateway.cli.terminal.ending import ExitStatus
-from gateway.errors import Code, Refusal, to_exception
+from gateway.errors import Code, Refusal, failure, to_exception
 from gateway.process.own_module import own_module
 from gateway.settings import toml_file
 
@@ -252,4 +252,4 @@ def _systemctl(*words: str) -> str:
 
 
 def _refuse(message: str, hint: str) -> NoReturn:
-    raise to_exception(Refusal(code=Code.BAD_REQUEST, message=message, hint=hint))
+    raise failure(Code.BAD_REQUEST, message, hint=hint)

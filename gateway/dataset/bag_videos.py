@@ -11,7 +11,7 @@ from typing import Any, Final
 
 from gateway.dataset.series import Series
 from gateway.dataset.videos import VideoSource
-from gateway.errors import Code, Refusal, to_exception
+from gateway.errors import Code, failure
 from gateway.recording.bag_reader import VIDEO_PACKET, Bag
 from gateway.recording.bag_writer import needed
 from gateway.video.decoding.views import COMPOSITE
@@ -56,7 +56,7 @@ def bag_video_sources(bag: Bag, packets: Mapping[str, Series | None], views: Map
         pictures.close()
         if series is None or first is None:
             message, hint = f"{bag.path}: no picture of {topic} can be decoded", "does none in it stand alone?"
-            raise to_exception(Refusal(code=Code.BAD_REQUEST, message=message, field="bag", hint=hint))
+            raise failure(Code.BAD_REQUEST, message, field="bag", hint=hint)
         seen = {camera: half if first.width >= 2 * first.height else COMPOSITE}
         times_ns, pts = (column[series.messages >= number] for column in (series.times_ns, series.messages))
         found.append(VideoSource(path=bag.path, times_ns=times_ns, pts=pts, views=seen, topic=topic))
@@ -91,8 +91,7 @@ def _decoder(av: Any, encoding: str) -> Any:  # noqa: ANN401
     try:
         decoder = av.CodecContext.create(codec, "r")
     except ValueError as error:
-        message = f"there is no decoder of {encoding!r}"
-        raise to_exception(Refusal(code=Code.BAD_REQUEST, message=message, field="bag", value=encoding)) from error
+        raise failure(Code.BAD_REQUEST, f"there is no decoder of {encoding!r}", field="bag", value=encoding) from error
     decoder.thread_type = "AUTO"
     return decoder
 

@@ -31,7 +31,7 @@ from gateway.dataset.rows import NO_SOURCE, Chosen, choose, runs
 from gateway.dataset.series import Instants, Series, read_series
 from gateway.dataset.vendor_marks import all_episodes
 from gateway.dataset.videos import IMAGES, video_source, write_videos
-from gateway.errors import Code, Refusal, to_exception
+from gateway.errors import Code, failure
 from gateway.recording.bag_reader import Bag
 from gateway.robot.vector_layout import EYES
 
@@ -122,8 +122,7 @@ def build(
         return _build(bags, seen, out, choices, on_progress)
     except OSError as error:
         hint = "what is done is kept: mend that, and build again"
-        message = f"{out} cannot be built: {error}"
-        raise to_exception(Refusal(code=Code.BAD_REQUEST, message=message, field="out", hint=hint)) from error
+        raise failure(Code.BAD_REQUEST, f"{out} cannot be built: {error}", field="out", hint=hint) from error
 
 
 def _build(
@@ -152,11 +151,11 @@ def _build(
         why = "; ".join(f"{count} x {reason}" for reason, count in left_out.items()) or "the bags are empty"
         message = f"no episode is left: {why}"
         shutil.rmtree(work)
-        raise to_exception(Refusal(code=Code.BAD_REQUEST, message=message, field="bag"))
+        raise failure(Code.BAD_REQUEST, message, field="bag")
     if len({tuple(facts.videos) for facts in found}) > 1:
         named = dict.fromkeys(f"{facts.bag}: {', '.join(facts.videos) or 'none'}" for facts in found)
         message = f"the bags have other cameras: {'; '.join(named)}"
-        raise to_exception(Refusal(code=Code.BAD_REQUEST, message=message, field="bag", hint="build them apart"))
+        raise failure(Code.BAD_REQUEST, message, field="bag", hint="build them apart")
     new = work / "dataset"
     shutil.rmtree(new, ignore_errors=True)
     new.mkdir()
@@ -178,7 +177,7 @@ def refuse_full(out: Path) -> None:
     """Raise Rejected, BAD_REQUEST, where a folder holds something."""
     if out.exists() and (not out.is_dir() or any(out.iterdir())):
         hint = "name another with --out, or move it away: datasets are never overwritten"
-        raise to_exception(Refusal(code=Code.BAD_REQUEST, message=f"{out} is not empty", field="out", hint=hint))
+        raise failure(Code.BAD_REQUEST, f"{out} is not empty", field="out", hint=hint)
 
 
 def _file(folder: Path, number: int) -> Path:
@@ -195,7 +194,7 @@ def _videos(bags: Sequence[Path], videos: Sequence[Path]) -> list[Path | None]:
         if several:
             message = f"more than one recording of the cameras in {', '.join(several)}"
         hint = "name one for each bag, in their order: --video FILE --video FILE"
-        raise to_exception(Refusal(code=Code.BAD_REQUEST, message=message, field="video", hint=hint))
+        raise failure(Code.BAD_REQUEST, message, field="video", hint=hint)
     return [*found] or [None] * len(bags)
 
 

@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from gateway.dataset.lerobot_reader import Dataset, EpisodeRead
 from gateway.dataset.lerobot_videos import episode_pictures
-from gateway.errors import Code, Refusal, to_exception
+from gateway.errors import Code, failure
 
 __all__ = ["Difference", "differences"]
 
@@ -55,7 +55,7 @@ def differences(a: Dataset, b: Dataset, on_progress: Callable[[float], None] = l
     except (OSError, ValueError) as error:
         hint = "`ta2 dataset check` says what is wrong with it"
         message = f"episode {len(pairs) - 1} cannot be compared: {error}"
-        raise to_exception(Refusal(code=Code.BAD_REQUEST, message=message, field="dataset", hint=hint)) from error
+        raise failure(Code.BAD_REQUEST, message, field="dataset", hint=hint) from error
     mine, its = (sum(pair[n] for pair in pairs) for n in (0, 1))
     return found + [Difference(message=f"{mine} or {its} episodes")] * (mine != its)
 

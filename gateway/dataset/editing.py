@@ -22,7 +22,7 @@ from gateway.dataset.episode import INTEGERS, EpisodeFacts, WholeEpisode
 from gateway.dataset.layout import Layout
 from gateway.dataset.lerobot_format import FORMATS, write_dataset
 from gateway.dataset.lerobot_reader import Dataset, EpisodeRead
-from gateway.errors import Code, GatewayError, Refusal, to_exception
+from gateway.errors import Code, GatewayError, failure
 from gateway.recording.bag_writer import needed
 
 __all__ = ["Edited", "merge", "split"]
@@ -149,4 +149,4 @@ def _write_origin(folder: Path, out: Path, parts: Sequence[tuple[Dataset, list[i
 
 
 def _refused(message: str, hint: str = "") -> GatewayError:
-    return to_exception(Refusal(code=Code.BAD_REQUEST, message=message, field="dataset", hint=hint))
+    return failure(Code.BAD_REQUEST, message, field="dataset", hint=hint)

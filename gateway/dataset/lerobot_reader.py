@@ -14,7 +14,7 @@ import numpy.typing as npt
 from gateway.dataset.lerobot_format import FORMATS, V30_EPISODES
 from gateway.dataset.parquet import pyarrow, read
 from gateway.dataset.series import Floats
-from gateway.errors import Code, Refusal, to_exception
+from gateway.errors import Code, Refusal, failure, to_exception
 
 __all__ = ["Dataset", "EpisodeRead"]
 
@@ -62,7 +62,7 @@ class Dataset:
             self.features: dict[str, dict[str, Any]] = dict(self.info["features"])
         except (OSError, ValueError, KeyError, TypeError) as error:
             message = f"{folder} is no dataset of LeRobot: meta/info.json: {error!r}"
-            raise to_exception(Refusal(code=Code.BAD_REQUEST, message=message, field="dataset")) from error
+            raise failure(Code.BAD_REQUEST, message, field="dataset") from error
         if self.version not in FORMATS:
             message = f"{folder} is of LeRobot's format {self.version}"
             refusal = Refusal(
@@ -115,7 +115,7 @@ class Dataset:
             yield from self.episodes(only)
         except Exception as error:  # files of others: whatever a reader meets says that they cannot be read
             message, hint = f"{self.folder} cannot be read: {error!r}", "`ta2 dataset check` says what is wrong with it"
-            raise to_exception(Refusal(code=Code.BAD_REQUEST, message=message, field="dataset", hint=hint)) from error
+            raise failure(Code.BAD_REQUEST, message, field="dataset", hint=hint) from error
 
     def _lines(self, name: str) -> list[dict[str, Any]]:
         text = (self.folder / f"meta/{name}.jsonl").read_text(encoding="utf-8")

@@ -19,7 +19,7 @@ from gateway.dataset.layout import Feature, Layout, Part, Source
 from gateway.dataset.resample import Bools, resample
 from gateway.dataset.series import Floats, Instants, Series
 from gateway.dataset.videos import STALE_NS
-from gateway.errors import Code, Refusal, to_exception
+from gateway.errors import Code, failure
 from gateway.robot.vector_layout import effort_of_command
 
 __all__ = ["NO_SOURCE", "Chosen", "Run", "choose", "runs", "stretches"]
@@ -165,14 +165,12 @@ def _part(
             message = f"{feature.name}: {part.names[0]} and what follows: {NO_SOURCE}"
             wanted = " or ".join(f"{each.topic} ({each.field})" for each in part.source)
             hint = f"it comes from {wanted}; another layout is chosen with --layout"
-            raise to_exception(Refusal(code=Code.BAD_REQUEST, message=message, field="layout", hint=hint))
+            raise failure(Code.BAD_REQUEST, message, field="layout", hint=hint)
         return np.zeros((len(times_ns), width)), np.zeros(len(times_ns), dtype=np.bool_), False
     has = one.values.shape[1] - source.first
     if has < width:
         message = f"{topic}: {source.field} has {has} numbers from number {source.first} on, {width} are named"
-        raise to_exception(
-            Refusal(code=Code.BAD_REQUEST, message=message, field="layout", value=str(has), bound=str(width))
-        )
+        raise failure(Code.BAD_REQUEST, message, field="layout", value=str(has), bound=str(width))
     picked = Series(times_ns=one.times_ns, values=one.values[:, source.first : source.first + width])
     shifted = times_ns + round(source.shift_s * 1e9)
     values, ok = resample(picked, shifted, source.rule, round(source.stale_s * 1e9))

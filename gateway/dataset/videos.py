@@ -19,7 +19,7 @@ import numpy.typing as npt
 
 from gateway.dataset.series import Instants
 from gateway.dataset.stats import Stats
-from gateway.errors import Code, GatewayError, Refusal, to_exception
+from gateway.errors import Code, GatewayError, failure
 from gateway.recording.bag_writer import needed
 
 __all__ = ["IMAGES", "STALE_NS", "VideoFacts", "VideoSource", "video_source", "write_videos"]
@@ -216,4 +216,4 @@ def _sampled(rows: int) -> set[int]:
 
 
 def _refused(message: str, hint: str) -> GatewayError:
-    return to_exception(Refusal(code=Code.BAD_REQUEST, message=message, field="video", hint=hint))
+    return failure(Code.BAD_REQUEST, message, field="video", hint=hint)

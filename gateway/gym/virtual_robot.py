@@ -15,7 +15,7 @@ from gateway.core.messages.events import ClientSeen, CommandRequested, LinkUp, S
 from gateway.core.messages.outputs import Level, Notice, Reply
 from gateway.core.messages.sightings import ClaimShown
 from gateway.core.robot_state.body_model import body_model
-from gateway.errors import Code, Refusal, to_exception
+from gateway.errors import Code, Refusal, failure, to_exception
 from gateway.link.codec import from_message, stamp_of, to_message
 from gateway.messages.incoming import OnLimit
 from gateway.messages.requests import Acquire, Enable, OpenStream, Request, SetGripper
@@ -153,6 +153,5 @@ class VirtualRobot:
         until_ns = self.now_ns + PATIENCE_NS
         while not is_so():
             if self.now_ns > until_ns:
-                message = f"the engine stays {self.engine.state} ({'; '.join(self._told)})"
-                raise to_exception(Refusal(code=Code.ENABLE_TIMEOUT, message=message))
+                raise failure(Code.ENABLE_TIMEOUT, f"the engine stays {self.engine.state} ({'; '.join(self._told)})")
             self.run(self.now_ns + TICK_NS)

@@ -31,7 +31,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final
 
-from gateway.errors import Code, ConfigError, Refusal
+from gateway.errors import Code, GatewayError, failure
 from gateway.kinematics.calibration_file.arm_section import ArmCalibration, arm_of, with_arms
 from gateway.kinematics.calibration_file.camera_section import CameraCalibration, camera_of
 from gateway.kinematics.calibration_file.conventions import Conventions
@@ -112,7 +112,7 @@ class Calibration:
             return with_arms(description, self.arms)
         except ValueRefused as error:
             hint = "run `ta2 identify` again with these numbers"
-            raise ConfigError(Refusal(code=Code.BAD_CONFIG, message=f"{self.path}: {error}", hint=hint)) from None
+            raise failure(Code.BAD_CONFIG, f"{self.path}: {error}", hint=hint) from None
 
 
 def load(path: Path, robot: RobotIdentity | None) -> Calibration:
@@ -136,15 +136,13 @@ def load(path: Path, robot: RobotIdentity | None) -> Calibration:
     return found
 
 
-def _foreign(found: Calibration, why: str, hint: str) -> ConfigError:
-    return ConfigError(
-        Refusal(
-            code=Code.FOREIGN_CALIBRATION,
-            message=f"{found.path}: calibrated on robot {found.robot}, and {why}; it is not used (manual A.4)",
-            field="robot.serial",
-            value=str(found.robot),
-            hint=hint,
-        )
+def _foreign(found: Calibration, why: str, hint: str) -> GatewayError:
+    return failure(
+        Code.FOREIGN_CALIBRATION,
+        f"{found.path}: calibrated on robot {found.robot}, and {why}; it is not used (manual A.4)",
+        field="robot.serial",
+        value=str(found.robot),
+        hint=hint,
     )
 
 
@@ -159,7 +157,7 @@ def read(path: Path) -> Calibration:
     except (ValueRefused, OSError, UnicodeDecodeError) as error:
         message = error.strerror or str(error) if isinstance(error, OSError) else str(error)
         hint = "correct the file; `gateway/kinematics/calibration.py` shows one"
-        raise ConfigError(Refusal(code=Code.BAD_CONFIG, message=f"{path}: {message}", hint=hint)) from None
+        raise failure(Code.BAD_CONFIG, f"{path}: {message}", hint=hint) from None
 
 
 def _document(path: Path) -> Mapping[str, Any]:

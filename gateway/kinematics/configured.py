@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from gateway.errors import Code, ConfigError, Refusal
+from gateway.errors import Code, failure
 from gateway.kinematics.calibration import RobotIdentity, load
 from gateway.kinematics.description import Description, nominal
 from gateway.kinematics.urdf import from_urdf
@@ -33,13 +33,11 @@ def configured(settings: Settings) -> Description:
     identity = RobotIdentity(serial=link.serial, model=link.model) if link.serial else None
     found = load(Path(model.calibration).expanduser(), identity)
     if not found.arms:
-        raise ConfigError(
-            Refusal(
-                code=Code.BAD_CONFIG,
-                message=f"{found.path}: has no section `arms`: nothing in it corrects the model",
-                field="model.calibration",
-                value=model.calibration,
-                hint="write it with `ta2 identify ... --out FILE`, or leave model.calibration empty",
-            )
+        raise failure(
+            Code.BAD_CONFIG,
+            f"{found.path}: has no section `arms`: nothing in it corrects the model",
+            field="model.calibration",
+            value=model.calibration,
+            hint="write it with `ta2 identify ... --out FILE`, or leave model.calibration empty",
         )
     return found.body(description)

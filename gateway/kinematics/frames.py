@@ -26,7 +26,7 @@ from dataclasses import dataclass
 from enum import Enum
 from typing import Protocol
 
-from gateway.errors import Code, Refusal, to_exception
+from gateway.errors import Code, failure
 from gateway.kinematics.transform import Transform
 from gateway.robot.topics import shoulder_frame
 from gateway.values import ArmState, Side, ValueRefused
@@ -86,12 +86,10 @@ class Placed(Protocol):
     @property
     def p_m(self) -> Sequence[float]:
         """Origin, shape (3,) [m]."""
-        ...
 
     @property
     def rows(self) -> Sequence[Sequence[float]]:
         """Rotation matrix, child coordinates to the parent's, shape (3, 3)."""
-        ...
 
 
 class ForwardKinematics(Protocol):
@@ -99,7 +97,6 @@ class ForwardKinematics(Protocol):
 
     def forward(self, q_rad: Sequence[float]) -> Placed:
         """Return `*_ee` in `*_shoulder_base` for joints of §4.0.3, shape (7,) [rad]."""
-        ...
 
 
 class Origin(str, Enum):
@@ -216,14 +213,12 @@ class FrameTree:
 
     def _known(self, frame: str) -> list[str]:
         if frame != ROOT and frame not in self._parents:
-            raise to_exception(
-                Refusal(
-                    code=Code.WRONG_FRAME,
-                    message=f"there is no frame {frame!r} (manual A.2)",
-                    field="frame",
-                    value=frame,
-                    hint=f"one of {', '.join(self.frames)}",
-                )
+            raise failure(
+                Code.WRONG_FRAME,
+                f"there is no frame {frame!r} (manual A.2)",
+                field="frame",
+                value=frame,
+                hint=f"one of {', '.join(self.frames)}",
             )
         return self._ancestors(frame)
 
@@ -283,11 +278,7 @@ class FrameTree:
         side = MOVING_EDGES[f"{self._parents[frame]}_T_{frame}"]
         state = joints.get(side)
         if state is None:
-            raise to_exception(
-                Refusal(
-                    code=Code.PART_STALE, message=f"no joints of the {side} arm: {frame} moves with them (manual A.5)"
-                )
-            )
+            raise failure(Code.PART_STALE, f"no joints of the {side} arm: {frame} moves with them (manual A.5)")
         shoulder = shoulder_frame(side)
         placed = self._arms[side].forward(state.q_rad)
         reach = Transform.of(f"{shoulder}_T_{frame}", p_m=placed.p_m, rotation=placed.rows)

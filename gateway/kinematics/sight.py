@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from gateway.errors import Code, Refusal, to_exception
+from gateway.errors import Code, failure
 from gateway.kinematics.calibration import Calibration
 from gateway.kinematics.cameras.eyes import EYES, Eye, eyes_of, nominal_lens
 from gateway.kinematics.cameras.lens import Lens, Projection
@@ -107,7 +107,7 @@ class Sight:
         eye = EYES.get(view)
         if eye is None:
             message = f"there is no view {view!r} (manual §5.2)"
-            raise to_exception(Refusal(code=Code.BAD_REQUEST, message=message, hint=f"one of {', '.join(EYES)}"))
+            raise failure(Code.BAD_REQUEST, message, hint=f"one of {', '.join(EYES)}")
         return eye
 
     def lens(self, view: str) -> Lens:

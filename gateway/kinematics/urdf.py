@@ -15,7 +15,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 
-from gateway.errors import Code, ConfigError, Refusal
+from gateway.errors import Code, GatewayError, failure
 from gateway.kinematics.description import (
     Description,
     Inertia,
@@ -195,5 +195,5 @@ def _numbers(
     return values
 
 
-def _error(path: Path | str, message: str, hint: str) -> ConfigError:
-    return ConfigError(Refusal(code=Code.BAD_CONFIG, message=f"{path}: {message}", field="urdf", hint=hint))
+def _error(path: Path | str, message: str, hint: str) -> GatewayError:
+    return failure(Code.BAD_CONFIG, f"{path}: {message}", field="urdf", hint=hint)

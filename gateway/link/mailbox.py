@@ -81,7 +81,6 @@ class Bytes(Protocol):
 
     def to_bytes(self) -> bytes:
         """Return a copy."""
-        ...
 
 
 class Kept(Protocol):
@@ -90,7 +89,6 @@ class Kept(Protocol):
     @property
     def payload(self) -> Bytes:
         """Its payload."""
-        ...
 
 
 class Mailbox:

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from queue import Empty, SimpleQueue
 
-from gateway.errors import Code, GatewayError, Refusal, to_exception
+from gateway.errors import Code, GatewayError, failure
 from gateway.policy.chunks import Chunk, chunk_of
 from gateway.policy.local_server import LocalPolicy
 from gateway.policy.observing import Observation, Observer
@@ -94,4 +94,4 @@ class Asking:
         return Answer(chunk=chunk, observation=seen, delay_ns=delay_ns)
 
     def _lost(self, lost: Lost) -> None:
-        self._answers.put(to_exception(Refusal(code=Code.INTERNAL, message=str(lost))))
+        self._answers.put(failure(Code.INTERNAL, str(lost)))

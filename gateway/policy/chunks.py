@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from gateway.errors import Code, GatewayError, Refusal, to_exception
+from gateway.errors import Code, GatewayError, failure
 from gateway.policy.policy_map import COLUMNS, Actions
 from gateway.robot.vector_layout import command_of_effort
 
@@ -197,4 +197,4 @@ def refused(
     code: Code, message: str, value: str = "", bound: str = "", *, field: str = "actions", hint: str = ANOTHER
 ) -> GatewayError:
     """Return why a chunk is not played."""
-    return to_exception(Refusal(code=code, message=message, field=field, value=value, bound=bound, hint=hint))
+    return failure(code, message, field=field, value=value, bound=bound, hint=hint)

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gateway.client import RobotState
-from gateway.errors import Code, Refusal, to_exception
+from gateway.errors import Code, failure
 from gateway.policy.policy_map import Observed
 from gateway.robot.vector_layout import STATE_NAMES
 
@@ -80,7 +80,7 @@ def state_vector(state: RobotState) -> tuple[NDArray[np.float32], frozenset[str]
 def _require_young(name: str, age_s: float, most_s: float) -> None:
     if age_s > most_s and (age_s != float("inf") or name.endswith("_arm")):
         message = f"the newest state of the {name.replace('_', ' ')} is {age_s:.2f} s old, {most_s:g} s is the bound"
-        raise to_exception(Refusal(code=Code.PART_STALE, message=message, field=name, value=f"{age_s:.3g}", unit="s"))
+        raise failure(Code.PART_STALE, message, field=name, value=f"{age_s:.3g}", unit="s")
 
 
 def resized(picture: NDArray[np.uint8], side: int) -> NDArray[np.uint8]:
@@ -133,7 +133,7 @@ class Observer:
                     else f"it is {picture.age:.2f} s old, {OLD_S:g} s is the bound"
                 )
                 message, hint = f"the cameras' newest picture: {age}", "see `ta2 video check`"
-                raise to_exception(Refusal(code=Code.PART_STALE, message=message, field="cameras", hint=hint))
+                raise failure(Code.PART_STALE, message, field="cameras", hint=hint)
             for key, view in layout.images.items():
                 values[key] = resized(picture[view], layout.resize) if layout.resize else picture[view]
         state = self._look()

@@ -22,7 +22,7 @@ from typing import Any
 import msgspec
 import numpy as np
 
-from gateway.errors import Code, GatewayError, Refusal, to_exception
+from gateway.errors import Code, GatewayError, failure
 
 __all__ = ["FIRST_ANSWER_S", "PolicyServer", "decoded", "encoded"]
 
@@ -93,7 +93,7 @@ def _array(value: Mapping[Any, Any]) -> np.ndarray[Any, np.dtype[Any]]:
 
 def _wrong(code: Code, message: str) -> GatewayError:
     hint = "is it an openpi server? see its log; other packages of arrays in MessagePack are not the same"
-    return to_exception(Refusal(code=code, message=message, field="server", hint=hint))
+    return failure(code, message, field="server", hint=hint)
 
 
 class PolicyServer:
@@ -125,7 +125,7 @@ class PolicyServer:
         except ImportError as error:
             message = f"policy servers are asked with websockets, which is not installed ({error})"
             hint = "install it: pip install 'teleavatar-gateway[policy]'"
-            raise to_exception(Refusal(code=Code.BAD_REQUEST, message=message, hint=hint)) from None
+            raise failure(Code.BAD_REQUEST, message, hint=hint) from None
         self.url = url
         self.metadata: Mapping[Any, Any] = {}
         """What the server said of itself when it was connected to."""
@@ -164,9 +164,7 @@ class PolicyServer:
         except (self._errors.InvalidURI, ValueError) as error:
             message = f"{self.url!r} is no address of a policy server: {error}"
             hint = "ws://HOST:PORT is one, e.g. ws://127.0.0.1:8000"
-            raise to_exception(
-                Refusal(code=Code.BAD_REQUEST, message=message, field="target", value=self.url, hint=hint)
-            ) from None
+            raise failure(Code.BAD_REQUEST, message, field="target", value=self.url, hint=hint) from None
         except (OSError, EOFError, self._errors.WebSocketException) as error:
             raise self._gone(str(error) or type(error).__name__) from None
         until_s = struct.pack(
@@ -213,7 +211,7 @@ class PolicyServer:
             self.close()
             message = f"no {what} came from the policy server {self.url} in {timeout_s:g} s"
             hint = "see whether it still works; wait longer with --timeout"
-            raise to_exception(Refusal(code=Code.TIMEOUT, message=message, field="server", hint=hint)) from None
+            raise failure(Code.TIMEOUT, message, field="server", hint=hint) from None
         except (OSError, EOFError, self._errors.ConnectionClosed) as error:
             self.close()
             raise self._gone(str(error) or type(error).__name__) from None
@@ -221,10 +219,9 @@ class PolicyServer:
             self.close()
             _log.info("the policy server %s failed:\n%s", self.url, frame)
             last = next((line.strip() for line in reversed(frame.splitlines()) if line.strip()), "nothing was said")
-            message = f"the policy server {self.url} failed: {last[:300]}"
-            raise to_exception(Refusal(code=Code.POLICY_FAILED, message=message, field="server"))
+            raise failure(Code.POLICY_FAILED, f"the policy server {self.url} failed: {last[:300]}", field="server")
         return decoded(frame)
 
     def _gone(self, why: str) -> GatewayError:
         message, hint = f"the policy server {self.url} is not there: {why}", "start it, and see its log"
-        return to_exception(Refusal(code=Code.DISCONNECTED, message=message, field="server", hint=hint))
+        return failure(Code.DISCONNECTED, message, field="server", hint=hint)

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import msgspec
 
-from gateway.errors import Code, Refusal, to_exception
+from gateway.errors import Code, failure
 from gateway.robot.vector_layout import STATE_NAMES, STATE_WIDTHS
 from gateway.video.decoding.views import COMPOSITE, VIEWS
 
@@ -113,6 +113,4 @@ def load_map(name: str, resize: int | None = None) -> PolicyMap:
         return msgspec.convert(document, PolicyMap)
     except (OSError, ValueError, TypeError) as error:  # not there, no TOML, or none of ours
         message, hint = f"the policy's map {name}: {error}", f"name a file, or one of {', '.join(PRESETS)}"
-        raise to_exception(
-            Refusal(code=Code.BAD_REQUEST, message=message, field="file", value=name, hint=hint)
-        ) from None
+        raise failure(Code.BAD_REQUEST, message, field="file", value=name, hint=hint) from None

@@ -43,19 +43,15 @@ class Hands(Protocol):
 
     def follow(self, chunk: Chunk, late_s: float, smoothing_s: float) -> MotionHandle | None:
         """Follow a chunk whose step 0 was so long ago [s]; return its motion, None where nothing moves."""
-        ...
 
     def approach(self, joints: Mapping[str, Any]) -> None:
         """Move the arms to joints [rad], and wait until they are there."""
-        ...
 
     def grip(self, side: str, command: float) -> None:
         """Tell a gripper its command, 0..1."""
-        ...
 
     def drive(self, part: str, velocity: Sequence[float]) -> None:
         """Tell `chassis` or `lift` a velocity that counts for `DRIVE_S`; see `Chunk.drives`."""
-        ...
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

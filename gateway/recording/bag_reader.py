@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from gateway.errors import Code, Refusal, to_exception
+from gateway.errors import Code, failure
 from gateway.recording.bag_writer import ACTIVE, ALIAS, METADATA, NOTE, needed
 from gateway.recording.topics import RecordedTopic
 
@@ -76,7 +76,7 @@ class Bag:
         except Exception as error:
             message = f"{path} cannot be read: {error}"
             hint = "a folder with metadata.yaml and an .mcap or .db3 file, or an .mcap file, is a bag"
-            raise to_exception(Refusal(code=Code.BAD_REQUEST, message=message, field="bag", hint=hint)) from error
+            raise failure(Code.BAD_REQUEST, message, field="bag", hint=hint) from error
 
     def close(self) -> None:
         """Close it."""
@@ -115,7 +115,7 @@ class Bag:
                     text, encoding = self._reader.typestore.generate_msgdef(type_name, ros_version=2)[0], "ros2msg"
             except Exception as error:
                 message = f"{name}: nobody knows the definition of {type_name}"
-                raise to_exception(Refusal(code=Code.BAD_REQUEST, message=message, field="bag")) from error
+                raise failure(Code.BAD_REQUEST, message, field="bag") from error
             qos = dump(connection.ext.offered_qos_profiles)
             found[name] = RecordedTopic(
                 name=name,
@@ -239,9 +239,8 @@ class Bag:
 
 def _refuse_incomplete(path: Path) -> None:
     if not path.exists():
-        message = f"there is no {path}"
-        raise to_exception(Refusal(code=Code.BAD_REQUEST, message=message, field="bag"))
+        raise failure(Code.BAD_REQUEST, f"there is no {path}", field="bag")
     if path.is_dir() and not (path / METADATA).exists() and list(path.glob(f"*{ACTIVE}")):
         message = f"{path} is still being recorded, or its recorder was killed"
         hint = f"if nothing records there any more: ta2 record recover {path}"
-        raise to_exception(Refusal(code=Code.BAD_REQUEST, message=message, field="bag", hint=hint))
+        raise failure(Code.BAD_REQUEST, message, field="bag", hint=hint)

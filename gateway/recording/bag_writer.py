@@ -19,7 +19,7 @@ from typing import Any
 
 from cdr_types.schemas import definition
 from gateway import __version__
-from gateway.errors import Code, Refusal, to_exception
+from gateway.errors import Code, failure
 from gateway.recording.topics import RecordedTopic
 
 __all__ = ["ACTIVE", "ALIAS", "METADATA", "NOTE", "BagWriter", "bag_file", "needed"]
@@ -47,7 +47,7 @@ def needed(module: str, extra: str = "record") -> Any:  # noqa: ANN401  a module
     except ImportError as error:
         hint = f"install it: pip install 'teleavatar-gateway[{extra}]'"
         message = f"this takes {module.partition('.')[0]}, which is not installed ({error})"
-        raise to_exception(Refusal(code=Code.BAD_REQUEST, message=message, hint=hint)) from None
+        raise failure(Code.BAD_REQUEST, message, hint=hint) from None
 
 
 def bag_file(folder: Path) -> Path:
@@ -165,12 +165,11 @@ def _claimed(folder: Path) -> Any:  # noqa: ANN401  a binary file
     try:
         folder.mkdir(parents=True, exist_ok=True)
         if any(folder.iterdir()):
-            message = f"{folder} is not empty"
-            raise to_exception(Refusal(code=Code.BAD_REQUEST, message=message, field="out", hint=hint))
+            raise failure(Code.BAD_REQUEST, f"{folder} is not empty", field="out", hint=hint)
         return open(f"{bag_file(folder)}{ACTIVE}", "xb")
     except OSError as error:
         message = f"{folder} cannot be written: {error.strerror or error}"
-        raise to_exception(Refusal(code=Code.BAD_REQUEST, message=message, field="out", hint=hint)) from error
+        raise failure(Code.BAD_REQUEST, message, field="out", hint=hint) from error
 
 
 def metadata(file: str, topics: Sequence[RecordedTopic], counts: Sequence[int], first_ns: int, last_ns: int) -> str:

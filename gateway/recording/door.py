@@ -21,7 +21,7 @@ from gateway.api.recorder_protocol import (
     packed,
     read_question,
 )
-from gateway.errors import Code, GatewayError, Refusal, to_exception
+from gateway.errors import Code, GatewayError, failure
 from gateway.process.threads import supervised
 
 __all__ = ["Door"]
@@ -72,7 +72,7 @@ class Door:
             self._listener.close()
             message = f"this recorder cannot be told of episodes at {path}: {error.strerror or error}"
             hint = "keys work all the same; two recorders at one gateway cannot both be told"
-            raise to_exception(Refusal(code=Code.BAD_REQUEST, message=message, hint=hint)) from None
+            raise failure(Code.BAD_REQUEST, message, hint=hint) from None
         self._thread = supervised(self._serve, "ta2-record-door", may_return=self._is_closing.is_set, again=True)
         self._thread.start()
 

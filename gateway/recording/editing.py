@@ -13,7 +13,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from gateway.errors import Code, GatewayError, Refusal, to_exception
+from gateway.errors import Code, GatewayError, failure
 from gateway.recording.bag_reader import Bag, BagCopy
 from gateway.recording.bag_writer import BagWriter
 from gateway.recording.episodes import Episode, as_message, episodes, events_of
@@ -181,4 +181,4 @@ def _words(kept: Iterable[Episode]) -> Iterator[BagCopy]:
 
 
 def _refused(message: str, field: str, hint: str = "`ta2 bag info` shows what there is") -> GatewayError:
-    return to_exception(Refusal(code=Code.BAD_REQUEST, message=message, field=field, hint=hint))
+    return failure(Code.BAD_REQUEST, message, field=field, hint=hint)

@@ -10,7 +10,7 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 
 from gateway.api.recorder_protocol import RecorderAsk, RecordingState
-from gateway.errors import Code, Refusal, to_exception
+from gateway.errors import Code, failure
 
 __all__ = ["EpisodeDesk"]
 
@@ -80,4 +80,4 @@ class EpisodeDesk:
 
 
 def _refused(message: str, hint: str) -> Exception:
-    return to_exception(Refusal(code=Code.BAD_REQUEST, message=message, field="episode", hint=hint))
+    return failure(Code.BAD_REQUEST, message, field="episode", hint=hint)

@@ -16,7 +16,7 @@ from dataclasses import dataclass, fields, is_dataclass
 from pathlib import Path
 from typing import Any
 
-from gateway.errors import Code, GatewayError, Refusal, to_exception
+from gateway.errors import Code, GatewayError, failure
 from gateway.recording.bag_reader import Bag, BagTopic
 from gateway.recording.bag_writer import needed
 
@@ -171,4 +171,4 @@ def _write_parquet(path: Path, columns: Mapping[str, str], rows: Iterator[Row]) 
 
 
 def _refused(message: str, field: str, hint: str) -> GatewayError:
-    return to_exception(Refusal(code=Code.BAD_REQUEST, message=message, field=field, hint=hint))
+    return failure(Code.BAD_REQUEST, message, field=field, hint=hint)

@@ -25,7 +25,7 @@ from typing import Final
 
 from cdr_types import CdrError, encode, peek_stamp
 from cdr_types.messages.std_msgs import String
-from gateway.errors import Code, Refusal, to_exception
+from gateway.errors import Code, failure
 from gateway.recording.bag_writer import BagWriter
 from gateway.recording.topics import EPISODES, NEVER_NS, RecordedTopic, as_alias, gap_ns
 
@@ -109,8 +109,7 @@ class Recorder:
             message = (
                 f"{folder}: {free / 1e9:.1f} GB are free there, {BEGIN_FREE_BYTES / 1e9:.1f} GB are needed to begin"
             )
-            hint = "free some, or record elsewhere with --out"
-            raise to_exception(Refusal(code=Code.BAD_REQUEST, message=message, field="out", hint=hint))
+            raise failure(Code.BAD_REQUEST, message, field="out", hint="free some, or record elsewhere with --out")
         self._bag = BagWriter(folder, topics)
         self._topics = topics
         self._numbers = {topic.name: number for number, topic in enumerate(topics)}

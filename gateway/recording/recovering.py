@@ -9,7 +9,7 @@ import os
 from dataclasses import dataclass
 from pathlib import Path
 
-from gateway.errors import Code, Refusal, to_exception
+from gateway.errors import Code, failure
 from gateway.recording.bag_writer import ACTIVE, CHUNK_BYTES, METADATA, metadata, needed
 from gateway.recording.topics import RecordedTopic
 
@@ -38,13 +38,13 @@ def recover(folder: Path) -> Recovered:
     if not torn:
         message = f"{folder}: there is no *.mcap{ACTIVE}: nothing to recover"
         hint = "an unfinished recording leaves one in its folder"
-        raise to_exception(Refusal(code=Code.BAD_REQUEST, message=message, field="folder", hint=hint))
+        raise failure(Code.BAD_REQUEST, message, field="folder", hint=hint)
     path = torn[0].with_suffix("")
     try:
         return _copied(torn[0], path, folder)
     except OSError as error:
         message = f"{folder} cannot be recovered: {error.strerror or error}"
-        raise to_exception(Refusal(code=Code.BAD_REQUEST, message=message, field="folder")) from error
+        raise failure(Code.BAD_REQUEST, message, field="folder") from error
 
 
 def _copied(torn: Path, path: Path, folder: Path) -> Recovered:

@@ -23,7 +23,7 @@ from enum import Enum
 from pathlib import Path
 from typing import Any, TypeGuard, get_type_hints
 
-from gateway.errors import CODES, Code, ConfigError, Refusal
+from gateway.errors import Code, GatewayError, failure
 from gateway.settings.settings import Settings, SettingsRefused
 from gateway.values import Side, Vector
 
@@ -333,27 +333,17 @@ def _lines(key: Key, value: Any) -> list[str]:  # noqa: ANN401  any field of any
 
 def _error(
     origin: str, message: str, *, field: str = "", value: str = "", bound: str = "", unit: str = "", hint: str = ""
-) -> ConfigError:
-    return ConfigError(
-        Refusal(
-            code=Code.BAD_CONFIG,
-            message=f"{origin}: {message}",
-            field=field,
-            value=value,
-            bound=bound,
-            unit=unit,
-            hint=hint or CODES[Code.BAD_CONFIG].hint,
-        )
-    )
+) -> GatewayError:
+    return failure(Code.BAD_CONFIG, f"{origin}: {message}", field=field, value=value, bound=bound, unit=unit, hint=hint)
 
 
-def _unknown(origin: str, field: str, name: str, shown: list[str], known: list[str]) -> ConfigError:
+def _unknown(origin: str, field: str, name: str, shown: list[str], known: list[str]) -> GatewayError:
     close = difflib.get_close_matches(name, known, n=1, cutoff=0.5)
     hint = f"did you mean {close[0]!r}?" if close else ""
     return _error(origin, f"{field} is unknown; known: {', '.join(shown)}", field=field, value=name, hint=hint)
 
 
-def _unknown_key(section: str, name: str, origin: str) -> ConfigError:
+def _unknown_key(section: str, name: str, origin: str) -> GatewayError:
     home = next((other for other, keys in KEYS.items() if name in keys), None)
     if home is not None:
         message = f"{section}.{name} is unknown; it is a key of [{home}]"
@@ -361,7 +351,7 @@ def _unknown_key(section: str, name: str, origin: str) -> ConfigError:
     return _unknown(origin, f"{section}.{name}", name, list(KEYS[section]), list(KEYS[section]))
 
 
-def _wrong_type(key: Key, field: str, value: object, wanted: str, origin: str) -> ConfigError:
+def _wrong_type(key: Key, field: str, value: object, wanted: str, origin: str) -> GatewayError:
     wanted += f" [{key.unit}]" if key.unit else ""
     try:
         text = repr(value)
@@ -377,7 +367,7 @@ def _kind_of(value: object) -> str:
     return names.get(type(value), "a date or time")
 
 
-def _too_loose(origin: str, refused: SettingsRefused) -> ConfigError:
+def _too_loose(origin: str, refused: SettingsRefused) -> GatewayError:
     """Return a refusal of the settings with the names and units of the file."""
     section, _, field = refused.name.partition(".")
     key = next((key for key in KEYS[section].values() if key.field == field), None)

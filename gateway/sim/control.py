@@ -37,15 +37,12 @@ class NodeFaults(Protocol):
 
     def begin(self, fault: Fault, now_ns: int) -> None:
         """Let a node fault act."""
-        ...
 
     def clear(self, name: str | None, topic: str | None) -> int:
         """End node faults; return how many ended."""
-        ...
 
     def shut_down(self) -> None:
         """End the node."""
-        ...
 
 
 class Control:

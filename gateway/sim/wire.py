@@ -44,11 +44,9 @@ class Wire(Protocol):
 
     def wanted(self) -> Container[str]:
         """Return the state topics to publish."""
-        ...
 
     def publish(self, topic: str, message: IdlStruct) -> None:
         """Send a message of a state topic."""
-        ...
 
     def read(self, topic: str, payload: bytes) -> IdlStruct:
         """Return the message of a command sample.
@@ -56,28 +54,21 @@ class Wire(Protocol):
         Raises:
             ValueError: If the bytes are no message of the topic's type.
         """
-        ...
 
     def answer(self, query: zenoh.Query) -> None:
         """Answer a question that is not for the simulation itself."""
-        ...
 
     def set_dead(self, topic: str, *, is_dead: bool) -> None:
         """Lose or regain the bridge's reader of a state topic, or of all (`*`)."""
-        ...
 
     def retire(self) -> None:
         """Let the robot's node leave; the bridge stays."""
-        ...
 
     def announce(self) -> None:
         """Let the robot's node come back."""
-        ...
 
     def companions(self) -> tuple[int, ...]:
         """Return the ids of the other processes that stand still when the robot's computer does."""
-        ...
 
     def close(self) -> None:
         """End it; safe to call twice."""
-        ...

@@ -22,11 +22,9 @@ class Window(Protocol):
 
     def show(self, picture: Picture) -> bool:
         """Show a picture, RGB; return whether the window is still wanted."""
-        ...
 
     def close(self) -> None:
         """Close it; it can be closed already."""
-        ...
 
 
 def open_window(title: str) -> Window | str:

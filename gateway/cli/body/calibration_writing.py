@@ -9,7 +9,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from gateway.errors import Code, ConfigError, Refusal
+from gateway.errors import Code, GatewayError, failure
 from gateway.kinematics.calibration import RobotIdentity, load, read
 from gateway.kinematics.calibration_file.arm_section import ArmCalibration
 from gateway.kinematics.calibration_file.conventions import MANUAL, Conventions
@@ -69,5 +69,5 @@ def write_arms(path: Path, robot: RobotIdentity, arms: Sequence[ArmCalibration])
         raise _refused(f"{path}: {error.strerror or error}", "name a place that can be written") from None
 
 
-def _refused(message: str, hint: str) -> ConfigError:
-    return ConfigError(Refusal(code=Code.BAD_CONFIG, message=message, hint=hint))
+def _refused(message: str, hint: str) -> GatewayError:
+    return failure(Code.BAD_CONFIG, message, hint=hint)

@@ -17,7 +17,7 @@ from rich.text import Text
 from gateway.cli.terminal.connection import connected
 from gateway.cli.terminal.ending import ExitStatus
 from gateway.cli.terminal.figures import age_text
-from gateway.errors import Code, GatewayError, Refusal, to_exception
+from gateway.errors import Code, GatewayError, failure
 from gateway.kinematics.calibration import RobotIdentity, load
 from gateway.kinematics.calibration_file.conventions import MANUAL
 from gateway.kinematics.frames import ROOT, FrameTree, Located
@@ -28,7 +28,7 @@ from gateway.robot.limits import HOME_Q_RAD
 from gateway.settings import toml_file
 from gateway.values import ArmState, Side, ValueRefused
 
-__all__ = ["Posture", "Wish", "carry_out", "chain_document", "document", "kind_of", "lines", "measured", "show_frames"]
+__all__ = ["Posture", "carry_out", "chain_document", "document", "kind_of", "lines", "measured"]
 
 STYLES = {"nominal": "", "this robot": "green", "stand-in": "yellow", "joints": "cyan", "ours": "dim"}
 """Kinds of edges with their colours."""
@@ -63,38 +63,8 @@ class Posture:
     is_measured: bool
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Wish:
-    """What to show.
-
-    Attributes:
-        joints: Per arm, as given on the command line [rad].
-        is_live: Whether the gateway is asked for joints.
-        urdf: A robot's own description in place of ours.
-        calibration: File of this robot.
-        identity: Which robot this is, if somebody said so.
-        chain: Parent and child of the only transform wanted.
-        plot: Where to draw.
-        as_json: Whether to print JSON.
-    """
-
-    joints: Mapping[Side, Sequence[float]]
-    is_live: bool
-    urdf: Path | None
-    calibration: Path | None
-    identity: RobotIdentity | None
-    chain: tuple[str, str] | None
-    plot: Path | None
-    as_json: bool
-
-
-def show_frames(wish: Wish, target: str | None, timeout_s: float) -> ExitStatus:
+def carry_out(options: Namespace) -> ExitStatus:
     """Print them.
-
-    Args:
-        wish: What to show.
-        target: Where the gateway is; None finds its socket. Only asked when the wish is live.
-        timeout_s: Longest wait for it [s].
 
     Raises:
         ConfigError: The calibration is not this robot's, or a file cannot be read.
@@ -102,22 +72,25 @@ def show_frames(wish: Wish, target: str | None, timeout_s: float) -> ExitStatus:
         Rejected: There is no such frame, joints are not finite, or no picture can be drawn.
         Stale: The gateway has no joints of an arm that the chain needs.
     """
-    calibration = None if wish.calibration is None else load(wish.calibration, wish.identity)
-    tree = Sight.of(calibration, None if wish.urdf is None else from_urdf(wish.urdf)).tree
-    posture = measured(target, timeout_s) if wish.is_live else _given(wish.joints)
-    if wish.plot is not None:
-        _draw(tree, posture, wish.plot)
-    if wish.chain is not None:
-        located = tree.locate(*wish.chain, posture.joints)
+    link = toml_file.load(options.config).link
+    serial = link.serial if options.serial is None else options.serial
+    identity = RobotIdentity(serial=serial, model=link.model) if serial else None
+    calibration = None if options.calibration is None else load(Path(options.calibration), identity)
+    tree = Sight.of(calibration, None if options.urdf is None else from_urdf(Path(options.urdf))).tree
+    given = {side: joints for side in Side if (joints := getattr(options, side.value)) is not None}
+    posture = measured(options.target, options.timeout_s) if options.live else _given(given)
+    if options.plot is not None:
+        _draw(tree, posture, Path(options.plot))
+    if options.chain is not None:
+        parent, child = options.chain
+        located = tree.locate(parent, child, posture.joints)
         shown, texts = chain_document(located, posture), _chain_lines(located, posture)
     else:
         shown, texts = document(tree, posture), lines(tree, posture)
-    if wish.as_json:
+    if options.json:
         print(json.dumps(shown, ensure_ascii=False, indent=2))
         return ExitStatus.OK
-    console = Console(highlight=False)
-    for line in texts:
-        console.print(line, soft_wrap=True)
+    Console(highlight=False).print(*texts, sep="\n", soft_wrap=True)
     return ExitStatus.OK
 
 
@@ -152,7 +125,7 @@ def _given(joints: Mapping[Side, Sequence[float]]) -> Posture:
             for side in Side
         }
     except ValueRefused as error:
-        raise to_exception(Refusal(code=Code.NOT_FINITE, message=f"joints: {error}", field="joints")) from None
+        raise failure(Code.NOT_FINITE, f"joints: {error}", field="joints") from None
     sources = [f"{side} {'as given' if side in joints else 'at the initial position of §6.6'}" for side in Side]
     return Posture(joints=states, source=", ".join(sources), is_measured=False)
 
@@ -172,7 +145,7 @@ def _draw(tree: FrameTree, posture: Posture, path: Path) -> None:
 
 
 def _no_picture(message: str, hint: str) -> GatewayError:
-    return to_exception(Refusal(code=Code.BAD_REQUEST, message=f"no picture: {message}", field="plot", hint=hint))
+    return failure(Code.BAD_REQUEST, f"no picture: {message}", field="plot", hint=hint)
 
 
 # ----------------------------------------------------------------------------------------------------------------- text
@@ -303,24 +276,3 @@ def chain_document(located: Located, posture: Posture) -> dict[str, object]:
         "joints": posture.source,
         "stamps_ns": {str(side): stamp if posture.is_measured else None for side, stamp in located.stamps_ns.items()},
     }
-
-
-def carry_out(options: Namespace) -> int:
-    """Return the exit status of `ta2 frames`.
-
-    Args:
-        options: As `body_arguments` reads them.
-    """
-    link = toml_file.load(options.config).link
-    serial = link.serial if options.serial is None else options.serial
-    wish = Wish(
-        joints={side: joints for side in Side if (joints := getattr(options, side.value)) is not None},
-        is_live=options.live,
-        urdf=None if options.urdf is None else Path(options.urdf),
-        calibration=None if options.calibration is None else Path(options.calibration),
-        identity=RobotIdentity(serial=serial, model=link.model) if serial else None,
-        chain=None if options.chain is None else tuple(options.chain),
-        plot=None if options.plot is None else Path(options.plot),
-        as_json=options.json,
-    )
-    return show_frames(wish, options.target, options.timeout_s)

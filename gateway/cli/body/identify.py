@@ -11,7 +11,7 @@ import math
 import sys
 from argparse import Namespace
 from collections.abc import Iterator, Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from pathlib import Path
 
 from rich.console import Console
@@ -19,9 +19,9 @@ from rich.text import Text
 
 from gateway.cli.body.calibration_writing import robot_to_write_for, write_arms
 from gateway.cli.body.observer import Observer
-from gateway.cli.body.pairs import Pairs, keep, measured_live, read_pairs
+from gateway.cli.body.pairs import keep, measured_live, read_pairs
 from gateway.cli.terminal.ending import ExitStatus
-from gateway.errors import Code, Refusal, to_exception
+from gateway.errors import Code, failure
 from gateway.kinematics.arm import ArmModel
 from gateway.kinematics.calibration import RobotIdentity
 from gateway.kinematics.calibration_file.arm_section import ArmCalibration, fingerprint
@@ -33,45 +33,13 @@ from gateway.kinematics.urdf import from_urdf
 from gateway.settings import toml_file
 from gateway.values import Side
 
-__all__ = ["Job", "carry_out", "document", "identify_arms", "lines"]
+__all__ = ["carry_out", "document", "lines"]
 
 Result = Identification | Unidentified
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Job:
-    """What to do.
-
-    Attributes:
-        file: Pairs; None takes them from the gateway.
-        seconds: For how long at most, then [s]: it ends when there is enough.
-        keep: Where to write these.
-        sides: Arms that are asked about; None for all that there are pairs of.
-        groups: What is fitted.
-        urdf: A robot's own description in place of ours.
-        out: Calibration file to write to.
-        identity: Which robot this is, if somebody said so.
-        as_json: Whether to print JSON.
-    """
-
-    file: Path | None
-    seconds: float
-    keep: Path | None
-    sides: tuple[Side, ...] | None
-    groups: frozenset[Group]
-    urdf: Path | None
-    out: Path | None
-    identity: RobotIdentity | None
-    as_json: bool
-
-
-def identify_arms(job: Job, target: str | None, timeout_s: float) -> ExitStatus:
+def carry_out(options: Namespace) -> ExitStatus:
     """Identify, print, and write what was found; REFUSED when an arm could not be identified.
-
-    Args:
-        job: What to do.
-        target: Where the gateway is; None finds its socket. Only asked when there is no file of pairs.
-        timeout_s: Longest wait for it [s].
 
     Raises:
         ConfigError: A file cannot be read or written, or nobody said whose calibration to write.
@@ -79,43 +47,44 @@ def identify_arms(job: Job, target: str | None, timeout_s: float) -> ExitStatus:
         GatewayTimeout: It answers, and then tells nothing.
         Stale: There are no pairs at all.
     """
-    description = nominal() if job.urdf is None else from_urdf(job.urdf)
-    owner = None if job.out is None else robot_to_write_for(job.out, job.identity)
+    settings = toml_file.load(options.config)
+    link, urdf = settings.link, options.urdf or settings.model.urdf
+    serial = link.serial if options.serial is None else options.serial
+    identity = RobotIdentity(serial=serial, model=link.model) if serial else None
+    left_out = {Group.LAG, *((Group.EE,) if options.joints_only else ())}
+    if not options.shoulder:
+        left_out.add(Group.SHOULDER)
+    groups = frozenset(Group) - left_out
+    out = None if options.out is None else Path(options.out)
+    description = from_urdf(Path(urdf).expanduser()) if urdf else nominal()
+    owner = None if out is None else robot_to_write_for(out, identity)
     arms = {side: ArmModel(description, side) for side in Side}
-    pairs = _pairs(job, arms, target, timeout_s)
-    asked = job.sides or tuple(side for side in Side if pairs[side])
+    sides = None if options.arm is None else (Side(options.arm),)
+    if options.file is not None:
+        pairs = read_pairs(Path(options.file))
+    else:
+        observer = Observer(arms, sides or tuple(Side), groups)
+        pairs = measured_live(options.target, options.timeout_s, options.seconds, observer)
+        if options.keep is not None:
+            keep(pairs, Path(options.keep))
+    asked = sides or tuple(side for side in Side if pairs[side])
     if not any(pairs[side] for side in asked):
-        raise to_exception(
-            Refusal(
-                code=Code.PART_STALE,
-                message="no pairs of joints and pose" + (f" of the {asked[0]} arm" if asked else ""),
-                hint="does the gateway see the robot, and does the robot publish current_ee_pose? `ta2 topics` tells",
-            )
+        raise failure(
+            Code.PART_STALE,
+            "no pairs of joints and pose" + (f" of the {asked[0]} arm" if asked else ""),
+            hint="does the gateway see the robot, and does the robot publish current_ee_pose? `ta2 topics` tells",
         )
-    results = {side: identify(arms[side], pairs[side], job.groups) for side in asked}
+    results = {side: identify(arms[side], pairs[side], groups) for side in asked}
     found = {side: result for side, result in results.items() if isinstance(result, Identification)}
-    if job.as_json:
+    if options.json:
         print(json.dumps(document(results, description), ensure_ascii=False, indent=2))
     else:
-        console = Console(highlight=False)
-        for side, result in results.items():
-            for line in lines(side, result):
-                console.print(line, soft_wrap=True)
-    if job.out is not None and owner is not None and found:
-        write_arms(job.out, owner, [_calibration(side, found[side], description) for side in found])
-        print(f"{job.out}: {', '.join(found)} of robot {owner} written", file=sys.stderr)
+        texts = (line for side, result in results.items() for line in lines(side, result))
+        Console(highlight=False).print(*texts, sep="\n", soft_wrap=True)
+    if out is not None and owner is not None and found:
+        write_arms(out, owner, [_calibration(side, found[side], description) for side in found])
+        print(f"{out}: {', '.join(found)} of robot {owner} written", file=sys.stderr)
     return ExitStatus.OK if len(found) == len(results) else ExitStatus.REFUSED
-
-
-def _pairs(job: Job, arms: Mapping[Side, ArmModel], target: str | None, timeout_s: float) -> Pairs:
-    if job.file is not None:
-        return read_pairs(job.file)
-
-    observer = Observer(arms, job.sides or tuple(Side), job.groups)
-    pairs = measured_live(target, timeout_s, job.seconds, observer)
-    if job.keep is not None:
-        keep(pairs, job.keep)
-    return pairs
 
 
 def _calibration(side: Side, found: Identification, description: Description) -> ArmCalibration:
@@ -217,29 +186,3 @@ def _row(result: Result) -> dict[str, object]:
             "quat_xyzw": correction.shoulder.pose.quat_xyzw,
         },
     }
-
-
-def carry_out(options: Namespace) -> int:
-    """Return the exit status of `ta2 identify`.
-
-    Args:
-        options: As `body_arguments` reads them.
-    """
-    settings = toml_file.load(options.config)
-    link, urdf = settings.link, options.urdf or settings.model.urdf
-    serial = link.serial if options.serial is None else options.serial
-    left_out = {Group.LAG, *((Group.EE,) if options.joints_only else ())}
-    if not options.shoulder:
-        left_out.add(Group.SHOULDER)
-    job = Job(
-        file=None if options.file is None else Path(options.file),
-        seconds=options.seconds,
-        keep=None if options.keep is None else Path(options.keep),
-        sides=None if options.arm is None else (Side(options.arm),),
-        groups=frozenset(Group) - left_out,
-        urdf=Path(urdf).expanduser() if urdf else None,
-        out=None if options.out is None else Path(options.out),
-        identity=RobotIdentity(serial=serial, model=link.model) if serial else None,
-        as_json=options.json,
-    )
-    return identify_arms(job, options.target, options.timeout_s)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+from argparse import Namespace
 from collections.abc import Sequence
 
 from rich.console import Console
@@ -15,23 +16,20 @@ from gateway.kinematics.description import nominal
 from gateway.kinematics.model_check import Finding, compared, findings
 from gateway.kinematics.urdf import from_urdf
 
-__all__ = ["check_model"]
+__all__ = ["carry_out"]
 
 
-def check_model(urdf: str | None, *, as_json: bool) -> ExitStatus:
+def carry_out(options: Namespace) -> ExitStatus:
     """Print the check; REFUSED when a figure differs.
-
-    Args:
-        urdf: A file in place of our own numbers; None for ours.
-        as_json: Whether to print JSON.
 
     Raises:
         ConfigError: The file cannot be used; the message names what is missing.
     """
+    urdf = options.urdf
     description = nominal() if urdf is None else from_urdf(urdf)
     rows = (*findings(description), *clearances(description), *(compared(description) if urdf is not None else ()))
     wrong = [row for row in rows if not row.is_good]
-    if as_json:
+    if options.json:
         print(json.dumps(document(description.source, rows), indent=2))
     else:
         _show(description.source, rows, wrong)

@@ -21,7 +21,7 @@ from pathlib import Path
 from typing import Any
 
 from gateway.cli.terminal.connection import connected
-from gateway.errors import Code, ConfigError, Refusal
+from gateway.errors import Code, GatewayError, failure
 from gateway.kinematics.identification.pairing import Pair, Pairing
 from gateway.values import ARM_DOF, EePose, Side, ValueRefused
 
@@ -185,6 +185,5 @@ def _numbers(values: object) -> tuple[float, ...]:
     return tuple(float(value) for value in values)
 
 
-def _refused(message: str) -> ConfigError:
-    hint = "the form of both kinds of file is in docs/how-to/body-model.md"
-    return ConfigError(Refusal(code=Code.BAD_CONFIG, message=message, hint=hint))
+def _refused(message: str) -> GatewayError:
+    return failure(Code.BAD_CONFIG, message, hint="the form of both kinds of file is in docs/how-to/body-model.md")

@@ -11,7 +11,7 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
 from gateway.cli.terminal.ending import ExitStatus
-from gateway.errors import Code, GatewayError, Refusal, to_exception
+from gateway.errors import Code, GatewayError, failure
 from gateway.video.decoding.libav import av
 from gateway.video.recording.container import SUFFIXES, TROUBLE, ticks_of
 from gateway.video.recording.growing import is_growing
@@ -198,5 +198,4 @@ def _row(name: str, value: str) -> str:
 
 def _refused(recording: Path, error: Exception) -> GatewayError:
     hint = "name a file that `ta2 video record` or `ta2 video split` wrote"
-    message = f"{recording} cannot be read: {error}"
-    return to_exception(Refusal(code=Code.BAD_REQUEST, message=message, field="file", hint=hint))
+    return failure(Code.BAD_REQUEST, f"{recording} cannot be read: {error}", field="file", hint=hint)

@@ -17,7 +17,7 @@ from pathlib import Path
 
 from gateway.cli.terminal.ending import ExitStatus, Interrupted
 from gateway.cli.terminal.progress import Teller, teller
-from gateway.errors import Code, GatewayError, Refusal, to_exception
+from gateway.errors import Code, GatewayError, failure
 from gateway.video.errors import VideoCode, VideoTimeout
 from gateway.video.hevc.access_unit import CLOCK_HZ
 from gateway.video.receiving.receiver import Receiver, ReceiverSettings
@@ -142,7 +142,7 @@ def opened(path: Path, settings: ReceiverSettings) -> Recorder:
     except OSError as error:
         hint = "name another file with --out; recordings are never overwritten"
         message = f"{path} cannot be written: {error.strerror or error}"
-        raise to_exception(Refusal(code=Code.BAD_REQUEST, message=message, field="file", hint=hint)) from error
+        raise failure(Code.BAD_REQUEST, message, field="file", hint=hint) from error
 
 
 def _until_interrupted(follow: Callable[[], None]) -> Interrupted | None:

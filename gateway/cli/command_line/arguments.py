@@ -22,7 +22,16 @@ from gateway.cli.command_line.motion_arguments import add_motions
 from gateway.cli.command_line.numbers import seconds
 from gateway.cli.command_line.policy_arguments import add_policy
 from gateway.cli.command_line.record_arguments import add_bag, add_episode, complete_record
-from gateway.cli.command_line.robot_arguments import MODELS, ROBOT_PORT, SIM_ENDPOINT, add_robot, endpoint, namespace
+from gateway.cli.command_line.robot_arguments import (
+    MODELS,
+    MODES,
+    PARTS,
+    ROBOT_PORT,
+    SIM_ENDPOINT,
+    add_robot,
+    endpoint,
+    namespace,
+)
 from gateway.cli.command_line.service_arguments import add_service
 from gateway.cli.command_line.sim_arguments import add_camera, add_clock, add_physics
 from gateway.cli.command_line.stop_arguments import add_stops
@@ -35,9 +44,6 @@ __all__ = ["joints", "parse", "parser"]
 
 ARM_DOF = 7
 """Joints per arm (manual §4.0.3)."""
-
-PARTS = ("left_arm", "right_arm", "chassis", "lift_servo")
-MODES = ("joint", "pose")
 
 EPILOG = f"""without a robot, in three terminals:
   ta2 sim          a simulated robot on {SIM_ENDPOINT}
@@ -79,17 +85,17 @@ def parse(arguments: Sequence[str]) -> argparse.Namespace:
         _take_joints(sub, options)
     if options.command == "drive":
         take_velocity(sub, options)
-    if options.command == "link" and options.robot is None and options.config is None and _asks_for_a_look(options):
+    if (
+        options.command == "link"
+        and options.robot is options.config is None
+        and (options.namespace, options.model) != (None, None)
+    ):
         sub.error("--namespace and --model are for a look without a gateway: name the robot with --robot")
     if options.command == "frames" and options.live and (options.left or options.right):
         sub.error("joints come from --live or from --left and --right, not from both")
     if options.command == "gripper" and (options.value is not None) != (options.action == "set"):
         sub.error("`set` takes the robot's own input, 0 to 1, the other actions take --force")
     return options
-
-
-def _asks_for_a_look(options: argparse.Namespace) -> bool:
-    return options.namespace is not None or options.model is not None
 
 
 def _take_joints(sub: argparse.ArgumentParser, options: argparse.Namespace) -> None:

@@ -6,7 +6,7 @@ import argparse
 from typing import Any
 
 from gateway.cli.command_line.adding import add_client_command
-from gateway.cli.command_line.numbers import above_zero
+from gateway.cli.command_line.numbers import seconds
 
 __all__ = ["add_frames", "add_identify", "add_model"]
 
@@ -49,7 +49,7 @@ def add_identify(commands: Any) -> None:  # noqa: ANN401  argparse's private cla
     source.add_argument("--live", action="store_true", help="take them from the gateway")
     identify.add_argument(
         "--seconds",
-        type=_seconds,
+        type=seconds,
         default=180.0,
         metavar="S",
         help="how long to look on with --live at most [s]; it ends as soon as there is enough (default 180)",
@@ -70,10 +70,6 @@ def add_identify(commands: Any) -> None:  # noqa: ANN401  argparse's private cla
     )
     identify.add_argument("--serial", metavar="S", help="serial number of this robot (default: as configured)")
     identify.add_argument("--config", metavar="FILE", help="settings of this robot: serial number, model, URDF")
-
-
-def _seconds(text: str) -> float:
-    return above_zero(text, 86_400.0, "time [s]")
 
 
 def add_model(model: argparse.ArgumentParser) -> None:

@@ -6,12 +6,9 @@ from pathlib import Path
 from typing import Any
 
 from gateway.cli.command_line.adding import add_client_command, add_command
-from gateway.cli.command_line.robot_arguments import add_robot
+from gateway.cli.command_line.robot_arguments import MODES, PARTS, add_robot
 
 __all__ = ["add_check"]
-
-PARTS = ("left_arm", "right_arm", "chassis", "lift_servo")
-MODES = ("joint", "pose")
 
 
 def add_check(commands: Any) -> None:  # noqa: ANN401  argparse's private class

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -17,18 +18,9 @@ MOST_FPS = 200.0
 MOST_EPISODES = 1_000_000
 DIMS = tuple(map(str, STATE_WIDTHS))
 FORMATS = ("v2.1", "v3.0")
-
-
-def _fps(text: str) -> float:
-    return above_zero(text, MOST_FPS, "rows per second")
-
-
-def _rows(text: str) -> int:
-    return integer(text, 1, 100_000, "a number of rows")
-
-
-def _episode(text: str) -> int:
-    return integer(text, 0, MOST_EPISODES, "a number of an episode")
+_fps = partial(above_zero, most=MOST_FPS, what="rows per second")
+_rows = partial(integer, least=1, most=100_000, what="a number of rows")
+_episode = partial(integer, least=0, most=MOST_EPISODES, what="a number of an episode")
 
 
 def _episodes(text: str) -> list[int]:

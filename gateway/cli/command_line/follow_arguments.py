@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import math
+from functools import partial
 from pathlib import Path
 
 from gateway.cli.command_line.numbers import integer
@@ -20,6 +21,8 @@ FILES_HELP = """files:
 Joints [rad] in the order of manual §4.0.3; poses as x, y, z [m], qx, qy, qz, qw in the
 arm's shoulder frame; times [s] rise and count from the first one. The whole file is judged before
 anything moves. Ctrl-C leaves the arms held."""
+
+_episode = partial(integer, least=1, most=100_000, what="number of an episode")
 
 
 def add_follow(follow: argparse.ArgumentParser) -> None:
@@ -99,10 +102,6 @@ def add_replay(replay: argparse.ArgumentParser) -> None:
         "--plot", type=Path, metavar="FILE", help="draw joints beside the recorded ones (.png, .svg, .pdf)"
     )
     replay.add_argument("--view", action="store_true", help="show the robot meanwhile, as `ta2 view` does")
-
-
-def _episode(text: str) -> int:
-    return integer(text, 1, 100_000, "number of an episode")
 
 
 def _number(text: str) -> float:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+from functools import partial
 from typing import Any
 
 from gateway.cli.command_line.adding import add_client_command
@@ -13,6 +14,9 @@ __all__ = ["GRIPPER_ACTIONS", "LIFT_ACTIONS", "add_ground", "take_velocity"]
 GRIPPER_ACTIONS = ("grip", "open", "relax", "set")
 LIFT_ACTIONS = ("up", "down", "off")
 AXES = ("vx", "vy", "wz")
+_part = partial(between, least=0.0, most=1.0, what="part")
+_velocity = partial(between, least=-1.0, most=1.0, what="velocity [m/s, rad/s]")
+_seconds = partial(between, least=0.05, most=600.0, what="time [s]")
 
 
 def add_ground(commands: Any) -> None:  # noqa: ANN401  argparse's private class
@@ -82,15 +86,3 @@ def take_velocity(drive: argparse.ArgumentParser, options: argparse.Namespace) -
         drive.error("a velocity stands by place (VX VY WZ) or by name (--vx, --vy, --wz), not both")
     for axis, value in zip(AXES, by_place, strict=False):
         setattr(options, axis, value)
-
-
-def _part(text: str) -> float:
-    return between(text, 0.0, 1.0, "part")
-
-
-def _velocity(text: str) -> float:
-    return between(text, -1.0, 1.0, "velocity [m/s, rad/s]")
-
-
-def _seconds(text: str) -> float:
-    return between(text, 0.05, 600.0, "time [s]")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Any
 
 from gateway.cli.command_line.adding import add_client_command
@@ -12,10 +13,7 @@ __all__ = ["add_motions"]
 
 PATIENCE_S = 60.0
 """How long a motion may take [s]."""
-
-
-def _distance(text: str) -> float:
-    return above_zero(text, 0.2, "distance [rad]")
+_distance = partial(above_zero, most=0.2, what="distance [rad]")
 
 
 def add_motions(commands: Any) -> None:  # noqa: ANN401  argparse's private class

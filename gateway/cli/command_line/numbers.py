@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import math
+from functools import partial
 
 __all__ = ["above_zero", "between", "factor", "integer", "seconds", "udp_port"]
 
@@ -25,11 +26,6 @@ def above_zero(text: str, most: float, what: str) -> float:
     return value
 
 
-def factor(text: str) -> float:
-    """Return a factor above 0 and up to 1; else as `above_zero`."""
-    return above_zero(text, 1.0, "factor")
-
-
 def between(text: str, least: float, most: float, what: str) -> float:
     """Return a number from `least` to `most`; else as `above_zero`."""
     value = _number(text)
@@ -49,11 +45,6 @@ def integer(text: str, least: int, most: int, what: str) -> int:
     return value
 
 
-def udp_port(text: str) -> int:
-    """Return a UDP port; else as `above_zero`."""
-    return integer(text, 1, 65_535, "UDP port")
-
-
 def _number(text: str) -> float:
     try:
         return float(text)
@@ -61,6 +52,6 @@ def _number(text: str) -> float:
         return math.nan
 
 
-def seconds(text: str) -> float:
-    """Return a time of at most a day [s]; else as `above_zero`."""
-    return above_zero(text, 86_400.0, "time [s]")
+factor = partial(above_zero, most=1.0, what="factor")
+seconds = partial(above_zero, most=86_400.0, what="time [s]")
+udp_port = partial(integer, least=1, most=65_535, what="UDP port")

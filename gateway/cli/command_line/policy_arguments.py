@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Any
 
 from gateway.cli.command_line.adding import add_client_command
@@ -14,6 +15,11 @@ MORE = (
     "Asks for the next action chunk while the last one plays. Ctrl-C leaves the arms held. --dry asks and judges, --shadow "
     "compares with whoever drives: both send nothing. With cameras, also: pip install 'teleavatar-gateway[policy,video]'."
 )
+
+_pixels = partial(integer, least=16, most=2048, what="side [pixels]")
+_hz = partial(above_zero, most=100.0, what="rate [Hz]")
+_steps = partial(integer, least=1, most=450, what="number of steps")
+_smoothing = partial(between, least=0.0, most=1.0, what="time [s]")
 
 
 def add_policy(verbs: Any) -> None:  # noqa: ANN401  argparse's private class
@@ -79,19 +85,3 @@ def add_policy(verbs: Any) -> None:  # noqa: ANN401  argparse's private class
     run.add_argument("--hold", action="store_true", help="leave the arms held instead of pausing the robot")
     run.add_argument("--yes", action="store_true", help="do not ask before moving")
     run.add_argument("--take", metavar="REASON", help="take the robot from its owner, who is shown the reason")
-
-
-def _pixels(text: str) -> int:
-    return integer(text, 16, 2048, "side [pixels]")
-
-
-def _hz(text: str) -> float:
-    return above_zero(text, 100.0, "rate [Hz]")
-
-
-def _steps(text: str) -> int:
-    return integer(text, 1, 450, "number of steps")
-
-
-def _smoothing(text: str) -> float:
-    return between(text, 0.0, 1.0, "time [s]")

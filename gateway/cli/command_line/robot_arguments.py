@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 import re
 
-__all__ = ["MODELS", "ROBOT_PORT", "SIM_ENDPOINT", "add_robot", "endpoint", "namespace"]
+__all__ = ["MODELS", "MODES", "PARTS", "ROBOT_PORT", "SIM_ENDPOINT", "add_robot", "endpoint", "namespace"]
 
 ROBOT_PORT = 9000
 """Where the robot's router listens (manual §2.4)."""
@@ -15,6 +15,8 @@ SIM_ENDPOINT = f"tcp/127.0.0.1:{ROBOT_PORT}"
 
 MODELS = ("lite", "standard", "lift")
 """Keys of `topics.VARIANTS`, written out: to show a help text, nothing needs to be imported."""
+PARTS, MODES = ("left_arm", "right_arm", "chassis", "lift_servo"), ("joint", "pose")
+"""Parts that can be switched off, and control modes of an arm (manual §2.3)."""
 
 
 def endpoint(text: str) -> str:

@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 import argparse
+from functools import partial
 from pathlib import Path
 
 from gateway.cli.command_line.numbers import between
 
 __all__ = ["add_camera", "add_clock", "add_physics"]
+
+_offset = partial(between, least=-1e8, most=1e8, what="offset [s]")
+_drift = partial(between, least=-1000.0, most=1000.0, what="drift [ppm]")
 
 
 def add_physics(sim: argparse.ArgumentParser) -> None:
@@ -55,11 +59,3 @@ def add_camera(sim: argparse.ArgumentParser) -> None:
     sim.add_argument(
         "--camera-to", metavar="HOST:PORT", help="where to; turns --camera on (default 127.0.0.1:8890, as the robot's)"
     )
-
-
-def _offset(text: str) -> float:
-    return between(text, -1e8, 1e8, "offset [s]")
-
-
-def _drift(text: str) -> float:
-    return between(text, -1000.0, 1000.0, "drift [ppm]")

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import argparse
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 from gateway.cli.command_line.adding import add_command
-from gateway.cli.command_line.numbers import above_zero, integer, udp_port
+from gateway.cli.command_line.numbers import above_zero, integer, seconds, udp_port
 
 __all__ = ["PORT", "add_video"]
 
@@ -21,6 +22,8 @@ CHECK_S = 10.0
 """Packets and pictures are watched for so long (manual §2.7.2) [s]."""
 DECODERS = ("auto", "software", "nvdec")
 CODECS = ("h264", "h265")
+_payload_type = partial(integer, least=0, most=127, what="RTP payload type")
+_rate = partial(above_zero, most=240.0, what="rate [Hz]")
 
 
 def add_video(commands: Any) -> None:  # noqa: ANN401  argparse's private class
@@ -60,7 +63,7 @@ def _add_recording(verbs: Any) -> None:  # noqa: ANN401  argparse's private clas
     more = "Nothing is encoded again: it takes about a hundredth of a core. Ends well with Ctrl-C."
     sub = add_command(verbs, "record", "record the robot's pictures as they come", more)
     _add_stream(sub)
-    sub.add_argument("--seconds", type=_seconds, metavar="S", help="how long [s] (default: until Ctrl-C)")
+    sub.add_argument("--seconds", type=seconds, metavar="S", help="how long [s] (default: until Ctrl-C)")
     sub.add_argument("--out", metavar="FILE", help=".mkv, or .mp4 (default: ta2-DATE-TIME.mkv here)")
     sub.add_argument("--split", action="store_true", help="split the six views off as well, into a folder beside it")
     _add_json(sub)
@@ -80,9 +83,7 @@ def _add_recording(verbs: Any) -> None:  # noqa: ANN401  argparse's private clas
     sub = add_command(verbs, "check", "check the stream point by point (manual §2.7.2)", more)
     _add_stream(sub)
     _add_decoding(sub)
-    sub.add_argument(
-        "--seconds", type=_seconds, default=CHECK_S, metavar="S", help="how long [s] (default %(default)g)"
-    )
+    sub.add_argument("--seconds", type=seconds, default=CHECK_S, metavar="S", help="how long [s] (default %(default)g)")
     sub.add_argument("--out", metavar="DIR", help="folder to keep recording and views in (default: none is kept)")
     _add_json(sub)
 
@@ -110,7 +111,7 @@ def _add_stream(sub: argparse.ArgumentParser) -> None:
     sub.add_argument(
         "--timeout",
         dest="timeout_s",
-        type=_seconds,
+        type=seconds,
         default=FIRST_FRAME_S,
         metavar="S",
         help="longest wait for the first picture [s] (default %(default)g)",
@@ -123,15 +124,3 @@ def _add_decoding(sub: argparse.ArgumentParser) -> None:
         "--decoder", choices=DECODERS, default="auto", help="auto takes the GPU where it works (default %(default)s)"
     )
     sub.add_argument("--strict", action="store_true", help="leave out damaged pictures instead of marking them")
-
-
-def _payload_type(text: str) -> int:
-    return integer(text, 0, 127, "RTP payload type")
-
-
-def _seconds(text: str) -> float:
-    return above_zero(text, 86_400.0, "time [s]")
-
-
-def _rate(text: str) -> float:
-    return above_zero(text, 240.0, "rate [Hz]")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +16,8 @@ __all__ = ["add_view", "add_web"]
 RATE_HZ = 20.0
 MOST_HZ = 200.0
 SUFFIX = ".rrd"
+_rate = partial(above_zero, most=MOST_HZ, what="rate [Hz]")
+_port = partial(integer, least=1, most=65535, what="a TCP port")
 
 
 def add_view(commands: Any) -> None:  # noqa: ANN401  argparse's private class
@@ -39,10 +42,6 @@ def add_view(commands: Any) -> None:  # noqa: ANN401  argparse's private class
     view.add_argument("--config", metavar="FILE", help="the gateway's settings, for the numbers of this robot's body")
 
 
-def _rate(text: str) -> float:
-    return above_zero(text, MOST_HZ, "rate [Hz]")
-
-
 def _rrd(text: str) -> Path:
     if not text.endswith(SUFFIX):
         raise argparse.ArgumentTypeError(f"{text!r} does not end with {SUFFIX}")
@@ -50,10 +49,6 @@ def _rrd(text: str) -> Path:
 
 
 WEB_PORT = 8700
-
-
-def _port(text: str) -> int:
-    return integer(text, 1, 65535, "a TCP port")
 
 
 def add_web(commands: Any) -> None:  # noqa: ANN401  argparse's private class

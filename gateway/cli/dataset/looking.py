@@ -11,7 +11,7 @@ from gateway.cli.terminal.progress import teller
 from gateway.dataset.differing import differences
 from gateway.dataset.drawing import draw, groups_of
 from gateway.dataset.lerobot_reader import Dataset
-from gateway.errors import Code, Refusal, to_exception
+from gateway.errors import Code, failure
 
 __all__ = ["counted", "diff", "show"]
 
@@ -30,11 +30,9 @@ def show(options: Namespace) -> ExitStatus:
     try:
         return _shown(options)
     except (OSError, ValueError, LookupError) as error:
-        message, hint = (
-            f"{options.dataset} cannot be shown: {type(error).__name__}: {error}",
-            "`ta2 dataset check` says what is wrong with it",
-        )
-        raise to_exception(Refusal(code=Code.BAD_REQUEST, message=message, field="dataset", hint=hint)) from error
+        message = f"{options.dataset} cannot be shown: {type(error).__name__}: {error}"
+        hint = "`ta2 dataset check` says what is wrong with it"
+        raise failure(Code.BAD_REQUEST, message, field="dataset", hint=hint) from error
 
 
 def _shown(options: Namespace) -> ExitStatus:
@@ -45,7 +43,7 @@ def _shown(options: Namespace) -> ExitStatus:
         episode = next(dataset.readable([number]), None)
         if episode is None:
             message, bound = f"{dataset.folder} has no episode {number}", f"0 to {episodes - 1}"
-            raise to_exception(Refusal(code=Code.BAD_REQUEST, message=message, field="episode", bound=bound))
+            raise failure(Code.BAD_REQUEST, message, field="episode", bound=bound)
     if options.out is not None and episode is not None:
         title = f"{dataset.folder.resolve().name}, episode {number}: {', '.join(episode.tasks)}"
         draw(dataset, episode, title, options.out)

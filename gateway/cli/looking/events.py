@@ -6,6 +6,7 @@ Goes on when the gateway is restarted; what was lost on the way stands where it 
 from __future__ import annotations
 
 import sys
+from argparse import Namespace
 
 import msgspec
 
@@ -13,26 +14,20 @@ from gateway.api import protocol
 from gateway.cli.terminal.connection import connected
 from gateway.cli.terminal.ending import ExitStatus, Interrupted, in_shell_words
 
-__all__ = ["line_of_notice", "show_events"]
+__all__ = ["carry_out", "line_of_notice"]
 
 
-def show_events(target: str | None, timeout_s: float, *, silence_s: float | None, as_json: bool) -> ExitStatus:
+def carry_out(options: Namespace) -> ExitStatus:
     """Print notices until Ctrl-C, or until there was silence.
-
-    Args:
-        target: Where the gateway is; None finds its socket.
-        timeout_s: Longest wait for it at the beginning [s].
-        silence_s: Ends after so long without a notice [s]; None goes on.
-        as_json: Whether each is a JSON object.
 
     Raises:
         Disconnected: No gateway answers at the beginning, or there was silence for lack of one.
     """
-    with connected("events", target, timeout_s) as robot:
+    with connected("events", options.target, options.timeout_s) as robot:
         print(f"listening to {robot!r}; Ctrl-C ends it", file=sys.stderr)
         try:
-            for notice in robot.events(timeout=silence_s):
-                print(msgspec.json.encode(notice).decode() if as_json else line_of_notice(notice), flush=True)
+            for notice in robot.events(timeout=options.silence):
+                print(msgspec.json.encode(notice).decode() if options.json else line_of_notice(notice), flush=True)
         except Interrupted:
             raise
         except KeyboardInterrupt:

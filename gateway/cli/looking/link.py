@@ -22,7 +22,7 @@ from gateway.cli.looking.link_findings import findings_of
 from gateway.cli.looking.link_page import lines
 from gateway.cli.terminal.connection import connected
 from gateway.cli.terminal.ending import ExitStatus
-from gateway.errors import Code, Disconnected, Refusal, to_exception
+from gateway.errors import Code, Disconnected, failure, to_exception
 
 __all__ = ["document", "show_link", "show_look"]
 
@@ -49,7 +49,7 @@ def show_link(target: str | None, timeout_s: float, *, as_json: bool) -> ExitSta
         raise to_exception(replace(error.refusal, hint=hint)) from None
     if wire is None:
         message = f"the gateway is of release {info.version}, which does not tell the state of its wire"
-        raise to_exception(Refusal(code=Code.UNSUPPORTED_VERSION, message=message))
+        raise failure(Code.UNSUPPORTED_VERSION, message)
     seen_by = f"the gateway, release {info.version}, pid {info.pid}"
     _print(wire, seen_by, is_gateway=True, as_json=as_json)
     return ExitStatus.OK

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from argparse import Namespace
 from collections.abc import Iterator
 from dataclasses import asdict
 
@@ -19,7 +20,7 @@ from gateway.cli.terminal.others import is_in_the_way, other_text, others_in_ord
 from gateway.cli.terminal.style import MODEL_STYLES, STEP_MARKS, STEP_STYLES, state_style
 from gateway.client import Health
 
-__all__ = ["lines", "show_status"]
+__all__ = ["carry_out", "lines"]
 
 SIDES = ("left", "right")
 
@@ -27,25 +28,18 @@ OTHERS_SHOWN = 4
 """So many others on the robot have a line each."""
 
 
-def show_status(target: str | None, timeout_s: float, *, as_json: bool) -> ExitStatus:
+def carry_out(options: Namespace) -> ExitStatus:
     """Print it.
-
-    Args:
-        target: Where the gateway is; None finds its socket.
-        timeout_s: Longest wait for it [s].
-        as_json: Whether to print JSON.
 
     Raises:
         Disconnected: No gateway answers.
     """
-    with connected("status", target, timeout_s) as robot:
+    with connected("status", options.target, options.timeout_s) as robot:
         info, state, health = robot.info, robot.state, robot.health()
-    if as_json:
+    if options.json:
         print(json.dumps(_document(info, state.view, health), ensure_ascii=False, indent=2))
         return ExitStatus.OK
-    console = Console(highlight=False)
-    for line in lines(info, state.view):
-        console.print(line, soft_wrap=True)
+    Console(highlight=False).print(*lines(info, state.view), sep="\n", soft_wrap=True)
     return ExitStatus.OK
 
 

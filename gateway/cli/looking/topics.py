@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from argparse import Namespace
 from collections.abc import Iterator, Sequence
 
 import msgspec
@@ -16,7 +17,7 @@ from gateway.cli.terminal.figures import age_limit_ns, age_text, rate_text
 from gateway.cli.terminal.others import foreign_on, other_text
 from gateway.robot.topics import COMMAND_TOPICS, STATE_TOPICS, TOPICS, VARIANTS
 
-__all__ = ["document", "foreign_lines", "lines", "route_lines", "show_topics"]
+__all__ = ["carry_out", "document", "foreign_lines", "lines", "route_lines"]
 
 READY = "ready"
 """What the gateway says of a route that works."""
@@ -29,25 +30,20 @@ COMMAND_COLUMNS = (26, -17, 7, 8, 7, 8, 7, 7)
 """Widths; a negative one is aligned to the left."""
 
 
-def show_topics(target: str | None, timeout_s: float, *, as_json: bool) -> ExitStatus:
+def carry_out(options: Namespace) -> ExitStatus:
     """Print them.
-
-    Args:
-        target: Where the gateway is; None finds its socket.
-        timeout_s: Longest wait for it [s].
-        as_json: Whether to print JSON.
 
     Raises:
         Disconnected: No gateway answers.
     """
-    with connected("topics", target, timeout_s) as robot:
+    with connected("topics", options.target, options.timeout_s) as robot:
         info, view, routes = robot.info, robot.state.view, robot.routes()
-    if as_json:
+    if options.json:
         print(json.dumps(document(info, view, routes), indent=2))
         return ExitStatus.OK
-    console = Console(highlight=False)
-    for line in (*lines(info, view), *route_lines(routes), *foreign_lines(view)):
-        console.print(line, soft_wrap=True)
+    Console(highlight=False).print(
+        *lines(info, view), *route_lines(routes), *foreign_lines(view), sep="\n", soft_wrap=True
+    )
     return ExitStatus.OK
 
 

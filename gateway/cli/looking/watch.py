@@ -15,6 +15,7 @@ import sys
 import termios
 import time
 import tty
+from argparse import Namespace
 from collections import deque
 from collections.abc import Iterator
 from dataclasses import replace
@@ -31,7 +32,7 @@ from gateway.cli.terminal.figures import age_text, fsm_text, rate_text
 from gateway.client import Robot, RobotState
 from gateway.errors import Code, Disconnected, GatewayError, GatewayTimeout
 
-__all__ = ["Viewer", "plain_line", "watch"]
+__all__ = ["Viewer", "carry_out", "plain_line"]
 
 FRAME_HZ = 5.0
 LINE_HZ = 1.0
@@ -47,22 +48,17 @@ REMARKS = 500
 """Notices that are kept: more than any terminal shows."""
 
 
-def watch(target: str | None, timeout_s: float, *, once: bool) -> ExitStatus:
+def carry_out(options: Namespace) -> ExitStatus:
     """Show the live view until q or Ctrl-C.
-
-    Args:
-        target: Where the gateway is; None finds its socket.
-        timeout_s: Longest wait for it at the beginning [s].
-        once: Whether to print one frame and end.
 
     Raises:
         Disconnected: No gateway answers at the beginning.
     """
     console = Console(highlight=False)
-    with connected("watch", target, timeout_s) as robot:
+    with connected("watch", options.target, options.timeout_s) as robot:
         viewer = Viewer(robot)
         try:
-            if once:
+            if options.once:
                 viewer.look(SILENCE_S)
                 least = max(LEAST_LINES, console.height - 1)  # below it the shell's prompt wants a line
                 console.print(Group(*frame(replace(viewer.picture(), is_live=False), console.width, least)))

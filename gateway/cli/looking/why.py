@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from argparse import Namespace
 from collections.abc import Iterator
 
 import msgspec
@@ -15,23 +16,18 @@ from gateway.cli.terminal.ending import ExitStatus, in_shell_words
 from gateway.cli.terminal.style import STEP_MARKS, STEP_STYLES
 from gateway.client import Why
 
-__all__ = ["document", "lines", "show_why"]
+__all__ = ["carry_out", "document", "lines"]
 
 
-def show_why(target: str | None, timeout_s: float, *, as_json: bool) -> ExitStatus:
+def carry_out(options: Namespace) -> ExitStatus:
     """Print it.
-
-    Args:
-        target: Where the gateway is; None finds its socket.
-        timeout_s: Longest wait for it [s].
-        as_json: Whether to print JSON.
 
     Raises:
         Disconnected: No gateway answers.
     """
-    with connected("why", target, timeout_s) as robot:
+    with connected("why", options.target, options.timeout_s) as robot:
         info, state, why = robot.info, robot.state, robot.why()
-    if as_json:
+    if options.json:
         print(json.dumps(document(why), ensure_ascii=False, indent=2))
         return ExitStatus.OK
     console = Console(highlight=False)

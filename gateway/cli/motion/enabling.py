@@ -7,6 +7,7 @@ process dies or its terminal goes, the arms stay held as for any client that van
 from __future__ import annotations
 
 import signal
+from argparse import Namespace
 from collections.abc import Iterator
 from contextlib import contextmanager
 from types import FrameType
@@ -17,26 +18,21 @@ from gateway.cli.terminal.ending import ExitStatus
 from gateway.cli.terminal.owning import HELD, LOOK_HZ, LOOK_S, owned
 from gateway.cli.terminal.progress import Teller, teller
 from gateway.client import Robot, RobotState
-from gateway.errors import CODES, Code, GatewayError, Refusal, to_exception
+from gateway.errors import CODES, Code, GatewayError, failure
 
-__all__ = ["enable"]
+__all__ = ["carry_out"]
 
 
-def enable(target: str | None, timeout_s: float, take: str | None) -> ExitStatus:
+def carry_out(options: Namespace) -> ExitStatus:
     """Hold the arms until somebody ends it.
-
-    Args:
-        target: Where the gateway is; None finds its socket.
-        timeout_s: Longest wait until the robot is READY [s].
-        take: Reason to take the robot from its owner; None to be refused.
 
     Raises:
         GatewayError: It could not be enabled, or is not held any more.
     """
-    with connected("enable", target, timeout_s) as robot:
-        with teller() as tell, owned(robot, tell, take=take, is_left_held=False) as own:
+    with connected("enable", options.target, options.timeout_s) as robot:
+        with teller() as tell, owned(robot, tell, take=options.take, is_left_held=False) as own:
             tell.advance("enable", None, "waiting for READY")
-            own.enable(timeout=timeout_s)
+            own.enable(timeout=options.timeout_s)
             tell.advance("enable", 1.0, "READY")
             tell.say("held where they are; Ctrl-C releases: the robot pauses, the grip is lost")
             epoch = own.epoch
@@ -77,7 +73,7 @@ def _watch_over(robot: Robot, tell: Teller, epoch: int, wanted: list[int]) -> No
             return
         if state.lease.epoch != epoch or state.lease.client_id != robot.client_id:
             who = f"{state.lease.name!r} (pid {state.lease.pid})" if state.lease.owned else "nobody"
-            raise to_exception(Refusal(code=Code.LEASE_LOST, message=f"{who} owns the robot now"))
+            raise failure(Code.LEASE_LOST, f"{who} owns the robot now")
         if state.shown != shown:
             shown = state.shown
             urgent = [step.text for step in next_steps(state.view, robot.info) if step.level != "info"]
@@ -91,6 +87,4 @@ def _not_held(state: RobotState) -> GatewayError:
     latches = "; ".join(f"{code}: {message}" for code, message in state.latches.items())
     code = next((Code(code) for code in state.latches if code in {known.value for known in CODES}), Code.NOT_ENABLED)
     why = f", {latches}" if latches else f"; the robot's FSM is {state.fsm_name}"
-    return to_exception(
-        Refusal(code=code, message=f"the arms are not held any more: the gateway is {state.state}{why}")
-    )
+    return failure(code, f"the arms are not held any more: the gateway is {state.state}{why}")

@@ -16,7 +16,7 @@ from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 
-from gateway.cli.motion.job import PROGRESS_HZ, Job, Stage, carry_out, require_mode, watched
+from gateway.cli.motion.job import PROGRESS_HZ, Stage, after, move, require_mode, watched
 from gateway.cli.motion.passing import Part, Passing, chosen, cut, dt_of, located, space_of
 from gateway.cli.motion.recording import Recording, read
 from gateway.cli.terminal.connection import connected
@@ -25,9 +25,9 @@ from gateway.cli.terminal.owning import LOOK_S
 from gateway.cli.terminal.progress import Teller
 from gateway.client import Control, FollowCheck, MotionHandle, MotionResult, PoseTarget, Robot, RobotState
 from gateway.client.asking.chunks import Wishes
-from gateway.errors import Aborted, Code, Refusal, Refused, to_exception
+from gateway.errors import Aborted, Code, Refused, failure
 
-__all__ = ["Way", "command", "follow"]
+__all__ = ["Way", "carry_out", "follow"]
 
 AHEAD_S = 6.0
 """A part is asked for when it begins in less than this [s]; the gateway takes it up to 10 s ahead."""
@@ -96,7 +96,7 @@ class Way:
 
     # ------------------------------------------------------------------------------------------------ as a task
 
-    def preview(self, robot: Robot, job: Job) -> Iterator[str]:
+    def preview(self, robot: Robot, options: Namespace) -> Iterator[str]:
         """Yield what will be followed and where it begins; all of it is judged before.
 
         Raises:
@@ -107,7 +107,7 @@ class Way:
             other = "joint" if self.space == "pose" else "pose"
             require_mode(side, robot.state, is_pose=self.space == "pose", remedy=f"a recording with --space {other}")
         yield from self.description(self.judge(robot))
-        yield f"  then the arms are {job.after}"
+        yield f"  then the arms are {after(options)}"
 
     def description(self, judged: FollowCheck) -> Iterator[str]:
         """Yield in words what was judged."""
@@ -190,7 +190,7 @@ class Way:
                 break
             if now_s > self.duration_s + timeout_s:
                 message = f"the arms have not settled {timeout_s:g} s after the last point"
-                raise to_exception(Refusal(code=Code.TIMEOUT, message=message, hint="wait longer with --timeout"))
+                raise failure(Code.TIMEOUT, message, hint="wait longer with --timeout")
         return replace(handle.result(), duration=self.duration_s)
 
     def _see(self, state: RobotState, now_s: float) -> None:
@@ -209,7 +209,7 @@ class Way:
         return f", {self._skipped} points skipped" if self._skipped else ""
 
 
-def command(options: Namespace, job: Job) -> ExitStatus:
+def carry_out(options: Namespace) -> ExitStatus:
     """Follow a file, or have it judged.
 
     Raises:
@@ -227,17 +227,17 @@ def command(options: Namespace, job: Job) -> ExitStatus:
         goal_tolerance=_one_or_all(options.tolerance),
         approach=options.speed if options.approach else None,
     )
-    return follow(options, job, Way(read(Path(options.file)), passing))
+    return follow(options, Way(read(Path(options.file)), passing))
 
 
-def follow(options: Namespace, job: Job, way: Way) -> ExitStatus:
+def follow(options: Namespace, way: Way) -> ExitStatus:
     """Follow a way; or with `--check` have it judged: nothing moves then, and nobody needs to own the robot.
 
     Raises:
         GatewayError: Nothing was begun, or what is wrong with it.
     """
     if not options.check:
-        return carry_out(job, lambda _: way)
+        return move(options, lambda _: way)
     with connected("follow", options.target, options.timeout_s) as robot:
         judged = way.judge(robot)
     if options.json:

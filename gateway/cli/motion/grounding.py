@@ -7,11 +7,11 @@ from __future__ import annotations
 
 import json
 import sys
+from argparse import Namespace
 from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import dataclass
 
-from gateway.cli.motion.job import ENABLE_S, PROGRESS_HZ, Job
+from gateway.cli.motion.job import ENABLE_S, PROGRESS_HZ
 from gateway.cli.terminal.asking import confirmed
 from gateway.cli.terminal.connection import connected
 from gateway.cli.terminal.ending import ExitStatus, report
@@ -20,18 +20,7 @@ from gateway.cli.terminal.progress import Teller, teller
 from gateway.client import Control, Robot
 from gateway.errors import GatewayError, Refused
 
-__all__ = ["Outing", "drive", "gripper", "lift"]
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Outing(Job):
-    """How a command is carried out.
-
-    Attributes:
-        for_s: How long the chassis or the lift drives, or the gripper is watched [s].
-    """
-
-    for_s: float
+__all__ = ["carry_out"]
 
 
 Facts = dict[str, object]
@@ -39,19 +28,18 @@ Deed = Callable[[Robot, Control, Teller], tuple[str, Facts]]
 """Does it, and returns what to say of it, to people and to scripts."""
 
 
-def gripper(outing: Outing, side: str, action: str, force: float, raw: float) -> ExitStatus:
-    """Command a gripper and watch what comes of it.
-
-    Args:
-        outing: How.
-        side: `left` or `right`.
-        action: `grip`, `open`, `relax` or `set`.
-        force: Part of the greatest torque, for `grip` and `open`.
-        raw: The robot's own input, for `set`.
+def carry_out(options: Namespace) -> ExitStatus:
+    """Do what the command says.
 
     Raises:
         GatewayError: Nothing was begun.
     """
+    return {"gripper": _gripper, "drive": _drive, "lift": _lift}[options.command](options)
+
+
+def _gripper(options: Namespace) -> ExitStatus:
+    """Command a gripper and watch what comes of it."""
+    side, action, force, raw = options.side, options.action, options.force, options.value or 0.0
 
     def deed(robot: Robot, own: Control, tell: Teller) -> tuple[str, Facts]:
         tell.advance("enable", None, "waiting for READY")
@@ -70,7 +58,7 @@ def gripper(outing: Outing, side: str, action: str, force: float, raw: float) ->
             begin_ns = state.view.at_ns if begin_ns is None else begin_ns
             grip = state.grip(hand.side)
             holding, input_ratio, torque_nm = grip.holding, grip.input_ratio, grip.torque_nm
-            done = min(1.0, (state.view.at_ns - begin_ns) / (outing.for_s * 1e9))
+            done = min(1.0, (state.view.at_ns - begin_ns) / (options.for_s * 1e9))
             tell.advance(action, done, _holding_text(holding))
             if done >= 1.0:
                 break
@@ -80,7 +68,7 @@ def gripper(outing: Outing, side: str, action: str, force: float, raw: float) ->
 
     what = {"grip": f"closes with {force:g} of its torque", "open": f"opens with {force:g} of its torque"}
     plan = what.get(action, "gets no torque" if action == "relax" else f"is sent {raw:g}")
-    return _carry_out(outing, f"the {side} gripper {plan}", deed)
+    return _own_for(options, f"the {side} gripper {plan}", deed)
 
 
 def _holding_text(holding: bool | None) -> str:
@@ -89,84 +77,67 @@ def _holding_text(holding: bool | None) -> str:
     return "it seems to hold something (an estimate)" if holding else "it seems to hold nothing (an estimate)"
 
 
-def drive(outing: Outing, vx: float, vy: float, wz: float) -> ExitStatus:
-    """Drive the chassis for a time.
-
-    Args:
-        outing: How, and for how long.
-        vx: Along x [m/s].
-        vy: Along y [m/s].
-        wz: Around z [rad/s].
-
-    Raises:
-        GatewayError: Nothing was begun.
-    """
+def _drive(options: Namespace) -> ExitStatus:
+    """Drive the chassis for a time."""
+    vx, vy, wz = options.vx, options.vy, options.wz
     velocity = f"({vx:g}, {vy:g}) m/s, {wz:g} rad/s"
 
     def deed(_: Robot, own: Control, tell: Teller) -> tuple[str, Facts]:
         tell.advance("drive", None, velocity)
-        own.chassis.drive_for(vx, vy, wz, outing.for_s)
+        own.chassis.drive_for(vx, vy, wz, options.for_s)
         tell.advance("drive", 1.0, "at rest")
-        return f"drove with {velocity} for {outing.for_s:g} s", {"vx": vx, "vy": vy, "wz": wz, "for_s": outing.for_s}
+        return f"drove with {velocity} for {options.for_s:g} s", {"vx": vx, "vy": vy, "wz": wz, "for_s": options.for_s}
 
-    return _carry_out(outing, f"the chassis drives with {velocity} for {outing.for_s:g} s", deed)
+    return _own_for(options, f"the chassis drives with {velocity} for {options.for_s:g} s", deed)
 
 
-def lift(outing: Outing, action: str, speed: float) -> ExitStatus:
-    """Drive the lift for a time, or take its servo off.
-
-    Args:
-        outing: How, and for how long.
-        action: `up`, `down` or `off`.
-        speed: Part of full speed.
-
-    Raises:
-        GatewayError: Nothing was begun.
-    """
+def _lift(options: Namespace) -> ExitStatus:
+    """Drive the lift for a time, or take its servo off."""
+    action, speed = options.action, options.speed
 
     def deed(_: Robot, own: Control, tell: Teller) -> tuple[str, Facts]:
         tell.advance("lift", None, action)
         if action == "off":
             own.lift.disable()
         else:
-            own.lift.drive_for(speed if action == "up" else -speed, outing.for_s)
+            own.lift.drive_for(speed if action == "up" else -speed, options.for_s)
         tell.advance("lift", 1.0, "stopped")
-        moved = "its servo is off" if action == "off" else f"drove {action} with {speed:g} for {outing.for_s:g} s"
-        return f"lift: {moved}", {"action": action, "speed": speed, "for_s": outing.for_s}
+        moved = "its servo is off" if action == "off" else f"drove {action} with {speed:g} for {options.for_s:g} s"
+        return f"lift: {moved}", {"action": action, "speed": speed, "for_s": options.for_s}
 
     how = (
         "the lift stops and its servo goes off"
         if action == "off"
-        else f"the lift drives {action} for {outing.for_s:g} s"
+        else f"the lift drives {action} for {options.for_s:g} s"
     )
-    return _carry_out(outing, how, deed)
+    return _own_for(options, how, deed)
 
 
-def _carry_out(outing: Outing, what: str, deed: Deed) -> ExitStatus:
+def _own_for(options: Namespace, what: str, deed: Deed) -> ExitStatus:
     """Own the robot for a deed, and leave it held where it was, or shall be."""
-    with connected(outing.command, outing.target, outing.timeout_s) as robot:
-        print(f"{outing.command}: {what}", file=sys.stderr)
-        if outing.asks and not confirmed():
+    with connected(options.command, options.target, options.timeout_s) as robot:
+        print(f"{options.command}: {what}", file=sys.stderr)
+        if not options.yes and not confirmed():
             print("nothing was done", file=sys.stderr)
             return ExitStatus.REFUSED
-        is_left_held = outing.is_left_held or robot.state.state in HELD
+        is_left_held = (options.command == "gripper" and options.hold) or robot.state.state in HELD
         try:
-            with teller() as tell, owned(robot, tell, take=outing.take, is_left_held=is_left_held) as own:
+            with teller() as tell, owned(robot, tell, take=options.take, is_left_held=is_left_held) as own:
                 try:
                     text, facts = deed(robot, own, tell)
                 except GatewayError as error:
-                    if not is_left_held and (isinstance(error, Refused) or outing.command != "gripper"):
+                    if not is_left_held and (isinstance(error, Refused) or options.command != "gripper"):
                         with suppress(GatewayError):  # nothing is held: end what this command began
                             own.release()
                     raise
         except GatewayError as error:
-            status = report(error, as_json=outing.as_json)
+            status = report(error, as_json=options.json)
             if is_held(robot):
-                print(held_text(robot, outing.command), file=sys.stderr)
+                print(held_text(robot, options.command), file=sys.stderr)
             return status
-        if is_left_held and outing.command == "gripper":
-            print(held_text(robot, outing.command), file=sys.stderr)
-    if outing.as_json:
+        if is_left_held and options.command == "gripper":
+            print(held_text(robot, options.command), file=sys.stderr)
+    if options.json:
         print(json.dumps({"ok": True, **facts, "held": is_left_held}))
     else:
         print(f"{text}; {'held' if is_left_held else 'released'}")

@@ -10,9 +10,9 @@ from __future__ import annotations
 
 import json
 import sys
+from argparse import Namespace
 from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
 from typing import Protocol
 
 from gateway.cli.terminal.asking import confirmed
@@ -21,9 +21,9 @@ from gateway.cli.terminal.ending import ExitStatus, report
 from gateway.cli.terminal.owning import HELD, LOOK_S, held_text, is_held, owned
 from gateway.cli.terminal.progress import Teller, teller
 from gateway.client import Control, MotionHandle, MotionResult, Robot, RobotState
-from gateway.errors import Code, GatewayError, Refusal, Refused, to_exception
+from gateway.errors import Code, GatewayError, Refused, failure
 
-__all__ = ["ENABLE_S", "PROGRESS_HZ", "Aim", "Job", "Stage", "Task", "carry_out", "require_mode", "watched"]
+__all__ = ["ENABLE_S", "PROGRESS_HZ", "Aim", "Stage", "Task", "after", "move", "require_mode", "watched"]
 
 ENABLE_S = 12.0
 """The gateway gives up enabling after 10 s; its reason is worth waiting for [s]."""
@@ -31,32 +31,9 @@ ENABLE_S = 12.0
 PROGRESS_HZ = 10.0
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Job:
-    """How a command that moves something is to be carried out, whatever it moves.
-
-    Attributes:
-        command: `home`, `move`, `gripper` ...
-        target: Where the gateway is; None finds its socket.
-        timeout_s: Longest wait for the end of a motion, for chassis, lift and grippers for the gateway [s].
-        is_left_held: Whether the arms are left held, also where they were not.
-        take: Reason to take the robot from its owner; None to be refused.
-        asks: Whether a person at a terminal is asked first.
-        as_json: Whether the result is printed as JSON.
-    """
-
-    command: str
-    target: str | None
-    timeout_s: float
-    is_left_held: bool
-    take: str | None
-    asks: bool
-    as_json: bool
-
-    @property
-    def after(self) -> str:
-        """What becomes of the arms afterwards."""
-        return "held" if self.is_left_held else "disabled"
+def after(options: Namespace) -> str:
+    """Return what becomes of the arms afterwards."""
+    return "held" if options.hold else "disabled"
 
 
 Stage = Callable[[Robot, Control, Teller, float], MotionResult]
@@ -66,58 +43,54 @@ Stage = Callable[[Robot, Control, Teller, float], MotionResult]
 class Task(Protocol):
     """What is to move. Made from the state in which it begins."""
 
-    def preview(self, robot: Robot, job: Job) -> Iterable[str]:
+    def preview(self, robot: Robot, options: Namespace) -> Iterable[str]:
         """Return, line by line, what will move and how far; raise what refuses it."""
-        ...
 
     @property
     def stages(self) -> Sequence[Stage]:
         """Motions, one after the other; the result of the last one counts."""
-        ...
 
     def figures(self) -> dict[str, object]:
         """Return what scripts are told of it at the end, beside what all motions have."""
-        ...
 
     def remark(self) -> str:
         """Return the same for people, as the end of a sentence; may be empty."""
-        ...
 
 
 Aim = Callable[[RobotState], Task]
 """Makes a task from the state in which it begins."""
 
 
-def carry_out(job: Job, aim: Aim) -> ExitStatus:
+def move(options: Namespace, aim: Aim) -> ExitStatus:
     """Move the arms, and tell on the way.
 
     Args:
-        job: How.
+        options: Of the command line.
         aim: What.
 
     Raises:
         GatewayError: Nothing was begun.
     """
-    with connected(job.command, job.target, job.timeout_s) as robot:
+    with connected(options.command, options.target, options.timeout_s) as robot:
         task = aim(robot.state)
-        print("\n".join(task.preview(robot, job)), file=sys.stderr)
-        if job.asks and not confirmed():
+        print("\n".join(task.preview(robot, options)), file=sys.stderr)
+        if not options.yes and not confirmed():
             print("nothing was done", file=sys.stderr)
             return ExitStatus.REFUSED
         try:
-            result = _move(job, task, robot)
+            result = _move(options, task, robot)
         except GatewayError as error:
-            status = report(error, as_json=job.as_json)
+            status = report(error, as_json=options.json)
             if is_held(robot):
-                print(held_text(robot, job.command), file=sys.stderr)
+                print(held_text(robot, options.command), file=sys.stderr)
             return status
         except KeyboardInterrupt:
             if is_held(robot):
-                print(f"\ninterrupted: {held_text(robot, job.command)}", file=sys.stderr)
+                print(f"\ninterrupted: {held_text(robot, options.command)}", file=sys.stderr)
             raise
-        if job.is_left_held:
-            print(held_text(robot, job.command), file=sys.stderr)
-    print(_report(job, task, result))
+        if options.hold:
+            print(held_text(robot, options.command), file=sys.stderr)
+    print(_report(options, task, result))
     return ExitStatus.OK
 
 
@@ -137,14 +110,12 @@ def require_mode(side: str, state: RobotState, *, is_pose: bool, remedy: str) ->
     if state.mode is None or is_joint != is_pose:
         return
     mode = "joint" if is_joint else "end-effector"
-    raise to_exception(
-        Refusal(
-            code=Code.WRONG_CONTROL_MODE,
-            message=f"the {side} arm is in {mode} mode (manual §2.3)",
-            field=f"{side}_arm",
-            value=mode,
-            hint=f"use {remedy}, or set the arm to the other mode in the robot's web page",
-        )
+    raise failure(
+        Code.WRONG_CONTROL_MODE,
+        f"the {side} arm is in {mode} mode (manual §2.3)",
+        field=f"{side}_arm",
+        value=mode,
+        hint=f"use {remedy}, or set the arm to the other mode in the robot's web page",
     )
 
 
@@ -172,32 +143,32 @@ def watched(robot: Robot, handle: MotionHandle, tell: Teller, timeout_s: float, 
             break
         if state.view.at_ns - begin_ns > timeout_s * 1e9:
             message = f"motion {handle.motion_id} has not ended within {timeout_s:g} s: {handle.progress:.0%}{error}"
-            raise to_exception(Refusal(code=Code.TIMEOUT, message=message, hint="wait longer with --timeout"))
+            raise failure(Code.TIMEOUT, message, hint="wait longer with --timeout")
     return handle.result()
 
 
-def _move(job: Job, task: Task, robot: Robot) -> MotionResult:
+def _move(options: Namespace, task: Task, robot: Robot) -> MotionResult:
     was_held = robot.state.state in HELD
-    with teller() as tell, owned(robot, tell, take=job.take, is_left_held=job.is_left_held) as own:
+    with teller() as tell, owned(robot, tell, take=options.take, is_left_held=options.hold) as own:
         try:
             tell.advance("enable", None, "waiting for READY")
             own.enable(timeout=ENABLE_S)
             tell.advance("enable", 1.0, "READY")
-            results = [stage(robot, own, tell, job.timeout_s) for stage in task.stages]
+            results = [stage(robot, own, tell, options.timeout_s) for stage in task.stages]
         except Refused:
             if not was_held:  # nothing moves: end what this command began, not what another one left held
                 with suppress(GatewayError):
                     own.release()
             raise
-        if not job.is_left_held:
+        if not options.hold:
             tell.advance("disable", None, "braking to rest, then PAUSE")
             own.release()
             tell.advance("disable", 1.0, "PAUSE")
     return results[-1]
 
 
-def _report(job: Job, task: Task, result: MotionResult) -> str:
-    if job.as_json:
+def _report(options: Namespace, task: Task, result: MotionResult) -> str:
+    if options.json:
         return json.dumps(
             {
                 "ok": True,
@@ -207,9 +178,9 @@ def _report(job: Job, task: Task, result: MotionResult) -> str:
                 "error_m": result.error_m,
                 "duration_s": result.duration,
                 **task.figures(),
-                "held": job.is_left_held,
+                "held": options.hold,
             }
         )
     error = "" if result.error is None else f" within {result.error:.3f} rad"
     error += "" if result.error_m is None else f" and {result.error_m * 1e3:.1f} mm"
-    return f"reached{error} after {result.duration:.1f} s{task.remark()}; {job.after}"
+    return f"reached{error} after {result.duration:.1f} s{task.remark()}; {after(options)}"

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import math
+from argparse import Namespace
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 from gateway.api import protocol
-from gateway.cli.motion.job import Aim, Job, Stage, require_mode, watched
+from gateway.cli.motion.job import Stage, after, move, require_mode, watched
+from gateway.cli.terminal.ending import ExitStatus
 from gateway.cli.terminal.figures import joints_text
 from gateway.cli.terminal.progress import Teller
 from gateway.client import Control, MotionHandle, MotionResult, PoseTarget, Robot, RobotState
@@ -16,29 +18,7 @@ from gateway.client.asking.requests import joints, within_limits
 from gateway.client.state.home import home_goals
 from gateway.values import Side
 
-__all__ = ["Manner", "Plan", "home", "to_joints", "to_poses"]
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Manner:
-    """How a motion goes to its goal.
-
-    Attributes:
-        speed: Factor on the velocity limit.
-        tolerance_rad: Reached within this [rad]; None for the configured one.
-        is_clipping: Whether a goal outside the limits is moved to the limit.
-        is_straight: Whether end effectors go straight in joint mode, too.
-    """
-
-    speed: float
-    tolerance_rad: float | None
-    is_clipping: bool = False
-    is_straight: bool = False
-
-    @property
-    def on_limit(self) -> protocol.OnLimitName:
-        """The same as the gateway calls it."""
-        return "clip" if self.is_clipping else "reject"
+__all__ = ["Plan", "carry_out"]
 
 
 @dataclass(slots=True, kw_only=True)
@@ -47,7 +27,7 @@ class Plan:
 
     Attributes:
         what: In words.
-        manner: How.
+        options: How, as the command line has it.
         targets_rad: Per side seven joints [rad], or offsets.
         is_offset: Whether they are offsets from where the arm is held, or was measured.
         is_pose: Whether they are poses instead: x, y, z [m], qx, qy, qz, qw, each in its arm's shoulder frame.
@@ -55,13 +35,18 @@ class Plan:
     """
 
     what: str
-    manner: Manner
+    options: Namespace
     targets_rad: Mapping[str, tuple[float, ...]]
     is_offset: bool = False
     is_pose: bool = False
     clipped: tuple[str, ...] = ()
 
-    def preview(self, robot: Robot, job: Job) -> Iterator[str]:
+    @property
+    def on_limit(self) -> protocol.OnLimitName:
+        """What becomes of a goal outside the limits; `home` has none."""
+        return "clip" if getattr(self.options, "clip", False) else "reject"
+
+    def preview(self, robot: Robot, options: Namespace) -> Iterator[str]:
         """Yield what will move and how far.
 
         Raises:
@@ -72,13 +57,13 @@ class Plan:
         if not self.is_pose:
             for side in self.targets_rad:
                 require_mode(side, robot.state, is_pose=False, remedy="`ta2 move-pose`")
-            return _preview(job, self, robot)
+            return _preview(options, self, robot)
         mode = robot.state.mode
         is_joint = mode is not None and all(mode.joint_mode.get(side, True) for side in self.targets_rad)
         if not is_joint:
             for side in self.targets_rad:
                 require_mode(side, robot.state, is_pose=True, remedy="`ta2 move-pose` for one arm after the other")
-        return _pose_preview(job, self, robot, by_joints=is_joint and not self.manner.is_straight)
+        return _pose_preview(options, self, robot, by_joints=is_joint and not options.straight)
 
     @property
     def stages(self) -> Sequence[Stage]:
@@ -91,18 +76,16 @@ class Plan:
         return watched(robot, handle, tell, timeout_s)
 
     def _start(self, own: Control) -> MotionHandle:
-        manner = self.manner
+        speed, tolerance_rad = self.options.speed, self.options.tolerance
         if self.is_pose:
             targets = {
                 side: PoseTarget(values[:3], values[3:], f"{side}_shoulder_base")
                 for side, values in self.targets_rad.items()
             }
-            start_poses = own.move_linear if manner.is_straight else own.move_pose
-            return start_poses(
-                targets, speed=manner.speed, tolerance_rad=manner.tolerance_rad, on_limit=manner.on_limit
-            )
+            start_poses = own.move_linear if self.options.straight else own.move_pose
+            return start_poses(targets, speed=speed, tolerance_rad=tolerance_rad, on_limit=self.on_limit)
         start = own.move_by if self.is_offset else own.move_to
-        return start(self.targets_rad, speed=manner.speed, tolerance=manner.tolerance_rad, on_limit=manner.on_limit)
+        return start(self.targets_rad, speed=speed, tolerance=tolerance_rad, on_limit=self.on_limit)
 
     def figures(self) -> dict[str, object]:
         """Return which joints were clipped."""
@@ -113,78 +96,65 @@ class Plan:
         return f", clipped to the limits: {', '.join(self.clipped)}" if self.clipped else ""
 
 
-def home(manner: Manner) -> Aim:
-    """Return the way to the initial position of manual §6.6, for every arm that is enabled."""
-    return lambda state: _home(manner, state)
+def carry_out(options: Namespace) -> ExitStatus:
+    """Move to where the command says.
+
+    Raises:
+        GatewayError: Nothing was begun.
+    """
+    if options.command == "home":
+        return move(options, lambda state: _home(options, state))
+    named = {side: values for side in ("left", "right") if (values := getattr(options, side)) is not None}
+    if options.command == "move-pose":
+        poses = {side: numbers(side, values[:3], values[3:]) for side, values in named.items()}
+        plan = Plan(what="to poses in their shoulder frames", options=options, targets_rad=poses, is_pose=True)
+    else:
+        checked = {side: joints(side, q_rad) for side, q_rad in named.items()}
+        what = "by offsets" if options.by else "to joint positions"
+        plan = Plan(what=what, options=options, targets_rad=checked, is_offset=options.by)
+    return move(options, lambda _: plan)
 
 
-def _home(manner: Manner, state: RobotState) -> Plan:
+def _home(options: Namespace, state: RobotState) -> Plan:
     goals = home_goals(state)
     staying = [side.value for side in Side if side.value not in goals]
     is_enabled = state.mode is not None and bool(staying) and state.mode.arm_enabled.get(staying[0], False)
     why = "in end-effector mode" if is_enabled else "disabled"
     note = f"; the {staying[0]} arm is {why} and stays" if staying else ""
-    return Plan(what=f"to the initial position of manual §6.6{note}", manner=manner, targets_rad=goals)
+    return Plan(what=f"to the initial position of manual §6.6{note}", options=options, targets_rad=goals)
 
 
-def to_joints(manner: Manner, targets_rad: Mapping[str, tuple[float, ...]], *, is_offset: bool) -> Aim:
-    """Return the way to joints that a person gave.
-
-    Args:
-        manner: How.
-        targets_rad: Per side [rad].
-        is_offset: Whether they are offsets.
-
-    Raises:
-        Rejected: WRONG_SHAPE or NOT_FINITE.
-    """
-    checked = {side: joints(side, q_rad) for side, q_rad in targets_rad.items()}
-    what = "by offsets" if is_offset else "to joint positions"
-    return lambda _: Plan(what=what, manner=manner, targets_rad=checked, is_offset=is_offset)
-
-
-def to_poses(manner: Manner, targets: Mapping[str, tuple[float, ...]]) -> Aim:
-    """Return the way to poses that a person gave: x, y, z [m], qx, qy, qz, qw in each arm's own shoulder frame.
-
-    Raises:
-        Rejected: WRONG_SHAPE, NOT_FINITE or OUT_OF_RANGE (the norm of the quaternion).
-    """
-    checked = {side: numbers(side, values[:3], values[3:]) for side, values in targets.items()}
-    what = "to poses in their shoulder frames"
-    return lambda _: Plan(what=what, manner=manner, targets_rad=checked, is_pose=True)
-
-
-def _preview(job: Job, plan: Plan, robot: Robot) -> Iterator[str]:
+def _preview(options: Namespace, plan: Plan, robot: Robot) -> Iterator[str]:
     info, state = robot.info, robot.state
-    v_radps = plan.manner.speed * info.v_radps
-    yield f"{job.command}: {' and '.join(plan.targets_rad)} {plan.what}, with up to {v_radps:g} rad/s"
+    v_radps = options.speed * info.v_radps
+    yield f"{options.command}: {' and '.join(plan.targets_rad)} {plan.what}, with up to {v_radps:g} rad/s"
     longest_s = 0.0
     for side, target in plan.targets_rad.items():
         arm = state.arm(side)
         start = tuple(map(float, arm.q_ref if arm.is_streaming else arm.q))
         goal = tuple(q + dq for q, dq in zip(start, target, strict=True)) if plan.is_offset else target
-        goal = within_limits(side, goal, info, plan.manner.on_limit)
+        goal = within_limits(side, goal, info, plan.on_limit)
         ways = tuple(end - begin for begin, end in zip(start, goal, strict=True))
         yield f"  {side + ' arm':<9} by {joints_text(ways)} rad"
         longest_s = max(longest_s, _duration_s(max(map(abs, ways)), v_radps, info))
-    yield f"  takes about {longest_s:.1f} s, then the arms are {job.after}"
+    yield f"  takes about {longest_s:.1f} s, then the arms are {after(options)}"
 
 
-def _pose_preview(job: Job, plan: Plan, robot: Robot, *, by_joints: bool) -> Iterator[str]:
+def _pose_preview(options: Namespace, plan: Plan, robot: Robot, *, by_joints: bool) -> Iterator[str]:
     """Yield how far end effectors will move and turn."""
-    info, state, speed = robot.info, robot.state, plan.manner.speed
+    info, state, speed = robot.info, robot.state, options.speed
     v_mps, w_radps = speed * info.pose_v_mps, speed * info.pose_w_radps
     arms = " and ".join(plan.targets_rad)
     fastest = f"{speed * info.v_radps:g} rad/s of each joint" if by_joints else f"{v_mps:g} m/s and {w_radps:g} rad/s"
-    yield f"{job.command}: {arms} {plan.what}, with up to {fastest}"
+    yield f"{options.command}: {arms} {plan.what}, with up to {fastest}"
     how = "as the joints like" if by_joints else "straight"
     for side, target in plan.targets_rad.items():
-        goal = within_reach(side, target, info, plan.manner.on_limit)
+        goal = within_reach(side, target, info, plan.on_limit)
         pose = state.arm(side).pose
         cosine = min(1.0, abs(sum(a * b for a, b in zip(map(float, pose.quat_xyzw), goal[3:], strict=True))))
         moved_m, turned_rad = math.dist(tuple(map(float, pose.p)), goal[:3]), 2.0 * math.acos(cosine)
         yield f"  {side + ' arm':<9} by {moved_m * 1e3:.0f} mm and {turned_rad:.3f} rad, {how}"
-    yield f"  then the arms are {job.after}"
+    yield f"  then the arms are {after(options)}"
 
 
 def _duration_s(way_rad: float, v_radps: float, info: protocol.Info) -> float:

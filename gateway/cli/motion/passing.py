@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 
 from gateway.cli.motion.recording import Recording
 from gateway.client.asking.chunks import Tolerance
-from gateway.errors import Code, GatewayError, Refusal, Rejected, to_exception
+from gateway.errors import Code, GatewayError, Rejected, failure, to_exception
 
 if TYPE_CHECKING:
     import numpy as np
@@ -160,8 +160,7 @@ def dt_of(recording: Recording, dt_s: float | None) -> float | None:
 
 
 def _unfit(recording: Recording, message: str, hint: str) -> GatewayError:
-    message = f"{recording.path} {message}"
-    return to_exception(Refusal(code=Code.BAD_REQUEST, message=message, field="file", hint=hint))
+    return failure(Code.BAD_REQUEST, f"{recording.path} {message}", field="file", hint=hint)
 
 
 @contextmanager

@@ -25,7 +25,7 @@ from typing import TYPE_CHECKING, Any
 from zipfile import BadZipFile
 
 from gateway.api.protocol import ARM_DOF
-from gateway.errors import Code, GatewayError, Refusal, to_exception
+from gateway.errors import Code, GatewayError, failure
 
 if TYPE_CHECKING:
     import numpy as np
@@ -253,7 +253,7 @@ def _is_number(word: str) -> bool:
 
 
 def _refused(path: Path, message: str, hint: str) -> GatewayError:
-    return to_exception(Refusal(code=Code.BAD_REQUEST, message=f"{path} {message}", field="file", hint=hint))
+    return failure(Code.BAD_REQUEST, f"{path} {message}", field="file", hint=hint)
 
 
 KINDS: Mapping[str, Callable[[Path], Recording]] = {

@@ -18,7 +18,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gateway.cli.motion.following import Way, follow
-from gateway.cli.motion.job import Job
 from gateway.cli.motion.passing import Passing
 from gateway.cli.motion.recording import Recording
 from gateway.cli.terminal.ending import ExitStatus
@@ -27,7 +26,7 @@ from gateway.dataset.resample import resample
 from gateway.dataset.rows import stretches
 from gateway.dataset.series import Series, read_series
 from gateway.dataset.vendor_marks import all_episodes
-from gateway.errors import Code, GatewayError, Refusal, to_exception
+from gateway.errors import Code, GatewayError, failure
 from gateway.process.own_module import own_module
 from gateway.recording.bag_reader import Bag
 from gateway.recording.bag_writer import needed
@@ -35,7 +34,7 @@ from gateway.recording.episodes import Episode
 from gateway.robot.topics import arm_state, joint_command
 from gateway.values import Side
 
-__all__ = ["Replay", "command", "recorded"]
+__all__ = ["Replay", "carry_out", "recorded"]
 
 DT_S = 0.02
 """From point to point [s]: a setpoint is told a hundred times a second, and is a smooth way."""
@@ -52,7 +51,7 @@ Joints = Mapping[str, NDArray[np.float64]]
 """Per side joints [rad], shape (N, 7)."""
 
 
-def command(options: Namespace, job: Job) -> ExitStatus:
+def carry_out(options: Namespace) -> ExitStatus:
     """Replay a bag, or have it judged.
 
     Raises:
@@ -67,7 +66,7 @@ def command(options: Namespace, job: Job) -> ExitStatus:
     replay = Replay(recording, passing, measured)
     try:
         with _view(options):
-            return follow(options, job, replay)
+            return follow(options, replay)
     finally:
         if plot is not None and (rows := replay.rows()):  # also of one that broke off
             from gateway.cli.motion.replay_plot import write_plot
@@ -215,4 +214,4 @@ class Replay(Way):
 
 
 def _refused(message: str, hint: str, field: str = "bag") -> GatewayError:
-    return to_exception(Refusal(code=Code.BAD_REQUEST, message=message, field=field, hint=hint))
+    return failure(Code.BAD_REQUEST, message, field=field, hint=hint)

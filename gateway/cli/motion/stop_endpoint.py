@@ -11,32 +11,27 @@ import select
 import sys
 import termios
 import tty
+from argparse import Namespace
 from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
 from gateway.cli.terminal.connection import connected
 from gateway.cli.terminal.ending import ExitStatus
-from gateway.errors import Code, Refusal, to_exception
+from gateway.errors import Code, failure
 
 if TYPE_CHECKING:
     from gateway.api.protocol import OnLossName
     from gateway.client import Robot
 
-__all__ = ["watch_over"]
+__all__ = ["carry_out"]
 
 STOP_KEYS = b" \r\n"
 LEAVE_KEYS = b"qQ"
 
 
-def watch_over(target: str | None, timeout_s: float, period_s: float, *, pauses: bool) -> ExitStatus:
+def carry_out(options: Namespace) -> ExitStatus:
     """Hold the terminal until q.
-
-    Args:
-        target: Where the gateway is; None finds its socket.
-        timeout_s: Longest wait for it [s].
-        period_s: The robot is held when this loop was not heard for longer [s].
-        pauses: Whether the robot is paused then, rather than held.
 
     Raises:
         Rejected: BAD_REQUEST, there is no terminal; OUT_OF_RANGE, the period.
@@ -45,20 +40,21 @@ def watch_over(target: str | None, timeout_s: float, period_s: float, *, pauses:
     """
     if not (sys.stdin.isatty() and sys.stdout.isatty()):
         message = "a stop endpoint needs a terminal with a person at it"
-        raise to_exception(Refusal(code=Code.BAD_REQUEST, message=message, hint="use stop_endpoint() in a program"))
-    on_silence: OnLossName = "pause" if pauses else "hold"
-    with connected("stop-endpoint", target, timeout_s) as robot:
+        raise failure(Code.BAD_REQUEST, message, hint="use stop_endpoint() in a program")
+    on_silence: OnLossName = "pause" if options.pause else "hold"
+    period_s: float = options.within
+    with connected("stop-endpoint", options.target, options.timeout_s) as robot:
         with robot.stop_endpoint(period_s, on_silence) as endpoint, _keys() as keyboard:
-            print(f"watching; without this terminal for {period_s:g} s the robot is {'paused' if pauses else 'held'}")
+            print(
+                f"watching; without this terminal for {period_s:g} s the robot is {'paused' if options.pause else 'held'}"
+            )
             print("Enter, space: stop the robot now   q: leave in order   (anything else that ends this: it is held)")
             while True:
                 endpoint.check_in()
                 ready, _, _ = select.select([keyboard], [], [], period_s / 5)
                 pressed = os.read(keyboard, 64) if ready else b""
                 if ready and not pressed:
-                    raise to_exception(
-                        Refusal(code=Code.DISCONNECTED, message="the terminal is gone; the robot is held")
-                    )
+                    raise failure(Code.DISCONNECTED, "the terminal is gone; the robot is held")
                 if any(key in STOP_KEYS for key in pressed):  # before q: both may have been pressed
                     robot.stop("the stop endpoint's key")
                     print("\r\x1b[Kstopped: motion is refused until `ta2 recover`")

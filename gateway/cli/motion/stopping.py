@@ -8,6 +8,7 @@ from __future__ import annotations
 import contextlib
 import getpass
 import json
+from argparse import Namespace
 
 from gateway.cli.terminal.connection import connected
 from gateway.cli.terminal.ending import ExitStatus, for_stopping, report, undelivered
@@ -22,23 +23,17 @@ DONE = {
 }
 
 
-def stop(command: str, target: str | None, timeout_s: float, reason: str, *, as_json: bool) -> ExitStatus:
-    """Stop everything.
-
-    Args:
-        command: `stop` or `estop`.
-        target: Where the gateway is; None finds its socket.
-        timeout_s: Longest wait for it [s].
-        reason: Shown to the owner and in the log.
-        as_json: Whether to print JSON.
+def stop(options: Namespace) -> ExitStatus:
+    """Stop everything; `options.command` is `stop` or `estop`.
 
     Raises:
         GatewayError: Nobody knows whether it stopped.
     """
-    said = _signed(reason or f"ta2 {command}")
+    command, target = options.command, options.target
+    said = _signed(" ".join(options.reason) or f"ta2 {command}")
     _drop(command, target, said)  # before anything else: to connect takes a while, and in a crowd a long one
     try:
-        with connected(command, target, timeout_s, greet=False) as robot:
+        with connected(command, target, options.timeout_s, greet=False) as robot:
             result = robot.stop(said) if command == "stop" else robot.estop(said)
     except GatewayError as error:
         found = _by_guard(command, target, said) if isinstance(error, Disconnected) else None
@@ -46,9 +41,9 @@ def stop(command: str, target: str | None, timeout_s: float, reason: str, *, as_
             raise for_stopping(error) from None
         result = found
     if result.undelivered:
-        return report(undelivered(), as_json=as_json)
+        return report(undelivered(), as_json=options.json)
     who = "by the guard, the gateway itself is dead: " if result.by_guard else ""
-    if as_json:
+    if options.json:
         print(json.dumps({"ok": True, "undelivered": False, "by_guard": result.by_guard}))
     else:
         print(f"{who}{DONE[command]}; motion is refused until `ta2 recover`")
@@ -84,23 +79,18 @@ def _signed(reason: str) -> str:
         return reason
 
 
-def recover(target: str | None, timeout_s: float, reason: str = "", *, as_json: bool) -> ExitStatus:
+def recover(options: Namespace) -> ExitStatus:
     """Clear what holds motion off, and say what it was.
-
-    Args:
-        target: Where the gateway is; None finds its socket.
-        timeout_s: Longest wait for it [s].
-        reason: Lets silent stop endpoints go.
-        as_json: Whether to print JSON.
 
     Raises:
         NotReady: LATCH_PERSISTS, or the robot cannot be seen; ENDPOINT_SILENT without a reason.
     """
-    with connected("recover", target, timeout_s) as robot:
+    reason = " ".join(options.reason)
+    with connected("recover", options.target, options.timeout_s) as robot:
         latches = dict(robot.state.latches)
         silent = [endpoint.name for endpoint in robot.state.endpoints if endpoint.is_silent]
         robot.recover(_signed(reason) if reason else "")
-    if as_json:
+    if options.json:
         print(json.dumps({"ok": True, "cleared": latches, "dismissed": silent}, ensure_ascii=False))
         return ExitStatus.OK
     for name in silent:

@@ -22,7 +22,7 @@ from gateway.cli.terminal.ending import ExitStatus, line_of, status_of
 from gateway.cli.terminal.owning import HELD, held_text, is_held, owned
 from gateway.cli.terminal.progress import Teller, teller
 from gateway.client import ChassisStream, Control, LiftStream, MotionHandle, Robot
-from gateway.errors import Code, GatewayError, Refusal, Refused, Rejected, to_exception
+from gateway.errors import Code, GatewayError, Refused, Rejected, failure
 from gateway.policy.asking import Answer, Asking
 from gateway.policy.chunks import Chunk
 from gateway.policy.journal import Journal
@@ -154,7 +154,7 @@ def carry_out(options: Namespace) -> ExitStatus:
         asking.order()
         first = asking.answer(first_s + FIRST_PICTURE_S)
         if not isinstance(first, Answer):
-            raise first or to_exception(Refusal(code=Code.TIMEOUT, message="no answer came from the policy server"))
+            raise first or failure(Code.TIMEOUT, "no answer came from the policy server")
         if not (is_looking or options.approach):
             require_near(first, time.monotonic_ns())
         print("\n".join(_preview(options, server.url, first, f"{hz:g} steps a second, {said_by}")), file=sys.stderr)
@@ -263,14 +263,10 @@ def _show(
             away = (f"{found['rms_rad']:.4f} rad RMS from what was {what}" for what, found in against.items())
             print(f"{side} arm: the policy was {', '.join(away)}")
         return
-    told: dict[str, Any] = {
-        "ok": error is None,
-        **figures.facts(),
-        **facts,
-    }
+    told: dict[str, Any] = {"ok": error is None, **figures.facts(), **facts}
     if error is not None:
-        failure = asdict(error.refusal) | {"retryable": error.retryable}
-        told |= {"error": failure, "exit_status": int(status_of(error))}
+        told["error"] = asdict(error.refusal) | {"retryable": error.retryable}
+        told["exit_status"] = int(status_of(error))
     print(json.dumps(told, ensure_ascii=False))
 
 
@@ -300,7 +296,7 @@ def _require_task(prompt: str, metadata: Mapping[Any, Any]) -> None:
     tasks = metadata.get("available_tasks")
     if isinstance(tasks, list) and tasks and prompt not in tasks:
         message, hint = f"the policy knows no task {prompt!r}", f"--prompt one of {', '.join(map(repr, tasks))}"
-        raise to_exception(Refusal(code=Code.BAD_REQUEST, message=message, field="prompt", value=prompt, hint=hint))
+        raise failure(Code.BAD_REQUEST, message, field="prompt", value=prompt, hint=hint)
 
 
 def _cameras(stack: ExitStack, robot: Robot, layout: Observed, port: int) -> Any:  # noqa: ANN401  a function
@@ -316,7 +312,7 @@ def _cameras(stack: ExitStack, robot: Robot, layout: Observed, port: int) -> Any
             raise video.silence(FIRST_PICTURE_S)
     except VideoError as error:
         hint = f"{error.hint}; see `ta2 video check`"
-        raise to_exception(Refusal(code=Code.PART_STALE, message=error.message, field="cameras", hint=hint)) from None
+        raise failure(Code.PART_STALE, error.message, field="cameras", hint=hint) from None
     return lambda: video.latest
 
 
@@ -325,7 +321,7 @@ def _require_plot(file: str | None) -> None:
     if file is not None and (find_spec("matplotlib") is None or not file.endswith(PICTURES)):
         message = f"no plot {file}: matplotlib draws {' or '.join(PICTURES)}, where it is installed"
         hint = "pip install 'teleavatar-gateway[demo]'"
-        raise to_exception(Refusal(code=Code.BAD_REQUEST, message=message, field="plot", value=file, hint=hint))
+        raise failure(Code.BAD_REQUEST, message, field="plot", value=file, hint=hint)
 
 
 def _key(file: str) -> str:
@@ -333,4 +329,4 @@ def _key(file: str) -> str:
         return Path(file).read_text(encoding="utf-8").strip()
     except (OSError, UnicodeDecodeError) as error:
         message = f"the key in {file} cannot be read: {error}"
-        raise to_exception(Refusal(code=Code.BAD_REQUEST, message=message, field="file", value=file)) from None
+        raise failure(Code.BAD_REQUEST, message, field="file", value=file) from None

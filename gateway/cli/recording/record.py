@@ -26,7 +26,7 @@ from gateway.cli.terminal.connection import link_of
 from gateway.cli.terminal.ending import ExitStatus, Interrupted
 from gateway.cli.terminal.keys import Keys, keys
 from gateway.cli.terminal.progress import Teller, teller
-from gateway.errors import Code, GatewayTimeout, Refusal, Rejected, to_exception
+from gateway.errors import Code, Rejected, failure
 from gateway.process.notify import Notifier, notifier_of
 from gateway.process.threads import supervised
 from gateway.process.zenoh_threads import share_reactor
@@ -140,12 +140,10 @@ def _follow(
             return
         if first_s is None:
             if now_s - begun_s > FIRST_S:
-                raise GatewayTimeout(
-                    Refusal(
-                        code=Code.TIMEOUT,
-                        message=f"nothing came from the robot in {FIRST_S:g} s",
-                        hint="is it on, and its bridge running? `ta2 link` tells what is there",
-                    )
+                raise failure(
+                    Code.TIMEOUT,
+                    f"nothing came from the robot in {FIRST_S:g} s",
+                    hint="is it on, and its bridge running? `ta2 link` tells what is there",
                 )
             tell.advance("record", None, "waiting for the robot")
             continue
@@ -202,8 +200,7 @@ def _show(folder: Path, progress: Progress, camera: Camera | None, *, is_complet
 
 def _recover(options: Namespace) -> ExitStatus:
     if options.folder is None:
-        hint = "ta2 record recover DIR"
-        raise to_exception(Refusal(code=Code.BAD_REQUEST, message="which folder?", field="folder", hint=hint))
+        raise failure(Code.BAD_REQUEST, "which folder?", field="folder", hint="ta2 record recover DIR")
     found = recover(options.folder)
     if options.json:
         print(json.dumps({"ok": True, **asdict(found), "file": str(found.file)}))

@@ -13,7 +13,7 @@ from gateway.cli.scene.scene import Scene
 from gateway.cli.scene.sink import Sink
 from gateway.dataset.resample import resample
 from gateway.dataset.series import Instants, Series, read_series
-from gateway.errors import Code, Refusal, to_exception
+from gateway.errors import Code, failure
 from gateway.recording.bag_reader import Bag
 from gateway.recording.topics import EPISODES, EVENTS
 from gateway.robot.topics import arm_state, ee_pose, joint_command
@@ -42,7 +42,7 @@ def show_bag(path: Path, scene: Scene, sink: Sink, rate_hz: float) -> None:
     rows = {key: _rows(found[name], times_ns, is_turn=key[1] == "quat") for key, name in names.items() if name in found}
     if not any((side, "q") in rows for side in Side):
         message, hint = f"{path}: no joints of an arm were recorded", "`ta2 bag info` lists what there is"
-        raise to_exception(Refusal(code=Code.BAD_REQUEST, message=message, field="bag", hint=hint))
+        raise failure(Code.BAD_REQUEST, message, field="bag", hint=hint)
     for n, at_ns in enumerate(times_ns.tolist()):
         now = {key: row for key, some in rows.items() if (row := some[n])}
         q, q_ref, p, quat = ({side: now[side, k] for side in Side if (side, k) in now} for k in FIELDS)

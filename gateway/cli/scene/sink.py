@@ -14,7 +14,7 @@ from pathlib import Path
 import rerun as rr
 import rerun_cli
 
-from gateway.errors import Code, GatewayError, Refusal, to_exception
+from gateway.errors import Code, GatewayError, failure
 
 __all__ = ["Sink"]
 
@@ -79,4 +79,4 @@ class Sink:
 
 
 def _refused(message: str, hint: str) -> GatewayError:
-    return to_exception(Refusal(code=Code.BAD_REQUEST, message=message, hint=hint))
+    return failure(Code.BAD_REQUEST, message, hint=hint)

@@ -21,7 +21,7 @@ from gateway.cli.scene.sink import Sink
 from gateway.cli.terminal.connection import connected
 from gateway.cli.terminal.ending import ExitStatus, Interrupted
 from gateway.client import Robot
-from gateway.errors import Code, Disconnected, GatewayTimeout, Refusal, to_exception
+from gateway.errors import Code, Disconnected, GatewayTimeout, failure
 from gateway.kinematics.calibration import RobotIdentity, load
 from gateway.kinematics.collision import CollisionModel
 from gateway.kinematics.configured import configured
@@ -112,4 +112,4 @@ def _cameras(robot: Robot, port: int) -> Iterator[Video]:
         with Video(robot_address(robot.info.robot, None), port=port) as video:
             yield video
     except VideoError as error:
-        raise to_exception(Refusal(code=Code.BAD_REQUEST, message=error.message, hint=error.hint)) from None
+        raise failure(Code.BAD_REQUEST, error.message, hint=error.hint) from None

@@ -12,7 +12,7 @@ from collections.abc import Callable
 from typing import Any
 
 from gateway.cli.teleop.keyboard import Wish
-from gateway.errors import Code, Refusal, to_exception
+from gateway.errors import Code, failure
 
 __all__ = ["HELP", "Gamepad"]
 
@@ -46,7 +46,7 @@ class Gamepad:
         except ImportError as error:
             hint = "install it: pip install 'teleavatar-gateway[teleop]'"
             message = f"gamepads are read with SDL, which is not installed ({error})"
-            raise to_exception(Refusal(code=Code.BAD_REQUEST, message=message, field="device", hint=hint)) from None
+            raise failure(Code.BAD_REQUEST, message, field="device", hint=hint) from None
         self.beside: Callable[[int], Wish] = lambda _: Wish({})
         self._sdl: Any = sdl2
         self._pad: Any = None
@@ -55,7 +55,7 @@ class Gamepad:
         sdl2.SDL_SetHint(sdl2.SDL_HINT_JOYSTICK_ALLOW_BACKGROUND_EVENTS, b"1")
         if sdl2.SDL_Init(sdl2.SDL_INIT_GAMECONTROLLER) != 0 or not self._is_there():
             hint = "plug one in; this user must be able to read /dev/input/event* (group input); or --device keyboard"
-            raise to_exception(Refusal(code=Code.BAD_REQUEST, message="no gamepad is there", field="device", hint=hint))
+            raise failure(Code.BAD_REQUEST, "no gamepad is there", field="device", hint=hint)
 
     def read(self, now_ns: int) -> Wish:
         """Return what is wished for now; never waits."""

@@ -19,7 +19,7 @@ from gateway.cli.terminal.connection import connected
 from gateway.cli.terminal.ending import ExitStatus, Interrupted, report
 from gateway.cli.terminal.keys import keys
 from gateway.cli.terminal.owning import held_text, is_held, owned
-from gateway.errors import Code, GatewayError, Refusal, to_exception
+from gateway.errors import Code, GatewayError, failure
 
 __all__ = ["carry_out"]
 
@@ -51,7 +51,7 @@ def carry_out(options: Namespace) -> ExitStatus:
     screen, status = _Screen(), ExitStatus.OK
     if options.device == "keyboard" and not sys.stdin.isatty():
         message, hint = "standard input is no terminal with keys", "start it in a terminal, or give --device gamepad"
-        raise to_exception(Refusal(code=Code.BAD_REQUEST, message=message, field="device", hint=hint))
+        raise failure(Code.BAD_REQUEST, message, field="device", hint=hint)
     with connected("teleop", options.target, options.timeout_s) as robot, ExitStack() as stack:
         pad = gamepad.Gamepad() if options.device == "gamepad" else None
         print(f"teleop: the {options.device} moves arms, grippers, chassis and lift", file=sys.stderr)

@@ -17,7 +17,7 @@ from gateway.cli.teleop.keyboard import Wish
 from gateway.cli.terminal.ending import line_of
 from gateway.cli.terminal.progress import Teller
 from gateway.client import Control, MotionHandle, Robot, RobotState
-from gateway.errors import Code, Disconnected, GatewayError, LeaseError, ProtocolError, Refusal, to_exception
+from gateway.errors import Code, Disconnected, GatewayError, LeaseError, ProtocolError, failure
 from gateway.kinematics.arm import ArmModel
 from gateway.kinematics.description import nominal
 from gateway.robot.limits import HOME_Q_RAD
@@ -200,4 +200,4 @@ class Session:
 
 
 def _fail(code: Code, message: str) -> NoReturn:
-    raise to_exception(Refusal(code=code, message=message, hint="start it again when that is over"))
+    raise failure(code, message, hint="start it again when that is over")

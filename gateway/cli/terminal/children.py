@@ -13,7 +13,7 @@ from pathlib import Path
 
 import gateway.client
 from gateway.client import Robot
-from gateway.errors import Code, Disconnected, GatewayTimeout, Refusal
+from gateway.errors import Code, Disconnected, GatewayTimeout, failure
 from gateway.process.own_module import own_module
 
 __all__ = ["child", "when_live"]
@@ -82,9 +82,7 @@ def when_live(target: str, name: str, log: Path) -> Robot:
         if time.monotonic() > deadline_s:
             break
     robot.close()
-    raise GatewayTimeout(
-        Refusal(code=Code.TIMEOUT, message=f"no robot that lives within {START_S:g} s", hint="`ta2 link`")
-    )
+    raise failure(Code.TIMEOUT, f"no robot that lives within {START_S:g} s", hint="`ta2 link`")
 
 
 def _end_of(log: Path) -> str:

@@ -20,8 +20,8 @@ from gateway.errors import (
     InternalError,
     OutcomeUnknown,
     ProtocolError,
-    Refusal,
     Rejected,
+    failure,
     to_exception,
 )
 
@@ -123,8 +123,8 @@ def report(error: GatewayError, *, as_json: bool = False) -> ExitStatus:
     status = status_of(error)
     print(line_of(error), file=sys.stderr)
     if as_json:
-        failure = asdict(error.refusal) | {"retryable": error.retryable}
-        print(json.dumps({"ok": False, "error": failure, "exit_status": int(status)}, ensure_ascii=False))
+        facts = asdict(error.refusal) | {"retryable": error.retryable}
+        print(json.dumps({"ok": False, "error": facts, "exit_status": int(status)}, ensure_ascii=False))
     return status
 
 
@@ -138,6 +138,4 @@ def for_stopping(error: GatewayError) -> GatewayError:
 
 def undelivered() -> GatewayError:
     """Return the error of a stop that had no way to the robot."""
-    return to_exception(
-        Refusal(code=Code.STOP_UNDELIVERED, message="the gateway has no transport to the robot: the stop did not leave")
-    )
+    return failure(Code.STOP_UNDELIVERED, "the gateway has no transport to the robot: the stop did not leave")

@@ -24,11 +24,9 @@ class Teller(Protocol):
 
     def say(self, text: str) -> None:
         """Say a sentence that stays to be read."""
-        ...
 
     def advance(self, phase: str, progress: float | None, detail: str) -> None:
         """Show how far a phase is, 0..1; None while nobody can know."""
-        ...
 
 
 @contextmanager

@@ -9,7 +9,7 @@ from gateway.api import protocol
 from gateway.client.asking.procedures import Procedure, request
 from gateway.client.asking.requests import chosen, seconds
 from gateway.client.connection.session import Session
-from gateway.errors import Code, GatewayError, Refusal, to_exception
+from gateway.errors import Code, GatewayError, failure
 
 __all__ = ["Attendance"]
 
@@ -77,4 +77,4 @@ class Attendance:
 
 
 def _unknown(message: str) -> GatewayError:
-    return to_exception(Refusal(code=Code.ENDPOINT_UNKNOWN, message=message))
+    return failure(Code.ENDPOINT_UNKNOWN, message)

@@ -10,7 +10,7 @@ from gateway.api import protocol
 from gateway.client.asking.procedures import Procedure, request
 from gateway.client.asking.requests import SIDES, number, numeric
 from gateway.client.connection.session import Session
-from gateway.errors import Code, GatewayError, Refusal, to_exception
+from gateway.errors import Code, GatewayError, failure
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
@@ -171,4 +171,4 @@ def _nanoseconds(name: str, value: float) -> int:
 
 
 def _refused(code: Code, field: str, message: str, value: str, bound: str) -> GatewayError:
-    return to_exception(Refusal(code=code, message=message, field=field, value=value, bound=bound))
+    return failure(code, message, field=field, value=value, bound=bound)

@@ -14,7 +14,7 @@ from gateway.client.asking.requests import number
 from gateway.client.asking.waits import Seen
 from gateway.client.asking.watching import pause
 from gateway.client.connection.session import Lease, Session, Sighting
-from gateway.errors import Code, Refusal, to_exception
+from gateway.errors import Code, failure
 
 __all__ = [
     "closing",
@@ -59,15 +59,13 @@ def _part(given: float) -> float:
     force = number("force", given)
     if math.isfinite(force) and 0.0 <= force <= 1.0:
         return force
-    raise to_exception(
-        Refusal(
-            code=Code.OUT_OF_RANGE if math.isfinite(force) else Code.NOT_FINITE,
-            message=f"force is {force:g}, a part of the greatest torque from 0 to 1 is needed (manual §4.4)",
-            field="force",
-            value=f"{force:g}",
-            bound="[0, 1]",
-            hint="give 1 for the greatest torque, 0 for none",
-        )
+    raise failure(
+        Code.OUT_OF_RANGE if math.isfinite(force) else Code.NOT_FINITE,
+        f"force is {force:g}, a part of the greatest torque from 0 to 1 is needed (manual §4.4)",
+        field="force",
+        value=f"{force:g}",
+        bound="[0, 1]",
+        hint="give 1 for the greatest torque, 0 for none",
     )
 
 

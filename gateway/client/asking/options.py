@@ -10,7 +10,7 @@ from gateway.api import protocol
 from gateway.client.asking.requests import require_word
 from gateway.client.connection.over_zenoh import Credentials, ZenohTransport
 from gateway.client.connection.transport import Transport
-from gateway.errors import Code, Refusal, to_exception
+from gateway.errors import Code, failure
 
 __all__ = ["OnExitName", "program_name", "require_options", "transport_to"]
 
@@ -22,9 +22,7 @@ def transport_to(target: str | None, credentials: Credentials | None) -> Transpo
     try:
         address = protocol.parse_address(str(protocol.find_socket()) if target is None else target)
     except protocol.AddressRefused as error:
-        raise to_exception(
-            Refusal(code=Code.BAD_REQUEST, message=str(error), field="target", value=str(target), hint="see connect()")
-        ) from None
+        raise failure(Code.BAD_REQUEST, str(error), field="target", value=str(target), hint="see connect()") from None
     return ZenohTransport(address, credentials)
 
 

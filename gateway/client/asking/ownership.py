@@ -13,7 +13,7 @@ from gateway.client.asking.poses import PoseLike, move_pose
 from gateway.client.asking.procedures import Procedure
 from gateway.client.asking.requests import SIDES, move, seconds
 from gateway.client.connection.session import Lease, Motion, Session
-from gateway.errors import Code, Refusal, to_exception
+from gateway.errors import Code, failure
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
@@ -73,7 +73,7 @@ class Ownership:
     def _owned(self) -> Lease:
         lease = self._lease
         if lease is None:
-            raise to_exception(Refusal(code=Code.NOT_OWNER, message="this control was not entered"))
+            raise failure(Code.NOT_OWNER, "this control was not entered")
         self._session.require_lease(lease)
         return lease
 

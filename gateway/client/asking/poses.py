@@ -12,8 +12,8 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Protocol
 
 from gateway.api import protocol
-from gateway.client.asking.requests import SIDES, chosen, number, numeric
-from gateway.errors import Code, Refusal, to_exception
+from gateway.client.asking.requests import SIDES, chosen, number, numeric, require_sides
+from gateway.errors import Code, failure
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
@@ -30,17 +30,14 @@ class PoseLike(Protocol):
     @property
     def p(self) -> ArrayLike:
         """Position [m], shape (3,)."""
-        ...
 
     @property
     def quat_xyzw(self) -> ArrayLike:
         """Orientation, shape (4,)."""
-        ...
 
     @property
     def frame(self) -> str:
         """Name of the frame."""
-        ...
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,15 +69,13 @@ def numbers(side: str, p: ArrayLike, quat_xyzw: ArrayLike) -> tuple[float, ...]:
     values = (*_vector(side, "position", p, 3), *_vector(side, "quaternion", quat_xyzw, 4))
     norm = math.hypot(*values[3:])
     if abs(norm - 1.0) > NORM_TOLERANCE:
-        raise to_exception(
-            Refusal(
-                code=Code.OUT_OF_RANGE,
-                message=f"the quaternion for the {side} arm has norm {norm:.6g}, 1 is needed (xyzw, manual §4.2)",
-                field=f"{side}_arm.quat_xyzw",
-                value=f"{norm:.6g}",
-                bound=f"[{1.0 - NORM_TOLERANCE}, {1.0 + NORM_TOLERANCE}]",
-                hint="give the quaternion as x, y, z, w with norm 1",
-            )
+        raise failure(
+            Code.OUT_OF_RANGE,
+            f"the quaternion for the {side} arm has norm {norm:.6g}, 1 is needed (xyzw, manual §4.2)",
+            field=f"{side}_arm.quat_xyzw",
+            value=f"{norm:.6g}",
+            bound=f"[{1.0 - NORM_TOLERANCE}, {1.0 + NORM_TOLERANCE}]",
+            hint="give the quaternion as x, y, z, w with norm 1",
         )
     return values
 
@@ -95,25 +90,21 @@ def _vector(side: str, what: str, given: ArrayLike, length: int) -> tuple[float,
         if array.shape != (length,):
             wrong, kind = f"has shape {array.shape}", str(array.shape)
     if wrong:
-        raise to_exception(
-            Refusal(
-                code=Code.WRONG_SHAPE,
-                message=f"the {what} for the {side} arm {wrong}, {length} values are needed",
-                field=f"{side}_arm",
-                value=kind,
-                bound=f"({length},)",
-            )
+        raise failure(
+            Code.WRONG_SHAPE,
+            f"the {what} for the {side} arm {wrong}, {length} values are needed",
+            field=f"{side}_arm",
+            value=kind,
+            bound=f"({length},)",
         )
     values = tuple(array.tolist())
     for index, value in enumerate(values):
         if not math.isfinite(value):
-            raise to_exception(
-                Refusal(
-                    code=Code.NOT_FINITE,
-                    message=f"the {what} for the {side} arm has {value} at {index}, a finite number is needed",
-                    field=f"{side}_arm.{'p_m' if length == 3 else 'quat_xyzw'}[{index}]",
-                    value=str(value),
-                )
+            raise failure(
+                Code.NOT_FINITE,
+                f"the {what} for the {side} arm has {value} at {index}, a finite number is needed",
+                field=f"{side}_arm.{'p_m' if length == 3 else 'quat_xyzw'}[{index}]",
+                value=str(value),
             )
     return values
 
@@ -128,14 +119,12 @@ def frame_of(side: str, frame: str | None) -> str:
     if frame == wanted:
         return wanted
     said = f"is in frame {frame!r}" if frame else "has no frame"
-    raise to_exception(
-        Refusal(
-            code=Code.WRONG_FRAME,
-            message=f"the pose for the {side} arm {said}, {wanted!r} is needed (manual §4.0.1)",
-            field=f"{side}_arm.frame",
-            value=frame or "",
-            bound=wanted,
-        )
+    raise failure(
+        Code.WRONG_FRAME,
+        f"the pose for the {side} arm {said}, {wanted!r} is needed (manual §4.0.1)",
+        field=f"{side}_arm.frame",
+        value=frame or "",
+        bound=wanted,
     )
 
 
@@ -146,14 +135,12 @@ def require_space(space: str) -> None:
         Rejected: BAD_REQUEST.
     """
     if space not in ("joint", "pose"):
-        raise to_exception(
-            Refusal(
-                code=Code.BAD_REQUEST,
-                message=f"there are streams of 'joint' and of 'pose' targets, none of {space!r}",
-                field="space",
-                value=str(space),
-                bound="joint, pose",
-            )
+        raise failure(
+            Code.BAD_REQUEST,
+            f"there are streams of 'joint' and of 'pose' targets, none of {space!r}",
+            field="space",
+            value=str(space),
+            bound="joint, pose",
         )
 
 
@@ -177,16 +164,14 @@ def within_reach(
     if on_limit == "clip":
         factor = info.reach_m / reach_m * (1.0 - 1e-12)  # rounding must not put it outside again
         return (*(x * factor for x in values[:3]), *values[3:])
-    raise to_exception(
-        Refusal(
-            code=Code.OUT_OF_RANGE,
-            message=f"the pose for the {side} arm is {reach_m:.4f} m from its shoulder, outside [0, {info.reach_m}] m "
-            "(manual §4.0.4 or tighter configuration)",
-            field=f"{side}_arm.p_m",
-            value=f"{reach_m:.6g}",
-            bound=f"[0, {info.reach_m}]",
-            unit="m",
-        )
+    raise failure(
+        Code.OUT_OF_RANGE,
+        f"the pose for the {side} arm is {reach_m:.4f} m from its shoulder, outside [0, {info.reach_m}] m "
+        "(manual §4.0.4 or tighter configuration)",
+        field=f"{side}_arm.p_m",
+        value=f"{reach_m:.6g}",
+        bound=f"[0, {info.reach_m}]",
+        unit="m",
     )
 
 
@@ -205,17 +190,7 @@ def move_pose(
     Raises:
         Rejected: WRONG_SHAPE (no arm, an unknown one, not a pose), NOT_FINITE, OUT_OF_RANGE or WRONG_FRAME.
     """
-    unknown = [str(side) for side in targets if side not in SIDES]
-    if unknown or not targets:
-        raise to_exception(
-            Refusal(
-                code=Code.WRONG_SHAPE,
-                message=f"a motion of {unknown or 'no arm'} was asked for, 'left' and 'right' exist",
-                field="targets",
-                value=", ".join(unknown),
-                bound="left, right",
-            )
-        )
+    require_sides("targets", targets)
     named = {side: targets[side] for side in SIDES if side in targets}
     return protocol.MovePose(
         epoch=epoch,

@@ -30,7 +30,7 @@ from gateway.client.asking.waits import (
 )
 from gateway.client.connection.identity import is_of_this_process
 from gateway.client.connection.session import Lease, Motion, Session, Sighting
-from gateway.errors import Aborted, Cancelled, Code, GatewayError, MotionEnded, Refusal, Superseded, to_exception
+from gateway.errors import Aborted, Cancelled, Code, GatewayError, MotionEnded, Superseded, failure, to_exception
 
 __all__ = [
     "REQUEST_NS",
@@ -110,9 +110,7 @@ def greet(session: Session, timeout_ns: int) -> Procedure[None]:
 def _fact(reply: protocol.Reply, name: str) -> int:
     value = reply.facts.get(name)
     if not isinstance(value, int):
-        raise to_exception(
-            Refusal(code=Code.UNSUPPORTED_VERSION, message=f"the reply has no number {name!r} but {value!r}")
-        )
+        raise failure(Code.UNSUPPORTED_VERSION, f"the reply has no number {name!r} but {value!r}")
     return value
 
 
@@ -134,12 +132,10 @@ def acquire(session: Session, on_loss: protocol.OnLossName, take: str | None, ti
     """
     session.forget_lost()
     if session.lease is not None:
-        raise to_exception(
-            Refusal(
-                code=Code.LEASE_HELD,
-                message=f"this client owns the robot already, under epoch {session.lease.epoch}",
-                hint="use the control that is open, or end it first",
-            )
+        raise failure(
+            Code.LEASE_HELD,
+            f"this client owns the robot already, under epoch {session.lease.epoch}",
+            hint="use the control that is open, or end it first",
         )
     yield from get_info(session)
     session.keep_alive()
@@ -217,7 +213,7 @@ def enable(session: Session, lease: Lease, timeout_ns: int) -> Procedure[None]:
         _require_lease(sighting, lease)
         latest = sighting.view.enable
         if latest.attempt > attempt:
-            raise to_exception(Refusal(code=Code.SUPERSEDED, message=f"enabling {attempt} was begun again"))
+            raise failure(Code.SUPERSEDED, f"enabling {attempt} was begun again")
         if latest.attempt < attempt or latest.outcome == "running":
             return None
         if latest.outcome != "ok":
@@ -268,9 +264,7 @@ def _require_lease(sighting: Sighting, lease: Lease) -> None:
     now = sighting.view.lease
     if not now.owned or now.epoch != lease.epoch:
         owner = f"{now.name!r} (pid {now.pid})" if now.owned else "nobody"
-        raise to_exception(
-            Refusal(code=Code.LEASE_LOST, message=f"epoch {lease.epoch} is over: {owner} owns the robot now")
-        )
+        raise failure(Code.LEASE_LOST, f"epoch {lease.epoch} is over: {owner} owns the robot now")
 
 
 def _any(_: Sighting) -> bool:
@@ -314,9 +308,7 @@ def result(session: Session, motion: Motion, timeout_ns: int) -> Procedure[Motio
     view = motion.view
     if motion.missing or view is None:
         session.require_daemon(motion.daemon)
-        raise to_exception(
-            Refusal(code=Code.OUTCOME_UNKNOWN, message=f"motion {motion.motion_id} is not listed any more")
-        )
+        raise failure(Code.OUTCOME_UNKNOWN, f"motion {motion.motion_id} is not listed any more")
     if view.state == "reached":
         return MotionResult(
             motion_id=view.motion_id,
@@ -371,5 +363,5 @@ def open_stream(session: Session, command: protocol.OpenStream) -> Procedure[tup
     reply = yield from request(session, command)
     start = reply.facts.get("values")
     if not (isinstance(start, (list, tuple)) and all(isinstance(value, (int, float)) for value in start)):
-        raise to_exception(Refusal(code=Code.UNSUPPORTED_VERSION, message=f"the reply has no start but {start!r}"))
+        raise failure(Code.UNSUPPORTED_VERSION, f"the reply has no start but {start!r}")
     return _fact(reply, "stream_id"), tuple(float(value) for value in start), reply.after_seq

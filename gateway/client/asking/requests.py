@@ -12,7 +12,7 @@ from enum import Enum
 from typing import TYPE_CHECKING, SupportsFloat, SupportsIndex, TypeVar
 
 from gateway.api import protocol
-from gateway.errors import Code, GatewayError, Refusal, to_exception
+from gateway.errors import Code, GatewayError, failure
 
 if TYPE_CHECKING:
     import numpy as np
@@ -26,6 +26,7 @@ __all__ = [
     "number",
     "numeric",
     "read_only",
+    "require_sides",
     "require_word",
     "seconds",
     "within_limits",
@@ -64,15 +65,13 @@ def number(name: str, value: object) -> float:
         said = f"is {value!r}"
     except (TypeError, ValueError, OverflowError) as error:
         said = f"is none ({error})"
-    raise to_exception(
-        Refusal(
-            code=Code.BAD_REQUEST,
-            message=f"{name} {said}, a number is needed",
-            field=name,
-            value=repr(value)[:40],
-            bound="a number",
-            hint="give a number",
-        )
+    raise failure(
+        Code.BAD_REQUEST,
+        f"{name} {said}, a number is needed",
+        field=name,
+        value=repr(value)[:40],
+        bound="a number",
+        hint="give a number",
     )
 
 
@@ -112,9 +111,7 @@ def require_word(name: str, value: str, words: Sequence[str], hint: str = "") ->
     if value not in words:
         known = ", ".join(words)
         message = f"{name} is {value!r}, one of {known} is needed"
-        raise to_exception(
-            Refusal(code=Code.BAD_REQUEST, message=message, field=name, value=str(value), bound=known, hint=hint)
-        )
+        raise failure(Code.BAD_REQUEST, message, field=name, value=str(value), bound=known, hint=hint)
 
 
 def chosen(choices: type[_Choice], name: str, value: str) -> _Choice:
@@ -142,27 +139,23 @@ def joints(side: str, q_rad: ArrayLike) -> tuple[float, ...]:
     values = tuple(array.tolist())
     for index, value in enumerate(values):
         if not math.isfinite(value):
-            raise to_exception(
-                Refusal(
-                    code=Code.NOT_FINITE,
-                    message=f"{side} arm joint {index + 1} is {value}, a finite number is needed",
-                    field=f"{side}_arm[{index}]",
-                    value=str(value),
-                    unit="rad",
-                )
+            raise failure(
+                Code.NOT_FINITE,
+                f"{side} arm joint {index + 1} is {value}, a finite number is needed",
+                field=f"{side}_arm[{index}]",
+                value=str(value),
+                unit="rad",
             )
     return values
 
 
 def _wrong_shape(side: str, message: str, value: str) -> GatewayError:
-    return to_exception(
-        Refusal(
-            code=Code.WRONG_SHAPE,
-            message=f"the {side} arm {message}, {protocol.ARM_DOF} joint values are needed (manual §4.0.3)",
-            field=f"{side}_arm",
-            value=value,
-            bound=f"({protocol.ARM_DOF},)",
-        )
+    return failure(
+        Code.WRONG_SHAPE,
+        f"the {side} arm {message}, {protocol.ARM_DOF} joint values are needed (manual §4.0.3)",
+        field=f"{side}_arm",
+        value=value,
+        bound=f"({protocol.ARM_DOF},)",
     )
 
 
@@ -185,18 +178,29 @@ def within_limits(
         return tuple(min(max(q, low), high) for q, low, high in zip(q_rad, lower, upper, strict=True))
     for index, (q, low, high) in enumerate(zip(q_rad, lower, upper, strict=True)):
         if not low <= q <= high:
-            raise to_exception(
-                Refusal(
-                    code=Code.OUT_OF_RANGE,
-                    message=f"{side} arm joint {index + 1} ({info.joint_names[side][index]}): {q:.4f} rad is outside "
-                    f"[{low:.2f}, {high:.2f}] rad (manual §4.13 or tighter configuration)",
-                    field=f"{side}_arm[{index}]",
-                    value=f"{q:.6g}",
-                    bound=f"[{low}, {high}]",
-                    unit="rad",
-                )
+            raise failure(
+                Code.OUT_OF_RANGE,
+                f"{side} arm joint {index + 1} ({info.joint_names[side][index]}): {q:.4f} rad is outside "
+                f"[{low:.2f}, {high:.2f}] rad (manual §4.13 or tighter configuration)",
+                field=f"{side}_arm[{index}]",
+                value=f"{q:.6g}",
+                bound=f"[{low}, {high}]",
+                unit="rad",
             )
     return q_rad
+
+
+def require_sides(field: str, targets: Mapping[str, object]) -> None:
+    """Refuse what names no arm, or one that there is not; raise Rejected, WRONG_SHAPE."""
+    unknown = [str(side) for side in targets if side not in SIDES]
+    if unknown or not targets:
+        raise failure(
+            Code.WRONG_SHAPE,
+            f"a motion of {unknown or 'no arm'} was asked for, 'left' and 'right' exist",
+            field=field,
+            value=", ".join(unknown),
+            bound="left, right",
+        )
 
 
 def move(
@@ -213,17 +217,7 @@ def move(
     Raises:
         Rejected: WRONG_SHAPE (no arm, an unknown one, not seven values) or NOT_FINITE.
     """
-    unknown = [str(side) for side in targets_rad if side not in SIDES]
-    if unknown or not targets_rad:
-        raise to_exception(
-            Refusal(
-                code=Code.WRONG_SHAPE,
-                message=f"a motion of {unknown or 'no arm'} was asked for, 'left' and 'right' exist",
-                field="targets_rad",
-                value=", ".join(unknown),
-                bound="left, right",
-            )
-        )
+    require_sides("targets_rad", targets_rad)
     return protocol.Move(
         epoch=epoch,
         targets_rad={side: joints(side, targets_rad[side]) for side in SIDES if side in targets_rad},
@@ -242,14 +236,12 @@ def seconds(name: str, value_s: float, *, most: float = 86_400.0) -> int:
     """
     value = number(name, value_s)
     if not (math.isfinite(value) and 0.0 <= value <= most):
-        raise to_exception(
-            Refusal(
-                code=Code.OUT_OF_RANGE if math.isfinite(value) else Code.NOT_FINITE,
-                message=f"{name} is {value:g} s, a time in [0, {most:g}] s is needed",
-                field=name,
-                value=f"{value:g}",
-                bound=f"[0, {most:g}]",
-                unit="s",
-            )
+        raise failure(
+            Code.OUT_OF_RANGE if math.isfinite(value) else Code.NOT_FINITE,
+            f"{name} is {value:g} s, a time in [0, {most:g}] s is needed",
+            field=name,
+            value=f"{value:g}",
+            bound=f"[0, {most:g}]",
+            unit="s",
         )
     return int(value * 1e9)

@@ -21,7 +21,7 @@ from gateway.client.asking.procedures import Procedure, open_stream, request
 from gateway.client.asking.requests import chosen, joints, number, read_only, seconds, within_limits
 from gateway.client.asking.watching import pause
 from gateway.client.connection.session import Lease, Session
-from gateway.errors import Code, Refusal, to_exception
+from gateway.errors import Code, failure, to_exception
 
 if TYPE_CHECKING:
     import numpy as np
@@ -70,15 +70,13 @@ class TargetStream:
     ) -> None:
         rate_hz = number("rate_hz", options.rate_hz)
         if not (math.isfinite(rate_hz) and 1.0 <= rate_hz <= 100.0):
-            raise to_exception(
-                Refusal(
-                    code=Code.OUT_OF_RANGE,
-                    message=f"rate_hz is {rate_hz:g} Hz, targets are taken at 1 to 100 Hz",
-                    field="rate_hz",
-                    value=f"{rate_hz:g}",
-                    bound="[1, 100]",
-                    unit="Hz",
-                )
+            raise failure(
+                Code.OUT_OF_RANGE,
+                f"rate_hz is {rate_hz:g} Hz, targets are taken at 1 to 100 Hz",
+                field="rate_hz",
+                value=f"{rate_hz:g}",
+                bound="[1, 100]",
+                unit="Hz",
             )
         self.side = side
         self.skipped = 0
@@ -152,7 +150,7 @@ class TargetStream:
 
     def _open(self) -> Procedure[None]:
         if self._stream_id:
-            raise to_exception(Refusal(code=Code.STREAM_ENDED, message="a stream is used once; open a new one"))
+            raise failure(Code.STREAM_ENDED, "a stream is used once; open a new one")
         self._session.require_lease(self._lease)
         self._stream_id, self._values, self._after_seq = yield from open_stream(self._session, self._opening)
         self._due_ns = self._session.transport.now_ns()
@@ -179,9 +177,7 @@ class TargetStream:
 
     def _require_open(self) -> None:
         if not self._stream_id:
-            raise to_exception(
-                Refusal(code=Code.UNKNOWN_STREAM, message="this stream was not opened", hint="use it in a `with` block")
-            )
+            raise failure(Code.UNKNOWN_STREAM, "this stream was not opened", hint="use it in a `with` block")
         self._session.require_lease(self._lease)
         self._session.require_daemon(self._lease.daemon)
 

@@ -15,7 +15,7 @@ from gateway.client.asking.procedures import Procedure, request
 from gateway.client.asking.requests import number, seconds
 from gateway.client.asking.watching import pause
 from gateway.client.connection.session import Lease, Session
-from gateway.errors import Code, GatewayError, Refusal, to_exception
+from gateway.errors import Code, GatewayError, failure
 
 __all__ = ["ChassisVelocities", "LiftVelocities", "VelocityStream"]
 
@@ -33,16 +33,14 @@ class VelocityStream(ABC):
     def __init__(self, session: Session, lease: Lease, rate_hz: float, expiry: float | None) -> None:
         rate_hz = number("rate_hz", rate_hz)
         if not 5.0 <= rate_hz <= 50.0:  # NaN compares false
-            raise to_exception(
-                Refusal(
-                    code=Code.OUT_OF_RANGE,
-                    message=f"rate_hz is {rate_hz:g} Hz, velocities are taken at 5 to 50 Hz",
-                    field="rate_hz",
-                    value=f"{rate_hz:g}",
-                    bound="[5, 50]",
-                    unit="Hz",
-                    hint="stay inside the bound",
-                )
+            raise failure(
+                Code.OUT_OF_RANGE,
+                f"rate_hz is {rate_hz:g} Hz, velocities are taken at 5 to 50 Hz",
+                field="rate_hz",
+                value=f"{rate_hz:g}",
+                bound="[5, 50]",
+                unit="Hz",
+                hint="stay inside the bound",
             )
         self.skipped = 0
         self._session = session
@@ -70,7 +68,7 @@ class VelocityStream(ABC):
 
     def _tick(self) -> Procedure[None]:
         if not self._drive_id:
-            raise to_exception(Refusal(code=Code.STREAM_ENDED, message="this stream was not entered, or has ended"))
+            raise failure(Code.STREAM_ENDED, "this stream was not entered, or has ended")
         yield from self._send()
         now_ns = self._session.transport.now_ns()
         self._due_ns += self._period_ns

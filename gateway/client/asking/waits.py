@@ -16,7 +16,7 @@ from typing import Generic, Protocol, TypeVar
 
 from gateway.api import protocol
 from gateway.client.connection.session import Session, Sighting
-from gateway.errors import Code, GatewayError, Refusal, to_exception
+from gateway.errors import Code, GatewayError, failure, to_exception
 
 __all__ = [
     "Answer",
@@ -52,11 +52,9 @@ class Wait(Protocol[T_co]):
 
     def poll(self, now_ns: int) -> T_co | None:
         """Return what was waited for, or None when it is not there yet; raise what makes it impossible."""
-        ...
 
     def expire(self) -> GatewayError:
         """Return the exception for the deadline."""
-        ...
 
 
 class Daemon:
@@ -81,22 +79,18 @@ class Daemon:
             return True
         if self._session.other_versions:
             others = ", ".join(sorted(self._session.other_versions))
-            raise to_exception(
-                Refusal(
-                    code=Code.UNSUPPORTED_VERSION,
-                    message=f"the daemon speaks protocol version {others}, this client {protocol.PROTOCOL_VERSION}",
-                    field="version",
-                    value=others,
-                    bound=str(protocol.PROTOCOL_VERSION),
-                )
+            raise failure(
+                Code.UNSUPPORTED_VERSION,
+                f"the daemon speaks protocol version {others}, this client {protocol.PROTOCOL_VERSION}",
+                field="version",
+                value=others,
+                bound=str(protocol.PROTOCOL_VERSION),
             )
         return None
 
     def expire(self) -> GatewayError:
         """Say that nobody is there."""
-        return to_exception(
-            Refusal(code=Code.DISCONNECTED, message=f"no daemon answers at {self._session.transport.address}")
-        )
+        return failure(Code.DISCONNECTED, f"no daemon answers at {self._session.transport.address}")
 
 
 class Answer(Generic[T]):
@@ -154,9 +148,7 @@ class Answer(Generic[T]):
             try:
                 return self._read(self._answer)
             except protocol.Malformed as error:
-                raise to_exception(
-                    Refusal(code=Code.UNSUPPORTED_VERSION, message=f"the answer to {self._what} is not ours: {error}")
-                ) from None
+                raise failure(Code.UNSUPPORTED_VERSION, f"the answer to {self._what} is not ours: {error}") from None
         if not self._under_way:
             try:
                 self._session.require_daemon(self._daemon)
@@ -171,9 +163,7 @@ class Answer(Generic[T]):
         return self._unknown("no reply came in time")
 
     def _unknown(self, why: str) -> GatewayError:
-        return to_exception(
-            Refusal(code=Code.OUTCOME_UNKNOWN, message=f"{self._what} was sent and may or may not have run: {why}")
-        )
+        return failure(Code.OUTCOME_UNKNOWN, f"{self._what} was sent and may or may not have run: {why}")
 
 
 def answered_reply(payload: bytes) -> protocol.Reply:
@@ -272,7 +262,7 @@ class Stopped:
 
     def _unknown(self, why: str) -> GatewayError:
         text = f"the stop of {self._session.name!r} was sent and may or may not have run: {why}"
-        return to_exception(Refusal(code=Code.OUTCOME_UNKNOWN, message=text))
+        return failure(Code.OUTCOME_UNKNOWN, text)
 
 
 class Seen(Generic[T]):
@@ -332,7 +322,7 @@ def not_in_time(session: Session, what: str, timeout_ns: int) -> GatewayError:
         fsm = "unknown" if view.fsm is None else protocol.FSM_NAMES.get(view.fsm, str(view.fsm))
         link = "fresh" if view.link.fresh else ("stale" if view.link.up else "down")
         seen = f"the gateway is {view.shown}, the robot's FSM {fsm}, the link {link} (seen {age_s:.2f} s ago)"
-    return to_exception(Refusal(code=Code.TIMEOUT, message=f"{what} did not happen in {timeout_ns / 1e9:g} s: {seen}"))
+    return failure(Code.TIMEOUT, f"{what} did not happen in {timeout_ns / 1e9:g} s: {seen}")
 
 
 class Pause:

@@ -17,7 +17,7 @@ from gateway.client.asking.procedures import REQUEST_NS, Procedure
 from gateway.client.asking.requests import number
 from gateway.client.asking.waits import Pause, Seen, not_in_time
 from gateway.client.connection.session import Session, Sighting
-from gateway.errors import Code, GatewayError, Refusal, to_exception
+from gateway.errors import Code, GatewayError, failure
 
 __all__ = ["Feed", "Pace", "first", "fresh", "pause"]
 
@@ -74,15 +74,13 @@ class Pace:
     def __init__(self, session: Session, max_rate: float | None, timeout_ns: int) -> None:
         max_rate = None if max_rate is None else number("max_rate", max_rate)
         if max_rate is not None and not (math.isfinite(max_rate) and max_rate > 0):
-            raise to_exception(
-                Refusal(
-                    code=Code.OUT_OF_RANGE,
-                    message=f"max_rate is {max_rate:g} Hz, a positive rate is needed",
-                    field="max_rate",
-                    value=f"{max_rate:g}",
-                    bound="> 0",
-                    unit="Hz",
-                )
+            raise failure(
+                Code.OUT_OF_RANGE,
+                f"max_rate is {max_rate:g} Hz, a positive rate is needed",
+                field="max_rate",
+                value=f"{max_rate:g}",
+                bound="> 0",
+                unit="Hz",
             )
         self._session = session
         self._period_ns = 0 if max_rate is None else round(1e9 / max_rate)
@@ -130,14 +128,12 @@ def fresh(session: Session, max_age_ns: int, timeout_ns: int) -> Procedure[Sight
     try:
         sighting: Sighting | bool = yield _Watched(session, is_fresh, timeout_ns)
     except TimeoutError as error:
-        raise to_exception(
-            Refusal(
-                code=Code.STATE_STALE,
-                message=f"no state of the robot younger than {max_age_ns / 1e6:g} ms came in {timeout_ns / 1e9:g} s",
-                field="max_age",
-                bound=f"<= {max_age_ns / 1e9:g}",
-                unit="s",
-            )
+        raise failure(
+            Code.STATE_STALE,
+            f"no state of the robot younger than {max_age_ns / 1e6:g} ms came in {timeout_ns / 1e9:g} s",
+            field="max_age",
+            bound=f"<= {max_age_ns / 1e9:g}",
+            unit="s",
         ) from error
     if isinstance(sighting, bool):
         session.require_daemon()  # raises: it was closed
@@ -171,7 +167,7 @@ class _News:
             self._session.require_daemon()
         except GatewayError as gone:
             return gone
-        return to_exception(Refusal(code=Code.TIMEOUT, message="no notice came"))
+        return failure(Code.TIMEOUT, "no notice came")
 
 
 class Feed:

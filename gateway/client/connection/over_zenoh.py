@@ -22,7 +22,7 @@ import zenoh
 from gateway.api import protocol
 from gateway.api.stop_pipe import drop_stop
 from gateway.client.connection.transport import Receiver
-from gateway.errors import Code, GatewayError, Refusal, to_exception
+from gateway.errors import Code, GatewayError, failure
 from gateway.process.threads import supervised
 
 __all__ = ["Credentials", "ZenohTransport"]
@@ -279,4 +279,4 @@ class Pulse:
 
 
 def _disconnected(message: str, hint: str = "") -> GatewayError:
-    return to_exception(Refusal(code=Code.DISCONNECTED, message=message, hint=hint))
+    return failure(Code.DISCONNECTED, message, hint=hint)

@@ -15,7 +15,7 @@ from gateway.api.recorder_protocol import (
     read_answer,
     recorder_socket,
 )
-from gateway.errors import Code, Refusal, to_exception
+from gateway.errors import Code, failure
 
 __all__ = ["ask_recorder"]
 
@@ -50,18 +50,16 @@ def ask_recorder(
     try:
         question = packed(RecorderQuestion(ask=ask, task=task, text=text, facts=facts or {}))
     except UnicodeEncodeError as error:
-        message, hint = f"that is no text: {error}", "write it in UTF-8"
-        raise to_exception(Refusal(code=Code.BAD_REQUEST, message=message, field="text", hint=hint)) from None
+        raise failure(Code.BAD_REQUEST, f"that is no text: {error}", field="text", hint="write it in UTF-8") from None
     if len(question) > MAX_PACKET_BYTES:
         message, hint = f"{len(question)} bytes are asked, {MAX_PACKET_BYTES} bytes fit", "say it in fewer words"
-        raise to_exception(Refusal(code=Code.BAD_REQUEST, message=message, field="text", hint=hint))
+        raise failure(Code.BAD_REQUEST, message, field="text", hint=hint)
     try:
         if os.stat(path).st_uid != os.geteuid():
             raise FileNotFoundError
         recorder = connected(path, timeout_s)
     except (FileNotFoundError, ConnectionRefusedError, PermissionError):
-        message = f"no recorder listens at {path}"
-        raise to_exception(Refusal(code=Code.NO_RECORDER, message=message)) from None
+        raise failure(Code.NO_RECORDER, f"no recorder listens at {path}") from None
     except OSError as error:
         raise _unknown(str(error)) from None
     with recorder:
@@ -71,10 +69,10 @@ def ask_recorder(
         except (OSError, ValueError) as error:
             raise _unknown(str(error)) from None
     if answer.error:
-        raise to_exception(Refusal(code=Code.BAD_REQUEST, message=answer.error, hint=answer.hint))
+        raise failure(Code.BAD_REQUEST, answer.error, hint=answer.hint)
     return answer.state
 
 
 def _unknown(why: str) -> Exception:
     message, hint = f"the recorder did not answer: {why}", "look at its terminal before you repeat it"
-    return to_exception(Refusal(code=Code.OUTCOME_UNKNOWN, message=message, hint=hint))
+    return failure(Code.OUTCOME_UNKNOWN, message, hint=hint)

@@ -27,7 +27,7 @@ from gateway.client.connection.inlet import Inlet
 from gateway.client.connection.news import News
 from gateway.client.connection.records import Lease, Motion, Sighting
 from gateway.client.connection.transport import Transport
-from gateway.errors import Code, GatewayError, Refusal, to_exception
+from gateway.errors import Code, GatewayError, failure
 
 __all__ = ["Lease", "Motion", "Session", "Sighting"]
 
@@ -199,29 +199,23 @@ class Session:
                 NOT_OWNER, it was given back, left, or another one took its place.
         """
         if lease.daemon != self.daemon:
-            raise to_exception(
-                Refusal(
-                    code=Code.LEASE_LOST,
-                    message=f"the daemon was restarted, and this control (epoch {lease.epoch}) ended with the earlier one",
-                    hint="look at the state, then take the lease with a new control(); nothing was sent again",
-                )
+            raise failure(
+                Code.LEASE_LOST,
+                f"the daemon was restarted, and this control (epoch {lease.epoch}) ended with the earlier one",
+                hint="look at the state, then take the lease with a new control(); nothing was sent again",
             )
         if self.unkept is not None and self.unkept[0] == lease:
             self.is_unkept_heard = True
-            raise to_exception(
-                Refusal(
-                    code=Code.LEASE_LOST,
-                    message=f"this control (epoch {lease.epoch}) ended and the robot is held: {self.unkept[1]}",
-                    hint="report the trace in this process's log; take the lease with a new control()",
-                )
+            raise failure(
+                Code.LEASE_LOST,
+                f"this control (epoch {lease.epoch}) ended and the robot is held: {self.unkept[1]}",
+                hint="report the trace in this process's log; take the lease with a new control()",
             )
         if self.lease != lease:
-            raise to_exception(
-                Refusal(
-                    code=Code.NOT_OWNER,
-                    message=f"this control (epoch {lease.epoch}) has ended",
-                    hint="take the lease with a new control()",
-                )
+            raise failure(
+                Code.NOT_OWNER,
+                f"this control (epoch {lease.epoch}) has ended",
+                hint="take the lease with a new control()",
             )
 
     def require_own_process(self) -> None:
@@ -243,9 +237,7 @@ class Session:
                 try:
                     view = protocol.decode_snapshot(payload)
                 except protocol.Malformed as error:
-                    raise to_exception(
-                        Refusal(code=Code.UNSUPPORTED_VERSION, message=f"the daemon's snapshot is not ours: {error}")
-                    ) from None
+                    raise failure(Code.UNSUPPORTED_VERSION, f"the daemon's snapshot is not ours: {error}") from None
                 self._sighting = Sighting(view, received_ns, self.daemon)
                 self._follow(view)
             return self._sighting
@@ -393,4 +385,4 @@ def _ignore(_: bytes | None) -> None:
 
 
 def _disconnected(message: str, hint: str = "") -> GatewayError:
-    return to_exception(Refusal(code=Code.DISCONNECTED, message=message, hint=hint))
+    return failure(Code.DISCONNECTED, message, hint=hint)

@@ -19,15 +19,12 @@ class Receiver(Protocol):
 
     def on_snapshot(self, payload: bytes, seq: int, received_ns: int) -> None:
         """Take a published snapshot; `seq` is its number, `received_ns` its local arrival."""
-        ...
 
     def on_notice(self, payload: bytes, number: int) -> None:
         """Take a notice; `number` is its number at the daemon, rising by one from 1 (0: it has none)."""
-        ...
 
     def on_daemon(self, token: str, alive: bool) -> None:
         """Learn that a daemon's liveliness token came or went."""
-        ...
 
 
 class Transport(Protocol):
@@ -45,35 +42,27 @@ class Transport(Protocol):
         Raises:
             Disconnected: Nobody listens there.
         """
-        ...
 
     def close(self) -> None:
         """Disconnect; the daemon sees the token go. May be called again."""
-        ...
 
     def ask(self, key: str, payload: bytes, timeout_s: float, on_done: Callable[[bytes | None], None]) -> None:
         """Ask something; `on_done` is called once, with the reply or with None when there will be none."""
-        ...
 
     def drop(self, key: str, payload: bytes) -> None:
         """Drop a stop where it acts without a session, if there is such a place. Whoever wants to know of it asks, too."""
-        ...
 
     def put(self, key: str, payload: bytes) -> None:
         """Send something that needs no answer; lost when the daemon is not there."""
-        ...
 
     def now_ns(self) -> int:
         """Return monotonic time [ns]."""
-        ...
 
     def wait(self, changed: threading.Condition, timeout_s: float) -> None:
         """Let time pass until `changed` (held by the caller) is notified, at most `timeout_s`."""
-        ...
 
     def every(self, period_ns: int, beat: Callable[[], None], on_lost: Callable[[str], None]) -> Callable[[], None]:
         """Call `beat` every `period_ns`, a period from now first, from elsewhere, until the returned function is called.
 
         Should it end before that, `on_lost` is called with why, once.
         """
-        ...

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from gateway.client.state.reading import RobotState
-from gateway.errors import Code, Refusal, to_exception
+from gateway.errors import Code, failure
 from gateway.robot.limits import HOME_Q_RAD
 from gateway.values import Vector
 
@@ -26,7 +26,7 @@ def home_goals(state: RobotState) -> dict[str, Vector]:
     }
     if not goals and any(enabled.values()):
         message = "every enabled arm is in end-effector mode, and the initial position is one of joints"
-        raise to_exception(Refusal(code=Code.WRONG_CONTROL_MODE, message=message))
+        raise failure(Code.WRONG_CONTROL_MODE, message)
     if not goals:
-        raise to_exception(Refusal(code=Code.NO_ARM_ENABLED, message="no arm is enabled in the robot's configuration"))
+        raise failure(Code.NO_ARM_ENABLED, "no arm is enabled in the robot's configuration")
     return goals

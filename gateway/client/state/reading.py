@@ -19,7 +19,7 @@ from gateway.api import protocol
 from gateway.client.asking.requests import read_only
 from gateway.client.connection.session import Sighting
 from gateway.client.state.showing import state_line, state_table, vector
-from gateway.errors import Code, Refusal, to_exception
+from gateway.errors import Code, failure
 
 if TYPE_CHECKING:
     import numpy as np
@@ -90,9 +90,7 @@ class MotorState:
 
     def _known(self) -> protocol.MotorView:
         if self._measured is None:
-            raise to_exception(
-                Refusal(code=Code.PART_STALE, message=f"no state of {self.name} has arrived yet", field=self.name)
-            )
+            raise failure(Code.PART_STALE, f"no state of {self.name} has arrived yet", field=self.name)
         return self._measured
 
 
@@ -108,9 +106,7 @@ class ArmState(MotorState):
         """Measured end-effector pose. Raises `Stale` before the first sample."""
         view = self._view
         if view.pose_age_ns is None:
-            raise to_exception(
-                Refusal(code=Code.PART_STALE, message=f"no pose of {self.name} has arrived yet", field=self.name)
-            )
+            raise failure(Code.PART_STALE, f"no pose of {self.name} has arrived yet", field=self.name)
         return Pose(
             p=read_only(view.p_m),
             quat_xyzw=read_only(view.quat_xyzw),

@@ -44,16 +44,13 @@ class Course(Protocol):
     @property
     def start(self) -> State:
         """The state at time 0."""
-        ...
 
     @property
     def duration_s(self) -> float:
         """Time until it rests [s]."""
-        ...
 
     def at(self, time_s: float) -> State:
         """Return the state then; asked at multiples of the period."""
-        ...
 
 
 class MotionSpace(Protocol):
@@ -62,32 +59,25 @@ class MotionSpace(Protocol):
     @property
     def period_s(self) -> float:
         """Time between setpoints [s]."""
-        ...
 
     @property
     def home(self) -> State:
         """What a reference holds before it is seeded."""
-        ...
 
     def check_place(self, name: str, values: Sequence[float]) -> State:
         """Return the state at rest there, inside the limits; raise PlanFailed, with `name`, where there is none."""
-        ...
 
     def check_entry(self, values: Sequence[float], rates: Sequence[float], forces: Sequence[float]) -> State:
         """Return a state that keeps all limits, also while it brakes; raise PlanFailed where it does not."""
-        ...
 
     def halt(self, state: State) -> Course:
         """Return the quickest way to rest; it cannot fail."""
-        ...
 
     def halted(self, state: State) -> Vector:
         """Return where that ends."""
-        ...
 
     def settle(self, state: State, last: State) -> State:
         """Return a state as it is handed out after the last one: without what rounding, or a choice of sign, put on it."""
-        ...
 
 
 SpaceT = TypeVar("SpaceT", bound=MotionSpace)

@@ -127,19 +127,15 @@ class Lens(Protocol):
     @property
     def intrinsics(self) -> Intrinsics:
         """Focal lengths, principal point, size."""
-        ...
 
     def project(self, xyz_m: ArrayLike) -> Projection:
         """Return where points of the optical frame are in the picture, from shape (..., 3) [m]."""
-        ...
 
     def rays(self, px: ArrayLike) -> Array:
         """Return unit directions in the optical frame of pixels of shape (..., 2), shape (..., 3); NaN where none is."""
-        ...
 
     def scaled(self, width_px: int, height_px: int) -> Lens:
         """Return the lens for a picture of another size and the same shape [px]."""
-        ...
 
 
 def _points(xyz_m: ArrayLike) -> Array:

@@ -45,7 +45,6 @@ class Arm(Protocol):
 
     def forward(self, q_rad: Sequence[float]) -> Placement:
         """Return the end effector in the shoulder frame for joints, shape (7,) [rad]."""
-        ...
 
 
 class Agreement(str, Enum):

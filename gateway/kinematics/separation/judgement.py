@@ -29,11 +29,9 @@ class Course(Protocol):
         Args:
             parts: Where pieces are parted: parts of the course's duration, between 0 and 1, ascending.
         """
-        ...
 
     def setpoints(self) -> Sequence[Mapping[Side, Vector]] | None:
         """Return where the joints are at each setpoint of a short course [rad]; None of a long one, or where nobody knows."""
-        ...
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

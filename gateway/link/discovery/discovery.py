@@ -31,7 +31,7 @@ from gateway.link.discovery.route_watch import FIRST_DATA_NS, Evidence, RouteWat
 from gateway.robot.topics import FSM_ENABLE, STATE_TOPICS, TOPICS
 from gateway.settings.settings import LinkSettings
 
-__all__ = ["Ask", "BridgeFacts", "Discovery", "Finding", "Sight", "TokenTable"]
+__all__ = ["Ask", "BridgeFacts", "Discovery", "Finding", "Sight", "TokenTable", "json_object"]
 
 S = 1_000_000_000
 
@@ -289,7 +289,7 @@ class Discovery:
         zids = {entry.partition(":")[0] for entry in _strings(route.get("remote_routes"))}
         addresses: dict[str, str] = {}
         for place, payload in self._ask("@/*/router").items():
-            for peer in _objects(_json_object(payload).get("sessions")):
+            for peer in _objects(json_object(payload).get("sessions")):
                 zid = str(peer.get("peer"))
                 for link in _objects(peer.get("links")):
                     addresses[zid] = str(link.get("dst"))
@@ -305,7 +305,7 @@ class Discovery:
         for place, payload in self._ask(f"@/*/ros2/route/topic/{direction}/{keys}").items():
             key = place.partition(f"/ros2/route/topic/{direction}/")[2]
             if key in wanted:
-                routes.append((_zid_of(place), key, _json_object(payload)))
+                routes.append((_zid_of(place), key, json_object(payload)))
         return routes
 
     # ------------------------------------------------------------------------------------------------- readiness
@@ -360,7 +360,7 @@ class Discovery:
         configs = {_zid_of(place): payload for place, payload in self._ask("@/*/ros2/config").items()}
         facts = {}
         for zid in bridges:
-            domain = _json_object(configs.get(zid, b"")).get("domain")
+            domain = json_object(configs.get(zid, b"")).get("domain")
             version = versions.get(zid, b"").decode(errors="replace").strip().strip('"')
             facts[zid] = BridgeFacts(version=version, domain=domain if isinstance(domain, int) else None)
         self.bridges = facts
@@ -375,7 +375,8 @@ def _zid_of(place: str) -> str:
     return place.removeprefix("@/").partition("/")[0]
 
 
-def _json_object(payload: bytes) -> Mapping[str, object]:
+def json_object(payload: bytes) -> Mapping[str, object]:
+    """Return the JSON object of an admin entry; empty when it is none."""
     try:
         fields = json.loads(payload)
     except (ValueError, RecursionError):

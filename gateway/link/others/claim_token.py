@@ -28,7 +28,6 @@ class Declares(Protocol):
 
     def declare_armed(self) -> Callable[[], None]:
         """Put the token out; return what takes it in."""
-        ...
 
 
 class ClaimToken:

@@ -35,7 +35,6 @@ comparisons while nothing changes. Whose zenoh id is a friend's is not known her
 
 from __future__ import annotations
 
-import json
 import threading
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Set
@@ -44,7 +43,7 @@ from dataclasses import dataclass, field
 from cdr_types.keys import Token, TokenKind, topic_to_key
 from gateway.core.messages.events import Event
 from gateway.core.messages.sightings import ForeignData, ForeignTokens, Gateway, GatewayTokens, Means, Writer
-from gateway.link.discovery.discovery import Ask, TokenTable
+from gateway.link.discovery.discovery import Ask, TokenTable, json_object
 from gateway.link.others.gateway_token import GatewayToken, parse_gateway_token
 from gateway.robot.topics import STATE_TOPICS
 from gateway.settings.settings import LinkSettings
@@ -165,7 +164,7 @@ class ForeignWatch:
         self._looked_ns = now_ns
         place = f"@/{router_zid}/router"
         before = self._addresses.keys()
-        fields = _json(ask(place).get(place, b""))
+        fields = json_object(ask(place).get(place, b""))
         self._sessions, self._router_version = _sessions(fields), str(fields.get("version") or "")
         self._addresses = {zid: session.address for zid, session in self._sessions.items() if session.address}
         there = self._addresses.keys()
@@ -292,7 +291,7 @@ def publishers_of(namespace: str) -> str:
 
 def _zids(payload: bytes) -> list[str]:
     """Return the zenoh ids in the sources of an admin entry."""
-    fields = _json(payload)
+    fields = json_object(payload)
     lists = [fields.get(role) for role in ("routers", "peers", "clients")]
     return [zid for values in lists if isinstance(values, list) for zid in values if isinstance(zid, str)]
 
@@ -308,11 +307,3 @@ def _sessions(fields: Mapping[str, object]) -> dict[str, Session]:
         ends = [str(link.get("dst")) for link in links if isinstance(link, dict)] if isinstance(links, list) else []
         found[str(session.get("peer"))] = Session(str(session.get("whatami") or ""), ends[-1] if ends else "")
     return found
-
-
-def _json(payload: bytes) -> Mapping[str, object]:
-    try:
-        fields = json.loads(payload)
-    except (ValueError, RecursionError):
-        return {}
-    return fields if isinstance(fields, dict) else {}

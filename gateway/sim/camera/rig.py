@@ -18,7 +18,6 @@ class Camera(Protocol):
 
     def shoot(self, counter: int) -> Planes:
         """Return the channel's picture at a trigger."""
-        ...
 
 
 class Rig:

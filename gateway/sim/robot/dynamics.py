@@ -61,7 +61,6 @@ class Dynamics(Protocol):
         Raises:
             WorldUnstable: Forces had no solution.
         """
-        ...
 
     def begin(self, now_ns: int) -> None:
         """Go on from now: what took long before anything moved is no lost time.
@@ -69,7 +68,6 @@ class Dynamics(Protocol):
         Args:
             now_ns: Now [ns].
         """
-        ...
 
     def shed(self, now_ns: int) -> None:
         """Give up what can no longer be caught up with: for who steps in real time, before each step.
@@ -77,19 +75,15 @@ class Dynamics(Protocol):
         Args:
             now_ns: Up to when the next step will go [ns].
         """
-        ...
 
     def pace(self) -> dict[str, object] | None:
         """Return how its own time passes, JSON-able; None where it has none."""
-        ...
 
     def positions(self) -> list[float] | None:
         """Return where everything is, for who draws the scene; None where there is none."""
-        ...
 
     def report(self) -> dict[str, object] | None:
         """Return what there is to tell beyond the parts, JSON-able; None for nothing."""
-        ...
 
 
 class FirstOrder:

@@ -63,7 +63,6 @@ class _Timed(Protocol):
     @property
     def deadline_ns(self) -> int | None:
         """When [ns], None while nothing is due."""
-        ...
 
 
 class SimRobot:

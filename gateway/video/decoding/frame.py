@@ -21,7 +21,6 @@ class RgbSource(Protocol):
 
     def array(self) -> npt.NDArray[np.uint8]:
         """Return it, shape (height, width, 3), not writable; the same one each time."""
-        ...
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import socket
 
-from gateway.errors import Code, ConfigError, Refusal
+from gateway.errors import Code, failure
 from gateway.settings import toml_file
 
 __all__ = ["host_of", "robot_address"]
@@ -36,13 +36,11 @@ def robot_address(robot: str | None, file: str | None) -> str:
     try:
         found = socket.getaddrinfo(host, None, socket.AF_INET, socket.SOCK_DGRAM)
     except (OSError, UnicodeError) as error:
-        raise ConfigError(
-            Refusal(
-                code=Code.BAD_CONFIG,
-                message=f"the robot's address {host!r} cannot be found: {error}",
-                field="robot",
-                value=host,
-                hint="name the robot by its IP address: --robot 192.168.1.20",
-            )
+        raise failure(
+            Code.BAD_CONFIG,
+            f"the robot's address {host!r} cannot be found: {error}",
+            field="robot",
+            value=host,
+            hint="name the robot by its IP address: --robot 192.168.1.20",
         ) from None
     return str(found[0][4][0])

@@ -29,12 +29,10 @@ class AccessUnits(Protocol):
         Raises:
             VideoError: RECEIVER_FAILED: receiving ended by an error.
         """
-        ...
 
     @property
     def is_over(self) -> bool:
         """Whether no more will come: the receiver was stopped, and all that came before has been taken."""
-        ...
 
 
 class Backlog(Protocol):

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Final
 
-from gateway.errors import Code, Refusal, to_exception
+from gateway.errors import Code, failure
 
 __all__ = ["CODECS", "Coding"]
 
@@ -45,7 +45,7 @@ class Coding:
         """Refuse a codec that there is not."""
         if self.codec not in CODECS:
             message, hint = f"no codec {self.codec!r} for the views", f"take one of {', '.join(CODECS)}"
-            raise to_exception(Refusal(code=Code.BAD_REQUEST, message=message, field="codec", hint=hint))
+            raise failure(Code.BAD_REQUEST, message, field="codec", hint=hint)
 
     @property
     def encoder(self) -> str:

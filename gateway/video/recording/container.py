@@ -16,7 +16,7 @@ from fractions import Fraction
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
-from gateway.errors import Code, Refusal, to_exception
+from gateway.errors import Code, failure
 from gateway.video.decoding.libav import av
 from gateway.video.hevc.access_unit import CLOCK_HZ, AccessUnit
 from gateway.video.recording.growing import claim
@@ -75,7 +75,7 @@ class Container:
         if kind is None:
             message = f"{path.name} is no recording that can be written"
             hint = f"name it .mkv (safest), or .mp4, not {path.suffix or 'without an ending'}"
-            raise to_exception(Refusal(code=Code.BAD_REQUEST, message=message, field="file", hint=hint))
+            raise failure(Code.BAD_REQUEST, message, field="file", hint=hint)
         self._kind = kind
         self._file = _ScaledFile(path)
         self._output: OutputContainer | None = None

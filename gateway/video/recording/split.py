@@ -17,7 +17,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from gateway.errors import Code, GatewayError, Refusal, to_exception
+from gateway.errors import Code, GatewayError, failure
 from gateway.video.decoding.libav import av
 from gateway.video.decoding.views import VIEWS
 from gateway.video.hevc.access_unit import CLOCK_HZ
@@ -236,4 +236,4 @@ def _decodable(stream: Any, packet: av.Packet[Any] | None) -> list[av.VideoFrame
 
 
 def _refused(path: Path, message: str, hint: str) -> GatewayError:
-    return to_exception(Refusal(code=Code.BAD_REQUEST, message=f"{path} {message}", field="file", hint=hint))
+    return failure(Code.BAD_REQUEST, f"{path} {message}", field="file", hint=hint)

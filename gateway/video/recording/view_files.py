@@ -13,7 +13,7 @@ from fractions import Fraction
 from pathlib import Path
 from typing import Any, Final
 
-from gateway.errors import Code, Refusal, to_exception
+from gateway.errors import Code, failure
 from gateway.video.decoding.libav import av
 from gateway.video.decoding.views import VIEWS, pixel_box
 from gateway.video.hevc.access_unit import CLOCK_HZ
@@ -37,12 +37,12 @@ def view_paths(folder: Path, views: Sequence[str]) -> dict[str, Path]:
     unknown = [view for view in views if view not in VIEWS]
     if unknown or not views:
         message, hint = f"no view {', '.join(unknown) or 'at all'} to split off", f"there are {', '.join(VIEWS)}"
-        raise to_exception(Refusal(code=Code.BAD_REQUEST, message=message, field="views", hint=hint))
+        raise failure(Code.BAD_REQUEST, message, field="views", hint=hint)
     paths = {view: folder / f"{view}.mp4" for view in views}
     for path in paths.values():
         if path.exists():
             hint = "name another folder with --out, or move it away: recordings are never overwritten"
-            raise to_exception(Refusal(code=Code.BAD_REQUEST, message=f"{path} is there", field="file", hint=hint))
+            raise failure(Code.BAD_REQUEST, f"{path} is there", field="file", hint=hint)
     return paths
 
 

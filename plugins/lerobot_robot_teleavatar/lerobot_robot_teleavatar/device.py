@@ -14,7 +14,7 @@ from typing import Final
 from lerobot.utils.errors import DeviceAlreadyConnectedError, DeviceNotConnectedError
 
 from gateway.client import Robot, RobotState
-from gateway.errors import Code, GatewayError, Refusal, Stale, to_exception
+from gateway.errors import Code, GatewayError, Stale, failure
 from gateway.video.errors import VideoError
 
 __all__ = ["CONNECT_S", "Device", "Patience", "Sight"]
@@ -120,5 +120,5 @@ class Sight:
         for arm in (state.left_arm, state.right_arm):
             if arm.age > STALE_S:
                 message = f"the newest state of the {arm.name} is {arm.age:.2f} s old"
-                raise to_exception(Refusal(code=Code.PART_STALE, message=message, field=arm.name))
+                raise failure(Code.PART_STALE, message, field=arm.name)
         return self._read(state)
