@@ -19,8 +19,8 @@ MOST_EPISODES = 1_000_000
 DIMS = tuple(map(str, STATE_WIDTHS))
 FORMATS = ("v2.1", "v3.0")
 _fps = partial(above_zero, most=MOST_FPS, what="rows per second")
-_rows = partial(integer, least=1, most=100_000, what="a number of rows")
-_episode = partial(integer, least=0, most=MOST_EPISODES, what="a number of an episode")
+_rows = partial(integer, least=1, most=100_000, what="number of rows")
+_episode = partial(integer, least=0, most=MOST_EPISODES, what="number of an episode")
 
 
 def _episodes(text: str) -> list[int]:

@@ -17,7 +17,7 @@ RATE_HZ = 20.0
 MOST_HZ = 200.0
 SUFFIX = ".rrd"
 _rate = partial(above_zero, most=MOST_HZ, what="rate [Hz]")
-_port = partial(integer, least=1, most=65535, what="a TCP port")
+_port = partial(integer, least=1, most=65535, what="TCP port")
 
 
 def add_view(commands: Any) -> None:  # noqa: ANN401  argparse's private class

@@ -65,7 +65,7 @@ def test_an_own_layout_is_taken(shell, tmp_path):
     [
         (("--fps", "0"), "rows per second"),
         (("--fps", "300"), "up to 200"),
-        (("--least-rows", "0"), "a number of rows from 1"),
+        (("--least-rows", "0"), "number of rows from 1"),
         (("--format", "v2.0"), "v2.0"),
         (("--dims", "14"), "14"),
     ],
@@ -145,7 +145,7 @@ def test_a_dataset_is_shown_in_words_and_as_a_picture(shell, sets, tmp_path):
     ("arguments", "why"),
     [
         (("split", "set", "--episodes", "5-3", "--out", "new"), "names no episode"),
-        (("split", "set", "--episodes", "x", "--out", "new"), "a number of an episode"),
+        (("split", "set", "--episodes", "x", "--out", "new"), "number of an episode"),
         (("show", "set", "--out", "a.bmp"), "is no .png and no .html"),
     ],
 )
