@@ -9,7 +9,7 @@ import sys
 from argparse import Namespace
 
 from gateway.cli.terminal.ending import ExitStatus
-from gateway.errors import Code, Refusal, to_exception
+from gateway.errors import Code, failure
 from gateway.recording.bag_writer import needed
 
 __all__ = ["carry_out"]
@@ -62,11 +62,6 @@ def _listening(port: int) -> socket.socket:
     try:
         return socket.create_server((HOST, port))
     except OSError as error:
-        refusal = Refusal(
-            code=Code.BAD_REQUEST,
-            message=f"{HOST}:{port} cannot be listened on: {error.strerror}",
-            field="--port",
-            value=str(port),
-            hint="take another one: --port N",
-        )
-        raise to_exception(refusal) from None
+        message = f"{HOST}:{port} cannot be listened on: {error.strerror}"
+        hint = "take another one: --port N"
+        raise failure(Code.BAD_REQUEST, message, field="--port", value=str(port), hint=hint) from None

@@ -13,7 +13,7 @@ from collections.abc import Mapping
 from contextlib import suppress
 from typing import Any, BinaryIO
 
-from gateway.errors import Code, GatewayError, Refusal, to_exception
+from gateway.errors import Code, GatewayError, failure
 from gateway.policy.local_policy import received, send
 from gateway.policy.openpi import FIRST_ANSWER_S, decoded, encoded
 from gateway.process.own_module import own_module
@@ -93,4 +93,4 @@ class LocalPolicy:
 
     def _failed(self, code: Code, what: str, hint: str) -> GatewayError:
         message = f"the local policy {self.url} {what}"
-        return to_exception(Refusal(code=code, message=message, field="server", hint=hint))
+        return failure(code, message, field="server", hint=hint)

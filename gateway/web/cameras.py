@@ -15,7 +15,7 @@ import io
 from collections.abc import AsyncIterator, Callable
 from typing import TYPE_CHECKING
 
-from gateway.errors import Code, Refusal, to_exception
+from gateway.errors import Code, failure
 from gateway.video import COMPOSITE, VIEWS, AsyncVideo, VideoError
 from gateway.video.receiving.source import robot_address
 from gateway.web.messages import BOUNDARY, CamerasSeen
@@ -64,13 +64,8 @@ class Cameras:
             Rejected: BAD_REQUEST, with those that there are.
         """
         if view not in NAMES:
-            refusal = Refusal(
-                code=Code.BAD_REQUEST,
-                message=f"there is no view {view!r}",
-                field="view",
-                hint=f"one of {', '.join(NAMES)}",
-            )
-            raise to_exception(refusal)
+            hint = f"one of {', '.join(NAMES)}"
+            raise failure(Code.BAD_REQUEST, f"there is no view {view!r}", field="view", hint=hint)
 
     async def pictures(self, view: str) -> AsyncIterator[bytes]:
         """Yield parts of a multipart answer, a picture each, until they stop coming.
@@ -93,15 +88,13 @@ class Cameras:
     async def _begin(self) -> AsyncVideo:
         async with self._lock:
             if self._looking >= MOST_LOOKING:
-                message, hint = f"{MOST_LOOKING} views are looked at already", "hide one"
-                raise to_exception(Refusal(code=Code.BAD_REQUEST, message=message, hint=hint))
+                raise failure(Code.BAD_REQUEST, f"{MOST_LOOKING} views are looked at already", hint="hide one")
             if self._video is None:
                 try:
                     address = await asyncio.to_thread(robot_address, self._endpoint(), None)  # a name may take seconds
                     self._video = await self._stack.enter_async_context(AsyncVideo(address, port=self._port))
                 except VideoError as error:
-                    refusal = Refusal(code=Code.BAD_REQUEST, message=str(error), hint="see `ta2 video check`")
-                    raise to_exception(refusal) from error
+                    raise failure(Code.BAD_REQUEST, str(error), hint="see `ta2 video check`") from error
             self._looking += 1
             return self._video
 

@@ -15,7 +15,7 @@ from collections.abc import Mapping
 
 from gateway.client import aio
 from gateway.client.state.home import home_goals
-from gateway.errors import Code, GatewayError, Refusal, to_exception
+from gateway.errors import Code, GatewayError, failure
 from gateway.web.messages import Acquire, Asked, Disable, Drive, Enable, Grip, Hold, Home, Jog, Lift, Release
 
 __all__ = ["Owning"]
@@ -97,8 +97,7 @@ class Owning:
 
     def _owned(self) -> tuple[aio.Control, aio.Robot]:
         if self._own is None or self._robot is None:
-            hint = "ask for it first: Take control"
-            raise to_exception(Refusal(code=Code.NOT_OWNER, message="this page does not own the robot", hint=hint))
+            raise failure(Code.NOT_OWNER, "this page does not own the robot", hint="ask for it first: Take control")
         return self._own, self._robot
 
     async def _acquire(self, take: str) -> None:

@@ -22,7 +22,7 @@ from collections.abc import AsyncIterator, Coroutine
 from dataclasses import asdict
 from math import inf
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 
 import msgspec
 from prometheus_client import CONTENT_TYPE_LATEST
@@ -44,9 +44,8 @@ from gateway.errors import (
     GatewayError,
     GatewayTimeout,
     OutcomeUnknown,
-    Refusal,
     Rejected,
-    to_exception,
+    failure,
 )
 from gateway.web import metrics, stopping
 from gateway.web.door import Door, cookie_name
@@ -54,9 +53,6 @@ from gateway.web.messages import BOUNDARY, Alive, Asked, CamerasSeen
 from gateway.web.openapi import description
 from gateway.web.owning import Owning
 from gateway.web.viewer import Viewer
-
-if TYPE_CHECKING:
-    pass
 
 __all__ = ["application"]
 
@@ -198,13 +194,13 @@ class _Server:
     def _info(self) -> Info:
         self._require()
         if self.viewer.info is None:
-            raise to_exception(Refusal(code=Code.DISCONNECTED, message="no gateway answers", hint="start it: ta2 run"))
+            raise _no_gateway()
         return self.viewer.info
 
     def _require(self) -> aio.Robot:
         robot = self.viewer.robot
         if robot is None or self.viewer.view is None:
-            raise to_exception(Refusal(code=Code.DISCONNECTED, message="no gateway answers", hint="start it: ta2 run"))
+            raise _no_gateway()
         return robot
 
     async def live(self, socket: WebSocket) -> None:
@@ -317,6 +313,10 @@ class _Page:
 
     async def _reply(self, number: int | None, failure: RefusalMessage) -> None:
         await self._send(msgspec.json.encode({"type": "reply", "id": number, "ok": False, "error": failure}))
+
+
+def _no_gateway() -> GatewayError:
+    return failure(Code.DISCONNECTED, "no gateway answers", hint="start it: ta2 run")
 
 
 async def _ended(tasks: set[asyncio.Task[None]]) -> None:

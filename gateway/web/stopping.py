@@ -15,7 +15,7 @@ from gateway.api import protocol
 from gateway.api.stop_pipe import drop_stop
 from gateway.client import StopResult, aio
 from gateway.client.asking.guard_stop import stop_at_guard
-from gateway.errors import Code, GatewayError, Refusal, to_exception
+from gateway.errors import Code, GatewayError, failure
 from gateway.web.messages import StopAsked, StopDone
 
 __all__ = ["reason_of", "stop"]
@@ -60,8 +60,7 @@ async def stop(word: Literal["stop", "estop"], reason: str, target: str | None, 
             raise
     if result is None and not is_dropped:
         hint = "use the physical emergency stop: nobody knows whether the robot has stopped"
-        message = "no gateway and no guard answers"
-        raise to_exception(Refusal(code=Code.DISCONNECTED, message=message, hint=hint))
+        raise failure(Code.DISCONNECTED, "no gateway and no guard answers", hint=hint)
     return StopDone(
         confirmed=result is not None,
         dropped=is_dropped,
