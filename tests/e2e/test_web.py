@@ -243,6 +243,15 @@ def test_in_a_browser_a_person_takes_it_moves_it_and_stops_it(system: System, we
         see(page.locator("#stopped")).to_contain_text("stopped")
         page.get_by_role("button", name="Recover").click()
         wait_for(lambda: not robot.state.latches, "the recovery")
+        page.get_by_role("button", name="Give back").click()
+        see(page.locator("#owner")).to_have_text("nobody owns it")
+        with robot.control(on_exit="hold"):
+            see(page.locator("#owner")).to_have_text("owner: watcher")
+            page.get_by_role("button", name="Take control").click()
+            see(page.locator("#answer")).to_contain_text("say why you take it")
+            page.get_by_label("Reason").fill("my turn")
+            page.get_by_role("button", name="Take control").click()
+            see(page.locator("#owner")).to_have_text("you own the robot")
         if folder := os.environ.get("TA2_ARTEFACTS"):
             Path(folder).mkdir(parents=True, exist_ok=True)
             page.screenshot(path=str(Path(folder) / "web-page.png"), full_page=True)

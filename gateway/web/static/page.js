@@ -95,8 +95,16 @@ function own(is) {
 
 byId("acquire").addEventListener("click", () => {
   const owner = byId("owner").dataset.name;
-  const take = owner ? prompt(`${owner} owns the robot. Why do you take it?`) : "";
-  if (take !== null) ask({ do: "acquire", take });
+  const take = byId("take").value.trim();
+  byId("taking").hidden = !owner; // a field, no dialog: a dialog would keep the stop away while it is open
+  if (owner && !take) {
+    byId("answer").textContent = `${owner} owns the robot: say why you take it, then Take control again`;
+    byId("take").focus();
+    return;
+  }
+  byId("take").value = "";
+  byId("taking").hidden = true;
+  ask({ do: "acquire", take: owner ? take : "" });
 });
 for (const button of document.querySelectorAll("[data-do]")) {
   button.addEventListener("click", () => ask({ do: button.dataset.do }));
@@ -167,7 +175,7 @@ for (const side of SIDES) {
   button("open", `open the ${side} gripper`, cell, () => ask({ do: "grip", side, force: -0.5 }));
   button("grip", `close the ${side} gripper`, cell, () => ask({ do: "grip", side, force: 0.5 }));
   const plot = element("figure", "", byId("plots"));
-  const caption = element("figcaption", `${side} arm [rad], joint `, plot);
+  const caption = element("figcaption", `${side} [rad]`, plot);
   COLOURS.forEach((colour, index) => { element("span", String(index + 1), caption).style.color = colour; });
   const canvas = element("canvas", "", plot);
   canvas.id = `plot-${side}`;
