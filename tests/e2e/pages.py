@@ -15,11 +15,13 @@ Nothing is added but where robot and gateway are: a port that is free and folder
 
 from __future__ import annotations
 
+import contextlib
 import json
 import os
 import re
 import shlex
 import shutil
+import signal
 import subprocess
 import sys
 import tempfile
@@ -211,6 +213,7 @@ class PageRun:
                 stdout=subprocess.PIPE,
                 stderr=subprocess.DEVNULL,
                 text=True,
+                start_new_session=True,
             )
         assert self._session.stdin is not None and self._session.stdout is not None
         self._session.stdin.write(json.dumps([block.place, block.text]) + "\n")
@@ -234,7 +237,10 @@ class PageRun:
     def close(self) -> None:
         """End everything that was started."""
         if self._session is not None:
-            self._session.kill()
+            with contextlib.suppress(
+                ProcessLookupError
+            ):  # and what a block has started, which would keep the pipe open
+                os.killpg(self._session.pid, signal.SIGKILL)
             self._session.communicate()
         for terminal in reversed(self._terminals):
             terminal.end()
