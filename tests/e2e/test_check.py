@@ -87,6 +87,7 @@ def test_a_healthy_robot_passes_and_nothing_was_sent(robot: tuple[str, SimContro
     assert "ta2 check" in (tmp_path / "report.html").read_text(encoding="utf-8")
 
 
+@pytest.mark.thorough
 def test_with_consent_the_robot_moves_stops_by_itself_and_is_left_paused(robot: tuple[str, SimControl]) -> None:
     """All that a standard robot has; two gateways were killed on the way, none is left."""
     endpoint, control = robot
@@ -97,6 +98,7 @@ def test_with_consent_the_robot_moves_stops_by_itself_and_is_left_paused(robot: 
     assert not any(control.ask("state")["chassis"]["velocity"])
 
 
+@pytest.mark.thorough
 def test_a_robot_in_vr_mode_fails_there_and_is_not_moved(robot: tuple[str, SimControl]) -> None:
     """Whoever agreed."""
     endpoint, control = robot

@@ -33,6 +33,7 @@ pytest.importorskip("mujoco", reason=REASON)
 pytestmark = [
     pytest.mark.e2e,
     pytest.mark.alone,
+    pytest.mark.thorough,
     pytest.mark.sim_only("bodies and table are the same whatever the wire is"),
 ]
 

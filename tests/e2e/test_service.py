@@ -129,6 +129,7 @@ def is_stopped(pid: int) -> bool:
     return all(stat.rpartition(")")[2].split()[0] == "T" for stat in stats)
 
 
+@pytest.mark.thorough
 def test_a_recorder_is_a_service_too(tmp_path: Path, service: Service, manager: Manager) -> None:
     """It is ready when it can be told of episodes, says where it records, and is alive while it does."""
     service.connect().close()

@@ -222,6 +222,7 @@ def test_whatever_ends_it_in_mid_jog_leaves_the_arm_held_without_a_step(
                 )
 
 
+@pytest.mark.thorough
 @pytest.mark.body_free("what a person is told is the matter")
 @pytest.mark.sim_only("gateway and recorder are the same whatever the wire is")
 def test_episodes_are_told_to_the_recorder_and_a_lost_gateway_ends_it(

@@ -12,6 +12,7 @@ from tests.cli.scene.rrd import read
 from tests.e2e.system import Process, System, wait_for
 
 pytestmark = [
+    pytest.mark.thorough,
     pytest.mark.e2e,
     pytest.mark.body_free("what is drawn is the matter, not how the body moves"),
 ]

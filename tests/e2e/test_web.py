@@ -175,6 +175,7 @@ def test_a_page_that_is_lost_leaves_the_robot_held(system: System, web: Web, how
         assert state.view.lease.lost_ns is not None and state.view.fsm is not None
 
 
+@pytest.mark.thorough
 def test_a_page_that_says_nothing_for_long_is_lost(system: System, web: Web) -> None:
     """A frozen tab, a closed lid: its socket is open still."""
     with system.connect("watcher") as robot, web.page() as page:
@@ -182,6 +183,7 @@ def test_a_page_that_says_nothing_for_long_is_lost(system: System, web: Web) -> 
         wait_for(lambda: robot.state.view.lease.lost_ns is not None, "the loss", seconds=20.0)
 
 
+@pytest.mark.thorough
 def test_two_pages_race_for_the_robot(system: System, web: Web) -> None:
     """One gets it, the other hears who has it; with a reason it takes it, and the first is told at its next word."""
     with web.page() as first, web.page() as second:
@@ -204,6 +206,7 @@ def test_without_the_secret_there_is_nothing_to_see(web: Web) -> None:
         pass
 
 
+@pytest.mark.thorough
 def test_a_page_outlives_its_gateway(system: System, web: Web) -> None:
     """It says that the gateway is away, and finds the next one."""
     system.daemon.end()
@@ -261,6 +264,7 @@ def test_in_a_browser_a_person_takes_it_moves_it_and_stops_it(system: System, we
         browser.close()
 
 
+@pytest.mark.thorough
 def test_the_cameras_are_shown_and_nothing_is_received_for_nobody(systems, tmp_path: Path) -> None:
     """A view as motion JPEG; when nobody looks any more, the port is free for others."""
     pytest.importorskip("av")
