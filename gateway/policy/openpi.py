@@ -167,10 +167,11 @@ class PolicyServer:
             raise failure(Code.BAD_REQUEST, message, field="target", value=self.url, hint=hint) from None
         except (OSError, EOFError, self._errors.WebSocketException) as error:
             raise self._gone(str(error) or type(error).__name__) from None
-        until_s = struct.pack(
-            "ll", *divmod(round(self._answer_s * 1e6), 1_000_000)
-        )  # one that stands still takes no picture
-        self._connection.socket.setsockopt(socket.SOL_SOCKET, socket.SO_SNDTIMEO, until_s)
+        until_s = struct.pack("ll", *divmod(round(self._answer_s * 1e6), 1_000_000))
+        with suppress(
+            OSError
+        ):  # one that stands still takes no picture; what one that hung up said is still there to be read
+            self._connection.socket.setsockopt(socket.SOL_SOCKET, socket.SO_SNDTIMEO, until_s)
         self._has_answered = False
         self.metadata = self._received(self._connect_s, "metadata")
 

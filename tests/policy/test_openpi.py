@@ -76,6 +76,21 @@ def test_a_text_frame_is_the_servers_traceback(served, where) -> None:
     assert caught.value.code is Code.POLICY_FAILED and not asker.is_connected and "log" in caught.value.hint
 
 
+def test_a_server_that_has_hung_up_by_then_is_heard_all_the_same(served, monkeypatch) -> None:
+    """Its last words are told, not that its socket is closed."""
+    asker, _ = served(lambda _: None, "Traceback (most recent call last):\nKeyError: 'state'\n")
+    connect = asker._connect
+
+    def late(*words, **options):
+        made = connect(*words, **options)
+        made.recv_events_thread.join(10.0)  # until the server has hung up
+        return made
+
+    monkeypatch.setattr(asker, "_connect", late)
+    with pytest.raises(Aborted, match="KeyError: 'state'"):
+        asker.connect()
+
+
 def test_a_server_that_hangs_up_is_gone_and_may_come_back(served) -> None:
     """Also in the middle of a question; another `connect` begins anew."""
     answers = [None, {"actions": ACTIONS}]
