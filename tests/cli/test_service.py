@@ -216,26 +216,28 @@ def test_services_are_hardly_exposed(shell: Shell, tmp_path: Path, name: str) ->
     words = [analyze, "security", "--offline=true", "--no-pager", str(file)]
     done = subprocess.run(words, capture_output=True, text=True, timeout=50, check=False)
     found = re.search(r"exposure level for \S+: (\d+\.\d+)", done.stdout)
-    if found is None:
+    if found is None and "offline" in done.stderr:  # before systemd 250; whatever else it says is a fault of the unit
         pytest.skip(f"this systemd-analyze judges no files: {done.stderr}")
+    assert found is not None, done.stderr
     assert float(found[1]) <= MOST_EXPOSED, done.stdout
     assert "Unknown" not in done.stderr and "Failed to parse" not in done.stderr, done.stderr
 
 
+CANNOT_TELL = ("this kernel has no PR_SET_MDWE", "this interpreter makes code itself", "it is not obeyed here")
 WITHOUT_NEW_CODE = """
 import ctypes, mmap, sys
 if ctypes.CDLL(None).prctl(65, 1, 0, 0, 0) != 0:
-    sys.exit("this kernel has no PR_SET_MDWE")
+    sys.exit("@0@")
 try:
     ctypes.CFUNCTYPE(ctypes.c_int)(int)
 except MemoryError:
-    sys.exit("this interpreter makes code itself")
+    sys.exit("@1@")
 try:
     mmap.mmap(-1, 4096, prot=7)
 except OSError:
     pass
 else:
-    sys.exit("it is not obeyed here")
+    sys.exit("@2@")
 print("refused", flush=True)
 import numpy, ruckig, zenoh
 import gateway.process.daemon, gateway.guard.guard
@@ -252,9 +254,12 @@ print("done", flush=True)
 
 def test_the_gateway_needs_no_memory_that_is_written_and_run() -> None:
     """numpy, ruckig and zenoh work under `MemoryDenyWriteExecute=yes`."""
-    words = [sys.executable, "-c", WITHOUT_NEW_CODE]
+    program = WITHOUT_NEW_CODE
+    for number, why in enumerate(CANNOT_TELL):
+        program = program.replace(f"@{number}@", why)
+    words = [sys.executable, "-c", program]
     done = subprocess.run(words, cwd=ROOT, capture_output=True, text=True, timeout=50, check=False)
-    if not done.stdout:
+    if done.stderr.strip() in CANNOT_TELL:  # said before anything of ours was loaded
         pytest.skip(done.stderr)
     assert (done.returncode, done.stdout.split()) == (0, ["refused", "done"]), done.stderr
 

@@ -15,7 +15,7 @@ from tests.cli.views import a_view, owned
 
 def read(view, counted=None) -> dict[str, list]:
     """Return the samples of each name, as Prometheus reads them."""
-    page = metrics.text(SimpleNamespace(view=view, counted=Counter(counted or {})))  # type: ignore[arg-type]
+    page = metrics.text(SimpleNamespace(view=view, counted=Counter(counted or {})))  # type: ignore[arg-type]  # as much of one as is read
     samples: dict[str, list] = {}
     for family in text_string_to_metric_families(page.decode()):
         for sample in family.samples:
