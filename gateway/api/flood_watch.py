@@ -252,8 +252,10 @@ class OrdinaryWhileBusy:
             for thread_id in {int(name) for name in os.listdir("/proc/self/task")} - {threading.get_native_id()}:
                 with suppress(OSError):  # it ended
                     policy = os.sched_getscheduler(thread_id)
-                    name = name_of(thread_id)
-                    if policy != os.SCHED_OTHER and not name.startswith(SENDER):
+                    if policy == os.SCHED_OTHER:
+                        continue
+                    name = name_of(thread_id)  # of few: it takes a file
+                    if not name.startswith(SENDER):
                         *_, nice = self.lowered.get(thread_id) or (os.getpriority(os.PRIO_PROCESS, thread_id),)
                         self.lowered[thread_id] = policy, os.sched_getparam(thread_id).sched_priority, nice
                         os.sched_setscheduler(thread_id, os.SCHED_OTHER, os.sched_param(0))

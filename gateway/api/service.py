@@ -179,6 +179,8 @@ class LocalPlane:
     def poll(self) -> list[events.Event]:
         """Return what clients sent since the last call: stops first. Never waits."""
         self._policy.look(time.monotonic_ns())
+        for plane in self._planes:
+            plane.take_departures()
         return [*self.poll_stops(), *self._inbox.poll()]
 
     def poll_stops(self) -> list[events.CommandRequested]:

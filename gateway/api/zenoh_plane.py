@@ -23,6 +23,10 @@ from gateway.api.stop_lane import StopLane
 
 __all__ = ["ZenohPlane"]
 
+TOKENS = 1024
+"""May come and go between two calls of `take_departures`; of more, the oldest are forgotten: keepalives decide anyway."""
+TOKENS_AT_ONCE = 64
+
 log = logging.getLogger(__name__)
 
 
@@ -100,8 +104,8 @@ class ZenohPlane:
         session.declare_queryable(protocol.PING_KEY, zenoh.handlers.Callback(self._on_ping, indirect=False))
         for key in (protocol.COMMAND_KEY, protocol.INFO_KEY, protocol.ROUTES_KEY, protocol.SNAPSHOT_KEY):
             session.declare_queryable(key, zenoh.handlers.Callback(self._on_query, indirect=False))
-        session.liveliness().declare_subscriber(
-            protocol.CLIENT_TOKENS, zenoh.handlers.Callback(self._on_token, indirect=False)
+        self._tokens = session.liveliness().declare_subscriber(
+            protocol.CLIENT_TOKENS, zenoh.handlers.RingChannel(TOKENS)
         )
         # Last: who sees the token finds everything else in place.
         self._token = session.liveliness().declare_token(protocol.daemon_token(str(session.zid())))
@@ -133,12 +137,22 @@ class ZenohPlane:
     def _on_check_in(self, sample: zenoh.Sample) -> None:
         self._inbox.put_check_in(str(sample.key_expr), time.monotonic_ns())
 
-    def _on_token(self, sample: zenoh.Sample) -> None:
-        if sample.kind == zenoh.SampleKind.DELETE:
-            self._inbox.put_gone(protocol.token_id(str(sample.key_expr)), time.monotonic_ns())
-
     def _on_matching(self, status: zenoh.MatchingStatus) -> None:
         self._listened = status.matching
+
+    # ------------------------------------------------------------------------------------------------ the loop
+
+    def take_departures(self) -> None:
+        """Put away who has gone since the last call. Never waits.
+
+        Tokens come without a line of Python: a crowd that connects must not have zenoh's threads wait for Python's lock.
+        """
+        for _ in range(TOKENS_AT_ONCE):
+            sample = self._tokens.try_recv()
+            if sample is None:
+                return
+            if sample.kind == zenoh.SampleKind.DELETE:
+                self._inbox.put_gone(protocol.token_id(str(sample.key_expr)), time.monotonic_ns())
 
     # ------------------------------------------------------------------------------------------------ the sender
 
