@@ -170,12 +170,7 @@ class Engine:
     # ------------------------------------------------------------------------------------------------ events in
 
     def receive(self, event: Event, now_ns: int) -> None:
-        """Take one event. Samples and link events act at once; requests wait for the tick.
-
-        Args:
-            event: Any of `core.events`.
-            now_ns: Monotonic time [ns].
-        """
+        """Take one event. Samples and link events act at once; requests wait for the tick."""
         coordinator = self._coordinator
         if isinstance(event, (SampleArrived, SampleRefused)):
             jumped = coordinator.store.receive(event, now_ns)
@@ -265,10 +260,6 @@ class Engine:
     def tick(self, now_ns: int, late_ns: int = 0) -> Output:
         """Run one cycle.
 
-        Args:
-            now_ns: Monotonic time [ns].
-            late_ns: How late the cycle began against its grid [ns].
-
         Returns:
             Everything that must leave, in order.
         """
@@ -317,11 +308,7 @@ class Engine:
         return self._coordinator.body.next_due_ns()
 
     def panic_frames(self, now_ns: int) -> tuple[Cleared, ...]:
-        """Return the stop frames that must leave when the engine itself has failed: 0.0 if owed, chassis zeros.
-
-        Args:
-            now_ns: Monotonic time [ns].
-        """
+        """Return the stop frames that must leave when the engine itself has failed: 0.0 if owed, chassis zeros."""
         body = self._coordinator.body
         body.silence_arms()
         if body.heartbeat.is_owed:

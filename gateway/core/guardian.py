@@ -53,11 +53,7 @@ class Phase(str, Enum):
 
 
 class Guardian:
-    """Watches one daemon, once.
-
-    Args:
-        settings: The daemon's.
-    """
+    """Watches one daemon, once."""
 
     def __init__(self, settings: Settings) -> None:
         guard, loss = settings.guard, settings.loss
@@ -123,12 +119,7 @@ class Guardian:
             self.engine.receive(ExitRequested(at_ns=now_ns), now_ns)
 
     def tick(self, now_ns: int, late_ns: int = 0) -> Output:
-        """Run one cycle; frames come out only while it acts.
-
-        Args:
-            now_ns: Monotonic time [ns].
-            late_ns: How late the cycle began against its grid [ns].
-        """
+        """Run one cycle; frames come out only while it acts."""
         stood_ns, self._ticked_ns = self._since_ns(self._ticked_ns, now_ns), now_ns
         if self.phase in {Phase.ACTING, Phase.HANDED} and stood_ns >= FSM_WATCHDOG_NS:
             self.phase = Phase.DONE
@@ -163,11 +154,7 @@ class Guardian:
             self.phase = Phase.DONE
 
     def take_back(self, now_ns: int) -> None:
-        """The daemon died, or did not want it, before it sent anything: go on, or end when the last setpoint is too old.
-
-        Args:
-            now_ns: Monotonic time [ns].
-        """
+        """The daemon died, or did not want it, before it sent anything: go on, or end when the last setpoint is too old."""
         if self.phase is Phase.HANDED:
             self.phase = Phase.ACTING
             if now_ns - self.engine.takeover.show(now_ns).last_frame_ns >= LAST_FRAME_NS:

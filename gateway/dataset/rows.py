@@ -62,13 +62,7 @@ class Run:
 
 
 def choose(layout: Layout, topics: Collection[str], namespace: str = "") -> Chosen:
-    """Return the first source of each part whose topic a bag has.
-
-    Args:
-        layout: What is wanted.
-        topics: Of the bag.
-        namespace: Of the robot's bridge, as in the bag's names.
-    """
+    """Return the first source of each part whose topic a bag has."""
     prefix = f"/{namespace.strip('/')}" if namespace.strip("/") else ""
 
     def first(part: Part) -> tuple[str, Source] | None:

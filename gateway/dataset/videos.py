@@ -72,10 +72,6 @@ class VideoSource:
 def video_source(path: Path, views: Mapping[str, str]) -> VideoSource:
     """Return a recording of `ta2 video record`.
 
-    Args:
-        path: Of its file.
-        views: Which view of the composite each camera is.
-
     Raises:
         Rejected: BAD_REQUEST, it has no index, which tells when its pictures came, or no undamaged picture.
     """

@@ -73,11 +73,7 @@ class CoreProbe:
         return self._answered_ns
 
     def account(self, now_ns: int) -> str:
-        """Return in words what was asked last and when it was answered.
-
-        Args:
-            now_ns: Monotonic time [ns].
-        """
+        """Return in words what was asked last and when it was answered."""
         times_ns = {"asked": self._asked_ns, "its core ran": self._ran_ns, "it could run": self._answered_ns}
         said = [f"{what} {(now_ns - at_ns) / MS:.1f} ms ago" for what, at_ns in times_ns.items() if at_ns]
         return ", ".join([*said, f"{self._runnable} threads runnable then"] if said else ["its core was not asked"])

@@ -104,11 +104,7 @@ class HoldSuccessor:
         return caller
 
     def poll(self, now_ns: int) -> list[Event]:
-        """Return what the engine must hear. Never waits.
-
-        Args:
-            now_ns: Monotonic time [ns].
-        """
+        """Return what the engine must hear. Never waits."""
         if self._socket is None:
             return []
         if self._is_new:

@@ -121,11 +121,7 @@ def gather(
 
 
 def survey(known: Known) -> Wire:
-    """Return the state of the wire.
-
-    Args:
-        known: What is known of it.
-    """
+    """Return the state of the wire."""
     settings = known.settings
     robots = robots_in(known.tokens)
     keys = {topic: topic_to_key(topic, settings.namespace) for topic in TOPICS}

@@ -57,13 +57,7 @@ DISK_TIMEOUT_S = 2.0
 
 
 class _Watched:
-    """The local plane with what is the process's own among its events: the end, and threads that were lost.
-
-    Args:
-        plane: The local plane.
-        engine: Told whether anybody watches.
-        notifier: Tells the service manager that the end was asked for.
-    """
+    """The local plane with what is the process's own among its events: the end, and threads that were lost."""
 
     def __init__(self, plane: LocalPlane, engine: Engine, notifier: Notifier | None = None) -> None:
         self._notifier = notifier

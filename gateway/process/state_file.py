@@ -303,9 +303,6 @@ class StateWriter:
     def close(self, timeout_s: float) -> bool:
         """Write what still waits and end the thread.
 
-        Args:
-            timeout_s: How long to wait for the disk [s].
-
         Returns:
             Whether the last state is on disk.
         """

@@ -85,11 +85,7 @@ class SimNode:
     # --------------------------------------------------------------------------------------------------------- cycle
 
     def step(self, now_ns: int) -> None:
-        """Take what has arrived, let the robot live until now, publish what is due.
-
-        Args:
-            now_ns: Time [ns].
-        """
+        """Take what has arrived, let the robot live until now, publish what is due."""
         self._end_faults(now_ns)
         self._follow_wall_clock()
         self.robot.dynamics.shed(now_ns)

@@ -74,11 +74,7 @@ def carry_out(options: Namespace) -> ExitStatus:
 
 
 class Viewer:
-    """What is known of a gateway, refreshed by `look`, drawn by rich as a frame of the terminal's size.
-
-    Args:
-        robot: A connected one.
-    """
+    """What is known of a gateway, refreshed by `look`, drawn by rich as a frame of the terminal's size."""
 
     def __init__(self, robot: Robot) -> None:
         self._robot = robot

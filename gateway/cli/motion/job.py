@@ -64,10 +64,6 @@ Aim = Callable[[RobotState], Task]
 def move(options: Namespace, aim: Aim) -> ExitStatus:
     """Move the arms, and tell on the way.
 
-    Args:
-        options: Of the command line.
-        aim: What.
-
     Raises:
         GatewayError: Nothing was begun.
     """

@@ -165,12 +165,7 @@ def _unfit(recording: Recording, message: str, hint: str) -> GatewayError:
 
 @contextmanager
 def located(recording: Recording, first: int) -> Iterator[None]:
-    """Say in a refusal where in the file the point stands, and count it from the file's first one.
-
-    Args:
-        recording: What is asked for.
-        first: Index of the first point that the request holds.
-    """
+    """Say in a refusal where in the file the point stands, and count it from the file's first one."""
     try:
         yield
     except Rejected as error:

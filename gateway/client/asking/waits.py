@@ -58,12 +58,7 @@ class Wait(Protocol[T_co]):
 
 
 class Daemon:
-    """Waits until a daemon of our version is there.
-
-    Args:
-        session: Of this client.
-        timeout_ns: How long [ns].
-    """
+    """Waits until a daemon of our version is there."""
 
     def __init__(self, session: Session, timeout_ns: int) -> None:
         self._session = session
@@ -326,11 +321,7 @@ def not_in_time(session: Session, what: str, timeout_ns: int) -> GatewayError:
 
 
 class Pause:
-    """Waits for an instant.
-
-    Args:
-        until_ns: When, on the transport's clock [ns].
-    """
+    """Waits for an instant."""
 
     def __init__(self, until_ns: int) -> None:
         self.deadline_ns = until_ns

@@ -32,11 +32,7 @@ __all__ = ["Body"]
 
 
 class Body:
-    """Streams and what drives them.
-
-    Args:
-        settings: Limits, rates and the robot's model.
-    """
+    """Streams and what drives them."""
 
     def __init__(self, settings: Settings) -> None:
         self.grippers = {side: GripperStream(side, partial(self._is_streamed, side)) for side in Side}
@@ -138,12 +134,7 @@ class Body:
         return ended
 
     def ground_cut(self, code: Code, now_ns: int) -> None:
-        """End the drives of chassis and lift, and stop what is being driven; what others drive is left alone.
-
-        Args:
-            code: Why: for whoever would go on with a drive.
-            now_ns: Monotonic time [ns].
-        """
+        """End the drives of chassis and lift, and stop what is being driven; what others drive is left alone."""
         for ground in self.drives:
             ground.cut(code, now_ns)
 

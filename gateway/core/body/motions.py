@@ -130,12 +130,7 @@ class Motion:
 
 
 class MotionBook:
-    """All motions: at most one running per arm.
-
-    Args:
-        settings: Settling times, and the tolerance of joints.
-        pose: The tolerance of poses.
-    """
+    """All motions: at most one running per arm."""
 
     def __init__(self, settings: ArmSettings, pose: PoseSettings | None = None) -> None:
         self._settings = settings

@@ -70,11 +70,7 @@ class Takeover:
     # ------------------------------------------------------------------------------------------------ what is shown
 
     def show(self, now_ns: int) -> Held:
-        """Return what is on the wire.
-
-        Args:
-            now_ns: Monotonic time of the tick [ns].
-        """
+        """Return what is on the wire."""
         coordinator, body = self._coordinator, self._coordinator.body
         arms = {}
         newest_ns = 0
@@ -100,12 +96,7 @@ class Takeover:
     # ------------------------------------------------------------------------------------------------ going on
 
     def hear(self, event: TakenOver | HeldElsewhere | GuardSeen, now_ns: int) -> None:
-        """Take an event that is about guards.
-
-        Args:
-            event: Which one.
-            now_ns: Monotonic time [ns].
-        """
+        """Take an event that is about guards."""
         coordinator = self._coordinator
         if isinstance(event, TakenOver):
             self._take(event.held, now_ns)
@@ -135,11 +126,7 @@ class Takeover:
         return other.message if other is not None and other.code is Code.FOREIGN_WRITER else ""
 
     def is_guard_awaited(self, waited_ns: int) -> bool:
-        """Return whether this process has a guard of its own that does not reach the robot yet, and is worth waiting for.
-
-        Args:
-            waited_ns: How long it has been waited for [ns].
-        """
+        """Return whether this process has a guard of its own that does not reach the robot yet, and is worth waiting for."""
         return self._coordinator.guard.is_awaited(waited_ns)
 
     def _take(self, held: Held, now_ns: int) -> None:
@@ -244,10 +231,5 @@ class Takeover:
             self.give_up("the robot's state is older than 100 ms: the guard's hold ends", now_ns)
 
     def give_up(self, why: str, now_ns: int) -> None:
-        """Let a hold go down: 0.0, and the lift off.
-
-        Args:
-            why: In words.
-            now_ns: Monotonic time [ns].
-        """
+        """Let a hold go down: 0.0, and the lift off."""
         self._coordinator.fire(Trigger.HOLD_OVER, now_ns, why)

@@ -37,12 +37,7 @@ Measured with sines of 0.1 to 2 Hz: 0.3 to 1.0 times when they can be followed, 
 
 
 class Follower(ABC):
-    """Leads one arm to its latest target.
-
-    Args:
-        jerks: Jerk limit of each axis.
-        period_s: Time between setpoints [s].
-    """
+    """Leads one arm to its latest target."""
 
     def __init__(self, jerks: Sequence[float], period_s: float) -> None:
         self.target: Vector = ()

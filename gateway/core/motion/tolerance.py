@@ -89,14 +89,7 @@ def apart(space: Space, wanted: Vector, measured: Vector) -> Vector:
 
 
 def first_beyond(space: Space, wanted: Vector, measured: Vector, tolerance: Vector) -> Deviation | None:
-    """Return the first part that is farther from where it should be than it may; None when all are near enough.
-
-    Args:
-        space: Of the values.
-        wanted: Where the arm should be.
-        measured: Where it is.
-        tolerance: One for each part.
-    """
+    """Return the first part that is farther from where it should be than it may; None when all are near enough."""
     offs = apart(space, wanted, measured)
     for part, unit, off, bound in zip(PARTS[space], UNITS[space], offs, tolerance, strict=True):
         if not off <= bound:

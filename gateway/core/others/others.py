@@ -296,12 +296,7 @@ class Others:
         return "a session that does not name itself, or a ROS node on the robot"
 
     def has_command_of(self, topic: str, now_ns: int) -> bool:
-        """Return whether a command topic is somebody else's, so that our stop frames must not go on for ever beside it.
-
-        Args:
-            topic: ROS name.
-            now_ns: Monotonic time [ns].
-        """
+        """Return whether a command topic is somebody else's, so that our stop frames must not go on for ever beside it."""
         return bool(self.armed) or (self._is_hold and any(trace.topic == topic for trace in self.data(now_ns)))
 
     def objection(self, now_ns: int) -> Refusal | None:

@@ -89,11 +89,7 @@ class _Symptom:
 
 
 class Diagnosis:
-    """Looks for symptoms.
-
-    Args:
-        coordinator: What is looked at, and where notices go.
-    """
+    """Looks for symptoms."""
 
     def __init__(self, coordinator: Coordinator) -> None:
         self._coordinator = coordinator
@@ -113,11 +109,7 @@ class Diagnosis:
         """What stands now, worst guess first."""
 
     def look(self, now_ns: int) -> bool:
-        """Look for symptoms when it is time; return whether it was.
-
-        Args:
-            now_ns: Monotonic time [ns].
-        """
+        """Look for symptoms when it is time; return whether it was."""
         if self._looked_ns is not None and now_ns // PERIOD_NS == self._looked_ns // PERIOD_NS:
             return False
         is_late = self._looked_ns is not None and now_ns - self._looked_ns > 2 * PERIOD_NS

@@ -23,12 +23,7 @@ TOUCHED_M = 1e-9
 
 
 def why_off(coordinator: Coordinator, now_ns: int) -> Refusal | None:
-    """Return why arms are not kept apart now; None while they are.
-
-    Args:
-        coordinator: Model and settings.
-        now_ns: Monotonic time [ns].
-    """
+    """Return why arms are not kept apart now; None while they are."""
     if not coordinator.settings.model.self_collision:
         message = "section [model] of the configuration does not ask for it"
         return Refusal(code=Code.MODEL_OFF, message=message, field="model.self_collision", value="false")
@@ -84,14 +79,7 @@ def check_goals(
 
 
 def check_unguarded(coordinator: Coordinator, sides: Sequence[Side], space: Space, now_ns: int) -> Refusal | None:
-    """Refuse to move an arm by poses while arms are kept apart: where its joints go is the robot's own secret.
-
-    Args:
-        coordinator: Model and settings.
-        sides: Arms that would move.
-        space: In which they would.
-        now_ns: Monotonic time [ns].
-    """
+    """Refuse to move an arm by poses while arms are kept apart: where its joints go is the robot's own secret."""
     if space is Space.JOINT or why_off(coordinator, now_ns) is not None:
         return None
     side = sides[0]

@@ -68,11 +68,7 @@ Moved = Mapping[Side, JointReference]
 
 
 class Spacing:
-    """Leads the setpoints of both arms apart.
-
-    Args:
-        coordinator: Arms, model, and where notices go.
-    """
+    """Leads the setpoints of both arms apart."""
 
     def __init__(self, coordinator: Coordinator) -> None:
         self._coordinator = coordinator
@@ -88,11 +84,7 @@ class Spacing:
         """When each arm that follows a target was held back last [ns]."""
 
     def look(self, now_ns: int) -> None:
-        """Look at the setpoints of this tick before they are taken, and change what has to be changed.
-
-        Args:
-            now_ns: Monotonic time [ns].
-        """
+        """Look at the setpoints of this tick before they are taken, and change what has to be changed."""
         model = self._coordinator.model
         if model is None or model.approach is None:
             return

@@ -19,11 +19,7 @@ ZEROS: Vector = (0.0, 0.0, 0.0)
 
 
 class ChassisStream(GroundStream):
-    """Velocities of the chassis: vx, vy [m/s], wz [rad/s].
-
-    Args:
-        settings: Its ramps.
-    """
+    """Velocities of the chassis: vx, vy [m/s], wz [rad/s]."""
 
     def __init__(self, settings: ChassisSettings) -> None:
         super().__init__(CHASSIS_VELOCITY)

@@ -31,11 +31,7 @@ LIFT_OFF: Vector = (0.0, 0.0)
 
 
 class GroundStream(ABC):
-    """Sends an owner's velocities; else repeats the stop frame for a second, sends the end asked for, and falls silent.
-
-    Args:
-        topic: Command topic of the chassis or the lift.
-    """
+    """Sends an owner's velocities; else repeats the stop frame for a second, sends the end asked for, and falls silent."""
 
     def __init__(self, topic: str) -> None:
         self.topic = topic
@@ -97,12 +93,7 @@ class GroundStream(ABC):
             self.code = code
 
     def cut(self, code: Code, now_ns: int) -> None:
-        """End the drive and stop what is being driven; a group that nobody drives is left alone.
-
-        Args:
-            code: Why.
-            now_ns: Monotonic time [ns].
-        """
+        """End the drive and stop what is being driven; a group that nobody drives is left alone."""
         self.end(code)
         if self.is_driven and self._is_unsent:
             self._withdraw()
@@ -179,11 +170,7 @@ class GroundStream(ABC):
         return self._grid.next_ns() if self.running else None
 
     def frame(self, now_ns: int) -> Frame | None:
-        """Return the frame that is due now, or None.
-
-        Args:
-            now_ns: Monotonic time [ns].
-        """
+        """Return the frame that is due now, or None."""
         due_ns = self._grid.due(now_ns) if self.running else None
         if due_ns is None:
             return None

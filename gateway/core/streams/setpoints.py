@@ -24,13 +24,6 @@ __all__ = ["SetpointStream"]
 class SetpointStream:
     """Setpoints of one arm.
 
-    Args:
-        topic: Command topic.
-        space: Of the setpoints.
-        reference: What generates them.
-        rate_hz: How many a second [Hz].
-        tracking: Bound of the distance between setpoint and measured arm.
-
     Attributes:
         reference: The same.
         tracking: The same bound.
@@ -54,10 +47,6 @@ class SetpointStream:
     def start(self, values: Vector, now_ns: int) -> None:
         """Begin to echo a measured setpoint; the only way in which the setpoint may jump.
 
-        Args:
-            values: Where the arm is, in this space, inside the limits.
-            now_ns: Monotonic time [ns].
-
         Raises:
             PlanFailed: It is not inside the limits; nothing has changed.
         """
@@ -69,9 +58,6 @@ class SetpointStream:
 
     def stay_with(self, values: Vector) -> None:
         """Repeat where an arm is that nobody drives, from the next frame on; the frames go on in their time.
-
-        Args:
-            values: Where it is, in this space, inside the limits.
 
         Raises:
             PlanFailed: It is not inside the limits; nothing has changed.
@@ -88,12 +74,6 @@ class SetpointStream:
 
     def enter(self, values: Vector, rates: Vector, forces: Vector, now_ns: int) -> None:
         """Go on where another process's stream was interrupted: brake from its last setpoint, then hold.
-
-        Args:
-            values: That setpoint.
-            rates: Its velocity, as `rates` gives it.
-            forces: Its acceleration, as `forces` gives it.
-            now_ns: Monotonic time [ns].
 
         Raises:
             PlanFailed: It cannot brake inside the limits; nothing has changed.
@@ -201,11 +181,7 @@ class SetpointStream:
         return FrameKind.WALK if self._is_walking else FrameKind.MOTION
 
     def frame(self, now_ns: int) -> Frame | None:
-        """Return the setpoint that is due now, or None. The reference advances one nominal period per frame.
-
-        Args:
-            now_ns: Monotonic time [ns].
-        """
+        """Return the setpoint that is due now, or None. The reference advances one nominal period per frame."""
         if not self.running:
             return None
         due_ns = self._grid.due(now_ns)

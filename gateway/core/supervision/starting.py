@@ -37,11 +37,7 @@ WALK_SPEED = 0.3
 
 
 class Starting:
-    """Begins streams, and leads references back.
-
-    Args:
-        coordinator: Store, streams and settings.
-    """
+    """Begins streams, and leads references back."""
 
     def __init__(self, coordinator: Coordinator) -> None:
         self._coordinator = coordinator
@@ -82,9 +78,6 @@ class Starting:
         """Set the references of running arms to where these are, which nobody drives; return whether one changed.
 
         An arm whose state is not fresh, or that is outside its limits, cannot be followed: its reference is kept, at rest.
-
-        Args:
-            now_ns: Monotonic time [ns].
         """
         coordinator, is_changed = self._coordinator, False
         for side, arm in coordinator.body.arms.items():
@@ -128,9 +121,6 @@ class Starting:
     def join(self, now_ns: int) -> Refusal | None:
         """Start the streams of arms that were enabled again while the others were held; HOLDING goes on for all.
 
-        Args:
-            now_ns: Monotonic time [ns].
-
         Returns:
             Why an arm that the robot has enabled cannot be started; nothing has started then.
         """
@@ -168,9 +158,6 @@ class Starting:
 
     def walk(self, now_ns: int) -> Refusal | None:
         """Lead references that are off by more than the tracking bound back to their arms.
-
-        Args:
-            now_ns: Monotonic time [ns].
 
         Returns:
             Why it cannot be: the arm is outside its limits, or no path is found. Nothing walks then.

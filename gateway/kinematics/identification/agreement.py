@@ -142,13 +142,7 @@ class _Residual(NamedTuple):
 
 
 class ModelJudge:
-    """Judges the model of one arm.
-
-    Args:
-        side: Which arm.
-        arm: Its model.
-        tolerances: From when on it is another one.
-    """
+    """Judges the model of one arm."""
 
     def __init__(self, side: Side, arm: Arm, tolerances: Tolerances | None = None) -> None:
         self.side = side

@@ -66,11 +66,7 @@ NO_LIMIT: Mapping[Side, float] = dict.fromkeys(Side, math.inf)
 
 
 class Approach:
-    """The rule for one body.
-
-    Args:
-        model: Its parts.
-    """
+    """The rule for one body."""
 
     def __init__(self, model: CollisionModel) -> None:
         self._model = model
@@ -200,13 +196,7 @@ class Look:
         return going if self._is_sound(motion, going) else NONE
 
     def _opening(self, motion: Motion, bad: Numbers, whole: set[Side]) -> Going:
-        """Return joints that open some pairs together: all but those that close most, one after the other.
-
-        Args:
-            motion: What is wanted.
-            bad: The pairs, rows of what was looked at.
-            whole: Arms that brake.
-        """
+        """Return joints that open some pairs together: all but those that close most, one after the other."""
         posture = self._model.posture(self.here)
         slopes = [posture.told(number).slopes for number in self._ends.numbers[bad].tolist()]
         opens_mps = np.array([[row[side] for side in Side] for row in slopes]).reshape(len(bad), JOINTS)

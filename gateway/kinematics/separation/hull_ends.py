@@ -173,11 +173,7 @@ class HullEnds:
         self._levers_m, self._bends_m = self._levers_m.take(parts, axis=0), self._bends_m.take(parts, axis=0)
 
     def on(self, reach: Reach) -> Kept:
-        """Return what these pairs keep on ways inside those given first.
-
-        Args:
-            reach: What the ways mean.
-        """
+        """Return what these pairs keep on ways inside those given first."""
         if not len(self.numbers):
             return Kept(np.empty((len(reach.far_rad), 0)), np.empty((len(reach.far_rad), 2, 0, 2 * JOINTS)), 0)
         shares = self._slopes * reach.goes_rad[:, None, None]

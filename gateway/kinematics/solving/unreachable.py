@@ -87,13 +87,7 @@ def _out_of_limits(closed: ClosedForm, side: Side, target: Placement) -> Unreach
 
 
 def not_found(side: Side, error_m: float, error_rad: float) -> Unreachable:
-    """Return that a numerical search, all there is for an arm of another shape, ended short of the pose.
-
-    Args:
-        side: Which arm.
-        error_m: Distance left [m].
-        error_rad: Angle left [rad].
-    """
+    """Return that a numerical search, all there is for an arm of another shape, ended short of the pose."""
     return Unreachable(
         Refusal(
             code=Code.OUT_OF_RANGE,

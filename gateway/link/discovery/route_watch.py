@@ -62,11 +62,7 @@ class Evidence:
 
 
 class RouteWatch:
-    """Watches one topic.
-
-    Args:
-        topic: The topic's facts.
-    """
+    """Watches one topic."""
 
     def __init__(self, topic: Topic) -> None:
         self._topic = topic

@@ -50,13 +50,7 @@ class Eyes:
         self.backend = self._drawing.backend
 
     def view(self, eye: str, lens: Lens, counter: int) -> NDArray[np.uint8]:
-        """Return what an eye sees at a trigger, shape (height, width, 3), RGB.
-
-        Args:
-            eye: Name of its crop.
-            lens: In front of it.
-            counter: Of the trigger.
-        """
+        """Return what an eye sees at a trigger, shape (height, width, 3), RGB."""
         if counter != self._counter:
             self._drawing.pose(self._ask())
             self._counter = counter

@@ -199,11 +199,7 @@ class SimArm:
         return self._drive
 
     def set_drive(self, wanted: Drive) -> None:
-        """Drive the motors as wanted, or hold them at zero velocity when nothing valid is commanded.
-
-        Args:
-            wanted: What the state machine allows.
-        """
+        """Drive the motors as wanted, or hold them at zero velocity when nothing valid is commanded."""
         can_follow = self.is_enabled and self.is_streamed and not self._is_protected and not self.is_blocked
         drive = wanted if can_follow else Drive.STILL
         if drive is Drive.APPROACH and self._drive is Drive.STILL:
@@ -213,9 +209,6 @@ class SimArm:
 
     def guide(self, duration_ns: int) -> Array | None:
         """Let time pass for what the motors follow, and return it; the motion itself is up to `place`.
-
-        Args:
-            duration_ns: Length of the step [ns].
 
         Returns:
             Joint positions that the servos hold, shape (7,) [rad]; None under the zero-velocity command (§4.10).
@@ -240,11 +233,7 @@ class SimArm:
         self.q_rad, self.v_radps, self.effort_nm = q_rad, v_radps, effort_nm
 
     def move(self, duration_ns: int) -> None:
-        """Let time pass under the present drive, exactly.
-
-        Args:
-            duration_ns: Length of the step [ns].
-        """
+        """Let time pass under the present drive, exactly."""
         dt_s = duration_ns / S
         if self._drive is Drive.FOLLOW:
             self._reference = self.target_rad

@@ -251,11 +251,7 @@ class SimRobot:
             self.setpoints[side].add(now_ns, arm.target_rad)
 
     def _redrive(self, sides: Iterable[Side] = _SIDES) -> None:
-        """Let the state machine's state take hold of the motors.
-
-        Args:
-            sides: Of these arms.
-        """
+        """Let the state machine's state take hold of the motors."""
         state = self.fsm.state
         drive = _DRIVES.get(state, Drive.STILL)
         is_started = drive is not Drive.STILL

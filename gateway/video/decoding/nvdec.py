@@ -107,13 +107,7 @@ class Probe:
 def open_nvdec(
     key_picture: bytes, expected: av.VideoFrame, prepare: Callable[[av.VideoCodecContext], None]
 ) -> tuple[av.VideoCodecContext | None, str]:
-    """Return a decoder that has proved itself, and its name; or None, and why not.
-
-    Args:
-        key_picture: Annex B, with parameter sets.
-        expected: It as the software decodes it.
-        prepare: Sets the context's options before it is opened.
-    """
+    """Return a decoder that has proved itself, and its name; or None, and why not."""
     reasons = []
     for name, create in WAYS.items():
         context = None

@@ -41,14 +41,7 @@ _KIND: Final = 0x3F
 
 
 class Depacketiser:
-    """One life of a sender.
-
-    Args:
-        tally: What counts pictures and what is wrong with them.
-        ssrc: The sender's.
-        life: Number of the life.
-        seq: Number of its first picture.
-    """
+    """One life of a sender."""
 
     def __init__(self, tally: Tally, *, ssrc: int, life: int, seq: int) -> None:
         self.seq = seq

@@ -69,9 +69,6 @@ class ReceiverSettings:
 class Receiver:
     """Receives from `start` to `stop`, or as a context; can be started again.
 
-    Args:
-        settings: How to receive.
-
     Raises:
         ValueError: A setting is out of its bounds.
     """
@@ -177,10 +174,6 @@ class Receiver:
         """Call a function with every coded picture from now on, in a thread of its own; see `CallbackTap`.
 
         The receiver must have been started; else the tap is over at once.
-
-        Args:
-            callback: The function.
-            name: What it is, for messages.
 
         Returns:
             Close it, or use it as a context. It ends with the receiver, too.

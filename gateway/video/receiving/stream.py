@@ -199,11 +199,7 @@ class Stream:
         return self._take(self._reorder.put(packet, came_ns), now_ns)
 
     def expire(self, now_ns: int) -> list[AccessUnit]:
-        """Give up packets that were waited for too long, while nothing comes; return the pictures complete then.
-
-        Args:
-            now_ns: Monotonic time [ns].
-        """
+        """Give up packets that were waited for too long, while nothing comes; return the pictures complete then."""
         if self._streak is not None:
             self._end_streak(self._streak)
         return self._take(self._reorder.expire(now_ns), now_ns)

@@ -46,11 +46,7 @@ class Backlog(Protocol):
 
 
 class Tap:
-    """A queue of coded pictures for one taker.
-
-    Args:
-        backlog: How pictures wait, and which are dropped.
-    """
+    """A queue of coded pictures for one taker."""
 
     def __init__(self, backlog: Backlog) -> None:
         self._backlog = backlog
@@ -113,12 +109,6 @@ class CallbackTap:
 
     Pictures wait for it; when there are too many, the newest are dropped up to the next one that decoding can begin with.
     An error of the function ends it, and is raised by `close`.
-
-    Args:
-        tap: Where the pictures come from.
-        callback: The function.
-        name: For the thread, and for messages.
-        leave: What to call when it ends.
     """
 
     def __init__(

@@ -190,10 +190,6 @@ def decoded_pictures(
 ) -> Generator[tuple[av.VideoFrame, int], None, None]:
     """Yield what can be decoded of a recording, each with where it stands [ticks of CLOCK_HZ]; one that grows to its end.
 
-    Args:
-        recording: Its file.
-        is_cancelled: Whether to end before it has ended.
-
     Raises:
         OSError, av.FFmpegError: It cannot be read.
     """

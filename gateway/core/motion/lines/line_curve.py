@@ -58,11 +58,7 @@ Curve: TypeAlias = Trajectory
 
 
 class Coarse:
-    """The places are too far apart, or the joints turn too sharply there.
-
-    Args:
-        part: Of the way, where that was seen.
-    """
+    """The places are too far apart, or the joints turn too sharply there."""
 
     def __init__(self, part: float) -> None:
         self.part = part

@@ -111,13 +111,7 @@ def chosen(arm: ArmModel, line: Line, begin_rad: Vector, limits: JointLimits) ->
 
 
 class _Judge:
-    """What a way of the elbow costs.
-
-    Args:
-        swivels: Joints by arm angle at the stations.
-        begin_rad: Joints at the begin [rad].
-        limits: Of the joints' positions.
-    """
+    """What a way of the elbow costs."""
 
     def __init__(self, swivels: Sequence[Swivel], begin_rad: Vector, limits: JointLimits) -> None:
         self._swivels = swivels

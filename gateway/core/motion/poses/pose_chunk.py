@@ -43,13 +43,7 @@ KINDS = (
 
 
 def check_pose(side: Side, index: int, pose: Sequence[float]) -> Refusal | None:
-    """Refuse what is no pose in the robot's reach.
-
-    Args:
-        side: Which arm.
-        index: Which point.
-        pose: x, y, z [m], qx, qy, qz, qw.
-    """
+    """Refuse what is no pose in the robot's reach."""
     field = f"{side}_arm[{index}]"
     if len(pose) != POSE_SIZE:
         return Refusal(
@@ -109,13 +103,7 @@ def check_pose_motion(side: Side, trajectory: PoseTrajectory, bounds: Bounds) ->
 
 
 def check_pose_jump(side: Side, pose: Vector, reference: Vector) -> Refusal | None:
-    """Refuse a chunk that is too far from the arm's reference where it begins.
-
-    Args:
-        side: Which arm.
-        pose: Where the chunk is then.
-        reference: Where the reference is then.
-    """
+    """Refuse a chunk that is too far from the arm's reference where it begins."""
     off_m, off_rad = math.dist(pose[:3], reference[:3]), angle_rad(pose[3:], reference[3:])
     for off, bound, unit in ((off_m, JUMP_M, "m"), (off_rad, JUMP_RAD, "rad")):
         if off > bound * SLACK:

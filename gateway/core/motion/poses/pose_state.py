@@ -125,12 +125,7 @@ class AxisLimits(NamedTuple):
 
 
 class PoseDynamics:
-    """Limits in the form in which plans use them, and stops within them.
-
-    Args:
-        limits: Limits of the end effector.
-        period_s: Time between setpoints [s].
-    """
+    """Limits in the form in which plans use them, and stops within them."""
 
     __slots__ = ("_longest_m", "angular", "limits", "linear", "period_s")
 
