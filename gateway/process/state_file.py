@@ -30,7 +30,6 @@ import threading
 from collections.abc import Callable, Set
 from dataclasses import dataclass, replace
 from pathlib import Path
-from types import TracebackType
 
 from gateway.core.messages.outputs import Remembered
 from gateway.errors import CODES, Code, ConfigError, NotReady, Refusal
@@ -108,7 +107,7 @@ class StateFile:
         self.open()
         return self
 
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
+    def __exit__(self, *_: object) -> None:
         """Let others have it."""
         self.close()
 

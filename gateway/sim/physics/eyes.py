@@ -7,7 +7,6 @@ middle three quarters) and black beside it; a wrist's has its two eyes side by s
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from types import TracebackType
 
 import av
 import numpy as np
@@ -63,9 +62,7 @@ class Eyes:
     def __enter__(self) -> Eyes:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.close()
 
 
