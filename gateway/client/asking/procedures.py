@@ -24,9 +24,7 @@ from gateway.client.asking.waits import (
     Seen,
     Stopped,
     Wait,
-    answered_facts,
     answered_reply,
-    answered_routes,
 )
 from gateway.client.connection.identity import is_of_this_process
 from gateway.client.connection.session import Lease, Motion, Session, Sighting
@@ -88,14 +86,14 @@ def request(session: Session, command: protocol.Request, timeout_ns: int = REQUE
 def get_info(session: Session) -> Procedure[protocol.Info]:
     """Return what does not change while the daemon runs; asked once per daemon."""
     if session.info is None:
-        session.info = yield Answer(session, protocol.INFO_KEY, b"", answered_facts, REQUEST_NS, "info")
+        session.info = yield Answer(session, protocol.INFO_KEY, b"", protocol.decode_info, REQUEST_NS, "info")
     return session.info
 
 
 def get_routes(session: Session) -> Procedure[protocol.Routes]:
     """Return how the robot's bridge stands to each topic, as it is now."""
     routes: protocol.Routes = yield Answer(
-        session, protocol.ROUTES_KEY, b"", answered_routes, REQUEST_NS, "the state of the routes"
+        session, protocol.ROUTES_KEY, b"", protocol.decode_routes, REQUEST_NS, "the state of the routes"
     )
     return routes
 

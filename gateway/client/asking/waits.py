@@ -25,9 +25,7 @@ __all__ = [
     "Seen",
     "Stopped",
     "Wait",
-    "answered_facts",
     "answered_reply",
-    "answered_routes",
     "not_in_time",
 ]
 
@@ -167,16 +165,6 @@ def answered_reply(payload: bytes) -> protocol.Reply:
     if reply.refusal is not None:
         raise to_exception(protocol.refusal_of(reply.refusal))
     return reply
-
-
-def answered_facts(payload: bytes) -> protocol.Info:
-    """Return the daemon's facts."""
-    return protocol.decode_info(payload)
-
-
-def answered_routes(payload: bytes) -> protocol.Routes:
-    """Return how the robot's bridge stands to each topic."""
-    return protocol.decode_routes(payload)
 
 
 class Stopped:
