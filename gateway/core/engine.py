@@ -72,11 +72,7 @@ S = 1_000_000_000
 class Engine:
     """Joins store, lease, supervisor, validation, motion, streams and gate.
 
-    Args:
-        settings: All of them.
-        remembered: What an earlier daemon left.
-        model: Of the body; None where there shall be none.
-        is_guard: Whether this is a guard's: it commands only in a dead daemon's place.
+    A guard's engine commands only in a dead daemon's place.
     """
 
     def __init__(

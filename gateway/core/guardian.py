@@ -86,10 +86,7 @@ class Guardian:
     def daemon_ended(self, held: Held | None, now_ns: int, *, is_clean: bool) -> None:
         """The daemon is no more: go on in its place, if there is anything to go on with.
 
-        Args:
-            held: What it showed last; None when it never ticked.
-            now_ns: Monotonic time [ns].
-            is_clean: Whether it said that it ends.
+        It has shown nothing (None) when it never ticked; `is_clean` is whether it said that it ends.
         """
         if is_clean or held is None or held.is_silent:
             self.phase = Phase.DONE

@@ -74,11 +74,7 @@ def read_series(
 ) -> dict[tuple[str, str], Series]:
     """Read fields of topics.
 
-    Args:
-        bag: Open.
-        wanted: Pairs of topic (as the bag names it) and field.
-        by_arrival: Whether stamps are passed over.
-        on_progress: Called now and then with the part that was read, 0..1.
+    `wanted` are pairs of topic, as the bag names it, and field.
 
     Returns:
         A series for each pair; pairs of which the bag has no usable sample are left out.

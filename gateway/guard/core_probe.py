@@ -26,11 +26,7 @@ PROCESSOR = 37
 class CoreProbe:
     """Answers for the process, and for the core that it is bound to or was last seen on.
 
-    Args:
-        pid: That process.
-        affinity: Of threads to cores.
-        priority: SCHED_FIFO priority of that process's most urgent thread.
-        starvation: Of the process; None for what the kernel says.
+    `priority` is that of the process's most urgent thread; without `starvation` it is as the kernel says.
     """
 
     def __init__(self, pid: int, affinity: Affinity, priority: int, starvation: Starvation | None = None) -> None:

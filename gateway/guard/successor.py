@@ -51,12 +51,7 @@ PATIENCE_NS = 5000 * MS
 class HoldSuccessor:
     """Takes a hold over, once.
 
-    Args:
-        path: The guard's socket.
-        engine: Whose hold it becomes.
-        latch: Takes latches that the guard has set: cause and message.
-        robot: Which robot this daemon commands, see `robot_name`.
-        clock: Monotonic clock [ns].
+    `robot` is as `robot_name` gives it.
     """
 
     def __init__(

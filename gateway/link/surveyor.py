@@ -36,10 +36,7 @@ TCP = re.compile(r"(?:tcp|tls)/(?P<host>\[[^]]+\]|[^:/]+):(?P<port>\d+)(?:[#?].*
 def look(settings: LinkSettings, *, is_named: bool, listen_s: float = LISTEN_S) -> Wire:
     """Look for some seconds; return what was seen. Without a transport the reason is in `trouble`.
 
-    Args:
-        settings: Endpoint, model, and the namespace that is wanted.
-        is_named: Whether that namespace was asked for; if not, that of the only robot is taken.
-        listen_s: How long to listen [s].
+    Where the namespace was not asked for, that of the only robot is taken.
 
     Raises:
         SettingsRefused: zenoh cannot read the endpoint.

@@ -100,14 +100,7 @@ class _Watched:
 
 
 class _Guards:
-    """This daemon's guard, and the one that an earlier daemon left, as far as the loop is concerned.
-
-    Args:
-        settings: Whether there shall be a guard.
-        engine: What is shown to it.
-        socket: The daemon's; the guard's lies beside it.
-        is_json_log: Whether the guard's log is JSON lines.
-    """
+    """This daemon's guard, and the one that an earlier daemon left, as far as the loop is concerned."""
 
     def __init__(self, settings: Settings, engine: Engine, socket: Path, *, is_json_log: bool) -> None:
         self._engine = engine
@@ -146,13 +139,7 @@ def _latching(engine: Engine) -> Callable[[Code, str], None]:
 class _Link:
     """The robot link, telling when a session has brought new threads that must be scheduled like the others.
 
-    Args:
-        link: The link.
-        engine: Says how closely it must look.
-        on_up: Called in the loop's thread after each LinkUp.
-        guards: Have something to say, too.
-        recall: Knows what was latched when this robot had another address.
-        namespace: Of the robot.
+    `on_up` is called in the loop's thread after each LinkUp.
     """
 
     def __init__(
@@ -217,11 +204,7 @@ def run(
 
     Must be called in the main thread: it takes over SIGTERM, SIGINT and SIGHUP while it runs.
 
-    Args:
-        settings: Effective settings.
-        on_ready: Called with the socket's path when clients can connect.
-        is_json_log: Whether the guard's log is JSON lines, like this process's own.
-        notifier: Tells the service manager; None without one.
+    `on_ready` is called with the socket's path when clients can connect.
 
     Returns:
         Exit status: 0. A daemon that lost a thread of its own, or whose API hangs, ends its process with 1.

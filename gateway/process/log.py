@@ -47,10 +47,7 @@ class RateLimit(logging.Filter):
 
     Notices come from one line of the loop: each of their codes counts as a source of its own.
 
-    Args:
-        burst: Records of one source that pass in each window.
-        window_s: Length of a window [s].
-        clock: Monotonic clock [s]: a step of the wall clock silences nobody.
+    The clock is monotonic [s]: a step of the wall clock silences nobody.
     """
 
     def __init__(self, burst: int = 20, window_s: float = 1.0, clock: Callable[[], float] = time.monotonic) -> None:

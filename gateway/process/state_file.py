@@ -54,11 +54,8 @@ RETRY_S = 1.0
 def path_of(folder: Path, endpoint: str, namespace: str = "", *, is_as_spelt: bool = False) -> Path:
     """Return the state file of a robot: readable, and unlike that of any other endpoint.
 
-    Args:
-        folder: Folder of state files.
-        endpoint: Endpoint of the robot's router.
-        namespace: Namespace of its bridge: two robots may stand behind one router.
-        is_as_spelt: Whether to return the one that an earlier release had for this very spelling.
+    Two robots may stand behind one router: the namespace tells them apart. `is_as_spelt` asks for the one that an
+    earlier release had for this very spelling.
     """
     spelt = f"{endpoint}/{namespace.strip('/')}".rstrip("/")
     name = spelt if is_as_spelt else robot_name(endpoint, namespace)

@@ -22,10 +22,7 @@ STALL_S: Final = 3.0
 class Camera:
     """Records the cameras from `with` to its end.
 
-    Args:
-        folder: Of the bag.
-        endpoint: The robot's, as the link has it: pictures from elsewhere are refused.
-        port: UDP port of the pictures.
+    Pictures from elsewhere than the robot's endpoint are refused.
 
     Raises:
         Rejected: BAD_REQUEST, a package for video is missing, or the file cannot be written.

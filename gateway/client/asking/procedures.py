@@ -118,11 +118,8 @@ def _fact(reply: protocol.Reply, name: str) -> int:
 def acquire(session: Session, on_loss: protocol.OnLossName, take: str | None, timeout_ns: int) -> Procedure[Lease]:
     """Become the owner; with `take` from whoever it is, and then wait until the arms are at rest.
 
-    Args:
-        session: Of this client.
-        on_loss: What happens when this client vanishes.
-        take: Reason to take the robot from its owner; None to ask for a free one.
-        timeout_ns: How long to wait for the arms to come to rest after taking over [ns].
+    `take` is the reason to take the robot from its owner, None to ask for a free one; `timeout_ns` is for the arms to
+    come to rest after taking over.
 
     Raises:
         LeaseError: LEASE_HELD, somebody else owns the robot, or another `control()` of this client does.

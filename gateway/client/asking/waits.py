@@ -89,13 +89,8 @@ class Daemon:
 class Answer(Generic[T]):
     """Asks something and waits for the answer.
 
-    Args:
-        session: Of this client.
-        key: What is asked.
-        payload: What goes with it; the same again when the answer was lost.
-        read: Makes the answer out of the payload; may raise what it says.
-        timeout_ns: How long to wait [ns].
-        what: What was asked, for messages.
+    `payload` goes again when the answer was lost; `read` makes the answer out of what came, and may raise what that
+    says.
 
     Raises:
         Disconnected: No daemon is there; nothing was sent.
@@ -171,11 +166,6 @@ class Stopped:
     """Sends a stop, and waits for what became of it. It leaves first: nothing is asked, and nobody need be known, before.
 
     A daemon of the first release has no key for stops: where nobody listens there, it goes the old way as well.
-
-    Args:
-        session: Of this client.
-        command: `Stop` or `Estop`.
-        timeout_ns: How long to wait for the answer [ns].
     """
 
     def __init__(self, session: Session, command: protocol.Stop | protocol.Estop, timeout_ns: int) -> None:
@@ -251,12 +241,8 @@ class Stopped:
 class Seen(Generic[T]):
     """Waits until a snapshot shows something.
 
-    Args:
-        session: Of this client.
-        condition: Returns what was waited for, or None; may raise what makes it impossible.
-        timeout_ns: How long [ns].
-        what: What is waited for, for the message.
-        after_seq: Only snapshots with a greater number count.
+    `condition` returns what was waited for, or None, and may raise what makes it impossible; snapshots up to
+    `after_seq` do not count.
     """
 
     def __init__(

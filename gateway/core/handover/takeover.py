@@ -54,10 +54,7 @@ Resume = Callable[[str, Vector, Vector], None]
 class Takeover:
     """How this process goes on in another's place.
 
-    Args:
-        coordinator: What is moved.
-        resume: The gate's ear.
-        is_guard: Whether this process is a guard: it never waits out a stall.
+    A guard never waits out a stall.
     """
 
     def __init__(self, coordinator: Coordinator, resume: Resume, *, is_guard: bool) -> None:

@@ -44,11 +44,7 @@ def check_pose(
 ) -> Checked | Refusal:
     """Check a pose against shape, finiteness, the norm of its quaternion and the reach.
 
-    Args:
-        side: Which arm.
-        values: x, y, z [m], qx, qy, qz, qw.
-        settings: The reach.
-        on_limit: Reject, or move a position beyond the reach to its end.
+    Values are x, y, z [m], qx, qy, qz, qw; clipping moves a position beyond the reach to its end.
 
     Returns:
         The pose to use, or why not: WRONG_SHAPE, NOT_FINITE or OUT_OF_RANGE.

@@ -77,10 +77,8 @@ class Follower(ABC):
     def aim(self, target: Vector, speed: float, now: State) -> None:
         """Take a target.
 
-        Args:
-            target: Inside the limits.
-            speed: Factor on the velocity limits, 0 < speed <= 1; on the accelerations too from rest on.
-            now: The present state.
+        The target is inside the limits; `speed` is a factor on the velocity limits, 0 < speed <= 1, on the
+        accelerations too from rest on.
         """
         self.target, self._speed = target, speed
 

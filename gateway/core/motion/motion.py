@@ -214,11 +214,8 @@ class Reference(Generic[SpaceT]):
     def prepare(self, trajectory: Trajectory | PoseTrajectory, start_s: float, *, rests: bool) -> Tracker[Any]:
         """Return the way along a trajectory, to be judged and then taken with `track`; nothing changes yet.
 
-        Args:
-            trajectory: Of this reference's space, inside the limits.
-            start_s: Time on it that is now [s]; negative when it begins in the future: until then the arm goes on with
-                the trajectory it follows, or brakes.
-            rests: Whether it ends at rest at its last point.
+        A negative `start_s` begins in the future: until then the arm goes on with the trajectory it follows, or
+        brakes. `rests` says whether it ends at rest at its last point.
         """
         lead = None
         if self.mode is ReferenceMode.CHUNK and self.tracker is not None:

@@ -129,11 +129,7 @@ class BodyModel:
         Only a model that has agreed with this robot can tell; the median of seconds that it goes by is not moved by the
         sample that is to be judged.
 
-        Args:
-            side: Which arm.
-            q_rad: Measured joints, shape (7,) [rad].
-            pose: Measured pose of its end effector, of about the same time.
-            now_ns: Monotonic time [ns].
+        Joints, shape (7,) [rad], and pose were measured at about the same time.
         """
         if not self.verdict(side, now_ns).is_usable:
             return False

@@ -48,11 +48,8 @@ def check_goals(
 ) -> Refusal | None:
     """Refuse goals at which parts of the body would be nearer than the margin, and nearer than they are.
 
-    Args:
-        coordinator: Model, and where the arms are and are bound for.
-        goals: Joint angles inside the limits, per side shape (7,) [rad].
-        now_ns: Monotonic time [ns].
-        hands_only: Whether only the poses of the hands are sure, and not how the arms will be bent.
+    Goals are inside the limits, per side shape (7,) [rad]; with `hands_only` only the poses of the hands are sure,
+    and not how the arms will be bent.
     """
     model, here = coordinator.model, whereabouts(coordinator)
     if model is None or model.collision is None or len(here) < len(Side) or why_off(coordinator, now_ns) is not None:

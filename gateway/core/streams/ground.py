@@ -65,11 +65,7 @@ class GroundStream(ABC):
     def renew(self, epoch: int, expires_ns: int, now_ns: int, drive_id: int) -> Code | None:
         """Begin a drive, or go on with one.
 
-        Args:
-            epoch: Under which lease.
-            expires_ns: Until when its velocity counts [ns].
-            now_ns: Monotonic time [ns].
-            drive_id: 0 for another drive, else the number of the one to go on with.
+        Drive 0 is a new one, any other number the one to go on with; its velocity counts until `expires_ns`.
 
         Returns:
             Why the named drive is over; nothing has changed then. None when it goes on.

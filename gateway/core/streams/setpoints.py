@@ -22,12 +22,7 @@ __all__ = ["SetpointStream"]
 
 
 class SetpointStream:
-    """Setpoints of one arm.
-
-    Attributes:
-        reference: The same.
-        tracking: The same bound.
-    """
+    """Setpoints of one arm, out of a reference; `tracking` bounds their distance from the measured arm."""
 
     def __init__(self, topic: str, space: Space, reference: Reference[Any], rate_hz: float, tracking: Gap) -> None:
         self.reference = reference

@@ -45,11 +45,8 @@ class Starting:
     def seed(self, sides: Sequence[Side], now_ns: int, unnoticed: Container[Side] = ()) -> Refusal | None:
         """Start the streams of these arms at their measured positions, or none of them and say why.
 
-        Args:
-            sides: Arms whose measured state is believed.
-            now_ns: Monotonic time [ns].
-            unnoticed: Arms that fell silent at rest, so short a time ago that the robot has not noticed: they go on from
-                their last setpoint.
+        The measured state of `sides` is believed. Those that fell silent at rest, so short a time ago that the robot
+        has not noticed, go on from their last setpoint.
         """
         coordinator = self._coordinator
         starts = {}

@@ -77,12 +77,8 @@ class Reach:
 class HullEnds:
     """The ends of the parts that might come near on some ways.
 
-    Args:
-        arrays: The body before them, in one posture or in several.
-        parts: Of this body.
-        reach: What the ways mean.
-        gap_m: Only pairs that might be nearer than this somewhere on these ways are looked at [m].
-        among: Numbers of the pairs to choose from; None for all.
+    Only pairs are looked at that might be nearer than `gap_m` somewhere on these ways, of those with the numbers
+    `among`, None for all.
 
     Attributes:
         numbers: Of these pairs (`Posture.told`).

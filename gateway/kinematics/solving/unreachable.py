@@ -30,13 +30,7 @@ class Unreachable(NamedTuple):
 
 
 def why_not(closed: ClosedForm, side: Side, target: Placement) -> Unreachable:
-    """Return why there is no solution inside the limits.
-
-    Args:
-        closed: The arm, which has found none.
-        side: Which arm it is.
-        target: End effector in the shoulder frame.
-    """
+    """Return why there is no solution inside the limits."""
     distance, (near, far) = closed.distance_m(target), closed.reach_m()
     if not near <= distance <= far:
         return _out_of_reach(side, target, distance, near, far)

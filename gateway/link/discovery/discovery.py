@@ -123,12 +123,8 @@ class TokenTable:
 class Discovery:
     """Follows the robot's bridge.
 
-    Args:
-        settings: Namespace and model.
-        own_zid: Zenoh id of our session.
-        ask: How the admin space is asked.
-        friends: Zenoh ids of other sessions of ours; may grow.
-        topics: State topics that are heard; those of others may be silent as they like.
+    `friends` are zenoh ids of other sessions of ours, and may grow; topics that are not heard may be silent as they
+    like.
 
     Attributes:
         tokens: Fed by the link's liveliness subscriber.

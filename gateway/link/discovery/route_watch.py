@@ -81,10 +81,7 @@ class RouteWatch:
     def is_silent(self, now_ns: int, up_since_ns: int, newest_ns: int | None) -> bool:
         """Return whether samples should have come and did not.
 
-        Args:
-            now_ns: Monotonic time [ns].
-            up_since_ns: When the transport opened [ns].
-            newest_ns: Arrival of the newest sample [ns]; None before the first.
+        `newest_ns` is None before the first sample.
         """
         if newest_ns is None or newest_ns < up_since_ns:
             return now_ns - up_since_ns > max(FIRST_DATA_NS, self._silence_ns)
@@ -95,11 +92,7 @@ class RouteWatch:
     ) -> RouteObserved | None:
         """Take in the ages and the tokens; return what has changed, if anything.
 
-        Args:
-            now_ns: Monotonic time [ns].
-            up_since_ns: When the transport opened [ns].
-            newest_ns: Arrival of the newest sample [ns]; None before the first.
-            is_announced: Whether a publisher token for the topic is there.
+        `newest_ns` is None before the first sample.
         """
         name = self._topic.name
         if is_announced:

@@ -164,11 +164,8 @@ class SimRobot:
     ) -> list[tuple[str, IdlStruct]]:
         """Let time pass and return everything published on the way as (topic, message), in order.
 
-        Args:
-            now_ns: Up to when [ns].
-            latest_only: Return only the last due message of each topic: what a subscriber that looks once would keep,
-                and much cheaper over long steps.
-            topics: Publish only these: nobody listens to the others.
+        `latest_only` returns only the last due message of each topic: what a subscriber that looks once would keep,
+        and much cheaper over long steps.
         """
         published: list[tuple[str, IdlStruct]] = []
         if latest_only:

@@ -53,10 +53,7 @@ WAYS: dict[str, Callable[[], av.VideoCodecContext]] = {"hevc on cuda": _on_cuda,
 class Probe:
     """Has a GPU prove itself; begins at once.
 
-    Args:
-        key_picture: Annex B, with parameter sets.
-        software: What it is compared with; a decoder of its own.
-        prepare: Sets a context's options before it is opened.
+    `key_picture` is Annex B, with parameter sets; `software` a decoder of its own, to compare with.
     """
 
     def __init__(

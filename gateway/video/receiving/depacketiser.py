@@ -86,10 +86,7 @@ class Depacketiser:
     def push(self, ordered: Ordered, rtp_time: int, now_ns: int) -> list[AccessUnit]:
         """Take the next packet; return the pictures that are complete now.
 
-        Args:
-            ordered: The packet.
-            rtp_time: Its RTP time, unwrapped [ticks].
-            now_ns: Monotonic time [ns].
+        RTP time is unwrapped [ticks].
         """
         picture, packet = self._picture, ordered.packet
         if (

@@ -138,10 +138,7 @@ class Stream:
     def receive(self, datagram: bytes | memoryview, source: str, now_ns: int) -> list[AccessUnit]:
         """Take a datagram; return the pictures that are complete now. Whatever it holds, nothing is raised.
 
-        Args:
-            datagram: As it came; it is copied.
-            source: Address that it came from, without port.
-            now_ns: When it came, monotonic [ns].
+        The datagram is copied; its source is an address without port.
         """
         self._datagram_ns = now_ns
         if (streak := self._streak) is not None:

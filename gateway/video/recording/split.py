@@ -83,12 +83,7 @@ def split_folder(recording: Path) -> Path:
 class Splitter:
     """Splits one recording.
 
-    Args:
-        recording: Its file.
-        folder: For the views; made if need be.
-        views: Which ones.
-        coding: How they are encoded.
-        prepare: Called first in each thread that computes.
+    The folder is made if need be; `prepare` is called first in each thread that computes.
 
     Raises:
         Rejected: BAD_REQUEST, there is no such recording or view, or a file is in the way.

@@ -122,11 +122,7 @@ def clock_for(
 ) -> Generator[None, None, LineClock | Refusal]:
     """Work out the clock of a motion of one or both arms, piece by piece.
 
-    Args:
-        lines: Ways of the end effectors.
-        curves: Joints along them; all with the same places.
-        reins: What each arm keeps to.
-        speed: Factor on the velocities and accelerations of the poses, 0 < speed <= 1.
+    All curves have the same places; `speed` is a factor on velocities and accelerations of the poses, 0 < speed <= 1.
 
     Returns:
         The clock, or the place that asks for too much.

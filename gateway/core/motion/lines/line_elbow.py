@@ -68,11 +68,7 @@ class Elbow(NamedTuple):
 def chosen(arm: ArmModel, line: Line, begin_rad: Vector, limits: JointLimits) -> Generator[None, None, Elbow]:
     """Choose the elbow's way along a line, piece by piece.
 
-    Args:
-        arm: Its kinematics, in closed form or nearly.
-        line: From the pose of `begin_rad`.
-        begin_rad: Where the joints are at its begin, shape (7,) [rad].
-        limits: Of the joints' positions.
+    The line begins at the pose of `begin_rad`, shape (7,) [rad].
 
     Returns:
         The best one; where the limits leave none, that which is least beyond them.

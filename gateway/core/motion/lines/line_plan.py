@@ -79,10 +79,7 @@ Planning: TypeAlias = Generator[None, None, dict[Side, LinePath] | Refusal]
 def plan_lines(going: Mapping[Side, Going], body: Body, speed: float) -> Planning:
     """Work out a straight motion to poses at rest, all arms ending together.
 
-    Args:
-        going: Arms that move, from rest.
-        body: What has to stay free.
-        speed: Factor on the velocities and accelerations of the poses, 0 < speed <= 1.
+    `speed` is a factor on velocities and accelerations of the poses, 0 < speed <= 1.
 
     Returns:
         Paths that keep all limits, or why there are none.

@@ -79,10 +79,7 @@ def check_pose(side: Side, index: int, pose: Sequence[float]) -> Refusal | None:
 def check_pose_motion(side: Side, trajectory: PoseTrajectory, bounds: Bounds) -> Refusal | None:
     """Refuse a motion that leaves the reach, or is faster than it can be followed, anywhere.
 
-    Args:
-        side: Which arm.
-        trajectory: The motion through its poses.
-        bounds: What is followed in any direction, as norms (`pose_follower.followed`).
+    Bounds are norms, as `pose_follower.followed` gives them.
     """
     rows = (trajectory.reach_m, trajectory.v_mps, trajectory.a_mps2, trajectory.w_radps, trajectory.dw_radps2)
     stretch = 1.0
