@@ -254,11 +254,7 @@ class Engine:
     # ------------------------------------------------------------------------------------------------ one tick
 
     def tick(self, now_ns: int, late_ns: int = 0) -> Output:
-        """Run one cycle.
-
-        Returns:
-            Everything that must leave, in order.
-        """
+        """Run one cycle; return everything that must leave, in order."""
         self._pace.tick(now_ns, late_ns)
         is_late = late_ns > self._settings.enable.late_ns
         if is_late:

@@ -57,11 +57,7 @@ def _wanted(wire: Wire, namespace: str) -> bool:
 def _listen(
     settings: LinkSettings, is_there: Callable[[Wire], bool], wait_s: float, listen_s: float
 ) -> tuple[Wire, bool]:
-    """Open a link, wait for a robot, listen to it; without one return at once.
-
-    Returns:
-        What was seen, and whether the robot was there.
-    """
+    """Open a link, wait for a robot, listen to it; return what was seen, and whether the robot was there. No link: at once."""
     link = RobotLink(settings, is_reader=True)
     link.open()
     try:

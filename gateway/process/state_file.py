@@ -297,11 +297,7 @@ class StateWriter:
             self._change.notify()
 
     def close(self, timeout_s: float) -> bool:
-        """Write what still waits and end the thread.
-
-        Returns:
-            Whether the last state is on disk.
-        """
+        """Write what still waits and end the thread; return whether the last state is on disk."""
         with self._change:
             self._closing = True
             self._change.notify()

@@ -56,11 +56,7 @@ def show_link(target: str | None, timeout_s: float, *, as_json: bool) -> ExitSta
 
 
 def show_look(wire: Wire, *, as_json: bool) -> ExitStatus:
-    """Print what a look without a gateway has seen.
-
-    Returns:
-        NO_GATEWAY when nobody answers at the robot's address, REFUSED when there are several robots to choose from.
-    """
+    """Print what a look without a gateway saw; NO_GATEWAY when nobody answers, REFUSED when there are several robots."""
     _print(wire, f"a look of {__version__} without a gateway", is_gateway=False, as_json=as_json)
     if not wire.is_up:
         return ExitStatus.NO_GATEWAY

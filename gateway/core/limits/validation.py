@@ -198,12 +198,9 @@ def check_expiry(expiry_ns: int | None) -> Refusal | None:
 
 
 def check_goal(side: Side, q_rad: Sequence[float], settings: ArmSettings, on_limit: OnLimit) -> Checked | Refusal:
-    """Check seven joints against shape, finiteness and the configured limits.
+    """Return the goal to use, or why it is none: WRONG_SHAPE, NOT_FINITE or OUT_OF_RANGE (configured limits).
 
     Joints are in the order of manual §4.0.3 [rad].
-
-    Returns:
-        The goal to use, or why not: WRONG_SHAPE, NOT_FINITE or OUT_OF_RANGE.
     """
     name = f"{side}_arm"
     if len(q_rad) != ARM_DOF:

@@ -109,11 +109,7 @@ class RequestHandler:
         }
 
     def answer(self, command: CommandRequested, now_ns: int) -> Answer:
-        """Carry out one request.
-
-        Returns:
-            Facts for the caller, or why nothing was done.
-        """
+        """Carry out one request; return facts for the caller, or why nothing was done."""
         return self._answers[type(command.request)](command, command.request, now_ns)
 
     def _may_move(self, side: Side, command: CommandRequested, epoch: int, now_ns: int) -> Refusal | None:

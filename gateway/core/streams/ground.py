@@ -63,12 +63,9 @@ class GroundStream(ABC):
     # ------------------------------------------------------------------------------------------------ driving
 
     def renew(self, epoch: int, expires_ns: int, now_ns: int, drive_id: int) -> Code | None:
-        """Begin a drive, or go on with one.
+        """Begin a drive, or go on with one; return why the named one is over (nothing has changed then), None when it goes on.
 
         Drive 0 is a new one, any other number the one to go on with; its velocity counts until `expires_ns`.
-
-        Returns:
-            Why the named drive is over; nothing has changed then. None when it goes on.
         """
         if drive_id == 0:
             self.drive_id += 1

@@ -243,11 +243,7 @@ class Coordinator:
     # ------------------------------------------------------------------------------------------------ moving
 
     def fire(self, trigger: Trigger, now_ns: int, message: str = "") -> Cell:
-        """Do what the table says for a trigger in the present state.
-
-        Returns:
-            The cell that was carried out; when it refuses, nothing was done.
-        """
+        """Do what the table says for a trigger in the present state; return that cell: when it refuses, nothing was done."""
         cell = self.supervisor.cell(trigger)
         if cell.refuse is not None:
             return cell

@@ -154,11 +154,7 @@ class Starting:
         return strayed
 
     def walk(self, now_ns: int) -> Refusal | None:
-        """Lead references that are off by more than the tracking bound back to their arms.
-
-        Returns:
-            Why it cannot be: the arm is outside its limits, or no path is found. Nothing walks then.
-        """
+        """Lead references that are off by more than the tracking bound back to their arms; return why none walks, if so."""
         coordinator = self._coordinator
         goals: dict[Side, Vector] = {}
         for side in self.strayed(now_ns):

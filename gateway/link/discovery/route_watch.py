@@ -119,11 +119,7 @@ class RouteWatch:
         return now_ns >= self._next_look_ns
 
     def judge(self, now_ns: int, evidence: Evidence) -> tuple[RouteObserved | None, bool]:
-        """Take in what the admin space says about a silent, announced topic.
-
-        Returns:
-            What has changed, if anything, and whether the subscription is to be re-declared now.
-        """
+        """Hear the admin space of a silent, announced topic; return what has changed, and whether to re-declare it now."""
         name = self._topic.name
         self._next_look_ns = now_ns + IDLE_DELAY_NS
         if evidence.has_reader is None:

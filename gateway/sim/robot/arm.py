@@ -208,11 +208,7 @@ class SimArm:
         self._is_resting = self._is_resting and drive is Drive.STILL
 
     def guide(self, duration_ns: int) -> Array | None:
-        """Let time pass for what the motors follow, and return it; the motion itself is up to `place`.
-
-        Returns:
-            Joint positions that the servos hold, shape (7,) [rad]; None under the zero-velocity command (§4.10).
-        """
+        """Let the motors follow for a time; return what they hold, shape (7,) [rad], None at zero velocity (§4.10)."""
         if self._drive is Drive.STILL:
             return None
         if self._drive is Drive.FOLLOW:
