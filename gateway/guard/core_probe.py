@@ -13,7 +13,7 @@ import time
 from pathlib import Path
 
 from gateway.guard.starvation import Starvation
-from gateway.process.cores import Affinity
+from gateway.process.cores import LinuxAffinity
 from gateway.process.threads import supervised
 
 __all__ = ["CoreProbe"]
@@ -29,7 +29,7 @@ class CoreProbe:
     `priority` is that of the process's most urgent thread; without `starvation` it is as the kernel says.
     """
 
-    def __init__(self, pid: int, affinity: Affinity, priority: int, starvation: Starvation | None = None) -> None:
+    def __init__(self, pid: int, affinity: LinuxAffinity, priority: int, starvation: Starvation | None = None) -> None:
         self._pid, self._affinity = pid, affinity
         self._priority = min(priority + 1, 99)
         self._starvation = Starvation(pid) if starvation is None else starvation
