@@ -17,7 +17,7 @@ from gateway.kinematics.calibration import Calibration
 from gateway.kinematics.cameras.eyes import EYES, Eye, eyes_of, nominal_lens
 from gateway.kinematics.cameras.lens import Lens, Projection
 from gateway.kinematics.description import Description, nominal
-from gateway.kinematics.frames import ForwardKinematics, FrameTree, Located
+from gateway.kinematics.frames import FrameTree, Located
 from gateway.kinematics.nominal_frames import calibrated, nominal_edges
 from gateway.kinematics.solving.chain import ArmChain
 from gateway.kinematics.transform import Points
@@ -46,7 +46,7 @@ class Seen:
 
 
 def robot_frames(
-    description: Description, arms: Mapping[Side, ForwardKinematics], calibration: Calibration | None = None
+    description: Description, arms: Mapping[Side, ArmChain], calibration: Calibration | None = None
 ) -> FrameTree:
     """Return the tree of a robot.
 
