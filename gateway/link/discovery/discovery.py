@@ -93,12 +93,8 @@ class TokenTable:
     def __init__(self) -> None:
         self._lock = threading.Lock()
         self._tokens: dict[str, Token] = {}
-        self._revision = 0
-
-    @property
-    def revision(self) -> int:
+        self.revision = 0
         """Rises with every token that comes or goes."""
-        return self._revision
 
     def receive(self, keyexpr: str, is_alive: bool) -> None:
         """Note that a token came or went; what is not of the bridge's grammar is ignored."""
@@ -108,7 +104,7 @@ class TokenTable:
             _log.debug("token %s ignored: %s", keyexpr, error)
             return
         with self._lock:
-            self._revision += 1
+            self.revision += 1
             if is_alive:
                 self._tokens[keyexpr] = token
             else:

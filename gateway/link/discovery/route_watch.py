@@ -67,16 +67,12 @@ class RouteWatch:
     def __init__(self, topic: Topic) -> None:
         self._topic = topic
         self._silence_ns = silence_ns(topic.rate_hz)
-        self._code: Code | None = None
+        self.code: Code | None = None
+        """ROUTE_DEAD, ROUTE_LOST, or None while nothing is known to be wrong."""
         self._gone: tuple[int, int] | None = None  # since when not announced, on the transport of when
         self._attempts = 0
         self._next_look_ns = 0
         self._revivals: deque[int] = deque(maxlen=MAX_REVIVALS)
-
-    @property
-    def code(self) -> Code | None:
-        """ROUTE_DEAD, ROUTE_LOST, or None while nothing is known to be wrong."""
-        return self._code
 
     def is_silent(self, now_ns: int, up_since_ns: int, newest_ns: int | None) -> bool:
         """Return whether samples should have come and did not.
@@ -134,9 +130,9 @@ class RouteWatch:
         return self._change(Code.ROUTE_DEAD, f"{name}: {_remedy(evidence)}", now_ns), may_revive
 
     def _change(self, code: Code | None, message: str, now_ns: int) -> RouteObserved | None:
-        if code is self._code:
+        if code is self.code:
             return None
-        self._code = code
+        self.code = code
         return RouteObserved(topic=self._topic.name, code=code, message=message, at_ns=now_ns)
 
 
