@@ -346,7 +346,7 @@ class Engine:
             text = f"no target came in time: the {side} arm brakes and holds"
             coordinator.notice(Code.TARGET_EXPIRED, Level.WARNING, text, now_ns, side=side.value)
         for stream in coordinator.body.targets.running:
-            stream.limited = coordinator.body.arms[stream.side].is_limited
+            stream.limited = coordinator.body.arms[stream.side].reference.is_limited
         if coordinator.body.motions.running:
             coordinator.report_ended(coordinator.body.advance_motions(self._measured(now_ns), now_ns), now_ns)
 

@@ -193,7 +193,7 @@ class Body:
                 for side in motion.goals:
                     self.arms[side].brake()
                 continue
-            progress = {side: self.arms[side].progress for side in motion.goals}
+            progress = {side: self.arms[side].reference.progress for side in motion.goals}
             self.motions.advance(motion, progress, motion.where(measured), now_ns)
         return [motion for motion in running if not motion.is_running]
 

@@ -73,7 +73,9 @@ class Takeover:
         newest_ns = 0
         for side, arm in body.arms.items():
             if arm.running and (last_ns := arm.log.last_ns) is not None:
-                arms[side] = HeldArm(topic=arm.topic, values=arm.values, rate=arm.rates, acceleration=arm.forces)
+                arms[side] = HeldArm(
+                    topic=arm.topic, values=arm.values, rate=arm.rates, acceleration=arm.reference.forces
+                )
                 newest_ns = max(newest_ns, last_ns)
         return Held(
             at_ns=now_ns,

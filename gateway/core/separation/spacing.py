@@ -189,7 +189,7 @@ class Spacing:
             ]
         arm, measured = self._coordinator.body.joint_arms[side], self._coordinator.store.arm(side)
         if arm.running:  # not due in this tick
-            stops = [stop_extent(v, a, a_max, j_max) for v, a in zip(arm.rates, arm.forces, strict=True)]
+            stops = [stop_extent(v, a, a_max, j_max) for v, a in zip(arm.rates, arm.reference.forces, strict=True)]
         else:
             speeds = measured.dq_radps if measured is not None and measured.dq_radps else REST
             stops = [STAYS if abs(v) < ADRIFT_RADPS else stop_extent(v, 0.0, a_max, j_max) for v in speeds]

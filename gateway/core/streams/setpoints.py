@@ -128,24 +128,9 @@ class SetpointStream:
         return self.reference.rates
 
     @property
-    def forces(self) -> Vector:
-        """Its acceleration."""
-        return self.reference.forces
-
-    @property
     def period_s(self) -> float:
         """Time between setpoints [s]."""
         return self.reference.period_s
-
-    @property
-    def progress(self) -> float:
-        """Part of the path that has been handed out, 0..1."""
-        return self.reference.progress
-
-    @property
-    def is_limited(self) -> bool:
-        """Whether followed targets ask for more than the limits allow."""
-        return self.reference.is_limited
 
     @property
     def is_at_rest(self) -> bool:
