@@ -41,17 +41,13 @@ def look(settings: LinkSettings, *, is_named: bool, listen_s: float = LISTEN_S) 
     Raises:
         SettingsRefused: zenoh cannot read the endpoint.
     """
-    wire, is_there = _listen(settings, lambda wire: _wanted(wire, settings.namespace), ANNOUNCE_S, listen_s)
+    wire, is_there = _listen(settings, lambda wire: settings.namespace.strip("/") in wire.robots, ANNOUNCE_S, listen_s)
     if not wire.is_up:
         return changed(wire, trouble=_why_not(settings.endpoint))
     if is_there or is_named or len(wire.robots) != 1:
         return wire
     wire, _ = _listen(replace(settings, namespace=wire.robots[0]), lambda wire: bool(wire.robots), ANNOUNCE_S, listen_s)
     return wire
-
-
-def _wanted(wire: Wire, namespace: str) -> bool:
-    return namespace.strip("/") in wire.robots
 
 
 def _listen(

@@ -117,17 +117,14 @@ class LogWriter(logging.Handler):
             if self._left_out:
                 with self._counting:
                     lost, self._left_out = self._left_out, 0
-                self._write(self.format(_line_of(f"{lost} log lines were left out: nobody read the log")))
+                text = f"{lost} log lines were left out: nobody read the log"
+                self._write(self.format(logging.LogRecord(__name__, logging.WARNING, __file__, 0, text, (), None)))
 
     def _write(self, line: str) -> None:
         rest = memoryview(f"{line}\n".encode(errors="backslashreplace"))
         with contextlib.suppress(OSError):  # nobody will ever read it: the terminal is gone, the disk is full
             while rest:
                 rest = rest[os.write(self._descriptor, rest) :]
-
-
-def _line_of(message: str) -> logging.LogRecord:
-    return logging.LogRecord(__name__, logging.WARNING, __file__, 0, message, (), None)
 
 
 def configure_log(*, is_json: bool) -> None:
