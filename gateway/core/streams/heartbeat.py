@@ -56,8 +56,7 @@ class HeartbeatStream:
         self._zero_since_ns = 0
         self._is_once = False
         self._is_brief = False
-        self.is_estop = False
-        """Whether the 0.0 being repeated is an e-stop's: it goes on even in VR mode and beside other writers."""
+        self._is_estop = False
         self._is_new = False
 
     @property
@@ -76,6 +75,11 @@ class HeartbeatStream:
         return self.is_ending and self._is_brief
 
     @property
+    def is_estop(self) -> bool:
+        """Whether the 0.0 being repeated is an e-stop's: it goes on even in VR mode and beside other writers."""
+        return self._is_estop
+
+    @property
     def _grid(self) -> Grid:
         return self._quick if self.is_last_word else self._steady
 
@@ -83,12 +87,12 @@ class HeartbeatStream:
         """Send 1.0, the first at once. Ends a repetition of 0.0."""
         if self.beat is not Beat.ONE:
             self.beat = Beat.ONE
-            self.is_estop = False
+            self._is_estop = False
             self._grid.start(now_ns)
 
     def zeros(self, now_ns: int, *, is_estop: bool = False) -> None:
         """Send 0.0, the first at once, then at 20 Hz until FSM 0 is seen or the time is over."""
-        self.is_estop = self.is_estop or is_estop
+        self._is_estop = self._is_estop or is_estop
         if self.beat is Beat.ZERO and not self._is_once and not self._is_brief and not is_estop:
             return
         self.beat = Beat.ZERO
@@ -104,7 +108,7 @@ class HeartbeatStream:
 
     def zero_once(self, now_ns: int) -> None:
         """Send one 0.0, and only if it is owed: somebody else commands the robot now. An e-stop's repetition goes on."""
-        if self.is_estop and self.beat is Beat.ZERO:
+        if self._is_estop and self.beat is Beat.ZERO:
             return
         if not self.is_owed:
             self.silence()
@@ -116,7 +120,7 @@ class HeartbeatStream:
     def silence(self) -> None:
         """Send nothing any more."""
         self.beat = Beat.SILENT
-        self._is_new = self.is_estop = False
+        self._is_new = self._is_estop = False
         self.log.end()
 
     def fsm_zero_seen(self, received_ns: int) -> None:
