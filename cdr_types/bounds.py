@@ -19,10 +19,6 @@ __all__ = ["check_payload"]
 def check_payload(data: bytes, layout: Struct) -> None:
     """Accept exactly the payloads that are one message of this layout plus padding.
 
-    Args:
-        data: The payload, header included.
-        layout: Of the expected message class.
-
     Raises:
         DecodeError: The leaf that says what is wrong, where, and what would have been right.
     """

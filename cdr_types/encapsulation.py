@@ -73,9 +73,6 @@ def peek_stamp(data: bytes) -> int:
     Meant for telling copies of one sample apart from its successors before the cost of decoding is paid. The payload
     is not checked beyond the stamp.
 
-    Args:
-        data: The payload, header included.
-
     Returns:
         `sec` and `nanosec` in one number [ns], of the sender's clock.
 

@@ -30,7 +30,6 @@ __all__ = [
     "Token",
     "TokenKind",
     "format_token",
-    "key_to_topic",
     "parse_token",
     "presence_key",
     "topic_to_key",
@@ -111,19 +110,6 @@ def topic_to_key(topic: str, namespace: str = "") -> str:
     """
     _check_topic(topic)
     return _prefix(namespace) + topic[1:]
-
-
-def key_to_topic(key: str, namespace: str = "") -> str:
-    """Return the ROS name of a zenoh key, with the leading slash and without the namespace.
-
-    Raises:
-        BadName: If the key is no concrete name or not below the namespace.
-    """
-    _check_chunks(key, "key")
-    prefix = _prefix(namespace)
-    if not key.startswith(prefix):
-        raise BadName(key, f"a key below the namespace {prefix!r}", field="key")
-    return _check_topic(f"/{key[len(prefix) :]}")
 
 
 def presence_key(zid: str) -> str:

@@ -24,10 +24,6 @@ _MISSING = object()
 def check_message(message: object, layout: Struct) -> None:
     """Accept exactly the messages that can be written.
 
-    Args:
-        message: An instance of the layout's class.
-        layout: Of that class.
-
     Raises:
         UnencodableValue: With the path of the field, its value and what it must be.
     """

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Coroutine, Generator
-from types import TracebackType
 from typing import Any, TypeVar
 
 from gateway.api import protocol
@@ -56,9 +55,7 @@ class _AsyncStream(TargetStream):
         await run(self._session, self._open())
         return self
 
-    async def __aexit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    async def __aexit__(self, kind: type[BaseException] | None, *_: object) -> None:
         try:
             await run(self._session, self._close())
         except GatewayError:
@@ -112,9 +109,7 @@ class Control(MotionCommands[Coroutine[Any, Any, MotionHandle], Coroutine[Any, A
     async def __aenter__(self) -> Control:
         return await self.acquire()
 
-    async def __aexit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    async def __aexit__(self, kind: type[BaseException] | None, *_: object) -> None:
         if kind is not None:
             self._break_off()
             return

@@ -5,7 +5,6 @@ Import these names from `gateway.client.aio`.
 
 from __future__ import annotations
 
-from types import TracebackType
 from typing import TypeVar
 
 from gateway.client.asking.orders import ChassisOrders, GripperOrders, LiftOrders
@@ -92,9 +91,7 @@ class _AwaitedVelocities(VelocityStream):
         await run(self._session, self._open())
         return self
 
-    async def __aexit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    async def __aexit__(self, kind: type[BaseException] | None, *_: object) -> None:
         await run(self._session, self._close() if kind is None else self._break_off())
 
 

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from types import TracebackType
-
 from gateway.client.asking.attendance import Attendance
 from gateway.client.awaiting import run
 
@@ -34,8 +32,6 @@ class StopEndpoint(Attendance):
     async def __aenter__(self) -> StopEndpoint:
         return await self.register()
 
-    async def __aexit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    async def __aexit__(self, kind: type[BaseException] | None, *_: object) -> None:
         if kind is None:
             await self.leave()

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from types import TracebackType
-
 from gateway.api import protocol
 from gateway.client.asking.arm_commands import ArmCommands
 from gateway.client.asking.commands import MotionCommands
@@ -65,9 +63,7 @@ class Control(MotionCommands[MotionHandle, None]):
     def __enter__(self) -> Control:
         return self.acquire()
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
         if kind is None:
             run(self._session, self._end())
         else:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from types import TracebackType
 from typing import TypeVar
 
 from gateway.client.asking.motion import MotionRecord
@@ -59,9 +58,7 @@ class _BlockingStream(TargetStream):
         run(self._session, self._open())
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
         try:
             run(self._session, self._close())
         except GatewayError:

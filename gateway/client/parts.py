@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from types import TracebackType
 from typing import TypeVar
 
 from gateway.client.asking.orders import ChassisOrders, GripperOrders, LiftOrders
@@ -166,9 +165,7 @@ class _BlockingVelocities(VelocityStream):
         run(self._session, self._open())
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
         run(self._session, self._close() if kind is None else self._break_off())
 
 

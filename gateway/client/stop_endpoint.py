@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from types import TracebackType
-
 from gateway.client.asking.attendance import Attendance
 from gateway.client.blocking import run
 
@@ -34,8 +32,6 @@ class StopEndpoint(Attendance):
     def __enter__(self) -> StopEndpoint:
         return self.register()
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
         if kind is None:
             self.leave()

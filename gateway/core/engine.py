@@ -72,11 +72,7 @@ S = 1_000_000_000
 class Engine:
     """Joins store, lease, supervisor, validation, motion, streams and gate.
 
-    Args:
-        settings: All of them.
-        remembered: What an earlier daemon left.
-        model: Of the body; None where there shall be none.
-        is_guard: Whether this is a guard's: it commands only in a dead daemon's place.
+    A guard's engine commands only in a dead daemon's place.
     """
 
     def __init__(
@@ -170,12 +166,7 @@ class Engine:
     # ------------------------------------------------------------------------------------------------ events in
 
     def receive(self, event: Event, now_ns: int) -> None:
-        """Take one event. Samples and link events act at once; requests wait for the tick.
-
-        Args:
-            event: Any of `core.events`.
-            now_ns: Monotonic time [ns].
-        """
+        """Take one event. Samples and link events act at once; requests wait for the tick."""
         coordinator = self._coordinator
         if isinstance(event, (SampleArrived, SampleRefused)):
             jumped = coordinator.store.receive(event, now_ns)
@@ -263,15 +254,7 @@ class Engine:
     # ------------------------------------------------------------------------------------------------ one tick
 
     def tick(self, now_ns: int, late_ns: int = 0) -> Output:
-        """Run one cycle.
-
-        Args:
-            now_ns: Monotonic time [ns].
-            late_ns: How late the cycle began against its grid [ns].
-
-        Returns:
-            Everything that must leave, in order.
-        """
+        """Run one cycle; return everything that must leave, in order."""
         self._pace.tick(now_ns, late_ns)
         is_late = late_ns > self._settings.enable.late_ns
         if is_late:
@@ -317,11 +300,7 @@ class Engine:
         return self._coordinator.body.next_due_ns()
 
     def panic_frames(self, now_ns: int) -> tuple[Cleared, ...]:
-        """Return the stop frames that must leave when the engine itself has failed: 0.0 if owed, chassis zeros.
-
-        Args:
-            now_ns: Monotonic time [ns].
-        """
+        """Return the stop frames that must leave when the engine itself has failed: 0.0 if owed, chassis zeros."""
         body = self._coordinator.body
         body.silence_arms()
         if body.heartbeat.is_owed:
@@ -367,7 +346,7 @@ class Engine:
             text = f"no target came in time: the {side} arm brakes and holds"
             coordinator.notice(Code.TARGET_EXPIRED, Level.WARNING, text, now_ns, side=side.value)
         for stream in coordinator.body.targets.running:
-            stream.limited = coordinator.body.arms[stream.side].is_limited
+            stream.limited = coordinator.body.arms[stream.side].reference.is_limited
         if coordinator.body.motions.running:
             coordinator.report_ended(coordinator.body.advance_motions(self._measured(now_ns), now_ns), now_ns)
 

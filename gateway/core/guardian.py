@@ -53,11 +53,7 @@ class Phase(str, Enum):
 
 
 class Guardian:
-    """Watches one daemon, once.
-
-    Args:
-        settings: The daemon's.
-    """
+    """Watches one daemon, once."""
 
     def __init__(self, settings: Settings) -> None:
         guard, loss = settings.guard, settings.loss
@@ -90,10 +86,7 @@ class Guardian:
     def daemon_ended(self, held: Held | None, now_ns: int, *, is_clean: bool) -> None:
         """The daemon is no more: go on in its place, if there is anything to go on with.
 
-        Args:
-            held: What it showed last; None when it never ticked.
-            now_ns: Monotonic time [ns].
-            is_clean: Whether it said that it ends.
+        It has shown nothing (None) when it never ticked; `is_clean` is whether it said that it ends.
         """
         if is_clean or held is None or held.is_silent:
             self.phase = Phase.DONE
@@ -123,12 +116,7 @@ class Guardian:
             self.engine.receive(ExitRequested(at_ns=now_ns), now_ns)
 
     def tick(self, now_ns: int, late_ns: int = 0) -> Output:
-        """Run one cycle; frames come out only while it acts.
-
-        Args:
-            now_ns: Monotonic time [ns].
-            late_ns: How late the cycle began against its grid [ns].
-        """
+        """Run one cycle; frames come out only while it acts."""
         stood_ns, self._ticked_ns = self._since_ns(self._ticked_ns, now_ns), now_ns
         if self.phase in {Phase.ACTING, Phase.HANDED} and stood_ns >= FSM_WATCHDOG_NS:
             self.phase = Phase.DONE
@@ -163,11 +151,7 @@ class Guardian:
             self.phase = Phase.DONE
 
     def take_back(self, now_ns: int) -> None:
-        """The daemon died, or did not want it, before it sent anything: go on, or end when the last setpoint is too old.
-
-        Args:
-            now_ns: Monotonic time [ns].
-        """
+        """The daemon died, or did not want it, before it sent anything: go on, or end when the last setpoint is too old."""
         if self.phase is Phase.HANDED:
             self.phase = Phase.ACTING
             if now_ns - self.engine.takeover.show(now_ns).last_frame_ns >= LAST_FRAME_NS:

@@ -50,14 +50,7 @@ def write_dataset(
 ) -> None:
     """Write a dataset.
 
-    Args:
-        folder: Of the dataset; exists.
-        version: Of the format.
-        features: Of `info.json`.
-        episodes: In order; at least one.
-        fps: Rows per second.
-        on_progress: Called with the number of episodes that were written.
-        robot_type: Of `info.json`.
+    The folder exists, and there is at least one episode. Features and type of the robot are those of `info.json`.
 
     Raises:
         OSError: A file cannot be read or written.

@@ -41,12 +41,7 @@ def video_feature(facts: VideoFacts, fps: float) -> dict[str, Any]:
 class JoinedVideo:
     """The videos of one camera, one after the other in files that are not too large. Libraries: PyAV.
 
-    Args:
-        folder: Of the dataset.
-        pattern: Of the files' paths in it, with `video_key`, `chunk_index` and `file_index`.
-        camera: Key of the camera's feature.
-        chunk: Files in a folder.
-        fps: Rows per second.
+    `pattern` is of the files' paths in the folder, with `video_key`, `chunk_index` and `file_index`.
     """
 
     def __init__(self, folder: Path, pattern: str, camera: str, chunk: int, fps: float) -> None:

@@ -62,13 +62,7 @@ class Run:
 
 
 def choose(layout: Layout, topics: Collection[str], namespace: str = "") -> Chosen:
-    """Return the first source of each part whose topic a bag has.
-
-    Args:
-        layout: What is wanted.
-        topics: Of the bag.
-        namespace: Of the robot's bridge, as in the bag's names.
-    """
+    """Return the first source of each part whose topic a bag has."""
     prefix = f"/{namespace.strip('/')}" if namespace.strip("/") else ""
 
     def first(part: Part) -> tuple[str, Source] | None:
@@ -87,13 +81,7 @@ def runs(
 ) -> tuple[list[Run], dict[str, int]]:
     """Return the rows of an episode.
 
-    Args:
-        chosen: Where parts come from.
-        series: What was read of the bag.
-        interval_ns: Begin and end of the episode; the end is not part of it.
-        fps: Rows per second.
-        least_rows: Shorter runs are left out.
-        pictures_ns: When pictures arrived, ascending, by what they are of: each row needs one of each.
+    The end of the interval is not part of it. Each row needs a picture of each kind of `pictures_ns`, which ascend.
 
     Returns:
         Runs, in order; and how many rows were left out, by reason.

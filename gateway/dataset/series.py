@@ -72,16 +72,9 @@ def read_series(
     by_arrival: bool = False,
     on_progress: Callable[[float], None] = lambda share: None,
 ) -> dict[tuple[str, str], Series]:
-    """Read fields of topics.
+    """Return a series of each field; pairs of which the bag has no usable sample are left out.
 
-    Args:
-        bag: Open.
-        wanted: Pairs of topic (as the bag names it) and field.
-        by_arrival: Whether stamps are passed over.
-        on_progress: Called now and then with the part that was read, 0..1.
-
-    Returns:
-        A series for each pair; pairs of which the bag has no usable sample are left out.
+    `wanted` are pairs of topic, as the bag names it, and field.
     """
     pairs = sorted(set(wanted))
     columns = {topic: _Column({name: _Field() for other, name in pairs if other == topic}) for topic, _ in pairs}

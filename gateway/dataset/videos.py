@@ -72,10 +72,6 @@ class VideoSource:
 def video_source(path: Path, views: Mapping[str, str]) -> VideoSource:
     """Return a recording of `ta2 video record`.
 
-    Args:
-        path: Of its file.
-        views: Which view of the composite each camera is.
-
     Raises:
         Rejected: BAD_REQUEST, it has no index, which tells when its pictures came, or no undamaged picture.
     """
@@ -102,11 +98,7 @@ def write_videos(
 ) -> list[dict[str, VideoFacts]]:
     """Write the videos of episodes.
 
-    Args:
-        source: The recording.
-        episodes: In order of time, the times of the rows [ns] and each camera's file; each row has a picture.
-        fps: Rows per second.
-        on_progress: Called now and then with the part that was written, 0..1.
+    Episodes are in order of time: the times of their rows [ns], each with a picture, and each camera's file.
 
     Returns:
         What is known of each episode's videos, by camera.

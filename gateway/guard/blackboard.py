@@ -92,10 +92,7 @@ class GuardSaid:
 class Record:
     """What one process says and the other one reads.
 
-    Args:
-        page: The memory.
-        at: Where on it the two slots begin [bytes].
-        body: What is said.
+    Its two slots begin at `at` [bytes].
     """
 
     def __init__(self, page: mmap.mmap, at: int, body: struct.Struct) -> None:

@@ -13,7 +13,7 @@ import time
 from pathlib import Path
 
 from gateway.guard.starvation import Starvation
-from gateway.process.cores import Affinity
+from gateway.process.cores import LinuxAffinity
 from gateway.process.threads import supervised
 
 __all__ = ["CoreProbe"]
@@ -26,14 +26,10 @@ PROCESSOR = 37
 class CoreProbe:
     """Answers for the process, and for the core that it is bound to or was last seen on.
 
-    Args:
-        pid: That process.
-        affinity: Of threads to cores.
-        priority: SCHED_FIFO priority of that process's most urgent thread.
-        starvation: Of the process; None for what the kernel says.
+    `priority` is that of the process's most urgent thread; without `starvation` it is as the kernel says.
     """
 
-    def __init__(self, pid: int, affinity: Affinity, priority: int, starvation: Starvation | None = None) -> None:
+    def __init__(self, pid: int, affinity: LinuxAffinity, priority: int, starvation: Starvation | None = None) -> None:
         self._pid, self._affinity = pid, affinity
         self._priority = min(priority + 1, 99)
         self._starvation = Starvation(pid) if starvation is None else starvation
@@ -73,11 +69,7 @@ class CoreProbe:
         return self._answered_ns
 
     def account(self, now_ns: int) -> str:
-        """Return in words what was asked last and when it was answered.
-
-        Args:
-            now_ns: Monotonic time [ns].
-        """
+        """Return in words what was asked last and when it was answered."""
         times_ns = {"asked": self._asked_ns, "its core ran": self._ran_ns, "it could run": self._answered_ns}
         said = [f"{what} {(now_ns - at_ns) / MS:.1f} ms ago" for what, at_ns in times_ns.items() if at_ns]
         return ", ".join([*said, f"{self._runnable} threads runnable then"] if said else ["its core was not asked"])

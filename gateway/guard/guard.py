@@ -109,12 +109,7 @@ class Files(NamedTuple):
 
 
 class Guard:
-    """Watches one daemon.
-
-    Args:
-        settings: The daemon's.
-        files: From the daemon.
-    """
+    """Watches one daemon."""
 
     def __init__(self, settings: Settings, files: Files) -> None:
         self._settings = settings
@@ -372,11 +367,7 @@ class Guard:
 
 
 def main(arguments: list[str]) -> int:
-    """Run the guard of the daemon that started this process.
-
-    Args:
-        arguments: The numbers of the three files.
-    """
+    """Run the guard of the daemon that started this process."""
     with contextlib.suppress(OSError, AttributeError):  # whatever the daemon runs under: measures are taken anew
         os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
     spread(LinuxAffinity())  # the daemon keeps to one core, and may spin there

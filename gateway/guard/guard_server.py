@@ -154,12 +154,7 @@ class GuardServer:
                     os.unlink(self._path)
 
     def poll(self, guardian: Guardian, now_ns: int) -> list[tuple[int, GuardQuestion]]:
-        """Answer what was asked; return the stops, each with the number under which `stopped` answers it.
-
-        Args:
-            guardian: Who watches or acts.
-            now_ns: Monotonic time [ns].
-        """
+        """Answer what was asked; return the stops, each with the number under which `stopped` answers it."""
         self._accept(now_ns)
         stops = self._dropped() if guardian.phase is Phase.ACTING else []
         for number, caller in list(self._callers.items()):

@@ -44,10 +44,6 @@ STEADY_S = 5.0
 class GuardLauncher:
     """Keeps one guard running.
 
-    Args:
-        settings: For the guard as well.
-        is_json_log: Whether its log is JSON lines.
-
     Raises:
         OSError: The kernel gives no memory to share.
     """
@@ -79,11 +75,7 @@ class GuardLauncher:
         self._board.write(held)
 
     def poll(self, now_ns: int) -> list[Event]:
-        """Return what has changed about the guard. Never waits.
-
-        Args:
-            now_ns: Monotonic time [ns].
-        """
+        """Return what has changed about the guard. Never waits."""
         if self._looked_ns is not None and now_ns - self._looked_ns < LOOK_NS and not self._lost:
             return []
         self._looked_ns = now_ns

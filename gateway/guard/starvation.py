@@ -21,12 +21,7 @@ __all__ = ["Starvation"]
 
 
 class Starvation:
-    """Whether a process starves, asked for again and again.
-
-    Args:
-        pid: That process.
-        proc: Where the kernel tells of processes.
-    """
+    """Whether a process starves, asked for again and again."""
 
     def __init__(self, pid: int, proc: Path = Path("/proc")) -> None:
         self._tasks = proc / str(pid) / "task"

@@ -51,12 +51,7 @@ PATIENCE_NS = 5000 * MS
 class HoldSuccessor:
     """Takes a hold over, once.
 
-    Args:
-        path: The guard's socket.
-        engine: Whose hold it becomes.
-        latch: Takes latches that the guard has set: cause and message.
-        robot: Which robot this daemon commands, see `robot_name`.
-        clock: Monotonic clock [ns].
+    `robot` is as `robot_name` gives it.
     """
 
     def __init__(
@@ -104,11 +99,7 @@ class HoldSuccessor:
         return caller
 
     def poll(self, now_ns: int) -> list[Event]:
-        """Return what the engine must hear. Never waits.
-
-        Args:
-            now_ns: Monotonic time [ns].
-        """
+        """Return what the engine must hear. Never waits."""
         if self._socket is None:
             return []
         if self._is_new:

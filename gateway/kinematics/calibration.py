@@ -102,9 +102,6 @@ class Calibration:
     def body(self, description: Description) -> Description:
         """Return a description with this robot's own joint zeros and displaced frames built in.
 
-        Args:
-            description: That which they were identified on.
-
         Raises:
             ConfigError: BAD_CONFIG, they were identified on other numbers.
         """

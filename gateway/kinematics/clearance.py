@@ -46,11 +46,7 @@ def clearances(description: Description) -> tuple[Finding, ...]:
 
 
 def ordinary(description: Description) -> Iterator[dict[Side, Vector]]:
-    """Yield joint angles with both hands at a grid of places before the body, where they can be reached.
-
-    Args:
-        description: Numbers of the body.
-    """
+    """Yield joint angles with both hands at a grid of places before the body, where they can be reached."""
     arms = {side: ArmModel(description, side) for side in Side}
     held = {side: arms[side].forward(HOME_Q_RAD[side]).quat_xyzw for side in Side}
     for x, outward, z in product(AHEAD_M, OUTWARD_M, UP_M):

@@ -249,11 +249,7 @@ def at(piece: Segment, part: float) -> Point:
 def along(lines: Sequence[float], count: int, point: Point, direction: Point) -> list[float]:
     """Return how far a point goes in a direction by each of the first joints [m/rad].
 
-    Args:
-        lines: The joints' points and axes, flat.
-        count: How many joints move the point.
-        point: Shape (3,) [m].
-        direction: Unit vector, shape (3,).
+    `direction` is a unit vector, shape (3,).
     """
     px, py, pz = point
     nx, ny, nz = direction

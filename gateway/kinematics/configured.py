@@ -19,9 +19,6 @@ __all__ = ["configured"]
 def configured(settings: Settings) -> Description:
     """Return the description that section [model] names, of the robot that section [robot] names.
 
-    Args:
-        settings: All of them.
-
     Raises:
         ConfigError: BAD_CONFIG, a file cannot be read, lacks something, holds nothing about arms, or was identified on
             other numbers; FOREIGN_CALIBRATION, it is another robot's, or nobody said which robot this is.

@@ -48,13 +48,7 @@ class ArmCorrection:
 
 
 def corrected(description: Description, side: Side, correction: ArmCorrection) -> Description:
-    """Return a description with the correction of one arm built in: its chain takes what the robot reports.
-
-    Args:
-        description: The nominal one.
-        side: Which arm.
-        correction: Of that arm.
-    """
+    """Return a description with the correction of one arm built in: its chain takes what the robot reports."""
     joints = dict(description.joints)
     for number, offset in enumerate(correction.offsets_rad, start=1):
         joint = joints[arm_joint(side, number)]

@@ -21,12 +21,12 @@ and told: `Located.stand_ins`.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from enum import Enum
-from typing import Protocol
 
 from gateway.errors import Code, failure
+from gateway.kinematics.solving.chain import ArmChain
 from gateway.kinematics.transform import Transform
 from gateway.robot.topics import shoulder_frame
 from gateway.values import ArmState, Side, ValueRefused
@@ -37,11 +37,9 @@ __all__ = [
     "NOMINAL_EDGES",
     "ROOT",
     "FixedEdge",
-    "ForwardKinematics",
     "FrameTree",
     "Located",
     "Origin",
-    "Placed",
     "base_frame",
     "ee_frame",
     "wrist_frame",
@@ -78,25 +76,6 @@ DEVICE_EDGES = (
 
 MOVING_EDGES = {f"{base_frame(side)}_T_{ee_frame(side)}": side for side in Side}
 """By forward kinematics (A.5), with the arm whose joints they need."""
-
-
-class Placed(Protocol):
-    """A frame in its parent."""
-
-    @property
-    def p_m(self) -> Sequence[float]:
-        """Origin, shape (3,) [m]."""
-
-    @property
-    def rows(self) -> Sequence[Sequence[float]]:
-        """Rotation matrix, child coordinates to the parent's, shape (3, 3)."""
-
-
-class ForwardKinematics(Protocol):
-    """What the tree needs of an arm's model: `chain.ArmChain` is one."""
-
-    def forward(self, q_rad: Sequence[float]) -> Placed:
-        """Return `*_ee` in `*_shoulder_base` for joints of §4.0.3, shape (7,) [rad]."""
 
 
 class Origin(str, Enum):
@@ -163,7 +142,7 @@ class FrameTree:
         ValueRefused: A frame has two parents, an edge hangs in the air, or the moving edges have nothing to hang on.
     """
 
-    def __init__(self, edges: Iterable[FixedEdge], arms: Mapping[Side, ForwardKinematics]) -> None:
+    def __init__(self, edges: Iterable[FixedEdge], arms: Mapping[Side, ArmChain]) -> None:
         self._arms = arms
         self._fixed: dict[str, FixedEdge] = {}
         self._parents: dict[str, str] = {ee_frame(side): base_frame(side) for side in Side}

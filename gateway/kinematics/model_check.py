@@ -78,11 +78,7 @@ class Finding:
 
 
 def findings(description: Description) -> tuple[Finding, ...]:
-    """Return what the manual and the published figures say of a body, checked.
-
-    Args:
-        description: Its numbers.
-    """
+    """Return what the manual and the published figures say of a body, checked."""
     arms = {side: ArmModel(description, side) for side in Side}
     return (
         *_head(description),

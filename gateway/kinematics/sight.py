@@ -17,7 +17,7 @@ from gateway.kinematics.calibration import Calibration
 from gateway.kinematics.cameras.eyes import EYES, Eye, eyes_of, nominal_lens
 from gateway.kinematics.cameras.lens import Lens, Projection
 from gateway.kinematics.description import Description, nominal
-from gateway.kinematics.frames import ForwardKinematics, FrameTree, Located
+from gateway.kinematics.frames import FrameTree, Located
 from gateway.kinematics.nominal_frames import calibrated, nominal_edges
 from gateway.kinematics.solving.chain import ArmChain
 from gateway.kinematics.transform import Points
@@ -46,7 +46,7 @@ class Seen:
 
 
 def robot_frames(
-    description: Description, arms: Mapping[Side, ForwardKinematics], calibration: Calibration | None = None
+    description: Description, arms: Mapping[Side, ArmChain], calibration: Calibration | None = None
 ) -> FrameTree:
     """Return the tree of a robot.
 
@@ -69,7 +69,8 @@ class Sight:
     """
 
     def __init__(self, tree: FrameTree, description: Description, calibration: Calibration | None = None) -> None:
-        self._tree = tree
+        self.tree = tree
+        """Its frames."""
         own = {} if calibration is None else calibration.cameras
         self._lenses: dict[str, Lens] = {}
         self._stand_ins: set[str] = set()
@@ -97,11 +98,6 @@ class Sight:
             body = calibration.body(body)
         arms = {side: ArmChain(body, side) for side in Side}
         return Sight(robot_frames(body, arms, calibration), body, calibration)
-
-    @property
-    def tree(self) -> FrameTree:
-        """Its frames."""
-        return self._tree
 
     def _eye(self, view: str) -> Eye:
         eye = EYES.get(view)
@@ -131,7 +127,7 @@ class Sight:
             Stale: PART_STALE, the joints of an arm on the way are not there.
         """
         eye = self._eye(view)
-        located = self._tree.locate(eye.frame, points.frame, joints)
+        located = self.tree.locate(eye.frame, points.frame, joints)
         return Seen(
             view=view,
             projection=self._lenses[view].project((located.transform @ points).xyz_m),
@@ -159,5 +155,5 @@ class Sight:
             Stale: PART_STALE, the joints of an arm on the way are not there.
         """
         eye = self._eye(view)
-        located = self._tree.locate(frame, eye.frame, joints)
+        located = self.tree.locate(frame, eye.frame, joints)
         return self._lenses[view].rays(px) @ located.transform.rotation.T, located

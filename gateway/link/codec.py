@@ -129,10 +129,6 @@ def decode_sample(topic: str, payload: bytes) -> StateValue:
 def from_message(topic: str, message: IdlStruct) -> StateValue:
     """Return the value in a message.
 
-    Args:
-        topic: ROS name of a state topic.
-        message: Of the topic's type.
-
     Raises:
         BadSample: If it cannot be believed.
     """

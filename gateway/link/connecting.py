@@ -18,10 +18,7 @@ _log = logging.getLogger(__name__)
 def connect(config: str, endpoint: str, goes_on: Callable[[float], bool]) -> zenoh.Session | None:
     """Return an open session; None when the link closes first.
 
-    Args:
-        config: Of the session, as JSON.
-        endpoint: For the log.
-        goes_on: Waits so many seconds, then says whether the link is still wanted.
+    `goes_on` waits so many seconds, then says whether the link is still wanted.
     """
     retry_s = FIRST_RETRY_S
     has_failed = False

@@ -30,12 +30,7 @@ class DecodeSchedule:
         self._periods_ns[POSED] = 0 if is_posing else self._periods_ns[SHOWN]
 
     def due(self, now_ns: int, *, is_everyones: bool) -> list[bool]:
-        """Return for each class whether its turn is in this poll.
-
-        Args:
-            now_ns: Time of the poll, monotonic [ns].
-            is_everyones: Whether all are taken, whatever the time.
-        """
+        """Return for each class whether its turn is in this poll."""
         before_ns, self._polled_ns = self._polled_ns, now_ns
         if is_everyones or now_ns - before_ns > LATE_NS:
             return [True] * len(self._periods_ns)

@@ -27,12 +27,7 @@ a thread a second, in every mode."""
 
 
 def mailboxes_of(topics: Collection[str], stamped: Collection[str]) -> dict[str, Mailbox]:
-    """Return a mailbox for each topic; a tray for those whose samples need no stamp of their arrival.
-
-    Args:
-        topics: State topics that are heard.
-        stamped: Those whose samples are stamped when they arrive.
-    """
+    """Return a mailbox for each topic; a tray for those whose samples need no stamp of their arrival."""
     return {
         topic: (Mailbox if topic in stamped else Tray)(is_stamped=TOPICS[topic].type_name == JOINT_STATE)
         for topic in topics

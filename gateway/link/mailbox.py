@@ -114,12 +114,7 @@ class Mailbox:
         self._duplicates = 0
 
     def put(self, payload: bytes, received_ns: int) -> None:
-        """Keep a payload. Any thread, a microsecond.
-
-        Args:
-            payload: As it came.
-            received_ns: Local monotonic arrival [ns].
-        """
+        """Keep a payload. Any thread, a microsecond."""
         self._inbox.append((received_ns, payload))
         self.newest_ns = received_ns
 
@@ -168,11 +163,7 @@ class Mailbox:
 
 
 class Tray(Mailbox):
-    """A mailbox that is filled when somebody looks.
-
-    Args:
-        is_stamped: As of a mailbox.
-    """
+    """A mailbox that is filled when somebody looks."""
 
     __slots__ = ("_drain", "_looked_ns", "_seen_ns", "_skimmed", "_skimmed_ns")
 
@@ -195,11 +186,7 @@ class Tray(Mailbox):
         self._looked_ns = max(now_ns, self._looked_ns)
 
     def skim(self, now_ns: int) -> None:
-        """Note that what waits here came before now, and no more: it is read by the next look. One thread only.
-
-        Args:
-            now_ns: As in a look [ns].
-        """
+        """Note that what waits here came before now, and no more: it is read by the next look. One thread only."""
         since_ns, self._looked_ns = self._looked_ns, now_ns
         kept = self._drain()
         if kept:

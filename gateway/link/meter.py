@@ -58,10 +58,7 @@ class Meter:
     def note(self, now_ns: int, tallies: Mapping[str, Tally], wall_ns: int) -> None:
         """Take what has been counted.
 
-        Args:
-            now_ns: Monotonic time [ns].
-            tallies: Per topic, since the beginning.
-            wall_ns: Our wall clock, read beside `now_ns` [ns since 1970].
+        Tallies are since the beginning; the wall clock is read beside `now_ns`.
         """
         notes, offsets, stamp = self._notes, self._offsets, self.stamp
         notes.append((now_ns, tallies))

@@ -37,13 +37,7 @@ class TransportNews:
         self._told_zid = ""
 
     def note(self, zid: str, is_open: bool, at_ns: int) -> None:
-        """Note that a transport opened or closed.
-
-        Args:
-            zid: Zenoh id of the router at its other end.
-            is_open: Whether it opened.
-            at_ns: When [ns].
-        """
+        """Note that a transport opened or closed."""
         if is_open:
             self.up_since_ns = at_ns
             self.router_zid = zid
@@ -52,11 +46,7 @@ class TransportNews:
         self._news.append((zid, is_open, at_ns))
 
     def take(self, own_zid: str) -> list[Event]:
-        """Return what has been noted since the last call.
-
-        Args:
-            own_zid: Our own zenoh id, told with a LinkUp.
-        """
+        """Return what has been noted since the last call."""
         events: list[Event] = []
         while self._news:
             events += self._events(*self._news.popleft(), own_zid)

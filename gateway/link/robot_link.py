@@ -175,11 +175,7 @@ class RobotLink:
         self._worker.start()
 
     def befriend(self, zid: str) -> None:
-        """Say that a session on the robot plane is ours, before it declares or sends anything. Any thread.
-
-        Args:
-            zid: Its zenoh id.
-        """
+        """Say that a session on the robot plane is ours, before it declares or sends anything. Any thread."""
         self._friends.add(zid)
         self._own_news.append(Befriended(zid=zid, at_ns=self._clock()))
 
@@ -260,11 +256,7 @@ class RobotLink:
         self._turns.pace(is_moving=is_moving, is_watched=is_watched, is_posing=is_posing)
 
     def show(self, claim: int) -> None:
-        """Let other gateways see a claim to command the robot; 0 for none. ClaimShown comes when they can. Never waits.
-
-        Args:
-            claim: Its number.
-        """
+        """Let other gateways see a claim to command the robot; 0 for none. ClaimShown comes when they can. Never waits."""
         self._claim.show(claim)
 
     def publish(self, frame: Cleared) -> None:

@@ -41,12 +41,7 @@ _set = object.__setattr__
 
 
 class MotorReader:
-    """Reads the motor states of one topic.
-
-    Args:
-        row: The topic's facts.
-        value_type: What to make.
-    """
+    """Reads the motor states of one topic."""
 
     def __init__(self, row: Topic, value_type: type[MotorState]) -> None:
         self._width = row.width
@@ -77,12 +72,7 @@ class MotorReader:
         return value
 
     def learn(self, payload: bytes, value: MotorState) -> None:
-        """Learn from a payload that was believed; one of another form teaches nothing.
-
-        Args:
-            payload: As it came.
-            value: What the long way made of it.
-        """
+        """Learn from a payload that was believed; one of another form teaches nothing."""
         width = self._width
         if not payload.startswith(HEADER) or not len(value.dq_radps) == len(value.tau_nm) == width:
             return

@@ -87,17 +87,8 @@ def gather(
 ) -> Wire:
     """Return the state of the wire from the parts of a link, each of which may be read by any thread.
 
-    Args:
-        settings: Endpoint, namespace, model.
-        now_ns: Monotonic time [ns].
-        zid: Own zenoh id; empty without a session.
-        transport: Knows the router.
-        newest_ns: Of each state topic that is subscribed to, arrival of the newest sample [ns]; None before the first.
-        meter: Has measured them.
-        discovery: Follows the robot's bridge; None before the first session.
-        foreign: Watches others; None before the first session.
-        friends: Zenoh ids of other sessions of ours.
-        undelivered: Frames that were not handed to zenoh.
+    Without a session `zid` is empty, and `discovery` and `foreign` are None; `newest_ns` is None for a topic before
+    its first sample [ns].
     """
     known = Known(
         settings=settings,
@@ -121,11 +112,7 @@ def gather(
 
 
 def survey(known: Known) -> Wire:
-    """Return the state of the wire.
-
-    Args:
-        known: What is known of it.
-    """
+    """Return the state of the wire."""
     settings = known.settings
     robots = robots_in(known.tokens)
     keys = {topic: topic_to_key(topic, settings.namespace) for topic in TOPICS}

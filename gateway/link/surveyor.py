@@ -36,15 +36,12 @@ TCP = re.compile(r"(?:tcp|tls)/(?P<host>\[[^]]+\]|[^:/]+):(?P<port>\d+)(?:[#?].*
 def look(settings: LinkSettings, *, is_named: bool, listen_s: float = LISTEN_S) -> Wire:
     """Look for some seconds; return what was seen. Without a transport the reason is in `trouble`.
 
-    Args:
-        settings: Endpoint, model, and the namespace that is wanted.
-        is_named: Whether that namespace was asked for; if not, that of the only robot is taken.
-        listen_s: How long to listen [s].
+    Where the namespace was not asked for, that of the only robot is taken.
 
     Raises:
         SettingsRefused: zenoh cannot read the endpoint.
     """
-    wire, is_there = _listen(settings, lambda wire: _wanted(wire, settings.namespace), ANNOUNCE_S, listen_s)
+    wire, is_there = _listen(settings, lambda wire: settings.namespace.strip("/") in wire.robots, ANNOUNCE_S, listen_s)
     if not wire.is_up:
         return changed(wire, trouble=_why_not(settings.endpoint))
     if is_there or is_named or len(wire.robots) != 1:
@@ -53,18 +50,10 @@ def look(settings: LinkSettings, *, is_named: bool, listen_s: float = LISTEN_S) 
     return wire
 
 
-def _wanted(wire: Wire, namespace: str) -> bool:
-    return namespace.strip("/") in wire.robots
-
-
 def _listen(
     settings: LinkSettings, is_there: Callable[[Wire], bool], wait_s: float, listen_s: float
 ) -> tuple[Wire, bool]:
-    """Open a link, wait for a robot, listen to it; without one return at once.
-
-    Returns:
-        What was seen, and whether the robot was there.
-    """
+    """Open a link, wait for a robot, listen to it; return what was seen, and whether the robot was there. No link: at once."""
     link = RobotLink(settings, is_reader=True)
     link.open()
     try:

@@ -22,29 +22,12 @@ import os
 import sys
 from collections.abc import Set as AbstractSet
 from pathlib import Path
-from typing import Protocol
 
 from gateway.process.realtime import Measure
 
-__all__ = ["Affinity", "LinuxAffinity", "OneCore", "spread"]
+__all__ = ["LinuxAffinity", "OneCore", "spread"]
 
 NAME = "one core"
-
-
-class Affinity(Protocol):
-    """Which cores a thread may run on. Every call may raise `OSError`."""
-
-    def thread_ids(self) -> set[int]:
-        """Return every thread of this process."""
-        ...
-
-    def cores(self, thread_id: int) -> set[int]:
-        """Return the cores of a thread; 0 is the calling one."""
-        ...
-
-    def keep(self, thread_id: int, cores: AbstractSet[int]) -> None:
-        """Let a thread run on these cores only."""
-        ...
 
 
 class LinuxAffinity:
@@ -74,7 +57,7 @@ class OneCore:
         number: Spreads daemons over the cores, e.g. the process id.
     """
 
-    def __init__(self, affinity: Affinity, number: int) -> None:
+    def __init__(self, affinity: LinuxAffinity, number: int) -> None:
         self._affinity = affinity
         self._number = number
         self._before: set[int] = set()
@@ -113,7 +96,7 @@ class OneCore:
                 self._affinity.keep(thread_id, cores)
 
 
-def spread(affinity: Affinity) -> None:
+def spread(affinity: LinuxAffinity) -> None:
     """Let the calling thread, and those that it starts, run on every core: whatever it inherited from who started it."""
     with contextlib.suppress(OSError):  # not available here, so nothing was inherited either
         affinity.keep(0, set(range(os.cpu_count() or 1)))

@@ -57,13 +57,7 @@ DISK_TIMEOUT_S = 2.0
 
 
 class _Watched:
-    """The local plane with what is the process's own among its events: the end, and threads that were lost.
-
-    Args:
-        plane: The local plane.
-        engine: Told whether anybody watches.
-        notifier: Tells the service manager that the end was asked for.
-    """
+    """The local plane with what is the process's own among its events: the end, and threads that were lost."""
 
     def __init__(self, plane: LocalPlane, engine: Engine, notifier: Notifier | None = None) -> None:
         self._notifier = notifier
@@ -106,14 +100,7 @@ class _Watched:
 
 
 class _Guards:
-    """This daemon's guard, and the one that an earlier daemon left, as far as the loop is concerned.
-
-    Args:
-        settings: Whether there shall be a guard.
-        engine: What is shown to it.
-        socket: The daemon's; the guard's lies beside it.
-        is_json_log: Whether the guard's log is JSON lines.
-    """
+    """This daemon's guard, and the one that an earlier daemon left, as far as the loop is concerned."""
 
     def __init__(self, settings: Settings, engine: Engine, socket: Path, *, is_json_log: bool) -> None:
         self._engine = engine
@@ -152,13 +139,7 @@ def _latching(engine: Engine) -> Callable[[Code, str], None]:
 class _Link:
     """The robot link, telling when a session has brought new threads that must be scheduled like the others.
 
-    Args:
-        link: The link.
-        engine: Says how closely it must look.
-        on_up: Called in the loop's thread after each LinkUp.
-        guards: Have something to say, too.
-        recall: Knows what was latched when this robot had another address.
-        namespace: Of the robot.
+    `on_up` is called in the loop's thread after each LinkUp.
     """
 
     def __init__(
@@ -223,11 +204,7 @@ def run(
 
     Must be called in the main thread: it takes over SIGTERM, SIGINT and SIGHUP while it runs.
 
-    Args:
-        settings: Effective settings.
-        on_ready: Called with the socket's path when clients can connect.
-        is_json_log: Whether the guard's log is JSON lines, like this process's own.
-        notifier: Tells the service manager; None without one.
+    `on_ready` is called with the socket's path when clients can connect.
 
     Returns:
         Exit status: 0. A daemon that lost a thread of its own, or whose API hangs, ends its process with 1.

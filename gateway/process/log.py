@@ -47,10 +47,7 @@ class RateLimit(logging.Filter):
 
     Notices come from one line of the loop: each of their codes counts as a source of its own.
 
-    Args:
-        burst: Records of one source that pass in each window.
-        window_s: Length of a window [s].
-        clock: Monotonic clock [s]: a step of the wall clock silences nobody.
+    The clock is monotonic [s]: a step of the wall clock silences nobody.
     """
 
     def __init__(self, burst: int = 20, window_s: float = 1.0, clock: Callable[[], float] = time.monotonic) -> None:
@@ -120,17 +117,14 @@ class LogWriter(logging.Handler):
             if self._left_out:
                 with self._counting:
                     lost, self._left_out = self._left_out, 0
-                self._write(self.format(_line_of(f"{lost} log lines were left out: nobody read the log")))
+                text = f"{lost} log lines were left out: nobody read the log"
+                self._write(self.format(logging.LogRecord(__name__, logging.WARNING, __file__, 0, text, (), None)))
 
     def _write(self, line: str) -> None:
         rest = memoryview(f"{line}\n".encode(errors="backslashreplace"))
         with contextlib.suppress(OSError):  # nobody will ever read it: the terminal is gone, the disk is full
             while rest:
                 rest = rest[os.write(self._descriptor, rest) :]
-
-
-def _line_of(message: str) -> logging.LogRecord:
-    return logging.LogRecord(__name__, logging.WARNING, __file__, 0, message, (), None)
 
 
 def configure_log(*, is_json: bool) -> None:

@@ -15,7 +15,7 @@ Rules it obeys
     * The clock is read after the polls: no event is younger than the instant at which the engine receives it.
     * An error of any part ends the loop: the engine's stop frames leave first, then the error goes on to the daemon.
 
-It knows neither zenoh nor the client protocol nor any state of the robot; those are the ports below. Real-time measures
+It knows neither zenoh nor the client protocol; those are the ports below. Real-time measures
 of its thread are taken by whoever starts it (`realtime.sharpen_timer`).
 """
 
@@ -25,15 +25,17 @@ import contextlib
 import logging
 import time
 from collections.abc import Callable, Sequence
-from typing import Generic, Protocol, TypeVar
+from typing import Protocol
 
+from gateway.core.engine import Engine
 from gateway.core.messages.events import CommandRequested, Event, Suspended
-from gateway.core.messages.outputs import Frame, Level, Notice, Remembered, Reply
+from gateway.core.messages.outputs import Level, Notice, Remembered, Reply
+from gateway.core.streams.gate import Cleared
 from gateway.messages.requests import Estop, Stop
 from gateway.messages.snapshot import Snapshot
 from gateway.process.realtime import SleepWatch
 
-__all__ = ["Engine", "Link", "Loop", "Output", "Service", "Watch"]
+__all__ = ["Link", "Loop", "Service"]
 
 _log = logging.getLogger(__name__)
 
@@ -46,84 +48,15 @@ STOPS_APART_NS = 2 * MS
 
 LEVELS = {Level.INFO: logging.INFO, Level.WARNING: logging.WARNING, Level.ERROR: logging.ERROR}
 
-F = TypeVar("F", bound=Frame)
-F_co = TypeVar("F_co", bound=Frame, covariant=True)
-F_contra = TypeVar("F_contra", bound=Frame, contravariant=True)
-# The frames that the engine gives are the frames that the link takes: cleared ones, and the loop need not know them.
 
-
-class Output(Protocol[F_co]):
-    """What one tick gives."""
-
-    @property
-    def frames(self) -> Sequence[F_co]:
-        """For the robot, in this order."""
-        ...
-
-    @property
-    def replies(self) -> Sequence[Reply]:
-        """For clients."""
-        ...
-
-    @property
-    def notices(self) -> Sequence[Notice]:
-        """For clients and the log."""
-        ...
-
-    @property
-    def remembered(self) -> Remembered | None:
-        """What must survive a restart, when it changed."""
-        ...
-
-    @property
-    def snapshot(self) -> Snapshot | None:
-        """What the outside may see, when it is due."""
-        ...
-
-    @property
-    def claim(self) -> int:
-        """Number of our claim to command the robot; 0 for none."""
-        ...
-
-    @property
-    def done(self) -> bool:
-        """Whether the engine has ended and nothing more will come."""
-        ...
-
-
-class Engine(Protocol[F_co]):
-    """The brain; see `core/engine.py`."""
-
-    def receive(self, event: Event, now_ns: int) -> None:
-        """Take an event."""
-        ...
-
-    def tick(self, now_ns: int, *, late_ns: int) -> Output[F_co]:
-        """Give everything that is due at `now_ns`, `late_ns` after the instant that was meant."""
-        ...
-
-    def next_due_ns(self) -> int | None:
-        """Return when the earliest stream wants a tick; None when none runs."""
-        ...
-
-    @property
-    def rest_ns(self) -> int:
-        """How far apart ticks may be as long as no request comes [ns]; 0 when each instant of the grid counts."""
-        ...
-
-    def panic_frames(self, now_ns: int) -> Sequence[F_co]:
-        """Return stop frames for the case that the engine cannot go on."""
-        ...
-
-
-class Link(Protocol[F_contra]):
+class Link(Protocol):
     """The robot's side; see `link/robot_link.py`."""
 
     def poll(self) -> Sequence[Event]:
         """Return what came since the last call. Never waits."""
         ...
 
-    def publish(self, frame: F_contra) -> None:
+    def publish(self, frame: Cleared) -> None:
         """Send a frame. Never waits."""
         ...
 
@@ -160,15 +93,7 @@ class Service(Protocol):
         ...
 
 
-class Watch(Protocol):
-    """Tells when the host slept; see `realtime.SleepWatch`."""
-
-    def slept_ns(self) -> int:
-        """Return how long it slept since the last call [ns]."""
-        ...
-
-
-class Loop(Generic[F]):
+class Loop:
     """Runs the engine until it is done.
 
     Args:
@@ -187,8 +112,8 @@ class Loop(Generic[F]):
 
     def __init__(
         self,
-        engine: Engine[F],
-        link: Link[F],
+        engine: Engine,
+        link: Link,
         service: Service,
         *,
         on_remembered: Callable[[Remembered], None],
@@ -197,7 +122,7 @@ class Loop(Generic[F]):
         period_ns: int = PERIOD_NS,
         clock: Callable[[], int] = time.monotonic_ns,
         sleep: Callable[[float], bool | None] | None = None,
-        sleep_watch: Watch | None = None,
+        sleep_watch: SleepWatch | None = None,
     ) -> None:
         self._engine = engine
         self._link = link
@@ -209,7 +134,7 @@ class Loop(Generic[F]):
         self._clock = clock
         self._sleep = service.wait_for_stop if sleep is None else sleep
         self._ticked_ns = 0
-        self._watch: Watch = SleepWatch() if sleep_watch is None else sleep_watch
+        self._watch = SleepWatch() if sleep_watch is None else sleep_watch
         self.ticks = 0
         """Ticks run."""
         self.skipped = 0

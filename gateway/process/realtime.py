@@ -27,11 +27,9 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Protocol
 
 __all__ = [
     "FifoScheduling",
-    "Kernel",
     "Linux",
     "Measure",
     "SleepWatch",
@@ -71,34 +69,6 @@ class Measure:
     name: str
     taken: bool
     line: str
-
-
-class Kernel(Protocol):
-    """What the measures need of the operating system. Every call may raise `OSError`."""
-
-    def set_timer_slack(self, slack_ns: int) -> None:
-        """Set the calling thread's timer slack [ns]."""
-        ...
-
-    def lift_memory_limit(self) -> bool:
-        """Raise the limit of locked memory as far as allowed; return whether none is left."""
-        ...
-
-    def lock_memory(self) -> None:
-        """Lock present and future pages as they are touched."""
-        ...
-
-    def thread_ids(self) -> set[int]:
-        """Return every thread of this process."""
-        ...
-
-    def scheduling(self, thread_id: int) -> tuple[int, int]:
-        """Return policy and priority of a thread."""
-        ...
-
-    def schedule(self, thread_id: int, policy: int, priority: int) -> None:
-        """Set policy and priority of a thread."""
-        ...
 
 
 class Linux:
@@ -161,7 +131,7 @@ def _call(name: str, *arguments: object) -> None:
         raise OSError(number, os.strerror(number))
 
 
-def sharpen_timer(kernel: Kernel) -> Measure:
+def sharpen_timer(kernel: Linux) -> Measure:
     """Let the calling thread's sleeps end within 1 ns of their deadline instead of 50 us; needs no privilege."""
     name = "timer slack"
     try:
@@ -191,7 +161,7 @@ def release_interpreter() -> None:
     gc.enable()
 
 
-def lock_memory(kernel: Kernel) -> Measure:
+def lock_memory(kernel: Linux) -> Measure:
     """Keep what was touched from being swapped out."""
     name = "memory lock"
     try:
@@ -216,7 +186,7 @@ class FifoScheduling:
         loop_thread_id: Kernel's id of the loop thread (`threading.get_native_id()` there).
     """
 
-    def __init__(self, kernel: Kernel, priority: int, loop_thread_id: int) -> None:
+    def __init__(self, kernel: Linux, priority: int, loop_thread_id: int) -> None:
         self._kernel = kernel
         self._priority = priority
         self._loop_thread_id = loop_thread_id

@@ -71,12 +71,7 @@ class Recall:
         return max((kin.known.epoch for kin in self._kin), default=0)
 
     def known_here(self, own: Remembered, latch: Callable[[Code, str], None]) -> None:
-        """Latch what is known of this very address.
-
-        Args:
-            own: What this daemon's own file said.
-            latch: Takes each cause with its message.
-        """
+        """Latch what is known of this very address."""
         self._on_disk = frozenset(own.latches)
         for kin in self._kin:
             if kin.path == self._spelt:

@@ -30,7 +30,6 @@ import threading
 from collections.abc import Callable, Set
 from dataclasses import dataclass, replace
 from pathlib import Path
-from types import TracebackType
 
 from gateway.core.messages.outputs import Remembered
 from gateway.errors import CODES, Code, ConfigError, NotReady, Refusal
@@ -55,11 +54,8 @@ RETRY_S = 1.0
 def path_of(folder: Path, endpoint: str, namespace: str = "", *, is_as_spelt: bool = False) -> Path:
     """Return the state file of a robot: readable, and unlike that of any other endpoint.
 
-    Args:
-        folder: Folder of state files.
-        endpoint: Endpoint of the robot's router.
-        namespace: Namespace of its bridge: two robots may stand behind one router.
-        is_as_spelt: Whether to return the one that an earlier release had for this very spelling.
+    Two robots may stand behind one router: the namespace tells them apart. `is_as_spelt` asks for the one that an
+    earlier release had for this very spelling.
     """
     spelt = f"{endpoint}/{namespace.strip('/')}".rstrip("/")
     name = spelt if is_as_spelt else robot_name(endpoint, namespace)
@@ -108,7 +104,7 @@ class StateFile:
         self.open()
         return self
 
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
+    def __exit__(self, *_: object) -> None:
         """Let others have it."""
         self.close()
 
@@ -301,14 +297,7 @@ class StateWriter:
             self._change.notify()
 
     def close(self, timeout_s: float) -> bool:
-        """Write what still waits and end the thread.
-
-        Args:
-            timeout_s: How long to wait for the disk [s].
-
-        Returns:
-            Whether the last state is on disk.
-        """
+        """Write what still waits and end the thread; return whether the last state is on disk."""
         with self._change:
             self._closing = True
             self._change.notify()

@@ -114,12 +114,7 @@ class Bridge:
     ) -> None:
         """Listen and announce everything.
 
-        Args:
-            listen: Endpoint.
-            states: Topic -> ROS type of what is published.
-            commands: Topic -> ROS type of what is taken.
-            clock: Gives the time of an arrival [ns].
-            namespace: Put before every key, as a bridge of that option does; empty for none.
+        The namespace is put before every key, as a bridge of that option does; empty for none.
 
         Raises:
             zenoh.ZError: If the endpoint cannot be listened on.

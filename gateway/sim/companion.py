@@ -10,7 +10,6 @@ import os
 import signal
 import subprocess
 from collections.abc import Callable, Iterator, Sequence
-from types import TracebackType
 
 from gateway.process.own_module import own_module
 
@@ -41,9 +40,7 @@ class Companion:
         self._process = subprocess.Popen(self._command, stdin=subprocess.DEVNULL)
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         """End it, and wait for that."""
         if self._process is None:
             return

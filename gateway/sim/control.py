@@ -64,12 +64,7 @@ class Control:
         }
 
     def answer(self, text: str, now_ns: int) -> str:
-        """Return the answer to a request.
-
-        Args:
-            text: The request in JSON.
-            now_ns: Time [ns].
-        """
+        """Return the answer to a request."""
         try:
             request = json.loads(text)
             wanted = self._requests.get(str(request.get("do"))) if isinstance(request, dict) else None

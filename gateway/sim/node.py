@@ -85,11 +85,7 @@ class SimNode:
     # --------------------------------------------------------------------------------------------------------- cycle
 
     def step(self, now_ns: int) -> None:
-        """Take what has arrived, let the robot live until now, publish what is due.
-
-        Args:
-            now_ns: Time [ns].
-        """
+        """Take what has arrived, let the robot live until now, publish what is due."""
         self._end_faults(now_ns)
         self._follow_wall_clock()
         self.robot.dynamics.shed(now_ns)
@@ -226,13 +222,7 @@ def run(
 ) -> None:
     """Run a simulated robot in the calling thread until asked to stop.
 
-    Args:
-        settings: What to simulate.
-        listen: Endpoint of its router.
-        should_stop: Asked every cycle.
-        ready: Called once when the robot can be reached.
-        write: Takes lines for people: where it listens, and the robot's log, at most ten lines a second.
-        make: Makes the robot and what lies before it.
+    `write` takes lines for people: where it listens, and the robot's log, at most ten lines a second.
 
     Raises:
         zenoh.ZError: If the endpoint cannot be listened on.
@@ -293,11 +283,7 @@ def main_sim(
 ) -> int:
     """Run a simulated robot until SIGINT or SIGTERM, telling people what happens; return the exit code.
 
-    Args:
-        listen: Endpoint of its router.
-        settings: What to simulate; a standard robot by default.
-        ready: Called once when the robot can be reached.
-        make: Makes the robot and what lies before it.
+    Without settings it is a standard robot.
     """
 
     def write(line: str) -> None:

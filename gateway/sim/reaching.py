@@ -13,11 +13,6 @@ __all__ = ["reached"]
 def reached(endpoint: str, is_over: Callable[[], bool], patience_s: float = 20.0) -> SimControl:
     """Return a control channel that has answered.
 
-    Args:
-        endpoint: Where the simulation listens, or will.
-        is_over: Asked between the tries.
-        patience_s: Longest wait [s].
-
     Raises:
         SimUnreachable: None answered in time, or it is over.
     """

@@ -6,7 +6,6 @@ For tests, the demo and people; no part of the gateway may depend on it, since a
 from __future__ import annotations
 
 import json
-from types import TracebackType
 
 import zenoh
 
@@ -81,7 +80,5 @@ class SimControl:
     def __enter__(self) -> SimControl:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, value: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.close()

@@ -6,7 +6,6 @@ import asyncio
 import contextlib
 import time
 from collections.abc import AsyncIterator
-from types import TracebackType
 from typing import Any
 
 from gateway.video.decoding.frame import Frame
@@ -52,9 +51,7 @@ class AsyncVideo:
             raise
         return self
 
-    async def __aexit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None
-    ) -> None:
+    async def __aexit__(self, *_: object) -> None:
         """Stop it; whoever waits for frames is told."""
         try:
             await asyncio.to_thread(self.video.stop)

@@ -63,12 +63,7 @@ class Sheet:
             self._write(self._ground, f"{name}  {y1 - y0} x {x1 - x0}", x, y - 2 * self._line, INK)
 
     def compose(self, frame: Frame, title: str = "") -> Picture:
-        """Return the sheet of a frame, RGB, uint8; a damaged frame has a red edge.
-
-        Args:
-            frame: Of the sheet's size.
-            title: Its first line.
-        """
+        """Return the sheet of a frame, RGB, uint8; a damaged frame has a red edge."""
         sheet = self._ground.copy()
         step = self._step
         for name, (y, x) in self._places.items():

@@ -16,7 +16,6 @@ import threading
 import time
 from collections.abc import Iterator
 from dataclasses import replace
-from types import TracebackType
 
 from gateway.process.threads import supervised
 from gateway.video.decoding.decoder import Decoder, DecoderChoice
@@ -93,7 +92,7 @@ class Video:
         self.start()
         return self
 
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
+    def __exit__(self, *_: object) -> None:
         """Stop it."""
         self.stop()
 

@@ -28,11 +28,7 @@ class Window(Protocol):
 
 
 def open_window(title: str) -> Window | str:
-    """Return a window, or why there is none.
-
-    Args:
-        title: Of the window.
-    """
+    """Return a window, or why there is none."""
     if not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
         return "there is no display here (neither DISPLAY nor WAYLAND_DISPLAY is set)"
     reasons = []

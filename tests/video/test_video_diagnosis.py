@@ -18,7 +18,6 @@ ROBOT = "192.168.1.20"
 HEALTHY = StreamFacts(
     datagram_ns=NOW_NS - MS,
     packet_ns=NOW_NS - MS,
-    picture_ns=NOW_NS - 5 * MS,
     entry_ns=NOW_NS - S // 2,
     idr_ns=NOW_NS - S // 2,
     life_ns=NOW_NS - 60 * S,

@@ -164,12 +164,7 @@ def kind_of(tree: FrameTree, frame: str) -> str:
 
 
 def lines(tree: FrameTree, posture: Posture) -> Iterator[Text]:
-    """Yield the tree, a frame each: where it is in its parent and in the root, and what places it there.
-
-    Args:
-        tree: All frames.
-        posture: Where the arms are.
-    """
+    """Yield the tree, a frame each: where it is in its parent and in the root, and what places it there."""
     yield Text(f"joints: {posture.source}", style="dim")
     yield Text(f"{'':<{WIDTH}} {'in its parent [mm]':>25}   {'in ' + ROOT + ' [mm]':>25}   placed by", style="dim")
     yield from _branch(tree, posture, ROOT, "", "")
@@ -257,12 +252,7 @@ def document(tree: FrameTree, posture: Posture) -> dict[str, object]:
 
 
 def chain_document(located: Located, posture: Posture) -> dict[str, object]:
-    """Return one transform for scripts.
-
-    Args:
-        located: The transform.
-        posture: Where the arms were.
-    """
+    """Return one transform for scripts."""
     transform = located.transform
     return {
         "conventions": asdict(MANUAL),

@@ -45,10 +45,7 @@ View: TypeAlias = NDArray[np.float64]
 def write_picture(tree: FrameTree, posture: Posture, path: Path) -> None:
     """Draw every frame that the joints place.
 
-    Args:
-        tree: All frames.
-        posture: Where the arms are.
-        path: `.png`, `.svg` or `.pdf`; the folder is made.
+    The path ends with `.png`, `.svg` or `.pdf`; its folder is made.
     """
     path.parent.mkdir(parents=True, exist_ok=True)
     known = [frame for frame in tree.frames if set(tree.sides_between(ROOT, frame)) <= set(posture.joints)]

@@ -107,12 +107,7 @@ def _worst(estimates: tuple[Estimate, ...], unit: str) -> float:
 
 
 def lines(side: Side, result: Result) -> Iterator[Text]:
-    """Yield what is to be said of an arm.
-
-    Args:
-        side: Which.
-        result: What was found, or why nothing.
-    """
+    """Yield what is to be said of an arm."""
     if isinstance(result, Unidentified):
         yield Text.assemble((f"{side} arm: not identified", "bold red"), f": {result.why.value}")
         yield Text(f"  {result.message}")
@@ -151,12 +146,7 @@ def _told(misfit: Misfit) -> str:
 
 
 def document(results: Mapping[Side, Result], description: Description) -> dict[str, object]:
-    """Return everything for scripts; lengths in metres, angles in radians.
-
-    Args:
-        results: Per arm.
-        description: What they were identified against.
-    """
+    """Return everything for scripts; lengths in metres, angles in radians."""
     return {"description": description.source, "arms": {side.value: _row(result) for side, result in results.items()}}
 
 

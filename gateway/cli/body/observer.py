@@ -28,14 +28,7 @@ SOONEST_S, LATEST_S = 5.0, 20.0
 
 
 class Observer:
-    """What is told each second, and whether there is enough; a function for `measured_live`.
-
-    Args:
-        arms: As described.
-        sides: Arms that are asked about.
-        groups: What is fitted.
-        say: Takes each line for people.
-    """
+    """What is told each second, and whether there is enough; a function for `measured_live`."""
 
     def __init__(
         self,
@@ -53,13 +46,7 @@ class Observer:
         self._done: set[Side] = set()
 
     def __call__(self, so_far: Pairs, passed_s: float, left_s: float) -> bool:
-        """Tell how far it is; return whether it is enough.
-
-        Args:
-            so_far: What was seen.
-            passed_s: Since when [s].
-            left_s: For how long it may go on [s].
-        """
+        """Tell how far it is; return whether it is enough."""
         said = []
         for side, arm in self._arms.items():
             if passed_s >= self._due_s[side] and side not in self._done:

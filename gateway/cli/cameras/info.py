@@ -141,10 +141,6 @@ def _with_index(info: Info, index: Index, pts: set[int]) -> Info:
 def show_info(recording: Path, *, as_json: bool) -> ExitStatus:
     """Print it.
 
-    Args:
-        recording: Its file.
-        as_json: Whether to print JSON.
-
     Raises:
         Rejected: BAD_REQUEST, there is none, or it cannot be read.
     """

@@ -79,13 +79,7 @@ def record(
 ) -> ExitStatus:
     """Record until told to stop.
 
-    Args:
-        settings: How to receive.
-        path: Of the recording.
-        seconds: Its length [s]; None for until Ctrl-C.
-        first_s: Longest wait for the first picture [s].
-        is_split: Whether the six views are split off, beside it.
-        as_json: Whether to print what came of it as JSON.
+    Without `seconds` it goes on until Ctrl-C; `first_s` is the longest wait for the first picture [s].
 
     Raises:
         Rejected: BAD_REQUEST, a file is in the way, or cannot be written.

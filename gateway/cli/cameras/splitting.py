@@ -26,12 +26,7 @@ def show_split(
 ) -> ExitStatus:
     """Split a recording, and say what came of it.
 
-    Args:
-        recording: Its file; one that is still being written is followed to its end.
-        folder: For the views; None for one beside the recording.
-        views: Which ones.
-        coding: How they are encoded.
-        as_json: Whether to print what came of it as JSON.
+    A recording that is still being written is followed to its end; without a folder the views go beside it.
 
     Raises:
         Rejected: BAD_REQUEST, there is no such recording or view, a file is in the way, or it cannot be decoded.

@@ -26,11 +26,7 @@ _episode = partial(integer, least=1, most=100_000, what="number of an episode")
 
 
 def add_follow(follow: argparse.ArgumentParser) -> None:
-    """Add the options of `follow`.
-
-    Args:
-        follow: Its parser, with the options of every motion.
-    """
+    """Add the options of `follow`."""
     follow.formatter_class = argparse.RawDescriptionHelpFormatter
     follow.epilog = FILES_HELP
     follow.add_argument("file", metavar="FILE", help="a trajectory: .npy, .npz, .csv or .json")

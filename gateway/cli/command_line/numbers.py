@@ -12,11 +12,6 @@ __all__ = ["above_zero", "between", "factor", "integer", "seconds", "udp_port"]
 def above_zero(text: str, most: float, what: str) -> float:
     """Return a number above 0 and up to `most`.
 
-    Args:
-        text: As it was typed.
-        most: The largest one.
-        what: What it is, with its unit, for the refusal.
-
     Raises:
         ArgumentTypeError: It is no number, or out of bounds.
     """

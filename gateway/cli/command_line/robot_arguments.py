@@ -41,13 +41,7 @@ def namespace(text: str) -> str:
 
 
 def add_robot(sub: argparse.ArgumentParser, verb: str, otherwise: str) -> None:
-    """Add `--robot`, `--config`, `--namespace` and `--model`.
-
-    Args:
-        sub: Parser of a command.
-        verb: What it does with the robot, for the help text.
-        otherwise: Whose namespace it is when none is named.
-    """
+    """Add `--robot`, `--config`, `--namespace` and `--model`."""
     sub.add_argument("--robot", type=endpoint, metavar="ROBOT", help=f"{verb} this robot's router without a gateway")
     sub.add_argument("--config", metavar="FILE", help="the same with the gateway's settings")
     sub.add_argument(

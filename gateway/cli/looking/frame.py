@@ -81,13 +81,7 @@ class Picture:
 
 
 def frame(picture: Picture, width: int, height: int) -> list[Text]:
-    """Return the lines of the picture.
-
-    Args:
-        picture: What is to be seen.
-        width: Columns of the terminal.
-        height: Lines of the terminal.
-    """
+    """Return the lines of the picture."""
     width = max(width, LEAST_WIDTH)
     is_tall = height >= TALL
     head = [_title(picture, width), _state(picture), _lease(picture)]

@@ -56,15 +56,7 @@ def show_link(target: str | None, timeout_s: float, *, as_json: bool) -> ExitSta
 
 
 def show_look(wire: Wire, *, as_json: bool) -> ExitStatus:
-    """Print what a look without a gateway has seen.
-
-    Args:
-        wire: What it saw.
-        as_json: Whether to print JSON.
-
-    Returns:
-        NO_GATEWAY when nobody answers at the robot's address, REFUSED when there are several robots to choose from.
-    """
+    """Print what a look without a gateway saw; NO_GATEWAY when nobody answers, REFUSED when there are several robots."""
     _print(wire, f"a look of {__version__} without a gateway", is_gateway=False, as_json=as_json)
     if not wire.is_up:
         return ExitStatus.NO_GATEWAY
@@ -73,13 +65,7 @@ def show_look(wire: Wire, *, as_json: bool) -> ExitStatus:
 
 
 def document(wire: Wire, seen_by: str, *, is_gateway: bool) -> dict[str, object]:
-    """Return it for scripts: `ok` when nothing is wrong, findings, and all that was seen.
-
-    Args:
-        wire: As it was seen.
-        seen_by: Who looked, in words.
-        is_gateway: Whether that is a gateway that runs.
-    """
+    """Return it for scripts: `ok` when nothing is wrong, findings, and all that was seen."""
     found = findings_of(wire)
     return {
         "ok": wire.is_up and all(finding.level == "info" for finding in found),

@@ -45,11 +45,7 @@ class Finding:
 
 
 def findings_of(wire: Wire) -> tuple[Finding, ...]:
-    """Return everything that is worth knowing, worst first.
-
-    Args:
-        wire: As it was seen.
-    """
+    """Return everything that is worth knowing, worst first."""
     if not wire.is_up:
         return (_no_link(wire),)
     found = [*_robot(wire), *_others(wire), *_access(wire)]

@@ -40,13 +40,7 @@ KINDS = {"guard": "its guard", "robot": "the robot", "gateway": "gateway", "brid
 
 
 def lines(wire: Wire, seen_by: str, is_gateway: bool) -> Iterator[Text]:
-    """Yield the page.
-
-    Args:
-        wire: As it was seen.
-        seen_by: Who looked, in words.
-        is_gateway: Whether that is a gateway that runs; else it was only a look.
-    """
+    """Yield the page."""
     yield from _head(wire, seen_by)
     if wire.is_up:
         yield Text()

@@ -74,45 +74,33 @@ def carry_out(options: Namespace) -> ExitStatus:
 
 
 class Viewer:
-    """What is known of a gateway, refreshed by `look`, drawn by rich as a frame of the terminal's size.
-
-    Args:
-        robot: A connected one.
-    """
+    """What is known of a gateway, refreshed by `look`, drawn by rich as a frame of the terminal's size."""
 
     def __init__(self, robot: Robot) -> None:
         self._robot = robot
         self._info = robot.info
-        self._state = robot.state
+        self.state = robot.state
+        """The newest state."""
         self._seen_ns = time.monotonic_ns()
-        self._trouble = ""
+        self.trouble = ""
+        """What is wrong with the view itself; empty when nothing is."""
         self._remarks: deque[Remark] = deque(maxlen=REMARKS)
         self._states: Iterator[RobotState] | None = None
         self._events = robot.events(timeout=0.0)
 
-    @property
-    def state(self) -> RobotState:
-        """The newest state."""
-        return self._state
-
-    @property
-    def trouble(self) -> str:
-        """What is wrong with the view itself; empty when nothing is."""
-        return self._trouble
-
     def look(self, period_s: float) -> list[Remark]:
         """Wait for a newer snapshot, at most a period apart; return what there is to say since the last look."""
         try:
-            self._state = self._next(period_s)
+            self.state = self._next(period_s)
             self._seen_ns = time.monotonic_ns()
             new = [self._heard(notice) for notice in self._events if notice.code not in OWN_WORDS]
-            if self._trouble:
-                self._info, self._trouble = self._robot.info, ""  # another gateway may have other limits
+            if self.trouble:
+                self._info, self.trouble = self._robot.info, ""  # another gateway may have other limits
                 new.insert(0, self._remark("info", "the gateway is back"))
         except (Disconnected, GatewayTimeout) as error:
             self._states = None  # an iterator that raised is over
-            new = [] if self._trouble else [self._remark("error", f"{error.code}: {error.message}")]
-            self._trouble = _trouble(error)
+            new = [] if self.trouble else [self._remark("error", f"{error.code}: {error.message}")]
+            self.trouble = _trouble(error)
             if isinstance(error, Disconnected):
                 time.sleep(AWAY_S)
         self._remarks.extend(new)
@@ -137,10 +125,10 @@ class Viewer:
         return Picture(
             address=repr(self._robot).removeprefix("<robot at ").partition(" for ")[0],
             info=self._info,
-            view=self._state.view,
-            since_ns=round(self._state.age * 1e9) + time.monotonic_ns() - self._seen_ns,
+            view=self.state.view,
+            since_ns=round(self.state.age * 1e9) + time.monotonic_ns() - self._seen_ns,
             remarks=tuple(self._remarks),
-            trouble=self._trouble,
+            trouble=self.trouble,
         )
 
     def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
@@ -148,8 +136,8 @@ class Viewer:
         yield Group(*frame(self.picture(), options.max_width, height))
 
     def _heard(self, notice: protocol.Notice) -> Remark:
-        view = self._state.view
-        ago_s = (view.at_ns - notice.at_ns) / 1e9 + self._state.age
+        view = self.state.view
+        ago_s = (view.at_ns - notice.at_ns) / 1e9 + self.state.age
         return self._remark(notice.level, f"{notice.code}: {notice.message}", max(0.0, ago_s))
 
     def _remark(self, level: str, text: str, ago_s: float = 0.0) -> Remark:

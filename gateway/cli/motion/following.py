@@ -38,10 +38,6 @@ BEGUN_S = 0.1
 class Way:
     """A recording as a task of `job`.
 
-    Args:
-        recording: As read.
-        passing: How it is followed.
-
     Raises:
         Rejected: The file has not what was asked for.
     """

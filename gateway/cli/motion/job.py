@@ -64,10 +64,6 @@ Aim = Callable[[RobotState], Task]
 def move(options: Namespace, aim: Aim) -> ExitStatus:
     """Move the arms, and tell on the way.
 
-    Args:
-        options: Of the command line.
-        aim: What.
-
     Raises:
         GatewayError: Nothing was begun.
     """
@@ -97,12 +93,6 @@ def move(options: Namespace, aim: Aim) -> ExitStatus:
 def require_mode(side: str, state: RobotState, *, is_pose: bool, remedy: str) -> None:
     """Refuse what does not fit an arm's control mode, before anybody is asked.
 
-    Args:
-        side: `left` or `right`.
-        state: Of the robot.
-        is_pose: Whether the arm shall take poses; else joints.
-        remedy: What fits the mode that it is in.
-
     Raises:
         NotReady: WRONG_CONTROL_MODE.
     """
@@ -121,13 +111,6 @@ def require_mode(side: str, state: RobotState, *, is_pose: bool, remedy: str) ->
 
 def watched(robot: Robot, handle: MotionHandle, tell: Teller, timeout_s: float, phase: str = "move") -> MotionResult:
     """Show a motion until it has ended; time is the gateway's.
-
-    Args:
-        robot: Connected.
-        handle: Of the motion.
-        tell: Who is told.
-        timeout_s: Longest wait [s].
-        phase: Its name.
 
     Raises:
         MotionEnded: It did not reach its goal.

@@ -87,11 +87,7 @@ def cut(
 ) -> Iterator[Part]:
     """Yield what goes into each request.
 
-    Args:
-        points: Per side, shape (N, 7).
-        times_s: When each is passed, shape (N,) [s]; None where `dt_s` says it.
-        dt_s: Time from point to point [s].
-        stretch: Factor by which all of it becomes slower.
+    Points have shape (N, 7) per side; without times, shape (N,) [s], they are `dt_s` apart.
     """
     count, first = len(next(iter(points.values()))), 0
     while True:
@@ -165,12 +161,7 @@ def _unfit(recording: Recording, message: str, hint: str) -> GatewayError:
 
 @contextmanager
 def located(recording: Recording, first: int) -> Iterator[None]:
-    """Say in a refusal where in the file the point stands, and count it from the file's first one.
-
-    Args:
-        recording: What is asked for.
-        first: Index of the first point that the request holds.
-    """
+    """Say in a refusal where in the file the point stands, and count it from the file's first one."""
     try:
         yield
     except Rejected as error:

@@ -167,13 +167,7 @@ def _measured(series: Series | None, times_ns: NDArray[np.int64]) -> NDArray[np.
 
 
 class Replay(Way):
-    """A way that was recorded, and how far the arms are from where they were then.
-
-    Args:
-        recording: What they were told.
-        passing: How it is followed.
-        measured: Where they were, at the same times.
-    """
+    """A way that was recorded, and how far the arms are from where they were then."""
 
     def __init__(self, recording: Recording, passing: Passing, measured: Joints) -> None:
         super().__init__(recording, passing)

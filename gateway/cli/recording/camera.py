@@ -7,7 +7,6 @@ from __future__ import annotations
 
 from contextlib import ExitStack
 from pathlib import Path
-from types import TracebackType
 from typing import Final
 
 from gateway.cli.terminal.progress import Teller
@@ -23,10 +22,7 @@ STALL_S: Final = 3.0
 class Camera:
     """Records the cameras from `with` to its end.
 
-    Args:
-        folder: Of the bag.
-        endpoint: The robot's, as the link has it: pictures from elsewhere are refused.
-        port: UDP port of the pictures.
+    Pictures from elsewhere than the robot's endpoint are refused.
 
     Raises:
         Rejected: BAD_REQUEST, a package for video is missing, or the file cannot be written.
@@ -58,9 +54,7 @@ class Camera:
             self._stack = stack.pop_all()
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, value: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self._stack.close()
 
     def look(self, tell: Teller, now_s: float) -> None:

@@ -56,14 +56,7 @@ def _colour(q_rad: float, lower_rad: float, upper_rad: float) -> str:
 
 
 def arm_rows(view: protocol.Snapshot, info: protocol.Info, since_ns: int, width: int) -> Iterator[Text]:
-    """Yield both arms side by side: a heading, a row per joint, and one for the end effector.
-
-    Args:
-        view: What is seen.
-        info: For the limits.
-        since_ns: Added to every age [ns].
-        width: Columns of the terminal.
-    """
+    """Yield both arms side by side: a heading, a row per joint, and one for the end effector."""
     column = (width - 2) // 2
     for left, right in zip(*(_arm(side, view, info, since_ns, column) for side in SIDES), strict=True):
         left.truncate(column, overflow="ellipsis", pad=True)

@@ -58,10 +58,7 @@ def child(name: str, arguments: Sequence[str], log: Path) -> Iterator[subprocess
 def when_live(target: str, name: str, log: Path) -> Robot:
     """Connect as soon as a gateway listens and sees its robot.
 
-    Args:
-        target: Where the gateway is.
-        name: Of the client.
-        log: Of the gateway; its end is told when there is none.
+    The end of the log is told when there is none.
 
     Raises:
         Disconnected: Nobody listens in time.

@@ -21,12 +21,7 @@ def others_in_order(view: protocol.Snapshot) -> list[protocol.OtherView]:
 
 
 def other_text(other: protocol.OtherView, at_ns: int) -> str:
-    """Return one line about somebody.
-
-    Args:
-        other: Who.
-        at_ns: Time of the snapshot, on the daemon's clock [ns].
-    """
+    """Return one line about somebody."""
     name = other.zid or "a session without a name"
     who = f"{name} at {other.link}" if other.link else name
     since = since_text(at_ns - other.since_ns)

@@ -26,11 +26,8 @@ def owned(robot: Robot, tell: Teller, *, take: str | None, is_left_held: bool) -
 
     A lease whose owner has vanished becomes free after some seconds: they are waited for.
 
-    Args:
-        robot: A connected one.
-        tell: Who is told about the wait.
-        take: Reason to take the robot from its owner at once; None to wait or be refused.
-        is_left_held: Whether a normal end of the block leaves the robot held; else it brakes, rests and pauses.
+    `take` is the reason to take the robot from its owner at once, None to wait or be refused. With `is_left_held` a
+    normal end of the block leaves the robot held; else it brakes, rests and pauses.
 
     Raises:
         LeaseError: LEASE_HELD, somebody else owns the robot and lives.

@@ -20,12 +20,7 @@ PoseStreamT = TypeVar("PoseStreamT", bound=PoseTargets)
 
 
 class ArmCommands(Generic[HandleT, DoneT, JointStreamT, PoseStreamT]):
-    """One arm of a control.
-
-    Args:
-        control: Of both.
-        side: Which one.
-    """
+    """One arm of a control."""
 
     _joint_stream: type[JointStreamT]
     _pose_stream: type[PoseStreamT]

@@ -17,11 +17,6 @@ __all__ = ["Attendance"]
 class Attendance:
     """The promise to be heard, from registering to leaving.
 
-    Args:
-        session: Of this client.
-        timeout_s: Its period [s].
-        on_silence: `hold` or `pause`.
-
     Raises:
         Rejected: An argument is none of what it may be.
     """

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, TypedDict
+from typing import TYPE_CHECKING, Literal, TypedDict
 
 from gateway.api import protocol
 from gateway.client.asking.procedures import Procedure, request
@@ -14,6 +14,7 @@ from gateway.errors import Code, GatewayError, failure
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
+    from typing_extensions import Unpack
 
 __all__ = ["FollowCheck", "Tolerance", "Wishes", "check_follow", "follow"]
 
@@ -72,17 +73,7 @@ def follow(
     epoch: int,
     points: Mapping[str, ArrayLike],
     dt: float | None = None,
-    *,
-    frames: Mapping[str, str] | None = None,
-    times: ArrayLike | None = None,
-    start_at: float | None = None,
-    start_in: float | None = None,
-    open_end: bool = False,
-    stretch: float = 1.0,
-    smoothing: float = 0.0,
-    path_tolerance: Tolerance = None,
-    goal_tolerance: Tolerance = None,
-    goal_time: float | None = None,
+    **wishes: Unpack[Wishes],
 ) -> protocol.Follow:
     """Return the request to follow points with one or both arms; arguments as in `Control.follow`.
 
@@ -98,6 +89,8 @@ def follow(
             ", ".join(unknown),
             "left, right",
         )
+    frames, times = wishes.get("frames"), wishes.get("times")
+    start_at, start_in, goal_time = wishes.get("start_at"), wishes.get("start_in"), wishes.get("goal_time")
     if start_at is not None and start_in is not None:
         raise _refused(Code.BAD_REQUEST, "start_at", "start_at and start_in cannot both be given", "", "one of the two")
     sides = [side for side in SIDES if side in points]
@@ -108,13 +101,13 @@ def follow(
         frames={side: str(frames[side]) for side in sides if side in frames} if frames is not None else {},
         dt_s=None if dt is None else number("dt", dt),
         times_s=None if times is None else _times(times),
-        stretch=number("stretch", stretch),
-        smoothing_s=number("smoothing", smoothing),
-        open_end=open_end,
+        stretch=number("stretch", wishes.get("stretch", 1.0)),
+        smoothing_s=number("smoothing", wishes.get("smoothing", 0.0)),
+        open_end=wishes.get("open_end", False),
         start_at_ns=None if start_at is None else _nanoseconds("start_at", start_at),
         start_in_ns=None if start_in is None else _nanoseconds("start_in", start_in),
-        path_tolerance=_tolerances("path_tolerance", sides, path_tolerance, is_pose=frames is not None),
-        goal_tolerance=_tolerances("goal_tolerance", sides, goal_tolerance, is_pose=frames is not None),
+        path_tolerance=_tolerances("path_tolerance", sides, wishes, is_pose=frames is not None),
+        goal_tolerance=_tolerances("goal_tolerance", sides, wishes, is_pose=frames is not None),
         goal_time_ns=None if goal_time is None else _nanoseconds("goal_time", goal_time),
     )
 
@@ -148,9 +141,9 @@ def _times(times: ArrayLike) -> tuple[float, ...]:
 
 
 def _tolerances(
-    name: str, sides: Sequence[protocol.Side], tolerance: Tolerance, *, is_pose: bool
+    name: Literal["path_tolerance", "goal_tolerance"], sides: Sequence[protocol.Side], wishes: Wishes, *, is_pose: bool
 ) -> dict[protocol.Side, tuple[float | None, ...]]:
-    if tolerance is None:
+    if (tolerance := wishes.get(name)) is None:
         return {}
     if isinstance(tolerance, Iterable) and not isinstance(tolerance, (str, bytes)):
         values = tuple(None if value is None else number(name, value) for value in tolerance)

@@ -7,6 +7,8 @@ velocity is refused with what ended the drive.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
+from functools import partial
 
 from gateway.api import protocol
 from gateway.client.asking.procedures import Procedure, get_info, request
@@ -112,14 +114,22 @@ def drive_chassis_for(
     Raises:
         Aborted: Something stopped the drive; the code says what. Nothing is driven on.
     """
+    drive = partial(drive_chassis, session, lease, velocity, None)
+    drive_id = yield from _kept_alive(session, drive, duration_ns, lambda info: info.chassis_expiry_ns)
+    yield from rest_chassis(session, lease, drive_id)
+
+
+def _kept_alive(
+    session: Session, drive: Callable[[int], Procedure[int]], duration_ns: int, expiry: Callable[[protocol.Info], int]
+) -> Procedure[int]:
     until_ns = session.transport.now_ns() + duration_ns
     info = yield from get_info(session)
-    drive_id = yield from drive_chassis(session, lease, velocity, None)
+    drive_id = yield from drive(0)
     while (now_ns := session.transport.now_ns()) < until_ns:
-        yield from pause(min(until_ns, now_ns + min(RENEW_NS, info.chassis_expiry_ns // 3)))
+        yield from pause(min(until_ns, now_ns + min(RENEW_NS, expiry(info) // 3)))
         if session.transport.now_ns() < until_ns:
-            yield from drive_chassis(session, lease, velocity, None, drive_id)
-    yield from rest_chassis(session, lease, drive_id)
+            yield from drive(drive_id)
+    return drive_id
 
 
 def rest_chassis(session: Session, lease: Lease, drive_id: int) -> Procedure[None]:
@@ -146,11 +156,6 @@ def drive_lift_for(session: Session, lease: Lease, velocity: float, duration_ns:
     Raises:
         Aborted: Something stopped the drive; the code says what. Nothing is driven on.
     """
-    until_ns = session.transport.now_ns() + duration_ns
-    info = yield from get_info(session)
-    drive_id = yield from drive_lift(session, lease, velocity, None)
-    while (now_ns := session.transport.now_ns()) < until_ns:
-        yield from pause(min(until_ns, now_ns + min(RENEW_NS, info.lift_expiry_ns // 3)))
-        if session.transport.now_ns() < until_ns:
-            yield from drive_lift(session, lease, velocity, None, drive_id)
+    drive = partial(drive_lift, session, lease, velocity, None)
+    yield from _kept_alive(session, drive, duration_ns, lambda info: info.lift_expiry_ns)
     yield from request(session, protocol.StopLift(epoch=lease.epoch))

@@ -32,16 +32,9 @@ PAUSES_S = (0.05, 0.1, 0.15)
 
 
 def stop_at_guard(address: str, ask: Ask, reason: str, client: str) -> StopResult | None:
-    """Ask the guard of the daemon at an address to stop.
+    """Ask the guard of the daemon at an address to stop; return what it did, None when there is none or it only watches.
 
-    Args:
-        address: Of the daemon, as `Transport.address` has it or as a person typed it.
-        ask: `stop` or `estop`.
-        reason: For the log.
-        client: Who asks, for the log.
-
-    Returns:
-        What the guard did; None when there is none, or when it only watches.
+    The address is as `Transport.address` has it, or as a person typed it.
     """
     try:
         path = protocol.parse_address(address).path

@@ -14,14 +14,7 @@ __all__ = ["MotionRecord"]
 
 
 class MotionRecord:
-    """What is known of a motion; reading it sends nothing and never waits.
-
-    Args:
-        session: Of this client.
-        lease: Under which it was asked for.
-        motion: Its record.
-        facts: Of the reply.
-    """
+    """What is known of a motion; reading it sends nothing and never waits."""
 
     def __init__(self, session: Session, lease: Lease, motion: Motion, facts: Mapping[str, Any]) -> None:
         self._session = session

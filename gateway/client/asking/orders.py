@@ -16,11 +16,7 @@ __all__ = ["ChassisOrders", "GripperOrders", "LiftOrders"]
 
 
 class _Orders:
-    """Orders to a part of the robot.
-
-    Args:
-        control: Under whose lease.
-    """
+    """Orders to a part of the robot."""
 
     def __init__(self, control: Ownership) -> None:
         self._control = control
@@ -34,12 +30,7 @@ class _Orders:
 
 
 class GripperOrders(_Orders):
-    """Orders to one gripper.
-
-    Args:
-        control: Under whose lease.
-        side: Which one.
-    """
+    """Orders to one gripper."""
 
     def __init__(self, control: Ownership, side: protocol.SideName) -> None:
         super().__init__(control)

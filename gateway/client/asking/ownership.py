@@ -27,12 +27,8 @@ Accepted = tuple[Session, Lease, Motion, Mapping[str, Any]]
 class Ownership:
     """One lease, from acquiring to its end.
 
-    Args:
-        session: Of this client.
-        on_loss: What happens when this client vanishes.
-        on_exit: What a normal end does.
-        take: Reason to take the robot from its owner; None to ask for a free one.
-        timeout_ns: How long acquiring and ending may take, each [ns].
+    `take` is the reason to take the robot from its owner, None to ask for a free one; `timeout_ns` is for acquiring
+    and for ending, each.
     """
 
     def __init__(

@@ -36,11 +36,7 @@ FORGOTTEN_NS = 5_000_000_000
 
 
 class Phase:
-    """What one stream knows of the phase of its setpoints. All times are of the caller's clock.
-
-    Args:
-        tick_ns: Period of the caller's ticks [ns].
-    """
+    """What one stream knows of the phase of its setpoints. All times are of the caller's clock."""
 
     def __init__(self, tick_ns: int) -> None:
         self._tick_ns = tick_ns
@@ -59,14 +55,7 @@ class Phase:
             self._sent.append((seq, self._woken_ns))
 
     def hear(self, seq: int, lead_ns: int, setpoint_ns: int, now_ns: int) -> None:
-        """Learn how much earlier than its setpoint a target came.
-
-        Args:
-            seq: Its number.
-            lead_ns: What the daemon says of it [ns].
-            setpoint_ns: Period of the setpoints [ns].
-            now_ns: Now [ns].
-        """
+        """Learn how much earlier than its setpoint a target came."""
         self._setpoint_ns = setpoint_ns
         while self._sent and self._sent[0][0] <= seq:
             number, woken_ns = self._sent.popleft()

@@ -149,11 +149,7 @@ def within_reach(
 ) -> tuple[float, ...]:
     """Return a pose inside the configured reach: as it is, or moved to its end when that was asked for.
 
-    Args:
-        side: `left` or `right`.
-        values: x, y, z [m], qx, qy, qz, qw.
-        info: Of the daemon, with the reach.
-        on_limit: `reject` or `clip`.
+    Values are x, y, z [m], qx, qy, qz, qw.
 
     Raises:
         Rejected: OUT_OF_RANGE, with value and bound.

@@ -24,9 +24,7 @@ from gateway.client.asking.waits import (
     Seen,
     Stopped,
     Wait,
-    answered_facts,
     answered_reply,
-    answered_routes,
 )
 from gateway.client.connection.identity import is_of_this_process
 from gateway.client.connection.session import Lease, Motion, Session, Sighting
@@ -88,14 +86,14 @@ def request(session: Session, command: protocol.Request, timeout_ns: int = REQUE
 def get_info(session: Session) -> Procedure[protocol.Info]:
     """Return what does not change while the daemon runs; asked once per daemon."""
     if session.info is None:
-        session.info = yield Answer(session, protocol.INFO_KEY, b"", answered_facts, REQUEST_NS, "info")
+        session.info = yield Answer(session, protocol.INFO_KEY, b"", protocol.decode_info, REQUEST_NS, "info")
     return session.info
 
 
 def get_routes(session: Session) -> Procedure[protocol.Routes]:
     """Return how the robot's bridge stands to each topic, as it is now."""
     routes: protocol.Routes = yield Answer(
-        session, protocol.ROUTES_KEY, b"", answered_routes, REQUEST_NS, "the state of the routes"
+        session, protocol.ROUTES_KEY, b"", protocol.decode_routes, REQUEST_NS, "the state of the routes"
     )
     return routes
 
@@ -120,11 +118,8 @@ def _fact(reply: protocol.Reply, name: str) -> int:
 def acquire(session: Session, on_loss: protocol.OnLossName, take: str | None, timeout_ns: int) -> Procedure[Lease]:
     """Become the owner; with `take` from whoever it is, and then wait until the arms are at rest.
 
-    Args:
-        session: Of this client.
-        on_loss: What happens when this client vanishes.
-        take: Reason to take the robot from its owner; None to ask for a free one.
-        timeout_ns: How long to wait for the arms to come to rest after taking over [ns].
+    `take` is the reason to take the robot from its owner, None to ask for a free one; `timeout_ns` is for the arms to
+    come to rest after taking over.
 
     Raises:
         LeaseError: LEASE_HELD, somebody else owns the robot, or another `control()` of this client does.

@@ -78,9 +78,6 @@ def number(name: str, value: object) -> float:
 def numeric(values: ArrayLike) -> NDArray[np.float64]:
     """Return numbers that a user gave, in whatever shape, under the rule of `number`.
 
-    Args:
-        values: Anything.
-
     Raises:
         TypeError: Texts, truth values or other things are among them; so do ValueError and OverflowError say.
     """

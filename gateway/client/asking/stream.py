@@ -52,12 +52,7 @@ class StreamOptions:
 class TargetStream:
     """One stream of targets for one arm; `JointTargets` and `PoseTargets` say what a target is.
 
-    Args:
-        session: Of this client.
-        lease: Under which it runs.
-        side: `left` or `right`.
-        options: Rate, speed, limits and expiry.
-        frame: The arm's own shoulder for a stream of poses; empty for one of joints.
+    The frame is the arm's own shoulder for poses, empty for joints.
     """
 
     def __init__(

@@ -23,11 +23,7 @@ __all__ = ["ChassisVelocities", "LiftVelocities", "VelocityStream"]
 class VelocityStream(ABC):
     """One drive, renewed by `tick`.
 
-    Args:
-        session: Of this client.
-        lease: Under which it runs.
-        rate_hz: Of `tick` [Hz], 5 to 50.
-        expiry: Life of a velocity [s]; None for the configured one.
+    `rate_hz` of `tick` is 5 to 50; without an expiry [s] a velocity lives as long as configured.
     """
 
     def __init__(self, session: Session, lease: Lease, rate_hz: float, expiry: float | None) -> None:

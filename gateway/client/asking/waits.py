@@ -25,9 +25,7 @@ __all__ = [
     "Seen",
     "Stopped",
     "Wait",
-    "answered_facts",
     "answered_reply",
-    "answered_routes",
     "not_in_time",
 ]
 
@@ -58,12 +56,7 @@ class Wait(Protocol[T_co]):
 
 
 class Daemon:
-    """Waits until a daemon of our version is there.
-
-    Args:
-        session: Of this client.
-        timeout_ns: How long [ns].
-    """
+    """Waits until a daemon of our version is there."""
 
     def __init__(self, session: Session, timeout_ns: int) -> None:
         self._session = session
@@ -96,13 +89,8 @@ class Daemon:
 class Answer(Generic[T]):
     """Asks something and waits for the answer.
 
-    Args:
-        session: Of this client.
-        key: What is asked.
-        payload: What goes with it; the same again when the answer was lost.
-        read: Makes the answer out of the payload; may raise what it says.
-        timeout_ns: How long to wait [ns].
-        what: What was asked, for messages.
+    `payload` goes again when the answer was lost; `read` makes the answer out of what came, and may raise what that
+    says.
 
     Raises:
         Disconnected: No daemon is there; nothing was sent.
@@ -174,25 +162,10 @@ def answered_reply(payload: bytes) -> protocol.Reply:
     return reply
 
 
-def answered_facts(payload: bytes) -> protocol.Info:
-    """Return the daemon's facts."""
-    return protocol.decode_info(payload)
-
-
-def answered_routes(payload: bytes) -> protocol.Routes:
-    """Return how the robot's bridge stands to each topic."""
-    return protocol.decode_routes(payload)
-
-
 class Stopped:
     """Sends a stop, and waits for what became of it. It leaves first: nothing is asked, and nobody need be known, before.
 
     A daemon of the first release has no key for stops: where nobody listens there, it goes the old way as well.
-
-    Args:
-        session: Of this client.
-        command: `Stop` or `Estop`.
-        timeout_ns: How long to wait for the answer [ns].
     """
 
     def __init__(self, session: Session, command: protocol.Stop | protocol.Estop, timeout_ns: int) -> None:
@@ -268,12 +241,8 @@ class Stopped:
 class Seen(Generic[T]):
     """Waits until a snapshot shows something.
 
-    Args:
-        session: Of this client.
-        condition: Returns what was waited for, or None; may raise what makes it impossible.
-        timeout_ns: How long [ns].
-        what: What is waited for, for the message.
-        after_seq: Only snapshots with a greater number count.
+    `condition` returns what was waited for, or None, and may raise what makes it impossible; snapshots up to
+    `after_seq` do not count.
     """
 
     def __init__(
@@ -326,11 +295,7 @@ def not_in_time(session: Session, what: str, timeout_ns: int) -> GatewayError:
 
 
 class Pause:
-    """Waits for an instant.
-
-    Args:
-        until_ns: When, on the transport's clock [ns].
-    """
+    """Waits for an instant."""
 
     def __init__(self, until_ns: int) -> None:
         self.deadline_ns = until_ns

@@ -28,11 +28,7 @@ FOREVER_NS = 1 << 62
 class _Watched:
     """Waits for a snapshot that shows something, across restarts of the daemon; gives False when the client was closed.
 
-    Args:
-        session: Of this client.
-        wanted: Whether a snapshot will do.
-        timeout_ns: How long, from `not_before_ns` on [ns].
-        not_before_ns: Nothing is returned earlier [ns].
+    Nothing is returned before `not_before_ns`, from which the timeout counts [ns].
     """
 
     def __init__(
@@ -142,13 +138,7 @@ def fresh(session: Session, max_age_ns: int, timeout_ns: int) -> Procedure[Sight
 
 
 class _News:
-    """Waits for the next notice, or for the client to be closed.
-
-    Args:
-        session: Of this client.
-        place: Which one.
-        timeout_ns: How long; None for as long as it takes [ns].
-    """
+    """Waits for the next notice, or for the client to be closed."""
 
     def __init__(self, session: Session, place: int, timeout_ns: int | None) -> None:
         self._session = session

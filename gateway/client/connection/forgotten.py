@@ -21,10 +21,7 @@ def close_forgotten(transport: Transport, beating: list[Callable[[], None]], pid
     The last reference may go anywhere, also in the middle of a callback of the transport. Python waits for the thread before
     it ends: one that came back from zenoh afterwards would abort the process (`over_zenoh.Pulse`).
 
-    Args:
-        transport: The connection.
-        beating: What ends the keepalive.
-        pid: Of the process that connected; in another one nothing is done.
+    In another process than the one that connected nothing is done.
     """
     if os.getpid() != pid:
         return

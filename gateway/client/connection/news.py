@@ -31,7 +31,7 @@ class News:
     def __init__(self) -> None:
         self.dropped = 0
         self._kept: deque[protocol.Notice] = deque()
-        self._end = 0
+        self.end = 0
         """Place after the newest notice; places count from 0 and are never used again."""
         self._read_up_to = 0
         self._expected: int | None = None
@@ -39,12 +39,7 @@ class News:
     @property
     def begin(self) -> int:
         """Place of the oldest notice that is kept."""
-        return self._end - len(self._kept)
-
-    @property
-    def end(self) -> int:
-        """Place of the next notice to come."""
-        return self._end
+        return self.end - len(self._kept)
 
     # ------------------------------------------------------------------------------------------------ what comes in
 
@@ -95,7 +90,7 @@ class News:
 
     def _keep(self, notice: protocol.Notice) -> None:
         self._kept.append(notice)
-        self._end += 1
+        self.end += 1
         if len(self._kept) > KEPT:
             self._kept.popleft()
             if self._read_up_to < self.begin:
@@ -112,7 +107,7 @@ class News:
         if place < self.begin:
             missing = self.begin - place
             return _lost(missing, self._kept[0].at_ns), self.begin, missing
-        if place >= self._end:
+        if place >= self.end:
             return None
         notice = self._kept[place - self.begin]
         self._read_up_to = max(self._read_up_to, place + 1)

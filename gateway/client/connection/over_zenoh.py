@@ -240,11 +240,6 @@ class Pulse:
 
     It must not be inside zenoh then: Python before 3.14 unwinds a daemon thread that comes back, and zenoh's Rust aborts
     the process over that ("exception not rethrown").
-
-    Args:
-        period_ns: Distance of two beats [ns], and of the first one from now.
-        beat: What to call.
-        on_lost: Called in the thread, with why, when it ends unasked.
     """
 
     def __init__(self, period_ns: int, beat: Callable[[], None], on_lost: Callable[[str], None]) -> None:

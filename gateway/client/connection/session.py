@@ -63,7 +63,8 @@ class Session:
         self.snapshots_dropped = 0
         self.stop_undelivered = False
         self.pid = os.getpid()
-        self._closed = False
+        self.is_closed = False
+        """Whether this client was closed."""
         self._gone_since_ns = transport.now_ns()
         self._newest: tuple[bytes, int, int] | None = None
         self._sighting: Sighting | None = None
@@ -85,7 +86,7 @@ class Session:
         self._finalizer = weakref.finalize(self, close_forgotten, self.transport, self._beating, self.pid)
         self._finalizer.atexit = False  # a process that ends needs no help, and must not wait for it
         self.transport.open(self.client_id, Inlet(self), timeout_s)
-        if self._closed:  # meanwhile, by whoever did not want to wait for it any more
+        if self.is_closed:  # meanwhile, by whoever did not want to wait for it any more
             self.transport.close()
 
     # ------------------------------------------------------------------------------------------------ from the daemon
@@ -161,14 +162,9 @@ class Session:
     # ------------------------------------------------------------------------------------------------ what is known
 
     @property
-    def is_closed(self) -> bool:
-        """Whether this client was closed."""
-        return self._closed
-
-    @property
     def is_connected(self) -> bool:
         """Whether the daemon is there at this moment."""
-        return bool(self.daemon) and not self._gone_since_ns and not self._closed
+        return bool(self.daemon) and not self._gone_since_ns and not self.is_closed
 
     def require_daemon(self, daemon: str | None = None) -> None:
         """Refuse unless a daemon is there, or was less than a second ago.
@@ -180,7 +176,7 @@ class Session:
             Disconnected: It is gone, another one took its place, the client was closed, or this process was forked.
         """
         self.require_own_process()
-        if self._closed:
+        if self.is_closed:
             raise _disconnected("this client was closed", "connect() again")
         if daemon is not None and self.daemon != daemon:
             raise _disconnected(f"the daemon at {self.transport.address} was restarted; what it did before is over")
@@ -370,10 +366,10 @@ class Session:
 
     def close(self) -> None:
         """Disconnect; with the lease, the robot is left held. Does nothing in a forked process."""
-        if os.getpid() != self.pid or self._closed:
+        if os.getpid() != self.pid or self.is_closed:
             return
         self.abandon()
-        self._closed = True
+        self.is_closed = True
         if self._finalizer is not None:
             self._finalizer.detach()
         self.transport.close()

@@ -297,11 +297,6 @@ class RobotState:
 
 
 def state_of(sighting: Sighting, now_ns: int) -> RobotState:
-    """Return a snapshot as a user reads it.
-
-    Args:
-        sighting: The snapshot and its arrival.
-        now_ns: The moment to count ages to [ns].
-    """
+    """Return a snapshot as a user reads it."""
     since_ns = max(0, now_ns - sighting.received_ns)
     return RobotState(since_ns / 1e9, sighting.view, since_ns)

@@ -32,11 +32,7 @@ __all__ = ["Body"]
 
 
 class Body:
-    """Streams and what drives them.
-
-    Args:
-        settings: Limits, rates and the robot's model.
-    """
+    """Streams and what drives them."""
 
     def __init__(self, settings: Settings) -> None:
         self.grippers = {side: GripperStream(side, partial(self._is_streamed, side)) for side in Side}
@@ -138,12 +134,7 @@ class Body:
         return ended
 
     def ground_cut(self, code: Code, now_ns: int) -> None:
-        """End the drives of chassis and lift, and stop what is being driven; what others drive is left alone.
-
-        Args:
-            code: Why: for whoever would go on with a drive.
-            now_ns: Monotonic time [ns].
-        """
+        """End the drives of chassis and lift, and stop what is being driven; what others drive is left alone."""
         for ground in self.drives:
             ground.cut(code, now_ns)
 
@@ -202,7 +193,7 @@ class Body:
                 for side in motion.goals:
                     self.arms[side].brake()
                 continue
-            progress = {side: self.arms[side].progress for side in motion.goals}
+            progress = {side: self.arms[side].reference.progress for side in motion.goals}
             self.motions.advance(motion, progress, motion.where(measured), now_ns)
         return [motion for motion in running if not motion.is_running]
 

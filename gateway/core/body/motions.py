@@ -57,13 +57,7 @@ class Terms:
 class Motion:
     """One motion's record.
 
-    Args:
-        motion_id: Rises by one with each motion of this daemon.
-        goals: Per arm that takes part, in the space of the motion.
-        tolerance: Settling tolerance.
-        duration_ns: Planned duration [ns].
-        space: Of goals and measured values.
-        terms: What a trajectory is judged by; None for a motion from point to point.
+    Goals and what is measured are in its space; without terms it is a motion from point to point.
     """
 
     def __init__(
@@ -130,12 +124,7 @@ class Motion:
 
 
 class MotionBook:
-    """All motions: at most one running per arm.
-
-    Args:
-        settings: Settling times, and the tolerance of joints.
-        pose: The tolerance of poses.
-    """
+    """All motions: at most one running per arm."""
 
     def __init__(self, settings: ArmSettings, pose: PoseSettings | None = None) -> None:
         self._settings = settings
@@ -192,11 +181,8 @@ class MotionBook:
 
         One that is within tolerance when its time is over may still settle; it is aborted when it leaves.
 
-        Args:
-            motion: A running one.
-            progress: Per side, part of the path that has been sent, 0..1.
-            measured: Per side, where it is, fresh and in the space of the motion; None when it is not fresh.
-            now_ns: Monotonic time [ns].
+        `progress` is the part of each path that has been sent, 0..1; `measured` is in the motion's space, None where
+        it is not fresh.
         """
         sent = [progress[side] for side in motion.goals]
         motion.progress = min(sent)

@@ -25,18 +25,7 @@ ENDED_KEPT = 8
 
 
 class TargetStream:
-    """One stream's record.
-
-    Args:
-        stream_id: Rises by one with each stream of this daemon.
-        side: Which arm.
-        client_id: Who opened it.
-        epoch: Under which lease.
-        speed: Factor on the velocity limit.
-        on_limit: Reject or clip.
-        expiry_ns: Lifetime of a target [ns].
-        space: Of the targets.
-    """
+    """One stream's record."""
 
     def __init__(
         self,

@@ -35,9 +35,6 @@ PATIENCE_NS = 300 * MS
 class FreezeWatch:
     """Judges one daemon's ticks.
 
-    Args:
-        freeze_ns: Ticks missing for so long are a freeze [ns].
-
     Attributes:
         look_ns: When to judge next [ns]; 0 before the first time.
         is_asking: Whether is to be asked now if the daemon could run.

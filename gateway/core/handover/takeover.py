@@ -54,10 +54,7 @@ Resume = Callable[[str, Vector, Vector], None]
 class Takeover:
     """How this process goes on in another's place.
 
-    Args:
-        coordinator: What is moved.
-        resume: The gate's ear.
-        is_guard: Whether this process is a guard: it never waits out a stall.
+    A guard never waits out a stall.
     """
 
     def __init__(self, coordinator: Coordinator, resume: Resume, *, is_guard: bool) -> None:
@@ -70,17 +67,15 @@ class Takeover:
     # ------------------------------------------------------------------------------------------------ what is shown
 
     def show(self, now_ns: int) -> Held:
-        """Return what is on the wire.
-
-        Args:
-            now_ns: Monotonic time of the tick [ns].
-        """
+        """Return what is on the wire."""
         coordinator, body = self._coordinator, self._coordinator.body
         arms = {}
         newest_ns = 0
         for side, arm in body.arms.items():
             if arm.running and (last_ns := arm.log.last_ns) is not None:
-                arms[side] = HeldArm(topic=arm.topic, values=arm.values, rate=arm.rates, acceleration=arm.forces)
+                arms[side] = HeldArm(
+                    topic=arm.topic, values=arm.values, rate=arm.rates, acceleration=arm.reference.forces
+                )
                 newest_ns = max(newest_ns, last_ns)
         return Held(
             at_ns=now_ns,
@@ -100,12 +95,7 @@ class Takeover:
     # ------------------------------------------------------------------------------------------------ going on
 
     def hear(self, event: TakenOver | HeldElsewhere | GuardSeen, now_ns: int) -> None:
-        """Take an event that is about guards.
-
-        Args:
-            event: Which one.
-            now_ns: Monotonic time [ns].
-        """
+        """Take an event that is about guards."""
         coordinator = self._coordinator
         if isinstance(event, TakenOver):
             self._take(event.held, now_ns)
@@ -135,11 +125,7 @@ class Takeover:
         return other.message if other is not None and other.code is Code.FOREIGN_WRITER else ""
 
     def is_guard_awaited(self, waited_ns: int) -> bool:
-        """Return whether this process has a guard of its own that does not reach the robot yet, and is worth waiting for.
-
-        Args:
-            waited_ns: How long it has been waited for [ns].
-        """
+        """Return whether this process has a guard of its own that does not reach the robot yet, and is worth waiting for."""
         return self._coordinator.guard.is_awaited(waited_ns)
 
     def _take(self, held: Held, now_ns: int) -> None:
@@ -244,10 +230,5 @@ class Takeover:
             self.give_up("the robot's state is older than 100 ms: the guard's hold ends", now_ns)
 
     def give_up(self, why: str, now_ns: int) -> None:
-        """Let a hold go down: 0.0, and the lift off.
-
-        Args:
-            why: In words.
-            now_ns: Monotonic time [ns].
-        """
+        """Let a hold go down: 0.0, and the lift off."""
         self._coordinator.fire(Trigger.HOLD_OVER, now_ns, why)

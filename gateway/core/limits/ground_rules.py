@@ -33,12 +33,7 @@ def no_lift() -> Refusal:
 
 
 def check_chassis(mode: CurrentMode | None, fsm: int | None) -> Refusal | None:
-    """Refuse unless the robot is in API mode with its chassis enabled, and its FSM not somebody else's.
-
-    Args:
-        mode: `/api/current_mode`; None when unknown.
-        fsm: `/fsm_state`; None when unknown.
-    """
+    """Refuse unless the robot is in API mode with its chassis enabled, and its FSM not somebody else's."""
     refusal = check_mode(mode) or _check_fsm(fsm)
     if refusal is not None or (mode is not None and mode.chassis_enabled):
         return refusal
@@ -52,12 +47,7 @@ def check_chassis(mode: CurrentMode | None, fsm: int | None) -> Refusal | None:
 
 
 def check_lift(mode: CurrentMode | None, fsm: int | None) -> Refusal | None:
-    """Refuse unless the robot is in API mode with its lift servo enabled, and its FSM neither in ERROR nor another's.
-
-    Args:
-        mode: `/api/current_mode`; None when unknown.
-        fsm: `/fsm_state`; None when unknown.
-    """
+    """Refuse unless the robot is in API mode with its lift servo enabled, and its FSM neither in ERROR nor another's."""
     refusal = check_mode(mode) or _check_fsm(fsm)
     if refusal is not None or mode is None:
         return refusal

@@ -42,16 +42,9 @@ def check_frame(side: Side, frame: str) -> Refusal | None:
 def check_pose(
     side: Side, values: Sequence[float], settings: PoseSettings, on_limit: OnLimit = OnLimit.REJECT
 ) -> Checked | Refusal:
-    """Check a pose against shape, finiteness, the norm of its quaternion and the reach.
+    """Return the pose to use, or why it is none: WRONG_SHAPE, NOT_FINITE or OUT_OF_RANGE (norm of the quaternion, reach).
 
-    Args:
-        side: Which arm.
-        values: x, y, z [m], qx, qy, qz, qw.
-        settings: The reach.
-        on_limit: Reject, or move a position beyond the reach to its end.
-
-    Returns:
-        The pose to use, or why not: WRONG_SHAPE, NOT_FINITE or OUT_OF_RANGE.
+    Values are x, y, z [m], qx, qy, qz, qw; clipping moves a position beyond the reach to its end.
     """
     name = f"{side}_arm"
     if len(values) != WIDTH:

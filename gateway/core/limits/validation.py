@@ -198,16 +198,9 @@ def check_expiry(expiry_ns: int | None) -> Refusal | None:
 
 
 def check_goal(side: Side, q_rad: Sequence[float], settings: ArmSettings, on_limit: OnLimit) -> Checked | Refusal:
-    """Check seven joints against shape, finiteness and the configured limits.
+    """Return the goal to use, or why it is none: WRONG_SHAPE, NOT_FINITE or OUT_OF_RANGE (configured limits).
 
-    Args:
-        side: Which arm.
-        q_rad: The goal [rad], in the order of manual §4.0.3.
-        settings: Limits.
-        on_limit: Reject, or clip and say which joints.
-
-    Returns:
-        The goal to use, or why not: WRONG_SHAPE, NOT_FINITE or OUT_OF_RANGE.
+    Joints are in the order of manual §4.0.3 [rad].
     """
     name = f"{side}_arm"
     if len(q_rad) != ARM_DOF:
@@ -257,11 +250,6 @@ def check_start(side: Side, q_rad: Vector, settings: ArmSettings) -> Checked | R
 
     Up to `start_margin_rad` beyond a limit the start is moved to the limit (`clipped` says which joints); further out it
     is refused with START_OUTSIDE_LIMITS.
-
-    Args:
-        side: Which arm.
-        q_rad: Measured position, shape (7,) [rad].
-        settings: Limits and margin.
     """
     start = list(q_rad)
     clipped: list[int] = []

@@ -101,13 +101,7 @@ def router_name(zid: str, namespace: str) -> str:
 
 
 def found_at(routers: tuple[str, ...], zid: str, namespace: str) -> tuple[str, ...]:
-    """Return the routers at which a robot was found, with the one at which it is now as the latest.
-
-    Args:
-        routers: Before.
-        zid: Zenoh id of the router.
-        namespace: Of the robot's bridge.
-    """
+    """Return the routers at which a robot was found, with the one at which it is now as the latest."""
     name = router_name(zid, namespace)
     return (*(router for router in routers if router != name), name)[-ROUTERS_KEPT:]
 

@@ -212,13 +212,7 @@ def _reach(count: int, dt_s: float | None, smoothing_s: float) -> int | Refusal:
 
 
 def check_motion(side: Side, trajectory: Trajectory, settings: ArmSettings) -> Refusal | None:
-    """Refuse a motion that leaves the configured limits of position, velocity, acceleration or jerk anywhere.
-
-    Args:
-        side: Which arm.
-        trajectory: The motion through its points.
-        settings: Limits.
-    """
+    """Refuse a motion that leaves the configured limits of position, velocity, acceleration or jerk anywhere."""
     kinds = (
         (trajectory.speed, settings.v_radps, "rad/s", 1.0),
         (trajectory.a, settings.a_radps2, "rad/s²", 1.0 / 2.0),
@@ -253,14 +247,7 @@ def _first_outside(trajectory: Trajectory, joint: int, low: float, high: float) 
 
 
 def check_jump(side: Side, position: Vector, time_s: float, reference_rad: Vector) -> Refusal | None:
-    """Refuse a chunk that is too far from the arm's reference where it begins.
-
-    Args:
-        side: Which arm.
-        position: Where the chunk is then [rad].
-        time_s: Time on the chunk then [s].
-        reference_rad: Where the reference is then [rad].
-    """
+    """Refuse a chunk that is too far from the arm's reference where it begins."""
     gaps = [abs(q - ref) for q, ref in zip(position, reference_rad, strict=True)]
     most = max(gaps)
     if most <= JUMP_RAD * SLACK:

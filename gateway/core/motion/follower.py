@@ -37,12 +37,7 @@ Measured with sines of 0.1 to 2 Hz: 0.3 to 1.0 times when they can be followed, 
 
 
 class Follower(ABC):
-    """Leads one arm to its latest target.
-
-    Args:
-        jerks: Jerk limit of each axis.
-        period_s: Time between setpoints [s].
-    """
+    """Leads one arm to its latest target."""
 
     def __init__(self, jerks: Sequence[float], period_s: float) -> None:
         self.target: Vector = ()
@@ -82,10 +77,8 @@ class Follower(ABC):
     def aim(self, target: Vector, speed: float, now: State) -> None:
         """Take a target.
 
-        Args:
-            target: Inside the limits.
-            speed: Factor on the velocity limits, 0 < speed <= 1; on the accelerations too from rest on.
-            now: The present state.
+        The target is inside the limits; `speed` is a factor on the velocity limits, 0 < speed <= 1, on the
+        accelerations too from rest on.
         """
         self.target, self._speed = target, speed
 

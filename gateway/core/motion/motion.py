@@ -63,13 +63,7 @@ class ReferenceMode(str, Enum):
 
 
 class Reference(Generic[SpaceT]):
-    """One arm's setpoint generator.
-
-    Args:
-        space: In which it moves, and the limits; they always hold.
-        follower: What leads it to a target.
-        tracker: Makes what leads it along a trajectory.
-    """
+    """One arm's setpoint generator."""
 
     def __init__(self, space: SpaceT, follower: Follower, tracker: Callable[..., Tracker[Any]]) -> None:
         self.space = space
@@ -160,9 +154,6 @@ class Reference(Generic[SpaceT]):
     def seed(self, values: Sequence[float]) -> None:
         """Begin anew at rest: the only way to jump, for a stream that is silent.
 
-        Args:
-            values: Where, inside the limits.
-
         Raises:
             PlanFailed: With what is to blame, value and bound; nothing has changed.
         """
@@ -173,11 +164,6 @@ class Reference(Generic[SpaceT]):
     def enter(self, values: Sequence[float], rates: Sequence[float], forces: Sequence[float]) -> None:
         """Go on where another reference was interrupted, and brake: for a stream that another process had.
 
-        Args:
-            values: Its last setpoint, inside the limits.
-            rates: Velocity of that setpoint, as `rates` gives it.
-            forces: Its acceleration, as `forces` gives it.
-
         Raises:
             PlanFailed: It is outside the limits, or cannot brake inside them; nothing has changed.
         """
@@ -187,9 +173,6 @@ class Reference(Generic[SpaceT]):
 
     def start(self, course: Course) -> None:
         """Follow a path, or whatever else is a course inside the limits.
-
-        Args:
-            course: Planned from the present state.
 
         Raises:
             PlanFailed: It begins in another state; nothing has changed.
@@ -231,11 +214,8 @@ class Reference(Generic[SpaceT]):
     def prepare(self, trajectory: Trajectory | PoseTrajectory, start_s: float, *, rests: bool) -> Tracker[Any]:
         """Return the way along a trajectory, to be judged and then taken with `track`; nothing changes yet.
 
-        Args:
-            trajectory: Of this reference's space, inside the limits.
-            start_s: Time on it that is now [s]; negative when it begins in the future: until then the arm goes on with
-                the trajectory it follows, or brakes.
-            rests: Whether it ends at rest at its last point.
+        A negative `start_s` begins in the future: until then the arm goes on with the trajectory it follows, or
+        brakes. `rests` says whether it ends at rest at its last point.
         """
         lead = None
         if self.mode is ReferenceMode.CHUNK and self.tracker is not None:
@@ -321,12 +301,7 @@ class Reference(Generic[SpaceT]):
 
 
 class JointReference(Reference[Braking]):
-    """One arm's generator of joint setpoints.
-
-    Args:
-        limits: Limits of the arm's joints; they always hold.
-        period_s: Time between setpoints [s].
-    """
+    """One arm's generator of joint setpoints."""
 
     def __init__(self, limits: JointLimits, period_s: float) -> None:
         braking = Braking(limits, period_s)
@@ -334,12 +309,7 @@ class JointReference(Reference[Braking]):
 
 
 class PoseReference(Reference[PoseDynamics]):
-    """One arm's generator of poses of its end effector.
-
-    Args:
-        limits: Limits of the end effector; they always hold.
-        period_s: Time between setpoints [s].
-    """
+    """One arm's generator of poses of its end effector."""
 
     def __init__(self, limits: PoseLimits, period_s: float) -> None:
         dynamics = PoseDynamics(limits, period_s)

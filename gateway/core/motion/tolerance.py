@@ -89,14 +89,7 @@ def apart(space: Space, wanted: Vector, measured: Vector) -> Vector:
 
 
 def first_beyond(space: Space, wanted: Vector, measured: Vector, tolerance: Vector) -> Deviation | None:
-    """Return the first part that is farther from where it should be than it may; None when all are near enough.
-
-    Args:
-        space: Of the values.
-        wanted: Where the arm should be.
-        measured: Where it is.
-        tolerance: One for each part.
-    """
+    """Return the first part that is farther from where it should be than it may; None when all are near enough."""
     offs = apart(space, wanted, measured)
     for part, unit, off, bound in zip(PARTS[space], UNITS[space], offs, tolerance, strict=True):
         if not off <= bound:
@@ -115,14 +108,8 @@ def check_tolerances(
 ) -> Tolerances | Refusal:
     """Return the tolerances to judge by, or what is wrong with those that were asked for.
 
-    Args:
-        sides: Arms that move.
-        path: Per arm seven tolerances on the way [rad], [0.0001, 0.5] each; for poses two [m, rad].
-        goal: The same at the end.
-        goal_time_ns: How long settling may take [ns], 0.1 to 60 s; None for the configured time.
-        settled: Configured tolerances at the end, one for each part.
-        settle_timeout_ns: The configured time [ns].
-        space: In which they are meant.
+    A tolerance is in [0.0001, 0.5]: one for each joint [rad], for poses two [m, rad]. A goal time is 0.1 to 60 s.
+    What is not given is unbounded on the way, and as configured at the end (`settled`, `settle_timeout_ns`).
     """
     for name, asked in (("path_tolerance", path), ("goal_tolerance", goal)):
         for side, values in asked.items():

@@ -69,12 +69,8 @@ class Claim:
     def step(self, now_ns: int, *, is_wanted: bool, is_used: bool, own_zid: str, rivals: Sequence[str]) -> None:
         """Take the step that is due.
 
-        Args:
-            now_ns: Monotonic time [ns].
-            is_wanted: Somebody owns the robot, or arms are held.
-            is_used: Frames are being sent, stop frames included: the claim is kept.
-            own_zid: Our zenoh id; the empty one is the smallest.
-            rivals: Zenoh ids of other gateways that are armed.
+        A claim is wanted while somebody owns the robot or arms are held, and used while frames are sent, stop frames
+        included: then it is kept. The empty zenoh id is the smallest.
         """
         if self.number == 0:
             is_settled = self._link_ns is not None and now_ns - self._link_ns >= LINK_SETTLE_NS

@@ -38,19 +38,11 @@ class Guarding:
         self._zids: set[str] = set()
 
     def is_awaited(self, waited_ns: int) -> bool:
-        """Return whether a guard runs that does not reach the robot yet, and is worth waiting for.
-
-        Args:
-            waited_ns: How long it has been waited for [ns].
-        """
+        """Return whether a guard runs that does not reach the robot yet, and is worth waiting for."""
         return self.pid != 0 and not self.is_linked and waited_ns < WAIT_NS
 
     def could_hold(self, now_ns: int) -> bool:
-        """Return whether a guard is linked, and for so long that it could hold what it is left.
-
-        Args:
-            now_ns: Monotonic time [ns].
-        """
+        """Return whether a guard is linked, and for so long that it could hold what it is left."""
         return self.is_linked and now_ns - self._linked_ns >= KNOWS_NS
 
     def is_held_elsewhere(self, armed_friends: Iterable[str]) -> bool:

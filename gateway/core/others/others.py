@@ -86,7 +86,8 @@ class Others:
 
     def __init__(self, zids: Iterable[str], policy: str) -> None:
         self._own_zid = ""
-        self._friends: tuple[str, ...] = tuple(zids)[-FRIENDS_KEPT:]
+        self.friends: tuple[str, ...] = tuple(zids)[-FRIENDS_KEPT:]
+        """Zenoh ids of sessions of ours, the latest last: must survive a restart."""
         self._is_hold = policy == "hold"
         self._writers: tuple[Writer, ...] = ()
         self._gateways: tuple[Gateway, ...] = ()
@@ -95,8 +96,10 @@ class Others:
         self._since_ns: dict[object, int] = {}
         self._traces: dict[tuple[str, str], Trace] = {}
         # Those of them who are not ours; asked for many times a tick, and seldom others than before.
-        self._foreign_writers: tuple[Writer, ...] = ()
-        self._foreign_gateways: tuple[Gateway, ...] = ()
+        self.writers: tuple[Writer, ...] = ()
+        """Those who announce to publish on our keys and are not ours."""
+        self.gateways: tuple[Gateway, ...] = ()
+        """Other gateways, armed or not."""
 
     @property
     def own_zid(self) -> str:
@@ -110,15 +113,10 @@ class Others:
 
     # ------------------------------------------------------------------------------------------------ what comes in
 
-    @property
-    def friends(self) -> tuple[str, ...]:
-        """Zenoh ids of sessions of ours, the latest last: must survive a restart."""
-        return self._friends
-
     def befriend(self, zid: str) -> None:
         """Take a session for ours, whatever was seen of it before."""
-        if zid and zid not in self._friends:
-            self._friends = (*self._friends, zid)[-FRIENDS_KEPT:]
+        if zid and zid not in self.friends:
+            self.friends = (*self.friends, zid)[-FRIENDS_KEPT:]
             self._sort_out()
         self._forget({zid})
 
@@ -150,10 +148,10 @@ class Others:
 
     def _sort_out(self) -> None:
         """Find out who is not ours; a publisher of a bridge beside its token counts once."""
-        ours = {*self._friends, self._own_zid}
+        ours = {*self.friends, self._own_zid}
         announced = {(w.zid, w.topic) for w in self._writers if w.means is Means.TOKEN}
-        self._foreign_gateways = tuple(g for g in self._gateways if g.zid not in ours)
-        self._foreign_writers = tuple(
+        self.gateways = tuple(g for g in self._gateways if g.zid not in ours)
+        self.writers = tuple(
             w
             for w in self._writers
             if w.zid not in ours
@@ -167,7 +165,7 @@ class Others:
 
     def see_data(self, data: ForeignData) -> None:
         """Take samples on one of our keys."""
-        if data.zid in self._friends:
+        if data.zid in self.friends:
             return
         key = data.topic, data.zid
         trace = self._traces.get(key)
@@ -191,27 +189,17 @@ class Others:
     @property
     def is_alone(self) -> bool:
         """Whether nobody but us was seen; the rule, so that it costs nothing."""
-        return not (self._foreign_writers or self._foreign_gateways or self._traces)
-
-    @property
-    def writers(self) -> tuple[Writer, ...]:
-        """Those who announce to publish on our keys and are not ours."""
-        return self._foreign_writers
-
-    @property
-    def gateways(self) -> tuple[Gateway, ...]:
-        """Other gateways, armed or not."""
-        return self._foreign_gateways
+        return not (self.writers or self.gateways or self._traces)
 
     @property
     def armed(self) -> tuple[Gateway, ...]:
         """Other gateways that command the robot, or are about to."""
-        return tuple([gateway for gateway in self._foreign_gateways if gateway.is_armed])
+        return tuple([gateway for gateway in self.gateways if gateway.is_armed])
 
     @property
     def armed_friends(self) -> tuple[str, ...]:
         """Zenoh ids of sessions of ours that show a claim: a guard of ours, or of a daemon before this one."""
-        return tuple(g.zid for g in self._gateways if g.is_armed and g.zid in self._friends and g.zid != self.own_zid)
+        return tuple(g.zid for g in self._gateways if g.is_armed and g.zid in self.friends and g.zid != self.own_zid)
 
     def data(self, now_ns: int) -> tuple[Trace, ...]:
         """Return what is being sent by others, the oldest first; what has ended is forgotten.
@@ -296,12 +284,7 @@ class Others:
         return "a session that does not name itself, or a ROS node on the robot"
 
     def has_command_of(self, topic: str, now_ns: int) -> bool:
-        """Return whether a command topic is somebody else's, so that our stop frames must not go on for ever beside it.
-
-        Args:
-            topic: ROS name.
-            now_ns: Monotonic time [ns].
-        """
+        """Return whether a command topic is somebody else's, so that our stop frames must not go on for ever beside it."""
         return bool(self.armed) or (self._is_hold and any(trace.topic == topic for trace in self.data(now_ns)))
 
     def objection(self, now_ns: int) -> Refusal | None:

@@ -89,11 +89,7 @@ class _Symptom:
 
 
 class Diagnosis:
-    """Looks for symptoms.
-
-    Args:
-        coordinator: What is looked at, and where notices go.
-    """
+    """Looks for symptoms."""
 
     def __init__(self, coordinator: Coordinator) -> None:
         self._coordinator = coordinator
@@ -113,11 +109,7 @@ class Diagnosis:
         """What stands now, worst guess first."""
 
     def look(self, now_ns: int) -> bool:
-        """Look for symptoms when it is time; return whether it was.
-
-        Args:
-            now_ns: Monotonic time [ns].
-        """
+        """Look for symptoms when it is time; return whether it was."""
         if self._looked_ns is not None and now_ns // PERIOD_NS == self._looked_ns // PERIOD_NS:
             return False
         is_late = self._looked_ns is not None and now_ns - self._looked_ns > 2 * PERIOD_NS
@@ -213,7 +205,8 @@ class Diagnosis:
     def _silent(self, up_ns: int, now_ns: int) -> Iterator[_Symptom]:
         """Topics of which nothing is believed any more while the link stands."""
         silent = {topic: silent_ns for topic in STATE_TOPICS if (silent_ns := self._silence_ns(topic, up_ns, now_ns))}
-        refused = {topic: why for topic in silent if (why := self._why_not_believed(topic, now_ns))}
+        why_not = self._coordinator.store.why_not_believed
+        refused = {topic: why for topic in silent if (why := why_not(topic, SILENT_NS[topic], now_ns))}
         for topic, why in refused.items():
             text = f"{topic} comes, and no sample of it is believed: {why}"
             facts = {"silent_s": silent[topic] / S}
@@ -246,9 +239,6 @@ class Diagnosis:
         else:
             silent_ns, limit_ns = age_ns, SILENT_NS[topic]
         return silent_ns if silent_ns > limit_ns and self._counts(topic, now_ns) else 0
-
-    def _why_not_believed(self, topic: str, now_ns: int) -> str:
-        return self._coordinator.store.why_not_believed(topic, SILENT_NS[topic], now_ns)
 
     def _counts(self, topic: str, now_ns: int) -> bool:
         """Return whether a topic's part is switched on: what is off may be silent."""

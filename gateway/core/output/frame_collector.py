@@ -63,12 +63,7 @@ class FrameCollector:
         self._gate.resume(topic, values, step)
 
     def frames(self, now_ns: int, *, stops_only: bool) -> tuple[Cleared, ...]:
-        """Return the frames that are due and may leave, in the order in which they must.
-
-        Args:
-            now_ns: Monotonic time [ns].
-            stops_only: A late tick or a panic: nothing but stop frames.
-        """
+        """Return the frames that are due and may leave, in the order in which they must."""
         if not stops_only:
             self._spacing.look(now_ns)
             self._slowing.look(now_ns)

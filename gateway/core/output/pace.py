@@ -27,11 +27,7 @@ LATE_WINDOW_NS = 10 * S
 
 
 class Pace:
-    """Counts ticks and snapshots.
-
-    Args:
-        snapshot_hz: Rate of snapshots while somebody listens [Hz].
-    """
+    """Counts ticks and snapshots."""
 
     def __init__(self, snapshot_hz: float) -> None:
         self._snapshot_period_ns = round(S / snapshot_hz)
@@ -42,12 +38,7 @@ class Pace:
         self._lateness: deque[tuple[int, int]] = deque()
 
     def tick(self, now_ns: int, late_ns: int) -> None:
-        """Note a tick.
-
-        Args:
-            now_ns: Monotonic time [ns].
-            late_ns: How late it was against its grid [ns].
-        """
+        """Note a tick."""
         self._ticks += 1
         if late_ns >= TICK_NS:
             self._skipped += late_ns // TICK_NS
@@ -58,12 +49,7 @@ class Pace:
             self._lateness.popleft()
 
     def snapshot_due(self, now_ns: int, *, is_watched: bool) -> int | None:
-        """Return the number of the snapshot that is due now, from 1, or None.
-
-        Args:
-            now_ns: Monotonic time [ns].
-            is_watched: Whether anybody listens.
-        """
+        """Return the number of the snapshot that is due now, from 1, or None."""
         period_ns = self._snapshot_period_ns if is_watched else UNWATCHED_PERIOD_NS
         if now_ns // period_ns == self._last_snapshot_ns // period_ns:
             return None
@@ -76,11 +62,7 @@ class Pace:
         return min(REST_NS, self._snapshot_period_ns) if is_watched else REST_NS
 
     def view(self, late_ns: int) -> LoopView:
-        """Return the figures for the outside, after a tick.
-
-        Args:
-            late_ns: How late that tick was [ns].
-        """
+        """Return the figures for the outside, after a tick."""
         return LoopView(ticks=self._ticks, skipped=self._skipped, late_ns=late_ns, worst_late_ns=self._lateness[0][1])
 
 

@@ -43,16 +43,7 @@ def build(
     seq: int,
     now_ns: int,
 ) -> Snapshot:
-    """Return the snapshot of this instant.
-
-    Args:
-        coordinator: What is shown.
-        findings: Of the diagnosis.
-        refusals: What the owner would be refused.
-        loop: Figures of the control loop.
-        seq: Number of the snapshot.
-        now_ns: Monotonic time [ns].
-    """
+    """Return the snapshot of this instant."""
     store, supervisor, body, enable = coordinator.store, coordinator.supervisor, coordinator.body, coordinator.enable
     return Snapshot(
         seq=seq,

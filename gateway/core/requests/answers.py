@@ -24,11 +24,7 @@ a reply that was lost (3 s)."""
 
 
 def number_was_used(request_id: int) -> Refusal:
-    """Return the refusal of a request under the number of another one.
-
-    Args:
-        request_id: The number.
-    """
+    """Return the refusal of a request under the number of another one."""
     return Refusal(
         code=Code.BAD_REQUEST,
         message=f"request_id {request_id} was used for another request of this client; this one was not run",
@@ -45,11 +41,7 @@ class Answers:
         self._kept: OrderedDict[tuple[str, int], tuple[int, Reply]] = OrderedDict()
 
     def again(self, command: CommandRequested) -> Reply | None:
-        """Return what a request is answered without being run; None when it is to be run.
-
-        Args:
-            command: The request, as it arrived.
-        """
+        """Return what a request is answered without being run; None when it is to be run."""
         kept = self._kept.get((command.client_id, command.request_id))
         if kept is None or isinstance(command.request, (Stop, Estop)):
             return None
@@ -60,12 +52,7 @@ class Answers:
         return Reply(client_id=command.client_id, request_id=command.request_id, refusal=refusal)
 
     def keep(self, command: CommandRequested, reply: Reply) -> None:
-        """Remember the reply to a request that was run.
-
-        Args:
-            command: The request.
-            reply: To it.
-        """
+        """Remember the reply to a request that was run."""
         self._kept[command.client_id, command.request_id] = command.content, reply
         if len(self._kept) > REPLIES_KEPT:
             self._kept.popitem(last=False)

@@ -35,12 +35,7 @@ NOT_HEARD = frozenset({Code.NO_LINK, Code.STATE_STALE})
 
 
 class Authorisation:
-    """Answers whether a request may pass.
-
-    Args:
-        coordinator: What is asked about.
-        starting: Knows which held arms are away from their references.
-    """
+    """Answers whether a request may pass."""
 
     def __init__(self, coordinator: Coordinator, starting: Starting) -> None:
         self._coordinator = coordinator
@@ -117,15 +112,7 @@ class Authorisation:
     def motion(
         self, command: CommandRequested, epoch: int, sides: Sequence[Side], now_ns: int, space: Space = Space.JOINT
     ) -> Refusal | None:
-        """Refuse unless the owner may move these arms now.
-
-        Args:
-            command: Who asks, and when it arrived.
-            epoch: Lease epoch of the request.
-            sides: Arms that would move.
-            now_ns: Monotonic time [ns].
-            space: In which they would move.
-        """
+        """Refuse unless the owner may move these arms now."""
         coordinator = self._coordinator
         refusal = (
             self.owner(command, epoch)
@@ -152,13 +139,7 @@ class Authorisation:
         )
 
     def ground(self, command: CommandRequested, epoch: int, now_ns: int) -> Refusal | None:
-        """Refuse unless the owner may drive chassis or lift now; neither needs the arms to be enabled.
-
-        Args:
-            command: Who asks, and when it arrived.
-            epoch: Lease epoch of the request.
-            now_ns: Monotonic time [ns].
-        """
+        """Refuse unless the owner may drive chassis or lift now; neither needs the arms to be enabled."""
         return (
             self.owner(command, epoch)
             or self.after_stop(command)

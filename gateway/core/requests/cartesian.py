@@ -72,13 +72,7 @@ class _Job:
 
 
 class Cartesian:
-    """Poses for arms in joint mode.
-
-    Args:
-        coordinator: What is moved.
-        authorisation: Who may.
-        moves: Motions of the arms' own spaces.
-    """
+    """Poses for arms in joint mode."""
 
     def __init__(self, coordinator: Coordinator, authorisation: Authorisation, moves: Moves) -> None:
         self._coordinator = coordinator
@@ -192,11 +186,7 @@ class Cartesian:
     # ------------------------------------------------------------------------------------------------ one tick
 
     def step(self, now_ns: int) -> None:
-        """Work out what was asked for, begin what is worked out, and end what the model can no longer carry.
-
-        Args:
-            now_ns: Monotonic time [ns].
-        """
+        """Work out what was asked for, begin what is worked out, and end what the model can no longer carry."""
         for motion in self._coordinator.body.motions.running:
             if motion.seen is not None:
                 self._watch(motion, now_ns)

@@ -21,12 +21,7 @@ __all__ = ["Driving"]
 
 
 class Driving:
-    """Requests for chassis and lift.
-
-    Args:
-        coordinator: What is moved.
-        authorisation: Who may.
-    """
+    """Requests for chassis and lift."""
 
     def __init__(self, coordinator: Coordinator, authorisation: Authorisation) -> None:
         self._coordinator = coordinator

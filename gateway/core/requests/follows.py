@@ -50,13 +50,7 @@ def worked_out(request: Follow | CheckFollow) -> Chunk | Refusal:
 
 
 class Follows:
-    """Trajectories and chunks of the owner.
-
-    Args:
-        coordinator: What is moved.
-        authorisation: Who may.
-        moves: Ends what drives an arm.
-    """
+    """Trajectories and chunks of the owner."""
 
     def __init__(self, coordinator: Coordinator, authorisation: Authorisation, moves: Moves) -> None:
         self._coordinator = coordinator

@@ -19,12 +19,7 @@ __all__ = ["Gripping"]
 
 
 class Gripping:
-    """Requests for grippers.
-
-    Args:
-        coordinator: What is moved.
-        authorisation: Who may.
-    """
+    """Requests for grippers."""
 
     def __init__(self, coordinator: Coordinator, authorisation: Authorisation) -> None:
         self._coordinator = coordinator

@@ -59,12 +59,7 @@ May: TypeAlias = Callable[[CommandRequested, int, int], Refusal | None]
 
 
 class RequestHandler:
-    """Carries out requests.
-
-    Args:
-        coordinator: What is moved.
-        phases: Courses that requests begin.
-    """
+    """Carries out requests."""
 
     def __init__(self, coordinator: Coordinator, phases: Phases) -> None:
         self._coordinator = coordinator
@@ -114,15 +109,7 @@ class RequestHandler:
         }
 
     def answer(self, command: CommandRequested, now_ns: int) -> Answer:
-        """Carry out one request.
-
-        Args:
-            command: Who asks for what.
-            now_ns: Monotonic time [ns].
-
-        Returns:
-            Facts for the caller, or why nothing was done.
-        """
+        """Carry out one request; return facts for the caller, or why nothing was done."""
         return self._answers[type(command.request)](command, command.request, now_ns)
 
     def _may_move(self, side: Side, command: CommandRequested, epoch: int, now_ns: int) -> Refusal | None:

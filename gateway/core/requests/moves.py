@@ -30,12 +30,7 @@ Answer: TypeAlias = Facts | Refusal
 
 
 class Moves:
-    """Motion requests of the owner.
-
-    Args:
-        coordinator: What is moved.
-        authorisation: Who may.
-    """
+    """Motion requests of the owner."""
 
     def __init__(self, coordinator: Coordinator, authorisation: Authorisation) -> None:
         self._coordinator = coordinator
@@ -158,12 +153,7 @@ class Moves:
         return {"stream_id": stream.stream_id, "values": list(coordinator.body.arms[request.side].values)}
 
     def take_target(self, target: TargetArrived, now_ns: int) -> None:
-        """Follow a streamed target if it may be followed; its stream says why not.
-
-        Args:
-            target: As it arrived.
-            now_ns: Monotonic time [ns].
-        """
+        """Follow a streamed target if it may be followed; its stream says why not."""
         coordinator = self._coordinator
         if self._authorisation.is_before_stop(target.received_ns):
             return

@@ -27,12 +27,7 @@ _Key: TypeAlias = tuple[int, State, tuple[str, ...], str, int, bool]
 
 
 class Preconditions:
-    """Keeps the answers.
-
-    Args:
-        coordinator: Whose owner asks.
-        handler: Who answers.
-    """
+    """Keeps the answers."""
 
     def __init__(self, coordinator: Coordinator, handler: RequestHandler) -> None:
         self._coordinator = coordinator
@@ -42,11 +37,7 @@ class Preconditions:
         """By kind of request why it would be refused; kinds that would be accepted are left out."""
 
     def look(self, now_ns: int) -> None:
-        """Ask anew when it is time, or when something has changed.
-
-        Args:
-            now_ns: Monotonic time [ns].
-        """
+        """Ask anew when it is time, or when something has changed."""
         coordinator = self._coordinator
         supervisor, lease = coordinator.supervisor, coordinator.lease
         client_id = lease.owner.client_id if lease.owner else ""

@@ -86,12 +86,7 @@ class BodyModel:
         self._verdicts: dict[Side, tuple[int, Verdict]] = {}
 
     def hear(self, event: SampleArrived, now_ns: int) -> None:
-        """Take what arrived: joints and poses of the arms; everything else is passed over.
-
-        Args:
-            event: As the engine got it.
-            now_ns: Monotonic time [ns].
-        """
+        """Take what arrived: joints and poses of the arms; everything else is passed over."""
         side, value = SIDES.get(event.topic), event.value
         if side is None:
             return
@@ -121,12 +116,7 @@ class BodyModel:
         return joint_speeds(self.arms[side].jacobian(q_rad), rates)
 
     def verdict(self, side: Side, now_ns: int) -> Verdict:
-        """Return what is known of an arm's model, at most 0.4 s old.
-
-        Args:
-            side: Which arm.
-            now_ns: Monotonic time [ns].
-        """
+        """Return what is known of an arm's model, at most 0.4 s old."""
         turn = (now_ns + TURN_NS[side]) // JUDGED_NS
         kept = self._verdicts.get(side)
         if kept is None or turn != kept[0]:
@@ -139,11 +129,7 @@ class BodyModel:
         Only a model that has agreed with this robot can tell; the median of seconds that it goes by is not moved by the
         sample that is to be judged.
 
-        Args:
-            side: Which arm.
-            q_rad: Measured joints, shape (7,) [rad].
-            pose: Measured pose of its end effector, of about the same time.
-            now_ns: Monotonic time [ns].
+        Joints, shape (7,) [rad], and pose were measured at about the same time.
         """
         if not self.verdict(side, now_ns).is_usable:
             return False
@@ -152,12 +138,7 @@ class BodyModel:
         return off.exceeds(Gap(limits.angle_rad + APART_RAD, limits.position_m + APART_M))
 
     def refusal(self, side: Side, now_ns: int) -> Refusal | None:
-        """Return why an arm may not be moved by the model; None while it agrees with the robot.
-
-        Args:
-            side: Which arm.
-            now_ns: Monotonic time [ns].
-        """
+        """Return why an arm may not be moved by the model; None while it agrees with the robot."""
         verdict = self.verdict(side, now_ns)
         if verdict.is_usable:
             return None
@@ -185,10 +166,6 @@ def arrival_ns(event: SampleArrived, now_ns: int) -> int:
 
     Where nobody saw it arrive its stamp is that of the look before, so that it never looks younger than it is: the newest of
     several came near the end of the time between.
-
-    Args:
-        event: As the engine got it.
-        now_ns: When it was taken [ns].
     """
     return now_ns - (now_ns - event.received_ns) // (2 * max(event.count, 1))
 

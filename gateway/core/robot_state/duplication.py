@@ -28,11 +28,7 @@ class Duplication:
         self._times = 1
 
     def note(self, event: SampleArrived) -> str:
-        """Count an arrival; return what is to be told about it, or nothing.
-
-        Args:
-            event: Samples of one topic since the last such event.
-        """
+        """Count an arrival; return what is to be told about it, or nothing."""
         before = self._seen.get(event.topic)
         if before is None and not event.duplicates:
             return ""

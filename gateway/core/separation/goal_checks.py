@@ -23,12 +23,7 @@ TOUCHED_M = 1e-9
 
 
 def why_off(coordinator: Coordinator, now_ns: int) -> Refusal | None:
-    """Return why arms are not kept apart now; None while they are.
-
-    Args:
-        coordinator: Model and settings.
-        now_ns: Monotonic time [ns].
-    """
+    """Return why arms are not kept apart now; None while they are."""
     if not coordinator.settings.model.self_collision:
         message = "section [model] of the configuration does not ask for it"
         return Refusal(code=Code.MODEL_OFF, message=message, field="model.self_collision", value="false")
@@ -53,11 +48,8 @@ def check_goals(
 ) -> Refusal | None:
     """Refuse goals at which parts of the body would be nearer than the margin, and nearer than they are.
 
-    Args:
-        coordinator: Model, and where the arms are and are bound for.
-        goals: Joint angles inside the limits, per side shape (7,) [rad].
-        now_ns: Monotonic time [ns].
-        hands_only: Whether only the poses of the hands are sure, and not how the arms will be bent.
+    Goals are inside the limits, per side shape (7,) [rad]; with `hands_only` only the poses of the hands are sure,
+    and not how the arms will be bent.
     """
     model, here = coordinator.model, whereabouts(coordinator)
     if model is None or model.collision is None or len(here) < len(Side) or why_off(coordinator, now_ns) is not None:
@@ -84,14 +76,7 @@ def check_goals(
 
 
 def check_unguarded(coordinator: Coordinator, sides: Sequence[Side], space: Space, now_ns: int) -> Refusal | None:
-    """Refuse to move an arm by poses while arms are kept apart: where its joints go is the robot's own secret.
-
-    Args:
-        coordinator: Model and settings.
-        sides: Arms that would move.
-        space: In which they would.
-        now_ns: Monotonic time [ns].
-    """
+    """Refuse to move an arm by poses while arms are kept apart: where its joints go is the robot's own secret."""
     if space is Space.JOINT or why_off(coordinator, now_ns) is not None:
         return None
     side = sides[0]

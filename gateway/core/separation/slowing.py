@@ -115,11 +115,7 @@ class _Gauge:
 
 
 class Slowing:
-    """Bounds the speed of followed poses.
-
-    Args:
-        coordinator: Arms, model, and where notices go.
-    """
+    """Bounds the speed of followed poses."""
 
     def __init__(self, coordinator: Coordinator) -> None:
         self._coordinator = coordinator
@@ -129,11 +125,7 @@ class Slowing:
         self._was_off_told: set[Side] = set()
 
     def look(self, now_ns: int) -> None:
-        """Look at the arms whose next pose leaves in this tick, before it is taken.
-
-        Args:
-            now_ns: Monotonic time [ns].
-        """
+        """Look at the arms whose next pose leaves in this tick, before it is taken."""
         body = self._coordinator.body
         for side, arm in body.pose_arms.items():
             due_ns = arm.next_due_ns()

@@ -68,11 +68,7 @@ Moved = Mapping[Side, JointReference]
 
 
 class Spacing:
-    """Leads the setpoints of both arms apart.
-
-    Args:
-        coordinator: Arms, model, and where notices go.
-    """
+    """Leads the setpoints of both arms apart."""
 
     def __init__(self, coordinator: Coordinator) -> None:
         self._coordinator = coordinator
@@ -88,11 +84,7 @@ class Spacing:
         """When each arm that follows a target was held back last [ns]."""
 
     def look(self, now_ns: int) -> None:
-        """Look at the setpoints of this tick before they are taken, and change what has to be changed.
-
-        Args:
-            now_ns: Monotonic time [ns].
-        """
+        """Look at the setpoints of this tick before they are taken, and change what has to be changed."""
         model = self._coordinator.model
         if model is None or model.approach is None:
             return
@@ -197,7 +189,7 @@ class Spacing:
             ]
         arm, measured = self._coordinator.body.joint_arms[side], self._coordinator.store.arm(side)
         if arm.running:  # not due in this tick
-            stops = [stop_extent(v, a, a_max, j_max) for v, a in zip(arm.rates, arm.forces, strict=True)]
+            stops = [stop_extent(v, a, a_max, j_max) for v, a in zip(arm.rates, arm.reference.forces, strict=True)]
         else:
             speeds = measured.dq_radps if measured is not None and measured.dq_radps else REST
             stops = [STAYS if abs(v) < ADRIFT_RADPS else stop_extent(v, 0.0, a_max, j_max) for v in speeds]

@@ -13,12 +13,7 @@ __all__ = ["ArmStream"]
 
 
 class ArmStream(SetpointStream):
-    """Joint setpoints of one arm, seven positions [rad].
-
-    Args:
-        side: Which arm.
-        settings: Limits and rate.
-    """
+    """Joint setpoints of one arm, seven positions [rad]."""
 
     reference: JointReference
 

@@ -19,11 +19,7 @@ ZEROS: Vector = (0.0, 0.0, 0.0)
 
 
 class ChassisStream(GroundStream):
-    """Velocities of the chassis: vx, vy [m/s], wz [rad/s].
-
-    Args:
-        settings: Its ramps.
-    """
+    """Velocities of the chassis: vx, vy [m/s], wz [rad/s]."""
 
     def __init__(self, settings: ChassisSettings) -> None:
         super().__init__(CHASSIS_VELOCITY)
@@ -45,12 +41,7 @@ class ChassisStream(GroundStream):
     def drive(self, wanted: Vector, *, epoch: int, expires_ns: int, now_ns: int, drive_id: int = 0) -> Code | None:
         """Ramp to a velocity; see `GroundStream.renew`.
 
-        Args:
-            wanted: vx, vy [m/s], wz [rad/s], finite and inside the limits.
-            epoch: Under which lease.
-            expires_ns: Until when it counts [ns].
-            now_ns: Monotonic time [ns].
-            drive_id: 0 for another drive, else the number of the one to go on with.
+        `wanted` is vx, vy [m/s], wz [rad/s], finite and inside the limits; drive and expiry are as for `renew`.
         """
         code = self.renew(epoch, expires_ns, now_ns, drive_id)
         if code is None:

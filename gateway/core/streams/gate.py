@@ -115,14 +115,7 @@ class _Past(NamedTuple):
 
 
 class Gate:
-    """Judges frames.
-
-    Args:
-        arm: Limits of the arms, the configured ones.
-        variant: Which command topics exist.
-        chassis: Limits of the chassis, the configured ones.
-        pose: Limits of the end effectors, the configured ones.
-    """
+    """Judges frames."""
 
     def __init__(
         self,
@@ -153,10 +146,6 @@ class Gate:
 
     def clear(self, frame: Frame, context: GateContext) -> Cleared | Refusal:
         """Judge a frame. Call it for the frames of a topic in the order in which they leave.
-
-        Args:
-            frame: What is to be sent.
-            context: The facts of this tick.
 
         Returns:
             The same frame, cleared; or GATE_VIOLATION with what was wrong. A refused frame leaves no trace here.

@@ -40,11 +40,7 @@ class Grid:
         self._index, self._next_ns = index - 1, self._instant(index)
 
     def due(self, now_ns: int) -> int | None:
-        """Return the instant that is due, or None. Each instant is given once; of several missed ones only the newest.
-
-        Args:
-            now_ns: Monotonic time [ns].
-        """
+        """Return the instant that is due, or None. Each instant is given once; of several missed ones only the newest."""
         due_ns = self._next_ns
         if now_ns < due_ns:
             return None

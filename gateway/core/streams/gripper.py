@@ -23,12 +23,7 @@ __all__ = ["GripperStream"]
 
 
 class GripperStream:
-    """Force inputs of one gripper, 0 (opens most) to 1 (closes most).
-
-    Args:
-        side: Which gripper.
-        is_arm_streamed: Whether its arm's stream runs.
-    """
+    """Force inputs of one gripper, 0 (opens most) to 1 (closes most)."""
 
     def __init__(self, side: Side, is_arm_streamed: Callable[[], bool]) -> None:
         self.topic = gripper_command(side)
@@ -88,11 +83,7 @@ class GripperStream:
         return self._grid.next_ns() if self.running else None
 
     def frame(self, now_ns: int) -> Frame | None:
-        """Return the input that is due now, or None.
-
-        Args:
-            now_ns: Monotonic time [ns].
-        """
+        """Return the input that is due now, or None."""
         due_ns = self._grid.due(now_ns) if self.running else None
         if due_ns is None:
             return None

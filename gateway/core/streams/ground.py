@@ -31,11 +31,7 @@ LIFT_OFF: Vector = (0.0, 0.0)
 
 
 class GroundStream(ABC):
-    """Sends an owner's velocities; else repeats the stop frame for a second, sends the end asked for, and falls silent.
-
-    Args:
-        topic: Command topic of the chassis or the lift.
-    """
+    """Sends an owner's velocities; else repeats the stop frame for a second, sends the end asked for, and falls silent."""
 
     def __init__(self, topic: str) -> None:
         self.topic = topic
@@ -67,16 +63,9 @@ class GroundStream(ABC):
     # ------------------------------------------------------------------------------------------------ driving
 
     def renew(self, epoch: int, expires_ns: int, now_ns: int, drive_id: int) -> Code | None:
-        """Begin a drive, or go on with one.
+        """Begin a drive, or go on with one; return why the named one is over (nothing has changed then), None when it goes on.
 
-        Args:
-            epoch: Under which lease.
-            expires_ns: Until when its velocity counts [ns].
-            now_ns: Monotonic time [ns].
-            drive_id: 0 for another drive, else the number of the one to go on with.
-
-        Returns:
-            Why the named drive is over; nothing has changed then. None when it goes on.
+        Drive 0 is a new one, any other number the one to go on with; its velocity counts until `expires_ns`.
         """
         if drive_id == 0:
             self.drive_id += 1
@@ -97,12 +86,7 @@ class GroundStream(ABC):
             self.code = code
 
     def cut(self, code: Code, now_ns: int) -> None:
-        """End the drive and stop what is being driven; a group that nobody drives is left alone.
-
-        Args:
-            code: Why.
-            now_ns: Monotonic time [ns].
-        """
+        """End the drive and stop what is being driven; a group that nobody drives is left alone."""
         self.end(code)
         if self.is_driven and self._is_unsent:
             self._withdraw()
@@ -179,11 +163,7 @@ class GroundStream(ABC):
         return self._grid.next_ns() if self.running else None
 
     def frame(self, now_ns: int) -> Frame | None:
-        """Return the frame that is due now, or None.
-
-        Args:
-            now_ns: Monotonic time [ns].
-        """
+        """Return the frame that is due now, or None."""
         due_ns = self._grid.due(now_ns) if self.running else None
         if due_ns is None:
             return None

@@ -138,11 +138,7 @@ class HeartbeatStream:
         return self._grid.next_ns() if self.running else None
 
     def frame(self, now_ns: int) -> Frame | None:
-        """Return the heartbeat that is due now, or None.
-
-        Args:
-            now_ns: Monotonic time [ns].
-        """
+        """Return the heartbeat that is due now, or None."""
         if self.beat is Beat.ZERO and not self._is_new:
             self._end_zeros(now_ns)
         due_ns = self._grid.due(now_ns) if self.running else None

@@ -37,12 +37,7 @@ class LiftStream(GroundStream):
     def drive(self, velocity: float, *, epoch: int, expires_ns: int, now_ns: int, drive_id: int = 0) -> Code | None:
         """Go up or down; see `GroundStream.renew`.
 
-        Args:
-            velocity: -1 (down) to 1 (up), finite.
-            epoch: Under which lease.
-            expires_ns: Until when it counts [ns].
-            now_ns: Monotonic time [ns].
-            drive_id: 0 for another drive, else the number of the one to go on with.
+        `velocity` is -1 (down) to 1 (up), finite; drive and expiry are as for `renew`.
         """
         code = self.renew(epoch, expires_ns, now_ns, drive_id)
         if code is None:

@@ -13,12 +13,7 @@ __all__ = ["PoseStream"]
 
 
 class PoseStream(SetpointStream):
-    """Poses of one end effector in its arm's shoulder frame: x, y, z [m], qx, qy, qz, qw.
-
-    Args:
-        side: Which arm.
-        settings: Limits and rate.
-    """
+    """Poses of one end effector in its arm's shoulder frame: x, y, z [m], qx, qy, qz, qw."""
 
     reference: PoseReference
 

@@ -22,19 +22,7 @@ __all__ = ["SetpointStream"]
 
 
 class SetpointStream:
-    """Setpoints of one arm.
-
-    Args:
-        topic: Command topic.
-        space: Of the setpoints.
-        reference: What generates them.
-        rate_hz: How many a second [Hz].
-        tracking: Bound of the distance between setpoint and measured arm.
-
-    Attributes:
-        reference: The same.
-        tracking: The same bound.
-    """
+    """Setpoints of one arm, out of a reference; `tracking` bounds their distance from the measured arm."""
 
     def __init__(self, topic: str, space: Space, reference: Reference[Any], rate_hz: float, tracking: Gap) -> None:
         self.reference = reference
@@ -54,10 +42,6 @@ class SetpointStream:
     def start(self, values: Vector, now_ns: int) -> None:
         """Begin to echo a measured setpoint; the only way in which the setpoint may jump.
 
-        Args:
-            values: Where the arm is, in this space, inside the limits.
-            now_ns: Monotonic time [ns].
-
         Raises:
             PlanFailed: It is not inside the limits; nothing has changed.
         """
@@ -69,9 +53,6 @@ class SetpointStream:
 
     def stay_with(self, values: Vector) -> None:
         """Repeat where an arm is that nobody drives, from the next frame on; the frames go on in their time.
-
-        Args:
-            values: Where it is, in this space, inside the limits.
 
         Raises:
             PlanFailed: It is not inside the limits; nothing has changed.
@@ -88,12 +69,6 @@ class SetpointStream:
 
     def enter(self, values: Vector, rates: Vector, forces: Vector, now_ns: int) -> None:
         """Go on where another process's stream was interrupted: brake from its last setpoint, then hold.
-
-        Args:
-            values: That setpoint.
-            rates: Its velocity, as `rates` gives it.
-            forces: Its acceleration, as `forces` gives it.
-            now_ns: Monotonic time [ns].
 
         Raises:
             PlanFailed: It cannot brake inside the limits; nothing has changed.
@@ -153,24 +128,9 @@ class SetpointStream:
         return self.reference.rates
 
     @property
-    def forces(self) -> Vector:
-        """Its acceleration."""
-        return self.reference.forces
-
-    @property
     def period_s(self) -> float:
         """Time between setpoints [s]."""
         return self.reference.period_s
-
-    @property
-    def progress(self) -> float:
-        """Part of the path that has been handed out, 0..1."""
-        return self.reference.progress
-
-    @property
-    def is_limited(self) -> bool:
-        """Whether followed targets ask for more than the limits allow."""
-        return self.reference.is_limited
 
     @property
     def is_at_rest(self) -> bool:
@@ -201,11 +161,7 @@ class SetpointStream:
         return FrameKind.WALK if self._is_walking else FrameKind.MOTION
 
     def frame(self, now_ns: int) -> Frame | None:
-        """Return the setpoint that is due now, or None. The reference advances one nominal period per frame.
-
-        Args:
-            now_ns: Monotonic time [ns].
-        """
+        """Return the setpoint that is due now, or None. The reference advances one nominal period per frame."""
         if not self.running:
             return None
         due_ns = self._grid.due(now_ns)

@@ -27,11 +27,7 @@ STARTED_NS = 150_000_000
 
 
 class Conditions:
-    """Reads the robot's condition.
-
-    Args:
-        coordinator: Store, body and supervisor.
-    """
+    """Reads the robot's condition."""
 
     def __init__(self, coordinator: Coordinator) -> None:
         self._coordinator = coordinator
@@ -50,9 +46,6 @@ class Conditions:
 
         While a first 1.0 may be under way the word is old: the robot may have started, and the arm have sunk onto its
         setpoint, before the FSM is heard again.
-
-        Args:
-            now_ns: Monotonic time [ns].
         """
         store, beat_ns = self._coordinator.store, self.first_beat_ns
         is_paused = store.is_fresh(now_ns) and store.fsm(now_ns) == FsmState.PAUSE
@@ -61,11 +54,7 @@ class Conditions:
         return (store.fsm_received_ns or 0) > beat_ns + STARTED_NS
 
     def look(self, now_ns: int) -> Iterator[tuple[Trigger, str]]:
-        """Give the triggers that hold now, most serious first, each with its reason.
-
-        Args:
-            now_ns: Monotonic time [ns].
-        """
+        """Give the triggers that hold now, most serious first, each with its reason."""
         coordinator = self._coordinator
         store, state = coordinator.store, coordinator.state
         if not coordinator.transport_up:

@@ -79,13 +79,7 @@ class EnableRecord:
 
 
 class Coordinator:
-    """Supervisor, body, lease and store, moving together.
-
-    Args:
-        settings: All of them.
-        remembered: What an earlier daemon left: latches and the last epoch.
-        model: Of the body; None where there shall be none.
-    """
+    """Supervisor, body, lease and store, moving together."""
 
     def __init__(self, settings: Settings, remembered: Remembered, model: BodyModel | None = None) -> None:
         self.settings = settings
@@ -249,16 +243,7 @@ class Coordinator:
     # ------------------------------------------------------------------------------------------------ moving
 
     def fire(self, trigger: Trigger, now_ns: int, message: str = "") -> Cell:
-        """Do what the table says for a trigger in the present state.
-
-        Args:
-            trigger: What happened.
-            now_ns: Monotonic time [ns].
-            message: Why, in words: for ended motions, latches and notices.
-
-        Returns:
-            The cell that was carried out; when it refuses, nothing was done.
-        """
+        """Do what the table says for a trigger in the present state; return that cell: when it refuses, nothing was done."""
         cell = self.supervisor.cell(trigger)
         if cell.refuse is not None:
             return cell

@@ -25,22 +25,14 @@ __all__ = ["Drives"]
 
 
 class Drives:
-    """Looks after chassis and lift, and at the grippers (`grip.py`).
-
-    Args:
-        coordinator: Store, lease, supervisor and body.
-    """
+    """Looks after chassis and lift, and at the grippers (`grip.py`)."""
 
     def __init__(self, coordinator: Coordinator) -> None:
         self._coordinator = coordinator
         self._grips = Grips(coordinator)
 
     def step(self, now_ns: int) -> None:
-        """Do what is due.
-
-        Args:
-            now_ns: Monotonic time [ns].
-        """
+        """Do what is due."""
         coordinator, body = self._coordinator, self._coordinator.body
         store = coordinator.store
         self._grips.step(now_ns)

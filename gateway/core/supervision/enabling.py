@@ -32,13 +32,7 @@ FSM_NAMES: dict[int | None, str] = {None: "unknown", **{state.value: state.name 
 
 
 class Enabling:
-    """The course of one `enable` after the other.
-
-    Args:
-        coordinator: What is moved.
-        conditions: What is told that an enabling begins.
-        starting: How streams begin.
-    """
+    """The course of one `enable` after the other."""
 
     def __init__(self, coordinator: Coordinator, conditions: Conditions, starting: Starting) -> None:
         self._coordinator = coordinator
@@ -89,11 +83,7 @@ class Enabling:
         self._coordinator.fire(Trigger.ENABLE_TIMEOUT, now_ns, refusal.message)
 
     def step(self, now_ns: int) -> None:
-        """Take the step that is due.
-
-        Args:
-            now_ns: Monotonic time [ns].
-        """
+        """Take the step that is due."""
         coordinator = self._coordinator
         value = coordinator.store.fsm(now_ns)
         if now_ns - self._started_ns > coordinator.settings.enable.timeout_ns:

@@ -29,22 +29,14 @@ OPEN_RAD = 0.03
 
 
 class Grips:
-    """Looks at both grippers.
-
-    Args:
-        coordinator: Store and streams.
-    """
+    """Looks at both grippers."""
 
     def __init__(self, coordinator: Coordinator) -> None:
         self._coordinator = coordinator
         self._still_since_ns: dict[Side, int | None] = dict.fromkeys(Side, None)
 
     def step(self, now_ns: int) -> None:
-        """Look once.
-
-        Args:
-            now_ns: Monotonic time [ns].
-        """
+        """Look once."""
         for side, gripper in self._coordinator.body.grippers.items():
             gripper.is_holding = self._look(side, gripper.raw, now_ns) if gripper.running else None
 

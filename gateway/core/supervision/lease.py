@@ -129,12 +129,9 @@ class Lease:
     # ------------------------------------------------------------------------------------------------ who commands
 
     def acquire(self, client_id: str, name: str, pid: int, on_loss: OnLoss, now_ns: int) -> int | Refusal:
-        """Give the lease when it is free.
+        """Give the lease when it is free: return the epoch, or LEASE_HELD with owner, pid, since and when it may be free.
 
         The owner who asks again keeps its epoch, its clocks end, and the latest `on_loss` counts.
-
-        Returns:
-            The epoch, or LEASE_HELD with owner, pid, since and, while the clocks run, when it gets free.
         """
         self._now_ns = now_ns
         if self._owner is not None and not self._is_owner(client_id):
@@ -144,11 +141,7 @@ class Lease:
         return self._give(client_id, name, pid, on_loss, now_ns)
 
     def take(self, client_id: str, name: str, pid: int, reason: str, on_loss: OnLoss, now_ns: int) -> int | Refusal:
-        """Give the lease whoever holds it; for people.
-
-        Returns:
-            The epoch: a new one, unless the caller owns the robot already. BAD_REQUEST without a reason.
-        """
+        """Give the lease whoever holds it: return its epoch, a new one unless the caller has it; BAD_REQUEST without reason."""
         if not reason.strip():
             return Refusal(
                 code=Code.BAD_REQUEST,

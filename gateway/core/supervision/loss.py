@@ -27,11 +27,7 @@ STAGE_NAMES = {
 
 
 class Loss:
-    """Looks at the lease's clocks.
-
-    Args:
-        coordinator: What is moved.
-    """
+    """Looks at the lease's clocks."""
 
     def __init__(self, coordinator: Coordinator) -> None:
         self._coordinator = coordinator

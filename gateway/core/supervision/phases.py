@@ -39,12 +39,7 @@ BRAKE_NS = 3 * S
 
 
 class Phases:
-    """Courses of the supervisor that take more than one tick.
-
-    Args:
-        coordinator: What is moved.
-        conditions: What is told that an enabling begins.
-    """
+    """Courses of the supervisor that take more than one tick."""
 
     def __init__(self, coordinator: Coordinator, conditions: Conditions) -> None:
         self._coordinator = coordinator
@@ -61,11 +56,7 @@ class Phases:
         self._done_ns: int | None = None
 
     def step(self, now_ns: int) -> None:
-        """Take the steps that are due.
-
-        Args:
-            now_ns: Monotonic time [ns].
-        """
+        """Take the steps that are due."""
         coordinator = self._coordinator
         if coordinator.state in STREAMING and self._conditions.is_unfollowed(now_ns) and self.starting.stay(now_ns):
             self.enabling.echo_changed(now_ns)

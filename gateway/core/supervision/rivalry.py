@@ -22,11 +22,7 @@ NEWCOMER_NS = 1_000_000_000
 
 
 class Rivalry:
-    """Follows others.
-
-    Args:
-        coordinator: What is moved.
-    """
+    """Follows others."""
 
     def __init__(self, coordinator: Coordinator) -> None:
         self._coordinator = coordinator
@@ -48,11 +44,7 @@ class Rivalry:
         self._coordinator.claim.link_up(now_ns)
 
     def receive(self, sighting: Sighting) -> None:
-        """Take what the link saw.
-
-        Args:
-            sighting: Of others, or of our own claim.
-        """
+        """Take what the link saw."""
         others = self._coordinator.others
         if isinstance(sighting, ForeignData):
             others.see_data(sighting)
@@ -66,11 +58,7 @@ class Rivalry:
             others.befriend(sighting.zid)
 
     def step(self, now_ns: int) -> None:
-        """Claim or withdraw, say who came and went, and end a 0.0 that would fall in somebody else's motion.
-
-        Args:
-            now_ns: Monotonic time [ns].
-        """
+        """Claim or withdraw, say who came and went, and end a 0.0 that would fall in somebody else's motion."""
         coordinator = self._coordinator
         body, others = coordinator.body, coordinator.others
         is_wanted = coordinator.lease.owner is not None or coordinator.state in STREAMING

@@ -17,11 +17,7 @@ DOUBT_NS = 100_000_000
 
 
 class Silence:
-    """The time since somebody's last sign of life.
-
-    Args:
-        heard_ns: The first one [ns].
-    """
+    """The time since somebody's last sign of life."""
 
     __slots__ = ("_pause_ns", "heard_ns", "now_ns")
 

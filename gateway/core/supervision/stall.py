@@ -36,12 +36,7 @@ STARTED = frozenset({FsmState.SLOW_START, FsmState.READY})
 
 
 class Stall:
-    """What happens while the robot is not heard, and afterwards.
-
-    Args:
-        coordinator: What is moved.
-        starting: How streams begin.
-    """
+    """What happens while the robot is not heard, and afterwards."""
 
     def __init__(self, coordinator: Coordinator, starting: Starting) -> None:
         self._coordinator = coordinator
@@ -58,11 +53,7 @@ class Stall:
         """When it was last not heard, with an e-stop that it may not know [ns]; None once that is settled."""
 
     def step(self, now_ns: int) -> None:
-        """Take the steps that are due.
-
-        Args:
-            now_ns: Monotonic time [ns].
-        """
+        """Take the steps that are due."""
         coordinator = self._coordinator
         if coordinator.state is State.STALE:
             self._while_stale(now_ns)

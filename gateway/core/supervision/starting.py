@@ -37,11 +37,7 @@ WALK_SPEED = 0.3
 
 
 class Starting:
-    """Begins streams, and leads references back.
-
-    Args:
-        coordinator: Store, streams and settings.
-    """
+    """Begins streams, and leads references back."""
 
     def __init__(self, coordinator: Coordinator) -> None:
         self._coordinator = coordinator
@@ -49,11 +45,8 @@ class Starting:
     def seed(self, sides: Sequence[Side], now_ns: int, unnoticed: Container[Side] = ()) -> Refusal | None:
         """Start the streams of these arms at their measured positions, or none of them and say why.
 
-        Args:
-            sides: Arms whose measured state is believed.
-            now_ns: Monotonic time [ns].
-            unnoticed: Arms that fell silent at rest, so short a time ago that the robot has not noticed: they go on from
-                their last setpoint.
+        The measured state of `sides` is believed. Those that fell silent at rest, so short a time ago that the robot
+        has not noticed, go on from their last setpoint.
         """
         coordinator = self._coordinator
         starts = {}
@@ -82,9 +75,6 @@ class Starting:
         """Set the references of running arms to where these are, which nobody drives; return whether one changed.
 
         An arm whose state is not fresh, or that is outside its limits, cannot be followed: its reference is kept, at rest.
-
-        Args:
-            now_ns: Monotonic time [ns].
         """
         coordinator, is_changed = self._coordinator, False
         for side, arm in coordinator.body.arms.items():
@@ -128,9 +118,6 @@ class Starting:
     def join(self, now_ns: int) -> Refusal | None:
         """Start the streams of arms that were enabled again while the others were held; HOLDING goes on for all.
 
-        Args:
-            now_ns: Monotonic time [ns].
-
         Returns:
             Why an arm that the robot has enabled cannot be started; nothing has started then.
         """
@@ -167,14 +154,7 @@ class Starting:
         return strayed
 
     def walk(self, now_ns: int) -> Refusal | None:
-        """Lead references that are off by more than the tracking bound back to their arms.
-
-        Args:
-            now_ns: Monotonic time [ns].
-
-        Returns:
-            Why it cannot be: the arm is outside its limits, or no path is found. Nothing walks then.
-        """
+        """Lead references that are off by more than the tracking bound back to their arms; return why none walks, if so."""
         coordinator = self._coordinator
         goals: dict[Side, Vector] = {}
         for side in self.strayed(now_ns):

@@ -327,11 +327,7 @@ END_CODE: dict[Trigger, Code] = {
 
 
 class Supervisor:
-    """Holds the state and the latches; moves only by the table.
-
-    Args:
-        latches: Causes remembered from an earlier run.
-    """
+    """Holds the state and the latches; moves only by the table."""
 
     def __init__(self, latches: Mapping[Code, str]) -> None:
         self.state = State.OFFLINE

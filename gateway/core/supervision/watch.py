@@ -26,11 +26,7 @@ S = 1_000_000_000
 
 
 class Watch:
-    """Answers stop endpoints, and looks at their clocks.
-
-    Args:
-        coordinator: What is moved.
-    """
+    """Answers stop endpoints, and looks at their clocks."""
 
     def __init__(self, coordinator: Coordinator) -> None:
         self._coordinator = coordinator

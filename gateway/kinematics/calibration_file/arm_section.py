@@ -83,11 +83,6 @@ class ArmCalibration:
 def arm_of(name: str, row: Mapping[str, Any], conventions: Conventions) -> ArmCalibration:
     """Return what a file says of an arm.
 
-    Args:
-        name: `left` or `right`.
-        row: The entry.
-        conventions: Of the file.
-
     Raises:
         ValueRefused: It cannot be meant: another name, a key that is unknown or missing, numbers beyond their bounds.
     """

@@ -88,11 +88,6 @@ class CameraCalibration:
 def camera_of(name: str, row: Mapping[str, Any], conventions: Conventions) -> CameraCalibration:
     """Return what a section says.
 
-    Args:
-        name: Of the camera, one of `eyes.CAMERAS`.
-        row: The section.
-        conventions: Of the file.
-
     Raises:
         ValueRefused: A key is missing or unknown, a number cannot be meant, the eyes are in the wrong order. The message
             names the camera.

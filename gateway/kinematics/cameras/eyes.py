@@ -87,9 +87,6 @@ def nominal_lens(camera: Camera) -> Fisheye:
     """Return a stand-in for the lens of one eye at the size of the view: equal angles per pixel over the field of view.
 
     The published fields of view give some 4 % less focal length than the one calibration that is known.
-
-    Args:
-        camera: From the description.
     """
     width, height = camera.sensor_px
     across, down = (math.radians(angle) for angle in camera.field_of_view_deg)

@@ -85,10 +85,6 @@ class Intrinsics:
     def scaled(self, width_px: int, height_px: int) -> Intrinsics:
         """Return the intrinsics of the same picture at another size.
 
-        Args:
-            width_px: Columns wanted [px].
-            height_px: Rows wanted [px].
-
         Raises:
             ValueRefused: The shape differs: that would be another part of the picture.
         """

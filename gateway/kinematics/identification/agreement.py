@@ -20,13 +20,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import Enum
 from statistics import median
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
 from gateway.kinematics.identification.pairing import BOUND_NS, Pair, Pairing
 from gateway.kinematics.placement import Placement, rows_from_quat, turn_rad
+from gateway.kinematics.solving.chain import ArmChain
 from gateway.values import EePose, Side, ValueRefused, Vector
 
-__all__ = ["Agreement", "Arm", "ModelJudge", "Tolerances", "Verdict"]
+__all__ = ["Agreement", "ModelJudge", "Tolerances", "Verdict"]
 
 MOST_PAIRS = 2000
 """Of a window; older ones are let go."""
@@ -38,13 +39,6 @@ this a lag of 20 ms is half believed when what it explains is a fifth of a toler
 FAR = 10.0
 """A residual that is so many tolerances beyond what the longest lag makes is none's."""
 STANDING: Vector = (0.0, 0.0, 0.0)
-
-
-class Arm(Protocol):
-    """What is judged: `chain.ArmChain` is one."""
-
-    def forward(self, q_rad: Sequence[float]) -> Placement:
-        """Return the end effector in the shoulder frame for joints, shape (7,) [rad]."""
 
 
 class Agreement(str, Enum):
@@ -142,15 +136,9 @@ class _Residual(NamedTuple):
 
 
 class ModelJudge:
-    """Judges the model of one arm.
+    """Judges the model of one arm."""
 
-    Args:
-        side: Which arm.
-        arm: Its model.
-        tolerances: From when on it is another one.
-    """
-
-    def __init__(self, side: Side, arm: Arm, tolerances: Tolerances | None = None) -> None:
+    def __init__(self, side: Side, arm: ArmChain, tolerances: Tolerances | None = None) -> None:
         self.side = side
         self._arm = arm
         self._tolerances = Tolerances() if tolerances is None else tolerances

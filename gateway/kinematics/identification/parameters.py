@@ -40,10 +40,6 @@ class Group(str, Enum):
 class Parameters:
     """A choice of parameters of one arm.
 
-    Args:
-        chain: The arm, as described.
-        groups: What is fitted.
-
     Attributes:
         names: Of each, for people.
         units: `rad`, `m` or `s`, of each.

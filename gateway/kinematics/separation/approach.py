@@ -66,11 +66,7 @@ NO_LIMIT: Mapping[Side, float] = dict.fromkeys(Side, math.inf)
 
 
 class Approach:
-    """The rule for one body.
-
-    Args:
-        model: Its parts.
-    """
+    """The rule for one body."""
 
     def __init__(self, model: CollisionModel) -> None:
         self._model = model
@@ -183,10 +179,7 @@ class Look:
     def _parting(self, motion: Motion, bad: Numbers, closing: Flags) -> Going:
         """Return which joints may go on although some pairs would come too near.
 
-        Args:
-            motion: What is wanted.
-            bad: These pairs, rows of what was looked at.
-            closing: Which joints of both arms close one of them, shape (14,).
+        `closing` says which joints of both arms close one of the pairs, shape (14,).
         """
         flags = dict(zip(Side, closing.reshape(len(Side), ARM_DOF).tolist(), strict=True))
         whole = {side for row in motion.together if any(any(flags[one]) for one in row) for side in row}
@@ -200,13 +193,7 @@ class Look:
         return going if self._is_sound(motion, going) else NONE
 
     def _opening(self, motion: Motion, bad: Numbers, whole: set[Side]) -> Going:
-        """Return joints that open some pairs together: all but those that close most, one after the other.
-
-        Args:
-            motion: What is wanted.
-            bad: The pairs, rows of what was looked at.
-            whole: Arms that brake.
-        """
+        """Return joints that open some pairs together: all but those that close most, one after the other."""
         posture = self._model.posture(self.here)
         slopes = [posture.told(number).slopes for number in self._ends.numbers[bad].tolist()]
         opens_mps = np.array([[row[side] for side in Side] for row in slopes]).reshape(len(bad), JOINTS)
@@ -229,14 +216,7 @@ class Look:
         return not len(bad) or self._keeps_course(motion, going, ends, bad)
 
     def _keeps_course(self, motion: Motion, going: Going, ends: HullEnds, bad: Numbers) -> bool:
-        """Return whether some pairs keep what they must if some joints go on and the others brake, and then all brake.
-
-        Args:
-            motion: Whose course is looked at.
-            going: Joints that go on.
-            ends: Of all pairs that may come near.
-            bad: Which of them are looked at: rows of `ends`.
-        """
+        """Return whether some pairs keep what they must if some joints go on and the others brake, and then all brake."""
         if motion.course is None:
             return False
         floor_m = np.zeros(len(self._parts.first))

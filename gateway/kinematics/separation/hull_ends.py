@@ -77,12 +77,8 @@ class Reach:
 class HullEnds:
     """The ends of the parts that might come near on some ways.
 
-    Args:
-        arrays: The body before them, in one posture or in several.
-        parts: Of this body.
-        reach: What the ways mean.
-        gap_m: Only pairs that might be nearer than this somewhere on these ways are looked at [m].
-        among: Numbers of the pairs to choose from; None for all.
+    Only pairs are looked at that might be nearer than `gap_m` somewhere on these ways, of those with the numbers
+    `among`, None for all.
 
     Attributes:
         numbers: Of these pairs (`Posture.told`).
@@ -173,11 +169,7 @@ class HullEnds:
         self._levers_m, self._bends_m = self._levers_m.take(parts, axis=0), self._bends_m.take(parts, axis=0)
 
     def on(self, reach: Reach) -> Kept:
-        """Return what these pairs keep on ways inside those given first.
-
-        Args:
-            reach: What the ways mean.
-        """
+        """Return what these pairs keep on ways inside those given first."""
         if not len(self.numbers):
             return Kept(np.empty((len(reach.far_rad), 0)), np.empty((len(reach.far_rad), 2, 0, 2 * JOINTS)), 0)
         shares = self._slopes * reach.goes_rad[:, None, None]

@@ -35,11 +35,7 @@ class Many(NamedTuple):
 
 
 class ArmBatch:
-    """The chain of an arm as arrays.
-
-    Args:
-        chain: The arm.
-    """
+    """The chain of an arm as arrays."""
 
     def __init__(self, chain: ArmChain) -> None:
         self._points = np.array([point for point, _ in chain.lines])

@@ -38,10 +38,6 @@ rotation's rows, flat, shape (12,)."""
 class ArmChain:
     """An arm between `*_shoulder_base` and `*_ee`.
 
-    Args:
-        description: Numbers of the body.
-        side: Which arm.
-
     Attributes:
         lines: Axes of joints 1 to 7 with the arm at zero, in the shoulder frame.
         zero: Placement of the end effector in the shoulder frame with the arm at zero.

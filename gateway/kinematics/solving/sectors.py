@@ -134,10 +134,6 @@ def _window(shoulder: float, wrist: float, lower: Vector, upper: Vector) -> Wind
 def sectors(circle: Circle, window: Window) -> list[Sector]:
     """Return where on a pose's circle all joints keep inside their limits; the elbow is not looked at.
 
-    Args:
-        circle: Of the pose, for one bend of the elbow.
-        window: Way of shoulder and wrist, with the limits.
-
     Returns:
         Sectors in order; a single one from -π to π where there is no passage at all.
     """

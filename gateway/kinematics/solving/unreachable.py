@@ -30,13 +30,7 @@ class Unreachable(NamedTuple):
 
 
 def why_not(closed: ClosedForm, side: Side, target: Placement) -> Unreachable:
-    """Return why there is no solution inside the limits.
-
-    Args:
-        closed: The arm, which has found none.
-        side: Which arm it is.
-        target: End effector in the shoulder frame.
-    """
+    """Return why there is no solution inside the limits."""
     distance, (near, far) = closed.distance_m(target), closed.reach_m()
     if not near <= distance <= far:
         return _out_of_reach(side, target, distance, near, far)
@@ -87,13 +81,7 @@ def _out_of_limits(closed: ClosedForm, side: Side, target: Placement) -> Unreach
 
 
 def not_found(side: Side, error_m: float, error_rad: float) -> Unreachable:
-    """Return that a numerical search, all there is for an arm of another shape, ended short of the pose.
-
-    Args:
-        side: Which arm.
-        error_m: Distance left [m].
-        error_rad: Angle left [rad].
-    """
+    """Return that a numerical search, all there is for an arm of another shape, ended short of the pose."""
     return Unreachable(
         Refusal(
             code=Code.OUT_OF_RANGE,

@@ -34,13 +34,7 @@ class CommandWatch:
     def observe(
         self, now_ns: int, listening: Mapping[str, Collection[str]], robot_zids: Collection[str]
     ) -> RouteObserved | None:
-        """Take in the tokens; return what has changed, if anything.
-
-        Args:
-            now_ns: Monotonic time [ns].
-            listening: Per command topic the zenoh ids that announce a subscriber.
-            robot_zids: Zenoh ids of the robot's bridges, as far as they can be told now.
-        """
+        """Take in the tokens; return what has changed, if anything."""
         for topic, zids in listening.items():
             found = {zid for zid in zids if zid in robot_zids}
             if found:

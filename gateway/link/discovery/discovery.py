@@ -93,12 +93,8 @@ class TokenTable:
     def __init__(self) -> None:
         self._lock = threading.Lock()
         self._tokens: dict[str, Token] = {}
-        self._revision = 0
-
-    @property
-    def revision(self) -> int:
+        self.revision = 0
         """Rises with every token that comes or goes."""
-        return self._revision
 
     def receive(self, keyexpr: str, is_alive: bool) -> None:
         """Note that a token came or went; what is not of the bridge's grammar is ignored."""
@@ -108,7 +104,7 @@ class TokenTable:
             _log.debug("token %s ignored: %s", keyexpr, error)
             return
         with self._lock:
-            self._revision += 1
+            self.revision += 1
             if is_alive:
                 self._tokens[keyexpr] = token
             else:
@@ -123,12 +119,8 @@ class TokenTable:
 class Discovery:
     """Follows the robot's bridge.
 
-    Args:
-        settings: Namespace and model.
-        own_zid: Zenoh id of our session.
-        ask: How the admin space is asked.
-        friends: Zenoh ids of other sessions of ours; may grow.
-        topics: State topics that are heard; those of others may be silent as they like.
+    `friends` are zenoh ids of other sessions of ours, and may grow; topics that are not heard may be silent as they
+    like.
 
     Attributes:
         tokens: Fed by the link's liveliness subscriber.

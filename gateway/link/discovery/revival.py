@@ -34,12 +34,7 @@ class Revival:
         self._due_ns = 0
 
     def want(self, topics: Collection[str], now_ns: int) -> None:
-        """Take routes that are to be revived.
-
-        Args:
-            topics: State topics.
-            now_ns: Monotonic time [ns].
-        """
+        """Take routes that are to be revived."""
         if topics and not self._topics:
             self._due_ns = (now_ns // GRID_NS + 1) * GRID_NS
         self._topics.update(dict.fromkeys(topics))
@@ -49,11 +44,7 @@ class Revival:
         self._topics.clear()
 
     def step(self, now_ns: int) -> None:
-        """Declare again what is due. What fails leaves topics without a subscription: due again at the next instant.
-
-        Args:
-            now_ns: Monotonic time [ns].
-        """
+        """Declare again what is due. What fails leaves topics without a subscription: due again at the next instant."""
         if self._topics and now_ns >= self._due_ns:
             topics = tuple(self._topics)
             self._topics.clear()

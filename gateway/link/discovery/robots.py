@@ -18,11 +18,7 @@ SIGNS = (FSM_STATE, *map(arm_state, Side))
 
 
 def robots_in(tokens: Iterable[Token]) -> Mapping[str, tuple[str, ...]]:
-    """Return the bridges that announce a robot, by namespace; no namespace is the empty one.
-
-    Args:
-        tokens: All that are there.
-    """
+    """Return the bridges that announce a robot, by namespace; no namespace is the empty one."""
     found: dict[tuple[str, str], set[str]] = {}
     for token in tokens:
         if token.kind is not TokenKind.MP:

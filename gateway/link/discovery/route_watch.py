@@ -62,33 +62,22 @@ class Evidence:
 
 
 class RouteWatch:
-    """Watches one topic.
-
-    Args:
-        topic: The topic's facts.
-    """
+    """Watches one topic."""
 
     def __init__(self, topic: Topic) -> None:
         self._topic = topic
         self._silence_ns = silence_ns(topic.rate_hz)
-        self._code: Code | None = None
+        self.code: Code | None = None
+        """ROUTE_DEAD, ROUTE_LOST, or None while nothing is known to be wrong."""
         self._gone: tuple[int, int] | None = None  # since when not announced, on the transport of when
         self._attempts = 0
         self._next_look_ns = 0
         self._revivals: deque[int] = deque(maxlen=MAX_REVIVALS)
 
-    @property
-    def code(self) -> Code | None:
-        """ROUTE_DEAD, ROUTE_LOST, or None while nothing is known to be wrong."""
-        return self._code
-
     def is_silent(self, now_ns: int, up_since_ns: int, newest_ns: int | None) -> bool:
         """Return whether samples should have come and did not.
 
-        Args:
-            now_ns: Monotonic time [ns].
-            up_since_ns: When the transport opened [ns].
-            newest_ns: Arrival of the newest sample [ns]; None before the first.
+        `newest_ns` is None before the first sample.
         """
         if newest_ns is None or newest_ns < up_since_ns:
             return now_ns - up_since_ns > max(FIRST_DATA_NS, self._silence_ns)
@@ -99,11 +88,7 @@ class RouteWatch:
     ) -> RouteObserved | None:
         """Take in the ages and the tokens; return what has changed, if anything.
 
-        Args:
-            now_ns: Monotonic time [ns].
-            up_since_ns: When the transport opened [ns].
-            newest_ns: Arrival of the newest sample [ns]; None before the first.
-            is_announced: Whether a publisher token for the topic is there.
+        `newest_ns` is None before the first sample.
         """
         name = self._topic.name
         if is_announced:
@@ -130,11 +115,7 @@ class RouteWatch:
         return now_ns >= self._next_look_ns
 
     def judge(self, now_ns: int, evidence: Evidence) -> tuple[RouteObserved | None, bool]:
-        """Take in what the admin space says about a silent, announced topic.
-
-        Returns:
-            What has changed, if anything, and whether the subscription is to be re-declared now.
-        """
+        """Hear the admin space of a silent, announced topic; return what has changed, and whether to re-declare it now."""
         name = self._topic.name
         self._next_look_ns = now_ns + IDLE_DELAY_NS
         if evidence.has_reader is None:
@@ -149,9 +130,9 @@ class RouteWatch:
         return self._change(Code.ROUTE_DEAD, f"{name}: {_remedy(evidence)}", now_ns), may_revive
 
     def _change(self, code: Code | None, message: str, now_ns: int) -> RouteObserved | None:
-        if code is self._code:
+        if code is self.code:
             return None
-        self._code = code
+        self.code = code
         return RouteObserved(topic=self._topic.name, code=code, message=message, at_ns=now_ns)
 
 

@@ -101,14 +101,7 @@ class Neighbours:
 
 
 class ForeignWatch:
-    """Collects what is seen of others on one session.
-
-    Args:
-        settings: Namespace and model.
-        tokens: The tokens of bridges that are there now.
-        own_zid: Zenoh id of our session.
-        clock: Monotonic clock [ns].
-    """
+    """Collects what is seen of others on one session."""
 
     def __init__(self, settings: LinkSettings, tokens: TokenTable, own_zid: str, clock: Callable[[], int]) -> None:
         self._namespace = settings.namespace
@@ -154,10 +147,7 @@ class ForeignWatch:
     def ask(self, now_ns: int, router_zid: str, ask: Ask) -> None:
         """Ask the router who is connected and, when that is harmless, who publishes. May take a second.
 
-        Args:
-            now_ns: Monotonic time [ns].
-            router_zid: Zenoh id of the robot's router.
-            ask: How its admin space is asked; no answer means that nothing is known.
+        No answer of the admin space means that nothing is known.
         """
         if now_ns - self._looked_ns < LOOK_PERIOD_NS:
             return

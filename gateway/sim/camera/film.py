@@ -46,10 +46,7 @@ class Coded(NamedTuple):
 def live(coding: Coding, rig: Rig, first: int = 0) -> Iterator[Coded]:
     """Yield pictures for ever, shot and encoded when they are asked for.
 
-    Args:
-        coding: How to encode them.
-        rig: Shoots them; triggers that a camera misses are left out.
-        first: Counter of the first trigger.
+    Triggers that a camera misses are left out.
 
     Raises:
         EncoderMissing: If PyAV, or x265 in it, is not installed.
@@ -86,12 +83,8 @@ class Film:
     ) -> Film:
         """Return a film of the test cameras, from the cache where it is there.
 
-        Args:
-            coding: How it is encoded.
-            count: Pictures; rounded up to whole groups of pictures.
-            seed: Of the patterns.
-            folder: Of the cache; None for none. When it cannot be written to, the film is not kept.
-            should_stop: Asked before each picture is encoded.
+        `count` is rounded up to whole groups of pictures. A film that cannot be written to the folder is not kept;
+        without a folder none is.
 
         Raises:
             EncoderMissing: If it must be encoded and PyAV, or x265 in it, is not installed.

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import mmap
 from pathlib import Path
-from types import TracebackType
 from typing import Final, NamedTuple
 
 __all__ = ["HandOver", "HandOvers"]
@@ -92,8 +91,6 @@ class HandOvers:
         """Return the table."""
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         """Let go of the file."""
         self.close()

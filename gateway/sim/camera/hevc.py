@@ -82,9 +82,6 @@ class Coding:
 class Hevc:
     """An encoder.
 
-    Args:
-        coding: How.
-
     Raises:
         EncoderMissing: If PyAV, or x265 in it, is not installed.
     """
@@ -109,9 +106,6 @@ class Hevc:
 
     def encode(self, picture: Planes) -> list[bytes]:
         """Take a picture; return what is done, in order: annex B byte streams, one for each picture.
-
-        Args:
-            picture: Of the size that the encoder was made for.
 
         Raises:
             ValueError: If it has another size.

@@ -38,9 +38,6 @@ class Mailboxes(Generic[T]):
 
     Every picture that was put is in exactly one place: put = waiting + cameras * stitched + overwritten + dropped.
 
-    Args:
-        cameras: How many there are.
-
     Attributes:
         stitched: Sets of pictures that left together.
         ts_drop: Comparisons that failed; each drops at least one picture.

@@ -63,15 +63,9 @@ class Sender:
 
     `restart` and `is_silent` may be used from another thread than the one that runs it.
 
-    Args:
-        to: Host and port.
-        pictures: What to send.
-        rate_hz: Pictures per second.
-        seed: Of SSRC, sequence number and timestamp; None for new ones each time.
-        spread: Part of a period over which a picture's packets are spread; 0 sends them at once.
-        payload_type: Of RTP.
-        table: Takes when each picture was handed over.
-        bind: Local address to send from; empty for the operating system's choice.
+    `seed` is of SSRC, sequence number and timestamp, None for new ones each time; `spread` is the part of a period
+    over which a picture's packets are spread, 0 for at once; an empty `bind` leaves the local address to the
+    operating system.
 
     Attributes:
         counts: What was sent.

@@ -37,13 +37,7 @@ class Bodies:
     """
 
     def __init__(self, parts: Parts, start_ns: int, x_m: float = 0.0) -> None:
-        """Put the robot where its parts say it is, at rest.
-
-        Args:
-            parts: What moves.
-            start_ns: Now [ns].
-            x_m: How far ahead of the scene's origin [m].
-        """
+        """Put the robot where its parts say it is, at rest."""
         self._parts = parts
         self.world = World(has_lift=parts.lift is not None)
         self.real_time_factor: float | None = None
@@ -66,10 +60,6 @@ class Bodies:
 
     def move(self, now_ns: int, duration_ns: int) -> None:
         """Let time pass.
-
-        Args:
-            now_ns: Beginning [ns].
-            duration_ns: Length [ns].
 
         Raises:
             WorldUnstable: The solver gave up.
@@ -124,22 +114,14 @@ class Bodies:
             self._worst, self._tell_ns = 1.0, now_ns + _TOLD_EVERY_NS
 
     def shed(self, now_ns: int) -> None:
-        """Give up whole steps that are more than 20 ms behind.
-
-        Args:
-            now_ns: Up to when the next step will go [ns].
-        """
+        """Give up whole steps that are more than 20 ms behind."""
         steps = (now_ns - _PATIENCE_NS - self._due_ns) // STEP_NS + 1
         if steps > 0:
             self._due_ns += steps * STEP_NS
             self._lost_ns += steps * STEP_NS
 
     def begin(self, now_ns: int) -> None:
-        """Go on from now: what took long before anything moved is no lost time.
-
-        Args:
-            now_ns: Now [ns].
-        """
+        """Go on from now: what took long before anything moved is no lost time."""
         self._due_ns += max((now_ns - self._due_ns) // STEP_NS + 1, 0) * STEP_NS
         self._lost_ns, self._mark_ns, self._mark_steps = 0, now_ns, self.world.steps
 

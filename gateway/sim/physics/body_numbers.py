@@ -136,12 +136,7 @@ def body_numbers() -> BodyNumbers:
 
 
 def transform(xyz_m: tuple[float, ...], rpy_rad: tuple[float, ...]) -> Array:
-    """Return a transform of a URDF origin: roll, pitch and yaw about fixed axes, in this order; shape (4, 4).
-
-    Args:
-        xyz_m: Offset [m].
-        rpy_rad: Angles [rad].
-    """
+    """Return a transform of a URDF origin: roll, pitch and yaw about fixed axes, in this order; shape (4, 4)."""
     (cr, cp, cy), (sr, sp, sy) = np.cos(rpy_rad), np.sin(rpy_rad)
     about_x = np.array([[1.0, 0.0, 0.0], [0.0, cr, -sr], [0.0, sr, cr]])
     about_y = np.array([[cp, 0.0, sp], [0.0, 1.0, 0.0], [-sp, 0.0, cp]])

@@ -47,10 +47,7 @@ touch each other, nor does an upper arm the trunk: their hulls overlap at the jo
 def add(parent: Element, tag: str, **attributes: str | float | Sequence[float]) -> Element:
     """Add an element below another and return it.
 
-    Args:
-        parent: Where to.
-        tag: Of the element.
-        **attributes: Texts as they are, numbers in full precision; a trailing `_` of a name is dropped.
+    Texts are taken as they are, numbers in full precision; a trailing `_` of a name is dropped.
     """
     texts = {name.rstrip("_"): value if isinstance(value, str) else _text(value) for name, value in attributes.items()}
     return ElementTree.SubElement(parent, tag, texts)

@@ -7,7 +7,6 @@ middle three quarters) and black beside it; a wrist's has its two eyes side by s
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from types import TracebackType
 
 import av
 import numpy as np
@@ -50,13 +49,7 @@ class Eyes:
         self.backend = self._drawing.backend
 
     def view(self, eye: str, lens: Lens, counter: int) -> NDArray[np.uint8]:
-        """Return what an eye sees at a trigger, shape (height, width, 3), RGB.
-
-        Args:
-            eye: Name of its crop.
-            lens: In front of it.
-            counter: Of the trigger.
-        """
+        """Return what an eye sees at a trigger, shape (height, width, 3), RGB."""
         if counter != self._counter:
             self._drawing.pose(self._ask())
             self._counter = counter
@@ -69,9 +62,7 @@ class Eyes:
     def __enter__(self) -> Eyes:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.close()
 
 

@@ -16,10 +16,6 @@ _PATIENCE_S: Final = 10.0
 class FilmProcess(Companion):
     """The film's process, from `with` to its end, when the file is whole.
 
-    Args:
-        endpoint: Where the simulation will listen.
-        path: The film, overwritten.
-
     Raises:
         ValueError: The file is no *.mp4 of a folder that exists, or PyAV is not installed: told before a robot listens.
     """

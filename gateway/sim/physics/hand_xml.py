@@ -37,11 +37,7 @@ _PAD_M: Final = (0.030, 0.011, 0.005)  # half a pad along u, y, v
 def add_hand(hand: Element, equality: Element, actuator: Element, side: Side) -> None:
     """Add the moving parts of a hand.
 
-    Args:
-        hand: Body of the hand's base.
-        equality: Section of the constraints.
-        actuator: Section of the motors.
-        side: Which hand; the right one is the mirror image in its own plane.
+    The right hand is the mirror image in its own plane.
     """
     pins, touch = hand_pins(), Touch.LEFT if side is Side.LEFT else Touch.RIGHT
     plane = _Plane(pins, 1.0 if side is Side.LEFT else -1.0)

@@ -82,11 +82,7 @@ def robot_mass_kg(numbers: BodyNumbers) -> float:
 def add_robot(mujoco: Element, world: Element, numbers: BodyNumbers, *, has_lift: bool) -> None:
     """Add the robot to a scene.
 
-    Args:
-        mujoco: Root of the document.
-        world: Its world body; x forward, z up, ground at 0.
-        numbers: The body's numbers.
-        has_lift: Whether the torso moves; else it stands at `FIXED_LOWERED_M`.
+    In the world x is forward, z up, the ground at 0; without lift the torso stands at `FIXED_LOWERED_M`.
     """
     sections = _Sections(
         equality=add(mujoco, "equality"), actuator=add(mujoco, "actuator"), has_lift=has_lift, numbers=numbers

@@ -47,10 +47,6 @@ class ViewedNode(SimNode):
     def __init__(self, settings: SimSettings, listen: str = DEFAULT_LISTEN) -> None:
         """Listen, announce the robot and open the window.
 
-        Args:
-            settings: What to simulate, with physics.
-            listen: Endpoint of the router.
-
         Raises:
             TypeError: The settings are without physics: there is nothing to see.
             zenoh.ZError: If the endpoint cannot be listened on.
@@ -69,11 +65,7 @@ class ViewedNode(SimNode):
         self._shown_ns = 0
 
     def step(self, now_ns: int) -> None:
-        """Take a cycle, and show the world when it is time.
-
-        Args:
-            now_ns: Time [ns].
-        """
+        """Take a cycle, and show the world when it is time."""
         super().step(now_ns)
         if now_ns - self._shown_ns >= _PERIOD_NS:
             self._shown_ns = now_ns

@@ -90,7 +90,8 @@ class SimArm:
         self._is_resting = False
         self._lag_s, self._brake_s = settings.lag_s, settings.brake_s
         self._reference = self.q_rad.copy()
-        self._drive = Drive.STILL
+        self.drive = Drive.STILL
+        """How the motors are driven now."""
         self._last_ns: int | None = None
         self._is_protected = False
 
@@ -193,36 +194,20 @@ class SimArm:
         """Largest distance of a joint from the commanded target [rad]."""
         return float(np.max(np.abs(self.q_rad - self.target_rad)))
 
-    @property
-    def drive(self) -> Drive:
-        """How the motors are driven now."""
-        return self._drive
-
     def set_drive(self, wanted: Drive) -> None:
-        """Drive the motors as wanted, or hold them at zero velocity when nothing valid is commanded.
-
-        Args:
-            wanted: What the state machine allows.
-        """
+        """Drive the motors as wanted, or hold them at zero velocity when nothing valid is commanded."""
         can_follow = self.is_enabled and self.is_streamed and not self._is_protected and not self.is_blocked
         drive = wanted if can_follow else Drive.STILL
-        if drive is Drive.APPROACH and self._drive is Drive.STILL:
+        if drive is Drive.APPROACH and self.drive is Drive.STILL:
             self._reference = self.q_rad.copy()
-        self._drive = drive
+        self.drive = drive
         self._is_resting = self._is_resting and drive is Drive.STILL
 
     def guide(self, duration_ns: int) -> Array | None:
-        """Let time pass for what the motors follow, and return it; the motion itself is up to `place`.
-
-        Args:
-            duration_ns: Length of the step [ns].
-
-        Returns:
-            Joint positions that the servos hold, shape (7,) [rad]; None under the zero-velocity command (§4.10).
-        """
-        if self._drive is Drive.STILL:
+        """Let the motors follow for a time; return what they hold, shape (7,) [rad], None at zero velocity (§4.10)."""
+        if self.drive is Drive.STILL:
             return None
-        if self._drive is Drive.FOLLOW:
+        if self.drive is Drive.FOLLOW:
             self._reference = self.target_rad
         elif duration_ns:
             step = SLOW_START_RADPS * duration_ns / S
@@ -240,19 +225,15 @@ class SimArm:
         self.q_rad, self.v_radps, self.effort_nm = q_rad, v_radps, effort_nm
 
     def move(self, duration_ns: int) -> None:
-        """Let time pass under the present drive, exactly.
-
-        Args:
-            duration_ns: Length of the step [ns].
-        """
+        """Let time pass under the present drive, exactly."""
         dt_s = duration_ns / S
-        if self._drive is Drive.FOLLOW:
+        if self.drive is Drive.FOLLOW:
             self._reference = self.target_rad
             rest = self._reference + self._sag
             gap = (self.q_rad - rest) * math.exp(-dt_s / self._lag_s)
             self.q_rad = rest + gap
             self.v_radps = gap * (-1.0 / self._lag_s)
-        elif self._drive is Drive.APPROACH:
+        elif self.drive is Drive.APPROACH:
             rest_s = self._approach(dt_s)
             rest = self._reference + self._sag
             gap = (self.q_rad - rest) * np.exp(-rest_s / self._lag_s)

@@ -135,11 +135,7 @@ class SimChassis:
             self.target = [0.0, 0.0, 0.0]
 
     def move(self, duration_ns: int) -> None:
-        """Let time pass.
-
-        Args:
-            duration_ns: Length of the step [ns].
-        """
+        """Let time pass."""
         if not any(self.velocity) and not any(self.target):
             return
         for axis in range(3):

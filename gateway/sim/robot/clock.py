@@ -46,11 +46,7 @@ class RobotClock:
         self._since_ns, self._offset_ns, self._drift_ppm = now_ns, offset_ns, drift_ppm
 
     def stamp_ns(self, now_ns: int) -> int:
-        """Return the robot's time [ns since 1970].
-
-        Args:
-            now_ns: Stepping time [ns].
-        """
+        """Return the robot's time [ns since 1970]."""
         return now_ns + self.epoch_ns + self._offset_ns + self._drifted_ns + self._drift_ns(now_ns)
 
     def _drift_ns(self, now_ns: int) -> int:

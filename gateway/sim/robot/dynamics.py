@@ -54,27 +54,15 @@ class Dynamics(Protocol):
     def move(self, now_ns: int, duration_ns: int) -> None:
         """Let time pass; nothing changes about what the rules ask meanwhile.
 
-        Args:
-            now_ns: Beginning [ns].
-            duration_ns: Length [ns].
-
         Raises:
             WorldUnstable: Forces had no solution.
         """
 
     def begin(self, now_ns: int) -> None:
-        """Go on from now: what took long before anything moved is no lost time.
-
-        Args:
-            now_ns: Now [ns].
-        """
+        """Go on from now: what took long before anything moved is no lost time."""
 
     def shed(self, now_ns: int) -> None:
-        """Give up what can no longer be caught up with: for who steps in real time, before each step.
-
-        Args:
-            now_ns: Up to when the next step will go [ns].
-        """
+        """Give up what can no longer be caught up with: for who steps in real time, before each step."""
 
     def pace(self) -> dict[str, object] | None:
         """Return how its own time passes, JSON-able; None where it has none."""
@@ -120,11 +108,6 @@ class FirstOrder:
 
 def dynamics_of(settings: SimSettings, parts: Parts, start_ns: int) -> Dynamics:
     """Return the dynamics that the settings ask for.
-
-    Args:
-        settings: What to simulate.
-        parts: What moves.
-        start_ns: Now [ns].
 
     Raises:
         PhysicsMissing: MuJoCo is asked for and not installed.

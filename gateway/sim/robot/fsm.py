@@ -46,12 +46,7 @@ class StateMachine:
         return self._last_one_ns + HEARTBEAT_WATCHDOG_NS + 1
 
     def enable(self, value: float, now_ns: int) -> bool:
-        """Take a value of `/api/fsm/enable`; return False when it means nothing.
-
-        Args:
-            value: The data of the message.
-            now_ns: Arrival [ns].
-        """
+        """Take a value of `/api/fsm/enable`; return False when it means nothing."""
         if value == 1.0:
             self._last_one_ns = now_ns
             if self.state is Fsm.PAUSE and not self.is_held and self._pinned is None:

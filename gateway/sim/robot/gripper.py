@@ -117,11 +117,7 @@ class SimGripper:
         self.angle_rad, self.v_radps = angle_rad, v_radps
 
     def move(self, duration_ns: int) -> None:
-        """Let time pass: the motor turns under its torque until a stop or an object.
-
-        Args:
-            duration_ns: Length of the step [ns].
-        """
+        """Let time pass: the motor turns under its torque until a stop or an object."""
         speed = self.effort_nm / _DAMPING_NMSPRAD
         if speed == 0.0:
             self.v_radps = 0.0

@@ -49,14 +49,7 @@ class Journal:
         self._last_ns: dict[tuple[str, str], int] = {}
 
     def note(self, now_ns: int, code: str, subject: str, text: str = "") -> None:
-        """Count an event and write it down unless the same was written less than a second ago.
-
-        Args:
-            now_ns: When it happened [ns].
-            code: Stable name.
-            subject: What it is about: a topic or a part.
-            text: The values behind it.
-        """
+        """Count an event and write it down unless the same was written less than a second ago."""
         self.counts[code] += 1
         last_ns = self._last_ns.get((code, subject))
         if last_ns is not None and 0 <= now_ns - last_ns < _REPEAT_NS:

@@ -53,12 +53,7 @@ class SimLift:
         self._stepped_ns = start_ns
 
     def command(self, data: Sequence[float], now_ns: int) -> bool:
-        """Take `[normalised velocity, enable]`; return whether it was accepted.
-
-        Args:
-            data: The values of the message.
-            now_ns: Arrival [ns].
-        """
+        """Take `[normalised velocity, enable]`; return whether it was accepted."""
         subject = "lift servo cmd"
         if not self.is_configured:
             self._journal.note(now_ns, "LIFT_DISABLED", subject, "not enabled in the configuration (§4.6)")

@@ -164,11 +164,8 @@ class SimRobot:
     ) -> list[tuple[str, IdlStruct]]:
         """Let time pass and return everything published on the way as (topic, message), in order.
 
-        Args:
-            now_ns: Up to when [ns].
-            latest_only: Return only the last due message of each topic: what a subscriber that looks once would keep,
-                and much cheaper over long steps.
-            topics: Publish only these: nobody listens to the others.
+        `latest_only` returns only the last due message of each topic: what a subscriber that looks once would keep,
+        and much cheaper over long steps.
         """
         published: list[tuple[str, IdlStruct]] = []
         if latest_only:
@@ -251,11 +248,7 @@ class SimRobot:
             self.setpoints[side].add(now_ns, arm.target_rad)
 
     def _redrive(self, sides: Iterable[Side] = _SIDES) -> None:
-        """Let the state machine's state take hold of the motors.
-
-        Args:
-            sides: Of these arms.
-        """
+        """Let the state machine's state take hold of the motors."""
         state = self.fsm.state
         drive = _DRIVES.get(state, Drive.STILL)
         is_started = drive is not Drive.STILL

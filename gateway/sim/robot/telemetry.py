@@ -126,13 +126,7 @@ class Telemetry:
     ) -> list[tuple[str, IdlStruct]]:
         """Return the messages due at a point of the grids, and pass it.
 
-        Args:
-            now_ns: Time of the point [ns].
-            arms: Arms by side.
-            grippers: Grippers by side.
-            chassis: Chassis.
-            report: Gives the value of `/fsm_state` and the text of `/api/current_mode`.
-            topics: Only these are built.
+        `report` gives the value of `/fsm_state` and the text of `/api/current_mode`; only `topics` are built.
         """
         due: list[tuple[str, IdlStruct]] = []
         if self.state_grid.next_ns <= now_ns:

@@ -131,11 +131,7 @@ class Decoder:
         return context
 
     def _look_for_nvdec(self, unit: AccessUnit) -> list[av.VideoFrame]:
-        """Begin the proof with the first key picture; with one after it go over to the GPU, or say at once why not.
-
-        Returns:
-            The pictures that the decoder before still held.
-        """
+        """Prove NVDEC with the first key picture, then take it or say why not; return pictures the old decoder held."""
         is_key = unit.is_irap and unit.is_intact and unit.has_parameter_sets
         if self._probe is None:
             if is_key:

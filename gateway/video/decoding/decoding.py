@@ -41,13 +41,7 @@ class _Given:
 class Decoding:
     """Decodes one stream into frames.
 
-    Args:
-        units: Where coded pictures come from.
-        newest: Where frames go.
-        decoder: What decodes; closed at the end.
-        converter: To RGB.
-        is_strict: Whether only clean pictures are published.
-        first_seq: Of the first frame.
+    The decoder is closed at the end.
     """
 
     def __init__(

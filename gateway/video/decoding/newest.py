@@ -22,32 +22,24 @@ class Newest:
 
     def __init__(self) -> None:
         self._change = threading.Condition()
-        self._frame: Frame | None = None
-        self._error: BaseException | None = None
-        self._is_open = True
-        self._listeners: tuple[Callable[[], None], ...] = ()
-
-    @property
-    def frame(self) -> Frame | None:
+        self.frame: Frame | None = None
         """The newest frame; None before the first."""
-        return self._frame
-
-    @property
-    def is_open(self) -> bool:
+        self._error: BaseException | None = None
+        self.is_open = True
         """Whether more may come."""
-        return self._is_open
+        self._listeners: tuple[Callable[[], None], ...] = ()
 
     def publish(self, frame: Frame) -> None:
         """Put a frame in place of the one before."""
         with self._change:
-            self._frame = frame
+            self.frame = frame
             self._change.notify_all()
         self._tell()
 
     def open(self) -> None:
         """Let frames come, again."""
         with self._change:
-            self._is_open, self._error = True, None
+            self.is_open, self._error = True, None
 
     def close(self, error: BaseException | None = None) -> None:
         """Let no more come; whoever waits is told.
@@ -56,7 +48,7 @@ class Newest:
             error: What ended it; it is raised where frames are waited for.
         """
         with self._change:
-            self._is_open = False
+            self.is_open = False
             self._error = self._error or error
             self._change.notify_all()
         self._tell()
@@ -69,7 +61,7 @@ class Newest:
         """
         if (error := self._error) is not None:
             raise _failure(error) from error
-        frame = self._frame
+        frame = self.frame
         return frame if frame is not None and frame.seq > after_seq else None
 
     def wait(self, after_seq: int, timeout_s: float) -> Frame | None:
@@ -84,7 +76,7 @@ class Newest:
         """
         deadline = time.monotonic() + timeout_s
         with self._change:
-            while (frame := self.peek(after_seq)) is None and self._is_open:
+            while (frame := self.peek(after_seq)) is None and self.is_open:
                 rest_s = deadline - time.monotonic()
                 if rest_s <= 0:
                     return None
@@ -95,9 +87,9 @@ class Newest:
         """Wait for a time [s]; return whether frames may still come after it."""
         deadline = time.monotonic() + seconds
         with self._change:
-            while self._is_open and (rest_s := deadline - time.monotonic()) > 0:
+            while self.is_open and (rest_s := deadline - time.monotonic()) > 0:
                 self._change.wait(rest_s)
-            return self._is_open
+            return self.is_open
 
     @contextmanager
     def listening(self, listener: Callable[[], None]) -> Iterator[None]:

@@ -53,10 +53,7 @@ WAYS: dict[str, Callable[[], av.VideoCodecContext]] = {"hevc on cuda": _on_cuda,
 class Probe:
     """Has a GPU prove itself; begins at once.
 
-    Args:
-        key_picture: Annex B, with parameter sets.
-        software: What it is compared with; a decoder of its own.
-        prepare: Sets a context's options before it is opened.
+    `key_picture` is Annex B, with parameter sets; `software` a decoder of its own, to compare with.
     """
 
     def __init__(
@@ -107,13 +104,7 @@ class Probe:
 def open_nvdec(
     key_picture: bytes, expected: av.VideoFrame, prepare: Callable[[av.VideoCodecContext], None]
 ) -> tuple[av.VideoCodecContext | None, str]:
-    """Return a decoder that has proved itself, and its name; or None, and why not.
-
-    Args:
-        key_picture: Annex B, with parameter sets.
-        expected: It as the software decodes it.
-        prepare: Sets the context's options before it is opened.
-    """
+    """Return a decoder that has proved itself, and its name; or None, and why not."""
     reasons = []
     for name, create in WAYS.items():
         context = None

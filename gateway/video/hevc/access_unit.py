@@ -56,9 +56,5 @@ class AccessUnit:
         return self.is_intact and (self.is_irap or self.recovers_after is not None)
 
     def follows(self, before: AccessUnit) -> bool:
-        """Return whether nothing is missing between another one and this one: what is predicted from it can be right.
-
-        Args:
-            before: The one that was taken before this one.
-        """
+        """Return whether nothing is missing between another one and this one: what is predicted from it can be right."""
         return self.life == before.life and self.seq == before.seq + 1 and not self.lost

@@ -138,11 +138,7 @@ class Picture:
         self.is_broken = True
 
     def coded(self, sets: ParameterSets) -> tuple[bytes, bool, bool]:
-        """Return it in Annex B form, whether parameter sets of all kinds are in it, and whether some were put there.
-
-        Args:
-            sets: Those that are remembered.
-        """
+        """Return it in Annex B form, whether parameter sets of all kinds are in it, and whether some were put there."""
         added: list[bytes] = []
         kinds = self._kinds
         if (self.is_irap() or self.recovers_after is not None) and not kinds >= PARAMETER_SETS and sets.is_complete:

@@ -73,11 +73,7 @@ class Live:
             self._catch_up(unit.complete_ns)
 
     def take(self, now_ns: int) -> AccessUnit | None:
-        """Return the next picture; None when none waits that is young enough.
-
-        Args:
-            now_ns: Monotonic time [ns].
-        """
+        """Return the next picture; None when none waits that is young enough."""
         self._catch_up(now_ns)
         if not self._units:
             return None
@@ -120,12 +116,7 @@ class Live:
 
 
 class Keeping:
-    """For one who wants all of them.
-
-    Args:
-        tally: What counts the dropped.
-        max_bytes: Room [bytes].
-    """
+    """For one who wants all of them."""
 
     def __init__(self, tally: Tally, max_bytes: int = MAX_BYTES) -> None:
         self._tally = tally

@@ -41,14 +41,7 @@ _KIND: Final = 0x3F
 
 
 class Depacketiser:
-    """One life of a sender.
-
-    Args:
-        tally: What counts pictures and what is wrong with them.
-        ssrc: The sender's.
-        life: Number of the life.
-        seq: Number of its first picture.
-    """
+    """One life of a sender."""
 
     def __init__(self, tally: Tally, *, ssrc: int, life: int, seq: int) -> None:
         self.seq = seq
@@ -93,10 +86,7 @@ class Depacketiser:
     def push(self, ordered: Ordered, rtp_time: int, now_ns: int) -> list[AccessUnit]:
         """Take the next packet; return the pictures that are complete now.
 
-        Args:
-            ordered: The packet.
-            rtp_time: Its RTP time, unwrapped [ticks].
-            now_ns: Monotonic time [ns].
+        RTP time is unwrapped [ticks].
         """
         picture, packet = self._picture, ordered.packet
         if (

@@ -104,12 +104,7 @@ class Facts:
 
 
 def why(facts: Facts, now_ns: int) -> tuple[Finding, ...]:
-    """Return what is wrong, the worst first; empty when nothing is.
-
-    Args:
-        facts: What is known.
-        now_ns: Monotonic time [ns].
-    """
+    """Return what is wrong, the worst first; empty when nothing is."""
     heard_ns = facts.stream.packet_ns
     is_heard = heard_ns is not None and now_ns - heard_ns < SILENT_NS
     parts = (

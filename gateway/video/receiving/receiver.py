@@ -19,7 +19,6 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
-from types import TracebackType
 from typing import Final
 
 from gateway.process.threads import supervised
@@ -69,9 +68,6 @@ class ReceiverSettings:
 class Receiver:
     """Receives from `start` to `stop`, or as a context; can be started again.
 
-    Args:
-        settings: How to receive.
-
     Raises:
         ValueError: A setting is out of its bounds.
     """
@@ -95,7 +91,7 @@ class Receiver:
         self.start()
         return self
 
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
+    def __exit__(self, *_: object) -> None:
         """Stop it."""
         self.stop()
 
@@ -177,10 +173,6 @@ class Receiver:
         """Call a function with every coded picture from now on, in a thread of its own; see `CallbackTap`.
 
         The receiver must have been started; else the tap is over at once.
-
-        Args:
-            callback: The function.
-            name: What it is, for messages.
 
         Returns:
             Close it, or use it as a context. It ends with the receiver, too.

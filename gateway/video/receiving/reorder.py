@@ -89,12 +89,7 @@ class Reorder:
         self._stray = None
 
     def put(self, packet: RtpPacket, now_ns: int) -> list[Ordered]:
-        """Take a packet; return those whose turn it is now.
-
-        Args:
-            packet: As it came.
-            now_ns: When it came, monotonic [ns].
-        """
+        """Take a packet; return those whose turn it is now."""
         if self._next is None:
             self._next = packet.seq + _TURN - START
         ahead = _signed(packet.seq - self._next)
@@ -119,11 +114,7 @@ class Reorder:
         return [*self._released(), *self.expire(now_ns)]
 
     def expire(self, now_ns: int) -> list[Ordered]:
-        """Give up what was waited for too long; return the packets whose turn it is then.
-
-        Args:
-            now_ns: Monotonic time [ns].
-        """
+        """Give up what was waited for too long; return the packets whose turn it is then."""
         ordered: list[Ordered] = []
         while self._held:
             _, oldest_ns = next(iter(self._held.values()))

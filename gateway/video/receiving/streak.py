@@ -29,12 +29,6 @@ MAX_BYTES: Final = 1 << 20
 class Streak:
     """The fragments behind one that went through all layers.
 
-    Args:
-        before: That one.
-        awaits: What further fragments of its NAL unit begin with; see `Picture.awaits`.
-        source: Address that they come from.
-        payload_type: Of the stream.
-
     Attributes:
         pieces: What follows the headers in those that came.
     """

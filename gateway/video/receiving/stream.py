@@ -45,10 +45,8 @@ class StreamFacts:
     Attributes:
         datagram_ns: When the last datagram came.
         packet_ns: When the last packet of the sender listened to came.
-        picture_ns: When the last picture was complete.
         entry_ns: When the last intact picture was complete that decoding can begin with, parameter sets in it.
         idr_ns: When the last intact IDR was complete.
-        loss_ns: When packets were last given up.
         life_ns: When the sender listened to began.
         life: Its number, from 0; None before the first.
         ssrc: Its SSRC.
@@ -61,10 +59,8 @@ class StreamFacts:
 
     datagram_ns: int | None = None
     packet_ns: int | None = None
-    picture_ns: int | None = None
     entry_ns: int | None = None
     idr_ns: int | None = None
-    loss_ns: int | None = None
     life_ns: int | None = None
     life: int | None = None
     ssrc: int | None = None
@@ -108,10 +104,8 @@ class Stream:
         self._life_ns: int | None = None
         self._datagram_ns: int | None = None
         self._packet_ns: int | None = None
-        self._picture_ns: int | None = None
         self._entry_ns: int | None = None
         self._idr_ns: int | None = None
-        self._loss_ns: int | None = None
         self._wrong_payload_type: int | None = None
         self._wrong_source: str | None = None
 
@@ -121,10 +115,8 @@ class Stream:
         return StreamFacts(
             datagram_ns=self._datagram_ns,
             packet_ns=self._packet_ns,
-            picture_ns=self._picture_ns,
             entry_ns=self._entry_ns,
             idr_ns=self._idr_ns,
-            loss_ns=self._loss_ns,
             life_ns=self._life_ns,
             life=None if self._life < 0 else self._life,
             ssrc=None if sender is None else sender[0],
@@ -138,10 +130,7 @@ class Stream:
     def receive(self, datagram: bytes | memoryview, source: str, now_ns: int) -> list[AccessUnit]:
         """Take a datagram; return the pictures that are complete now. Whatever it holds, nothing is raised.
 
-        Args:
-            datagram: As it came; it is copied.
-            source: Address that it came from, without port.
-            now_ns: When it came, monotonic [ns].
+        The datagram is copied; its source is an address without port.
         """
         self._datagram_ns = now_ns
         if (streak := self._streak) is not None:
@@ -199,11 +188,7 @@ class Stream:
         return self._take(self._reorder.put(packet, came_ns), now_ns)
 
     def expire(self, now_ns: int) -> list[AccessUnit]:
-        """Give up packets that were waited for too long, while nothing comes; return the pictures complete then.
-
-        Args:
-            now_ns: Monotonic time [ns].
-        """
+        """Give up packets that were waited for too long, while nothing comes; return the pictures complete then."""
         if self._streak is not None:
             self._end_streak(self._streak)
         return self._take(self._reorder.expire(now_ns), now_ns)
@@ -219,12 +204,9 @@ class Stream:
     def _take(self, packets: list[Ordered], now_ns: int) -> list[AccessUnit]:
         units: list[AccessUnit] = []
         for ordered in packets:
-            if ordered.lost:
-                self._loss_ns = now_ns
             ordered, rtp_time = self._timed(ordered)
             units += self._depacketiser.push(ordered, rtp_time, now_ns)
         for unit in units:
-            self._picture_ns = now_ns
             if unit.is_entry and unit.has_parameter_sets:
                 self._entry_ns = now_ns
                 if unit.slice_type in (NalType.IDR_W_RADL, NalType.IDR_N_LP):

@@ -49,13 +49,7 @@ class Successor:
         )
 
     def keep(self, packet: RtpPacket, sender: tuple[int, str], now_ns: int) -> int:
-        """Take another sender's packet; return how many packets are known to be of no use now, it or those before it.
-
-        Args:
-            packet: As it came.
-            sender: Its SSRC and address.
-            now_ns: When it came, monotonic [ns].
-        """
+        """Take another sender's packet; return how many packets are known to be of no use now, it or those before it."""
         kinds = _beginning_in(packet.payload)
         offset = (packet.seq - self.packets[0][0].seq) % _TURN if self.packets else 0
         if sender == self.sender and offset in self._offsets:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import threading
 import time
 from collections.abc import Callable
-from types import TracebackType
 from typing import Protocol
 
 from gateway.process.threads import supervised
@@ -46,11 +45,7 @@ class Backlog(Protocol):
 
 
 class Tap:
-    """A queue of coded pictures for one taker.
-
-    Args:
-        backlog: How pictures wait, and which are dropped.
-    """
+    """A queue of coded pictures for one taker."""
 
     def __init__(self, backlog: Backlog) -> None:
         self._backlog = backlog
@@ -113,12 +108,6 @@ class CallbackTap:
 
     Pictures wait for it; when there are too many, the newest are dropped up to the next one that decoding can begin with.
     An error of the function ends it, and is raised by `close`.
-
-    Args:
-        tap: Where the pictures come from.
-        callback: The function.
-        name: For the thread, and for messages.
-        leave: What to call when it ends.
     """
 
     def __init__(
@@ -137,7 +126,7 @@ class CallbackTap:
         """Return it."""
         return self
 
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
+    def __exit__(self, *_: object) -> None:
         """Close it."""
         self.close()
 

@@ -94,9 +94,6 @@ class UdpSocket:
 def addresses_of(host: str) -> frozenset[str]:
     """Return all addresses of a host.
 
-    Args:
-        host: Name or address.
-
     Raises:
         VideoError: BAD_ADDRESS: there is no such host.
     """

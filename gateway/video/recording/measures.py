@@ -100,11 +100,7 @@ def timing_of(pts: Sequence[int]) -> Timing:
 
 
 def arrival_of(pictures: Sequence[Picture]) -> Arrival | None:
-    """Return how pictures arrived; None when there are too few.
-
-    Args:
-        pictures: As an index has them.
-    """
+    """Return how pictures arrived; None when there are too few."""
     if len(pictures) < 2:
         return None
     jitter_ns, lags_ns = 0.0, []
@@ -118,11 +114,7 @@ def arrival_of(pictures: Sequence[Picture]) -> Arrival | None:
 
 
 def stretches(pictures: Sequence[Picture]) -> tuple[Stretch, ...]:
-    """Return the damaged stretches.
-
-    Args:
-        pictures: As an index has them.
-    """
+    """Return the damaged stretches."""
     found: list[list[Picture]] = []
     before = None
     for picture in pictures:

@@ -13,7 +13,6 @@ import shutil
 import threading
 from pathlib import Path
 from queue import SimpleQueue
-from types import TracebackType
 from typing import Final
 
 from gateway.process.threads import supervised
@@ -73,9 +72,7 @@ class Recorder:
         self.start()
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         """End it well."""
         self.stop()
 

@@ -83,12 +83,7 @@ def split_folder(recording: Path) -> Path:
 class Splitter:
     """Splits one recording.
 
-    Args:
-        recording: Its file.
-        folder: For the views; made if need be.
-        views: Which ones.
-        coding: How they are encoded.
-        prepare: Called first in each thread that computes.
+    The folder is made if need be; `prepare` is called first in each thread that computes.
 
     Raises:
         Rejected: BAD_REQUEST, there is no such recording or view, or a file is in the way.
@@ -189,10 +184,6 @@ def decoded_pictures(
     recording: Path, is_cancelled: Callable[[], bool] = lambda: False
 ) -> Generator[tuple[av.VideoFrame, int], None, None]:
     """Yield what can be decoded of a recording, each with where it stands [ticks of CLOCK_HZ]; one that grows to its end.
-
-    Args:
-        recording: Its file.
-        is_cancelled: Whether to end before it has ended.
 
     Raises:
         OSError, av.FFmpegError: It cannot be read.

@@ -130,9 +130,6 @@ class Take:
     def end(self, why: str) -> None:
         """End it; without a picture, nothing is left of it.
 
-        Args:
-            why: In words.
-
         Raises:
             OSError: The end cannot be written; what stands in the file is readable.
         """

@@ -47,13 +47,7 @@ def view_paths(folder: Path, views: Sequence[str]) -> dict[str, Path]:
 
 
 class ViewFiles:
-    """Writes views into files.
-
-    Args:
-        paths: Each view's file, as from `view_paths`.
-        coding: How they are encoded.
-        prepare: Called first in each thread that encodes.
-    """
+    """Writes views into files."""
 
     def __init__(self, paths: dict[str, Path], coding: Coding, prepare: Callable[[], None] = lambda: None) -> None:
         self._paths = paths

@@ -378,7 +378,7 @@ def test_a_chunk_of_poses_is_followed_by_an_arm_in_end_effector_mode(poses):
     assert motion.terms.tolerances.goal == {R: (settings.settle_m, settings.settle_rad)}
     assert poses.body.arms[R].epoch == poses.epoch
     poses.run(60)
-    assert poses.body.pose_arms[R].reference.tracker.has_joined and poses.body.arms[R].progress > 0.3
+    assert poses.body.pose_arms[R].reference.tracker.has_joined and poses.body.arms[R].reference.progress > 0.3
 
 
 def test_a_chunk_of_poses_needs_the_arms_own_frame_and_mode(poses):

@@ -329,14 +329,13 @@ def test_a_stream_that_cannot_go_on_stays_as_it_was():
 
 
 def test_a_stream_shows_what_its_reference_does():
-    """Setpoint, velocity, acceleration, period, progress, and whether targets ask for too much."""
+    """Setpoint, velocity, and the period."""
     course = Course()
     course.begin()
     course.run(20)
     arm, reference = course.arm, course.arm.reference
-    assert (arm.values, arm.rates, arm.forces) == (reference.values, reference.rates, reference.forces)
-    assert any(arm.rates) and any(arm.forces)
-    assert arm.period_s == 0.01 and 0.0 < arm.progress < 1.0 and not arm.is_limited
+    assert (arm.values, arm.rates) == (reference.values, reference.rates)
+    assert any(arm.rates) and arm.period_s == 0.01
 
 
 def test_a_stream_stays_with_an_arm_that_nobody_drives():

@@ -152,12 +152,7 @@ class Slowing:
 
 
 class Braking:
-    """What the brakes of one arm can do.
-
-    Args:
-        limits: Limits of the arm's joints.
-        period_s: Time between setpoints [s].
-    """
+    """What the brakes of one arm can do."""
 
     __slots__ = ("_inner_lower", "_inner_upper", "_lower", "_upper", "limits", "period_s", "tiny_rad")
 

@@ -25,11 +25,7 @@ UNPLANNED = ((math.nan,) * ARM_DOF,) * 3
 
 
 class JointFollower(Follower):
-    """Leads the joints of one arm to their latest target.
-
-    Args:
-        braking: The arm's limits, period and brakes.
-    """
+    """Leads the joints of one arm to their latest target."""
 
     def __init__(self, braking: Braking) -> None:
         super().__init__((braking.limits.j_radps3,) * ARM_DOF, braking.period_s)

@@ -80,15 +80,7 @@ class _Leg:
 
 
 class JointTracker(Tracker[Trajectory]):
-    """Leads one arm along one trajectory, inside the limits of position, velocity, acceleration and jerk.
-
-    Args:
-        braking: The arm's limits, period and brakes.
-        trajectory: As `Tracker` takes it, like the rest.
-        start_s: Time on it that is now [s].
-        rests: Whether it ends at rest.
-        lead: What the arm follows until this one begins.
-    """
+    """Leads one arm along one trajectory, inside the limits of position, velocity, acceleration and jerk."""
 
     def __init__(
         self,

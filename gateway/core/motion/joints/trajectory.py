@@ -62,7 +62,7 @@ class Trajectory:
     def at(self, time_s: float) -> tuple[Vector, Vector, Vector]:
         """Return positions, velocities and accelerations at a time; beyond an end, those of the end."""
         time_s = min(max(time_s, 0.0), self.duration_s)
-        n = self._piece(time_s)
+        n = min(bisect_right(self.times_s, time_s) - 1, len(self.times_s) - 2)
         t = time_s - self.times_s[n]
         positions, velocities, accelerations = [], [], []
         for q, v, a, j in zip(self.q, self.v, self.a, self.j, strict=True):
@@ -70,9 +70,6 @@ class Trajectory:
             velocities.append(v[n] + t * (a[n] + 0.5 * t * j[n]))
             accelerations.append(a[n] + t * j[n])
         return tuple(positions), tuple(velocities), tuple(accelerations)
-
-    def _piece(self, time_s: float) -> int:
-        return min(bisect_right(self.times_s, time_s) - 1, len(self.times_s) - 2)
 
 
 def interpolate(points: Sequence[Vector], times_s: Sequence[float]) -> Trajectory:

@@ -120,16 +120,9 @@ class _Worst(NamedTuple):
 def clock_for(
     lines: Mapping[Side, Line], curves: Mapping[Side, Curve], reins: Mapping[Side, Reins], speed: float
 ) -> Generator[None, None, LineClock | Refusal]:
-    """Work out the clock of a motion of one or both arms, piece by piece.
+    """Work out the clock of a motion of one or both arms, piece by piece, or the place that asks for too much.
 
-    Args:
-        lines: Ways of the end effectors.
-        curves: Joints along them; all with the same places.
-        reins: What each arm keeps to.
-        speed: Factor on the velocities and accelerations of the poses, 0 < speed <= 1.
-
-    Returns:
-        The clock, or the place that asks for too much.
+    All curves have the same places; `speed` is a factor on velocities and accelerations of the poses, 0 < speed <= 1.
     """
     limits = _pose_limits(lines, reins, speed)
     if limits is None:

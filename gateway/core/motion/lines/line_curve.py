@@ -58,11 +58,7 @@ Curve: TypeAlias = Trajectory
 
 
 class Coarse:
-    """The places are too far apart, or the joints turn too sharply there.
-
-    Args:
-        part: Of the way, where that was seen.
-    """
+    """The places are too far apart, or the joints turn too sharply there."""
 
     def __init__(self, part: float) -> None:
         self.part = part
@@ -92,14 +88,8 @@ def solve(
 ) -> Generator[None, None, Curve | Refusal | Coarse]:
     """Work out an arm's joints along a line, piece by piece.
 
-    Args:
-        side: Which arm.
-        arm: Its kinematics, in closed form or nearly.
-        line: From the pose of `begin_rad`.
-        elbow: Where the elbow is on the way.
-        begin_rad: Where the joints are at its beginning, shape (7,) [rad], inside the limits.
-        parts: Places on it, rising from 0 to 1.
-        limits: Of the joints' positions.
+    The line begins at the pose of `begin_rad`, shape (7,) [rad], inside the limits; `parts` are places on it, rising
+    from 0 to 1.
 
     Returns:
         The joints; or the first place at which the arm cannot be; or that the places are too far apart.

@@ -68,11 +68,7 @@ class Elbow(NamedTuple):
 def chosen(arm: ArmModel, line: Line, begin_rad: Vector, limits: JointLimits) -> Generator[None, None, Elbow]:
     """Choose the elbow's way along a line, piece by piece.
 
-    Args:
-        arm: Its kinematics, in closed form or nearly.
-        line: From the pose of `begin_rad`.
-        begin_rad: Where the joints are at its begin, shape (7,) [rad].
-        limits: Of the joints' positions.
+    The line begins at the pose of `begin_rad`, shape (7,) [rad].
 
     Returns:
         The best one; where the limits leave none, that which is least beyond them.
@@ -111,13 +107,7 @@ def chosen(arm: ArmModel, line: Line, begin_rad: Vector, limits: JointLimits) ->
 
 
 class _Judge:
-    """What a way of the elbow costs.
-
-    Args:
-        swivels: Joints by arm angle at the stations.
-        begin_rad: Joints at the begin [rad].
-        limits: Of the joints' positions.
-    """
+    """What a way of the elbow costs."""
 
     def __init__(self, swivels: Sequence[Swivel], begin_rad: Vector, limits: JointLimits) -> None:
         self._swivels = swivels

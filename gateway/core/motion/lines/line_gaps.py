@@ -33,11 +33,7 @@ def too_near(
 ) -> Generator[None, None, Refusal | None]:
     """Look for the first posture that leaves too little free, one look at a time.
 
-    Args:
-        model: Parts of the body.
-        margin_m: What has to stay free [m].
-        postures: Joints of both arms one after the other, the first as they are now, shape (7,) each [rad].
-        told: Names the places.
+    `postures` are joints of both arms one after the other, the first as they are now, shape (7,) each [rad].
     """
     least_m, number = margin_m, 0
     while number < len(postures):

@@ -84,12 +84,7 @@ class Unstoppable:
 
 
 def unstoppable(path: LinePath, braking: Braking) -> Generator[None, None, Unstoppable | None]:
-    """Look for the first setpoint of a path from which a joint could not stop inside its limits, piece by piece.
-
-    Args:
-        path: Of one arm.
-        braking: Limits of its joints.
-    """
+    """Look for the first setpoint of a path from which a joint could not stop inside its limits, piece by piece."""
     near = [n for n in range(ARM_DOF) if not braking.is_far(n, *path.curve.peaks[n][:2])]
     if not near:
         return None

@@ -77,15 +77,9 @@ Planning: TypeAlias = Generator[None, None, dict[Side, LinePath] | Refusal]
 
 
 def plan_lines(going: Mapping[Side, Going], body: Body, speed: float) -> Planning:
-    """Work out a straight motion to poses at rest, all arms ending together.
+    """Return paths of a straight motion to poses at rest, all arms ending together, inside all limits; or why not.
 
-    Args:
-        going: Arms that move, from rest.
-        body: What has to stay free.
-        speed: Factor on the velocities and accelerations of the poses, 0 < speed <= 1.
-
-    Returns:
-        Paths that keep all limits, or why there are none.
+    `speed` is a factor on velocities and accelerations of the poses, 0 < speed <= 1.
     """
     for side, one in going.items():
         if not one.arm.shape.is_near:

@@ -43,13 +43,7 @@ KINDS = (
 
 
 def check_pose(side: Side, index: int, pose: Sequence[float]) -> Refusal | None:
-    """Refuse what is no pose in the robot's reach.
-
-    Args:
-        side: Which arm.
-        index: Which point.
-        pose: x, y, z [m], qx, qy, qz, qw.
-    """
+    """Refuse what is no pose in the robot's reach."""
     field = f"{side}_arm[{index}]"
     if len(pose) != POSE_SIZE:
         return Refusal(
@@ -85,10 +79,7 @@ def check_pose(side: Side, index: int, pose: Sequence[float]) -> Refusal | None:
 def check_pose_motion(side: Side, trajectory: PoseTrajectory, bounds: Bounds) -> Refusal | None:
     """Refuse a motion that leaves the reach, or is faster than it can be followed, anywhere.
 
-    Args:
-        side: Which arm.
-        trajectory: The motion through its poses.
-        bounds: What is followed in any direction, as norms (`pose_follower.followed`).
+    Bounds are norms, as `pose_follower.followed` gives them.
     """
     rows = (trajectory.reach_m, trajectory.v_mps, trajectory.a_mps2, trajectory.w_radps, trajectory.dw_radps2)
     stretch = 1.0
@@ -109,13 +100,7 @@ def check_pose_motion(side: Side, trajectory: PoseTrajectory, bounds: Bounds) ->
 
 
 def check_pose_jump(side: Side, pose: Vector, reference: Vector) -> Refusal | None:
-    """Refuse a chunk that is too far from the arm's reference where it begins.
-
-    Args:
-        side: Which arm.
-        pose: Where the chunk is then.
-        reference: Where the reference is then.
-    """
+    """Refuse a chunk that is too far from the arm's reference where it begins."""
     off_m, off_rad = math.dist(pose[:3], reference[:3]), angle_rad(pose[3:], reference[3:])
     for off, bound, unit in ((off_m, JUMP_M, "m"), (off_rad, JUMP_RAD, "rad")):
         if off > bound * SLACK:

@@ -45,9 +45,6 @@ NEAR_S = 0.1
 def followed(dynamics: PoseDynamics) -> tuple[float, float, float, float, float]:
     """Return what a moving target may ask for in any direction; the arm falls behind one that asks for more.
 
-    Args:
-        dynamics: Limits of the end effector.
-
     Returns:
         Distance from the shoulder [m], linear speed [m/s] and acceleration [m/s²], angular speed [rad/s] and acceleration
         [rad/s²].
@@ -57,11 +54,7 @@ def followed(dynamics: PoseDynamics) -> tuple[float, float, float, float, float]
 
 
 class PoseFollower(Follower):
-    """Leads one end effector to its latest target.
-
-    Args:
-        dynamics: Its limits and its stops.
-    """
+    """Leads one end effector to its latest target."""
 
     def __init__(self, dynamics: PoseDynamics) -> None:
         super().__init__([dynamics.axis(n).j for n in AXES], dynamics.period_s)
@@ -74,11 +67,7 @@ class PoseFollower(Follower):
         """Per axis distance, velocity and acceleration that a setpoint may drop without counting against any limit."""
 
     def wish(self, now: State) -> Vector:
-        """Return with what velocity it will go to its target from rest, shape (6,) [m/s, rad/s]; 0 where it is there.
-
-        Args:
-            now: The present state.
-        """
+        """Return with what velocity it will go to its target from rest, shape (6,) [m/s, rad/s]; 0 where it is there."""
         if not self.target:
             return REST6
         linear = tuple([x - x0 for x, x0 in zip(self.target[:3], now.values[:3], strict=True)])

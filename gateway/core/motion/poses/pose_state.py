@@ -125,12 +125,7 @@ class AxisLimits(NamedTuple):
 
 
 class PoseDynamics:
-    """Limits in the form in which plans use them, and stops within them.
-
-    Args:
-        limits: Limits of the end effector.
-        period_s: Time between setpoints [s].
-    """
+    """Limits in the form in which plans use them, and stops within them."""
 
     __slots__ = ("_longest_m", "angular", "limits", "linear", "period_s")
 
@@ -185,10 +180,7 @@ class PoseDynamics:
     def check_entry(self, values: Sequence[float], rates: Sequence[float], forces: Sequence[float]) -> State:
         """Return a state when it is inside all limits and stays inside the reach while it brakes.
 
-        Args:
-            values: x, y, z [m], qx, qy, qz, qw.
-            rates: Linear [m/s], then angular velocity [rad/s].
-            forces: Accelerations likewise.
+        Values are x, y, z [m], qx, qy, qz, qw; rates and forces are linear, then angular.
 
         Raises:
             PlanFailed: With what is to blame, value and bound.
@@ -310,11 +302,8 @@ def share(need: Vector, want: Vector, total: float) -> tuple[float, ...]:
 def carry(quat_xyzw: Vector, place: Vector, v: Vector, a: Vector) -> State:
     """Turn a state of the chart around an orientation into a state of the body.
 
-    Args:
-        quat_xyzw: Orientation at the origin of the chart.
-        place: Position [m], then rotation vector from there [rad], at most 0.1 rad long; shape (6,).
-        v: Its first derivative.
-        a: Its second derivative.
+    `place` is position [m] and rotation vector from the orientation [rad], at most 0.1 rad long, shape (6,); `v` and
+    `a` are its derivatives.
     """
     r, dr, ddr = place[3:], v[3:], a[3:]
     if not any(r):

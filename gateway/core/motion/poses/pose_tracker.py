@@ -30,15 +30,7 @@ JOINED_S = 1.0
 
 
 class PoseTracker(Tracker[PoseTrajectory]):
-    """Leads one end effector along one trajectory, inside the reach and no faster than is followed.
-
-    Args:
-        dynamics: Its limits, period and stops.
-        trajectory: As `Tracker` takes it, like the rest.
-        start_s: Time on it that is now [s].
-        rests: Whether it ends at rest.
-        lead: What the arm follows until this one begins.
-    """
+    """Leads one end effector along one trajectory, inside the reach and no faster than is followed."""
 
     def __init__(
         self,

@@ -122,13 +122,7 @@ def _asked_for(place: Vector, v: Vector, a: Vector) -> Vector:
 
 
 def _turning(quat: Vector, rate: Vector, norm: float) -> float:
-    """Return twice the part of a quaternion's rate that turns it, for norm 1: what lies along it only changes its length.
-
-    Args:
-        quat: Not normalised.
-        rate: Its first or second derivative.
-        norm: Of `quat`.
-    """
+    """Return twice the part of a quaternion's rate that turns it, for norm 1: what lies along it only changes its length."""
     x, y, z, w = quat
     dx, dy, dz, dw = rate
     along = (x * dx + y * dy + z * dz + w * dw) / (norm * norm)
