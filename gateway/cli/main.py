@@ -206,6 +206,7 @@ COMMANDS: Mapping[str, Callable[[Namespace], int]] = {
     "check": _check,
     "doctor": _carried_out_by("gateway.cli.check.doctor"),
     "events": _carried_out_by("gateway.cli.looking.events"),
+    "incident": _carried_out_by("gateway.cli.looking.incident"),
     "frames": _carried_out_by("gateway.cli.body.frames"),
     "identify": _carried_out_by("gateway.cli.body.identify"),
     "enable": _carried_out_by("gateway.cli.motion.enabling"),

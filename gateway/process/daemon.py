@@ -33,6 +33,8 @@ from gateway.core.messages.outputs import Notice, Reply, router_name
 from gateway.errors import Code
 from gateway.guard.launcher import GuardLauncher
 from gateway.guard.successor import HoldSuccessor
+from gateway.incident.recorder import Recorder
+from gateway.incident.ring import folder_of
 from gateway.link.robot_link import RobotLink
 from gateway.messages.snapshot import Snapshot
 from gateway.process.loop import Loop
@@ -54,6 +56,8 @@ _log = logging.getLogger(__name__)
 
 DISK_TIMEOUT_S = 2.0
 """How long the end waits for the last state to reach the disk [s]."""
+BLACK_BOX_TIMEOUT_S = 1.0
+"""And for the black box."""
 
 
 class _Watched:
@@ -102,10 +106,18 @@ class _Watched:
 class _Guards:
     """This daemon's guard, and the one that an earlier daemon left, as far as the loop is concerned."""
 
-    def __init__(self, settings: Settings, engine: Engine, socket: Path, *, is_json_log: bool) -> None:
+    def __init__(
+        self,
+        settings: Settings,
+        engine: Engine,
+        latch: Callable[[Code, str], None],
+        socket: Path,
+        *,
+        is_json_log: bool,
+    ) -> None:
         self._engine = engine
         name = robot_name(settings.link.endpoint, settings.link.namespace)
-        self._successor = HoldSuccessor(guard_socket(socket), engine, _latching(engine), name)
+        self._successor = HoldSuccessor(guard_socket(socket), engine, latch, name)
         self._launcher: GuardLauncher | None = None
         if settings.guard.enabled:
             here = replace(settings, local=replace(settings.local, socket=str(socket)))
@@ -132,8 +144,8 @@ class _Guards:
             self._launcher.close(is_clean=is_clean())
 
 
-def _latching(engine: Engine) -> Callable[[Code, str], None]:
-    return lambda code, message: engine.takeover.latch(code, message, time.monotonic_ns())
+def _latching(recorder: Recorder) -> Callable[[Code, str], None]:
+    return lambda code, message: recorder.latch(code, message, time.monotonic_ns())
 
 
 class _Link:
@@ -149,9 +161,11 @@ class _Link:
         on_up: Callable[[], None],
         guards: _Guards,
         recall: Recall,
+        latch: Callable[[Code, str], None],
         namespace: str,
     ) -> None:
         self._recall = recall
+        self._latch = latch
         self._namespace = namespace
         self._guards = guards
         self._on_up = on_up
@@ -167,7 +181,7 @@ class _Link:
         for event in events:
             if isinstance(event, LinkUp):
                 self._on_up()
-                self._recall.meet(router_name(event.router_zid, self._namespace), _latching(engine))
+                self._recall.meet(router_name(event.router_zid, self._namespace), self._latch)
         of_guards = self._guards.poll()
         for event in of_guards:
             if isinstance(event, GuardSeen) and event.zid:
@@ -230,14 +244,19 @@ def run(
             if started.report:
                 _log.warning("%s", started.report)
             engine = Engine(settings, started.remembered, model)
-            recall.known_here(started.remembered, _latching(engine))
+            recorder = Recorder(engine, folder_of(state_file.path), settings.link.endpoint)
+            latch = _latching(recorder)
+            recall.known_here(started.remembered, latch)
             watched = _Watched(plane, engine, notifier)
             ending.enter_context(_signals(watched.ask_to_end))  # to the very end: impatience must skip nothing
             # Before real-time measures, and before this process has anything that another one should not inherit.
-            guards = _Guards(settings, engine, plane.socket, is_json_log=is_json_log)
+            guards = _Guards(settings, engine, latch, plane.socket, is_json_log=is_json_log)
             ending.callback(guards.close, lambda: status == 0)
             writer = StateWriter(state_file, started, on_saved=recall.saved)
             ending.callback(_close_writer, writer, state_file)
+            if settings.local.black_box:
+                recorder.start()
+                ending.callback(lambda: recorder.close(BLACK_BOX_TIMEOUT_S, is_clean=status == 0))
             measures = Measures(settings)
             ending.callback(measures.undo)
             link = RobotLink(settings.link)
@@ -247,14 +266,14 @@ def run(
             plane.open()
             link.open()
             measures.take()
-            robot = _Link(link, engine, measures.renew, guards, recall, settings.link.namespace)
+            robot = _Link(link, engine, measures.renew, guards, recall, latch, settings.link.namespace)
             loop = Loop(
-                engine,
+                recorder,
                 robot,
                 watched,
                 on_remembered=writer.write,
                 on_sending=guards.on_sending,
-                on_cycle=None if notifier is None else notifier.beat,
+                on_cycle=_each(recorder.look, notifier),
             )
             ending.callback(guards.close, lambda: status == 0)  # first of all: no tick comes any more
             if on_ready is not None:
@@ -263,6 +282,7 @@ def run(
                 notifier.ready(time.monotonic_ns(), lambda: engine.state.value)
             loop.run(lambda: False)
             if engine.is_broken:
+                recorder.close(0, is_clean=False)  # it writes on while the disk is waited for
                 _leave(guards, partial(_close_writer, writer, state_file))
             status = 0
     finally:
@@ -271,6 +291,15 @@ def run(
             logging.shutdown()
             os._exit(status)
     return 0
+
+
+def _each(look: Callable[[int], None], notifier: Notifier | None) -> Callable[[int], None]:
+    def on_cycle(now_ns: int) -> None:
+        look(now_ns)
+        if notifier is not None:
+            notifier.beat(now_ns)
+
+    return look if notifier is None else on_cycle
 
 
 def _leave(guards: _Guards, save: Callable[[], None]) -> NoReturn:

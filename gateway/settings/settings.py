@@ -164,6 +164,7 @@ class LocalSettings:
         tls_root_ca: PEM file; when given, clients must show a certificate of it.
         snapshot_hz: Rate of published snapshots [Hz].
         demand_stop_endpoint: Whether nothing may move while no stop endpoint is registered.
+        black_box: Whether the last minute and the events are written to the disk, and kept when it matters (`ta2 incident`).
     """
 
     socket: str = ""
@@ -176,6 +177,7 @@ class LocalSettings:
     tls_root_ca: str = ""
     snapshot_hz: float = 50.0
     demand_stop_endpoint: bool = False
+    black_box: bool = True
 
     def __post_init__(self) -> None:
         """Refuse rates and modes that make no sense. Listener rules are checked when the listener opens."""

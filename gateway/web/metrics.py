@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+import contextlib
+import shutil
+from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from prometheus_client import CollectorRegistry, generate_latest
@@ -13,6 +17,7 @@ from gateway import __version__
 
 if TYPE_CHECKING:
     from gateway.api.protocol import Snapshot
+    from gateway.web.messages import CamerasSeen
     from gateway.web.viewer import Viewer
 
 __all__ = ["text"]
@@ -22,16 +27,24 @@ KINDS = {"gauge": GaugeMetricFamily, "counter": CounterMetricFamily}
 Rows = Iterable[tuple[Mapping[str, str], float | None]]
 
 
-def text(viewer: Viewer) -> bytes:
-    """Return the page of metrics; while the gateway is away only that it is, and what was counted."""
+def text(viewer: Viewer, cameras: CamerasSeen | None = None, disk: Path | None = None) -> bytes:
+    """Return the page of metrics; while the gateway is away only that it is, and what was counted.
+
+    Args:
+        viewer: Looks at the gateway.
+        cameras: How the page sees the cameras; None where it shows none.
+        disk: A folder on the disk whose room is told; None for none.
+    """
     registry = CollectorRegistry(auto_describe=False)
-    registry.register(_Seen(viewer))
+    registry.register(_Seen(viewer, cameras, disk))
     return generate_latest(registry)
 
 
 class _Seen(Collector):
-    def __init__(self, viewer: Viewer) -> None:
+    def __init__(self, viewer: Viewer, cameras: CamerasSeen | None, disk: Path | None) -> None:
         self._viewer = viewer
+        self._cameras = cameras
+        self._disk = disk
 
     def describe(self) -> Iterable[Metric]:
         return ()
@@ -42,6 +55,15 @@ class _Seen(Collector):
         yield from _family("ta2_web", "gauge", "Release of this page.", [({"version": __version__}, 1.0)])
         counted = [({"code": code, "level": level}, n) for (code, level), n in sorted(viewer.counted.items())]
         yield from _family("ta2_notices", "counter", "Notices of the gateway since this page began.", counted)
+        if self._disk is not None:
+            with contextlib.suppress(OSError):
+                free = shutil.disk_usage(self._disk).free
+                yield from _one("ta2_disk_free_bytes", "gauge", "Room on the disk of state and black box.", free)
+        if self._cameras is not None:
+            seen = self._cameras
+            yield from _one("ta2_video_receiving", "gauge", "Whether a page looks at the cameras.", seen.is_receiving)
+            yield from _one("ta2_video_age_seconds", "gauge", "Age of the newest picture.", seen.age_s)
+            yield from _one("ta2_video_rate_hertz", "gauge", "Pictures that were decoded in a second.", seen.rate_hz)
         if view is not None:
             yield from _of_view(view)
 
@@ -53,6 +75,13 @@ def _of_view(view: Snapshot) -> Iterator[Metric]:
         "ta2_latch", "gauge", "1 for each cause that holds motion off.", [({"code": c}, 1.0) for c in view.latches]
     )
     yield from _family("ta2_finding", "gauge", "1 for each finding.", [({"code": f.code}, 1.0) for f in view.findings])
+    refusals = [({"request": kind, "code": no.code}, 1.0) for kind, no in view.refusals.items()]
+    yield from _family("ta2_refused", "gauge", "1 for each kind of request that would be refused now.", refusals)
+    targets: Counter[str] = Counter()
+    for stream in view.targets:
+        targets[stream.refusal_code] += stream.refused
+    per_code = [({"code": code}, float(count)) for code, count in sorted(targets.items()) if code]
+    yield from _family("ta2_targets_refused", "gauge", "Refused targets of the streams that are shown.", per_code)
     yield from _one("ta2_fsm_state", "gauge", "The robot's FSM as a number.", view.fsm)
     yield from _one("ta2_loop_ticks", "counter", "Ticks of the control loop.", loop.ticks)
     yield from _one("ta2_loop_skipped", "counter", "Periods that the control loop skipped.", loop.skipped)

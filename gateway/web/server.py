@@ -47,6 +47,7 @@ from gateway.errors import (
     Rejected,
     failure,
 )
+from gateway.settings.toml_file import state_dir
 from gateway.web import metrics, stopping
 from gateway.web.door import Door, cookie_name
 from gateway.web.messages import BOUNDARY, Alive, Asked, CamerasSeen
@@ -186,7 +187,11 @@ class _Server:
         return StreamingResponse(_from(first, pictures), media_type=f"multipart/x-mixed-replace; boundary={BOUNDARY}")
 
     async def metrics(self, _: Request) -> Response:
-        return Response(metrics.text(self.viewer), headers={"Content-Type": CONTENT_TYPE_LATEST})
+        cameras = None if self._cameras is None else self._cameras.seen()
+        disk = None
+        with contextlib.suppress(GatewayError):  # there is neither a folder nor a home
+            disk = next((folder for folder in (state_dir(), *state_dir().parents) if folder.is_dir()), None)
+        return Response(metrics.text(self.viewer, cameras, disk), headers={"Content-Type": CONTENT_TYPE_LATEST})
 
     async def openapi(self, _: Request) -> Response:
         return Response(description(), media_type="application/json")

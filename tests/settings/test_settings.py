@@ -119,6 +119,7 @@ UNBOUNDED = {
     "singularity_slowdown",
     "tcp_open_to_every_user_of_this_host",
     "demand_stop_endpoint",
+    "black_box",
 }
 """Fields with rules of their own (below), or without a number."""
 

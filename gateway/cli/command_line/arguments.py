@@ -19,7 +19,7 @@ from gateway.cli.command_line.dataset_arguments import add_dataset
 from gateway.cli.command_line.first_arguments import add_first
 from gateway.cli.command_line.ground_arguments import add_ground, take_velocity
 from gateway.cli.command_line.motion_arguments import add_motions
-from gateway.cli.command_line.numbers import seconds
+from gateway.cli.command_line.numbers import seconds, span
 from gateway.cli.command_line.policy_arguments import add_policy
 from gateway.cli.command_line.record_arguments import add_bag, add_episode, complete_record
 from gateway.cli.command_line.robot_arguments import (
@@ -37,7 +37,7 @@ from gateway.cli.command_line.sim_arguments import add_camera, add_clock, add_ph
 from gateway.cli.command_line.stop_arguments import add_stops
 from gateway.cli.command_line.teleop_arguments import add_teleop
 from gateway.cli.command_line.video_arguments import add_video
-from gateway.cli.command_line.view_arguments import add_view, add_web
+from gateway.cli.command_line.view_arguments import add_incident, add_view, add_web
 from gateway.cli.terminal.ending import STATUS_HELP
 
 __all__ = ["joints", "parse", "parser"]
@@ -220,7 +220,15 @@ def _add_config(config: argparse.ArgumentParser) -> None:
 
 def _add_views(commands: Any) -> None:  # noqa: ANN401  argparse's private class
     add_client_command(commands, "status", "show on one screen what the gateway sees, and what to do next")
-    add_client_command(commands, "why", "say why the robot does not do what it is told, as far as it can be known")
+    why = add_client_command(
+        commands, "why", "say why the robot does not do what it is told, as far as it can be known"
+    )
+    why.add_argument(
+        "--since",
+        type=span,
+        metavar="SPAN",
+        help="print what the gateways of this user told and refused in that time, e.g. 90s, 10m, 1h; needs none that runs",
+    )
     watch = add_client_command(
         commands,
         "watch",
@@ -245,6 +253,7 @@ def _add_views(commands: Any) -> None:  # noqa: ANN401  argparse's private class
         "Goes on when the gateway is restarted, and says how many lines were lost.",
     )
     events.add_argument("--silence", type=seconds, metavar="S", help="end after so long without any [s]")
+    add_incident(commands)
     add_view(commands)
 
 

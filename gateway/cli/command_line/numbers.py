@@ -6,7 +6,7 @@ import argparse
 import math
 from functools import partial
 
-__all__ = ["above_zero", "between", "factor", "integer", "seconds", "udp_port"]
+__all__ = ["above_zero", "between", "factor", "integer", "seconds", "span", "udp_port"]
 
 
 def above_zero(text: str, most: float, what: str) -> float:
@@ -38,6 +38,14 @@ def integer(text: str, least: int, most: int, what: str) -> int:
     if not least <= value <= most:
         raise argparse.ArgumentTypeError(f"{text.strip()!r} is no {what} from {least} to {most}")
     return value
+
+
+def span(text: str) -> float:
+    """Return a time [s] that was typed as `90s`, `10m`, `1h` or `2d`; else as `above_zero`."""
+    scale = {"s": 1.0, "m": 60.0, "h": 3600.0, "d": 86_400.0}.get(text.strip()[-1:], math.nan)
+    return above_zero(
+        str(_number(text.strip()[:-1]) * scale), 31 * 86_400.0, f"time such as 10m or 1h, as {text!r} is none,"
+    )
 
 
 def _number(text: str) -> float:

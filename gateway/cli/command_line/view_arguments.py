@@ -1,4 +1,4 @@
-"""Arguments of `ta2 view` and `ta2 web`: what shows the robot in another program's window."""
+"""Arguments of `ta2 view` and `ta2 web`, which show the robot in another program's window, and of `ta2 incident`."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from gateway.cli.command_line.adding import add_client_command, add_command, add
 from gateway.cli.command_line.numbers import above_zero, integer, seconds, udp_port
 from gateway.cli.command_line.video_arguments import PORT
 
-__all__ = ["add_view", "add_web"]
+__all__ = ["add_incident", "add_view", "add_web"]
 
 RATE_HZ = 20.0
 MOST_HZ = 200.0
@@ -69,3 +69,28 @@ def add_web(commands: Any) -> None:  # noqa: ANN401  argparse's private class
     )
     web.add_argument("--metrics", action="store_true", help="let anybody on this host read /metrics (Prometheus)")
     web.add_argument("--json", action="store_true", help="print address and secret as JSON")
+
+
+def add_incident(commands: Any) -> None:  # noqa: ANN401  argparse's private class
+    """Add `incident` with its verbs; `options.verb` says which one it is."""
+    incident = add_command(
+        commands,
+        "incident",
+        "look at what the black box kept of latches, takeovers and aborts, and run the engine on it again",
+        "Reads files of this user's gateway, and needs none that runs.",
+    )
+    verbs = incident.add_subparsers(title="what to do", dest="verb", metavar="VERB", required=True)
+    for verb, text in (
+        ("list", "list what is kept, the oldest first"),
+        ("show", "print what happened, when, and what it was kept for"),
+        ("replay", "run the engine on it in virtual time: status 0 when every frame is the same, bit by bit"),
+    ):
+        sub = add_command(verbs, verb, text)
+        if verb != "list":
+            sub.add_argument(
+                "name", nargs="?", default="", metavar="INCIDENT", help="name or folder (default: the newest)"
+            )
+        if verb == "show":
+            sub.add_argument("--html", type=Path, metavar="FILE", help="write a page for a browser, too")
+        sub.add_argument("--dir", type=Path, metavar="DIR", help="where they are kept (default: this user's)")
+        sub.add_argument("--json", action="store_true", help="print JSON on standard output")

@@ -1,10 +1,15 @@
-"""`ta2 why`: what keeps the robot from doing what it is told, with remedies. For scripts the same as JSON."""
+"""`ta2 why`: what keeps the robot from doing what it is told, with remedies. For scripts the same as JSON.
+
+With --since what was told in a time, from the files of the black box: the only part that needs no gateway.
+"""
 
 from __future__ import annotations
 
 import json
+import time
 from argparse import Namespace
 from collections.abc import Iterator
+from datetime import datetime, timezone
 
 import msgspec
 from rich.console import Console
@@ -15,6 +20,8 @@ from gateway.cli.terminal.connection import connected
 from gateway.cli.terminal.ending import ExitStatus, in_shell_words
 from gateway.cli.terminal.style import STEP_MARKS, STEP_STYLES
 from gateway.client import Why
+from gateway.errors import Code, failure
+from gateway.settings.toml_file import state_dir
 
 __all__ = ["carry_out", "document", "lines"]
 
@@ -25,6 +32,8 @@ def carry_out(options: Namespace) -> ExitStatus:
     Raises:
         Disconnected: No gateway answers.
     """
+    if options.since is not None:
+        return _told_since(time.time() - options.since, as_json=options.json)
     with connected("why", options.target, options.timeout_s) as robot:
         info, state, why = robot.info, robot.state, robot.why()
     if options.json:
@@ -41,6 +50,31 @@ def carry_out(options: Namespace) -> ExitStatus:
     for step in next_steps(state.view, info):
         if step.subject != "finding":
             console.print(Text(f"{STEP_MARKS[step.level]} {step.text}", style=STEP_STYLES[step.level]), soft_wrap=True)
+    return ExitStatus.OK
+
+
+def _told_since(since_s: float, *, as_json: bool) -> ExitStatus:
+    """Print what the gateways of this user told and refused, from their files, the oldest first."""
+    from gateway.incident.event_log import read_events
+
+    folders = sorted(path for path in (state_dir() / "incidents").glob("*") if path.is_dir())
+    try:
+        told = [(event, folder.name) for folder in folders for event in read_events(folder, since_s)]
+    except OSError as error:
+        raise failure(Code.BAD_REQUEST, str(error), field="since") from None
+    for event, robot in sorted(told, key=lambda each: float(str(each[0]["t"]))):
+        if as_json:
+            print(json.dumps({**event, "robot": robot}, ensure_ascii=False))
+            continue
+        when = (
+            datetime.fromtimestamp(float(str(event["t"])), timezone.utc).astimezone().strftime("%m-%d %H:%M:%S.%f")[:-3]
+        )
+        who = f"refused to {event['client']}" if event.get("event") == "refused" else event.get("level", "")
+        more = f" ({event['more']} more before)" if event.get("more") else ""
+        at = f"{robot}  " if len(folders) > 1 else ""
+        print(f"{when}  {at}{who}  {event.get('code')}: {event.get('message')}{more}")
+    if not (told or as_json):
+        print(f"nothing was told in that time, as far as {state_dir() / 'incidents'} knows")
     return ExitStatus.OK
 
 

@@ -20,7 +20,7 @@ from collections.abc import Sequence
 
 from ruckig import InputParameter, Ruckig, Synchronization, Trajectory
 
-from gateway.core.motion.solver import NoPlan, solve
+from gateway.core.motion.solver import NoPlan, Plan, solve
 from gateway.core.motion.space import State
 from gateway.values import Vector
 
@@ -57,7 +57,7 @@ class Follower(ABC):
         self._entry.synchronization = Synchronization.No
         self._entry.max_jerk = jerks
         self._ruckig = Ruckig(len(jerks))
-        self._trajectory = Trajectory(len(jerks))
+        self._trajectory = Plan(len(jerks))
 
     @property
     def is_limited(self) -> bool:

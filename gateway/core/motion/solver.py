@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from ruckig import InputParameter, Ruckig, RuckigError, Trajectory
 
-__all__ = ["LONGEST_S", "NoPlan", "solve"]
+__all__ = ["LONGEST_S", "NoPlan", "Plan", "solve"]
 
 JERK_FACTORS = (1.0 - 1e-9, 1.0 - 1e-6)
 """Parts of the jerk limit to try when the whole finds no plan; the velocity may grow by as little for it."""
@@ -18,11 +18,18 @@ LONGEST_S = 3600.0
 """Plans up to this duration can be found [s]; ruckig refuses those above 7600 s."""
 
 
+class Plan(Trajectory):  # type: ignore[misc]  # ruckig has no types
+    """What ruckig found, and from what: its own object does not tell, and the same input gives the same plan, bit by bit."""
+
+    entry: InputParameter | None = None
+    """What it was calculated from last; None before. A plan that is kept has one to itself."""
+
+
 class NoPlan(Exception):
     """There is no plan, or ruckig does not find it. The message says why."""
 
 
-def solve(ruckig: Ruckig, entry: InputParameter, trajectory: Trajectory) -> None:
+def solve(ruckig: Ruckig, entry: InputParameter, trajectory: Plan) -> None:
     """Calculate the trajectory of an input.
 
     Args:
@@ -33,6 +40,7 @@ def solve(ruckig: Ruckig, entry: InputParameter, trajectory: Trajectory) -> None
     Raises:
         NoPlan: ruckig finds none.
     """
+    trajectory.entry = entry
     try:
         ruckig.calculate(entry, trajectory)
     except RuckigError as error:

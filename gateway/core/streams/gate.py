@@ -15,7 +15,8 @@ It knows neither clock nor lease nor the way a frame came about. States are comp
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from functools import partial
 from operator import le, sub
 from typing import NamedTuple, NewType
 
@@ -210,14 +211,7 @@ class Gate:
         lows = tuple(low - POSITION_SLACK_RAD for low, _ in bounds)
         highs = tuple(high + POSITION_SLACK_RAD for _, high in bounds)
 
-        def judge(q_rad: Vector) -> str:
-            if all(map(le, lows, q_rad)) and all(map(le, q_rad, highs)):
-                return ""
-            joint = next(n for n, q in enumerate(q_rad) if not lows[n] <= q <= highs[n])
-            low, high = bounds[joint]
-            return f"joint {joint + 1} at {q_rad[joint]!r} rad is outside [{low}, {high}] rad (manual §4.13, configuration)"
-
-        return judge
+        return partial(_joints_within, bounds, lows, highs)
 
     def _joint_step(self, past: _Past, q_rad: Vector, step: Vector) -> str:
         v, a, period_s = self._arm.v_radps, self._arm.a_radps2, 1.0 / self._arm.rate_hz
@@ -311,6 +305,14 @@ def _not_permitted(frame: Frame, context: GateContext) -> str:
 
 def _within(name: str, value: float, low: float, high: float, unit: str, source: str) -> str:
     return "" if low <= value <= high else f"{name} {value!r} is outside [{low}, {high}] {unit} ({source})"
+
+
+def _joints_within(bounds: Sequence[tuple[float, float]], lows: Vector, highs: Vector, q_rad: Vector) -> str:
+    if all(map(le, lows, q_rad)) and all(map(le, q_rad, highs)):
+        return ""
+    joint = next(n for n, q in enumerate(q_rad) if not lows[n] <= q <= highs[n])
+    low, high = bounds[joint]
+    return f"joint {joint + 1} at {q_rad[joint]!r} rad is outside [{low}, {high}] rad (manual §4.13, configuration)"
 
 
 def _gripper_range(values: Vector) -> str:

@@ -21,11 +21,11 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from itertools import accumulate, islice
 
-from ruckig import InputParameter, Profile, Ruckig, Synchronization, Trajectory
+from ruckig import InputParameter, Profile, Ruckig, Synchronization
 
 from gateway.core.motion.joints.braking import Braking, Slowing
 from gateway.core.motion.joints.path import Path
-from gateway.core.motion.solver import NoPlan, solve
+from gateway.core.motion.solver import NoPlan, Plan, solve
 from gateway.core.motion.space import PlanFailed, Start, State, check_speed
 from gateway.values import ARM_DOF, Side, Vector
 
@@ -121,7 +121,7 @@ def _plan(
         goal = [min(max(end, low + INSET_RAD), high - INSET_RAD) for end, low, high in bounds]
     entry.current_position, entry.current_velocity, entry.current_acceleration, entry.target_position = q, v, a, goal
     entry.max_velocity, entry.max_acceleration, entry.max_jerk = v_max, a_max, j_max
-    trajectory = Trajectory(len(rows))
+    trajectory = Plan(len(rows))
     solve(Ruckig(len(rows)), entry, trajectory)
 
     ends = trajectory.at_time(trajectory.duration)[0]

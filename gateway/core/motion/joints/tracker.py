@@ -19,11 +19,10 @@ import math
 from dataclasses import dataclass
 
 from ruckig import InputParameter, Ruckig, Synchronization
-from ruckig import Trajectory as Plan
 
 from gateway.core.motion.joints.braking import REST, Braking, Slowing
 from gateway.core.motion.joints.trajectory import Trajectory
-from gateway.core.motion.solver import NoPlan, solve
+from gateway.core.motion.solver import NoPlan, Plan, solve
 from gateway.core.motion.space import State
 from gateway.core.motion.tracker import ROUNDING_S, Outcome, Tracker
 from gateway.values import ARM_DOF, Vector

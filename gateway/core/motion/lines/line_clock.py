@@ -26,7 +26,7 @@ from gateway.core.motion.joints.braking import JointLimits
 from gateway.core.motion.lines.line import Line
 from gateway.core.motion.lines.line_curve import Curve, place
 from gateway.core.motion.poses.pose_state import PoseDynamics
-from gateway.core.motion.solver import NoPlan, solve
+from gateway.core.motion.solver import NoPlan, Plan, solve
 from gateway.errors import Code, Refusal
 from gateway.robot.topics import ARM_JOINTS
 from gateway.values import ARM_DOF, Side
@@ -167,7 +167,7 @@ def _law(v: float, a: float, j: float) -> Trajectory:
     Raises:
         NoPlan: ruckig finds none.
     """
-    entry, law = InputParameter(1), Trajectory(1)
+    entry, law = InputParameter(1), Plan(1)
     entry.current_position, entry.target_position = [0.0], [1.0]
     entry.max_velocity, entry.max_acceleration, entry.max_jerk = [v], [a], [j]
     solve(Ruckig(1), entry, law)

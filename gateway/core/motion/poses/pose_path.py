@@ -17,7 +17,7 @@ from ruckig import InputParameter, Ruckig, Trajectory
 
 from gateway.core.motion.poses.pose_state import REST6, PoseDynamics, PoseStop
 from gateway.core.motion.poses.quaternion import aligned, exp, multiply, turn, unit
-from gateway.core.motion.solver import NoPlan, solve
+from gateway.core.motion.solver import NoPlan, Plan, solve
 from gateway.core.motion.space import PlanFailed, Start, State, check_speed
 from gateway.values import Side, Vector
 
@@ -117,7 +117,7 @@ def plan_pose_paths(
         entry.max_velocity = [speed]
         entry.max_acceleration = [way_s * min(a for _, a in a_max)]
         entry.max_jerk = [way_s * min(j_max)]
-        trajectory = Trajectory(1)
+        trajectory = Plan(1)
         try:
             solve(Ruckig(1), entry, trajectory)
         except NoPlan as none:

@@ -1,0 +1,227 @@
+"""An engine's state as bytes, and an engine of its own from them that goes on bit for bit: ruckig's plans are worked out anew.
+
+Rules
+    * Freezing is done in the control loop, after its frames have left, and takes it about a millisecond: what is large and
+      never changes (the body's model, the motion through a chunk's points) is only named there. Whoever writes packs it.
+    * Work that is cut into ticks (`yield`) cannot be frozen; the next moment can be. `Unfrozen` says so.
+    * Of the settings of the local plane only what the engine reads is packed: no file of users or keys is named.
+    * Thawing builds nothing but the gateway's own values: no file makes it call anything else.
+"""
+
+from __future__ import annotations
+
+import copyreg
+import io
+import pickle
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from importlib import import_module
+from types import ModuleType
+from typing import Any, NamedTuple
+
+from ruckig import InputParameter, Ruckig, Trajectory
+
+from gateway.core.engine import Engine
+from gateway.core.motion.chunk import Chunk
+from gateway.core.motion.joints.trajectory import Trajectory as JointMotion
+from gateway.core.motion.poses.pose_trajectory import PoseTrajectory
+from gateway.core.motion.solver import NoPlan, Plan, solve
+from gateway.settings.settings import LocalSettings
+
+__all__ = ["Frozen", "Unfrozen", "freeze", "packed", "thaw", "unpickler"]
+
+FIELDS = tuple(
+    name
+    for name in dir(InputParameter)
+    if not (name.startswith("_") or callable(getattr(InputParameter, name)) or name == "degrees_of_freedom")
+)
+
+ROOMS = ("gateway.core.", "gateway.messages.", "gateway.kinematics.", "gateway.settings.", "gateway.robot.")
+MODULES = (
+    "gateway.errors",
+    "gateway.codes",
+    "gateway.values",
+    "gateway.incident.records",
+    "collections",
+    "math",
+)
+"""Whose values may be thawed, with the rooms above."""
+OTHERS = {
+    "builtins": ("set", "frozenset", "getattr", "bytearray", "range", "max", "min"),
+    "copyreg": ("_reconstructor", "__newobj__"),
+    "functools": ("partial",),
+    "itertools": ("count",),
+    "msgspec._utils": ("rebuild",),
+    "numpy": ("ndarray", "dtype"),
+    "_operator": ("le", "sub", "mul", "add"),
+    "ruckig": ("Ruckig", "ControlInterface", "DurationDiscretization", "Synchronization"),
+}
+
+
+class Unfrozen(Exception):
+    """The engine cannot be frozen at this moment. The message says what is in the way."""
+
+
+class Frozen(NamedTuple):
+    """An engine at one moment.
+
+    Attributes:
+        state: What changes.
+        parts: What does not, by the numbers that `state` has for it.
+    """
+
+    state: bytes
+    parts: Sequence[object]
+
+
+def freeze(engine: Engine) -> Frozen:
+    """Return an engine's state between two ticks.
+
+    Raises:
+        Unfrozen: It is in the middle of work that is cut into ticks.
+    """
+    parts: list[object] = []
+    return Frozen(_dumped(engine, _table(parts.append, parts)), parts)
+
+
+def packed(frozen: Frozen) -> tuple[bytes, bytes]:
+    """Return a frozen engine as bytes, parts and state; of any thread.
+
+    Raises:
+        Unfrozen: A part cannot be packed.
+    """
+    return _dumped(list(frozen.parts), _table()), frozen.state
+
+
+def thaw(parts: bytes, state: bytes) -> Engine:
+    """Return an engine that goes on from there.
+
+    Raises:
+        ValueError: That is no engine of this release.
+    """
+    known = unpickler(io.BytesIO(parts)).load()
+    engine = unpickler(io.BytesIO(state), known).load()
+    if not isinstance(engine, Engine):
+        raise ValueError("no engine is in it")
+    return engine
+
+
+# ------------------------------------------------------------------------------------------------------- to bytes
+
+
+def _dumped(value: object, table: dict[type, Any]) -> bytes:
+    file = io.BytesIO()
+    pickler = pickle.Pickler(file, 5)
+    pickler.dispatch_table = table
+    try:
+        pickler.dump(value)
+    except (pickle.PicklingError, TypeError, AttributeError, RuntimeError) as error:
+        raise Unfrozen(str(error)) from error
+    return file.getvalue()
+
+
+def _table(take: Callable[[object], None] | None = None, parts: Sequence[object] = ()) -> dict[type, Any]:
+    """Return what becomes of values that say nothing themselves; with `take`, what does not change is given to it."""
+    table = dict(copyreg.dispatch_table)
+    table[Ruckig] = lambda solver: (Ruckig, (solver.degrees_of_freedom,))
+    table[InputParameter] = lambda entry: (_entry, _fields(entry))
+    table[Plan] = lambda plan: (_plan, (plan.degrees_of_freedom, plan.entry))
+    table[Trajectory] = lambda plan: (Plan, (plan.degrees_of_freedom,))
+    table[LocalSettings] = lambda local: (_local, (local.snapshot_hz, local.demand_stop_endpoint))
+    if take is not None:
+
+        def named(part: object) -> tuple[Any, ...]:
+            take(part)
+            return _part, (len(parts) - 1,)
+
+        table.update(dict.fromkeys(_unchanging(), named))
+    return table
+
+
+def _unchanging() -> tuple[type, ...]:
+    import sys
+
+    model = sys.modules.get(
+        "gateway.core.robot_state.body_model"
+    )  # it takes numpy along: only where it is there anyway
+    body = (model.ArmModel, model.CollisionModel, model.Approach) if model is not None else ()
+    return (Chunk, JointMotion, PoseTrajectory, *body)
+
+
+def _fields(entry: InputParameter) -> tuple[int, dict[str, object]]:
+    fresh = InputParameter(entry.degrees_of_freedom)
+    told = {name: getattr(entry, name) for name in FIELDS}
+    return entry.degrees_of_freedom, {name: value for name, value in told.items() if value != getattr(fresh, name)}
+
+
+# ------------------------------------------------------------------------------------------------------- from bytes
+
+
+def unpickler(file: io.BytesIO, parts: Sequence[object] = ()) -> pickle.Unpickler:
+    """Return what reads values of the gateway, and nothing else, from a file.
+
+    Args:
+        file: To be read.
+        parts: What it has numbers for.
+    """
+    return _Unpickler(file, parts)
+
+
+class _Unpickler(pickle.Unpickler):
+    def __init__(self, file: io.BytesIO, parts: Sequence[object]) -> None:
+        super().__init__(file)
+        self._parts = parts
+
+    def find_class(self, module: str, name: str) -> Any:  # noqa: ANN401  as its base has it
+        if (module, name) == (__name__, _part.__name__):
+            return self._parts.__getitem__
+        if (module, name) == ("builtins", "getattr"):
+            return _method
+        if module == __name__ and name in MADE:
+            return MADE[name]
+        is_own = module.startswith(ROOMS) or module in MODULES
+        is_numpys = module.startswith("numpy") and name in ("_reconstruct", "_frombuffer", "scalar")
+        if not (is_own or is_numpys or name in OTHERS.get(module, ())):
+            raise pickle.UnpicklingError(f"{module}.{name} is no value of the gateway")
+        found = import_module(module)
+        for part in name.split("."):
+            found = getattr(found, part)
+        if is_own and ("__" in name or not str(getattr(found, "__module__", "")).startswith((*ROOMS, *MODULES))):
+            raise pickle.UnpicklingError(f"{module}.{name} is no value of the gateway")
+        return found
+
+
+def _method(owner: object, name: str) -> object:
+    if name.startswith("__") or isinstance(owner, ModuleType):
+        raise pickle.UnpicklingError(f"{name} is no method of the gateway")
+    return getattr(owner, name)
+
+
+def _part(number: int) -> object:
+    raise LookupError(f"part {number} stands elsewhere")
+
+
+def _entry(joints: int, fields: dict[str, object]) -> InputParameter:
+    entry = InputParameter(joints)
+    for name, value in fields.items():
+        if name not in FIELDS:
+            raise pickle.UnpicklingError(f"{name} is no field of an input")
+        setattr(entry, name, value)
+    return entry
+
+
+def _plan(joints: int, entry: InputParameter | None) -> Plan:
+    plan = Plan(joints)
+    if entry is not None:
+        try:
+            solve(Ruckig(joints), entry, plan)
+        except NoPlan:  # nor was there one then
+            pass
+    return plan
+
+
+def _local(snapshot_hz: float, demand_stop_endpoint: bool) -> LocalSettings:
+    return replace(LocalSettings(), snapshot_hz=snapshot_hz, demand_stop_endpoint=demand_stop_endpoint)
+
+
+MADE = {made.__name__: made for made in (_entry, _plan, _local)}

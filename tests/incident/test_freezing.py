@@ -1,0 +1,140 @@
+"""What an engine becomes of its bytes: the same frames, replies, notices and snapshots, to the last bit."""
+
+from __future__ import annotations
+
+import io
+import math
+import os
+import pickle
+from dataclasses import replace
+
+import pytest
+
+from gateway.core.robot_state.body_model import body_model
+from gateway.incident.freezing import Unfrozen, freeze, packed, thaw, unpickler
+from gateway.messages.requests import MovePose
+from gateway.settings.settings import LocalSettings, Settings
+from gateway.sim.robot.settings import SimSettings
+from gateway.values import EePose, Side
+from tests.pair import MS, Pair
+
+GOAL = (0.4, 0.3, 0.2, 0.3, 0.1, 0.2, 0.1)
+
+OTHER = (0.4, -0.3, 0.2, -0.5, 0.1, 0.2, 0.1)
+
+
+def going_on(pair: Pair, seconds: float) -> int:
+    """Let time pass for the pair's engine and one that was thawed from it; return how many frames were compared."""
+    engine = pair.engine
+    twin = thaw(*packed(freeze(engine)))
+    receive, tick = engine.receive, engine.tick
+
+    def received(event, now_ns):
+        receive(event, now_ns)
+        twin.receive(event, now_ns)
+
+    def ticked(now_ns, late_ns=0):
+        output = tick(now_ns, late_ns)
+        assert repr(twin.tick(now_ns, late_ns)) == repr(output)
+        return output
+
+    before = len(pair.frames)
+    pair.engine.receive, pair.engine.tick = received, ticked  # type: ignore[method-assign]  # both hear the same
+    pair.run(seconds)
+    del pair.engine.receive, pair.engine.tick
+    return len(pair.frames) - before
+
+
+@pytest.fixture
+def pair() -> Pair:
+    """Return an engine and its robot."""
+    return Pair()
+
+
+def test_a_motion_goes_on_from_anywhere_in_it(pair: Pair) -> None:
+    """The plan of ruckig is worked out anew, and gives the same setpoints."""
+    epoch = pair.activate()
+    pair.move(epoch, {Side.LEFT: GOAL, Side.RIGHT: OTHER})
+    for _ in range(4):
+        assert going_on(pair, 0.4) > 0
+    going_on(pair, 3.0)
+
+
+def test_a_stream_of_targets_goes_on(pair: Pair) -> None:
+    """Follower, slots, sequence numbers."""
+    epoch = pair.activate()
+    stream_id = pair.stream(epoch)
+    for number in range(20):
+        pair.target(epoch, stream_id, tuple(0.2 * math.sin(number / 5) ** 2 for _ in GOAL))
+        assert going_on(pair, 0.05) > 0
+    going_on(pair, 1.0)
+
+
+def test_a_robot_whose_arms_keep_apart_by_the_model_goes_on() -> None:
+    """The model's numbers are parts, its verdicts are state."""
+    settings = Settings()
+    settings = replace(settings, model=replace(settings.model, self_collision=True))
+    pair = Pair(settings, model=body_model(settings))
+    epoch = pair.activate()
+    pair.run(4.0)
+    pair.move(epoch, {Side.LEFT: GOAL})
+    pair.run(0.2)
+    frozen = freeze(pair.engine)
+    assert len(frozen.parts) > 2
+    assert going_on(pair, 1.0) > 0
+
+
+def test_poses_go_on() -> None:
+    """Arms in end-effector mode."""
+    pair = Pair(sim=SimSettings(state_period_ns=10 * MS, left_mode="pose", right_mode="pose"))
+    epoch = pair.activate()
+    arm = pair.see().arms["left"]
+    x, y, z = arm.p_m
+    goal = EePose(p_m=(0.93 * x, 0.93 * y, 0.93 * z), quat_xyzw=tuple(arm.quat_xyzw))
+    pair.granted(
+        MovePose(
+            epoch=epoch, targets={Side.LEFT: (*goal.p_m, *goal.quat_xyzw)}, frames={Side.LEFT: "left_shoulder_base"}
+        )
+    )
+    pair.run(0.2)
+    assert going_on(pair, 1.5) > 0
+
+
+def test_work_that_is_cut_into_ticks_is_no_moment_to_freeze(pair: Pair) -> None:
+    """The next one is; the recorder tries again."""
+    pair.engine._phases.work = (number for number in range(3))  # type: ignore[attr-defined]  # like a line being planned
+    with pytest.raises(Unfrozen, match="generator"):
+        freeze(pair.engine)
+
+
+def test_no_file_of_users_or_keys_is_named_in_it() -> None:
+    """Nor can what only the local plane reads be told from it."""
+    local = LocalSettings(users_file="/etc/ta2/users", tls_private_key="/etc/ta2/key.pem", socket="/run/secret.sock")
+    parts, state = packed(freeze(Pair(Settings(local=local)).engine))
+    assert not any(name in parts + state for name in (b"users", b"key.pem", b"secret.sock"))
+
+
+class Evil:
+    def __reduce__(self):
+        return os.system, ("echo",)
+
+
+class Sly:
+    def __reduce__(self):
+        return getattr, (freeze, "__globals__")
+
+
+def test_no_module_comes_out_of_a_file() -> None:
+    """Not even one that a module of ours has imported: its functions would come with it."""
+    for name in ("os", "os.system", "state_dir.__globals__"):
+        asked = b"\x80\x04" + pickle.BINUNICODE + len(b"gateway.settings.toml_file").to_bytes(4, "little")
+        asked += b"gateway.settings.toml_file" + pickle.BINUNICODE + len(name).to_bytes(4, "little") + name.encode()
+        with pytest.raises(pickle.UnpicklingError):
+            unpickler(io.BytesIO(asked + pickle.STACK_GLOBAL + pickle.STOP)).load()
+
+
+@pytest.mark.parametrize("value", [Evil(), Sly(), thaw, open, os.path.join])
+def test_nothing_but_the_gateways_own_values_comes_out_of_a_file(value: object) -> None:
+    """An incident of somebody else's calls nothing."""
+    with pytest.raises(pickle.UnpicklingError):
+        unpickler(io.BytesIO(pickle.dumps(value))).load()
