@@ -234,6 +234,7 @@ CODES: dict[Code, CodeInfo] = {
     Code.LEASE_STALE: CodeInfo(error=LeaseError, hint="acquire the lease again; this epoch is over"),
     Code.LEASE_LOST: CodeInfo(error=LeaseError, hint="acquire again when it is free: somebody took the robot over"),
     Code.TAKEOVER_BRAKING: CodeInfo(error=LeaseError, hint="wait until the arms are at rest", retryable=True),
+    Code.NOT_PERMITTED: CodeInfo(error=Refused, hint="ask an admin; roles stand in the gateway's local.roles_file"),
     Code.NO_LINK: CodeInfo(error=Stale, hint="check power, cable and address of the robot (tcp 9000)", retryable=True),
     Code.STATE_STALE: CodeInfo(error=Stale, hint="wait for fresh state; see `ta2 topics`", retryable=True),
     Code.PART_STALE: CodeInfo(error=Stale, hint="wait for this part's state; see `ta2 topics`", retryable=True),
