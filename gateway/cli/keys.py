@@ -49,7 +49,11 @@ def carry_out(options: Namespace) -> ExitStatus:
         Rejected: BAD_REQUEST. There is no authority, there is such a key already, or a name is none.
     """
     folder = (options.dir or state_dir() / "keys").absolute()
-    {"init": _init, "server": _server, "client": _client, "list": _list}[options.verb](folder, options)
+    before = os.umask(0o077)
+    try:
+        {"init": _init, "server": _server, "client": _client, "list": _list}[options.verb](folder, options)
+    finally:
+        os.umask(before)
     return ExitStatus.OK
 
 
@@ -162,7 +166,7 @@ def _write(folder: Path, files: dict[str, bytes], *, may_replace: bool) -> None:
     if there and not may_replace:
         raise _refused(f"{folder} has {', '.join(there)} already", "--replace makes it anew; what was made before ends")
     try:
-        folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+        folder.mkdir(parents=True, exist_ok=True)
         for name, content in files.items():
             handle, temporary = tempfile.mkstemp(dir=folder, prefix=f".{name}.")  # 0600
             with os.fdopen(handle, "wb") as file:
