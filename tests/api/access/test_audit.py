@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import os
 import stat
@@ -236,8 +237,16 @@ def test_a_person_stops_while_the_disk_is_full_or_hangs(tmp_path, disk):
     threads = {thread.name for thread in threading.enumerate()}
     assert ("ta2-api-audit" in threads) is (disk == "hung")
     if disk == "hung":
-        reader = os.open(path, os.O_RDONLY | os.O_NONBLOCK)  # it was waiting for us
+        reader = os.open(path, os.O_RDONLY | os.O_NONBLOCK)  # it was waiting for us: what it still has to say, it says
+        eventually(lambda: _drained(reader) and not audit._thread.is_alive(), 20.0)
         os.close(reader)
+
+
+def _drained(reader):
+    with contextlib.suppress(BlockingIOError):
+        while os.read(reader, 65536):
+            pass
+    return True
 
 
 def test_ids_that_stand_for_nobody_are_nobodys():

@@ -14,7 +14,7 @@ from gateway.api.access.roles import MAX_USERS, Asker, not_permitted, read_roles
 from gateway.cli.main import main
 from gateway.client import Credentials, connect
 from gateway.core.messages.outputs import Reply
-from gateway.errors import Code, ConfigError, Refused, Rejected
+from gateway.errors import Code, ConfigError, NotPermitted, Rejected
 from gateway.messages.requests import Request
 from gateway.values import Role
 from tests.api.daemon import Daemon, eventually
@@ -191,7 +191,7 @@ def test_our_client_knows_its_own_name(lab):
     at = f"tls/127.0.0.1:{lab.port}"
     folder = lab.keys / "clients"
     with connect(at, credentials=Credentials.from_file(folder / "vera" / "credentials.json"), timeout_s=20) as robot:
-        with pytest.raises(Refused, match="vera is a viewer") as caught:
+        with pytest.raises(NotPermitted, match="vera is a viewer") as caught:
             robot.recover()
         assert caught.value.code is Code.NOT_PERMITTED and caught.value.hint
         robot.stop(reason="a hand")
@@ -265,7 +265,7 @@ def test_users_with_passwords_have_roles_too(tmp_path):
             credentials = Credentials(user=name, password=name[0])
             with connect(f"tcp/127.0.0.1:{lab.port}", credentials=credentials, timeout_s=20) as robot:
                 if role is Role.VIEWER:
-                    with pytest.raises(Refused):
+                    with pytest.raises(NotPermitted):
                         robot.recover()
                 else:
                     robot.recover()
