@@ -100,7 +100,9 @@ class Inbox:
             self._unread.put(question)
             return
         self._complain("overflow", f"{MAX_WAITING} questions wait to be read", question.received_ns)
-        self._outbox.refuse(question, 0, _too_many())
+        self._outbox.refuse(
+            self._watched(question) if question.key.startswith(protocol.COMMAND_KEY) else question, 0, _too_many()
+        )
 
     def put_target(self, key: str, payload: bytes, encoding: str, received_ns: int) -> None:
         """Take the newest target of a stream; an older one that was not polled yet is forgotten.

@@ -52,6 +52,10 @@ def carry_out(options: Namespace) -> ExitStatus:
     before = os.umask(0o077)
     try:
         {"init": _init, "server": _server, "client": _client, "list": _list}[options.verb](folder, options)
+    except ValueError as error:
+        raise _refused(
+            f"no key can be made of that: {error}", "look at names, hosts, and the files of the authority"
+        ) from None
     finally:
         os.umask(before)
     return ExitStatus.OK

@@ -111,6 +111,11 @@ def test_without_an_authority_nothing_is_signed(lab):
     status, _, err = lab("server", "localhost")
     assert status == 1 and "cannot be read" in err
     lab("init", "--replace")
+    assert lab("server", "")[0] == 1
+    (lab.folder / "ca" / "key.pem").write_text("nonsense")
+    status, _, err = lab("server", "localhost")
+    assert status == 1 and "files of the authority" in err
+    lab("init", "--replace")
     (lab.folder / "clients").write_text("a file")
     status, _, err = lab("client", "ann", "--role", "viewer")
     assert status == 1 and "cannot be written" in err

@@ -83,13 +83,13 @@ class Audit:
 
         Args:
             question: As it came: a stop on its own key, or a command.
-            command: What it says; None for a stop, and for what cannot be read.
+            command: What it says; None for a stop, and for what was not or cannot be read.
         """
         if not self._path:
             return question
         if question.key in STOPS:
             return _Watched(question, self._put, "stop", self._of_stop(question.key, question.payload))
-        said: _Line = {"request": "unreadable"}
+        said: _Line = {"request": "unread"}
         if command is not None:
             told = {name: getattr(command.request, name, "") for name in TOLD}
             said = {"request": type(command.request).__name__, "client": command.client_id}

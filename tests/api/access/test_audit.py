@@ -105,7 +105,7 @@ def test_what_cannot_be_read_or_gets_no_answer_has_a_line(book):
     question = AskedQuestion(b"\xff")
     book.audit.watched(question).drop()
     (line,) = book.lines()
-    assert question.dropped and (line["request"], line["answer"]) == ("unreadable", "none")
+    assert question.dropped and (line["request"], line["answer"]) == ("unread", "none")
 
 
 def test_stops_are_written_whichever_way_they_come(book):
