@@ -118,11 +118,11 @@ class Audit:
         if count > LINES_A_SECOND or self._waiting.qsize() >= MAX_WAITING:
             self.lost += 1
             return
-        at = datetime.fromtimestamp((time.time_ns() - now_ns + received_ns) / 1e9, timezone.utc)
-        line = {"at": at.isoformat(timespec="milliseconds"), "at_ns": received_ns, "door": asker.door}
+        at_s = (time.time_ns() - now_ns + received_ns) / 1e9
+        line: _Line = {"at": "", "at_ns": received_ns, "door": asker.door}
         if whose != "stop":  # everybody stops on the same key
             line |= {"user": asker.user, "role": asker.role.value}
-        self._waiting.put(lambda: line | says())
+        self._waiting.put(lambda: line | {"at": _iso(at_s)} | says())
 
     # ------------------------------------------------------------------------------------------------ its own thread
 
@@ -134,7 +134,12 @@ class Audit:
                 line = says() | ({"lost": lost - told} if lost > told else {})
                 self._append(msgspec.json.encode(line) + b"\n", is_whole)
                 told, is_whole = lost, True
-            except (OSError, TypeError, ValueError) as error:  # the disk, or a line that is none: the next may be one
+            except (
+                ArithmeticError,
+                OSError,
+                TypeError,
+                ValueError,
+            ) as error:  # the disk, or a line that is none: the next may be one
                 is_whole = False
                 self.lost += 1
                 if time.monotonic_ns() >= self._complain_ns:
@@ -186,6 +191,10 @@ class _Watched:
         self._question.drop()
         says = self._says
         self._put(self._whose, self.received_ns, self.asker, lambda: says() | {"answer": "none"})
+
+
+def _iso(at_s: float) -> str:
+    return datetime.fromtimestamp(at_s, timezone.utc).isoformat(timespec="milliseconds")
 
 
 def _answer(payload: bytes, encoding: str) -> _Line:

@@ -202,6 +202,18 @@ def test_a_part_of_a_line_counts_as_lost(tmp_path, monkeypatch):
     book.audit.close(5.0)
 
 
+def test_a_wall_clock_that_is_absurd_costs_a_line_and_nothing_else(tmp_path, monkeypatch):
+    """Whoever notes a stop does not read it: that may be the control loop."""
+    book = Book(tmp_path / "audit.jsonl")
+    with monkeypatch.context() as later:
+        later.setattr(module.time, "time_ns", lambda: 10**30)
+        book.audit.note_stop(protocol.STOP_KEY, b"", 1, "pipe")
+        eventually(lambda: book.audit.lost == 1, 20.0)
+    book.audit.note_stop(protocol.STOP_KEY, b"", 1, "pipe")
+    assert book.lines()[0]["lost"] == 1
+    book.audit.close(5.0)
+
+
 def test_without_a_file_nothing_is_watched():
     """Off by default: a question is what it was."""
     lane = StopLane()
