@@ -30,6 +30,7 @@ class Code(str, Enum):
     LEASE_STALE = "LEASE_STALE"
     LEASE_LOST = "LEASE_LOST"
     TAKEOVER_BRAKING = "TAKEOVER_BRAKING"
+    NOT_PERMITTED = "NOT_PERMITTED"
     # the robot and the gateway's state
     NO_LINK = "NO_LINK"
     STATE_STALE = "STATE_STALE"

@@ -7,7 +7,8 @@ GatewayError                      code, message, field, value, bound, unit, hint
 │  ├─ Rejected                    the input itself is wrong: shape, finiteness, range, unknown id
 │  ├─ NotReady                    the robot or the gateway is not in a state for it
 │  │  └─ Stale                    the robot's state is too old (retryable)
-│  └─ LeaseError                  somebody else owns the robot, or the epoch is old
+│  ├─ LeaseError                  somebody else owns the robot, or the epoch is old
+│  └─ NotPermitted                the role of this user does not allow it
 ├─ MotionEnded                    an accepted motion did not reach its goal
 │  ├─ Aborted · Cancelled · Superseded
 ├─ ProtocolError                  one side of the local API spoke nonsense
@@ -40,6 +41,7 @@ __all__ = [
     "InternalError",
     "LeaseError",
     "MotionEnded",
+    "NotPermitted",
     "NotReady",
     "OutcomeUnknown",
     "ProtocolError",
@@ -154,6 +156,10 @@ class LeaseError(Refused):
     """Somebody else owns the robot, or the caller's epoch is old."""
 
 
+class NotPermitted(Refused):
+    """The role of this user does not allow the request; a stop is allowed to every role."""
+
+
 class MotionEnded(GatewayError):
     """An accepted motion did not reach its goal."""
 
@@ -234,6 +240,9 @@ CODES: dict[Code, CodeInfo] = {
     Code.LEASE_STALE: CodeInfo(error=LeaseError, hint="acquire the lease again; this epoch is over"),
     Code.LEASE_LOST: CodeInfo(error=LeaseError, hint="acquire again when it is free: somebody took the robot over"),
     Code.TAKEOVER_BRAKING: CodeInfo(error=LeaseError, hint="wait until the arms are at rest", retryable=True),
+    Code.NOT_PERMITTED: CodeInfo(
+        error=NotPermitted, hint="ask an admin; roles stand in the gateway's local.roles_file"
+    ),
     Code.NO_LINK: CodeInfo(error=Stale, hint="check power, cable and address of the robot (tcp 9000)", retryable=True),
     Code.STATE_STALE: CodeInfo(error=Stale, hint="wait for fresh state; see `ta2 topics`", retryable=True),
     Code.PART_STALE: CodeInfo(error=Stale, hint="wait for this part's state; see `ta2 topics`", retryable=True),
@@ -260,9 +269,7 @@ CODES: dict[Code, CodeInfo] = {
     Code.START_OUTSIDE_LIMITS: CodeInfo(error=NotReady, hint="move the joint back inside by hand or in VR mode"),
     Code.CHASSIS_DISABLED: CodeInfo(error=NotReady, hint=f"enable the chassis {REBOOT}"),
     Code.LIFT_DISABLED: CodeInfo(error=NotReady, hint=f"enable the lift servo {REBOOT}"),
-    Code.NO_LIFT: CodeInfo(
-        error=NotReady, hint="set `model` in the configuration if this robot has a lift (manual §1.2)"
-    ),
+    Code.NO_LIFT: CodeInfo(error=NotReady, hint="set `model` in section [robot] if it has a lift (manual §1.2)"),
     Code.OTHER_GATEWAY: CodeInfo(error=NotReady, hint="stop the other gateway first (manual §3.3.2)"),
     Code.HELD_BY_GUARD: CodeInfo(
         error=NotReady, hint="wait some seconds: the hold is taken over, or ends by itself", retryable=True
@@ -291,9 +298,7 @@ CODES: dict[Code, CodeInfo] = {
     Code.SUPERSEDED: CodeInfo(error=Superseded, hint="wait for the motion that took the arm over"),
     Code.STOPPED: CodeInfo(error=Aborted, hint="command a new motion when it is safe: stop() was called"),
     Code.CLIENT_LOST: CodeInfo(error=Aborted, hint="command a new motion: the keepalive of the client had stopped"),
-    Code.PART_LOST: CodeInfo(
-        error=Aborted, hint="look at `ta2 why` for the part that was lost, then command a new motion"
-    ),
+    Code.PART_LOST: CodeInfo(error=Aborted, hint="look at `ta2 why` for the lost part, then command a new motion"),
     Code.SETTLE_TIMEOUT: CodeInfo(error=Aborted, hint="look for load or contact, or ask for a wider tolerance"),
     Code.PATH_TOLERANCE: CodeInfo(error=Aborted, hint="look for contact or overload, or ask for a wider tolerance"),
     Code.GOAL_TOLERANCE: CodeInfo(error=Aborted, hint="look for load or contact, or ask for more time or tolerance"),
@@ -329,9 +334,7 @@ CODES: dict[Code, CodeInfo] = {
     Code.STATE_LOST: CodeInfo(
         error=NotReady, hint="see why the robot was last stopped, make sure it is safe, recover()"
     ),
-    Code.STOP_NOT_EFFECTIVE: CodeInfo(
-        error=NotReady, hint="use the physical emergency stop: the robot is not in PAUSE"
-    ),
+    Code.STOP_NOT_EFFECTIVE: CodeInfo(error=NotReady, hint="use the physical emergency stop: it is not in PAUSE"),
     Code.STOP_UNDELIVERED: CodeInfo(error=NotReady, hint="use the physical emergency stop: the robot is out of reach"),
     Code.TRACKING_STALL: CodeInfo(
         error=NotReady,
@@ -345,9 +348,7 @@ CODES: dict[Code, CodeInfo] = {
     Code.HEARTBEAT_NOT_EFFECTIVE: CodeInfo(
         error=NotReady, hint="release a pressed stop at the robot; else see `ta2 topics` and restart the robot's bridge"
     ),
-    Code.ROUTE_SUSPECT: CodeInfo(
-        error=NotReady, hint="see `ta2 topics`; restart the robot's bridge or the silent node"
-    ),
+    Code.ROUTE_SUSPECT: CodeInfo(error=NotReady, hint="see `ta2 topics`; restart its bridge or the silent node"),
     Code.OTHER_NAMESPACE: CodeInfo(
         error=NotReady,
         hint="set the robot's namespace in section [robot], or with `ta2 run --namespace`; see `ta2 link`",

@@ -18,6 +18,7 @@ __all__ = [
     "EePose",
     "FsmState",
     "MotorState",
+    "Role",
     "Side",
     "Space",
     "ValueRefused",
@@ -46,6 +47,18 @@ class Side(str, Enum):
 
     def __str__(self) -> str:
         """Return `left` or `right`."""
+        return self.value
+
+
+class Role(str, Enum):
+    """What a person may ask of the gateway. Each may do what those before may; everybody may stop."""
+
+    VIEWER = "viewer"
+    OPERATOR = "operator"
+    ADMIN = "admin"
+
+    def __str__(self) -> str:
+        """Return the bare word."""
         return self.value
 
 

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from typing import Protocol
 
 from gateway.api import protocol
+from gateway.api.access.roles import Asker
 from gateway.api.inbox import Inbox
 from gateway.api.outbox import Outbox
 from gateway.api.stop_lane import StopLane
@@ -37,6 +38,9 @@ class Listener(Protocol):
         ...
 
 
+ADMIN = Asker()
+
+
 @dataclass(slots=True, kw_only=True)
 class _MemoryQuestion:
     key: str
@@ -44,6 +48,7 @@ class _MemoryQuestion:
     encoding: str
     received_ns: int
     on_done: Callable[[bytes | None], None]
+    asker: Asker = ADMIN
 
     def answer(self, payload: bytes, encoding: str) -> None:
         self.on_done(payload)

@@ -14,6 +14,9 @@ __all__ = ["MOST", "Identities"]
 MOST = 4096
 """So many clients are known; who was not heard for longest is forgotten first. An owner is heard every 50 ms."""
 
+RESERVED = frozenset({"somebody", "stranger"})
+"""Whose stops those are that nobody signs: were a client called so, they would count as its own."""
+
 
 class Identities:
     """Ids of clients and their secrets."""
@@ -28,6 +31,8 @@ class Identities:
             client_id: Of the command.
             secret: Of the command; empty for clients of the first release, which anybody can pass for.
         """
+        if client_id in RESERVED:
+            return False
         known = self._secrets.setdefault(client_id, secret)
         if len(self._secrets) > MOST:
             self._secrets.popitem(last=False)

@@ -26,6 +26,8 @@ from collections.abc import Callable, Iterator
 from msgspec import structs
 
 from gateway.api import protocol
+from gateway.api.access.audit import Audit
+from gateway.api.access.roles import not_permitted
 from gateway.api.identities import Identities
 from gateway.api.outbox import Outbox
 from gateway.api.question import Question
@@ -62,9 +64,11 @@ class Inbox:
 
     Args:
         outbox: Where refusals go, and where questions wait for the engine's reply.
+        audit: Where commands and their answers are written down.
     """
 
-    def __init__(self, outbox: Outbox) -> None:
+    def __init__(self, outbox: Outbox, audit: Audit | None = None) -> None:
+        self._audit = audit
         self.malformed = 0
         self.overflown = 0
         self.identities = Identities()
@@ -96,7 +100,9 @@ class Inbox:
             self._unread.put(question)
             return
         self._complain("overflow", f"{MAX_WAITING} questions wait to be read", question.received_ns)
-        self._outbox.refuse(question, 0, _too_many())
+        self._outbox.refuse(
+            self._watched(question) if question.key.startswith(protocol.COMMAND_KEY) else question, 0, _too_many()
+        )
 
     def put_target(self, key: str, payload: bytes, encoding: str, received_ns: int) -> None:
         """Take the newest target of a stream; an older one that was not polled yet is forgotten.
@@ -188,7 +194,12 @@ class Inbox:
             command = protocol.decode_command(question.payload, question.encoding)
         except protocol.Malformed as error:
             self._complain("malformed", str(error), question.received_ns)
-            self._outbox.refuse(question, 0, error.refusal)
+            self._outbox.refuse(self._watched(question), 0, error.refusal)
+            return
+        question = self._watched(question, command)
+        refusal = not_permitted(question.asker, command.request)
+        if refusal is not None:  # before it costs anything, or binds an id
+            self._outbox.refuse(question, command.request_id, refusal)
             return
         is_stop = isinstance(command.request, (protocol.Stop, protocol.Estop))
         if not self.identities.meet(command.client_id, command.secret):
@@ -206,6 +217,9 @@ class Inbox:
             self._complain("overflow", f"{MAX_ASIDE} requests wait for chunks to be worked out", question.received_ns)
             self._outbox.refuse(question, command.request_id, _too_many())
 
+    def _watched(self, question: Question, command: protocol.Command | None = None) -> Question:
+        return question if self._audit is None else self._audit.watched(question, command)
+
     def _take(self, command: protocol.Command, question: Question) -> None:
         """Lay a command where the loop finds it, or refuse it."""
         taken = to_request(command.request)
@@ -220,6 +234,7 @@ class Inbox:
             received_ns=question.received_ns,
             content=hash(question.payload),
             chunk=chunk,
+            role=question.asker.role,
         )
         lane = self._stop_lane(request)
         # Also of stops: as many of them wait for the loop already.

@@ -31,8 +31,10 @@ __all__ = [
     "SNAPSHOT_KEY",
     "STOP_KEY",
     "TARGET_KEYS",
+    "USER_TOKENS",
     "check_in_key",
     "client_token",
+    "command_key",
     "daemon_token",
     "keepalive_key",
     "lane_keys",
@@ -40,6 +42,7 @@ __all__ = [
     "target_key",
     "token_id",
     "token_version",
+    "user_token",
 ]
 
 PROTOCOL_VERSION: Final = 1
@@ -94,6 +97,8 @@ CHECK_IN_KEYS: Final = f"{ROOT}/check_in/**"
 CLIENT_TOKENS: Final = f"{ROOT}/alive/client/*"
 DAEMON_TOKENS: Final = "ta2/*/alive/daemon/*"
 """Tokens of daemons of any version."""
+USER_TOKENS: Final = f"{ROOT}/alive/user/*"
+"""The token that tells a user of the network under which name the daemon knows him: he sees his own alone."""
 
 
 def target_key(client_id: str, stream_id: int, secret: str = "") -> str:
@@ -126,6 +131,16 @@ def put_by(key: str) -> tuple[str, str, str]:
     _, _, what, client_id, *rest = [*key.split("/", 6), "", "", ""][:6]
     stream, secret = rest if what == "target" else ("", rest[0])
     return client_id, stream, secret
+
+
+def command_key(user: str) -> str:
+    """Return the key on which a user asks whom the daemon knows by name; an empty name stands for everybody else."""
+    return f"{COMMAND_KEY}/{user}" if user else COMMAND_KEY
+
+
+def user_token(user: str) -> str:
+    """Return the liveliness token that tells a user his name."""
+    return f"{ROOT}/alive/user/{user}"
 
 
 def client_token(client_id: str) -> str:

@@ -19,12 +19,15 @@ from __future__ import annotations
 
 import ipaddress
 import os
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 from gateway.api import protocol
+from gateway.api.access.roles import access_control, allow
 from gateway.errors import Code, GatewayError, failure
 from gateway.settings.settings import LocalSettings
+from gateway.values import Role
 
 __all__ = ["access_rules", "network_configuration", "refused_setting", "unix_configuration"]
 
@@ -65,13 +68,20 @@ def unix_configuration(path: Path) -> dict[str, Any]:
     return _router(f"unixsock-stream/{path}", HERE_MS)
 
 
-def network_configuration(local: LocalSettings) -> dict[str, Any] | None:
+def network_configuration(local: LocalSettings, roles: Mapping[str, Role] | None = None) -> dict[str, Any] | None:
     """Return the zenoh configuration of the session that listens on the network; None when none is asked for.
+
+    Args:
+        local: Its settings.
+        roles: Who has which; None where whoever gets in may ask for everything.
 
     Raises:
         ConfigError: BAD_CONFIG. No host and port, a file is missing, it would listen without knowing who connects, or
             beyond this host without TLS.
     """
+    if local.roles_file and not (local.tcp and (local.users_file or local.tls_root_ca)):
+        message = "roles are for users or certificates of local.tcp: who may open the socket is an admin"
+        raise refused_setting("roles_file", local.roles_file, message, "tcp with users_file or tls_root_ca")
     if not local.tcp:
         return None
     host, port = _host_and_port(local.tcp)
@@ -87,6 +97,9 @@ def network_configuration(local: LocalSettings) -> dict[str, Any] | None:
             raise refused_setting(name, path, "there is no readable file of this name")
     _demand_known(local, is_loopback=_is_loopback(host))
     configuration = _router(f"{'tls' if local.tls_certificate else 'tcp'}/{host}:{port}", BEYOND_MS)
+    if roles is not None:  # of somebody with both, the name counts for which he has a password
+        kind = "usernames" if local.users_file else "cert_common_names"
+        configuration["access_control"] = access_rules(roles, kind)
     if local.users_file:
         configuration["transport/auth/usrpwd"] = {"dictionary_file": local.users_file}
     if local.tls_certificate:
@@ -185,40 +198,35 @@ def _router(endpoint: str, handshake_ms: int) -> dict[str, Any]:
     }
 
 
-def access_rules() -> dict[str, Any]:
-    """Return what a client may do: stop, ask, put targets, keepalives and check-ins, show its token, listen. Nothing else."""
+def access_rules(roles: Mapping[str, Role] | None = None, subject_kind: str = "usernames") -> dict[str, Any]:
+    """Return what a client may do: stop, ask, put targets, keepalives and check-ins, show its token, listen. Nothing else.
+
+    Args:
+        roles: Who has which; None where everybody may do all of it.
+        subject_kind: By what zenoh knows them: `usernames` or `cert_common_names`.
+    """
     questions = [protocol.PING_KEY, protocol.COMMAND_KEY, protocol.INFO_KEY, protocol.ROUTES_KEY, protocol.SNAPSHOT_KEY]
-    puts = [protocol.TARGET_KEYS, protocol.KEEPALIVE_KEYS, protocol.CHECK_IN_KEYS]
     views = [protocol.SNAPSHOT_KEY, protocol.EVENT_KEY]
     stops = [protocol.STOP_KEY, protocol.ESTOP_KEY]
     rules = [
-        _allow("stop", "ingress", ["query", "put", "delete"], stops),
-        _allow("take_stop", "egress", ["reply", "declare_queryable", "declare_subscriber"], stops),
-        _allow("ask", "ingress", ["query"], questions),
-        _allow("answer", "egress", ["reply", "declare_queryable"], questions),
-        _allow("put", "ingress", ["put"], puts),
-        _allow("listen", "ingress", ["declare_subscriber"], views),
-        _allow("show", "egress", ["put"], views),
-        _allow("client_token", "ingress", ["liveliness_token"], [protocol.CLIENT_TOKENS]),
-        _allow(
+        allow("stop", "ingress", ["query", "put", "delete"], stops),
+        allow("take_stop", "egress", ["reply", "declare_queryable", "declare_subscriber"], stops),
+        allow("ask", "ingress", ["query"], questions),
+        allow("answer", "egress", ["reply", "declare_queryable"], questions),
+        allow("put", "ingress", ["put"], [protocol.CHECK_IN_KEYS]),
+        allow("listen", "ingress", ["declare_subscriber"], views),
+        allow("show", "egress", ["put"], views),
+        allow("client_token", "ingress", ["liveliness_token"], [protocol.CLIENT_TOKENS]),
+        allow(
             "watch_daemon",
             "ingress",
             ["liveliness_query", "declare_liveliness_subscriber"],
-            [protocol.DAEMON_TOKENS],
+            [protocol.DAEMON_TOKENS, protocol.USER_TOKENS],
         ),
-        _allow("daemon_token", "egress", ["liveliness_token", "reply"], [protocol.DAEMON_TOKENS]),
+        allow("daemon_token", "egress", ["liveliness_token", "reply"], [protocol.DAEMON_TOKENS]),
     ]
-    return {
-        "enabled": True,
-        "default_permission": "deny",
-        "rules": rules,
-        "subjects": [{"id": "everybody"}],
-        "policies": [{"rules": [rule["id"] for rule in rules], "subjects": ["everybody"]}],
-    }
-
-
-def _allow(name: str, flow: str, messages: list[str], keys: list[str]) -> dict[str, Any]:
-    return {"id": name, "permission": "allow", "flows": [flow], "messages": messages, "key_exprs": keys}
+    moving = allow("move", "ingress", ["put"], [protocol.TARGET_KEYS, protocol.KEEPALIVE_KEYS])
+    return access_control(rules, moving, roles, subject_kind)
 
 
 def _host_and_port(text: str) -> tuple[str, int]:

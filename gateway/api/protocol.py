@@ -5,6 +5,7 @@ key                                   what                                  who 
 ta2/stop, ta2/estop                   whatever arrives is the stop          anybody            (anything) -> Reply
 ta2/ping                              query: whether a stop would be answered  anybody      (anything) -> (empty)
 ta2/1/command                         query, exactly one reply              client           Command -> Reply
+ta2/1/command/<user>                  the same, of a user with a role of his own   client   Command -> Reply
 ta2/1/info                            query                                 client           (empty) -> Info
 ta2/1/routes                          query                                 client           (empty) -> Routes
 ta2/1/snapshot                        query: the newest one                 client           (empty) -> Snapshot
@@ -15,6 +16,7 @@ ta2/1/keepalive/<client>/<secret>     put every 50 ms by the owner          clie
 ta2/1/check_in/<client>/<secret>      put by stop endpoints                 client           (empty)
 ta2/1/alive/daemon/<id>               liveliness token                      daemon
 ta2/1/alive/client/<client>           liveliness token                      client
+ta2/1/alive/user/<user>               liveliness token, seen by that user alone  daemon
 ```
 
 Rules

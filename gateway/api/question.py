@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Protocol
 
+from gateway.api.access.roles import Asker
 from gateway.api.keys import JSON, MSGPACK
 
 __all__ = ["Audience", "Question", "reply_encoding"]
@@ -17,12 +18,14 @@ class Question(Protocol):
         payload: What came with it; untrusted.
         encoding: zenoh encoding of the payload; empty when none was given.
         received_ns: Local monotonic arrival [ns].
+        asker: Who asks, as far as the way tells.
     """
 
     key: str
     payload: bytes
     encoding: str
     received_ns: int
+    asker: Asker
 
     def answer(self, payload: bytes, encoding: str) -> None:
         """Send the one answer and finish. Never raises; may block for a moment when the client does not read."""

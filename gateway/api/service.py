@@ -22,6 +22,8 @@ from pathlib import Path
 import zenoh
 
 from gateway.api import protocol
+from gateway.api.access.audit import Audit
+from gateway.api.access.roles import read_roles
 from gateway.api.address import is_private
 from gateway.api.bell import Bell
 from gateway.api.flood_watch import FloodWatch, OrdinaryWhileBusy
@@ -42,6 +44,9 @@ __all__ = ["LocalPlane"]
 
 IDLE_S = 0.1
 """How long a thread waits for work before it looks at its other duties [s]."""
+
+AUDIT_CLOSE_S = 0.5
+"""How long is waited for the disk with the audit log [s]."""
 
 log = logging.getLogger(__name__)
 
@@ -64,10 +69,13 @@ class LocalPlane:
         self.socket = _socket_path(local)
         self.info = describe(settings, socket=str(self.socket), pid=os.getpid())
         self._mode = local.socket_mode
-        self._network = network_configuration(local)
+        self._roles = read_roles(local.roles_file) if local.roles_file else None
+        self._network = network_configuration(local, self._roles)
         self._stops = StopLane()
         self._outbox = Outbox(self.info, self._stops)
-        self._inbox = Inbox(self._outbox)
+        self._audit = Audit(local.audit_log, local.audit_log_mb * 1_000_000, self._stops)
+        self._inbox = Inbox(self._outbox, self._audit)
+        self._stops.watched, self._stops.on_taken = self._audit.watched, self._audit.note_stop
         self._bell = Bell()  # while the loop rests
         self._stops.on_arrival = self._inbox.on_arrival = self._bell.ring
         self._pipes: StopPipes | None = None
@@ -104,6 +112,7 @@ class LocalPlane:
             self.close()
             raise
         self._running = True
+        self._audit.start()
         for name, work in (
             ("ta2-api-read", self._read),
             ("ta2-api-send", self._send),
@@ -139,7 +148,8 @@ class LocalPlane:
 
     def _open(self, configuration: dict[str, object], name: str, value: str) -> None:
         try:
-            plane = ZenohPlane(configuration, self._inbox, self._stops)
+            roles = self._roles if configuration is self._network else None  # who may open the socket is an admin
+            plane = ZenohPlane(configuration, self._inbox, self._stops, roles)
         except zenoh.ZError as error:
             raise refused_setting(name, value, f"cannot listen there: {str(error).partition(' at /')[0]}") from None
         self._planes.append(plane)
@@ -162,6 +172,7 @@ class LocalPlane:
         self._threads.clear()
         while self._planes:
             self._planes.pop().close()
+        self._audit.close(AUDIT_CLOSE_S)
         if self._pipes is not None:
             self._pipes.close(is_last=True)
         for lock in reversed(self._locks):
@@ -191,7 +202,7 @@ class LocalPlane:
     def _take_dropped(self) -> None:
         if self._pipes is not None:
             for key, payload in self._pipes.read():
-                self._stops.arrive(key, payload, time.monotonic_ns())
+                self._stops.arrive(key, payload, time.monotonic_ns(), None, "pipe")
 
     def wait_for_stop(self, seconds: float) -> bool:
         """Wait for a stop on its own key or in its pipe, at most so long [s]; return whether there is one."""

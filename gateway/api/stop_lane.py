@@ -54,6 +54,10 @@ class StopLane:
         """Stops that arrived since the start."""
         self.on_arrival: Callable[[], None] = lambda: None
         """Called after each stop, from any thread: wakes whoever waits for more than stops."""
+        self.watched: Callable[[Question], Question] = lambda question: question
+        """Lets somebody look at the answer to a stop. Must not wait."""
+        self.on_taken: Callable[[str, bytes, int, str], None] = lambda key, payload, received_ns, door: None
+        """Called after each stop that wants no answer, from any thread: key, payload, arrival [ns], way. Must not wait."""
         self.proven: Callable[[str, str], bool] = lambda client_id, secret: False
         """Whether a client with this id and this secret is who it says."""
         self._numbers = itertools.count(FIRST_NUMBER)
@@ -72,7 +76,9 @@ class StopLane:
 
     # ------------------------------------------------------------------------------------------------ coming in
 
-    def arrive(self, key: str, payload: bytes, received_ns: int, question: Question | None = None) -> None:
+    def arrive(
+        self, key: str, payload: bytes, received_ns: int, question: Question | None = None, door: str = ""
+    ) -> None:
         """Take a stop; any thread. Never refuses, never waits.
 
         Args:
@@ -80,8 +86,11 @@ class StopLane:
             payload: What came with it; untrusted, and mostly not looked at here.
             received_ns: Local monotonic arrival [ns].
             question: Who waits for the answer; None for a put.
+            door: By which way a put came.
         """
         self.taken += 1
+        if question is not None:
+            question = self.watched(question)
         same = [entry for entry in tuple(self._waiting) if entry[1] == key]
         if len(same) < MAX_WAITING:
             number = next(self._numbers)
@@ -96,6 +105,8 @@ class StopLane:
                 question.drop()
         self._bell.ring()
         self.on_arrival()
+        if question is None:
+            self.on_taken(key, payload, received_ns, door)
 
     def ping(self, question: Question) -> None:
         """Take a question that is answered as a stop is, by the thread that answers stops; any thread. Never waits.
@@ -127,7 +138,7 @@ class StopLane:
             self._bell.hush()  # first: what comes from here on rings again
         while self._waiting:
             number, key, payload, received_ns = self._waiting.popleft()
-            client_id, reason = self._read(payload)
+            client_id, reason = self.read(payload)
             is_estop = key == protocol.ESTOP_KEY
             arrived.append(
                 events.CommandRequested(
@@ -171,7 +182,7 @@ class StopLane:
 
     # ------------------------------------------------------------------------------------------------ inside
 
-    def _read(self, payload: bytes) -> tuple[str, str]:
+    def read(self, payload: bytes) -> tuple[str, str]:
         """Return who asks and why, as far as the payload tells: the proven id of a client, else what it calls itself."""
         said = _said(payload)
         reason, client_id, secret = (_text(said, name) for name in ("reason", "client_id", "secret"))

@@ -12,14 +12,17 @@ from __future__ import annotations
 import json
 import logging
 import time
-from collections.abc import Set
+from collections.abc import Mapping, Set
+from functools import partial
 from typing import Any
 
 import zenoh
 
 from gateway.api import protocol
+from gateway.api.access.roles import Asker
 from gateway.api.inbox import Inbox
 from gateway.api.stop_lane import StopLane
+from gateway.values import Role
 
 __all__ = ["ZenohPlane"]
 
@@ -33,10 +36,11 @@ log = logging.getLogger(__name__)
 class _ZenohQuestion:
     """A zenoh query that waits for its answer."""
 
-    __slots__ = ("_query", "encoding", "key", "payload", "received_ns")
+    __slots__ = ("_query", "asker", "encoding", "key", "payload", "received_ns")
 
-    def __init__(self, query: zenoh.Query, received_ns: int) -> None:
+    def __init__(self, query: zenoh.Query, received_ns: int, asker: Asker) -> None:
         self._query = query
+        self.asker = asker
         self.key = str(query.key_expr)
         self.payload = b"" if query.payload is None else query.payload.to_bytes()
         self.encoding = _plain_encoding(query.encoding)
@@ -68,12 +72,19 @@ class ZenohPlane:
         configuration: From `listener`.
         inbox: Where everything that arrives goes, but stops.
         stops: Where stops go.
+        roles: Who has which, for whom `configuration` has rules; None where everybody here may ask for everything.
 
     Raises:
         zenoh.ZError: The listener cannot be opened.
     """
 
-    def __init__(self, configuration: dict[str, Any], inbox: Inbox, stops: StopLane) -> None:
+    def __init__(
+        self, configuration: dict[str, Any], inbox: Inbox, stops: StopLane, roles: Mapping[str, Role] | None = None
+    ) -> None:
+        is_socket = str(configuration["listen/endpoints"][0]).startswith("unixsock-stream/")
+        door = "socket" if is_socket else "network"
+        self._somebody = Asker(door=door, role=Role.ADMIN if roles is None else Role.VIEWER)
+        self._users = [Asker(door=door, user=user, role=role) for user, role in (roles or {}).items()]
         self._inbox = inbox
         self._stops = stops
         self._listened = False
@@ -102,28 +113,35 @@ class ZenohPlane:
             session.declare_queryable(key, zenoh.handlers.Callback(self._on_stop_query, indirect=False))
             session.declare_subscriber(key, zenoh.handlers.Callback(self._on_stop, indirect=False))
         session.declare_queryable(protocol.PING_KEY, zenoh.handlers.Callback(self._on_ping, indirect=False))
-        for key in (protocol.COMMAND_KEY, protocol.INFO_KEY, protocol.ROUTES_KEY, protocol.SNAPSHOT_KEY):
-            session.declare_queryable(key, zenoh.handlers.Callback(self._on_query, indirect=False))
+        asked = [(key, self._somebody) for key in (protocol.INFO_KEY, protocol.ROUTES_KEY, protocol.SNAPSHOT_KEY)]
+        asked += [(protocol.command_key(asker.user), asker) for asker in (self._somebody, *self._users)]
+        for key, asker in asked:
+            on_query = partial(self._on_query, asker)
+            session.declare_queryable(key, zenoh.handlers.Callback(on_query, indirect=False))
         self._tokens = session.liveliness().declare_subscriber(
             protocol.CLIENT_TOKENS, zenoh.handlers.RingChannel(TOKENS)
         )
+        live = session.liveliness()
+        self._names = [live.declare_token(protocol.user_token(asker.user)) for asker in self._users]
         # Last: who sees the token finds everything else in place.
         self._token = session.liveliness().declare_token(protocol.daemon_token(str(session.zid())))
 
     # ------------------------------------------------------------------------------------------------ zenoh's threads
 
     def _on_stop(self, sample: zenoh.Sample) -> None:
-        self._stops.arrive(str(sample.key_expr), sample.payload.to_bytes(), time.monotonic_ns())
+        self._stops.arrive(
+            str(sample.key_expr), sample.payload.to_bytes(), time.monotonic_ns(), None, self._somebody.door
+        )
 
     def _on_stop_query(self, query: zenoh.Query) -> None:
-        question = _ZenohQuestion(query, time.monotonic_ns())
+        question = _ZenohQuestion(query, time.monotonic_ns(), self._somebody)
         self._stops.arrive(question.key, question.payload, question.received_ns, question)
 
     def _on_ping(self, query: zenoh.Query) -> None:
-        self._stops.ping(_ZenohQuestion(query, time.monotonic_ns()))
+        self._stops.ping(_ZenohQuestion(query, time.monotonic_ns(), self._somebody))
 
-    def _on_query(self, query: zenoh.Query) -> None:
-        self._inbox.ask(_ZenohQuestion(query, time.monotonic_ns()))
+    def _on_query(self, asker: Asker, query: zenoh.Query) -> None:
+        self._inbox.ask(_ZenohQuestion(query, time.monotonic_ns(), asker))
 
     def _on_target(self, sample: zenoh.Sample) -> None:
         now_ns = time.monotonic_ns()

@@ -230,6 +230,7 @@ COMMANDS: Mapping[str, Callable[[Namespace], int]] = {
     "example": _carried_out_by("gateway.cli.examples"),
     "demo": _carried_out_by("gateway.cli.demo"),
     "completion": _carried_out_by("gateway.cli.completion"),
+    "keys": _carried_out_by("gateway.cli.keys"),
     "service": _carried_out_by("gateway.cli.service"),
     "stop": _carried_out_by("gateway.cli.motion.stopping", "stop"),
     "estop": _carried_out_by("gateway.cli.motion.stopping", "stop"),

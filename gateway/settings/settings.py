@@ -159,9 +159,12 @@ class LocalSettings:
         tcp: Further listener `HOST:PORT`, empty for none; it needs users or certificates of clients, beyond loopback TLS.
         tcp_open_to_every_user_of_this_host: Whether a port on loopback asks nobody who he is.
         users_file: zenoh user dictionary (`name:password` a line), empty for none.
+        roles_file: Roles of users, or of certificates by their common name (`name:role` a line); empty: all are admins.
         tls_certificate: PEM file of the listener, empty for no TLS.
         tls_private_key: PEM file (PKCS8).
         tls_root_ca: PEM file; when given, clients must show a certificate of it.
+        audit_log: File to which each request, who sent it and its answer are appended, as JSON; empty for none.
+        audit_log_mb: Size at which it is set aside and begun anew [MB]; five earlier ones are kept.
         snapshot_hz: Rate of published snapshots [Hz].
         demand_stop_endpoint: Whether nothing may move while no stop endpoint is registered.
         black_box: Whether the last minute and the events are written to the disk, and kept when it matters (`ta2 incident`).
@@ -172,15 +175,19 @@ class LocalSettings:
     tcp: str = ""
     tcp_open_to_every_user_of_this_host: bool = False
     users_file: str = ""
+    roles_file: str = ""
     tls_certificate: str = ""
     tls_private_key: str = ""
     tls_root_ca: str = ""
+    audit_log: str = ""
+    audit_log_mb: int = 16
     snapshot_hz: float = 50.0
     demand_stop_endpoint: bool = False
     black_box: bool = True
 
     def __post_init__(self) -> None:
         """Refuse rates and modes that make no sense. Listener rules are checked when the listener opens."""
+        within("local.audit_log_mb", self.audit_log_mb, 1, 1024, "MB", OURS)
         within("local.snapshot_hz", self.snapshot_hz, 1.0, 100.0, "Hz", OURS)
         if len(self.socket.encode(errors="surrogateescape")) > SOCKET_PATH_BYTES:
             rule = f"is too long for a unix socket: at most {SOCKET_PATH_BYTES} bytes"

@@ -5,6 +5,7 @@ from __future__ import annotations
 import weakref
 
 from gateway.api import protocol
+from gateway.api.access.roles import Asker
 from gateway.api.inbox import Inbox
 from gateway.api.outbox import Outbox
 from gateway.api.stop_lane import StopLane
@@ -13,6 +14,8 @@ from gateway.settings.settings import Settings
 
 
 class AskedQuestion:
+    asker = Asker()
+
     def __init__(self, payload=b"", key=protocol.COMMAND_KEY, encoding="", received_ns=0):
         self.key, self.payload, self.encoding, self.received_ns = key, payload, encoding, received_ns
         self.answers = []

@@ -9,6 +9,7 @@ from gateway.api import protocol
 from gateway.api.listener import access_rules, network_configuration, unix_configuration
 from gateway.errors import Code, ConfigError
 from gateway.settings.settings import LocalSettings
+from gateway.values import Role
 
 
 def files(tmp_path, *names):
@@ -142,3 +143,56 @@ def test_no_rule_has_both_directions():
     assert ("put", protocol.SNAPSHOT_KEY) not in inward and ("put", protocol.EVENT_KEY) not in inward
     assert not any(message == "declare_queryable" for message, _ in inward)
     assert set(access_rules()["policies"][0]["rules"]) == {rule["id"] for rule in rules}
+
+
+ROLES = {"vera": Role.VIEWER, "olaf": Role.OPERATOR, "anna": Role.ADMIN}
+
+
+def test_roles_need_names(tmp_path):
+    """Of users or certificates, at a port: a list for nobody would only look like a protection."""
+    roles = files(tmp_path, "roles_file")
+    for local in (LocalSettings(**roles), LocalSettings(tcp="127.0.0.1:7448", **OPEN, **roles)):
+        with pytest.raises(ConfigError, match="who may open the socket is an admin") as caught:
+            network_configuration(local, ROLES)
+        assert caught.value.field == "local.roles_file"
+
+
+@pytest.mark.parametrize("by", ["usernames", "cert_common_names"])
+def test_each_user_has_a_key_that_nobody_else_may_use(tmp_path, by):
+    """By password where there is one, else by certificate; only who may command puts targets; nobody loses his stop."""
+    tls = files(tmp_path, "tls_certificate", "tls_private_key", "tls_root_ca", "roles_file")
+    users = files(tmp_path, "users_file") if by == "usernames" else {}
+    control = network_configuration(LocalSettings(tcp="0.0.0.0:1", **tls, **users), ROLES)["access_control"]
+    rules = {rule["id"]: rule for rule in control["rules"]}
+    subjects = {
+        subject["id"]: {key: value for key, value in subject.items() if key != "id"} for subject in control["subjects"]
+    }
+    assert all(rule["permission"] == "allow" and len(rule["flows"]) == 1 for rule in rules.values())
+    may = {
+        tuple(next(iter(subjects[who].values()), ())): [
+            (message, key)
+            for name in policy["rules"]
+            for message in rules[name]["messages"]
+            for key in rules[name]["key_exprs"]
+            if rules[name]["flows"] == ["ingress"]
+        ]
+        for policy in control["policies"]
+        for who in policy["subjects"]
+    }
+    assert all(subject == {} or set(subject) == {by} for subject in subjects.values())
+    assert set(may) == {(), ("vera",), ("olaf",), ("anna",)}
+    for name, role in ROLES.items():
+        own = [("query", protocol.command_key(name))]
+        moving = [("put", protocol.TARGET_KEYS), ("put", protocol.KEEPALIVE_KEYS)]
+        assert may[(name,)] == own + ([] if role is Role.VIEWER else moving)
+    assert ("put", protocol.STOP_KEY) in may[()] and ("query", protocol.ESTOP_KEY) in may[()]
+    assert not [
+        key for message, key in may[()] if message == "put" and key in (protocol.TARGET_KEYS, protocol.KEEPALIVE_KEYS)
+    ]
+
+
+def test_without_roles_nothing_has_changed():
+    """Everybody is one subject, who may put targets, too."""
+    control = access_rules()
+    assert [subject["id"] for subject in control["subjects"]] == ["everybody"] and len(control["policies"]) == 1
+    assert protocol.TARGET_KEYS in [key for rule in control["rules"] for key in rule["key_exprs"]]

@@ -443,6 +443,15 @@ STOPPING = {
         "api/identities::made_up_clients_take_no_place_from_the_owner",
         "e2e/stopping::nobody_commands_under_the_owners_id",
     ),
+    "a user's role, at a port with `local.roles_file`": (
+        "api/access/roles::each_role_on_every_request_and_key",
+        "api/access/roles::only_who_may_command_puts_targets_and_keepalives",
+        "core/requests/handler::only_an_admin_takes_the_robot_by_force",
+        "core/requests/handler::an_operator_undoes_no_stop_of_somebody_else",
+        "core/requests/handler::only_an_admin_lets_a_silent_stop_endpoint_go",
+        "core/requests/handler::no_role_keeps_a_stop_away",
+    ),
+    "the audit log's disk is full, or hangs": ("api/access/audit::a_person_stops_while_the_disk_is_full_or_hangs",),
 }
 
 ROBOT_SIDE = {

@@ -19,6 +19,7 @@ import pytest
 from msgspec import structs
 
 from gateway.api import protocol
+from gateway.api.access.roles import Asker
 from gateway.api.inbox import Inbox
 from gateway.api.outbox import Outbox
 from gateway.api.stop_lane import StopLane
@@ -79,6 +80,7 @@ class Question:
     """A query that remembers how it was answered."""
 
     __slots__ = ("answers", "dropped", "encoding", "key", "kind", "payload", "received_ns")
+    asker = Asker()
 
     def __init__(self, key: str, payload: bytes, encoding: str, received_ns: int, kind: str) -> None:
         self.key, self.payload, self.encoding, self.received_ns = key, payload, encoding, received_ns

@@ -96,6 +96,7 @@ BOUNDS = [
     Bound(EnableSettings, "late_ns", 20 * MS, 50 * MS),
     Bound(LinkSettings, "lease_ms", 200, 1000),
     Bound(LocalSettings, "snapshot_hz", 1.0, 100.0),
+    Bound(LocalSettings, "audit_log_mb", 1, 1024),
     Bound(RealtimeSettings, "fifo_priority", 21, 90),
     Bound(GuardSettings, "freeze_ns", 40 * MS, 120 * MS),
     Bound(GuardSettings, "hold_ns", 1_000 * MS, 10_000 * MS),

@@ -2,18 +2,23 @@
 
 from __future__ import annotations
 
+import os
 from argparse import Namespace
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import gateway.client
 from gateway.client import Robot
+from gateway.client.connection.over_zenoh import Credentials
 from gateway.errors import Disconnected
 
 if TYPE_CHECKING:
     from gateway.settings.settings import LinkSettings
 
-__all__ = ["connected", "link_of"]
+__all__ = ["CREDENTIALS_VARIABLE", "connected", "link_of"]
+
+CREDENTIALS_VARIABLE = "TA2_CREDENTIALS"
+"""Environment variable that names the file with user, password and certificates."""
 
 GREETING_S = 5.0
 """Longest wait for the gateway, also of commands that wait longer for the robot [s]."""
@@ -31,7 +36,11 @@ def connected(command: str, target: str | None, timeout_s: float, *, greet: bool
     Raises:
         Disconnected: No gateway answers there.
     """
-    return gateway.client.connect(target, name=f"ta2 {command}", timeout_s=min(timeout_s, GREETING_S), greet=greet)
+    how: dict[str, Any] = {"name": f"ta2 {command}", "timeout_s": min(timeout_s, GREETING_S), "greet": greet}
+    path = os.environ.get(CREDENTIALS_VARIABLE, "")
+    if path and target and target.startswith(("tcp/", "tls/")):
+        how["credentials"] = Credentials.from_file(path)
+    return gateway.client.connect(target, **how)
 
 
 def link_of(options: Namespace) -> LinkSettings:

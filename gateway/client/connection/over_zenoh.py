@@ -17,6 +17,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
+import msgspec
 import zenoh
 
 from gateway.api import protocol
@@ -26,6 +27,9 @@ from gateway.errors import Code, GatewayError, failure
 from gateway.process.threads import supervised
 
 __all__ = ["Credentials", "ZenohTransport"]
+
+FILES = ("root_ca", "certificate", "private_key")
+"""Which of the credentials are names of files."""
 
 LEASE_MS = 2000
 """Silence after which the daemon calls our connection lost [ms]; its keepalive limit of 250 ms comes long before."""
@@ -52,6 +56,23 @@ class Credentials:
     certificate: str = ""
     private_key: str = ""
 
+    @classmethod
+    def from_file(cls, path: str | os.PathLike[str]) -> Credentials:
+        """Return what a file says, as `ta2 keys client` writes it: JSON with these fields, file names relative to it.
+
+        Raises:
+            Rejected: BAD_REQUEST, it cannot be read, or is something else.
+        """
+        try:
+            with open(path, "rb") as file:
+                said = msgspec.json.decode(file.read(), type=dict[str, str])
+            folder = os.path.dirname(os.path.abspath(path))
+            files = {name: os.path.join(folder, said[name]) for name in FILES if said.get(name)}
+            return cls(**{**said, **files})
+        except (OSError, TypeError, ValueError) as error:
+            message, hint = f"{path} cannot be read as credentials: {error}", "`ta2 keys client` writes such a file"
+            raise failure(Code.BAD_REQUEST, message, field="credentials", value=str(path), hint=hint) from None
+
     def __repr__(self) -> str:
         """Show everything but the password."""
         return f"Credentials(user={self.user!r}, root_ca={self.root_ca!r}, certificate={self.certificate!r})"
@@ -73,6 +94,8 @@ class ZenohTransport:
         self._receiver: Receiver | None = None
         self._declared: list[object] = []  # what zenoh would undeclare if we let go of it
         self._pid = os.getpid()
+        self._user = ""
+        """Under which name the daemon knows us; empty where it gives none."""
 
     def open(self, client_id: str, receiver: Receiver, timeout_s: float) -> None:
         """Connect, show the token, listen. Raises `Disconnected` when nobody listens there."""
@@ -92,6 +115,10 @@ class ZenohTransport:
         session.declare_subscriber(protocol.SNAPSHOT_KEY, callback(self._on_snapshot, indirect=False))
         session.declare_subscriber(protocol.EVENT_KEY, callback(self._on_notice, indirect=False))
         self._declared.append(session.liveliness().declare_token(protocol.client_token(client_id)))
+        if path is None:  # before the daemon's token: who sees that knows his name
+            session.liveliness().declare_subscriber(
+                protocol.USER_TOKENS, callback(self._on_user, indirect=False), history=True
+            )
         session.liveliness().declare_subscriber(
             protocol.DAEMON_TOKENS, callback(self._on_token, indirect=False), history=True
         )
@@ -116,6 +143,8 @@ class ZenohTransport:
             on_done(None)
             return
         answer = _Answer(on_done)
+        if key == protocol.COMMAND_KEY:
+            key = protocol.command_key(self._user)
         try:
             session.get(
                 key,
@@ -174,6 +203,13 @@ class ZenohTransport:
         if self._receiver is not None:
             number = sample.attachment
             self._receiver.on_notice(sample.payload.to_bytes(), 0 if number is None else int(number.to_bytes()))
+
+    def _on_user(self, sample: zenoh.Sample) -> None:
+        user = protocol.token_id(str(sample.key_expr))
+        if sample.kind == zenoh.SampleKind.PUT:
+            self._user = user
+        elif self._user == user:
+            self._user = ""
 
     def _on_token(self, sample: zenoh.Sample) -> None:
         if self._receiver is not None:

@@ -22,7 +22,7 @@ from gateway.errors import Code
 from gateway.messages.requests import (
     Request,
 )
-from gateway.values import ArmState, CurrentMode, EePose, MotorState, Vector
+from gateway.values import ArmState, CurrentMode, EePose, MotorState, Role, Vector
 
 __all__ = [
     "ClientGone",
@@ -156,6 +156,7 @@ class CommandRequested:
         content: Tells requests under one number apart: the same for the same bytes, for as long as this process lives.
         chunk: The motion through the points of a `Follow` or `CheckFollow`, where somebody has worked it out already: it takes
             milliseconds.
+        role: Of whoever asks; where nobody has one, everybody is an admin.
     """
 
     client_id: str
@@ -164,6 +165,7 @@ class CommandRequested:
     received_ns: int
     content: int = 0
     chunk: Chunk | None = None
+    role: Role = Role.ADMIN
 
 
 class TargetArrived(Struct, frozen=True, kw_only=True):

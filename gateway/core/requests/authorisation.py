@@ -16,7 +16,7 @@ from gateway.core.supervision.starting import Starting
 from gateway.core.supervision.supervisor import State, Trigger
 from gateway.core.supervision.watch import Watch
 from gateway.errors import Code, Refusal
-from gateway.values import Side, Space
+from gateway.values import Role, Side, Space
 
 __all__ = ["REFUSAL_TEXT", "Authorisation"]
 
@@ -29,6 +29,9 @@ REFUSAL_TEXT: dict[Code, str] = {
     Code.STOPPING: "the arms are coming to rest",
 }
 """Words for the refusals of the supervisor's table."""
+
+OF_PEOPLE = (Code.ESTOP, Code.STOPPED_BY_OTHER)
+"""Latches that stops leave behind."""
 
 NOT_HEARD = frozenset({Code.NO_LINK, Code.STATE_STALE})
 """Refusals for which the reason may be that the robot stands under another namespace."""
@@ -44,10 +47,41 @@ class Authorisation:
         """Over stop endpoints."""
         self._last_stop_ns = -1
         self._takeover_epoch = 0
+        self._only_stopper = ""
+        """Who left the stop that is latched, where that was one client alone; empty for others, and after a restart."""
 
-    def note_stop(self, received_ns: int) -> None:
+    def note_stop(self, received_ns: int, client_id: str = "") -> None:
         """Remember a stop: requests and targets that arrived before it move nothing and never will."""
         self._last_stop_ns = max(self._last_stop_ns, received_ns)
+        if not self._is_stopped():
+            self._only_stopper = client_id
+        elif self._only_stopper != client_id:
+            self._only_stopper = ""
+
+    def _is_stopped(self) -> bool:
+        return any(code in self._coordinator.supervisor.latches for code in OF_PEOPLE)
+
+    def by_force(self, command: CommandRequested) -> Refusal | None:
+        """Refuse to take the robot from its owner to whoever is no admin."""
+        owner = self._coordinator.lease.owner
+        if command.role is Role.ADMIN or owner is None or owner.client_id == command.client_id:
+            return None
+        return _for_admins(
+            command, f"may not take the robot from {owner.name}", "wait until it is free, or ask an admin"
+        )
+
+    def recovery(self, command: CommandRequested) -> Refusal | None:
+        """Refuse to undo the stops, and to let the silent stop endpoints go, of others to whoever is no admin."""
+        if command.role is Role.ADMIN:
+            return None
+        coordinator = self._coordinator
+        if self._is_stopped() and self._only_stopper != command.client_id:
+            return _for_admins(command, "may not undo the stop of somebody else", "ask an admin, or whoever stopped")
+        if coordinator.endpoints.silent or Code.ENDPOINT_SILENT in coordinator.supervisor.latches:
+            return _for_admins(
+                command, "may not let a silent stop endpoint go", "see that it is heard, or ask an admin"
+            )
+        return None
 
     def note_takeover(self, epoch: int) -> None:
         """Remember a takeover: the new owner waits until the former owner's motion has come to rest."""
@@ -183,3 +217,14 @@ class Authorisation:
             )
         self._takeover_epoch = 0
         return None
+
+
+def _for_admins(command: CommandRequested, what: str, hint: str) -> Refusal:
+    return Refusal(
+        code=Code.NOT_PERMITTED,
+        message=f"this user, {command.role}, {what}",
+        field="role",
+        value=command.role.value,
+        bound=Role.ADMIN.value,
+        hint=hint,
+    )

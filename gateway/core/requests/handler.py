@@ -142,6 +142,9 @@ class RequestHandler:
             return Refusal(code=Code.EXITING, message="the daemon is ending")
         lease = self._coordinator.lease
         owner = lease.owner
+        refusal = self._authorisation.by_force(command)
+        if refusal is not None:
+            return refusal
         epoch = lease.take(command.client_id, request.name, request.pid, request.reason, request.on_loss, now_ns)
         if isinstance(epoch, Refusal):
             return epoch
@@ -275,13 +278,13 @@ class RequestHandler:
         message = f"stop() by {'the owner' if is_owner else command.client_id}" + (
             f": {request.reason}" if request.reason else ""
         )
-        self._authorisation.note_stop(command.received_ns)
+        self._authorisation.note_stop(command.received_ns, command.client_id)
         self._coordinator.fire(Trigger.OWNER_STOP if is_owner else Trigger.OTHER_STOP, now_ns, message)
         return self._delivery(now_ns)
 
     def _estop(self, command: CommandRequested, request: Estop, now_ns: int) -> Answer:
         message = f"estop() by {command.client_id}" + (f": {request.reason}" if request.reason else "")
-        self._authorisation.note_stop(command.received_ns)
+        self._authorisation.note_stop(command.received_ns, command.client_id)
         self._coordinator.fire(Trigger.ESTOP, now_ns, message)
         return self._delivery(now_ns)
 
@@ -303,7 +306,8 @@ class RequestHandler:
             code = Code.NO_LINK if coordinator.state is State.OFFLINE else Code.STATE_STALE
             return Refusal(code=code, message=f"recover() needs to see the robot: {REFUSAL_TEXT[code]}")
         refusal = (
-            self._authorisation.after_stop(command)
+            self._authorisation.recovery(command)
+            or self._authorisation.after_stop(command)
             or self._persisting(latches, now_ns)
             or self.watch.may_recover(request)
         )

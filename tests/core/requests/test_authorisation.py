@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 
 import pytest
 
-from gateway.core.messages.events import GuardSeen
+from gateway.core.messages.events import CommandRequested, GuardSeen
 from gateway.core.messages.sightings import ForeignData, Gateway, Means, Writer
 from gateway.core.motion.motion import plan
 from gateway.core.others.other_robots import other_namespace, two_robots
@@ -14,9 +15,9 @@ from gateway.core.requests.authorisation import REFUSAL_TEXT, Authorisation
 from gateway.core.supervision.supervisor import TABLE, State, Trigger
 from gateway.errors import Code, Refusal
 from gateway.messages.incoming import OnLoss
-from gateway.messages.requests import Enable, Move
+from gateway.messages.requests import Enable, Move, Recover
 from gateway.robot.topics import FSM_ENABLE, joint_command
-from gateway.values import FsmState, Side, Space
+from gateway.values import FsmState, Role, Side, Space
 from tests.core.stage import GOAL, MIDDLE, L, R, Stage
 
 MOVE = Move(epoch=1, targets_rad=GOAL)
@@ -463,3 +464,42 @@ def test_commands_that_are_not_ours_are_an_objection_until_they_are_long_past():
     assert stage.authorisation.beside_others(stage.now_ns).code is Code.FOREIGN_WRITER
     stage.run(1000)
     assert stage.authorisation.beside_others(stage.now_ns) is None
+
+
+# ------------------------------------------------------------------------------------------------ roles
+
+
+def asked(scene: Scene, client: str, role: Role) -> CommandRequested:
+    """A request under a role."""
+    return replace(scene.command(Recover(), client), role=role)
+
+
+def test_only_an_admin_may_take_the_robot_from_its_owner():
+    """From nobody, and again from himself, an operator may."""
+    scene = Scene()
+    for client, role, code in (
+        ("bob", Role.OPERATOR, Code.NOT_PERMITTED),
+        ("bob", Role.ADMIN, None),
+        ("ann", Role.OPERATOR, None),
+    ):
+        refusal = scene.authorisation.by_force(asked(scene, client, role))
+        assert (refusal and refusal.code) is code
+
+
+def test_a_stop_is_undone_by_whoever_alone_left_it_or_by_an_admin():
+    """One that two have left is nobody's own; without one an operator recovers, but lets no silent endpoint go."""
+    scene = Scene()
+    authorisation, latches = scene.authorisation, scene.coordinator.supervisor.latches
+    assert authorisation.recovery(asked(scene, "ann", Role.OPERATOR)) is None
+    authorisation.note_stop(1, "bob")
+    latches[Code.ESTOP] = "bob"
+    authorisation.note_stop(2, "bob")
+    assert authorisation.recovery(asked(scene, "bob", Role.OPERATOR)) is None
+    refusal = authorisation.recovery(asked(scene, "ann", Role.OPERATOR))
+    assert refusal is not None and refusal.code is Code.NOT_PERMITTED and refusal.bound == "admin"
+    authorisation.note_stop(3, "carol")
+    assert authorisation.recovery(asked(scene, "bob", Role.OPERATOR)) is not None
+    assert authorisation.recovery(asked(scene, "ann", Role.ADMIN)) is None
+    del latches[Code.ESTOP]
+    latches[Code.ENDPOINT_SILENT] = "page"
+    assert authorisation.recovery(asked(scene, "ann", Role.OPERATOR)) is not None

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import pytest
 
@@ -34,7 +35,7 @@ from gateway.messages.requests import (
 )
 from gateway.robot.limits import JOINT_UPPER_RAD
 from gateway.robot.topics import arm_state, joint_command
-from gateway.values import FsmState, Side, Vector
+from gateway.values import FsmState, Role, Side, Vector
 from tests.core.stage import GOAL, MIDDLE, MS, L, R, S, Stage
 
 FALSE = dict.fromkeys(Side, False)
@@ -615,3 +616,63 @@ def test_a_gateway_that_is_broken_cannot_be_recovered():
     refusal = scene.refused(Recover())
     assert (refusal.code, refusal.field) == (Code.LATCH_PERSISTS, "GATEWAY_BROKEN")
     assert set(scene.coordinator.supervisor.latches) == {Code.ESTOP, Code.GATEWAY_BROKEN}
+
+
+# ------------------------------------------------------------------------------------------------ roles
+
+
+def asked(scene: Scene, request: Request, client: str, role: Role) -> Code | None:
+    """Ask under a role; return the code of the refusal."""
+    answer = scene.handler.answer(replace(scene.command(request, client), role=role), scene.now_ns)
+    return answer.code if isinstance(answer, Refusal) else None
+
+
+def test_only_an_admin_takes_the_robot_by_force():
+    """An operator takes it from nobody, and again from himself."""
+    scene = Scene(State.IDLE)
+    assert asked(scene, TAKE_BOB, "bob", Role.OPERATOR) is Code.NOT_PERMITTED and scene.owner == "ann"
+    assert asked(scene, Take(name="ann", pid=7, reason="x"), "ann", Role.OPERATOR) is None
+    assert asked(scene, TAKE_BOB, "bob", Role.ADMIN) is None and scene.owner == "bob"
+    empty = Scene(State.IDLE)
+    empty.granted(Release(epoch=empty.epoch))
+    assert empty.owner is None and asked(empty, TAKE_BOB, "bob", Role.OPERATOR) is None
+
+
+@pytest.mark.parametrize("stop", [Stop(), Estop()])
+def test_an_operator_undoes_no_stop_of_somebody_else(stop):
+    """His own he may, faults he may; a stop that two have left, or an earlier daemon, is for an admin."""
+    scene = Scene(State.IDLE)
+    scene.granted(stop, "bob", received_ns=scene.now_ns - 1)
+    assert asked(scene, Recover(), "ann", Role.OPERATOR) is Code.NOT_PERMITTED
+    assert asked(scene, Recover(), "bob", Role.OPERATOR) is None and not scene.coordinator.supervisor.latches
+    for client in ("bob", "bob", "carol"):
+        scene.granted(stop, client, received_ns=scene.now_ns - 1)
+    assert asked(scene, Recover(), "bob", Role.OPERATOR) is Code.NOT_PERMITTED
+    assert asked(scene, Recover(), "carol", Role.OPERATOR) is Code.NOT_PERMITTED
+    assert asked(scene, Recover(), "ann", Role.ADMIN) is None
+    scene.coordinator.latch(Code.TRACKING_ERROR, "blocked", scene.now_ns)
+    assert asked(scene, Recover(), "carol", Role.OPERATOR) is None
+
+
+def test_a_stop_of_an_earlier_daemon_is_nobodys_own():
+    """It does not know any more who it was."""
+    scene = Scene(State.IDLE)
+    scene.coordinator.latch(Code.ESTOP, "estop() by bob", scene.now_ns)
+    assert asked(scene, Recover(), "bob", Role.OPERATOR) is Code.NOT_PERMITTED
+
+
+def test_only_an_admin_lets_a_silent_stop_endpoint_go():
+    """With a reason or without: somebody else watched."""
+    scene = Scene(State.IDLE)
+    scene.coordinator.endpoints.register("pad", "page", 500 * MS, OnLoss.HOLD, scene.now_ns)
+    scene.coordinator.endpoints.look(scene.now_ns + S, 0)
+    assert asked(scene, Recover(reason="its page was closed"), "ann", Role.OPERATOR) is Code.NOT_PERMITTED
+    assert asked(scene, Recover(reason="its page was closed"), "ann", Role.ADMIN) is None
+
+
+@pytest.mark.parametrize("role", Role)
+def test_no_role_keeps_a_stop_away(role):
+    """Not even a viewer's."""
+    scene = Scene(State.ACTIVE)
+    assert asked(scene, Stop(), "bob", role) is None and asked(scene, Estop(), "bob", role) is None
+    assert Code.ESTOP in scene.coordinator.supervisor.latches
