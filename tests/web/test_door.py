@@ -216,9 +216,10 @@ def test_a_login_opens_and_what_is_open_by_it_ends_with_it() -> None:
             with pytest.raises(WebSocketDisconnect):
                 socket.receive_text()
         assert ended == [True]
-        with pytest.raises(WebSocketDisconnect), browser.websocket_connect(
-                "wss://robot.lab:8700/api/live", headers=cookie
-            ):
+        with (
+            pytest.raises(WebSocketDisconnect),
+            browser.websocket_connect("wss://robot.lab:8700/api/live", headers=cookie),
+        ):
             pass
         assert browser.post("/api/logout", headers=cookie).status_code == 401
 
