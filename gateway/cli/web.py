@@ -59,7 +59,7 @@ def carry_out(options: Namespace) -> ExitStatus:
 
     with _listening(address, options.port) as listening:
         port = listening.getsockname()[1]
-        names = [name.lower() for name in options.name] + ([] if address.is_unspecified else [str(address)])
+        names = [name.lower().strip("[]") for name in options.name] + ([] if address.is_unspecified else [str(address)])
         keys = Keys(
             token=token,
             logins=None if users is None else Logins(is_right),
@@ -130,12 +130,16 @@ def _add_user(options: Namespace) -> ExitStatus:
 
     if options.users is None:
         raise failure(Code.BAD_REQUEST, "in which file?", field="--users", hint="--users FILE")
-    if sys.stdin.isatty():
-        password = getpass.getpass(f"Password of {options.add_user}: ")
-        if getpass.getpass("Once more: ") != password:
-            raise failure(Code.BAD_REQUEST, "both passwords differ", hint="type it again; nothing was written")
-    else:
-        password = sys.stdin.readline().rstrip("\r\n")
+    try:
+        if sys.stdin.isatty():
+            password = getpass.getpass(f"Password of {options.add_user}: ")
+            again = getpass.getpass("Once more: ")
+        else:
+            password = again = sys.stdin.readline().rstrip("\r\n")
+    except (EOFError, UnicodeError):
+        password = again = ""
+    if password != again:
+        raise failure(Code.BAD_REQUEST, "both passwords differ", hint="type it again; nothing was written")
     add_user(options.users, options.add_user, password)
     print(f"{options.users}: {options.add_user} may log in")
     return ExitStatus.OK
@@ -144,7 +148,8 @@ def _add_user(options: Namespace) -> ExitStatus:
 def _listening(address: IPv4Address | IPv6Address, port: int) -> socket.socket:
     try:
         family = socket.AF_INET if address.version == 4 else socket.AF_INET6
-        return socket.create_server((str(address), port), family=family)
+        both = family == socket.AF_INET6 and address.is_unspecified and socket.has_dualstack_ipv6()
+        return socket.create_server((str(address), port), family=family, dualstack_ipv6=both)
     except OSError as error:
         message = f"{address}:{port} cannot be listened on: {error.strerror}"
         hint = "take another one: --port N, --host ADDR"

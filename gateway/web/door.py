@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import asyncio
 import hmac
-from collections.abc import Coroutine, Mapping
+from collections.abc import Awaitable, Mapping
 from dataclasses import dataclass
 from http.cookies import CookieError, SimpleCookie
 from urllib.parse import urlsplit
@@ -108,7 +108,7 @@ class Door:
         if isinstance(known, Session):
             scope[SESSION] = known
         if why_not is None and isinstance(known, Session) and (scope["type"] == "websocket" or "/video/" in path):
-            await self._while_it_lasts(known, self._serve(scope, receive, sent))
+            await self._while_it_lasts(known, self._app(scope, receive, sent))
         elif why_not is None:
             await self._app(scope, receive, sent)
         elif scope["type"] == "websocket":
@@ -118,9 +118,6 @@ class Door:
             error = {"error": {"code": "FORBIDDEN", "message": why_not, "hint": hint}}
             status, more = (401, {"WWW-Authenticate": "Bearer"}) if why_not == UNKNOWN else (403, None)
             await JSONResponse(error, status_code=status, headers=more)(scope, receive, sent)
-
-    async def _serve(self, scope: Scope, receive: Receive, send: Send) -> None:
-        await self._app(scope, receive, send)
 
     def _why_not(self, path: str, headers: Mapping[str, str], *, is_known: bool) -> str | None:
         host = headers.get("host", "")
@@ -149,7 +146,7 @@ class Door:
         found = [] if logins is None else [logins.session(word) for word in said]
         return next((session for session in found if session is not None), None)
 
-    async def _while_it_lasts(self, session: Session, serving: Coroutine[None, None, None]) -> None:
+    async def _while_it_lasts(self, session: Session, serving: Awaitable[None]) -> None:
         """Serve until that is done or the session is over; a page then ends as one that was closed."""
         assert self._keys.logins is not None
         task = asyncio.ensure_future(serving)

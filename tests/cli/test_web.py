@@ -68,12 +68,19 @@ def test_a_password_is_typed_twice(shell: Shell, file: Path, monkeypatch: pytest
     """And shown nowhere; two that differ write nothing."""
     typed = ["correct horse", "correct hose", "correct horse", "correct horse"]
     monkeypatch.setattr(sys.stdin, "isatty", lambda: True, raising=False)
-    monkeypatch.setattr(getpass, "getpass", lambda _: typed.pop(0))
+    monkeypatch.setattr(getpass, "getpass", lambda _: typed.pop(0) if typed else broken_off())
     done = shell.run("web", "--add-user", "ann", "--users", str(file))
     assert done.status == 1 and "differ" in done.err and not file.exists()
     done = shell.run("web", "--add-user", "ann", "--users", str(file))
     assert done.status == 0 and "ann may log in" in done.out and "horse" not in done.out
     assert users.is_password("correct horse", users.read_users(file)["ann"])
+    done = shell.run("web", "--add-user", "bob", "--users", str(file))
+    assert done.status == 1 and "0 characters" in done.err and list(users.read_users(file)) == ["ann"]
+
+
+def broken_off() -> str:
+    """As Ctrl-D."""
+    raise EOFError
 
 
 def test_a_script_gives_the_password_as_a_line(shell: Shell, file: Path, monkeypatch: pytest.MonkeyPatch) -> None:
