@@ -1,4 +1,4 @@
-"""`ta2 service`: gateway and recorder as services of systemd, whose units are written, looked at, and taken away again.
+"""`ta2 service`: gateway, recorder and page as services of systemd, whose units are written, looked at, and taken away again.
 
 Rules it obeys
     * The guard outlives its daemon (`KillMode=process`), and its sockets and pipes stay where they are
@@ -27,9 +27,9 @@ from gateway.errors import Code, Refusal, failure, to_exception
 from gateway.process.own_module import own_module
 from gateway.settings import toml_file
 
-__all__ = ["GATEWAY", "RECORDER", "carry_out"]
+__all__ = ["GATEWAY", "RECORDER", "WEB", "carry_out"]
 
-GATEWAY, RECORDER = "ta2-gateway.service", "ta2-recorder.service"
+GATEWAY, RECORDER, WEB = "ta2-gateway.service", "ta2-recorder.service", "ta2-web.service"
 UNITS = Path("/etc/systemd/system")
 SHOWN = (
     "Id LoadState ActiveState SubState StateChangeTimestamp StatusText MainPID NRestarts WatchdogUSec "
@@ -74,13 +74,27 @@ SuccessExitStatus=130 143
 TimeoutStopSec=60
 StateDirectory=ta2 ta2/bags
 """
+WEB_UNIT = """\
+[Unit]
+Description=TeleAvatar 2 page
+After=network-online.target ta2-gateway.service
+Wants=network-online.target
+StartLimitIntervalSec=60
+StartLimitBurst=5
+
+[Service]
+ExecStart={command}
+RestartSec=5
+SuccessExitStatus=143
+TimeoutStopSec=15
+"""
 YES = (
     "NoNewPrivileges ProtectClock ProtectControlGroups ProtectHostname ProtectKernelLogs ProtectKernelModules "
     "ProtectKernelTunables PrivateDevices PrivateTmp PrivateUsers LockPersonality MemoryDenyWriteExecute "
     "RestrictNamespaces RestrictSUIDSGID"
 )
-BOTH = f"""\
-Type=notify
+ALL = f"""\
+Type={{type}}
 NotifyAccess=main
 User={{user}}
 Restart=on-failure
@@ -134,7 +148,7 @@ def _units(options: Namespace, user: str) -> Mapping[str, str]:
     """Return the text of each unit by its name."""
     if user == "root" or not re.fullmatch(r"[a-zA-Z_][\w.-]*", user, re.ASCII):
         _refuse(f"a service of ours does not run as {user!r}", "name an ordinary user with --user")
-    files = [path.absolute() for path in (options.config, options.recorder) if path is not None]
+    files = [path.absolute() for path in (options.config, options.web, options.recorder) if path is not None]
     for path in files:
         if not re.fullmatch(r'[^\x00-\x1f"\\]+', str(path)):
             _refuse(f"{str(path)!r} cannot stand in a unit", "choose a path without quotes and backslashes")
@@ -146,7 +160,11 @@ def _units(options: Namespace, user: str) -> Mapping[str, str]:
     record = _command("record", "--socket", str(SYSTEM_SOCKET))
     units = {GATEWAY: GATEWAY_UNIT.format(command=_command(*run))}
     units[RECORDER] = RECORDER_UNIT.format(command=record, folder=folder)
-    return {name: text + BOTH.format(user=user) for name, text in units.items()}
+    if options.web is not None:
+        web = _command("web", "--socket", str(SYSTEM_SOCKET), "--users", str(options.web.absolute()))
+        units[WEB] = WEB_UNIT.format(command=web)
+    types = {WEB: "exec"}  # nothing of it keeps a robot alive
+    return {name: text + ALL.format(user=user, type=types.get(name, "notify")) for name, text in units.items()}
 
 
 def _command(*words: str) -> str:
@@ -171,7 +189,7 @@ def _install(options: Namespace, user: str, units: Mapping[str, str]) -> ExitSta
     folder = root / str(UNITS)[1:] if root else UNITS
     folder.mkdir(parents=True, exist_ok=True)
     changed = [name for name, text in units.items() if _write(folder / name, text)]
-    wanted = [GATEWAY, *([RECORDER] if options.recorder else [])]
+    wanted = [GATEWAY, *([RECORDER] if options.recorder else []), *([WEB] if options.web else [])]
     if root is not None:
         _systemctl("--root", str(root), "enable", *wanted)
         return ExitStatus.OK
@@ -205,7 +223,7 @@ def _remove(root: Path | None) -> ExitStatus:
     if root is None:
         _require_systemd()
     folder = root / str(UNITS)[1:] if root else UNITS
-    if there := [path for name in (RECORDER, GATEWAY) if (path := folder / name).exists()]:
+    if there := [path for name in (WEB, RECORDER, GATEWAY) if (path := folder / name).exists()]:
         how = ["--root", str(root), "disable"] if root else ["disable", "--now"]
         _systemctl(*how, *(path.name for path in there))
     for path in there:
@@ -234,7 +252,7 @@ def _show(*, as_json: bool) -> ExitStatus:
 
 def _shown() -> Mapping[str, Mapping[str, str]]:
     """Return what systemd knows of each unit, by its name."""
-    text = _systemctl("show", GATEWAY, RECORDER, "--property", SHOWN.replace(" ", ","))
+    text = _systemctl("show", GATEWAY, RECORDER, WEB, "--property", SHOWN.replace(" ", ","))
     blocks = [dict(line.split("=", 1) for line in block.splitlines() if "=" in line) for block in text.split("\n\n")]
     return {of["Id"]: dict.fromkeys(SHOWN.split(), "") | of for of in blocks if "Id" in of}
 

@@ -67,5 +67,11 @@ def _tag(class_name: str) -> str:
     return re.sub(r"(?<=[a-z])(?=[A-Z])", "_", class_name).lower()
 
 
-class Incoming(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True, tag_field="type", tag=_tag):
-    """A request; its JSON form has a `type` beside its fields."""
+class Incoming(
+    Struct, frozen=True, forbid_unknown_fields=True, kw_only=True, omit_defaults=True, tag_field="type", tag=_tag
+):
+    """A request; its JSON form has a `type` beside its fields.
+
+    What has its default is not sent: an older daemon, which refuses fields that it does not know, understands all that a
+    later client wants of it. So a default never changes while `PROTOCOL_VERSION` stays; `tests/api/wire` holds them.
+    """

@@ -24,6 +24,7 @@ __all__ = [
     "Home",
     "Jog",
     "Lift",
+    "LoginAsked",
     "Release",
     "StopAsked",
     "StopDone",
@@ -101,6 +102,13 @@ class Alive(_Asked, frozen=True):
 
 
 Asked: TypeAlias = Acquire | Release | Enable | Disable | Hold | Home | Jog | Grip | Drive | Lift | Alive
+
+
+class LoginAsked(Struct, frozen=True, kw_only=True):
+    """A login; what it gives is a cookie."""
+
+    name: Text
+    password: Annotated[str, Meta(max_length=1000)]
 
 
 class StopAsked(Struct, frozen=True, kw_only=True):

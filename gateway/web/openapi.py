@@ -9,7 +9,7 @@ import msgspec
 
 from gateway import __version__
 from gateway.api.protocol import Finding, Info, Notice, RefusalMessage, Snapshot
-from gateway.web.messages import Asked, CamerasSeen, StopAsked, StopDone
+from gateway.web.messages import Asked, CamerasSeen, LoginAsked, StopAsked, StopDone
 
 __all__ = ["description"]
 
@@ -60,7 +60,7 @@ class Nothing(msgspec.Struct, frozen=True):
     """Done; there is nothing to tell."""
 
 
-TYPES = (State, Gone, Noticed, Replied, Error, Reasons, Nothing, StopAsked, StopDone, CamerasSeen, Asked)
+TYPES = (State, Gone, Noticed, Replied, Error, Reasons, Nothing, StopAsked, StopDone, LoginAsked, CamerasSeen, Asked)
 SECURITY: list[dict[str, list[str]]] = [{"secret": []}]
 FAILURES = {
     "400": "What was asked for is wrong.",
@@ -69,6 +69,7 @@ FAILURES = {
     "404": "There is nothing.",
     "405": "Not by this method.",
     "409": "Refused; nothing moved.",
+    "429": "Too many logins failed.",
     "503": "No gateway answers.",
     "504": "The reply was lost, or came too late.",
 }
@@ -107,6 +108,8 @@ def description() -> bytes:
             "post": operation("Stop, and pause the robot; the grip is lost.", StopDone, StopAsked, is_open=True)
         },
         "/api/recover": {"post": operation("Clear what holds motion off, if its cause is gone.", Nothing, StopAsked)},
+        "/api/login": {"post": operation("Log in, where there are users.", Nothing, LoginAsked, is_open=True)},
+        "/api/logout": {"post": operation("Log out; what is open by the login is closed.", Nothing)},
     }
     live = (
         "The WebSocket `/api/live` gives the messages State, Gone, Noticed and Replied, and takes what Asked describes; "
@@ -120,7 +123,11 @@ def description() -> bytes:
         "components": {
             "schemas": components,
             "securitySchemes": {
-                "secret": {"type": "http", "scheme": "bearer", "description": "What `ta2 web` prints."}
+                "secret": {
+                    "type": "http",
+                    "scheme": "bearer",
+                    "description": "What `ta2 web` prints, or the cookie of a login.",
+                }
             },
         },
     }

@@ -1,6 +1,7 @@
 """The application: what there is under which path, and what goes back and forth with each page.
 
     GET  /                       the page; with ?token=... the secret becomes a cookie
+    GET  /login                  where there are users: a page to log in and to stop; POST /api/login, /api/logout
     GET  /api/state, /api/why    what the gateway sees, what stands in the way; 503 while there is none
     POST /api/stop, /api/estop   everybody's stop, {"reason": ...} or any body
     POST /api/recover            clears latches, {"reason": ...}
@@ -29,7 +30,7 @@ from prometheus_client import CONTENT_TYPE_LATEST
 from starlette.applications import Starlette
 from starlette.exceptions import HTTPException
 from starlette.requests import ClientDisconnect, Request
-from starlette.responses import FileResponse, RedirectResponse, Response, StreamingResponse
+from starlette.responses import FileResponse, HTMLResponse, RedirectResponse, Response, StreamingResponse
 from starlette.routing import Mount, Route, WebSocketRoute
 from starlette.staticfiles import StaticFiles
 from starlette.types import ASGIApp
@@ -49,7 +50,8 @@ from gateway.errors import (
 )
 from gateway.settings.toml_file import state_dir
 from gateway.web import metrics, stopping
-from gateway.web.door import Door, cookie_name
+from gateway.web.door import SESSION, Door, Keys, cookie_name
+from gateway.web.logging_in import login_routes
 from gateway.web.messages import BOUNDARY, Alive, Asked, CamerasSeen
 from gateway.web.openapi import description
 from gateway.web.owning import Owning
@@ -62,7 +64,6 @@ _log = logging.getLogger(__name__)
 NO_CAMERAS = "this page shows no cameras: ta2 web --video"
 STATIC = Path(__file__).parent / "static"
 MOST_PAGES = 100
-MOST_BODY_BYTES = 4096
 BODY_S = 0.5
 """How long the body of a stop is waited for [s]; the stop goes on without it."""
 SILENT_S = 5.0
@@ -76,18 +77,18 @@ MOST_WAITING = 32
 
 
 def application(
-    target: str | None, token: str, port: int, *, opens_metrics: bool = False, video_port: int | None = None
+    target: str | None, keys: Keys, port: int, *, opens_metrics: bool = False, video_port: int | None = None
 ) -> ASGIApp:
     """Return the application, to be served by uvicorn.
 
     Args:
         target: Where the gateway is; None finds its socket.
-        token: The secret that all but stops take.
+        keys: What all but stops take.
         port: Where it listens.
         opens_metrics: Whether `/metrics` takes no secret.
         video_port: Where the robot sends its pictures; None shows none.
     """
-    server = _Server(target, token, port, video_port)
+    server = _Server(target, keys, port, video_port)
 
     @contextlib.asynccontextmanager
     async def lifespan(_: Starlette) -> AsyncIterator[None]:
@@ -111,18 +112,19 @@ def application(
         Route("/api/video/{view}", server.pictures),
         Route("/metrics", server.metrics),
         Route("/openapi.json", server.openapi),
+        *login_routes(keys.logins, cookie_name(port, is_tls=keys.is_tls), is_tls=keys.is_tls),
     ]
     failed = {GatewayError: _failed, HTTPException: _not_there}
     return Door(
-        Starlette(routes=routes, lifespan=lifespan, exception_handlers=failed), token, port, opens_metrics=opens_metrics
+        Starlette(routes=routes, lifespan=lifespan, exception_handlers=failed), keys, port, opens_metrics=opens_metrics
     )
 
 
 class _Server:
-    def __init__(self, target: str | None, token: str, port: int, video_port: int | None) -> None:
+    def __init__(self, target: str | None, keys: Keys, port: int, video_port: int | None) -> None:
         self._target = target
-        self._token = token
-        self._cookie = cookie_name(port)
+        self._keys = keys
+        self._cookie = cookie_name(port, is_tls=keys.is_tls)
         self._pages = 0
         self.viewer = Viewer(target)
         self._cameras = None
@@ -132,11 +134,15 @@ class _Server:
             self._cameras = Cameras(lambda: self._info().robot, video_port)
 
     async def page(self, request: Request) -> Response:
-        said = request.query_params.get("token")
-        if said is None or not hmac.compare_digest(said.encode(), self._token.encode()):
+        if self._keys.logins is not None:
+            text, session = (STATIC / "index.html").read_text(encoding="utf-8"), request.scope.get(SESSION)
+            way = "Log in" if session is None else f"Log out {session.name}"
+            return HTMLResponse(text.replace("</header>", f'<p><a href="/login">{way}</a></p></header>', 1))
+        said, token = request.query_params.get("token"), self._keys.token
+        if said is None or token is None or not hmac.compare_digest(said.encode(), token.encode()):
             return FileResponse(STATIC / "index.html")
         response = RedirectResponse("/", status_code=303)  # the secret stays in no address line and no history
-        response.set_cookie(self._cookie, self._token, httponly=True, samesite="strict")
+        response.set_cookie(self._cookie, token, httponly=True, samesite="strict", secure=self._keys.is_tls)
         return response
 
     async def state(self, _: Request) -> Response:
@@ -163,13 +169,13 @@ class _Server:
     async def _stopped(self, request: Request, word: Literal["stop", "estop"]) -> Response:
         body = b""
         with contextlib.suppress(asyncio.TimeoutError, ClientDisconnect):  # no body keeps a stop
-            body = await asyncio.wait_for(_body(request), BODY_S)
+            body = await asyncio.wait_for(stopping.body_of(request), BODY_S)
         reason = f"{stopping.reason_of(body) or 'by the page'} ({_host(request)})"
         done = await stopping.stop(word, reason, self._target, self.viewer.robot)
         return _json(done)
 
     async def recover(self, request: Request) -> Response:
-        reason = stopping.reason_of(await _body(request))
+        reason = stopping.reason_of(await stopping.body_of(request))
         await self._require().recover(f"{reason} ({_host(request)})" if reason else "")
         return _json({})
 
@@ -370,14 +376,7 @@ async def _from(first: bytes, rest: AsyncIterator[bytes]) -> AsyncIterator[bytes
         yield part
 
 
-async def _body(request: Request) -> bytes:
-    body = b""
-    async for part in request.stream():
-        body += part
-        if len(body) > MOST_BODY_BYTES:
-            return b""
-    return body
-
-
 def _host(connection: Request | WebSocket) -> str:
-    return "unknown" if connection.client is None else f"{connection.client.host}:{connection.client.port}"
+    """Return who asks, by name where there is a login, and from where."""
+    session, peer = connection.scope.get(SESSION), connection.client
+    return f"{f'{session.name} at ' if session else ''}{f'{peer.host}:{peer.port}' if peer else 'unknown'}"

@@ -10,6 +10,7 @@ import asyncio
 from typing import Literal
 
 import msgspec
+from starlette.requests import Request
 
 from gateway.api import protocol
 from gateway.api.stop_pipe import drop_stop
@@ -18,11 +19,22 @@ from gateway.client.asking.guard_stop import stop_at_guard
 from gateway.errors import Code, GatewayError, failure
 from gateway.web.messages import StopAsked, StopDone
 
-__all__ = ["reason_of", "stop"]
+__all__ = ["body_of", "reason_of", "stop"]
 
 KEYS = {"stop": protocol.STOP_KEY, "estop": protocol.ESTOP_KEY}
 NAME = "ta2 web"
 MOST_REASON = 200
+MOST_BODY_BYTES = 4096
+
+
+async def body_of(request: Request) -> bytes:
+    """Return the body of a request; nothing of one that is too long."""
+    body = b""
+    async for part in request.stream():
+        body += part
+        if len(body) > MOST_BODY_BYTES:
+            return b""
+    return body
 
 
 def reason_of(body: bytes) -> str:

@@ -15,7 +15,7 @@ from types import SimpleNamespace
 import pytest
 
 from gateway.cli import service
-from gateway.cli.service import GATEWAY, RECORDER
+from gateway.cli.service import GATEWAY, RECORDER, WEB
 from tests.cli.shell import Shell
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -143,6 +143,15 @@ def test_the_recorder_ends_its_bag_well(shell: Shell, tmp_path: Path) -> None:
     assert f'"{tmp_path}/100 %% bags"' in printed(shell, "--recorder", str(tmp_path / "100 % bags"))[RECORDER]
 
 
+def test_the_page_is_served_to_the_users_that_were_named(shell: Shell, tmp_path: Path) -> None:
+    """Where that is asked for; its log holds no secret that opens it."""
+    unit = keys(printed(shell, "--web", str(tmp_path / "users"))[WEB])
+    assert unit["ExecStart"].endswith(f" web --socket /run/ta2/gateway.sock --users {tmp_path}/users")
+    assert unit["Type"] == "exec" and unit["ProtectSystem"] == "strict" and "WatchdogSec" not in unit
+    done = shell.run("service", "install", "--print", "--web", "/srv/us\ners")
+    assert done.status == 1 and "cannot stand in a unit" in done.err
+
+
 def test_options_stand_in_the_gateways_command(shell: Shell, tmp_path: Path) -> None:
     """The robot and the settings file, by its whole path, whatever is in it."""
     file = tmp_path / "my $robot 1%.toml"
@@ -205,14 +214,14 @@ def test_a_settings_file_that_is_wrong_is_not_installed(shell: Shell, host: Path
     assert done.status == 2 and "arm.v_radps" in done.err and not host.exists()
 
 
-@pytest.mark.parametrize("name", [GATEWAY, RECORDER])
+@pytest.mark.parametrize("name", [GATEWAY, RECORDER, WEB])
 def test_services_are_hardly_exposed(shell: Shell, tmp_path: Path, name: str) -> None:
     """As systemd itself judges it, where it can; and it knows every word of the units."""
     analyze = shutil.which("systemd-analyze")
     if analyze is None:
         pytest.skip("no systemd-analyze here")
     file = tmp_path / name
-    file.write_text(printed(shell, "--recorder", "/srv/bags")[name])
+    file.write_text(printed(shell, "--recorder", "/srv/bags", "--web", "/srv/users")[name])
     words = [analyze, "security", "--offline=true", "--no-pager", str(file)]
     done = subprocess.run(words, capture_output=True, text=True, timeout=50, check=False)
     found = re.search(r"exposure level for \S+: (\d+\.\d+)", done.stdout)
@@ -343,6 +352,16 @@ def test_an_image_is_made_without_root_and_without_its_users(
     assert shell.run("service", "remove", "--root", str(root)).status == 0
     assert systemctl.heard() == [f"--root {root} disable {RECORDER} {GATEWAY}"]
     assert [path for path in root.rglob("*") if not path.is_dir()] == []
+
+
+def test_the_page_is_installed_and_removed_with_the_others(shell: Shell, systemctl: Systemctl, tmp_path: Path) -> None:
+    """Later installations that do not name it leave it as it is."""
+    for words in (["--web", "/srv/users"], []):
+        assert shell.run("service", "install", "--root", str(tmp_path / "i"), "--user", "op", *words).status == 0
+    assert systemctl.heard()[0] == f"--root {tmp_path / 'i'} enable {GATEWAY} {WEB}"
+    assert shell.run("service", "remove", "--root", str(tmp_path / "i")).status == 0
+    assert systemctl.heard() == [f"--root {tmp_path / 'i'} disable {WEB} {RECORDER} {GATEWAY}"]
+    assert [path for path in (tmp_path / "i").rglob("*") if not path.is_dir()] == []
 
 
 @pytest.mark.parametrize("verb", ["install", "remove"])

@@ -10,6 +10,9 @@ import re
 import shutil
 import signal
 import socket
+import ssl
+import subprocess
+import sys
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -22,7 +25,7 @@ from websockets.exceptions import InvalidStatus
 from websockets.sync.client import ClientConnection, connect
 
 from gateway.errors import Aborted, LeaseError
-from tests.e2e.system import Process, System, free_port, wait_for
+from tests.e2e.system import ROOT, Process, System, free_port, wait_for
 
 pytestmark = [
     pytest.mark.e2e,
@@ -35,19 +38,21 @@ CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
 class Web:
     """A running `ta2 web`."""
 
-    def __init__(self, system: System, *options: str) -> None:
+    def __init__(self, system: System, *options: str, verify: ssl.SSLContext | bool = True) -> None:
         self.port = free_port()
         arguments = ["-m", "gateway.cli", "web", "--at", system.target, "--port", str(self.port), "--json", *options]
         self.process = Process("web", arguments, system.folder)
         said = wait_for(lambda: self.process.text().splitlines(), "the address", tell=self.process.text)
         self.url, self.token = (json.loads(said[0])[name] for name in ("url", "token"))
         self.known = {"Authorization": f"Bearer {self.token}"}
-        wait_for(lambda: self.get("/api/state").status_code == 200, "the page's gateway", tell=self.process.text)
+        self._verify = verify
+        wanted = 200 if self.token else 401
+        wait_for(lambda: self.get("/api/state").status_code == wanted, "the page's gateway", tell=self.process.text)
 
     def get(self, path: str) -> httpx.Response:
         """Get something, as who knows the secret; 599 while nobody listens."""
         try:
-            return httpx.get(f"{self.url}{path[1:]}", headers=self.known, timeout=20.0)
+            return httpx.get(f"{self.url}{path[1:]}", headers=self.known, timeout=20.0, verify=self._verify)
         except httpx.TransportError:
             return httpx.Response(599)
 
@@ -204,6 +209,44 @@ def test_without_the_secret_there_is_nothing_to_see(web: Web) -> None:
     assert httpx.get(f"{web.url}metrics", timeout=20.0).status_code == 401
     with pytest.raises(InvalidStatus, match="403"), connect(f"ws://127.0.0.1:{web.port}/api/live"):
         pass
+
+
+@pytest.mark.skipif(shutil.which("openssl") is None, reason="certificates are made with the openssl program")
+def test_beyond_this_host_a_user_logs_in_and_everybody_stops(system: System, tmp_path: Path) -> None:
+    """By TLS; a peer that takes all the connections it gets keeps no other from a stop; logging out is losing the robot."""
+    pair = ["-newkey", "rsa:2048", "-nodes", "-keyout", "web.key", "-out", "web.pem", "-subj", "/CN=localhost"]
+    names = ["-days", "2", "-addext", "subjectAltName=DNS:localhost,IP:127.0.0.1"]
+    subprocess.run(
+        ["openssl", "req", "-x509", *pair, *names], cwd=tmp_path, check=True, capture_output=True, timeout=60
+    )
+    users, certificate = tmp_path / "users", tmp_path / "web.pem"
+    add = [sys.executable, "-m", "gateway.cli", "web", "--add-user", "ann", "--users", str(users)]
+    subprocess.run(add, cwd=ROOT, input="correct horse\n", text=True, check=True, capture_output=True, timeout=60)
+    tls = ssl.create_default_context(cafile=certificate)
+    known = ("--users", str(users), "--certificate", str(certificate), "--key", str(tmp_path / "web.key"))
+    web = Web(system, "--host", "0.0.0.0", "--name", "localhost", "--name", "127.0.0.1", *known, verify=tls)
+    with contextlib.ExitStack() as stack:
+        stack.callback(web.process.end)
+        assert web.token is None and web.url.startswith("https://localhost:")
+        browser = stack.enter_context(httpx.Client(base_url=web.url, verify=tls, timeout=20.0))
+        assert browser.get("api/state").status_code == 401
+        assert browser.post("api/login", json={"name": "ann", "password": "wrong"}).status_code == 401
+        assert browser.post("api/login", json={"name": "ann", "password": "correct horse"}).status_code == 200
+        wait_for(lambda: browser.get("api/state").status_code == 200, "the page's gateway", tell=web.process.text)
+        cookie = {"Cookie": "; ".join(f"{name}={value}" for name, value in browser.cookies.items())}
+        robot = stack.enter_context(system.connect("watcher"))
+        address = f"wss://127.0.0.1:{web.port}/api/live"
+        page = Page(stack.enter_context(connect(address, additional_headers=cookie, ssl=tls, max_size=None)))
+        assert page.ask("acquire")["ok"]
+        assert "page of ann at 127.0.0.1" in str(robot.fresh_state().view.lease)
+        for _ in range(100):  # says nothing at all
+            with contextlib.suppress(OSError):
+                stack.enter_context(socket.create_connection(("127.0.0.1", web.port), 5.0, ("127.0.0.3", 0)))
+        answer = httpx.post(f"{web.url}api/stop", json={"reason": "smoke"}, verify=tls, timeout=20.0)
+        assert answer.status_code == 200 and answer.json()["confirmed"]
+        assert browser.post("api/logout").status_code == 200
+        wait_for(lambda: robot.state.view.lease.lost_ns is not None, "the loss", tell=web.process.text)
+        assert "ann logged in from 127.0.0.1" in web.process.text() and "wrong password" in web.process.text()
 
 
 @pytest.mark.thorough

@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 from hypothesis import HealthCheck, settings
 
+from gateway.web.door import Keys
 from gateway.web.server import application
 
 schemathesis = pytest.importorskip("schemathesis", reason="no Schemathesis: pip install schemathesis")
@@ -17,7 +18,9 @@ KNOWN = {"Authorization": f"Bearer {TOKEN}", "Host": "127.0.0.1:8700"}
 NOWHERE = Path(tempfile.gettempdir()) / "no-gateway-is-here" / "gw.sock"
 """Without a gateway the answers are failures, which are described, too; what one answers, `tests/e2e/test_web.py` asks."""
 
-schema = schemathesis.openapi.from_asgi("/openapi.json", application(str(NOWHERE), TOKEN, 8700), headers=KNOWN)
+schema = schemathesis.openapi.from_asgi(
+    "/openapi.json", application(str(NOWHERE), Keys(token=TOKEN), 8700), headers=KNOWN
+)
 
 
 @schema.parametrize()

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import pytest
 from starlette.applications import Starlette
 from starlette.responses import PlainTextResponse
@@ -9,7 +11,8 @@ from starlette.routing import Route, WebSocketRoute
 from starlette.testclient import TestClient
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
-from gateway.web.door import OPEN_PATHS, Door, cookie_name
+from gateway.web.door import OPEN_PATHS, SESSION, Door, Keys, cookie_name
+from gateway.web.logins import Logins
 
 TOKEN = "the-secret"
 HERE = "http://127.0.0.1:8700"
@@ -30,7 +33,7 @@ def client(*, opens_metrics: bool = False) -> TestClient:
 
     routes = [Route(path, answer, methods=["GET", "POST"]) for path in PATHS]
     inside = Starlette(routes=[*routes, WebSocketRoute("/api/live", live)])
-    return TestClient(Door(inside, TOKEN, 8700, opens_metrics=opens_metrics), base_url=HERE)
+    return TestClient(Door(inside, Keys(token=TOKEN), 8700, opens_metrics=opens_metrics), base_url=HERE)
 
 
 @pytest.mark.parametrize("path", PATHS)
@@ -130,3 +133,115 @@ def test_every_answer_forbids_what_no_page_of_ours_needs(path: str) -> None:
     policy = headers["Content-Security-Policy"]
     assert "default-src 'none'" in policy and "unsafe" not in policy and "frame-ancestors 'none'" in policy
     assert headers["Cache-Control"] == "no-store" and headers["X-Content-Type-Options"] == "nosniff"
+
+
+# ------------------------------------------------------------------------------------------------------ beyond loopback
+
+AWAY = "https://robot.lab:8700"
+BEYOND = Keys(names=frozenset({"robot.lab", "10.0.0.7", "fd00::7"}), is_tls=True)
+
+
+def beyond(logins: Logins | None = None) -> TestClient:
+    """Return a browser on another host."""
+
+    async def answer(_):
+        return PlainTextResponse("in")
+
+    inside = Starlette(routes=[Route(path, answer, methods=["GET", "POST"]) for path in (*PATHS, "/login")])
+    keys = dataclasses.replace(BEYOND, logins=logins or Logins(lambda *_: False))
+    return TestClient(Door(inside, keys, 8700, opens_metrics=False), base_url=AWAY)
+
+
+@pytest.mark.parametrize("host", ["robot.lab:8700", "ROBOT.lab", "10.0.0.7:8700", "[fd00::7]:8700", "localhost:8700"])
+def test_names_that_the_server_was_given_are_served(host: str) -> None:
+    """And no others: a name that was made to point here is not there."""
+    with beyond() as browser:
+        assert browser.post("/api/stop", headers={"Host": host, "Origin": f"https://{host}"}).status_code == 200
+        for other in ("robot.lab.evil.example", "10.0.0.8", "[fd00::8]"):
+            assert browser.post("/api/stop", headers={"Host": other}).status_code == 403
+
+
+@pytest.mark.parametrize("path", [*PATHS, "/login"])
+def test_without_a_login_there_are_the_page_a_stop_and_the_way_in(path: str) -> None:
+    """And no printed secret: there is none that opens it."""
+    with beyond() as browser:
+        for headers in ({}, KNOWN, {"Authorization": "Bearer "}, {"Authorization": "Bearer None"}):
+            open_paths = {"/", "/api/stop", "/api/estop", "/login"}
+            assert browser.post(path, headers=headers).status_code == (200 if path in open_paths else 401)
+
+
+def test_a_page_that_came_without_tls_is_another_site() -> None:
+    """Somebody on the way made it: it may not even stop. A link from elsewhere leads to the page and the way in, no further."""
+    with beyond() as browser:
+        assert browser.post("/api/stop", headers={"Origin": "http://robot.lab:8700"}).status_code == 403
+        link = {"Sec-Fetch-Site": "cross-site"}
+        assert [browser.get(path, headers=link).status_code for path in ("/", "/login", "/metrics")] == [200, 200, 403]
+        assert "max-age" in browser.get("/").headers["Strict-Transport-Security"]
+
+
+def test_a_cookie_for_tls_cannot_be_set_without_it() -> None:
+    """Browsers keep that name for it."""
+    assert cookie_name(8700, is_tls=True).startswith("__Host-")
+
+
+def test_a_login_opens_and_what_is_open_by_it_ends_with_it() -> None:
+    """A page's socket is closed as one that was lost; one without a login was never opened."""
+    logins = Logins(lambda _, password: password == "right")
+    ended = []
+
+    async def live(socket: WebSocket):
+        await socket.accept()
+        await socket.send_text(socket.scope[SESSION].name)
+        try:
+            await socket.receive_text()
+        finally:
+            ended.append(True)
+            await socket.close()
+
+    async def out(request):
+        logins.logout(request.scope[SESSION])
+        return PlainTextResponse("out")
+
+    inside = Starlette(routes=[WebSocketRoute("/api/live", live), Route("/api/logout", out, methods=["POST"])])
+    door = Door(inside, dataclasses.replace(BEYOND, logins=logins), 8700, opens_metrics=False)
+    with TestClient(door, base_url=AWAY) as browser:
+        portal = browser.portal
+        assert portal is not None
+        word = portal.call(logins.login, "ann", "right", "10.0.0.9")
+        assert word is not None
+        cookie = {"Cookie": f"{cookie_name(8700, is_tls=True)}={word}"}
+        with browser.websocket_connect("wss://robot.lab:8700/api/live", headers=cookie) as socket:
+            assert socket.receive_text() == "ann"
+            assert browser.post("/api/logout", headers=cookie).status_code == 200
+            with pytest.raises(WebSocketDisconnect):
+                socket.receive_text()
+        assert ended == [True]
+        with (
+            pytest.raises(WebSocketDisconnect),
+            browser.websocket_connect("wss://robot.lab:8700/api/live", headers=cookie),
+        ):
+            pass
+        assert browser.post("/api/logout", headers=cookie).status_code == 401
+
+
+@pytest.mark.parametrize("fails", [False, True])
+def test_what_ends_by_itself_before_its_login_does(fails: bool) -> None:
+    """As without one: its error is told."""
+    logins = Logins(lambda *_: True)
+
+    async def look(_):
+        if fails:
+            raise OverflowError
+        return PlainTextResponse("in")
+
+    inside = Starlette(routes=[Route("/api/video/x", look)])
+    door = Door(inside, dataclasses.replace(BEYOND, logins=logins), 8700, opens_metrics=False)
+    with TestClient(door, base_url=AWAY) as browser:
+        portal = browser.portal
+        assert portal is not None
+        known = {"Authorization": f"Bearer {portal.call(logins.login, 'ann', 'right', '10.0.0.9')}"}
+        if fails:
+            with pytest.raises(OverflowError):
+                browser.get("/api/video/x", headers=known)
+        else:
+            assert browser.get("/api/video/x", headers=known).text == "in"

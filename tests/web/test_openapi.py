@@ -39,6 +39,8 @@ def test_stops_take_no_secret_and_all_else_does() -> None:
         "/api/stop": False,
         "/api/estop": False,
         "/api/recover": True,
+        "/api/login": False,
+        "/api/logout": True,
     }
 
 

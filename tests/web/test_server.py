@@ -8,7 +8,8 @@ from pathlib import Path
 import pytest
 from starlette.testclient import TestClient
 
-from gateway.web.door import cookie_name
+from gateway.web.door import Keys, cookie_name
+from gateway.web.logins import Logins
 from gateway.web.server import application
 
 TOKEN = "the-secret"
@@ -18,7 +19,7 @@ KNOWN = {"Authorization": f"Bearer {TOKEN}"}
 @pytest.fixture
 def browser(tmp_path: Path) -> Iterator[TestClient]:
     """A browser at a server whose gateway never comes."""
-    app = application(str(tmp_path / "gw.sock"), TOKEN, 8700)
+    app = application(str(tmp_path / "gw.sock"), Keys(token=TOKEN), 8700)
     with TestClient(app, base_url="http://127.0.0.1:8700", raise_server_exceptions=False) as client:
         yield client
 
@@ -85,3 +86,53 @@ def test_cameras_are_shown_where_that_was_asked_for(browser: TestClient) -> None
     assert seen["views"] == [] and "ta2 web --video" in seen["why"][0]
     answer = browser.get("/api/video/head_left_eye", headers=KNOWN)
     assert answer.status_code == 404 and "ta2 web --video" in answer.json()["error"]["message"]
+
+
+# ------------------------------------------------------------------------------------------------------------- users
+
+
+@pytest.fixture
+def abroad(tmp_path: Path) -> Iterator[TestClient]:
+    """A browser on another host, at a server with one user, ann."""
+    logins = Logins(lambda name, password: (name, password) == ("ann", "right"))
+    keys = Keys(logins=logins, names=frozenset({"robot.lab"}), is_tls=True)
+    app = application(str(tmp_path / "gw.sock"), keys, 8700)
+    with TestClient(app, base_url="https://robot.lab:8700", raise_server_exceptions=False) as client:
+        yield client
+
+
+def test_a_user_logs_in_and_out(abroad: TestClient) -> None:
+    """The cookie is for TLS, this very host, no script and no other site; the page says who it is."""
+    assert abroad.get("/api/state").status_code == 401
+    assert "Log in" in abroad.get("/").text and 'id="password"' in abroad.get("/login").text
+    assert abroad.get("/static/login.js").status_code == 200
+    answer = abroad.post("/api/login", json={"name": "ann", "password": "right"})
+    assert answer.status_code == 200 and answer.json() == {}
+    cookie = answer.headers["set-cookie"]
+    for word in ("__Host-ta2_web_8700=", "HttpOnly", "Secure", "SameSite=strict", "Path=/", "Max-Age=43200"):
+        assert word in cookie
+    assert abroad.get("/api/state").status_code == 503  # let in; there is no gateway
+    assert "Log out ann" in abroad.get("/").text
+    assert abroad.post("/api/logout").status_code == 200
+    assert abroad.get("/api/state").status_code == 401
+
+
+def test_wrong_passwords_are_refused_then_not_even_tried(abroad: TestClient) -> None:
+    """A stop goes on working all the while."""
+    said = [abroad.post("/api/login", json={"name": "ann", "password": "wrong"}) for _ in range(11)]
+    assert [answer.status_code for answer in said] == [*[401] * 10, 429]
+    assert "no login" in said[-1].json()["error"]["hint"] and said[-1].headers["Retry-After"] == "300"
+    assert "physical emergency stop" in abroad.post("/api/stop").json()["error"]["hint"]
+
+
+@pytest.mark.parametrize("body", [b"", b"{}", b"[]", b'{"name": "ann"}', b"\xff", b" " * 100_000])
+def test_what_is_no_login_is_refused(abroad: TestClient, body: bytes) -> None:
+    """Without trying anything."""
+    assert abroad.post("/api/login", content=body).status_code == 400
+
+
+def test_where_there_are_no_users_there_is_no_way_in(browser: TestClient) -> None:
+    """Only the secret."""
+    assert browser.get("/login", headers=KNOWN).status_code == 404
+    for path in ("/api/login", "/api/logout"):
+        assert browser.post(path, headers=KNOWN).status_code == 404

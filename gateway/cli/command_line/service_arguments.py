@@ -17,7 +17,7 @@ def add_service(service: argparse.ArgumentParser) -> None:
     install = add_command(
         verbs,
         "install",
-        "write both units, and start the gateway at every boot; as root",
+        "write the units, and start the gateway at every boot; as root",
         "Options are those of the units: give them again to change one. What runs goes on as it is.",
     )
     install.add_argument("--print", dest="prints", action="store_true", help="print the units and write nothing")
@@ -27,9 +27,12 @@ def add_service(service: argparse.ArgumentParser) -> None:
     install.add_argument(
         "--recorder", type=Path, metavar="DIR", help="record into DIR at every boot (default: only when it is started)"
     )
+    install.add_argument(
+        "--web", type=Path, metavar="FILE", help="serve the page on 127.0.0.1 at every boot, to the users in FILE"
+    )
     status = add_command(verbs, "status", "show state, since when, watchdog, and where the units are")
     status.add_argument("--json", action="store_true", help="print JSON on standard output")
-    remove = add_command(verbs, "remove", "end both services and take their units away; data and bags stay")
+    remove = add_command(verbs, "remove", "end the services and take their units away; data and bags stay")
     for sub in (install, remove):
         sub.add_argument("--root", type=Path, metavar="DIR", help="of an image or a package (default: this system)")
 

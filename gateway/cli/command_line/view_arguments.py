@@ -56,18 +56,27 @@ def add_web(commands: Any) -> None:  # noqa: ANN401  argparse's private class
     web = add_command(
         commands,
         "web",
-        "serve a page with state, stop and control, and an HTTP API, on this host alone, until Ctrl-C",
-        "Prints the address to open. From another computer: ssh -L 8700:127.0.0.1:8700 HOST, and open it there.",
+        "serve a page with state, stop and control, and an HTTP API, until Ctrl-C",
+        "Prints the address to open. On this host alone, unless there are TLS and users: --host with --certificate, --key and "
+        "--users. From another computer otherwise: ssh -L 8700:127.0.0.1:8700 HOST, and open it there.",
     )
     add_target(web)
+    web.add_argument("--port", type=_port, default=WEB_PORT, metavar="N", help="TCP port (default %(default)s)")
     web.add_argument(
-        "--port", type=_port, default=WEB_PORT, metavar="N", help="TCP port on 127.0.0.1 (default %(default)s)"
+        "--host", default="127.0.0.1", metavar="ADDR", help="IP address to listen on (default %(default)s)"
     )
+    web.add_argument(
+        "--name", action="append", default=[], metavar="NAME", help="what browsers call this host; may be repeated"
+    )
+    web.add_argument("--certificate", type=Path, metavar="FILE", help="of this host, for TLS (PEM, with its chain)")
+    web.add_argument("--key", type=Path, metavar="FILE", help="of the certificate (PEM)")
+    web.add_argument("--users", type=Path, metavar="FILE", help="who may log in, in place of the printed secret")
+    web.add_argument("--add-user", metavar="NAME", help="ask for a password, write it (hashed) to --users, and end")
     web.add_argument("--video", action="store_true", help="show the robot's cameras to those who ask (extra `video`)")
     web.add_argument(
         "--video-port", type=udp_port, default=PORT, metavar="N", help="UDP port of the pictures (default %(default)s)"
     )
-    web.add_argument("--metrics", action="store_true", help="let anybody on this host read /metrics (Prometheus)")
+    web.add_argument("--metrics", action="store_true", help="let anybody who gets here read /metrics (Prometheus)")
     web.add_argument("--json", action="store_true", help="print address and secret as JSON")
 
 
