@@ -11,12 +11,15 @@ from argparse import Namespace
 from gateway.cli.terminal.ending import ExitStatus
 from gateway.errors import Code, failure
 from gateway.recording.bag_writer import needed
+from gateway.settings import toml_file
 
 __all__ = ["carry_out"]
 
 HOST = "127.0.0.1"
 ENDING_S = 2
 """How long open pages are waited for at the end [s]."""
+SELF = (sys.executable, "-m", "gateway.cli")
+"""What this is a command of, for another one."""
 MOST_MESSAGE_BYTES = 16_384
 
 
@@ -24,6 +27,7 @@ def carry_out(options: Namespace) -> ExitStatus:
     """Serve until Ctrl-C or SIGTERM.
 
     Raises:
+        ConfigError: The settings are wrong.
         Rejected: BAD_REQUEST, the extra `web` is missing, the port is taken, or the gateway's address makes no sense.
     """
     uvicorn = needed("uvicorn", "web")
@@ -32,13 +36,23 @@ def carry_out(options: Namespace) -> ExitStatus:
     if options.video:
         needed("av", "video")
         needed("PIL", "video")
+    from gateway.web.beside import Beside
+    from gateway.web.body import Body
+    from gateway.web.errand import Errand
     from gateway.web.server import application
 
+    at = () if options.target is None else ("--at", options.target)
+    errands = {"check": Errand(*SELF, "check", *at, "--json")}
+    if options.recordings is not None:
+        errands["recordings"] = Errand(*SELF, "bag", "list", str(options.recordings), "--json")
+    beside = Beside(body=Body(toml_file.load(options.config)), errands=errands)
     token = secrets.token_urlsafe(24)
     with _listening(options.port) as listener:
         port = listener.getsockname()[1]
         video_port = options.video_port if options.video else None
-        app = application(options.target, token, port, opens_metrics=options.metrics, video_port=video_port)
+        app = application(
+            options.target, token, port, opens_metrics=options.metrics, video_port=video_port, beside=beside
+        )
         config = uvicorn.Config(
             app,
             log_level="warning",

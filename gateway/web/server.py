@@ -7,7 +7,7 @@
     WS   /api/live               states and notices as they come; what the page asks for, and the replies
     GET  /api/video, .../VIEW    how the cameras are seen, and one of their views, where they are shown
     GET  /metrics                for Prometheus
-    GET  /openapi.json           all of this
+    GET  /openapi.json           all of this, and of `beside.py`
 
 A page is one WebSocket: closed, it is a lost client. See `door.py` for who may ask.
 """
@@ -48,6 +48,7 @@ from gateway.errors import (
     failure,
 )
 from gateway.web import metrics, stopping
+from gateway.web.beside import Beside
 from gateway.web.door import Door, cookie_name
 from gateway.web.messages import BOUNDARY, Alive, Asked, CamerasSeen
 from gateway.web.openapi import description
@@ -75,7 +76,13 @@ MOST_WAITING = 32
 
 
 def application(
-    target: str | None, token: str, port: int, *, opens_metrics: bool = False, video_port: int | None = None
+    target: str | None,
+    token: str,
+    port: int,
+    *,
+    opens_metrics: bool = False,
+    video_port: int | None = None,
+    beside: Beside | None = None,
 ) -> ASGIApp:
     """Return the application, to be served by uvicorn.
 
@@ -85,8 +92,11 @@ def application(
         port: Where it listens.
         opens_metrics: Whether `/metrics` takes no secret.
         video_port: Where the robot sends its pictures; None shows none.
+        beside: What else is shown; None for nothing.
     """
+    beside = Beside() if beside is None else beside
     server = _Server(target, token, port, video_port)
+    server.viewer.body = beside.body
 
     @contextlib.asynccontextmanager
     async def lifespan(_: Starlette) -> AsyncIterator[None]:
@@ -95,7 +105,7 @@ def application(
             yield
         finally:
             viewing.cancel()
-            await asyncio.gather(viewing, return_exceptions=True)
+            await asyncio.gather(viewing, beside.close(), return_exceptions=True)
 
     routes = [
         Route("/", server.page),
@@ -110,6 +120,7 @@ def application(
         Route("/api/video/{view}", server.pictures),
         Route("/metrics", server.metrics),
         Route("/openapi.json", server.openapi),
+        *beside.routes(),
     ]
     failed = {GatewayError: _failed, HTTPException: _not_there}
     return Door(
