@@ -15,11 +15,14 @@ from pathlib import Path
 from gateway.cli.terminal.ending import ExitStatus
 from gateway.errors import Code, failure
 from gateway.recording.bag_writer import needed
+from gateway.settings import toml_file
 
 __all__ = ["carry_out"]
 
 ENDING_S = 2
 """How long open pages are waited for at the end [s]."""
+SELF = (sys.executable, "-m", "gateway.cli")
+"""What this is a command of, for another one."""
 MOST_MESSAGE_BYTES = 16_384
 CIPHERS = "ECDHE+AESGCM:ECDHE+CHACHA20"
 """Of TLS 1.2; those of 1.3 are all good."""
@@ -29,6 +32,7 @@ def carry_out(options: Namespace) -> ExitStatus:
     """Serve until Ctrl-C or SIGTERM, or add a user.
 
     Raises:
+        ConfigError: The settings are wrong.
         Rejected: BAD_REQUEST, the extra `web` is missing, the port is taken, the gateway's address makes no sense, or who
             may come is not settled: certificate, users and names, beyond loopback.
     """
@@ -41,12 +45,20 @@ def carry_out(options: Namespace) -> ExitStatus:
         needed("av", "video")
         needed("PIL", "video")
     address = _address(options)
+    from gateway.web.beside import Beside
+    from gateway.web.body import Body
     from gateway.web.door import Keys
+    from gateway.web.errand import Errand
     from gateway.web.listening import FairListener
     from gateway.web.logins import Logins
     from gateway.web.server import application
     from gateway.web.users import is_password, read_users
 
+    at = () if options.target is None else ("--at", options.target)
+    errands = {"check": Errand(*SELF, "check", *at, "--json")}
+    if options.recordings is not None:
+        errands["recordings"] = Errand(*SELF, "bag", "list", str(options.recordings), "--json")
+    beside = Beside(body=Body(toml_file.load(options.config)), errands=errands)
     users = options.users
     if users is not None:
         read_users(users)
@@ -67,7 +79,9 @@ def carry_out(options: Namespace) -> ExitStatus:
             is_tls=is_tls,
         )
         video_port = options.video_port if options.video else None
-        app = application(options.target, keys, port, opens_metrics=options.metrics, video_port=video_port)
+        app = application(
+            options.target, keys, port, opens_metrics=options.metrics, video_port=video_port, beside=beside
+        )
         config = uvicorn.Config(
             app,
             loop="asyncio",

@@ -19,6 +19,7 @@ __all__ = [
     "Disable",
     "Drive",
     "Enable",
+    "Episode",
     "Grip",
     "Hold",
     "Home",
@@ -97,11 +98,18 @@ class Lift(_Asked, frozen=True):
     velocity_ratio: float
 
 
+class Episode(_Asked, frozen=True):
+    """Tell the recorder of this robot about an episode: `event`; the task of a start, a text of a mark or a verdict."""
+
+    event: Literal["start", "stop", "mark", "success", "failure", "discard"]
+    text: Text = ""
+
+
 class Alive(_Asked, frozen=True):
     """The page is alive; said once a second, or the robot is held as if the page had been closed. Not answered."""
 
 
-Asked: TypeAlias = Acquire | Release | Enable | Disable | Hold | Home | Jog | Grip | Drive | Lift | Alive
+Asked: TypeAlias = Acquire | Release | Enable | Disable | Hold | Home | Jog | Grip | Drive | Lift | Episode | Alive
 
 
 class LoginAsked(Struct, frozen=True, kw_only=True):

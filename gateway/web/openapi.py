@@ -9,6 +9,9 @@ import msgspec
 
 from gateway import __version__
 from gateway.api.protocol import Finding, Info, Notice, RefusalMessage, Snapshot
+from gateway.api.recorder_protocol import RecordingState
+from gateway.web.body import BodySeen, BodyShape
+from gateway.web.errand import ErrandSeen
 from gateway.web.messages import Asked, CamerasSeen, LoginAsked, StopAsked, StopDone
 
 __all__ = ["description"]
@@ -19,6 +22,8 @@ class State(msgspec.Struct, frozen=True, kw_only=True, tag_field="type", tag="st
 
     info: Info | None
     state: Snapshot
+    body: BodySeen | None = None
+    recording: RecordingState | None = None
 
 
 class Gone(msgspec.Struct, frozen=True, kw_only=True, tag_field="type", tag="gone"):
@@ -60,7 +65,8 @@ class Nothing(msgspec.Struct, frozen=True):
     """Done; there is nothing to tell."""
 
 
-TYPES = (State, Gone, Noticed, Replied, Error, Reasons, Nothing, StopAsked, StopDone, LoginAsked, CamerasSeen, Asked)
+SEEN = (CamerasSeen, BodyShape, ErrandSeen)
+TYPES = (State, Gone, Noticed, Replied, Error, Reasons, Nothing, StopAsked, StopDone, LoginAsked, *SEEN, Asked)
 SECURITY: list[dict[str, list[str]]] = [{"secret": []}]
 FAILURES = {
     "400": "What was asked for is wrong.",
@@ -95,10 +101,17 @@ def description() -> bytes:
             made["requestBody"] = {"required": False, "content": content(takes)}
         return made
 
+    def errand(what: str) -> dict[str, Any]:
+        anew = operation(f"Look at {what} anew; answered at once.", ErrandSeen)
+        return {"get": operation(f"What was last seen of {what}.", ErrandSeen), "post": anew}
+
     paths = {
         "/api/state": {"get": operation("What the gateway sees now.", State)},
         "/api/why": {"get": operation("What keeps the robot from doing what it is told.", Reasons)},
         "/api/video": {"get": operation("How the cameras are seen.", CamerasSeen)},
+        "/api/body": {"get": operation("Parts and fixed frames of the body.", BodyShape)},
+        "/api/recordings": errand("the recordings on the disk"),
+        "/api/check": errand("the robot, as `ta2 check` does"),
         "/api/stop": {
             "post": operation(
                 "Stop: arms brake and are held, chassis and lift stop.", StopDone, StopAsked, is_open=True

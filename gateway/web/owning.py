@@ -13,10 +13,12 @@ import asyncio
 import logging
 from collections.abc import Mapping
 
+import msgspec
+
 from gateway.client import aio
 from gateway.client.state.home import home_goals
 from gateway.errors import Code, GatewayError, failure
-from gateway.web.messages import Acquire, Asked, Disable, Drive, Enable, Grip, Hold, Home, Jog, Lift, Release
+from gateway.web.messages import Acquire, Asked, Disable, Drive, Enable, Episode, Grip, Hold, Home, Jog, Lift, Release
 
 __all__ = ["Owning"]
 
@@ -83,6 +85,10 @@ class Owning:
             await own.chassis.set_velocity(asked.vx_mps, asked.vy_mps, asked.wz_radps, expiry=HELD_S)
         elif isinstance(asked, Lift):
             await own.lift.set_velocity(asked.velocity_ratio, expiry=HELD_S)
+        elif isinstance(asked, Episode):
+            tell = getattr(robot.recording, asked.event)  # the words are its methods
+            told: dict[str, object] = msgspec.to_builtins(await tell(asked.text))
+            return told
         return {}
 
     async def lose(self) -> None:

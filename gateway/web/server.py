@@ -8,7 +8,7 @@
     WS   /api/live               states and notices as they come; what the page asks for, and the replies
     GET  /api/video, .../VIEW    how the cameras are seen, and one of their views, where they are shown
     GET  /metrics                for Prometheus
-    GET  /openapi.json           all of this
+    GET  /openapi.json           all of this, and of `beside.py`
 
 A page is one WebSocket: closed, it is a lost client. See `door.py` for who may ask.
 """
@@ -50,6 +50,7 @@ from gateway.errors import (
 )
 from gateway.settings.toml_file import state_dir
 from gateway.web import metrics, stopping
+from gateway.web.beside import Beside
 from gateway.web.door import SESSION, Door, Keys, cookie_name
 from gateway.web.logging_in import login_routes
 from gateway.web.messages import BOUNDARY, Alive, Asked, CamerasSeen
@@ -77,7 +78,13 @@ MOST_WAITING = 32
 
 
 def application(
-    target: str | None, keys: Keys, port: int, *, opens_metrics: bool = False, video_port: int | None = None
+    target: str | None,
+    keys: Keys,
+    port: int,
+    *,
+    opens_metrics: bool = False,
+    video_port: int | None = None,
+    beside: Beside | None = None,
 ) -> ASGIApp:
     """Return the application, to be served by uvicorn.
 
@@ -87,8 +94,11 @@ def application(
         port: Where it listens.
         opens_metrics: Whether `/metrics` takes no secret.
         video_port: Where the robot sends its pictures; None shows none.
+        beside: What else is shown; None for nothing.
     """
+    beside = Beside() if beside is None else beside
     server = _Server(target, keys, port, video_port)
+    server.viewer.body = beside.body
 
     @contextlib.asynccontextmanager
     async def lifespan(_: Starlette) -> AsyncIterator[None]:
@@ -97,7 +107,7 @@ def application(
             yield
         finally:
             viewing.cancel()
-            await asyncio.gather(viewing, return_exceptions=True)
+            await asyncio.gather(viewing, beside.close(), return_exceptions=True)
 
     routes = [
         Route("/", server.page),
@@ -112,6 +122,7 @@ def application(
         Route("/api/video/{view}", server.pictures),
         Route("/metrics", server.metrics),
         Route("/openapi.json", server.openapi),
+        *beside.routes(),
         *login_routes(keys.logins, cookie_name(port, is_tls=keys.is_tls), is_tls=keys.is_tls),
     ]
     failed = {GatewayError: _failed, HTTPException: _not_there}

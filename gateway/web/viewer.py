@@ -16,8 +16,10 @@ from collections import Counter, deque
 import msgspec
 
 from gateway.api.protocol import Info, Notice, Snapshot
+from gateway.api.recorder_protocol import RecordingState
 from gateway.client import aio
 from gateway.errors import GatewayError
+from gateway.web.body import Body
 
 __all__ = ["Viewer"]
 
@@ -25,6 +27,7 @@ _log = logging.getLogger(__name__)
 
 RATE_HZ = 10.0
 RETRY_S = 0.5
+RECORDER_S = 1.0
 CONNECT_S = 2.0
 SILENT_S = 1.0
 """Without a new state for so long the gateway counts as away [s]."""
@@ -41,6 +44,10 @@ class Viewer:
     def __init__(self, target: str | None) -> None:
         self._target = target
         self._news = asyncio.Event()
+        self.body: Body | None = None
+        """Tells where the body is; None for nobody."""
+        self.recording: RecordingState | None = None
+        """How the recording is that goes on; None while nobody records."""
         self.robot: aio.Robot | None = None
         """The connection, also while the gateway is away; None before it was there once."""
         self.info: Info | None = None
@@ -69,7 +76,9 @@ class Viewer:
             try:
                 async with aio.connect(self._target, name="ta2 web", timeout_s=CONNECT_S) as robot:
                     self.robot = robot
-                    parts = [asyncio.create_task(part) for part in (self._see(robot), self._hear(robot))]
+                    parts = [
+                        asyncio.create_task(part) for part in (self._see(robot), self._hear(robot), self._ask(robot))
+                    ]
                     try:
                         await asyncio.gather(*parts)
                     finally:
@@ -97,9 +106,20 @@ class Viewer:
             return
         self.view = view
         self.number += 1
-        message = {"type": "gone"} if view is None else {"type": "state", "info": self.info, "state": view}
+        message: dict[str, object] = {"type": "gone"}
+        if view is not None:
+            body = None if self.body is None else self.body.seen(view)
+            message = {"type": "state", "info": self.info, "state": view, "body": body, "recording": self.recording}
         self.state = msgspec.json.encode(message)
         self._tell()
+
+    async def _ask(self, robot: aio.Robot) -> None:
+        while True:
+            try:
+                self.recording = await robot.recording.state()
+            except GatewayError:  # nobody records, or the recorder does not answer
+                self.recording = None
+            await asyncio.sleep(RECORDER_S)
 
     async def _hear(self, robot: aio.Robot) -> None:
         while True:

@@ -101,7 +101,7 @@ def system(systems, tmp_path: Path, request: pytest.FixtureRequest) -> System:
 @pytest.fixture
 def web(system: System) -> Iterator[Web]:
     """A page of it."""
-    made = Web(system)
+    made = Web(system, "--recordings", str(system.folder))
     yield made
     made.process.end()
 
@@ -259,19 +259,28 @@ def test_a_page_outlives_its_gateway(system: System, web: Web) -> None:
     wait_for(lambda: web.get("/api/state").status_code == 200, "the next one", seconds=40.0, tell=system.logs)
 
 
-@pytest.mark.skipif(
+def complaints(page) -> list[str]:
+    """Return what a page of Chromium will have complained of; not a driver's words on drawing without a GPU."""
+    said: list[str] = []
+    page.on("console", lambda message: said.append(message.text) if "WebGL" not in message.text else None)
+    page.on("pageerror", lambda error: said.append(str(error)))
+    return said
+
+
+in_a_browser = pytest.mark.skipif(
     CHROMIUM is None and os.environ.get("TA2_BROWSER") != "required",
     reason="no Chromium here (Debian: apt install chromium)",
 )
+
+
+@in_a_browser
 def test_in_a_browser_a_person_takes_it_moves_it_and_stops_it(system: System, web: Web) -> None:
     """Debian's Chromium: the page obeys its own policy, its buttons do what they say, Escape stops, a closed tab is a loss."""
     playwright = pytest.importorskip("playwright.sync_api", reason="no Playwright: pip install playwright")
     with system.connect("watcher") as robot, playwright.sync_playwright() as play:
         browser = play.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox"])
         page = browser.new_page(viewport={"width": 1280, "height": 900})
-        said: list[str] = []
-        page.on("console", lambda message: said.append(message.text))
-        page.on("pageerror", lambda error: said.append(str(error)))
+        said = complaints(page)
         see = playwright.expect
         see.set_options(timeout=30_000)
         page.goto(f"{web.url}?token={web.token}")
@@ -305,6 +314,73 @@ def test_in_a_browser_a_person_takes_it_moves_it_and_stops_it(system: System, we
         wait_for(lambda: robot.state.view.lease.lost_ns is not None, "the loss of a closed tab", tell=system.logs)
         assert said == []
         browser.close()
+
+
+@in_a_browser
+def test_in_a_browser_the_body_is_drawn_an_episode_judged_and_a_stop_goes_past_all_of_it(
+    system: System, web: Web
+) -> None:
+    """The view can be worked by keys and keeps no stop away, however busy it is; what nobody sees is not drawn."""
+    playwright = pytest.importorskip("playwright.sync_api", reason="no Playwright: pip install playwright")
+    bag = str(system.folder / "wave")
+    recorder = Process("record", ["-m", "gateway.cli", "record", "--at", system.target, "--out", bag], system.folder)
+    try:
+        with system.connect("watcher") as robot, playwright.sync_playwright() as play:
+            browser = play.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox"])
+            page = browser.new_page(viewport={"width": 1280, "height": 900})
+            said = complaints(page)
+            see = playwright.expect
+            see.set_options(timeout=30_000)
+            page.goto(f"{web.url}?token={web.token}")
+            see(page.locator("#near")).to_contain_text(re.compile(r"Nearest: .* and .*, [\d.]+ cm"))
+            page.locator("#body").focus()
+            before = page.evaluate("scene.turn")
+            page.keyboard.press("ArrowRight")
+            assert page.evaluate("scene.turn") > before
+            page.keyboard.press("Tab")
+            see(page.get_by_role("button", name="Reset")).to_be_focused()
+            page.locator("#body").focus()
+            if page.locator("#no-3d").is_hidden():  # whether a browser can draw is its machine's matter
+                wait_for(lambda: page.evaluate("byId('body').dataset.drawn > 3"), "pictures", seconds=60.0)
+                page.evaluate("scrollTo(0, document.body.scrollHeight)")
+                wait_for(lambda: page.evaluate("!scene.visible && !scene.asked"), "the end of pictures")
+                drawn = page.evaluate("[byId('body').dataset.drawn, history.left.at(-1)[0]]")
+                wait_for(lambda: page.evaluate("history.left.at(-1)[0]") > drawn[1] + 1.0, "more states")
+                assert page.evaluate("byId('body').dataset.drawn") == drawn[0]
+                page.locator("#body").focus()
+            busy = "const end = performance.now() + 100; while (performance.now() < end) orbit(0.01, 0); render();"
+            page.evaluate(f"window.busy = setInterval(() => {{ {busy} }}, 0); null")
+            page.keyboard.press("Escape")
+            wait_for(lambda: robot.state.latches, "the stop", tell=system.logs)
+            page.evaluate("clearInterval(window.busy)")
+            see(page.locator("#recording")).to_contain_text("no episode yet")
+            page.get_by_role("button", name="Take control").click()
+            page.get_by_label("Task, or a note").fill("wave")
+            page.get_by_role("button", name="Start episode").click()
+            see(page.locator("#recording")).to_contain_text("episode 1 goes on: wave")
+            page.get_by_role("button", name="Success").click()
+            see(page.locator("#recording")).to_contain_text("episode 1 has ended")
+            recorder.send(signal.SIGTERM)
+            recorder.wait(60.0)
+            see(page.locator("#recording")).to_contain_text("Nobody records")
+            page.get_by_role("button", name="List recordings").click()
+            see(page.get_by_role("row", name="wave")).to_contain_text("1 success")
+            assert said == []
+            browser.close()
+    finally:
+        recorder.end()
+
+
+@pytest.mark.thorough
+def test_a_check_from_the_page_looks_and_moves_nothing(web: Web) -> None:
+    """Asked for it is begun at once; rows for which something moves are left out, whatever else there is."""
+    began = httpx.post(f"{web.url}api/check", headers=web.known, timeout=20.0).json()
+    assert began["is_running"] and began["report"] is None
+    seen = wait_for(
+        lambda: None if (now := web.get("/api/check").json())["is_running"] else now, "the report", seconds=80.0
+    )
+    verdicts = {row["name"]: row["verdict"] for row in seen["report"]["rows"]}
+    assert verdicts["network"] == verdicts["types"] == "pass" and verdicts["move_left"] == verdicts["echo"] == "skipped"
 
 
 @pytest.mark.thorough

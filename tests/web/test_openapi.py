@@ -21,7 +21,8 @@ def test_every_reference_leads_somewhere() -> None:
 
 
 @pytest.mark.parametrize(
-    "name", ["acquire", "release", "enable", "disable", "hold", "home", "jog", "grip", "drive", "lift", "alive"]
+    "name",
+    ["acquire", "release", "enable", "disable", "hold", "home", "jog", "grip", "drive", "lift", "episode", "alive"],
 )
 def test_everything_that_a_page_may_ask_for_is_described(name: str) -> None:
     """Under the word that it is asked for by."""
@@ -36,6 +37,9 @@ def test_stops_take_no_secret_and_all_else_does() -> None:
         "/api/state": True,
         "/api/why": True,
         "/api/video": True,
+        "/api/body": True,
+        "/api/recordings": True,
+        "/api/check": True,
         "/api/stop": False,
         "/api/estop": False,
         "/api/recover": True,
@@ -51,6 +55,7 @@ def test_stops_take_no_secret_and_all_else_does() -> None:
         '{"do": "jog", "id": 1, "side": "left", "joint": 1, "step_rad": 0.3}',
         '{"do": "jog", "id": 1, "side": "up", "joint": 1, "step_rad": 0.1}',
         '{"do": "grip", "id": 1, "side": "left", "force": NaN}',
+        '{"do": "episode", "id": 1, "event": "status"}',
         '{"do": "enable"}',
         '{"do": "enable", "id": 1, "more": 2}',
         '{"do": "fly", "id": 1}',

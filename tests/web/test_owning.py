@@ -8,9 +8,10 @@ from types import SimpleNamespace
 
 import pytest
 
+from gateway.api.recorder_protocol import RecordingState
 from gateway.errors import Code, LeaseError, Refusal, to_exception
 from gateway.web import owning
-from gateway.web.messages import Acquire, Hold, Release
+from gateway.web.messages import Acquire, Episode, Hold, Release
 from gateway.web.owning import Owning
 
 
@@ -21,6 +22,10 @@ class World:
         self.owner, self.made = "", 0
         self.may_leave = asyncio.Event()
         self.may_leave.set()
+
+    async def success(self, text: str) -> RecordingState:
+        self.told = text
+        return RecordingState(bag="/bag", episode=3)
 
     @asynccontextmanager
     async def connect(self, target: str | None, *, name: str):
@@ -43,7 +48,8 @@ class World:
                 self.owner = "" if self.owner == me else self.owner
 
         try:
-            yield SimpleNamespace(client_id=me, state=state, control=control)
+            recording = SimpleNamespace(success=self.success)
+            yield SimpleNamespace(client_id=me, state=state, control=control, recording=recording)
         finally:
             await self.may_leave.wait()
 
@@ -119,5 +125,20 @@ def test_a_page_from_which_the_robot_was_taken_is_not_told_that_it_owns_it(world
         assert await page.carry_out(Acquire(id=5, take="mine")) == {"owner": True}
         await page.lose()
         assert not world.owner
+
+    asyncio.run(story())
+
+
+def test_episodes_are_the_owner_s_to_judge(world: World) -> None:
+    """The recorder is told, and its answer is the reply's."""
+
+    async def story() -> None:
+        page = Owning(None, "page")
+        verdict = Episode(id=1, event="success", text="well done")
+        with pytest.raises(LeaseError):
+            await page.carry_out(verdict)
+        await page.carry_out(Acquire(id=2))
+        assert (await page.carry_out(verdict))["episode"] == 3 and world.told == "well done"
+        await page.lose()
 
     asyncio.run(story())

@@ -8,6 +8,8 @@ from contextlib import asynccontextmanager
 
 import pytest
 
+from gateway.api.recorder_protocol import RecordingState
+from gateway.errors import Code, failure
 from gateway.web import viewer
 from gateway.web.viewer import Viewer
 
@@ -15,7 +17,7 @@ from gateway.web.viewer import Viewer
 class Broken:
     """A gateway that says something nobody expects, once, and nothing later."""
 
-    tries = asked = 0
+    tries = asked = recorded = 0
     is_closed = False
 
     @asynccontextmanager
@@ -34,6 +36,18 @@ class Broken:
         if self.tries == 1:
             raise ValueError("nobody expects this")
         await asyncio.Event().wait()
+
+    @property
+    def recording(self) -> Broken:
+        """Its recorder."""
+        return self
+
+    async def state(self) -> RecordingState:
+        """Refuse at first."""
+        self.recorded += 1
+        if self.recorded == 2:
+            return RecordingState(bag="/bag", episode=1, is_running=True)
+        raise failure(Code.NO_RECORDER, "nobody records")
 
     async def events(self, timeout: float | None) -> AsyncIterator[None]:
         """Tell nothing; what is closed ends at once."""
@@ -81,3 +95,20 @@ def test_an_error_that_nobody_expects_leaves_no_old_state(
 
     asyncio.run(story())
     assert "nobody expects this" in caplog.text
+
+
+def test_the_recorder_is_followed_and_is_nobody_s_matter_where_there_is_none(monkeypatch: pytest.MonkeyPatch) -> None:
+    """It comes and goes while the page is open."""
+    monkeypatch.setattr(viewer, "RECORDER_S", 0.0)
+
+    async def story() -> None:
+        seen, told = Viewer(None), []
+        asking = asyncio.create_task(seen._ask(Broken()))  # type: ignore[arg-type]  # as much of one as is used
+        for _ in range(20):
+            await asyncio.sleep(0)
+            told.append(seen.recording)
+        assert told[0] is None and any(one is not None and one.is_running for one in told) and told[-1] is None
+        asking.cancel()
+        await asyncio.wait({asking})
+
+    asyncio.run(story())

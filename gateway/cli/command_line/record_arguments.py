@@ -52,6 +52,11 @@ def add_bag(commands: Any) -> None:  # noqa: ANN401  argparse's private class
     verbs = add_command(commands, "bag", "look at a recording", more).add_subparsers(
         title="what to do", dest="verb", metavar="VERB", required=True
     )
+    listed = add_command(verbs, "list", "list the bags of a folder with their episodes, the newest first")
+    listed.add_argument(
+        "bag", type=Path, nargs="?", default=Path(), metavar="DIR", help="in which they lie (default: here)"
+    )
+    listed.add_argument("--json", action="store_true", help="print JSON on standard output")
     for name, text in (
         ("info", "show what a bag holds"),
         ("topics", "list its topics, the same"),

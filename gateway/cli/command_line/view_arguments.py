@@ -77,6 +77,8 @@ def add_web(commands: Any) -> None:  # noqa: ANN401  argparse's private class
         "--video-port", type=udp_port, default=PORT, metavar="N", help="UDP port of the pictures (default %(default)s)"
     )
     web.add_argument("--metrics", action="store_true", help="let anybody who gets here read /metrics (Prometheus)")
+    web.add_argument("--recordings", type=Path, metavar="DIR", help="list the recordings of this folder on the page")
+    web.add_argument("--config", metavar="FILE", help="the gateway's settings, for the numbers of this robot's body")
     web.add_argument("--json", action="store_true", help="print address and secret as JSON")
 
 

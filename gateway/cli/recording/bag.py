@@ -1,4 +1,4 @@
-"""`ta2 bag`: what a bag holds, whether it is fit for use (info, topics, check), and what is made of it (cut, merge, export)."""
+"""`ta2 bag`: what a bag or a folder of them holds, whether it is fit for use, and what is made of it (cut, merge, export)."""
 
 from __future__ import annotations
 
@@ -7,6 +7,8 @@ from argparse import Namespace
 from contextlib import ExitStack
 from dataclasses import asdict
 from datetime import datetime, timezone
+from pathlib import Path
+from typing import Any
 
 from rich.console import Console
 from rich.markup import escape
@@ -14,8 +16,10 @@ from rich.table import Table
 
 from gateway.cli.terminal.ending import ExitStatus
 from gateway.cli.terminal.progress import teller
+from gateway.errors import Code, GatewayError, failure
 from gateway.recording.bag_check import Checked, check
 from gateway.recording.bag_reader import Bag
+from gateway.recording.bag_writer import ACTIVE, METADATA
 from gateway.recording.editing import Made, cut, merge
 from gateway.recording.episodes import episodes
 from gateway.recording.exporting import export
@@ -23,17 +27,20 @@ from gateway.recording.topics import EPISODES
 
 __all__ = ["carry_out"]
 
+MOST_LISTED = 50
 MARKS = {"error": "ERROR", "warning": "warning"}
 
 
 def carry_out(options: Namespace) -> ExitStatus:
-    """Show or judge a bag, or make something of it.
+    """Show or judge a bag, list those of a folder, or make something of one.
 
     Raises:
         Rejected: BAD_REQUEST, there is none, it cannot be read, or there is no such part of it.
     """
     if options.verb in ("cut", "merge", "export"):
         return _make(options)
+    if options.verb == "list":
+        return _list(options.bag, as_json=options.json)
     with Bag(options.bag) as bag:
         if options.verb == "check":
             with teller() as tell:
@@ -73,6 +80,44 @@ def _make(options: Namespace) -> ExitStatus:
     else:
         print(f"{made.file}: {made.messages} messages, {made.episodes} episodes")
     return ExitStatus.OK
+
+
+def _list(folder: Path, *, as_json: bool) -> ExitStatus:
+    """Show the bags of a folder, the newest first; one that cannot be read says why: it goes on, perhaps."""
+    try:
+        found = [path for path in folder.resolve().iterdir() if _is_bag(path)]
+        found.sort(key=lambda path: path.stat().st_mtime_ns, reverse=True)
+    except OSError as error:
+        message, hint = f"{folder}: {error.strerror or error}", "name a folder in which bags lie"
+        raise failure(Code.BAD_REQUEST, message, field="bag", hint=hint) from None
+    rows = [_listed(path) for path in found[:MOST_LISTED]]
+    if as_json:
+        print(json.dumps({"ok": True, "count": len(found), "bags": rows}, ensure_ascii=False))
+        return ExitStatus.OK
+    for row in rows:
+        print(f"{Path(row['bag']).name}: ", end="")
+        print(row["problem"] or f"{row['duration_s']:.1f} s, {len(row['episodes'])} episodes {row['task']}".rstrip())
+    return ExitStatus.OK
+
+
+def _listed(path: Path) -> dict[str, Any]:
+    try:
+        with Bag(path) as bag:
+            known = {"begin_ns": bag.begin_ns, "duration_s": bag.duration_s, "size_bytes": bag.size_bytes}
+            told = [asdict(episode) for episode in episodes(bag)]
+            return {"bag": str(path), "problem": "", **known, "task": bag.facts().get("task", ""), "episodes": told}
+    except GatewayError as error:
+        return {"bag": str(path), "problem": error.message}
+
+
+def _is_bag(path: Path) -> bool:
+    names = (
+        path / METADATA,
+        *path.glob("*.mcap"),
+        *path.glob(f"*{ACTIVE}"),
+        *([path] if path.suffix == ".mcap" else ()),
+    )
+    return any(name.is_file() for name in names)
 
 
 def _show_info(bag: Bag, *, as_json: bool) -> None:

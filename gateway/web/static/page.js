@@ -11,6 +11,7 @@ let number = 0;
 let isOwner = false;
 let drawnAt = 0;
 const waiting = new Map();
+const watchers = []; // functions of the other files: each message that tells a state, and {} where nobody tells any
 const history = { left: [], right: [] };
 
 // ------------------------------------------------------------------------------------------------------------- stop
@@ -50,6 +51,7 @@ function connect() {
   socket.addEventListener("close", () => {
     own(false);
     waiting.clear();
+    for (const see of watchers) see({});
     show(opened.it ? "the page's server is away" : "open the address that `ta2 web` printed; stopping works without", true);
     setTimeout(connect, 1000);
   });
@@ -67,6 +69,7 @@ function take(message) {
   else if (message.type === "gone") show("no gateway answers: start it with ta2 run", true);
   else if (message.type === "notice") showNotice(message);
   else if (message.type === "reply") showReply(message);
+  if (message.type === "state" || message.type === "gone") for (const see of watchers) see(message);
 }
 
 function showReply(reply) {

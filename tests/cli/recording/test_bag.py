@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import os
+from pathlib import Path
+
 import pytest
 
 from gateway.robot.topics import arm_state
@@ -35,6 +38,27 @@ def test_info_lists_episodes(shell, tmp_path):
     plain = str(written(tmp_path / "plain", task="pick"))
     assert "outcome" not in shell.run("bag", "info", plain).out
     assert [e["task"] for e in shell.run("bag", "info", plain, "--json").json["episodes"]] == ["pick"]
+
+
+def test_list_shows_the_bags_of_a_folder_the_newest_first(shell, tmp_path):
+    """With their episodes; what cannot be read, or is being recorded, says why; what is no bag is passed over."""
+    old = written(tmp_path / "old", words=(said("start", 1, 0.5), said("stop", 1, 1.5), said("success", 1, 2)))
+    new = written(tmp_path / "new", task="pick")
+    going = tmp_path / "going"
+    going.mkdir()
+    (going / "going.mcap.active").touch()
+    (tmp_path / "notes").mkdir()
+    (tmp_path / "torn.mcap").write_bytes(b"no bag")
+    for age, path in enumerate((going, new, old, tmp_path / "torn.mcap")):
+        os.utime(path, (1e9 - age, 1e9 - age))
+    found = shell.run("bag", "list", str(tmp_path), "--json").json
+    assert [Path(bag["bag"]).name for bag in found["bags"]] == ["going", "new", "old", "torn.mcap"]
+    assert "still being recorded" in found["bags"][0]["problem"] and found["bags"][3]["problem"]
+    assert found["bags"][1]["task"] == "pick" and found["bags"][2]["episodes"][0]["outcome"] == "success"
+    lines = shell.run("bag", "list", str(tmp_path)).out.splitlines()
+    assert len(lines) == found["count"] == 4 and "1 episodes" in lines[2]
+    ended = shell.run("bag", "list", str(tmp_path / "nothing"))
+    assert ended.status == 1 and "name a folder" in ended.err
 
 
 def test_check_says_that_nothing_is_wrong(shell, tmp_path):

@@ -1,0 +1,62 @@
+"""What a page shows beside the gateway's state: the shape of the body, recordings on the disk, and a check of the robot.
+
+    GET  /api/body         names, radii and fixed frames of the body; where it is comes with each state
+    GET  /api/recordings   those in the folder that `ta2 web --recordings` names; POST looks anew
+    GET  /api/check        what `ta2 check` found; POST looks anew: nothing is sent, nothing moves
+
+Episodes are begun and judged by the owner, over the page's own socket: `messages.Episode`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import msgspec
+from starlette.requests import Request
+from starlette.responses import Response
+from starlette.routing import Route
+
+from gateway.web.body import Body, BodyShape
+from gateway.web.errand import Errand, ErrandSeen
+
+__all__ = ["Beside"]
+
+
+OTHERWISE = {"recordings": "no folder is listed: ta2 web --recordings DIR", "check": "nothing is checked here"}
+"""Errands by their paths, and what is said where there is no such one."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Beside:
+    """What there is: the robot's body (None shows none), and commands that list recordings or check the robot."""
+
+    body: Body | None = None
+    errands: Mapping[str, Errand] = field(default_factory=dict)
+
+    def routes(self) -> list[Route]:
+        """Return what there is under which path."""
+
+        async def body(_: Request) -> Response:
+            return _json(BodyShape(parts=(), frames={}) if self.body is None else self.body.shape)
+
+        async def errand(request: Request) -> Response:
+            name = request.url.path.rpartition("/")[2]
+            asked = self.errands.get(name)
+            if asked is None:
+                return _json(ErrandSeen(is_running=False, report=None, error=OTHERWISE[name]))
+            if request.method == "POST":
+                asked.begin()
+            return _json(asked.seen)
+
+        errands = [Route(f"/api/{name}", errand, methods=["GET", "POST"]) for name in OTHERWISE]
+        return [Route("/api/body", body), *errands]
+
+    async def close(self) -> None:
+        """End what runs."""
+        for errand in self.errands.values():
+            await errand.end()
+
+
+def _json(value: object) -> Response:
+    return Response(msgspec.json.encode(value), media_type="application/json")
