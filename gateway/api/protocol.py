@@ -15,7 +15,10 @@ ta2/1/keepalive/<client>/<secret>     put every 50 ms by the owner          clie
 ta2/1/check_in/<client>/<secret>      put by stop endpoints                 client           (empty)
 ta2/1/alive/daemon/<id>               liveliness token                      daemon
 ta2/1/alive/client/<client>           liveliness token                      client
+ta2/1/alive/member/<id>               liveliness token, in a fleet          `ta2 fleet join`
 ```
+
+On a fleet's router the same keys stand behind `fleet/<name>/`; zenoh's `namespace` puts it there and takes it away.
 
 Rules
     * The number in the keys is the version. Tokens of another version tell a client that the releases do not match.
