@@ -91,7 +91,7 @@ def _asked(
             target=zenoh.QueryTarget.ALL,
             consolidation=zenoh.ConsolidationMode.NONE,
             payload=payload,
-            encoding=protocol.JSON,
+            encoding=protocol.JSON if payload else protocol.MSGPACK,
             timeout=timeout_s,
             express=True,
         )
@@ -105,7 +105,7 @@ def _look(session: zenoh.Session, timeout_s: float) -> tuple[Counter[str], Views
     gateways, views = _gateways(session, timeout_s), {}
     for name, payload in _asked(session, ["*"], protocol.SNAPSHOT_KEY, b"", timeout_s):
         with contextlib.suppress(protocol.Malformed):
-            views[name] = protocol.decode_snapshot(payload, protocol.JSON)
+            views[name] = protocol.decode_snapshot(payload)
     return gateways, {name: views.get(name) for name in gateways}
 
 
@@ -151,7 +151,10 @@ def _table(gateways: Counter[str], views: Views) -> Table:
 
 
 def _stop(options: Namespace, session: zenoh.Session) -> ExitStatus:
-    robots = options.names or ["*"]
+    wrong = next((name for name in options.names if protocol.ROBOT_NAME.fullmatch(name) is None), None)
+    if wrong is not None:
+        raise protocol.AddressRefused(f"{wrong!r} is no name of a robot")
+    robots = ["*"] if options.all else options.names
     said = signed(options.reason or "ta2 fleet stop")
     payload = protocol.encode({"name": "ta2 fleet stop", "reason": said}, protocol.JSON)
     for robot in robots:
@@ -161,7 +164,7 @@ def _stop(options: Namespace, session: zenoh.Session) -> ExitStatus:
         )
     gateways = _gateways(session, options.timeout_s)  # now: one that is frozen is forgotten in 2 s
     answers = _asked(session, robots, protocol.STOP_KEY, payload, options.timeout_s)
-    names = sorted({*(options.names or gateways), *(name for name, _ in answers)})
+    names = sorted({*(gateways if options.all else options.names), *(name for name, _ in answers)})
     why = {name: _unconfirmed(gateways[name], [answer for whose, answer in answers if whose == name]) for name in names}
     is_ok = bool(names) and not any(why.values())
     if options.json:

@@ -64,7 +64,11 @@ class Member:
         self._views: zenoh.Subscriber[None] | None = None
         self._may_ask = {is_stop: _bucket(QUESTIONS_HZ) for is_stop in (False, True)}
         self._jobs: queue.Queue[Callable[[], object]] = queue.Queue(MOST_WAITING)
+        self._is_viewed = False
+        self._alive: dict[str, zenoh.Session] = {}
+        """Tokens here, and where they are to be shown."""
         self._tokens: dict[str, Any] = {}
+        """Those that are."""
         self._lanes: dict[tuple[str, str], list[Any]] = {}
         self._ended = threading.Event()
 
@@ -81,9 +85,11 @@ class Member:
                     )
                 self._ended.wait(1.0)
         if not self._ended.is_set():
-            self._worker = supervised(self._work, "ta2-fleet", may_return=self._ended.is_set, again=True)
-            self._worker.start()
             self._join(*self._sessions)
+            # Without it this is no member: the process ends, and is begun anew.
+            supervised(
+                self._work, "ta2-fleet", may_return=self._ended.is_set, on_lost=lambda _: self._ended.set()
+            ).start()
             log.info("%s is in the fleet at %s", self._name, self._addresses[1].locator or self._addresses[1].file)
         self._ended.wait()
 
@@ -100,7 +106,7 @@ class Member:
             for key in (protocol.SNAPSHOT_KEY, protocol.EVENT_KEY)
         ]
         self._snapshots = views[0]
-        views[0].declare_matching_listener(_direct(lambda status: self._do(partial(self._view, status.matching))))
+        views[0].declare_matching_listener(_direct(self._on_matching))
         local.declare_subscriber(protocol.EVENT_KEY, _direct(partial(_hand_on, views[1])))
         for key in STOPS:
             fleet.declare_subscriber(key, _direct(partial(self._on_stop, key)))
@@ -164,6 +170,7 @@ class Member:
                 payload=question.payload,
                 encoding=question.encoding,
                 timeout=STOP_S if key in STOPS else protocol.REPLY_WITHIN_NS / 1e9,
+                congestion_control=zenoh.CongestionControl.DROP,  # a gateway that does not read keeps no stop waiting here
                 consolidation=zenoh.ConsolidationMode.NONE,
                 express=True,
             )
@@ -179,8 +186,15 @@ class Member:
             request_id=0, refusal=protocol.RefusalMessage(code=Code.OTHER_GATEWAY.value, message=message, hint=hint)
         )
 
+    def _on_matching(self, status: zenoh.MatchingStatus) -> None:
+        self._is_viewed = status.matching
+
     def _on_token(self, there: zenoh.Session, sample: zenoh.Sample) -> None:
-        self._do(partial(self._show_token, there, str(sample.key_expr), sample.kind == zenoh.SampleKind.PUT))
+        key = str(sample.key_expr)
+        if sample.kind == zenoh.SampleKind.DELETE:
+            self._alive.pop(key, None)
+        elif "*" not in key and (there is self._fleet or len(self._alive) < MOST_TOKENS):
+            self._alive[key] = there
 
     def _on_member(self, sample: zenoh.Sample) -> None:
         member = str(sample.key_expr)
@@ -203,7 +217,7 @@ class Member:
 
     # ------------------------------------------------------------------------------------------------ own thread
 
-    def _do(self, job: Callable[[], object], otherwise: Callable[[], object] = lambda: None) -> None:
+    def _do(self, job: Callable[[], object], otherwise: Callable[[], object]) -> None:
         try:
             self._jobs.put_nowait(job)
         except queue.Full:
@@ -212,30 +226,30 @@ class Member:
     def _work(self) -> None:
         while not self._ended.is_set():
             with contextlib.suppress(queue.Empty, zenoh.ZError):  # a session that is closed in this moment
-                self._jobs.get(timeout=0.1)()
+                self._show()
+                self._jobs.get(timeout=0.05)()
 
-    def _view(self, is_wanted: bool) -> None:
-        """Listen to the gateway's snapshots while somebody in the fleet does."""
-        if is_wanted and self._views is None:
+    def _show(self) -> None:
+        """Show the tokens that are alive, and listen to the gateway's snapshots while somebody in the fleet does."""
+        alive = dict(self._alive)
+        for key in self._tokens.keys() - alive.keys():
+            self._tokens.pop(key).undeclare()
+        for key in alive.keys() - self._tokens.keys():
+            self._tokens[key] = alive[key].liveliness().declare_token(key)
+        if self._is_viewed and self._views is None:
             take = _direct(partial(_hand_on, self._snapshots))
             self._views = self._local.declare_subscriber(protocol.SNAPSHOT_KEY, take)
-        elif not is_wanted and self._views is not None:
+        elif not self._is_viewed and self._views is not None:
             views, self._views = self._views, None
             views.undeclare()  # type: ignore[no-untyped-call]  # as above
-
-    def _show_token(self, there: zenoh.Session, key: str, is_alive: bool) -> None:
-        token = self._tokens.pop(key, None)
-        if is_alive and "*" not in key and len(self._tokens) < MOST_TOKENS:
-            self._tokens[key] = token or there.liveliness().declare_token(key)
-        elif token is not None:
-            token.undeclare()
 
     def _give(self, question: ZenohQuestion, lane: tuple[str, str], payload: bytes) -> None:
         """Hear an owner whom the gateway has taken, then tell him so."""
         with contextlib.suppress(protocol.Malformed):
             if protocol.decode_reply(payload, question.encoding).refusal is None and lane not in self._lanes:
-                for gone in [lane for lane in self._lanes if protocol.client_token(lane[0]) not in self._tokens]:
-                    for subscriber in self._lanes.pop(gone):
+                gone = [lane for lane in self._lanes if protocol.client_token(lane[0]) not in self._tokens]
+                for left in gone if len(self._lanes) >= MOST_LANES else ():
+                    for subscriber in self._lanes.pop(left):
                         subscriber.undeclare()
                 if len(self._lanes) < MOST_LANES:
                     take = _direct(partial(self._on_lane, _bucket(PUTS_HZ)))

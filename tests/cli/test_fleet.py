@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 
 import pytest
@@ -12,6 +13,7 @@ from gateway.cli import fleet
 from gateway.cli.main import main
 from gateway.errors import Rejected
 from tests.api.stand_in import a_snapshot
+from tests.e2e.system import free_port
 
 USER = 'auth: { usrpwd: { user: "robot-1", password: "x" } }'
 CERTIFIED = 'enable_mtls: true, connect_certificate: "/c", connect_private_key: "/k"'
@@ -111,3 +113,22 @@ def test_the_list_shows_who_is_there_twice_or_does_not_answer():
     text = console.export_text()
     assert "READ_ONLY" in text and "2 gateways have this name" in text and "does not answer" in text
     assert "[red]?[2J" in text and "\x1b" not in text
+
+
+@pytest.mark.parametrize("words", [[], ["--all", "robot-1"], ["*"], ["robot/1"]])
+def test_a_stop_says_which_robots(words, monkeypatch, capsys):
+    """Nothing is guessed from a command line that names none, or all and one."""
+    monkeypatch.setattr(fleet, "_connected", lambda *_: contextlib.nullcontext())
+    try:
+        status = main(["fleet", "stop", *words, "--fleet", "tcp/127.0.0.1:1"])
+    except SystemExit as end:
+        status = end.code
+    assert status == 2
+
+
+def test_a_router_that_does_not_answer_leaves_a_stop_unknown(capsys):
+    """Status 3, and the only hint that counts."""
+    words = ["--fleet", f"tcp/127.0.0.1:{free_port()}", "--timeout", "0.2"]
+    assert main(["fleet", "stop", "--all", *words]) == 3
+    assert "physical emergency stop" in capsys.readouterr().err
+    assert main(["fleet", "list", *words]) == 3

@@ -30,6 +30,9 @@ __all__ = ["Credentials", "ZenohTransport", "client_configuration"]
 LEASE_MS = 2000
 """Silence after which the daemon calls our connection lost [ms]; its keepalive limit of 250 ms comes long before."""
 
+FLEET_MESSAGE_BYTES = 256 * 1024
+"""A larger message ends a connection to a fleet: no robot and no client says so much."""
+
 STALL_US = 500_000
 """A daemon that does not read for so long while a request waits loses this connection [us]."""
 
@@ -207,6 +210,7 @@ def client_configuration(address: protocol.Address, credentials: Credentials, ti
         settings["connect/endpoints"] = [address.locator]
     if address.robot:
         settings["namespace"] = f"{protocol.FLEET_ROOT}/{address.robot}"
+        settings["transport/link/rx/max_message_size"] = FLEET_MESSAGE_BYTES
     if credentials.user:
         settings["transport/auth/usrpwd"] = {"user": credentials.user, "password": credentials.password}
     if credentials.root_ca:
