@@ -64,7 +64,7 @@ class Member:
         self._views: zenoh.Subscriber[None] | None = None
         self._may_ask = {is_stop: _bucket(QUESTIONS_HZ) for is_stop in (False, True)}
         self._jobs: queue.Queue[Callable[[], object]] = queue.Queue(MOST_WAITING)
-        self._is_viewed = False
+        self._is_viewed = self._serves = False
         self._alive: dict[str, zenoh.Session] = {}
         """Tokens here, and where they are to be shown."""
         self._tokens: dict[str, Any] = {}
@@ -120,8 +120,12 @@ class Member:
             here.liveliness().declare_subscriber(keys, _direct(take), history=True)
         self._me = protocol.MEMBER_TOKENS.replace("*", str(fleet.zid()))
         fleet.liveliness().declare_subscriber(protocol.MEMBER_TOKENS, _direct(self._on_member), history=True)
-        # Last: who sees the token finds everything else in place.
+        # Last: who sees the token finds everything else in place. Shown first, then looked for: of two, one sees the other.
         self._token = fleet.liveliness().declare_token(self._me)
+        for token in fleet.liveliness().get(protocol.MEMBER_TOKENS, timeout=OPENING_S):
+            if token.ok is not None and str(token.ok.key_expr) != self._me:
+                self.namesakes.add(str(token.ok.key_expr))
+        self._serves = True
 
     # ------------------------------------------------------------------------------------------------ zenoh's threads
 
@@ -144,7 +148,7 @@ class Member:
                 question.answer(protocol.encode(self._refused(), question.encoding), question.encoding)
                 return
             lane = _lane_of(question)
-        if not self._may_ask[key in STOPS]():
+        if not self._may_ask[key in STOPS]() or not (self._serves or key in STOPS):
             question.drop()
             return
         answers: list[bytes] = []
