@@ -55,8 +55,9 @@ def test_a_router_at_which_strangers_could_drive_is_refused(tmp_path, endpoints,
             fleet.demand_known(address, is_open=is_open)
 
 
-def test_a_router_named_on_the_command_line_knows_nobody(capsys):
+def test_a_router_named_on_the_command_line_knows_nobody(monkeypatch, capsys):
     """And a file that is none, a name that is none, and no fleet at all are errors of the command line."""
+    monkeypatch.delenv("TA2_FLEET", raising=False)
     for words in (
         ["--fleet", "tcp/127.0.0.1:7447", "robot-1"],
         ["--fleet", "tls/fleet:7447", "robot-1", "--open-to-every-user-of-this-host"],
