@@ -43,8 +43,9 @@ def test_relative_paths_become_absolute(monkeypatch, tmp_path):
         *("tcp/h:1#a=b", "/a;b", "/a?b", "/a#b", "/" + "x" * 107),
     ],
 )
-def test_what_is_none_is_refused(text):
+def test_what_is_none_is_refused(text, monkeypatch):
     """No address, options of the endpoint, and paths that no unix socket can have are refused."""
+    monkeypatch.delenv("TA2_FLEET", raising=False)
     with pytest.raises(AddressRefused):
         parse_address(text)
 
