@@ -3,6 +3,7 @@
 Rules
     * `TA2_SOCKET` names the socket of both sides when set. Else the daemon opens `$XDG_RUNTIME_DIR/ta2/gateway.sock`,
       or `/tmp/ta2-<uid>/gateway.sock` where there is no runtime directory; a client looks at both and at `/run/ta2`.
+    * A bare name is a robot of the fleet that `TA2_FLEET` names.
     * Nobody is led to a socket that somebody else put into /tmp: the directory must belong to this user or to root, and
       only its owner may write to it.
 
@@ -12,23 +13,34 @@ Knows paths and locators, opens nothing. Import these names from `gateway.api.pr
 from __future__ import annotations
 
 import os
+import re
 import stat
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 __all__ = [
+    "FLEET_VARIABLE",
+    "ROBOT_NAME",
     "SOCKET_VARIABLE",
     "Address",
     "AddressRefused",
     "default_socket",
     "find_socket",
+    "fleet_address",
     "is_private",
     "parse_address",
 ]
 
 SOCKET_VARIABLE = "TA2_SOCKET"
 """Environment variable that names the socket, for daemon and clients."""
+
+FLEET_VARIABLE = "TA2_FLEET"
+"""Environment variable that names the fleet: `tcp/HOST:PORT` or `tls/HOST:PORT` of its zenoh router, or a file of zenoh's own
+configuration, with users, passwords and certificates."""
+
+ROBOT_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,62}")
+"""A robot's name in its fleet: one chunk of a zenoh key, without wildcards."""
 
 SYSTEM_SOCKET = Path("/run/ta2/gateway.sock")
 """Where a daemon of the whole host listens (its unit names it with `--socket`)."""
@@ -46,20 +58,26 @@ class Address:
     """One way to a daemon.
 
     Attributes:
-        locator: zenoh endpoint, e.g. `unixsock-stream//run/ta2/gateway.sock` or `tcp/127.0.0.1:7448`.
+        locator: zenoh endpoint, e.g. `unixsock-stream//run/ta2/gateway.sock` or `tcp/127.0.0.1:7448`; empty when `file` has it.
         path: Path of the unix socket, or None for the network.
+        file: zenoh configuration of the way there; empty for none.
+        robot: Name in the fleet whose router that is; empty for a gateway itself.
     """
 
     locator: str
     path: Path | None = None
+    file: str = ""
+    robot: str = ""
 
     def __str__(self) -> str:
         """Return what a person would type."""
+        if self.robot or self.file:
+            return self.robot or self.file
         return self.locator if self.path is None else f"unix:{self.path}"
 
 
 def parse_address(text: str) -> Address:
-    """Return the address behind a text: `unix:/path`, a bare path, `tcp/host:port` or `tls/host:port`.
+    """Return the address behind a text: `unix:/path`, a bare path, `tcp/host:port`, `tls/host:port` or a robot's name.
 
     Raises:
         AddressRefused: It is neither, or the path is too long for a unix socket.
@@ -71,14 +89,35 @@ def parse_address(text: str) -> Address:
                 raise AddressRefused(f"{text!r} is no address: {scheme}HOST:PORT with a port from 1 to 65535 is one")
             _refuse_options(text)
             return Address(locator=text)
+    if ROBOT_NAME.fullmatch(text) and os.environ.get(FLEET_VARIABLE):
+        return replace(fleet_address(), robot=text)
     name = text.removeprefix("unix:").removeprefix("unixsock-stream/")
     if not name or (name == text and not name.startswith(("/", "./", "../", "~"))):
-        raise AddressRefused(f"{text!r} is no address: unix:PATH, /PATH, ./PATH or tcp/HOST:PORT is one")
+        raise AddressRefused(
+            f"{text!r} is no address: unix:PATH, /PATH, ./PATH or tcp/HOST:PORT is one, and NAME with TA2_FLEET"
+        )
     _refuse_options(name)
     path = Path(os.path.abspath(Path(name).expanduser()))
     if len(os.fsencode(path)) > MAX_PATH_BYTES:
         raise AddressRefused(f"{path} has {len(os.fsencode(path))} bytes, a unix socket has at most {MAX_PATH_BYTES}")
     return Address(locator=f"unixsock-stream/{path}", path=path)
+
+
+def fleet_address(text: str | None = None) -> Address:
+    """Return where a fleet's router is.
+
+    Args:
+        text: As `FLEET_VARIABLE` has it, which is what counts when it is None.
+
+    Raises:
+        AddressRefused: Nothing names it.
+    """
+    text = os.environ.get(FLEET_VARIABLE, "") if text is None else text
+    if not text:
+        raise AddressRefused(
+            f"no fleet is named: set {FLEET_VARIABLE} to its router, or to a file of zenoh's configuration"
+        )
+    return parse_address(text) if text.startswith(("tcp/", "tls/")) else Address(locator="", file=text)
 
 
 def _refuse_options(text: str) -> None:

@@ -15,6 +15,7 @@ __all__ = [
     "DAEMON_TOKENS",
     "ESTOP_KEY",
     "EVENT_KEY",
+    "FLEET_ROOT",
     "FSM_NAMES",
     "HEARTBEAT_TOPIC",
     "INFO_KEY",
@@ -22,6 +23,7 @@ __all__ = [
     "KEEPALIVE_KEYS",
     "KEEPALIVE_PERIOD_NS",
     "MAX_PAYLOAD_BYTES",
+    "MEMBER_TOKENS",
     "MSGPACK",
     "PING_KEY",
     "PROTOCOL_VERSION",
@@ -99,6 +101,10 @@ DAEMON_TOKENS: Final = "ta2/*/alive/daemon/*"
 """Tokens of daemons of any version."""
 USER_TOKENS: Final = f"{ROOT}/alive/user/*"
 """The token that tells a user of the network under which name the daemon knows him: he sees his own alone."""
+FLEET_ROOT: Final = "fleet"
+"""On a fleet's router a robot's keys are `fleet/NAME/ta2/...`: a session with namespace `fleet/NAME` sees them as its own."""
+MEMBER_TOKENS: Final = f"{ROOT}/alive/member/*"
+"""Tokens of those who are a robot in its fleet: two of one name are two gateways under one name."""
 
 
 def target_key(client_id: str, stream_id: int, secret: str = "") -> str:

@@ -29,7 +29,7 @@ from gateway.errors import Code, GatewayError, failure
 from gateway.settings.settings import LocalSettings
 from gateway.values import Role
 
-__all__ = ["access_rules", "network_configuration", "refused_setting", "unix_configuration"]
+__all__ = ["access_rules", "is_loopback", "network_configuration", "refused_setting", "unix_configuration"]
 
 MAX_MESSAGE_BYTES = 256 * 1024
 """A larger message ends the connection of its sender; larger than `MAX_PAYLOAD_BYTES`, so that that is answered."""
@@ -95,7 +95,7 @@ def network_configuration(local: LocalSettings, roles: Mapping[str, Role] | None
         path = getattr(local, name)
         if path and not os.access(path, os.R_OK):
             raise refused_setting(name, path, "there is no readable file of this name")
-    _demand_known(local, is_loopback=_is_loopback(host))
+    _demand_known(local, is_loopback=is_loopback(host))
     configuration = _router(f"{'tls' if local.tls_certificate else 'tcp'}/{host}:{port}", BEYOND_MS)
     if roles is not None:  # of somebody with both, the name counts for which he has a password
         kind = "usernames" if local.users_file else "cert_common_names"
@@ -236,7 +236,8 @@ def _host_and_port(text: str) -> tuple[str, int]:
     return host, int(port)
 
 
-def _is_loopback(host: str) -> bool:
+def is_loopback(host: str) -> bool:
+    """Whether a host is this one for sure."""
     try:
         return host == "localhost" or ipaddress.ip_address(host.strip("[]")).is_loopback
     except ValueError:  # a name: it may be any machine

@@ -17,7 +17,10 @@ ta2/1/check_in/<client>/<secret>      put by stop endpoints                 clie
 ta2/1/alive/daemon/<id>               liveliness token                      daemon
 ta2/1/alive/client/<client>           liveliness token                      client
 ta2/1/alive/user/<user>               liveliness token, seen by that user alone  daemon
+ta2/1/alive/member/<id>               liveliness token, in a fleet          `ta2 fleet join`
 ```
+
+On a fleet's router the same keys stand behind `fleet/<name>/`; zenoh's `namespace` puts it there and takes it away.
 
 Rules
     * The number in the keys is the version. Tokens of another version tell a client that the releases do not match.

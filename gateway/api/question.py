@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+import logging
 from typing import Protocol
+
+import zenoh
 
 from gateway.api.access.roles import Asker
 from gateway.api.keys import JSON, MSGPACK
 
-__all__ = ["Audience", "Question", "reply_encoding"]
+__all__ = ["Audience", "Question", "ZenohQuestion", "plain_encoding", "reply_encoding"]
+
+log = logging.getLogger(__name__)
 
 
 class Question(Protocol):
@@ -50,3 +55,35 @@ class Audience(Protocol):
 def reply_encoding(question: Question) -> str:
     """Return the encoding in which a question is answered: its own when we know it, else msgpack."""
     return JSON if question.encoding == JSON else MSGPACK
+
+
+class ZenohQuestion:
+    """A zenoh query that waits for its answer."""
+
+    __slots__ = ("_query", "asker", "encoding", "key", "payload", "received_ns")
+
+    def __init__(self, query: zenoh.Query, received_ns: int, asker: Asker) -> None:
+        self._query = query
+        self.asker = asker
+        self.key = str(query.key_expr)
+        self.payload = b"" if query.payload is None else query.payload.to_bytes()
+        self.encoding = plain_encoding(query.encoding)
+        self.received_ns = received_ns
+
+    def answer(self, payload: bytes, encoding: str) -> None:
+        """Reply and finish. A client that has gone meanwhile needs no reply."""
+        try:
+            with self._query as query:
+                query.reply(self.key, payload, encoding=encoding)
+        except zenoh.ZError as error:
+            log.debug("a reply on %s was not sent: %s", self.key, error)
+
+    def drop(self) -> None:
+        """Finish without a reply."""
+        self._query.drop()  # type: ignore[no-untyped-call]  # zenoh's stubs leave the return type out
+
+
+def plain_encoding(encoding: zenoh.Encoding | None) -> str:
+    """Return the encoding as protocol text; empty when none was given (zenoh then says `zenoh/bytes`)."""
+    text = "" if encoding is None else str(encoding)
+    return "" if text.startswith("zenoh/") else text.partition(";")[0]

@@ -21,6 +21,7 @@ import zenoh
 from gateway.api import protocol
 from gateway.api.access.roles import Asker
 from gateway.api.inbox import Inbox
+from gateway.api.question import ZenohQuestion, plain_encoding
 from gateway.api.stop_lane import StopLane
 from gateway.values import Role
 
@@ -31,38 +32,6 @@ TOKENS = 1024
 TOKENS_AT_ONCE = 64
 
 log = logging.getLogger(__name__)
-
-
-class _ZenohQuestion:
-    """A zenoh query that waits for its answer."""
-
-    __slots__ = ("_query", "asker", "encoding", "key", "payload", "received_ns")
-
-    def __init__(self, query: zenoh.Query, received_ns: int, asker: Asker) -> None:
-        self._query = query
-        self.asker = asker
-        self.key = str(query.key_expr)
-        self.payload = b"" if query.payload is None else query.payload.to_bytes()
-        self.encoding = _plain_encoding(query.encoding)
-        self.received_ns = received_ns
-
-    def answer(self, payload: bytes, encoding: str) -> None:
-        """Reply and finish. A client that has gone meanwhile needs no reply."""
-        try:
-            with self._query as query:
-                query.reply(self.key, payload, encoding=encoding)
-        except zenoh.ZError as error:
-            log.debug("a reply on %s was not sent: %s", self.key, error)
-
-    def drop(self) -> None:
-        """Finish without a reply."""
-        self._query.drop()  # type: ignore[no-untyped-call]  # zenoh's stubs leave the return type out
-
-
-def _plain_encoding(encoding: zenoh.Encoding | None) -> str:
-    """Return the encoding as protocol text; empty when none was given (zenoh then says `zenoh/bytes`)."""
-    text = "" if encoding is None else str(encoding)
-    return "" if text.startswith("zenoh/") else text.partition(";")[0]
 
 
 class ZenohPlane:
@@ -134,20 +103,18 @@ class ZenohPlane:
         )
 
     def _on_stop_query(self, query: zenoh.Query) -> None:
-        question = _ZenohQuestion(query, time.monotonic_ns(), self._somebody)
+        question = ZenohQuestion(query, time.monotonic_ns(), self._somebody)
         self._stops.arrive(question.key, question.payload, question.received_ns, question)
 
     def _on_ping(self, query: zenoh.Query) -> None:
-        self._stops.ping(_ZenohQuestion(query, time.monotonic_ns(), self._somebody))
+        self._stops.ping(ZenohQuestion(query, time.monotonic_ns(), self._somebody))
 
     def _on_query(self, asker: Asker, query: zenoh.Query) -> None:
-        self._inbox.ask(_ZenohQuestion(query, time.monotonic_ns(), asker))
+        self._inbox.ask(ZenohQuestion(query, time.monotonic_ns(), asker))
 
     def _on_target(self, sample: zenoh.Sample) -> None:
         now_ns = time.monotonic_ns()
-        self._inbox.put_target(
-            str(sample.key_expr), sample.payload.to_bytes(), _plain_encoding(sample.encoding), now_ns
-        )
+        self._inbox.put_target(str(sample.key_expr), sample.payload.to_bytes(), plain_encoding(sample.encoding), now_ns)
 
     def _on_keepalive(self, sample: zenoh.Sample) -> None:
         self._inbox.put_keepalive(str(sample.key_expr), time.monotonic_ns())

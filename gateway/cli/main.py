@@ -232,6 +232,7 @@ COMMANDS: Mapping[str, Callable[[Namespace], int]] = {
     "completion": _carried_out_by("gateway.cli.completion"),
     "keys": _carried_out_by("gateway.cli.keys"),
     "service": _carried_out_by("gateway.cli.service"),
+    "fleet": _carried_out_by("gateway.cli.fleet"),
     "stop": _carried_out_by("gateway.cli.motion.stopping", "stop"),
     "estop": _carried_out_by("gateway.cli.motion.stopping", "stop"),
     "stop-endpoint": _carried_out_by("gateway.cli.motion.stop_endpoint"),

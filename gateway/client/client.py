@@ -67,8 +67,9 @@ def connect(
     """Connect to the daemon of a robot.
 
     Args:
-        target: `unix:/path`, a bare path, `tcp/HOST:PORT` or `tls/HOST:PORT`; None finds the socket by itself
-            (`TA2_SOCKET`, this user's runtime directory, `/tmp/ta2-<uid>`, `/run/ta2`).
+        target: `unix:/path`, a bare path, `tcp/HOST:PORT` or `tls/HOST:PORT`, or a robot's name in the fleet
+            that `TA2_FLEET` names; None finds the socket by itself (`TA2_SOCKET`, this user's runtime directory,
+            `/tmp/ta2-<uid>`, `/run/ta2`).
         name: How others see this client; by default the name of the program.
         timeout_s: How long to wait for the daemon [s].
         credentials: User, password and certificates, where the daemon asks for them.

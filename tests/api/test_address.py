@@ -43,8 +43,9 @@ def test_relative_paths_become_absolute(monkeypatch, tmp_path):
         *("tcp/h:1#a=b", "/a;b", "/a?b", "/a#b", "/" + "x" * 107),
     ],
 )
-def test_what_is_none_is_refused(text):
+def test_what_is_none_is_refused(text, monkeypatch):
     """No address, options of the endpoint, and paths that no unix socket can have are refused."""
+    monkeypatch.delenv("TA2_FLEET", raising=False)
     with pytest.raises(AddressRefused):
         parse_address(text)
 
@@ -90,3 +91,24 @@ def test_a_socket_in_somebody_elses_directory_is_passed_over(tmp_path, monkeypat
     link.symlink_to(tmp_path)
     assert not address.is_private(link) and not address.is_private(tmp_path / "missing")
     assert address.is_private(tmp_path)
+
+
+def test_a_bare_name_is_a_robot_of_the_fleet_that_the_environment_names(monkeypatch):
+    """Without one it is no address; a fleet is a router or a file, and an address shows what a person would type."""
+    monkeypatch.delenv("TA2_FLEET", raising=False)
+    for text in ("robot-7", "gw.sock"):
+        with pytest.raises(address.AddressRefused):
+            address.parse_address(text)
+    with pytest.raises(address.AddressRefused):
+        address.fleet_address()
+    monkeypatch.setenv("TA2_FLEET", "tls/fleet:7447")
+    found = address.parse_address("robot-7")
+    assert (found.locator, found.robot, found.path, str(found)) == ("tls/fleet:7447", "robot-7", None, "robot-7")
+    monkeypatch.setenv("TA2_FLEET", "/etc/ta2/fleet.json5")
+    found = address.parse_address("robot-7")
+    assert (found.locator, found.file, found.robot) == ("", "/etc/ta2/fleet.json5", "robot-7")
+    assert str(address.fleet_address()) == "/etc/ta2/fleet.json5"
+    for text in ("*", "a*", "-a", "a b", "$x", "a" * 64):
+        with pytest.raises(address.AddressRefused):
+            address.parse_address(text)
+    assert address.parse_address("./robot-7").path is not None

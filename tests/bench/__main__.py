@@ -13,6 +13,7 @@ from tests.bench.chunks import chunk_rows
 from tests.bench.codec import codec_rows
 from tests.bench.collision import collision_rows
 from tests.bench.data import data_rows
+from tests.bench.fleet import fleet_rows
 from tests.bench.guard import crowd_rows, guard_rows
 from tests.bench.kinematics import kinematics_rows
 from tests.bench.lines import line_rows
@@ -25,7 +26,7 @@ from tests.bench.tick import tick_rows
 from tests.bench.video import video_rows
 from tests.bench.wire import wire_rows
 
-PARTS = ("codec", "tick", "kinematics", "physics", "wire", "stop", "guard", "video", "data")
+PARTS = ("codec", "tick", "kinematics", "physics", "wire", "stop", "guard", "video", "data", "fleet")
 
 
 def main() -> int:
@@ -37,6 +38,7 @@ def main() -> int:
     parser.add_argument("--daemons", type=int, default=0, help="the guard: only so many daemons on one core")
     parser.add_argument("--core", type=int, default=0, help="which core")
     parser.add_argument("--stops", type=int, default=150, help="stops under each flood")
+    parser.add_argument("--robots", type=int, default=8, help="of the fleet")
     options = parser.parse_args()
     parts = options.parts or PARTS
     console = Console(width=150 if not sys.stdout.isatty() else None)
@@ -76,6 +78,10 @@ def main() -> int:
         with tempfile.TemporaryDirectory(prefix="ta2-bench-") as folder:
             rows += (found := [*join_rows(), *dataset_rows(Path(folder)), *data_rows(Path(folder), options.seconds)])
         show("policies, datasets, recording (virtual time; then real processes over loopback)", found, console)
+    if "fleet" in parts:
+        with tempfile.TemporaryDirectory(prefix="ta2-bench-") as folder:
+            rows += (found := fleet_rows(Path(folder), options.robots, options.seconds))
+        show("a fleet (loopback, real processes)", found, console)
     missed = [row.name for row in rows if row.good is False]
     console.print(f"{len(rows)} figures, {len(missed)} goals missed" + (f": {', '.join(missed)}" if missed else ""))
     return 1 if missed else 0

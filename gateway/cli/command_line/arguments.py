@@ -32,7 +32,7 @@ from gateway.cli.command_line.robot_arguments import (
     endpoint,
     namespace,
 )
-from gateway.cli.command_line.service_arguments import add_keys, add_service
+from gateway.cli.command_line.service_arguments import add_fleet, add_keys, add_service
 from gateway.cli.command_line.sim_arguments import add_camera, add_clock, add_physics
 from gateway.cli.command_line.stop_arguments import add_stops
 from gateway.cli.command_line.teleop_arguments import add_teleop
@@ -151,6 +151,9 @@ def _parsers() -> tuple[argparse.ArgumentParser, Mapping[str, argparse.ArgumentP
     add_first(commands)
     add_keys(add_command(commands, "keys", "make keys for the network: authority, certificates, roles"))
     add_service(add_command(commands, "service", "run gateway and recorder as services of systemd"))
+    add_fleet(
+        add_command(commands, "fleet", "many robots on one zenoh network: look at them, stop them, be one of them")
+    )
     add_model(add_command(commands, "model", "check the numbers of the robot's body, or of a URDF"))
     add_stops(commands)
     return top, commands.choices

@@ -1,4 +1,4 @@
-"""Arguments of `ta2 service` and `ta2 keys`."""
+"""Arguments of `ta2 service`, `ta2 keys` and `ta2 fleet`."""
 
 from __future__ import annotations
 
@@ -6,9 +6,10 @@ import argparse
 from pathlib import Path
 
 from gateway.cli.command_line.adding import add_command
+from gateway.cli.command_line.numbers import seconds
 from gateway.cli.command_line.robot_arguments import endpoint
 
-__all__ = ["add_keys", "add_service"]
+__all__ = ["add_fleet", "add_keys", "add_service"]
 
 
 def add_service(service: argparse.ArgumentParser) -> None:
@@ -62,3 +63,44 @@ def _days(text: str) -> int:
     if not 1 <= days <= 36500:
         raise argparse.ArgumentTypeError(f"{days} days are outside [1, 36500]")
     return days
+
+
+def add_fleet(fleet: argparse.ArgumentParser) -> None:
+    """Add the verbs of `fleet`; `options.verb` says which one it is."""
+    verbs = fleet.add_subparsers(title="what to do", dest="verb", metavar="VERB", required=True)
+    looks = add_command(verbs, "list", "show the robots of the fleet, and how each is")
+    watch = add_command(verbs, "watch", "show them again and again, until Ctrl-C")
+    watch.add_argument(
+        "--period", dest="period_s", type=seconds, default=1.0, metavar="S", help="between looks (default 1)"
+    )
+    stop = add_command(
+        verbs,
+        "stop",
+        "stop robots of the fleet, all at once; arms and grip are held",
+        "Anybody in the fleet may. Status 4 when any did not say that it stopped: use the physical emergency stop there.",
+    )
+    which = stop.add_mutually_exclusive_group(required=True)
+    which.add_argument("names", nargs="*", default=[], metavar="NAME", help="of the robots")
+    which.add_argument("--all", action="store_true", help="all robots of the fleet")
+    stop.add_argument("--reason", default="", metavar="REASON", help="shown to the owners and in the logs")
+    join = add_command(verbs, "join", "be a robot of the fleet, beside its gateway, until Ctrl-C")
+    join.add_argument("name", metavar="NAME", help="of the robot, which no other in the fleet has")
+    join.add_argument("--socket", metavar="PATH", help="the gateway (default: found by itself)")
+    join.add_argument("--json-log", action="store_true", help="write the log as JSON lines")
+    join.add_argument(
+        "--open-to-every-user-of-this-host",
+        action="store_true",
+        help="be there though the router, on loopback, asks nobody who he is: all may then drive the robot",
+    )
+    for sub in (looks, watch, stop, join):
+        sub.add_argument(
+            "--fleet",
+            metavar="FILE",
+            help="its router, as tcp/HOST:PORT, tls/HOST:PORT or a file of zenoh's configuration (default: TA2_FLEET)",
+        )
+    for sub in (looks, watch, stop):
+        sub.add_argument(
+            "--timeout", dest="timeout_s", type=seconds, default=3.0, metavar="S", help="longest wait [s] (default 3)"
+        )
+    for sub in (looks, stop):
+        sub.add_argument("--json", action="store_true", help="print JSON on standard output")

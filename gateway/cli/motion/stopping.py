@@ -15,7 +15,7 @@ from gateway.cli.terminal.ending import ExitStatus, for_stopping, report, undeli
 from gateway.client import StopResult
 from gateway.errors import Disconnected, GatewayError
 
-__all__ = ["recover", "stop"]
+__all__ = ["recover", "signed", "stop"]
 
 DONE = {
     "stop": "stopped: arms brake and are held with their grip, chassis and lift stop",
@@ -30,7 +30,7 @@ def stop(options: Namespace) -> ExitStatus:
         GatewayError: Nobody knows whether it stopped.
     """
     command, target = options.command, options.target
-    said = _signed(" ".join(options.reason) or f"ta2 {command}")
+    said = signed(" ".join(options.reason) or f"ta2 {command}")
     _drop(command, target, said)  # before anything else: to connect takes a while, and in a crowd a long one
     try:
         with connected(command, target, options.timeout_s, greet=False) as robot:
@@ -71,7 +71,7 @@ def _by_guard(command: str, target: str | None, said: str) -> StopResult | None:
     return stop_at_guard(address, "stop" if command == "stop" else "estop", said, f"ta2 {command}")
 
 
-def _signed(reason: str) -> str:
+def signed(reason: str) -> str:
     """Return a reason with who gave it: of those who do not own the robot, the gateway knows no name."""
     try:
         return f"{reason} ({getpass.getuser()})"
@@ -89,7 +89,7 @@ def recover(options: Namespace) -> ExitStatus:
     with connected("recover", options.target, options.timeout_s) as robot:
         latches = dict(robot.state.latches)
         silent = [endpoint.name for endpoint in robot.state.endpoints if endpoint.is_silent]
-        robot.recover(_signed(reason) if reason else "")
+        robot.recover(signed(reason) if reason else "")
     if options.json:
         print(json.dumps({"ok": True, "cleared": latches, "dismissed": silent}, ensure_ascii=False))
         return ExitStatus.OK

@@ -26,13 +26,16 @@ from gateway.client.connection.transport import Receiver
 from gateway.errors import Code, GatewayError, failure
 from gateway.process.threads import supervised
 
-__all__ = ["Credentials", "ZenohTransport"]
+__all__ = ["Credentials", "ZenohTransport", "client_configuration"]
 
 FILES = ("root_ca", "certificate", "private_key")
 """Which of the credentials are names of files."""
 
 LEASE_MS = 2000
 """Silence after which the daemon calls our connection lost [ms]; its keepalive limit of 250 ms comes long before."""
+
+FLEET_MESSAGE_BYTES = 256 * 1024
+"""A larger message ends a connection to a fleet: no robot and no client says so much."""
 
 STALL_US = 500_000
 """A daemon that does not read for so long while a request waits loses this connection [us]."""
@@ -103,7 +106,7 @@ class ZenohTransport:
         if path is not None and not path.exists():
             raise _disconnected(f"there is no socket at {path}")
         try:
-            session = zenoh.open(self._configuration(timeout_s))
+            session = zenoh.open(client_configuration(self._target, self._credentials, timeout_s))
         except zenoh.ZError as error:
             hint = "" if path is not None else "check host, port, user, password and certificates; see the daemon's log"
             raise _disconnected(
@@ -215,36 +218,48 @@ class ZenohTransport:
         if self._receiver is not None:
             self._receiver.on_daemon(str(sample.key_expr), sample.kind == zenoh.SampleKind.PUT)
 
-    # ------------------------------------------------------------------------------------------------ inside
 
-    def _configuration(self, timeout_s: float) -> zenoh.Config:
-        credentials = self._credentials
-        settings: dict[str, Any] = {
-            "mode": "client",
-            "connect/endpoints": [self._target.locator],
-            "connect/timeout_ms": max(1, int(timeout_s * 1000)),
-            "connect/exit_on_failure": True,
-            "connect/retry": {"period_init_ms": 50, "period_max_ms": 200, "period_increase_factor": 1.5},
-            "listen/endpoints": [],
-            "scouting/multicast/enabled": False,
-            "scouting/gossip/enabled": False,
-            "transport/shared_memory/enabled": False,
-            "transport/link/tx/lease": LEASE_MS,
-            "transport/link/tx/queue/congestion_control/block/wait_before_close": STALL_US,
-        }
-        if credentials.user:
-            settings["transport/auth/usrpwd"] = {"user": credentials.user, "password": credentials.password}
-        if credentials.root_ca:
-            tls: dict[str, Any] = {"root_ca_certificate": credentials.root_ca}
-            if credentials.certificate:  # without enable_mtls zenoh has it and does not show it
-                tls["enable_mtls"] = True
-                tls["connect_certificate"] = credentials.certificate
-                tls["connect_private_key"] = credentials.private_key
-            settings["transport/link/tls"] = tls
-        config = zenoh.Config()
-        for key, value in settings.items():
-            config.insert_json5(key, json.dumps(value))
-        return config
+def client_configuration(address: protocol.Address, credentials: Credentials, timeout_s: float) -> zenoh.Config:
+    """Return the zenoh configuration of a session to a daemon, to a fleet's router, or to a robot there by its own keys.
+
+    Args:
+        address: Where.
+        credentials: Who we are there, unless its file says it.
+        timeout_s: Longest wait for the first connection [s].
+
+    Raises:
+        zenoh.ZError: The address is a file that cannot be read.
+    """
+    settings: dict[str, Any] = {
+        "mode": "client",
+        "connect/timeout_ms": max(1, int(timeout_s * 1000)),
+        "connect/exit_on_failure": True,
+        "connect/retry": {"period_init_ms": 50, "period_max_ms": 200, "period_increase_factor": 1.5},
+        "listen/endpoints": [],
+        "scouting/multicast/enabled": False,
+        "scouting/gossip/enabled": False,
+        "transport/shared_memory/enabled": False,
+        "transport/link/tx/lease": LEASE_MS,
+        "transport/link/tx/queue/congestion_control/block/wait_before_close": STALL_US,
+    }
+    if address.locator:
+        settings["connect/endpoints"] = [address.locator]
+    if address.robot:
+        settings["namespace"] = f"{protocol.FLEET_ROOT}/{address.robot}"
+        settings["transport/link/rx/max_message_size"] = FLEET_MESSAGE_BYTES
+    if credentials.user:
+        settings["transport/auth/usrpwd"] = {"user": credentials.user, "password": credentials.password}
+    if credentials.root_ca:
+        tls: dict[str, Any] = {"root_ca_certificate": credentials.root_ca}
+        if credentials.certificate:  # without enable_mtls zenoh has it and does not show it
+            tls["enable_mtls"] = True
+            tls["connect_certificate"] = credentials.certificate
+            tls["connect_private_key"] = credentials.private_key
+        settings["transport/link/tls"] = tls
+    config = zenoh.Config.from_file(address.file) if address.file else zenoh.Config()
+    for key, value in settings.items():
+        config.insert_json5(key, json.dumps(value))
+    return config
 
 
 class _Answer:

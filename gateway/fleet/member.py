@@ -1,0 +1,313 @@
+"""A robot's member in its fleet: hands on between the fleet's zenoh router and the gateway on this host, key by key.
+
+Rules
+    * A process of its own, and to the gateway one more client: what happens at the router ends here. A crash, a flood or a
+      stall costs the fleet this robot, and an owner in the fleet his robot, as if his connection had broken.
+    * On the router the keys are the gateway's own in the namespace `fleet/NAME`: clients and their secrets are the same.
+    * A stop is dropped into the gateway's pipe as it arrives, before all else; then gateway and guard are asked about it.
+    * Targets, keepalives and check-ins are heard on the secret keys of those alone whom the gateway gave something to own.
+    * While another has this name, nothing but stops and views is served: nobody shall move two robots at once.
+    * Callbacks hand on or put away; what waits is bounded, and what goes on in a second.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import logging
+import queue
+import threading
+import time
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import zenoh
+
+from gateway.api import protocol
+from gateway.api.access.roles import Asker
+from gateway.api.question import ZenohQuestion, reply_encoding
+from gateway.api.stop_pipe import drop_stop
+from gateway.client.asking.guard_stop import stop_at_guard
+from gateway.client.connection.over_zenoh import Credentials, client_configuration
+from gateway.errors import Code
+from gateway.process.threads import supervised
+
+__all__ = ["Member"]
+
+OPENING_S = 2.0
+"""Longest wait for one try to connect [s]."""
+STOP_S = 1.0
+"""Longest wait for the gateway's answer to a stop, before its guard is asked [s]."""
+QUESTIONS_HZ, PUTS_HZ = 200, 2000
+"""So many requests of all, and puts of one owner, go on in a second, and as many at once."""
+STOPS = (protocol.STOP_KEY, protocol.ESTOP_KEY)
+MOST_WAITING, MOST_TOKENS, MOST_LANES = 256, 256, 32
+
+log = logging.getLogger(__name__)
+
+
+class Member:
+    """One robot on its fleet's router, from `run` to `close`.
+
+    Args:
+        fleet: The fleet's router.
+        name: Of the robot there.
+        gateway: The robot's own, a unix socket.
+    """
+
+    def __init__(self, fleet: protocol.Address, name: str, gateway: Path) -> None:
+        self.namesakes: set[str] = set()
+        """Others that have this name now."""
+        self._name, self._path = name, gateway
+        self._addresses = (protocol.parse_address(f"unix:{gateway}"), fleet)
+        self._sessions: list[zenoh.Session] = []
+        self._views: zenoh.Subscriber[None] | None = None
+        self._may_ask = {is_stop: _bucket(QUESTIONS_HZ) for is_stop in (False, True)}
+        self._jobs: queue.Queue[Callable[[], object]] = queue.Queue(MOST_WAITING)
+        self._is_viewed = self._serves = False
+        self._alive: dict[str, zenoh.Session] = {}
+        """Tokens here, and where they are to be shown."""
+        self._tokens: dict[str, Any] = {}
+        """Those that are."""
+        self._lanes: dict[tuple[str, str], list[Any]] = {}
+        self._ended = threading.Event()
+
+    def run(self) -> None:
+        """Be in the fleet until `close`. Waits for gateway and router as long as it takes."""
+        for address in self._addresses:
+            while not self._ended.is_set():
+                try:
+                    self._sessions.append(zenoh.open(client_configuration(address, Credentials(), OPENING_S)))
+                    break
+                except zenoh.ZError as error:
+                    log.warning(
+                        "%s does not answer yet: %s", address.locator or address.file, str(error).partition(" at /")[0]
+                    )
+                self._ended.wait(1.0)
+        if not self._ended.is_set():
+            self._join(*self._sessions)
+            # Without it this is no member: the process ends, and is begun anew.
+            supervised(
+                self._work, "ta2-fleet", may_return=self._ended.is_set, on_lost=lambda _: self._ended.set()
+            ).start()
+            log.info("%s is in the fleet at %s", self._name, self._addresses[1].locator or self._addresses[1].file)
+        self._ended.wait()
+
+    def close(self) -> None:
+        """Leave the fleet; `run` returns. May be called again."""
+        self._ended.set()
+        while self._sessions:
+            self._sessions.pop().close()  # type: ignore[no-untyped-call]  # zenoh's stubs leave the return type out
+
+    def _join(self, local: zenoh.Session, fleet: zenoh.Session) -> None:
+        self._local, self._fleet = local, fleet
+        views = [
+            fleet.declare_publisher(key, encoding=protocol.MSGPACK, congestion_control=zenoh.CongestionControl.DROP)
+            for key in (protocol.SNAPSHOT_KEY, protocol.EVENT_KEY)
+        ]
+        self._snapshots = views[0]
+        views[0].declare_matching_listener(_direct(self._on_matching))
+        local.declare_subscriber(protocol.EVENT_KEY, _direct(partial(_hand_on, views[1])))
+        for key in STOPS:
+            fleet.declare_subscriber(key, _direct(partial(self._on_stop, key)))
+        for key in (*STOPS, protocol.COMMAND_KEY, protocol.INFO_KEY, protocol.ROUTES_KEY, protocol.SNAPSHOT_KEY):
+            fleet.declare_queryable(key, _direct(partial(self._on_query, key)))
+        for here, keys, there in (
+            (local, protocol.DAEMON_TOKENS, fleet),
+            (fleet, protocol.CLIENT_TOKENS, local),
+        ):
+            take = partial(self._on_token, there)
+            here.liveliness().declare_subscriber(keys, _direct(take), history=True)
+        self._me = protocol.MEMBER_TOKENS.replace("*", str(fleet.zid()))
+        fleet.liveliness().declare_subscriber(protocol.MEMBER_TOKENS, _direct(self._on_member), history=True)
+        # Last: who sees the token finds everything else in place. Shown first, then looked for: of two, one sees the other.
+        self._token = fleet.liveliness().declare_token(self._me)
+        for token in fleet.liveliness().get(protocol.MEMBER_TOKENS, timeout=OPENING_S):
+            if token.ok is not None and str(token.ok.key_expr) != self._me:
+                self.namesakes.add(str(token.ok.key_expr))
+        self._serves = True
+
+    # ------------------------------------------------------------------------------------------------ zenoh's threads
+
+    def _on_stop(self, key: str, sample: zenoh.Sample) -> None:
+        self._stop(key, sample.payload.to_bytes())
+
+    def _stop(self, key: str, payload: bytes) -> None:
+        if not drop_stop(self._path, key, payload):
+            _put(self._local, key, payload, protocol.JSON)
+
+    def _on_query(self, key: str, query: zenoh.Query) -> None:
+        question = ZenohQuestion(query, time.monotonic_ns(), Asker())
+        question.key = key  # it may have been asked of many at once
+        question.encoding = (question.encoding or protocol.JSON) if key in STOPS else reply_encoding(question)
+        lane = None
+        if key in STOPS:
+            self._stop(key, question.payload)
+        elif key == protocol.COMMAND_KEY:
+            if self.namesakes:
+                question.answer(protocol.encode(self._refused(), question.encoding), question.encoding)
+                return
+            lane = _lane_of(question)
+        if not self._may_ask[key in STOPS]() or not (self._serves or key in STOPS):
+            question.drop()
+            return
+        answers: list[bytes] = []
+
+        def take(reply: zenoh.Reply) -> None:
+            if reply.ok is not None and not answers:
+                answers.append(reply.ok.payload.to_bytes())
+
+        def finish() -> None:
+            if key in STOPS and not answers:
+                self._do(partial(self._ask_guard, question), question.drop)
+            elif lane and answers:  # what is given can be used as soon as its owner hears of it
+                self._do(partial(self._give, question, lane, answers[0]), question.drop)
+            elif answers:
+                question.answer(answers[0], question.encoding)
+            else:
+                question.drop()
+
+        try:
+            self._local.get(
+                key,
+                zenoh.handlers.Callback(take, finish, indirect=False),
+                payload=question.payload,
+                encoding=question.encoding,
+                timeout=STOP_S if key in STOPS else protocol.REPLY_WITHIN_NS / 1e9,
+                congestion_control=zenoh.CongestionControl.DROP,  # a gateway that does not read keeps no stop waiting here
+                consolidation=zenoh.ConsolidationMode.NONE,
+                express=True,
+            )
+        except zenoh.ZError:  # closed in this moment
+            finish()
+
+    def _refused(self) -> protocol.Reply:
+        message = (
+            f"{len(self.namesakes) + 1} gateways are {self._name!r} in this fleet: none of them is moved from there"
+        )
+        hint = "give each a name of its own; stops reach all of them"
+        return protocol.Reply(
+            request_id=0, refusal=protocol.RefusalMessage(code=Code.OTHER_GATEWAY.value, message=message, hint=hint)
+        )
+
+    def _on_matching(self, status: zenoh.MatchingStatus) -> None:
+        self._is_viewed = status.matching
+
+    def _on_token(self, there: zenoh.Session, sample: zenoh.Sample) -> None:
+        key = str(sample.key_expr)
+        if sample.kind == zenoh.SampleKind.DELETE:
+            self._alive.pop(key, None)
+        elif "*" not in key and (there is self._fleet or len(self._alive) < MOST_TOKENS):
+            self._alive[key] = there
+
+    def _on_member(self, sample: zenoh.Sample) -> None:
+        member = str(sample.key_expr)
+        if member == self._me:
+            return
+        if sample.kind == zenoh.SampleKind.DELETE:
+            self.namesakes.discard(member)
+        elif len(self.namesakes) < MOST_TOKENS:
+            self.namesakes.add(member)
+        tail = "nothing but stops comes from the fleet" if self.namesakes else "it can be moved from the fleet again"
+        log.warning("%s: %d others have this name there; %s", self._name, len(self.namesakes), tail)
+
+    def _on_lane(self, may_pass: Callable[[], bool], sample: zenoh.Sample) -> None:
+        key = str(sample.key_expr)
+        if "*" in key or self.namesakes or not may_pass():  # a key for everybody at once proves no secret
+            return
+        payload = sample.payload.to_bytes()
+        if len(payload) <= protocol.MAX_PAYLOAD_BYTES:
+            _put(self._local, key, payload, str(sample.encoding))
+
+    # ------------------------------------------------------------------------------------------------ own thread
+
+    def _do(self, job: Callable[[], object], otherwise: Callable[[], object]) -> None:
+        try:
+            self._jobs.put_nowait(job)
+        except queue.Full:
+            otherwise()
+
+    def _work(self) -> None:
+        while not self._ended.is_set():
+            with contextlib.suppress(queue.Empty, zenoh.ZError):  # a session that is closed in this moment
+                self._show()
+                self._jobs.get(timeout=0.05)()
+
+    def _show(self) -> None:
+        """Show the tokens that are alive, and listen to the gateway's snapshots while somebody in the fleet does."""
+        alive = dict(self._alive)
+        for key in self._tokens.keys() - alive.keys():
+            self._tokens.pop(key).undeclare()
+        for key in alive.keys() - self._tokens.keys():
+            self._tokens[key] = alive[key].liveliness().declare_token(key)
+        if self._is_viewed and self._views is None:
+            take = _direct(partial(_hand_on, self._snapshots))
+            self._views = self._local.declare_subscriber(protocol.SNAPSHOT_KEY, take)
+        elif not self._is_viewed and self._views is not None:
+            views, self._views = self._views, None
+            views.undeclare()  # type: ignore[no-untyped-call]  # as above
+
+    def _give(self, question: ZenohQuestion, lane: tuple[str, str], payload: bytes) -> None:
+        """Hear an owner whom the gateway has taken, then tell him so."""
+        with contextlib.suppress(protocol.Malformed):
+            if protocol.decode_reply(payload, question.encoding).refusal is None and lane not in self._lanes:
+                gone = [lane for lane in self._lanes if protocol.client_token(lane[0]) not in self._tokens]
+                for left in gone if len(self._lanes) >= MOST_LANES else ():
+                    for subscriber in self._lanes.pop(left):
+                        subscriber.undeclare()
+                if len(self._lanes) < MOST_LANES:
+                    take = _direct(partial(self._on_lane, _bucket(PUTS_HZ)))
+                    self._lanes[lane] = [self._fleet.declare_subscriber(key, take) for key in protocol.lane_keys(*lane)]
+        question.answer(payload, question.encoding)
+
+    def _ask_guard(self, question: ZenohQuestion) -> None:
+        """Ask the guard of a gateway that does not answer what became of the stop in the pipe."""
+        is_stop = question.key == protocol.STOP_KEY
+        done = stop_at_guard(f"unix:{self._path}", "stop" if is_stop else "estop", "from the fleet", "ta2 fleet")
+        if done is None:
+            question.drop()
+            return
+        facts = {"stop_undelivered": done.undelivered, "by_guard": True}
+        question.answer(
+            protocol.encode(protocol.Reply(request_id=0, facts=facts), question.encoding), question.encoding
+        )
+
+
+def _direct(take: Callable[[Any], object]) -> Any:  # noqa: ANN401  generic in zenoh
+    return zenoh.handlers.Callback(take, indirect=False)
+
+
+def _hand_on(publisher: zenoh.Publisher, sample: zenoh.Sample) -> None:
+    with contextlib.suppress(zenoh.ZError):  # closed in this moment
+        publisher.put(sample.payload, attachment=sample.attachment)
+
+
+def _put(session: zenoh.Session, key: str, payload: bytes, encoding: str) -> None:
+    with contextlib.suppress(zenoh.ZError):  # closed in this moment: as lost as any put without a gateway
+        session.put(key, payload, encoding=encoding, congestion_control=zenoh.CongestionControl.DROP, express=True)
+
+
+def _bucket(hz: int) -> Callable[[], bool]:
+    """Return what says whether one more may pass: so many a second, and as many at once."""
+    left, at_s = float(hz), time.monotonic()
+
+    def take() -> bool:
+        nonlocal left, at_s
+        now_s = time.monotonic()
+        left, at_s = min(hz, left + (now_s - at_s) * hz), now_s
+        passes = left >= 1
+        left -= passes
+        return passes
+
+    return take
+
+
+def _lane_of(question: ZenohQuestion) -> tuple[str, str] | None:
+    """Return to whom a command would give something to own: who then sends targets, keepalives or check-ins."""
+    with contextlib.suppress(protocol.Malformed):  # the gateway says what is wrong with it
+        command = protocol.decode_command(question.payload, question.encoding)
+        asked = (protocol.Acquire, protocol.Take, protocol.RegisterEndpoint)
+        if isinstance(command.request, asked) and command.secret:
+            return command.client_id, command.secret
+    return None
