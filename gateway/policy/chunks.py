@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gateway.errors import Code, GatewayError, failure
-from gateway.policy.policy_map import COLUMNS, Actions
+from gateway.policy.policy_map import Actions
 from gateway.robot.vector_layout import command_of_effort
 
 __all__ = ["MIN_STEPS", "Chunk", "chunk_of", "refused", "retry_after_ns"]
@@ -172,11 +172,9 @@ def chunk_of(answer: Mapping[Any, Any], layout: Actions, observed_ns: int, perio
         value = str(rows[step, place])
         raise refused(Code.NOT_FINITE, f"{its} have {value} in step {step}, column {place}", value, "finite numbers")
     arms, grips, drives = (dict[str, NDArray[np.float64]]() for _ in range(3))
-    begin = 0
-    for column in layout.columns:
+    for column, its_place in layout.places:
         side, _, part = column.partition("_")
-        values = rows[:, begin : begin + COLUMNS[column]]
-        begin += COLUMNS[column]
+        values = rows[:, its_place]
         if part == "arm":
             arms[side] = values
         elif part == "velocity":
