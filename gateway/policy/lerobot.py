@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import importlib
 import time
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from typing import Any
 from urllib.parse import urlsplit
 
@@ -76,10 +76,7 @@ class LeRobotServer:
         self._target = _target(url)
         self._kind, _, self._name = policy.partition(":")
         if not (self._kind and self._name):
-            message, hint = (
-                f"{policy!r} names no policy for the server to load",
-                "TYPE:NAME does, e.g. act:/data/my_act",
-            )
+            message, hint = f"{policy!r} names no policy to load", "TYPE:NAME does, e.g. act:/data/my_act"
             raise failure(Code.BAD_REQUEST, message, field="policy", value=policy, hint=hint)
         self._device = device
         self._connect_s, self._answer_s, self._first_answer_s = connect_s, answer_s, first_answer_s
@@ -120,12 +117,13 @@ class LeRobotServer:
         features, values = _as_lerobot(observation)
         until_s = time.monotonic() + (self._answer_s if self._has_answered else self._first_answer_s)
         if not self._is_taught:
-            wanted: dict[str, Any] = {
-                "policy_type": self._kind,
-                "pretrained_name_or_path": self._name,
+            wanted: dict[str, Any] = {"policy_type": self._kind, "pretrained_name_or_path": self._name}
+            wanted |= {
                 "device": self._device,
+                "lerobot_features": features,
+                "actions_per_chunk": MOST_STEPS,
+                "rename_map": {},
             }
-            wanted |= {"lerobot_features": features, "actions_per_chunk": MOST_STEPS, "rename_map": {}}
             self._called("SendPolicyInstructions", _field(1, as_stock("RemotePolicyConfig", wanted)), until_s)
             self._is_taught = True
         self._number += 1
@@ -237,26 +235,16 @@ def _field(number: int, data: bytes) -> bytes:
 def _parts(data: bytes) -> Iterator[bytes]:
     """Yield the messages of an observation: which part it is, and its bytes."""
     for begin in range(0, len(data), PART_BYTES):
-        is_last = begin + PART_BYTES >= len(data)
-        yield (
-            b"\x08"
-            + _varint(END if is_last else MIDDLE if begin else BEGIN)
-            + _field(2, data[begin : begin + PART_BYTES])
-        )
+        part = END if begin + PART_BYTES >= len(data) else MIDDLE if begin else BEGIN
+        yield b"\x08" + _varint(part) + _field(2, data[begin : begin + PART_BYTES])
 
 
 def _data(message: bytes) -> bytes:
     """Return the only field of an answer; empty where there is none."""
+    for at in range(2, min(len(message), 6) + 1):  # one of these lengths of the head leaves as many bytes as it says
+        if message[:at] == b"\x0a" + _varint(len(message) - at):
+            return message[at:]
     if not message:
         return b""
-    size, at, shift = 0, 1, 0
-    head: Iterable[int] = message[1:6]
-    for byte in head:
-        size |= (byte & 0x7F) << shift
-        at, shift = at + 1, shift + 7
-        if byte < 0x80:
-            break
-    if message[0] != (1 << 3 | 2) or len(message) != at + size:
-        text = f"the policy server sent {len(message)} bytes that are no message of actions"
-        raise failure(Code.BAD_REQUEST, text, field="server", hint=BAD_MESSAGE)
-    return message[at:]
+    text = f"the policy server sent {len(message)} bytes that are no message of actions"
+    raise failure(Code.BAD_REQUEST, text, field="server", hint=BAD_MESSAGE)

@@ -38,6 +38,12 @@ LITERALS = frozenset(
     "BININT BININT1 BININT2 LONG1 BINFLOAT SHORT_BINUNICODE BINUNICODE SHORT_BINBYTES BINBYTES BINBYTES8".split()
 )
 VALUES: Mapping[str, Any] = {"NONE": None, "NEWTRUE": True, "NEWFALSE": False, "EMPTY_TUPLE": ()}
+OTHERS = frozenset(
+    "PROTO FRAME STOP EMPTY_LIST EMPTY_DICT MARK TUPLE TUPLE1 TUPLE2 TUPLE3 APPEND APPENDS SETITEM SETITEMS MEMOIZE BINPUT "
+    "LONG_BINPUT BINGET LONG_BINGET GLOBAL STACK_GLOBAL REDUCE NEWOBJ BUILD BINPERSID".split()
+)
+OPCODES = {one.code.encode("latin-1"): one for one in pickletools.opcodes if one.name in {*LITERALS, *VALUES, *OTHERS}}
+"""What a list of actions is made with; of any other not even its argument is read."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -148,15 +154,12 @@ def _follow(stream: BinaryIO, most_steps: int) -> Any:  # noqa: ANN401  one bran
         del stack[begin:]
         return taken
 
-    def put(into: Any, pairs: list[Any]) -> None:  # noqa: ANN401  a dict, if all is well
-        for key, value in zip(pairs[::2], pairs[1::2], strict=True):
-            if not isinstance(key, (str, int)):
-                raise ValueError(f"a key that is a {type(key).__name__}")
-            into[key] = value
-
-    for step, (opcode, argument, _) in enumerate(pickletools.genops(stream)):
-        if step >= most_steps:
-            raise ValueError(f"more than {most_steps} opcodes")
+    for _ in range(most_steps):
+        code = stream.read(1)
+        if (opcode := OPCODES.get(code)) is None:
+            raise ValueError(f"opcode {code!r}")
+        # A name in two lines is read here: pickletools would look for escapes in it.
+        argument: Any = opcode.arg.reader(stream) if opcode.arg is not None and opcode.name != "GLOBAL" else None
         match opcode.name:
             case "PROTO" | "FRAME":
                 pass
@@ -166,10 +169,8 @@ def _follow(stream: BinaryIO, most_steps: int) -> Any:  # noqa: ANN401  one bran
                 stack.append(argument)
             case name if name in VALUES:
                 stack.append(VALUES[name])
-            case "EMPTY_LIST":
-                stack.append([])
-            case "EMPTY_DICT":
-                stack.append({})
+            case "EMPTY_LIST" | "EMPTY_DICT" as name:
+                stack.append([] if name == "EMPTY_LIST" else {})
             case "MARK":
                 marks.append(len(stack))
             case "TUPLE":
@@ -177,19 +178,17 @@ def _follow(stream: BinaryIO, most_steps: int) -> Any:  # noqa: ANN401  one bran
             case "TUPLE1" | "TUPLE2" | "TUPLE3" as name:
                 count = int(name[-1])
                 stack[-count:] = [tuple(stack[-count:])]
-            case "APPEND":
-                last = stack.pop()
-                stack[-1].append(last)
-            case "APPENDS":
-                several = marked()
+            case "APPEND" | "APPENDS" as name:
+                several = marked() if name == "APPENDS" else [stack.pop()]
                 stack[-1].extend(several)
-            case "SETITEM":
-                pair = stack[-2:]
-                del stack[-2:]
-                put(stack[-1], pair)
-            case "SETITEMS":
-                several = marked()
-                put(stack[-1], several)
+            case "SETITEM" | "SETITEMS" as name:
+                several = marked() if name == "SETITEMS" else [stack.pop(-2), stack.pop()]
+                keys = several[::2]
+                if not all(
+                    isinstance(key, (str, int)) for key in keys
+                ):  # a deep one would overflow the stack by its hash
+                    raise ValueError("a key that is neither text nor a number")
+                stack[-1].update(zip(keys, several[1::2], strict=True))
             case "MEMOIZE":
                 memo[len(memo)] = stack[-1]
             case "BINPUT" | "LONG_BINPUT":
@@ -197,7 +196,7 @@ def _follow(stream: BinaryIO, most_steps: int) -> Any:  # noqa: ANN401  one bran
             case "BINGET" | "LONG_BINGET":
                 stack.append(memo[argument])
             case "GLOBAL":
-                stack.append(_named(str(argument).replace(" ", ".")))
+                stack.append(_named(".".join(stream.readline().decode().strip() for _ in range(2))))
             case "STACK_GLOBAL":
                 module, name = stack[-2:]
                 stack[-2:] = [_named(f"{module}.{name}")]
@@ -209,9 +208,7 @@ def _follow(stream: BinaryIO, most_steps: int) -> Any:  # noqa: ANN401  one bran
                 stack[-1].state = state
             case "BINPERSID":
                 stack[-1] = _Made("", stack[-1])
-            case name:
-                raise ValueError(f"opcode {name}")
-    raise ValueError("it has no end")
+    raise ValueError(f"it has no end in {most_steps} opcodes")
 
 
 def _named(name: str) -> _Named:
