@@ -9,6 +9,7 @@ from queue import Empty, SimpleQueue
 
 from gateway.errors import Code, GatewayError, failure
 from gateway.policy.chunks import Chunk, chunk_of
+from gateway.policy.lerobot import LeRobotServer
 from gateway.policy.local_server import LocalPolicy
 from gateway.policy.observing import Observation, Observer
 from gateway.policy.openpi import PolicyServer
@@ -46,7 +47,7 @@ class Asking:
 
     def __init__(
         self,
-        server: PolicyServer | LocalPolicy,
+        server: PolicyServer | LeRobotServer | LocalPolicy,
         observer: Observer,
         layout: Actions,
         period_ns: int,

@@ -13,15 +13,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gateway.errors import Code, GatewayError, failure
-from gateway.policy.policy_map import COLUMNS, Actions
+from gateway.policy.policy_map import Actions
 from gateway.robot.vector_layout import command_of_effort
 
 __all__ = ["MIN_STEPS", "Chunk", "chunk_of", "refused", "retry_after_ns"]
 
 SMOOTHED_TWICE = 2
 """The gateway takes the mean of means: a step depends on neighbours up to twice the smoothing away."""
-FADES = 3
-"""So many times the smoothing does a chunk take to fade into the next one."""
+CURVED = 3
+"""A way between steps depends on so many neighbours more."""
+FADES = 2
+"""So many times as long does a chunk take to fade into the next one."""
 MIN_STEPS = 2
 """Fewer steps make no motion."""
 ANOTHER = "ask a server whose policy fits this robot and --map; nothing of this answer was sent"
@@ -86,32 +88,37 @@ class Chunk:
         return min(round(wanted_s * 1e9 / self.period_ns), self.steps - 1) * self.period_ns / 1e9
 
     def joined_to(self, before: Chunk | None, now_ns: int, smoothing_s: float) -> Chunk:
-        """Return the arms' way of this chunk after one that plays: where both agree, nobody sees where they meet.
+        """Return the arms' way of this chunk after one that plays: nobody sees where they meet, as long as they are near.
 
-        In front are the steps that were played, as many as smoothing looks back on; from now on the old chunk fades into the
-        new one, for three times the smoothing, or until it ends. Without smoothing the gateway joins them as fast as it may.
+        Up to now, and for twice the smoothing from now on, it is the old way step by step: so far has smoothing looked ahead
+        already, and where the gateway takes over nothing may differ. Then the difference fades, for four times the smoothing,
+        velocity and acceleration without a step; behind the end of the old way its last difference does. Where little of this
+        chunk is left, a quarter and a half of that instead. Without smoothing the gateway joins them as fast as it may.
 
         Args:
             before: The chunk that plays; None for none.
             now_ns: The instant at which this one begins to count [ns].
             smoothing_s: Over how much time jitter is averaged on each side of a step [s].
         """
-        reach = round(smoothing_s * 1e9 / self.period_ns)
-        if before is None or not reach:
+        period_ns = self.period_ns
+        reach = SMOOTHED_TWICE * round(smoothing_s * 1e9 / period_ns)
+        if before is None or not reach or before.end_ns <= now_ns:
             return self
-        covered = (self.observed_ns - before.observed_ns) // self.period_ns
-        lead = max(0, min(SMOOTHED_TWICE * reach, covered, MAX_STEPS - self.steps))
-        at_ns = self.observed_ns + self.period_ns * np.arange(-lead, self.steps)
-        fade_ns = min(FADES * reach * self.period_ns, before.end_ns - now_ns)
-        if fade_ns <= 0:
+        begin = max(0, before.passed(now_ns) - reach - CURVED)
+        at_ns = np.arange(before.observed_ns + begin * period_ns, self.end_ns + 1, period_ns)[-MAX_STEPS:]
+        left_ns = self.end_ns - now_ns
+        held_ns, fade_ns = min(reach * period_ns, left_ns // 4), min(FADES * reach * period_ns, left_ns // 2)
+        if fade_ns <= 0 or len(at_ns) < MIN_STEPS:
             return self
-        share = np.clip((at_ns - now_ns) / fade_ns, 0.0, 1.0)[:, np.newaxis]
-        share = share * share * (3.0 - 2.0 * share)
+        share = np.clip((at_ns - now_ns - held_ns) / fade_ns, 0.0, 1.0)[:, np.newaxis]
+        share = share**3 * (10.0 - 15.0 * share + 6.0 * share**2)
+        both_ns = np.clip(at_ns, self.observed_ns, max(self.observed_ns, before.end_ns))
+        is_old = (at_ns < self.observed_ns)[:, np.newaxis]
         arms = {}
-        for side, new in self.arms.items():
-            old = before.at(at_ns, side)
-            arms[side] = old + share * (np.concatenate([old[:lead], new]) - old)
-        return Chunk(arms=arms, grips={}, observed_ns=int(at_ns[0]), period_ns=self.period_ns)
+        for side in self.arms:
+            way = self.at(at_ns, side) + (1.0 - share) * (before.at(both_ns, side) - self.at(both_ns, side))
+            arms[side] = np.where(is_old, before.at(at_ns, side), way)
+        return Chunk(arms=arms, grips={}, observed_ns=int(at_ns[0]), period_ns=period_ns)
 
     def over_speed(self, v_radps: float) -> int:
         """Return how many steps ask a joint for more than a velocity [rad/s]."""
@@ -172,11 +179,9 @@ def chunk_of(answer: Mapping[Any, Any], layout: Actions, observed_ns: int, perio
         value = str(rows[step, place])
         raise refused(Code.NOT_FINITE, f"{its} have {value} in step {step}, column {place}", value, "finite numbers")
     arms, grips, drives = (dict[str, NDArray[np.float64]]() for _ in range(3))
-    begin = 0
-    for column in layout.columns:
+    for column, its_place in layout.places:
         side, _, part = column.partition("_")
-        values = rows[:, begin : begin + COLUMNS[column]]
-        begin += COLUMNS[column]
+        values = rows[:, its_place]
         if part == "arm":
             arms[side] = values
         elif part == "velocity":

@@ -1,12 +1,12 @@
 """What a policy is shown and what it says, as a TOML file: names of state and views in, columns of actions out.
 
-`vendor_openpi` and `left_eyes` come with the package. An unknown key is an error.
+`vendor_openpi`, `left_eyes` and `lerobot` come with the package. An unknown key is an error.
 """
 
 from __future__ import annotations
 
 import sys
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 
 import msgspec
@@ -22,13 +22,15 @@ else:  # the same parser under its old name
 
 __all__ = ["COLUMNS", "PRESETS", "Actions", "Observed", "PolicyMap", "load_map"]
 
-PRESETS = ("vendor_openpi", "left_eyes")
+PRESETS = ("vendor_openpi", "left_eyes", "lerobot")
 COLUMNS: Mapping[str, int] = {
     f"{side}_{part}": width
     for side in ("left", "right")
     for part, width in (("arm", 7), ("gripper_effort", 1), ("gripper_command", 1))
 } | {"chassis_velocity": 3, "lift_velocity": 1}
 """What actions may consist of, and how many numbers each has; see `chunks.Chunk` for units."""
+IGNORED: Mapping[str, int] = {f"ignored_{width}": width for width in range(1, 129)}
+"""Numbers between them that are not played."""
 
 
 class Observed(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -68,7 +70,7 @@ class Actions(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=T
     """What a policy says.
 
     Attributes:
-        columns: What a row of actions consists of, in order; see `COLUMNS`.
+        columns: What a row of actions consists of, in order; see `COLUMNS` and `IGNORED`.
         key: Key of the actions in an answer.
     """
 
@@ -76,14 +78,27 @@ class Actions(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=T
     key: str = "actions"
 
     @property
+    def places(self) -> Iterator[tuple[str, slice]]:
+        """Each column that is played, and where it is in a row."""
+        begin = 0
+        for column in self.columns:
+            end = begin + (COLUMNS.get(column) or IGNORED[column])
+            if column in COLUMNS:
+                yield column, slice(begin, end)
+            begin = end
+
+    @property
     def width(self) -> int:
         """Numbers in a row."""
-        return sum(COLUMNS[column] for column in self.columns)
+        return sum(COLUMNS.get(column) or IGNORED[column] for column in self.columns)
 
     def __post_init__(self) -> None:
-        if unknown := sorted(set(self.columns) - set(COLUMNS)):
-            raise ValueError(f"columns: {unknown[0]!r} is none of {', '.join(COLUMNS)}")
-        parts = [column.removesuffix("_effort").removesuffix("_command") for column in self.columns]
+        if unknown := sorted(set(self.columns) - {*COLUMNS, *IGNORED}):
+            raise ValueError(
+                f"columns: {unknown[0]!r} is none of {', '.join(COLUMNS)}, ignored_N (N to {len(IGNORED)})"
+            )
+        played = [column for column in self.columns if column in COLUMNS]
+        parts = [column.removesuffix("_effort").removesuffix("_command") for column in played]
         if len(set(parts)) != len(parts) or not {"left_arm", "right_arm"} & set(parts):
             raise ValueError(f"columns: {', '.join(self.columns)}: an arm is needed, and each part once at most")
 

@@ -3,6 +3,7 @@
 Rules
     * Chunks are closed and handed to the disk every half second: whatever ends this process costs no more than the last one.
     * The file is called `.mcap.active` until it is complete, so that nobody takes half of one for whole.
+    * Its memory does not grow: where its chunks are is on the disk, too, until the end.
     * `metadata.yaml` is of rosbag2's version 5, the only one that Humble and all later releases read.
 
 Libraries: mcap. Knows topics and bytes, no zenoh and no clock.
@@ -11,9 +12,13 @@ Libraries: mcap. Knows topics and bytes, no zenoh and no clock.
 from __future__ import annotations
 
 import contextlib
+import errno
 import json
 import os
-from collections.abc import Mapping, Sequence
+import pickle
+import tempfile
+from array import array
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -55,6 +60,35 @@ def bag_file(folder: Path) -> Path:
     return folder / f"{folder.resolve().name}_0.mcap"
 
 
+class _Spilled:
+    """Where chunks are, kept in a file without a name until the bag's end: in memory they would be 12 MB after an hour."""
+
+    def __init__(self, folder: Path) -> None:
+        self._file = tempfile.TemporaryFile(dir=folder, buffering=0)  # closed by `close`
+        self._sizes, self._end = array("I"), 0
+
+    def append(self, index: object) -> None:
+        """Keep one; called by mcap, as `__iter__` is.
+
+        Raises:
+            OSError: The disk is full, or failed: what was kept before is there.
+        """
+        data = pickle.dumps(index)
+        self._file.seek(self._end)
+        if self._file.write(data) != len(data):
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        self._sizes.append(len(data))
+        self._end += len(data)
+
+    def __iter__(self) -> Iterator[object]:
+        self._file.seek(0)
+        return (pickle.loads(self._file.read(size)) for size in self._sizes)
+
+    def close(self) -> None:
+        """Forget them. May be called again."""
+        self._file.close()
+
+
 class BagWriter:
     """Writes one bag.
 
@@ -76,6 +110,7 @@ class BagWriter:
         self._size_bytes = 0
         self._file = _claimed(folder)
         self._writer = writing.Writer(self._file, chunk_size=CHUNK_BYTES, compression=writing.CompressionType.ZSTD)
+        self._indices = self._writer._Writer__chunk_indices = _Spilled(folder)
         self._add = self._writer.add_message
         self._writer.start(profile="ros2", library=f"teleavatar-gateway {__version__}")
         kinds = [(topic.type_name, topic.encoding, topic.definition or definition(topic.type_name)) for topic in topics]
@@ -148,6 +183,7 @@ class BagWriter:
 
     def abandon(self) -> None:
         """Close the file as it is: what is there can be recovered. May be called again."""
+        self._indices.close()
         if not self._file.closed:
             self._size_bytes = int(self._file.tell())
             self._file.close()

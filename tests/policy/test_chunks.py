@@ -114,26 +114,46 @@ def line(begin: float, slope: float, observed_ns: int, steps: int = 10) -> Chunk
 
 
 def test_a_chunk_that_goes_on_as_the_last_one_is_the_same_way_with_what_was_played_in_front() -> None:
-    """As many steps as smoothing looks back on, between the old one's steps, too; never more than were played."""
+    """As many steps as smoothing looks back on, and three: at the old one's own instants, so that nothing is between them."""
     before = line(0.0, 1.0, T0)
     after = line(0.35, 1.0, T0 + 350 * MS)
     way = after.joined_to(before, T0 + 500 * MS, 0.1)
-    assert (way.steps, way.observed_ns) == (after.steps + 2, T0 + 150 * MS)
-    np.testing.assert_allclose(way.arms["left"][:, 0], 0.15 + 0.1 * np.arange(12))
-    way = after.joined_to(before, T0 + 500 * MS, 0.3)
-    assert way.observed_ns == T0 + 50 * MS
+    assert (way.steps, way.observed_ns) == (13, T0)
+    np.testing.assert_allclose(way.arms["left"][:, 0], 0.1 * np.arange(13))
+    way = after.joined_to(before, T0 + 800 * MS, 0.1)
+    assert way.observed_ns == T0 + 300 * MS
 
 
-def test_the_old_chunk_fades_into_another_one_from_now_on() -> None:
-    """What was played stays; behind three times the smoothing, or the old one's end, there is the new one alone."""
+def test_the_old_way_stays_for_as_long_as_smoothing_has_looked_ahead_then_it_fades() -> None:
+    """Twice the smoothing, then for four times, without a step of velocity or acceleration; behind it is the new one alone."""
     before, after = line(0.0, 0.0, T0, 20), line(1.0, 0.0, T0 + 500 * MS, 20)
     way = after.joined_to(before, T0 + 700 * MS, 0.2)
     at_s = (way.observed_ns - T0) / 1e9 + 0.1 * np.arange(way.steps)
     q = way.arms["left"][:, 0]
-    assert np.all(q[at_s < 0.701] == 0.0) and np.all(q[at_s > 1.299] == 1.0) and np.all(np.diff(q) >= 0.0)
-    assert q[np.argmin(abs(at_s - 1.0))] == pytest.approx(0.5)
-    soon = after.joined_to(before, T0 + 1700 * MS, 0.2).arms["left"][:, 0]
-    assert soon[-5] == pytest.approx(1.0) and set(np.round(soon, 3)) == {0.0, 0.5, 1.0}
+    assert np.all(q[at_s < 1.101] == 0.0) and np.all(q[at_s > 1.899] == 1.0) and np.all(np.diff(q) >= 0.0)
+    assert q[np.argmin(abs(at_s - 1.5))] == pytest.approx(0.5)
+    assert np.abs(np.diff(q, 2)).max() < 6.0 * (0.1 / 0.8) ** 2
+
+
+def test_where_the_old_way_ends_its_last_difference_fades() -> None:
+    """Held until then: a quarter of what is left of the new one, which fades over half of it."""
+    before, after = line(0.0, 0.0, T0, 20), line(1.0, 0.5, T0 + 1500 * MS, 20)
+    way = after.joined_to(before, T0 + 1700 * MS, 0.2)
+    at_ns = way.observed_ns + PERIOD_NS * np.arange(way.steps)
+    away = after.at(at_ns, "left")[:, 0] - way.arms["left"][:, 0]
+    is_behind = at_ns >= before.end_ns
+    assert np.all(np.diff(away[is_behind]) <= 1e-12) and away[is_behind][0] > 0.9
+    assert np.all(away[at_ns >= T0 + 3050 * MS] == 0.0)
+
+
+@pytest.mark.parametrize("steps", [5, 8, 30])
+def test_short_chunks_come_to_count_as_well(steps: int) -> None:
+    """However few steps they have, and however often they come: the way comes to where they all are."""
+    way, every = line(0.0, 0.0, T0, steps), max(1, steps // 4)
+    for n in range(1, 40):
+        observed_ns = T0 + n * every * PERIOD_NS
+        way = line(1.0, 0.0, observed_ns, steps).joined_to(way, observed_ns + PERIOD_NS // 2, 0.1)
+    assert way.arms["left"][-1, 0] == pytest.approx(1.0, abs=0.01)
 
 
 def test_a_chunk_stays_as_it_is_where_nothing_is_to_be_joined() -> None:

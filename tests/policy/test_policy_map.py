@@ -8,14 +8,14 @@ import pytest
 
 from gateway.errors import Code, Rejected
 from gateway.policy.policy_map import PRESETS, load_map
-from gateway.robot.vector_layout import STATE_NAMES
+from gateway.robot.vector_layout import EYES, STATE_NAMES
 
 HEAD, LEFT, RIGHT = (f"observation/images/{key}" for key in ("head_camera", "left_color", "right_color"))
 
 
 def test_presets_are_the_vendors_layout_with_either_eyes() -> None:
     """48 dims, three views, 16 numbers in a row; the wrists' inner eyes, or the left ones."""
-    inner, left = (load_map(name) for name in PRESETS)
+    inner, left = (load_map(name) for name in PRESETS[:2])
     for found in (inner, left):
         assert found.observation.names == STATE_NAMES[:48] and found.observation.resize == 0
         assert (found.observation.state_key, found.observation.prompt_key) == ("observation/state", "prompt")
@@ -25,6 +25,20 @@ def test_presets_are_the_vendors_layout_with_either_eyes() -> None:
     assert inner.observation.images[RIGHT] == left.observation.images[RIGHT] == "right_wrist_left_eye"
     assert left.observation.images[LEFT] == "left_wrist_left_eye"
     assert load_map("left_eyes", 224).observation.resize == 224
+
+
+def test_lerobots_preset_has_the_layout_of_our_data_sets() -> None:
+    """72 dims both ways; of the action's the arms are played, and the grippers' efforts, which are dims 39 and 47."""
+    found = load_map("lerobot")
+    assert found.observation.names == STATE_NAMES and found.actions.width == len(STATE_NAMES)
+    places = {column: STATE_NAMES[place][0] for column, place in found.actions.places}
+    assert places == {
+        "left_arm": "left_joint1_position",
+        "right_arm": "right_joint1_position",
+        "left_gripper_effort": "left_gripper_effort",
+        "right_gripper_effort": "right_gripper_effort",
+    }
+    assert set(found.observation.images) == {f"observation.images.{key}" for key in EYES["vendor_openpi"]}
 
 
 def test_a_file_may_name_dims_and_leave_out_the_rest(tmp_path: Path) -> None:

@@ -110,3 +110,48 @@ def test_mcap_still_closes_chunks_as_we_ask(tmp_path):
     assert callable(bag._writer._Writer__finalize_chunk)
     assert module.CHUNK_BYTES == 512 * 1024
     bag.abandon()
+
+
+def test_where_chunks_are_is_kept_on_the_disk_until_the_end(tmp_path):
+    """So memory stays flat; the file has no name, and every chunk is found by its topic afterwards."""
+    bag = BagWriter(tmp_path / "bag", TOPICS)
+    for n in range(50):
+        bag.add(ARM, BEGIN_NS + n, n, joints(n))
+        bag.flush()
+    assert not isinstance(bag._writer._Writer__chunk_indices, list)
+    assert [path.suffix for path in (tmp_path / "bag").iterdir()] == [ACTIVE]
+    with bag.finish().open("rb") as file:
+        reader = make_reader(file)
+        chunks = reader.get_summary().chunk_indexes
+        assert [(chunk.message_start_time, len(chunk.message_index_offsets)) for chunk in chunks] == [
+            (BEGIN_NS + n, 1) for n in range(50)
+        ]
+        assert [message.publish_time for _, _, message in reader.iter_messages(arm_state(Side.LEFT))] == [*range(50)]
+
+
+def test_a_disk_that_is_full_keeps_what_is_known_of_earlier_chunks(tmp_path, monkeypatch):
+    """What was written in part is written over: nothing of it is taken for where a chunk is."""
+    bag = BagWriter(tmp_path / "bag", TOPICS)
+    bag.add(ARM, BEGIN_NS, 0, joints(0))
+    bag.flush()
+    spilled, kept = bag._indices, bag._indices._file
+
+    class Full:
+        """Takes a few bytes more."""
+
+        def write(self, data):
+            return kept.write(data[:5])
+
+        def seek(self, place):
+            return kept.seek(place)
+
+    spilled._file = Full()
+    bag.add(ARM, BEGIN_NS + 1, 1, joints(1))
+    with pytest.raises(OSError, match="No space left"):
+        bag.flush()
+    spilled._file = kept
+    spilled.append("another")
+    found = list(spilled)
+    assert found[0].message_start_time == BEGIN_NS and found[1:] == ["another"]
+    bag.abandon()
+    bag.abandon()

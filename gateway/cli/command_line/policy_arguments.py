@@ -27,24 +27,29 @@ def add_policy(verbs: Any) -> None:  # noqa: ANN401  argparse's private class
     run = add_client_command(
         verbs,
         "run",
-        "play a policy: of an openpi server, or a Python function",
+        "play a policy: of an openpi or LeRobot server, or a Python function",
         MORE,
         timeout_of="longest wait for the gateway, and an answer",
     )
     policy = run.add_mutually_exclusive_group(required=True)
-    policy.add_argument("--server", metavar="URL", help="of the policy: ws://HOST:PORT")
+    policy.add_argument(
+        "--server", metavar="URL", help="of the policy: ws://HOST:PORT (openpi), grpc://HOST:PORT (LeRobot)"
+    )
     policy.add_argument(
         "--local",
         metavar="MODULE:FUNCTION",
         help="a policy in Python, of the current folder too, in a process of its own",
     )
+    run.add_argument(
+        "--policy", metavar="TYPE:NAME", help="what LeRobot's server shall load: act:FOLDER, or a name on its hub"
+    )
+    run.add_argument("--device", metavar="NAME", help="where LeRobot's server runs it: cuda, cpu, ... (default: cpu)")
     run.add_argument("--api-key-file", metavar="FILE", help="with the key that the server asks for")
     run.add_argument("--prompt", default="", metavar="TEXT", help="the task, in words")
     run.add_argument(
         "--map",
-        default="vendor_openpi",
         metavar="FILE",
-        help="what the policy is shown and says: vendor_openpi, left_eyes, or a file like them (default %(default)s)",
+        help="what the policy is shown and says: vendor_openpi (default), left_eyes, lerobot (default with grpc://), or a file",
     )
     run.add_argument(
         "--resize", type=_pixels, metavar="N", help="make pictures N x N, with bars (default: as in --map)"

@@ -26,6 +26,7 @@ from gateway.errors import Code, GatewayError, Refused, Rejected, failure
 from gateway.policy.asking import Answer, Asking
 from gateway.policy.chunks import Chunk
 from gateway.policy.journal import Journal
+from gateway.policy.lerobot import SCHEME, LeRobotServer
 from gateway.policy.local_server import LocalPolicy
 from gateway.policy.observing import Observer
 from gateway.policy.openpi import FIRST_ANSWER_S, PolicyServer
@@ -129,16 +130,10 @@ def carry_out(options: Namespace) -> ExitStatus:
     Raises:
         GatewayError: Nothing was begun.
     """
-    layout = load_map(options.map, options.resize)
-    key = "" if options.api_key_file is None else _key(options.api_key_file)
-    answer_s = options.timeout_s
-    first_s = max(FIRST_ANSWER_S, answer_s)
-    waits = {"answer_s": answer_s, "first_answer_s": first_s}
-    server: PolicyServer | LocalPolicy = (
-        LocalPolicy(options.local, **waits)
-        if options.local is not None
-        else PolicyServer(options.server, api_key=key, connect_s=answer_s, **waits)
-    )
+    is_lerobot = (options.server or "").startswith(f"{SCHEME}:")
+    layout = load_map(options.map or ("lerobot" if is_lerobot else "vendor_openpi"), options.resize)
+    first_s = max(FIRST_ANSWER_S, options.timeout_s)
+    server = _server(options, is_lerobot, first_s)
     _require_plot(options.plot)
     is_looking = options.dry or options.shadow
     with ExitStack() as stack:
@@ -166,6 +161,29 @@ def carry_out(options: Namespace) -> ExitStatus:
         journal = Journal(options.target, "shadow" if options.shadow else "dry" if options.dry else "play")
         stack.callback(journal.close)
         return _play(options, robot, asking, facts, journal, first.chunk.drives)
+
+
+def _server(options: Namespace, is_lerobot: bool, first_s: float) -> PolicyServer | LeRobotServer | LocalPolicy:
+    """Return who is asked, not connected yet.
+
+    Raises:
+        Rejected: Options are missing, or of another kind of server; a package is missing.
+    """
+    foreign = ("api_key_file",) if is_lerobot else ("policy", "device")
+    wrong = next((name for name in foreign if getattr(options, name) is not None), None)
+    if wrong is not None or (is_lerobot and options.policy is None):
+        option = "--" + (wrong or "policy").replace("_", "-")
+        message = f"{option} is {'not for this server' if wrong else 'needed: the server loads what it is told'}"
+        hint = "--policy TYPE:NAME and --device go with grpc://, --api-key-file with ws://"
+        raise failure(Code.BAD_REQUEST, message, field=option.strip("-"), hint=hint)
+    waits = {"answer_s": options.timeout_s, "first_answer_s": first_s}
+    if options.local is not None:
+        return LocalPolicy(options.local, **waits)
+    waits["connect_s"] = options.timeout_s
+    if is_lerobot:
+        return LeRobotServer(options.server, options.policy, device=options.device or "cpu", **waits)
+    key = "" if options.api_key_file is None else _key(options.api_key_file)
+    return PolicyServer(options.server, api_key=key, **waits)
 
 
 def _play(

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from tests.client.robot_world import RobotWorld
+from tests.policy.lerobot_server import Scripted as LeRobotScripted
 from tests.policy.server import Scripted
 
 MAP = '[observation]\n[actions]\ncolumns = ["left_arm", "left_gripper_effort", "right_arm", "right_gripper_effort"]\n'
@@ -70,6 +71,40 @@ def test_what_cannot_be_played_is_refused_before_anything_moves(robot, tmp_path,
     wrong = run(robot, tmp_path, served(lambda _: {"actions": np.zeros((30, 14))}), "--json")
     assert wrong.status == 1 and wrong.json["error"]["code"] == "WRONG_SHAPE" and wrong.json["error"]["bound"]
     assert not robot.world.pair.sent_on("/api/left_arm/joint_cmd") and not robot.world.pair.see().lease.owned
+
+
+def test_lerobots_server_needs_a_policy_to_load_and_others_do_not(robot, tmp_path):
+    """An option of another kind of server is refused, by its name, as is the want of one."""
+    ours = ("--server", "grpc://127.0.0.1:1")
+    for words, said in (
+        (ours, "--policy is needed"),
+        ((*ours, "--policy", "act:x", "--api-key-file", "key"), "--api-key-file is not for"),
+        (("--server", "ws://127.0.0.1:1", "--policy", "act:x"), "--policy is not for"),
+        (("--local", "a:b", "--device", "cuda"), "--device is not for"),
+        ((*ours, "--policy", "act"), "names no policy"),
+        (("--server", "grpc://127.0.0.1", "--policy", "act:x"), "no address of a policy server"),
+    ):
+        ended = robot.run("policy", "run", *words)
+        assert ended.status != 0 and said in ended.err
+    gone = robot.run("policy", "run", *ours, "--policy", "act:x", "--json")
+    assert gone.status == 3 and gone.json["error"]["code"] == "DISCONNECTED"
+
+
+def test_lerobots_server_is_judged_as_any_other(robot, tmp_path):
+    """With --dry: its answers are chunks of the map's columns; state and task arrive under LeRobot's keys."""
+    arms = robot.world.pair.see().arms
+    row = [*arms["left"].measured.q_rad, 0.0, *arms["right"].measured.q_rad, 0.0]
+    server = LeRobotScripted(lambda seen: np.tile(np.float32(row), (10, 1)))
+    keys = '[observation]\nstate_key = "observation.state"\nprompt_key = "task"\n'
+    (tmp_path / "map.toml").write_text(keys + MAP.partition("\n")[2])
+    words = ("--policy", "act:here", "--prompt", "fold", "--dry", "--seconds", "0.5", "--json")
+    try:
+        ended = run(robot, tmp_path, server.url, *words)
+    finally:
+        server.close()
+    assert ended.status == 0, ended.err
+    assert ended.json["steps"] == 10 and ended.json["would_refuse"] == 0
+    assert server.taught[0].policy_type == "act" and server.seen[0].observation["task"] == "fold"
 
 
 def test_a_task_that_the_policy_does_not_know_is_refused(robot, tmp_path, served):
