@@ -55,11 +55,7 @@ class ArmDynamics:
         self._shoulder_R_world = self._data.oMf[self.model.getFrameId(self.frame)].rotation.T.copy()
 
     def gravity(self, q_rad: Array) -> Array:
-        """Return the torques that hold the arm up, shape (7,) [N·m].
-
-        Args:
-            q_rad: Joint positions, shape (7,) [rad].
-        """
+        """Return the torques that hold the arm up at joint positions, shape (7,) [N·m]."""
         return self._gravity(self._at(q_rad)).copy()
 
     def mass_matrix(self, q_rad: Array) -> Array:
@@ -73,7 +69,7 @@ class ArmDynamics:
         Args:
             q_rad: Joint positions, shape (7,) [rad].
             dq_radps: Joint velocities, shape (7,) [rad/s].
-            base: Velocities of the base: x, y [m/s], yaw [rad/s], lift downwards [m/s]; what is left out is at rest.
+            base: Velocities of the base, lift last; what is left out is at rest.
         """
         bias: Array = pin.nonLinearEffects(self.model, self._data, self._at(q_rad), self._moving(dq_radps, base))
         return bias[self._given :].copy()
@@ -83,12 +79,7 @@ class ArmDynamics:
     ) -> Array:
         """Return the torques of a motion without friction, shape (7,) [N·m], by the recursive Newton-Euler algorithm.
 
-        Args:
-            q_rad: Joint positions, shape (7,) [rad].
-            dq_radps: Joint velocities, shape (7,) [rad/s].
-            ddq_radps2: Joint accelerations, shape (7,) [rad/s²].
-            base: Velocities of the base, as for `bias`.
-            base_accelerates: Its accelerations: x, y [m/s²], yaw [rad/s²], lift downwards [m/s²].
+        Args: as for `bias`, and accelerations of the joints, shape (7,) [rad/s²], and of the base [m/s², rad/s²].
         """
         v = self._moving(dq_radps, base)
         a = np.zeros(self.model.nv)

@@ -5,14 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from gateway.core.messages.events import SampleArrived
-from gateway.core.robot_state.body_model import BodyModel
 from gateway.core.robot_state.contact import STALE_NS, Contact, Contacts, Unfelt
 from gateway.errors import Code, Refusal
-from gateway.kinematics.description import nominal
 from gateway.messages.body_views import ContactView
-from gateway.robot.topics import arm_state
-from gateway.settings.settings import Settings
 from gateway.values import ArmState, Side
 from tests.kinematics.dynamics.plants import JACOBIAN, WEIGHT, Plant
 
@@ -110,22 +105,3 @@ def test_another_robot_is_observed_from_its_beginning():
     scene.contacts.forget()
     assert scene.why(LEFT) == scene.why(RIGHT) == "PART_STALE"
     assert scene.hear(0.1).why() == "NOT_CONVERGED"
-
-
-def test_the_body_model_hands_on_what_it_hears_and_forgets():
-    """Joints of the arms, with what the chassis is commanded."""
-    heard = []
-
-    class Listening(Contacts):
-        def hear(self, side, state, received_ns, base):
-            heard.append((side, state.stamp_ns, received_ns, base))
-
-        def forget(self):
-            heard.append("forgotten")
-
-    model = BodyModel(nominal(), Settings())
-    model.contacts = Listening({side: Plant() for side in Side}, model.refusal)
-    state = ArmState(q_rad=REST, dq_radps=REST, tau_nm=PULLED, stamp_ns=3)
-    model.hear(SampleArrived(topic=arm_state(RIGHT), value=state, received_ns=8 * MS), 9 * MS, (0.1, 0.0, 0.2))
-    model.forget()
-    assert heard == [(RIGHT, 3, 8 * MS, (0.1, 0.0, 0.2)), "forgotten"]
