@@ -23,6 +23,9 @@ __all__ = ["ArmDynamics"]
 
 Array = NDArray[np.float64]
 
+PARAMETERS, MOMENTS = 10, 4
+"""Of a link, in pinocchio's order: mass, three first moments, six moments of inertia; and those of them that are identified."""
+
 BASE: Final = (("base_x", pin.JointModelPX), ("base_y", pin.JointModelPY), ("base_yaw", pin.JointModelRZ))
 
 
@@ -47,6 +50,10 @@ class ArmDynamics:
         self.frame, self.point = f"{side.value}_shoulder_base", ee_frame(side)
         self.model: Any = _model(description, side)
         self.model.armature[-ARM_DOF:] = np.array(drives.armature_kgm2)
+        for link, more in zip(range(self.model.njoints - ARM_DOF, self.model.njoints), drives.heavier, strict=False):
+            described = self.model.inertias[link].toDynamicParameters()
+            described[:MOMENTS] += more
+            self.model.inertias[link] = pin.Inertia.FromDynamicParameters(described)
         self._data: Any = self.model.createData()
         self._q, self._v = np.zeros(self.model.nq), np.zeros(self.model.nv)
         self._given = self.model.nv - ARM_DOF  # coordinates of base and lift come first
@@ -96,6 +103,18 @@ class ArmDynamics:
         drift = v @ pin.computeCoriolisMatrix(self.model, self._data, q, v)[:, arm]
         gravity = self._gravity(q).copy()
         return Terms(momentum, drift - gravity, gravity, own)
+
+    def regressor(self, q_rad: Array, dq_radps: Array, ddq_radps2: Array) -> Array:
+        """Return torques per what the links are heavier by, shape (7, 28) [N·m/kg, N·m/(kg·m)], on a base at rest.
+
+        Columns are those of `DriveParameters.heavier`, link by link: mass and first moments. Moments of inertia are left as
+        described: behind rotors like these nobody finds them.
+        """
+        a = np.zeros(self.model.nv)
+        a[self._given :] = ddq_radps2
+        whole = pin.computeJointTorqueRegressor(self.model, self._data, self._at(q_rad), self._moving(dq_radps, ()), a)
+        links: Array = whole[self._given :, PARAMETERS * self._given :].reshape(ARM_DOF, ARM_DOF, PARAMETERS)
+        return links[:, :, :MOMENTS].reshape(ARM_DOF, MOMENTS * ARM_DOF)
 
     def jacobian(self, q_rad: Array) -> Array:
         """Return velocity [m/s] and angular velocity [rad/s] of the hand in the shoulder's axes per joint's, shape (6, 7)."""

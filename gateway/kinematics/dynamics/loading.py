@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from gateway.errors import Code, failure
-from gateway.kinematics.configured import configured
+from gateway.kinematics.calibration_file.arm_section import fingerprint
+from gateway.kinematics.configured import calibration, configured
 from gateway.kinematics.dynamics.observer import Dynamics
 from gateway.kinematics.dynamics.parameters import nominal_parameters
 from gateway.settings.settings import Settings
@@ -31,5 +32,15 @@ def load_dynamics(settings: Settings) -> dict[Side, Dynamics]:
             value="true",
             hint="install it: pip install 'teleavatar-gateway[body]', or leave model.dynamics = false",
         ) from error
-    description = configured(settings)
-    return {side: arm_dynamics.ArmDynamics(description, side, nominal_parameters(description, side)) for side in Side}
+    description, found = configured(settings), calibration(settings)
+    drives = {side: nominal_parameters(description, side) for side in Side}
+    for side, arm in found.dynamics.items() if found is not None else ():
+        if arm.numbers != fingerprint(description, side):
+            raise failure(
+                Code.BAD_CONFIG,
+                f"{settings.model.calibration}: the {side} arm's dynamics were identified on other numbers than these",
+                field="model.calibration",
+                hint="run `ta2 identify --dynamics` again",
+            )
+        drives[side] = arm.drives
+    return {side: arm_dynamics.ArmDynamics(description, side, drives[side]) for side in Side}

@@ -41,7 +41,9 @@ class DriveParameters:
         viscous_nmsprad: Viscous friction [N·m·s/rad].
         armature_kgm2: Inertia of the rotor at the joint [kg·m²].
         unsure_part: Standard deviation of all that follows masses and scale, as a part of the effort.
-        friction_sd_nm: Standard deviation of the friction [N·m].
+        friction_sd_nm: Standard deviation of the friction, and of whatever else is no part of the load [N·m].
+        heavier: What each joint's link is heavier by than described, and its first moments about the joint's frame along x, y,
+            z, shape (7, 4) [kg, kg·m]; empty where nothing differs.
     """
 
     source: str = "nominal"
@@ -51,6 +53,7 @@ class DriveParameters:
     armature_kgm2: Vector = (ARMATURE_KGM2,) * ARM_DOF
     unsure_part: float = PART_UNSURE
     friction_sd_nm: Vector = NONE
+    heavier: tuple[Vector, ...] = ()
 
     def __post_init__(self) -> None:
         """Refuse wrong shapes and numbers that no drive has.
@@ -64,6 +67,10 @@ class DriveParameters:
             require_finite(name, values, ARM_DOF)
             if min(values) < 0.0 or (name == "scale" and min(values) <= 0.0):
                 raise ValueError(f"{name} has {min(values)}, which no drive has")
+        for link in self.heavier:
+            require_finite("heavier", link, 4)
+        if len(self.heavier) not in (0, ARM_DOF):
+            raise ValueError(f"heavier has {len(self.heavier)} links, an arm has {ARM_DOF}")
         if not 0.0 <= self.unsure_part < 1.0:
             raise ValueError(f"unsure_part {self.unsure_part} is outside [0, 1)")
 
