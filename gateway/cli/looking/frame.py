@@ -27,7 +27,6 @@ from gateway.cli.terminal.bars import arm_rows
 from gateway.cli.terminal.figures import (
     age_limit_ns,
     age_text,
-    contact_text,
     fsm_text,
     rate_text,
     since_text,
@@ -299,11 +298,14 @@ def _spacing(spacing: protocol.SpacingView | None) -> Iterator[Text]:
 
 
 def _contacts(view: protocol.Snapshot) -> Iterator[Text]:
-    """Yield what pulls at the arms, where that is estimated; what is three standard deviations from nothing stands out."""
+    """Yield forces on the hands with standard deviations, `?` for what is not felt; what is clearly something stands out."""
     for side, arm in view.arms.items():
-        if arm.contact is not None:
-            style = "bold yellow" if arm.contact.sigmas >= CLEAR else "dim"
-            yield Text(contact_text(side, arm.contact), style=style)
+        if (felt := arm.contact) is None:
+            continue
+        pairs = zip(felt.wrench[:3], felt.wrench_sd[:3], strict=True)
+        figures = " ".join("?" if value is None else f"{value:+.1f}±{sd:.1f}" for value, sd in pairs)
+        text = f"{side} feels {figures} N" if felt.state == "known" else f"{side} feels nothing known: {felt.code}"
+        yield Text(text, style="bold yellow" if felt.sigmas >= CLEAR else "dim")
 
 
 def _slowing(slowing: Mapping[str, protocol.SlowingView]) -> Iterator[Text]:

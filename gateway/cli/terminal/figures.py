@@ -4,20 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from gateway.api.protocol import FSM_NAMES, ContactView, ModelView
+from gateway.api.protocol import FSM_NAMES, ModelView
 from gateway.robot.topics import TOPICS
 
-__all__ = [
-    "age_limit_ns",
-    "age_text",
-    "contact_text",
-    "fsm_text",
-    "joints_text",
-    "model_text",
-    "rate_text",
-    "since_text",
-    "topic_text",
-]
+__all__ = ["age_limit_ns", "age_text", "fsm_text", "joints_text", "model_text", "rate_text", "since_text", "topic_text"]
 
 MS = 1_000_000
 S = 1_000_000_000
@@ -69,15 +59,6 @@ def model_text(model: ModelView) -> str:
         return f"model {model.state}"
     figures = f"{1e3 * model.position_m:.1f} mm {1e3 * model.angle_rad:.1f} mrad"
     return f"model {figures}" if model.state == "agrees" else f"model {model.state.upper()} {figures}"
-
-
-def contact_text(side: str, contact: ContactView) -> str:
-    """Return what pulls at an arm: the force with its standard deviations, `?` for what is not felt."""
-    if contact.state != "known":
-        return f"{side} feels nothing known: {contact.code}"
-    force = zip(contact.wrench[:3], contact.wrench_sd[:3], strict=True)
-    figures = " ".join("?" if value is None else f"{value:+.1f}±{sd:.1f}" for value, sd in force)
-    return f"{side} feels {figures} N"
 
 
 def topic_text(topic: str) -> str:

@@ -35,7 +35,7 @@ LEAST_S: Final = 15.0
 HELD_BACK: Final = 0.25
 """This part of the motion, its end, is not fitted: what is left there says what the result is worth."""
 LEAST_MOVED_RAD: Final = 0.3
-"""Each joint goes to and fro by this at least [rad]."""
+"""Each joint goes back and forth by this at least [rad]."""
 MOST_CONDITION: Final = 50.0
 """Above this condition number load, friction and rotor of a joint are not told apart."""
 STEPS: Final = 8
@@ -124,7 +124,7 @@ def identify_dynamics(description: Description, side: Side, motion: Motion, sour
         return TooLittle(
             message=f"joint {worst + 1} moved so that load, friction and rotor look alike (condition number "
             f"{condition[worst]:.0f}, at most {MOST_CONDITION:.0f})",
-            hint="move all joints at once, to and fro, slowly and quickly: `ta2 identify --dynamics --excite FILE`",
+            hint="move all joints at once, back and forth, slowly and quickly: `ta2 identify --dynamics --excite FILE`",
             condition=tuple(condition.tolist()),
         )
     fitted = round((1.0 - HELD_BACK) * len(q))
@@ -178,7 +178,7 @@ def _too_little(motion: Motion) -> TooLittle | None:
         joint = int(moved.argmin())
         return TooLittle(
             message=f"joint {joint + 1} moved through {moved[joint]:.2f} rad, {LEAST_MOVED_RAD} rad are needed",
-            hint="move every joint to and fro",
+            hint="move every joint back and forth",
         )
     return None
 
