@@ -28,6 +28,9 @@ MS = 1_000_000
 STALE_NS = 100 * MS
 """Joints older than this say nothing about now [ns]."""
 
+MOST_NM, MOST_RADPS = 1000.0, 100.0
+"""More than this no motor of an arm gives, nor how fast it turns [N·m, rad/s]: what says so measures nothing."""
+
 NO_EFFORTS, NOT_CONVERGED = "NO_EFFORTS", "NOT_CONVERGED"
 """Reasons beside those of the model and of its age: they refuse nothing, and are no codes of refusals."""
 
@@ -137,7 +140,7 @@ class Contacts:
             age_ms = (now_ns - received_ns) / MS
             return Unfelt(code=Code.PART_STALE.value, reason=f"the newest joints are {age_ms:.0f} ms old")
         if not _has_efforts(state):
-            what = "all zero" if state.tau_nm else "not there"
+            what = "all zero, or more than any motor gives" if state.tau_nm else "not there"
             return Unfelt(code=NO_EFFORTS, reason=f"the robot's efforts, or its velocities, are {what} (§4.8)")
         refusal = self._refusal(side, now_ns)
         if refusal is not None:
@@ -149,5 +152,6 @@ class Contacts:
 
 
 def _has_efforts(state: ArmState) -> bool:
-    """Return whether efforts and velocities are there; motors that all give exactly nothing were not measured."""
-    return bool(state.dq_radps) and any(state.tau_nm)
+    """Return whether efforts and velocities are there and can be meant; motors that all give exactly nothing cannot."""
+    efforts, speeds = map(abs, state.tau_nm), map(abs, state.dq_radps)
+    return bool(state.dq_radps) and 0.0 < max(efforts, default=0.0) <= MOST_NM and max(speeds) <= MOST_RADPS

@@ -24,6 +24,8 @@ __all__ = ["Dynamics", "MomentumObserver", "Terms"]
 Array = NDArray[np.float64]
 
 MS = 1_000_000
+LEAST_SD_NM = 1e-3
+"""No estimate is surer than this [N·m], whatever parameters say and however quiet it is."""
 GAP_NS = 150 * MS
 """Samples further apart are no continuation: the observer begins anew [ns]. At rest they come 50 ms apart."""
 TIME_CONSTANT_NS = 30 * MS
@@ -151,7 +153,7 @@ class MomentumObserver:
         of_velocity = np.square(self._masses) @ of_velocity * (kept * gain) ** 2 * 2.0 / (1.0 + kept)
         drives = self._dynamics.drives
         unsure = np.square(drives.unsure_part * self._load) + np.square(drives.unknown_friction_nm(self._dq))
-        variance: Array = of_torque + of_velocity + unsure
+        variance: Array = of_torque + of_velocity + unsure + LEAST_SD_NM**2
         return variance
 
     def _measure_noise(self, sample: Array) -> None:

@@ -51,13 +51,13 @@ def test_what_pulls_at_an_arm_is_told_with_how_sure_it_is():
     scene = Scene().hear()
     found = scene.contacts.contact(LEFT, scene.now_ns)
     assert isinstance(found, Contact)
-    assert found.torque_nm == pytest.approx(PULLED, abs=1e-3) and found.torque_sd_nm == pytest.approx(0.1)
+    assert found.torque_nm == pytest.approx(PULLED, abs=1e-3) and found.torque_sd_nm == pytest.approx(0.1, rel=1e-3)
     assert found.sigmas == pytest.approx(20.0, rel=1e-3)
     view = scene.contacts.view(LEFT, scene.now_ns + 7 * MS)
     assert (view.state, view.code, view.reason, view.basis) == ("known", "", "", "nominal")
     assert (view.frame, view.point, view.unknown, view.age_ns) == ("left_shoulder_base", "left_ee", (), 7 * MS)
     assert view.torque_nm == tuple(found.torque_nm.tolist()) and len(view.torque_sd_nm) == 7
-    assert view.wrench == pytest.approx(PULLED[:6], abs=1e-3) and view.wrench_sd == pytest.approx((0.1,) * 6)
+    assert view.wrench == pytest.approx(PULLED[:6], abs=1e-3) and view.wrench_sd == pytest.approx((0.1,) * 6, rel=1e-3)
     assert scene.why(RIGHT) == "PART_STALE"
 
 
@@ -70,15 +70,37 @@ def test_a_component_that_is_not_felt_is_none_and_its_direction_named():
 
 @pytest.mark.parametrize(
     ("sent", "words"),
-    [({"tau": ()}, "not there"), ({"tau": REST}, "all zero"), ({"dq": ()}, "velocities")],
+    [
+        ({"tau": ()}, "not there"),
+        ({"tau": REST}, "all zero"),
+        ({"dq": ()}, "velocities"),
+        ({"tau": (1e300,) * 7}, "more than any motor gives"),
+        ({"tau": (-1e300, *REST[1:])}, "more than any motor gives"),
+        ({"dq": (1e300,) * 7}, "more than any motor gives"),
+    ],
 )
 def test_without_efforts_nothing_is_known(sent, words):
-    """A robot that sends none, zeros for none, or no velocities; nor right after they come back."""
+    """None, zeros for none, no velocities, or what no motor gives; nor right after they come back."""
     scene = Scene().hear().hear(0.1, **sent)
     assert scene.why() == "NO_EFFORTS" and words in scene.contacts.view(LEFT, scene.now_ns).reason
     scene.hear(0.1)
     assert scene.why() == "NOT_CONVERGED"
     assert isinstance(scene.hear().contacts.contact(LEFT, scene.now_ns), Contact)
+
+
+def test_whatever_can_be_meant_of_efforts_makes_numbers():
+    """Also the wildest that a robot may send, and parameters that are sure of themselves without a doubt."""
+    for jacobian in (JACOBIAN, BLIND):
+        scene = Scene(jacobian)
+        for number in range(50):
+            scene.hear(0.01, tau=(1000.0 * (-1) ** number,) * 7, dq=(100.0 * (-1) ** number,) * 7)
+        view = scene.contacts.view(LEFT, scene.now_ns)
+        assert view.state == "known" and np.isfinite([*view.torque_nm, *view.torque_sd_nm, view.sigmas]).all()
+    sure = Contacts({LEFT: Plant(unsure_part=0.0)}, lambda side, now_ns: None)
+    for number in range(50):
+        state = ArmState(q_rad=REST, dq_radps=REST, tau_nm=tuple(WEIGHT.tolist()), stamp_ns=number * 10 * MS)
+        sure.hear(LEFT, state, number * 10 * MS, ())
+    assert np.isfinite(sure.view(LEFT, 490 * MS).wrench_sd).all()
 
 
 def test_while_the_model_cannot_be_relied_on_nothing_is_known():
