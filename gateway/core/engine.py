@@ -174,7 +174,7 @@ class Engine:
                 coordinator.notice(Code.STATE_JUMPED, Level.WARNING, jumped, now_ns, topic=event.topic)
             if isinstance(event, SampleArrived):
                 if coordinator.model is not None and coordinator.store.value(event.topic) is event.value:  # believed
-                    coordinator.model.hear(event, now_ns)
+                    coordinator.model.hear(event, now_ns, coordinator.body.chassis.commanded)
                 if event.topic == FSM_STATE and event.value == FsmState.PAUSE:
                     coordinator.body.heartbeat.fsm_zero_seen(event.received_ns)
                 told = self._duplication.note(event)

@@ -35,6 +35,7 @@ from gateway.errors import Code, GatewayError, failure
 from gateway.kinematics.calibration_file.arm_section import ArmCalibration, arm_of, with_arms
 from gateway.kinematics.calibration_file.camera_section import CameraCalibration, camera_of
 from gateway.kinematics.calibration_file.conventions import Conventions
+from gateway.kinematics.calibration_file.dynamics_section import DynamicsCalibration, dynamics_of
 from gateway.kinematics.cameras.eyes import CAMERAS
 from gateway.kinematics.description import Description
 from gateway.kinematics.frames import MOVING_EDGES, NOMINAL_EDGES, FixedEdge, Origin
@@ -49,7 +50,7 @@ else:  # the same parser under its old name
 
 __all__ = ["Calibration", "RobotIdentity", "load", "read"]
 
-SECTIONS: Final = ("robot", "conventions", "transforms", "cameras", "arms")
+SECTIONS: Final = ("robot", "conventions", "transforms", "cameras", "arms", "dynamics")
 TRANSFORM_KEYS: Final = frozenset(
     {"parent_frame", "child_frame", "source", "device_specific", "matrix", "translation", "quaternion", "note"}
 )
@@ -91,6 +92,7 @@ class Calibration:
         edges: Transforms, with their origin.
         cameras: Stereo cameras by name (`eyes.CAMERAS`).
         arms: Joint zeros and displaced frames of the arms that were identified.
+        dynamics: Drives and masses of the arms that were identified.
     """
 
     path: Path
@@ -98,6 +100,7 @@ class Calibration:
     edges: tuple[FixedEdge, ...] = ()
     cameras: Mapping[str, CameraCalibration] = field(default_factory=dict)
     arms: Mapping[Side, ArmCalibration] = field(default_factory=dict)
+    dynamics: Mapping[Side, DynamicsCalibration] = field(default_factory=dict)
 
     def body(self, description: Description) -> Description:
         """Return a description with this robot's own joint zeros and displaced frames built in.
@@ -195,6 +198,10 @@ def _calibration(path: Path, document: Mapping[str, Any]) -> Calibration:
         arm_of(name, _table(row, f"arms.{name}"), conventions)
         for name, row in _table(document.get("arms", {}), "arms").items()
     ]
+    dynamics = [
+        dynamics_of(name, _table(row, f"dynamics.{name}"), str(path))
+        for name, row in _table(document.get("dynamics", {}), "dynamics").items()
+    ]
     edges += [camera.edge for name, camera in cameras.items() if camera.edge.transform.name in REPLACEABLE]
     names = [edge.transform.name for edge in edges]
     for name in names:
@@ -204,12 +211,12 @@ def _calibration(path: Path, document: Mapping[str, Any]) -> Calibration:
             )
     _check_head(edges, cameras)
     robot = _robot(document.get("robot"))
-    if robot is None and (cameras or arms or any(edge.is_of_one_robot for edge in edges)):
+    if robot is None and (cameras or arms or dynamics or any(edge.is_of_one_robot for edge in edges)):
         raise ValueRefused(
             "section 'robot' with serial and model is missing: the file has what belongs to one robot (manual A.4)"
         )
-    by_side = {arm.side: arm for arm in arms}
-    return Calibration(path=path, robot=robot, edges=tuple(edges), cameras=cameras, arms=by_side)
+    by_side, feeling = {arm.side: arm for arm in arms}, {arm.side: arm for arm in dynamics}
+    return Calibration(path=path, robot=robot, edges=tuple(edges), cameras=cameras, arms=by_side, dynamics=feeling)
 
 
 def _robot(section: object) -> RobotIdentity | None:

@@ -1,10 +1,67 @@
-"""What the outside may see of what the body model does to motion. Part of the snapshot; import the names from `snapshot.py`."""
+"""What the outside may see of the body model and of what it does. Part of the snapshot; import the names from `snapshot.py`."""
 
 from __future__ import annotations
 
 from msgspec import Struct
 
-__all__ = ["SlowingView", "SpacingView"]
+from gateway.values import Vector
+
+__all__ = ["ContactView", "ModelView", "SlowingView", "SpacingView"]
+
+
+class ModelView(Struct, frozen=True, kw_only=True):
+    """How far FK(joint_states) and `current_ee_pose` of an arm are apart: whether it may be moved by the body model.
+
+    Attributes:
+        state: `agrees`, `differs`, or `unknown` while too little has been compared; only the first is a yes.
+        reason: Why, with figures.
+        pairs: How many comparisons this is of.
+        position_m: Median distance over the last seconds [m]; None without comparisons.
+        angle_rad: Median angle [rad]; None without comparisons.
+        lag_ns: By how much later than it seems the pose was measured, as far as motion tells [ns]; 0 without any.
+    """
+
+    state: str
+    reason: str
+    pairs: int
+    position_m: float | None
+    angle_rad: float | None
+    lag_ns: int
+
+
+class ContactView(Struct, frozen=True, kw_only=True):
+    """What pulls at an arm, estimated from the efforts of its motors; never a safety function.
+
+    Attributes:
+        state: `known` or `unknown`.
+        code: Why it is unknown: `NO_EFFORTS`, `MODEL_UNKNOWN`, `MODEL_DIFFERS`, `PART_STALE` or `NOT_CONVERGED`; empty else.
+        reason: The same in words.
+        basis: Where masses, friction and scale come from: `nominal`, or the file that they were identified to.
+        torque_nm: External torques, shape (7,) [N·m]: what pushes towards positive positions is positive; empty when unknown.
+        torque_sd_nm: Their standard deviations, shape (7,) [N·m].
+        frame: In whose axes force and moment are, e.g. `left_shoulder_base`; empty when unknown.
+        point: Frame at whose origin they act, e.g. `left_ee`.
+        wrench: Force x, y, z [N] and moment x, y, z [N·m] that the surroundings put on the hand; None for a component that
+            this posture does not feel.
+        wrench_sd: Their standard deviations; None likewise.
+        unknown: Directions of force [N] and moment [N·m] that this posture does not feel, unit vectors of shape (6,).
+        sigmas: By how many standard deviations the clearest joint is pulled.
+        age_ns: Age of the newest joints [ns].
+    """
+
+    state: str
+    code: str = ""
+    reason: str = ""
+    basis: str = ""
+    torque_nm: Vector = ()
+    torque_sd_nm: Vector = ()
+    frame: str = ""
+    point: str = ""
+    wrench: tuple[float | None, ...] = ()
+    wrench_sd: tuple[float | None, ...] = ()
+    unknown: tuple[Vector, ...] = ()
+    sigmas: float = 0.0
+    age_ns: int = 0
 
 
 class SpacingView(Struct, frozen=True, kw_only=True):

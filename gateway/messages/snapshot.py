@@ -9,13 +9,14 @@ from __future__ import annotations
 
 from msgspec import Struct
 
-from gateway.messages.body_views import SlowingView, SpacingView
+from gateway.messages.body_views import ContactView, ModelView, SlowingView, SpacingView
 from gateway.messages.ground_views import ChassisView, GripView, LiftView
 from gateway.values import Vector
 
 __all__ = [
     "ArmView",
     "ChassisView",
+    "ContactView",
     "EnableView",
     "EndpointView",
     "Finding",
@@ -157,26 +158,6 @@ class MotorView(Struct, frozen=True, kw_only=True):
     age_ns: int
 
 
-class ModelView(Struct, frozen=True, kw_only=True):
-    """How far FK(joint_states) and `current_ee_pose` of an arm are apart: whether it may be moved by the body model.
-
-    Attributes:
-        state: `agrees`, `differs`, or `unknown` while too little has been compared; only the first is a yes.
-        reason: Why, with figures.
-        pairs: How many comparisons this is of.
-        position_m: Median distance over the last seconds [m]; None without comparisons.
-        angle_rad: Median angle [rad]; None without comparisons.
-        lag_ns: By how much later than it seems the pose was measured, as far as motion tells [ns]; 0 without any.
-    """
-
-    state: str
-    reason: str
-    pairs: int
-    position_m: float | None
-    angle_rad: float | None
-    lag_ns: int
-
-
 class ArmView(Struct, frozen=True, kw_only=True):
     """One arm.
 
@@ -196,6 +177,7 @@ class ArmView(Struct, frozen=True, kw_only=True):
         tracking_rad: Largest joint distance, or the angle, between setpoint and measured [rad]; None while off.
         tracking_m: Distance between setpoint and measured position [m]; None while off, and for joints.
         model: How far the body model agrees with it; None where the configuration has no model.
+        contact: What pulls at it; None where the configuration asks for no dynamics.
     """
 
     measured: MotorView | None
@@ -213,6 +195,7 @@ class ArmView(Struct, frozen=True, kw_only=True):
     ref_w_radps: Vector = ()
     tracking_m: float | None = None
     model: ModelView | None = None
+    contact: ContactView | None = None
 
 
 class TopicView(Struct, frozen=True, kw_only=True):

@@ -312,12 +312,18 @@ def _leave(guards: _Guards, save: Callable[[], None]) -> NoReturn:
 
 
 def _model(settings: Settings) -> BodyModel | None:
-    """Return the body model; numpy is loaded only for it."""
+    """Return the body model; numpy is loaded only for it, and pinocchio only for dynamics."""
     if not settings.model.check:
         return None
     from gateway.core.robot_state.body_model import body_model
 
-    return body_model(settings)
+    model = body_model(settings)
+    if model is not None and settings.model.dynamics:
+        from gateway.core.robot_state.contact import Contacts
+        from gateway.kinematics.dynamics.loading import load_dynamics
+
+        model.contacts = Contacts(load_dynamics(settings), model.refusal)
+    return model
 
 
 def _close_writer(writer: StateWriter, state_file: StateFile) -> None:

@@ -15,7 +15,7 @@ from cdr_types.messages.geometry_msgs import Pose
 from cdr_types.messages.sensor_msgs import JointState
 from gateway.recording.bag_reader import Bag, BagTopic
 from gateway.recording.episodes import Episode, episodes, events
-from gateway.recording.topics import EPISODES, EVENTS, GATEWAY, POLICY, gap_ns, recorded_topics
+from gateway.recording.topics import CONTACT, EPISODES, EVENTS, GATEWAY, POLICY, gap_ns, recorded_topics
 from gateway.robot.topics import TOPICS, Direction
 from gateway.settings.settings import LinkSettings
 
@@ -199,7 +199,7 @@ def _of_episodes(bag: Bag, said: int) -> Iterator[Finding]:
     unread = said - sum(1 for _ in events(bag))
     if unread:
         yield finding(f"{unread} of {said} messages say nothing of an episode that can be read")
-    robots = [topic.name for topic in bag.topics if topic.name not in (EPISODES, EVENTS, GATEWAY, POLICY)]
+    robots = [topic.name for topic in bag.topics if topic.name not in (CONTACT, EPISODES, EVENTS, GATEWAY, POLICY)]
     before: Episode | None = None
     for episode in episodes(bag):
         name = f"episode {episode.number}"

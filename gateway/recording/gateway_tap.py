@@ -1,4 +1,4 @@
-"""What the gateway tells, for a recording: its notices, and its state, owner and latches whenever they change.
+"""What the gateway tells, for a recording: its notices, its state, owner and latches whenever they change, what it feels.
 
 A client like any other, that owns nothing. Where there is no gateway it looks for one, for as long as the recording goes on.
 """
@@ -14,7 +14,7 @@ import msgspec
 from gateway.client import Robot, connect
 from gateway.errors import GatewayError
 from gateway.process.threads import supervised
-from gateway.recording.topics import EVENTS, GATEWAY
+from gateway.recording.topics import CONTACT, EVENTS, GATEWAY
 
 __all__ = ["GatewayTap"]
 
@@ -37,6 +37,7 @@ class GatewayTap:
         self._target = target
         self._tell = tell
         self._is_closing = threading.Event()
+        self._seq = -1
         self._shown: Mapping[str, object] | None = None
         self._thread = supervised(self._run, "ta2-record-gateway", may_return=self._is_closing.is_set, again=True)
 
@@ -73,3 +74,7 @@ class GatewayTap:
             if shown != self._shown:
                 self._shown = shown
                 self._tell(GATEWAY, shown)
+            felt = {side: arm.contact for side, arm in view.arms.items() if arm.contact is not None}
+            if felt and view.seq != self._seq:
+                self._seq = view.seq
+                self._tell(CONTACT, msgspec.to_builtins(felt))

@@ -146,7 +146,7 @@ class Recorder:
         """Take what a gateway or a user says, as JSON; never waits.
 
         Args:
-            topic: `EVENTS`, `GATEWAY`, `POLICY` or `EPISODES`; what is said of an episode gets its time here.
+            topic: `EVENTS`, `GATEWAY`, `CONTACT`, `POLICY` or `EPISODES`; what is said of an episode gets its time here.
             facts: What is said.
 
         Returns:

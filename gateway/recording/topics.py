@@ -18,6 +18,7 @@ from gateway.settings.settings import LinkSettings
 from gateway.values import Side
 
 __all__ = [
+    "CONTACT",
     "EPISODES",
     "EVENTS",
     "GATEWAY",
@@ -34,6 +35,8 @@ EVENTS = "/ta2/events"
 """Notices of the gateway, as JSON: who owns the robot, what was refused, stopped, lost, and why."""
 GATEWAY = "/ta2/gateway"
 """State, owner and latches of the gateway, as JSON, whenever one of them has changed."""
+CONTACT = "/ta2/contact"
+"""What pulls at each arm, as JSON (`ContactView`), ten times a second where the gateway estimates it."""
 POLICY = "/ta2/policy"
 """What a policy wanted that somebody played, and what became of each chunk, as JSON; see docs/how-to/policy.md."""
 EPISODES = "/ta2/episodes"
@@ -146,7 +149,7 @@ def recorded_topics(settings: LinkSettings, *, aliases: bool = False) -> tuple[R
                 rate_hz=topic.rate_hz if topic.direction is Direction.STATE else 0.0,
             )
         )
-    own = [RecordedTopic(name=name, type_name=TEXT) for name in (EVENTS, GATEWAY, POLICY, EPISODES)]
+    own = [RecordedTopic(name=name, type_name=TEXT) for name in (EVENTS, GATEWAY, CONTACT, POLICY, EPISODES)]
     again = []
     for name, alias in ALIASES.items() if aliases else ():
         kind = "sensor_msgs/msg/JointState" if "gripper" in alias else TOPICS[name].type_name

@@ -254,6 +254,7 @@ class ModelSettings:
         singularity_radps: What the fastest joint may have to do then [rad/s]. The default is the hard bound of joint motions,
             so that only what no joint motion could do either is slowed: at full speed every fifth direction of every posture
             there is, few of those that people work in.
+        dynamics: Whether efforts are compared with what masses and motion ask for: what pulls at the arms (extra `body`).
     """
 
     check: bool = True
@@ -266,6 +267,7 @@ class ModelSettings:
     margin_m: float = 0.02
     singularity_slowdown: bool = True
     singularity_radps: float = HARD_V_RADPS
+    dynamics: bool = False
 
     def __post_init__(self) -> None:
         """Refuse tolerances that judge nothing, and a guard without a model."""
@@ -277,6 +279,9 @@ class ModelSettings:
         if self.self_collision and not self.check:
             rule = "needs model.check = true: nothing may be kept apart by a model that nobody compares with the robot"
             raise SettingsRefused("model.self_collision", "true", rule=rule)
+        if self.dynamics and not self.check:
+            rule = "needs model.check = true: nothing is felt by a model that nobody compares with the robot"
+            raise SettingsRefused("model.dynamics", "true", rule=rule)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

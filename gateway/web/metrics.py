@@ -119,6 +119,17 @@ def _of_view(view: Snapshot) -> Iterator[Metric]:
     yield from _family("ta2_stream_worst_gap_seconds", "gauge", "Worst gap of a command stream in the last 10 s.", gaps)
     arms = [({"side": side}, arm.tracking_rad) for side, arm in view.arms.items()]
     yield from _family("ta2_arm_tracking_radians", "gauge", "Distance between setpoint and measured.", arms)
+    felt = {side: arm.contact for side, arm in view.arms.items() if arm.contact is not None}
+    known = [({"side": side}, float(contact.state == "known")) for side, contact in felt.items()]
+    yield from _family("ta2_contact_known", "gauge", "Whether it is known what pulls at an arm.", known)
+    forces = [
+        ({"side": side, "axis": axis}, value)
+        for side, contact in felt.items()
+        for axis, value in zip("xyz", contact.wrench[:3], strict=False)
+    ]
+    yield from _family("ta2_contact_force_newtons", "gauge", "Force on the hand, in the shoulder's axes.", forces)
+    sigmas = [({"side": side}, contact.sigmas) for side, contact in felt.items() if contact.state == "known"]
+    yield from _family("ta2_contact_sigmas", "gauge", "Standard deviations from no contact.", sigmas)
     spacing = None if view.spacing is None else view.spacing.gap_m
     yield from _one("ta2_spacing_gap_metres", "gauge", "Free distance of the nearest pair of parts.", spacing)
 

@@ -589,6 +589,14 @@ WHY = {
         "diagnosis::a_topic_that_never_came_is_told_after_the_links_first_seconds",
         "diagnosis::without_a_link_nothing_is_inferred",
     ),
+    "what pulls at its arms?": (
+        "core/robot_state/contact::what_pulls_at_an_arm_is_told_with_how_sure_it_is",
+        "core/robot_state/contact::without_efforts_nothing_is_known",
+        "core/robot_state/contact::whatever_can_be_meant_of_efforts_makes_numbers",
+        "core/robot_state/contact::while_the_model_cannot_be_relied_on_nothing_is_known",
+        "core/robot_state/contact::old_joints_say_nothing_about_now",
+        "core/robot_state/contact::another_robot_is_observed_from_its_beginning",
+    ),
     "is it this robot's body?": (
         "model::a_nominal_robot_agrees_within_two_seconds",
         "model::a_nominal_robot_agrees_however_fast_it_moves",

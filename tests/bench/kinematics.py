@@ -1,5 +1,7 @@
 """Kinematics: inverse of random configurations in closed form, beside pinocchio's own closed-loop example; forward, Jacobian.
 
+Dynamics: what both arms' observers cost a tick, beside the calls of pinocchio in them.
+
 The peer is the loop of pinocchio's "Inverse kinematics (closed-loop)" example with its own numbers (eps 1e-4, dt 0.1, damping
 1e-12, at most 1000 steps), in Python as published, on a model of one arm alone. It knows no limits.
 """
@@ -20,7 +22,7 @@ from gateway.kinematics.description import arm_joint, ee_frame, nominal
 from gateway.kinematics.placement import Placement, turn_rad
 from gateway.kinematics.solving.inverse import Solution
 from gateway.robot.limits import HOME_Q_RAD, JOINT_LOWER_RAD, JOINT_UPPER_RAD
-from gateway.values import EePose, Side, Vector
+from gateway.values import ArmState, EePose, Side, Vector
 from tests.bench.table import Row
 
 try:
@@ -35,6 +37,7 @@ PEERS_COUNT = 300
 GOAL_US = 50.0
 GOAL_SOLVED = 0.999
 GOAL_OFF = 1e-9
+GOAL_FELT_US = 200.0
 EPS, DT, DAMPING, STEPS = 1e-4, 1e-1, 1e-12, 1000
 """Of the example."""
 
@@ -52,7 +55,7 @@ def kinematics_rows(count: int = COUNT) -> list[Row]:
         _inverse_row(name, arms, list(_problems(arms, count, near)))
         for name, near in (("from home", 0.0), ("from 0.05 rad beside", 0.05))
     ]
-    return [*rows, *_plain_rows(arms)]
+    return [*rows, *_plain_rows(arms), *_felt_rows()]
 
 
 def _problems(arms: dict[Side, ArmModel], count: int, near: float) -> Any:
@@ -161,6 +164,58 @@ def _plain_rows(arms: dict[Side, ArmModel]) -> list[Row]:
                 ours=f"{here:.1f} us",
                 peer=f"pinocchio {peer:.1f} us" if peer else "",
                 ratio=f"{peer / here:.1f}x" if peer else "",
+            )
+        )
+    return rows
+
+
+def _felt_rows() -> list[Row]:
+    """Measure what a tick costs that hears joints of both arms, without and with a snapshot."""
+    if pin is None:
+        return []
+    from gateway.core.robot_state.contact import Contact, Contacts
+    from gateway.kinematics.dynamics.loading import load_dynamics
+    from gateway.settings.settings import ModelSettings, Settings
+
+    dynamics = load_dynamics(Settings(model=ModelSettings(dynamics=True)))
+    contacts = Contacts(dynamics, lambda side, now_ns: None)
+    now_ns, some = 0, (0.1,) * 7
+
+    def hear() -> None:
+        nonlocal now_ns
+        now_ns += 10_000_000
+        for side in Side:
+            state = ArmState(q_rad=HOME_Q_RAD[side], dq_radps=some, tau_nm=some, stamp_ns=now_ns)
+            contacts.hear(side, state, now_ns, (0.0, 0.0, 0.0))
+
+    def show() -> None:
+        hear()
+        for side in Side:
+            contacts.view(side, now_ns)
+
+    for _ in range(100):
+        hear()
+    assert isinstance(contacts.contact(Side.LEFT, now_ns), Contact)
+    model: Any = dynamics[Side.LEFT].model  # type: ignore[attr-defined]  # pinocchio's, of the class behind the protocol
+    data, q, v = model.createData(), np.zeros(model.nq), np.zeros(model.nv)
+
+    def plain() -> None:
+        for _ in Side:
+            pin.crba(model, data, q)
+            pin.computeCoriolisMatrix(model, data, q, v)
+            pin.computeGeneralizedGravity(model, data, q)
+
+    rows = []
+    for name, call in (("a tick", hear), ("a tick with a snapshot", show)):
+        here, peer = _best_us(call), _best_us(plain)
+        rows.append(
+            Row(
+                name=f"what pulls at both arms, {name}",
+                ours=f"{here:.0f} us",
+                peer=f"pinocchio's calls alone {peer:.0f} us",
+                ratio=f"{peer / here:.1f}x",
+                goal=f"<= {GOAL_FELT_US:g} us",
+                good=here <= GOAL_FELT_US,
             )
         )
     return rows

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from msgspec.structs import replace
 
 from gateway.client import Robot, StopResult, connect
 from gateway.core.messages.outputs import Level, Notice
@@ -18,7 +19,7 @@ from gateway.errors import (
     Stale,
 )
 from gateway.messages import requests
-from gateway.messages.snapshot import SlowingView
+from gateway.messages.snapshot import ContactView, SlowingView
 from tests.api.stand_in import START_Q, a_snapshot
 
 
@@ -107,6 +108,35 @@ def test_how_near_the_arms_are_is_in_the_state(world, robot):
     world.engine.show(spacing=None)
     world.run(0.05)
     assert robot.state.spacing is None
+
+
+FELT = ContactView(
+    state="known", basis="nominal", torque_nm=(0.5,) * 7, torque_sd_nm=(0.1,) * 7, frame="left_shoulder_base",
+    point="left_ee", wrench=(1.0, -8.0, None, 0.0, 0.1, 0.0), wrench_sd=(2.0, 1.5, None, 0.1, 0.1, 0.1),
+    unknown=((0.0, 0.0, 1.0, 0.0, 0.0, 0.0),), sigmas=5.0, age_ns=4_000_000,
+)  # fmt: skip
+
+
+def test_what_pulls_at_an_arm_is_in_the_state(world, robot):
+    """Torques and wrench with standard deviations, in a named frame; what is not felt is no number; None without dynamics."""
+    assert robot.state.left_arm.contact is None
+    unknown = ContactView(state="unknown", code="MODEL_DIFFERS", reason="9 mm off", basis="nominal")
+    arms = world.engine.snapshot.arms
+    left, right = (replace(arms[side], contact=view) for side, view in (("left", FELT), ("right", unknown)))
+    world.engine.show(arms={"left": left, "right": right})
+    world.run(0.05)
+    contact = robot.state.left_arm.contact
+    assert contact.is_known and contact.reason == "" and contact.basis == "nominal"
+    assert contact.torque.shape == contact.torque_sd.shape == (7,) and not contact.torque.flags.writeable
+    assert (contact.frame, contact.point, contact.sigmas) == ("left_shoulder_base", "left_ee", 5.0)
+    assert list(contact.wrench[:2]) == [1.0, -8.0] and np.isnan(contact.wrench[2]) and np.isinf(contact.wrench_sd[2])
+    assert [list(direction) for direction in contact.unknown] == [[0.0, 0.0, 1.0, 0.0, 0.0, 0.0]]
+    assert 0.004 <= contact.age < 1.0 and "-8.000" in repr(contact)
+    contact = robot.state.right_arm.contact
+    assert not contact.is_known and contact.reason == "MODEL_DIFFERS: 9 mm off" and contact.reason in repr(contact)
+    with pytest.raises(NotReady) as caught:
+        _ = contact.torque
+    assert caught.value.code is Code.MODEL_DIFFERS and caught.value.field == "right_arm"
 
 
 def test_how_near_a_singularity_an_arm_is_is_in_the_state(world, robot):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from gateway.recording.topics import EPISODES, EVENTS, GATEWAY, NEVER_NS, POLICY, gap_ns, recorded_topics
+from gateway.recording.topics import CONTACT, EPISODES, EVENTS, GATEWAY, NEVER_NS, POLICY, gap_ns, recorded_topics
 from gateway.robot.topics import STATE_TOPICS, TOPICS, VARIANTS
 from gateway.settings.settings import LinkSettings
 
@@ -14,7 +14,7 @@ def test_every_topic_of_the_model_is_recorded_and_the_gateways_own(model):
     """States first; a lift's command only where there is a lift."""
     topics = recorded_topics(LinkSettings(model=model))
     names = [topic.name for topic in topics]
-    assert names == [*STATE_TOPICS, *VARIANTS[model].command_topics, EVENTS, GATEWAY, POLICY, EPISODES]
+    assert names == [*STATE_TOPICS, *VARIANTS[model].command_topics, EVENTS, GATEWAY, CONTACT, POLICY, EPISODES]
     assert [topic.name for topic in topics if topic.is_state] == list(STATE_TOPICS)
     assert all(topic.type_name == TOPICS[topic.name].type_name for topic in topics if topic.key)
     assert {topic.rate_hz for topic in topics if not topic.is_state} == {0.0}

@@ -121,6 +121,7 @@ UNBOUNDED = {
     "tcp_open_to_every_user_of_this_host",
     "demand_stop_endpoint",
     "black_box",
+    "dynamics",
 }
 """Fields with rules of their own (below), or without a number."""
 
@@ -380,3 +381,6 @@ def test_nothing_is_kept_apart_by_a_model_that_nobody_compares() -> None:
     with pytest.raises(SettingsRefused, match=r"needs model\.check = true") as refused:
         ModelSettings(check=False, self_collision=True)
     assert refused.value.name == "model.self_collision"
+    with pytest.raises(SettingsRefused) as refused:
+        ModelSettings(check=False, dynamics=True)
+    assert refused.value.name == "model.dynamics"

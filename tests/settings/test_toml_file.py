@@ -221,6 +221,7 @@ SETTINGS = st.builds(
         ModelSettings,
         check=st.just(True),
         self_collision=st.booleans(),
+        dynamics=st.booleans(),
         singularity_slowdown=st.booleans(),
         window_ns=st.integers(S, 30 * S),
         urdf=TEXT,

@@ -9,6 +9,7 @@ import pytest
 from msgspec.structs import replace
 from prometheus_client.parser import text_string_to_metric_families
 
+from gateway.messages.snapshot import ContactView
 from gateway.web import metrics
 from tests.cli.views import a_view, owned
 
@@ -48,3 +49,19 @@ def test_times_are_seconds_and_unknown_ones_are_left_out() -> None:
 def test_what_rises_is_a_counter(name: str) -> None:
     """By its name and its type."""
     assert read(a_view())[name]
+
+
+def test_what_pulls_at_an_arm_is_told_where_it_is_estimated() -> None:
+    """Forces that are felt; that it is unknown, without figures, where it is not."""
+    view = a_view()
+    assert "ta2_contact_known" not in read(view)
+    felt = ContactView(state="known", wrench=(1.5, None, -2.0, 0.0, 0.0, 0.0), sigmas=4.0)
+    arms = {
+        "left": replace(view.arms["left"], contact=felt),
+        "right": replace(view.arms["right"], contact=ContactView(state="unknown", code="NO_EFFORTS")),
+    }
+    samples = read(replace(view, arms=arms))
+    assert {s.labels["side"]: s.value for s in samples["ta2_contact_known"]} == {"left": 1.0, "right": 0.0}
+    forces = {(s.labels["side"], s.labels["axis"]): s.value for s in samples["ta2_contact_force_newtons"]}
+    assert forces == {("left", "x"): 1.5, ("left", "z"): -2.0}
+    assert [(s.labels["side"], s.value) for s in samples["ta2_contact_sigmas"]] == [("left", 4.0)]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -13,8 +13,9 @@ from gateway.errors import Code, GatewayError, failure
 from gateway.kinematics.calibration import RobotIdentity, load, read
 from gateway.kinematics.calibration_file.arm_section import ArmCalibration
 from gateway.kinematics.calibration_file.conventions import MANUAL, Conventions
+from gateway.kinematics.calibration_file.dynamics_section import DynamicsCalibration
 
-__all__ = ["robot_to_write_for", "write_arms"]
+__all__ = ["robot_to_write_for", "write_arms", "write_dynamics"]
 
 
 def robot_to_write_for(path: Path, robot: RobotIdentity | None) -> RobotIdentity:
@@ -40,7 +41,12 @@ def robot_to_write_for(path: Path, robot: RobotIdentity | None) -> RobotIdentity
 
 
 def write_arms(path: Path, robot: RobotIdentity, arms: Sequence[ArmCalibration]) -> None:
-    """Write arms into a file, in the conventions that it has already.
+    """Write arms into a file, in the conventions that it has already; arguments and errors as for `write_dynamics`."""
+    _write(path, robot, "arms", lambda conventions: {arm.side.value: arm.row(conventions) for arm in arms})
+
+
+def write_dynamics(path: Path, robot: RobotIdentity, arms: Sequence[DynamicsCalibration]) -> None:
+    """Write arms' dynamics into a file.
 
     The file is read again before it takes the place of the old one: what could not be loaded is never left behind.
 
@@ -52,12 +58,15 @@ def write_arms(path: Path, robot: RobotIdentity, arms: Sequence[ArmCalibration])
     Raises:
         ConfigError: BAD_CONFIG, it cannot be written.
     """
+    _write(path, robot, "dynamics", lambda conventions: {arm.side.value: arm.row() for arm in arms})
+
+
+def _write(path: Path, robot: RobotIdentity, section: str, rows: Callable[[Conventions], dict[str, Any]]) -> None:
     try:
         document: dict[str, Any] = json.loads(path.read_text(encoding="utf-8")) if path.exists() else {}
         document = {"robot": asdict(robot), "conventions": asdict(MANUAL), **document}
         conventions = Conventions.of(document["conventions"])
-        rows = {arm.side.value: arm.row(conventions) for arm in arms}
-        document["arms"] = {**document.get("arms", {}), **rows}
+        document[section] = {**document.get(section, {}), **rows(conventions)}
         draft = path.with_name(f".{path.stem}.draft.json")
         draft.write_text(json.dumps(document, ensure_ascii=False, indent=2) + "\n", encoding="utf-8")
         try:

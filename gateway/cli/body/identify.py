@@ -47,6 +47,8 @@ def carry_out(options: Namespace) -> ExitStatus:
         GatewayTimeout: It answers, and then tells nothing.
         Stale: There are no pairs at all.
     """
+    if options.dynamics or options.excite is not None:
+        return _of_dynamics(options)
     settings = toml_file.load(options.config)
     link, urdf = settings.link, options.urdf or settings.model.urdf
     serial = link.serial if options.serial is None else options.serial
@@ -85,6 +87,17 @@ def carry_out(options: Namespace) -> ExitStatus:
         write_arms(out, owner, [_calibration(side, found[side], description) for side in found])
         print(f"{out}: {', '.join(found)} of robot {owner} written", file=sys.stderr)
     return ExitStatus.OK if len(found) == len(results) else ExitStatus.REFUSED
+
+
+def _of_dynamics(options: Namespace) -> ExitStatus:
+    try:
+        from gateway.cli.body import dynamics
+    except ImportError as error:
+        hint = "install it: pip install 'teleavatar-gateway[body]'"
+        raise failure(
+            Code.BAD_CONFIG, f"dynamics need pinocchio, which is not installed ({error})", hint=hint
+        ) from error
+    return dynamics.carry_out(options)
 
 
 def _calibration(side: Side, found: Identification, description: Description) -> ArmCalibration:

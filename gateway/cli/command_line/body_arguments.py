@@ -47,6 +47,16 @@ def add_identify(commands: Any) -> None:  # noqa: ANN401  argparse's private cla
     source = identify.add_mutually_exclusive_group(required=True)
     source.add_argument("file", nargs="?", metavar="FILE", help="pairs of joints and poses (.jsonl, .csv)")
     source.add_argument("--live", action="store_true", help="take them from the gateway")
+    source.add_argument(
+        "--excite",
+        metavar="FILE",
+        help="write a motion of one arm (.npz) that tells its dynamics well, for `ta2 follow`",
+    )
+    identify.add_argument(
+        "--dynamics",
+        action="store_true",
+        help="find friction, scale of the efforts and masses instead, from motion that nothing touches (extra `body`)",
+    )
     identify.add_argument(
         "--seconds",
         type=seconds,

@@ -24,7 +24,14 @@ from rich.text import Text
 from gateway.api import protocol
 from gateway.cli.terminal.advice import Step, next_steps
 from gateway.cli.terminal.bars import arm_rows
-from gateway.cli.terminal.figures import age_limit_ns, age_text, fsm_text, rate_text, since_text, topic_text
+from gateway.cli.terminal.figures import (
+    age_limit_ns,
+    age_text,
+    fsm_text,
+    rate_text,
+    since_text,
+    topic_text,
+)
 from gateway.cli.terminal.style import NOTICE_STYLES, STEP_MARKS, STEP_STYLES, state_style
 from gateway.robot.topics import TOPICS
 
@@ -38,6 +45,8 @@ LATE_NS = 20_000_000
 """The gap bounds of the streams hold for ticks up to this late [ns]."""
 NEAR = 2.0
 """Parts of the body with less than so many times the margin between them are near."""
+CLEAR = 3.0
+"""What pulls at an arm by so many standard deviations is something."""
 SLOW = 0.8
 """A topic below this part of its nominal rate is slow."""
 
@@ -240,6 +249,7 @@ def _traffic(view: protocol.Snapshot) -> Iterator[Text]:
     yield from _slowing(view.slowing)
     yield from _ground(view)
     yield from _motions(view)
+    yield from _contacts(view)
     yield from _spacing(view.spacing)
     yield _loop(view.loop)
     yield from off
@@ -279,6 +289,17 @@ def _spacing(spacing: protocol.SpacingView | None) -> Iterator[Text]:
     held = f", {'+'.join(spacing.held)} held back" if spacing.held else ""
     yield Text(f"{1e3 * spacing.gap_m:.0f} mm of {1e3 * spacing.margin_m:.0f} mm free{held}", style=style)
     yield Text(f"  {spacing.first} - {spacing.second}", style=style)
+
+
+def _contacts(view: protocol.Snapshot) -> Iterator[Text]:
+    """Yield forces on the hands with standard deviations, `?` for what is not felt; what is clearly something stands out."""
+    for side, arm in view.arms.items():
+        if (felt := arm.contact) is None:
+            continue
+        pairs = zip(felt.wrench[:3], felt.wrench_sd[:3], strict=True)
+        figures = " ".join("?" if value is None else f"{value:+.1f}±{sd:.1f}" for value, sd in pairs)
+        text = f"{side} feels {figures} N" if felt.state == "known" else f"{side} feels nothing known: {felt.code}"
+        yield Text(text, style="bold yellow" if felt.sigmas >= CLEAR else "dim")
 
 
 def _slowing(slowing: Mapping[str, protocol.SlowingView]) -> Iterator[Text]:

@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING
 from gateway.api import protocol
 from gateway.client.asking.requests import read_only
 from gateway.client.connection.session import Sighting
+from gateway.client.state.contact import Contact
 from gateway.client.state.showing import state_line, state_table, vector
 from gateway.errors import Code, failure
 
@@ -158,6 +159,12 @@ class ArmState(MotorState):
     def model(self) -> protocol.ModelView | None:
         """How far the body model agrees with this arm: FK of its joints against its measured pose; None without a model."""
         return self._view.model
+
+    @property
+    def contact(self) -> Contact | None:
+        """What pulls at it, estimated from its motors' efforts; None where the gateway was asked for no dynamics."""
+        view = self._view.contact
+        return None if view is None else Contact(self.name, view, self._since_ns)
 
 
 @dataclass(frozen=True, slots=True, repr=False)

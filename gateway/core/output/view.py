@@ -9,6 +9,7 @@ from gateway.core.supervision.coordinator import Coordinator
 from gateway.messages.snapshot import (
     ArmView,
     ChassisView,
+    ContactView,
     EnableView,
     Finding,
     GripView,
@@ -180,6 +181,7 @@ def _arm(coordinator: Coordinator, side: Side, state: str, ee_pose: str, now_ns:
         tracking_rad=None if gap is None else gap.rad,
         tracking_m=gap.m if gap is not None and is_pose else None,
         model=_model(coordinator, side, now_ns),
+        contact=_contact(coordinator, side, now_ns),
     )
 
 
@@ -195,6 +197,11 @@ def _model(coordinator: Coordinator, side: Side, now_ns: int) -> ModelView | Non
         angle_rad=verdict.angle_rad,
         lag_ns=round(1e9 * verdict.lag_s),
     )
+
+
+def _contact(coordinator: Coordinator, side: Side, now_ns: int) -> ContactView | None:
+    contacts = None if coordinator.model is None else coordinator.model.contacts
+    return None if contacts is None else contacts.view(side, now_ns)
 
 
 def _drive(coordinator: Coordinator, now_ns: int) -> ChassisView:

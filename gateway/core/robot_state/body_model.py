@@ -10,6 +10,7 @@ Costs: a sample of joints is kept, a pose is compared 20 times a second, a verdi
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
 from gateway.core.messages.events import SampleArrived
 from gateway.core.motion.gap import Gap, gap
@@ -25,6 +26,9 @@ from gateway.kinematics.solving.dexterity import joint_speeds
 from gateway.robot.topics import arm_state, ee_pose
 from gateway.settings.settings import Settings
 from gateway.values import ArmState, EePose, Side, Space, Vector
+
+if TYPE_CHECKING:
+    from gateway.core.robot_state.contact import Contacts
 
 __all__ = ["BodyModel", "body_model"]
 
@@ -62,6 +66,7 @@ class BodyModel:
         arms: Forward and inverse kinematics, within the configured position limits.
         collision: How near the body's parts are to each other; None while nothing is kept apart.
         approach: How quickly they may come nearer; None while nothing is kept apart.
+        contacts: What pulls at the arms; None where nobody asked for dynamics. Given by whoever builds the daemon.
     """
 
     def __init__(self, description: Description, settings: Settings) -> None:
@@ -70,6 +75,7 @@ class BodyModel:
         self.arms = {side: ArmModel(description, side, arm.lower_rad[side], arm.upper_rad[side]) for side in Side}
         self.collision: CollisionModel | None = None
         self.approach: Approach | None = None
+        self.contacts: Contacts | None = None
         if model.self_collision:
             self.collision = CollisionModel(description, replace(hull(), margin_m=model.margin_m))
             self.approach = Approach(self.collision)
@@ -85,13 +91,21 @@ class BodyModel:
         self._compared_ns: dict[Side, int] = {}
         self._verdicts: dict[Side, tuple[int, Verdict]] = {}
 
-    def hear(self, event: SampleArrived, now_ns: int) -> None:
-        """Take what arrived: joints and poses of the arms; everything else is passed over."""
+    def hear(self, event: SampleArrived, now_ns: int, base: Vector = ()) -> None:
+        """Take what arrived: joints and poses of the arms; everything else is passed over.
+
+        Args:
+            event: As the engine got it.
+            now_ns: Monotonic time [ns].
+            base: What the chassis is commanded: x, y [m/s], yaw [rad/s].
+        """
         side, value = SIDES.get(event.topic), event.value
         if side is None:
             return
         if isinstance(value, ArmState):
             self._judges[side].joints(value.q_rad, event.received_ns)
+            if self.contacts is not None:
+                self.contacts.hear(side, value, event.received_ns, base)
         elif isinstance(value, EePose):
             at_ns = arrival_ns(event, now_ns)
             if at_ns - self._compared_ns.get(side, at_ns - COMPARED_NS) >= COMPARED_NS - JITTER_NS:
@@ -104,6 +118,8 @@ class BodyModel:
             judge.forget()
         self._compared_ns.clear()
         self._verdicts.clear()
+        if self.contacts is not None:
+            self.contacts.forget()
 
     def joint_speeds_radps(self, side: Side, q_rad: Vector, rates: Vector) -> Vector:
         """Return how fast joints have to go for a velocity of their end effector, bounded near singularities.

@@ -19,6 +19,7 @@ from gateway.client import connect
 from gateway.core.messages.outputs import Level, Notice
 from gateway.errors import Code
 from gateway.messages.snapshot import (
+    ContactView,
     LeaseView,
     LinkView,
     MotionView,
@@ -167,6 +168,25 @@ def test_a_frame_shows_poses_that_are_followed_slower():
     near = SlowingView(on=True, why="", speed_ratio=0.34, held=True, joint=4, joint_radps=8.8, bound_radps=3.0)
     shown = text_of(frame(picture(slowing={"left": near, "right": replace(near, held=False)}), 120, 40))
     assert "left at 34%: joint 4 near a singularity" in shown and "right at" not in shown
+
+
+FELT = ContactView(
+    state="known", torque_nm=(0.0,) * 7, torque_sd_nm=(0.1,) * 7, frame="left_shoulder_base", point="left_ee",
+    wrench=(1.0, -8.24, None, 0.0, 0.1, 0.0), wrench_sd=(2.0, 1.5, None, 0.1, 0.1, 0.1), sigmas=5.0,
+)  # fmt: skip
+
+
+def test_a_frame_shows_what_pulls_at_the_arms():
+    """Forces with standard deviations, loudly when it is something; or why it is not known."""
+    unknown = ContactView(state="unknown", code="NO_EFFORTS", reason="the robot sends none")
+    arms = a_view().arms
+    for sigmas, style in ((5.0, "bold yellow"), (1.0, "dim")):
+        left = replace(arms["left"], contact=replace(FELT, sigmas=sigmas))
+        lines = frame(picture(arms={"left": left, "right": replace(arms["right"], contact=unknown)}), 120, 40)
+        line = next(line for line in lines if "left feels +1.0±2.0 -8.2±1.5 ? N" in line.plain)
+        assert style in {str(span.style) for span in line.spans}
+        assert "right feels nothing known: NO_EFFORTS" in text_of(lines)
+    assert "feels" not in text_of(frame(picture(), 120, 40))
 
 
 def test_a_frame_says_nothing_of_what_nobody_asked_for():

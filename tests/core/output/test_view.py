@@ -9,6 +9,7 @@ from gateway.core.messages.sightings import ForeignData, Gateway, Means, Writer
 from gateway.core.motion.motion import plan
 from gateway.core.output.view import build
 from gateway.core.robot_state.body_model import BodyModel
+from gateway.core.robot_state.contact import Contacts
 from gateway.core.supervision.supervisor import State
 from gateway.errors import Code
 from gateway.kinematics.description import nominal
@@ -44,6 +45,7 @@ from gateway.robot.topics import (
 from gateway.settings.settings import Settings
 from gateway.values import ArmState, EePose, MotorState, Side
 from tests.core.stage import GOAL, MIDDLE, MS, OFFSET_NS, PLACE, L, R, S, Stage
+from tests.kinematics.dynamics.plants import Plant
 
 LOOP = LoopView(ticks=8, skipped=1, late_ns=2, worst_late_ns=3)
 ON = {"left": True, "right": True}
@@ -61,7 +63,7 @@ def test_before_the_first_sample_nothing_is_known():
     assert seen.arms["left"] == ArmView(
         measured=None, p_m=(), quat_xyzw=(), pose_age_ns=None, q_ref_rad=(), dq_ref_radps=(), streaming=False,
         tracking_rad=None, space="joint", ref_p_m=(), ref_quat_xyzw=(), ref_v_mps=(), ref_w_radps=(), tracking_m=None,
-        model=None,
+        model=None, contact=None,
     )  # fmt: skip
     assert (seen.grippers, seen.chassis) == ({"left": None, "right": None}, None)
     assert seen.link == LinkView(up=True, router_zid="aa", fresh=False, age_ns=None)
@@ -345,6 +347,16 @@ def test_what_is_known_of_the_body_model_is_shown_for_each_arm():
     assert (seen["left"].state, seen["left"].reason, seen["left"].pairs) == ("differs", verdict.reason, 60)
     assert (seen["left"].position_m, seen["left"].angle_rad) == (verdict.position_m, verdict.angle_rad)
     assert seen["right"].state == "unknown"
+
+
+def test_what_pulls_at_an_arm_is_shown_where_it_is_estimated():
+    """Or why it is not known; nothing at all where nobody asked for dynamics."""
+    stage = Stage(State.IDLE)
+    stage.coordinator.model = model = BodyModel(nominal(), Settings())
+    assert look(stage).arms["left"].contact is None
+    model.contacts = Contacts({side: Plant() for side in Side}, model.refusal)
+    seen = look(stage).arms["left"].contact
+    assert (seen.state, seen.code, seen.torque_nm, seen.wrench) == ("unknown", "PART_STALE", (), ())
 
 
 def test_what_others_have_found_is_shown_as_they_say_it():

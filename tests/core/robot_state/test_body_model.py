@@ -179,3 +179,22 @@ def test_joints_are_contradicted_by_a_pose_that_is_elsewhere():
     there.hear(model, 1.5)
     assert model.contradicts(LEFT, off, pose, there.now_ns)
     assert not model.contradicts(LEFT, (first, second + 0.02, *others), pose, there.now_ns)
+
+
+def test_the_body_model_hands_on_what_it_hears_and_forgets():
+    """Joints of the arms, with what the chassis is commanded."""
+    heard = []
+
+    class Listening:
+        def hear(self, side, state, received_ns, base):
+            heard.append((side, state.stamp_ns, received_ns, base))
+
+        def forget(self):
+            heard.append("forgotten")
+
+    model = BodyModel(nominal(), Settings())
+    model.contacts = Listening()
+    state = ArmState(q_rad=Q_RAD[RIGHT], dq_radps=(), tau_nm=(), stamp_ns=3)
+    model.hear(SampleArrived(topic=arm_state(RIGHT), value=state, received_ns=8 * MS), 9 * MS, (0.1, 0.0, 0.2))
+    model.forget()
+    assert heard == [(RIGHT, 3, 8 * MS, (0.1, 0.0, 0.2)), "forgotten"]

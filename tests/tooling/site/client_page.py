@@ -15,6 +15,7 @@ PARTS = {
         "RobotState",
         "MotorState",
         "ArmState",
+        "Contact",
         "Pose",
         "Health",
         "Why",

@@ -1,0 +1,105 @@
+"""What pulls at an arm, as a user reads it: torques, force and moment with standard deviations, or why nothing is known."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from gateway.api import protocol
+from gateway.client.asking.requests import read_only
+from gateway.client.state.showing import vector
+from gateway.errors import Code, failure
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+__all__ = ["Contact"]
+
+CODES = {"MODEL_UNKNOWN": Code.MODEL_UNKNOWN, "MODEL_DIFFERS": Code.MODEL_DIFFERS}
+
+
+@dataclass(frozen=True, slots=True, repr=False)
+class Contact:
+    """What pulls at an arm, estimated from the efforts of its motors; never a safety function.
+
+    Attributes:
+        name: Of the arm, e.g. `left_arm`.
+        view: As it came, documented in `gateway/messages/body_views.py`.
+    """
+
+    name: str
+    view: protocol.ContactView
+    _since_ns: int
+
+    @property
+    def is_known(self) -> bool:
+        """Whether there is an estimate; everything below raises `Stale` or `NotReady` while there is none."""
+        return self.view.state == "known"
+
+    @property
+    def reason(self) -> str:
+        """Why nothing is known, code and words; empty while it is."""
+        return "" if self.is_known else f"{self.view.code}: {self.view.reason}"
+
+    @property
+    def torque(self) -> NDArray[np.float64]:
+        """External torques of the joints, shape (7,) [N·m]."""
+        return read_only(self._known().torque_nm)
+
+    @property
+    def torque_sd(self) -> NDArray[np.float64]:
+        """Their standard deviations, shape (7,) [N·m]."""
+        return read_only(self._known().torque_sd_nm)
+
+    @property
+    def wrench(self) -> NDArray[np.float64]:
+        """Force [N] and moment [N·m] on the hand in the axes of `frame` at `point`, shape (6,); NaN for what is not felt."""
+        return read_only(tuple(float("nan") if value is None else value for value in self._known().wrench))
+
+    @property
+    def wrench_sd(self) -> NDArray[np.float64]:
+        """Their standard deviations, shape (6,); infinite for what is not felt."""
+        return read_only(tuple(float("inf") if value is None else value for value in self._known().wrench_sd))
+
+    @property
+    def unknown(self) -> tuple[NDArray[np.float64], ...]:
+        """Directions of force [N] and moment [N·m] that this posture does not feel, unit vectors of shape (6,)."""
+        return tuple(read_only(direction) for direction in self._known().unknown)
+
+    @property
+    def frame(self) -> str:
+        """In whose axes the wrench is: `left_shoulder_base` or `right_shoulder_base` (manual §4.0.1)."""
+        return self._known().frame
+
+    @property
+    def point(self) -> str:
+        """At whose origin it acts: `left_ee` or `right_ee`."""
+        return self._known().point
+
+    @property
+    def sigmas(self) -> float:
+        """By how many standard deviations the clearest joint is pulled: below 3 it may be nothing at all."""
+        return self._known().sigmas
+
+    @property
+    def basis(self) -> str:
+        """Where masses, friction and scale come from: `nominal`, or the file that they were identified to."""
+        return self.view.basis
+
+    @property
+    def age(self) -> float:
+        """Age of the joints that it is of [s]."""
+        return (self._known().age_ns + self._since_ns) / 1e9
+
+    def __repr__(self) -> str:
+        """Show force and age, or the reason."""
+        if not self.is_known:
+            return f"<contact of {self.name}: unknown, {self.reason}>"
+        return f"<contact of {self.name}: {vector(tuple(self.wrench[:3]))} N, {self.sigmas:.1f} sigmas, {self.age:.3f} s old>"
+
+    def _known(self) -> protocol.ContactView:
+        if not self.is_known:
+            code = CODES.get(self.view.code, Code.PART_STALE)
+            raise failure(code, f"what pulls at {self.name} is unknown: {self.reason}", field=self.name)
+        return self.view

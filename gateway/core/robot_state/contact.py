@@ -1,0 +1,157 @@
+"""What pulls at the arms: an observer per arm, fed as joints arrive, and the reasons why nothing may be said.
+
+Made only where the configuration asks for it (`[model] dynamics`); the dynamics, which stand on pinocchio, are handed in. An
+observer takes each believed sample of joints once, by the robot's own stamps; a wrench is worked out when somebody looks. An
+estimate, never a safety function: efforts come from motors, through gears, and a model is one of a robot, not of this one.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gateway.errors import Code, Refusal
+from gateway.kinematics.dynamics.observer import Dynamics, MomentumObserver
+from gateway.kinematics.dynamics.wrench import Wrench, wrench_of
+from gateway.messages.body_views import ContactView
+from gateway.values import ArmState, Side, Vector
+
+__all__ = ["Contact", "Contacts", "Unfelt"]
+
+Array = NDArray[np.float64]
+
+MS = 1_000_000
+STALE_NS = 100 * MS
+"""Joints older than this say nothing about now [ns]."""
+
+MOST_NM, MOST_RADPS = 1000.0, 100.0
+"""More than this no motor of an arm gives, nor how fast it turns [N·m, rad/s]: what says so measures nothing."""
+
+NO_EFFORTS, NOT_CONVERGED = "NO_EFFORTS", "NOT_CONVERGED"
+"""Reasons beside those of the model and of its age: they refuse nothing, and are no codes of refusals."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Contact:
+    """What pulls at an arm.
+
+    Attributes:
+        torque_nm: External torques of the joints, shape (7,) [N·m].
+        torque_sd_nm: Their standard deviations, shape (7,) [N·m].
+        wrench: Force and moment at the hand, with what cannot be known of them.
+        sigmas: By how many standard deviations the clearest joint is pulled.
+    """
+
+    torque_nm: Array
+    torque_sd_nm: Array
+    wrench: Wrench
+    sigmas: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Unfelt:
+    """Why nothing is known of what pulls at an arm: one word for programs, and the same for people."""
+
+    code: str
+    reason: str
+
+
+class Contacts:
+    """Both arms' observers.
+
+    Args:
+        dynamics: Of each arm.
+        refusal: Says why an arm's model cannot be relied on (`BodyModel.refusal`); None while it can.
+    """
+
+    def __init__(self, dynamics: Mapping[Side, Dynamics], refusal: Callable[[Side, int], Refusal | None]) -> None:
+        self._dynamics = dynamics
+        self._refusal = refusal
+        self._observers = {side: MomentumObserver(one) for side, one in dynamics.items()}
+        self._heard: dict[Side, tuple[ArmState, int]] = {}
+
+    def hear(self, side: Side, state: ArmState, received_ns: int, base: Vector) -> None:
+        """Take joints of an arm.
+
+        Args:
+            side: Which arm.
+            state: As measured, believed.
+            received_ns: When they came, monotonic [ns].
+            base: What the chassis is commanded: x, y [m/s], yaw [rad/s]; it publishes no odometry (§4.5).
+        """
+        self._heard[side] = state, received_ns
+        if _has_efforts(state):
+            self._observers[side].update(state.stamp_ns, state.q_rad, state.dq_radps, state.tau_nm, base)
+        else:
+            self._observers[side].restart()
+
+    def forget(self) -> None:
+        """Begin anew: the link was gone, or it is another robot."""
+        self._heard.clear()
+        for observer in self._observers.values():
+            observer.restart()
+
+    def contact(self, side: Side, now_ns: int) -> Contact | Unfelt:
+        """Return what pulls at an arm now, or why that is not known.
+
+        Args:
+            side: Which arm.
+            now_ns: Monotonic time [ns].
+        """
+        why = self._why_not(side, now_ns)
+        if why is not None:
+            return why
+        observer = self._observers[side]
+        variance = observer.variance_nm2()
+        torque, sd = observer.torque_nm, np.sqrt(variance)
+        wrench = wrench_of(self._dynamics[side].jacobian(observer.q_rad), torque, variance)
+        return Contact(torque_nm=torque, torque_sd_nm=sd, wrench=wrench, sigmas=float(np.max(np.abs(torque) / sd)))
+
+    def view(self, side: Side, now_ns: int) -> ContactView:
+        """Return the same for the outside."""
+        found, dynamics = self.contact(side, now_ns), self._dynamics[side]
+        if isinstance(found, Unfelt):
+            return ContactView(state="unknown", code=found.code, reason=found.reason, basis=dynamics.drives.source)
+        values, sd, unknown = found.wrench
+        return ContactView(
+            state="known",
+            basis=dynamics.drives.source,
+            torque_nm=tuple(found.torque_nm.tolist()),
+            torque_sd_nm=tuple(found.torque_sd_nm.tolist()),
+            frame=dynamics.frame,
+            point=dynamics.point,
+            wrench=tuple(None if math.isnan(value) else value for value in values.tolist()),
+            wrench_sd=tuple(None if math.isinf(value) else value for value in sd.tolist()),
+            unknown=tuple(tuple(direction) for direction in unknown.tolist()),
+            sigmas=found.sigmas,
+            age_ns=now_ns - self._heard[side][1],
+        )
+
+    def _why_not(self, side: Side, now_ns: int) -> Unfelt | None:
+        heard = self._heard.get(side)
+        if heard is None:
+            return Unfelt(code=Code.PART_STALE.value, reason="no joints have been heard yet")
+        state, received_ns = heard
+        if now_ns - received_ns > STALE_NS:
+            age_ms = (now_ns - received_ns) / MS
+            return Unfelt(code=Code.PART_STALE.value, reason=f"the newest joints are {age_ms:.0f} ms old")
+        if not _has_efforts(state):
+            what = "all zero, or more than any motor gives" if state.tau_nm else "not there"
+            return Unfelt(code=NO_EFFORTS, reason=f"the robot's efforts, or its velocities, are {what} (§4.8)")
+        refusal = self._refusal(side, now_ns)
+        if refusal is not None:
+            return Unfelt(code=refusal.code.value, reason=refusal.message)
+        observer = self._observers[side]
+        if not observer.is_converged:
+            return Unfelt(code=NOT_CONVERGED, reason=f"observed for {observer.settled_ns / MS:.0f} ms only")
+        return None
+
+
+def _has_efforts(state: ArmState) -> bool:
+    """Return whether efforts and velocities are there and can be meant; motors that all give exactly nothing cannot."""
+    efforts, speeds = map(abs, state.tau_nm), map(abs, state.dq_radps)
+    return bool(state.dq_radps) and 0.0 < max(efforts, default=0.0) <= MOST_NM and max(speeds) <= MOST_RADPS
