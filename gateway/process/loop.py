@@ -27,7 +27,7 @@ import time
 from collections.abc import Callable, Sequence
 from typing import Protocol
 
-from gateway.core.engine import Engine
+from gateway.core.engine import Output
 from gateway.core.messages.events import CommandRequested, Event, Suspended
 from gateway.core.messages.outputs import Level, Notice, Remembered, Reply
 from gateway.core.streams.gate import Cleared
@@ -35,7 +35,7 @@ from gateway.messages.requests import Estop, Stop
 from gateway.messages.snapshot import Snapshot
 from gateway.process.realtime import SleepWatch
 
-__all__ = ["Link", "Loop", "Service"]
+__all__ = ["Engine", "Link", "Loop", "Service"]
 
 _log = logging.getLogger(__name__)
 
@@ -47,6 +47,26 @@ STOPS_APART_NS = 2 * MS
 """A stop is served at once, unless the last tick was less than this ago [ns]."""
 
 LEVELS = {Level.INFO: logging.INFO, Level.WARNING: logging.WARNING, Level.ERROR: logging.ERROR}
+
+
+class Engine(Protocol):
+    """The brain, see `core/engine.py`, or the black box around it."""
+
+    def receive(self, event: Event, now_ns: int) -> None:
+        """Take an event."""
+
+    def tick(self, now_ns: int, *, late_ns: int) -> Output:
+        """Give everything that is due at `now_ns`, `late_ns` after the instant that was meant."""
+
+    def next_due_ns(self) -> int | None:
+        """Return when the earliest stream wants a tick; None when none runs."""
+
+    @property
+    def rest_ns(self) -> int:
+        """How far apart ticks may be as long as no request comes [ns]; 0 when each instant of the grid counts."""
+
+    def panic_frames(self, now_ns: int) -> Sequence[Cleared]:
+        """Return stop frames for the case that the engine cannot go on."""
 
 
 class Link(Protocol):
