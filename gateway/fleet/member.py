@@ -6,6 +6,8 @@ Rules
     * On the router the keys are the gateway's own in the namespace `fleet/NAME`: clients and their secrets are the same.
     * A stop is dropped into the gateway's pipe as it arrives, before all else; then gateway and guard are asked about it.
     * Targets, keepalives and check-ins are heard on the secret keys of those alone whom the gateway gave something to own.
+    * To the gateway all of the fleet is one client of its socket, an admin. So what only admins may, taking the robot from
+      its owner and recovering from others' stops, is refused here, unless whoever began this said that all there are admins.
     * While another has this name, nothing but stops and views is served: nobody shall move two robots at once.
     * Callbacks hand on or put away; what waits is bounded, and what goes on in a second.
 """
@@ -42,6 +44,8 @@ STOP_S = 1.0
 QUESTIONS_HZ, PUTS_HZ = 200, 2000
 """So many requests of all, and puts of one owner, go on in a second, and as many at once."""
 STOPS = (protocol.STOP_KEY, protocol.ESTOP_KEY)
+FOR_ADMINS = (protocol.Take, protocol.Recover)
+"""What the gateway's roles would keep from somebody; which stop is whose, for `Recover`, nobody knows here."""
 MOST_WAITING, MOST_TOKENS, MOST_LANES = 256, 256, 32
 
 log = logging.getLogger(__name__)
@@ -54,12 +58,13 @@ class Member:
         fleet: The fleet's router.
         name: Of the robot there.
         gateway: The robot's own, a unix socket.
+        as_admin: Whether whoever gets into the fleet may take the robot from its owner, and recover.
     """
 
-    def __init__(self, fleet: protocol.Address, name: str, gateway: Path) -> None:
+    def __init__(self, fleet: protocol.Address, name: str, gateway: Path, *, as_admin: bool = False) -> None:
         self.namesakes: set[str] = set()
         """Others that have this name now."""
-        self._name, self._path = name, gateway
+        self._name, self._path, self._as_admin = name, gateway, as_admin
         self._addresses = (protocol.parse_address(f"unix:{gateway}"), fleet)
         self._sessions: list[zenoh.Session] = []
         self._views: zenoh.Subscriber[None] | None = None
@@ -145,10 +150,12 @@ class Member:
         if key in STOPS:
             self._stop(key, question.payload)
         elif key == protocol.COMMAND_KEY:
-            if self.namesakes:
-                question.answer(protocol.encode(self._refused(), question.encoding), question.encoding)
+            command = _command_in(question)
+            refused = self._refused(command)
+            if refused is not None:
+                question.answer(protocol.encode(refused, question.encoding), question.encoding)
                 return
-            lane = _lane_of(question)
+            lane = _lane_of(command)
         if not self._may_ask[key in STOPS]() or not (self._serves or key in STOPS):
             question.drop()
             return
@@ -182,14 +189,21 @@ class Member:
         except zenoh.ZError:  # closed in this moment
             finish()
 
-    def _refused(self) -> protocol.Reply:
-        message = (
-            f"{len(self.namesakes) + 1} gateways are {self._name!r} in this fleet: none of them is moved from there"
-        )
-        hint = "give each a name of its own; stops reach all of them"
-        return protocol.Reply(
-            request_id=0, refusal=protocol.RefusalMessage(code=Code.OTHER_GATEWAY.value, message=message, hint=hint)
-        )
+    def _refused(self, command: protocol.Command | None) -> protocol.Reply | None:
+        if self.namesakes:
+            code = Code.OTHER_GATEWAY
+            message = (
+                f"{len(self.namesakes) + 1} gateways are {self._name!r} in this fleet: none of them is moved from there"
+            )
+            hint = "give each a name of its own; stops reach all of them"
+        elif not self._as_admin and command is not None and isinstance(command.request, FOR_ADMINS):
+            code = Code.NOT_PERMITTED
+            message = f"{type(command.request).__name__} is for admins, and in the fleet nobody is one for {self._name!r}"
+            hint = "do it on the robot's host, or begin its `ta2 fleet join` with --as-admin: everybody there is one then"
+        else:
+            return None
+        refusal = protocol.RefusalMessage(code=code.value, message=message, hint=hint)
+        return protocol.Reply(request_id=0 if command is None else command.request_id, refusal=refusal)
 
     def _on_matching(self, status: zenoh.MatchingStatus) -> None:
         self._is_viewed = status.matching
@@ -303,11 +317,15 @@ def _bucket(hz: int) -> Callable[[], bool]:
     return take
 
 
-def _lane_of(question: ZenohQuestion) -> tuple[str, str] | None:
-    """Return to whom a command would give something to own: who then sends targets, keepalives or check-ins."""
+def _command_in(question: ZenohQuestion) -> protocol.Command | None:
     with contextlib.suppress(protocol.Malformed):  # the gateway says what is wrong with it
-        command = protocol.decode_command(question.payload, question.encoding)
-        asked = (protocol.Acquire, protocol.Take, protocol.RegisterEndpoint)
-        if isinstance(command.request, asked) and command.secret:
-            return command.client_id, command.secret
+        return protocol.decode_command(question.payload, question.encoding)
+    return None
+
+
+def _lane_of(command: protocol.Command | None) -> tuple[str, str] | None:
+    """Return to whom a command would give something to own: who then sends targets, keepalives or check-ins."""
+    asked = (protocol.Acquire, protocol.Take, protocol.RegisterEndpoint)
+    if command is not None and isinstance(command.request, asked) and command.secret:
+        return command.client_id, command.secret
     return None

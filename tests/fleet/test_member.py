@@ -119,6 +119,31 @@ def test_two_of_one_name_are_noticed_by_both_and_moved_by_nobody(fleet, daemon, 
     assert caplog.text.count("1 others have this name") == 2
 
 
+def test_nobody_in_the_fleet_is_an_admin_unless_that_was_said(fleet, daemon, stranger):
+    """Its gateway takes the member for an admin of its host: taking the robot and recovering it would be everybody's."""
+    kinds = (protocol.Take(name="far", pid=1, reason="mine"), protocol.Recover(reason="all is well"))
+    asked = [protocol.encode(command(request, request_id=n), protocol.JSON) for n, request in enumerate(kinds, 7)]
+
+    def answers():
+        found = [ask(stranger, f"fleet/r/{protocol.COMMAND_KEY}", payload) for payload in asked]
+        return [protocol.decode_reply(answer, protocol.JSON) for one in found for answer in one.values()]
+
+    def heard():
+        return {type(request).__name__ for _, request in daemon.engine.requests} & {"Take", "Recover"}
+
+    with member(fleet, "r", daemon.socket):
+        eventually(lambda: members(stranger), WAIT_S)
+        refused = answers()
+        assert [(reply.request_id, reply.refusal.code) for reply in refused] == [(n, "NOT_PERMITTED") for n in (7, 8)]
+        assert all("--as-admin" in reply.refusal.hint for reply in refused) and not heard()
+        payload = protocol.encode(command(protocol.Acquire(name="far", pid=1), request_id=9), protocol.JSON)
+        assert ask(stranger, f"fleet/r/{protocol.COMMAND_KEY}", payload)
+    eventually(lambda: not members(stranger), WAIT_S)
+    with member(fleet, "r", daemon.socket, as_admin=True):
+        eventually(lambda: members(stranger), WAIT_S)
+        assert len(answers()) == 2 and heard() == {"Take", "Recover"}
+
+
 def test_what_others_put_does_not_reach_the_gateway(fleet, daemon, stranger):
     """Neither without the owner's secret nor on a key for everybody; with it, it does."""
     payload = protocol.encode(command(protocol.Acquire(name="far", pid=1)), protocol.JSON)
