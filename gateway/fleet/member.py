@@ -19,15 +19,16 @@ import logging
 import queue
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import zenoh
 
 from gateway.api import protocol
 from gateway.api.access.roles import Asker
+from gateway.api.guard_protocol import Ask
 from gateway.api.question import ZenohQuestion, reply_encoding
 from gateway.api.stop_pipe import drop_stop
 from gateway.client.asking.guard_stop import stop_at_guard
@@ -43,10 +44,14 @@ STOP_S = 1.0
 """Longest wait for the gateway's answer to a stop, before its guard is asked [s]."""
 QUESTIONS_HZ, PUTS_HZ = 200, 2000
 """So many requests of all, and puts of one owner, go on in a second, and as many at once."""
+STOP_KEPT_NS = 3_000_000_000
+"""Who asked longer ago about a stop has gone: he is not answered any more [ns]."""
 STOPS = (protocol.STOP_KEY, protocol.ESTOP_KEY)
 FOR_ADMINS = (protocol.Take, protocol.Recover)
 """What the gateway's roles would keep from somebody; which stop is whose, for `Recover`, nobody knows here."""
 MOST_WAITING, MOST_TOKENS, MOST_LANES = 256, 256, 32
+
+T = TypeVar("T")
 
 log = logging.getLogger(__name__)
 
@@ -70,6 +75,8 @@ class Member:
         self._views: zenoh.Subscriber[None] | None = None
         self._may_ask = {is_stop: _bucket(QUESTIONS_HZ) for is_stop in (False, True)}
         self._jobs: queue.Queue[Callable[[], object]] = queue.Queue(MOST_WAITING)
+        self._stops: queue.Queue[ZenohQuestion] = queue.Queue(MOST_WAITING)
+        """Those that the gateway did not answer."""
         self._is_viewed = self._serves = False
         self._alive: dict[str, zenoh.Session] = {}
         """Tokens here, and where they are to be shown."""
@@ -93,9 +100,9 @@ class Member:
         if not self._ended.is_set():
             self._join(*self._sessions)
             # Without it this is no member: the process ends, and is begun anew.
-            supervised(
-                self._work, "ta2-fleet", may_return=self._ended.is_set, on_lost=lambda _: self._ended.set()
-            ).start()
+            # Asking a guard takes up to seconds, and holds up nobody else: it has a thread of its own.
+            for work, name in ((self._work, "ta2-fleet"), (self._ask_guards, "ta2-fleet-guard")):
+                supervised(work, name, may_return=self._ended.is_set, on_lost=lambda _: self._ended.set()).start()
             log.info("%s is in the fleet at %s", self._name, self._addresses[1].locator or self._addresses[1].file)
         self._ended.wait()
 
@@ -167,9 +174,9 @@ class Member:
 
         def finish() -> None:
             if key in STOPS and not answers:
-                self._do(partial(self._ask_guard, question), question.drop)
+                _into(self._stops, question, question.drop)
             elif lane and answers:  # what is given can be used as soon as its owner hears of it
-                self._do(partial(self._give, question, lane, answers[0]), question.drop)
+                _into(self._jobs, partial(self._give, question, lane, answers[0]), question.drop)
             elif answers:
                 question.answer(answers[0], question.encoding)
             else:
@@ -236,12 +243,6 @@ class Member:
 
     # ------------------------------------------------------------------------------------------------ own thread
 
-    def _do(self, job: Callable[[], object], otherwise: Callable[[], object]) -> None:
-        try:
-            self._jobs.put_nowait(job)
-        except queue.Full:
-            otherwise()
-
     def _work(self) -> None:
         while not self._ended.is_set():
             with contextlib.suppress(queue.Empty, zenoh.ZError):  # a session that is closed in this moment
@@ -275,17 +276,42 @@ class Member:
                     self._lanes[lane] = [self._fleet.declare_subscriber(key, take) for key in protocol.lane_keys(*lane)]
         question.answer(payload, question.encoding)
 
-    def _ask_guard(self, question: ZenohQuestion) -> None:
-        """Ask the guard of a gateway that does not answer what became of the stop in the pipe."""
-        is_stop = question.key == protocol.STOP_KEY
-        done = stop_at_guard(f"unix:{self._path}", "stop" if is_stop else "estop", "from the fleet", "ta2 fleet")
-        if done is None:
-            question.drop()
+    # ------------------------------------------------------------------------------------------------ another one
+
+    def _ask_guards(self) -> None:
+        """Ask the guard of a gateway that does not answer what became of stops in the pipe: once for all that wait."""
+        while not self._ended.is_set():
+            asked: list[ZenohQuestion] = []
+            with contextlib.suppress(queue.Empty):
+                asked.append(self._stops.get(timeout=0.05))
+                while len(asked) < MOST_WAITING:
+                    asked.append(self._stops.get_nowait())
+            for key in STOPS:
+                self._ask_guard(key, [question for question in asked if question.key == key])
+
+    def _ask_guard(self, key: str, asked: Sequence[ZenohQuestion]) -> None:
+        since_ns = time.monotonic_ns() - STOP_KEPT_NS
+        for late in (question for question in asked if question.received_ns < since_ns):
+            late.drop()
+        if not (waiting := [question for question in asked if question.received_ns >= since_ns]):
             return
-        facts = {"stop_undelivered": done.undelivered, "by_guard": True}
-        question.answer(
-            protocol.encode(protocol.Reply(request_id=0, facts=facts), question.encoding), question.encoding
-        )
+        ask: Ask = "stop" if key == protocol.STOP_KEY else "estop"
+        done = stop_at_guard(f"unix:{self._path}", ask, "from the fleet", "ta2 fleet")
+        for question in waiting:
+            if done is None:
+                question.drop()
+                continue
+            facts = {"stop_undelivered": done.undelivered, "by_guard": True}
+            question.answer(
+                protocol.encode(protocol.Reply(request_id=0, facts=facts), question.encoding), question.encoding
+            )
+
+
+def _into(waiting: queue.Queue[T], one: T, otherwise: Callable[[], object]) -> None:
+    try:
+        waiting.put_nowait(one)
+    except queue.Full:
+        otherwise()
 
 
 def _direct(take: Callable[[Any], object]) -> Any:  # noqa: ANN401  generic in zenoh

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 import time
 
 import pytest
@@ -217,6 +218,44 @@ def test_a_stop_of_a_gateway_that_does_not_answer_lies_in_its_pipe(fleet, daemon
         monkeypatch.setattr(module, "stop_at_guard", lambda *words: done)
         (answer,) = ask(stranger, "fleet/r/ta2/stop").values()
         assert protocol.decode_reply(answer, protocol.JSON).facts == {"stop_undelivered": False, "by_guard": True}
+
+
+def test_stops_that_wait_for_the_guard_hold_up_nobody_and_are_answered_at_once(fleet, daemon, stranger, monkeypatch):
+    """While it is asked the robot is owned as ever; one more question answers all that came meanwhile, but the old."""
+    asked, go_on, done = [], threading.Event(), type("Done", (), {"undelivered": False})
+
+    def guard(*words):
+        asked.append(words[1])
+        assert go_on.wait(WAIT_S)
+        return done
+
+    class Waiting:
+        key, encoding = protocol.STOP_KEY, protocol.JSON
+
+        def __init__(self, age_ns=0):
+            self.received_ns, self.told = time.monotonic_ns() - age_ns, []
+
+        def answer(self, payload, encoding):
+            self.told.append("answered")
+
+        def drop(self):
+            self.told.append("dropped")
+
+    monkeypatch.setattr(module, "stop_at_guard", guard)
+    with member(fleet, "r", daemon.socket) as made:
+        eventually(lambda: members(stranger), WAIT_S)
+        made._stops.put(Waiting())
+        eventually(lambda: asked, WAIT_S)
+        wanted = structs.replace(command(protocol.Acquire(name="far", pid=1)), secret="s3cret")
+        assert ask(stranger, f"fleet/r/{protocol.COMMAND_KEY}", protocol.encode(wanted, protocol.JSON))
+        monkeypatch.setattr(module, "STOP_KEPT_NS", 3_600_000_000_000)
+        late, young = [Waiting(age_ns=7_200_000_000_000)], [Waiting() for _ in range(50)]
+        for waiting in (*late, *young):
+            made._stops.put(waiting)
+        go_on.set()
+        eventually(lambda: all(waiting.told for waiting in (*late, *young)), WAIT_S)
+        assert {waiting.told[0] for waiting in late} == {"dropped"} and len(asked) == 2
+        assert {waiting.told[0] for waiting in young} == {"answered"}
 
 
 def test_only_so_much_goes_on(monkeypatch):
