@@ -46,6 +46,8 @@ QUESTIONS_HZ, PUTS_HZ = 200, 2000
 """So many requests of all, and puts of one owner, go on in a second, and as many at once."""
 STOP_KEPT_NS = 3_000_000_000
 """Who asked longer ago about a stop has gone: he is not answered any more [ns]."""
+NAMESAKES_S = 5.0
+"""Pause between two looks whether namesakes are still there [s]."""
 STOPS = (protocol.STOP_KEY, protocol.ESTOP_KEY)
 FOR_ADMINS = (protocol.Take, protocol.Recover)
 """What the gateway's roles would keep from somebody; which stop is whose, for `Recover`, nobody knows here."""
@@ -78,6 +80,8 @@ class Member:
         self._stops: queue.Queue[ZenohQuestion] = queue.Queue(MOST_WAITING)
         """Those that the gateway did not answer."""
         self._is_viewed = self._serves = False
+        self._looked_s = 0.0
+        """When namesakes were last asked for."""
         self._alive: dict[str, zenoh.Session] = {}
         """Tokens here, and where they are to be shown."""
         self._tokens: dict[str, Any] = {}
@@ -136,8 +140,8 @@ class Member:
         # Last: who sees the token finds everything else in place. Shown first, then looked for: of two, one sees the other.
         self._token = fleet.liveliness().declare_token(self._me)
         for token in fleet.liveliness().get(protocol.MEMBER_TOKENS, timeout=OPENING_S):
-            if token.ok is not None and str(token.ok.key_expr) != self._me:
-                self.namesakes.add(str(token.ok.key_expr))
+            if token.ok is not None:
+                self._note(str(token.ok.key_expr), is_there=True)
         self._serves = True
 
     # ------------------------------------------------------------------------------------------------ zenoh's threads
@@ -176,7 +180,8 @@ class Member:
             if key in STOPS and not answers:
                 _into(self._stops, question, question.drop)
             elif lane and answers:  # what is given can be used as soon as its owner hears of it
-                _into(self._jobs, partial(self._give, question, lane, answers[0]), question.drop)
+                give: Callable[[], object] = partial(self._give, question, lane, answers[0])
+                _into(self._jobs, give, question.drop)
             elif answers:
                 question.answer(answers[0], question.encoding)
             else:
@@ -223,13 +228,20 @@ class Member:
             self._alive[key] = there
 
     def _on_member(self, sample: zenoh.Sample) -> None:
-        member = str(sample.key_expr)
+        self._note(str(sample.key_expr), is_there=sample.kind != zenoh.SampleKind.DELETE)
+
+    def _note(self, member: str, *, is_there: bool) -> None:
+        before = len(self.namesakes)
         if member == self._me:
             return
-        if sample.kind == zenoh.SampleKind.DELETE:
+        if not is_there:
             self.namesakes.discard(member)
-        elif len(self.namesakes) < MOST_TOKENS:
+        elif before < MOST_TOKENS:
             self.namesakes.add(member)
+        if len(self.namesakes) != before:  # zenoh may show one again
+            self._tell_namesakes()
+
+    def _tell_namesakes(self) -> None:
         tail = "nothing but stops comes from the fleet" if self.namesakes else "it can be moved from the fleet again"
         log.warning("%s: %d others have this name there; %s", self._name, len(self.namesakes), tail)
 
@@ -243,10 +255,34 @@ class Member:
 
     # ------------------------------------------------------------------------------------------------ own thread
 
+    def _look_for_namesakes(self) -> None:
+        """Ask whether they are still there: one whose end was told before it was first heard of would stay for ever."""
+        now_s = time.monotonic()
+        if not self.namesakes or now_s < self._looked_s + NAMESAKES_S:
+            return
+        self._looked_s = now_s
+        known, found, failed = frozenset(self.namesakes), set[str](), list[bool]()
+
+        def take(reply: zenoh.Reply) -> None:
+            if reply.ok is None:
+                failed.append(True)
+            else:
+                found.add(str(reply.ok.key_expr))
+
+        def finish() -> None:
+            gone = known - found
+            if gone and not failed and self._me in found:  # else a router that does not answer
+                self.namesakes.difference_update(gone)
+                self._tell_namesakes()
+
+        handler = zenoh.handlers.Callback(take, finish, indirect=False)
+        self._fleet.liveliness().get(protocol.MEMBER_TOKENS, handler, timeout=OPENING_S)
+
     def _work(self) -> None:
         while not self._ended.is_set():
             with contextlib.suppress(queue.Empty, zenoh.ZError):  # a session that is closed in this moment
                 self._show()
+                self._look_for_namesakes()
                 self._jobs.get(timeout=0.05)()
 
     def _show(self) -> None:

@@ -145,6 +145,18 @@ def test_nobody_in_the_fleet_is_an_admin_unless_that_was_said(fleet, daemon, str
         assert len(answers()) == 2 and heard() == {"Take", "Recover"}
 
 
+def test_a_namesake_that_has_gone_unheard_is_asked_for_again(fleet, daemon, stranger, monkeypatch):
+    """Its end may have been told before its token was found; one that is there stays one."""
+    monkeypatch.setattr(module, "NAMESAKES_S", 0.1)
+    ghost = protocol.MEMBER_TOKENS.replace("*", "1234")
+    with member(fleet, "twin", daemon.socket) as first, member(fleet, "twin", daemon.socket) as second:
+        eventually(lambda: first.namesakes and second.namesakes, WAIT_S)
+        real = set(first.namesakes)
+        first.namesakes.add(ghost)
+        eventually(lambda: ghost not in first.namesakes, WAIT_S)
+        assert first.namesakes == real
+
+
 def test_what_others_put_does_not_reach_the_gateway(fleet, daemon, stranger):
     """Neither without the owner's secret nor on a key for everybody; with it, it does."""
     payload = protocol.encode(command(protocol.Acquire(name="far", pid=1)), protocol.JSON)
