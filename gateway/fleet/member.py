@@ -210,8 +210,12 @@ class Member:
             hint = "give each a name of its own; stops reach all of them"
         elif not self._as_admin and command is not None and isinstance(command.request, FOR_ADMINS):
             code = Code.NOT_PERMITTED
-            message = f"{type(command.request).__name__} is for admins, and in the fleet nobody is one for {self._name!r}"
-            hint = "do it on the robot's host, or begin its `ta2 fleet join` with --as-admin: everybody there is one then"
+            message = (
+                f"{type(command.request).__name__} is for admins, and in the fleet nobody is one for {self._name!r}"
+            )
+            hint = (
+                "do it on the robot's host, or begin its `ta2 fleet join` with --as-admin: everybody there is one then"
+            )
         else:
             return None
         refusal = protocol.RefusalMessage(code=code.value, message=message, hint=hint)

@@ -59,7 +59,7 @@ def login_routes(logins: Logins | None, cookie: str, *, is_tls: bool) -> list[Ba
             response.headers["Retry-After"] = f"{WINDOW_S:.0f}"
             return response
         except (GatewayError, OSError, ValueError) as error:  # of the file of users: no stranger is told where it is
-            _log.error("nobody can log in: %s", error)  # noqa: TRY400  a trace says no more
+            _log.error("nobody can log in: %s", error)
             hint = "a stop needs no login; see the log of ta2 web"
             return _refused(503, "INTERNAL", "logins do not work now", hint)
         if word is None:

@@ -42,7 +42,7 @@ def test_nobody_gets_in_unknown_or_is_overheard(shell: Shell, words: list[str], 
 
 @pytest.mark.parametrize(
     ("config", "told"),
-    [("[modell]\n", "modell"), ('[model]\ncalibration = "nowhere.json"\n', "nowhere.json"), (None, "cannot be read")],
+    [("[body]\n", "body"), ('[model]\ncalibration = "nowhere.json"\n', "nowhere.json"), (None, "cannot be read")],
 )
 def test_without_a_usable_body_there_is_the_page_and_its_stop_all_the_same(
     shell: Shell, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, config: str | None, told: str

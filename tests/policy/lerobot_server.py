@@ -84,7 +84,11 @@ def pickled(rows: Any, first: int = 0, *, size: Any = None, stride: Any = None, 
             shape = (len(row),) if size is None else size
             steps = (1,) if stride is None else stride
             tensor = _Reduced(rebuild, _Reduced(load, _storage(rows, **wrong)), at, shape, steps, False, OrderedDict())
-            one.__dict__.update(timestamp=1.5 + n / 30, timestep=wrong.get("timesteps", range(first, first + len(rows)))[n], action=tensor)
+            one.__dict__.update(
+                timestamp=1.5 + n / 30,
+                timestep=wrong.get("timesteps", range(first, first + len(rows)))[n],
+                action=tensor,
+            )
             actions.append(one)
         return pickle.dumps(actions)
 

@@ -154,7 +154,9 @@ class Contacts:
         self._on_broken(error)
 
     def _given_up(self) -> Unfelt:
-        return Unfelt(code=BROKEN, reason=f"the estimate failed and is off until the gateway starts anew: {self._broken}")
+        return Unfelt(
+            code=BROKEN, reason=f"the estimate failed and is off until the gateway starts anew: {self._broken}"
+        )
 
     def _why_not(self, side: Side, now_ns: int) -> Unfelt | None:
         if self._broken:
