@@ -78,7 +78,8 @@ BEFORE_OTHERS = -5
 At -20 its keepalives stayed away for 250 ms in 7 of 18 floods of half-open connections on a loaded host, at -8 in none."""
 FIRST_OF_ALL = -20
 """Nice value of Python's threads meanwhile: one that waits for a core while it has Python's lock keeps the loop waiting, too.
-At -5 setpoints came up to 45 ms apart under half-open connections (p99 18 to 30 ms), at -20 up to 19 ms (15 ms)."""
+At -5 setpoints came up to 45 ms apart under half-open connections (p99 20 ms), at -20 up to 14 ms (12 ms). Not of the one that
+works out chunks: its work has no end, and zenoh's threads, on the same core, would not hear the robot (p99 15 to 19 ms, 13)."""
 LOG_APART_NS = 1000 * MS
 
 log = logging.getLogger(__name__)
@@ -210,9 +211,14 @@ def _peer(connection: socket.socket) -> object:
 
 
 class OrdinaryWhileBusy:
-    """Takes this process's threads, but the one that calls and those that send, out of real time while they are busy."""
+    """Takes this process's threads, but the one that calls and those that send, out of real time while they are busy.
 
-    def __init__(self) -> None:
+    Args:
+        is_reader: Whether a thread, by its number, works for whoever asks.
+    """
+
+    def __init__(self, is_reader: Callable[[int], bool] = lambda _: False) -> None:
+        self._is_reader = is_reader
         self.lowered: dict[int, tuple[int, int, int]] = {}
         """Threads that were taken out of real time, with policy, priority and nice value that they had."""
         self._looked_ns = time.monotonic_ns()
@@ -259,5 +265,6 @@ class OrdinaryWhileBusy:
                         *_, nice = self.lowered.get(thread_id) or (os.getpriority(os.PRIO_PROCESS, thread_id),)
                         self.lowered[thread_id] = policy, os.sched_getparam(thread_id).sched_priority, nice
                         os.sched_setscheduler(thread_id, os.SCHED_OTHER, os.sched_param(0))
-                        busy_nice = BEFORE_OTHERS if name.startswith(RECEIVERS) else FIRST_OF_ALL
+                        works_for_others = name.startswith(RECEIVERS) or self._is_reader(thread_id)
+                        busy_nice = BEFORE_OTHERS if works_for_others else FIRST_OF_ALL
                         os.setpriority(os.PRIO_PROCESS, thread_id, busy_nice)

@@ -207,7 +207,8 @@ def scheduler(monkeypatch):
     """A kernel in which all threads but this one are under SCHED_FIFO: thread -> policy and priority."""
     nices = {}
     sender = {10: (os.SCHED_FIFO, 40)}
-    threads = {threading.get_native_id(): (os.SCHED_FIFO, 60), 7: (os.SCHED_FIFO, 40), 8: (os.SCHED_FIFO, 39)} | sender
+    others = {7: (os.SCHED_FIFO, 40), 8: (os.SCHED_FIFO, 39), 11: (os.SCHED_FIFO, 39)}
+    threads = {threading.get_native_id(): (os.SCHED_FIFO, 60)} | others | sender
     monkeypatch.setattr(flood_watch, "name_of", lambda number: {10: "tx-0\n", 7: "rx-0\n"}.get(number, "python\n"))
     monkeypatch.setattr(os, "listdir", lambda path: [str(number) for number in (*threads, 9)])
     monkeypatch.setattr(os, "sched_getscheduler", lambda number: threads[number][0] if number in threads else gone())
@@ -230,16 +231,18 @@ def test_busy_threads_leave_real_time_and_come_back(scheduler):
     """All but the loop's and the sender's, as long as this process is busy and a second longer; each to where it was."""
     loop, (scheduler, nices) = threading.get_native_id(), scheduler
     before = dict(scheduler)
-    ordinary = OrdinaryWhileBusy()
+    ordinary = OrdinaryWhileBusy(lambda number: number == 11)
     now_ns, used_ns = ordinary._looked_ns, ordinary._used_ns
     ordinary.judge(now_ns + 100 * MS, used_ns + 20 * MS)
     assert scheduler == before, "a robot's usual load"
     ordinary.judge(now_ns + 200 * MS, used_ns + 110 * MS)
     assert scheduler == {
-        loop: (os.SCHED_FIFO, 60), 7: (os.SCHED_OTHER, 0), 8: (os.SCHED_OTHER, 0), 10: (os.SCHED_FIFO, 40)
+        loop: (os.SCHED_FIFO, 60), 7: (os.SCHED_OTHER, 0), 8: (os.SCHED_OTHER, 0), 10: (os.SCHED_FIFO, 40),
+        11: (os.SCHED_OTHER, 0),
     }, "setpoints leave in time"  # fmt: skip
     assert nices[7] == -5, "before others, but the owner's program on the same core still runs: at -20 it did not"
     assert nices[8] == -20, "whoever may hold Python's lock, for which the loop waits, waits for no core"
+    assert nices[11] == -5, "it has work for as long as others ask, and would keep the robot from being heard"
     scheduler[7] = (os.SCHED_FIFO, 40)  # a new link has raised it again
     ordinary.judge(now_ns + 300 * MS, used_ns + 200 * MS)
     assert scheduler[7] == (os.SCHED_OTHER, 0)
@@ -247,4 +250,4 @@ def test_busy_threads_leave_real_time_and_come_back(scheduler):
     assert scheduler[7] == (os.SCHED_OTHER, 0), "not calm for long enough"
     ordinary.judge(now_ns + 1400 * MS, used_ns + 220 * MS)
     assert scheduler == before and ordinary.lowered == {}
-    assert nices == {7: 0, 8: 0}, "what they start would have it, too"
+    assert nices == {7: 0, 8: 0, 11: 0}, "what they start would have it, too"

@@ -12,6 +12,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
+from msgspec.structs import replace
 from numpy.typing import NDArray
 
 from gateway.errors import Code, Refusal
@@ -33,6 +34,22 @@ MOST_NM, MOST_RADPS = 1000.0, 100.0
 
 NO_EFFORTS, NOT_CONVERGED, BROKEN = "NO_EFFORTS", "NOT_CONVERGED", "BROKEN"
 """Reasons beside those of the model and of its age: they refuse nothing, and are no codes of refusals."""
+
+NOT_KNOWN = ContactView(
+    state="unknown",
+    code="",
+    reason="",
+    basis="",
+    torque_nm=(),
+    torque_sd_nm=(),
+    frame="",
+    point="",
+    wrench=(),
+    wrench_sd=(),
+    unknown=(),
+    sigmas=0.0,
+    age_ns=0,
+)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -133,10 +150,12 @@ class Contacts:
             self._break(error)
             found = self._given_up()
         if isinstance(found, Unfelt):
-            return ContactView(state="unknown", code=found.code, reason=found.reason, basis=dynamics.drives.source)
+            return replace(NOT_KNOWN, code=found.code, reason=found.reason, basis=dynamics.drives.source)
         values, sd, unknown = found.wrench
         return ContactView(
             state="known",
+            code="",
+            reason="",
             basis=dynamics.drives.source,
             torque_nm=tuple(found.torque_nm.tolist()),
             torque_sd_nm=tuple(found.torque_sd_nm.tolist()),
