@@ -210,7 +210,7 @@ def _join(options: Namespace, fleet: protocol.Address) -> ExitStatus:
         raise protocol.AddressRefused(f"{options.socket!r} is no path of a gateway's socket, beside which it must be")
     demand_known(fleet, is_open=options.open_to_every_user_of_this_host)
     configure_log(is_json=options.json_log)
-    member = Member(replace(fleet, robot=options.name), options.name, gateway)
+    member = Member(replace(fleet, robot=options.name), options.name, gateway, as_admin=options.as_admin)
     try:
         member.run()
     finally:

@@ -9,6 +9,7 @@ Rules it obeys
 
 from __future__ import annotations
 
+import contextlib
 import ipaddress
 import json
 import os
@@ -38,6 +39,8 @@ __all__ = ["carry_out"]
 
 CERTIFICATE, KEY, CA, CREDENTIALS, ROLES = "certificate.pem", "key.pem", "ca.pem", "credentials.json", "roles"
 AT = "tls/HOST:7448"
+STAYS = "the earlier key stays good until it ends: if it was lost, give a new name"
+"""zenoh reads no list of revoked certificates."""
 SOON_DAYS = 30
 """Less is told as something to do."""
 
@@ -63,7 +66,7 @@ def carry_out(options: Namespace) -> ExitStatus:
 
 def _init(folder: Path, options: Namespace) -> None:
     files = _made("ta2 lab", options.days, [x509.BasicConstraints(ca=True, path_length=0)], None)
-    _write(folder / "ca", files, may_replace=options.replace)
+    _write(folder / "ca", files, may_replace=options.replace, replaced="what was made before ends")
     print(f"the authority is in {folder / 'ca'}, good for {options.days} days")
     print("whoever has its key can make anybody an admin: keep it off the robot's host. Next: ta2 keys server HOST")
 
@@ -164,20 +167,25 @@ def _read(path: Path) -> x509.Certificate:
         raise _refused(f"{path} cannot be read: {error}", "give the folder that `ta2 keys init` made") from None
 
 
-def _write(folder: Path, files: dict[str, bytes], *, may_replace: bool) -> None:
-    """Write files for this user alone, each of them whole or not at all."""
+def _write(folder: Path, files: dict[str, bytes], *, may_replace: bool, replaced: str = STAYS) -> None:
+    """Write files for this user alone, each of them whole or not at all; `replaced` says what becomes of those before."""
     there = [name for name in files if (folder / name).exists()]
     if there and not may_replace:
-        raise _refused(f"{folder} has {', '.join(there)} already", "--replace makes it anew; what was made before ends")
+        raise _refused(f"{folder} has {', '.join(there)} already", f"--replace makes it anew; {replaced}")
     try:
         folder.mkdir(parents=True, exist_ok=True)
         for name, content in files.items():
             handle, temporary = tempfile.mkstemp(dir=folder, prefix=f".{name}.")  # 0600
-            with os.fdopen(handle, "wb") as file:
-                file.write(content)
-                file.flush()
-                os.fsync(file.fileno())
-            os.replace(temporary, folder / name)
+            try:
+                with os.fdopen(handle, "wb") as file:
+                    file.write(content)
+                    file.flush()
+                    os.fsync(file.fileno())
+                os.replace(temporary, folder / name)
+            except BaseException:  # a key that nobody knows of would stay
+                with contextlib.suppress(OSError):
+                    os.unlink(temporary)
+                raise
     except OSError as error:
         raise _refused(f"{folder} cannot be written: {error.strerror}", "give another folder with --dir") from None
 

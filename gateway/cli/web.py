@@ -12,8 +12,8 @@ from argparse import Namespace
 from ipaddress import IPv4Address, IPv6Address, ip_address
 from pathlib import Path
 
-from gateway.cli.terminal.ending import ExitStatus
-from gateway.errors import Code, failure
+from gateway.cli.terminal.ending import ExitStatus, line_of
+from gateway.errors import Code, GatewayError, failure
 from gateway.recording.bag_writer import needed
 from gateway.settings import toml_file
 
@@ -32,7 +32,6 @@ def carry_out(options: Namespace) -> ExitStatus:
     """Serve until Ctrl-C or SIGTERM, or add a user.
 
     Raises:
-        ConfigError: The settings are wrong.
         Rejected: BAD_REQUEST, the extra `web` is missing, the port is taken, the gateway's address makes no sense, or who
             may come is not settled: certificate, users and names, beyond loopback.
     """
@@ -58,7 +57,13 @@ def carry_out(options: Namespace) -> ExitStatus:
     errands = {"check": Errand(*SELF, "check", *at, "--json")}
     if options.recordings is not None:
         errands["recordings"] = Errand(*SELF, "bag", "list", str(options.recordings), "--json")
-    beside = Beside(body=Body(toml_file.load(options.config)), errands=errands)
+    body, why_no_body = None, ""
+    try:
+        body = Body(toml_file.load(options.config))
+    except GatewayError as error:  # the page's stop needs no body
+        why_no_body = line_of(error)
+        print(f"the page shows the robot in no three dimensions: {why_no_body}", file=sys.stderr)
+    beside = Beside(body=body, why_no_body=why_no_body, errands=errands)
     users = options.users
     if users is not None:
         read_users(users)

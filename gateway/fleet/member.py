@@ -6,6 +6,8 @@ Rules
     * On the router the keys are the gateway's own in the namespace `fleet/NAME`: clients and their secrets are the same.
     * A stop is dropped into the gateway's pipe as it arrives, before all else; then gateway and guard are asked about it.
     * Targets, keepalives and check-ins are heard on the secret keys of those alone whom the gateway gave something to own.
+    * To the gateway all of the fleet is one client of its socket, an admin. So what only admins may, taking the robot from
+      its owner and recovering from others' stops, is refused here, unless whoever began this said that all there are admins.
     * While another has this name, nothing but stops and views is served: nobody shall move two robots at once.
     * Callbacks hand on or put away; what waits is bounded, and what goes on in a second.
 """
@@ -17,15 +19,16 @@ import logging
 import queue
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import zenoh
 
 from gateway.api import protocol
 from gateway.api.access.roles import Asker
+from gateway.api.guard_protocol import Ask
 from gateway.api.question import ZenohQuestion, reply_encoding
 from gateway.api.stop_pipe import drop_stop
 from gateway.client.asking.guard_stop import stop_at_guard
@@ -41,8 +44,16 @@ STOP_S = 1.0
 """Longest wait for the gateway's answer to a stop, before its guard is asked [s]."""
 QUESTIONS_HZ, PUTS_HZ = 200, 2000
 """So many requests of all, and puts of one owner, go on in a second, and as many at once."""
+STOP_KEPT_NS = 3_000_000_000
+"""Who asked longer ago about a stop has gone: he is not answered any more [ns]."""
+NAMESAKES_S = 5.0
+"""Pause between two looks whether namesakes are still there [s]."""
 STOPS = (protocol.STOP_KEY, protocol.ESTOP_KEY)
+FOR_ADMINS = (protocol.Take, protocol.Recover)
+"""What the gateway's roles would keep from somebody; which stop is whose, for `Recover`, nobody knows here."""
 MOST_WAITING, MOST_TOKENS, MOST_LANES = 256, 256, 32
+
+T = TypeVar("T")
 
 log = logging.getLogger(__name__)
 
@@ -54,18 +65,23 @@ class Member:
         fleet: The fleet's router.
         name: Of the robot there.
         gateway: The robot's own, a unix socket.
+        as_admin: Whether whoever gets into the fleet may take the robot from its owner, and recover.
     """
 
-    def __init__(self, fleet: protocol.Address, name: str, gateway: Path) -> None:
+    def __init__(self, fleet: protocol.Address, name: str, gateway: Path, *, as_admin: bool = False) -> None:
         self.namesakes: set[str] = set()
         """Others that have this name now."""
-        self._name, self._path = name, gateway
+        self._name, self._path, self._as_admin = name, gateway, as_admin
         self._addresses = (protocol.parse_address(f"unix:{gateway}"), fleet)
         self._sessions: list[zenoh.Session] = []
         self._views: zenoh.Subscriber[None] | None = None
         self._may_ask = {is_stop: _bucket(QUESTIONS_HZ) for is_stop in (False, True)}
         self._jobs: queue.Queue[Callable[[], object]] = queue.Queue(MOST_WAITING)
+        self._stops: queue.Queue[ZenohQuestion] = queue.Queue(MOST_WAITING)
+        """Those that the gateway did not answer."""
         self._is_viewed = self._serves = False
+        self._looked_s = 0.0
+        """When namesakes were last asked for."""
         self._alive: dict[str, zenoh.Session] = {}
         """Tokens here, and where they are to be shown."""
         self._tokens: dict[str, Any] = {}
@@ -88,9 +104,9 @@ class Member:
         if not self._ended.is_set():
             self._join(*self._sessions)
             # Without it this is no member: the process ends, and is begun anew.
-            supervised(
-                self._work, "ta2-fleet", may_return=self._ended.is_set, on_lost=lambda _: self._ended.set()
-            ).start()
+            # Asking a guard takes up to seconds, and holds up nobody else: it has a thread of its own.
+            for work, name in ((self._work, "ta2-fleet"), (self._ask_guards, "ta2-fleet-guard")):
+                supervised(work, name, may_return=self._ended.is_set, on_lost=lambda _: self._ended.set()).start()
             log.info("%s is in the fleet at %s", self._name, self._addresses[1].locator or self._addresses[1].file)
         self._ended.wait()
 
@@ -124,8 +140,8 @@ class Member:
         # Last: who sees the token finds everything else in place. Shown first, then looked for: of two, one sees the other.
         self._token = fleet.liveliness().declare_token(self._me)
         for token in fleet.liveliness().get(protocol.MEMBER_TOKENS, timeout=OPENING_S):
-            if token.ok is not None and str(token.ok.key_expr) != self._me:
-                self.namesakes.add(str(token.ok.key_expr))
+            if token.ok is not None:
+                self._note(str(token.ok.key_expr), is_there=True)
         self._serves = True
 
     # ------------------------------------------------------------------------------------------------ zenoh's threads
@@ -145,10 +161,12 @@ class Member:
         if key in STOPS:
             self._stop(key, question.payload)
         elif key == protocol.COMMAND_KEY:
-            if self.namesakes:
-                question.answer(protocol.encode(self._refused(), question.encoding), question.encoding)
+            command = _command_in(question)
+            refused = self._refused(command)
+            if refused is not None:
+                question.answer(protocol.encode(refused, question.encoding), question.encoding)
                 return
-            lane = _lane_of(question)
+            lane = _lane_of(command)
         if not self._may_ask[key in STOPS]() or not (self._serves or key in STOPS):
             question.drop()
             return
@@ -160,9 +178,10 @@ class Member:
 
         def finish() -> None:
             if key in STOPS and not answers:
-                self._do(partial(self._ask_guard, question), question.drop)
+                _into(self._stops, question, question.drop)
             elif lane and answers:  # what is given can be used as soon as its owner hears of it
-                self._do(partial(self._give, question, lane, answers[0]), question.drop)
+                give: Callable[[], object] = partial(self._give, question, lane, answers[0])
+                _into(self._jobs, give, question.drop)
             elif answers:
                 question.answer(answers[0], question.encoding)
             else:
@@ -182,14 +201,25 @@ class Member:
         except zenoh.ZError:  # closed in this moment
             finish()
 
-    def _refused(self) -> protocol.Reply:
-        message = (
-            f"{len(self.namesakes) + 1} gateways are {self._name!r} in this fleet: none of them is moved from there"
-        )
-        hint = "give each a name of its own; stops reach all of them"
-        return protocol.Reply(
-            request_id=0, refusal=protocol.RefusalMessage(code=Code.OTHER_GATEWAY.value, message=message, hint=hint)
-        )
+    def _refused(self, command: protocol.Command | None) -> protocol.Reply | None:
+        if self.namesakes:
+            code = Code.OTHER_GATEWAY
+            message = (
+                f"{len(self.namesakes) + 1} gateways are {self._name!r} in this fleet: none of them is moved from there"
+            )
+            hint = "give each a name of its own; stops reach all of them"
+        elif not self._as_admin and command is not None and isinstance(command.request, FOR_ADMINS):
+            code = Code.NOT_PERMITTED
+            message = (
+                f"{type(command.request).__name__} is for admins, and in the fleet nobody is one for {self._name!r}"
+            )
+            hint = (
+                "do it on the robot's host, or begin its `ta2 fleet join` with --as-admin: everybody there is one then"
+            )
+        else:
+            return None
+        refusal = protocol.RefusalMessage(code=code.value, message=message, hint=hint)
+        return protocol.Reply(request_id=0 if command is None else command.request_id, refusal=refusal)
 
     def _on_matching(self, status: zenoh.MatchingStatus) -> None:
         self._is_viewed = status.matching
@@ -202,13 +232,20 @@ class Member:
             self._alive[key] = there
 
     def _on_member(self, sample: zenoh.Sample) -> None:
-        member = str(sample.key_expr)
+        self._note(str(sample.key_expr), is_there=sample.kind != zenoh.SampleKind.DELETE)
+
+    def _note(self, member: str, *, is_there: bool) -> None:
+        before = len(self.namesakes)
         if member == self._me:
             return
-        if sample.kind == zenoh.SampleKind.DELETE:
+        if not is_there:
             self.namesakes.discard(member)
-        elif len(self.namesakes) < MOST_TOKENS:
+        elif before < MOST_TOKENS:
             self.namesakes.add(member)
+        if len(self.namesakes) != before:  # zenoh may show one again
+            self._tell_namesakes()
+
+    def _tell_namesakes(self) -> None:
         tail = "nothing but stops comes from the fleet" if self.namesakes else "it can be moved from the fleet again"
         log.warning("%s: %d others have this name there; %s", self._name, len(self.namesakes), tail)
 
@@ -222,16 +259,34 @@ class Member:
 
     # ------------------------------------------------------------------------------------------------ own thread
 
-    def _do(self, job: Callable[[], object], otherwise: Callable[[], object]) -> None:
-        try:
-            self._jobs.put_nowait(job)
-        except queue.Full:
-            otherwise()
+    def _look_for_namesakes(self) -> None:
+        """Ask whether they are still there: one whose end was told before it was first heard of would stay for ever."""
+        now_s = time.monotonic()
+        if not self.namesakes or now_s < self._looked_s + NAMESAKES_S:
+            return
+        self._looked_s = now_s
+        known, found, failed = frozenset(self.namesakes), set[str](), list[bool]()
+
+        def take(reply: zenoh.Reply) -> None:
+            if reply.ok is None:
+                failed.append(True)
+            else:
+                found.add(str(reply.ok.key_expr))
+
+        def finish() -> None:
+            gone = known - found
+            if gone and not failed and self._me in found:  # else a router that does not answer
+                self.namesakes.difference_update(gone)
+                self._tell_namesakes()
+
+        handler = zenoh.handlers.Callback(take, finish, indirect=False)
+        self._fleet.liveliness().get(protocol.MEMBER_TOKENS, handler, timeout=OPENING_S)
 
     def _work(self) -> None:
         while not self._ended.is_set():
             with contextlib.suppress(queue.Empty, zenoh.ZError):  # a session that is closed in this moment
                 self._show()
+                self._look_for_namesakes()
                 self._jobs.get(timeout=0.05)()
 
     def _show(self) -> None:
@@ -261,17 +316,42 @@ class Member:
                     self._lanes[lane] = [self._fleet.declare_subscriber(key, take) for key in protocol.lane_keys(*lane)]
         question.answer(payload, question.encoding)
 
-    def _ask_guard(self, question: ZenohQuestion) -> None:
-        """Ask the guard of a gateway that does not answer what became of the stop in the pipe."""
-        is_stop = question.key == protocol.STOP_KEY
-        done = stop_at_guard(f"unix:{self._path}", "stop" if is_stop else "estop", "from the fleet", "ta2 fleet")
-        if done is None:
-            question.drop()
+    # ------------------------------------------------------------------------------------------------ another one
+
+    def _ask_guards(self) -> None:
+        """Ask the guard of a gateway that does not answer what became of stops in the pipe: once for all that wait."""
+        while not self._ended.is_set():
+            asked: list[ZenohQuestion] = []
+            with contextlib.suppress(queue.Empty):
+                asked.append(self._stops.get(timeout=0.05))
+                while len(asked) < MOST_WAITING:
+                    asked.append(self._stops.get_nowait())
+            for key in STOPS:
+                self._ask_guard(key, [question for question in asked if question.key == key])
+
+    def _ask_guard(self, key: str, asked: Sequence[ZenohQuestion]) -> None:
+        since_ns = time.monotonic_ns() - STOP_KEPT_NS
+        for late in (question for question in asked if question.received_ns < since_ns):
+            late.drop()
+        if not (waiting := [question for question in asked if question.received_ns >= since_ns]):
             return
-        facts = {"stop_undelivered": done.undelivered, "by_guard": True}
-        question.answer(
-            protocol.encode(protocol.Reply(request_id=0, facts=facts), question.encoding), question.encoding
-        )
+        ask: Ask = "stop" if key == protocol.STOP_KEY else "estop"
+        done = stop_at_guard(f"unix:{self._path}", ask, "from the fleet", "ta2 fleet")
+        for question in waiting:
+            if done is None:
+                question.drop()
+                continue
+            facts = {"stop_undelivered": done.undelivered, "by_guard": True}
+            question.answer(
+                protocol.encode(protocol.Reply(request_id=0, facts=facts), question.encoding), question.encoding
+            )
+
+
+def _into(waiting: queue.Queue[T], one: T, otherwise: Callable[[], object]) -> None:
+    try:
+        waiting.put_nowait(one)
+    except queue.Full:
+        otherwise()
 
 
 def _direct(take: Callable[[Any], object]) -> Any:  # noqa: ANN401  generic in zenoh
@@ -303,11 +383,15 @@ def _bucket(hz: int) -> Callable[[], bool]:
     return take
 
 
-def _lane_of(question: ZenohQuestion) -> tuple[str, str] | None:
-    """Return to whom a command would give something to own: who then sends targets, keepalives or check-ins."""
+def _command_in(question: ZenohQuestion) -> protocol.Command | None:
     with contextlib.suppress(protocol.Malformed):  # the gateway says what is wrong with it
-        command = protocol.decode_command(question.payload, question.encoding)
-        asked = (protocol.Acquire, protocol.Take, protocol.RegisterEndpoint)
-        if isinstance(command.request, asked) and command.secret:
-            return command.client_id, command.secret
+        return protocol.decode_command(question.payload, question.encoding)
+    return None
+
+
+def _lane_of(command: protocol.Command | None) -> tuple[str, str] | None:
+    """Return to whom a command would give something to own: who then sends targets, keepalives or check-ins."""
+    asked = (protocol.Acquire, protocol.Take, protocol.RegisterEndpoint)
+    if command is not None and isinstance(command.request, asked) and command.secret:
+        return command.client_id, command.secret
     return None

@@ -34,7 +34,8 @@ class ContactView(Struct, frozen=True, kw_only=True):
 
     Attributes:
         state: `known` or `unknown`.
-        code: Why it is unknown: `NO_EFFORTS`, `MODEL_UNKNOWN`, `MODEL_DIFFERS`, `PART_STALE` or `NOT_CONVERGED`; empty else.
+        code: Why it is unknown: `NO_EFFORTS`, `MODEL_UNKNOWN`, `MODEL_DIFFERS`, `PART_STALE`, `NOT_CONVERGED` or
+            `BROKEN`; empty else.
         reason: The same in words.
         basis: Where masses, friction and scale come from: `nominal`, or the file that they were identified to.
         torque_nm: External torques, shape (7,) [N·m]: what pushes towards positive positions is positive; empty when unknown.

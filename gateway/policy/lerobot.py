@@ -137,6 +137,10 @@ class LeRobotServer:
             message = f"the policy server answered observation {steps[0].timestep}, it was asked about {self._number}"
             hint = "does another client ask it? it serves one at a time"
             raise failure(Code.BAD_REQUEST, message, field="server", hint=hint)
+        for due, step in enumerate(steps, self._number):
+            if step.timestep != due:
+                message = f"the policy server sent step {step.timestep} in place of {due}: steps follow each other"
+                raise failure(Code.BAD_REQUEST, message, field="server", hint=BAD_MESSAGE)
         self._has_answered = True
         return {"actions": [step.action for step in steps]}
 

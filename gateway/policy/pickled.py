@@ -129,7 +129,9 @@ def _storage(blob: bytes) -> NDArray[Any]:
             dtype = np.dtype(STORAGES[kind])
             told, data = stream.read(8), stream.read()
             is_little = isinstance(machine, dict) and machine.get("little_endian") is True
-            if is_little and told == count.to_bytes(8, "little", signed=True) and len(data) == count * dtype.itemsize:
+            # Compared as a number: a count beyond 8 bytes is none of them, and no error of its own.
+            is_whole = len(told) == 8 and int.from_bytes(told, "little", signed=True) == count
+            if is_little and is_whole and len(data) == count * dtype.itemsize:
                 values = np.frombuffer(data, dtype)
                 return (values.astype("<u4") << 16).view("<f4") if dtype.kind == "u" else values
     raise _wrong("sent a tensor whose storage is not as torch saves one")

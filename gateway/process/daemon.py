@@ -322,7 +322,10 @@ def _model(settings: Settings) -> BodyModel | None:
         from gateway.core.robot_state.contact import Contacts
         from gateway.kinematics.dynamics.loading import load_dynamics
 
-        model.contacts = Contacts(load_dynamics(settings), model.refusal)
+        def tell(error: Exception) -> None:
+            _log.error("what pulls at the arms is not estimated any more", exc_info=error)
+
+        model.contacts = Contacts(load_dynamics(settings), model.refusal, tell)
     return model
 
 

@@ -29,16 +29,17 @@ OTHERWISE = {"recordings": "no folder is listed: ta2 web --recordings DIR", "che
 
 @dataclass(frozen=True, kw_only=True)
 class Beside:
-    """What there is: the robot's body (None shows none), and commands that list recordings or check the robot."""
+    """What there is: the robot's body (None shows none, and why), and commands that list recordings or check the robot."""
 
     body: Body | None = None
+    why_no_body: str = ""
     errands: Mapping[str, Errand] = field(default_factory=dict)
 
     def routes(self) -> list[Route]:
         """Return what there is under which path."""
 
         async def body(_: Request) -> Response:
-            return _json(BodyShape(parts=(), frames={}) if self.body is None else self.body.shape)
+            return _json(BodyShape(parts=(), frames={}, why=self.why_no_body) if self.body is None else self.body.shape)
 
         async def errand(request: Request) -> Response:
             name = request.url.path.rpartition("/")[2]

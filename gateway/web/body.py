@@ -42,11 +42,12 @@ class Part(Struct, frozen=True):
 class BodyShape(Struct, frozen=True, kw_only=True):
     """What does not change: the capsules in their order, and frames that no joint moves.
 
-    A frame is the place of its origin [m], then its axes x, y and z, shape (12,).
+    A frame is the place of its origin [m], then its axes x, y and z, shape (12,). `why` says why there are none.
     """
 
     parts: tuple[Part, ...]
     frames: dict[str, tuple[float, ...]]
+    why: str = ""
 
 
 class NearPair(Struct, frozen=True, kw_only=True):

@@ -1,13 +1,14 @@
 """The way in where there are users: a page that asks for name and password, and stops all the same; and out again.
 
 GET  /login                  the page
-POST /api/login              {"name": ..., "password": ...}; the session becomes a cookie. 401 wrong, 429 too many
+POST /api/login              {"name": ..., "password": ...}; the session becomes a cookie. 401 wrong, 429 too many, 503 broken
 POST /api/logout             ends it, and what is open by it: a page that owns the robot is lost
 """
 
 from __future__ import annotations
 
 import asyncio
+import logging
 from pathlib import Path
 
 import msgspec
@@ -16,12 +17,15 @@ from starlette.requests import Request
 from starlette.responses import FileResponse, JSONResponse, Response
 from starlette.routing import BaseRoute, Route
 
+from gateway.errors import GatewayError
 from gateway.web.door import SESSION
 from gateway.web.logins import SESSION_S, WINDOW_S, Logins, TooMany
 from gateway.web.messages import LoginAsked
 from gateway.web.stopping import body_of
 
 __all__ = ["login_routes"]
+
+_log = logging.getLogger(__name__)
 
 PAGE = Path(__file__).parent / "static" / "login.html"
 BODY_S = 5.0
@@ -54,6 +58,10 @@ def login_routes(logins: Logins | None, cookie: str, *, is_tls: bool) -> list[Ba
             response = _refused(429, "FORBIDDEN", "too many logins failed, or wait", hint)
             response.headers["Retry-After"] = f"{WINDOW_S:.0f}"
             return response
+        except (GatewayError, OSError, ValueError) as error:  # of the file of users: no stranger is told where it is
+            _log.error("nobody can log in: %s", error)
+            hint = "a stop needs no login; see the log of ta2 web"
+            return _refused(503, "INTERNAL", "logins do not work now", hint)
         if word is None:
             return _refused(401, "FORBIDDEN", "name or password is wrong", "a stop needs no login")
         response = JSONResponse({})

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import json
 import stat
 import sys
@@ -83,6 +84,31 @@ def test_nothing_is_replaced_unless_asked(lab, words):
     assert before == {path: path.read_bytes() for path in lab.folder.rglob("*") if path.is_file()}
     assert lab(*words, "--replace")[0] == 0
     assert before != {path: path.read_bytes() for path in lab.folder.rglob("*") if path.is_file()}
+
+
+def test_only_a_new_authority_ends_what_was_made_before(lab):
+    """A certificate that was replaced opens the gateway on, until its own end: nobody is told otherwise."""
+    for words in (("init",), ("server", "localhost"), ("client", "ann", "--role", "admin")):
+        lab(*words)
+        err = lab(*words)[2]
+        assert ("what was made before ends" in err) == (words[0] == "init")
+        assert ("stays good until it ends" in err) == (words[0] != "init")
+
+
+def test_a_key_that_cannot_be_written_leaves_nothing_behind(lab, monkeypatch):
+    """Not even in a file that nobody looks at."""
+    lab("init")
+    lab("server", "localhost")
+    before = set(lab.folder.rglob("*"))
+
+    def full(*_):
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    for name in ("fsync", "replace"):
+        with monkeypatch.context() as broken:
+            broken.setattr(module.os, name, full)
+            status, _, err = lab("server", "localhost", "--replace")
+        assert status == 1 and "cannot be written: No space left" in err and set(lab.folder.rglob("*")) == before
 
 
 def test_a_new_server_keeps_the_roles(lab):

@@ -40,6 +40,32 @@ def test_nobody_gets_in_unknown_or_is_overheard(shell: Shell, words: list[str], 
     assert (done.status, done.out) == (1, "") and told in done.err and " -> " in done.err
 
 
+@pytest.mark.parametrize(
+    ("config", "told"),
+    [("[body]\n", "body"), ('[model]\ncalibration = "nowhere.json"\n', "nowhere.json"), (None, "cannot be read")],
+)
+def test_without_a_usable_body_there_is_the_page_and_its_stop_all_the_same(
+    shell: Shell, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, config: str | None, told: str
+) -> None:
+    """Standard error says why, and so does the page's answer."""
+    pytest.importorskip("prometheus_client")
+    uvicorn, testclient = pytest.importorskip("uvicorn"), pytest.importorskip("starlette.testclient")
+    served = []
+    monkeypatch.setattr(uvicorn.Server, "run", lambda self, sockets: served.append(self.config.app))
+    path = tmp_path / "config.toml"
+    if config is not None:
+        path.write_text(config)
+    with socket.create_server(("127.0.0.1", 0)) as free:
+        port = free.getsockname()[1]
+    done = shell.run("web", "--config", str(path), "--port", str(port), "--json")
+    assert done.status == 0 and told in done.err
+    known = {"Authorization": f"Bearer {done.json['token']}"}
+    with testclient.TestClient(served[0], base_url=f"http://127.0.0.1:{port}", headers=known) as page:
+        shape = page.get("/api/body").json()
+        assert shape["parts"] == [] and told in shape["why"]
+        assert "physical emergency stop" in page.post("/api/stop").text
+
+
 def test_a_port_that_is_taken_is_told(shell: Shell) -> None:
     """With the option for another one."""
     with socket.create_server(("127.0.0.1", 0)) as taken:

@@ -184,10 +184,12 @@ def test_pictures_that_came_at_one_instant_count_once(tmp_path):
     assert replace(source, path=tmp_path).pts is source.pts
 
 
-def test_a_dataset_and_a_policy_of_the_same_name_see_the_same_views():
-    """What was learnt from is what is shown."""
-    assert set(PRESETS) == set(EYES)
-    for name, views in EYES.items():
-        shown = load_map(name).observation.images
-        assert {key.rpartition("/")[2]: view for key, view in shown.items()} == views
+def test_a_dataset_and_a_policy_that_learnt_from_it_see_the_same_views():
+    """What was learnt from is what is shown; LeRobot's own keys are those of the vendor's layout, by the dataset's names."""
+    twins = {**{name: name for name in EYES}, "lerobot": "vendor_openpi"}
+    assert set(PRESETS) == set(twins)
+    for preset, views in ((preset, EYES[name]) for preset, name in twins.items()):
+        shown = load_map(preset).observation.images
+        assert {key.removeprefix(IMAGES).rpartition("/")[2]: view for key, view in shown.items()} == views
+        assert preset != "lerobot" or all(key.startswith(IMAGES) for key in shown)
         assert set(views.values()) <= set(VIEWS)

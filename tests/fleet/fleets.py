@@ -40,9 +40,9 @@ def files_of_the_page() -> list[str]:
 
 
 @contextlib.contextmanager
-def member(fleet: str, name: str, socket: Path) -> Iterator[Member]:
+def member(fleet: str, name: str, socket: Path, **options: Any) -> Iterator[Member]:
     """A robot in a fleet while the block runs; `fleet` as `TA2_FLEET` has it."""
-    made = Member(replace(protocol.fleet_address(fleet), robot=name), name, socket)
+    made = Member(replace(protocol.fleet_address(fleet), robot=name), name, socket, **options)
     thread = threading.Thread(target=made.run)
     thread.start()
     try:

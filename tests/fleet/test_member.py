@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 import time
 
 import pytest
@@ -119,6 +120,43 @@ def test_two_of_one_name_are_noticed_by_both_and_moved_by_nobody(fleet, daemon, 
     assert caplog.text.count("1 others have this name") == 2
 
 
+def test_nobody_in_the_fleet_is_an_admin_unless_that_was_said(fleet, daemon, stranger):
+    """Its gateway takes the member for an admin of its host: taking the robot and recovering it would be everybody's."""
+    kinds = (protocol.Take(name="far", pid=1, reason="mine"), protocol.Recover(reason="all is well"))
+    asked = [protocol.encode(command(request, request_id=n), protocol.JSON) for n, request in enumerate(kinds, 7)]
+
+    def answers():
+        found = [ask(stranger, f"fleet/r/{protocol.COMMAND_KEY}", payload) for payload in asked]
+        return [protocol.decode_reply(answer, protocol.JSON) for one in found for answer in one.values()]
+
+    def heard():
+        return {type(request).__name__ for _, request in daemon.engine.requests} & {"Take", "Recover"}
+
+    with member(fleet, "r", daemon.socket):
+        eventually(lambda: members(stranger), WAIT_S)
+        refused = answers()
+        assert [(reply.request_id, reply.refusal.code) for reply in refused] == [(n, "NOT_PERMITTED") for n in (7, 8)]
+        assert all("--as-admin" in reply.refusal.hint for reply in refused) and not heard()
+        payload = protocol.encode(command(protocol.Acquire(name="far", pid=1), request_id=9), protocol.JSON)
+        assert ask(stranger, f"fleet/r/{protocol.COMMAND_KEY}", payload)
+    eventually(lambda: not members(stranger), WAIT_S)
+    with member(fleet, "r", daemon.socket, as_admin=True):
+        eventually(lambda: members(stranger), WAIT_S)
+        assert len(answers()) == 2 and heard() == {"Take", "Recover"}
+
+
+def test_a_namesake_that_has_gone_unheard_is_asked_for_again(fleet, daemon, stranger, monkeypatch):
+    """Its end may have been told before its token was found; one that is there stays one."""
+    monkeypatch.setattr(module, "NAMESAKES_S", 0.1)
+    ghost = protocol.MEMBER_TOKENS.replace("*", "1234")
+    with member(fleet, "twin", daemon.socket) as first, member(fleet, "twin", daemon.socket) as second:
+        eventually(lambda: first.namesakes and second.namesakes, WAIT_S)
+        real = set(first.namesakes)
+        first.namesakes.add(ghost)
+        eventually(lambda: ghost not in first.namesakes, WAIT_S)
+        assert first.namesakes == real
+
+
 def test_what_others_put_does_not_reach_the_gateway(fleet, daemon, stranger):
     """Neither without the owner's secret nor on a key for everybody; with it, it does."""
     payload = protocol.encode(command(protocol.Acquire(name="far", pid=1)), protocol.JSON)
@@ -192,6 +230,44 @@ def test_a_stop_of_a_gateway_that_does_not_answer_lies_in_its_pipe(fleet, daemon
         monkeypatch.setattr(module, "stop_at_guard", lambda *words: done)
         (answer,) = ask(stranger, "fleet/r/ta2/stop").values()
         assert protocol.decode_reply(answer, protocol.JSON).facts == {"stop_undelivered": False, "by_guard": True}
+
+
+def test_stops_that_wait_for_the_guard_hold_up_nobody_and_are_answered_at_once(fleet, daemon, stranger, monkeypatch):
+    """While it is asked the robot is owned as ever; one more question answers all that came meanwhile, but the old."""
+    asked, go_on, done = [], threading.Event(), type("Done", (), {"undelivered": False})
+
+    def guard(*words):
+        asked.append(words[1])
+        assert go_on.wait(WAIT_S)
+        return done
+
+    class Waiting:
+        key, encoding = protocol.STOP_KEY, protocol.JSON
+
+        def __init__(self, age_ns=0):
+            self.received_ns, self.told = time.monotonic_ns() - age_ns, []
+
+        def answer(self, payload, encoding):
+            self.told.append("answered")
+
+        def drop(self):
+            self.told.append("dropped")
+
+    monkeypatch.setattr(module, "stop_at_guard", guard)
+    with member(fleet, "r", daemon.socket) as made:
+        eventually(lambda: members(stranger), WAIT_S)
+        made._stops.put(Waiting())
+        eventually(lambda: asked, WAIT_S)
+        wanted = structs.replace(command(protocol.Acquire(name="far", pid=1)), secret="s3cret")
+        assert ask(stranger, f"fleet/r/{protocol.COMMAND_KEY}", protocol.encode(wanted, protocol.JSON))
+        monkeypatch.setattr(module, "STOP_KEPT_NS", 3_600_000_000_000)
+        late, young = [Waiting(age_ns=7_200_000_000_000)], [Waiting() for _ in range(50)]
+        for waiting in (*late, *young):
+            made._stops.put(waiting)
+        go_on.set()
+        eventually(lambda: all(waiting.told for waiting in (*late, *young)), WAIT_S)
+        assert {waiting.told[0] for waiting in late} == {"dropped"} and len(asked) == 2
+        assert {waiting.told[0] for waiting in young} == {"answered"}
 
 
 def test_only_so_much_goes_on(monkeypatch):

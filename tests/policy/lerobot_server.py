@@ -59,7 +59,7 @@ def _named() -> Any:
 
 def _storage(values: np.ndarray[Any, Any], **wrong: Any) -> bytes:
     flat = values.ravel()
-    persistent = ("persistent", "storage", STORAGES[flat.dtype.str], "94", "cpu", flat.size, None)
+    persistent = ("persistent", "storage", STORAGES[flat.dtype.str], "94", "cpu", wrong.get("numel", flat.size), None)
     stream = io.BytesIO()
     for part in (0x1950A86A20F9469CFC6C, 1001, {"little_endian": wrong.get("little_endian", True)}, persistent, ["94"]):
         _StoragePickler(stream, 2).dump(part)
@@ -75,7 +75,7 @@ def pickled(rows: Any, first: int = 0, *, size: Any = None, stride: Any = None, 
         size: Of each tensor, in place of its own ...
         stride: ... and its stride ...
         off: ... and how much later it begins.
-        wrong: In the storage: `count`, `little_endian`.
+        wrong: In the storage: `count`, `numel` (the same in its pickle), `little_endian`; `timesteps` of the actions.
     """
     actions = []
     with _named():
@@ -84,7 +84,11 @@ def pickled(rows: Any, first: int = 0, *, size: Any = None, stride: Any = None, 
             shape = (len(row),) if size is None else size
             steps = (1,) if stride is None else stride
             tensor = _Reduced(rebuild, _Reduced(load, _storage(rows, **wrong)), at, shape, steps, False, OrderedDict())
-            one.__dict__.update(timestamp=1.5 + n / 30, timestep=first + n, action=tensor)
+            one.__dict__.update(
+                timestamp=1.5 + n / 30,
+                timestep=wrong.get("timesteps", range(first, first + len(rows)))[n],
+                action=tensor,
+            )
             actions.append(one)
         return pickle.dumps(actions)
 

@@ -130,6 +130,15 @@ def test_an_empty_answer_is_a_policy_that_failed(served: Serve) -> None:
     assert caught.value.code is Code.POLICY_FAILED and "log" in caught.value.hint and len(server.taught) == 2
 
 
+@pytest.mark.parametrize("numbers", [(1, 1), (1, 3), (1, 0)])
+def test_steps_that_do_not_follow_each_other_are_refused(served: Serve, numbers: tuple[int, int]) -> None:
+    """Each is played at its place: one left out, or twice there, would shift all that come after it."""
+    asker, _ = served(lambda seen: as_answer(pickled(ROWS, timesteps=numbers)))
+    asker.connect()
+    with pytest.raises(Rejected, match=f"step {numbers[1]} in place of 2"):
+        asker.ask(SEEN)
+
+
 def test_what_a_server_raises_is_told(served: Serve) -> None:
     """As gRPC passes it on: a type of policy that it does not know, say."""
 

@@ -135,6 +135,8 @@ def test_what_is_no_list_of_actions_is_refused(hostile: bytes) -> None:
         ({"size": ()}, Code.WRONG_SHAPE),
         ({"size": "four"}, Code.WRONG_SHAPE),
         ({"count": 13}, Code.BAD_REQUEST),
+        ({"numel": 2**70}, Code.BAD_REQUEST),
+        ({"numel": -(2**70)}, Code.BAD_REQUEST),
         ({"little_endian": False}, Code.BAD_REQUEST),
     ],
 )

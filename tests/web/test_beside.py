@@ -28,7 +28,7 @@ def browser(tmp_path: Path, beside: Beside | None) -> TestClient:
 def test_what_was_not_asked_for_says_how_to(tmp_path: Path) -> None:
     """And runs nothing."""
     with browser(tmp_path, None) as page:
-        assert page.get("/api/body").json() == {"parts": [], "frames": {}}
+        assert page.get("/api/body").json() == {"parts": [], "frames": {}, "why": ""}
         assert "ta2 web --recordings" in page.post("/api/recordings").json()["error"]
         assert not page.post("/api/check").json()["is_running"]
 

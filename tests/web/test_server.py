@@ -11,6 +11,7 @@ from starlette.testclient import TestClient
 from gateway.web.door import Keys, cookie_name
 from gateway.web.logins import Logins
 from gateway.web.server import application
+from gateway.web.users import read_users
 
 TOKEN = "the-secret"
 KNOWN = {"Authorization": f"Bearer {TOKEN}"}
@@ -115,6 +116,20 @@ def test_a_user_logs_in_and_out(abroad: TestClient) -> None:
     assert "Log out ann" in abroad.get("/").text
     assert abroad.post("/api/logout").status_code == 200
     assert abroad.get("/api/state").status_code == 401
+
+
+def test_a_stranger_is_not_told_what_is_wrong_with_the_file_of_users(tmp_path: Path, caplog) -> None:
+    """Nor where it is: the log says so, and how to stop is said all the same."""
+    users = tmp_path / "users"
+    users.touch(mode=0o644)
+    users.chmod(0o644)
+    logins = Logins(lambda name, password: name in read_users(users))
+    app = application(str(tmp_path / "gw.sock"), Keys(logins=logins, names=frozenset({"robot.lab"}), is_tls=True), 8700)
+    with TestClient(app, base_url="https://robot.lab:8700", raise_server_exceptions=False) as client:
+        answer = client.post("/api/login", json={"name": "ann", "password": "right"})
+    assert answer.status_code == 503 and str(users) not in answer.text and "644" not in answer.text
+    assert "logins do not work now" in answer.text and "a stop needs no login" in answer.text
+    assert str(users) in caplog.text and "644" in caplog.text
 
 
 def test_wrong_passwords_are_refused_then_not_even_tried(abroad: TestClient) -> None:

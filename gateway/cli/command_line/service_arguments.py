@@ -92,6 +92,11 @@ def add_fleet(fleet: argparse.ArgumentParser) -> None:
         action="store_true",
         help="be there though the router, on loopback, asks nobody who he is: all may then drive the robot",
     )
+    join.add_argument(
+        "--as-admin",
+        action="store_true",
+        help="let everybody in the fleet take the robot from its owner, and recover it",
+    )
     for sub in (looks, watch, stop, join):
         sub.add_argument(
             "--fleet",

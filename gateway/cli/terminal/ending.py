@@ -7,6 +7,7 @@ Exit statuses are part of the interface; `ta2 --help` lists them. Hints of the g
 from __future__ import annotations
 
 import json
+import re
 import sys
 from dataclasses import asdict, replace
 from enum import IntEnum
@@ -85,6 +86,7 @@ SHELL_WORDS = {
     "recover(reason='...')": "`ta2 recover REASON`",
     "call stop_endpoint()": "start `ta2 stop-endpoint`",
     "enable()": "`ta2 enable`",
+    "estop()": "`ta2 estop`",
     "stop()": "`ta2 stop`",
     "use move_pose(), which": "use `ta2 move-pose` without --straight, which",
     "connect()": "`ta2 --help`",
@@ -95,7 +97,7 @@ SHELL_WORDS = {
 def in_shell_words(hint: str) -> str:
     """Return a hint as a person in a shell would follow it."""
     for call, command in SHELL_WORDS.items():
-        hint = hint.replace(call, command)
+        hint = re.sub(rf"(?<![\w.]){re.escape(call)}", command, hint)  # whole words alone
     return hint
 
 

@@ -32,7 +32,7 @@ STALE_NS = 100 * MS
 MOST_NM, MOST_RADPS = 1000.0, 100.0
 """More than this no motor of an arm gives, nor how fast it turns [N·m, rad/s]: what says so measures nothing."""
 
-NO_EFFORTS, NOT_CONVERGED = "NO_EFFORTS", "NOT_CONVERGED"
+NO_EFFORTS, NOT_CONVERGED, BROKEN = "NO_EFFORTS", "NOT_CONVERGED", "BROKEN"
 """Reasons beside those of the model and of its age: they refuse nothing, and are no codes of refusals."""
 
 NOT_KNOWN = ContactView(
@@ -83,10 +83,18 @@ class Contacts:
     Args:
         dynamics: Of each arm.
         refusal: Says why an arm's model cannot be relied on (`BodyModel.refusal`); None while it can.
+        on_broken: Told once, with the error, when the estimate itself failed; from then on nothing is estimated.
     """
 
-    def __init__(self, dynamics: Mapping[Side, Dynamics], refusal: Callable[[Side, int], Refusal | None]) -> None:
+    def __init__(
+        self,
+        dynamics: Mapping[Side, Dynamics],
+        refusal: Callable[[Side, int], Refusal | None],
+        on_broken: Callable[[Exception], object] = lambda error: None,
+    ) -> None:
         self._dynamics = dynamics
+        self._on_broken = on_broken
+        self._broken = ""
         self._refusal = refusal
         self._observers = {side: MomentumObserver(one) for side, one in dynamics.items()}
         self._heard: dict[Side, tuple[ArmState, int]] = {}
@@ -100,11 +108,16 @@ class Contacts:
             received_ns: When they came, monotonic [ns].
             base: What the chassis is commanded: x, y [m/s], yaw [rad/s]; it publishes no odometry (§4.5).
         """
+        if self._broken:
+            return
         self._heard[side] = state, received_ns
-        if _has_efforts(state):
-            self._observers[side].update(state.stamp_ns, state.q_rad, state.dq_radps, state.tau_nm, base)
-        else:
-            self._observers[side].restart()
+        try:
+            if _has_efforts(state):
+                self._observers[side].update(state.stamp_ns, state.q_rad, state.dq_radps, state.tau_nm, base)
+            else:
+                self._observers[side].restart()
+        except Exception as error:  # noqa: BLE001  an estimate, on libraries that raise what they like: the loop goes on
+            self._break(error)
 
     def forget(self) -> None:
         """Begin anew: the link was gone, or it is another robot."""
@@ -130,7 +143,12 @@ class Contacts:
 
     def view(self, side: Side, now_ns: int) -> ContactView:
         """Return the same for the outside."""
-        found, dynamics = self.contact(side, now_ns), self._dynamics[side]
+        dynamics = self._dynamics[side]
+        try:
+            found = self.contact(side, now_ns)
+        except Exception as error:  # noqa: BLE001  as in `hear`
+            self._break(error)
+            found = self._given_up()
         if isinstance(found, Unfelt):
             return replace(NOT_KNOWN, code=found.code, reason=found.reason, basis=dynamics.drives.source)
         values, sd, unknown = found.wrench
@@ -150,7 +168,18 @@ class Contacts:
             age_ns=now_ns - self._heard[side][1],
         )
 
+    def _break(self, error: Exception) -> None:
+        self._broken = f"{type(error).__name__}: {error}"[:200]
+        self._on_broken(error)
+
+    def _given_up(self) -> Unfelt:
+        return Unfelt(
+            code=BROKEN, reason=f"the estimate failed and is off until the gateway starts anew: {self._broken}"
+        )
+
     def _why_not(self, side: Side, now_ns: int) -> Unfelt | None:
+        if self._broken:
+            return self._given_up()
         heard = self._heard.get(side)
         if heard is None:
             return Unfelt(code=Code.PART_STALE.value, reason="no joints have been heard yet")

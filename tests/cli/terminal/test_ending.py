@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 
 import pytest
 
@@ -63,8 +64,11 @@ def test_every_code_has_a_status_and_a_line():
 
 def test_hints_are_in_the_words_of_a_shell():
     """No call of a program is left in any hint: a person in a shell cannot follow it."""
+    assert in_shell_words("stop() or estop()") == "`ta2 stop` or `ta2 estop`"
+    assert in_shell_words("restop(), robot.stop()") == "restop(), robot.stop()"
     assert in_shell_words("make sure it is safe, then recover()") == "make sure it is safe, then `ta2 recover`"
     for code, info in CODES.items():
+        assert not re.search(r"\w`ta2", in_shell_words(info.hint)), code
         assert "()" not in in_shell_words(info.hint).replace("stop() was called", ""), code
 
 

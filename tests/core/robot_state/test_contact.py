@@ -7,6 +7,7 @@ import pytest
 
 from gateway.core.robot_state.contact import STALE_NS, Contact, Contacts, Unfelt
 from gateway.errors import Code, Refusal
+from gateway.kinematics.dynamics.observer import MomentumObserver
 from gateway.messages.body_views import ContactView
 from gateway.values import ArmState, Side
 from tests.kinematics.dynamics.plants import JACOBIAN, WEIGHT, Plant
@@ -25,8 +26,8 @@ class Scene:
 
     def __init__(self, jacobian=JACOBIAN):
         self.refused: Refusal | None = None
-        arms = {side: Plant(jacobian, unsure_part=0.0, friction_sd_nm=(0.1,) * 7) for side in Side}
-        self.contacts = Contacts(arms, lambda side, now_ns: self.refused)
+        self.arms = {side: Plant(jacobian, unsure_part=0.0, friction_sd_nm=(0.1,) * 7) for side in Side}
+        self.contacts = Contacts(self.arms, lambda side, now_ns: self.refused)
         self.now_ns = 0
 
     def hear(self, seconds=0.5, *, sides=(LEFT,), pull=PULLED, dq=REST, tau=None):
@@ -59,6 +60,27 @@ def test_what_pulls_at_an_arm_is_told_with_how_sure_it_is():
     assert view.torque_nm == tuple(found.torque_nm.tolist()) and len(view.torque_sd_nm) == 7
     assert view.wrench == pytest.approx(PULLED[:6], abs=1e-3) and view.wrench_sd == pytest.approx((0.1,) * 6, rel=1e-3)
     assert scene.why(RIGHT) == "PART_STALE"
+
+
+def test_an_estimate_that_fails_ends_nothing_but_itself(monkeypatch):
+    """It is told once, and from then on unknown, whether it failed as joints came or as somebody looked."""
+    for where, name in ((Plant, "terms"), (MomentumObserver, "variance_nm2")):
+        told, scene = [], Scene().hear()
+        scene.contacts = Contacts(scene.arms, lambda side, now_ns: None, told.append)
+        scene.hear()
+        with monkeypatch.context() as broken:
+            broken.setattr(where, name, _fail)
+            scene.hear()
+            views = [scene.contacts.view(side, scene.now_ns) for side in (LEFT, RIGHT, LEFT)]
+        assert [str(error) for error in told] == ["singular"]
+        assert {view.state for view in views} == {"unknown"} and (views[2].code, views[2].torque_nm) == ("BROKEN", ())
+        assert "LinAlgError: singular" in views[2].reason
+        scene.contacts.forget()
+        assert scene.hear().why() == "BROKEN"
+
+
+def _fail(*_):
+    raise np.linalg.LinAlgError("singular")
 
 
 def test_a_component_that_is_not_felt_is_none_and_its_direction_named():
