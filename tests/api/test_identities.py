@@ -32,6 +32,22 @@ def test_who_is_heard_is_not_forgotten():
     assert known.is_proven("owner", "s") and not known.is_proven("silent", "s")
 
 
+def test_who_is_pinned_is_never_forgotten():
+    """Were it, the next one to come would pass for it: undo its stop, command in its place."""
+    known = Identities()
+    for client_id in ("owner", "stopper", "other"):
+        known.meet(client_id, "s")
+    known.pinned = frozenset({"owner", "stopper", "never met", ""})
+    for number in range(2 * MOST):
+        known.meet(f"made up {number}", "x")
+    assert not known.meet("owner", "x") and not known.meet("stopper", "x")
+    assert known.meet("owner", "s") and known.meet("stopper", "s") and known.secret_of("other") is None
+    known.pinned = frozenset()
+    for number in range(2 * MOST):
+        known.meet(f"made up {number}", "x")
+    assert known.secret_of("stopper") is None
+
+
 def said(request, number, secret, client_id="owner"):
     """Return a command of the owner, or of one who says so."""
     return protocol.encode(
