@@ -27,6 +27,11 @@ class Identities:
         """Who is never forgotten: were it, the next one to come would pass for it. Few; replaced by any thread."""
         self._secrets: OrderedDict[str, str] = OrderedDict()
 
+    def may_be(self, client_id: str, secret: str) -> bool:
+        """Return whether a command's sender may be this client: it is nobody's id yet, or its own. Binds nothing."""
+        known = self._secrets.get(client_id)
+        return client_id not in RESERVED and (known is None or self._matches(client_id, known, secret))
+
     def meet(self, client_id: str, secret: str) -> bool:
         """Take a command's sender: bind a new id, and say whether a known one is proven. For one thread.
 
