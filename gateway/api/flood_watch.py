@@ -247,8 +247,14 @@ class OrdinaryWhileBusy:
             self._busy_ns = now_ns
             self._lower()
         elif self.lowered and now_ns - self._busy_ns > CALMED_NS:
+            try:
+                here = set(map(int, os.listdir("/proc/self/task")))
+            except OSError:  # no more files: at the next look
+                return
             for thread_id, (policy, priority, nice) in self.lowered.items():
                 with suppress(OSError):
+                    if thread_id not in here:  # it ended, and its number may be another program's by now
+                        continue
                     os.setpriority(os.PRIO_PROCESS, thread_id, nice)  # or processes that it starts would have ours
                     os.sched_setscheduler(thread_id, policy, os.sched_param(priority))
             self.lowered.clear()

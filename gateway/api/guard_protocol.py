@@ -17,6 +17,7 @@ from typing import Literal
 
 import msgspec
 
+from gateway.api.stop_pipe import may_be_map
 from gateway.robot.endpoint import robot_name
 
 __all__ = [
@@ -119,7 +120,7 @@ def read_question(packet: bytes) -> GuardQuestion:
 def read_dropped(payload: bytes, ask: Ask) -> GuardQuestion:
     """Return the stop that was dropped into a pipe, with name and reason as far as they can be read."""
     text = payload.decode(errors="replace").strip()
-    reason = _text_of("reason", text) if text.startswith("{") else text
+    reason = _text_of("reason", text) if may_be_map(payload) else text
     return GuardQuestion(ask=ask, client=_text_of("name", text)[:REASON_CHARS], reason=reason[:REASON_CHARS])
 
 

@@ -8,11 +8,12 @@ from __future__ import annotations
 
 import hmac
 from collections import OrderedDict
+from contextlib import suppress
 
 __all__ = ["MOST", "Identities"]
 
 MOST = 4096
-"""So many clients are known; who was not heard for longest is forgotten first. An owner is heard every 50 ms."""
+"""So many clients are known; who was not heard for longest is forgotten first, and who is pinned never."""
 
 RESERVED = frozenset({"somebody", "stranger"})
 """Whose stops those are that nobody signs: were a client called so, they would count as its own."""
@@ -22,7 +23,14 @@ class Identities:
     """Ids of clients and their secrets."""
 
     def __init__(self) -> None:
+        self.pinned: frozenset[str] = frozenset()
+        """Who is never forgotten: were it, the next one to come would pass for it. Few; replaced by any thread."""
         self._secrets: OrderedDict[str, str] = OrderedDict()
+
+    def may_be(self, client_id: str, secret: str) -> bool:
+        """Return whether a command's sender may be this client: it is nobody's id yet, or its own. Binds nothing."""
+        known = self._secrets.get(client_id)
+        return client_id not in RESERVED and (known is None or self._matches(client_id, known, secret))
 
     def meet(self, client_id: str, secret: str) -> bool:
         """Take a command's sender: bind a new id, and say whether a known one is proven. For one thread.
@@ -35,6 +43,9 @@ class Identities:
             return False
         known = self._secrets.setdefault(client_id, secret)
         if len(self._secrets) > MOST:
+            for pinned in self.pinned:  # to the end; it is there all the time, for those who ask meanwhile
+                with suppress(KeyError):
+                    self._secrets.move_to_end(pinned)
             self._secrets.popitem(last=False)
         return self._matches(client_id, known, secret)
 

@@ -202,7 +202,7 @@ class Inbox:
             self._outbox.refuse(question, command.request_id, refusal)
             return
         is_stop = isinstance(command.request, (protocol.Stop, protocol.Estop))
-        if not self.identities.meet(command.client_id, command.secret):
+        if not self.identities.may_be(command.client_id, command.secret):
             self._complain("malformed", f"{command.client_id} is another client's id", question.received_ns)
             if not is_stop:
                 self._outbox.refuse(question, command.request_id, _is_another(command.client_id))
@@ -241,6 +241,10 @@ class Inbox:
         if (self._waiting if lane is None else len(lane)) >= MAX_WAITING:
             self._complain("overflow", f"{MAX_WAITING} requests wait for the control loop", question.received_ns)
             self._outbox.refuse(question, command.request_id, _too_many())
+            return
+        # Only what is let in binds an id. Another one may have been first under it while a chunk was worked out.
+        if command.client_id != STRANGER and not self.identities.meet(command.client_id, command.secret):
+            self._outbox.refuse(question, command.request_id, _is_another(command.client_id))
             return
         # First the question, then the event: the reply must find it.
         if not self._outbox.expect(command.client_id, command.request_id, question, is_stop=lane is not None):

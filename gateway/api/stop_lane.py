@@ -25,6 +25,7 @@ import msgspec
 from gateway.api import protocol
 from gateway.api.bell import Bell
 from gateway.api.question import Question
+from gateway.api.stop_pipe import MAP_MARKS, may_be_map
 from gateway.api.translate import printable, to_reply
 from gateway.core.messages import events, outputs
 from gateway.messages import requests
@@ -194,9 +195,13 @@ class StopLane:
 
 
 def _said(payload: bytes) -> dict[str, Any]:
-    """Return the fields of a payload: a map in msgpack or JSON, or plain text, which is the reason."""
+    """Return the fields of a payload: a map in msgpack or JSON, or plain text, which is the reason.
+
+    What may be a part of a map is no text: nobody's secret becomes a reason.
+    """
     if not payload or len(payload) > READ_BYTES:
         return {}
+    is_text = not may_be_map(payload)
     for decode in (msgspec.json.decode, msgspec.msgpack.decode):
         try:
             said = decode(payload)
@@ -204,9 +209,9 @@ def _said(payload: bytes) -> dict[str, Any]:
             continue
         if isinstance(said, dict):
             return {key: value for key, value in said.items() if isinstance(key, str)}
-        if isinstance(said, str):
+        if isinstance(said, str) and is_text:
             return {"reason": said}
-    return {"reason": payload.decode("utf-8", "replace")}
+    return {"reason": payload.decode("utf-8", "replace").strip()} if is_text else {}
 
 
 def _text(said: dict[str, Any], name: str) -> str:
@@ -216,13 +221,9 @@ def _text(said: dict[str, Any], name: str) -> str:
 
 def _encoding_of(question: Question, payload: bytes) -> str:
     """Return how to answer: in msgpack to whoever spoke it or asked for it, else in JSON, which a person can read."""
-    is_map = payload[:1] in _MAP_MARKS
+    is_map = payload[:1] in MAP_MARKS
     return (
         protocol.MSGPACK
         if question.encoding == protocol.MSGPACK or (is_map and not question.encoding)
         else protocol.JSON
     )
-
-
-_MAP_MARKS = frozenset(bytes([mark]) for mark in (*range(0x80, 0x90), 0xDE, 0xDF))
-"""First bytes of a map in msgpack."""

@@ -16,20 +16,29 @@ Rules
 from __future__ import annotations
 
 import contextlib
+import fcntl
 import os
 import stat
 from pathlib import Path
 
 from gateway.api.keys import ESTOP_KEY, STOP_KEY
 
-__all__ = ["MAX_BYTES", "StopPipes", "drop_stop", "stop_pipe"]
+__all__ = ["MAP_MARKS", "MAX_BYTES", "StopPipes", "drop_stop", "may_be_map", "stop_pipe"]
 
 MAX_BYTES = 4096
-"""Linux writes so many at once or none (PIPE_BUF): two writers' lines do not mix. Read at once, too."""
+"""Linux writes so many at once or none (PIPE_BUF): two writers' lines do not mix."""
 MOST_LINES = 16
 """Of one reading; the others are the same stop."""
 SUFFIXES = {ESTOP_KEY: "estop", STOP_KEY: "stop"}
 """Key of a stop -> how its pipe is called. E-stops are read first."""
+MAP_MARKS = frozenset(bytes([mark]) for mark in (*range(0x80, 0x90), 0xDE, 0xDF))
+"""First bytes of a map in msgpack."""
+
+
+def may_be_map(payload: bytes) -> bool:
+    """Return whether what came with a stop may be a map or a part of one: it is no text for people, a secret may be in it."""
+    is_map = payload[:1] in MAP_MARKS or payload.lstrip().startswith(b"{")
+    return is_map or b"secret" in payload.lower().replace(b"\0", b"")
 
 
 def stop_pipe(socket: Path, key: str) -> Path:
@@ -99,7 +108,11 @@ class StopPipes:
         dropped = []
         for key, file in self._files.items():
             with contextlib.suppress(BlockingIOError):  # nothing
-                dropped += [(key, line) for line in os.read(file, MAX_BYTES).splitlines()[:MOST_LINES]]
+                # All that fits into the pipe, or a line would be cut, and half a map is no map but shows what is in it.
+                lines = os.read(file, fcntl.fcntl(file, fcntl.F_GETPIPE_SZ)).split(b"\n", MOST_LINES)
+                if len(lines) > MOST_LINES or not lines[-1]:  # too many, or nothing after the last line's end
+                    lines.pop()
+                dropped += [(key, line) for line in lines]
         return dropped
 
     def close(self, *, is_last: bool = False) -> None:

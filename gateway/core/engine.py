@@ -158,6 +158,11 @@ class Engine:
         return self._coordinator.endpoints.client_ids | ({owner.client_id} if owner else set())
 
     @property
+    def stopper_id(self) -> str:
+        """Who alone left the stop that is latched, and may undo it; empty when nobody, or nobody alone, did."""
+        return self._coordinator.supervisor.stopper
+
+    @property
     def open_stream_id(self) -> int | None:
         """Id of the stream of targets that was opened last; None when none is open."""
         streams = self._coordinator.body.targets.running

@@ -96,7 +96,8 @@ class _Watched:
         return bool(self._signals) or self._plane.wait(seconds)
 
     def send(self, replies: Sequence[Reply], notices: Sequence[Notice]) -> None:
-        self._plane.heed(self._engine.heeded)  # first: who is told that he owns the robot is heard from then on
+        # First: who is told that he owns the robot is heard from then on.
+        self._plane.heed(self._engine.heeded, self._engine.stopper_id)
         self._plane.send(replies, notices)
 
     def publish_snapshot(self, snapshot: Snapshot) -> None:

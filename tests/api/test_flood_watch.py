@@ -193,13 +193,14 @@ def test_a_connection_that_is_closed_in_this_moment_hides_nobody(place, monkeypa
 
 def test_without_files_to_open_it_does_nothing(place, monkeypatch):
     """A process that has no file left goes on."""
-
-    def none_left(path):
-        raise OSError("too many open files")
-
     monkeypatch.setattr(os, "listdir", none_left)
     place.look()
     OrdinaryWhileBusy()._lower()
+
+
+def none_left(path):
+    """List a folder when no file can be opened."""
+    raise OSError("too many open files")
 
 
 @pytest.fixture
@@ -225,6 +226,24 @@ def scheduler(monkeypatch):
         raise ProcessLookupError
 
     return threads, nices
+
+
+def test_a_number_that_is_another_programs_by_now_gets_no_real_time(scheduler, monkeypatch):
+    """A thread that was lowered has ended; nothing is given back while nobody can tell which are there."""
+    scheduler, nices = scheduler
+    ordinary = OrdinaryWhileBusy()
+    now_ns, used_ns = ordinary._looked_ns, ordinary._used_ns
+    ordinary.judge(now_ns + 100 * MS, used_ns + 100 * MS)
+    assert scheduler[7] == scheduler[8] == (os.SCHED_OTHER, 0)
+    with monkeypatch.context() as later:
+        later.setattr(os, "listdir", none_left)
+        ordinary.judge(now_ns + 1300 * MS, used_ns + 100 * MS)
+    assert scheduler[8] == (os.SCHED_OTHER, 0) and ordinary.lowered
+    with monkeypatch.context() as later:
+        later.setattr(os, "listdir", lambda path: ["8"])
+        ordinary.judge(now_ns + 1400 * MS, used_ns + 100 * MS)
+    assert scheduler[7] == (os.SCHED_OTHER, 0) and nices[7] == -5
+    assert scheduler[8] == (os.SCHED_FIFO, 39) and nices[8] == 0 and not ordinary.lowered
 
 
 def test_busy_threads_leave_real_time_and_come_back(scheduler):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from gateway.api import protocol
 from gateway.api.identities import MOST, Identities
+from gateway.api.inbox import MAX_WAITING
 from gateway.core.messages import events
 from gateway.messages import requests
 from tests.api.desk import AskedQuestion, Desk
@@ -30,6 +31,22 @@ def test_who_is_heard_is_not_forgotten():
         if number % 1000 == 0:
             assert known.is_proven("owner", "s")
     assert known.is_proven("owner", "s") and not known.is_proven("silent", "s")
+
+
+def test_who_is_pinned_is_never_forgotten():
+    """Were it, the next one to come would pass for it: undo its stop, command in its place."""
+    known = Identities()
+    for client_id in ("owner", "stopper", "other"):
+        known.meet(client_id, "s")
+    known.pinned = frozenset({"owner", "stopper", "never met", ""})
+    for number in range(2 * MOST):
+        known.meet(f"made up {number}", "x")
+    assert not known.meet("owner", "x") and not known.meet("stopper", "x")
+    assert known.meet("owner", "s") and known.meet("stopper", "s") and known.secret_of("other") is None
+    known.pinned = frozenset()
+    for number in range(2 * MOST):
+        known.meet(f"made up {number}", "x")
+    assert known.secret_of("stopper") is None
 
 
 def said(request, number, secret, client_id="owner"):
@@ -63,6 +80,31 @@ def test_a_stranger_under_the_owners_id_is_nobody():
     seen, followed = desk.inbox.poll()
     assert seen == events.ClientSeen(client_id="owner", at_ns=6)
     assert (followed.client_id, followed.stream_id) == ("owner", 1)
+
+
+def test_what_is_refused_binds_no_id():
+    """Else a flood would push out whoever is known as fast as it can be read, and not only as fast as the loop takes it."""
+    desk = Desk()
+    for number in range(MAX_WAITING):
+        desk.ask(said(protocol.Recover(), number, "s3cret"))
+    desk.run()
+    refused = desk.ask(said(protocol.Recover(), 1, "x", "late"))
+    stop = desk.ask(said(protocol.Stop(), 2, "x", "stopper"))
+    desk.run()
+    known = desk.inbox.identities
+    assert refused.code == "TIMEOUT" and known.secret_of("late") is None
+    assert known.is_proven("owner", "s3cret") and known.is_proven("stopper", "x") and not stop.answers
+
+
+def test_of_two_under_one_new_id_the_first_that_is_let_in_has_it():
+    """A chunk waits to be worked out; what comes under its client's id meanwhile waits behind it, and is another one's."""
+    desk = Desk()
+    chunk = protocol.CheckFollow(follow=protocol.Follow(epoch=0, points={"left": (Q, Q)}, dt_s=0.1))
+    first = desk.ask(said(chunk, 1, "first"))
+    second = desk.ask(said(protocol.Acquire(name="a", pid=1), 2, "second"))
+    desk.run()
+    assert desk.inbox.identities.is_proven("owner", "first") and not first.answers
+    assert second.code == "NOT_OWNER" and [event.request_id for event in desk.inbox.poll()] == [1]
 
 
 def test_made_up_clients_take_no_place_from_the_owner():

@@ -17,6 +17,7 @@ from msgspec import structs
 
 from gateway.api import protocol
 from gateway.api.flood_watch import SENDER, name_of
+from gateway.api.identities import MOST
 from gateway.api.service import LocalPlane
 from gateway.errors import Code, ConfigError, NotReady
 from gateway.messages import requests
@@ -28,6 +29,24 @@ from tests.api.samples import Q, command
 pytestmark = pytest.mark.e2e
 
 OPEN = {"tcp_open_to_every_user_of_this_host": True}
+
+
+def test_nobody_passes_under_the_id_of_the_owner_or_of_who_stopped(tmp_path):
+    """However many clients come; nothing that who stopped puts is taken for that."""
+    plane = LocalPlane(settings_for(tmp_path), tmp_path)
+    try:
+        known = plane._inbox.identities
+        for client_id in ("owner", "stopper"):
+            known.meet(client_id, "s")
+        plane.heed(frozenset({"owner"}), "stopper")
+        assert plane._heeded == {"owner"}
+        for number in range(MOST + 1):
+            known.meet(f"made up {number}", "x")
+        assert not known.meet("owner", "x") and not known.meet("stopper", "x")
+        plane.heed(frozenset())
+        assert known.pinned == {""}
+    finally:
+        plane.close()
 
 
 def session_to(endpoint, **settings):

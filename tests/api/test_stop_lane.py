@@ -70,6 +70,7 @@ def test_whatever_arrives_is_the_stop(lane, key, payload):
         (protocol.encode({"client_id": "c0ffee", "secret": "guess"}), "'c0ffee'", ""),
         (protocol.encode({"client_id": "c0ffee", "secret": "s3cret", "name": "me"}), "c0ffee", ""),
         (b"x" * (READ_BYTES + 1), "somebody", ""),
+        (b"smoke\r", "somebody", "smoke"),
     ],
 )
 def test_name_and_reason_are_read_as_far_as_they_can_be(lane, payload, client_id, reason):
@@ -77,6 +78,26 @@ def test_name_and_reason_are_read_as_far_as_they_can_be(lane, payload, client_id
     lane.arrive(protocol.STOP_KEY, payload, 0)
     (stop,) = lane.poll()
     assert (stop.client_id, stop.request.reason) == (client_id, reason)
+
+
+@pytest.mark.parametrize(
+    "payload",
+    [
+        b'{"client_id": "c0ffee", "secr',
+        b' \n{"x',
+        b'nt_id": "c0ffee", "secret": "s3cret"}',
+        b'"Secret: s3cret"',
+        b'[{"secret": "s3cret"}]',
+        '{"secret": "s3cret"}'.encode("utf-16"),
+        protocol.encode({"client_id": "c0ffee", "secret": "s3cret"})[:-1],
+        protocol.encode({"client_id": "c0ffee", "secret": "s3cret"})[1:],
+    ],
+)
+def test_what_may_be_a_part_of_a_map_is_a_stop_without_a_reason(lane, payload):
+    """Reasons are shown to everybody: nobody's secret gets there because his line was cut."""
+    lane.arrive(protocol.STOP_KEY, payload, 0)
+    (stop,) = lane.poll()
+    assert stop.request == requests.Stop() and stop.client_id == "somebody"
 
 
 def test_an_emergency_stop_comes_before_a_stop(lane):

@@ -63,6 +63,14 @@ def test_a_full_pipe_is_full_of_stops(socket, pipes):
     assert len(pipes.read()) == MOST_LINES
 
 
+def test_a_line_is_never_cut_where_the_reading_ends(socket, pipes):
+    """Half a map is none, and whose secret is in it would be read as a reason; a map in msgpack may hold any byte but one."""
+    line = b'{"reason": "' + b"x" * 1990 + b'", "client_id": "c0ffee", "secret": "s3cret"}'
+    for payload in (line, line, line, b"\x81\x0d\x0d", b"a\x0b\x0c\x1c\x85b"):
+        assert drop_stop(socket, STOP_KEY, payload)
+    assert [read for _, read in pipes.read()] == [line, line, line, b"\x81\x0d\x0d", b"a\x0b\x0c\x1c\x85b"]
+
+
 def test_nobody_is_told_that_it_stopped_where_nobody_reads(socket):
     """No gateway, a dead one's pipe, or a file that somebody left there."""
     assert not drop_stop(socket, STOP_KEY, b"")

@@ -262,6 +262,23 @@ def test_the_owner_and_stop_endpoints_are_heeded():
     assert pair.engine.heeded == {"user", "watcher"}
 
 
+def test_who_may_undo_a_stop_is_known_until_it_is_undone():
+    """Whoever keeps ids keeps his; of two who stopped nobody may, and without a latch there is nothing to undo."""
+    pair = pair_of()
+    pair.step()
+    pair.tell(Acquire(name="ann", pid=1))
+    pair.step()
+    pair.tell(Stop())
+    pair.step()
+    assert pair.engine.stopper_id == ""
+    pair.tell(Stop(), client="bob")
+    pair.step()
+    assert pair.engine.stopper_id == "bob" and pair.engine.heeded == {"user"}
+    pair.tell(Stop(), client="carol")
+    pair.step()
+    assert pair.engine.stopper_id == ""
+
+
 def test_of_several_targets_of_a_client_the_newest_is_followed():
     """A latest-value slot: an older one that came later in the same tick is not even refused."""
     pair, epoch = active()

@@ -25,6 +25,7 @@ from gateway.api.guard_protocol import (
     guard_socket,
     packed,
     read_answer,
+    read_dropped,
     read_question,
     robot_name,
 )
@@ -248,6 +249,12 @@ def test_what_was_dropped_beside_the_daemons_socket_is_read_while_the_guard_acts
     acting.server.stopped(first, acting.pair.guardian, acting.pair.now_ns, is_undelivered=False)  # nobody
     for place in (waiting, acting):
         place.close()
+
+
+def test_a_dropped_map_that_is_no_whole_json_shows_nobodys_secret() -> None:
+    """Reasons are shown to everybody; it is a stop all the same."""
+    for payload in (msgspec.msgpack.encode({"secret": "s3cret"}), b'nt": "a", "secret": "s3cret"}', b'{"secret": "s3c'):
+        assert read_dropped(payload, "stop") == GuardQuestion(ask="stop")
 
 
 def test_a_guard_without_pipes_works_all_the_same(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:

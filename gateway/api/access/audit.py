@@ -4,7 +4,8 @@ Rules
     * Nothing here is waited for, and nothing of the disk happens outside the one thread that writes: it may hang or be full
       for as long as it likes. What finds no room then is counted, and the next line that is written says so.
     * Refusals are written, and stops, whichever way they come. Targets, keepalives and questions about the state are not.
-    * Each user may have so many lines a second: a flood of one hides nobody else.
+    * Each user, and each client of the socket, may have so many lines: a flood of one hides nobody else, and wears no
+      earlier lines out of the file.
     * The file is opened anew for each line, so that others may move it away.
 """
 
@@ -24,14 +25,21 @@ from gateway.api import protocol
 from gateway.api.access.roles import Asker
 from gateway.api.question import Question
 from gateway.api.stop_lane import READ_BYTES, StopLane
-from gateway.process.threads import supervised
+from gateway.api.translate import printable
+from gateway.process.threads import Lost, supervised
+from gateway.values import Role
 
-__all__ = ["KEPT", "LINES_A_SECOND", "MAX_WAITING", "Audit"]
+__all__ = ["KEPT", "LINES_AT_ONCE", "MAX_WAITING", "MOST_CLIENTS", "TEXT_CHARS", "Audit"]
 
 MAX_WAITING = 1024
 """Lines that may wait for the disk."""
-LINES_A_SECOND = 50
-"""Of one user; stops have as many for themselves."""
+LINES_AT_ONCE = 50
+"""Of one user, who may have another one each `LINE_NS`; stops have as many for themselves."""
+LINE_NS = 1_000_000_000
+MOST_CLIENTS = 64
+"""So many clients that are no named users have lines of their own; the others share theirs, since ids cost nothing."""
+TEXT_CHARS = 100
+"""Of each text in a line."""
 KEPT = 5
 """Earlier files that are kept, `.1` the latest."""
 COMPLAINT_NS = 10_000_000_000
@@ -59,10 +67,13 @@ class Audit:
         self._path, self._most_bytes = path, most_bytes
         self._read_stop = stops.read
         self._waiting: queue.SimpleQueue[Callable[[], _Line] | None] = queue.SimpleQueue()
-        self._second, self._counts = 0, dict[str, int]()
+        self._paid_ns: dict[str, int] = {}
+        """When each will have the right to all of its lines again [ns]."""
         self._complain_ns = 0
         self._is_closing = False
-        self._thread = supervised(self._write, "ta2-api-audit", may_return=lambda: self._is_closing, again=True)
+        self._thread = supervised(
+            self._write, "ta2-api-audit", may_return=lambda: self._is_closing, again=True, on_lost=_is_told
+        )
 
     def start(self) -> None:
         """Begin to write, where a file was named."""
@@ -94,7 +105,9 @@ class Audit:
             told = {name: getattr(command.request, name, "") for name in TOLD}
             said = {"request": type(command.request).__name__, "client": command.client_id}
             said |= {name: value for name, value in told.items() if value != ""}
-        return _Watched(question, self._put, f"user {question.asker.user}", lambda: said)
+        asker = question.asker
+        whose = asker.user or (command.client_id if command is not None and asker.role is not Role.VIEWER else "")
+        return _Watched(question, self._put, f"{asker.door} {whose}", lambda: said)
 
     def note_stop(self, key: str, payload: bytes, received_ns: int, door: str) -> None:
         """Write down a stop that wants no answer."""
@@ -112,10 +125,7 @@ class Audit:
 
     def _put(self, whose: str, received_ns: int, asker: Asker, says: Callable[[], _Line]) -> None:
         now_ns = time.monotonic_ns()
-        if now_ns // 1_000_000_000 != self._second:
-            self._second, self._counts = now_ns // 1_000_000_000, {}
-        self._counts[whose] = count = self._counts.get(whose, 0) + 1
-        if count > LINES_A_SECOND or self._waiting.qsize() >= MAX_WAITING:
+        if not self._may(whose, is_user=whose == "stop" or bool(asker.user), now_ns=now_ns):
             self.lost += 1
             return
         at_s = (time.time_ns() - now_ns + received_ns) / 1e9
@@ -124,6 +134,20 @@ class Audit:
             line |= {"user": asker.user, "role": asker.role.value}
         self._waiting.put(lambda: line | {"at": _iso(at_s)} | says())
 
+    def _may(self, whose: str, *, is_user: bool, now_ns: int) -> bool:
+        """Return whether somebody may have one more line, and take it off what he has."""
+        if whose not in self._paid_ns and not is_user and len(self._paid_ns) >= MOST_CLIENTS:
+            for name, paid_ns in list(self._paid_ns.items()):  # a copy: other threads add to it
+                if paid_ns <= now_ns:
+                    self._paid_ns.pop(name, None)
+            if len(self._paid_ns) >= MOST_CLIENTS:
+                whose = "others"
+        paid_ns = max(self._paid_ns.get(whose, 0), now_ns) + LINE_NS
+        if paid_ns - now_ns > LINES_AT_ONCE * LINE_NS or self._waiting.qsize() >= MAX_WAITING:
+            return False
+        self._paid_ns[whose] = paid_ns
+        return True
+
     # ------------------------------------------------------------------------------------------------ its own thread
 
     def _write(self) -> None:
@@ -131,20 +155,17 @@ class Audit:
         while (says := self._waiting.get()) is not None:
             lost = self.lost
             try:
-                line = says() | ({"lost": lost - told} if lost > told else {})
+                line = {name: _cut(value) for name, value in says().items()}
+                line |= {"lost": lost - told} if lost > told else {}
                 self._append(msgspec.json.encode(line) + b"\n", is_whole)
                 told, is_whole = lost, True
-            except (
-                ArithmeticError,
-                OSError,
-                TypeError,
-                ValueError,
-            ) as error:  # the disk, or a line that is none: the next may be one
+            except Exception as error:  # noqa: BLE001  the disk, or a line that is none, whyever: the next may be one
                 is_whole = False
                 self.lost += 1
                 if time.monotonic_ns() >= self._complain_ns:
                     self._complain_ns = time.monotonic_ns() + COMPLAINT_NS
-                    log.error("the audit log %s cannot be written: %s (%d lines lost)", self._path, error, self.lost)
+                    why = f"{type(error).__name__}: {error}"
+                    log.error("the audit log %s cannot be written: %s (%d lines lost)", self._path, why, self.lost)
 
     def _append(self, line: bytes, is_whole: bool) -> None:
         """Append a line; where nobody knows that the one before is whole, look."""
@@ -191,6 +212,14 @@ class _Watched:
         self._question.drop()
         says = self._says
         self._put(self._whose, self.received_ns, self.asker, lambda: says() | {"answer": "none"})
+
+
+def _cut(value: object) -> object:
+    return printable(value)[:TEXT_CHARS] if isinstance(value, str) else value
+
+
+def _is_told(lost: Lost) -> None:
+    """Nothing more than the log, which has it: no robot stops because nobody writes down who asked."""
 
 
 def _iso(at_s: float) -> str:

@@ -150,6 +150,7 @@ class Takeover:
         """Take a latch over that another process has set, and tell of it. An e-stop is sent again as after a restart."""
         if code is Code.ESTOP and code not in self._coordinator.supervisor.latches:
             self._coordinator.is_estop_unheard = True
+        self._coordinator.supervisor.stopper = ""  # the other process knows who it was, this one does not
         self._coordinator.latch(code, message, now_ns)
 
     def _objection_to(self, held: Held, now_ns: int) -> str:

@@ -4,7 +4,7 @@ Rules
     * A request is known by its client and its number. Under a number that was used, another request is neither run nor
       answered with the reply to the first: it would be taken for done.
     * A stop stops, whatever its number.
-    * Bounded: the latest replies are kept.
+    * Bounded: the latest replies are kept, and none for long once others follow.
 """
 
 from __future__ import annotations
@@ -16,11 +16,15 @@ from gateway.core.messages.outputs import Reply
 from gateway.errors import Code, Refusal
 from gateway.messages.requests import Estop, Stop
 
-__all__ = ["REPLIES_KEPT", "Answers", "number_was_used"]
+__all__ = ["DROPPED_AT_ONCE", "KEPT_NS", "REPLIES_KEPT", "Answers", "number_was_used"]
 
 REPLIES_KEPT = 2048
 """So many replies are kept. At most four requests reach a tick, so each is kept for 5 s: longer than a client asks again for
 a reply that was lost (3 s)."""
+KEPT_NS = 60_000_000_000
+"""A reply whose request is older than this [ns] is dropped when the next one is kept."""
+DROPPED_AT_ONCE = 16
+"""At most so many at one time: what a tick does stays small."""
 
 
 def number_was_used(request_id: int) -> Refusal:
@@ -38,14 +42,14 @@ class Answers:
     """The latest replies."""
 
     def __init__(self) -> None:
-        self._kept: OrderedDict[tuple[str, int], tuple[int, Reply]] = OrderedDict()
+        self._kept: OrderedDict[tuple[str, int], tuple[int, Reply, int]] = OrderedDict()
 
     def again(self, command: CommandRequested) -> Reply | None:
         """Return what a request is answered without being run; None when it is to be run."""
         kept = self._kept.get((command.client_id, command.request_id))
         if kept is None or isinstance(command.request, (Stop, Estop)):
             return None
-        content, reply = kept
+        content, reply, _ = kept
         if content == command.content:
             return reply
         refusal = number_was_used(command.request_id)
@@ -53,6 +57,9 @@ class Answers:
 
     def keep(self, command: CommandRequested, reply: Reply) -> None:
         """Remember the reply to a request that was run."""
-        self._kept[command.client_id, command.request_id] = command.content, reply
-        if len(self._kept) > REPLIES_KEPT:
+        self._kept[command.client_id, command.request_id] = command.content, reply, command.received_ns
+        for _ in range(DROPPED_AT_ONCE):
+            _, _, received_ns = next(iter(self._kept.values()))
+            if len(self._kept) <= REPLIES_KEPT and command.received_ns - received_ns <= KEPT_NS:
+                break
             self._kept.popitem(last=False)

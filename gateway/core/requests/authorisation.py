@@ -47,16 +47,21 @@ class Authorisation:
         """Over stop endpoints."""
         self._last_stop_ns = -1
         self._takeover_epoch = 0
-        self._only_stopper = ""
-        """Who left the stop that is latched, where that was one client alone; empty for others, and after a restart."""
 
-    def note_stop(self, received_ns: int, client_id: str = "") -> None:
-        """Remember a stop: requests and targets that arrived before it move nothing and never will."""
+    def note_stop(self, received_ns: int, client_id: str = "", *, latches: bool = True) -> None:
+        """Remember a stop: requests and targets that arrived before it move nothing and never will.
+
+        Args:
+            received_ns: When it arrived [ns].
+            client_id: Whose it is.
+            latches: Whether it is about to be latched; the owner's own stop is not.
+        """
+        supervisor = self._coordinator.supervisor
         self._last_stop_ns = max(self._last_stop_ns, received_ns)
         if not self._is_stopped():
-            self._only_stopper = client_id
-        elif self._only_stopper != client_id:
-            self._only_stopper = ""
+            supervisor.stopper = client_id if latches else ""
+        elif supervisor.stopper != client_id:
+            supervisor.stopper = ""
 
     def _is_stopped(self) -> bool:
         return any(code in self._coordinator.supervisor.latches for code in OF_PEOPLE)
@@ -75,7 +80,7 @@ class Authorisation:
         if command.role is Role.ADMIN:
             return None
         coordinator = self._coordinator
-        if self._is_stopped() and self._only_stopper != command.client_id:
+        if self._is_stopped() and self._coordinator.supervisor.stopper != command.client_id:
             return _for_admins(command, "may not undo the stop of somebody else", "ask an admin, or whoever stopped")
         if coordinator.endpoints.silent or Code.ENDPOINT_SILENT in coordinator.supervisor.latches:
             return _for_admins(

@@ -278,7 +278,7 @@ class RequestHandler:
         message = f"stop() by {'the owner' if is_owner else command.client_id}" + (
             f": {request.reason}" if request.reason else ""
         )
-        self._authorisation.note_stop(command.received_ns, command.client_id)
+        self._authorisation.note_stop(command.received_ns, command.client_id, latches=not is_owner)
         self._coordinator.fire(Trigger.OWNER_STOP if is_owner else Trigger.OTHER_STOP, now_ns, message)
         return self._delivery(now_ns)
 

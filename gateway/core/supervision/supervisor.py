@@ -336,6 +336,8 @@ class Supervisor:
         self.came_from = State.OFFLINE
         """The state before the present one."""
         self.latches: dict[Code, str] = dict(latches)
+        self.stopper = ""
+        """Who left the stop that is latched, where that was one client alone; empty for others, and after a restart."""
 
     @property
     def shown(self) -> str:
@@ -366,4 +368,5 @@ class Supervisor:
         """Clear all causes; return whether there were any. Only `recover` calls this."""
         had_any = bool(self.latches)
         self.latches.clear()
+        self.stopper = ""
         return had_any

@@ -14,7 +14,7 @@ import pytest
 
 from gateway.api import protocol
 from gateway.api.access import audit as module
-from gateway.api.access.audit import KEPT, LINES_A_SECOND, MAX_WAITING, Audit
+from gateway.api.access.audit import KEPT, LINE_NS, LINES_AT_ONCE, MAX_WAITING, MOST_CLIENTS, TEXT_CHARS, Audit
 from gateway.api.access.roles import Asker
 from gateway.api.identities import RESERVED, Identities
 from gateway.api.outbox import Outbox
@@ -23,6 +23,7 @@ from gateway.api.translate import describe
 from gateway.client import connect
 from gateway.core.messages import outputs
 from gateway.errors import Code
+from gateway.process.threads import take_lost
 from gateway.settings.settings import Settings
 from gateway.values import Role
 from tests.api.daemon import Daemon, eventually
@@ -125,15 +126,68 @@ def test_stops_are_written_whichever_way_they_come(book):
 
 def test_a_flood_of_one_hides_nobody_else(book):
     """Each user, and stops, have lines of their own; what was too much is counted in the next line."""
-    second = time.monotonic_ns() // 10**9
-    eventually(lambda: time.monotonic_ns() // 10**9 > second)
-    for number in range(4 * LINES_A_SECOND):
+    for number in range(4 * LINES_AT_ONCE):
         book.ask(protocol.Recover(), number)
     book.ask(protocol.Recover(), 1, Asker(door="network", user="bob"))
     book.audit.note_stop(protocol.STOP_KEY, b"", 5, "pipe")
-    lines = book.lines(LINES_A_SECOND + 2)
+    lines = book.lines(LINES_AT_ONCE + 2)
     assert {"bob", "ann"} <= {line.get("user") for line in lines} and any(line["request"] == "Stop" for line in lines)
     assert sum(line.get("lost", 0) for line in lines) == book.audit.lost > 0
+
+
+def test_whoever_floods_for_long_wears_no_earlier_lines_out(book, monkeypatch):
+    """Some at once, then one a second, each of bounded length whatever is asked."""
+    now_ns = time.monotonic_ns()
+    monkeypatch.setattr(module.time, "monotonic_ns", lambda: now_ns)
+    text = "\x01\u2028\U0001f600\n" * 1000
+    for _ in range(10):
+        for number in range(2 * LINES_AT_ONCE):
+            book.ask(protocol.Take(name=text, pid=1, reason=text), number)
+        now_ns += LINE_NS
+    lines = book.lines(LINES_AT_ONCE + 9)
+    book.audit.close(5.0)
+    assert len(written(book.path)) == len(lines) == LINES_AT_ONCE + 9
+    assert {len(line["reason"]) for line in lines} == {len(line["name"]) for line in lines} == {TEXT_CHARS}
+    assert max(map(len, written(book.path))) < 1000 and lines[0]["name"].isprintable()
+
+
+def test_clients_of_the_socket_have_lines_of_their_own(book, monkeypatch):
+    """The ids cost nothing, so only so many have; users have theirs all the same, and who is silent makes room."""
+    now_ns = time.monotonic_ns()
+    monkeypatch.setattr(module.time, "monotonic_ns", lambda: now_ns)
+
+    def ask(client_id, number=1, asker=None):
+        before = book.audit.lost
+        for _ in range(number):
+            question = AskedQuestion(received_ns=now_ns)
+            question.asker = asker or Asker(door="socket")
+            book.audit.watched(question, command(protocol.Recover(), 1, client_id=client_id)).drop()
+        return book.audit.lost - before
+
+    assert ask("flood", 3 * LINES_AT_ONCE) == 2 * LINES_AT_ONCE and ask("a") == 0
+    assert [ask(f"made up {number}") for number in range(MOST_CLIENTS - 2)] == [0] * (MOST_CLIENTS - 2)
+    assert ask("b", LINES_AT_ONCE) == 0 and ask("c") == 1
+    assert ask("c", asker=ANN) == 0
+    now_ns += 2 * LINE_NS
+    assert ask("c", LINES_AT_ONCE) == 0
+    nobody = Asker(door="network", role=Role.VIEWER)
+    assert ask("d", LINES_AT_ONCE, nobody) == 0 and ask("e", 3, nobody) == 3, "who has no role has them under any id"
+
+
+def test_what_nobody_foresaw_costs_a_line_and_nothing_else(book, monkeypatch, caplog):
+    """Nobody's robot stops because a line cannot be written; the log says why."""
+    with monkeypatch.context() as later:
+        later.setattr(module.msgspec.json, "encode", lambda line: {}["unforeseen"])
+        book.ask(protocol.Recover())
+        eventually(lambda: book.audit.lost == 1, 20.0)
+    book.ask(protocol.Recover())
+    assert book.lines()[0]["lost"] == 1 and "KeyError: 'unforeseen'" in caplog.text
+    with monkeypatch.context() as later:
+        later.setattr(book.audit, "_append", lambda line, is_whole: _panic())
+        book.ask(protocol.Recover())
+        eventually(lambda: "ended unasked" in caplog.text, 20.0)
+    book.ask(protocol.Recover())
+    assert len(book.lines(2)) == 2 and not take_lost()
 
 
 def test_a_file_that_is_full_is_set_aside_and_so_many_are_kept(tmp_path):
@@ -252,6 +306,10 @@ def test_a_person_stops_while_the_disk_is_full_or_hangs(tmp_path, disk):
         reader = os.open(path, os.O_RDONLY | os.O_NONBLOCK)  # it was waiting for us: what it still has to say, it says
         eventually(lambda: _drained(reader) and not audit._thread.is_alive(), 20.0)
         os.close(reader)
+
+
+def _panic():
+    raise BaseException("of a compiled part")
 
 
 def _drained(reader):

@@ -8,7 +8,7 @@ import pytest
 
 from gateway.core.messages.events import CommandRequested
 from gateway.core.messages.outputs import Reply
-from gateway.core.requests.answers import REPLIES_KEPT, Answers, number_was_used
+from gateway.core.requests.answers import DROPPED_AT_ONCE, KEPT_NS, REPLIES_KEPT, Answers, number_was_used
 from gateway.errors import Code
 from gateway.messages.requests import Estop, Recover, Stop
 
@@ -59,3 +59,17 @@ def test_the_latest_replies_are_kept(answers: Answers) -> None:
     assert answers.again(ASKED) is GIVEN
     answers.keep(replace(ASKED, request_id=99), GIVEN)
     assert answers.again(ASKED) is None and answers.again(replace(ASKED, request_id=100)) is GIVEN
+
+
+def test_a_reply_is_not_kept_for_longer_than_anybody_asks_again(answers: Answers) -> None:
+    """Those of a burst go a few at a time, the oldest first; the one that was just given stays."""
+    for request_id in range(100, 100 + 2 * DROPPED_AT_ONCE):
+        answers.keep(replace(ASKED, request_id=request_id, received_ns=2), GIVEN)
+    at_ns = ASKED.received_ns + KEPT_NS
+    answers.keep(replace(ASKED, request_id=8, received_ns=at_ns), GIVEN)
+    assert answers.again(ASKED) is GIVEN
+    for request_id, left in ((9, 2 * DROPPED_AT_ONCE + 1 - DROPPED_AT_ONCE), (10, 1), (11, 0), (12, 0)):
+        answers.keep(replace(ASKED, request_id=request_id, received_ns=at_ns + 2), GIVEN)
+        burst = [replace(ASKED, request_id=number) for number in (7, *range(100, 100 + 2 * DROPPED_AT_ONCE))]
+        assert sum(answers.again(asked) is GIVEN for asked in burst) == left
+    assert all(answers.again(replace(ASKED, request_id=number)) is GIVEN for number in range(8, 13))

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import pytest
 
+from gateway.core.handover.takeover import LATCHED_BEFORE, Takeover
 from gateway.core.messages.events import PartEnded, SampleRefused, TargetArrived
 from gateway.core.messages.outputs import Level
 from gateway.core.messages.sightings import Gateway, Means, Writer
@@ -659,6 +660,19 @@ def test_a_stop_of_an_earlier_daemon_is_nobodys_own():
     scene = Scene(State.IDLE)
     scene.coordinator.latch(Code.ESTOP, "estop() by bob", scene.now_ns)
     assert asked(scene, Recover(), "bob", Role.OPERATOR) is Code.NOT_PERMITTED
+
+
+def test_a_stop_that_was_handed_over_is_nobodys_own():
+    """Whoever stopped before, with a latch that was undone, with none, or with one that stands still, may not undo it."""
+    for client, is_recovered in (("bob", True), ("ann", False), ("bob", False)):
+        scene = Scene(State.IDLE)
+        scene.granted(Stop(), client, received_ns=scene.now_ns - 1)
+        if is_recovered:
+            assert asked(scene, Recover(), client, Role.OPERATOR) is None
+        takeover = Takeover(scene.coordinator, lambda topic, values, step: None, is_guard=False)
+        takeover.latch(Code.ESTOP, LATCHED_BEFORE, scene.now_ns)
+        assert asked(scene, Recover(), client, Role.OPERATOR) is Code.NOT_PERMITTED
+        assert asked(scene, Recover(), client, Role.ADMIN) is None
 
 
 def test_only_an_admin_lets_a_silent_stop_endpoint_go():
