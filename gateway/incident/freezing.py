@@ -2,7 +2,7 @@
 
 Rules
     * Freezing is done in the control loop, after its frames have left, and takes it about a millisecond: what is large and
-      never changes (the body's model, the motion through a chunk's points) is only named there. Whoever writes packs it.
+      never changes (the body's model, the motion through a chunk's points, replies that were given) is only named there. Whoever writes packs it.
     * Work that is cut into ticks (`yield`) cannot be frozen; the next moment can be. `Unfrozen` says so.
     * Of the settings of the local plane only what the engine reads is packed: no file of users or keys is named.
     * Thawing builds nothing but the gateway's own values: no file makes it call anything else.
@@ -26,6 +26,7 @@ from gateway.core.motion.chunk import Chunk
 from gateway.core.motion.joints.trajectory import Trajectory as JointMotion
 from gateway.core.motion.poses.pose_trajectory import PoseTrajectory
 from gateway.core.motion.solver import NoPlan, Plan, solve
+from gateway.core.requests.answers import Kept
 from gateway.settings.settings import LocalSettings
 
 __all__ = ["Frozen", "Unfrozen", "freeze", "packed", "thaw", "unpickler"]
@@ -145,7 +146,7 @@ def _unchanging() -> tuple[type, ...]:
         "gateway.core.robot_state.body_model"
     )  # it takes numpy along: only where it is there anyway
     body = (model.ArmModel, model.CollisionModel, model.Approach) if model is not None else ()
-    return (Chunk, JointMotion, PoseTrajectory, *body)
+    return (Chunk, JointMotion, PoseTrajectory, Kept, *body)
 
 
 def _fields(entry: InputParameter) -> tuple[int, dict[str, object]]:

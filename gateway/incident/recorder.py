@@ -5,7 +5,8 @@ Rules
       does not keep up (a disk that hangs), records are left out whole; what follows begins with a new state, after a gap.
     * A piece begins with the engine's state. It is frozen every 15 s at the end of a cycle that was in time, when its frames
       have left; where it cannot be then, some moments later.
-    * Whatever fails here ends the recording, for a while or for good, and nothing else.
+    * Whatever fails here ends the recording, for a while or for good, and nothing else. An engine that takes long to freeze
+      is recorded no more: the loop comes first.
     * Latches, takeovers and aborted motions keep what the ring has, and the next 3 s.
 """
 
@@ -47,6 +48,8 @@ AGAIN_NS = 200 * MS
 """How long after an engine that could not be frozen the next try is [ns]."""
 RETRY_NS = 5 * S
 """How long after the disk refused [ns]."""
+MOST_FREEZE_NS = 5 * MS
+"""Freezing may not cost the loop more twice in a row [ns]; of its own time, not what others take from it."""
 LATE_NS = 2 * MS
 """After a tick that was later than this the next one must not wait for us [ns]."""
 AFTER_NS = 3 * S
@@ -103,6 +106,7 @@ class Recorder:
         self._is_begin_wanted = True
         self.left_out = 0
         """Ticks that were not recorded because too many waited."""
+        self._is_slow = False
         self.worst_freeze_ns = 0
         """Longest time that freezing has taken the loop [ns]."""
         self._ring, self._events = Ring(folder), EventLog(folder)
@@ -112,7 +116,7 @@ class Recorder:
         self._release: dict[str, str] = {}
         self._closing = threading.Event()
         self._is_clean = False
-        self._thread = supervised(self._run, "black-box", on_lost=lambda lost: self._off())
+        self._thread = supervised(self._run, "black-box", on_lost=lambda lost: self._lost())
 
     def start(self) -> None:
         """Begin."""
@@ -132,9 +136,12 @@ class Recorder:
             self._thread.join(timeout_s)
         return not self._thread.is_alive()
 
-    def _off(self) -> None:
-        self._is_on = False
+    def _lost(self) -> None:
+        self._off()
         self._waiting.clear()
+
+    def _off(self) -> None:
+        self._is_on = False  # what waits is the writer's
         _log.error("the black box has ended: what happens from now on is not recorded")
 
     # ------------------------------------------------------------------------------------------------ the loop's engine
@@ -200,17 +207,25 @@ class Recorder:
         if len(self._waiting) > MOST_WAITING // 2:
             return
         self._pause_ns = now_ns + RETRY_NS
-        begun_ns = time.monotonic_ns()
+        begun_ns, worked_ns = time.monotonic_ns(), time.thread_time_ns()
+        frozen = None
         try:
             frozen = freeze(self._engine)
         except Unfrozen:
             self._pause_ns = now_ns + AGAIN_NS
-            return
         except Exception:  # noqa: BLE001  whatever it was: the robot needs no black box
             _log.exception("the engine cannot be frozen")
             self._off()
             return
         self.worst_freeze_ns = max(self.worst_freeze_ns, time.monotonic_ns() - begun_ns)
+        was_slow, took_ns = self._is_slow, time.thread_time_ns() - worked_ns
+        self._is_slow = took_ns > MOST_FREEZE_NS
+        if was_slow and self._is_slow:
+            _log.error("freezing the engine holds the control loop up for %.1f ms", took_ns / MS)
+            self._off()
+            return
+        if frozen is None:
+            return
         self._waiting.append(_Begin(frozen, now_ns, self._is_gap))
         self._due_ns = now_ns + PIECE_NS
         self._is_begin_wanted = self._is_gap = False
@@ -275,7 +290,7 @@ class Recorder:
             self._ring.write(file.getvalue())
             if self._ring.is_full:
                 raise OSError(27, "too much happens for one piece")
-        if self._causes and newest_ns >= self._causes[0][2] + AFTER_NS:
+        if self._causes and (newest_ns >= self._causes[0][2] + AFTER_NS or not (self._is_on or self._waiting)):
             self._keep()
 
     def _header(self, begin: _Begin, wall_ns: int) -> dict[str, object]:

@@ -10,9 +10,12 @@ from dataclasses import replace
 
 import pytest
 
+from gateway.core.messages.events import CommandRequested
+from gateway.core.messages.outputs import Reply
+from gateway.core.requests.answers import REPLIES_KEPT
 from gateway.core.robot_state.body_model import body_model
 from gateway.incident.freezing import Unfrozen, freeze, packed, thaw, unpickler
-from gateway.messages.requests import MovePose
+from gateway.messages.requests import MovePose, Recover
 from gateway.settings.settings import LocalSettings, Settings
 from gateway.sim.robot.settings import SimSettings
 from gateway.values import EePose, Side
@@ -105,6 +108,25 @@ def test_work_that_is_cut_into_ticks_is_no_moment_to_freeze(pair: Pair) -> None:
     pair.engine._phases.work = (number for number in range(3))  # type: ignore[attr-defined]  # like a line being planned
     with pytest.raises(Unfrozen, match="generator"):
         freeze(pair.engine)
+
+
+def test_replies_that_were_given_are_named_and_are_given_again(pair: Pair) -> None:
+    """However many there are, the loop does not pack them; nor does what is kept change under the one who does."""
+    pair.activate()
+    few = len(freeze(pair.engine).state)
+    answered = pair.engine._answered
+    asked = [
+        CommandRequested(client_id="ann", request_id=number, request=Recover(), received_ns=1, content=11)
+        for number in range(REPLIES_KEPT)
+    ]
+    for command in asked:
+        answered.keep(command, Reply(client_id="ann", request_id=command.request_id, facts={"cleared": []}))
+    frozen = freeze(pair.engine)
+    assert len(frozen.state) <= few
+    answered.keep(replace(asked[0], client_id="bob"), Reply(client_id="bob", request_id=0))
+    twin = thaw(*packed(frozen))._answered
+    assert all(repr(twin.again(command)) == repr(answered.again(command)) for command in asked[1:])
+    assert twin.again(asked[0]) is not None and answered.again(asked[0]) is None
 
 
 def test_no_file_of_users_or_keys_is_named_in_it() -> None:

@@ -8,6 +8,7 @@ import stat
 import subprocess
 import sys
 import threading
+import time
 from pathlib import Path
 
 import pytest
@@ -18,11 +19,12 @@ from gateway.errors import Code
 from gateway.incident import recorder as recorder_module
 from gateway.incident import ring as ring_module
 from gateway.incident.event_log import read_events
+from gateway.incident.freezing import freeze
 from gateway.incident.records import Start, Tick
 from gateway.incident.replay import incident, replay, ticks
 from gateway.incident.ring import records
 from gateway.incident.timeline import joints, timeline
-from gateway.messages.requests import Follow
+from gateway.messages.requests import Estop, Follow
 from gateway.process.threads import take_lost
 from gateway.values import Side
 from tests.incident.recorded import DEADLINE_S, an_incident, record, until
@@ -210,8 +212,56 @@ def test_an_engine_that_cannot_be_frozen_goes_on_unrecorded(tmp_path: Path, monk
     pair = Pair()
     recorded = record(pair, tmp_path)
     pair.activate()
-    assert pair.state == "ACTIVE" and not recorded.recorder._waiting
+    assert pair.state == "ACTIVE" and not recorded.recorder._is_on
+    until(lambda: not recorded.recorder._waiting)
     assert recorded.recorder.close(DEADLINE_S, is_clean=True)
+
+
+@pytest.mark.parametrize("is_frozen", [True, False])
+def test_an_engine_that_takes_long_to_freeze_is_recorded_no_more(
+    is_frozen: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    """The loop comes first: one time may be, a second in a row is the last, whether it came to anything or not."""
+
+    def slow(engine):
+        end_ns = time.thread_time_ns() + recorder_module.MOST_FREEZE_NS
+        while time.thread_time_ns() <= end_ns:
+            pass
+        if not is_frozen:
+            raise recorder_module.Unfrozen("generator")
+        return freeze(engine)
+
+    monkeypatch.setattr(recorder_module, "PIECE_NS", 500 * MS)
+    monkeypatch.setattr(recorder_module, "RETRY_NS", 500 * MS)
+    pair = Pair()
+    recorded = record(pair, tmp_path)
+    pair.run(0.6)
+    monkeypatch.setattr(recorder_module, "freeze", slow)
+    pair.run(2.0)
+    assert not recorded.recorder._is_on
+    assert [entry.message for entry in caplog.records if "control loop" in entry.message] == [caplog.records[0].message]
+    assert recorded.recorder.close(DEADLINE_S, is_clean=True)
+
+
+def test_a_latch_before_the_engine_could_be_frozen_no_more_is_kept(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The loop switches off, the writer writes on what waits, and keeps what it has seen."""
+    pair = Pair()
+    recorded = record(pair, tmp_path)
+    pair.activate()
+    pair.ask(Estop(reason="something fell"))
+
+    def broken(engine):
+        raise RecursionError("too deep")
+
+    monkeypatch.setattr(recorder_module, "freeze", broken)
+    pair.run(0.2)
+    recorded.recorder._due_ns = 0
+    pair.run(6.0)
+    assert not recorded.recorder._is_on
+    until(lambda: any((tmp_path / "kept").glob("*-ESTOP")))
+    assert recorded.recorder._thread.is_alive() and recorded.recorder.close(DEADLINE_S, is_clean=True)
 
 
 def test_a_black_box_that_panics_ends_the_recording_and_nothing_else(

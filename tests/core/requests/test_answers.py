@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from dataclasses import replace
 
 import pytest
@@ -59,3 +60,10 @@ def test_the_latest_replies_are_kept(answers: Answers) -> None:
     assert answers.again(ASKED) is GIVEN
     answers.keep(replace(ASKED, request_id=99), GIVEN)
     assert answers.again(ASKED) is None and answers.again(replace(ASKED, request_id=100)) is GIVEN
+
+
+def test_a_copy_gives_the_same_replies_and_goes_its_own_way(answers: Answers) -> None:
+    """As the black box freezes it."""
+    twin = copy.copy(answers)
+    answers.keep(replace(ASKED, request_id=8), GIVEN)
+    assert twin.again(ASKED) is GIVEN and twin.again(replace(ASKED, request_id=8)) is None
