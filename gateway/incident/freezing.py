@@ -161,7 +161,9 @@ def _unchanging() -> tuple[type, ...]:
         "gateway.core.robot_state.body_model"
     )  # it takes numpy along: only where it is there anyway
     body = (model.ArmModel, model.CollisionModel, model.Approach) if model is not None else ()
-    return (Chunk, JointMotion, PoseTrajectory, Kept, *body)
+    dynamics = sys.modules.get("gateway.kinematics.dynamics.arm_dynamics")  # as above
+    feeling = (dynamics.ArmDynamics,) if dynamics is not None else ()
+    return (Chunk, JointMotion, PoseTrajectory, Kept, *body, *feeling)
 
 
 def _fields(entry: InputParameter) -> tuple[int, dict[str, object]]:

@@ -77,7 +77,7 @@ def release() -> dict[str, str]:
         code.update(path.read_bytes())
     found = {"ta2": __version__, "code": code.hexdigest()[:16], "machine": platform.machine()}
     found["python"] = platform.python_version()
-    for name in ("ruckig", "numpy", "msgspec"):
+    for name in ("ruckig", "numpy", "msgspec", "pin"):
         try:
             found[name] = version(name)
         except PackageNotFoundError:

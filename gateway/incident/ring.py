@@ -14,7 +14,6 @@ import contextlib
 import io
 import json
 import os
-import pickle
 import re
 import shutil
 import time

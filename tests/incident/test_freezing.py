@@ -25,6 +25,7 @@ from gateway.settings.settings import LocalSettings, Settings
 from gateway.settings.toml_file import state_dir
 from gateway.sim.robot.settings import SimSettings
 from gateway.values import EePose, Side
+from tests.incident.feeling import feeling
 from tests.pair import MS, Pair
 
 GOAL = (0.4, 0.3, 0.2, 0.3, 0.1, 0.2, 0.1)
@@ -91,6 +92,22 @@ def test_a_robot_whose_arms_keep_apart_by_the_model_goes_on() -> None:
     frozen = freeze(pair.engine)
     assert len(frozen.parts) > 2
     assert going_on(pair, 1.0) > 0
+
+
+def test_a_robot_that_feels_what_pulls_at_it_goes_on() -> None:
+    """Pinocchio's own objects are made anew from the description; the observers are state."""
+    pair = feeling()
+    epoch = pair.activate()
+    pair.run(4.0)
+    pair.move(epoch, {Side.LEFT: GOAL})
+    pair.run(0.2)
+    assert {"ArmDynamics"} < {type(part).__name__ for part in freeze(pair.engine).parts}
+    assert going_on(pair, 1.0) > 0
+    twin = thaw(*packed(freeze(pair.engine)))
+    ours, theirs = (engine._coordinator.model.contacts for engine in (pair.engine, twin))
+    for side in Side:
+        assert repr(ours.view(side, pair.now_ns)) == repr(theirs.view(side, pair.now_ns))
+        assert ours._observers[side].torque_nm.tobytes() == theirs._observers[side].torque_nm.tobytes()
 
 
 def test_poses_go_on() -> None:
@@ -188,6 +205,7 @@ class Nested(pickle._Pickler):  # type: ignore[name-defined]  # Python's own tak
 
 
 def asking(value: object) -> io.BytesIO:
+    """Return a file that asks for it."""
     file = io.BytesIO()
     Nested(file, 4).dump(value)
     file.seek(0)

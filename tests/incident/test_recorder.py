@@ -27,6 +27,7 @@ from gateway.incident.timeline import joints, timeline
 from gateway.messages.requests import Estop, Follow
 from gateway.process.threads import take_lost
 from gateway.values import Side
+from tests.incident.feeling import feeling
 from tests.incident.recorded import DEADLINE_S, an_incident, record, until
 from tests.pair import MS, Pair, S
 
@@ -103,6 +104,21 @@ def test_a_chunk_that_was_worked_out_before_is_run_again(tmp_path: Path) -> None
     assert recorded.recorder.close(DEADLINE_S, is_clean=True)
     (kept,) = (tmp_path / "kept").iterdir()
     assert replay(incident(kept)).difference is None
+
+
+def test_an_incident_of_a_robot_that_feels_is_run_again(tmp_path: Path) -> None:
+    """With `model.dynamics`."""
+    pair = feeling()
+    recorded = record(pair, tmp_path)
+    epoch = pair.activate()
+    pair.move(epoch, {Side.LEFT: (0.3, 0.3, 0.3, 0.3, 0.3, 0.3, 0.3)})
+    pair.run(1.0)
+    pair.ask(Estop(reason="something fell"))
+    pair.run(3.5)
+    assert recorded.recorder.close(DEADLINE_S, is_clean=True)
+    (kept,) = (tmp_path / "kept").iterdir()
+    done = replay(incident(kept))
+    assert done.difference is None and done.frames > 100
 
 
 def test_a_frame_that_is_not_the_same_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
