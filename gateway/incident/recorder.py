@@ -7,7 +7,8 @@ Rules
       have left; where it cannot be then, some moments later.
     * Whatever fails here ends the recording, for a while or for good, and nothing else. An engine that takes long to freeze
       is recorded no more: the loop comes first.
-    * Latches, takeovers and aborted motions keep what the ring has, and the next 3 s.
+    * Latches, takeovers and aborted motions keep what the ring has, and the next 3 s. What anybody can bring about again and
+      again (an aborted motion, another owner) is kept once a minute, and never in place of a latch.
 """
 
 from __future__ import annotations
@@ -56,7 +57,10 @@ AFTER_NS = 3 * S
 MOST_WAITING = 1000
 """Ticks that may wait to be written: 10 s at full rate."""
 WRITTEN_S = 0.25
-MOST_CAUSES = 100
+MOST_CAUSES, MOST_MINOR = 100, 50
+"""Causes of one incident, and those before it that are not grave."""
+MINOR_NS = 60 * S
+"""How far apart incidents without anything grave are kept [ns]."""
 
 
 ROOMS = ("core", "kinematics", "messages", "robot", "settings")
@@ -111,6 +115,8 @@ class Recorder:
         """Longest time that freezing has taken the loop [ns]."""
         self._ring, self._events = Ring(folder), EventLog(folder)
         self._causes: list[tuple[str, str, int]] = []
+        self._is_grave = False
+        self._minor_ns: int | None = None
         self._is_known = False
         self._is_failing = False
         self._release: dict[str, str] = {}
@@ -280,8 +286,12 @@ class Recorder:
                 self._is_known = True
                 continue
             lines += self._events.note(record, wall_ns + record.now_ns)
-            self._causes += [cause for notice in record.notices if (cause := _cause(notice)) is not None]
-            del self._causes[MOST_CAUSES:]
+            for notice in record.notices:
+                if (cause := _cause(notice)) is not None:
+                    is_grave = _is_grave(notice)
+                    self._is_grave |= is_grave
+                    if len(self._causes) < (MOST_CAUSES if is_grave else MOST_MINOR):
+                        self._causes.append(cause)
             if self._is_known:
                 pickler.dump(record)
         if lines:
@@ -305,12 +315,22 @@ class Recorder:
 
     def _keep(self) -> None:
         causes, self._causes = self._causes, []
+        is_grave, self._is_grave = self._is_grave, False
+        if not is_grave:
+            if self._minor_ns is not None and causes[0][2] < self._minor_ns + MINOR_NS:
+                return
+            self._minor_ns = causes[0][2]
         try:
-            kept = self._ring.keep(causes)
+            kept = self._ring.keep(causes, is_grave=is_grave)
         except OSError as error:
             _log.error("an incident (%s) cannot be kept: %s", causes[0][0], error)
         else:
-            _log.info("an incident is kept: ta2 incident show %s", kept.name)
+            if kept.exists():
+                _log.info("an incident is kept: ta2 incident show %s", kept.name)
+
+
+def _is_grave(notice: Notice) -> bool:
+    return notice.code in (Code.LATCH_CHANGED, Code.TAKEN_OVER)
 
 
 def _cause(notice: Notice) -> tuple[str, str, int] | None:

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import contextlib
 import io
+import itertools
 import json
 import os
 import re
@@ -35,7 +36,7 @@ RING_BYTES = 96 * 2**20
 """Largest ring; it reaches back less far where this does not suffice. Ten samples a tick take 0.3 MB/s before zlib."""
 KEPT_INCIDENTS = 20
 KEPT_BYTES = 512 * 2**20
-"""So many incidents, and so much of them together, are kept; the oldest are let go."""
+"""So many incidents, and so much of them together, are kept; those that are not grave are let go first, then the oldest."""
 SPARE_BYTES = 256 * 2**20
 """Nothing is written where the disk would have less than this left."""
 BLOCK_BYTES = 64 * 2**20
@@ -184,11 +185,12 @@ class Ring:
         while rest:
             rest = rest[self._file.write(rest) or 0 :]
 
-    def keep(self, causes: Sequence[tuple[str, str, int]]) -> Path:
-        """Keep what is in the ring now as an incident; return its folder.
+    def keep(self, causes: Sequence[tuple[str, str, int]], *, is_grave: bool = True) -> Path:
+        """Keep what is in the ring now as an incident; return its folder, which is gone again where graver ones take the room.
 
         Args:
             causes: Code, message and monotonic time [ns] of what it is kept for, the first one first.
+            is_grave: Whether something was latched, or a process died.
 
         Raises:
             OSError: It cannot be written.
@@ -196,8 +198,9 @@ class Ring:
         wall = time.gmtime()
         code = re.sub(r"[^A-Z_]", "_", causes[0][0])
         name = f"{time.strftime('%Y%m%dT%H%M%SZ', wall)}-{code}"
-        taken = sum(1 for path in self._kept.glob(f"{name}*"))
-        target, half = self._kept / (f"{name}-{taken + 1}" if taken else name), self._kept / f".{name}"
+        names = itertools.chain((name,), (f"{name}-{number}" for number in itertools.count(2)))
+        target = next(path for path in map(self._kept.joinpath, names) if not path.exists())
+        half = self._kept / f".{name}"
         half.mkdir(mode=0o700)
         try:
             for number, (path, _) in enumerate(self._pieces):
@@ -209,14 +212,16 @@ class Ring:
                     shutil.copyfile(path, place)
                     place.chmod(0o600)
             note = [{"code": code, "message": message, "at_ns": at_ns} for code, message, at_ns in causes]
-            text = json.dumps({"form": 1, "kept": time.time_ns(), "causes": note}, ensure_ascii=False, indent=1)
+            head = {"form": 1, "kept": time.time_ns(), "is_grave": is_grave}
+            text = json.dumps(head | {"causes": note}, ensure_ascii=False, indent=1)
             with open(os.open(half / "incident.json", os.O_WRONLY | os.O_CREAT, 0o600), "w", encoding="utf-8") as file:
                 file.write(text)
             half.rename(target)
         except OSError:
             shutil.rmtree(half, ignore_errors=True)
             raise
-        kept = sorted(path for path in self._kept.iterdir() if not path.name.startswith("."))
+        kept = [path for path in self._kept.iterdir() if not path.name.startswith(".")]
+        kept.sort(key=lambda path: (_is_grave(path), path.name))
         while len(kept) > 1 and (
             len(kept) > KEPT_INCIDENTS or _size(p for k in kept for p in k.iterdir()) > KEPT_BYTES
         ):
@@ -236,6 +241,13 @@ class Ring:
 
     def _let_go(self) -> None:
         self._pieces.popleft()[0].unlink(missing_ok=True)
+
+
+def _is_grave(kept: Path) -> bool:
+    try:
+        return json.loads((kept / "incident.json").read_bytes())["is_grave"] is not False
+    except (OSError, ValueError, LookupError, TypeError):  # one that does not say so may be
+        return True
 
 
 def _size(paths: Iterator[Path]) -> int:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import shutil
 import stat
 import subprocess
 import sys
@@ -13,6 +14,7 @@ from pathlib import Path
 
 import pytest
 
+from gateway.core.messages.outputs import Level, Notice
 from gateway.core.motion.chunk import Chunk, prepare
 from gateway.core.streams.heartbeat import HeartbeatStream
 from gateway.errors import Code
@@ -313,6 +315,62 @@ def test_the_oldest_incidents_are_let_go(tmp_path: Path, monkeypatch: pytest.Mon
         names.append(ring.keep([(code, "", 0)]).name)
     ring.close()
     assert sorted(path.name for path in (tmp_path / "kept").iterdir()) == sorted(names)[-2:]
+
+
+def test_minor_incidents_never_push_a_latch_out(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """They make room for one another, and for it; what does not say how grave it is may be."""
+    monkeypatch.setattr(ring_module, "KEPT_INCIDENTS", 2)
+    ring = ring_module.Ring(tmp_path)
+    ring.spare_bytes = 0
+    ring.open()
+    ring.begin({"form": 1}, 0)
+    grave = ring.keep([("ESTOP", "", 0)])
+    minor = [ring.keep([(code, "", 0)], is_grave=False) for code in ("AA", "BB", "CC")]
+    assert [path.exists() for path in (grave, *minor)] == [True, False, False, True]
+    other = ring.keep([("ESTOP", "", 0)])
+    (other / "incident.json").write_text("[]")
+    assert not ring.keep([("STALLED", "", 9)], is_grave=False).exists()
+    ring.close()
+    assert set((tmp_path / "kept").iterdir()) == {grave, other}
+
+
+def test_each_incident_of_a_second_has_a_name_of_its_own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Also when an older one of it was let go."""
+    monkeypatch.setattr(ring_module.time, "gmtime", lambda: time.struct_time((2026, 1, 1, 0, 0, 0, 3, 1, 0)))
+    ring = ring_module.Ring(tmp_path)
+    ring.spare_bytes = 0
+    ring.open()
+    ring.begin({"form": 1}, 0)
+    first, second = (ring.keep([("ESTOP", "", 0)]) for _ in range(2))
+    shutil.rmtree(first)
+    assert ring.keep([("ESTOP", "", 0)]) not in (second,) and second.exists()
+    ring.close()
+
+
+def test_of_what_anybody_can_bring_about_one_a_minute_is_kept(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A latch is kept whenever it comes, however many others came before it. The minute is a third of the real one here."""
+    pair = Pair()
+    recorded = record(pair, tmp_path)
+
+    def told(event: Code, seconds: float, count: int = 1, **facts: str) -> None:
+        level = Level.ERROR if event is Code.LATCH_CHANGED else Level.WARNING
+        notice = Notice(level=level, code=event, message="", at_ns=pair.now_ns, facts=facts)
+        pair.engine.engine._coordinator.notices.extend([notice] * count)
+        pair.run(seconds)
+
+    assert recorder_module.MINOR_NS == 60 * S
+    monkeypatch.setattr(recorder_module, "MINOR_NS", 20 * S)
+    pair.run(0.5)
+    for _ in range(3):
+        told(Code.MOTION_ENDED, 4.0, state="aborted", code="STALLED")
+    told(Code.MOTION_ENDED, 0.5, 500, state="aborted", code="STALLED")
+    told(Code.LATCH_CHANGED, 4.0, code="ESTOP")
+    told(Code.MOTION_ENDED, 8.0, state="aborted", code="STALLED")
+    told(Code.MOTION_ENDED, 4.0, state="aborted", code="STALLED")
+    assert recorded.recorder.close(DEADLINE_S, is_clean=True)
+    causes = [[cause.code for cause in incident(kept).causes] for kept in sorted((tmp_path / "kept").iterdir())]
+    assert len(causes) == 3 and {code for codes in causes for code in codes} == {"ESTOP", "STALLED"}
+    assert max(map(len, causes)) <= recorder_module.MOST_CAUSES
 
 
 def test_what_was_told_and_refused_is_a_line_each(tmp_path: Path) -> None:
