@@ -24,6 +24,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
+from gateway.incident.folders import NEW_FILE, own_folder
 from gateway.incident.freezing import unpickler
 from gateway.incident.records import Start, Tick
 
@@ -42,11 +43,13 @@ SPARE_BYTES = 256 * 2**20
 BLOCK_BYTES = 64 * 2**20
 """A block is never so large; what says so is no block."""
 SUFFIX = ".box"
+ALL = "incidents"
+"""Folder of all robots' black boxes."""
 
 
 def folder_of(state_file: Path) -> Path:
     """Return the folder of a robot's black box, beside its state file."""
-    return state_file.parent / "incidents" / state_file.stem
+    return state_file.parent / ALL / state_file.stem
 
 
 class Piece(NamedTuple):
@@ -125,8 +128,7 @@ class Ring:
         Raises:
             OSError: They cannot be made.
         """
-        for folder in (self.folder, self._ring, self._kept):
-            folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+        self._own()
         for half in self._kept.glob(".*"):
             shutil.rmtree(half, ignore_errors=True)
         left = sorted(self._ring.glob(f"*{SUFFIX}"))
@@ -137,6 +139,10 @@ class Ring:
             self.clear()
         return found
 
+    def _own(self) -> None:
+        for folder in (self.folder.parent, self.folder, self._ring, self._kept)[self.folder.parent.name != ALL :]:
+            own_folder(folder)
+
     def begin(self, header: Mapping[str, object], now_ns: int) -> None:
         """Begin a piece, at a monotonic time [ns].
 
@@ -144,10 +150,11 @@ class Ring:
             OSError: It cannot be written.
         """
         self.close()
+        self._own()
         self._number += 1
         path = self._ring / f"{self._number:06d}{SUFFIX}"
         path.unlink(missing_ok=True)
-        self._file = io.FileIO(os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o600), "w")
+        self._file = io.FileIO(os.open(path, NEW_FILE, 0o600), "w")
         self._pieces.append((path, now_ns))
         while len(self._pieces) > 2 and self._pieces[1][1] < now_ns - RING_NS:
             self._let_go()
@@ -201,6 +208,7 @@ class Ring:
         names = itertools.chain((name,), (f"{name}-{number}" for number in itertools.count(2)))
         target = next(path for path in map(self._kept.joinpath, names) if not path.exists())
         half = self._kept / f".{name}"
+        self._own()
         half.mkdir(mode=0o700)
         try:
             for number, (path, _) in enumerate(self._pieces):
@@ -209,12 +217,12 @@ class Ring:
                     with contextlib.suppress(OSError):  # some file systems have none
                         os.link(path, place)
                 if not place.exists():
-                    shutil.copyfile(path, place)
-                    place.chmod(0o600)
+                    with path.open("rb") as source, open(os.open(place, NEW_FILE, 0o600), "wb") as copy:
+                        shutil.copyfileobj(source, copy)
             note = [{"code": code, "message": message, "at_ns": at_ns} for code, message, at_ns in causes]
             head = {"form": 1, "kept": time.time_ns(), "is_grave": is_grave}
             text = json.dumps(head | {"causes": note}, ensure_ascii=False, indent=1)
-            with open(os.open(half / "incident.json", os.O_WRONLY | os.O_CREAT, 0o600), "w", encoding="utf-8") as file:
+            with open(os.open(half / "incident.json", NEW_FILE, 0o600), "w", encoding="utf-8") as file:
                 file.write(text)
             half.rename(target)
         except OSError:
