@@ -21,7 +21,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from importlib import import_module
 from types import FunctionType, MethodType
-from typing import Any, Literal, NamedTuple
+from typing import Any, Literal, NamedTuple, TypeGuard
 
 from ruckig import InputParameter, Ruckig, Trajectory
 
@@ -212,7 +212,7 @@ def _is_class(found: object) -> bool:
     return isinstance(found, type) and (found.__module__.startswith(ROOMS) or found.__module__ in MODULES)
 
 
-def _is_of_the_core(found: object) -> bool:
+def _is_of_the_core(found: object) -> TypeGuard[FunctionType]:
     return isinstance(found, FunctionType) and found.__module__.startswith(CORE)
 
 
