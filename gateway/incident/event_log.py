@@ -11,6 +11,7 @@ import os
 from collections.abc import Iterator
 from pathlib import Path
 
+from gateway.incident.folders import own_folder
 from gateway.incident.records import Tick
 
 __all__ = ["EventLog", "read_events"]
@@ -65,9 +66,11 @@ class EventLog:
         Raises:
             OSError: The disk refuses.
         """
+        own_folder(self._path.parent)
         if self._path.exists() and self._path.stat().st_size > MOST_BYTES:
             self._path.replace(self._before)
-        with open(os.open(self._path, os.O_WRONLY | os.O_CREAT | os.O_APPEND | os.O_CLOEXEC, 0o600), "ab") as file:
+        flags = os.O_WRONLY | os.O_CREAT | os.O_APPEND | os.O_NOFOLLOW | os.O_CLOEXEC
+        with open(os.open(self._path, flags, 0o600), "ab") as file:
             file.write(lines)
 
 

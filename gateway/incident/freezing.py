@@ -2,10 +2,12 @@
 
 Rules
     * Freezing is done in the control loop, after its frames have left, and takes it about a millisecond: what is large and
-      never changes (the body's model, the motion through a chunk's points) is only named there. Whoever writes packs it.
+      never changes (the body's model, the motion through a chunk's points, replies that were given) is only named there.
+      Whoever writes packs it.
     * Work that is cut into ticks (`yield`) cannot be frozen; the next moment can be. `Unfrozen` says so.
     * Of the settings of the local plane only what the engine reads is packed: no file of users or keys is named.
-    * Thawing builds nothing but the gateway's own values: no file makes it call anything else.
+    * Thawing builds nothing but the gateway's own values: no file makes it call anything else. Of functions and methods it has
+      those of the core, which reach neither disk nor network nor anything that is not given to them.
 """
 
 from __future__ import annotations
@@ -13,11 +15,13 @@ from __future__ import annotations
 import copyreg
 import io
 import pickle
+import re
+import sys
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from importlib import import_module
-from types import ModuleType
-from typing import Any, NamedTuple
+from types import FunctionType, MethodType
+from typing import Any, Literal, NamedTuple, TypeGuard
 
 from ruckig import InputParameter, Ruckig, Trajectory
 
@@ -26,6 +30,7 @@ from gateway.core.motion.chunk import Chunk
 from gateway.core.motion.joints.trajectory import Trajectory as JointMotion
 from gateway.core.motion.poses.pose_trajectory import PoseTrajectory
 from gateway.core.motion.solver import NoPlan, Plan, solve
+from gateway.core.requests.answers import Kept
 from gateway.settings.settings import LocalSettings
 
 __all__ = ["Frozen", "Unfrozen", "freeze", "packed", "thaw", "unpickler"]
@@ -46,13 +51,14 @@ MODULES = (
     "math",
 )
 """Whose values may be thawed, with the rooms above."""
+CORE = "gateway.core."
+"""Whose functions and methods may be thawed."""
 OTHERS = {
-    "builtins": ("set", "frozenset", "getattr", "bytearray", "range", "max", "min"),
+    "builtins": ("set", "frozenset", "bytearray", "range", "max", "min"),
     "copyreg": ("_reconstructor", "__newobj__"),
     "functools": ("partial",),
     "itertools": ("count",),
     "msgspec._utils": ("rebuild",),
-    "numpy": ("ndarray", "dtype"),
     "_operator": ("le", "sub", "mul", "add"),
     "ruckig": ("Ruckig", "ControlInterface", "DurationDiscretization", "Synchronization"),
 }
@@ -128,6 +134,9 @@ def _table(take: Callable[[object], None] | None = None, parts: Sequence[object]
     table[Plan] = lambda plan: (_plan, (plan.degrees_of_freedom, plan.entry))
     table[Trajectory] = lambda plan: (Plan, (plan.degrees_of_freedom,))
     table[LocalSettings] = lambda local: (_local, (local.snapshot_hz, local.demand_stop_endpoint))
+    if (np := sys.modules.get("numpy")) is not None:  # only where it is there anyway
+        table[np.ndarray] = _told
+        table.update(dict.fromkeys((np.bool_, np.float32, np.float64, np.int32, np.int64), _told_number))
     if take is not None:
 
         def named(part: object) -> tuple[Any, ...]:
@@ -138,14 +147,23 @@ def _table(take: Callable[[object], None] | None = None, parts: Sequence[object]
     return table
 
 
-def _unchanging() -> tuple[type, ...]:
-    import sys
+def _told(array: Any) -> tuple[Any, ...]:  # noqa: ANN401  numpy may not be there
+    order = "F" if array.flags.f_contiguous and not array.flags.c_contiguous else "C"
+    return _array, (array.dtype.str, array.shape, order, array.tobytes(order))
 
+
+def _told_number(number: Any) -> tuple[Any, ...]:  # noqa: ANN401  as above
+    return _number, (number.dtype.str, number.tobytes())
+
+
+def _unchanging() -> tuple[type, ...]:
     model = sys.modules.get(
         "gateway.core.robot_state.body_model"
     )  # it takes numpy along: only where it is there anyway
     body = (model.ArmModel, model.CollisionModel, model.Approach) if model is not None else ()
-    return (Chunk, JointMotion, PoseTrajectory, *body)
+    dynamics = sys.modules.get("gateway.kinematics.dynamics.arm_dynamics")  # as above
+    feeling = (dynamics.ArmDynamics,) if dynamics is not None else ()
+    return (Chunk, JointMotion, PoseTrajectory, Kept, *body, *feeling)
 
 
 def _fields(entry: InputParameter) -> tuple[int, dict[str, object]]:
@@ -180,21 +198,29 @@ class _Unpickler(pickle.Unpickler):
         if module == __name__ and name in MADE:
             return MADE[name]
         is_own = module.startswith(ROOMS) or module in MODULES
-        is_numpys = module.startswith("numpy") and name in ("_reconstruct", "_frombuffer", "scalar")
-        if not (is_own or is_numpys or name in OTHERS.get(module, ())):
+        if not (is_own or name in OTHERS.get(module, ())):
             raise pickle.UnpicklingError(f"{module}.{name} is no value of the gateway")
         found = import_module(module)
         for part in name.split("."):
             found = getattr(found, part)
-        if is_own and ("__" in name or not str(getattr(found, "__module__", "")).startswith((*ROOMS, *MODULES))):
+        if is_own and not ("__" not in name and (_is_class(found) or _is_of_the_core(found))):
             raise pickle.UnpicklingError(f"{module}.{name} is no value of the gateway")
         return found
 
 
+def _is_class(found: object) -> bool:
+    return isinstance(found, type) and (found.__module__.startswith(ROOMS) or found.__module__ in MODULES)
+
+
+def _is_of_the_core(found: object) -> TypeGuard[FunctionType]:
+    return isinstance(found, FunctionType) and found.__module__.startswith(CORE)
+
+
 def _method(owner: object, name: str) -> object:
-    if name.startswith("__") or isinstance(owner, ModuleType):
-        raise pickle.UnpicklingError(f"{name} is no method of the gateway")
-    return getattr(owner, name)
+    found = getattr(type(owner), name, None)
+    if name.startswith("__") or not (type(owner).__module__.startswith(CORE) and _is_of_the_core(found)):
+        raise pickle.UnpicklingError(f"{name} is no method of the core")
+    return MethodType(found, owner)
 
 
 def _part(number: int) -> object:
@@ -220,8 +246,20 @@ def _plan(joints: int, entry: InputParameter | None) -> Plan:
     return plan
 
 
+def _array(kind: str, shape: tuple[int, ...], order: Literal["C", "F"], content: bytes) -> object:
+    import numpy as np
+
+    if not re.fullmatch(r"[<>|=][biuf][1248]", kind):
+        raise pickle.UnpicklingError(f"{kind} is no kind of number")
+    return np.frombuffer(bytearray(content), kind).reshape(shape, order=order)
+
+
+def _number(kind: str, content: bytes) -> object:
+    return _array(kind, (1,), "C", content)[0]  # type: ignore[index]  # it is an array
+
+
 def _local(snapshot_hz: float, demand_stop_endpoint: bool) -> LocalSettings:
     return replace(LocalSettings(), snapshot_hz=snapshot_hz, demand_stop_endpoint=demand_stop_endpoint)
 
 
-MADE = {made.__name__: made for made in (_entry, _plan, _local)}
+MADE = {made.__name__: made for made in (_entry, _plan, _local, _array, _number)}

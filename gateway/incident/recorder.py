@@ -5,8 +5,10 @@ Rules
       does not keep up (a disk that hangs), records are left out whole; what follows begins with a new state, after a gap.
     * A piece begins with the engine's state. It is frozen every 15 s at the end of a cycle that was in time, when its frames
       have left; where it cannot be then, some moments later.
-    * Whatever fails here ends the recording, for a while or for good, and nothing else.
-    * Latches, takeovers and aborted motions keep what the ring has, and the next 3 s.
+    * Whatever fails here ends the recording, for a while or for good, and nothing else. An engine that takes long to freeze
+      is recorded no more: the loop comes first.
+    * Latches, takeovers and aborted motions keep what the ring has, and the next 3 s. What anybody can bring about again and
+      again (an aborted motion, another owner) is kept once a minute, and never in place of a latch.
 """
 
 from __future__ import annotations
@@ -47,13 +49,18 @@ AGAIN_NS = 200 * MS
 """How long after an engine that could not be frozen the next try is [ns]."""
 RETRY_NS = 5 * S
 """How long after the disk refused [ns]."""
+MOST_FREEZE_NS = 5 * MS
+"""Freezing may not cost the loop more twice in a row [ns]; of its own time, not what others take from it."""
 LATE_NS = 2 * MS
 """After a tick that was later than this the next one must not wait for us [ns]."""
 AFTER_NS = 3 * S
 MOST_WAITING = 1000
 """Ticks that may wait to be written: 10 s at full rate."""
 WRITTEN_S = 0.25
-MOST_CAUSES = 100
+MOST_CAUSES, MOST_MINOR = 100, 50
+"""Causes of one incident, and those before it that are not grave."""
+MINOR_NS = 60 * S
+"""How far apart incidents without anything grave are kept [ns]."""
 
 
 ROOMS = ("core", "kinematics", "messages", "robot", "settings")
@@ -74,7 +81,7 @@ def release() -> dict[str, str]:
         code.update(path.read_bytes())
     found = {"ta2": __version__, "code": code.hexdigest()[:16], "machine": platform.machine()}
     found["python"] = platform.python_version()
-    for name in ("ruckig", "numpy", "msgspec"):
+    for name in ("ruckig", "numpy", "msgspec", "pin"):
         try:
             found[name] = version(name)
         except PackageNotFoundError:
@@ -103,16 +110,19 @@ class Recorder:
         self._is_begin_wanted = True
         self.left_out = 0
         """Ticks that were not recorded because too many waited."""
+        self._is_slow = False
         self.worst_freeze_ns = 0
         """Longest time that freezing has taken the loop [ns]."""
         self._ring, self._events = Ring(folder), EventLog(folder)
         self._causes: list[tuple[str, str, int]] = []
+        self._is_grave = False
+        self._minor_ns: int | None = None
         self._is_known = False
         self._is_failing = False
         self._release: dict[str, str] = {}
         self._closing = threading.Event()
         self._is_clean = False
-        self._thread = supervised(self._run, "black-box", on_lost=lambda lost: self._off())
+        self._thread = supervised(self._run, "black-box", on_lost=lambda lost: self._lost())
 
     def start(self) -> None:
         """Begin."""
@@ -132,9 +142,12 @@ class Recorder:
             self._thread.join(timeout_s)
         return not self._thread.is_alive()
 
-    def _off(self) -> None:
-        self._is_on = False
+    def _lost(self) -> None:
+        self._off()
         self._waiting.clear()
+
+    def _off(self) -> None:
+        self._is_on = False  # what waits is the writer's
         _log.error("the black box has ended: what happens from now on is not recorded")
 
     # ------------------------------------------------------------------------------------------------ the loop's engine
@@ -200,17 +213,25 @@ class Recorder:
         if len(self._waiting) > MOST_WAITING // 2:
             return
         self._pause_ns = now_ns + RETRY_NS
-        begun_ns = time.monotonic_ns()
+        begun_ns, worked_ns = time.monotonic_ns(), time.thread_time_ns()
+        frozen = None
         try:
             frozen = freeze(self._engine)
         except Unfrozen:
             self._pause_ns = now_ns + AGAIN_NS
-            return
         except Exception:  # noqa: BLE001  whatever it was: the robot needs no black box
             _log.exception("the engine cannot be frozen")
             self._off()
             return
         self.worst_freeze_ns = max(self.worst_freeze_ns, time.monotonic_ns() - begun_ns)
+        was_slow, took_ns = self._is_slow, time.thread_time_ns() - worked_ns
+        self._is_slow = took_ns > MOST_FREEZE_NS
+        if was_slow and self._is_slow:
+            _log.error("freezing the engine holds the control loop up for %.1f ms", took_ns / MS)
+            self._off()
+            return
+        if frozen is None:
+            return
         self._waiting.append(_Begin(frozen, now_ns, self._is_gap))
         self._due_ns = now_ns + PIECE_NS
         self._is_begin_wanted = self._is_gap = False
@@ -265,8 +286,12 @@ class Recorder:
                 self._is_known = True
                 continue
             lines += self._events.note(record, wall_ns + record.now_ns)
-            self._causes += [cause for notice in record.notices if (cause := _cause(notice)) is not None]
-            del self._causes[MOST_CAUSES:]
+            for notice in record.notices:
+                if (cause := _cause(notice)) is not None:
+                    is_grave = _is_grave(notice)
+                    self._is_grave |= is_grave
+                    if len(self._causes) < (MOST_CAUSES if is_grave else MOST_MINOR):
+                        self._causes.append(cause)
             if self._is_known:
                 pickler.dump(record)
         if lines:
@@ -275,7 +300,7 @@ class Recorder:
             self._ring.write(file.getvalue())
             if self._ring.is_full:
                 raise OSError(27, "too much happens for one piece")
-        if self._causes and newest_ns >= self._causes[0][2] + AFTER_NS:
+        if self._causes and (newest_ns >= self._causes[0][2] + AFTER_NS or not (self._is_on or self._waiting)):
             self._keep()
 
     def _header(self, begin: _Begin, wall_ns: int) -> dict[str, object]:
@@ -290,12 +315,22 @@ class Recorder:
 
     def _keep(self) -> None:
         causes, self._causes = self._causes, []
+        is_grave, self._is_grave = self._is_grave, False
+        if not is_grave:
+            if self._minor_ns is not None and causes[0][2] < self._minor_ns + MINOR_NS:
+                return
+            self._minor_ns = causes[0][2]
         try:
-            kept = self._ring.keep(causes)
+            kept = self._ring.keep(causes, is_grave=is_grave)
         except OSError as error:
             _log.error("an incident (%s) cannot be kept: %s", causes[0][0], error)
         else:
-            _log.info("an incident is kept: ta2 incident show %s", kept.name)
+            if kept.exists():
+                _log.info("an incident is kept: ta2 incident show %s", kept.name)
+
+
+def _is_grave(notice: Notice) -> bool:
+    return notice.code in (Code.LATCH_CHANGED, Code.TAKEN_OVER)
 
 
 def _cause(notice: Notice) -> tuple[str, str, int] | None:

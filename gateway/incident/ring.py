@@ -12,9 +12,9 @@ from __future__ import annotations
 
 import contextlib
 import io
+import itertools
 import json
 import os
-import pickle
 import re
 import shutil
 import time
@@ -24,6 +24,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
+from gateway.incident.folders import NEW_FILE, own_folder
 from gateway.incident.freezing import unpickler
 from gateway.incident.records import Start, Tick
 
@@ -36,17 +37,19 @@ RING_BYTES = 96 * 2**20
 """Largest ring; it reaches back less far where this does not suffice. Ten samples a tick take 0.3 MB/s before zlib."""
 KEPT_INCIDENTS = 20
 KEPT_BYTES = 512 * 2**20
-"""So many incidents, and so much of them together, are kept; the oldest are let go."""
+"""So many incidents, and so much of them together, are kept; those that are not grave are let go first, then the oldest."""
 SPARE_BYTES = 256 * 2**20
 """Nothing is written where the disk would have less than this left."""
 BLOCK_BYTES = 64 * 2**20
 """A block is never so large; what says so is no block."""
 SUFFIX = ".box"
+ALL = "incidents"
+"""Folder of all robots' black boxes."""
 
 
 def folder_of(state_file: Path) -> Path:
     """Return the folder of a robot's black box, beside its state file."""
-    return state_file.parent / "incidents" / state_file.stem
+    return state_file.parent / ALL / state_file.stem
 
 
 class Piece(NamedTuple):
@@ -90,14 +93,17 @@ def records(path: Path) -> Iterator[Start | Tick]:
             if len(block) < length or not length:
                 return
             try:
-                content = io.BytesIO(zlib.decompress(block))
+                unpacking = zlib.decompressobj()
+                content = io.BytesIO(unpacking.decompress(block, BLOCK_BYTES))
+                if not unpacking.eof:
+                    raise ValueError("a block is larger than any that is written, or cut")
                 reading, end = unpickler(content), len(content.getbuffer())
                 while content.tell() < end:
                     record = reading.load()
                     if not isinstance(record, (Start, Tick)):
-                        raise ValueError(f"{type(record).__name__} is no record")
+                        raise TypeError(f"{type(record).__name__} is no record")
                     yield record
-            except (zlib.error, pickle.UnpicklingError, EOFError, AttributeError, ImportError, TypeError) as error:
+            except Exception as error:  # whatever a file of somebody else's does to our values
                 raise ValueError(f"{path.name}: {error}") from error
 
 
@@ -122,8 +128,7 @@ class Ring:
         Raises:
             OSError: They cannot be made.
         """
-        for folder in (self.folder, self._ring, self._kept):
-            folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+        self._own()
         for half in self._kept.glob(".*"):
             shutil.rmtree(half, ignore_errors=True)
         left = sorted(self._ring.glob(f"*{SUFFIX}"))
@@ -134,6 +139,10 @@ class Ring:
             self.clear()
         return found
 
+    def _own(self) -> None:
+        for folder in (self.folder.parent, self.folder, self._ring, self._kept)[self.folder.parent.name != ALL :]:
+            own_folder(folder)
+
     def begin(self, header: Mapping[str, object], now_ns: int) -> None:
         """Begin a piece, at a monotonic time [ns].
 
@@ -141,10 +150,11 @@ class Ring:
             OSError: It cannot be written.
         """
         self.close()
+        self._own()
         self._number += 1
         path = self._ring / f"{self._number:06d}{SUFFIX}"
         path.unlink(missing_ok=True)
-        self._file = io.FileIO(os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o600), "w")
+        self._file = io.FileIO(os.open(path, NEW_FILE, 0o600), "w")
         self._pieces.append((path, now_ns))
         while len(self._pieces) > 2 and self._pieces[1][1] < now_ns - RING_NS:
             self._let_go()
@@ -182,11 +192,12 @@ class Ring:
         while rest:
             rest = rest[self._file.write(rest) or 0 :]
 
-    def keep(self, causes: Sequence[tuple[str, str, int]]) -> Path:
-        """Keep what is in the ring now as an incident; return its folder.
+    def keep(self, causes: Sequence[tuple[str, str, int]], *, is_grave: bool = True) -> Path:
+        """Keep what is in the ring now as an incident; return its folder, which is gone again where graver ones take the room.
 
         Args:
             causes: Code, message and monotonic time [ns] of what it is kept for, the first one first.
+            is_grave: Whether something was latched, or a process died.
 
         Raises:
             OSError: It cannot be written.
@@ -194,8 +205,10 @@ class Ring:
         wall = time.gmtime()
         code = re.sub(r"[^A-Z_]", "_", causes[0][0])
         name = f"{time.strftime('%Y%m%dT%H%M%SZ', wall)}-{code}"
-        taken = sum(1 for path in self._kept.glob(f"{name}*"))
-        target, half = self._kept / (f"{name}-{taken + 1}" if taken else name), self._kept / f".{name}"
+        names = itertools.chain((name,), (f"{name}-{number}" for number in itertools.count(2)))
+        target = next(path for path in map(self._kept.joinpath, names) if not path.exists())
+        half = self._kept / f".{name}"
+        self._own()
         half.mkdir(mode=0o700)
         try:
             for number, (path, _) in enumerate(self._pieces):
@@ -204,17 +217,19 @@ class Ring:
                     with contextlib.suppress(OSError):  # some file systems have none
                         os.link(path, place)
                 if not place.exists():
-                    shutil.copyfile(path, place)
-                    place.chmod(0o600)
+                    with path.open("rb") as source, open(os.open(place, NEW_FILE, 0o600), "wb") as copy:
+                        shutil.copyfileobj(source, copy)
             note = [{"code": code, "message": message, "at_ns": at_ns} for code, message, at_ns in causes]
-            text = json.dumps({"form": 1, "kept": time.time_ns(), "causes": note}, ensure_ascii=False, indent=1)
-            with open(os.open(half / "incident.json", os.O_WRONLY | os.O_CREAT, 0o600), "w", encoding="utf-8") as file:
+            head = {"form": 1, "kept": time.time_ns(), "is_grave": is_grave}
+            text = json.dumps(head | {"causes": note}, ensure_ascii=False, indent=1)
+            with open(os.open(half / "incident.json", NEW_FILE, 0o600), "w", encoding="utf-8") as file:
                 file.write(text)
             half.rename(target)
         except OSError:
             shutil.rmtree(half, ignore_errors=True)
             raise
-        kept = sorted(path for path in self._kept.iterdir() if not path.name.startswith("."))
+        kept = [path for path in self._kept.iterdir() if not path.name.startswith(".")]
+        kept.sort(key=lambda path: (_is_grave(path), path.name))
         while len(kept) > 1 and (
             len(kept) > KEPT_INCIDENTS or _size(p for k in kept for p in k.iterdir()) > KEPT_BYTES
         ):
@@ -234,6 +249,13 @@ class Ring:
 
     def _let_go(self) -> None:
         self._pieces.popleft()[0].unlink(missing_ok=True)
+
+
+def _is_grave(kept: Path) -> bool:
+    try:
+        return json.loads((kept / "incident.json").read_bytes())["is_grave"] is not False
+    except (OSError, ValueError, LookupError, TypeError):  # one that does not say so may be
+        return True
 
 
 def _size(paths: Iterator[Path]) -> int:

@@ -2,20 +2,30 @@
 
 from __future__ import annotations
 
+import copyreg
 import io
 import math
 import os
 import pickle
+from collections import namedtuple
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
+from gateway.core.messages.events import CommandRequested
+from gateway.core.messages.outputs import Reply
+from gateway.core.requests.answers import REPLIES_KEPT
 from gateway.core.robot_state.body_model import body_model
-from gateway.incident.freezing import Unfrozen, freeze, packed, thaw, unpickler
-from gateway.messages.requests import MovePose
+from gateway.core.supervision.conditions import Conditions
+from gateway.incident.freezing import Frozen, Unfrozen, _array, freeze, packed, thaw, unpickler
+from gateway.kinematics.urdf import from_urdf
+from gateway.messages.requests import MovePose, Recover
 from gateway.settings.settings import LocalSettings, Settings
+from gateway.settings.toml_file import state_dir
 from gateway.sim.robot.settings import SimSettings
 from gateway.values import EePose, Side
+from tests.incident.feeling import feeling
 from tests.pair import MS, Pair
 
 GOAL = (0.4, 0.3, 0.2, 0.3, 0.1, 0.2, 0.1)
@@ -84,6 +94,22 @@ def test_a_robot_whose_arms_keep_apart_by_the_model_goes_on() -> None:
     assert going_on(pair, 1.0) > 0
 
 
+def test_a_robot_that_feels_what_pulls_at_it_goes_on() -> None:
+    """Pinocchio's own objects are made anew from the description; the observers are state."""
+    pair = feeling()
+    epoch = pair.activate()
+    pair.run(4.0)
+    pair.move(epoch, {Side.LEFT: GOAL})
+    pair.run(0.2)
+    assert {"ArmDynamics"} < {type(part).__name__ for part in freeze(pair.engine).parts}
+    assert going_on(pair, 1.0) > 0
+    twin = thaw(*packed(freeze(pair.engine)))
+    ours, theirs = (engine._coordinator.model.contacts for engine in (pair.engine, twin))
+    for side in Side:
+        assert repr(ours.view(side, pair.now_ns)) == repr(theirs.view(side, pair.now_ns))
+        assert ours._observers[side].torque_nm.tobytes() == theirs._observers[side].torque_nm.tobytes()
+
+
 def test_poses_go_on() -> None:
     """Arms in end-effector mode."""
     pair = Pair(sim=SimSettings(state_period_ns=10 * MS, left_mode="pose", right_mode="pose"))
@@ -105,6 +131,25 @@ def test_work_that_is_cut_into_ticks_is_no_moment_to_freeze(pair: Pair) -> None:
     pair.engine._phases.work = (number for number in range(3))  # type: ignore[attr-defined]  # like a line being planned
     with pytest.raises(Unfrozen, match="generator"):
         freeze(pair.engine)
+
+
+def test_replies_that_were_given_are_named_and_are_given_again(pair: Pair) -> None:
+    """However many there are, the loop does not pack them; nor does what is kept change under the one who does."""
+    pair.activate()
+    few = len(freeze(pair.engine).state)
+    answered = pair.engine._answered
+    asked = [
+        CommandRequested(client_id="ann", request_id=number, request=Recover(), received_ns=1, content=11)
+        for number in range(REPLIES_KEPT)
+    ]
+    for command in asked:
+        answered.keep(command, Reply(client_id="ann", request_id=command.request_id, facts={"cleared": []}))
+    frozen = freeze(pair.engine)
+    assert len(frozen.state) <= few
+    answered.keep(replace(asked[0], client_id="bob"), Reply(client_id="bob", request_id=0))
+    twin = thaw(*packed(frozen))._answered
+    assert all(repr(twin.again(command)) == repr(answered.again(command)) for command in asked[1:])
+    assert twin.again(asked[0]) is not None and answered.again(asked[0]) is None
 
 
 def test_no_file_of_users_or_keys_is_named_in_it() -> None:
@@ -131,6 +176,77 @@ def test_no_module_comes_out_of_a_file() -> None:
         asked += b"gateway.settings.toml_file" + pickle.BINUNICODE + len(name).to_bytes(4, "little") + name.encode()
         with pytest.raises(pickle.UnpicklingError):
             unpickler(io.BytesIO(asked + pickle.STACK_GLOBAL + pickle.STOP)).load()
+
+
+class Called:
+    """What a file would have called."""
+
+    def __init__(self, function, *given):
+        self.function, self.given = function, given
+
+    def __reduce__(self):
+        return self.function, self.given
+
+
+def evaluating(owner: object, name: str) -> object:
+    """Return what gets at `eval` by a generator's frame."""
+    frame = Called(getattr, Called(Called(getattr, owner, name), 0), "gi_frame")
+    get = Called(getattr, Called(getattr, frame, "f_builtins"), "get")
+    return Called(Called(get, "eval"), "1 + 1")
+
+
+class Nested(pickle._Pickler):  # type: ignore[name-defined]  # Python's own takes callables that are made by calls
+    """Writes calls of what calls return."""
+
+    def save_reduce(self, func, args, *more, obj=None):
+        self.save(func)
+        self.save(args)
+        self.write(pickle.REDUCE)
+
+
+def asking(value: object) -> io.BytesIO:
+    """Return a file that asks for it."""
+    file = io.BytesIO()
+    Nested(file, 4).dump(value)
+    file.seek(0)
+    return file
+
+
+def test_no_frame_comes_out_of_a_generator_of_ours(pair: Pair) -> None:
+    """With it came all that Python has: methods are only those that a class of the core has written down."""
+    conditions = Called(copyreg.__newobj__, Conditions)  # type: ignore[attr-defined]  # typeshed hides it
+    with pytest.raises(pickle.UnpicklingError, match="gi_frame is no method"):
+        unpickler(asking(evaluating(conditions, "look"))).load()
+
+
+@pytest.mark.parametrize(
+    "value",
+    [
+        Called(getattr, "{0.__class__}", "format"),
+        Called(getattr, [], "append"),
+        Called(getattr, Called(np.ndarray, (1,)), "tofile"),
+        Called(getattr, Conditions, "mro"),
+        Called(np.dtype, "O"),
+        Called(namedtuple, "Name", "a b"),
+        Called(from_urdf, "/etc/passwd"),
+        Called(state_dir),
+        Called(_array, "|O8", (1,), "C", b"12345678"),
+    ],
+)
+def test_nothing_that_reaches_outside_is_called(value: object) -> None:
+    """No method of Python's or numpy's, no function that opens a file, no array of objects."""
+    with pytest.raises(pickle.UnpicklingError):
+        unpickler(asking(value)).load()
+
+
+@pytest.mark.parametrize("order", ["C", "F"])
+def test_arrays_come_back_as_they_lay(order: str) -> None:
+    """Sums depend on it, to the last bit; and they can be written into."""
+    array = np.asarray(np.arange(6.0).reshape(2, 3) / 7.0, order=order)  # type: ignore[call-overload]  # one of the two
+    parts, _ = packed(Frozen(b"", [array, np.float64(0.1), np.bool_(True), np.zeros((0, 3), np.int64)]))
+    found, number, truth, nothing = unpickler(io.BytesIO(parts)).load()
+    assert found.tobytes("A") == array.tobytes("A") and found.strides == array.strides and found.flags.writeable
+    assert repr([number, truth]) == repr([np.float64(0.1), np.bool_(True)]) and nothing.shape == (0, 3)
 
 
 @pytest.mark.parametrize("value", [Evil(), Sly(), thaw, open, os.path.join])

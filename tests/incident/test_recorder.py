@@ -4,27 +4,32 @@ from __future__ import annotations
 
 import json
 import os
+import shutil
 import stat
 import subprocess
 import sys
 import threading
+import time
 from pathlib import Path
 
 import pytest
 
+from gateway.core.messages.outputs import Level, Notice
 from gateway.core.motion.chunk import Chunk, prepare
 from gateway.core.streams.heartbeat import HeartbeatStream
 from gateway.errors import Code
 from gateway.incident import recorder as recorder_module
 from gateway.incident import ring as ring_module
 from gateway.incident.event_log import read_events
+from gateway.incident.freezing import freeze
 from gateway.incident.records import Start, Tick
 from gateway.incident.replay import incident, replay, ticks
 from gateway.incident.ring import records
 from gateway.incident.timeline import joints, timeline
-from gateway.messages.requests import Follow
+from gateway.messages.requests import Estop, Follow
 from gateway.process.threads import take_lost
 from gateway.values import Side
+from tests.incident.feeling import feeling
 from tests.incident.recorded import DEADLINE_S, an_incident, record, until
 from tests.pair import MS, Pair, S
 
@@ -101,6 +106,21 @@ def test_a_chunk_that_was_worked_out_before_is_run_again(tmp_path: Path) -> None
     assert recorded.recorder.close(DEADLINE_S, is_clean=True)
     (kept,) = (tmp_path / "kept").iterdir()
     assert replay(incident(kept)).difference is None
+
+
+def test_an_incident_of_a_robot_that_feels_is_run_again(tmp_path: Path) -> None:
+    """With `model.dynamics`."""
+    pair = feeling()
+    recorded = record(pair, tmp_path)
+    epoch = pair.activate()
+    pair.move(epoch, {Side.LEFT: (0.3, 0.3, 0.3, 0.3, 0.3, 0.3, 0.3)})
+    pair.run(1.0)
+    pair.ask(Estop(reason="something fell"))
+    pair.run(3.5)
+    assert recorded.recorder.close(DEADLINE_S, is_clean=True)
+    (kept,) = (tmp_path / "kept").iterdir()
+    done = replay(incident(kept))
+    assert done.difference is None and done.frames > 100
 
 
 def test_a_frame_that_is_not_the_same_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -210,8 +230,56 @@ def test_an_engine_that_cannot_be_frozen_goes_on_unrecorded(tmp_path: Path, monk
     pair = Pair()
     recorded = record(pair, tmp_path)
     pair.activate()
-    assert pair.state == "ACTIVE" and not recorded.recorder._waiting
+    assert pair.state == "ACTIVE" and not recorded.recorder._is_on
+    until(lambda: not recorded.recorder._waiting)
     assert recorded.recorder.close(DEADLINE_S, is_clean=True)
+
+
+@pytest.mark.parametrize("is_frozen", [True, False])
+def test_an_engine_that_takes_long_to_freeze_is_recorded_no_more(
+    is_frozen: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    """The loop comes first: one time may be, a second in a row is the last, whether it came to anything or not."""
+
+    def slow(engine):
+        end_ns = time.thread_time_ns() + recorder_module.MOST_FREEZE_NS
+        while time.thread_time_ns() <= end_ns:
+            pass
+        if not is_frozen:
+            raise recorder_module.Unfrozen("generator")
+        return freeze(engine)
+
+    monkeypatch.setattr(recorder_module, "PIECE_NS", 500 * MS)
+    monkeypatch.setattr(recorder_module, "RETRY_NS", 500 * MS)
+    pair = Pair()
+    recorded = record(pair, tmp_path)
+    pair.run(0.6)
+    monkeypatch.setattr(recorder_module, "freeze", slow)
+    pair.run(2.0)
+    assert not recorded.recorder._is_on
+    assert [entry.message for entry in caplog.records if "control loop" in entry.message] == [caplog.records[0].message]
+    assert recorded.recorder.close(DEADLINE_S, is_clean=True)
+
+
+def test_a_latch_before_the_engine_could_be_frozen_no_more_is_kept(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The loop switches off, the writer writes on what waits, and keeps what it has seen."""
+    pair = Pair()
+    recorded = record(pair, tmp_path)
+    pair.activate()
+    pair.ask(Estop(reason="something fell"))
+
+    def broken(engine):
+        raise RecursionError("too deep")
+
+    monkeypatch.setattr(recorder_module, "freeze", broken)
+    pair.run(0.2)
+    recorded.recorder._due_ns = 0
+    pair.run(6.0)
+    assert not recorded.recorder._is_on
+    until(lambda: any((tmp_path / "kept").glob("*-ESTOP")))
+    assert recorded.recorder._thread.is_alive() and recorded.recorder.close(DEADLINE_S, is_clean=True)
 
 
 def test_a_black_box_that_panics_ends_the_recording_and_nothing_else(
@@ -247,6 +315,62 @@ def test_the_oldest_incidents_are_let_go(tmp_path: Path, monkeypatch: pytest.Mon
         names.append(ring.keep([(code, "", 0)]).name)
     ring.close()
     assert sorted(path.name for path in (tmp_path / "kept").iterdir()) == sorted(names)[-2:]
+
+
+def test_minor_incidents_never_push_a_latch_out(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """They make room for one another, and for it; what does not say how grave it is may be."""
+    monkeypatch.setattr(ring_module, "KEPT_INCIDENTS", 2)
+    ring = ring_module.Ring(tmp_path)
+    ring.spare_bytes = 0
+    ring.open()
+    ring.begin({"form": 1}, 0)
+    grave = ring.keep([("ESTOP", "", 0)])
+    minor = [ring.keep([(code, "", 0)], is_grave=False) for code in ("AA", "BB", "CC")]
+    assert [path.exists() for path in (grave, *minor)] == [True, False, False, True]
+    other = ring.keep([("ESTOP", "", 0)])
+    (other / "incident.json").write_text("[]")
+    assert not ring.keep([("STALLED", "", 9)], is_grave=False).exists()
+    ring.close()
+    assert set((tmp_path / "kept").iterdir()) == {grave, other}
+
+
+def test_each_incident_of_a_second_has_a_name_of_its_own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Also when an older one of it was let go."""
+    monkeypatch.setattr(ring_module.time, "gmtime", lambda: time.struct_time((2026, 1, 1, 0, 0, 0, 3, 1, 0)))
+    ring = ring_module.Ring(tmp_path)
+    ring.spare_bytes = 0
+    ring.open()
+    ring.begin({"form": 1}, 0)
+    first, second = (ring.keep([("ESTOP", "", 0)]) for _ in range(2))
+    shutil.rmtree(first)
+    assert ring.keep([("ESTOP", "", 0)]) not in (second,) and second.exists()
+    ring.close()
+
+
+def test_of_what_anybody_can_bring_about_one_a_minute_is_kept(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A latch is kept whenever it comes, however many others came before it. The minute is a third of the real one here."""
+    pair = Pair()
+    recorded = record(pair, tmp_path)
+
+    def told(event: Code, seconds: float, count: int = 1, **facts: str) -> None:
+        level = Level.ERROR if event is Code.LATCH_CHANGED else Level.WARNING
+        notice = Notice(level=level, code=event, message="", at_ns=pair.now_ns, facts=facts)
+        pair.engine.engine._coordinator.notices.extend([notice] * count)
+        pair.run(seconds)
+
+    assert recorder_module.MINOR_NS == 60 * S
+    monkeypatch.setattr(recorder_module, "MINOR_NS", 20 * S)
+    pair.run(0.5)
+    for _ in range(3):
+        told(Code.MOTION_ENDED, 4.0, state="aborted", code="STALLED")
+    told(Code.MOTION_ENDED, 0.5, 500, state="aborted", code="STALLED")
+    told(Code.LATCH_CHANGED, 4.0, code="ESTOP")
+    told(Code.MOTION_ENDED, 8.0, state="aborted", code="STALLED")
+    told(Code.MOTION_ENDED, 4.0, state="aborted", code="STALLED")
+    assert recorded.recorder.close(DEADLINE_S, is_clean=True)
+    causes = [[cause.code for cause in incident(kept).causes] for kept in sorted((tmp_path / "kept").iterdir())]
+    assert len(causes) == 3 and {code for codes in causes for code in codes} == {"ESTOP", "STALLED"}
+    assert max(map(len, causes)) <= recorder_module.MOST_CAUSES
 
 
 def test_what_was_told_and_refused_is_a_line_each(tmp_path: Path) -> None:

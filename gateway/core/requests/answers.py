@@ -9,14 +9,14 @@ Rules
 
 from __future__ import annotations
 
-from collections import OrderedDict
+from typing import NamedTuple
 
 from gateway.core.messages.events import CommandRequested
 from gateway.core.messages.outputs import Reply
 from gateway.errors import Code, Refusal
 from gateway.messages.requests import Estop, Stop
 
-__all__ = ["DROPPED_AT_ONCE", "KEPT_NS", "REPLIES_KEPT", "Answers", "number_was_used"]
+__all__ = ["DROPPED_AT_ONCE", "KEPT_NS", "REPLIES_KEPT", "Answers", "Kept", "number_was_used"]
 
 REPLIES_KEPT = 2048
 """So many replies are kept. At most four requests reach a tick, so each is kept for 5 s: longer than a client asks again for
@@ -38,11 +38,24 @@ def number_was_used(request_id: int) -> Refusal:
     )
 
 
-class Answers:
-    """The latest replies."""
+class Kept(NamedTuple):
+    """Replies at one moment, by client and number, the oldest first: what was asked, and the reply. Nobody changes them."""
 
-    def __init__(self) -> None:
-        self._kept: OrderedDict[tuple[str, int], tuple[int, Reply, int]] = OrderedDict()
+    replies: dict[tuple[str, int], tuple[int, Reply, int]]
+
+
+class Answers:
+    """The latest replies.
+
+    Args:
+        kept: Those of before.
+    """
+
+    def __init__(self, kept: Kept | None = None) -> None:
+        self._kept = {} if kept is None else kept.replies.copy()
+
+    def __reduce__(self) -> tuple[type[Answers], tuple[Kept]]:
+        return Answers, (Kept(self._kept.copy()),)
 
     def again(self, command: CommandRequested) -> Reply | None:
         """Return what a request is answered without being run; None when it is to be run."""
@@ -59,7 +72,7 @@ class Answers:
         """Remember the reply to a request that was run."""
         self._kept[command.client_id, command.request_id] = command.content, reply, command.received_ns
         for _ in range(DROPPED_AT_ONCE):
-            _, _, received_ns = next(iter(self._kept.values()))
+            oldest, (_, _, received_ns) = next(iter(self._kept.items()))
             if len(self._kept) <= REPLIES_KEPT and command.received_ns - received_ns <= KEPT_NS:
                 break
-            self._kept.popitem(last=False)
+            del self._kept[oldest]

@@ -47,6 +47,7 @@ class ArmDynamics:
 
     def __init__(self, description: Description, side: Side, drives: DriveParameters) -> None:
         self.side, self.drives = side, drives
+        self._description = description
         self.frame, self.point = f"{side.value}_shoulder_base", ee_frame(side)
         self.model: Any = _model(description, side)
         self.model.armature[-ARM_DOF:] = np.array(drives.armature_kgm2)
@@ -60,6 +61,9 @@ class ArmDynamics:
         self._ee = self.model.getFrameId(self.point)
         pin.framesForwardKinematics(self.model, self._data, self._q)
         self._shoulder_R_world = self._data.oMf[self.model.getFrameId(self.frame)].rotation.T.copy()
+
+    def __reduce__(self) -> tuple[type[ArmDynamics], tuple[Description, Side, DriveParameters]]:
+        return ArmDynamics, (self._description, self.side, self.drives)  # pinocchio's own state is scratch
 
     def gravity(self, q_rad: Array) -> Array:
         """Return the torques that hold the arm up at joint positions, shape (7,) [N·m]."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from dataclasses import replace
 
 import pytest
@@ -73,3 +74,10 @@ def test_a_reply_is_not_kept_for_longer_than_anybody_asks_again(answers: Answers
         burst = [replace(ASKED, request_id=number) for number in (7, *range(100, 100 + 2 * DROPPED_AT_ONCE))]
         assert sum(answers.again(asked) is GIVEN for asked in burst) == left
     assert all(answers.again(replace(ASKED, request_id=number)) is GIVEN for number in range(8, 13))
+
+
+def test_a_copy_gives_the_same_replies_and_goes_its_own_way(answers: Answers) -> None:
+    """As the black box freezes it."""
+    twin = copy.copy(answers)
+    answers.keep(replace(ASKED, request_id=8), GIVEN)
+    assert twin.again(ASKED) is GIVEN and twin.again(replace(ASKED, request_id=8)) is None
