@@ -323,10 +323,7 @@ def _model(settings: Settings) -> BodyModel | None:
         from gateway.core.robot_state.contact import Contacts
         from gateway.kinematics.dynamics.loading import load_dynamics
 
-        def tell(error: Exception) -> None:
-            _log.error("what pulls at the arms is not estimated any more", exc_info=error)
-
-        model.contacts = Contacts(load_dynamics(settings), model.refusal, tell)
+        model.contacts = Contacts(load_dynamics(settings), model.refusal)
     return model
 
 

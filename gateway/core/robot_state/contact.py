@@ -8,6 +8,7 @@ estimate, never a safety function: efforts come from motors, through gears, and 
 from __future__ import annotations
 
 import math
+import traceback
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
@@ -83,17 +84,14 @@ class Contacts:
     Args:
         dynamics: Of each arm.
         refusal: Says why an arm's model cannot be relied on (`BodyModel.refusal`); None while it can.
-        on_broken: Told once, with the error, when the estimate itself failed; from then on nothing is estimated.
     """
 
     def __init__(
         self,
         dynamics: Mapping[Side, Dynamics],
         refusal: Callable[[Side, int], Refusal | None],
-        on_broken: Callable[[Exception], object] = lambda error: None,
     ) -> None:
         self._dynamics = dynamics
-        self._on_broken = on_broken
         self._broken = ""
         self._refusal = refusal
         self._observers = {side: MomentumObserver(one) for side, one in dynamics.items()}
@@ -169,8 +167,8 @@ class Contacts:
         )
 
     def _break(self, error: Exception) -> None:
-        self._broken = f"{type(error).__name__}: {error}"[:200]
-        self._on_broken(error)
+        place = traceback.extract_tb(error.__traceback__)[-1]
+        self._broken = f"{type(error).__name__} in {place.name}, line {place.lineno}: {error}"[:200]
 
     def _given_up(self) -> Unfelt:
         return Unfelt(
