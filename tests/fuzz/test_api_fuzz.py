@@ -113,7 +113,7 @@ class Judge(Monitor):
     def _stopped_at_once(self, output: Output) -> None:
         frames = output.frames
         for reply in output.replies:
-            moves = reply.refusal is None and reply.facts.keys() & {"motion_id", "stream_id", "drive_id"}
+            moves = reply.refusal is None and reply.facts.keys() & {"motion_id", "stream_id", "drive_id", "raw"}  # raw: of a gripper
             if moves and self.arrived_ns.get((reply.client_id, reply.request_id), 0) > self.stopped_ns:
                 frames = tuple(frame for frame in frames if frame.kind is not FrameKind.MOTION)
         self.arrived_ns.clear()
