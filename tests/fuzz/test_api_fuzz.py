@@ -95,6 +95,10 @@ class Question:
         self.dropped += 1
 
 
+MOVES = {"motion_id", "stream_id", "drive_id", "raw"}
+"""What answers to requests that move something say; `raw` is a gripper's."""
+
+
 class Judge(Monitor):
     """The monitor, told when requests arrived: a tick may answer a stop and a motion that was asked for after it."""
 
@@ -113,7 +117,7 @@ class Judge(Monitor):
     def _stopped_at_once(self, output: Output) -> None:
         frames = output.frames
         for reply in output.replies:
-            moves = reply.refusal is None and reply.facts.keys() & {"motion_id", "stream_id", "drive_id", "raw"}  # raw: of a gripper
+            moves = reply.refusal is None and reply.facts.keys() & MOVES
             if moves and self.arrived_ns.get((reply.client_id, reply.request_id), 0) > self.stopped_ns:
                 frames = tuple(frame for frame in frames if frame.kind is not FrameKind.MOTION)
         self.arrived_ns.clear()
