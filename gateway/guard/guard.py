@@ -89,7 +89,7 @@ HANDED_S = 0.3
 ASKED_NS = 5 * S
 """A SIGTERM counts for what the guard begins to hold within this [ns]."""
 DISK_TIMEOUT_S = 2.0
-"""Longest wait for the disk at the end [s]."""
+"""Longest wait for the disk at the end [s], and for a process that was killed to let go of the file."""
 CLOSE_NS = 1 * S
 """Longest wait for the robot session's end [ns]."""
 
@@ -352,18 +352,25 @@ class Guard:
 
     def _finish_writing(self) -> None:
         for writer in self._writers:
-            writer.join(DISK_TIMEOUT_S)
+            writer.join(2 * DISK_TIMEOUT_S)
 
     def _keep(self, latches: Mapping[Code, str]) -> None:
-        """Add latches to the state file. Where a daemon has the file already it takes them over with the hold."""
-        link = self._settings.link
-        try:
-            with self._one_writer, StateFile(path_of(state_dir(), link.endpoint, link.namespace)) as file:
-                started = file.start()
-                known = started.remembered
-                file.save(replace(known, epoch=started.reserved_epoch, latches={**latches, **known.latches}))
-        except (GatewayError, OSError) as error:
-            _log.warning("the guard's latches could not be written: %s", error)
+        """Add latches to the state file. Where a new daemon has the file already it takes them over with the hold.
+
+        A process that was killed has it for some moments more, until the kernel has let go of all its memory.
+        """
+        link, until = self._settings.link, time.monotonic() + DISK_TIMEOUT_S
+        while True:
+            try:
+                with self._one_writer, StateFile(path_of(state_dir(), link.endpoint, link.namespace)) as file:
+                    started = file.start()
+                    known = started.remembered
+                    return file.save(replace(known, epoch=started.reserved_epoch, latches={**latches, **known.latches}))
+            except (GatewayError, OSError) as error:
+                is_held = isinstance(error, GatewayError) and error.code is Code.OTHER_GATEWAY
+                if not is_held or self._is_handing or time.monotonic() > until:
+                    return _log.warning("the guard's latches could not be written: %s", error)
+            threading.Event().wait(0.01)
 
 
 def main(arguments: list[str]) -> int:

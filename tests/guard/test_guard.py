@@ -1,0 +1,61 @@
+"""What the guard itself does beside its parts; what it does to a robot is in tests/e2e/test_guard.py."""
+
+from __future__ import annotations
+
+import logging
+import threading
+
+import pytest
+
+from gateway.core.messages.outputs import Remembered
+from gateway.errors import Code
+from gateway.guard import guard as guard_module
+from gateway.guard.guard import Guard
+from gateway.process.state_file import StateFile, path_of
+from gateway.settings.settings import Settings
+
+
+@pytest.fixture
+def guard(tmp_path, monkeypatch):
+    """A guard that only writes latches, and the file of its robot."""
+    monkeypatch.setattr(guard_module, "state_dir", lambda: tmp_path)
+    made = Guard.__new__(Guard)
+    made._settings, made._one_writer, made._writers = Settings(), threading.Lock(), []
+    made._is_handing = False
+    link = made._settings.link
+    return made, path_of(tmp_path, link.endpoint, link.namespace)
+
+
+def kept(path) -> Remembered:
+    """Return what the next daemon finds."""
+    with StateFile(path) as file:
+        return file.start().remembered
+
+
+def test_a_latch_waits_for_the_file_of_a_daemon_that_is_not_quite_dead(guard, monkeypatch, caplog):
+    """A killed process keeps its locks until the kernel has freed its memory: a latch must not be lost to that."""
+    made, path = guard
+    tried = threading.Event()
+
+    class Tried(StateFile):
+        def open(self) -> None:
+            try:
+                super().open()
+            finally:
+                tried.set()
+
+    monkeypatch.setattr(guard_module, "StateFile", Tried)
+    with StateFile(path):
+        made._remember({Code.ESTOP: "smoke"})
+        assert tried.wait(10.0)
+    made._finish_writing()
+    assert kept(path).latches == {Code.ESTOP: "smoke"} and caplog.text == ""
+
+
+def test_a_file_that_stays_anothers_is_told_and_waited_for_no_longer(guard, monkeypatch, caplog):
+    """The daemon that has it takes the latches over with the hold."""
+    made, path = guard
+    monkeypatch.setattr(guard_module, "DISK_TIMEOUT_S", 0.0)
+    with StateFile(path), caplog.at_level(logging.WARNING):
+        made._keep({Code.ESTOP: "smoke"})
+    assert "could not be written" in caplog.text and kept(path).latches == {}
