@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import getpass
 import io
-import shutil
 import socket
-import subprocess
 import sys
 from pathlib import Path
 
 import pytest
+from cryptography.hazmat.primitives import serialization
 
 from gateway.web import users
 from tests.cli.shell import Shell
@@ -73,13 +72,16 @@ def test_a_port_that_is_taken_is_told(shell: Shell) -> None:
     assert done.status == 1 and "cannot be listened on" in done.err and "--port" in done.err
 
 
-@pytest.mark.skipif(shutil.which("openssl") is None, reason="keys are made with the openssl program")
 def test_a_key_with_a_passphrase_is_refused_and_not_asked_for(shell: Shell, tmp_path: Path) -> None:
     """Nobody sits before a service."""
-    pair = ["-keyout", str(tmp_path / "a.key"), "-out", str(tmp_path / "a.pem"), "-passout", "pass:secret"]
-    words = ["openssl", "req", "-x509", "-newkey", "rsa:2048", "-subj", "/CN=a", *pair]
-    subprocess.run(words, check=True, capture_output=True, timeout=60)
-    done = shell.run("web", "--certificate", str(tmp_path / "a.pem"), "--key", str(tmp_path / "a.key"))
+    shell.run("keys", "init", "--dir", str(tmp_path))
+    own = tmp_path / "ca" / "key.pem"
+    key, locked = (
+        serialization.load_pem_private_key(own.read_bytes(), None),
+        serialization.BestAvailableEncryption(b"secret"),
+    )
+    own.write_bytes(key.private_bytes(serialization.Encoding.PEM, serialization.PrivateFormat.PKCS8, locked))
+    done = shell.run("web", "--certificate", str(own.with_name("certificate.pem")), "--key", str(own))
     assert done.status == 1 and "without a passphrase" in done.err
 
 

@@ -211,19 +211,16 @@ def test_without_the_secret_there_is_nothing_to_see(web: Web) -> None:
         pass
 
 
-@pytest.mark.skipif(shutil.which("openssl") is None, reason="certificates are made with the openssl program")
 def test_beyond_this_host_a_user_logs_in_and_everybody_stops(system: System, tmp_path: Path) -> None:
     """By TLS; a peer that takes all the connections it gets keeps no other from a stop; logging out is losing the robot."""
-    pair = ["-newkey", "rsa:2048", "-nodes", "-keyout", "web.key", "-out", "web.pem", "-subj", "/CN=localhost"]
-    names = ["-days", "2", "-addext", "subjectAltName=DNS:localhost,IP:127.0.0.1"]
-    subprocess.run(
-        ["openssl", "req", "-x509", *pair, *names], cwd=tmp_path, check=True, capture_output=True, timeout=60
-    )
-    users, certificate = tmp_path / "users", tmp_path / "web.pem"
+    for verb in (["init"], ["server", "localhost", "127.0.0.1"]):
+        make = [sys.executable, "-m", "gateway.cli", "keys", *verb, "--dir", str(tmp_path)]
+        subprocess.run(make, cwd=ROOT, check=True, capture_output=True, timeout=60)
+    users, certificate, key = (tmp_path / name for name in ("users", "server/certificate.pem", "server/key.pem"))
     add = [sys.executable, "-m", "gateway.cli", "web", "--add-user", "ann", "--users", str(users)]
     subprocess.run(add, cwd=ROOT, input="correct horse\n", text=True, check=True, capture_output=True, timeout=60)
-    tls = ssl.create_default_context(cafile=certificate)
-    known = ("--users", str(users), "--certificate", str(certificate), "--key", str(tmp_path / "web.key"))
+    tls = ssl.create_default_context(cafile=tmp_path / "server" / "ca.pem")
+    known = ("--users", str(users), "--certificate", str(certificate), "--key", str(key))
     web = Web(system, "--host", "0.0.0.0", "--name", "localhost", "--name", "127.0.0.1", *known, verify=tls)
     with contextlib.ExitStack() as stack:
         stack.callback(web.process.end)
