@@ -161,8 +161,13 @@ class Member:
         if key in STOPS:
             self._stop(key, question.payload)
         elif key == protocol.COMMAND_KEY:
-            command = _command_in(question)
-            refused = self._refused(command)
+            try:
+                command = protocol.decode_command(question.payload, question.encoding)
+                refused = self._refused(command)
+            except protocol.Malformed as error:  # a gateway of a later release might read in it what is for admins
+                why = error.refusal
+                refusal = protocol.RefusalMessage(code=why.code.value, message=why.message, hint=why.hint)
+                refused = protocol.Reply(request_id=0, refusal=refusal)
             if refused is not None:
                 question.answer(protocol.encode(refused, question.encoding), question.encoding)
                 return
@@ -201,14 +206,14 @@ class Member:
         except zenoh.ZError:  # closed in this moment
             finish()
 
-    def _refused(self, command: protocol.Command | None) -> protocol.Reply | None:
+    def _refused(self, command: protocol.Command) -> protocol.Reply | None:
         if self.namesakes:
             code = Code.OTHER_GATEWAY
             message = (
                 f"{len(self.namesakes) + 1} gateways are {self._name!r} in this fleet: none of them is moved from there"
             )
             hint = "give each a name of its own; stops reach all of them"
-        elif not self._as_admin and command is not None and isinstance(command.request, FOR_ADMINS):
+        elif not self._as_admin and isinstance(command.request, FOR_ADMINS):
             code = Code.NOT_PERMITTED
             message = (
                 f"{type(command.request).__name__} is for admins, and in the fleet nobody is one for {self._name!r}"
@@ -219,7 +224,7 @@ class Member:
         else:
             return None
         refusal = protocol.RefusalMessage(code=code.value, message=message, hint=hint)
-        return protocol.Reply(request_id=0 if command is None else command.request_id, refusal=refusal)
+        return protocol.Reply(request_id=command.request_id, refusal=refusal)
 
     def _on_matching(self, status: zenoh.MatchingStatus) -> None:
         self._is_viewed = status.matching
@@ -383,15 +388,9 @@ def _bucket(hz: int) -> Callable[[], bool]:
     return take
 
 
-def _command_in(question: ZenohQuestion) -> protocol.Command | None:
-    with contextlib.suppress(protocol.Malformed):  # the gateway says what is wrong with it
-        return protocol.decode_command(question.payload, question.encoding)
-    return None
-
-
-def _lane_of(command: protocol.Command | None) -> tuple[str, str] | None:
+def _lane_of(command: protocol.Command) -> tuple[str, str] | None:
     """Return to whom a command would give something to own: who then sends targets, keepalives or check-ins."""
     asked = (protocol.Acquire, protocol.Take, protocol.RegisterEndpoint)
-    if command is not None and isinstance(command.request, asked) and command.secret:
+    if isinstance(command.request, asked) and command.secret:
         return command.client_id, command.secret
     return None

@@ -137,6 +137,13 @@ def test_nobody_in_the_fleet_is_an_admin_unless_that_was_said(fleet, daemon, str
         refused = answers()
         assert [(reply.request_id, reply.refusal.code) for reply in refused] == [(n, "NOT_PERMITTED") for n in (7, 8)]
         assert all("--as-admin" in reply.refusal.hint for reply in refused) and not heard()
+        unread = ask(stranger, f"fleet/r/{protocol.COMMAND_KEY}", b'{"version": 99, "request": {"type": "take"}}')
+        assert [protocol.decode_reply(one, protocol.JSON).refusal.code for one in unread.values()] == [
+            "UNSUPPORTED_VERSION"
+        ]
+        assert not daemon.engine.requests, (
+            "a later gateway might read a Take in it: what is not read here is not handed on"
+        )
         payload = protocol.encode(command(protocol.Acquire(name="far", pid=1), request_id=9), protocol.JSON)
         assert ask(stranger, f"fleet/r/{protocol.COMMAND_KEY}", payload)
     eventually(lambda: not members(stranger), WAIT_S)
