@@ -111,8 +111,6 @@ class Recorder:
         self.left_out = 0
         """Ticks that were not recorded because too many waited."""
         self._is_slow = False
-        self.worst_freeze_ns = 0
-        """Longest time that freezing has taken the loop [ns]."""
         self._ring, self._events = Ring(folder), EventLog(folder)
         self._causes: list[tuple[str, str, int]] = []
         self._is_grave = False
@@ -213,7 +211,7 @@ class Recorder:
         if len(self._waiting) > MOST_WAITING // 2:
             return
         self._pause_ns = now_ns + RETRY_NS
-        begun_ns, worked_ns = time.monotonic_ns(), time.thread_time_ns()
+        begun_ns = time.thread_time_ns()
         frozen = None
         try:
             frozen = freeze(self._engine)
@@ -223,8 +221,7 @@ class Recorder:
             _log.exception("the engine cannot be frozen")
             self._off()
             return
-        self.worst_freeze_ns = max(self.worst_freeze_ns, time.monotonic_ns() - begun_ns)
-        was_slow, took_ns = self._is_slow, time.thread_time_ns() - worked_ns
+        was_slow, took_ns = self._is_slow, time.thread_time_ns() - begun_ns
         self._is_slow = took_ns > MOST_FREEZE_NS
         if was_slow and self._is_slow:
             _log.error("freezing the engine holds the control loop up for %.1f ms", took_ns / MS)
