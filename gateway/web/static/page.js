@@ -52,7 +52,8 @@ function connect() {
     own(false);
     waiting.clear();
     for (const see of watchers) see({});
-    show(opened.it ? "the page's server is away" : "open the address that `ta2 web` printed; stopping works without", true);
+    const way = document.querySelector('header a[href="/login"]') ? "log in" : "open the address that `ta2 web` printed";
+    show(opened.it ? "the page's server is away" : `${way}; stopping works without`, true);
     setTimeout(connect, 1000);
   });
 }
