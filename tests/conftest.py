@@ -5,6 +5,7 @@ Knows nothing of the packages under test; fixtures live beside the tests that us
 
 from __future__ import annotations
 
+import gc
 import os
 import signal
 import sys
@@ -15,9 +16,12 @@ from typing import Any
 import pytest
 from hypothesis import HealthCheck, Phase, settings
 
-from tests.host import Attempts, Witnesses
 from tests.interop.bridge_process import is_required, lacking
 from tests.thoroughness import PROFILE
+
+# As the daemon does: numpy's idle threads would spin on the core that the next test wants. Before numpy is there.
+for _name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
+    os.environ.setdefault(_name, "1")
 
 # No deadline for one example: it would measure the machine, not the code.
 _COMMON = settings(deadline=None, suppress_health_check=[HealthCheck.too_slow])
@@ -60,20 +64,6 @@ def pytest_report_header() -> str:
     return f"hypothesis profile of this run: {PROFILE} ({settings().max_examples} examples)"
 
 
-_witnesses: list[Witnesses] = []
-_attempts: list[Attempts] = []
-
-
-def pytest_runtest_protocol(item: pytest.Item, nextitem: pytest.Item | None) -> bool | None:
-    """Run end-to-end tests with a witness of this host: see `tests/host.py`."""
-    if item.get_closest_marker("e2e") is None:
-        return None
-    if not _witnesses:
-        _witnesses.append(Witnesses())
-        _attempts.append(Attempts(_witnesses[0]))
-    return _attempts[0].run(item, nextitem)
-
-
 @pytest.hookimpl(wrapper=True)
 def pytest_runtest_makereport(item: pytest.Item) -> Generator[None, pytest.TestReport, pytest.TestReport]:
     """Tell with a failed end-to-end test what its processes had written: why one of them ended stands nowhere else."""
@@ -90,44 +80,40 @@ def pytest_runtest_makereport(item: pytest.Item) -> Generator[None, pytest.TestR
 _status: list[int] = []
 
 
-def pytest_sessionfinish(exitstatus: int) -> None:
-    """Keep the status for the end."""
-    _status.append(int(exitstatus))
+def pytest_sessionfinish(session: pytest.Session, exitstatus: int) -> None:
+    """Keep the status of a session with end-to-end tests for the end."""
+    if any(item.get_closest_marker("e2e") for item in getattr(session, "items", ())):
+        _status.append(int(exitstatus))
 
 
 @pytest.hookimpl(trylast=True)
 def pytest_unconfigure(config: pytest.Config) -> None:
-    """End the witnesses, and after end-to-end tests this process, whose reports are written by now.
+    """End this process after end-to-end tests: their reports are written by now.
 
     Threads of zenoh and DDS may still be on their way into Python then: the interpreter's own end once aborted such a run,
     all tests of which had passed ("exception not rethrown").
     """
-    was_end_to_end = bool(_witnesses)
-    _attempts.clear()
-    while _witnesses:
-        _witnesses.pop().close()
-    if was_end_to_end and _status and not hasattr(config, "workerinput"):
+    if _status and not hasattr(config, "workerinput"):
         sys.stdout.flush()
         sys.stderr.flush()
         os._exit(_status[-1])
 
 
 def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
-    """Say which tests were run again, and in one line why tests with a real bridge are left out, where they are."""
-    reports = [report for kind in ("passed", "failed", "error") for report in terminalreporter.getreports(kind)]
-    told = {
-        (name, report.nodeid, value)
-        for report in reports
-        for name, value in getattr(report, "user_properties", ())  # a module that cannot be read has none
-    }
-    for name, nodeid, value in sorted(told):
-        if name == "stood still":
-            terminalreporter.write_line(f"run again because this host stood still for {value}: {nodeid}")
-        elif name == "unexplained":
-            terminalreporter.section(f"failed once and nothing explains it, then passed twice: {nodeid}", yellow=True)
-            terminalreporter.write_line(value)
+    """Say in one line why tests with a real bridge are left out, where they are."""
     if (what := lacking()) and not is_required():
         terminalreporter.write_line(f"tests with a real bridge are left out: {what}")
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_collection() -> Generator[None, object, object]:
+    """Read the tests without the garbage collector: they are many, and there is no garbage in them."""
+    gc.disable()
+    try:
+        return (yield)
+    finally:
+        gc.freeze()
+        gc.enable()
 
 
 @pytest.hookimpl(optionalhook=True)
@@ -147,8 +133,18 @@ def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> object | Non
     return Scheduling(config, log)
 
 
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Put end-to-end tests last and slow ones before them; give both the time they need."""
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """Put end-to-end tests last and slow ones before them; give both the time they need.
+
+    Of a test with many sets of parameters the first and the last are run where few examples are tried.
+    """
+    if PROFILE == "brief":
+        sets: dict[str, list[pytest.Item]] = {}
+        for item in items:
+            sets.setdefault(item.nodeid.partition("[")[0], []).append(item)
+        kept = {id(item) for found in sets.values() for item in (found[0], found[-1])}
+        config.hook.pytest_deselected(items=[item for item in items if id(item) not in kept])
+        items[:] = [item for item in items if id(item) in kept]
     items.sort(key=_cost)  # stable: the order inside each group stays
     for item in items:
         if PROFILE == "long":

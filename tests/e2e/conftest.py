@@ -3,7 +3,8 @@
 The robots: the simulated one on zenoh, the same model as a node on a DDS graph behind a real bridge
 (`tests/interop/dds_robot.py`), and where `TA2_PHYSICS=mujoco` says so, as in CI, the first with a body that forces move.
 Every test is the same for all, with the same bounds. One that proves nothing of how a body moves is marked
-`body_free` with the reason and does without forces; one that is for the first robot alone is marked `sim_only`:
+`body_free` with the reason and does without forces, one that proves nothing of the wire `wire_free` and does without the
+real bridge; one that is for the first robot alone is marked `sim_only`:
 
 * The demo starts a robot of its own.
 * Dead routes: the simulated bridge has a switch for them. A real one must be brought to it, which it refuses to be as
@@ -35,7 +36,7 @@ def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
     kinds: list[Any] = ["sim"]
     marker = metafunc.definition.get_closest_marker
     if marker("sim_only") is None:
-        if is_required() or not lacking():
+        if marker("wire_free") is None and (is_required() or not lacking()):
             kinds.append(pytest.param("dds", marks=pytest.mark.interop))
         if os.environ.get("TA2_PHYSICS") == "mujoco" and marker("body_free") is None:
             kinds.append(pytest.param("forces", marks=pytest.mark.forces))

@@ -24,7 +24,6 @@ import pytest
 from gateway.client import Robot, connect
 from gateway.errors import Disconnected
 from gateway.sim.remote import SimControl, SimUnreachable
-from tests.thoroughness import either
 
 ROOT = Path(__file__).resolve().parents[2]
 DEADLINE_S = 20.0
@@ -57,8 +56,8 @@ MACHINE_BOUND_MS = 30.0
 STALLED = ("STATE_STALE", "PART_STALE", "PART_LOST", "TICK_LATE", "CLIENT_LOST")
 """How a motion rightly ends on a machine that stood still for a tenth of a second: whoever judges no time begins again."""
 
-ATTEMPTS = either(3, 1)
-"""So often at most, by hand, where other tests run beside it. In CI nothing does: the first attempt counts."""
+ATTEMPTS = 3
+"""So often at most: other tests run beside it."""
 
 
 def free_port() -> int:

@@ -24,7 +24,7 @@ from gateway.errors import Aborted, Code, Disconnected, GatewayError, LeaseError
 from tests.e2e.system import ATTEMPTS, STALLED, System, wait_for
 from tests.thoroughness import IS_THOROUGH, either
 
-pytestmark = [pytest.mark.e2e, pytest.mark.body_free("clients and daemon are the matter")]
+pytestmark = [pytest.mark.e2e, pytest.mark.sim_only("clients and daemon are the matter")]
 
 SHIFT = np.full(7, 0.1)
 

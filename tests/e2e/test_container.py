@@ -13,7 +13,7 @@ import pytest
 from tests.e2e.system import ROOT, System
 from tests.thoroughness import IS_THOROUGH
 
-pytestmark = [pytest.mark.e2e, pytest.mark.body_free("what the client needs is the matter")]
+pytestmark = [pytest.mark.e2e, pytest.mark.sim_only("what the client needs is the matter")]
 
 NEEDED = ("zenoh", "msgspec", "numpy", "numpy.libs", "gateway")
 

@@ -20,7 +20,7 @@ from gateway.sim.robot.manual import EXAMPLE_HOME_RAD, Side
 from tests.e2e.system import ROOT, STALLED, System, wait_for
 from tests.sim.drivers import TARGET_61_M, TARGET_64
 
-pytestmark = pytest.mark.e2e
+pytestmark = [pytest.mark.e2e, pytest.mark.wire_free("programs of users are the matter")]
 
 PAUSE, READY = 0, 2
 

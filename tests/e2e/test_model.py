@@ -153,7 +153,7 @@ def test_a_body_that_is_not_the_models_is_told_identified_and_corrected(tmp_path
         )
 
 
-@pytest.mark.body_free("a file is the matter")
+@pytest.mark.sim_only("a file is the matter")
 def test_a_daemon_does_not_start_with_another_robots_calibration(tmp_path: Path, systems: Systems) -> None:
     """It ends with the reason and the remedy before anything is opened."""
     system = systems(tmp_path, has_guard=IS_THOROUGH)

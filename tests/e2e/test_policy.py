@@ -20,7 +20,7 @@ from gateway.recording.topics import POLICY
 from tests.e2e.system import Process, System, wait_for
 from tests.policy.server import Scripted
 
-pytestmark = [pytest.mark.e2e, pytest.mark.body_free("how chunks are played is the matter, not how the body moves")]
+pytestmark = [pytest.mark.e2e, pytest.mark.sim_only("how chunks are played is the matter, not how the body moves")]
 
 Systems = Callable[..., System]
 HZ = 30.0

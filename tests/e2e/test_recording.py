@@ -120,6 +120,7 @@ def ta2(system: System, *words: str) -> dict[str, Any]:
     return said
 
 
+@pytest.mark.sim_only("what is told of episodes is the matter")
 def test_episodes_are_told_from_another_process_and_by_a_client(tmp_path: Path, systems: Systems) -> None:
     """Each with task, length and verdict in the bag; the gateway hears nothing of it."""
     system, folder = systems(tmp_path, has_guard=False), tmp_path / "bag"
@@ -153,6 +154,7 @@ def test_episodes_are_told_from_another_process_and_by_a_client(tmp_path: Path, 
         assert {table["topic"]: table["rows"] for table in tables} == {t.name: t.count for t in bag.topics if t.count}
 
 
+@pytest.mark.sim_only("what is told of episodes is the matter")
 def test_an_episode_in_which_the_recorder_was_killed_is_there_unfinished(tmp_path: Path, systems: Systems) -> None:
     """After the recovery; and the next recorder takes the place of the dead one."""
     system, folder = systems(tmp_path, has_guard=False), tmp_path / "bag"
@@ -177,6 +179,7 @@ def test_an_episode_in_which_the_recorder_was_killed_is_there_unfinished(tmp_pat
         assert again.wait() == 0, again.text()
 
 
+@pytest.mark.sim_only("what is told of episodes is the matter")
 def test_keys_of_the_terminal_that_records_tell_of_episodes(tmp_path: Path, systems: Systems) -> None:
     """Space, a verdict, q; a person sees what goes on, and the terminal is given back as it was."""
     system, folder = systems(tmp_path, has_guard=False), tmp_path / "bag"

@@ -21,7 +21,7 @@ import pytest
 from gateway.client import Robot
 from tests.e2e.system import ROOT, Process, System, wait_for
 
-pytestmark = pytest.mark.e2e
+pytestmark = [pytest.mark.e2e, pytest.mark.wire_free("keys and the motion they make are the matter")]
 
 Systems = Callable[..., System]
 PATIENCE_S = 60.0

@@ -14,7 +14,7 @@ from tests.e2e.system import Process, System, wait_for
 pytestmark = [
     pytest.mark.thorough,
     pytest.mark.e2e,
-    pytest.mark.body_free("what is drawn is the matter, not how the body moves"),
+    pytest.mark.sim_only("what is drawn is the matter, not how the body moves"),
 ]
 
 MOVER = """

@@ -18,7 +18,7 @@ from gateway.client import Control, MotionHandle, Robot
 from gateway.errors import Aborted, Code, NotReady
 from tests.e2e.system import ROOT, System, wait_for
 
-pytestmark = [pytest.mark.e2e, pytest.mark.body_free("who watches is the matter")]
+pytestmark = [pytest.mark.e2e, pytest.mark.sim_only("who watches is the matter")]
 
 WATCHING = """
 endpoint = robot.stop_endpoint(0.4).register()

@@ -17,7 +17,7 @@ from gateway.robot.limits import HOME_Q_RAD
 from tests.e2e.system import ROOT, System, wait_for
 from tests.thoroughness import IS_THOROUGH
 
-pytestmark = [pytest.mark.e2e, pytest.mark.body_free("what the gateway tells of it is the matter")]
+pytestmark = [pytest.mark.e2e, pytest.mark.sim_only("what the gateway tells of it is the matter")]
 
 Systems = Callable[..., System]
 HOME = {side.value: np.array(q) for side, q in HOME_Q_RAD.items()}

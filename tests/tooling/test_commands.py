@@ -6,7 +6,6 @@ import os
 import re
 import shutil
 import subprocess
-import sys
 from pathlib import Path
 
 import pytest
@@ -158,86 +157,26 @@ def test_an_interpreter_of_a_version_manager_is_found_behind_its_failing_shim(tm
     assert result.stdout == f"{real}\n"
 
 
-PLAYED = """
-for word in "$@"; do
-    case $word in --junitxml=*) report=${word#--junitxml=} ;; esac
-done
-case "$*" in "-m pytest"*) printf '%s\n' "$*" >>"$0.calls" ;; esac
-case "$*" in
-    *version_info*) echo 3.12.3 ;;
-    *sched_getaffinity*) echo 2 ;;
-    "-m pytest"*[t3]-@BREAKS@.xml*) exit 3 ;;
-    "-m pytest"*[t3]-@FAILS@.xml*)
-        printf '<t><testcase name="a"/><testcase name="b"><failure/></testcase></t>' >"$report"
-        exit 1
-        ;;
-    "-m pytest"*) printf '<t><testcase name="b"/></t>' >"$report" ;;
-    *) exec @PYTHON@ "$@" ;;
-esac
-"""
-"""An interpreter whose pytest passes one test in every run, fails it beside another in one run, and breaks off in another."""
-
-
-def put_played(checkout: Path, fails: str = "", breaks: str = "") -> Path:
-    """Make such an interpreter that of the checkout; return the file in which it lists its runs of pytest."""
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        ([], "-m tests.tooling.every_test 3.12={python}"),
+        (["--all-pythons"], "-m tests.tooling.every_test 3.12={python}"),  # no other one is there
+        (["--fast"], "-m pytest -m not e2e and not slow -n auto --maxprocesses 8"),
+        (["--fast", "tests/core"], "-m pytest -m not e2e and not slow tests/core"),
+        (["--", "--help"], "-m pytest --help"),
+    ],
+)
+def test_bin_test_runs_every_test_or_what_it_is_given(
+    checkout: Path, programs: Path, words: list[str], said: str
+) -> None:
+    """Without arguments of pytest its own runner plans the runs; else it is one plain run of pytest."""
     python = checkout / ".venv/bin/python"
-    put_script(python, PLAYED.replace("@FAILS@", fails).replace("@BREAKS@", breaks).replace("@PYTHON@", sys.executable))
+    put_script(python, 'case "$*" in *"%d.%d.%d"*) echo 3.12.3 x ;; *) echo "$*" ;; esac')
     stamp = f"{checkout}\n3.12.3\n{(checkout / 'pyproject.toml').read_text(encoding='utf-8')}"
     for kind in ("test", "body"):
-        (checkout / f".venv/.installed-{kind}").write_text(stamp, encoding="utf-8")
-    return checkout / ".venv/bin/python.calls"
-
-
-@pytest.mark.parametrize(
-    ("fails", "breaks", "said"),
-    [
-        ("", "", "3 passed"),
-        ("quick", "", "1 failed, 3 passed"),
-        pytest.param("e2e", "", "1 failed, 3 passed", marks=pytest.mark.thorough),
-        pytest.param("alone", "", "1 failed, 3 passed", marks=pytest.mark.thorough),
-        pytest.param("", "quick", "1 failed, 2 passed", marks=pytest.mark.thorough),
-        pytest.param("", "e2e", "1 failed, 2 passed", marks=pytest.mark.thorough),
-        pytest.param("", "alone", "1 failed, 2 passed", marks=pytest.mark.thorough),
-        pytest.param("quick", "alone", "2 failed, 2 passed", marks=pytest.mark.thorough),
-    ],
-)
-def test_a_failure_in_any_part_fails_the_whole_run(checkout: Path, fails: str, breaks: str, said: str) -> None:
-    """bin/test has three parts: one that fails or leaves no report fails it, and the closing line sums up all of them."""
-    put_played(checkout, fails=fails, breaks=breaks)
-    result = subprocess.run([checkout / "bin/test"], capture_output=True, text=True, timeout=120, check=False)
-    assert re.fullmatch(rf"=+ {said} in \d+\.00s \(\d+:\d\d:\d\d\) =+", result.stdout.splitlines()[-1])
-    assert (result.returncode == 0) is (said == "3 passed"), result.stderr
-
-
-@pytest.mark.parametrize(
-    ("fails", "said"),
-    [
-        ("e2e", "4 passed"),  # of each part one, and one more of that which failed
-        pytest.param("quick", "4 passed", marks=pytest.mark.thorough),
-        ("quick-again", "3 passed"),  # nothing failed at first, so nothing is run again
-        ("e2e*", "1 failed, 3 passed"),
-    ],
-)
-def test_what_failed_counts_as_it_ends_by_itself(checkout: Path, programs: Path, fails: str, said: str) -> None:
-    """With --all-pythons a failure is run once more by itself, and the sum names it; one that fails again fails all."""
-    calls = put_played(checkout, fails=fails)
+        (checkout / f".venv/.installed-{kind}").write_text(stamp.replace("3.12.3", "3.12.3 x"), encoding="utf-8")
     environment = {"PATH": str(programs), "HOME": str(programs)}
-    command = [checkout / "bin/test", "--all-pythons"]
-    result = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=120, check=False)
-    lines = result.stdout.splitlines()
-    assert lines, result.stderr
-    assert re.fullmatch(rf"=+ {said} in \d+\.00s \(\d+:\d\d:\d\d\) =+", lines[-1]), result.stderr
-    assert (result.returncode == 0) is ("failed" not in said)
-    is_named = any(line.startswith("failed at first, passed by itself: 3.12.3-") for line in lines)
-    assert is_named is (said == "4 passed")
-    assert ("--last-failed" in calls.read_text(encoding="utf-8")) is (said != "3 passed")
-
-
-@pytest.mark.parametrize(("profile", "is_left_out"), [("", True), ("ci", False)])
-def test_what_takes_long_to_prove_a_little_more_is_run_by_ci(checkout: Path, profile: str, is_left_out: bool) -> None:
-    """Without arguments bin/test leaves out what is marked thorough, in each of its parts; CI and releases do not."""
-    calls = put_played(checkout)
-    environment = {**os.environ, "TA2_HYPOTHESIS_PROFILE": profile}
-    subprocess.run([checkout / "bin/test"], env=environment, capture_output=True, timeout=120, check=True)
-    runs = calls.read_text(encoding="utf-8").splitlines()
-    assert len(runs) == 3 and [("not thorough" in run) for run in runs] == [is_left_out] * 3
+    command = [checkout / "bin/test", *words]
+    result = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=120, check=True)
+    assert result.stdout == said.format(python=python) + "\n", result.stderr
