@@ -314,7 +314,7 @@ def test_a_service_manager_hears_that_the_end_was_asked_for(tmp_path: Path) -> N
     plane, manager = LocalPlane(settings, tmp_path), Manager()
     try:
         watched = daemon._Watched(plane, Engine(settings), manager)
-        watched.ask_to_end(signal.SIGTERM)
+        watched.take_signal(signal.SIGTERM)
         assert [type(event) for event in watched.poll()] == [ExitRequested]
         assert list(watched.poll()) == [] and manager.heard == ["stopping"]
     finally:

@@ -1,0 +1,152 @@
+"""Which settings a running gateway takes from its file when that is read anew, and which need a restart. Reads that file.
+
+Rules
+    * All or nothing: where one setting that has changed needs a restart, nothing of the file is taken.
+    * Taken is what is looked at when something is asked for, so that nothing that moves can jump.
+    * The limits that the gate and the guard judge by are those of the start. A speed limit may be lowered, and raised again
+      up to that; a higher one needs a restart.
+    * Files that the settings name are not read anew: one that has changed needs a restart.
+    * What is named may be anything meanwhile: a pipe is not waited for, and of a large file no more is read than is allowed.
+"""
+
+from __future__ import annotations
+
+import errno
+import os
+import stat
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any
+
+from gateway.errors import Code, failure
+from gateway.settings.settings import Settings
+from gateway.settings.toml_file import ENCODING, KEYS, SECTIONS, lines
+
+__all__ = ["AT_MOST", "FILES", "MOST_BYTES", "NEEDS_RESTART", "TAKEN", "changes", "marks", "read_regular"]
+
+MOST_BYTES = 65_536
+"""A file that is larger is not read: what reads it shares the processor with the control loop."""
+
+AT_MOST = frozenset({"arm.v_radps", "chassis.v_mps", "chassis.w_radps", "pose.v_mps", "pose.w_radps"})
+"""Taken up to what they were at the start."""
+
+TAKEN = AT_MOST | {
+    "arm.settle_rad",
+    "arm.settle_ns",
+    "arm.settle_timeout_ns",
+    "arm.target_expiry_ns",
+    "arm.start_margin_rad",
+    "chassis.expiry_ns",
+    "lift.v_max",
+    "lift.expiry_ns",
+    "pose.settle_m",
+    "pose.settle_rad",
+    "pose.start_margin_m",
+    "enable.timeout_ns",
+    "local.audit_log_mb",
+    "local.demand_stop_endpoint",
+}
+"""By section of the file and field."""
+
+_RESTART = {
+    "robot": "endpoint namespace model serial lease_ms",
+    "arm": "a_radps2 j_radps3 lower_rad upper_rad rate_hz tracking_rad tracking_ns",
+    "chassis": "up_mps2 down_mps2 j_mps3",
+    "pose": "rate_hz a_mps2 j_mps3 dw_radps2 ddw_radps3 reach_m tracking_m tracking_rad",
+    "loss": "keepalive_ns free_after_ns down_after_ns",
+    "enable": "stale_ns hold_stale_ns fsm_valid_ns mode_valid_ns seed_ns seed_lag_ns zero_timeout_ns late_ns",
+    "foreign": "policy",
+    "model": "check position_tolerance_m angle_tolerance_rad window_ns urdf calibration self_collision margin_m "
+    "singularity_slowdown singularity_radps dynamics",
+    "local": "socket socket_mode tcp tcp_open_to_every_user_of_this_host users_file roles_file tls_certificate "
+    "tls_private_key tls_root_ca audit_log snapshot_hz black_box",
+    "realtime": "fifo fifo_priority lock_memory one_core",
+    "guard": "enabled freeze_ns hold_ns",
+}
+NEEDS_RESTART = frozenset(f"{section}.{field}" for section, fields in _RESTART.items() for field in fields.split())
+"""The others: the guard has them as well, clients were told them, or they made what is there since the start."""
+
+FILES = (
+    "local.users_file",
+    "local.roles_file",
+    "local.tls_certificate",
+    "local.tls_private_key",
+    "local.tls_root_ca",
+    "model.urdf",
+    "model.calibration",
+)
+"""Settings that name a file which is read at the start."""
+
+
+def read_regular(path: Path) -> str:
+    """Return the text of a regular file of at most `MOST_BYTES`.
+
+    Raises:
+        OSError: It is none, or cannot be read.
+        UnicodeDecodeError: It is no text.
+    """
+    descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_NOCTTY | os.O_CLOEXEC)
+    with os.fdopen(descriptor, "rb") as file:
+        if not stat.S_ISREG(os.fstat(descriptor).st_mode):
+            raise OSError(errno.EINVAL, "it is no regular file")
+        content = file.read(MOST_BYTES + 1)
+    if len(content) > MOST_BYTES:
+        raise OSError(errno.EFBIG, f"it is larger than {MOST_BYTES} bytes")
+    return content.decode(ENCODING)
+
+
+def marks(settings: Settings) -> dict[str, tuple[int, ...]]:
+    """Return what changes with each file that the settings name; nothing of one that is not there."""
+    found: dict[str, tuple[int, ...]] = {}
+    for name in FILES:
+        path = _value(settings, name)
+        try:
+            status = os.stat(path) if path else None
+        except (OSError, ValueError):
+            status = None
+        found[name] = () if status is None else (status.st_ino, status.st_size, status.st_mtime_ns)
+    return found
+
+
+def changes(
+    began: Settings, running: Settings, fresh: Settings, changed: Iterable[str] = ()
+) -> tuple[dict[str, Any], str]:
+    """Return what is taken of settings that were read anew.
+
+    Args:
+        began: Those of the start.
+        running: Those in force.
+        fresh: Those of the file.
+        changed: Which of `FILES` have another content than at the start.
+
+    Returns:
+        The new values by section and field, and the same in the words of the file.
+
+    Raises:
+        ConfigError: BAD_CONFIG. Something needs a restart; all of it is named, and nothing is taken.
+    """
+    taken: dict[str, Any] = {}
+    told: list[str] = []
+    refused = [f"the file of {name}" for name in changed]
+    for section, keys in KEYS.items():
+        for key in keys.values():
+            name = f"{section}.{key.field}"
+            value, before = _value(fresh, name), _value(running, name)
+            if value == before:
+                continue
+            if name in AT_MOST and value > (most := _value(began, name)):
+                refused.append(f"{section}.{key.name} above the {most:g} of the start")
+            elif name not in TAKEN:
+                refused.append(f"{section}.{key.name}")
+            else:
+                taken[name] = value
+                told += [f"{section}.{line}" for line in lines(key, value)]
+    if refused:
+        hint = "start the gateway anew while nothing moves, or put it back; nothing of the file was taken"
+        raise failure(Code.BAD_CONFIG, f"needs a restart: {', '.join(refused)}", hint=hint)
+    return taken, ", ".join(told)
+
+
+def _value(settings: Settings, name: str) -> Any:  # noqa: ANN401  any field of any section
+    section, _, field = name.partition(".")
+    return getattr(getattr(settings, SECTIONS[section]), field)
