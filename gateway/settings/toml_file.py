@@ -312,8 +312,8 @@ def show(settings: Settings) -> str:
     blocks = []
     for section, keys in KEYS.items():
         part = getattr(settings, SECTIONS[section])
-        lines = [line for key in keys.values() for line in lines(key, getattr(part, key.field))]
-        blocks.append("\n".join([f"[{section}]", *lines]))
+        own = [line for key in keys.values() for line in lines(key, getattr(part, key.field))]
+        blocks.append("\n".join([f"[{section}]", *own]))
     return "\n\n".join(blocks) + "\n"
 
 
