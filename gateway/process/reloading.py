@@ -2,11 +2,14 @@
 
 Rules
     * One reading at a time, a second apart at least: however often it is asked for, one more is enough.
+    * It runs below all other threads: on their core a parser at their priority would keep the robot's samples waiting. It runs
+      above other processes: it holds the interpreter, which the loop needs.
     * A thread that ends unasked is begun anew once, and told with its reason. No robot stops because nobody reads a file.
 """
 
 from __future__ import annotations
 
+import contextlib
 import os
 import threading
 import time
@@ -74,6 +77,9 @@ class Reloader:
             self._is_closing.wait(self._apart_s)
 
     def _look(self) -> None:
+        with contextlib.suppress(OSError, AttributeError):  # not permitted, or not there
+            if os.sched_getscheduler(0) == os.SCHED_FIFO:
+                os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(1))
         try:
             fresh = self._read()
             now = marks(fresh)

@@ -9,7 +9,17 @@ from pathlib import Path
 import pytest
 
 from gateway.errors import Code, ConfigError
-from gateway.settings.reloading import AT_MOST, FILES, MOST_BYTES, NEEDS_RESTART, TAKEN, changes, marks, read_regular
+from gateway.settings.reloading import (
+    AT_MOST,
+    FILES,
+    MOST_BYTES,
+    MOST_LINE,
+    NEEDS_RESTART,
+    TAKEN,
+    changes,
+    marks,
+    read_regular,
+)
 from gateway.settings.settings import ArmSettings, ChassisSettings, LocalSettings, Settings
 from gateway.settings.toml_file import KEYS, load, loads
 
@@ -172,6 +182,10 @@ def circle(path: Path) -> None:
     [
         (pipe, "cannot be read: it is no regular file"),
         (huge, f"cannot be read: it is larger than {MOST_BYTES} bytes"),
+        (
+            lambda path: path.write_text("a." * 1000 + "a = 1"),
+            f"cannot be read: it has a line of more than {MOST_LINE} bytes",
+        ),
         (endless, "cannot be read: it is no regular file"),
         (circle, "cannot be read: Too many levels of symbolic links"),
         (Path.mkdir, "cannot be read: Is a directory"),
