@@ -14,7 +14,7 @@ from __future__ import annotations
 import errno
 import os
 import stat
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -28,53 +28,44 @@ MOST_BYTES, MOST_LINE = 32_768, 512
 """A larger file, or one with a longer line [bytes], is not read: its reader shares a processor with the control loop. A key of
 32,000 dots takes the parser 9 s; inside these bounds the worst file that was found takes 0.13 s, our own 2 to 4 ms."""
 
-AT_MOST = frozenset({"arm.v_radps", "chassis.v_mps", "chassis.w_radps", "pose.v_mps", "pose.w_radps"})
+
+def _names(fields: Mapping[str, str]) -> frozenset[str]:
+    return frozenset(f"{section}.{field}" for section, named in fields.items() for field in named.split())
+
+
+AT_MOST = _names({"arm": "v_radps", "chassis": "v_mps w_radps", "pose": "v_mps w_radps"})
 """Taken up to what they were at the start."""
-
-TAKEN = AT_MOST | {
-    "arm.settle_rad",
-    "arm.settle_ns",
-    "arm.settle_timeout_ns",
-    "arm.target_expiry_ns",
-    "arm.start_margin_rad",
-    "chassis.expiry_ns",
-    "lift.v_max",
-    "lift.expiry_ns",
-    "pose.settle_m",
-    "pose.settle_rad",
-    "pose.start_margin_m",
-    "enable.timeout_ns",
-    "local.audit_log_mb",
-    "local.demand_stop_endpoint",
-}
+TAKEN = AT_MOST | _names(
+    {
+        "arm": "settle_rad settle_ns settle_timeout_ns target_expiry_ns start_margin_rad",
+        "chassis": "expiry_ns",
+        "lift": "v_max expiry_ns",
+        "pose": "settle_m settle_rad start_margin_m",
+        "enable": "timeout_ns",
+        "local": "audit_log_mb demand_stop_endpoint",
+    }
+)
 """By section of the file and field."""
-
-_RESTART = {
-    "robot": "endpoint namespace model serial lease_ms",
-    "arm": "a_radps2 j_radps3 lower_rad upper_rad rate_hz tracking_rad tracking_ns",
-    "chassis": "up_mps2 down_mps2 j_mps3",
-    "pose": "rate_hz a_mps2 j_mps3 dw_radps2 ddw_radps3 reach_m tracking_m tracking_rad",
-    "loss": "keepalive_ns free_after_ns down_after_ns",
-    "enable": "stale_ns hold_stale_ns fsm_valid_ns mode_valid_ns seed_ns seed_lag_ns zero_timeout_ns late_ns",
-    "foreign": "policy",
-    "model": "check position_tolerance_m angle_tolerance_rad window_ns urdf calibration self_collision margin_m "
-    "singularity_slowdown singularity_radps dynamics",
-    "local": "socket socket_mode tcp tcp_open_to_every_user_of_this_host users_file roles_file tls_certificate "
-    "tls_private_key tls_root_ca audit_log snapshot_hz black_box",
-    "realtime": "fifo fifo_priority lock_memory one_core",
-    "guard": "enabled freeze_ns hold_ns",
-}
-NEEDS_RESTART = frozenset(f"{section}.{field}" for section, fields in _RESTART.items() for field in fields.split())
+NEEDS_RESTART = _names(
+    {
+        "robot": "endpoint namespace model serial lease_ms",
+        "arm": "a_radps2 j_radps3 lower_rad upper_rad rate_hz tracking_rad tracking_ns",
+        "chassis": "up_mps2 down_mps2 j_mps3",
+        "pose": "rate_hz a_mps2 j_mps3 dw_radps2 ddw_radps3 reach_m tracking_m tracking_rad",
+        "loss": "keepalive_ns free_after_ns down_after_ns",
+        "enable": "stale_ns hold_stale_ns fsm_valid_ns mode_valid_ns seed_ns seed_lag_ns zero_timeout_ns late_ns",
+        "foreign": "policy",
+        "model": "check position_tolerance_m angle_tolerance_rad window_ns urdf calibration self_collision margin_m "
+        "singularity_slowdown singularity_radps dynamics",
+        "local": "socket socket_mode tcp tcp_open_to_every_user_of_this_host users_file roles_file tls_certificate "
+        "tls_private_key tls_root_ca audit_log snapshot_hz black_box",
+        "realtime": "fifo fifo_priority lock_memory one_core",
+        "guard": "enabled freeze_ns hold_ns",
+    }
+)
 """The others: the guard has them as well, clients were told them, or they made what is there since the start."""
-
-FILES = (
-    "local.users_file",
-    "local.roles_file",
-    "local.tls_certificate",
-    "local.tls_private_key",
-    "local.tls_root_ca",
-    "model.urdf",
-    "model.calibration",
+FILES = _names(
+    {"local": "users_file roles_file tls_certificate tls_private_key tls_root_ca", "model": "urdf calibration"}
 )
 """Settings that name a file which is read at the start."""
 
@@ -101,7 +92,7 @@ def read_regular(path: Path) -> str:
 def marks(settings: Settings) -> dict[str, tuple[int, ...]]:
     """Return what changes with each file that the settings name; nothing of one that is not there."""
     found: dict[str, tuple[int, ...]] = {}
-    for name in FILES:
+    for name in sorted(FILES):
         path = _value(settings, name)
         try:
             status = os.stat(path) if path else None
