@@ -223,7 +223,7 @@ class Engine:
         elif isinstance(event, (TakenOver, HeldElsewhere, GuardSeen)):
             self.takeover.hear(event, now_ns)
         elif isinstance(event, SettingsRead):
-            take_settings(coordinator, event, now_ns)
+            take_settings(coordinator, event)
         else:
             self._phases.end(event, now_ns)
 

@@ -16,12 +16,12 @@ from gateway.errors import Code
 __all__ = ["take_settings"]
 
 
-def take_settings(coordinator: Coordinator, reading: SettingsRead, now_ns: int) -> None:
+def take_settings(coordinator: Coordinator, reading: SettingsRead) -> None:
     """Take what was read, or tell why none of it is taken."""
     coordinator.reading = reading
     if reading.is_refused:
         text = f"the settings stay as they are: {reading.message}"
-        coordinator.notice(Code.SETTINGS_REFUSED, Level.WARNING, text, now_ns)
+        coordinator.notice(Code.SETTINGS_REFUSED, Level.WARNING, text, reading.at_ns)
         return
     settings = coordinator.settings
     for name, value in reading.values.items():
@@ -30,4 +30,4 @@ def take_settings(coordinator: Coordinator, reading: SettingsRead, now_ns: int) 
     coordinator.settings = settings
     coordinator.body.renew(settings)
     text = f"the settings were read anew: {reading.message or 'none has changed'}"
-    coordinator.notice(Code.SETTINGS_READ, Level.INFO, text, now_ns)
+    coordinator.notice(Code.SETTINGS_READ, Level.INFO, text, reading.at_ns)

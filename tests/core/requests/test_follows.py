@@ -442,7 +442,7 @@ def test_a_chunk_that_ends_where_the_arms_would_meet_is_refused():
 def test_chunks_are_judged_by_speed_limits_that_were_lowered(scene, poses):
     """Of joints by the limit itself, of poses by the part of it that a target along one axis may have."""
     scene.granted(swing(L))
-    take_settings(scene.coordinator, SettingsRead(values={"arm.v_radps": 0.1}, message="", at_ns=1), scene.now_ns)
+    take_settings(scene.coordinator, SettingsRead(values={"arm.v_radps": 0.1}, message="", at_ns=1))
     assert scene.refused(swing(L)).code is Code.TOO_FAST
-    take_settings(poses.coordinator, SettingsRead(values={"pose.v_mps": 0.02}, message="", at_ns=1), poses.now_ns)
+    take_settings(poses.coordinator, SettingsRead(values={"pose.v_mps": 0.02}, message="", at_ns=1))
     assert poses.refused(reach_out(R, rate=2.0), frames=FRAMES).code is Code.TOO_FAST

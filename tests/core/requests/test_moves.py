@@ -564,7 +564,7 @@ def test_a_stream_obeys_a_lowered_speed_limit_from_its_next_target_on():
     """As it obeys a lower speed of its own; acceleration and jerk are what they were."""
     scene = Scene()
     stream_id = scene.granted(OpenStream(epoch=scene.epoch, side=L))["stream_id"]
-    take_settings(scene.coordinator, SettingsRead(values={"arm.v_radps": 0.2}, message="", at_ns=1), scene.now_ns)
+    take_settings(scene.coordinator, SettingsRead(values={"arm.v_radps": 0.2}, message="", at_ns=1))
     scene.target(stream_id, seq=1, q_rad=GOAL[L])
     rates = []
     for _ in range(350):

@@ -21,7 +21,7 @@ def test_all_values_are_taken_and_nothing_else_changes():
         "local.demand_stop_endpoint": True,
     }
     reading = SettingsRead(values=values, message="arm.v_radps = 0.5", at_ns=stage.now_ns)
-    take_settings(stage.coordinator, reading, stage.now_ns)
+    take_settings(stage.coordinator, reading)
     settings, began = stage.coordinator.settings, Settings()
     assert (settings.arm.v_radps, settings.arm.settle_rad, settings.enable.timeout_ns) == (0.5, 0.02, 5 * S)
     assert settings.local.demand_stop_endpoint and settings.arm.a_radps2 == began.arm.a_radps2
@@ -36,7 +36,7 @@ def test_all_values_are_taken_and_nothing_else_changes():
 def test_a_file_in_which_nothing_has_changed_is_told_as_such():
     """Who asked for it knows that it was read."""
     stage = Stage()
-    take_settings(stage.coordinator, SettingsRead(values={}, message="", at_ns=1), stage.now_ns)
+    take_settings(stage.coordinator, SettingsRead(values={}, message="", at_ns=1))
     assert stage.told(Code.SETTINGS_READ) == ["the settings were read anew: none has changed"]
 
 
@@ -45,7 +45,7 @@ def test_what_is_refused_changes_nothing_and_is_told_with_its_reason():
     stage = Stage()
     before, ratio = stage.coordinator.settings, dict(stage.coordinator.body.speed_ratio)
     reading = SettingsRead(values={}, message="needs a restart: arm.rate_hz", at_ns=1, is_refused=True)
-    take_settings(stage.coordinator, reading, stage.now_ns)
+    take_settings(stage.coordinator, reading)
     assert stage.coordinator.settings is before and stage.coordinator.body.speed_ratio == ratio
     assert stage.coordinator.reading is reading
     (notice,) = stage.coordinator.notices
