@@ -136,13 +136,34 @@ def test_however_often_it_is_asked_for_one_more_reading_is_enough() -> None:
         assert len(outcomes) == len(read) == 2 and reloader.take() == []
 
 
-def test_readings_are_apart_and_the_end_waits_for_none() -> None:
+def test_readings_are_apart() -> None:
     """A storm takes the control loop's processor once a second, not all of it."""
-    with reading(lambda: SLOWER, apart_s=3600.0) as reloader:
-        reloader.ask()
-        found(reloader)
-        reloader.ask()
-        assert reloader.take() == []
+    waited: list[float] = []
+    with reading(lambda: SLOWER, apart_s=3.0) as reloader:
+        reloader._is_closing.wait = waited.append  # type: ignore[method-assign,assignment]  # as if the time had passed
+        for number in (1, 2):
+            reloader.ask()
+            found(reloader)
+            deadline = time.monotonic() + DEADLINE_S
+            while len(waited) < number and time.monotonic() < deadline:
+                time.sleep(0.001)
+    assert waited[:2] == [3.0, 3.0]
+
+
+def test_under_real_time_it_reads_below_all_other_threads(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of its own thread alone, and above other processes; without real time nothing is asked of the kernel."""
+    asked: list[tuple[int, int, int]] = []
+    policies = [os.SCHED_OTHER, os.SCHED_FIFO]
+    monkeypatch.setattr("gateway.process.reloading.os.sched_getscheduler", lambda pid: policies.pop(0))
+    monkeypatch.setattr(
+        "gateway.process.reloading.os.sched_setscheduler",
+        lambda pid, policy, param: asked.append((pid, policy, param.sched_priority)),
+    )
+    while policies:
+        with reading(lambda: SLOWER) as reloader:
+            reloader.ask()
+            found(reloader)
+    assert asked == [(0, os.SCHED_FIFO, 1)]
 
 
 def test_a_disk_that_hangs_keeps_nobody_waiting() -> None:
