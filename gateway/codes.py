@@ -112,6 +112,8 @@ class Code(str, Enum):
     MOTION_ENDED = "MOTION_ENDED"
     WALK = "WALK"
     GUARDED = "GUARDED"
+    SETTINGS_READ = "SETTINGS_READ"
+    SETTINGS_REFUSED = "SETTINGS_REFUSED"
     # findings: why the robot does not do what it is told, inferred (some of the codes above are findings, too)
     TRACKING_STALL = "TRACKING_STALL"
     HEARTBEAT_NOT_EFFECTIVE = "HEARTBEAT_NOT_EFFECTIVE"

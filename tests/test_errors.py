@@ -30,6 +30,8 @@ NOTICES_ONLY = {
     Code.ENDPOINT_CHANGED,
     Code.MOTION_ENDED,
     Code.WALK,
+    Code.SETTINGS_READ,
+    Code.SETTINGS_REFUSED,
     Code.CONNECTED,
     Code.NOTICES_LOST,
 }

@@ -42,10 +42,11 @@ class Outbox:
     """Everything on its way out. `send` and `publish_snapshot` are for the loop, `deliver` and `expire` for one thread.
 
     Args:
-        info: What does not change while this daemon runs.
+        info: What this daemon says of itself.
         stops: Answers to stops go this way.
 
     Attributes:
+        info: What this daemon says of itself; another one where settings were read anew.
         routes: Tells how the robot's bridge stands to each topic; any thread.
     """
 
@@ -54,7 +55,7 @@ class Outbox:
         self.routes: Callable[[], protocol.Routes] = lambda: NO_ROUTES
         self.unanswered = 0
         self.dropped = 0
-        self._info = info
+        self.info = info
         self._audiences: list[Audience] = []
         self._jobs: queue.SimpleQueue[Callable[[], None] | None] = queue.SimpleQueue()
         self._lock = threading.Lock()
@@ -113,8 +114,8 @@ class Outbox:
         self._put(partial(self._answer, question, reply), question)
 
     def tell_info(self, question: Question) -> None:
-        """Answer with what does not change while this daemon runs."""
-        self._put(partial(self._answer, question, self._info), question)
+        """Answer with what this daemon says of itself."""
+        self._put(partial(self._answer, question, self.info), question)
 
     def tell_routes(self, question: Question) -> None:
         """Answer with how the robot's bridge stands to each topic."""

@@ -252,6 +252,18 @@ class LocalPlane:
         """Whether anybody listens to snapshots at present: else few are enough."""
         return self._outbox.is_watched
 
+    def take_reading(self, reading: events.SettingsRead, settings: Settings | None) -> None:
+        """Write down that the settings file was read anew, and say of this daemon what is so now. Never waits.
+
+        Args:
+            reading: How it went.
+            settings: Those in force from now on; None where nothing was taken. Who is connected knows those from before.
+        """
+        self._audit.note_reading(reading.message, reading.at_ns, is_refused=reading.is_refused)
+        if settings is not None:
+            self._outbox.info = self.info = describe(settings, socket=str(self.socket), pid=os.getpid())
+            self._audit.most_bytes = settings.local.audit_log_mb * 1_000_000
+
     def tell_routes_of(self, routes: Callable[[], protocol.Routes]) -> None:
         """Answer questions about the robot's bridge with this; it is called in a thread of this plane."""
         self._outbox.routes = routes

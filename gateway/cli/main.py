@@ -74,6 +74,7 @@ def _interruptible(command: str) -> Iterator[None]:
 def _run(options: Namespace) -> int:
     import shlex
     from dataclasses import replace
+    from functools import partial
     from pathlib import Path
 
     from gateway.process.blas_threads import one_blas_thread
@@ -83,14 +84,18 @@ def _run(options: Namespace) -> int:
     from gateway.process import daemon, log
     from gateway.process.notify import notifier_of
     from gateway.settings import toml_file
+    from gateway.settings.reloading import read_regular
+    from gateway.settings.settings import Settings
 
-    settings = toml_file.overridden(
-        toml_file.load(options.config),
-        robot=options.robot,
-        socket=options.socket,
-        namespace=options.namespace,
-        model=options.model,
-    )
+    def read(load: Callable[[], Settings]) -> Settings:
+        settings = toml_file.overridden(
+            load(), robot=options.robot, socket=options.socket, namespace=options.namespace, model=options.model
+        )
+        if options.no_guard:
+            settings = replace(settings, guard=replace(settings.guard, enabled=False))
+        return settings
+
+    settings = read(partial(toml_file.load, options.config))
     log.configure_log(is_json=options.json_log)
     notifier = notifier_of(os.environ, os.getpid())  # before anything is started that would inherit its variables
 
@@ -110,9 +115,8 @@ def _run(options: Namespace) -> int:
             flush=True,
         )
 
-    if options.no_guard:
-        settings = replace(settings, guard=replace(settings.guard, enabled=False))
-    return daemon.run(settings, on_ready, is_json_log=options.json_log, notifier=notifier)
+    again = partial(read, partial(toml_file.load, options.config, read_regular))
+    return daemon.run(settings, on_ready, is_json_log=options.json_log, notifier=notifier, read=again)
 
 
 def _sim(options: Namespace) -> int:

@@ -46,6 +46,7 @@ StartLimitBurst=5
 
 [Service]
 ExecStart={command}
+ExecReload=/bin/kill -HUP $MAINPID
 # The control loop itself says that it is alive. The guard is not ended with it: it holds the robot for the next daemon.
 WatchdogSec=5
 WatchdogSignal=SIGKILL

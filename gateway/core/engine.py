@@ -29,6 +29,7 @@ from gateway.core.messages.events import (
     RouteObserved,
     SampleArrived,
     SampleRefused,
+    SettingsRead,
     Suspended,
     TakenOver,
     TargetArrived,
@@ -50,6 +51,7 @@ from gateway.core.supervision.coordinator import AT_BASE, Coordinator
 from gateway.core.supervision.drives import Drives
 from gateway.core.supervision.loss import Loss
 from gateway.core.supervision.phases import Phases
+from gateway.core.supervision.reloading import take_settings
 from gateway.core.supervision.rivalry import Rivalry
 from gateway.core.supervision.supervisor import State, Trigger
 from gateway.errors import Code, Refusal
@@ -220,6 +222,8 @@ class Engine:
             coordinator.fire(Trigger.SUSPENDED, now_ns, "this host was suspended")
         elif isinstance(event, (TakenOver, HeldElsewhere, GuardSeen)):
             self.takeover.hear(event, now_ns)
+        elif isinstance(event, SettingsRead):
+            take_settings(coordinator, event)
         else:
             self._phases.end(event, now_ns)
 

@@ -351,6 +351,8 @@ class Snapshot(Struct, frozen=True, kw_only=True):
         spacing: How near parts of the body are to each other; None where nobody asked for them to be kept apart.
         slowing: Arms whose poses are streamed now, keyed `left`, `right`: how near a singularity each is.
         endpoints: Stop endpoints: who must be heard, or the robot is held.
+        settings_read_ns: When the settings file was last read anew [ns]; 0 when it was not since the start.
+        settings_refused: Why nothing of it was taken then; empty when it was.
     """
 
     seq: int
@@ -381,3 +383,5 @@ class Snapshot(Struct, frozen=True, kw_only=True):
     spacing: SpacingView | None = None
     slowing: dict[str, SlowingView] = {}
     endpoints: tuple[EndpointView, ...] = ()
+    settings_read_ns: int = 0
+    settings_refused: str = ""

@@ -41,6 +41,7 @@ from gateway.process.loop import Loop
 from gateway.process.measures import Measures
 from gateway.process.notify import Notifier
 from gateway.process.recall import Recall
+from gateway.process.reloading import Reloader, has_terminal
 from gateway.process.state_file import StateFile, StateWriter, path_of
 from gateway.process.threads import take_lost
 from gateway.process.zenoh_threads import share_reactor
@@ -61,29 +62,40 @@ BLACK_BOX_TIMEOUT_S = 1.0
 
 
 class _Watched:
-    """The local plane with what is the process's own among its events: the end, and threads that were lost."""
+    """The local plane with what is the process's own among its events: the end, lost threads, settings that were read anew."""
 
-    def __init__(self, plane: LocalPlane, engine: Engine, notifier: Notifier | None = None) -> None:
+    def __init__(
+        self, plane: LocalPlane, engine: Engine, notifier: Notifier | None = None, reloader: Reloader | None = None
+    ) -> None:
         self._notifier = notifier
+        self._reloader = reloader
+        self._had_terminal = has_terminal()
         self._plane = plane
         self._engine = engine
         self._signals: list[int] = []
 
-    def ask_to_end(self, number: int) -> None:
-        """Ask for a clean end; safe in a signal handler."""
+    def take_signal(self, number: int) -> None:
+        """Take note of a signal; safe in its handler."""
         self._signals.append(number)
 
     def poll(self) -> Sequence[Event]:
         lost = [PartEnded(message=str(thread), trace=thread.trace, at_ns=thread.at_ns) for thread in take_lost()]
-        events = [*lost, *self._plane.poll()]
+        events: list[Event] = [*lost, *self._plane.poll()]
         self._engine.is_watched = self._plane.is_watched
-        if self._signals:
-            number = self._signals[0]
-            self._signals.clear()
-            _log.info("%s: ending", signal.Signals(number).name)
+        numbers, self._signals = self._signals, []
+        if self._reloader is not None:
+            # A terminal that is gone says so by the same signal: that is an end.
+            if signal.SIGHUP in numbers and (has_terminal() or not self._had_terminal):
+                numbers = [number for number in numbers if number != signal.SIGHUP]
+                self._reloader.ask()
+            for reading, settings in self._reloader.take():
+                self._plane.take_reading(reading, settings)
+                events.append(reading)
+        if numbers:
+            _log.info("%s: ending", signal.Signals(numbers[0]).name)
             if self._notifier is not None:
                 self._notifier.stopping(time.monotonic_ns())
-            events = [*events, ExitRequested(at_ns=time.monotonic_ns())]
+            events.append(ExitRequested(at_ns=time.monotonic_ns()))
         return events
 
     def poll_stops(self) -> Sequence[Event]:
@@ -192,7 +204,7 @@ class _Link:
 
 @contextmanager
 def _signals(handle: Callable[[int], None]) -> Iterator[None]:
-    """Take the signals that ask for an end, but those that were ignored by whoever started this (`nohup`)."""
+    """Take the signals that ask for an end, or for a reading, but those that were ignored by whoever started this (`nohup`)."""
 
     def on_signal(number: int, frame: FrameType | None) -> None:
         handle(number)
@@ -214,12 +226,14 @@ def run(
     *,
     is_json_log: bool = False,
     notifier: Notifier | None = None,
+    read: Callable[[], Settings] | None = None,
 ) -> int:
     """Run the daemon until it is asked to end.
 
     Must be called in the main thread: it takes over SIGTERM, SIGINT and SIGHUP while it runs.
 
-    `on_ready` is called with the socket's path when clients can connect.
+    `on_ready` is called with the socket's path when clients can connect; `read` reads the settings anew, on SIGHUP (without
+    it that signal ends the daemon).
 
     Returns:
         Exit status: 0. A daemon that lost a thread of its own, or whose API hangs, ends its process with 1.
@@ -248,8 +262,11 @@ def run(
             recorder = Recorder(engine, folder_of(state_file.path), settings.link.endpoint)
             latch = _latching(recorder)
             recall.known_here(started.remembered, latch)
-            watched = _Watched(plane, engine, notifier)
-            ending.enter_context(_signals(watched.ask_to_end))  # to the very end: impatience must skip nothing
+            reloader = None if read is None else Reloader(settings, read)
+            if reloader is not None:
+                ending.callback(reloader.close)
+            watched = _Watched(plane, engine, notifier, reloader)
+            ending.enter_context(_signals(watched.take_signal))  # to the very end: impatience must skip nothing
             # Before real-time measures, and before this process has anything that another one should not inherit.
             guards = _Guards(settings, engine, latch, plane.socket, is_json_log=is_json_log)
             ending.callback(guards.close, lambda: status == 0)

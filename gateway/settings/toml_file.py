@@ -17,9 +17,10 @@ import json
 import math
 import os
 import sys
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from enum import Enum
+from functools import partial
 from pathlib import Path
 from typing import Any, TypeGuard, get_type_hints
 
@@ -32,10 +33,14 @@ if sys.version_info >= (3, 11):
 else:  # the same parser under its old name
     import tomli as tomllib
 
-__all__ = ["KEYS", "Key", "Kind", "load", "loads", "overridden", "show", "state_dir"]
+__all__ = ["KEYS", "SECTIONS", "Key", "Kind", "lines", "load", "loads", "overridden", "show", "state_dir"]
 
 MS = 1_000_000
 S = 1_000_000_000
+
+ENCODING = "utf-8-sig"
+"""UTF-8, with or without a mark of its order."""
+_TEXT = partial(Path.read_text, encoding=ENCODING)
 
 INT64_MAX = 2**63 - 1
 """TOML promises integers up to this size; the parser would take any."""
@@ -138,11 +143,12 @@ DEFAULT_FILES = (Path(__file__).with_name("default.toml"), Path(__file__).parent
 # ------------------------------------------------------------------------------------------------------------- reading
 
 
-def load(path: Path | str | None = None) -> Settings:
+def load(path: Path | str | None = None, read: Callable[[Path], str] = _TEXT) -> Settings:
     """Read a settings file.
 
     Args:
         path: TOML file; None for the defaults that come with the package.
+        read: Reads the text of a file.
 
     Returns:
         Settings; keys that the file leaves out have their defaults.
@@ -153,7 +159,7 @@ def load(path: Path | str | None = None) -> Settings:
     if path is None:
         path = next((file for file in DEFAULT_FILES if file.exists()), DEFAULT_FILES[0])
     try:
-        text = Path(path).read_text(encoding="utf-8-sig")
+        text = read(Path(path))
     except OSError as error:
         reason = error.strerror or str(error)
         raise _error(str(path), f"cannot be read: {reason}", hint="check path and permissions of the file") from error
@@ -306,12 +312,13 @@ def show(settings: Settings) -> str:
     blocks = []
     for section, keys in KEYS.items():
         part = getattr(settings, SECTIONS[section])
-        lines = [line for key in keys.values() for line in _lines(key, getattr(part, key.field))]
-        blocks.append("\n".join([f"[{section}]", *lines]))
+        own = [line for key in keys.values() for line in lines(key, getattr(part, key.field))]
+        blocks.append("\n".join([f"[{section}]", *own]))
     return "\n\n".join(blocks) + "\n"
 
 
-def _lines(key: Key, value: Any) -> list[str]:  # noqa: ANN401  any field of any section
+def lines(key: Key, value: Any) -> list[str]:  # noqa: ANN401  any field of any section
+    """Return a value as the file has it."""
     match key.kind:
         case Kind.JOINTS:
             return [f"{key.name}.{side} = [{', '.join(map(repr, value[side]))}]" for side in Side]

@@ -790,6 +790,38 @@ THREADS = {
     "restart": ("threads::the_latch_survives_a_restart_and_only_recover_clears_it",),
 }
 
+RELOADING = {
+    "a setting that needs a restart, a wrong file": (
+        "reloading::what_is_refused_changes_nothing_and_everybody_hears_of_it",
+        "settings/reloading::every_setting_of_the_file_is_in_exactly_one_of_the_two_lists",
+        "settings/reloading::each_setting_alone_is_taken_or_named",
+        "settings/reloading::one_that_needs_a_restart_keeps_all_others_from_being_taken",
+        "e2e/reloading::a_limit_is_lowered_in_mid_motion_and_a_broken_file_changes_nothing",
+    ),
+    "what is under way": (
+        "reloading::nothing_on_the_wire_changes_by_a_reading",
+        "reloading::a_motion_under_way_ends_as_it_began_and_the_next_one_obeys",
+        "reloading::an_endpoint_that_is_demanded_from_now_on_ends_nothing_that_moves",
+    ),
+    "a lower speed limit": (
+        "reloading::a_motion_that_takes_over_from_a_faster_one_brakes_to_the_new_limit",
+        "reloading::a_stream_under_way_brakes_to_the_new_limit_with_its_next_target",
+        "reloading::a_chassis_that_is_too_fast_now_ramps_down_when_its_velocity_expires",
+        "reloading::a_limit_that_is_raised_again_is_that_of_the_next_motion",
+        "settings/reloading::a_speed_limit_is_lowered_and_raised_up_to_that_of_the_start",
+    ),
+    "a file that hangs, a pipe, a storm of signals": (
+        "settings/reloading::what_is_no_file_is_an_error_and_never_waited_for",
+        "process/reloading::however_often_it_is_asked_for_one_more_reading_is_enough",
+        "process/reloading::a_disk_that_hangs_keeps_nobody_waiting",
+    ),
+    "what reads it ends": (
+        "process/reloading::what_ends_the_thread_is_told_and_it_is_begun_anew_once",
+        "e2e/reloading::a_limit_is_lowered_in_mid_motion_and_a_broken_file_changes_nothing",
+    ),
+    "the terminal is gone": ("process/daemon::a_terminal_that_is_gone_is_an_end_and_the_same_signal_else_a_reading",),
+}
+
 INDEX: dict[str, dict[str, tuple[str, ...] | str]] = {
     "Values": VALUES,
     "Transitions": TRANSITIONS,
@@ -804,6 +836,7 @@ INDEX: dict[str, dict[str, tuple[str, ...] | str]] = {
     "Doors": DOORS,
     "Stop endpoints": ENDPOINTS,
     "Threads": THREADS,
+    "Settings read anew": RELOADING,
 }
 """Section -> row -> tests; a text instead names the later work, or the folder, that has the row. The row in brackets is about
 the page itself."""

@@ -424,3 +424,8 @@ def test_without_systemd_it_is_said(
     done = shell.run("service", "status", "--json")
     assert done.status == 3 and done.json["ok"] is False and "systemctl" in done.err
     assert not host.exists()
+
+
+def test_the_gateway_reads_its_settings_anew_on_a_reload(shell):
+    """Its main process alone gets the signal: the guard is not asked."""
+    assert keys(printed(shell)[GATEWAY])["ExecReload"] == "/bin/kill -HUP $MAINPID"

@@ -23,6 +23,7 @@ from gateway.core.messages.events import (
     RouteObserved,
     SampleArrived,
     SampleRefused,
+    SettingsRead,
     Suspended,
     TakenOver,
 )
@@ -41,6 +42,7 @@ from gateway.messages.incoming import OnLoss
 from gateway.messages.requests import (
     Abandon,
     Acquire,
+    DriveChassis,
     Enable,
     Estop,
     Move,
@@ -404,6 +406,15 @@ def test_an_engine_that_lost_a_part_says_so():
     pair.receive(PartEnded(message="a thread ended", at_ns=pair.now_ns))
     pair.run_until(lambda: pair.done, 5.0)
     assert pair.engine.is_broken and pair.engine.latches == {Code.GATEWAY_BROKEN: "a thread ended"}
+
+
+def test_settings_that_were_read_anew_are_those_of_the_next_tick():
+    """A request that comes with them is judged by them."""
+    pair, epoch = active()
+    pair.receive(SettingsRead(values={"chassis.v_mps": 0.1}, message="chassis.v_mps = 0.1", at_ns=pair.now_ns))
+    drive = pair.tell(DriveChassis(epoch=epoch, vx_mps=0.2, vy_mps=0.0, wz_radps=0.0))
+    (reply,) = pair.step().replies
+    assert reply.request_id == drive and reply.refusal.bound == "[-0.1, 0.1]"
 
 
 # ------------------------------------------------------------------------------------------------ requests

@@ -14,6 +14,7 @@ from pathlib import Path
 
 import pytest
 
+from gateway.core.messages.events import SettingsRead
 from gateway.core.messages.outputs import Level, Notice
 from gateway.core.motion.chunk import Chunk, prepare
 from gateway.core.streams.heartbeat import HeartbeatStream
@@ -106,6 +107,24 @@ def test_a_chunk_that_was_worked_out_before_is_run_again(tmp_path: Path) -> None
     assert recorded.recorder.close(DEADLINE_S, is_clean=True)
     (kept,) = (tmp_path / "kept").iterdir()
     assert replay(incident(kept)).difference is None
+
+
+def test_settings_that_were_read_anew_are_run_again(tmp_path: Path) -> None:
+    """They come as an event in the midst of a motion, and are a part of every state behind it."""
+    pair = Pair()
+    recorded = record(pair, tmp_path)
+    epoch = pair.activate()
+    for q_rad in (0.3, 0.5):
+        pair.move(epoch, {Side.LEFT: (q_rad,) * 7})
+        pair.run(0.5)
+        values = {"arm.v_radps": 0.2, "local.audit_log_mb": 20}
+        pair.receive(SettingsRead(values=values, message="arm.v_radps = 0.2", at_ns=pair.now_ns))
+    pair.ask(Estop(reason="something fell"))
+    pair.run(3.5)
+    assert recorded.recorder.close(DEADLINE_S, is_clean=True)
+    (kept,) = (tmp_path / "kept").iterdir()
+    done = replay(incident(kept))
+    assert done.difference is None and done.frames > 100
 
 
 def test_an_incident_of_a_robot_that_feels_is_run_again(tmp_path: Path) -> None:

@@ -12,21 +12,30 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
 from gateway.api.service import LocalPlane
 from gateway.core.engine import Engine
-from gateway.core.messages.events import ExitRequested, PartEnded
+from gateway.core.messages.events import ExitRequested, PartEnded, SettingsRead
 from gateway.link.robot_link import RobotLink
 from gateway.process import daemon
 from gateway.process.log import JsonLines, LogWriter, RateLimit
 from gateway.process.measures import Measures
 from gateway.process.notify import Notifier
+from gateway.process.reloading import Reloader
 from gateway.process.state_file import StateWriter
 from gateway.process.threads import supervised, take_lost
-from gateway.settings.settings import GuardSettings, LinkSettings, LocalSettings, RealtimeSettings, Settings
+from gateway.settings.settings import (
+    ChassisSettings,
+    GuardSettings,
+    LinkSettings,
+    LocalSettings,
+    RealtimeSettings,
+    Settings,
+)
 
 ROOT = Path(__file__).resolve().parents[2]
 DEADLINE_S = 20.0
@@ -314,7 +323,7 @@ def test_a_service_manager_hears_that_the_end_was_asked_for(tmp_path: Path) -> N
     plane, manager = LocalPlane(settings, tmp_path), Manager()
     try:
         watched = daemon._Watched(plane, Engine(settings), manager)
-        watched.ask_to_end(signal.SIGTERM)
+        watched.take_signal(signal.SIGTERM)
         assert [type(event) for event in watched.poll()] == [ExitRequested]
         assert list(watched.poll()) == [] and manager.heard == ["stopping"]
     finally:
@@ -410,3 +419,38 @@ def test_a_signal_that_the_starter_ignores_stays_ignored(monkeypatch: pytest.Mon
         signal.signal(signal.SIGHUP, before)
     assert seen[0] is signal.SIG_IGN
     assert callable(seen[1])
+
+
+def test_a_terminal_that_is_gone_is_an_end_and_the_same_signal_else_a_reading(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    """SIGHUP with the terminal there, or never there, asks for a reading; without what reads it ends the daemon, as SIGTERM."""
+    settings = Settings(
+        link=LinkSettings(endpoint=f"tcp/127.0.0.1:{10_000 + os.getpid() % 50_000}"),
+        local=LocalSettings(socket=str(tmp_path / "s"), audit_log=str(tmp_path / "audit")),
+    )
+    slower = replace(settings, chassis=ChassisSettings(v_mps=0.1))
+    plane, reloader = LocalPlane(settings, tmp_path), Reloader(settings, lambda: slower, apart_s=0.0)
+    try:
+        for had, is_there in ((True, True), (False, False), (False, True)):
+            monkeypatch.setattr(daemon, "has_terminal", lambda had=had: had)
+            watched = daemon._Watched(plane, Engine(settings), None, reloader)
+            monkeypatch.setattr(daemon, "has_terminal", lambda is_there=is_there: is_there)
+            watched.take_signal(signal.SIGHUP)
+            events = list(watched.poll())
+            deadline = time.monotonic() + DEADLINE_S
+            while not events and time.monotonic() < deadline:
+                events += watched.poll()
+            assert [type(event) for event in events] == [SettingsRead] and plane.info.chassis_v_mps == 0.1
+        watched.take_signal(signal.SIGHUP)
+        watched.take_signal(signal.SIGTERM)
+        assert [type(event) for event in watched.poll()].count(ExitRequested) == 1
+        monkeypatch.setattr(daemon, "has_terminal", lambda: True)
+        for kept in (reloader, None):
+            watched = daemon._Watched(plane, Engine(settings), None, kept)
+            monkeypatch.setattr(daemon, "has_terminal", lambda: False)
+            watched.take_signal(signal.SIGHUP)
+            assert ExitRequested in {type(event) for event in watched.poll()}
+    finally:
+        reloader.close()
+        plane.close()

@@ -26,6 +26,7 @@ from gateway.api.access.roles import Asker
 from gateway.api.question import Question
 from gateway.api.stop_lane import READ_BYTES, StopLane
 from gateway.api.translate import printable
+from gateway.errors import Code
 from gateway.process.threads import Lost, supervised
 from gateway.values import Role
 
@@ -64,7 +65,7 @@ class Audit:
     def __init__(self, path: str, most_bytes: int, stops: StopLane) -> None:
         self.lost = 0
         """Lines that were not written."""
-        self._path, self._most_bytes = path, most_bytes
+        self._path, self.most_bytes = path, most_bytes
         self._read_stop = stops.read
         self._waiting: queue.SimpleQueue[Callable[[], _Line] | None] = queue.SimpleQueue()
         self._paid_ns: dict[str, int] = {}
@@ -113,6 +114,13 @@ class Audit:
         """Write down a stop that wants no answer."""
         if self._path:
             self._put("stop", received_ns, Asker(door=door), self._of_stop(key, payload))
+
+    def note_reading(self, message: str, at_ns: int, *, is_refused: bool) -> None:
+        """Write down that the settings were read anew: this user alone, and root, can send the signal for it."""
+        if self._path:
+            answer = Code.SETTINGS_REFUSED if is_refused else "ok"
+            line: _Line = {"request": "Reload", "answer": str(answer), "message": message}
+            self._put("signal ", at_ns, Asker(door="signal"), lambda: line)
 
     def _of_stop(self, key: str, payload: bytes) -> Callable[[], _Line]:
         head = payload[: READ_BYTES + 1]
@@ -173,7 +181,7 @@ class Audit:
         file = os.open(self._path, flags, 0o600)
         try:
             size = os.fstat(file).st_size
-            if size and size + len(line) > self._most_bytes:
+            if size and size + len(line) > self.most_bytes:
                 for number in range(KEPT - 1, 0, -1):
                     if os.path.exists(f"{self._path}.{number}"):
                         os.replace(f"{self._path}.{number}", f"{self._path}.{number + 1}")

@@ -45,6 +45,8 @@ class Body:
         self.lift = LiftStream() if settings.link.variant.has_lift else None
         self.motions = MotionBook(settings.arm, settings.pose)
         self.targets = TargetBook(settings.arm, settings.pose)
+        self.speed_ratio = dict.fromkeys(Space, 1.0)
+        """Part of their speed limits that the arms may have now: settings that were read anew may have lowered them."""
         self.spacing: SpacingView | None = None
         """How near parts of the body are to each other; None where nobody asked for them to be kept apart."""
         self.slowing: dict[Side, SlowingView] = {}
@@ -60,6 +62,16 @@ class Body:
         )
         """All streams. Grippers before their arms: 0.10 is there before the torque. Arms before the heartbeat, which never
         overtakes the setpoint of its tick."""
+
+    def renew(self, settings: Settings) -> None:
+        """Take settings that were read anew; speed limits from the next plan and the next target on, and never raised."""
+        arm, pose = settings.arm, settings.pose
+        joints = self.joint_arms[Side.LEFT].reference.space.limits
+        hand = self.pose_arms[Side.LEFT].reference.space.limits
+        self.speed_ratio[Space.JOINT] = min(arm.v_radps / joints.v_radps, 1.0)
+        self.speed_ratio[Space.POSE] = min(pose.v_mps / hand.v_mps, pose.w_radps / hand.w_radps, 1.0)
+        self.motions.renew(arm, pose)
+        self.targets.renew(arm)
 
     def _is_streamed(self, side: Side) -> bool:
         return self.arms[side].running
@@ -99,10 +111,16 @@ class Body:
         poses = {side: goal for side, goal in goals.items() if side not in joints}
         paths: dict[Side, Path | PosePath] = {}
         if joints:
-            paths |= plan({side: self.joint_arms[side].reference for side in joints}, joints, speed)
+            paths |= self.plan_joints(joints, speed)
         if poses:
-            paths |= plan_poses({side: self.pose_arms[side].reference for side in poses}, poses, speed)
+            references = {side: self.pose_arms[side].reference for side in poses}
+            paths |= plan_poses(references, poses, speed * self.speed_ratio[Space.POSE])
         return paths
+
+    def plan_joints(self, goals: Mapping[Side, Vector], speed: float) -> dict[Side, Path]:
+        """Plan one motion of the joints of the named arms, as `plan`."""
+        references = {side: self.joint_arms[side].reference for side in goals}
+        return plan(references, goals, speed * self.speed_ratio[Space.JOINT])
 
     def next_due_ns(self) -> int | None:
         """Return the earliest instant at which a stream is due [ns]; None when all are silent."""

@@ -127,13 +127,16 @@ class MotionBook:
     """All motions: at most one running per arm."""
 
     def __init__(self, settings: ArmSettings, pose: PoseSettings | None = None) -> None:
-        self._settings = settings
-        pose = pose or PoseSettings()
-        self._tolerances = {Space.JOINT: Gap(settings.settle_rad), Space.POSE: Gap(pose.settle_rad, pose.settle_m)}
+        self.renew(settings, pose or PoseSettings())
         self._next_id = 1
         self._running: list[Motion] = []
         self._ended: deque[Motion] = deque(maxlen=ENDED_KEPT)
         self._ended_views: deque[MotionView] = deque(maxlen=ENDED_KEPT)
+
+    def renew(self, settings: ArmSettings, pose: PoseSettings) -> None:
+        """Settle by these from now on; a motion under way keeps its tolerance."""
+        self._settings = settings
+        self._tolerances = {Space.JOINT: Gap(settings.settle_rad), Space.POSE: Gap(pose.settle_rad, pose.settle_m)}
 
     def of(self, side: Side) -> Motion | None:
         """Return the running motion of an arm."""

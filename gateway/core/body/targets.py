@@ -94,6 +94,10 @@ class TargetBook:
         self._open: list[TargetStream] = []
         self._ended: deque[TargetStream] = deque(maxlen=ENDED_KEPT)
 
+    def renew(self, settings: ArmSettings) -> None:
+        """Open streams by these from now on."""
+        self._settings = settings
+
     def of(self, side: Side) -> TargetStream | None:
         """Return the open stream of an arm."""
         return next((s for s in self._open if s.side is side), None)

@@ -8,6 +8,7 @@ Time is integer monotonic nanoseconds of this host. Topics are ROS names of `top
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TypeAlias
 
@@ -40,6 +41,7 @@ __all__ = [
     "RouteObserved",
     "SampleArrived",
     "SampleRefused",
+    "SettingsRead",
     "StateValue",
     "Suspended",
     "TakenOver",
@@ -274,6 +276,23 @@ class PartEnded:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class SettingsRead:
+    """The settings file was read anew, and judged (`settings/reloading.py`).
+
+    Attributes:
+        values: What is taken of it, by section and field, in the units of `Settings`; empty where nothing is, or has changed.
+        message: The same in the words of the file, or why nothing of it is taken.
+        is_refused: Whether nothing of it is taken.
+        at_ns: When [ns].
+    """
+
+    values: Mapping[str, float]
+    message: str
+    at_ns: int
+    is_refused: bool = False
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class ExitRequested:
     """SIGTERM or Ctrl-C: end cleanly within 5 s."""
 
@@ -298,5 +317,6 @@ Event: TypeAlias = (
     | HeldElsewhere
     | GuardSeen
     | PartEnded
+    | SettingsRead
     | ExitRequested
 )

@@ -45,6 +45,7 @@ def build(
     now_ns: int,
 ) -> Snapshot:
     """Return the snapshot of this instant."""
+    reading = coordinator.reading
     store, supervisor, body, enable = coordinator.store, coordinator.supervisor, coordinator.body, coordinator.enable
     return Snapshot(
         seq=seq,
@@ -92,6 +93,8 @@ def build(
             armed=coordinator.claim.is_confirmed,
             seen=tuple(_others(coordinator.others, now_ns)),
         ),
+        settings_read_ns=reading.at_ns if reading else 0,
+        settings_refused=reading.message if reading and reading.is_refused else "",
         spacing=body.spacing,
         slowing={side.value: view for side, view in body.slowing.items()},
         endpoints=coordinator.endpoints.views(now_ns),

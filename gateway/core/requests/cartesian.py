@@ -26,7 +26,7 @@ from gateway.core.motion.lines.line_curve import place
 from gateway.core.motion.lines.line_gaps import too_near
 from gateway.core.motion.lines.line_path import LinePath
 from gateway.core.motion.lines.line_plan import Body, Going, plan_lines
-from gateway.core.motion.motion import Path, PlanFailed, plan
+from gateway.core.motion.motion import Path, PlanFailed
 from gateway.core.requests.authorisation import Authorisation
 from gateway.core.requests.moves import Answer, Moves
 from gateway.core.separation.goal_checks import check_goals
@@ -177,9 +177,8 @@ class Cartesian:
         return Refusal(code=Code.OUT_OF_RANGE, message=message, field=f"{side}_arm", hint=hint)
 
     def _joint_paths(self, goals_rad: Mapping[Side, Vector], speed: float) -> Paths | Refusal:
-        references = {side: self._coordinator.body.joint_arms[side].reference for side in goals_rad}
         try:
-            return plan(references, goals_rad, speed)
+            return self._coordinator.body.plan_joints(goals_rad, speed)
         except PlanFailed as failed:
             return Refusal(code=Code.PLAN_FAILED, message=f"no path inside the limits: {failed}")
 
@@ -237,7 +236,7 @@ class Cartesian:
             )
             for side, target in job.targets.items()
         }
-        return plan_lines(going, body, job.request.speed)
+        return plan_lines(going, body, job.request.speed * min(coordinator.body.speed_ratio.values()))
 
     def _postures(self, now_ns: int) -> dict[Side, Vector] | Refusal:
         """Return the joints of both arms: held, or measured; or that nobody knows them [rad]."""

@@ -176,7 +176,8 @@ class Follows:
         """Return what is wrong with the motion of an arm as such."""
         if isinstance(trajectory, Trajectory):
             return check_motion(side, trajectory, self._coordinator.settings.arm)
-        bounds = followed(self._coordinator.body.pose_arms[side].reference.space)
+        body = self._coordinator.body
+        bounds = followed(body.pose_arms[side].reference.space, body.speed_ratio[Space.POSE])
         return check_frame(side, request.frames.get(side, "")) or check_pose_motion(side, trajectory, bounds)
 
     def _join(self, side: Side, request: Follow, chunk: Chunk, into_s: float) -> Callable[[], None] | Refusal:

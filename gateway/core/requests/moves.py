@@ -162,7 +162,7 @@ class Moves:
             return
         stream, values = accepted
         arm = coordinator.body.arms[stream.side]
-        arm.follow_target(values, stream.speed, stream.epoch)
+        arm.follow_target(values, stream.speed * coordinator.body.speed_ratio[arm.space], stream.epoch)
         due_ns = arm.next_due_ns()
         stream.lead_ns = None if due_ns is None else due_ns - target.received_ns
 

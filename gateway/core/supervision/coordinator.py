@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 
 from gateway.core.body.body import Body
 from gateway.core.body.motions import Motion, MotionState
+from gateway.core.messages.events import SettingsRead
 from gateway.core.messages.outputs import Level, Notice, Remembered
 from gateway.core.others.claim import Claim
 from gateway.core.others.guarding import Guarding
@@ -83,6 +84,8 @@ class Coordinator:
 
     def __init__(self, settings: Settings, remembered: Remembered, model: BodyModel | None = None) -> None:
         self.settings = settings
+        self.reading: SettingsRead | None = None
+        """How the latest reading of the settings file went; None before the first one since the start."""
         self.model = model
         self.store = Store(settings.enable)
         self.lease = Lease(settings.loss, remembered.epoch)

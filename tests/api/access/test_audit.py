@@ -335,3 +335,15 @@ def test_the_answer_of_the_engine_reaches_the_line(book):
     outbox.send([refusal], [])
     assert outbox.deliver(0)
     assert book.lines()[0]["answer"] == "ok" and Code.NOT_PERMITTED
+
+
+def test_a_reading_of_the_settings_is_written_with_its_outcome(book):
+    """Nobody is named: only this user, and root, can send the signal for it."""
+    book.audit.note_reading("arm.v_radps = 0.5", 5, is_refused=False)
+    book.audit.note_reading("needs a restart: arm.rate_hz", 6, is_refused=True)
+    taken, refused = book.lines(2)
+    assert (taken["request"], taken["door"], taken["answer"], taken["message"]) == (
+        "Reload", "signal", "ok", "arm.v_radps = 0.5",
+    )  # fmt: skip
+    assert refused["answer"] == "SETTINGS_REFUSED" and refused["at_ns"] == 6
+    Audit("", 1, book.lane).note_reading("m", 5, is_refused=False)

@@ -13,7 +13,7 @@ from gateway.core.messages.events import TargetArrived
 from gateway.core.messages.outputs import FrameKind
 from gateway.core.motion.gap import Gap
 from gateway.core.motion.joints.trajectory import interpolate
-from gateway.core.motion.motion import ReferenceMode, plan
+from gateway.core.motion.motion import ReferenceMode, plan, plan_poses
 from gateway.core.motion.tolerance import Tolerances
 from gateway.core.motion.tracker import Outcome
 from gateway.core.streams.ground import LIFT_OFF
@@ -29,7 +29,7 @@ from gateway.robot.topics import (
     joint_command,
     pose_command,
 )
-from gateway.settings.settings import LinkSettings, Settings
+from gateway.settings.settings import ArmSettings, LinkSettings, PoseSettings, Settings
 from gateway.values import Side, Space, Vector
 
 MS = 1_000_000
@@ -40,6 +40,7 @@ MIDDLE: dict[Side, Vector] = {
     side: tuple((a + b) / 2 for a, b in zip(JOINT_LOWER_RAD[side], JOINT_UPPER_RAD[side], strict=True)) for side in Side
 }
 GOAL: dict[Side, Vector] = {side: tuple(q + 0.5 for q in MIDDLE[side]) for side in Side}
+POSE: Vector = (0.30, -0.10, -0.20, 0.0, 0.0, 0.0, 1.0)
 HOLD, PATH, FOLLOW, CHUNK, BRAKE = ReferenceMode
 
 
@@ -478,3 +479,30 @@ def test_a_motion_whose_way_is_not_known_yet_is_not_judged():
     motion.is_planned = True
     course.body.advance_motions(measured, course.now_ns)
     assert motion.progress == 1.0
+
+
+@pytest.mark.parametrize(
+    ("arm", "pose", "joints", "hands"),
+    [
+        ({"v_radps": 0.25}, {}, 0.25, 1.0),
+        ({}, {"v_mps": 0.125}, 1.0, 0.5),
+        ({}, {"v_mps": 0.125, "w_radps": 0.2}, 1.0, 0.25),
+        ({"v_radps": 1.4}, {"v_mps": 0.3, "w_radps": 0.9}, 1.0, 1.0),
+    ],
+)
+def test_speed_limits_that_were_lowered_are_those_of_the_next_plan(arm, pose, joints, hands):
+    """As a part of those that the references have; never more. A path under way goes on as it began."""
+    course = Course(L, R)
+    course.body.choose(R, Space.POSE)
+    course.body.arms[R].start(POSE, course.now_ns)
+    course.move(L)
+    under_way = course.body.arms[L].reference.end_values()
+    course.body.renew(Settings(arm=ArmSettings(**arm), pose=PoseSettings(**pose)))
+    assert course.body.speed_ratio == {Space.JOINT: joints, Space.POSE: hands}
+    assert course.body.arms[L].reference.mode is PATH
+    assert course.body.arms[L].reference.end_values() == under_way
+    away = (POSE[0], POSE[1], POSE[2] + 0.2, *POSE[3:])
+    before = plan_poses({R: course.body.pose_arms[R].reference}, {R: away}, hands)
+    assert course.body.plan({R: away}, 1.0)[R].duration_s == pytest.approx(before[R].duration_s)
+    slow = plan({L: course.body.joint_arms[L].reference}, {L: MIDDLE[L]}, joints)
+    assert course.body.plan_joints({L: MIDDLE[L]}, 1.0)[L].duration_s == pytest.approx(slow[L].duration_s)

@@ -10,7 +10,7 @@ from gateway.core.motion.tolerance import Tolerances
 from gateway.errors import Code
 from gateway.messages.snapshot import MotionView
 from gateway.robot.limits import HOME_Q_RAD
-from gateway.settings.settings import ArmSettings
+from gateway.settings.settings import ArmSettings, PoseSettings
 from gateway.values import Side, Space, Vector
 
 MS = 1_000_000
@@ -336,3 +336,13 @@ def test_a_motion_may_be_measured_in_another_space_than_its_arms(book):
     motion.seen = lambda side, q_rad: (float(side is L), *q_rad[1:])
     assert motion.where({L: HOME[L], R: HOME[R]}) == {L: (1.0, *HOME[L][1:])}
     assert motion.where({L: None, R: HOME[R]}) == {L: None}
+
+
+def test_settings_that_were_read_anew_say_how_the_next_motion_settles(book):
+    """How long is waited counts at once; the tolerance of a motion under way is the one that it began with."""
+    course = Course(book)
+    book.renew(ArmSettings(settle_rad=0.01, settle_ns=0), PoseSettings(settle_m=0.001, settle_rad=0.02))
+    assert course.motion.tolerance == Gap(SETTINGS.settle_rad)
+    assert course.look(1.0, 0.04).state is MotionState.REACHED
+    assert book.open({L: HOME[L]}, None, S).tolerance == Gap(0.01)
+    assert book.open({R: HOME[R]}, None, S, space=Space.POSE).tolerance == Gap(0.02, 0.001)

@@ -232,3 +232,10 @@ def test_a_stream_of_poses_takes_poses(book):
     assert book.accept(target(q_rad=pose)) == (stream, pytest.approx(pose))
     assert book.accept(target(seq=2, q_rad=(0.5, 0.5, 0.0, 0.0, 0.0, 0.0, 1.0))) is None
     assert stream.refusal.field == "left_arm.p_m" and stream.refused == 1
+
+
+def test_settings_that_were_read_anew_are_those_of_the_next_stream(book):
+    """An open one lives as it was opened."""
+    first = opened(book)
+    book.renew(ArmSettings(target_expiry_ns=200 * MS))
+    assert (first.expiry_ns, opened(book, R).expiry_ns) == (ArmSettings().target_expiry_ns, 200 * MS)

@@ -40,6 +40,7 @@ SAMPLES = (
     events.HeldElsewhere(is_held=True, at_ns=1),
     events.GuardSeen(pid=1, zid="c4", is_linked=True, at_ns=1),
     events.PartEnded(message="m", at_ns=1),
+    events.SettingsRead(values={"arm.v_radps": 0.5}, message="m", at_ns=1),
     events.ExitRequested(at_ns=1),
 )
 """One of each that the inbox can hold."""

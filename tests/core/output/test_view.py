@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from gateway.core.messages.events import SampleArrived
+from gateway.core.messages.events import SampleArrived, SettingsRead
 from gateway.core.messages.sightings import ForeignData, Gateway, Means, Writer
 from gateway.core.motion.motion import plan
 from gateway.core.output.view import build
@@ -376,3 +376,13 @@ def test_a_stop_endpoint_is_shown_with_its_age():
     stage.coordinator.endpoints.register("ann", "page", S, OnLoss.PAUSE, stage.now_ns)
     (seen,) = look(stage, after_ns=30 * MS).endpoints
     assert (seen.name, seen.timeout_ns, seen.on_silence, seen.age_ns) == ("page", S, "pause", 30 * MS)
+
+
+def test_the_latest_reading_of_the_settings_is_shown():
+    """When, and why nothing of it was taken; nothing before the first one."""
+    stage = Stage(State.IDLE)
+    assert (look(stage).settings_read_ns, look(stage).settings_refused) == (0, "")
+    stage.coordinator.reading = SettingsRead(values={}, message="arm.v_radps = 0.5", at_ns=7)
+    assert (look(stage).settings_read_ns, look(stage).settings_refused) == (7, "")
+    stage.coordinator.reading = SettingsRead(values={}, message="it is no file", at_ns=8, is_refused=True)
+    assert (look(stage).settings_read_ns, look(stage).settings_refused) == (8, "it is no file")

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import pytest
 
+from gateway.core.messages.events import SettingsRead
 from gateway.core.messages.outputs import FrameKind
 from gateway.core.motion.lines.line import line_to
 from gateway.core.requests import cartesian as module
@@ -123,6 +124,15 @@ def test_a_straight_motion_waits_while_it_is_worked_out_and_then_goes_straight(s
             part = sum(d * (a - b) for d, a, b in zip(direction, at.p_m, line.begin.p_m, strict=True)) / line.length_m
             assert max(difference(at, line.at(part))) < 1e-4
         assert math.dist(ARMS[side].forward(sent[-1]).p_m, target[:3]) < 1e-6
+
+
+def test_a_line_keeps_to_a_speed_limit_that_was_lowered():
+    """The hand goes no faster than the settings say that were read anew."""
+    pair = ready()
+    pair.receive(SettingsRead(values={"pose.v_mps": 0.05}, message="pose.v_mps = 0.05", at_ns=pair.now_ns))
+    view = until_ended(pair, asked(pair))
+    places = [ARMS[L].forward(q).p_m for q in setpoints(pair)]
+    assert view.state == "reached" and 0.03 < 100.0 * max(map(math.dist, places, places[1:])) <= 0.05 + 1e-6
 
 
 def test_what_moved_an_arm_ends_and_the_line_begins_where_it_came_to_rest():
@@ -296,7 +306,7 @@ def test_no_path_of_the_joints_is_a_refusal(monkeypatch):
     def failed(*_):
         raise module.PlanFailed("none")
 
-    monkeypatch.setattr(module, "plan", failed)
+    monkeypatch.setattr("gateway.core.body.body.plan", failed)
     assert pair.refused(request(pair, straight=False), "ann").code is Code.PLAN_FAILED
 
 

@@ -8,12 +8,14 @@ from dataclasses import replace
 import pytest
 
 from gateway.core.body.motions import MotionState
+from gateway.core.messages.events import SettingsRead
 from gateway.core.motion.chunk import Chunk, prepare
 from gateway.core.motion.motion import ReferenceMode
 from gateway.core.motion.tracker import Outcome
 from gateway.core.requests.authorisation import Authorisation
 from gateway.core.requests.follows import Follows, worked_out
 from gateway.core.requests.moves import Facts, Moves
+from gateway.core.supervision.reloading import take_settings
 from gateway.core.supervision.supervisor import State
 from gateway.errors import Code, Refusal
 from gateway.messages.requests import CheckFollow, Follow, Hold, Move, OpenStream
@@ -435,3 +437,12 @@ def test_a_chunk_that_ends_where_the_arms_would_meet_is_refused():
     follow = Follow(epoch=pair.epoch, points=points, dt_s=30.0)
     assert pair.refused(follow).code is Code.GOAL_TOO_NEAR
     assert pair.refused(CheckFollow(follow=follow)).code is Code.GOAL_TOO_NEAR
+
+
+def test_chunks_are_judged_by_speed_limits_that_were_lowered(scene, poses):
+    """Of joints by the limit itself, of poses by the part of it that a target along one axis may have."""
+    scene.granted(swing(L))
+    take_settings(scene.coordinator, SettingsRead(values={"arm.v_radps": 0.1}, message="", at_ns=1))
+    assert scene.refused(swing(L)).code is Code.TOO_FAST
+    take_settings(poses.coordinator, SettingsRead(values={"pose.v_mps": 0.02}, message="", at_ns=1))
+    assert poses.refused(reach_out(R, rate=2.0), frames=FRAMES).code is Code.TOO_FAST

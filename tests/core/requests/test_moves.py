@@ -7,13 +7,14 @@ import math
 import pytest
 
 from gateway.core.body.motions import MotionState
-from gateway.core.messages.events import TargetArrived
+from gateway.core.messages.events import SettingsRead, TargetArrived
 from gateway.core.messages.outputs import FrameKind
 from gateway.core.motion.gap import Gap
 from gateway.core.motion.motion import PlanFailed, ReferenceMode
 from gateway.core.requests.authorisation import Authorisation
 from gateway.core.requests.moves import Facts, Moves
 from gateway.core.separation import goal_checks
+from gateway.core.supervision.reloading import take_settings
 from gateway.core.supervision.supervisor import State
 from gateway.errors import Code, Refusal
 from gateway.messages.incoming import OnLimit
@@ -557,3 +558,16 @@ def test_a_goal_that_leaves_too_little_room_is_refused_without_a_trace(monkeypat
     assert scene.ask(request) is too_near
     assert asked == [(scene.coordinator, {L: GOAL[L]}, scene.now_ns)]
     assert scene.body.motions.running == ()
+
+
+def test_a_stream_obeys_a_lowered_speed_limit_from_its_next_target_on():
+    """As it obeys a lower speed of its own; acceleration and jerk are what they were."""
+    scene = Scene()
+    stream_id = scene.granted(OpenStream(epoch=scene.epoch, side=L))["stream_id"]
+    take_settings(scene.coordinator, SettingsRead(values={"arm.v_radps": 0.2}, message="", at_ns=1))
+    scene.target(stream_id, seq=1, q_rad=GOAL[L])
+    rates = []
+    for _ in range(350):
+        scene.run(1)
+        rates.append(max(map(abs, scene.body.arms[L].rates)))
+    assert max(rates) == pytest.approx(0.2) and scene.body.arms[L].values == pytest.approx(GOAL[L])

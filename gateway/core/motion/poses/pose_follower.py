@@ -42,15 +42,20 @@ NEAR_S = 0.1
 """What is nearer than full speed takes it in this time is not gone for at full speed [s]."""
 
 
-def followed(dynamics: PoseDynamics) -> tuple[float, float, float, float, float]:
+def followed(dynamics: PoseDynamics, speed: float = 1.0) -> tuple[float, float, float, float, float]:
     """Return what a moving target may ask for in any direction; the arm falls behind one that asks for more.
+
+    Args:
+        dynamics: The limits.
+        speed: Factor on those of velocity, 0 < speed <= 1.
 
     Returns:
         Distance from the shoulder [m], linear speed [m/s] and acceleration [m/s²], angular speed [rad/s] and acceleration
         [rad/s²].
     """
     linear, angular = dynamics.linear, dynamics.angular
-    return dynamics.limits.reach_m, AXIS_RATIO * linear.speed, linear.a, AXIS_RATIO * angular.speed, angular.a
+    ratio = AXIS_RATIO * speed
+    return dynamics.limits.reach_m, ratio * linear.speed, linear.a, ratio * angular.speed, angular.a
 
 
 class PoseFollower(Follower):

@@ -258,3 +258,11 @@ def test_a_target_that_moves_as_fast_as_is_followed_does_not_leave_the_arm_behin
         behind.append((math.dist(p_m, state.values[:3]), angle_rad(quat, state.values[3:])))
     for late, later in zip(behind[50], behind[-1], strict=True):
         assert later <= late * 1.02
+
+
+def test_a_lower_speed_lowers_what_a_moving_target_may_ask_for():
+    """Its velocities; not how quickly it may change them."""
+    reach_m, v_mps, a_mps2, w_radps, dw_radps2 = followed(PoseDynamics(LIMITS, DT))
+    assert followed(PoseDynamics(LIMITS, DT), 0.5) == pytest.approx(
+        (reach_m, 0.5 * v_mps, a_mps2, 0.5 * w_radps, dw_radps2)
+    )
