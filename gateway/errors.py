@@ -282,6 +282,10 @@ CODES: dict[Code, CodeInfo] = {
         error=NotReady,
         hint="correct the model: run `ta2 identify`, name its file in `calibration` of section [model], or a URDF in `urdf`",
     ),
+    Code.CANNOT_WEIGH: CodeInfo(
+        error=NotReady,
+        hint="let the arm rest, bend its elbow, and see that nothing but the load touches it; then again",
+    ),
     Code.UNGUARDED: CodeInfo(
         error=NotReady,
         hint="set the arm to joint mode in the robot's web page, or `self_collision = false` in section [model]",
