@@ -39,7 +39,9 @@ TILTS = ((), (5,), (4, 6))
 NEAR_RAD = 0.05
 """The empty hand is weighed in the same postures within this [rad]."""
 STEADY = 0.5
-"""A joint moves at its speed while it is faster than this part of it."""
+"""A joint moves at its speed while it is faster than this part of it ..."""
+SLOWEST_RADPS = 0.02
+"""... and than this: slower, its friction is not that of a motion."""
 LEAST_SAMPLES = 5
 MEMORY_NS = 60_000_000
 """What is felt remembers twice 30 ms: samples nearer than this say the same [ns]."""
@@ -178,7 +180,7 @@ def _swung(samples: Sequence[protocol.ArmView], name: str) -> tuple[Array, Array
             strict=True,
         )
     )
-    steady = STEADY * np.abs(ref).max(axis=0)
+    steady = np.maximum(STEADY * np.abs(ref).max(axis=0), SLOWEST_RADPS)
     means, variance = [], np.zeros(dq.shape[1])
     for moves in (dq > steady, dq < -steady):
         counts = moves.sum(axis=0)

@@ -42,6 +42,8 @@ OPTIONS = {
     requests.Hold: {"epoch": 1, "sides": (Side.LEFT,)},
     requests.Cancel: {"epoch": 1, "motion_id": 1},
     requests.SetGripper: {"epoch": 1, "side": Side.LEFT, "raw": 0.5},
+    requests.SetPayload: {"epoch": 1, "side": Side.LEFT},
+    requests.Weigh: {"epoch": 1, "side": Side.LEFT, **dict.fromkeys(("q_rad", "up_nm", "down_nm", "noise_nm"), ())},
     requests.DriveChassis: {"epoch": 1, "vx_mps": 0.1, "vy_mps": 0.0, "wz_radps": 0.0},
     requests.DriveLift: {"epoch": 1, "velocity": 0.1},
     **{kind: {"epoch": 1} for kind in (requests.StopChassis, requests.StopLift, requests.DisableLift)},
