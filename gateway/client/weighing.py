@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 
 __all__ = ["tell", "weighed"]
 
-SWING_RAD, SWING_RADPS = 0.05, 0.1
+SWING_RAD, SWING_RADPS = 0.05, 0.15
 """To both sides of a posture, and how fast: beyond play and what sticks, slowly enough to accelerate nothing."""
 TILT_RAD, TILT_RADPS = 0.3, 0.4
 TILTS = ((), (5,), (4, 6))

@@ -19,6 +19,7 @@ from gateway.kinematics.dynamics.loading import load_dynamics
 from gateway.kinematics.dynamics.parameters import DriveParameters, Load
 from gateway.messages.requests import Stop
 from gateway.robot.limits import HOME_Q_RAD
+from gateway.settings.motion import ArmSettings
 from gateway.settings.settings import ModelSettings, Settings
 from gateway.sim.robot.settings import SimSettings
 from gateway.values import Side
@@ -37,7 +38,7 @@ class World(RobotWorld):
     """Arms at the home of §6.6, whose motors' efforts are those of other masses than described, friction and a load."""
 
     def __init__(self, *, feels=True):
-        settings = Settings(model=ModelSettings(dynamics=feels))
+        settings = Settings(model=ModelSettings(dynamics=feels), arm=ArmSettings(settle_ns=50 * MS))
         model = body_model(settings)
         assert model is not None
         if feels:
