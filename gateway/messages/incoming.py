@@ -24,7 +24,6 @@ __all__ = [
     "Secret",
     "SideName",
     "SpaceName",
-    "Swings",
     "Text",
     "Times",
     "Tolerances",
@@ -38,7 +37,6 @@ ClientId = Annotated[str, Meta(pattern=r"^[0-9A-Za-z_-]{1,64}\Z")]
 Secret = Annotated[str, Meta(pattern=r"^[0-9A-Za-z_-]{0,64}\Z")]
 Joints = Annotated[tuple[float, ...], Meta(max_length=64)]
 Points = Annotated[tuple[Joints, ...], Meta(max_length=4096)]
-Swings = Annotated[tuple[Joints, ...], Meta(max_length=64)]
 Times = Annotated[tuple[float, ...], Meta(max_length=4096)]
 Tolerances = Annotated[tuple[float | None, ...], Meta(max_length=64)]
 Offset = Annotated[int, Meta(ge=-(2**62), le=2**62)]
