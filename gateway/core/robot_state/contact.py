@@ -148,7 +148,7 @@ class Contacts:
             return refusal
         try:
             found = weigh(self._dynamics[side], swings)
-        except np.linalg.LinAlgError as error:
+        except Exception as error:  # noqa: BLE001  as in `hear`
             found = CannotTell(f"these numbers have no solution ({error})")
         if isinstance(found, CannotTell):
             return Refusal(code=Code.CANNOT_WEIGH, message=found.message, field=f"{side}_arm")
