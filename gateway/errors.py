@@ -282,13 +282,12 @@ CODES: dict[Code, CodeInfo] = {
         error=NotReady,
         hint="correct the model: run `ta2 identify`, name its file in `calibration` of section [model], or a URDF in `urdf`",
     ),
+    Code.CANNOT_WEIGH: CodeInfo(error=NotReady, hint="move the arm clear, elbow bent, and wait until it rests"),
     Code.UNGUARDED: CodeInfo(
         error=NotReady,
         hint="set the arm to joint mode in the robot's web page, or `self_collision = false` in section [model]",
     ),
-    Code.ENDPOINT_SILENT: CodeInfo(
-        error=NotReady, hint="see after the watcher; when it is gone, recover(reason='...')"
-    ),
+    Code.ENDPOINT_SILENT: CodeInfo(error=NotReady, hint="see after the watcher; if it is gone, recover(reason='...')"),
     Code.ENDPOINT_MISSING: CodeInfo(error=NotReady, hint="start `ta2 stop-endpoint` where somebody sees the robot"),
     Code.ENDPOINT_UNKNOWN: CodeInfo(error=NotReady, hint="call stop_endpoint() again"),
     Code.TOO_MANY_ENDPOINTS: CodeInfo(error=NotReady, hint="stop one of them; silent ones: recover(reason='...')"),

@@ -221,6 +221,7 @@ COMMANDS: Mapping[str, Callable[[Namespace], int]] = {
     "follow": _carried_out_by("gateway.cli.motion.following"),
     "replay": _carried_out_by("gateway.cli.motion.replaying"),
     "gripper": _carried_out_by("gateway.cli.motion.grounding"),
+    "payload": _carried_out_by("gateway.cli.motion.grounding"),
     "drive": _carried_out_by("gateway.cli.motion.grounding"),
     "lift": _carried_out_by("gateway.cli.motion.grounding"),
     "teleop": _carried_out_by("gateway.cli.teleop.run"),

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from gateway.client.asking.chunks import FollowCheck
 from gateway.client.asking.poses import PoseTarget
-from gateway.client.asking.results import MotionResult, StopResult
+from gateway.client.asking.results import MotionResult, Payload, StopResult
 from gateway.client.client import EventStream, Robot, connect
 from gateway.client.connection.over_zenoh import Credentials
 from gateway.client.control import ArmControl, Control
@@ -38,6 +38,7 @@ __all__ = [
     "MotionHandle",
     "MotionResult",
     "MotorState",
+    "Payload",
     "Pose",
     "PoseStream",
     "PoseTarget",

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Coroutine, Generator
-from typing import Any, TypeVar
+from typing import Any, Literal, TypeVar
 
 from gateway.api import protocol
 from gateway.client.aio_parts import ChassisControl, GripperControl, LiftControl
@@ -17,10 +17,12 @@ from gateway.client.asking.motion import MotionRecord
 from gateway.client.asking.options import OnExitName
 from gateway.client.asking.ownership import Accepted
 from gateway.client.asking.procedures import Procedure
-from gateway.client.asking.results import MotionResult
+from gateway.client.asking.requests import chosen
+from gateway.client.asking.results import MotionResult, Payload
 from gateway.client.asking.stream import JointTargets, PoseTargets, TargetStream
 from gateway.client.awaiting import run
 from gateway.client.connection.session import Session
+from gateway.client.weighing import tell, weighed
 from gateway.errors import GatewayError
 
 __all__ = ["ArmControl", "Control", "JointStream", "MotionHandle", "PoseStream"]
@@ -76,6 +78,16 @@ class ArmControl(ArmCommands[Coroutine[Any, Any, MotionHandle], Coroutine[Any, A
 
     _joint_stream = JointStream
     _pose_stream = PoseStream
+
+    async def payload(
+        self, known: Payload | Literal["weigh"] | None = "weigh", *, empty: Payload | None = None
+    ) -> Payload:
+        """Weigh what this hand holds, and count on it; or on what is known, None for an empty hand."""
+        side = chosen(protocol.Side, "side", self.side)
+        if known == "weigh":
+            return await run(self._control._session, weighed(self._control, side, empty))
+        await run(self._control._session, tell(self._control, side, known))
+        return known or Payload(mass=0.0)
 
 
 class Control(MotionCommands[Coroutine[Any, Any, MotionHandle], Coroutine[Any, Any, None]]):

@@ -2,16 +2,21 @@
 
 from __future__ import annotations
 
+from typing import Literal
+
 from gateway.api import protocol
 from gateway.client.asking.arm_commands import ArmCommands
 from gateway.client.asking.commands import MotionCommands
 from gateway.client.asking.options import OnExitName
 from gateway.client.asking.ownership import Accepted
 from gateway.client.asking.procedures import Procedure
+from gateway.client.asking.requests import chosen
+from gateway.client.asking.results import Payload
 from gateway.client.blocking import run
 from gateway.client.connection.session import Session
 from gateway.client.handles import JointStream, MotionHandle, PoseStream
 from gateway.client.parts import ChassisControl, GripperControl, LiftControl
+from gateway.client.weighing import tell, weighed
 
 __all__ = ["ArmControl", "Control"]
 
@@ -21,6 +26,32 @@ class ArmControl(ArmCommands[MotionHandle, None, JointStream, PoseStream]):
 
     _joint_stream = JointStream
     _pose_stream = PoseStream
+
+    def payload(self, known: Payload | Literal["weigh"] | None = "weigh", *, empty: Payload | None = None) -> Payload:
+        """Weigh what this hand holds, and count on it: what pulls at the arm is told without it from then on.
+
+        The arm swings slowly by 0.05 rad in three postures, for some 15 s: where it stands, and with its hand tilted by 0.3 rad
+        about its wrist, twice. It ends where it began. Nothing but the load may touch it.
+
+        Args:
+            known: A payload to count on without weighing; None for an empty hand.
+            empty: What this call gave with the empty hand, in the same posture: what the arm's masses, or its hand's, differ
+                in from the model is then no part of the load.
+
+        Returns:
+            Mass and centre, with standard deviations. What may be nothing has no centre, and is not counted on.
+
+        Raises:
+            NotReady: CANNOT_WEIGH, the arm moves, feels nothing, does not swing, or these postures cannot tell; MODEL_OFF
+                without dynamics; MODEL_DIFFERS, MODEL_UNKNOWN; what refuses `move_to`.
+            Rejected: OUT_OF_RANGE, a payload that nobody believes, or a posture outside the limits.
+            MotionEnded: Something ended a swing. The arm is held there, and nothing is counted on.
+        """
+        side = chosen(protocol.Side, "side", self.side)
+        if known == "weigh":
+            return run(self._control._session, weighed(self._control, side, empty))
+        run(self._control._session, tell(self._control, side, known))
+        return known or Payload(mass=0.0)
 
 
 class Control(MotionCommands[MotionHandle, None]):

@@ -48,6 +48,8 @@ class ContactView(Struct, frozen=True, kw_only=True):
         unknown: Directions of force [N] and moment [N·m] that this posture does not feel, unit vectors of shape (6,).
         sigmas: By how many standard deviations the clearest joint is pulled.
         age_ns: Age of the newest joints [ns].
+        load_kg: Mass of what the hand was said to hold, which is no part of all this [kg]; 0 for nothing.
+        load_com_m: Its centre of mass in the frame of the end effector (`left_ee`, `right_ee`), shape (3,) [m]; empty likewise.
     """
 
     state: str
@@ -63,6 +65,8 @@ class ContactView(Struct, frozen=True, kw_only=True):
     unknown: tuple[Vector, ...] = ()
     sigmas: float = 0.0
     age_ns: int = 0
+    load_kg: float = 0.0
+    load_com_m: Vector = ()
 
 
 class SpacingView(Struct, frozen=True, kw_only=True):

@@ -29,6 +29,7 @@ from gateway.messages.incoming import (
     Times,
     Tolerances,
 )
+from gateway.messages.load_requests import SetPayload, Weigh
 from gateway.values import Side, Space
 
 __all__ = [
@@ -54,10 +55,12 @@ __all__ = [
     "Release",
     "Request",
     "SetGripper",
+    "SetPayload",
     "Stop",
     "StopChassis",
     "StopLift",
     "Take",
+    "Weigh",
 ]
 
 
@@ -380,6 +383,8 @@ Request: TypeAlias = (
     | Hold
     | Cancel
     | SetGripper
+    | SetPayload
+    | Weigh
     | DriveChassis
     | StopChassis
     | DriveLift

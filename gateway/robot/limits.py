@@ -104,6 +104,11 @@ GRIPPER_CLOSE_NM = 1.60
 MAX_ARM_LEN_M = 0.55
 """Greatest reach, shoulder to end effector [m] (§4.0.4)."""
 
+MAX_PAYLOAD_KG = 3.0
+"""Nobody is believed that a hand holds more [kg] (ours: the manual states none): a wrist motor of 5 N·m holds it at 0.17 m."""
+MAX_PAYLOAD_M = 0.5
+"""Nor that its centre is farther from the end effector along an axis [m] (ours)."""
+
 ARM_WATCHDOG_NS = 150 * MS
 """A longer gap in the arm stream means zero-velocity protection (§4.3, §4.10)."""
 GRIPPER_WATCHDOG_NS = 100 * MS

@@ -27,6 +27,7 @@ def command_line() -> argparse.ArgumentParser:
     parser.add_argument(
         "--physics", choices=PHYSICS, default=PHYSICS[0], help="how it moves: as lags and speeds, or with forces"
     )
+    parser.add_argument("--differs", type=float, default=0.0, help="how far its arms are from their numbers [%%]")
     parser.add_argument("--clock-offset-s", type=float, default=0.0, help="robot's clock minus the host's at the start")
     parser.add_argument("--clock-drift-ppm", type=float, default=0.0, help="how much faster it runs")
     parser.add_argument("--viewer", action="store_true", help="show it in a window; needs --physics mujoco")

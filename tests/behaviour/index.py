@@ -597,6 +597,14 @@ WHY = {
         "core/robot_state/contact::old_joints_say_nothing_about_now",
         "core/robot_state/contact::another_robot_is_observed_from_its_beginning",
     ),
+    "what does a hand hold?": (
+        "core/robot_state/contact::a_load_is_counted_on_from_when_it_is_said_until_the_robot_is_lost",
+        "core/requests/weighing::only_the_owner_says_or_asks",
+        "core/requests/weighing::a_load_that_nobody_believes_is_refused_with_its_bound",
+        "client/weighing::a_load_is_found_to_a_tenth_beside_the_empty_hand_and_is_no_longer_felt",
+        "client/weighing::what_the_hand_holds_outlives_its_owner_and_goes_with_the_link",
+        "client/weighing::a_stop_of_anybody_ends_the_weighing_and_nothing_is_counted_on",
+    ),
     "is it this robot's body?": (
         "model::a_nominal_robot_agrees_within_two_seconds",
         "model::a_nominal_robot_agrees_however_fast_it_moves",

@@ -53,6 +53,7 @@ class Nurse:
             for side in Side
         }
         self.impossible = {"move_pose"} if not self.poses else {"move"} if len(self.poses) == len(Side) else set()
+        self.impossible |= {"set_payload", "weigh"}  # no dynamics
         if not pair.settings.link.variant.has_lift:
             self.impossible |= {"drive_lift", "stop_lift", "disable_lift"}
 

@@ -56,7 +56,7 @@ kind is to be accepted at least once."""
 
 HARSH = ("take", "release", "abandon", "disable", "stop", "estop")
 """Kinds that end what the nurse has brought about."""
-SAFE = (*(kind for kind in KINDS if kind not in HARSH), "move", "move_pose", "open_stream", "target", "target")
+SAFE = (*(kind for kind in KINDS if kind not in HARSH), "move", "move_pose", "open_stream", *("target",) * 3)
 LOUD = (*SAFE, *HARSH)
 ROBOTS = {
     1: {},

@@ -28,13 +28,14 @@ def test_every_argument_reaches_the_settings(started):
     """Modes of both arms or of each, model, seed, endpoint, namespace, disabled parts, clock."""
     words = "--listen tcp/127.0.0.1:9 --mode pose --right-mode joint --model lift --seed 4 --namespace bot1 --disable left_arm"
     clock = "--clock-offset-s -0.05 --clock-drift-ppm 40"
-    program.main([*words.split(), "--disable", "chassis", "--physics", "mujoco", *clock.split()])
+    program.main([*words.split(), "--disable", "chassis", "--physics", "mujoco", "--differs", "8", *clock.split()])
     expected = SimSettings(
         model="lift",
         left_mode="pose",
         right_mode="joint",
         seed=4,
         physics="mujoco",
+        differs_percent=8.0,
         namespace="bot1",
         enable_left_arm=False,
         enable_chassis=False,

@@ -20,7 +20,7 @@ _seconds = partial(between, least=0.05, most=600.0, what="time [s]")
 
 
 def add_ground(commands: Any) -> None:  # noqa: ANN401  argparse's private class
-    """Add `gripper`, `drive` and `lift`."""
+    """Add `gripper`, `payload`, `drive` and `lift`."""
     gripper = add_client_command(
         commands,
         "gripper",
@@ -44,6 +44,17 @@ def add_ground(commands: Any) -> None:  # noqa: ANN401  argparse's private class
         help="part of the greatest torque, up to 1 (default %(default)s)",
     )
     gripper.add_argument("--hold", action="store_true", help="leave the arms held with the grip, not paused")
+    payload = add_client_command(
+        commands,
+        "payload",
+        "weigh what a hand holds, by small slow swings of its arm, and count on it in what the arm feels",
+        "Needs `[model] dynamics`; nothing but the load may touch the arm. What differs from the model's masses looks like a "
+        "load: weigh the empty hand first, with --json into a file, and then in the same posture with --empty.",
+    )
+    payload.add_argument("--arm", choices=("left", "right"), required=True, help="which")
+    act = payload.add_mutually_exclusive_group()
+    act.add_argument("--none", action="store_true", help="weigh nothing, and count on nothing: the hand is empty")
+    act.add_argument("--empty", metavar="FILE", help="what --json printed of the empty hand, in the same posture")
     drive = add_client_command(
         commands,
         "drive",
@@ -73,6 +84,7 @@ def add_ground(commands: Any) -> None:  # noqa: ANN401  argparse's private class
         sub.add_argument(
             "--for", dest="for_s", type=_seconds, default=1.0, metavar="S", help="how long [s] (default %(default)s)"
         )
+    for sub in (gripper, payload, drive, lift):
         sub.add_argument("--take", metavar="REASON", help="take the robot from its owner, who is shown the reason")
         sub.add_argument("--yes", action="store_true", help="do not ask before moving")
 

@@ -11,16 +11,25 @@ from gateway.cli.command_line.numbers import between
 __all__ = ["add_camera", "add_clock", "add_physics"]
 
 _offset = partial(between, least=-1e8, most=1e8, what="offset [s]")
+_percent = partial(between, least=0.0, most=30.0, what="part [%]")
 _drift = partial(between, least=-1000.0, most=1000.0, what="drift [ppm]")
 
 
 def add_physics(sim: argparse.ArgumentParser) -> None:
-    """Add `--physics`, `--viewer`, `--headless` and `--record`."""
+    """Add `--physics`, `--differs`, `--viewer`, `--headless` and `--record`."""
     sim.add_argument(
         "--physics",
         choices=("kinematic", "mujoco"),
         default="kinematic",
         help="how it moves: as lags and speeds, or with forces, contacts and a table of things (default %(default)s)",
+    )
+    sim.add_argument(
+        "--differs",
+        type=_percent,
+        default=0.0,
+        metavar="PERCENT",
+        help="how far the arms' masses and friction are from the published numbers, drawn with --seed; efforts get noise "
+        "(default %(default)g); needs --physics mujoco",
     )
     sight = sim.add_mutually_exclusive_group()
     sight.add_argument(

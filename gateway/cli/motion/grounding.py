@@ -1,4 +1,4 @@
-"""`ta2 gripper`, `ta2 drive` and `ta2 lift`: say what will move, ask, own, do it, and leave the robot as it was found.
+"""`ta2 gripper`, `payload`, `drive` and `lift`: say what will move, ask, own, do it, and leave the robot as it was found.
 
 A robot whose arms were held when the command came is left held: another one's grip is not this command's to lose.
 """
@@ -10,6 +10,11 @@ import sys
 from argparse import Namespace
 from collections.abc import Callable
 from contextlib import suppress
+from dataclasses import asdict
+from pathlib import Path
+
+from msgspec import MsgspecError, Struct
+from msgspec.json import decode as json_decode
 
 from gateway.cli.motion.job import ENABLE_S, PROGRESS_HZ
 from gateway.cli.terminal.asking import confirmed
@@ -17,8 +22,8 @@ from gateway.cli.terminal.connection import connected
 from gateway.cli.terminal.ending import ExitStatus, report
 from gateway.cli.terminal.owning import HELD, LOOK_S, held_text, is_held, owned
 from gateway.cli.terminal.progress import Teller, teller
-from gateway.client import Control, Robot
-from gateway.errors import GatewayError, Refused
+from gateway.client import Control, Payload, Robot
+from gateway.errors import Code, GatewayError, Refused, failure
 
 __all__ = ["carry_out"]
 
@@ -34,7 +39,7 @@ def carry_out(options: Namespace) -> ExitStatus:
     Raises:
         GatewayError: Nothing was begun.
     """
-    return {"gripper": _gripper, "drive": _drive, "lift": _lift}[options.command](options)
+    return {"gripper": _gripper, "payload": _payload, "drive": _drive, "lift": _lift}[options.command](options)
 
 
 def _gripper(options: Namespace) -> ExitStatus:
@@ -75,6 +80,49 @@ def _holding_text(holding: bool | None) -> str:
     if holding is None:
         return "nobody can tell whether it holds something"
     return "it seems to hold something (an estimate)" if holding else "it seems to hold nothing (an estimate)"
+
+
+def _payload(options: Namespace) -> ExitStatus:
+    """Weigh what a hand holds, or say that it holds nothing."""
+    side, empty = options.arm, None if options.empty is None else _kept(Path(options.empty))
+
+    def deed(_: Robot, own: Control, tell: Teller) -> tuple[str, Facts]:
+        arm = own.left_arm if side == "left" else own.right_arm
+        if options.none:
+            arm.payload(None)
+            return f"{side} hand: nothing is counted on", {"side": side, "payload": None}
+        tell.advance("enable", None, "waiting for READY")
+        own.enable(timeout=ENABLE_S)
+        tell.advance("weigh", None, "swinging in three postures")
+        found = arm.payload(empty=empty)
+        tell.advance("weigh", 1.0, "done")
+        text = f"{side} hand: {found.mass:.3f} ± {found.mass_sd:.3f} kg"
+        if found.com is None or found.com_sd is None:
+            text += ", which may be nothing: not counted on"
+        else:
+            places = (f"{place:.3f} ± {sd:.3f}" for place, sd in zip(found.com, found.com_sd, strict=True))
+            text += f" at {', '.join(places)} m in {found.frame}; counted on"
+        return text, {"side": side, "payload": asdict(found)}
+
+    what = (
+        "hand is said to hold nothing"
+        if options.none
+        else "arm swings by 0.05 rad, its hand tilts by 0.3 rad, some 15 s"
+    )
+    return _own_for(options, f"the {side} {what}", deed)
+
+
+class _Kept(Struct):
+    payload: Payload
+
+
+def _kept(path: Path) -> Payload:
+    """Return what a weighing printed as JSON."""
+    try:
+        return json_decode(path.read_bytes(), type=_Kept).payload
+    except (OSError, MsgspecError) as error:
+        hint = "`ta2 payload --json > FILE` with the empty hand makes one"
+        raise failure(Code.BAD_CONFIG, f"{path} is no weighing: {error}", hint=hint) from None
 
 
 def _drive(options: Namespace) -> ExitStatus:

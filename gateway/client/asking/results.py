@@ -4,7 +4,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-__all__ = ["MotionResult", "StopResult"]
+__all__ = ["MotionResult", "Payload", "Rows", "StopResult"]
+
+Rows = tuple[tuple[float, ...], ...]
+"""Seven numbers of joints for each posture."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -37,3 +40,32 @@ class StopResult:
 
     undelivered: bool
     by_guard: bool = False
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Payload:
+    """What a hand holds: weighed by `ArmControl.payload`, or known and told with it.
+
+    Attributes:
+        mass: Its mass [kg].
+        com: Its centre of mass in `frame`, shape (3,) [m]; None while it may be nothing.
+        mass_sd: Standard deviation of the mass [kg].
+        com_sd: Standard deviations of the centre [m].
+        frame: Frame of the end effector: `left_ee` or `right_ee`; empty where it was not weighed.
+        condition: Condition number of the postures; 0 where it was not weighed.
+        q_rad: Postures that it was weighed in, shape (n, 7) [rad].
+        up_nm: What pulled the joints there on the way up, shape (n, 7) [N·m] ...
+        down_nm: ... and down.
+        noise_nm: Standard deviation of the mean of both [N·m].
+    """
+
+    mass: float
+    com: tuple[float, ...] | None = (0.0, 0.0, 0.0)
+    mass_sd: float = 0.0
+    com_sd: tuple[float, ...] | None = (0.0, 0.0, 0.0)
+    frame: str = ""
+    condition: float = 0.0
+    q_rad: Rows = ()
+    up_nm: Rows = ()
+    down_nm: Rows = ()
+    noise_nm: Rows = ()

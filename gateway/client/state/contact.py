@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 from gateway.api import protocol
 from gateway.client.asking.requests import read_only
+from gateway.client.asking.results import Payload
 from gateway.client.state.showing import vector
 from gateway.errors import Code, failure
 
@@ -86,6 +87,14 @@ class Contact:
     def basis(self) -> str:
         """Where masses, friction and scale come from: `nominal`, or the file that they were identified to."""
         return self.view.basis
+
+    @property
+    def payload(self) -> Payload | None:
+        """What the hand was said to hold, which is no part of all this; None for nothing. Known whatever else is."""
+        view = self.view
+        if not view.load_kg:
+            return None
+        return Payload(mass=view.load_kg, com=view.load_com_m, frame=f"{self.name.partition('_')[0]}_ee")
 
     @property
     def age(self) -> float:

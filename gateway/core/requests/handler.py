@@ -19,6 +19,7 @@ from gateway.core.requests.driving import Driving
 from gateway.core.requests.follows import Follows
 from gateway.core.requests.gripping import Gripping
 from gateway.core.requests.moves import Answer, Facts, Moves
+from gateway.core.requests.weighing import Weighing
 from gateway.core.supervision.coordinator import Coordinator
 from gateway.core.supervision.phases import Phases
 from gateway.core.supervision.supervisor import State, Trigger
@@ -45,10 +46,12 @@ from gateway.messages.requests import (
     RegisterEndpoint,
     Release,
     SetGripper,
+    SetPayload,
     Stop,
     StopChassis,
     StopLift,
     Take,
+    Weigh,
 )
 from gateway.values import FsmState, Side
 
@@ -70,6 +73,7 @@ class RequestHandler:
         self._moves = Moves(coordinator, self._authorisation)
         driving = Driving(coordinator, self._authorisation)
         gripping = Gripping(coordinator, self._authorisation)
+        weighing = Weighing(coordinator, self._authorisation)
         follows = Follows(coordinator, self._authorisation, self._moves)
         self._cartesian = Cartesian(coordinator, self._authorisation, self._moves)
         self.may: dict[str, May] = {
@@ -96,6 +100,8 @@ class RequestHandler:
             Hold: self._moves.hold,
             Cancel: self._moves.cancel,
             SetGripper: gripping.set_gripper,
+            SetPayload: weighing.set_payload,
+            Weigh: weighing.weigh,
             DriveChassis: driving.drive_chassis,
             StopChassis: driving.stop_chassis,
             DriveLift: driving.drive_lift,

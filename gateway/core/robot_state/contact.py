@@ -1,7 +1,8 @@
 """What pulls at the arms: an observer per arm, fed as joints arrive, and the reasons why nothing may be said.
 
 Made only where the configuration asks for it (`[model] dynamics`); the dynamics, which stand on pinocchio, are handed in. An
-observer takes each believed sample of joints once, by the robot's own stamps; a wrench is worked out when somebody looks. An
+observer takes each believed sample of joints once, by the robot's own stamps; a wrench is worked out when somebody looks. What
+a hand is said to hold is part of its arm, until it is said anew or the robot is lost. An
 estimate, never a safety function: efforts come from motors, through gears, and a model is one of a robot, not of this one.
 """
 
@@ -18,6 +19,8 @@ from numpy.typing import NDArray
 
 from gateway.errors import Code, Refusal
 from gateway.kinematics.dynamics.observer import Dynamics, MomentumObserver
+from gateway.kinematics.dynamics.parameters import Load
+from gateway.kinematics.dynamics.weighing import CannotTell, Swings, Weighed, weigh
 from gateway.kinematics.dynamics.wrench import Wrench, wrench_of
 from gateway.messages.body_views import ContactView
 from gateway.values import ArmState, Side, Vector
@@ -50,6 +53,8 @@ NOT_KNOWN = ContactView(
     unknown=(),
     sigmas=0.0,
     age_ns=0,
+    load_kg=0.0,
+    load_com_m=(),
 )
 
 
@@ -118,10 +123,36 @@ class Contacts:
             self._break(error)
 
     def forget(self) -> None:
-        """Begin anew: the link was gone, or it is another robot."""
+        """Begin anew: the link was gone, or it is another robot; nobody knows what its hands hold."""
         self._heard.clear()
-        for observer in self._observers.values():
+        for side, observer in self._observers.items():
             observer.restart()
+            self.carry(side, None)
+
+    def carry(self, side: Side, load: Load | None) -> None:
+        """Count on what a hand holds from now on; None for nothing. The estimate begins anew where that is something else."""
+        if load != self._dynamics[side].load:
+            self._dynamics[side].carry(load)
+            self._observers[side].restart()
+
+    def weigh(self, side: Side, swings: Swings, now_ns: int) -> Weighed | Refusal:
+        """Return what a hand holds, or why that cannot be told.
+
+        Args:
+            side: Which arm.
+            swings: What was measured, all finite.
+            now_ns: Monotonic time [ns].
+        """
+        refusal = self._refusal(side, now_ns)
+        if refusal is not None:
+            return refusal
+        try:
+            found = weigh(self._dynamics[side], swings)
+        except Exception as error:  # noqa: BLE001  as in `hear`
+            found = CannotTell(f"these numbers have no solution ({error})")
+        if isinstance(found, CannotTell):
+            return Refusal(code=Code.CANNOT_WEIGH, message=found.message, field=f"{side}_arm")
+        return found
 
     def contact(self, side: Side, now_ns: int) -> Contact | Unfelt:
         """Return what pulls at an arm now, or why that is not known.
@@ -142,13 +173,22 @@ class Contacts:
     def view(self, side: Side, now_ns: int) -> ContactView:
         """Return the same for the outside."""
         dynamics = self._dynamics[side]
+        load = dynamics.load or Load(mass_kg=0.0, com_m=())
         try:
             found = self.contact(side, now_ns)
         except Exception as error:  # noqa: BLE001  as in `hear`
             self._break(error)
             found = self._given_up()
         if isinstance(found, Unfelt):
-            return replace(NOT_KNOWN, code=found.code, reason=found.reason, basis=dynamics.drives.source)
+            basis = dynamics.drives.source
+            return replace(
+                NOT_KNOWN,
+                code=found.code,
+                reason=found.reason,
+                basis=basis,
+                load_kg=load.mass_kg,
+                load_com_m=load.com_m,
+            )
         values, sd, unknown = found.wrench
         return ContactView(
             state="known",
@@ -164,6 +204,8 @@ class Contacts:
             unknown=tuple(tuple(direction) for direction in unknown.tolist()),
             sigmas=found.sigmas,
             age_ns=now_ns - self._heard[side][1],
+            load_kg=load.mass_kg,
+            load_com_m=load.com_m,
         )
 
     def _break(self, error: Exception) -> None:

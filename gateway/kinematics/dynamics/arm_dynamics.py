@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from gateway.kinematics.description import Description, Kind, arm_joint, ee_frame
 from gateway.kinematics.dynamics.observer import Terms
-from gateway.kinematics.dynamics.parameters import DriveParameters
+from gateway.kinematics.dynamics.parameters import DriveParameters, Load
 from gateway.kinematics.pin_model import pin_model
 from gateway.values import ARM_DOF, Side, Vector
 
@@ -36,16 +36,18 @@ class ArmDynamics:
         description: Of the body; parents come before children.
         side: Which arm.
         drives: Its drives.
+        load: What its hand holds; None for nothing.
 
     Attributes:
         side: Which arm.
         drives: Its drives.
+        load: What its hand holds.
         frame: In whose axes wrenches are given: the arm's shoulder frame, that of its poses (§4.0.1).
         point: Frame at whose origin they act.
         model: pinocchio's model: base, lift where there is one, then the seven joints.
     """
 
-    def __init__(self, description: Description, side: Side, drives: DriveParameters) -> None:
+    def __init__(self, description: Description, side: Side, drives: DriveParameters, load: Load | None = None) -> None:
         self.side, self.drives = side, drives
         self._description = description
         self.frame, self.point = f"{side.value}_shoulder_base", ee_frame(side)
@@ -55,15 +57,25 @@ class ArmDynamics:
             described = self.model.inertias[link].toDynamicParameters()
             described[:MOMENTS] += more
             self.model.inertias[link] = pin.Inertia.FromDynamicParameters(described)
+        self._hand: Any = self.model.inertias[self.model.njoints - 1].copy()
         self._data: Any = self.model.createData()
         self._q, self._v = np.zeros(self.model.nq), np.zeros(self.model.nv)
         self._given = self.model.nv - ARM_DOF  # coordinates of base and lift come first
         self._ee = self.model.getFrameId(self.point)
         pin.framesForwardKinematics(self.model, self._data, self._q)
         self._shoulder_R_world = self._data.oMf[self.model.getFrameId(self.frame)].rotation.T.copy()
+        self.carry(load)
 
-    def __reduce__(self) -> tuple[type[ArmDynamics], tuple[Description, Side, DriveParameters]]:
-        return ArmDynamics, (self._description, self.side, self.drives)  # pinocchio's own state is scratch
+    def __reduce__(self) -> tuple[type[ArmDynamics], tuple[Description, Side, DriveParameters, Load | None]]:
+        return ArmDynamics, (self._description, self.side, self.drives, self.load)  # pinocchio's own state is scratch
+
+    def carry(self, load: Load | None) -> None:
+        """Hold a load from now on; None for nothing."""
+        self.load, hand = load, self._hand
+        if load is not None:
+            at = self.model.frames[self._ee].placement.act(np.array(load.com_m))
+            hand = hand + pin.Inertia(load.mass_kg, at, np.zeros((3, 3)))
+        self.model.inertias[self.model.njoints - 1] = hand
 
     def gravity(self, q_rad: Array) -> Array:
         """Return the torques that hold the arm up at joint positions, shape (7,) [N·m]."""
@@ -126,6 +138,17 @@ class ArmDynamics:
         seen = pin.computeFrameJacobian(self.model, self._data, q, self._ee, pin.LOCAL_WORLD_ALIGNED)[:, self._given :]
         jacobian: Array = np.concatenate((turn @ seen[:3], turn @ seen[3:]))
         return jacobian
+
+    def load_columns(self, q_rad: Array) -> Array:
+        """Return the torques that the weight of a load pulls the joints with, shape (7, 4) [N·m/kg, N·m/(kg·m)].
+
+        Columns are per mass, and per first moments along x, y, z of the end effector's frame (`point`) about its origin.
+        """
+        turning = self.jacobian(q_rad).T
+        pin.updateFramePlacement(self.model, self._data, self._ee)
+        shoulder_R_ee = self._shoulder_R_world @ self._data.oMf[self._ee].rotation
+        g_mps2 = self._shoulder_R_world @ self.model.gravity.linear
+        return np.column_stack((turning[:, :3] @ g_mps2, turning[:, 3:] @ np.cross(shoulder_R_ee.T, g_mps2).T))
 
     def _gravity(self, q: Array) -> Array:
         gravity: Array = pin.computeGeneralizedGravity(self.model, self._data, q)

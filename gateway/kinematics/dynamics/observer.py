@@ -16,7 +16,7 @@ from typing import NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from gateway.kinematics.dynamics.parameters import DriveParameters
+from gateway.kinematics.dynamics.parameters import DriveParameters, Load
 from gateway.values import ARM_DOF, Vector
 
 __all__ = ["Dynamics", "MomentumObserver", "Terms"]
@@ -60,6 +60,15 @@ class Dynamics(Protocol):
     drives: DriveParameters
     frame: str
     point: str
+    load: Load | None
+
+    def carry(self, load: Load | None) -> None:
+        """Hold a load from now on; None for nothing."""
+        ...
+
+    def load_columns(self, q_rad: Array) -> Array:
+        """Return what a load pulls the joints with per mass and first moments in the hand's frame, shape (7, 4)."""
+        ...
 
     def terms(self, q_rad: Array, dq_radps: Array, base: Vector) -> Terms:
         """Return what a posture and velocities give."""

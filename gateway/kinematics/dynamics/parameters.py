@@ -1,4 +1,4 @@
-"""What an arm's drives do beside the rigid body: scale of the efforts, friction, rotors; and how far all that is trusted.
+"""What an arm's drives do beside the rigid body: scale of the efforts, friction, rotors; how far all that is trusted; its load.
 
 Friction of a joint at velocity v is `coulomb * tanh(v / STICK_RADPS) + viscous * v`: Coulomb's with a smooth sign, so that
 noise around standstill is no chatter. Nothing of it is published: the nominal parameters have a standard deviation instead.
@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from gateway.kinematics.description import Description
 from gateway.values import ARM_DOF, Side, Vector, require_finite
 
-__all__ = ["DriveParameters", "nominal_parameters"]
+__all__ = ["DriveParameters", "Load", "nominal_parameters"]
 
 Array = NDArray[np.float64]
 
@@ -28,6 +28,19 @@ FRICTION_PART = 0.02
 """Friction that nobody identified is within this part of a motor's greatest torque, one standard deviation."""
 
 NONE: Vector = (0.0,) * ARM_DOF
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Load:
+    """What a hand holds, as a point.
+
+    Attributes:
+        mass_kg: Its mass [kg].
+        com_m: Its centre of mass in the frame of the end effector, shape (3,) [m].
+    """
+
+    mass_kg: float
+    com_m: Vector
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["LEAST_LEVER_M", "Wrench", "wrench_of"]
+__all__ = ["HAND_M", "LEAST_LEVER_M", "Wrench", "wrench_of"]
 
 Array = NDArray[np.float64]
 

@@ -15,6 +15,7 @@ from gateway.sim.physics.world import World
 from gateway.sim.robot.chassis import wheel_matrix
 from gateway.sim.robot.dynamics import Parts
 from gateway.sim.robot.manual import MS, S, Side
+from gateway.sim.robot.settings import SimSettings
 
 __all__ = ["Bodies"]
 
@@ -36,7 +37,7 @@ class Bodies:
         real_time_factor: Time of physics per time of the robot over the last full second; None before the first.
     """
 
-    def __init__(self, parts: Parts, start_ns: int, x_m: float = 0.0) -> None:
+    def __init__(self, parts: Parts, start_ns: int, settings: SimSettings) -> None:
         """Put the robot where its parts say it is, at rest."""
         self._parts = parts
         self.world = World(has_lift=parts.lift is not None)
@@ -47,7 +48,11 @@ class Bodies:
         self._mark_ns, self._mark_steps = start_ns, 0
         self._worst = 1.0
         self._tell_ns: int | None = None  # again, while it is too slow
-        self.world.pose_base(x_m)
+        if settings.differs_percent:
+            noise = self.world.differ(settings.differs_percent, settings.seed)
+            for side in Side:
+                parts.arms[side].effort_noise_nm = noise[side]
+        self.world.pose_base(settings.start_x_m)
         for side in Side:
             self.world.pose_arm(side, parts.arms[side].q_rad)
             gripper = parts.grippers[side]
@@ -84,6 +89,7 @@ class Bodies:
         for side in Side:
             world.drive(side, parts.arms[side].guide(duration_ns))
             world.grip(side, parts.grippers[side].effort_nm)
+            world.hold(side, parts.arms[side].load_kg)
         parts.chassis.move(duration_ns)
         world.roll(self._matrix @ parts.chassis.velocity)
         if parts.lift is not None:

@@ -26,7 +26,7 @@ from gateway.sim.physics.hand_xml import MOVING_MASS_KG, add_hand
 from gateway.sim.robot.lift import LOWEST_M
 from gateway.sim.robot.manual import DOF, LOWER_RAD, UPPER_RAD, Side
 
-__all__ = ["FIXED_LOWERED_M", "SERVO_GROUPS", "add_robot", "arm_joint", "hand_link", "robot_mass_kg"]
+__all__ = ["FIXED_LOWERED_M", "PADS_M", "SERVO_GROUPS", "add_robot", "arm_joint", "hand_link", "robot_mass_kg"]
 
 Array = NDArray[np.float64]
 
@@ -41,6 +41,9 @@ BRAKE_NMSPRAD: Final = 40.0
 
 SERVO_GROUPS: Final = {Side.LEFT: (1, 2), Side.RIGHT: (3, 4)}
 """MuJoCo's groups of an arm's servos: those that follow, those that brake; all other motors are in group 0."""
+
+PADS_M: Final = (0.185, -0.0068, -0.0210)
+"""Where the pads hold a thing, in the left hand [m]."""
 
 _FRICTION_PART: Final = 0.01  # dry friction of a joint as a part of its motor's torque (choice)
 _BEYOND_RAD: Final = 0.02
@@ -226,6 +229,8 @@ class _Sections:
             class_="shell",
         )
         add_hand(hand, self._equality, self._actuator, side)
+        load = add(hand, "body", name=f"{side.value}_load", pos=(*PADS_M[:2], PADS_M[2] * mirror))
+        add(load, "inertial", pos=(0.0, 0.0, 0.0), mass=0.0, diaginertia=(0.0, 0.0, 0.0))
 
     def _add_lift(self, body: Element, joint: Joint) -> None:
         bounds = (-joint.effort, joint.effort)

@@ -70,6 +70,7 @@ class World:
             self._arm_q[side] = _run(self.model.jnt_qposadr[numbers])
             self._arm_v[side] = _run(self.model.jnt_dofadr[numbers])
             self._follow[side] = np.array([self.model.actuator(f"{name}_follow").id for name in names])
+        self._load = {side: self.model.body(f"{side.value}_load").id for side in Side}
         self._motor = {side: self.model.actuator(f"{side.value}_gripper").id for side in Side}
         self._pulls = np.array([self.model.actuator(f"{name}_pull").id for name in _WHEELS])
         self._spins = np.array([self.model.actuator(name).id for name in _WHEELS])
@@ -135,6 +136,24 @@ class World:
         joint.qvel[:] = 0.0
         mujoco.mj_forward(self.model, self.data)
 
+    def differ(self, percent: float, seed: int) -> dict[Side, Array]:
+        """Make the arms differ from their published numbers, see `SimSettings.differs_percent`; for the start.
+
+        Returns:
+            By side the noise of the efforts, one standard deviation, shape (7,) [N·m].
+        """
+        rng, model, noise = np.random.default_rng(seed), self.model, {}
+        for side in Side:
+            off = 1.0 + 0.01 * percent * rng.uniform(0.5, 1.0, (2, DOF)) * rng.choice([-1.0, 1.0], (2, DOF))
+            joints = [model.joint(arm_joint(side, number)).id for number in range(1, DOF + 1)]
+            links, dofs = model.jnt_bodyid[joints], model.jnt_dofadr[joints]
+            model.body_mass[links] *= off[0]
+            model.body_inertia[links] *= off[0][:, None]
+            model.dof_frictionloss[dofs] *= off[1]
+            noise[side] = 1e-3 * percent * model.jnt_actfrcrange[joints, 1]
+        mujoco.mj_setConst(model, mujoco.MjData(model))
+        return noise
+
     # -------------------------------------------------------------------------------------------------------- motors
 
     def drive(self, side: Side, target_rad: Array | None) -> None:
@@ -155,6 +174,13 @@ class World:
     def grip(self, side: Side, torque_nm: float) -> None:
         """Apply a torque to a gripper's motor [N m], positive opens."""
         self.data.ctrl[self._motor[side]] = torque_nm
+
+    def hold(self, side: Side, load_kg: float) -> None:
+        """Have a hand hold a point between its pads that weighs something; 0 for nothing [kg]."""
+        load = self._load[side]
+        if self.model.body_mass[load] != load_kg:
+            self.model.body_mass[load] = load_kg
+            mujoco.mj_setConst(self.model, mujoco.MjData(self.model))
 
     def roll(self, wheels_radps: Array) -> None:
         """Have the wheels turn at a speed, shape (3,) [rad/s]."""

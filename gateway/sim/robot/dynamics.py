@@ -123,4 +123,4 @@ def dynamics_of(settings: SimSettings, parts: Parts, start_ns: int) -> Dynamics:
             "physics 'mujoco' needs MuJoCo, which is not installed: pip install 'teleavatar-gateway[sim]', "
             "in a checkout .venv/bin/pip install -e '.[sim]'"
         ) from error
-    return Bodies(parts, start_ns, settings.start_x_m)
+    return Bodies(parts, start_ns, settings)

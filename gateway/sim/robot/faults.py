@@ -88,6 +88,11 @@ FAULTS: Final[Mapping[str, FaultKind]] = {
     ),
     "no_ik": FaultKind(scope="robot", required=_SIDE, help="the robot's IK finds no joint angles for any pose"),
     "blocked": FaultKind(scope="robot", required=_SIDE, help="something holds the arm: it does not follow"),
+    "load": FaultKind(
+        scope="robot",
+        required={**_SIDE, "kg": _NUMBER},
+        help="its hand holds so much between its pads; only with forces",
+    ),
     "clock_step": FaultKind(scope="robot", required={"step_s": _NUMBER}, help="the robot's clock is off by this"),
     "clock_drift": FaultKind(
         scope="robot", required={"drift_ppm": _NUMBER}, help="the robot's clock runs fast by this; what it gained stays"
@@ -110,7 +115,7 @@ class Fault:
         topic: The topic it acts on; `*` for every state topic; empty for other scopes.
         side: Left or right; empty where it does not matter.
         mode: Control mode; empty where it does not matter.
-        number: Its one figure: delay_s, copies, value, delta_rad, margin_rad, step_s or drift_ppm.
+        number: Its one figure: delay_s, copies, value, delta_rad, margin_rad, kg, step_s or drift_ppm.
         joint: Joint number from 1.
         duration_s: How long, None until cleared [s].
     """
@@ -190,7 +195,7 @@ def parse_fault(command: str | Mapping[str, object]) -> Fault:
         raise FaultError(f"fault {name}: duration_s must be positive, not {fault.duration_s}")
     if "joint" in kind.required and not 1 <= fault.joint <= DOF:
         raise FaultError(f"fault {name}: joint must be 1 to {DOF}, not {fault.joint}")
-    if name in ("delay", "duplicate", "tight_limit") and fault.number <= 0.0:
+    if name in ("delay", "duplicate", "tight_limit", "load") and fault.number <= 0.0:
         raise FaultError(f"fault {name}: its number must be positive, not {fault.number}")
     return fault
 

@@ -361,6 +361,7 @@ class SimRobot:
                 arm.is_enabled, arm.mode = enabled, mode
                 arm.drop_stream()
             arm.is_blocked = any(fault.name == "blocked" for fault in own)
+            arm.load_kg = sum(fault.number for fault in own if fault.name == "load")
             arm.has_ik = not any(fault.name == "no_ik" for fault in own)
             arm.measured_offset_rad[:] = arm.margin_rad[:] = arm.zero_rad[:] = 0.0
             for fault in own:

@@ -66,6 +66,9 @@ class SimSettings:
         physics: `kinematic`: each part follows as a lag or at a speed; `mujoco`: as a body with forces, contacts and
             things on a table (extra `sim`). Then what only the lag needs has no effect: `lag_s`, `brake_s`,
             `compliance_radpnm`, `creep_radps`.
+        differs_percent: How far the arms of a robot with `physics` are from their published numbers [%]: masses and friction
+            of each link and joint by half of it to all of it, drawn with `seed`; efforts are told with noise, a thousandth of
+            the motor's greatest torque for each percent.
         left_object_rad: Motor angle at which the left gripper meets an object; None when empty [rad].
         right_object_rad: The same of the right gripper.
         start_rad: Where the arms are at the start, per side seven joints [rad].
@@ -96,6 +99,7 @@ class SimSettings:
     clock_offset_ns: int = 0
     clock_drift_ppm: float = 0.0
     physics: str = "kinematic"
+    differs_percent: float = 0.0
     left_object_rad: float | None = None
     right_object_rad: float | None = None
     start_rad: Mapping[Side, tuple[float, ...]] = field(default_factory=lambda: HANGING_RAD)
@@ -109,6 +113,8 @@ class SimSettings:
             raise ValueError(f"model {self.model!r} is not one of {', '.join(_MODELS)}")
         if self.physics not in PHYSICS:
             raise ValueError(f"physics {self.physics!r} is not one of {', '.join(PHYSICS)}")
+        if not 0.0 <= self.differs_percent <= (0.0 if self.physics == "kinematic" else 30.0):
+            raise ValueError(f"differs {self.differs_percent:g} % is outside [0, 30] %, and needs physics 'mujoco'")
         for name in ("left_mode", "right_mode"):
             if getattr(self, name) not in _MODES:
                 raise ValueError(f"{name} {getattr(self, name)!r} is not one of {', '.join(_MODES)}")
@@ -153,7 +159,7 @@ def settings_of(options: Namespace) -> SimSettings:
     """Return the settings that the command line asks for.
 
     Args:
-        options: With model, mode, left_mode, right_mode, namespace, seed, physics, clock_offset_s, clock_drift_ppm and
+        options: With model, mode, left_mode, right_mode, namespace, seed, physics, differs, clock_offset_s, clock_drift_ppm and
             disable (names of disabled parts).
 
     Raises:
@@ -166,6 +172,7 @@ def settings_of(options: Namespace) -> SimSettings:
         namespace=options.namespace,
         seed=options.seed,
         physics=options.physics,
+        differs_percent=options.differs,
         clock_offset_ns=round(options.clock_offset_s * S),
         clock_drift_ppm=options.clock_drift_ppm,
         enable_left_arm="left_arm" not in options.disable,

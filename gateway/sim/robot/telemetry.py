@@ -100,6 +100,7 @@ class Telemetry:
             )
             for index, side in enumerate(Side)
         }
+        self._effort_noise = dict(zip(Side, np.hsplit(_noise_table(settings.seed + 1)[:, : 2 * DOF], 2), strict=True))
         self._noise = noise[:, 4 * DOF :]
         self._noise_rad, self._noise_radps = settings.noise_rad, settings.noise_radps
         self._holding = {side: np.array(settings.holding_nm(side)) for side in Side}
@@ -136,7 +137,7 @@ class Telemetry:
                 arm_topic, pose_topic, gripper_topic = _SIDE_TOPICS[side]
                 position, velocity = self._measured(arm, number)
                 if arm_topic in topics:
-                    due.append((arm_topic, self._arm(arm, position, velocity, now_ns)))
+                    due.append((arm_topic, self._arm(arm, position, velocity, number, now_ns)))
                 if pose_topic in topics:
                     due.append((pose_topic, _pose(side, position + arm.zero_rad)))
                 if gripper_topic in topics:
@@ -164,11 +165,12 @@ class Telemetry:
         row = number % _ROWS
         return arm.q_rad + arm.measured_offset_rad + positions[row], arm.v_radps + velocities[row]
 
-    def _arm(self, arm: SimArm, position: Array, velocity: Array, now_ns: int) -> sensor_msgs.JointState:
-        """Return the joint state message of an arm (§4.8)."""
+    def _arm(self, arm: SimArm, position: Array, velocity: Array, number: int, now_ns: int) -> sensor_msgs.JointState:
+        """Return the joint state message of an arm at a grid point (§4.8)."""
         side, effort = arm.side, arm.effort_nm
         if effort is None:  # no forces are simulated
             effort = self._holding[side] - 0.5 * velocity
+        effort = effort + arm.effort_noise_nm * self._effort_noise[side][number % _ROWS]
         return sensor_msgs.JointState(
             header=self._header(now_ns, f"{side.value}_arm"),
             name=list(self._names[side]),

@@ -1,14 +1,15 @@
-"""`ta2 gripper`, `drive` and `lift`, against the real engine and the simulated robot in virtual time."""
+"""`ta2 gripper`, `payload`, `drive` and `lift`, against the real engine and the simulated robot in virtual time."""
 
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 
 import pytest
 
 from gateway.cli.looking.frame import Picture, frame
 from gateway.cli.main import main
-from gateway.client import connect
+from gateway.client import Payload, connect
 from gateway.values import Side
 from tests.cli.views import INFO
 from tests.client.robot_world import RobotWorld
@@ -115,9 +116,61 @@ def test_a_held_grip_is_kept_by_the_commands_that_follow(shell):
         assert sim.level_01 == pytest.approx(level)
 
 
+FOUND = Payload(
+    mass=0.302,
+    mass_sd=0.02,
+    com=(0.18, -0.002, 0.019),
+    com_sd=(0.011, 0.003, 0.003),
+    frame="left_ee",
+    condition=60.0,
+    q_rad=((0.1,) * 7,),
+    up_nm=((-1.0,) * 7,),
+    down_nm=((1.0,) * 7,),
+    noise_nm=((0.01,) * 7,),
+)
+
+
+def test_payload_weighs_beside_what_was_kept_of_the_empty_hand(shell, monkeypatch, tmp_path):
+    """Enabled for it; what was found is told with its frame and standard deviations, what may be nothing as that."""
+    found, asked = [FOUND, replace(FOUND, mass=0.01, com=None, com_sd=None), FOUND], []
+
+    def weighed(own, side, empty):
+        asked.append((own.is_open, side, empty))
+        return found[len(asked) - 1]
+        yield
+
+    monkeypatch.setattr("gateway.client.control.weighed", weighed)
+    status, out, err = shell.run("payload", "--arm", "left", "--json")
+    assert status == 0 and json.loads(out)["payload"]["mass"] == 0.302 and "swings by 0.05 rad" in err
+    kept = tmp_path / "empty.json"
+    kept.write_text(out)
+    status, out, _ = shell.run("payload", "--arm", "right", "--empty", str(kept))
+    assert (status, out) == (0, "right hand: 0.010 ± 0.020 kg, which may be nothing: not counted on; released\n")
+    status, out, _ = shell.run("payload", "--arm", "left")
+    assert out.startswith(
+        "left hand: 0.302 ± 0.020 kg at 0.180 ± 0.011, -0.002 ± 0.003, 0.019 ± 0.003 m in left_ee; counted on"
+    )
+    assert asked == [(True, Side.LEFT, None), (True, Side.RIGHT, FOUND), (True, Side.LEFT, None)]
+
+
+def test_payload_takes_back_what_was_told_without_moving(shell, monkeypatch, tmp_path):
+    """Refused where nothing is felt; a file that is no weighing is refused before anything is asked."""
+    status, _, err = shell.run("payload", "--arm", "left", "--none")
+    assert status == 1 and "MODEL_OFF" in err and shell.owner() is None
+    monkeypatch.setattr("gateway.client.control.tell", lambda own, side, load: iter(()))
+    status, out, err = shell.run("payload", "--arm", "left", "--none", "--json")
+    assert status == 0 and json.loads(out)["payload"] is None and "said to hold nothing" in err
+    (tmp_path / "no.json").write_text("{}")
+    for name in ("no.json", "missing.json"):
+        status, _, err = shell.run("payload", "--arm", "left", "--empty", str(tmp_path / name))
+        assert status != 0 and "BAD_CONFIG" in err and "is no weighing" in err
+
+
 @pytest.mark.parametrize(
     "words",
     [
+        ("payload",),
+        ("payload", "--arm", "left", "--none", "--empty", "file"),
         ("gripper", "left", "set"),
         ("gripper", "left", "grip", "0.3"),
         ("gripper", "left", "set", "1.1"),

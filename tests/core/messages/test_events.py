@@ -63,6 +63,8 @@ REQUESTS = (
     requests.Hold(epoch=1, sides=(Side.LEFT,)),
     requests.Cancel(epoch=1, motion_id=1),
     requests.SetGripper(epoch=1, side=Side.LEFT, raw=0.5),
+    requests.SetPayload(epoch=1, side=Side.LEFT, mass_kg=0.3),
+    requests.Weigh(epoch=1, side=Side.LEFT, q_rad=(), up_nm=(), down_nm=(), noise_nm=()),
     requests.DriveChassis(epoch=1, vx_mps=0.1, vy_mps=0.0, wz_radps=0.0),
     requests.StopChassis(epoch=1),
     requests.DriveLift(epoch=1, velocity=0.1),

@@ -8,6 +8,8 @@ import pytest
 from gateway.core.robot_state.contact import STALE_NS, Contact, Contacts, Unfelt
 from gateway.errors import Code, Refusal
 from gateway.kinematics.dynamics.observer import MomentumObserver
+from gateway.kinematics.dynamics.parameters import Load
+from gateway.kinematics.dynamics.weighing import Swings, Weighed
 from gateway.messages.body_views import ContactView
 from gateway.values import ArmState, Side
 from tests.kinematics.dynamics.plants import JACOBIAN, WEIGHT, Plant
@@ -146,3 +148,43 @@ def test_another_robot_is_observed_from_its_beginning():
     scene.contacts.forget()
     assert scene.why(LEFT) == scene.why(RIGHT) == "PART_STALE"
     assert scene.hear(0.1).why() == "NOT_CONVERGED"
+
+
+def swings(count=3, noise_nm=0.01):
+    """What is measured of nothing, in postures that tell."""
+    rows = np.zeros((count, 7))
+    return Swings(
+        q_rad=rows + np.arange(count)[:, None], up_nm=rows, down_nm=rows, noise_nm=rows + noise_nm, beside_empty=False
+    )
+
+
+def test_a_load_is_counted_on_from_when_it_is_said_until_the_robot_is_lost():
+    """The estimate begins anew, but not where the same is said again; it is shown whether anything else is known or not."""
+    scene, load = Scene().hear(), Load(mass_kg=0.3, com_m=(0.1, 0.0, 0.0))
+    assert scene.contacts.view(LEFT, scene.now_ns).load_kg == 0.0
+    scene.contacts.carry(LEFT, load)
+    assert scene.why() == "NOT_CONVERGED" and scene.arms[LEFT].load == load and scene.arms[RIGHT].load is None
+    view = scene.contacts.view(LEFT, scene.now_ns)
+    assert (view.state, view.load_kg, view.load_com_m) == ("unknown", 0.3, (0.1, 0.0, 0.0))
+    scene.hear().contacts.carry(LEFT, load)
+    view = scene.contacts.view(LEFT, scene.now_ns)
+    assert (view.state, view.load_kg, view.load_com_m) == ("known", 0.3, (0.1, 0.0, 0.0))
+    scene.contacts.forget()
+    assert scene.arms[LEFT].load is None and scene.hear().contacts.view(LEFT, scene.now_ns).load_com_m == ()
+    scene.contacts.carry(LEFT, load)
+    scene.hear().contacts.carry(LEFT, None)
+    assert scene.why() == "NOT_CONVERGED" and scene.arms[LEFT].load is None
+
+
+def test_what_a_hand_holds_is_worked_out_while_the_model_can_be_relied_on(monkeypatch):
+    """Else the model's own refusal; what cannot be told, or has no solution, is said with its arm."""
+    scene = Scene()
+    found = scene.contacts.weigh(LEFT, swings(), 0)
+    assert isinstance(found, Weighed) and found.mass_kg == pytest.approx(0.0)
+    alone = scene.contacts.weigh(LEFT, swings(1), 0)
+    assert isinstance(alone, Refusal) and (alone.code, alone.field) == (Code.CANNOT_WEIGH, "left_arm")
+    monkeypatch.setattr(Plant, "load_columns", _fail)
+    failed = scene.contacts.weigh(LEFT, swings(), 0)
+    assert isinstance(failed, Refusal) and "no solution (singular)" in failed.message
+    scene.refused = REFUSAL
+    assert scene.contacts.weigh(LEFT, swings(), 0) is REFUSAL

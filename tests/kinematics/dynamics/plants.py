@@ -17,7 +17,7 @@ JACOBIAN = np.eye(7)[:6]
 class Plant:
     """What an observer asks of an arm, of masses that do not feel each other; the base's speed along x shows as momentum."""
 
-    frame, point = "left_shoulder_base", "left_ee"
+    frame, point, load = "left_shoulder_base", "left_ee", None
 
     def __init__(self, jacobian=JACOBIAN, **drives):
         self.drives = DriveParameters(**drives)
@@ -27,6 +27,21 @@ class Plant:
         """Momentum is mass times velocity."""
         drift = sum(base[:1]) * MASS
         return Terms(MASS * dq_radps + drift, -WEIGHT, WEIGHT, np.diag(MASS))
+
+    def carry(self, load):
+        """It is no part of the terms."""
+        self.load = load
+
+    def load_columns(self, q_rad):
+        """A mass turns each joint by its lever, a first moment the joint of its axis; the third as the first joint turns."""
+        columns = np.zeros((7, 4))
+        columns[:, 0], columns[4, 1], columns[5, 2], columns[6, 3] = (
+            -np.linspace(3.0, 0.5, 7),
+            -9.8,
+            -9.8,
+            9.8 * q_rad[0],
+        )
+        return columns
 
     def jacobian(self, q_rad):
         """The first six joints push along the hand's axes."""

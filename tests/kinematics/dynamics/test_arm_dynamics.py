@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import pickle
+
 import numpy as np
 import pytest
 
@@ -10,7 +12,7 @@ pin = pytest.importorskip("pinocchio", reason="pinocchio is not installed: pip i
 from gateway.kinematics.arm import ArmModel
 from gateway.kinematics.description import arm_joint, nominal
 from gateway.kinematics.dynamics.arm_dynamics import ArmDynamics
-from gateway.kinematics.dynamics.parameters import ARMATURE_KGM2, DriveParameters
+from gateway.kinematics.dynamics.parameters import ARMATURE_KGM2, DriveParameters, Load
 from gateway.kinematics.pin_model import pin_model
 from gateway.robot.limits import JOINT_LOWER_RAD, JOINT_UPPER_RAD
 from gateway.values import Side
@@ -147,3 +149,28 @@ def test_mujoco_says_the_same_of_the_same_masses(side):
 
 
 BASE = ("base_x", "base_y", "base_yaw", "lift")
+
+
+@pytest.mark.parametrize("side", Side)
+def test_a_load_is_a_point_in_the_hand(side):
+    """Its weight as its columns say, its momentum as the Jacobian of where it is; a copy has it too; None takes it away."""
+    bare, loaded, load = arm(side), arm(side), Load(mass_kg=0.4, com_m=(0.15, 0.02, -0.03))
+    loaded.carry(load)
+    moments = load.mass_kg * np.array((1.0, *load.com_m))
+    kinematics = ArmModel(nominal(), side)
+    for q_rad, dq, _ in moving(side, 10):
+        weight = loaded.gravity(q_rad) - bare.gravity(q_rad)
+        assert weight == pytest.approx(-loaded.load_columns(q_rad) @ moments, abs=EXACT)
+        shoulder_R_ee = rotation(kinematics.forward(tuple(q_rad)).quat_xyzw)
+        turning, lever = bare.jacobian(q_rad), shoulder_R_ee @ load.com_m
+        point = turning[:3] - np.cross(lever, turning[3:].T).T
+        momentum = loaded.terms(q_rad, dq).momentum_nms - bare.terms(q_rad, dq).momentum_nms
+        assert momentum == pytest.approx(load.mass_kg * point.T @ (point @ dq), abs=EXACT)
+        assert pickle.loads(pickle.dumps(loaded)).gravity(q_rad) == pytest.approx(loaded.gravity(q_rad), abs=0.0)
+    loaded.carry(None)
+    assert loaded.load is None and loaded.gravity(q_rad) == pytest.approx(bare.gravity(q_rad), abs=0.0)
+
+
+def rotation(quat_xyzw):
+    """Return the rotation matrix of a quaternion."""
+    return pin.Quaternion(np.array(quat_xyzw)).toRotationMatrix()

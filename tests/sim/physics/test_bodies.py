@@ -285,3 +285,46 @@ def test_positions_are_handed_out_to_who_draws_the_scene():
     assert answer == {"ok": True, "positions": robot.dynamics.world.data.qpos.tolist()}
     refused = json.loads(Control(SimRobot(), NoNode()).answer('{"do": "world"}', 0))
     assert not refused["ok"] and "--physics mujoco" in refused["error"]
+
+
+def test_what_a_hand_is_made_to_hold_its_motors_carry():
+    """As much as it weighs, at its lever; let go again when the fault ends."""
+    user = Hands()
+    user.move(HOME, 1.0)
+    empty_nm = user.world.arm(LEFT)[2]
+    user.robot.inject({"fault": "load", "side": "left", "kg": 0.5}, user.robot.now_ns)
+    user.wait(1.0)
+    wrist_m, load_m = (user.world.data.body(name).xpos for name in ("armL5_link", "left_load"))
+    assert user.world.model.body("right_load").mass == 0.0 and np.linalg.norm(load_m - wrist_m) > 0.3
+    heavier_nm = np.abs(user.world.arm(LEFT)[2] - empty_nm)
+    assert heavier_nm.max() > 1.0
+    user.robot.clear("load")
+    user.wait(1.0)
+    assert user.world.model.body("left_load").mass == 0.0
+    assert user.world.arm(LEFT)[2] == pytest.approx(empty_nm, abs=1.0)
+
+
+def test_a_robot_that_differs_is_as_far_off_as_was_asked_and_the_same_for_the_same_seed():
+    """Masses with their inertias, friction, and noise of the efforts alone; nothing else of the scene."""
+    usual, first, again, other = (
+        SimRobot(SimSettings(physics="mujoco", differs_percent=percent, seed=seed))
+        for percent, seed in ((0.0, 1), (10.0, 1), (10.0, 1), (10.0, 2))
+    )
+    models = [robot.dynamics.world.model for robot in (usual, first, again, other)]
+    joints_of_arms = [models[0].joint(f"arm{side}{number}_joint").id for side in "LR" for number in range(1, 8)]
+    links, dofs = models[0].jnt_bodyid[joints_of_arms], models[0].jnt_dofadr[joints_of_arms]
+    for name, rows in (("body_mass", links), ("dof_frictionloss", dofs)):
+        plain, off, same, else_ = (getattr(model, name) for model in models)
+        part = np.abs(off[rows] / plain[rows] - 1.0)
+        assert (part >= 0.05 - 1e-12).all() and (part <= 0.1 + 1e-12).all() and (off == same).all()
+        assert (off[rows] != else_[rows]).all()
+        assert (np.delete(off, rows) == np.delete(plain, rows)).all()
+    assert (usual.arms[LEFT].effort_noise_nm == 0.0).all()
+    assert first.arms[LEFT].effort_noise_nm == pytest.approx([0.4, 0.4, 0.2, 0.2, 0.06, 0.05, 0.06])
+    said = [
+        np.array([message.effort for topic, message in robot.advance(2 * S) if topic == arm_state_topic(LEFT)])
+        for robot in (first, again)
+    ]
+    assert (said[0] == said[1]).all()
+    noise = np.diff(said[0][200:], axis=0).std(axis=0) / np.sqrt(2.0)
+    assert noise == pytest.approx(first.arms[LEFT].effort_noise_nm, rel=0.3)

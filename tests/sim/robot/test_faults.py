@@ -21,6 +21,7 @@ ENOUGH = {
     "joint": 2,
     "delta_rad": 0.5,
     "margin_rad": 0.3,
+    "kg": 0.3,
     "step_s": 3600.0,
     "drift_ppm": -500.0,
 }

@@ -1,0 +1,107 @@
+"""Carries out the owner's requests about what a hand holds: work it out, and count on it. They move nothing."""
+
+from __future__ import annotations
+
+import math
+from itertools import chain
+
+import numpy as np
+
+from gateway.core.messages.events import CommandRequested
+from gateway.core.requests.authorisation import Authorisation
+from gateway.core.requests.moves import Answer
+from gateway.core.robot_state.contact import MOST_NM, Contacts
+from gateway.core.supervision.coordinator import Coordinator
+from gateway.errors import Code, Refusal
+from gateway.kinematics.dynamics.parameters import Load
+from gateway.kinematics.dynamics.weighing import Swings
+from gateway.messages.requests import SetPayload, Weigh
+from gateway.robot.limits import MAX_PAYLOAD_KG, MAX_PAYLOAD_M
+from gateway.values import ARM_DOF
+
+__all__ = ["Weighing"]
+
+MOST_SWINGS = 8
+
+
+class Weighing:
+    """Requests about loads."""
+
+    def __init__(self, coordinator: Coordinator, authorisation: Authorisation) -> None:
+        self._coordinator = coordinator
+        self._authorisation = authorisation
+
+    def set_payload(self, command: CommandRequested, request: SetPayload, now_ns: int) -> Answer:
+        """Count on a load from this tick on."""
+        contacts = self._contacts(command, request.epoch)
+        if isinstance(contacts, Refusal):
+            return contacts
+        mass_kg, com_m = request.mass_kg, request.com_m
+        if len(com_m) != 3:
+            message = f"the payload's centre has {len(com_m)} numbers, x, y, z are needed [m]"
+            return Refusal(code=Code.WRONG_SHAPE, message=message, field="com_m", value=str(len(com_m)), bound="3")
+        for field, value, least, most, unit in (
+            ("mass_kg", mass_kg, 0.0, MAX_PAYLOAD_KG, "kg"),
+            *(("com_m", value, -MAX_PAYLOAD_M, MAX_PAYLOAD_M, "m") for value in com_m),
+        ):
+            if not least <= value <= most:  # NaN compares false
+                return Refusal(
+                    code=Code.OUT_OF_RANGE if math.isfinite(value) else Code.NOT_FINITE,
+                    message=f"the payload's {field} is {value:g} {unit}, a number in [{least:g}, {most:g}] {unit} is needed",
+                    field=field,
+                    value=f"{value:g}",
+                    bound=f"[{least:g}, {most:g}]",
+                    unit=unit,
+                    hint="weigh it anew, or say what the hand really holds",
+                )
+        contacts.carry(request.side, Load(mass_kg=mass_kg, com_m=com_m) if mass_kg else None)
+        return {}
+
+    def weigh(self, command: CommandRequested, request: Weigh, now_ns: int) -> Answer:
+        """Work out what a hand holds."""
+        contacts = self._contacts(command, request.epoch)
+        if isinstance(contacts, Refusal):
+            return contacts
+        rows = {name: getattr(request, name) for name in ("q_rad", "up_nm", "down_nm", "noise_nm")}
+        for name, swings in rows.items():
+            if not 1 <= len(swings) == len(request.q_rad) <= MOST_SWINGS or {ARM_DOF} != set(map(len, swings)):
+                message = (
+                    f"{name} of what was weighed has not 1 to {MOST_SWINGS} times {ARM_DOF} numbers, for all the same"
+                )
+                return Refusal(
+                    code=Code.WRONG_SHAPE, message=message, field=name, bound=f"(1..{MOST_SWINGS}, {ARM_DOF})"
+                )
+            worst = max(chain.from_iterable(swings), key=lambda value: abs(value) if math.isfinite(value) else math.inf)
+            if not abs(worst) <= MOST_NM:
+                return Refusal(
+                    code=Code.OUT_OF_RANGE if math.isfinite(worst) else Code.NOT_FINITE,
+                    message=f"{name} of what was weighed has {worst:g}, more than any motor gives",
+                    field=name,
+                    value=f"{worst:g}",
+                    bound=f"[-{MOST_NM:g}, {MOST_NM:g}]",
+                )
+        arrays = {name: np.array(swings) for name, swings in rows.items()}
+        found = contacts.weigh(request.side, Swings(**arrays, beside_empty=request.beside_empty), now_ns)
+        if isinstance(found, Refusal):
+            return found
+        return {
+            "mass_kg": found.mass_kg,
+            "mass_sd_kg": found.mass_sd_kg,
+            "com_m": None if found.com_m is None else found.com_m.tolist(),
+            "com_sd_m": None if found.com_sd_m is None else found.com_sd_m.tolist(),
+            "condition": found.condition,
+        }
+
+    def _contacts(self, command: CommandRequested, epoch: int) -> Contacts | Refusal:
+        """Return what feels, for the owner alone."""
+        refusal, model = self._authorisation.owner(command, epoch), self._coordinator.model
+        if refusal is None and model is not None and model.contacts is not None:
+            return model.contacts
+        return refusal or Refusal(
+            code=Code.MODEL_OFF,
+            message="nothing pulls at the arms as far as this gateway knows: it works out no dynamics",
+            field="model.dynamics",
+            value="false",
+            bound="true",
+            hint="set `dynamics = true` in section [model] of the configuration, and start it anew",
+        )
