@@ -286,6 +286,9 @@ CODES: dict[Code, CodeInfo] = {
         error=NotReady,
         hint="set the arm to joint mode in the robot's web page, or `self_collision = false` in section [model]",
     ),
+    Code.CONTACT_UNKNOWN: CodeInfo(
+        error=NotReady, hint="see why with `ta2 watch`, or move without `until`", retryable=True
+    ),
     Code.ENDPOINT_SILENT: CodeInfo(
         error=NotReady, hint="see after the watcher; when it is gone, recover(reason='...')"
     ),
@@ -308,6 +311,7 @@ CODES: dict[Code, CodeInfo] = {
     Code.COLLISION_AHEAD: CodeInfo(
         error=Aborted, hint="move around the parts named, slower past them, or move the other arm away first"
     ),
+    Code.CONTACT: CodeInfo(error=Aborted, hint="see its `touch`, and move away from what was touched"),
     Code.NO_STRAIGHT_WAY: CodeInfo(
         error=Aborted,
         hint="use move_pose(), which lets the joints go as they like; or go slower, turned otherwise or by way of another pose",

@@ -77,12 +77,16 @@ class Follows:
             if isinstance(track, Refusal):
                 return track
             tracks[side] = track
+        feelers = self._moves.touches.feelers(command, request, sides, now_ns)
+        if isinstance(feelers, Refusal):
+            return feelers
         self._moves.free(sides, MotionState.SUPERSEDED, Code.SUPERSEDED, "a later chunk took the arm over", now_ns)
         coordinator.fire(Trigger.ARM_MOTION, now_ns, "the owner's chunk is followed")
         goals = {side: trajectory.points[-1] for side, trajectory in chunk.trajectories.items()}
         ends_ns = begins_ns + round(chunk.duration_s * S)
         terms = Terms(tolerances=tolerances, ends_ns=ends_ns)
         motion = coordinator.body.motions.open(goals, None, ends_ns - now_ns, terms=terms, space=chunk.space)
+        motion.feelers = feelers
         for track in tracks.values():
             track()
         return {
