@@ -137,7 +137,8 @@ class MotionBook:
         self._settings = settings
         pose = pose or PoseSettings()
         self._tolerances = {Space.JOINT: Gap(settings.settle_rad), Space.POSE: Gap(pose.settle_rad, pose.settle_m)}
-        self._next_id = 1
+        self.next_id = 1
+        """Number of the motion that is opened next."""
         self._running: list[Motion] = []
         self._ended: deque[Motion] = deque(maxlen=ENDED_KEPT)
         self._ended_views: deque[MotionView] = deque(maxlen=ENDED_KEPT)
@@ -167,8 +168,8 @@ class MotionBook:
 
         `terms` are a trajectory's.
         """
-        motion = Motion(self._next_id, goals, tolerance or self._tolerances[space], duration_ns, space, terms)
-        self._next_id += 1
+        motion = Motion(self.next_id, goals, tolerance or self._tolerances[space], duration_ns, space, terms)
+        self.next_id += 1
         self._running.append(motion)
         return motion
 

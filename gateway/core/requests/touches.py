@@ -23,7 +23,7 @@ from collections import deque
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
-from gateway.core.body.feeler import Feeler, Push, axis_of, push_of
+from gateway.core.body.feeler import SURE, Feeler, Push, axis_of, push_of
 from gateway.core.body.motions import Motion, MotionState
 from gateway.core.body.targets import TargetStream
 from gateway.core.messages.events import CommandRequested
@@ -112,16 +112,17 @@ class Touches:
             push = push_of(view, axis)
             if push.why:
                 return _unknown(side, push.why)
-            if until.force_n <= push.sd_n:
+            least_n = SURE * push.sd_n
+            if until.force_n < least_n:
                 return Refusal(
                     code=Code.OUT_OF_RANGE,
-                    message=f"a touch of the {side} hand with {until.force_n:g} N cannot be told from none: the standard "
-                    f"deviation of what is felt is {push.sd_n:.1f} N",
+                    message=f"a touch of the {side} hand with {until.force_n:g} N cannot be told from none, one with "
+                    f"{least_n:.1f} N can ({SURE} standard deviations)",
                     field="until.force_n",
                     value=f"{until.force_n:g}",
-                    bound=f"> {push.sd_n:.3g}",
+                    bound=f">= {least_n:.3g}",
                     unit="N",
-                    hint="wait for a stronger push, or give its direction, or run `ta2 identify --dynamics`",
+                    hint="give a greater force_n, or a direction, or run `ta2 identify --dynamics`",
                 )
         return {
             side: Feeler(
@@ -222,7 +223,7 @@ class Touches:
         body, model, measured = coordinator.body, coordinator.model, coordinator.store.arm(side)
         assert model is not None and measured is not None, "who feels has heard joints"
         self._number += 1
-        back = self._back(side, feeler)
+        there = self._way_back(side, feeler)
         mover.touch = touch = TouchView(
             number=self._number,
             side=side.value,
@@ -235,7 +236,7 @@ class Touches:
             frame=view.frame,
             p_m=model.arms[side].forward(measured.q_rad).p_m,
             is_own=is_own,
-            back_id=0 if back is None else back.motion_id,
+            back_id=0 if there is None else body.motions.next_id,
         )
         body.touches[side] = touch
         text = f"the {side} hand was pushed with {push.force_n:.1f} N, {feeler.force_n:.3g} N is the bound"
@@ -243,21 +244,20 @@ class Touches:
         coordinator.report_ended(body.drop_driver(side, state, Code.CONTACT, text), now_ns)
         level = Level.WARNING if is_own else Level.INFO
         coordinator.notice(Code.CONTACT, level, text, now_ns, side=side.value, touch=str(touch.number))
+        if there is not None:
+            motion = body.motions.open({side: there}, None, 0, space=body.arms[side].space)
+            motion.is_planned = False
+            self._backs.append(_Back(motion, side, feeler))
 
     # ------------------------------------------------------------------------------------------------ the way back
 
-    def _back(self, side: Side, feeler: Feeler) -> Motion | None:
-        """Open the motion that leads the hand back; None where none is asked for, or it has not come any way yet."""
+    def _way_back(self, side: Side, feeler: Feeler) -> Vector | None:
+        """Return where a hand is led back to; None where that is not asked for, or it has not come any way yet."""
         way = self._ways.get(side)
         if not feeler.back_off_m or way is None or len(way) == 1:
             return None
         there_m = way[-1].way_m - feeler.back_off_m
-        place = next((place for place in reversed(way) if place.way_m <= there_m), way[0])
-        motions, space = self._coordinator.body.motions, self._coordinator.body.arms[side].space
-        motion = motions.open({side: place.values}, None, 0, space=space)
-        motion.is_planned = False
-        self._backs.append(_Back(motion, side, feeler))
-        return motion
+        return next((place for place in reversed(way) if place.way_m <= there_m), way[0]).values
 
     def _go_back(self, back: _Back, now_ns: int) -> None:
         """Begin a way back once its arm is at rest, if it may begin."""
