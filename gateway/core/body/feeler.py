@@ -1,7 +1,8 @@
 """Feelers: what a motion or a stream ends at before its goal. How hard a hand is pushed, and whether that is a touch.
 
 A force counts when it is above the threshold and can be told from nothing: at once when it is so by more than its standard
-deviation, else when it stays so. Noise comes and goes, a table does not; what the model is off by, the deviation knows. Pure arithmetic on what `robot_state/contact.py` tells; it does not know what follows.
+deviation, else when it stays so. Noise comes and goes, a table does not; what the model is off by, the deviation knows.
+Pure arithmetic on what `robot_state/contact.py` tells; it does not know what follows.
 """
 
 from __future__ import annotations

@@ -66,6 +66,9 @@ class Follows:
         refusal = self._authorisation.motion(command, request.epoch, sides, now_ns, chunk.space)
         if refusal is not None:
             return refusal
+        feelers = self._moves.touches.feelers(command, request, sides, now_ns)
+        if isinstance(feelers, Refusal):
+            return feelers
         judged = self._judge(command, request, chunk, now_ns)
         if isinstance(judged, Refusal):
             return judged
@@ -77,9 +80,6 @@ class Follows:
             if isinstance(track, Refusal):
                 return track
             tracks[side] = track
-        feelers = self._moves.touches.feelers(command, request, sides, now_ns)
-        if isinstance(feelers, Refusal):
-            return feelers
         self._moves.free(sides, MotionState.SUPERSEDED, Code.SUPERSEDED, "a later chunk took the arm over", now_ns)
         coordinator.fire(Trigger.ARM_MOTION, now_ns, "the owner's chunk is followed")
         goals = {side: trajectory.points[-1] for side, trajectory in chunk.trajectories.items()}
