@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from gateway.core.output.view import build
 from gateway.core.robot_state.body_model import body_model
 from gateway.messages.body_views import ContactView
 from gateway.messages.incoming import Until
 from gateway.messages.requests import Move
-from gateway.messages.snapshot import MotionView, TouchView
+from gateway.messages.snapshot import MotionView, Snapshot, TouchView
 from gateway.robot.limits import HOME_Q_RAD
+from gateway.robot.topics import CURRENT_MODE, FSM_STATE, arm_state, ee_pose
 from gateway.settings.settings import LocalSettings, ModelSettings, Settings
 from gateway.sim.robot.settings import SimSettings
 from gateway.values import Side, Vector
@@ -16,9 +18,10 @@ from tests.pair import COMPLIANCE_RADPNM, MS, Pair
 __all__ = ["LEFT", "RIGHT", "UP", "Pushed", "PushedPair", "felt"]
 
 LEFT, RIGHT = Side.LEFT, Side.RIGHT
+TOPICS = (*map(arm_state, Side), *map(ee_pose, Side), FSM_STATE, CURRENT_MODE)
+"""What matters here: fewer topics make it cheaper."""
 UP = Until(force_n=8.0, direction=(0.0, 0.0, 1.0))
 """A table under the hand."""
-ROUNDS = 20
 
 
 def felt(*force_n: float | None, sd_n: float = 2.0) -> ContactView:
@@ -55,7 +58,7 @@ class PushedPair(Pair):
 
     def __init__(self, bound_n: float = 0.0, right_mode: str = "joint") -> None:
         settings = Settings(
-            model=ModelSettings(dynamics=True, left_touch_n=bound_n), local=LocalSettings(snapshot_hz=100.0)
+            model=ModelSettings(dynamics=True, left_touch_n=bound_n), local=LocalSettings(snapshot_hz=1.0)
         )
         model = body_model(settings)
         assert model is not None
@@ -67,7 +70,12 @@ class PushedPair(Pair):
             start_rad={side: HOME_Q_RAD[side] for side in Side},
         )
         super().__init__(settings, sim, model=model)
+        self.topics = TOPICS
         self.epoch = self.activate()
+
+    def see(self) -> Snapshot:
+        """Return a snapshot of this instant; no time passes."""
+        return build(self.engine._coordinator, (), {}, self.engine._pace.view(0), 1, self.now_ns)
 
     def push(self, *force_n: float | None, side: Side = LEFT, sd_n: float = 2.0) -> None:
         """Push a hand from now on [N]."""

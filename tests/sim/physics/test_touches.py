@@ -17,7 +17,7 @@ from gateway.kinematics.description import arm_joint
 from gateway.kinematics.dynamics.loading import load_dynamics
 from gateway.messages.incoming import Until
 from gateway.messages.requests import Move, MovePose
-from gateway.robot.limits import HOME_Q_RAD
+from gateway.robot.limits import HOME_Q_RAD, JOINT_LOWER_RAD, JOINT_UPPER_RAD
 from gateway.settings.settings import ModelSettings, Settings
 from gateway.sim.robot.settings import SimSettings
 from gateway.values import Side
@@ -30,6 +30,7 @@ FRAMES = {LEFT: "left_shoulder_base"}
 START_M = (0.34, 0.093, -0.2)
 """Where the hand begins: above the table, turned as at home."""
 DEEPEST_M = -0.38
+LIMITS = tuple(np.array(limit[LEFT]) for limit in (JOINT_LOWER_RAD, JOINT_UPPER_RAD))
 SPEED = 0.4
 """Of 0.25 m/s."""
 
@@ -104,7 +105,7 @@ class Other(Pair):
         return next(motion.state for motion in self.see().motions if motion.motion_id == motion_id)
 
 
-@pytest.mark.parametrize("seed", range(either(1, 2, 8)))
+@pytest.mark.parametrize("seed", range(either(1, 1, 8)))
 def test_a_table_is_found_within_30_ms_and_15_n_at_a_tenth_of_a_metre_a_second(seed):
     """From the first contact on, and by what is felt then; the hand comes to rest within its limits and goes no deeper."""
     pair = Other(seed, start_x_m=0.55)
@@ -131,7 +132,7 @@ def test_free_motion_at_full_speed_is_no_touch():
         goal = tuple(
             (np.array(HOME_Q_RAD[LEFT]) + rng.uniform(-0.4, 0.4, 7)).clip((-1.7, 0.1, -2.5, 0.3, -1.7, -1.3, -0.6))
         )
-        reply = pair.ask(Move(epoch=pair.epoch, targets_rad={LEFT: goal}, until=TABLE))
+        reply = pair.ask(Move(epoch=pair.epoch, targets_rad={LEFT: tuple(goal.tolist())}, until=TABLE))
         if reply.refusal is not None:
             assert reply.refusal.field in ("until.force_n", "left_arm"), reply.refusal
             pair.move(pair.epoch, {LEFT: HOME_Q_RAD[LEFT]})
