@@ -16,7 +16,7 @@ from gateway.core.requests.moves import Facts, Moves
 from gateway.core.separation import goal_checks
 from gateway.core.supervision.supervisor import State
 from gateway.errors import Code, Refusal
-from gateway.messages.incoming import OnLimit
+from gateway.messages.incoming import OnLimit, Until
 from gateway.messages.requests import Cancel, CloseStream, Hold, Move, MovePose, OpenStream
 from gateway.robot.limits import HOME_Q_RAD, JOINT_UPPER_RAD
 from gateway.robot.topics import joint_command
@@ -557,3 +557,13 @@ def test_a_goal_that_leaves_too_little_room_is_refused_without_a_trace(monkeypat
     assert scene.ask(request) is too_near
     assert asked == [(scene.coordinator, {L: GOAL[L]}, scene.now_ns)]
     assert scene.body.motions.running == ()
+
+
+def test_what_is_to_end_at_a_touch_that_nobody_feels_is_refused_without_a_trace():
+    """Motions and streams; the rules of touches are `test_touches.py`'s."""
+    scene, until = Scene(), Until(force_n=8.0)
+    for request in (
+        scene.to({L: GOAL[L]}, until=until),
+        OpenStream(epoch=scene.epoch, side=L, until=until),
+    ):
+        assert scene.refused(request).code is Code.MODEL_OFF
