@@ -223,8 +223,7 @@ CODES: dict[Code, CodeInfo] = {
         error=Rejected, hint="give the arm's own frame: left_shoulder_base or right_shoulder_base"
     ),
     Code.GOAL_TOO_NEAR: CodeInfo(
-        error=Rejected,
-        hint="give a goal that leaves the bound between the parts named, or move the other arm away first",
+        error=Rejected, hint="give a goal that leaves the bound between the parts, or move the other arm away first"
     ),
     Code.OUT_OF_RANGE: CodeInfo(error=Rejected, hint="stay inside the bound, or ask for on_limit='clip'"),
     Code.JUMP_TOO_FAR: CodeInfo(error=Rejected, hint="start where the arm is held, or move there first"),
@@ -287,6 +286,7 @@ CODES: dict[Code, CodeInfo] = {
         error=NotReady,
         hint="set the arm to joint mode in the robot's web page, or `self_collision = false` in section [model]",
     ),
+    Code.CONTACT_UNKNOWN: CodeInfo(error=NotReady, hint="see why: `ta2 watch`; or ask for no touch", retryable=True),
     Code.ENDPOINT_SILENT: CodeInfo(error=NotReady, hint="see after the watcher; if it is gone, recover(reason='...')"),
     Code.ENDPOINT_MISSING: CodeInfo(error=NotReady, hint="start `ta2 stop-endpoint` where somebody sees the robot"),
     Code.ENDPOINT_UNKNOWN: CodeInfo(error=NotReady, hint="call stop_endpoint() again"),
@@ -307,6 +307,7 @@ CODES: dict[Code, CodeInfo] = {
     Code.COLLISION_AHEAD: CodeInfo(
         error=Aborted, hint="move around the parts named, slower past them, or move the other arm away first"
     ),
+    Code.CONTACT: CodeInfo(error=Aborted, hint="see its `touch`, and move away from what was touched"),
     Code.NO_STRAIGHT_WAY: CodeInfo(
         error=Aborted,
         hint="use move_pose(), which lets the joints go as they like; or go slower, turned otherwise or by way of another pose",
@@ -316,11 +317,7 @@ CODES: dict[Code, CodeInfo] = {
         hint="ask again from rest, slower, or by way of another pose; if there is no plan then either, report the message",
     ),
     Code.TARGET_EXPIRED: CodeInfo(error=Aborted, hint="send targets more often than their expiry", retryable=True),
-    Code.TICK_LATE: CodeInfo(
-        error=Aborted,
-        hint="give this host SCHED_FIFO or less load: it was too busy for the control loop",
-        retryable=True,
-    ),
+    Code.TICK_LATE: CodeInfo(error=Aborted, hint="give this host SCHED_FIFO or less load", retryable=True),
     Code.ESTOP: CodeInfo(error=NotReady, hint="make sure the robot is safe, then recover()"),
     Code.STOPPED_BY_OTHER: CodeInfo(error=NotReady, hint="ask who stopped the robot, then recover()"),
     Code.TRACKING_ERROR: CodeInfo(error=Aborted, hint="look for contact or overload, then recover()"),

@@ -13,7 +13,7 @@ from gateway.client.connection.over_zenoh import Credentials
 from gateway.client.control import ArmControl, Control
 from gateway.client.handles import JointStream, MotionHandle, PoseStream
 from gateway.client.parts import ChassisControl, ChassisStream, GripperControl, LiftControl, LiftStream
-from gateway.client.state.contact import Contact
+from gateway.client.state.contact import Contact, contact
 from gateway.client.state.health import Health
 from gateway.client.state.reading import ArmState, MotorState, Pose, RobotState
 from gateway.client.state.reasons import Finding, Why
@@ -48,4 +48,5 @@ __all__ = [
     "StopResult",
     "Why",
     "connect",
+    "contact",
 ]

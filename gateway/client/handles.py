@@ -19,7 +19,7 @@ class MotionHandle(MotionRecord):
     """A motion that was accepted. Dropping the handle does not end the motion."""
 
     def result(self, timeout: float = 60.0) -> MotionResult:
-        """Wait until the motion has ended well.
+        """Wait until the motion has ended well, and after a touch at which it was to go back, until the hand is back.
 
         Args:
             timeout: How long to wait [s].

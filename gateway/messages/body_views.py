@@ -6,7 +6,7 @@ from msgspec import Struct
 
 from gateway.values import Vector
 
-__all__ = ["ContactView", "ModelView", "SlowingView", "SpacingView"]
+__all__ = ["ContactView", "ModelView", "SlowingView", "SpacingView", "TouchView"]
 
 
 class ModelView(Struct, frozen=True, kw_only=True):
@@ -67,6 +67,38 @@ class ContactView(Struct, frozen=True, kw_only=True):
     age_ns: int = 0
     load_kg: float = 0.0
     load_com_m: Vector = ()
+
+
+class TouchView(Struct, frozen=True, kw_only=True):
+    """A touch that ended what moved an arm; estimated as `ContactView` is, never a safety function.
+
+    Attributes:
+        number: Of all touches since the daemon began, from 1 on.
+        side: Of the arm that was touched.
+        at_ns: When (daemon clock) [ns].
+        force_n: With what force the hand was pushed, along `direction` if there is one [N].
+        sd_n: Its standard deviation [N].
+        threshold_n: At what force it was to end [N].
+        direction: Unit vector in the axes of `frame`; empty for any.
+        wrench: Force [N] and moment [N·m] on the hand; None for a component that this posture does not feel.
+        frame: In whose axes direction, wrench and place are: the arm's shoulder frame (manual §4.0.1).
+        p_m: Where the hand was measured [m].
+        is_own: Whether section [model] of the configuration asked for it, and not who moved the arm.
+        back_id: Number of the motion that leads the hand back; 0 for none.
+    """
+
+    number: int
+    side: str
+    at_ns: int
+    force_n: float
+    sd_n: float
+    threshold_n: float
+    direction: Vector
+    wrench: tuple[float | None, ...]
+    frame: str
+    p_m: Vector
+    is_own: bool
+    back_id: int
 
 
 class SpacingView(Struct, frozen=True, kw_only=True):

@@ -12,6 +12,7 @@ __all__ = [
     "ClientId",
     "Count",
     "Incoming",
+    "IncomingMotion",
     "Joints",
     "Name",
     "Offset",
@@ -27,6 +28,7 @@ __all__ = [
     "Text",
     "Times",
     "Tolerances",
+    "Until",
 ]
 
 Count = Annotated[int, Meta(ge=0, le=2**62)]
@@ -75,3 +77,25 @@ class Incoming(
     What has its default is not sent: an older daemon, which refuses fields that it does not know, understands all that a
     later client wants of it. So a default never changes while `PROTOCOL_VERSION` stays; `tests/api/wire` holds them.
     """
+
+
+class Until(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True, omit_defaults=True):
+    """A touch at which a motion or a stream ends before its goal, by what `model.dynamics` estimates; `contact()` makes one.
+
+    Attributes:
+        force_n: From what force on the hand on [N].
+        direction: Along which the surroundings push, x, y, z in the arm's shoulder frame, of any length; empty for any.
+        back_off_m: How far the hand then goes back along the way it came [m]; 0 to stay.
+        seen: Number of the newest touch that who asks was told of; 0 for none.
+    """
+
+    force_n: float
+    direction: Joints = ()
+    back_off_m: float = 0.0
+    seen: Count = 0
+
+
+class IncomingMotion(Incoming, frozen=True, kw_only=True):
+    """A request that moves arms; it ends at a touch where it has an `until`."""
+
+    until: Until | None = None

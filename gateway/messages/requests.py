@@ -18,6 +18,7 @@ from msgspec import Meta, field
 from gateway.messages.incoming import (
     Count,
     Incoming,
+    IncomingMotion,
     Joints,
     Name,
     Offset,
@@ -105,7 +106,7 @@ class Disable(Incoming, frozen=True, kw_only=True):
     epoch: Count
 
 
-class Move(Incoming, frozen=True, kw_only=True):
+class Move(IncomingMotion, frozen=True, kw_only=True):
     """Point to point, all joints of all named arms ending together. Reply: `motion_id`, `clipped`.
 
     Attributes:
@@ -125,7 +126,7 @@ class Move(Incoming, frozen=True, kw_only=True):
     on_limit: OnLimit = OnLimit.REJECT
 
 
-class Follow(Incoming, frozen=True, kw_only=True):
+class Follow(IncomingMotion, frozen=True, kw_only=True):
     """Follow a trajectory or an action chunk with one or both arms, on one clock.
 
     Reply: `motion_id`, `duration_ns`, `begins_ns`, `skipped` (points whose time had passed), `moved` (by smoothing).
@@ -179,7 +180,7 @@ class CheckFollow(Incoming, frozen=True, kw_only=True):
     from_here: bool = True
 
 
-class MovePose(Incoming, frozen=True, kw_only=True):
+class MovePose(IncomingMotion, frozen=True, kw_only=True):
     """Point to point for end effectors, position and orientation of all named arms ending together.
 
     Arms in end-effector mode go straight; those in joint mode by the body model, straight or as their joints like. Working
@@ -206,7 +207,7 @@ class MovePose(Incoming, frozen=True, kw_only=True):
     straight: bool = False
 
 
-class OpenStream(Incoming, frozen=True, kw_only=True):
+class OpenStream(IncomingMotion, frozen=True, kw_only=True):
     """Open a stream of targets for one arm, of joints or of poses; it starts at the present reference.
 
     Reply: `stream_id`, `values` (where it starts).

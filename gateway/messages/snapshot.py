@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from msgspec import Struct
 
-from gateway.messages.body_views import ContactView, ModelView, SlowingView, SpacingView
+from gateway.messages.body_views import ContactView, ModelView, SlowingView, SpacingView, TouchView
 from gateway.messages.ground_views import ChassisView, GripView, LiftView
 from gateway.values import Vector
 
@@ -39,6 +39,7 @@ __all__ = [
     "StreamView",
     "TargetView",
     "TopicView",
+    "TouchView",
 ]
 
 
@@ -178,6 +179,8 @@ class ArmView(Struct, frozen=True, kw_only=True):
         tracking_m: Distance between setpoint and measured position [m]; None while off, and for joints.
         model: How far the body model agrees with it; None where the configuration has no model.
         contact: What pulls at it; None where the configuration asks for no dynamics.
+        touch: The last touch that ended what moved it; None before the first.
+        guard_n: At what force on the hand whatever moves it is ended (section [model]) [N]; 0 for none.
     """
 
     measured: MotorView | None
@@ -196,6 +199,8 @@ class ArmView(Struct, frozen=True, kw_only=True):
     tracking_m: float | None = None
     model: ModelView | None = None
     contact: ContactView | None = None
+    touch: TouchView | None = None
+    guard_n: float = 0.0
 
 
 class TopicView(Struct, frozen=True, kw_only=True):
@@ -234,6 +239,7 @@ class TargetView(Struct, frozen=True, kw_only=True):
         limited: Whether the reference lags because the targets ask for more than the limits allow.
         lead_ns: By how much the last accepted target came before the instant of the next setpoint, which was the first to
             follow it [ns]; negative when that setpoint was late itself. None before the first target that was followed.
+        touch: The touch that ended it; None else.
     """
 
     stream_id: int
@@ -247,6 +253,7 @@ class TargetView(Struct, frozen=True, kw_only=True):
     limited: bool
     space: str = "joint"
     lead_ns: int | None = None
+    touch: TouchView | None = None
 
 
 class MotionView(Struct, frozen=True, kw_only=True):
@@ -256,13 +263,14 @@ class MotionView(Struct, frozen=True, kw_only=True):
         motion_id: As in the reply.
         sides: Arms that take part.
         space: `joint` or `pose`.
-        state: `queued`, `executing`, `reached`, `cancelled`, `superseded` or `aborted`.
+        state: `queued`, `executing`, `reached`, `touched`, `cancelled`, `superseded` or `aborted`.
         progress: Part of the path's duration that is behind us, 0..1.
         error_rad: Largest measured joint distance, or angle, to the goal [rad]; None before the first sample.
         error_m: Largest measured distance to the goal [m]; None before the first sample, and for joints.
         duration_ns: Planned duration [ns].
         code: Why it ended otherwise than by reaching; empty else.
         message: The same in words.
+        touch: The touch that ended it; None else.
     """
 
     motion_id: int
@@ -275,6 +283,7 @@ class MotionView(Struct, frozen=True, kw_only=True):
     message: str
     space: str = "joint"
     error_m: float | None = None
+    touch: TouchView | None = None
 
 
 class EnableView(Struct, frozen=True, kw_only=True):

@@ -16,6 +16,7 @@ from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from typing import Any, Literal, Protocol
 
+from gateway.api.protocol import TouchView
 from gateway.client import MotionHandle
 from gateway.errors import Aborted, Code, Disconnected, GatewayError, GatewayTimeout, Rejected, Stale
 from gateway.policy.asking import Answer, Asking
@@ -27,6 +28,8 @@ JUMP_RAD = 0.1
 """The gateway takes no chunk that begins farther from an arm [rad]."""
 LOOK_NS = 50_000_000
 """Longest time without a look at the motion [ns]."""
+BACK_S = 20.0
+"""So long may the way back from a touch take [s]."""
 DRIVE_S, DRIVE_AGAIN_NS = 0.3, 90_000_000
 """So long does a velocity of chassis or lift count that has no successor [s]; so often is one sent that stays the same [ns]."""
 TOLD_STEPS = 100
@@ -150,6 +153,8 @@ class Runner:
         self.figures = Figures()
         self._asking, self._hands, self._plan = asking, hands, plan
         self._say, self._show, self._now_ns, self._note = say, show, now_ns, note
+        self.touch: TouchView | None = None
+        """The touch that ended it, where it was to end at one."""
         self._chunk: Chunk | None = None
         self._way: Chunk | None = None
         """What the arms follow of it: joined to the one before."""
@@ -185,7 +190,7 @@ class Runner:
 
     def _run(self) -> None:
         began_ns, seconds = self._now_ns(), self._plan.seconds
-        while (now_ns := self._now_ns()) - began_ns < (seconds or float("inf")) * 1e9:
+        while self.touch is None and (now_ns := self._now_ns()) - began_ns < (seconds or float("inf")) * 1e9:
             if not self._is_asked and now_ns >= max(self._retry_ns, self._ask_ns()):
                 self._asking.order()
                 self._is_asked, self._ordered_ns = True, now_ns
@@ -253,6 +258,11 @@ class Runner:
             too_fast = error.code is Code.TOO_FAST
             self._bear(Rejected(replace(error.refusal, hint=SLOWER)) if too_fast else error, now_ns)
             return
+        except Aborted as error:
+            self._tell(answer, now_ns, error.code)
+            if error.code is not Code.CONTACT or self._motion is None:
+                raise
+            return  # it was under way when the hand was touched; how the motion ended is about to be seen
         self._over("SUPERSEDED")
         self._tell(answer, now_ns, "ACCEPTED" if motion is not None else "NOT_PLAYED")
         self._begun_ns, self._played = now_ns, self._number
@@ -317,13 +327,13 @@ class Runner:
         if self._motion is None or not self._motion.done:
             return
         try:
-            self._motion.result(1.0)
+            self.touch = self._motion.result(BACK_S).touch
         except Aborted as ended:
             if ended.code is not Code.UNDERRUN:
                 raise
             self.figures.underruns += 1
             self._say("no chunk came in time: the arms brake and hold")
-        self._over("UNDERRUN")
+        self._over("UNDERRUN" if self.touch is None else "CONTACT")
         self._motion = None
 
     def _grip(self, now_ns: int) -> None:

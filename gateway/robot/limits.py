@@ -37,6 +37,7 @@ __all__ = [
     "JOINT_UPPER_RAD",
     "LIFT_WATCHDOG_NS",
     "MAX_ARM_LEN_M",
+    "TOUCH_N",
     "gripper_raw",
     "gripper_torque_nm",
 ]
@@ -103,6 +104,8 @@ GRIPPER_CLOSE_NM = 1.60
 
 MAX_ARM_LEN_M = 0.55
 """Greatest reach, shoulder to end effector [m] (§4.0.4)."""
+TOUCH_N = (1.0, 200.0)
+"""Forces on a hand that may be waited for [N] (ours): lighter ones no motor tells, heavier ones no arm bears."""
 
 MAX_PAYLOAD_KG = 3.0
 """Nobody is believed that a hand holds more [kg] (ours: the manual states none): a wrist motor of 5 N·m holds it at 0.17 m."""

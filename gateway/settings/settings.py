@@ -10,10 +10,11 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass, field
 
-from gateway.robot.limits import HARD_V_RADPS
+from gateway.robot.limits import HARD_V_RADPS, TOUCH_N
 from gateway.robot.topics import VARIANTS, Variant
 from gateway.settings.bounds import HARD, MS, OURS, S, SettingsRefused, within
 from gateway.settings.motion import ArmSettings, ChassisSettings, LiftSettings, PoseSettings
+from gateway.values import Side
 
 __all__ = [
     "ArmSettings",
@@ -255,6 +256,8 @@ class ModelSettings:
             so that only what no joint motion could do either is slowed: at full speed every fifth direction of every posture
             there is, few of those that people work in.
         dynamics: Whether efforts are compared with what masses and motion ask for: what pulls at the arms (extra `body`).
+        left_touch_n: At what force on the left hand whatever moves that arm is ended [N]; 0 for none. Needs `dynamics`.
+        right_touch_n: The same of the right hand [N].
     """
 
     check: bool = True
@@ -268,6 +271,8 @@ class ModelSettings:
     singularity_slowdown: bool = True
     singularity_radps: float = HARD_V_RADPS
     dynamics: bool = False
+    left_touch_n: float = 0.0
+    right_touch_n: float = 0.0
 
     def __post_init__(self) -> None:
         """Refuse tolerances that judge nothing, and a guard without a model."""
@@ -282,6 +287,17 @@ class ModelSettings:
         if self.dynamics and not self.check:
             rule = "needs model.check = true: nothing is felt by a model that nobody compares with the robot"
             raise SettingsRefused("model.dynamics", "true", rule=rule)
+        for side in Side:
+            name, force_n = f"model.{side}_touch_n", self.touch_n(side)
+            if force_n != 0.0:  # NaN is none of both
+                within(name, force_n, *TOUCH_N, "N", "0 for none")
+                if not self.dynamics:
+                    rule = "needs model.dynamics = true: else nobody feels a touch"
+                    raise SettingsRefused(name, force_n, unit="N", rule=rule)
+
+    def touch_n(self, side: Side) -> float:
+        """Return at what force on its hand whatever moves an arm is ended [N]; 0 for none."""
+        return self.left_touch_n if side is Side.LEFT else self.right_touch_n
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -54,6 +54,11 @@ REQUESTS = (
         from_here=False,
     ),
     protocol.OpenStream(epoch=3, side="right"),
+    protocol.OpenStream(
+        epoch=3,
+        side="right",
+        until=protocol.Until(force_n=8.0, direction=(0.0, 0.0, 1.0), back_off_m=0.02, seen=4),
+    ),
     protocol.OpenStream(epoch=3, side="left", speed=0.5, on_limit="clip", expiry_ns=300_000_000),
     protocol.CloseStream(epoch=3, stream_id=5),
     protocol.Hold(epoch=3, sides=("left", "right")),

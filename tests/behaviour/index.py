@@ -605,6 +605,32 @@ WHY = {
         "client/weighing::what_the_hand_holds_outlives_its_owner_and_goes_with_the_link",
         "client/weighing::a_stop_of_anybody_ends_the_weighing_and_nothing_is_counted_on",
     ),
+    "`until=contact(...)`": (
+        "core/requests/touches::what_would_not_feel_its_touch_does_not_begin",
+        "core/requests/touches::without_dynamics_nothing_can_be_asked_to_end_at_a_touch",
+        "core/requests/touches::when_nothing_is_known_any_more_the_arm_brakes_and_holds_and_says_why",
+        "core/body/feeler::a_wish_that_means_nothing_is_refused_with_value_bound_and_remedy",
+    ),
+    "a touch": (
+        "core/requests/touches::a_touch_ends_the_motion_and_the_arm_brakes_in_that_tick",
+        "core/requests/touches::a_push_that_may_be_noise_counts_when_it_stays",
+        "core/requests/touches::chunks_and_streams_end_at_a_touch_for_good",
+        "core/requests/touches::the_hand_goes_back_along_the_way_it_came_by_what_was_asked",
+        "core/requests/touches::whatever_ends_a_motion_ends_the_way_back",
+        "sim/physics/touches::a_table_is_found_within_30_ms_and_15_n_at_a_tenth_of_a_metre_a_second",
+        "sim/physics/touches::free_motion_at_full_speed_is_no_touch",
+    ),
+    "under way at the touch": (
+        "core/requests/touches::"
+        "what_was_asked_for_without_knowing_of_the_touch_neither_ends_the_way_back_nor_moves_the_arm",
+        "core/requests/touches::who_knows_of_the_touch_may_go_on_at_once_and_who_feels_nothing_always",
+    ),
+    "`left_touch_n`, `right_touch_n`": (
+        "core/requests/touches::"
+        "the_gateways_own_bound_ends_whatever_moves_the_arm_and_refuses_what_follows_for_a_while",
+        "core/requests/touches::one_can_move_away_from_what_pushes_a_held_arm_but_not_further_into_it",
+        "core/requests/touches::where_nothing_is_known_the_own_bound_holds_nobody_back_and_that_is_told_once",
+    ),
     "is it this robot's body?": (
         "model::a_nominal_robot_agrees_within_two_seconds",
         "model::a_nominal_robot_agrees_however_fast_it_moves",

@@ -100,6 +100,6 @@ def test_times_are_integer_nanoseconds_and_physical_numbers_name_their_unit(view
         if name.endswith("_ns"):
             assert int in (hint, *get_args(hint)) and float not in (hint, *get_args(hint)), name
         elif name != "facts" and float in (hint, *get_args(hint)):  # a finding's keys have the units
-            assert name in ("progress", "sigmas") or name.endswith(
-                ("_rad", "_radps", "_nm", "_m", "_kg", "_mps", "_xyzw", "_hz", "_ratio")
+            assert name in ("progress", "sigmas", "direction") or name.endswith(
+                ("_rad", "_radps", "_nm", "_n", "_m", "_kg", "_mps", "_xyzw", "_hz", "_ratio")
             ), name

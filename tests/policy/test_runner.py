@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 
 from gateway.cli.policy.run import _Owner
-from gateway.client import connect
+from gateway.client import connect, contact
 from gateway.core.motion import chunk
+from gateway.core.robot_state.body_model import body_model
 from gateway.errors import (
     Aborted,
     Code,
@@ -26,7 +27,9 @@ from gateway.policy.asking import Answer
 from gateway.policy.chunks import MAX_STEPS, MIN_STEPS, Chunk
 from gateway.policy.observing import Observation
 from gateway.policy.runner import DRIVE_S, JUMP_RAD, Plan, Runner
+from gateway.settings.settings import Settings
 from tests.client.robot_world import RobotWorld
+from tests.pushed import LEFT, Pushed, felt
 
 HZ = 30.0
 PERIOD_NS = round(1e9 / HZ)
@@ -105,7 +108,7 @@ def noted():
 def played(world, robot, noted):
     """Plays a policy as a plan says; what was said, shown and measured stays."""
 
-    def play(plan=PLAN, on_tick=None, **traits):
+    def play(plan=PLAN, on_tick=None, until=None, **traits):
         with robot.control(on_exit="hold") as own:
             own.enable()
             policy = Policy(world, robot)
@@ -122,7 +125,7 @@ def played(world, robot, noted):
                 "chassis": own.chassis.stream(50.0, expiry=DRIVE_S),
                 "lift": own.lift.stream(50.0, expiry=DRIVE_S),
             }
-            runner = Runner(policy, _Owner(own, driven), plan, said.append, show, world.now_ns, noted.append)
+            runner = Runner(policy, _Owner(own, driven, until), plan, said.append, show, world.now_ns, noted.append)
             error = None
             try:
                 with ExitStack() as streams:
@@ -147,6 +150,29 @@ def test_arms_are_where_the_policy_says_while_it_thinks(played):
     assert "inference 100 ms (worst 100)" in shown[-1][1] and shown[-1][0] > 0.95
     facts = figures.facts()
     assert facts["inference_ms"] == {"p50": 100.0, "worst": 100.0} and facts["chunks"] == figures.chunks
+
+
+def test_a_policy_that_is_to_end_at_a_touch_ends_well_there(world, played, noted, monkeypatch):
+    """Also where a chunk was under way at the touch: it is refused, and nothing moves on."""
+    model = body_model(Settings())
+    model.contacts = pushed = Pushed()
+    world.pair.engine._coordinator.model = model
+    looked = Runner._watch
+    for is_blind in (False, True):  # the next chunk may come before the touch is seen
+        pushed.views[LEFT] = felt(0.0, 0.0, 0.0)
+        begun_ns = world.now_ns()
+        world.after(1.0, lambda: pushed.views.update({LEFT: felt(0.0, 0.0, 20.0)}))
+
+        def watch(runner, is_blind=is_blind, begun_ns=begun_ns):
+            if not is_blind or world.now_ns() - begun_ns > 2_500_000_000:
+                looked(runner)
+
+        monkeypatch.setattr(Runner, "_watch", watch)
+        noted.clear()
+        _, figures, _, _, error = played(until=contact(8.0), steps=20)
+        assert error is None and figures.chunks >= 1 and noted[-1]["why"] == "CONTACT"
+        assert is_blind == ("CONTACT" in [note.get("verdict") for note in noted])
+        assert world.pair.see().arms["left"].touch is not None
 
 
 def test_a_way_that_the_gateway_does_not_take_is_followed_by_the_chunk_itself(played, monkeypatch):

@@ -122,6 +122,8 @@ UNBOUNDED = {
     "demand_stop_endpoint",
     "black_box",
     "dynamics",
+    "left_touch_n",  # 0 for none: below
+    "right_touch_n",
 }
 """Fields with rules of their own (below), or without a number."""
 
@@ -384,3 +386,18 @@ def test_nothing_is_kept_apart_by_a_model_that_nobody_compares() -> None:
     with pytest.raises(SettingsRefused) as refused:
         ModelSettings(check=False, dynamics=True)
     assert refused.value.name == "model.dynamics"
+
+
+@pytest.mark.parametrize("side", list(Side))
+def test_a_touch_that_ends_motions_is_in_reach_of_what_is_felt(side: Side) -> None:
+    """0 is none; from 1 N on, where efforts are looked at."""
+    name = f"{side}_touch_n"
+    assert ModelSettings().touch_n(side) == 0.0
+    for force_n in (1.0, 200.0):
+        assert ModelSettings(dynamics=True, **{name: force_n}).touch_n(side) == force_n
+    for force_n in (0.5, 201.0, -8.0, math.nan, math.inf):
+        with pytest.raises(SettingsRefused) as refused:
+            ModelSettings(dynamics=True, **{name: force_n})
+        assert refused.value.bound == (1.0, 200.0) and refused.value.unit == "N"
+    with pytest.raises(SettingsRefused, match=r"needs model\.dynamics"):
+        ModelSettings(**{name: 30.0})

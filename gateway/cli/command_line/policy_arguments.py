@@ -76,6 +76,15 @@ def add_policy(verbs: Any) -> None:  # noqa: ANN401  argparse's private class
     run.add_argument(
         "--approach", action="store_true", help="move to a first step that is far away, with a motion of its own"
     )
+    run.add_argument(
+        "--until-contact", type=float, metavar="N", help="end well when a hand is pushed with so many newtons"
+    )
+    run.add_argument(
+        "--direction", type=float, nargs=3, metavar=("X", "Y", "Z"), help="... along this, in the shoulder's frame"
+    )
+    run.add_argument(
+        "--back-off", type=float, default=0.0, metavar="M", help="... and go back by so much of the way it came [m]"
+    )
     looking = run.add_mutually_exclusive_group()
     looking.add_argument("--dry", action="store_true", help="ask and judge only: own nothing, send nothing")
     looking.add_argument(

@@ -16,12 +16,15 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
+from msgspec import to_builtins
+
+from gateway.api.protocol import Until
 from gateway.cli.terminal.asking import confirmed
 from gateway.cli.terminal.connection import connected
 from gateway.cli.terminal.ending import ExitStatus, line_of, status_of
 from gateway.cli.terminal.owning import HELD, held_text, is_held, owned
 from gateway.cli.terminal.progress import Teller, teller
-from gateway.client import ChassisStream, Control, LiftStream, MotionHandle, Robot
+from gateway.client import ChassisStream, Control, LiftStream, MotionHandle, Robot, contact
 from gateway.errors import Code, GatewayError, Refused, Rejected, failure
 from gateway.policy.asking import Answer, Asking
 from gateway.policy.chunks import Chunk
@@ -52,10 +55,16 @@ class _Owner:
 
     own: Control
     streams: Mapping[str, ChassisStream | LiftStream] = field(default_factory=dict)
+    until: Until | None = None
 
     def follow(self, chunk: Chunk, late_s: float, smoothing_s: float) -> MotionHandle | None:
         return self.own.follow(
-            chunk.arms, chunk.period_ns / 1e9, start_in=-late_s, smoothing=smoothing_s, open_end=True
+            chunk.arms,
+            chunk.period_ns / 1e9,
+            start_in=-late_s,
+            smoothing=smoothing_s,
+            open_end=True,
+            until=self.until,
         )
 
     def approach(self, joints: Mapping[str, Any]) -> None:
@@ -190,7 +199,7 @@ def _play(
     options: Namespace, robot: Robot, asking: Asking, facts: dict[str, Any], journal: Journal, driven: Iterable[str]
 ) -> ExitStatus:
     is_looking = options.dry or options.shadow
-    trace = Trace()
+    trace, until = Trace(), _until(options)
     plan = Plan(
         seconds=options.seconds,
         horizon=options.horizon,
@@ -219,7 +228,7 @@ def _play(
                 }
                 for part in driven:
                     stack.enter_context(streams[part])
-                hands = _Owner(own, streams)
+                hands = _Owner(own, streams, until)
 
             def show(share: float | None, text: str) -> None:
                 tell.advance("policy", share, text)
@@ -228,6 +237,9 @@ def _play(
             runner = Runner(asking, hands, plan, tell.say, show, note=journal.note)
             figures, began_s = runner.figures, time.monotonic()
             runner.run()
+            if runner.touch is not None:
+                facts["touch"] = to_builtins(runner.touch)
+                tell.say(f"the {runner.touch.side} hand was touched with {runner.touch.force_n:.1f} N: it ends here")
     except GatewayError as ended:
         error = ended
     except KeyboardInterrupt:
@@ -308,6 +320,20 @@ def _rate(hz: float | None, metadata: Mapping[Any, Any]) -> tuple[float, str]:
         if isinstance(value, (int, float)) and 0.0 < value <= 100.0:
             return float(value), "as the server says"
     return DEFAULT_HZ, "as nobody says otherwise: it must be the rate of the policy's data (--hz)"
+
+
+def _until(options: Namespace) -> Until | None:
+    """Return the touch at which it is to end; None for none.
+
+    Raises:
+        Rejected: The direction is none, or what belongs to a touch is given without one.
+    """
+    if options.until_contact is not None:
+        return contact(options.until_contact, options.direction, options.back_off)
+    if options.direction is not None or options.back_off:
+        message = "--direction and --back-off say more of a touch at which it is to end, and none is asked for"
+        raise failure(Code.BAD_REQUEST, message, field="until-contact", hint="add --until-contact N")
+    return None
 
 
 def _require_task(prompt: str, metadata: Mapping[Any, Any]) -> None:

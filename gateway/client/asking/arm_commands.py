@@ -40,9 +40,10 @@ class ArmCommands(Generic[HandleT, DoneT, JointStreamT, PoseStreamT]):
         speed: float = 1.0,
         tolerance: float | None = None,
         on_limit: protocol.OnLimitName = "reject",
+        until: protocol.Until | None = None,
     ) -> HandleT:
         """Move this arm to seven joint positions [rad]; see `Control.move_to`."""
-        return self._control._begin(self._control._move({self.side: q}, False, speed, tolerance, on_limit))
+        return self._control._begin(self._control._move({self.side: q}, False, speed, tolerance, on_limit, until))
 
     def move_by(
         self,
@@ -51,9 +52,10 @@ class ArmCommands(Generic[HandleT, DoneT, JointStreamT, PoseStreamT]):
         speed: float = 1.0,
         tolerance: float | None = None,
         on_limit: protocol.OnLimitName = "reject",
+        until: protocol.Until | None = None,
     ) -> HandleT:
         """Move this arm by seven joint offsets [rad]; see `Control.move_to`."""
-        return self._control._begin(self._control._move({self.side: dq}, True, speed, tolerance, on_limit))
+        return self._control._begin(self._control._move({self.side: dq}, True, speed, tolerance, on_limit, until))
 
     def follow(
         self,
@@ -70,6 +72,7 @@ class ArmCommands(Generic[HandleT, DoneT, JointStreamT, PoseStreamT]):
         path_tolerance: Tolerance = None,
         goal_tolerance: Tolerance = None,
         goal_time: float | None = None,
+        until: protocol.Until | None = None,
     ) -> HandleT:
         """Follow points with this arm, shape (N, 7), joints [rad] or with `frame` poses; see `Control.follow`."""
         return self._control.follow(
@@ -85,6 +88,7 @@ class ArmCommands(Generic[HandleT, DoneT, JointStreamT, PoseStreamT]):
             path_tolerance=path_tolerance,
             goal_tolerance=goal_tolerance,
             goal_time=goal_time,
+            until=until,
         )
 
     def move_pose(
@@ -97,6 +101,7 @@ class ArmCommands(Generic[HandleT, DoneT, JointStreamT, PoseStreamT]):
         tolerance_m: float | None = None,
         tolerance_rad: float | None = None,
         on_limit: protocol.OnLimitName = "reject",
+        until: protocol.Until | None = None,
     ) -> HandleT:
         """Move this arm's end effector to a pose in its own shoulder frame; see `Control.move_pose`.
 
@@ -108,10 +113,11 @@ class ArmCommands(Generic[HandleT, DoneT, JointStreamT, PoseStreamT]):
             tolerance_m: Reached when the position is measured within this of the goal [m]; None for the configured one ...
             tolerance_rad: ... and the orientation within this [rad].
             on_limit: `reject` or `clip`.
+            until: A touch at which it ends before its goal; see `Control.move_to`.
         """
         target: dict[str, PoseLike] = {self.side: PoseTarget(p, quat_xyzw, frame)}
         return self._control._begin(
-            self._control._move_pose(target, False, speed, tolerance_m, tolerance_rad, on_limit)
+            self._control._move_pose(target, False, speed, tolerance_m, tolerance_rad, on_limit, until)
         )
 
     def move_linear(
@@ -124,13 +130,16 @@ class ArmCommands(Generic[HandleT, DoneT, JointStreamT, PoseStreamT]):
         tolerance_m: float | None = None,
         tolerance_rad: float | None = None,
         on_limit: protocol.OnLimitName = "reject",
+        until: protocol.Until | None = None,
     ) -> HandleT:
         """Move this arm's end effector straight to a pose, in either control mode; see `Control.move_linear`.
 
         Arguments as in `move_pose`.
         """
         target: dict[str, PoseLike] = {self.side: PoseTarget(p, quat_xyzw, frame)}
-        return self._control._begin(self._control._move_pose(target, True, speed, tolerance_m, tolerance_rad, on_limit))
+        return self._control._begin(
+            self._control._move_pose(target, True, speed, tolerance_m, tolerance_rad, on_limit, until)
+        )
 
     def hold(self) -> DoneT:
         """Brake this arm and hold it; ends its motion as cancelled, or its stream."""
@@ -146,6 +155,7 @@ class ArmCommands(Generic[HandleT, DoneT, JointStreamT, PoseStreamT]):
         on_limit: protocol.OnLimitName = "reject",
         expiry: float | None = None,
         paced: bool = True,
+        until: protocol.Until | None = None,
     ) -> JointStreamT: ...
 
     @overload
@@ -159,6 +169,7 @@ class ArmCommands(Generic[HandleT, DoneT, JointStreamT, PoseStreamT]):
         on_limit: protocol.OnLimitName = "reject",
         expiry: float | None = None,
         paced: bool = True,
+        until: protocol.Until | None = None,
     ) -> PoseStreamT: ...
 
     def stream(
@@ -171,6 +182,7 @@ class ArmCommands(Generic[HandleT, DoneT, JointStreamT, PoseStreamT]):
         on_limit: protocol.OnLimitName = "reject",
         expiry: float | None = None,
         paced: bool = True,
+        until: protocol.Until | None = None,
     ) -> JointStreamT | PoseStreamT:
         """Return a stream of targets for this arm, to be used in a `with` block.
 
@@ -184,13 +196,15 @@ class ArmCommands(Generic[HandleT, DoneT, JointStreamT, PoseStreamT]):
                 the configured time (1.5 s).
             paced: Whether `tick` returns where the next target is just in time for a setpoint, at the same average rate;
                 False keeps a grid of even intervals, and a target waits for up to a setpoint's period.
+            until: A touch at which the stream ends (`contact()`): the next `tick` or `check` raises Aborted, CONTACT, and
+                `touch` has it.
 
         Raises:
             Rejected: WRONG_FRAME, a stream of poses without a frame, or in another arm's; OUT_OF_RANGE, the rate.
         """
         require_space(space)
         owner = self._control
-        how = StreamOptions(rate_hz=rate_hz, speed=speed, on_limit=on_limit, expiry=expiry, paced=paced)
+        how = StreamOptions(rate_hz=rate_hz, speed=speed, on_limit=on_limit, expiry=expiry, paced=paced, until=until)
         if space == "joint":
             return self._joint_stream(owner._session, owner._owned(), self.side, how)
         return self._pose_stream(owner._session, owner._owned(), self.side, how, frame_of(self.side, frame))

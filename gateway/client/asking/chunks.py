@@ -35,6 +35,7 @@ class Wishes(TypedDict, total=False):
     path_tolerance: Tolerance
     goal_tolerance: Tolerance
     goal_time: float | None
+    until: protocol.Until | None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -109,6 +110,7 @@ def follow(
         path_tolerance=_tolerances("path_tolerance", sides, wishes, is_pose=frames is not None),
         goal_tolerance=_tolerances("goal_tolerance", sides, wishes, is_pose=frames is not None),
         goal_time_ns=None if goal_time is None else _nanoseconds("goal_time", goal_time),
+        until=wishes.get("until"),
     )
 
 

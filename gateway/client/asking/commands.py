@@ -78,6 +78,7 @@ class MotionCommands(Ownership, Generic[HandleT, DoneT]):
         speed: float = 1.0,
         tolerance: float | None = None,
         on_limit: protocol.OnLimitName = "reject",
+        until: protocol.Until | None = None,
     ) -> HandleT:
         """Move one or both arms to joint positions, smoothly, all joints ending together. Does not wait for the end.
 
@@ -86,16 +87,20 @@ class MotionCommands(Ownership, Generic[HandleT, DoneT]):
             speed: Factor on the velocity limit, 0 < speed <= 1.
             tolerance: Reached when every joint is measured within this of its goal [rad]; None for the configured one.
             on_limit: `reject` refuses a goal outside the limits, `clip` moves it to the limit and reports it.
+            until: A touch at which it ends before its goal, by the daemon's estimate: `contact(force_n=8)`. The arm brakes
+                within the tick, and goes back if that was asked for; `result().touch` has the touch. Not a safety function.
 
         Returns:
             The motion, accepted and under way.
 
         Raises:
             Rejected: The goal is wrong: WRONG_SHAPE, NOT_FINITE, OUT_OF_RANGE with joint, value and bound.
-            NotReady: The robot or the gateway is not in a state for it.
+            NotReady: The robot or the gateway is not in a state for it; with `until` MODEL_OFF or CONTACT_UNKNOWN, where a
+                touch would not be felt.
+            Aborted: CONTACT, the hand was touched half a second ago, or goes back, and nobody has been told so yet.
             LeaseError: This control is over.
         """
-        return self._begin(self._move(targets, False, speed, tolerance, on_limit))
+        return self._begin(self._move(targets, False, speed, tolerance, on_limit, until))
 
     def move_by(
         self,
@@ -104,9 +109,10 @@ class MotionCommands(Ownership, Generic[HandleT, DoneT]):
         speed: float = 1.0,
         tolerance: float | None = None,
         on_limit: protocol.OnLimitName = "reject",
+        until: protocol.Until | None = None,
     ) -> HandleT:
         """Move one or both arms by offsets from where they are being held [rad]; else as `move_to`."""
-        return self._begin(self._move(offsets, True, speed, tolerance, on_limit))
+        return self._begin(self._move(offsets, True, speed, tolerance, on_limit, until))
 
     def follow(
         self,
@@ -123,6 +129,7 @@ class MotionCommands(Ownership, Generic[HandleT, DoneT]):
         path_tolerance: Tolerance = None,
         goal_tolerance: Tolerance = None,
         goal_time: float | None = None,
+        until: protocol.Until | None = None,
     ) -> HandleT:
         """Follow points with one or both arms on one clock: a trajectory, or an action chunk of a policy.
 
@@ -151,6 +158,7 @@ class MotionCommands(Ownership, Generic[HandleT, DoneT]):
             goal_tolerance: Reached when every joint is measured within this of the last point [rad]; one for all or
                 seven, of poses two; None for the configured one.
             goal_time: How long after its end that may take [s]; None for the configured time.
+            until: A touch at which it ends before its last point; see `move_to`. Each chunk needs its own.
 
         Returns:
             The motion, accepted and under way. Its `result` raises Aborted with PATH_TOLERANCE, GOAL_TOLERANCE or
@@ -173,6 +181,7 @@ class MotionCommands(Ownership, Generic[HandleT, DoneT]):
             "path_tolerance": path_tolerance,
             "goal_tolerance": goal_tolerance,
             "goal_time": goal_time,
+            "until": until,
         }
         return self._begin(self._follow(points, dt, wishes))
 
@@ -184,6 +193,7 @@ class MotionCommands(Ownership, Generic[HandleT, DoneT]):
         tolerance_m: float | None = None,
         tolerance_rad: float | None = None,
         on_limit: protocol.OnLimitName = "reject",
+        until: protocol.Until | None = None,
     ) -> HandleT:
         """Move one or both end effectors to poses, all ending together. Does not wait for the end.
 
@@ -197,6 +207,7 @@ class MotionCommands(Ownership, Generic[HandleT, DoneT]):
             tolerance_m: Reached when the position is measured within this of the goal [m]; None for the configured one ...
             tolerance_rad: ... and the orientation within this [rad].
             on_limit: `reject` refuses a position beyond the reach, `clip` moves it to its end and reports it.
+            until: A touch at which it ends before its goal; see `move_to`.
 
         Returns:
             The motion, accepted and under way; the same handle as that of `move_to`.
@@ -207,7 +218,7 @@ class MotionCommands(Ownership, Generic[HandleT, DoneT]):
                 in joint mode, WRONG_CONTROL_MODE for arms in different modes.
             LeaseError: This control is over.
         """
-        return self._begin(self._move_pose(targets, False, speed, tolerance_m, tolerance_rad, on_limit))
+        return self._begin(self._move_pose(targets, False, speed, tolerance_m, tolerance_rad, on_limit, until))
 
     def move_linear(
         self,
@@ -217,6 +228,7 @@ class MotionCommands(Ownership, Generic[HandleT, DoneT]):
         tolerance_m: float | None = None,
         tolerance_rad: float | None = None,
         on_limit: protocol.OnLimitName = "reject",
+        until: protocol.Until | None = None,
     ) -> HandleT:
         """Move one or both end effectors straight to poses, in either control mode; else as `move_pose`.
 
@@ -228,4 +240,4 @@ class MotionCommands(Ownership, Generic[HandleT, DoneT]):
         something is refused at once (GOAL_TOO_NEAR). The model must agree with the robot to the end: MODEL_DIFFERS or
         MODEL_UNKNOWN end it as well, and the arms brake.
         """
-        return self._begin(self._move_pose(targets, True, speed, tolerance_m, tolerance_rad, on_limit))
+        return self._begin(self._move_pose(targets, True, speed, tolerance_m, tolerance_rad, on_limit, until))

@@ -57,7 +57,7 @@ class MotionRecord:
 
     @property
     def state(self) -> str:
-        """`queued`, `executing`, `reached`, `cancelled`, `superseded` or `aborted`; `unknown` when no longer listed."""
+        """`queued`, `executing`, `reached`, `touched`, `cancelled`, `superseded`, `aborted`, or `unknown` (not listed)."""
         self._session.sighting()
         if self._motion.missing:
             return "unknown"

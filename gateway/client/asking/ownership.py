@@ -120,9 +120,18 @@ class Ownership:
         speed: float,
         tolerance: float | None,
         on_limit: protocol.OnLimitName,
+        until: protocol.Until | None,
     ) -> Procedure[Accepted]:
         lease = self._owned()
-        command = move(lease.epoch, targets, relative=relative, speed=speed, tolerance_rad=tolerance, on_limit=on_limit)
+        command = move(
+            lease.epoch,
+            targets,
+            relative=relative,
+            speed=speed,
+            tolerance_rad=tolerance,
+            on_limit=on_limit,
+            until=until,
+        )
         return (yield from self._start(lease, command))
 
     def _follow(self, points: Mapping[str, ArrayLike], dt: float | None, wishes: Wishes) -> Procedure[Accepted]:
@@ -141,6 +150,7 @@ class Ownership:
         tolerance_m: float | None,
         tolerance_rad: float | None,
         on_limit: protocol.OnLimitName,
+        until: protocol.Until | None,
     ) -> Procedure[Accepted]:
         lease = self._owned()
         command = move_pose(
@@ -151,5 +161,6 @@ class Ownership:
             tolerance_m=tolerance_m,
             tolerance_rad=tolerance_rad,
             on_limit=on_limit,
+            until=until,
         )
         return (yield from self._start(lease, command))

@@ -180,6 +180,7 @@ def move_pose(
     tolerance_m: float | None,
     tolerance_rad: float | None,
     on_limit: protocol.OnLimitName,
+    until: protocol.Until | None = None,
 ) -> protocol.MovePose:
     """Return the request for a motion of one or both end effectors to poses, in joint mode straight or not.
 
@@ -197,4 +198,5 @@ def move_pose(
         tolerance_rad=None if tolerance_rad is None else number("tolerance_rad", tolerance_rad),
         on_limit=chosen(protocol.OnLimit, "on_limit", on_limit),
         straight=straight,
+        until=until,
     )

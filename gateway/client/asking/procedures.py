@@ -15,6 +15,8 @@ from collections.abc import Generator, Mapping
 from dataclasses import replace
 from typing import Any, TypeVar
 
+from msgspec import structs
+
 from gateway.api import protocol
 from gateway.client.asking.requests import chosen
 from gateway.client.asking.results import MotionResult, StopResult
@@ -50,6 +52,7 @@ __all__ = [
 ]
 
 T = TypeVar("T")
+MovesT = TypeVar("MovesT", bound=protocol.IncomingMotion)
 
 Procedure = Generator[Wait[Any], Any, T]
 """Yields waits, is sent what they gave, returns a `T`."""
@@ -285,18 +288,26 @@ def start_motion(
     session: Session, command: protocol.Move | protocol.MovePose | protocol.Follow
 ) -> Procedure[tuple[Motion, Mapping[str, Any]]]:
     """Ask for a motion; returns its record and the facts of the reply."""
-    reply = yield from request(session, command)
+    reply = yield from request(session, _knowing(session, command))
     return session.follow(_fact(reply, "motion_id"), reply.after_seq), reply.facts
 
 
+def _knowing(session: Session, command: MovesT) -> MovesT:
+    """Return a request with the newest touch that its user was told of, where it is to end at one."""
+    if command.until is None:
+        return command
+    return structs.replace(command, until=structs.replace(command.until, seen=session.touch_seen))
+
+
 def result(session: Session, motion: Motion, timeout_ns: int) -> Procedure[MotionResult]:
-    """Wait until a motion has ended.
+    """Wait until a motion has ended, and the hand is back where it was to go back at a touch.
 
     Raises:
         MotionEnded: Aborted, Cancelled or Superseded; code and message say why.
         OutcomeUnknown: It ended so long ago that the daemon does not list it any more.
         GatewayTimeout: It goes on; the motion is not touched.
     """
+    deadline_ns = session.transport.now_ns() + timeout_ns
     if not motion.ended:
         what = f"the end of motion {motion.motion_id}"
         yield Seen(session, lambda _: True if motion.ended else None, timeout_ns, what, after_seq=motion.after_seq)
@@ -304,13 +315,19 @@ def result(session: Session, motion: Motion, timeout_ns: int) -> Procedure[Motio
     if motion.missing or view is None:
         session.require_daemon(motion.daemon)
         raise failure(Code.OUTCOME_UNKNOWN, f"motion {motion.motion_id} is not listed any more")
-    if view.state == "reached":
+    if view.touch is not None:
+        session.touch_seen = max(session.touch_seen, view.touch.number)
+        if view.touch.back_id:
+            left_ns = max(0, deadline_ns - session.transport.now_ns())
+            yield from result(session, session.follow(view.touch.back_id, motion.after_seq), left_ns)
+    if view.state in ("reached", "touched"):
         return MotionResult(
             motion_id=view.motion_id,
             sides=view.sides,
             error=view.error_rad,
             duration=view.duration_ns / 1e9,
             error_m=view.error_m,
+            touch=view.touch,
         )
     kinds: dict[str, type[MotionEnded]] = {"cancelled": Cancelled, "superseded": Superseded}
     refusal = _ended(view.code, view.message, f"motion {view.motion_id} was {view.state}").refusal
@@ -355,7 +372,7 @@ def stop(session: Session, command: protocol.Stop | protocol.Estop) -> Procedure
 
 def open_stream(session: Session, command: protocol.OpenStream) -> Procedure[tuple[int, tuple[float, ...], int]]:
     """Open a stream of targets; returns its number, where it starts and the snapshot after which it is listed."""
-    reply = yield from request(session, command)
+    reply = yield from request(session, _knowing(session, command))
     start = reply.facts.get("values")
     if not (isinstance(start, (list, tuple)) and all(isinstance(value, (int, float)) for value in start)):
         raise failure(Code.UNSUPPORTED_VERSION, f"the reply has no start but {start!r}")

@@ -208,6 +208,7 @@ def move(
     speed: float,
     tolerance_rad: float | None,
     on_limit: protocol.OnLimitName,
+    until: protocol.Until | None = None,
 ) -> protocol.Move:
     """Return the request for a motion of one or both arms.
 
@@ -222,6 +223,7 @@ def move(
         speed=number("speed", speed),
         tolerance_rad=None if tolerance_rad is None else number("tolerance", tolerance_rad),
         on_limit=chosen(protocol.OnLimit, "on_limit", on_limit),
+        until=until,
     )
 
 

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from gateway.api.protocol import TouchView
+
 __all__ = ["MotionResult", "Payload", "Rows", "StopResult"]
 
 Rows = tuple[tuple[float, ...], ...]
@@ -12,7 +14,7 @@ Rows = tuple[tuple[float, ...], ...]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MotionResult:
-    """A motion that reached its goal, proven by measured joints.
+    """A motion that reached its goal, proven by measured joints, or ended at the touch that it was to end at.
 
     Attributes:
         motion_id: Of the motion.
@@ -20,6 +22,7 @@ class MotionResult:
         error: Largest measured joint distance to the goal, or the angle to it [rad].
         duration: Planned duration of its path [s].
         error_m: Largest measured distance to the goal of an end effector [m]; None for joints.
+        touch: The touch that ended it: force, wrench, place and time; None when it reached its goal.
     """
 
     motion_id: int
@@ -27,6 +30,7 @@ class MotionResult:
     error: float | None
     duration: float
     error_m: float | None = None
+    touch: TouchView | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

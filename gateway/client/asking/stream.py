@@ -40,6 +40,7 @@ class StreamOptions:
         on_limit: `reject` or `clip`.
         expiry: Life of a target [s]; None for the configured one.
         paced: Whether ticks are moved to where the next target is just in time.
+        until: A touch at which it ends; None for none.
     """
 
     rate_hz: float
@@ -47,6 +48,7 @@ class StreamOptions:
     on_limit: protocol.OnLimitName
     expiry: float | None
     paced: bool = True
+    until: protocol.Until | None = None
 
 
 class TargetStream:
@@ -88,6 +90,7 @@ class TargetStream:
             speed=number("speed", options.speed),
             on_limit=chosen(protocol.OnLimit, "on_limit", options.on_limit),
             expiry_ns=None if options.expiry is None else seconds("expiry", options.expiry),
+            until=options.until,
         )
         self._stream_id = 0
         self._values: tuple[float, ...] = ()
@@ -113,6 +116,12 @@ class TargetStream:
         self._look()
         return 0 if self._view is None else self._view.seq
 
+    @property
+    def touch(self) -> protocol.TouchView | None:
+        """The touch that ended the stream: force, wrench, place and time; None else."""
+        self._look()
+        return None if self._view is None else self._view.touch
+
     def check(self) -> None:
         """Raise what has happened to the stream since the last look; never waits. For loops that somebody else paces.
 
@@ -123,6 +132,8 @@ class TargetStream:
         if not self._look():
             return
         view = self._view
+        if view is not None and view.touch is not None:
+            self._session.touch_seen = max(self._session.touch_seen, view.touch.number)
         if view is None or not view.open:
             code = Code.STREAM_ENDED.value if view is None else view.code
             message = f"stream {self._stream_id} of the {self.side} arm ended"

@@ -72,6 +72,8 @@ class Session:
         self._request_id = 0
         self._holding = 0
         self._motions: dict[int, Motion] = {}
+        self.touch_seen = 0
+        """Number of the newest touch that this program was told of by the daemon that answers now."""
         self._beating: list[Callable[[], None]] = []
         """What ends the keepalive; empty while there is none."""
         self._listeners: list[Callable[[], None]] = []
@@ -137,6 +139,7 @@ class Session:
         for motion in self._motions.values():
             motion.missing = True
         self._motions.clear()
+        self.touch_seen = 0
         if self.daemon:
             self.news.begin_anew()
 

@@ -1,4 +1,4 @@
-"""What pulls at an arm, as a user reads it: torques, force and moment with standard deviations, or why nothing is known."""
+"""What pulls at an arm, as a user reads it, or why nothing is known; and the touch that a motion is to end at."""
 
 from __future__ import annotations
 
@@ -6,18 +6,45 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from gateway.api import protocol
-from gateway.client.asking.requests import read_only
+from gateway.client.asking.requests import number, numeric, read_only
 from gateway.client.asking.results import Payload
 from gateway.client.state.showing import vector
 from gateway.errors import Code, failure
 
 if TYPE_CHECKING:
     import numpy as np
-    from numpy.typing import NDArray
+    from numpy.typing import ArrayLike, NDArray
 
-__all__ = ["Contact"]
+__all__ = ["Contact", "contact"]
 
 CODES = {"MODEL_UNKNOWN": Code.MODEL_UNKNOWN, "MODEL_DIFFERS": Code.MODEL_DIFFERS}
+AXES = 3
+
+
+def contact(force_n: float, direction: ArrayLike | None = None, back_off_m: float = 0.0) -> protocol.Until:
+    """Return a touch, for `until=` of motions, chunks and streams; it is judged by the daemon, by what the arm feels.
+
+    Args:
+        force_n: From what force on the hand on [N], 1 to 200; above the standard deviation of what is felt.
+        direction: Along which the surroundings push, shape (3,) in the arm's shoulder frame, of any length: (0, 0, 1) is what a
+            table under the hand does. None for any direction.
+        back_off_m: How far the hand then goes back along the way it came [m], 0 to 0.1; 0 to stay where it braked.
+
+    Raises:
+        Rejected: BAD_REQUEST or WRONG_SHAPE, no numbers; what they are is judged with the motion.
+    """
+    try:
+        axis = () if direction is None else tuple(numeric(direction).reshape(-1).tolist())
+    except (TypeError, ValueError, OverflowError) as error:
+        raise failure(
+            Code.WRONG_SHAPE, f"the direction is no vector of numbers ({error})", field="direction", bound="(3,)"
+        ) from None
+    if direction is not None and len(axis) != AXES:
+        message = f"the direction has {len(axis)} numbers, x, y and z are needed"
+        raise failure(Code.WRONG_SHAPE, message, field="direction", value=str(len(axis)), bound="(3,)")
+    return protocol.Until(
+        force_n=number("force_n", force_n), direction=axis, back_off_m=number("back_off_m", back_off_m)
+    )
 
 
 @dataclass(frozen=True, slots=True, repr=False)

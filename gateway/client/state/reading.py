@@ -116,6 +116,11 @@ class ArmState(MotorState):
         )
 
     @property
+    def touch(self) -> protocol.TouchView | None:
+        """The last touch that ended what moved it: force, wrench, place and time; None before the first."""
+        return self._view.touch
+
+    @property
     def is_streaming(self) -> bool:
         """Whether setpoints are being sent to it."""
         return self._view.streaming

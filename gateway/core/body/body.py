@@ -24,7 +24,7 @@ from gateway.core.streams.pose import PoseStream
 from gateway.core.streams.setpoints import SetpointStream
 from gateway.core.streams.stream import Stream
 from gateway.errors import Code
-from gateway.messages.snapshot import SlowingView, SpacingView
+from gateway.messages.snapshot import SlowingView, SpacingView, TouchView
 from gateway.settings.settings import Settings
 from gateway.values import Side, Space, Vector
 
@@ -51,6 +51,8 @@ class Body:
         """How near parts of the body are to each other; None where nobody asked for them to be kept apart."""
         self.slowing: dict[Side, SlowingView] = {}
         """How near a singularity each arm is whose poses are streamed."""
+        self.touches: dict[Side, TouchView] = {}
+        """The last touch of each arm that ended what moved it."""
         self.drives: tuple[GroundStream, ...] = (self.chassis,) if self.lift is None else (self.chassis, self.lift)
         """Chassis and, where there is one, lift."""
         self.streams: tuple[Stream, ...] = (

@@ -1,8 +1,8 @@
 """Point-to-point motions: from acceptance to an end that is proven by the measured state.
 
 A motion is `queued` until its first setpoint leaves, `executing` until it ends, and ends exactly once: `reached` when
-every joint, or the pose, is *measured* within tolerance for the settling time, else `cancelled`, `superseded` or
-`aborted` with a code.
+every joint, or the pose, is *measured* within tolerance for the settling time, `touched` when it was to end at a touch
+and did, else `cancelled`, `superseded` or `aborted` with a code.
 A motion of two arms ends for both: what takes one arm away ends the motion, and the other arm brakes and holds.
 """
 
@@ -14,10 +14,11 @@ from dataclasses import dataclass
 from enum import Enum
 from operator import attrgetter
 
+from gateway.core.body.feeler import Feeler
 from gateway.core.motion.gap import Gap, gap
 from gateway.core.motion.tolerance import Deviation, Tolerances, first_beyond
 from gateway.errors import Code
-from gateway.messages.snapshot import MotionView
+from gateway.messages.snapshot import MotionView, TouchView
 from gateway.settings.settings import ArmSettings, PoseSettings
 from gateway.values import Side, Space, Vector
 
@@ -33,6 +34,7 @@ class MotionState(str, Enum):
     QUEUED = "queued"
     EXECUTING = "executing"
     REACHED = "reached"
+    TOUCHED = "touched"
     CANCELLED = "cancelled"
     SUPERSEDED = "superseded"
     ABORTED = "aborted"
@@ -85,6 +87,10 @@ class Motion:
         """Measured distance to the goal, the worst of all arms; None when it is not known."""
         self.code: Code | None = None
         self.message = ""
+        self.feelers: Mapping[Side, Feeler] = {}
+        """At what touch it ends before its goal, per arm; empty for none."""
+        self.touch: TouchView | None = None
+        """The touch that ended it; None else."""
         self.path_ended_ns: int | None = None
         """When the last setpoint of the path left [ns]."""
         self.settled_since_ns: int | None = None
@@ -120,6 +126,7 @@ class Motion:
             duration_ns=self.duration_ns,
             code=self.code.value if self.code else "",
             message=self.message,
+            touch=self.touch,
         )
 
 
@@ -128,7 +135,8 @@ class MotionBook:
 
     def __init__(self, settings: ArmSettings, pose: PoseSettings | None = None) -> None:
         self.renew(settings, pose or PoseSettings())
-        self._next_id = 1
+        self.next_id = 1
+        """Number of the motion that is opened next."""
         self._running: list[Motion] = []
         self._ended: deque[Motion] = deque(maxlen=ENDED_KEPT)
         self._ended_views: deque[MotionView] = deque(maxlen=ENDED_KEPT)
@@ -163,8 +171,8 @@ class MotionBook:
 
         `terms` are a trajectory's.
         """
-        motion = Motion(self._next_id, goals, tolerance or self._tolerances[space], duration_ns, space, terms)
-        self._next_id += 1
+        motion = Motion(self.next_id, goals, tolerance or self._tolerances[space], duration_ns, space, terms)
+        self.next_id += 1
         self._running.append(motion)
         return motion
 

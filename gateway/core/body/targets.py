@@ -7,14 +7,16 @@ passes validation; it expires when no successor comes in time: the arm then brak
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Mapping
 from operator import attrgetter
 
+from gateway.core.body.feeler import Feeler
 from gateway.core.limits.pose_validation import check_pose
 from gateway.core.limits.validation import check_goal
 from gateway.core.messages.events import TargetArrived
 from gateway.errors import Code, Refusal
 from gateway.messages.incoming import OnLimit
-from gateway.messages.snapshot import TargetView
+from gateway.messages.snapshot import TargetView, TouchView
 from gateway.settings.settings import ArmSettings, PoseSettings
 from gateway.values import Side, Space, Vector
 
@@ -54,6 +56,9 @@ class TargetStream:
         self.refused = 0
         self.refusal: Refusal | None = None
         self.limited = False
+        self.feelers: Mapping[Side, Feeler] = {}
+        """At what touch it ends, for its arm; empty for none."""
+        self.touch: TouchView | None = None
         self.lead_ns: int | None = None
         """By how much the last target that is followed came before its first setpoint [ns]; None before there was one."""
 
@@ -76,6 +81,7 @@ class TargetStream:
             refusal_message=self.refusal.message if self.refusal else "",
             limited=self.limited,
             lead_ns=self.lead_ns,
+            touch=self.touch,
         )
 
 

@@ -185,6 +185,8 @@ def _arm(coordinator: Coordinator, side: Side, state: str, ee_pose: str, now_ns:
         tracking_m=gap.m if gap is not None and is_pose else None,
         model=_model(coordinator, side, now_ns),
         contact=_contact(coordinator, side, now_ns),
+        touch=coordinator.body.touches.get(side),
+        guard_n=coordinator.settings.model.touch_n(side),
     )
 
 

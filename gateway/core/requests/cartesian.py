@@ -128,11 +128,15 @@ class Cartesian:
             if isinstance(found, Refusal):
                 return found
             paths = found
+        feelers = self._moves.touches.feelers(command, request, sides, now_ns)
+        if isinstance(feelers, Refusal):
+            return feelers
         message = "a later motion took the arm over"
         self._moves.free(sides, MotionState.SUPERSEDED, Code.SUPERSEDED, message, now_ns)
         coordinator.fire(Trigger.ARM_MOTION, now_ns, "the owner moves")
         motion = coordinator.body.motions.open(poses, tolerance, 0, space=Space.POSE)
         motion.seen = partial(_end_effector, coordinator.model)
+        motion.feelers = feelers
         if paths is None:
             motion.is_planned = False
             self._jobs.append(

@@ -66,6 +66,9 @@ class Follows:
         refusal = self._authorisation.motion(command, request.epoch, sides, now_ns, chunk.space)
         if refusal is not None:
             return refusal
+        feelers = self._moves.touches.feelers(command, request, sides, now_ns)
+        if isinstance(feelers, Refusal):
+            return feelers
         judged = self._judge(command, request, chunk, now_ns)
         if isinstance(judged, Refusal):
             return judged
@@ -83,6 +86,7 @@ class Follows:
         ends_ns = begins_ns + round(chunk.duration_s * S)
         terms = Terms(tolerances=tolerances, ends_ns=ends_ns)
         motion = coordinator.body.motions.open(goals, None, ends_ns - now_ns, terms=terms, space=chunk.space)
+        motion.feelers = feelers
         for track in tracks.values():
             track()
         return {

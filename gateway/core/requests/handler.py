@@ -275,6 +275,7 @@ class RequestHandler:
     def move_on(self, now_ns: int) -> None:
         """Go on with requests that take more than one tick."""
         self._cartesian.step(now_ns)
+        self._moves.touches.look(now_ns)
 
     # ------------------------------------------------------------------------------------------------ stop, recover
 

@@ -15,6 +15,7 @@ from gateway.core.messages.events import CommandRequested, TargetArrived
 from gateway.core.motion.gap import Gap
 from gateway.core.motion.motion import PlanFailed
 from gateway.core.requests.authorisation import Authorisation
+from gateway.core.requests.touches import Touches
 from gateway.core.separation import goal_checks
 from gateway.core.supervision.coordinator import Coordinator
 from gateway.core.supervision.supervisor import State, Trigger
@@ -35,6 +36,8 @@ class Moves:
     def __init__(self, coordinator: Coordinator, authorisation: Authorisation) -> None:
         self._coordinator = coordinator
         self._authorisation = authorisation
+        self.touches = Touches(coordinator, authorisation)
+        """What ends motions and streams at a touch."""
 
     def move(self, command: CommandRequested, request: Move, now_ns: int) -> Answer:
         """Plan and begin a point-to-point motion of one or both arms."""
@@ -67,7 +70,7 @@ class Moves:
         too_near = goal_checks.check_goals(coordinator, goals, now_ns)
         if too_near is not None:
             return too_near
-        answer = self._go(goals, request.epoch, request.speed, Gap(tolerance_rad), now_ns)
+        answer = self._go(command, request, goals, Gap(tolerance_rad), now_ns)
         if isinstance(answer, Refusal):
             return answer
         return {**answer, "q_rad": {side.value: list(goal) for side, goal in goals.items()}, "clipped": clipped}
@@ -100,16 +103,26 @@ class Moves:
             goals[side] = goal.values
             if goal.clipped:
                 clipped[side.value] = list(goal.clipped)
-        answer = self._go(goals, request.epoch, request.speed, tolerance, now_ns)
+        answer = self._go(command, request, goals, tolerance, now_ns)
         if isinstance(answer, Refusal):
             return answer
         return {**answer, "values": {side.value: list(goal) for side, goal in goals.items()}, "clipped": clipped}
 
-    def _go(self, goals: Mapping[Side, Vector], epoch: int, speed: float, tolerance: Gap, now_ns: int) -> Answer:
+    def _go(
+        self,
+        command: CommandRequested,
+        request: Move | MovePose,
+        goals: Mapping[Side, Vector],
+        tolerance: Gap,
+        now_ns: int,
+    ) -> Answer:
         """Plan a motion to checked goals, take the arms over, and begin it."""
         coordinator = self._coordinator
+        feelers = self.touches.feelers(command, request, tuple(goals), now_ns)
+        if isinstance(feelers, Refusal):
+            return feelers
         try:
-            paths = coordinator.body.plan(goals, speed)
+            paths = coordinator.body.plan(goals, request.speed)
         except PlanFailed as failed:
             return Refusal(code=Code.PLAN_FAILED, message=f"no path inside the limits: {failed}")
         self.free(tuple(goals), MotionState.SUPERSEDED, Code.SUPERSEDED, "a later motion took the arm over", now_ns)
@@ -117,8 +130,9 @@ class Moves:
         duration_ns = max(path.duration_ns for path in paths.values())
         space = coordinator.body.arms[next(iter(goals))].space
         motion = coordinator.body.motions.open(goals, tolerance, duration_ns, space=space)
+        motion.feelers = feelers
         for side, path in paths.items():
-            coordinator.body.arms[side].follow_path(path, epoch)
+            coordinator.body.arms[side].follow_path(path, request.epoch)
         return {"motion_id": motion.motion_id, "duration_ns": duration_ns}
 
     def free(self, sides: Sequence[Side], state: MotionState, code: Code, message: str, now_ns: int) -> None:
@@ -139,6 +153,9 @@ class Moves:
         )
         if refusal is not None:
             return refusal
+        feelers = self.touches.feelers(command, request, (request.side,), now_ns)
+        if isinstance(feelers, Refusal):
+            return feelers
         self.free((request.side,), MotionState.SUPERSEDED, Code.SUPERSEDED, "a stream took the arm over", now_ns)
         coordinator.fire(Trigger.ARM_MOTION, now_ns, "the owner streams")
         stream = coordinator.body.targets.open(
@@ -150,6 +167,7 @@ class Moves:
             request.expiry_ns,
             request.space,
         )
+        stream.feelers = feelers
         return {"stream_id": stream.stream_id, "values": list(coordinator.body.arms[request.side].values)}
 
     def take_target(self, target: TargetArrived, now_ns: int) -> None:

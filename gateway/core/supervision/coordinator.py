@@ -50,6 +50,9 @@ AT_BASE = frozenset({State.OFFLINE, State.READ_ONLY, State.IDLE})
 
 LOSES_AN_ARM = frozenset({Trigger.ARM_DISABLED, Trigger.PART_DEAD})
 
+AS_ASKED = frozenset({MotionState.REACHED, MotionState.TOUCHED, MotionState.SUPERSEDED})
+"""Ends of motions that are no news to whoever asked for them."""
+
 LEVELS_THAT_STAY = frozenset({Trigger.FSM_READY, Trigger.FSM_SLOW_START})
 """Conditions that ask for 0.0 in PAUSED on every tick: a repetition that found no hearing is not begun anew by them."""
 
@@ -127,7 +130,7 @@ class Coordinator:
     def report_ended(self, motions: list[Motion], now_ns: int) -> None:
         """Say how motions ended."""
         for motion in motions:
-            level = Level.INFO if motion.code in (None, Code.SUPERSEDED) else Level.WARNING
+            level = Level.INFO if motion.state in AS_ASKED else Level.WARNING
             text = f"motion {motion.motion_id} {motion.state.value}"
             self.notice(
                 Code.MOTION_ENDED,

@@ -58,7 +58,7 @@ REQUESTS = (
         from_here=False,
     ),
     requests.MovePose(epoch=1, targets={Side.LEFT: (0.0,) * 7}, frames={}),
-    requests.OpenStream(epoch=1, side=Side.LEFT),
+    requests.OpenStream(epoch=1, side=Side.LEFT, until=incoming.Until(force_n=8.0)),
     requests.CloseStream(epoch=1, stream_id=1),
     requests.Hold(epoch=1, sides=(Side.LEFT,)),
     requests.Cancel(epoch=1, motion_id=1),

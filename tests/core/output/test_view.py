@@ -63,7 +63,7 @@ def test_before_the_first_sample_nothing_is_known():
     assert seen.arms["left"] == ArmView(
         measured=None, p_m=(), quat_xyzw=(), pose_age_ns=None, q_ref_rad=(), dq_ref_radps=(), streaming=False,
         tracking_rad=None, space="joint", ref_p_m=(), ref_quat_xyzw=(), ref_v_mps=(), ref_w_radps=(), tracking_m=None,
-        model=None, contact=None,
+        model=None, contact=None, touch=None, guard_n=0.0,
     )  # fmt: skip
     assert (seen.grippers, seen.chassis) == ({"left": None, "right": None}, None)
     assert seen.link == LinkView(up=True, router_zid="aa", fresh=False, age_ns=None)

@@ -15,7 +15,7 @@ from gateway.errors import Code, Refusal
 from gateway.kinematics.arm import ArmModel
 from gateway.kinematics.collision import CollisionModel
 from gateway.kinematics.description import nominal
-from gateway.messages.incoming import OnLimit
+from gateway.messages.incoming import OnLimit, Until
 from gateway.messages.requests import Cancel, Hold, Move, MovePose, Stop
 from gateway.robot.limits import HOME_Q_RAD
 from gateway.robot.topics import STATE_TOPICS, joint_command, pose_command, shoulder_frame
@@ -447,3 +447,12 @@ def test_arms_in_end_effector_mode_go_their_own_way():
     assert until_ended(pair, motion_id).state == "reached"
     both = {**goal, L: beside(pair)}
     assert pair.refused(request(pair, targets=both, frames=FRAMES), "ann").code is Code.WRONG_CONTROL_MODE
+
+
+@pytest.mark.parametrize("straight", [True, False])
+def test_a_motion_that_is_to_end_at_a_touch_that_nobody_feels_is_refused(straight):
+    """The rules of touches are `test_touches.py`'s."""
+    pair = ready()
+    until = Until(force_n=8.0)
+    assert pair.refused(request(pair, straight=straight, until=until), "ann").code is Code.MODEL_OFF
+    assert [motion.state for motion in pair.see().motions] == ["reached"]

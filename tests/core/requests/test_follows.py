@@ -18,6 +18,7 @@ from gateway.core.requests.moves import Facts, Moves
 from gateway.core.supervision.reloading import take_settings
 from gateway.core.supervision.supervisor import State
 from gateway.errors import Code, Refusal
+from gateway.messages.incoming import Until
 from gateway.messages.requests import CheckFollow, Follow, Hold, Move, OpenStream
 from gateway.values import Side, Space
 from tests.core.stage import GOAL, MIDDLE, MS, PLACE, L, R, S, Stage
@@ -119,6 +120,11 @@ def test_points_that_nobody_has_worked_out_are_worked_out_or_refused(scene):
             scene.follows.check(scene.command(check), check, scene.now_ns),
         ):
             assert isinstance(refusal, Refusal) and refusal == worked_out(wrong) == worked_out(check)
+
+
+def test_a_chunk_that_is_to_end_at_a_touch_that_nobody_feels_is_refused_without_a_trace(scene):
+    """The rules of touches are `test_touches.py`'s."""
+    assert scene.refused(swing(L), until=Until(force_n=8.0)).code is Code.MODEL_OFF
 
 
 def test_a_chunk_of_both_arms_is_one_motion_on_one_clock(scene):

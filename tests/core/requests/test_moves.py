@@ -17,7 +17,7 @@ from gateway.core.separation import goal_checks
 from gateway.core.supervision.reloading import take_settings
 from gateway.core.supervision.supervisor import State
 from gateway.errors import Code, Refusal
-from gateway.messages.incoming import OnLimit
+from gateway.messages.incoming import OnLimit, Until
 from gateway.messages.requests import Cancel, CloseStream, Hold, Move, MovePose, OpenStream
 from gateway.robot.limits import HOME_Q_RAD, JOINT_UPPER_RAD
 from gateway.robot.topics import joint_command
@@ -571,3 +571,13 @@ def test_a_stream_obeys_a_lowered_speed_limit_from_its_next_target_on():
         scene.run(1)
         rates.append(max(map(abs, scene.body.arms[L].rates)))
     assert max(rates) == pytest.approx(0.2) and scene.body.arms[L].values == pytest.approx(GOAL[L])
+
+
+def test_what_is_to_end_at_a_touch_that_nobody_feels_is_refused_without_a_trace():
+    """Motions and streams; the rules of touches are `test_touches.py`'s."""
+    scene, until = Scene(), Until(force_n=8.0)
+    for request in (
+        scene.to({L: GOAL[L]}, until=until),
+        OpenStream(epoch=scene.epoch, side=L, until=until),
+    ):
+        assert scene.refused(request).code is Code.MODEL_OFF
