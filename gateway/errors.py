@@ -286,6 +286,7 @@ CODES: dict[Code, CodeInfo] = {
         error=NotReady,
         hint="set the arm to joint mode in the robot's web page, or `self_collision = false` in section [model]",
     ),
+    Code.CONTACT_UNKNOWN: CodeInfo(error=NotReady, hint="mend what the message names, or wait", retryable=True),
     Code.ENDPOINT_SILENT: CodeInfo(
         error=NotReady, hint="see after the watcher; when it is gone, recover(reason='...')"
     ),
@@ -318,9 +319,7 @@ CODES: dict[Code, CodeInfo] = {
     ),
     Code.TARGET_EXPIRED: CodeInfo(error=Aborted, hint="send targets more often than their expiry", retryable=True),
     Code.TICK_LATE: CodeInfo(
-        error=Aborted,
-        hint="give this host SCHED_FIFO or less load: it was too busy for the control loop",
-        retryable=True,
+        error=Aborted, hint="give this host SCHED_FIFO or less load: it was too busy to control", retryable=True
     ),
     Code.ESTOP: CodeInfo(error=NotReady, hint="make sure the robot is safe, then recover()"),
     Code.STOPPED_BY_OTHER: CodeInfo(error=NotReady, hint="ask who stopped the robot, then recover()"),

@@ -9,6 +9,7 @@ from typing import Annotated, Literal
 from msgspec import Meta, Struct
 
 __all__ = [
+    "Admittance",
     "ClientId",
     "Count",
     "Incoming",
@@ -75,3 +76,17 @@ class Incoming(
     What has its default is not sent: an older daemon, which refuses fields that it does not know, understands all that a
     later client wants of it. So a default never changes while `PROTOCOL_VERSION` stays; `tests/api/wire` holds them.
     """
+
+
+class Admittance(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """How the hand of an arm yields to what pushes it: per axis x, y, z of the arm's shoulder frame, then about them.
+
+    Attributes:
+        mass: Virtual mass [kg], then moment of inertia [kg·m²]; None where it does not yield.
+        damping: Of its velocity [N·s/m, N·m·s/rad].
+        stiffness: Of its spring to the anchor [N/m, N·m/rad].
+    """
+
+    mass: Tolerances
+    damping: Joints
+    stiffness: Joints

@@ -13,6 +13,7 @@ from typing import TypeAlias
 from gateway.core.limits import validation
 from gateway.core.messages.events import CommandRequested, TargetArrived
 from gateway.core.messages.outputs import Level
+from gateway.core.requests.admitting import Admitting
 from gateway.core.requests.authorisation import REFUSAL_TEXT, Authorisation
 from gateway.core.requests.cartesian import Cartesian
 from gateway.core.requests.driving import Driving
@@ -71,6 +72,7 @@ class RequestHandler:
         driving = Driving(coordinator, self._authorisation)
         gripping = Gripping(coordinator, self._authorisation)
         follows = Follows(coordinator, self._authorisation, self._moves)
+        self._admitting = Admitting(coordinator)
         self._cartesian = Cartesian(coordinator, self._authorisation, self._moves)
         self.may: dict[str, May] = {
             "enable": self._may_enable,
@@ -269,6 +271,7 @@ class RequestHandler:
     def move_on(self, now_ns: int) -> None:
         """Go on with requests that take more than one tick."""
         self._cartesian.step(now_ns)
+        self._admitting.step(now_ns)
 
     # ------------------------------------------------------------------------------------------------ stop, recover
 

@@ -10,10 +10,13 @@ from typing import TypeAlias
 
 from gateway.core.body.motions import Motion, MotionState
 from gateway.core.limits import validation
+from gateway.core.limits.admittance_rules import check_admittance
 from gateway.core.limits.pose_validation import check_frame, check_pose, check_pose_tolerance
 from gateway.core.messages.events import CommandRequested, TargetArrived
 from gateway.core.motion.gap import Gap
 from gateway.core.motion.motion import PlanFailed
+from gateway.core.motion.poses.admittance import VirtualMass
+from gateway.core.requests.admitting import felt
 from gateway.core.requests.authorisation import Authorisation
 from gateway.core.separation import goal_checks
 from gateway.core.supervision.coordinator import Coordinator
@@ -136,7 +139,11 @@ class Moves:
             or (check_frame(request.side, request.frame) if request.space is Space.POSE else None)
             or validation.check_speed(request.speed)
             or validation.check_expiry(request.expiry_ns)
+            or (None if request.admittance is None else check_admittance(request.admittance, request.space))
         )
+        if refusal is None and request.admittance is not None:
+            force = felt(coordinator, request.side, now_ns)
+            refusal = force if isinstance(force, Refusal) else None
         if refusal is not None:
             return refusal
         self.free((request.side,), MotionState.SUPERSEDED, Code.SUPERSEDED, "a stream took the arm over", now_ns)
@@ -150,7 +157,12 @@ class Moves:
             request.expiry_ns,
             request.space,
         )
-        return {"stream_id": stream.stream_id, "values": list(coordinator.body.arms[request.side].values)}
+        reference = coordinator.body.arms[request.side].reference
+        if request.admittance is None:
+            return {"stream_id": stream.stream_id, "values": list(reference.values)}
+        wish = request.admittance
+        stream.mass = VirtualMass(wish.mass, wish.damping, wish.stiffness)
+        return {"stream_id": stream.stream_id, "values": list(reference.rest_values())}
 
     def take_target(self, target: TargetArrived, now_ns: int) -> None:
         """Follow a streamed target if it may be followed; its stream says why not."""
@@ -158,9 +170,14 @@ class Moves:
         if self._authorisation.is_before_stop(target.received_ns):
             return
         accepted = coordinator.body.targets.accept(target)
-        if accepted is None or coordinator.state is not State.ACTIVE:
+        if accepted is None:
             return
         stream, values = accepted
+        if stream.mass is not None:
+            stream.mass.anchor = values
+            return
+        if coordinator.state is not State.ACTIVE:
+            return
         arm = coordinator.body.arms[stream.side]
         arm.follow_target(values, stream.speed, stream.epoch)
         due_ns = arm.next_due_ns()
