@@ -10,54 +10,70 @@ import numpy as np
 from gateway.core.messages.events import TargetArrived
 from gateway.core.robot_state.body_model import body_model
 from gateway.core.robot_state.contact import Contacts
-from gateway.kinematics.description import arm_joint
-from gateway.kinematics.dynamics.loading import load_dynamics
+from gateway.kinematics.description import arm_joint, nominal
+from gateway.kinematics.dynamics.arm_dynamics import ArmDynamics
+from gateway.kinematics.dynamics.parameters import nominal_parameters
 from gateway.messages.incoming import Admittance
 from gateway.messages.requests import OpenStream
 from gateway.robot.limits import HOME_Q_RAD
-from gateway.robot.topics import STATE_TOPICS, arm_state, ee_pose, shoulder_frame
-from gateway.settings.settings import Settings
+from gateway.robot.topics import STATE_TOPICS, shoulder_frame
+from gateway.settings.settings import LinkSettings, LocalSettings, Settings
 from gateway.sim.robot.settings import SimSettings
 from gateway.values import Side, Space
 from tests.pair import MS, S, Pair
 
-__all__ = ["FREE", "LEFT", "Yielding"]
+__all__ = ["FREE", "LEFT", "Yielding", "held", "let_go"]
 
 LEFT = Side.LEFT
 FREE = {"mass": (8.0,) * 3 + (None,) * 3, "damping": (90.0,) * 3 + (0.0,) * 3, "stiffness": (0.0,) * 6}
-"""A mass that may be shifted, and comes to rest where it is let go."""
+"""A mass that may be shifted, and stays where it is let go."""
+IDENTIFIED = {"unsure_part": 0.05, "friction_sd_nm": (0.4, 0.4, 0.4, 0.4, 0.15, 0.15, 0.15)}
+"""How sure parameters are that `ta2 identify --dynamics` found."""
+
+
+def let_go(place, turn, speed):
+    """Nobody is there."""
+    return np.zeros(6)
+
+
+def held(where_m, stiffness=300.0, damping=20.0):
+    """Somebody leads the hand: a spring to where it shall be [m], and a damper."""
+    return lambda place, turn, speed: np.array([*(stiffness * (where_m - place) - damping * speed[:3]), 0.0, 0.0, 0.0])
 
 
 class Yielding(Pair):
     """An ACTIVE robot at home whose left arm takes poses.
 
     Args:
-        off: By how much masses, friction and efforts of the arms are off the model.
+        off: By how much masses and friction of the left arm are off the model.
+        sim: Of the robot, beside.
+        is_identified: Whether the model is as sure of itself as one that was identified.
     """
 
-    def __init__(self, off=0.08, seed=1, **model):
-        settings = Settings()
-        settings = replace(settings, model=replace(settings.model, dynamics=True, **model))
-        body = body_model(settings)
-        body.contacts = Contacts(load_dynamics(settings), body.refusal)
-        sim = SimSettings(
-            physics="mujoco", left_mode="pose", state_period_ns=5 * MS, start_rad={side: HOME_Q_RAD[side] for side in Side}
-        )
-        super().__init__(settings, sim, model=body)
+    def __init__(self, off=0.05, *, is_identified=True, **sim):
+        settings = Settings(link=LinkSettings(model="lift"), local=LocalSettings(snapshot_hz=10.0))
+        settings = replace(settings, model=replace(settings.model, dynamics=True))
+        body, more = body_model(settings), IDENTIFIED if is_identified else {}
+        arms = {side: replace(nominal_parameters(nominal(), side), **more) for side in Side}
+        dynamics = {side: ArmDynamics(nominal(), side, drives) for side, drives in arms.items()}
+        body.contacts = Contacts(dynamics, body.refusal)
+        start = {"start_rad": {side: HOME_Q_RAD[side] for side in Side}, "start_lowered_m": 0.15}
+        robot = {"model": "lift", "physics": "mujoco", "left_mode": "pose", "state_period_ns": 10 * MS}
+        super().__init__(settings, SimSettings(**robot, **start, **sim), model=body)
         self.topics = STATE_TOPICS
         self.world = self.robot.dynamics.world
-        self._spoil(off, seed)
+        self._spoil(off)
         self.site = self.world.model.site("left_ee").id
-        self.body = self.world.model.site_bodyid[self.site]
-        self.pull = None
-        """Force on the left hand by where it is and how it moves, in the ground's axes."""
+        self.link = self.world.model.site_bodyid[self.site]
+        self.pull = let_go
+        """Force and moment on the hand by its place, its orientation and its velocity, all in the ground's axes."""
         self.seq = 0
         self.epoch = self.activate()
         self.run(1.0)
+        self.arm = self.engine._coordinator.body.pose_arms[LEFT]
 
-    def _spoil(self, off, seed):
-        """Let the plant be another one than the model."""
-        rng, model = np.random.default_rng(seed), self.world.model
+    def _spoil(self, off):
+        rng, model, data = np.random.default_rng(1), self.world.model, self.world.data
         for number in range(1, 8):
             joint = model.joint(arm_joint(LEFT, number)).id
             link, dof = model.jnt_bodyid[joint], model.jnt_dofadr[joint]
@@ -65,63 +81,50 @@ class Yielding(Pair):
             model.body_mass[link] *= heavier
             model.body_inertia[link] *= heavier
             model.dof_frictionloss[dof] *= rubs
-        stood = self.world.data.qpos.copy()
-        mujoco.mj_setConst(model, self.world.data)
-        self.world.data.qpos[:] = stood
-        mujoco.mj_forward(model, self.world.data)
+        stood = data.qpos.copy()
+        mujoco.mj_setConst(model, data)
+        data.qpos[:] = stood
+        mujoco.mj_forward(model, data)
 
-    def yields(self, **how):
-        """Let the left arm yield; return the reply."""
-        wish = {**FREE, **how.pop("wish", {})}
-        asked = OpenStream(
-            epoch=self.epoch, side=LEFT, space=Space.POSE, frame=shoulder_frame(LEFT), admittance=Admittance(**wish), **how
-        )
-        facts = self.granted(asked)
+    def asked(self, wish=None, **how):
+        """The request to let the left arm yield."""
+        wish = Admittance(**{**FREE, **(wish or {})})
+        frame = shoulder_frame(LEFT)
+        return OpenStream(epoch=self.epoch, side=LEFT, space=Space.POSE, frame=frame, admittance=wish, **how)
+
+    def yields(self, wish=None, **how):
+        """Let the left arm yield."""
+        facts = self.granted(self.asked(wish, **how))
         self.stream_id, self.anchor = facts["stream_id"], tuple(facts["values"])
-        return facts
 
     @property
     def hand(self):
-        """Where the hand is, and how it moves, in the ground's axes, which are the shoulder's but for the place."""
-        data = self.world.data
-        speed = np.zeros(6)
+        """Place [m], orientation as a matrix, and velocity [m/s, rad/s] of the hand in the ground's axes, the shoulder's."""
+        data, speed = self.world.data, np.zeros(6)
         mujoco.mj_objectVelocity(self.world.model, data, mujoco.mjtObj.mjOBJ_SITE, self.site, speed, 0)
-        return data.site_xpos[self.site].copy(), speed[3:]
+        return data.site_xpos[self.site].copy(), data.site_xmat[self.site].reshape(3, 3).copy(), np.roll(speed, 3)
 
     def step(self, to_ns=None):
         """Let the hand be pulled as it is now."""
-        if self.pull is not None:
-            place, speed = self.hand
-            force = self.pull(place, speed)
-            lever = place - self.world.data.xipos[self.body]
-            self.world.data.xfrc_applied[self.body] = (*force, *np.cross(lever, force))
+        place, turn, speed = self.hand
+        wrench = self.pull(place, turn, speed)
+        lever = np.cross(place - self.world.data.xipos[self.link], wrench[:3])
+        self.world.data.xfrc_applied[self.link] = (*wrench[:3], *(wrench[3:] + lever))
         return super().step(to_ns)
 
-    def guide(self, seconds, pull=None, *, every_ns=100 * MS):
-        """Let time pass while somebody pulls and the client says that it is there; return places, setpoints and forces."""
-        self.pull = pull or (lambda place, speed: np.zeros(3))
-        until_ns, said_ns, rows = self.now_ns + round(seconds * S), 0, []
-        arm = self.engine._coordinator.body.pose_arms[LEFT]
+    def says(self):
+        """The client says that it is there, and where the anchor is."""
+        self.seq += 1
+        asked = {"client_id": "user", "stream_id": self.stream_id, "epoch": self.epoch, "seq": self.seq}
+        self.receive(TargetArrived(**asked, values=self.anchor, received_ns=self.now_ns))
+
+    def guide(self, seconds, pull=let_go):
+        """Let time pass while somebody pulls; return places of the hand and setpoints, each tick's [m], shape (n, 2, 3)."""
+        self.pull, rows, said_ns, until_ns = pull, [], 0, self.now_ns + round(seconds * S)
         while self.now_ns < until_ns:
-            if self.now_ns - said_ns >= every_ns:
-                said_ns, self.seq = self.now_ns, self.seq + 1
-                self.receive(
-                    TargetArrived(
-                        client_id="user",
-                        stream_id=self.stream_id,
-                        epoch=self.epoch,
-                        seq=self.seq,
-                        values=self.anchor,
-                        received_ns=self.now_ns,
-                    )
-                )
+            if self.now_ns - said_ns >= 100 * MS:
+                said_ns = self.now_ns
+                self.says()
             self.step()
-            place, speed = self.hand
-            seen = self.model.contacts.view(LEFT, self.now_ns)
-            rows.append((self.now_ns / S, *place, *arm.values[:3], *self.pull(place, speed), *[x or 0.0 for x in (seen.wrench or (0,)*6)[:3]], *[x or 0.0 for x in (seen.wrench_sd or (0,)*6)[:3]]))
+            rows.append((self.hand[0], self.arm.values[:3]))
         return np.array(rows)
-
-
-def held(place_m, stiffness=300.0, damping=20.0):
-    """A person who leads the hand: a spring to where it shall be, and a damper."""
-    return lambda place, speed: stiffness * (np.asarray(place_m) - place) - damping * speed

@@ -10,6 +10,8 @@ the arm its stream ends with CONTACT_UNKNOWN: it brakes.
 
 from __future__ import annotations
 
+import math
+
 from gateway.core.body.motions import MotionState
 from gateway.core.messages.outputs import Level
 from gateway.core.supervision.coordinator import Coordinator
@@ -19,12 +21,21 @@ from gateway.values import Side, Vector
 
 __all__ = ["SURE", "Admitting", "felt"]
 
-SURE = 2.0
-"""So many standard deviations of a force push nothing."""
+NOTHING: Vector = (0.0,) * 6
+SURE, DOUBTED = 2.0, 1.0
+"""A force pushes by what of it is beyond so many standard deviations; once it does, until it is within so many. In between it
+pushes as it did: dry friction, which nobody knows better and which changes its sign with each turn, must not swing the hand."""
 
 
-def felt(coordinator: Coordinator, side: Side, now_ns: int) -> Vector | Refusal:
-    """Return what pushes the hand of an arm for sure [N, N·m], shape (6,), 0 along axes that are not felt; or why nobody knows."""
+def felt(coordinator: Coordinator, side: Side, now_ns: int, before: Vector = NOTHING) -> Vector | Refusal:
+    """Return what pushes the hand of an arm for sure [N, N·m], shape (6,), 0 along axes that are not felt; or why nobody knows.
+
+    Args:
+        coordinator: Knows the arm's model.
+        side: Which arm.
+        now_ns: Monotonic time [ns].
+        before: What was returned last.
+    """
     contacts = None if coordinator.model is None else coordinator.model.contacts
     if contacts is None:
         return Refusal(
@@ -38,8 +49,14 @@ def felt(coordinator: Coordinator, side: Side, now_ns: int) -> Vector | Refusal:
     if seen.state != "known":
         message = f"what pulls at the {side} arm is not known: {seen.reason}"
         return Refusal(code=Code.CONTACT_UNKNOWN, message=message, field=f"{side}_arm", value=seen.code)
-    pairs = zip(seen.wrench, seen.wrench_sd, strict=True)
-    return tuple([0.0 if x is None or sd is None else x - min(max(x, -SURE * sd), SURE * sd) for x, sd in pairs])
+    axes = zip(seen.wrench, seen.wrench_sd, before, strict=True)
+    return tuple([0.0 if x is None or sd is None else _sure(x, sd, old) for x, sd, old in axes])
+
+
+def _sure(x: float, sd: float, before: float) -> float:
+    """Return what of a force pushes: what it was, as long as that is between what is beyond `SURE` and beyond `DOUBTED`."""
+    size, sign = abs(x), math.copysign(1.0, x)
+    return sign * min(max(sign * before, size - SURE * sd, 0.0), max(size - DOUBTED * sd, 0.0))
 
 
 class Admitting:
@@ -62,7 +79,7 @@ class Admitting:
             due_ns = arm.next_due_ns()
             if due_ns is None or due_ns > now_ns:
                 continue
-            force = felt(coordinator, stream.side, now_ns)
+            force = felt(coordinator, stream.side, now_ns, mass.force)
             if isinstance(force, Refusal):
                 coordinator.body.drop_driver(stream.side, MotionState.ABORTED, force.code, force.message)
                 text = f"the {stream.side} arm brakes and holds: {force.message}"

@@ -48,17 +48,19 @@ class VirtualMass:
     Attributes:
         anchor: Where its springs lead and locked axes are: x, y, z [m], qx, qy, qz, qw.
         place: Where it is, likewise; empty while it does not move.
+        force: What pushed it last [N], then turned it [N·m].
     """
 
     def __init__(self, mass: Sequence[float | None], damping: Vector, stiffness: Vector) -> None:
         self._axes = tuple(zip(mass, damping, stiffness, strict=True))
         self.anchor: Vector = ()
-        self.place: Vector = ()
-        self._v: Vector = REST6
+        self.rest(())
 
     def rest(self, place: Vector) -> None:
         """Begin anew at rest: at a pose, or nowhere."""
-        self.place, self._v = place, REST6
+        self.place: Vector = place
+        self.force: Vector = REST6
+        self._v: Vector = REST6
 
     def step(self, dynamics: PoseDynamics, force: Vector, share: float) -> Vector:
         """Move by one period; return the pose to be followed.
@@ -87,7 +89,7 @@ class VirtualMass:
         turned_rad = math.hypot(*away[ANGULAR])
         if turned_rad > MOST_TURN_RAD:
             away[ANGULAR] = [x * MOST_TURN_RAD / turned_rad for x in away[ANGULAR]]
-        self._v = tuple(v)
+        self._v, self.force = tuple(v), force
         self.place = _pose(anchor, away, reach_m)
         lags = [lag_s(abs(dx), dynamics.linear) for dx in v[LINEAR]]
         lags += [lag_s(math.hypot(*v[ANGULAR]), dynamics.angular)] * 3
