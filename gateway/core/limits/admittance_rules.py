@@ -14,13 +14,13 @@ AXES = ("x", "y", "z", "about x", "about y", "about z")
 MASS_UNITS, DAMPING_UNITS, STIFFNESS_UNITS = ("kg", "kg·m²"), ("N·s/m", "N·m·s/rad"), ("N/m", "N·m/rad")
 """Of shifts, then of turns."""
 
-MASSES = ((1.0, 50.0), (0.02, 2.0))
+MASSES = ((1.0, 30.0), (0.02, 2.0))
 """Least and greatest mass: a hand's inertia is about 5 kg, of which the model may not know a fifth, and feels as a force what it
 does not know; that must be less than the mass that it pushes."""
-LAG_S = 0.15
-"""How late a force is felt and answered [s]: the observer's 0.03, the robot's 0.1, two periods of 70 Hz."""
-HELD = (600.0, 60.0)
-"""Stiffness of what may hold the hand [N/m, N·m/rad]: a stiff arm, or servos of the robot against something hard."""
+LAG_S = 0.3
+"""How late a force is felt and answered [s]: the observer's 0.03, the robot's 0.1, and what setpoints lag at full speed."""
+HELD = (500.0, 50.0)
+"""Stiffness of what may hold the hand [N/m, N·m/rad]: a stiff arm; or the simulated robot's own servos, against a table."""
 LEAST_DAMPING = tuple(LAG_S * stiffness for stiffness in HELD)
 """D >= E T."""
 MOST_DAMPING = (2000.0, 100.0)

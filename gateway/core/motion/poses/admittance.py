@@ -10,9 +10,9 @@ Why it does not swing
     * Held by something of stiffness E (a person, or the arm's own servos against a table), whose force comes late by a chain of
       lags and delays, T in all: the loop is E / (M s² + D s + K) with a phase lag p <= w T more. Where it comes round in phase,
       |K - M w² + j D w| = D w / sin p, so that its gain is E sin p / (D w) <= E T / D. Hence D >= E T is enough, whatever M and
-      K. `LEAST_DAMPING` are such D for the E and T that they name.
-    * A setpoint lags behind what it follows (`follower.py`), by up to 0.2 s at full speed. So what is followed is where the mass
-      will be after that lag, but never beyond where it would coast to without a force, v M / D: nothing is overshot.
+      K. `LEAST_DAMPING` are such D for the E and T that `admittance_rules.py` names.
+    * Setpoints lag behind what they follow (`follower.py`), the more the faster, and are part of T. So what is followed is where
+      the mass will be after that lag, but never beyond where it would coast to without a force, v M / D: nothing is overshot.
     * Nothing winds up: the mass is never faster than setpoints may be, nor beyond the reach; it knows no integral of a force.
 """
 
