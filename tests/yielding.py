@@ -17,28 +17,33 @@ from gateway.messages.incoming import Admittance
 from gateway.messages.requests import OpenStream
 from gateway.robot.limits import HOME_Q_RAD
 from gateway.robot.topics import STATE_TOPICS, shoulder_frame
-from gateway.settings.settings import LinkSettings, LocalSettings, Settings
+from gateway.settings.settings import LinkSettings, LocalSettings, PoseSettings, Settings
 from gateway.sim.robot.settings import SimSettings
 from gateway.values import Side, Space
-from tests.pair import MS, S, Pair
+from tests.pair import MS, Pair, S
 
-__all__ = ["FREE", "LEFT", "Yielding", "held", "let_go"]
+__all__ = ["FREE", "LEFT", "Yielding", "held", "let_go", "steady"]
 
 LEFT = Side.LEFT
-FREE = {"mass": (8.0,) * 3 + (None,) * 3, "damping": (90.0,) * 3 + (0.0,) * 3, "stiffness": (0.0,) * 6}
+FREE = {"mass": (10.0,) * 3 + (None,) * 3, "damping": (150.0,) * 3 + (0.0,) * 3, "stiffness": (0.0,) * 6}
 """A mass that may be shifted, and stays where it is let go."""
 IDENTIFIED = {"unsure_part": 0.05, "friction_sd_nm": (0.4, 0.4, 0.4, 0.4, 0.15, 0.15, 0.15)}
 """How sure parameters are that `ta2 identify --dynamics` found."""
 
 
-def let_go(place, turn, speed):
+def let_go(place, speed):
     """Nobody is there."""
     return np.zeros(6)
 
 
 def held(where_m, stiffness=300.0, damping=20.0):
     """Somebody leads the hand: a spring to where it shall be [m], and a damper."""
-    return lambda place, turn, speed: np.array([*(stiffness * (where_m - place) - damping * speed[:3]), 0.0, 0.0, 0.0])
+    return lambda place, speed: np.array([*(stiffness * (where_m - place) - damping * speed[:3]), 0.0, 0.0, 0.0])
+
+
+def steady(force_n):
+    """Something pulls, the same all the time [N]."""
+    return lambda place, speed: np.array([*force_n, 0.0, 0.0, 0.0])
 
 
 class Yielding(Pair):
@@ -51,13 +56,14 @@ class Yielding(Pair):
     """
 
     def __init__(self, off=0.05, *, is_identified=True, **sim):
-        settings = Settings(link=LinkSettings(model="lift"), local=LocalSettings(snapshot_hz=10.0))
+        pose = PoseSettings(tracking_m=0.1)  # its servos are soft: 20 N shift the hand by 4 to 8 cm
+        settings = Settings(link=LinkSettings(model="lift"), local=LocalSettings(snapshot_hz=10.0), pose=pose)
         settings = replace(settings, model=replace(settings.model, dynamics=True))
         body, more = body_model(settings), IDENTIFIED if is_identified else {}
         arms = {side: replace(nominal_parameters(nominal(), side), **more) for side in Side}
         dynamics = {side: ArmDynamics(nominal(), side, drives) for side, drives in arms.items()}
         body.contacts = Contacts(dynamics, body.refusal)
-        start = {"start_rad": {side: HOME_Q_RAD[side] for side in Side}, "start_lowered_m": 0.15}
+        start = {"start_rad": {side: HOME_Q_RAD[side] for side in Side}, "start_lowered_m": 0.20}
         robot = {"model": "lift", "physics": "mujoco", "left_mode": "pose", "state_period_ns": 10 * MS}
         super().__init__(settings, SimSettings(**robot, **start, **sim), model=body)
         self.topics = STATE_TOPICS
@@ -66,10 +72,10 @@ class Yielding(Pair):
         self.site = self.world.model.site("left_ee").id
         self.link = self.world.model.site_bodyid[self.site]
         self.pull = let_go
-        """Force and moment on the hand by its place, its orientation and its velocity, all in the ground's axes."""
+        """Force and moment on the hand by its place and its velocity, all in the ground's axes."""
         self.seq = 0
         self.epoch = self.activate()
-        self.run(1.0)
+        self.run_until(lambda: self.model.contacts.view(LEFT, self.now_ns).state == "known")
         self.arm = self.engine._coordinator.body.pose_arms[LEFT]
 
     def _spoil(self, off):
@@ -99,15 +105,21 @@ class Yielding(Pair):
 
     @property
     def hand(self):
-        """Place [m], orientation as a matrix, and velocity [m/s, rad/s] of the hand in the ground's axes, the shoulder's."""
+        """Place [m] and velocity [m/s, rad/s] of the hand in the ground's axes, which are the shoulder's."""
         data, speed = self.world.data, np.zeros(6)
         mujoco.mj_objectVelocity(self.world.model, data, mujoco.mjtObj.mjOBJ_SITE, self.site, speed, 0)
-        return data.site_xpos[self.site].copy(), data.site_xmat[self.site].reshape(3, 3).copy(), np.roll(speed, 3)
+        return data.site_xpos[self.site].copy(), np.roll(speed, 3)
+
+    def touches_table(self):
+        """Whether a part of the left hand does."""
+        geoms, touches = self.world.model.geom, self.world.data.contact
+        pairs = [{geoms(touch.geom1).name, geoms(touch.geom2).name} for touch in touches]
+        return any("table" in pair and any(name.startswith("left_") for name in pair) for pair in pairs)
 
     def step(self, to_ns=None):
         """Let the hand be pulled as it is now."""
-        place, turn, speed = self.hand
-        wrench = self.pull(place, turn, speed)
+        place, speed = self.hand
+        wrench = self.pull(place, speed)
         lever = np.cross(place - self.world.data.xipos[self.link], wrench[:3])
         self.world.data.xfrc_applied[self.link] = (*wrench[:3], *(wrench[3:] + lever))
         return super().step(to_ns)

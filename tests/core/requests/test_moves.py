@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import math
+from types import SimpleNamespace
 
 import pytest
+from msgspec.structs import replace
 
 from gateway.core.body.motions import MotionState
 from gateway.core.messages.events import TargetArrived
@@ -16,10 +18,11 @@ from gateway.core.requests.moves import Facts, Moves
 from gateway.core.separation import goal_checks
 from gateway.core.supervision.supervisor import State
 from gateway.errors import Code, Refusal
-from gateway.messages.incoming import OnLimit
+from gateway.messages.body_views import ContactView
+from gateway.messages.incoming import Admittance, OnLimit
 from gateway.messages.requests import Cancel, CloseStream, Hold, Move, MovePose, OpenStream
 from gateway.robot.limits import HOME_Q_RAD, JOINT_UPPER_RAD
-from gateway.robot.topics import joint_command
+from gateway.robot.topics import joint_command, shoulder_frame
 from gateway.values import Side, Space, Vector
 from tests.core.stage import GOAL, MIDDLE, MS, PLACE, L, R, S, Stage
 from tests.kinematics.guarded_arms import MEET
@@ -557,3 +560,24 @@ def test_a_goal_that_leaves_too_little_room_is_refused_without_a_trace(monkeypat
     assert scene.ask(request) is too_near
     assert asked == [(scene.coordinator, {L: GOAL[L]}, scene.now_ns)]
     assert scene.body.motions.running == ()
+
+
+# ------------------------------------------------------------------------------------------------ a hand that yields
+
+
+def test_a_hand_that_yields_takes_targets_as_anchors():
+    """Its stream starts where the arm comes to rest; a target moves nothing by itself (`test_admitting.py`)."""
+    scene = Scene(poses=(L, R))
+    seen = ContactView(state="known", wrench=(0.0,) * 6, wrench_sd=(1.0,) * 6)
+    scene.coordinator.model = SimpleNamespace(contacts=SimpleNamespace(view=lambda side, now_ns: seen))
+    wish = Admittance(mass=(5.0,) * 6, damping=(150.0,) * 3 + (20.0,) * 3, stiffness=(0.0,) * 6)
+    how = {"epoch": scene.epoch, "side": L, "space": Space.POSE, "frame": shoulder_frame(L)}
+    facts = scene.granted(OpenStream(**how, admittance=wish))
+    assert facts["values"] == list(PLACE[L])
+    anchor = (0.4, *PLACE[L][1:])
+    scene.target(facts["stream_id"], 1, anchor)
+    assert scene.modes() == (HOLD, HOLD)
+    assert scene.body.targets.find(facts["stream_id"]).mass.anchor == anchor
+    assert scene.refused(OpenStream(**how, admittance=replace(wish, mass=(None,) * 6))).code is Code.BAD_REQUEST
+    scene.coordinator.model = None
+    assert scene.refused(OpenStream(**how, admittance=wish)).code is Code.MODEL_OFF
