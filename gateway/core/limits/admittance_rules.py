@@ -15,8 +15,8 @@ MASS_UNITS, DAMPING_UNITS, STIFFNESS_UNITS = ("kg", "kg·m²"), ("N·s/m", "N·m
 """Of shifts, then of turns."""
 
 MASSES = ((1.0, 30.0), (0.02, 2.0))
-"""Least and greatest mass: a hand's inertia is about 5 kg, of which the model may not know a fifth, and feels as a force what it
-does not know; that must be less than the mass that it pushes."""
+"""Least and greatest mass: a hand's inertia is about 5 kg, of which the model may not know a fifth. What it does not know it
+feels as a force; that must be less than the mass that it pushes."""
 LAG_S = 0.3
 """How late a force is felt and answered [s]: the observer's 0.03, the robot's 0.1, and what setpoints lag at full speed."""
 HELD = (500.0, 50.0)

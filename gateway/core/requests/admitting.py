@@ -1,6 +1,6 @@
 """Streams whose arm yields to what pushes its hand: tick by tick, from what is felt to the pose that is followed.
 
-    what pulls at the hand, less what it is not sure of  ->  virtual mass (`poses/admittance.py`)  ->  followed as a streamed pose
+    what pulls at the hand, as far as it is sure  ->  virtual mass (`poses/admittance.py`)  ->  followed as a streamed pose
 
 So limits, reach, slowing near singularities, braking and the grid are those of any stream of poses; its targets are anchors and
 signs of life: without them it brakes and holds, as any stream. What is not felt pushes nothing: axes that the posture does not

@@ -1,4 +1,4 @@
-"""Streams whose arm yields: what pushes it and what does not, when it stops, and that it says why. The estimate is a stand-in."""
+"""Streams whose arm yields: what pushes it and what does not, when it stops, and why. The estimate is a stand-in."""
 
 from __future__ import annotations
 

@@ -11,8 +11,8 @@ Why it does not swing
       lags and delays, T in all: the loop is E / (M s² + D s + K) with a phase lag p <= w T more. Where it comes round in phase,
       |K - M w² + j D w| = D w / sin p, so that its gain is E sin p / (D w) <= E T / D. Hence D >= E T is enough, whatever M and
       K. `LEAST_DAMPING` are such D for the E and T that `admittance_rules.py` names.
-    * Setpoints lag behind what they follow (`follower.py`), the more the faster, and are part of T. So what is followed is where
-      the mass will be after that lag, but never beyond where it would coast to without a force, v M / D: nothing is overshot.
+    * Setpoints lag behind what they follow (`follower.py`), the more the faster, and are part of T. So what is followed is
+      where the mass will be after that lag, but never beyond where it would coast to without a force, v M / D.
     * Nothing winds up: the mass is never faster than setpoints may be, nor beyond the reach; it knows no integral of a force.
 """
 

@@ -96,7 +96,7 @@ def test_a_spring_leads_it_home_without_overshoot(axis, part, mass):
 
 
 def held(mass, damping, stiffness, way_m, axis=SHIFTED, settle_s=5.0):
-    """How much the setpoint still swings after a while, as a part of the way by which something stiff that pulls late is away."""
+    """How much the setpoint still swings after a while, as a part of how far something stiff, which pulls late, is away."""
     hand, late = Hand(mass, damping, stiffness, axis), [0.0] * round(OUTSIDE_S / PERIOD_S)
     places = []
     for _ in range(round(settle_s / PERIOD_S)):

@@ -12,7 +12,7 @@ pytest.importorskip("mujoco", reason=REASON)
 from gateway.core.motion.poses.quaternion import turn
 from gateway.errors import Code
 from gateway.messages.requests import Stop
-from tests.yielding import Yielding, held, steady
+from tests.sim.physics.yielding import Yielding, held, steady
 
 REST_M = 2e-4
 """A setpoint that moves by less than this in half a second is at rest: a fifth of a millimetre [m]."""
