@@ -14,7 +14,7 @@ AXES = ("x", "y", "z", "about x", "about y", "about z")
 MASS_UNITS, DAMPING_UNITS, STIFFNESS_UNITS = ("kg", "kg·m²"), ("N·s/m", "N·m·s/rad"), ("N/m", "N·m/rad")
 """Of shifts, then of turns."""
 
-MASSES = ((1.0, 30.0), (0.02, 2.0))
+MASSES = ((1.0, 30.0), (0.02, 1.0))
 """Least and greatest mass: a hand's inertia is about 5 kg, of which the model may not know a fifth. What it does not know it
 feels as a force; that must be less than the mass that it pushes."""
 LAG_S = 0.3

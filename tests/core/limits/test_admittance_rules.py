@@ -41,7 +41,7 @@ def test_whatever_is_inside_the_bounds_passes_to_the_last_bit():
     ("changes", "field", "words"),
     [
         ({"mass": {0: 0.5}}, "admittance.mass[0]", ("the mass x is 0.5 kg", "[1, 30] kg")),
-        ({"mass": {4: 3.0}}, "admittance.mass[4]", ("about y is 3 kg·m²", "[0.02, 2] kg·m²")),
+        ({"mass": {4: 3.0}}, "admittance.mass[4]", ("about y is 3 kg·m²", "[0.02, 1] kg·m²")),
         ({"mass": {1: 0.0}}, "admittance.mass[1]", ("the mass y is 0 kg",)),
         ({"damping": {2: 149.0}}, "admittance.damping[2]", ("the damping z is 149 N·s/m", "[150, 2000] N·s/m")),
         ({"damping": {5: 1e9}}, "admittance.damping[5]", ("[15, 100] N·m·s/rad",)),

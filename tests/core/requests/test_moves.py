@@ -570,7 +570,7 @@ def test_a_hand_that_yields_takes_targets_as_anchors():
     scene = Scene(poses=(L, R))
     seen = ContactView(state="known", wrench=(0.0,) * 6, wrench_sd=(1.0,) * 6)
     scene.coordinator.model = SimpleNamespace(contacts=SimpleNamespace(view=lambda side, now_ns: seen))
-    wish = Admittance(mass=(5.0,) * 6, damping=(150.0,) * 3 + (20.0,) * 3, stiffness=(0.0,) * 6)
+    wish = Admittance(mass=(5.0,) * 3 + (0.1,) * 3, damping=(150.0,) * 3 + (20.0,) * 3, stiffness=(0.0,) * 6)
     how = {"epoch": scene.epoch, "side": L, "space": Space.POSE, "frame": shoulder_frame(L)}
     facts = scene.granted(OpenStream(**how, admittance=wish))
     assert facts["values"] == list(PLACE[L])

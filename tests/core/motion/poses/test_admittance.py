@@ -81,9 +81,9 @@ def test_let_go_it_comes_to_rest_without_turning_round(mass):
     assert hand.reference.is_at_rest or places[-1] - places[-2] < 1e-6
 
 
-@pytest.mark.parametrize("axis", [SHIFTED, TURNED])
-@pytest.mark.parametrize("part", [0.2, 1.0])
-@pytest.mark.parametrize("mass", [0, 1])
+@pytest.mark.parametrize(
+    ("axis", "part", "mass"), [(SHIFTED, 0.2, 1), (SHIFTED, 1.0, 0), (TURNED, 0.2, 0), (TURNED, 1.0, 1)]
+)
 def test_a_spring_leads_it_home_without_overshoot(axis, part, mass):
     """Over the range that is permitted: no further beyond the anchor than a hundredth of the way."""
     kind = axis // 3
@@ -108,7 +108,7 @@ def held(mass, damping, stiffness, way_m, axis=SHIFTED, settle_s=5.0):
 
 @pytest.mark.parametrize(("axis", "ways"), [(SHIFTED, (0.01, 0.1)), (TURNED, (0.05, 0.3))])
 @pytest.mark.parametrize("part", [0.0, 1.0])
-@pytest.mark.parametrize("mass", [0.0, 0.1, 1.0])
+@pytest.mark.parametrize("mass", [0.0, 1.0])
 def test_held_by_what_is_stiff_it_does_not_swing_whatever_its_mass_and_spring(axis, ways, part, mass):
     """The least damping against the stiffness and the lag for which it was worked out, near and far away: it dies away."""
     low, high = MASSES[axis // 3]
