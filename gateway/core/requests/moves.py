@@ -22,6 +22,7 @@ from gateway.core.separation import goal_checks
 from gateway.core.supervision.coordinator import Coordinator
 from gateway.core.supervision.supervisor import State, Trigger
 from gateway.errors import Code, Refusal
+from gateway.messages.incoming import OnLimit
 from gateway.messages.requests import Cancel, CloseStream, Hold, Move, MovePose, OpenStream
 from gateway.values import Side, Space, Vector
 
@@ -162,7 +163,9 @@ class Moves:
             return {"stream_id": stream.stream_id, "values": list(reference.values)}
         wish = request.admittance
         stream.mass = VirtualMass(wish.mass, wish.damping, wish.stiffness)
-        return {"stream_id": stream.stream_id, "values": list(reference.rest_values())}
+        anchor = check_pose(request.side, reference.rest_values(), coordinator.settings.pose, OnLimit.CLIP)
+        assert not isinstance(anchor, Refusal), "a setpoint is a pose; at the end of the reach rounding may be beyond"
+        return {"stream_id": stream.stream_id, "values": list(anchor.values)}
 
     def take_target(self, target: TargetArrived, now_ns: int) -> None:
         """Follow a streamed target if it may be followed; its stream says why not."""

@@ -581,3 +581,17 @@ def test_a_hand_that_yields_takes_targets_as_anchors():
     assert scene.refused(OpenStream(**how, admittance=replace(wish, mass=(None,) * 6))).code is Code.BAD_REQUEST
     scene.coordinator.model = None
     assert scene.refused(OpenStream(**how, admittance=wish)).code is Code.MODEL_OFF
+
+
+def test_a_hand_at_the_end_of_its_reach_has_an_anchor_that_may_be_said_again(monkeypatch):
+    """Rounding of a setpoint there may be beyond it, and a target must not."""
+    scene = Scene(poses=(L, R))
+    seen = ContactView(state="known", wrench=(0.0,) * 6, wrench_sd=(1.0,) * 6)
+    scene.coordinator.model = SimpleNamespace(contacts=SimpleNamespace(view=lambda side, now_ns: seen))
+    far = (scene.coordinator.settings.pose.reach_m + 1e-10, 0.0, 0.0, *PLACE[L][3:])
+    monkeypatch.setattr(scene.body.arms[L].reference, "rest_values", lambda: far)
+    wish = Admittance(mass=(5.0,) * 3 + (None,) * 3, damping=(150.0,) * 6, stiffness=(0.0,) * 6)
+    how = {"epoch": scene.epoch, "side": L, "space": Space.POSE, "frame": shoulder_frame(L)}
+    facts = scene.granted(OpenStream(**how, admittance=wish))
+    scene.target(facts["stream_id"], 1, tuple(facts["values"]))
+    assert scene.body.targets.find(facts["stream_id"]).mass.anchor == tuple(facts["values"])
