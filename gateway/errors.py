@@ -286,7 +286,7 @@ CODES: dict[Code, CodeInfo] = {
         error=NotReady,
         hint="set the arm to joint mode in the robot's web page, or `self_collision = false` in section [model]",
     ),
-    Code.CONTACT_UNKNOWN: CodeInfo(error=NotReady, hint="see why: `ta2 watch`; or ask for no touch", retryable=True),
+    Code.CONTACT_UNKNOWN: CodeInfo(error=NotReady, hint="mend what the message names, or wait", retryable=True),
     Code.ENDPOINT_SILENT: CodeInfo(error=NotReady, hint="see after the watcher; if it is gone, recover(reason='...')"),
     Code.ENDPOINT_MISSING: CodeInfo(error=NotReady, hint="start `ta2 stop-endpoint` where somebody sees the robot"),
     Code.ENDPOINT_UNKNOWN: CodeInfo(error=NotReady, hint="call stop_endpoint() again"),

@@ -9,6 +9,7 @@ from typing import Annotated, Literal
 from msgspec import Meta, Struct
 
 __all__ = [
+    "Admittance",
     "ClientId",
     "Count",
     "Incoming",
@@ -99,3 +100,17 @@ class IncomingMotion(Incoming, frozen=True, kw_only=True):
     """A request that moves arms; it ends at a touch where it has an `until`."""
 
     until: Until | None = None
+
+
+class Admittance(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """How the hand of an arm yields to what pushes it: per axis x, y, z of the arm's shoulder frame, then about them.
+
+    Attributes:
+        mass: Virtual mass [kg], then moment of inertia [kg·m²]; None where it does not yield.
+        damping: Of its velocity [N·s/m, N·m·s/rad].
+        stiffness: Of its spring to the anchor [N/m, N·m/rad].
+    """
+
+    mass: Tolerances
+    damping: Joints
+    stiffness: Joints

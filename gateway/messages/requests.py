@@ -16,6 +16,7 @@ from typing import Annotated, TypeAlias
 from msgspec import Meta, field
 
 from gateway.messages.incoming import (
+    Admittance,
     Count,
     Incoming,
     IncomingMotion,
@@ -220,6 +221,7 @@ class OpenStream(IncomingMotion, frozen=True, kw_only=True):
         speed: Factor on velocity, 0 < speed <= 1.
         on_limit: Reject or clip.
         expiry_ns: Life of a target [ns]; None for the configured one.
+        admittance: How the hand yields around the targets, of poses, while they come; None where it goes to them.
     """
 
     epoch: Count
@@ -229,6 +231,7 @@ class OpenStream(IncomingMotion, frozen=True, kw_only=True):
     speed: float = 1.0
     on_limit: OnLimit = OnLimit.REJECT
     expiry_ns: Count | None = None
+    admittance: Admittance | None = None
 
 
 class CloseStream(Incoming, frozen=True, kw_only=True):

@@ -60,6 +60,13 @@ REQUESTS = (
         until=protocol.Until(force_n=8.0, direction=(0.0, 0.0, 1.0), back_off_m=0.02, seen=4),
     ),
     protocol.OpenStream(epoch=3, side="left", speed=0.5, on_limit="clip", expiry_ns=300_000_000),
+    protocol.OpenStream(
+        epoch=3,
+        side="left",
+        space="pose",
+        frame="left_shoulder_base",
+        admittance=protocol.Admittance(mass=(8.0, None), damping=(200.0, 0.0), stiffness=(0.0, 0.0)),
+    ),
     protocol.CloseStream(epoch=3, stream_id=5),
     protocol.Hold(epoch=3, sides=("left", "right")),
     protocol.Cancel(epoch=3, motion_id=9),

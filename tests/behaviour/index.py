@@ -685,6 +685,18 @@ MOTIONS = {
         "motions::a_later_motion_supersedes_the_earlier_one_without_a_stop",
         "motions::each_arm_may_have_a_motion_of_its_own",
     ),
+    "a hand that yields": (
+        "core/requests/admitting::a_hand_goes_where_it_is_pushed_and_only_while_its_client_is_there",
+        "core/requests/admitting::without_a_push_nothing_moves",
+        "core/requests/admitting::an_axis_that_the_posture_does_not_feel_is_pushed_by_nothing",
+        "core/requests/admitting::once_nobody_knows_what_pulls_it_brakes_and_says_why",
+        "core/requests/admitting::it_is_refused_at_once_where_nobody_knows_what_pulls",
+        "core/requests/admitting::it_is_refused_where_nobody_asked_for_dynamics",
+        "core/limits/admittance_rules::what_would_swing_is_refused_with_value_bound_unit_and_remedy",
+        "core/motion/poses/admittance::held_by_what_is_stiff_it_does_not_swing_whatever_its_mass_and_spring",
+        "core/motion/poses/admittance::let_go_it_comes_to_rest_without_turning_round",
+        "core/motion/poses/admittance::a_spring_leads_it_home_without_overshoot",
+    ),
     "streamed targets": (
         "streaming::targets_of_any_rate_become_a_smooth_100_hz_stream",
         "streaming::a_stream_starts_at_the_present_reference",

@@ -575,6 +575,40 @@ def test_a_stream_is_used_once_and_inside_its_block(own):
         pass
 
 
+def test_a_hand_that_yields_is_kept_alive_by_its_ticks(world, own):
+    """Each repeats the anchor, where the stream starts or what was set last; the request says how it yields, axis by axis."""
+    how = {"mass_kg": (8, None, 8), "damping": 200, "stiffness": (0, 0, 50.0), "inertia_kgm2": 0.1, "turn_damping": 20}
+    with own.left_arm.stream("admittance", 50.0, frame="left_shoulder_base", **how) as hand:
+        for _ in range(3):
+            hand.tick()
+        hand.set((0.2, 0.1, -0.2), (0.0, 0.0, 0.0, 1.0))
+        hand.tick()
+    _, opened = next((c, r) for c, r in world.engine.requests if isinstance(r, requests.OpenStream))
+    wish = opened.admittance
+    assert (opened.space, wish.mass) == (Space.POSE, (8.0, None, 8.0, 0.1, 0.1, 0.1))
+    assert wish.damping == (200.0,) * 3 + (20.0,) * 3 and wish.stiffness == (0.0, 0.0, 50.0, 0.0, 0.0, 0.0)
+    sent = [target.values for target in world.engine.targets]
+    assert sent[0] == sent[2] == pytest.approx(START_Q) and sent[-1][:3] == (0.2, 0.1, -0.2)
+
+
+@pytest.mark.parametrize(
+    ("space", "how", "code", "field"),
+    [
+        ("admittance", {"mass_kg": (8.0, 8.0)}, Code.WRONG_SHAPE, "mass_kg"),
+        ("admittance", {"mass_kg": 8.0, "turn_damping": (1.0,) * 6}, Code.WRONG_SHAPE, "turn_damping"),
+        ("admittance", {"mass_kg": "8"}, Code.BAD_REQUEST, "mass_kg"),
+        ("admittance", {"mass_kg": 8.0, "frame": "right_shoulder_base"}, Code.WRONG_FRAME, "left_arm.frame"),
+        ("pose", {"mass_kg": 8.0}, Code.BAD_REQUEST, "space"),
+        ("joint", {"inertia_kgm2": 0.1}, Code.BAD_REQUEST, "space"),
+    ],
+)
+def test_what_is_no_virtual_mass_is_refused_where_it_is_made(own, space, how, code, field):
+    """By its keyword; and one beside targets that lead the hand is not passed over in silence."""
+    with pytest.raises(Rejected) as caught:
+        own.left_arm.stream(space, **{"frame": "left_shoulder_base", **how})
+    assert (caught.value.code, caught.value.field) == (code, field)
+
+
 @pytest.mark.parametrize("rate", [0.5, 101.0, float("nan")])
 def test_targets_are_taken_at_1_to_100_hz(own, rate):
     """A rate outside is refused with its bound."""

@@ -20,11 +20,12 @@ from gateway.core.robot_state.body_model import body_model
 from gateway.core.supervision.conditions import Conditions
 from gateway.incident.freezing import Frozen, Unfrozen, _array, freeze, packed, thaw, unpickler
 from gateway.kinematics.urdf import from_urdf
-from gateway.messages.requests import MovePose, Recover
+from gateway.messages.incoming import Admittance
+from gateway.messages.requests import MovePose, OpenStream, Recover
 from gateway.settings.settings import LocalSettings, Settings
 from gateway.settings.toml_file import state_dir
 from gateway.sim.robot.settings import SimSettings
-from gateway.values import EePose, Side
+from gateway.values import EePose, Side, Space
 from tests.incident.feeling import feeling
 from tests.pair import MS, Pair
 
@@ -108,6 +109,21 @@ def test_a_robot_that_feels_what_pulls_at_it_goes_on() -> None:
     for side in Side:
         assert repr(ours.view(side, pair.now_ns)) == repr(theirs.view(side, pair.now_ns))
         assert ours._observers[side].torque_nm.tobytes() == theirs._observers[side].torque_nm.tobytes()
+
+
+def test_a_hand_that_yields_goes_on() -> None:
+    """The virtual mass is state: where it is, how it goes and what pushed it last."""
+    pair = feeling("pose")
+    epoch = pair.activate()
+    pair.run(4.0)
+    wish = Admittance(mass=(8.0,) * 3 + (None,) * 3, damping=(200.0,) * 6, stiffness=(10.0,) * 6)
+    how = {"side": Side.LEFT, "space": Space.POSE, "frame": "left_shoulder_base", "expiry_ns": 3_000 * MS}
+    facts = pair.granted(OpenStream(epoch=epoch, admittance=wish, **how))
+    pair.target(epoch, facts["stream_id"], tuple(facts["values"]))
+    pair.run(0.3)
+    mass = pair.engine._coordinator.body.targets.find(facts["stream_id"]).mass
+    assert mass.place and going_on(pair, 1.0) > 0
+    assert any(mass.force), "this robot's efforts are made up, and push"
 
 
 def test_poses_go_on() -> None:

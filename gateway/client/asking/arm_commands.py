@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Generic, Literal, TypeVar, overload
 from gateway.api import protocol
 from gateway.client.asking.chunks import Tolerance
 from gateway.client.asking.commands import DoneT, HandleT, MotionCommands
-from gateway.client.asking.poses import PoseLike, PoseTarget, frame_of, require_space
+from gateway.client.asking.poses import Axes, PoseLike, PoseTarget, admittance, frame_of, require_space
 from gateway.client.asking.stream import JointTargets, PoseTargets, StreamOptions
 
 if TYPE_CHECKING:
@@ -172,12 +172,37 @@ class ArmCommands(Generic[HandleT, DoneT, JointStreamT, PoseStreamT]):
         until: protocol.Until | None = None,
     ) -> PoseStreamT: ...
 
+    @overload
     def stream(
         self,
-        space: protocol.SpaceName = "joint",
+        space: Literal["admittance"],
+        rate_hz: float = 50.0,
+        *,
+        frame: str,
+        mass_kg: Axes = None,
+        damping: Axes = 0.0,
+        stiffness: Axes = 0.0,
+        inertia_kgm2: Axes = None,
+        turn_damping: Axes = 0.0,
+        turn_stiffness: Axes = 0.0,
+        speed: float = 1.0,
+        on_limit: protocol.OnLimitName = "reject",
+        expiry: float | None = None,
+        paced: bool = True,
+    ) -> PoseStreamT: ...
+
+    def stream(
+        self,
+        space: protocol.SpaceName | Literal["admittance"] = "joint",
         rate_hz: float = 50.0,
         *,
         frame: str | None = None,
+        mass_kg: Axes = None,
+        damping: Axes = 0.0,
+        stiffness: Axes = 0.0,
+        inertia_kgm2: Axes = None,
+        turn_damping: Axes = 0.0,
+        turn_stiffness: Axes = 0.0,
         speed: float = 1.0,
         on_limit: protocol.OnLimitName = "reject",
         expiry: float | None = None,
@@ -186,10 +211,20 @@ class ArmCommands(Generic[HandleT, DoneT, JointStreamT, PoseStreamT]):
     ) -> JointStreamT | PoseStreamT:
         """Return a stream of targets for this arm, to be used in a `with` block.
 
+        A stream of `admittance` lets the hand yield to what pushes it, as a virtual mass would with a damper and a spring to
+        an anchor: where the hand is when it begins, or what `set` said last. `tick` says that somebody is there. Axes are those
+        of the shoulder frame; each argument is a number for all three, or three. It is an experiment on a real robot.
+
         Args:
-            space: `joint`, or `pose` for an arm in end-effector mode.
+            space: `joint`, or `pose` for an arm in end-effector mode; `admittance` for one that feels (`[model] dynamics`).
             rate_hz: Rate of `tick` [Hz], 1 to 100; targets may also be set without ticking.
             frame: Of poses: `left_shoulder_base` or `right_shoulder_base`, that of this arm (manual §4.0.1).
+            mass_kg: Virtual mass [kg], 1 to 30; None locks an axis.
+            damping: What a velocity takes [N·s/m], 150 to 2000.
+            stiffness: Of the spring [N/m], at most damping² / (4 mass); 0 for none: the hand stays where it is let go.
+            inertia_kgm2: The same about the axes: virtual inertia [kg·m²], 0.02 to 1; None locks one, and is the default ...
+            turn_damping: ... damping [N·m·s/rad], 15 to 100 ...
+            turn_stiffness: ... and spring [N·m/rad]. A hand turns by at most 1 rad from its anchor.
             speed: Factor on the velocity limit, 0 < speed <= 1.
             on_limit: `reject` refuses a target outside the limits, `clip` moves it to the limit.
             expiry: A target that has no successor for so long makes the arm brake and hold [s], 0.05 to 3; None for
@@ -200,11 +235,18 @@ class ArmCommands(Generic[HandleT, DoneT, JointStreamT, PoseStreamT]):
                 `touch` has it.
 
         Raises:
-            Rejected: WRONG_FRAME, a stream of poses without a frame, or in another arm's; OUT_OF_RANGE, the rate.
+            Rejected: WRONG_FRAME, a stream of poses without a frame, or in another arm's; OUT_OF_RANGE, the rate;
+                WRONG_SHAPE, neither one nor three numbers. The `with` block raises what the daemon refuses.
         """
-        require_space(space)
+        require_space(space, yields=mass_kg is not None or inertia_kgm2 is not None)
         owner = self._control
         how = StreamOptions(rate_hz=rate_hz, speed=speed, on_limit=on_limit, expiry=expiry, paced=paced, until=until)
         if space == "joint":
             return self._joint_stream(owner._session, owner._owned(), self.side, how)
-        return self._pose_stream(owner._session, owner._owned(), self.side, how, frame_of(self.side, frame))
+        wish = None
+        if space == "admittance":
+            wish = admittance(
+                {"mass_kg": mass_kg, "damping": damping, "stiffness": stiffness},
+                {"inertia_kgm2": inertia_kgm2, "turn_damping": turn_damping, "turn_stiffness": turn_stiffness},
+            )
+        return self._pose_stream(owner._session, owner._owned(), self.side, how, frame_of(self.side, frame), wish)

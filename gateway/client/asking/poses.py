@@ -7,7 +7,7 @@ quaternion in xyzw, in the arm's own shoulder frame, which must be named (manual
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Protocol
 
@@ -18,7 +18,20 @@ from gateway.errors import Code, failure
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
-__all__ = ["PoseLike", "PoseTarget", "frame_of", "move_pose", "numbers", "require_space", "within_reach"]
+__all__ = [
+    "Axes",
+    "PoseLike",
+    "PoseTarget",
+    "admittance",
+    "frame_of",
+    "move_pose",
+    "numbers",
+    "require_space",
+    "within_reach",
+]
+
+Axes = float | Iterable[float | None] | None
+"""A number for each of three axes, x, y, z, or one for all of them; None where there is none."""
 
 NORM_TOLERANCE = 1e-3
 """How far the norm of a quaternion may be from 1; the daemon normalises it."""
@@ -128,20 +141,58 @@ def frame_of(side: str, frame: str | None) -> str:
     )
 
 
-def require_space(space: str) -> None:
-    """Refuse what is no space of setpoints.
+def require_space(space: str, *, yields: bool = False) -> None:
+    """Refuse what is no kind of stream, and a hand that shall yield in one that leads it.
 
     Raises:
         Rejected: BAD_REQUEST.
     """
-    if space not in ("joint", "pose"):
+    if space not in ("joint", "pose", "admittance"):
         raise failure(
             Code.BAD_REQUEST,
-            f"there are streams of 'joint' and of 'pose' targets, none of {space!r}",
+            f"there are streams of 'joint' and of 'pose' targets and of 'admittance', none of {space!r}",
             field="space",
             value=str(space),
-            bound="joint, pose",
+            bound="joint, pose, admittance",
         )
+    if yields and space != "admittance":
+        raise failure(
+            Code.BAD_REQUEST,
+            f"a stream of {space!r} targets leads the hand, which cannot yield as a mass meanwhile",
+            field="space",
+            value=space,
+            bound="admittance",
+        )
+
+
+def admittance(shifts: Mapping[str, Axes], turns: Mapping[str, Axes]) -> protocol.Admittance:
+    """Return how a hand yields; what is within bounds, the daemon judges.
+
+    Args:
+        shifts: Mass, damping and stiffness by their keywords, in this order: a number for all three axes, three of them ...
+        turns: ... and the same about the axes. A mass of None locks an axis, or all of them.
+
+    Raises:
+        Rejected: WRONG_SHAPE, with the keyword.
+    """
+    mass, damping, stiffness = (
+        _axes(*shift) + _axes(*turn) for shift, turn in zip(shifts.items(), turns.items(), strict=True)
+    )
+    given = [tuple(0.0 if value is None else value for value in values) for values in (damping, stiffness)]
+    return protocol.Admittance(mass=mass, damping=given[0], stiffness=given[1])
+
+
+def _axes(name: str, given: Axes) -> tuple[float | None, ...]:
+    values = tuple(given) if isinstance(given, Iterable) and not isinstance(given, (str, bytes)) else (given,) * 3
+    if len(values) != 3:
+        raise failure(
+            Code.WRONG_SHAPE,
+            f"{name} has {len(values)} values, one or three are needed: x, y, z",
+            field=name,
+            value=str(len(values)),
+            bound="1 or 3",
+        )
+    return tuple(None if value is None else number(name, value) for value in values)
 
 
 def within_reach(

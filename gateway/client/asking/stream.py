@@ -6,6 +6,7 @@ Rules
     * `tick` paces on an absolute grid: a late tick is not caught up, its periods are skipped and counted. A paced stream
       moves its instants to where the next target is just in time for a setpoint (`phase`).
     * A stream that ended, or a target that was refused, is told at the next `tick`, with code and message.
+    * Where the hand yields (`admittance`), targets are its anchors: `tick` repeats the last one, as a sign of life.
 """
 
 from __future__ import annotations
@@ -64,6 +65,7 @@ class TargetStream:
         side: protocol.SideName,
         options: StreamOptions,
         frame: str = "",
+        admittance: protocol.Admittance | None = None,
     ) -> None:
         rate_hz = number("rate_hz", options.rate_hz)
         if not (math.isfinite(rate_hz) and 1.0 <= rate_hz <= 100.0):
@@ -91,6 +93,7 @@ class TargetStream:
             on_limit=chosen(protocol.OnLimit, "on_limit", options.on_limit),
             expiry_ns=None if options.expiry is None else seconds("expiry", options.expiry),
             until=options.until,
+            admittance=admittance,
         )
         self._stream_id = 0
         self._values: tuple[float, ...] = ()
@@ -163,6 +166,8 @@ class TargetStream:
 
     def _tick(self) -> Procedure[None]:
         self.check()
+        if self._opening.admittance is not None:
+            self._put(self._values)  # its anchor is what says that somebody is there
         now_ns = self._session.transport.now_ns()
         self._due_ns += self._period_ns
         if now_ns > self._due_ns:
@@ -236,7 +241,7 @@ class JointTargets(TargetStream):
 
 
 class PoseTargets(TargetStream):
-    """A stream of poses of an end effector, in its arm's shoulder frame."""
+    """A stream of poses of an end effector, in its arm's shoulder frame; of a hand that yields, of its anchor."""
 
     @property
     def p(self) -> NDArray[np.float64]:

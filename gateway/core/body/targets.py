@@ -14,6 +14,7 @@ from gateway.core.body.feeler import Feeler
 from gateway.core.limits.pose_validation import check_pose
 from gateway.core.limits.validation import check_goal
 from gateway.core.messages.events import TargetArrived
+from gateway.core.motion.poses.admittance import VirtualMass
 from gateway.errors import Code, Refusal
 from gateway.messages.incoming import OnLimit
 from gateway.messages.snapshot import TargetView, TouchView
@@ -51,6 +52,8 @@ class TargetStream:
         self.code: Code | None = None
         """Why it ended; None while open."""
         self.seq = 0
+        self.mass: VirtualMass | None = None
+        """What is followed where targets are its anchors; None where they are followed themselves."""
         self.received_ns: int | None = None
         """Arrival of the last accepted target [ns]; None when there is none or it has expired."""
         self.refused = 0

@@ -13,6 +13,7 @@ from typing import TypeAlias
 from gateway.core.limits import validation
 from gateway.core.messages.events import CommandRequested, TargetArrived
 from gateway.core.messages.outputs import Level
+from gateway.core.requests.admitting import Admitting
 from gateway.core.requests.authorisation import REFUSAL_TEXT, Authorisation
 from gateway.core.requests.cartesian import Cartesian
 from gateway.core.requests.driving import Driving
@@ -75,6 +76,7 @@ class RequestHandler:
         gripping = Gripping(coordinator, self._authorisation)
         weighing = Weighing(coordinator, self._authorisation)
         follows = Follows(coordinator, self._authorisation, self._moves)
+        self._admitting = Admitting(coordinator)
         self._cartesian = Cartesian(coordinator, self._authorisation, self._moves)
         self.may: dict[str, May] = {
             "enable": self._may_enable,
@@ -276,6 +278,7 @@ class RequestHandler:
         """Go on with requests that take more than one tick."""
         self._cartesian.step(now_ns)
         self._moves.touches.look(now_ns)
+        self._admitting.step(now_ns)
 
     # ------------------------------------------------------------------------------------------------ stop, recover
 

@@ -10,16 +10,20 @@ from typing import TypeAlias
 
 from gateway.core.body.motions import Motion, MotionState
 from gateway.core.limits import validation
+from gateway.core.limits.admittance_rules import check_admittance
 from gateway.core.limits.pose_validation import check_frame, check_pose, check_pose_tolerance
 from gateway.core.messages.events import CommandRequested, TargetArrived
 from gateway.core.motion.gap import Gap
 from gateway.core.motion.motion import PlanFailed
+from gateway.core.motion.poses.admittance import VirtualMass
+from gateway.core.requests.admitting import felt
 from gateway.core.requests.authorisation import Authorisation
 from gateway.core.requests.touches import Touches
 from gateway.core.separation import goal_checks
 from gateway.core.supervision.coordinator import Coordinator
 from gateway.core.supervision.supervisor import State, Trigger
 from gateway.errors import Code, Refusal
+from gateway.messages.incoming import OnLimit
 from gateway.messages.requests import Cancel, CloseStream, Hold, Move, MovePose, OpenStream
 from gateway.values import Side, Space, Vector
 
@@ -150,7 +154,11 @@ class Moves:
             or (check_frame(request.side, request.frame) if request.space is Space.POSE else None)
             or validation.check_speed(request.speed)
             or validation.check_expiry(request.expiry_ns)
+            or (None if request.admittance is None else check_admittance(request.admittance, request.space))
         )
+        if refusal is None and request.admittance is not None:
+            force = felt(coordinator, request.side, now_ns)
+            refusal = force if isinstance(force, Refusal) else None
         if refusal is not None:
             return refusal
         feelers = self.touches.feelers(command, request, (request.side,), now_ns)
@@ -168,7 +176,14 @@ class Moves:
             request.space,
         )
         stream.feelers = feelers
-        return {"stream_id": stream.stream_id, "values": list(coordinator.body.arms[request.side].values)}
+        reference = coordinator.body.arms[request.side].reference
+        if request.admittance is None:
+            return {"stream_id": stream.stream_id, "values": list(reference.values)}
+        wish = request.admittance
+        stream.mass = VirtualMass(wish.mass, wish.damping, wish.stiffness)
+        anchor = check_pose(request.side, reference.rest_values(), coordinator.settings.pose, OnLimit.CLIP)
+        assert not isinstance(anchor, Refusal), "a setpoint is a pose; at the end of the reach rounding may be beyond"
+        return {"stream_id": stream.stream_id, "values": list(anchor.values)}
 
     def take_target(self, target: TargetArrived, now_ns: int) -> None:
         """Follow a streamed target if it may be followed; its stream says why not."""
@@ -176,9 +191,14 @@ class Moves:
         if self._authorisation.is_before_stop(target.received_ns):
             return
         accepted = coordinator.body.targets.accept(target)
-        if accepted is None or coordinator.state is not State.ACTIVE:
+        if accepted is None:
             return
         stream, values = accepted
+        if stream.mass is not None:
+            stream.mass.anchor = values
+            return
+        if coordinator.state is not State.ACTIVE:
+            return
         arm = coordinator.body.arms[stream.side]
         arm.follow_target(values, stream.speed * coordinator.body.speed_ratio[arm.space], stream.epoch)
         due_ns = arm.next_due_ns()

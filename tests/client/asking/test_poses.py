@@ -104,7 +104,9 @@ def test_a_text_or_a_truth_value_is_no_number(name, value):
     assert (error.code, error.field) == (Code.BAD_REQUEST, name)
 
 
-def test_there_are_two_spaces():
+def test_there_are_two_spaces_and_a_hand_that_yields():
     """Joint and pose."""
     require_space("pose")
+    require_space("admittance", yields=True)
+    assert refusal(require_space, "pose", yields=True).code is Code.BAD_REQUEST
     assert refusal(require_space, "torque").code is Code.BAD_REQUEST

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import math
+from types import SimpleNamespace
 
 import pytest
+from msgspec.structs import replace
 
 from gateway.core.body.motions import MotionState
 from gateway.core.messages.events import SettingsRead, TargetArrived
@@ -17,10 +19,11 @@ from gateway.core.separation import goal_checks
 from gateway.core.supervision.reloading import take_settings
 from gateway.core.supervision.supervisor import State
 from gateway.errors import Code, Refusal
-from gateway.messages.incoming import OnLimit, Until
+from gateway.messages.body_views import ContactView
+from gateway.messages.incoming import Admittance, OnLimit, Until
 from gateway.messages.requests import Cancel, CloseStream, Hold, Move, MovePose, OpenStream
 from gateway.robot.limits import HOME_Q_RAD, JOINT_UPPER_RAD
-from gateway.robot.topics import joint_command
+from gateway.robot.topics import joint_command, shoulder_frame
 from gateway.values import Side, Space, Vector
 from tests.core.stage import GOAL, MIDDLE, MS, PLACE, L, R, S, Stage
 from tests.kinematics.guarded_arms import MEET
@@ -581,3 +584,38 @@ def test_what_is_to_end_at_a_touch_that_nobody_feels_is_refused_without_a_trace(
         OpenStream(epoch=scene.epoch, side=L, until=until),
     ):
         assert scene.refused(request).code is Code.MODEL_OFF
+
+
+# ------------------------------------------------------------------------------------------------ a hand that yields
+
+
+def test_a_hand_that_yields_takes_targets_as_anchors():
+    """Its stream starts where the arm comes to rest; a target moves nothing by itself (`test_admitting.py`)."""
+    scene = Scene(poses=(L, R))
+    seen = ContactView(state="known", wrench=(0.0,) * 6, wrench_sd=(1.0,) * 6)
+    scene.coordinator.model = SimpleNamespace(contacts=SimpleNamespace(view=lambda side, now_ns: seen))
+    wish = Admittance(mass=(5.0,) * 3 + (0.1,) * 3, damping=(150.0,) * 3 + (20.0,) * 3, stiffness=(0.0,) * 6)
+    how = {"epoch": scene.epoch, "side": L, "space": Space.POSE, "frame": shoulder_frame(L)}
+    facts = scene.granted(OpenStream(**how, admittance=wish))
+    assert facts["values"] == list(PLACE[L])
+    anchor = (0.4, *PLACE[L][1:])
+    scene.target(facts["stream_id"], 1, anchor)
+    assert scene.modes() == (HOLD, HOLD)
+    assert scene.body.targets.find(facts["stream_id"]).mass.anchor == anchor
+    assert scene.refused(OpenStream(**how, admittance=replace(wish, mass=(None,) * 6))).code is Code.BAD_REQUEST
+    scene.coordinator.model = None
+    assert scene.refused(OpenStream(**how, admittance=wish)).code is Code.MODEL_OFF
+
+
+def test_a_hand_at_the_end_of_its_reach_has_an_anchor_that_may_be_said_again(monkeypatch):
+    """Rounding of a setpoint there may be beyond it, and a target must not."""
+    scene = Scene(poses=(L, R))
+    seen = ContactView(state="known", wrench=(0.0,) * 6, wrench_sd=(1.0,) * 6)
+    scene.coordinator.model = SimpleNamespace(contacts=SimpleNamespace(view=lambda side, now_ns: seen))
+    far = (scene.coordinator.settings.pose.reach_m + 1e-10, 0.0, 0.0, *PLACE[L][3:])
+    monkeypatch.setattr(scene.body.arms[L].reference, "rest_values", lambda: far)
+    wish = Admittance(mass=(5.0,) * 3 + (None,) * 3, damping=(150.0,) * 6, stiffness=(0.0,) * 6)
+    how = {"epoch": scene.epoch, "side": L, "space": Space.POSE, "frame": shoulder_frame(L)}
+    facts = scene.granted(OpenStream(**how, admittance=wish))
+    scene.target(facts["stream_id"], 1, tuple(facts["values"]))
+    assert scene.body.targets.find(facts["stream_id"]).mass.anchor == tuple(facts["values"])

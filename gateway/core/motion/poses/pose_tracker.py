@@ -19,7 +19,7 @@ from gateway.core.motion.space import State
 from gateway.core.motion.tracker import ROUNDING_S, Outcome, Tracker
 from gateway.values import Vector
 
-__all__ = ["PoseTracker"]
+__all__ = ["PoseTracker", "lag_s"]
 
 JOINED_M = 0.005
 JOINED_RAD = 0.03
@@ -75,11 +75,11 @@ class PoseTracker(Tracker[PoseTrajectory]):
         """Aim at where the trajectory will be by the time at which the follower gets there, axis by axis."""
         _, speeds, turning = self.trajectory.at(self.time_s)
         linear, angular = self._dynamics.linear, self._dynamics.angular
-        place = [self.place_in(_lag_s(abs(speed), linear))[n] for n, speed in enumerate(speeds)]
+        place = [self.place_in(lag_s(abs(speed), linear))[n] for n, speed in enumerate(speeds)]
         reach_m = math.hypot(*place)
         if reach_m > self._dynamics.limits.reach_m:
             place = [x * self._dynamics.limits.reach_m / reach_m * (1.0 - 1e-9) for x in place]
-        quat = self.place_in(_lag_s(turning, angular))[3:]
+        quat = self.place_in(lag_s(turning, angular))[3:]
         self._follower.aim((*place, *quat), 1.0, now)
 
     def _note(self, state: State) -> None:
@@ -93,7 +93,7 @@ class PoseTracker(Tracker[PoseTrajectory]):
             self.outcome = Outcome.DONE
 
 
-def _lag_s(speed: float, limits: AxisLimits) -> float:
+def lag_s(speed: float, limits: AxisLimits) -> float:
     """Return how far an axis lags behind a target that moves at a speed: the way to stop from it, divided by it [s]."""
     if speed * limits.j >= limits.a * limits.a:
         return 0.5 * (speed / limits.a + limits.a / limits.j)
