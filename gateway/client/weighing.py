@@ -146,7 +146,7 @@ def _move(
     own: Ownership, side: protocol.Side, goal: Array, speed: float, samples: list[protocol.ArmView] | None = None
 ) -> Procedure[None]:
     """Move an arm somewhere; keep what is felt on the way where it is wanted."""
-    session, _, motion, _ = yield from own._move({side.value: goal}, False, min(1.0, speed), None, "reject")
+    session, _, motion, _ = yield from own._move({side.value: goal}, False, min(1.0, speed), None, "reject", None)
 
     def collect(sighting: Sighting) -> bool | None:
         arm = sighting.view.arms[side.value]

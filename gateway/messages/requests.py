@@ -3,10 +3,8 @@
 Rules
     * What goes in is strict: unknown fields, unknown types and oversized values are refused, because to ignore half of a
       demand is dangerous. Only `stop` and `estop` take whatever a later release adds, and reasons of any length.
-    * Decoding checks form only. Lengths, limits and finiteness are judged later, with value, bound and remedy: msgpack
-      carries NaN, JSON cannot.
-    * Every request but the leases' own, `stop`, `estop`, `recover` and the stop endpoints' carries the epoch of the lease
-      under which it is made.
+    * Decoding checks form only: lengths, limits and finiteness are judged later, with value, bound and remedy.
+    * What only an owner may ask for carries the epoch of the lease under which it is made.
 """
 
 from __future__ import annotations

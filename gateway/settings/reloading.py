@@ -56,7 +56,7 @@ NEEDS_RESTART = _names(
         "enable": "stale_ns hold_stale_ns fsm_valid_ns mode_valid_ns seed_ns seed_lag_ns zero_timeout_ns late_ns",
         "foreign": "policy",
         "model": "check position_tolerance_m angle_tolerance_rad window_ns urdf calibration self_collision margin_m "
-        "singularity_slowdown singularity_radps dynamics",
+        "singularity_slowdown singularity_radps dynamics left_touch_n right_touch_n",
         "local": "socket socket_mode tcp tcp_open_to_every_user_of_this_host users_file roles_file tls_certificate "
         "tls_private_key tls_root_ca audit_log snapshot_hz black_box",
         "realtime": "fifo fifo_priority lock_memory one_core",
