@@ -45,7 +45,7 @@ def lowered(own: Control, robot: Robot) -> MotionResult:
 
 
 def test_a_hand_that_goes_down_ends_at_the_table_and_nothing_moves_on(tmp_path: Path, systems: Systems) -> None:
-    """It ends as CONTACT, with force and place; setpoints stand still from then on, and the arm is still enabled."""
+    """It ends as CONTACT, with force and place; setpoints stand still from then on, and the arm is still held."""
     for attempt in range(ATTEMPTS):
         folder = tmp_path / str(attempt)
         folder.mkdir()
@@ -58,7 +58,8 @@ def test_a_hand_that_goes_down_ends_at_the_table_and_nothing_moves_on(tmp_path: 
                 wait_for(lambda: not any(robot.state.left_arm.dq_ref), "an arm at rest")
                 held = robot.state.seq, tuple(robot.state.left_arm.q_ref)
                 wait_for(lambda then=held[0]: robot.state.seq > then + 25, "half a second")
-                assert tuple(robot.state.left_arm.q_ref) == held[1] and robot.state.state == "ACTIVE"
+                assert tuple(robot.state.left_arm.q_ref) == held[1]
+                assert robot.state.state in ("ACTIVE", "HOLDING"), "a client without time is lost, and the arm held"
                 motion = next(motion for motion in robot.state.view.motions if motion.touch is not None)
                 assert (motion.state, motion.code) == ("touched", "CONTACT") and robot.state.left_arm.touch == touch
         except GatewayError as error:
