@@ -334,10 +334,7 @@ class Stop(Incoming, frozen=True, kw_only=True, forbid_unknown_fields=False):
 
 
 class Estop(Incoming, frozen=True, kw_only=True, forbid_unknown_fields=False):
-    """Stop everything and pause the FSM. Anybody may; always latches; the grip is lost.
-
-    Does not replace the physical emergency stop.
-    """
+    """Stop everything and pause the FSM. Anybody may; latches; the grip is lost. It replaces no physical emergency stop."""
 
     reason: str = ""
 
