@@ -25,6 +25,8 @@ from gateway.settings.toml_file import KEYS, load, loads
 
 EVERY = {f"{section}.{key.field}" for section, keys in KEYS.items() for key in keys.values()}
 BEGAN = Settings()
+FEELING = replace(BEGAN, model=replace(BEGAN.model, dynamics=True))
+"""What a bound on touches needs."""
 PAGE = Path(__file__).resolve().parents[2] / "docs/how-to/service.md"
 
 
@@ -63,15 +65,17 @@ ANOTHER = {
     "enable.mode_valid_ns": 2_500_000_000,
     "model.window_ns": 2_000_000_000,
     "model.margin_m": 0.03,
+    "model.left_touch_n": 30.0,
+    "model.right_touch_n": 30.0,
 }
 """Another value of a setting, where half of it, a text more or the other way round makes no sense."""
 
 
-def with_another(name: str) -> Settings:
-    """Return the defaults with another value of one setting."""
+def with_another(name: str, began: Settings = BEGAN) -> Settings:
+    """Return the defaults, or others, with another value of one setting."""
     section, _, field = name.partition(".")
     section = {"robot": "link"}.get(section, section)
-    part = getattr(BEGAN, section)
+    part = getattr(began, section)
     value = getattr(part, field)
     if name in ANOTHER:
         value = ANOTHER[name]
@@ -81,21 +85,22 @@ def with_another(name: str) -> Settings:
         value += "x"
     else:
         value = type(value)(value * 0.9)
-    return replace(BEGAN, **{section: replace(part, **{field: value})})
+    return replace(began, **{section: replace(part, **{field: value})})
 
 
 @pytest.mark.parametrize("name", sorted(EVERY))
 def test_each_setting_alone_is_taken_or_named(name: str) -> None:
     """Its new value in the one case, its name as the file has it and what to do in the other."""
-    fresh = with_another(name)
+    began = FEELING if name.endswith("_touch_n") else BEGAN
+    fresh = with_another(name, began)
     section, _, field = name.partition(".")
     written = next(f"{section}.{key.name}" for key in KEYS[section].values() if key.field == field)
     if name in TAKEN:
-        values, words = changes(BEGAN, BEGAN, fresh)
+        values, words = changes(began, began, fresh)
         assert values == {name: getattr(getattr(fresh, section), field)} and words.startswith(f"{written} = ")
     else:
         with pytest.raises(ConfigError) as refused:
-            changes(BEGAN, BEGAN, fresh)
+            changes(began, began, fresh)
         assert refused.value.code is Code.BAD_CONFIG and "start the gateway anew" in refused.value.hint
         assert refused.value.message == f"needs a restart: {written}"
 

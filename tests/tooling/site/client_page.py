@@ -25,6 +25,7 @@ PARTS = {
     "Motions and streams": (
         "MotionHandle",
         "MotionResult",
+        "contact",
         "Payload",
         "FollowCheck",
         "PoseTarget",

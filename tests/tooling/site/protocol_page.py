@@ -11,6 +11,7 @@ from gateway.api import protocol
 from gateway.messages import requests
 from gateway.messages.envelopes import Command, Notice, Reply, Target
 from gateway.messages.facts import Info, Routes
+from gateway.messages.incoming import Admittance, Until
 from gateway.messages.requests import Request
 from gateway.messages.snapshot import Snapshot
 from tests.tooling.site.markdown import attributes, cell, prose, table
@@ -51,7 +52,7 @@ def page() -> str:
         "",
         prose(requests.__doc__ or ""),
         "",
-        *_structs(get_args(Request)),
+        *_structs([*get_args(Request), Until, Admittance]),
         "## What is published",
         "",
         *_structs(_reached([Snapshot, Info, Routes])),
