@@ -37,6 +37,9 @@ __all__ = [
     "JOINT_UPPER_RAD",
     "LIFT_WATCHDOG_NS",
     "MAX_ARM_LEN_M",
+    "MAX_PAYLOAD_KG",
+    "MAX_PAYLOAD_M",
+    "MOST_NM",
     "TOUCH_N",
     "gripper_raw",
     "gripper_torque_nm",
@@ -111,6 +114,8 @@ MAX_PAYLOAD_KG = 3.0
 """Nobody is believed that a hand holds more [kg] (ours: the manual states none): a wrist motor of 5 N·m holds it at 0.17 m."""
 MAX_PAYLOAD_M = 0.5
 """Nor that its centre is farther from the end effector along an axis [m] (ours)."""
+MOST_NM = 1000.0
+"""More than this no motor of an arm gives [N·m] (ours): what says so measures nothing."""
 
 ARM_WATCHDOG_NS = 150 * MS
 """A longer gap in the arm stream means zero-velocity protection (§4.3, §4.10)."""

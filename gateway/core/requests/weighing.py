@@ -4,20 +4,22 @@ from __future__ import annotations
 
 import math
 from itertools import chain
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from gateway.core.messages.events import CommandRequested
 from gateway.core.requests.authorisation import Authorisation
 from gateway.core.requests.moves import Answer
-from gateway.core.robot_state.contact import MOST_NM, Contacts
 from gateway.core.supervision.coordinator import Coordinator
 from gateway.errors import Code, Refusal
 from gateway.kinematics.dynamics.parameters import Load
-from gateway.kinematics.dynamics.weighing import Swings
 from gateway.messages.requests import SetPayload, Weigh
-from gateway.robot.limits import MAX_PAYLOAD_KG, MAX_PAYLOAD_M
+from gateway.robot.limits import MAX_PAYLOAD_KG, MAX_PAYLOAD_M, MOST_NM
 from gateway.values import ARM_DOF
+
+if TYPE_CHECKING:  # loaded only where dynamics are asked for
+    from gateway.core.robot_state.contact import Contacts
 
 __all__ = ["Weighing"]
 
@@ -81,7 +83,7 @@ class Weighing:
                     bound=f"[-{MOST_NM:g}, {MOST_NM:g}]",
                 )
         arrays = {name: np.array(swings) for name, swings in rows.items()}
-        found = contacts.weigh(request.side, Swings(**arrays, beside_empty=request.beside_empty), now_ns)
+        found = contacts.weigh(request.side, now_ns, beside_empty=request.beside_empty, **arrays)
         if isinstance(found, Refusal):
             return found
         return {

@@ -23,6 +23,7 @@ from gateway.kinematics.dynamics.parameters import Load
 from gateway.kinematics.dynamics.weighing import CannotTell, Swings, Weighed, weigh
 from gateway.kinematics.dynamics.wrench import Wrench, wrench_of
 from gateway.messages.body_views import ContactView
+from gateway.robot.limits import MOST_NM
 from gateway.values import ArmState, Side, Vector
 
 __all__ = ["Contact", "Contacts", "Unfelt"]
@@ -33,8 +34,8 @@ MS = 1_000_000
 STALE_NS = 100 * MS
 """Joints older than this say nothing about now [ns]."""
 
-MOST_NM, MOST_RADPS = 1000.0, 100.0
-"""More than this no motor of an arm gives, nor how fast it turns [N·m, rad/s]: what says so measures nothing."""
+MOST_RADPS = 100.0
+"""Faster no motor of an arm turns [rad/s]: what says so measures nothing."""
 
 NO_EFFORTS, NOT_CONVERGED, BROKEN = "NO_EFFORTS", "NOT_CONVERGED", "BROKEN"
 """Reasons beside those of the model and of its age: they refuse nothing, and are no codes of refusals."""
@@ -135,19 +136,20 @@ class Contacts:
             self._dynamics[side].carry(load)
             self._observers[side].restart()
 
-    def weigh(self, side: Side, swings: Swings, now_ns: int) -> Weighed | Refusal:
+    def weigh(self, side: Side, now_ns: int, *, beside_empty: bool, **measured: Array) -> Weighed | Refusal:
         """Return what a hand holds, or why that cannot be told.
 
         Args:
             side: Which arm.
-            swings: What was measured, all finite.
             now_ns: Monotonic time [ns].
+            beside_empty: Whether what the empty hand weighs was taken off.
+            **measured: The rows of `Swings`, all finite.
         """
         refusal = self._refusal(side, now_ns)
         if refusal is not None:
             return refusal
         try:
-            found = weigh(self._dynamics[side], swings)
+            found = weigh(self._dynamics[side], Swings(**measured, beside_empty=beside_empty))
         except Exception as error:  # noqa: BLE001  as in `hear`
             found = CannotTell(f"these numbers have no solution ({error})")
         if isinstance(found, CannotTell):

@@ -65,6 +65,7 @@ LATE = ("jump", "frozen")
 UNSEEN = {
     "clock_drift": "some seconds are too short for parts in a million; what it has gained is found by `clock`",
     "joint_zero": "what it tells is consistent: only the body model knows better (`ta2 status`, `ta2 frames`)",
+    "load": "a hand may hold something; what pulls at an arm is in the state (`ta2 watch`)",
     "tight_limit": "a small step is nowhere near a limit",
     "pause": "PAUSE is how a robot is found; kept there, it is not enabled (a trial's error, tested in test_trials.py)",
 }

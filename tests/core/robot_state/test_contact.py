@@ -9,7 +9,7 @@ from gateway.core.robot_state.contact import STALE_NS, Contact, Contacts, Unfelt
 from gateway.errors import Code, Refusal
 from gateway.kinematics.dynamics.observer import MomentumObserver
 from gateway.kinematics.dynamics.parameters import Load
-from gateway.kinematics.dynamics.weighing import Swings, Weighed
+from gateway.kinematics.dynamics.weighing import Weighed
 from gateway.messages.body_views import ContactView
 from gateway.values import ArmState, Side
 from tests.kinematics.dynamics.plants import JACOBIAN, WEIGHT, Plant
@@ -153,9 +153,7 @@ def test_another_robot_is_observed_from_its_beginning():
 def swings(count=3, noise_nm=0.01):
     """What is measured of nothing, in postures that tell."""
     rows = np.zeros((count, 7))
-    return Swings(
-        q_rad=rows + np.arange(count)[:, None], up_nm=rows, down_nm=rows, noise_nm=rows + noise_nm, beside_empty=False
-    )
+    return {"q_rad": rows + np.arange(count)[:, None], "up_nm": rows, "down_nm": rows, "noise_nm": rows + noise_nm}
 
 
 def test_a_load_is_counted_on_from_when_it_is_said_until_the_robot_is_lost():
@@ -179,12 +177,12 @@ def test_a_load_is_counted_on_from_when_it_is_said_until_the_robot_is_lost():
 def test_what_a_hand_holds_is_worked_out_while_the_model_can_be_relied_on(monkeypatch):
     """Else the model's own refusal; what cannot be told, or has no solution, is said with its arm."""
     scene = Scene()
-    found = scene.contacts.weigh(LEFT, swings(), 0)
+    found = scene.contacts.weigh(LEFT, 0, beside_empty=False, **swings())
     assert isinstance(found, Weighed) and found.mass_kg == pytest.approx(0.0)
-    alone = scene.contacts.weigh(LEFT, swings(1), 0)
+    alone = scene.contacts.weigh(LEFT, 0, beside_empty=False, **swings(1))
     assert isinstance(alone, Refusal) and (alone.code, alone.field) == (Code.CANNOT_WEIGH, "left_arm")
     monkeypatch.setattr(Plant, "load_columns", _fail)
-    failed = scene.contacts.weigh(LEFT, swings(), 0)
+    failed = scene.contacts.weigh(LEFT, 0, beside_empty=False, **swings())
     assert isinstance(failed, Refusal) and "no solution (singular)" in failed.message
     scene.refused = REFUSAL
-    assert scene.contacts.weigh(LEFT, swings(), 0) is REFUSAL
+    assert scene.contacts.weigh(LEFT, 0, beside_empty=False, **swings()) is REFUSAL
