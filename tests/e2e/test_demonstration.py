@@ -35,15 +35,24 @@ state = 48
 columns = ["left_arm", "left_gripper_effort", "right_arm", "right_gripper_effort"]
 """
 TELEOPERATOR = """
+from gateway.errors import Aborted, Stale
+def go(goal, speed):
+    for attempt in range(20):
+        try:
+            if attempt:
+                own.enable(timeout=12.0)
+            return own.move_to(goal, speed=speed).result(timeout=60.0)
+        except (Aborted, Stale):  # the machine stood still
+            time.sleep(0.3)
 with robot.control() as own:
     own.enable(timeout=12.0)
     near = {side: HOME[side] * 0.85 for side in HOME}
-    own.move_to(HOME, speed=0.5).result(timeout=60.0)
+    go(HOME, 0.5)
     for number in range(5):
         robot.recording.start("reach" if number % 2 else "reach there and back")
         own.left_gripper.set(0.3 + 0.1 * number)
         for goal in (near, HOME):
-            own.move_to(goal, speed=0.4 + 0.1 * number).result(timeout=60.0)
+            go(goal, 0.4 + 0.1 * number)
         robot.recording.failure() if number == 3 else robot.recording.success()
     print("shown", flush=True)
 """

@@ -235,8 +235,9 @@ def test_a_recorder_that_stands_still_and_dies_changes_nothing_and_loses_a_secon
             wait_for(lambda: min(map(system.count, joint_topics())) > before + 300, "setpoints meanwhile")
             recorder.send(signal.SIGCONT)
             path = folder / "bag" / f"bag_0.mcap{ACTIVE}"
-            size = path.stat().st_size
-            wait_for(lambda: path.stat().st_size > size + 50_000, "more of the recording")
+            for what in ("what had come before it stood still", "what came afterwards"):
+                size = path.stat().st_size
+                wait_for(lambda size=size: path.stat().st_size > size + 50_000, what)
             killed_ns = watcher.state.view.at_ns
             recorder.send(signal.SIGKILL)
             recorder.wait()

@@ -32,7 +32,7 @@ LONGEST_STEP_RAD = 0.01
 
 OWNER = """
 from pathlib import Path
-from gateway.errors import GatewayError, Stale
+from gateway.errors import Aborted, GatewayError, Stale
 WORD = Path({word!r})
 with robot.control() as own:
     own.enable(timeout=15.0)
@@ -46,11 +46,11 @@ with robot.control() as own:
     for attempt in range(50):
         try:
             own.enable(timeout=15.0)
+            own.move_to(HOME, speed=0.5).result(timeout=30.0)
+            print("there", flush=True)
             break
-        except Stale:  # the machine is busy
+        except (Aborted, Stale):  # the machine is busy
             time.sleep(0.1)
-    own.move_to(HOME, speed=0.5).result(timeout=30.0)
-    print("there", flush=True)
 """
 """Moves both arms slowly; whatever ends that, it goes on only when a file says so."""
 
