@@ -95,6 +95,7 @@ def test_chunks_replaced_several_times_a_second_keep_the_arms_moving_inside_ever
 
 
 @pytest.mark.thorough
+@pytest.mark.sim_only("what the shell judges and tells is the matter")
 def test_a_recording_is_judged_and_followed_from_the_shell(systems: Callable[..., System], tmp_path: Path) -> None:
     """`ta2 follow`: a file too long for one request, both arms, from its approach to its end, inside every limit."""
     system = systems(tmp_path, has_guard=IS_THOROUGH)

@@ -31,8 +31,8 @@ CHANCES = 2
 SOME_FAILED, NO_TESTS = 1, 5
 """Exit statuses of pytest: any other but 0 says that the run broke off."""
 
-HEART = ("tests/e2e/test_heart.py", "tests/e2e/test_guard.py")
-"""What every interpreter proves end to end: machine, zenoh, DDS and forces are the same for all."""
+HEART, GUARD = "tests/e2e/test_heart.py", "tests/e2e/test_guard.py"
+"""What other interpreters prove end to end: machine, zenoh, DDS and forces are the same for all."""
 
 THE_SAME = ("behaviour", "bench", "dataset", "fuzz", "gym", "interop", "kinematics", "tooling", "video")
 """Folders of tests that tell nothing of an interpreter: rules of the core, geometry, files, tools, other people's programs."""
@@ -80,7 +80,7 @@ def plan(versions: dict[str, str], *, cores: int, is_thorough: bool, has_bridge:
 
     Args:
         versions: Interpreters by their version, e.g. `3.11`; the default one, which tries most, first. Of the others the
-            oldest and the newest run quick tests: what lies between them differs from neither.
+            oldest and the newest run quick tests and the guard's: what lies between them differs from neither.
         cores: So many end-to-end tests run side by side.
         is_thorough: Whether tests run that take long to prove a little more.
         has_bridge: Whether those run that need a real bridge.
@@ -107,8 +107,9 @@ def plan(versions: dict[str, str], *, cores: int, is_thorough: bool, has_bridge:
     ]
     for version in others:
         marks = "e2e and not thorough and not interop and not forces"
+        proved = (HEART, GUARD) if version in ends else (HEART,)
         made.front.append(
-            Run(name=f"{version}-e2e", python=versions[version], arguments=("-m", marks, *HEART), brief=True)
+            Run(name=f"{version}-e2e", python=versions[version], arguments=("-m", marks, *proved), brief=True)
         )
         if version in ends:
             ignored = tuple(f"--ignore=tests/{name}" for name in THE_SAME)

@@ -99,7 +99,7 @@ def test_what_runs_behind_ends_with_the_runner(tmp_path: Path, run: Run) -> None
 
 
 def test_the_default_interpreter_runs_all_and_the_others_what_can_differ() -> None:
-    """Quick tests with the oldest and the newest beside it; the heart and the guard with every one."""
+    """Quick tests and the guard with the oldest and the newest beside it, the heart with every one."""
     versions = {"3.11": "a", "3.10": "b", "3.12": "c", "3.13": "d"}
     made = plan(versions, cores=2, is_thorough=True, has_bridge=True)
     assert [run.name for run in made.front] == ["3.11-e2e", "3.11-alone", "3.10-e2e", "3.12-e2e", "3.13-e2e"]
@@ -107,6 +107,10 @@ def test_the_default_interpreter_runs_all_and_the_others_what_can_differ() -> No
     assert [run.python for run in made.behind] == ["a", "b", "d"]
     assert made.behind[0].arguments == ("-m", "not e2e") and made.front[1].arguments[:2] == ("-m", "alone")
     assert [run.brief for run in made.front] == [False, False, True, True, True]
+    assert [run.name for run in made.front[2:] if "tests/e2e/test_guard.py" in run.arguments] == [
+        "3.10-e2e",
+        "3.13-e2e",
+    ]
 
 
 def test_what_takes_long_or_needs_a_bridge_is_left_out_by_hand() -> None:
