@@ -134,7 +134,7 @@ def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> object | Non
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    """Put end-to-end tests last and slow ones before them; give both the time they need.
+    """Put end-to-end tests last and slow ones before them, side by side with others first; give both the time they need.
 
     Of a test with many sets of parameters the first and the last are run where few examples are tried.
     """
@@ -145,7 +145,8 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
         kept = {id(item) for found in sets.values() for item in (found[0], found[-1])}
         config.hook.pytest_deselected(items=[item for item in items if id(item) not in kept])
         items[:] = [item for item in items if id(item) in kept]
-    items.sort(key=_cost)  # stable: the order inside each group stays
+    # Stable: the order inside each group stays. Side by side the longest begin first, or all would wait for the last of them.
+    items.sort(key=_cost, reverse=hasattr(config, "workerinput"))
     for item in items:
         if PROFILE == "long":
             item.add_marker(pytest.mark.timeout(0))

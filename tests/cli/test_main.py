@@ -154,8 +154,8 @@ def test_run_hands_the_settings_to_the_daemon(shell, monkeypatch, tmp_path):
     monkeypatch.setattr("gateway.process.log.configure_log", lambda *, is_json: seen.update(is_json=is_json))
     monkeypatch.setattr(
         "gateway.process.daemon.run",
-        lambda settings, _, *, is_json_log, notifier: (
-            seen.update(settings=settings, is_guards_log_json=is_json_log, notifier=notifier) or 0
+        lambda settings, _, *, is_json_log, notifier, read: (
+            seen.update(settings=settings, is_guards_log_json=is_json_log, notifier=notifier, again=read()) or 0
         ),
     )
     assert shell.run("run", "--config", str(file), "--robot", "h", "--model", "lift", "--json-log").status == 0
@@ -163,6 +163,7 @@ def test_run_hands_the_settings_to_the_daemon(shell, monkeypatch, tmp_path):
     assert (settings.link.endpoint, settings.link.model, settings.arm.v_radps) == ("tcp/h:9000", "lift", 0.4)
     assert seen["is_json"] is seen["is_guards_log_json"] is True
     assert settings.guard.enabled and seen["notifier"] is None
+    assert seen["again"] == settings, "read anew as at the start"
     assert shell.run("run", "--no-guard").status == 0 and not seen["settings"].guard.enabled
     assert shell.run("run", "--config", str(file), "--socket", "/tmp/x.sock").status == 0
     assert seen["settings"].link.endpoint == "tcp/10.0.0.1:9000" and seen["settings"].link.model == "lite"

@@ -6,14 +6,11 @@ import math
 from itertools import chain
 from typing import TYPE_CHECKING
 
-import numpy as np
-
 from gateway.core.messages.events import CommandRequested
 from gateway.core.requests.authorisation import Authorisation
 from gateway.core.requests.moves import Answer
 from gateway.core.supervision.coordinator import Coordinator
 from gateway.errors import Code, Refusal
-from gateway.kinematics.dynamics.parameters import Load
 from gateway.messages.requests import SetPayload, Weigh
 from gateway.robot.limits import MAX_PAYLOAD_KG, MAX_PAYLOAD_M, MOST_NM
 from gateway.values import ARM_DOF
@@ -56,7 +53,7 @@ class Weighing:
                     unit=unit,
                     hint="weigh it anew, or say what the hand really holds",
                 )
-        contacts.carry(request.side, Load(mass_kg=mass_kg, com_m=com_m) if mass_kg else None)
+        contacts.carry(request.side, mass_kg, com_m)
         return {}
 
     def weigh(self, command: CommandRequested, request: Weigh, now_ns: int) -> Answer:
@@ -82,8 +79,7 @@ class Weighing:
                     value=f"{worst:g}",
                     bound=f"[-{MOST_NM:g}, {MOST_NM:g}]",
                 )
-        arrays = {name: np.array(swings) for name, swings in rows.items()}
-        found = contacts.weigh(request.side, now_ns, beside_empty=request.beside_empty, **arrays)
+        found = contacts.weigh(request.side, now_ns, beside_empty=request.beside_empty, **rows)
         if isinstance(found, Refusal):
             return found
         return {

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from msgspec.structs import replace
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from gateway.errors import Code, Refusal
 from gateway.kinematics.dynamics.observer import Dynamics, MomentumObserver
@@ -128,15 +128,16 @@ class Contacts:
         self._heard.clear()
         for side, observer in self._observers.items():
             observer.restart()
-            self.carry(side, None)
+            self.carry(side, 0.0)
 
-    def carry(self, side: Side, load: Load | None) -> None:
-        """Count on what a hand holds from now on; None for nothing. The estimate begins anew where that is something else."""
+    def carry(self, side: Side, mass_kg: float, com_m: Vector = ()) -> None:
+        """Count on what a hand holds from now on; 0 kg for nothing. The estimate begins anew where that is something else."""
+        load = Load(mass_kg=mass_kg, com_m=com_m) if mass_kg else None
         if load != self._dynamics[side].load:
             self._dynamics[side].carry(load)
             self._observers[side].restart()
 
-    def weigh(self, side: Side, now_ns: int, *, beside_empty: bool, **measured: Array) -> Weighed | Refusal:
+    def weigh(self, side: Side, now_ns: int, *, beside_empty: bool, **measured: ArrayLike) -> Weighed | Refusal:
         """Return what a hand holds, or why that cannot be told.
 
         Args:
@@ -149,7 +150,8 @@ class Contacts:
         if refusal is not None:
             return refusal
         try:
-            found = weigh(self._dynamics[side], Swings(**measured, beside_empty=beside_empty))
+            rows = {name: np.asarray(values, dtype=np.float64) for name, values in measured.items()}
+            found = weigh(self._dynamics[side], Swings(**rows, beside_empty=beside_empty))
         except Exception as error:  # noqa: BLE001  as in `hear`
             found = CannotTell(f"these numbers have no solution ({error})")
         if isinstance(found, CannotTell):

@@ -160,17 +160,17 @@ def test_a_load_is_counted_on_from_when_it_is_said_until_the_robot_is_lost():
     """The estimate begins anew, but not where the same is said again; it is shown whether anything else is known or not."""
     scene, load = Scene().hear(), Load(mass_kg=0.3, com_m=(0.1, 0.0, 0.0))
     assert scene.contacts.view(LEFT, scene.now_ns).load_kg == 0.0
-    scene.contacts.carry(LEFT, load)
+    scene.contacts.carry(LEFT, load.mass_kg, load.com_m)
     assert scene.why() == "NOT_CONVERGED" and scene.arms[LEFT].load == load and scene.arms[RIGHT].load is None
     view = scene.contacts.view(LEFT, scene.now_ns)
     assert (view.state, view.load_kg, view.load_com_m) == ("unknown", 0.3, (0.1, 0.0, 0.0))
-    scene.hear().contacts.carry(LEFT, load)
+    scene.hear().contacts.carry(LEFT, load.mass_kg, load.com_m)
     view = scene.contacts.view(LEFT, scene.now_ns)
     assert (view.state, view.load_kg, view.load_com_m) == ("known", 0.3, (0.1, 0.0, 0.0))
     scene.contacts.forget()
     assert scene.arms[LEFT].load is None and scene.hear().contacts.view(LEFT, scene.now_ns).load_com_m == ()
-    scene.contacts.carry(LEFT, load)
-    scene.hear().contacts.carry(LEFT, None)
+    scene.contacts.carry(LEFT, load.mass_kg, load.com_m)
+    scene.hear().contacts.carry(LEFT, 0.0)
     assert scene.why() == "NOT_CONVERGED" and scene.arms[LEFT].load is None
 
 
