@@ -14,6 +14,7 @@ import threading
 import time
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -434,6 +435,7 @@ def test_memory_is_flat_over_thousands_of_connections(tmp_path: Path, systems: C
         print(f"resident memory every quarter [KiB]: client {client}, daemon {daemon}")
         assert process.returncode == 0 and len(client) == 4
         assert client[-1] - client[0] < 1500, f"client [KiB]: {client}"
-        growth_kib = (daemon[-1] - daemon[0]) / (0.75 * count)
+        # What is kept of each is kept in each quarter; what grows once, or on a busy host for a while, is not in all of them.
+        growth_kib = 4 / count * min(later - earlier for earlier, later in pairwise(daemon))
         assert growth_kib < 5.0, f"{growth_kib:.1f} KiB a connection; daemon [KiB]: {daemon}"
         assert watcher.state.lease.epoch >= count

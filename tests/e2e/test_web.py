@@ -390,6 +390,7 @@ def test_the_cameras_are_shown_and_nothing_is_received_for_nobody(systems, tmp_p
         port = probe.getsockname()[1]
     system = systems(tmp_path, has_guard=False, sim_options=("--camera-to", f"127.0.0.1:{port}"))
     system.connect("first").close()
+    wait_for(lambda: "SSRC" in system.sim.text(), "cameras that send", 200.0, system.sim.text)  # encoded once, slowly
     web = Web(system, "--video", "--video-port", str(port))
     try:
         assert web.get("/api/video/ceiling").status_code == 400
