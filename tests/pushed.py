@@ -62,7 +62,8 @@ class PushedPair(Pair):
         )
         model = body_model(settings)
         assert model is not None
-        self.pushed = model.contacts = Pushed()  # type: ignore[assignment]
+        self.pushed = Pushed()
+        setattr(model, "contacts", self.pushed)  # noqa: B010  it tells what it is told, and is no observer
         sim = SimSettings(
             state_period_ns=10 * MS,
             compliance_radpnm=COMPLIANCE_RADPNM,

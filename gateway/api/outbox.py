@@ -65,6 +65,7 @@ class Outbox:
         self._seq = 0
         self._told = 0
         self._snapshot_waits = False
+        self._encoded: dict[tuple[type, str], tuple[object, bytes]] = {}
 
     # ------------------------------------------------------------------------------------------------ who listens
 
@@ -224,7 +225,7 @@ class Outbox:
     def _answer(self, question: Question, message: object) -> None:
         encoding = reply_encoding(question)
         try:
-            payload = protocol.encode(message, encoding)
+            payload = self._payload(message, encoding)
         except (TypeError, ValueError) as error:
             log.error("an answer on %s cannot be encoded: %s", question.key, error)
             refusal = Refusal(code=Code.INTERNAL, message=f"the answer cannot be encoded: {error}")
@@ -233,6 +234,15 @@ class Outbox:
                 protocol.Reply(request_id=request_id, refusal=to_refusal(refusal), after_seq=self._seq), encoding
             )
         question.answer(payload, encoding)
+
+    def _payload(self, message: object, encoding: str) -> bytes:
+        """Return a message encoded; what many may ask for, once: a thread without rest keeps zenoh's from hearing the robot."""
+        if isinstance(message, protocol.Reply):
+            return protocol.encode(message, encoding)
+        kept = self._encoded.get((type(message), encoding))
+        if kept is None or kept[0] is not message:
+            kept = self._encoded[type(message), encoding] = message, protocol.encode(message, encoding)
+        return kept[1]
 
     def _notice(self, notice: outputs.Notice, number: int) -> None:
         payload = protocol.encode(to_notice(notice))
@@ -245,7 +255,7 @@ class Outbox:
         if snapshot is None:
             return
         try:
-            payload = protocol.encode(snapshot)
+            payload = self._payload(snapshot, protocol.MSGPACK)
         except (TypeError, ValueError) as error:
             log.error("snapshot %d cannot be encoded: %s", snapshot.seq, error)
             return

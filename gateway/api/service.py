@@ -85,8 +85,8 @@ class LocalPlane:
         self._running = False
         _prepare_directory(self.socket, is_default=not local.socket)
         self._floods = FloodWatch(self._is_own)
-        self._reader = 0
-        self._policy = OrdinaryWhileBusy(lambda thread_id: thread_id == self._reader)
+        self._answering: tuple[int | None, ...] = ()
+        self._policy = OrdinaryWhileBusy(lambda thread_id: thread_id in self._answering)
         self._is_closing = threading.Event()
         self._heeded: frozenset[str] = frozenset()
         self._locks = [InstanceLock(socket_lock_path(self.socket), f"socket {self.socket}")]
@@ -123,7 +123,7 @@ class LocalPlane:
             thread = supervised(work, name, may_return=lambda: not self._running, again=True)
             thread.start()
             self._threads.append(thread)
-        self._reader = self._threads[0].native_id or 0
+        self._answering = tuple(thread.native_id for thread in self._threads[:2])
 
     def _is_own(self, address: object) -> bool:
         """Whether we listen at a local address: a path, or host and port."""

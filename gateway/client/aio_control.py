@@ -17,12 +17,10 @@ from gateway.client.asking.motion import MotionRecord
 from gateway.client.asking.options import OnExitName
 from gateway.client.asking.ownership import Accepted
 from gateway.client.asking.procedures import Procedure
-from gateway.client.asking.requests import chosen
 from gateway.client.asking.results import MotionResult, Payload
 from gateway.client.asking.stream import JointTargets, PoseTargets, TargetStream
 from gateway.client.awaiting import run
 from gateway.client.connection.session import Session
-from gateway.client.weighing import tell, weighed
 from gateway.errors import GatewayError
 
 __all__ = ["ArmControl", "Control", "JointStream", "MotionHandle", "PoseStream"]
@@ -83,11 +81,9 @@ class ArmControl(ArmCommands[Coroutine[Any, Any, MotionHandle], Coroutine[Any, A
         self, known: Payload | Literal["weigh"] | None = "weigh", *, empty: Payload | None = None
     ) -> Payload:
         """Weigh what this hand holds, and count on it; or on what is known, None for an empty hand."""
-        side = chosen(protocol.Side, "side", self.side)
-        if known == "weigh":
-            return await run(self._control._session, weighed(self._control, side, empty))
-        await run(self._control._session, tell(self._control, side, known))
-        return known or Payload(mass=0.0)
+        from gateway.client.weighing import payload
+
+        return await run(self._control._session, payload(self._control, self.side, known, empty))
 
 
 class Control(MotionCommands[Coroutine[Any, Any, MotionHandle], Coroutine[Any, Any, None]]):

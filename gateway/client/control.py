@@ -10,13 +10,11 @@ from gateway.client.asking.commands import MotionCommands
 from gateway.client.asking.options import OnExitName
 from gateway.client.asking.ownership import Accepted
 from gateway.client.asking.procedures import Procedure
-from gateway.client.asking.requests import chosen
 from gateway.client.asking.results import Payload
 from gateway.client.blocking import run
 from gateway.client.connection.session import Session
 from gateway.client.handles import JointStream, MotionHandle, PoseStream
 from gateway.client.parts import ChassisControl, GripperControl, LiftControl
-from gateway.client.weighing import tell, weighed
 
 __all__ = ["ArmControl", "Control"]
 
@@ -47,11 +45,9 @@ class ArmControl(ArmCommands[MotionHandle, None, JointStream, PoseStream]):
             Rejected: OUT_OF_RANGE, a payload that nobody believes, or a posture outside the limits.
             MotionEnded: Something ended a swing. The arm is held there, and nothing is counted on.
         """
-        side = chosen(protocol.Side, "side", self.side)
-        if known == "weigh":
-            return run(self._control._session, weighed(self._control, side, empty))
-        run(self._control._session, tell(self._control, side, known))
-        return known or Payload(mass=0.0)
+        from gateway.client.weighing import payload  # by those who weigh alone
+
+        return run(self._control._session, payload(self._control, self.side, known, empty))
 
 
 class Control(MotionCommands[MotionHandle, None]):

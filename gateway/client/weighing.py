@@ -11,12 +11,12 @@ Rules
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 from gateway.api import protocol
 from gateway.client.asking.ownership import Ownership
 from gateway.client.asking.procedures import AT_REST, Procedure, get_info, request, result
-from gateway.client.asking.requests import number
+from gateway.client.asking.requests import chosen, number
 from gateway.client.asking.results import Payload, Rows
 from gateway.client.asking.waits import Seen
 from gateway.client.connection.session import Sighting
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
     Array = NDArray[np.float64]
 
-__all__ = ["tell", "weighed"]
+__all__ = ["payload"]
 
 SWING_RAD, SWING_RADPS = 0.05, 0.15
 """To both sides of a posture, and how fast: beyond play and what sticks, slowly enough to accelerate nothing."""
@@ -50,23 +50,30 @@ KEPT = ("q_rad", "up_nm", "down_nm", "noise_nm")
 """What is measured in each posture, and kept in a `Payload`."""
 
 
-def tell(own: Ownership, side: protocol.Side, load: Payload | None) -> Procedure[None]:
-    """Say what a hand holds; None for nothing."""
-    load = load or Payload(mass=0.0)
-    mass_kg, com_m = (
-        number("mass", load.mass),
-        () if load.com is None else tuple(number("com", value) for value in load.com),
-    )
+def payload(
+    own: Ownership, name: protocol.SideName, known: Payload | Literal["weigh"] | None, empty: Payload | None
+) -> Procedure[Payload]:
+    """Weigh what a hand holds, or take what is known, and say so; see `ArmControl.payload`."""
+    side = chosen(protocol.Side, "side", name)
+    if known == "weigh":
+        return (yield from _weighed(own, side, empty))
+    return (yield from _tell(own, side, known or Payload(mass=0.0)))
+
+
+def _tell(own: Ownership, side: protocol.Side, load: Payload) -> Procedure[Payload]:
+    """Say what a hand holds."""
+    mass_kg = number("mass", load.mass)
+    com_m = () if load.com is None else tuple(number("com", value) for value in load.com)
     yield from request(own._session, protocol.SetPayload(epoch=own.epoch, side=side, mass_kg=mass_kg, com_m=com_m))
+    return load
 
 
-def weighed(own: Ownership, side: protocol.Side, empty: Payload | None) -> Procedure[Payload]:
-    """Weigh what a hand holds, and say so; see `ArmControl.payload`."""
+def _weighed(own: Ownership, side: protocol.Side, empty: Payload | None) -> Procedure[Payload]:
     import numpy as np
 
     session, name = own._session, f"{side.value}_arm"
     info = yield from get_info(session)
-    yield from tell(own, side, None)
+    yield from _tell(own, side, Payload(mass=0.0))
 
     def known(sighting: Sighting) -> protocol.ArmView | None:
         arm = sighting.view.arms[side.value]
@@ -109,7 +116,7 @@ def weighed(own: Ownership, side: protocol.Side, empty: Payload | None) -> Proce
         **_rows(measured),
     )
     if found.com is not None:
-        yield from tell(own, side, found)
+        yield from _tell(own, side, found)
     return found
 
 

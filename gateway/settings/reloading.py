@@ -22,7 +22,7 @@ from gateway.errors import Code, failure
 from gateway.settings.settings import Settings
 from gateway.settings.toml_file import ENCODING, KEYS, SECTIONS, lines
 
-__all__ = ["AT_MOST", "FILES", "MOST_BYTES", "MOST_LINE", "NEEDS_RESTART", "TAKEN", "changes", "marks", "read_regular"]
+__all__ = ["AT_MOST", "FILES", "MOST_BYTES", "MOST_LINE", "TAKEN", "changes", "marks", "read_regular"]
 
 MOST_BYTES, MOST_LINE = 32_768, 512
 """A larger file, or one with a longer line [bytes], is not read: its reader shares a processor with the control loop. A key of
@@ -45,25 +45,8 @@ TAKEN = AT_MOST | _names(
         "local": "audit_log_mb demand_stop_endpoint",
     }
 )
-"""By section of the file and field."""
-NEEDS_RESTART = _names(
-    {
-        "robot": "endpoint namespace model serial lease_ms",
-        "arm": "a_radps2 j_radps3 lower_rad upper_rad rate_hz tracking_rad tracking_ns",
-        "chassis": "up_mps2 down_mps2 j_mps3",
-        "pose": "rate_hz a_mps2 j_mps3 dw_radps2 ddw_radps3 reach_m tracking_m tracking_rad",
-        "loss": "keepalive_ns free_after_ns down_after_ns",
-        "enable": "stale_ns hold_stale_ns fsm_valid_ns mode_valid_ns seed_ns seed_lag_ns zero_timeout_ns late_ns",
-        "foreign": "policy",
-        "model": "check position_tolerance_m angle_tolerance_rad window_ns urdf calibration self_collision margin_m "
-        "singularity_slowdown singularity_radps dynamics left_touch_n right_touch_n",
-        "local": "socket socket_mode tcp tcp_open_to_every_user_of_this_host users_file roles_file tls_certificate "
-        "tls_private_key tls_root_ca audit_log snapshot_hz black_box",
-        "realtime": "fifo fifo_priority lock_memory one_core",
-        "guard": "enabled freeze_ns hold_ns",
-    }
-)
-"""The others: the guard has them as well, clients were told them, or they made what is there since the start."""
+"""By section of the file and field. Any other needs a restart: the guard has it too, clients were told it, or it made what is
+there since the start."""
 FILES = _names(
     {"local": "users_file roles_file tls_certificate tls_private_key tls_root_ca", "model": "urdf calibration"}
 )

@@ -91,6 +91,20 @@ def test_facts_and_snapshots_are_answered_by_the_plane_itself(desk):
     assert desk.inbox.poll() == []
 
 
+def test_a_snapshot_that_thousands_ask_for_is_encoded_once(desk, monkeypatch):
+    """Once in each encoding, for those who listen as well: a flood of questions must not keep the sender busy without end."""
+    encoded, encode = [], protocol.encode
+    monkeypatch.setattr(protocol, "encode", lambda *words: encoded.append(words) or encode(*words))
+    audience = KeptAudience(listens=True)
+    desk.outbox.add_audience(audience)
+    for seq in (3, 4):
+        desk.outbox.publish_snapshot(a_snapshot(seq=seq))
+        asked = [desk.ask(key=protocol.SNAPSHOT_KEY, encoding=(protocol.JSON, "")[n % 2]) for n in range(100)]
+        desk.run()
+        assert {protocol.decode_snapshot(*question.answers[0]).seq for question in asked} == {seq}
+    assert [seq for _, seq in audience.snapshots] == [3, 4] and len(encoded) == 4
+
+
 def test_routes_are_told_as_they_are_now(desk):
     """What discovery knows is asked for with each question; before anybody knows, there is nothing."""
     first = desk.ask(key=protocol.ROUTES_KEY)

@@ -839,7 +839,7 @@ THREADS = {
 RELOADING = {
     "a setting that needs a restart, a wrong file": (
         "reloading::what_is_refused_changes_nothing_and_everybody_hears_of_it",
-        "settings/reloading::every_setting_of_the_file_is_in_exactly_one_of_the_two_lists",
+        "settings/reloading::what_is_taken_is_there_and_no_file_is",
         "settings/reloading::each_setting_alone_is_taken_or_named",
         "settings/reloading::one_that_needs_a_restart_keeps_all_others_from_being_taken",
         "e2e/reloading::a_limit_is_lowered_in_mid_motion_and_a_broken_file_changes_nothing",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import subprocess
 import sys
 
@@ -61,12 +62,18 @@ QUIET_S = 0.06
 
 
 def test_the_client_is_imported_in_a_tenth_of_a_second():
-    """Its own part is about that of the packages it needs; together a tenth of a second, where those leave one."""
+    """Its own part is smaller than that of the packages it needs; together a tenth of a second, where those leave one.
+
+    Compiled once, as everywhere but where an environment forbids Python to keep what it compiled.
+    """
+    env = {name: value for name, value in os.environ.items() if name != "PYTHONDONTWRITEBYTECODE"}
     runs = [
-        subprocess.run([sys.executable, "-c", TIMES], capture_output=True, text=True, check=True, timeout=60).stdout
+        subprocess.run(
+            [sys.executable, "-c", TIMES], env=env, capture_output=True, text=True, check=True, timeout=60
+        ).stdout
         for _ in range(5)
     ]
     packages_s, own_s = (min(column) for column in zip(*(map(float, run.split()) for run in runs), strict=True))
-    assert own_s < 1.5 * packages_s, f"own part {own_s:.3f} s, zenoh, msgspec and numpy {packages_s:.3f} s"
+    assert own_s < packages_s, f"own part {own_s:.3f} s, zenoh, msgspec and numpy {packages_s:.3f} s"
     if packages_s < QUIET_S:
         assert packages_s + own_s < 0.1

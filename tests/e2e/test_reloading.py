@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from gateway.client import connect
+from gateway.client import Control, connect
 from gateway.errors import GatewayError
 from tests.e2e.system import STALLED, System, wait_for
 from tests.e2e.test_threads import Ending
@@ -78,10 +78,10 @@ def test_a_limit_is_lowered_in_mid_motion_and_a_broken_file_changes_nothing(
     assert answers == ["ok", *["SETTINGS_REFUSED"] * 3] and "GATEWAY_BROKEN" not in system.daemon.text()
 
 
-def is_enabled(own: object) -> bool:
+def is_enabled(own: Control) -> bool:
     """Enable; a busy machine may have let the robot's state grow old just now."""
     try:
-        own.enable(timeout=15.0)  # type: ignore[attr-defined]
+        own.enable(timeout=15.0)
     except GatewayError as error:
         if error.code.value in STALLED:
             return False

@@ -117,7 +117,7 @@ def test_two_of_one_name_are_noticed_by_both_and_moved_by_nobody(fleet, daemon, 
         eventually(lambda: not first.namesakes, WAIT_S)
         with connect("twin", timeout_s=10.0) as robot, robot.control():
             assert robot.state.lease.owned
-    assert caplog.text.count("1 others have this name") >= 2  # both; again where a link stood still
+    assert caplog.text.count("1 others have this name") == 2
 
 
 def test_nobody_in_the_fleet_is_an_admin_unless_that_was_said(fleet, daemon, stranger):

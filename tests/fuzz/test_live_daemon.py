@@ -136,7 +136,7 @@ def test_hostile_clients_do_not_harm_the_daemon(system: System) -> None:
     done, codes, unanswered = report["done"], report["codes"], set(report["unanswered"])
     asked = {key: count for key, count in done.items() if key.startswith("question")}
     assert asked.keys() <= {"question answered 1", "question answered 0"}, f"a question was answered twice: {done}"
-    assert len(unanswered) < asked["question answered 1"] // 2, done
+    assert len(unanswered) < asked["question answered 1"] // 10, done
     for _ in range(3):
         if unanswered:
             unanswered &= set(attack(system, "local", system.target, 2, PAYLOADS)["unanswered"])

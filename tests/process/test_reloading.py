@@ -136,11 +136,11 @@ def test_however_often_it_is_asked_for_one_more_reading_is_enough() -> None:
         assert len(outcomes) == len(read) == 2 and reloader.take() == []
 
 
-def test_readings_are_apart() -> None:
+def test_readings_are_apart(monkeypatch: pytest.MonkeyPatch) -> None:
     """A storm takes the control loop's processor once a second, not all of it."""
     waited: list[float] = []
     with reading(lambda: SLOWER, apart_s=3.0) as reloader:
-        reloader._is_closing.wait = waited.append  # type: ignore[method-assign,assignment]  # as if the time had passed
+        monkeypatch.setattr(reloader._is_closing, "wait", waited.append)  # as if the time had passed
         for number in (1, 2):
             reloader.ask()
             found(reloader)

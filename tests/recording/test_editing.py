@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import cache
+
 import pytest
 from mcap.reader import make_reader
 from rosbags.rosbag2 import StoragePlugin, Writer
@@ -31,16 +33,25 @@ WORDS = (
 )
 
 
-def qos(channel):
-    """Return the QoS of a topic, however it is spelt."""
-    return repr(parse_qos(channel.metadata["offered_qos_profiles"]))
+@cache
+def qos(text):
+    """Return the QoS of a topic, however it is spelt: a topic's many messages share it."""
+    return repr(parse_qos(text))
 
 
 def parts(folder, *, without=()):
     """Return everything of each message, with the schema and the QoS of its topic."""
     with bag_file(folder).open("rb") as file:
         return [
-            (channel.topic, schema.name, schema.data, qos(channel), m.log_time, m.publish_time, m.data)
+            (
+                channel.topic,
+                schema.name,
+                schema.data,
+                qos(channel.metadata["offered_qos_profiles"]),
+                m.log_time,
+                m.publish_time,
+                m.data,
+            )
             for schema, channel, m in make_reader(file).iter_messages()
             if channel.topic not in without
         ]

@@ -22,6 +22,7 @@ import xml.etree.ElementTree as ElementTree
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import IO
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -79,15 +80,13 @@ def plan(versions: dict[str, str], *, cores: int, is_thorough: bool, has_bridge:
     """Return what is to be run.
 
     Args:
-        versions: Interpreters by their version, e.g. `3.11`; the default one, which tries most, first. Of the others the
-            oldest and the newest run quick tests and the guard's: what lies between them differs from neither.
+        versions: Interpreters by their version, e.g. `3.11`; the default one, which tries most, first.
         cores: So many end-to-end tests run side by side.
         is_thorough: Whether tests run that take long to prove a little more.
         has_bridge: Whether those run that need a real bridge.
     """
     made = Plan()
     default, *others = versions
-    ends = sorted(versions, key=_number)[:: max(len(versions) - 1, 1)]
     left_out = ("" if is_thorough else " and not thorough") + ("" if has_bridge else " and not interop")
     files = tuple(sorted(_that_name("e2e")))
     beside = ("-n", str(min(cores, 6)), "--dist", "loadscope")
@@ -105,18 +104,14 @@ def plan(versions: dict[str, str], *, cores: int, is_thorough: bool, has_bridge:
     made.behind = [
         Run(name=f"{default}-quick", python=versions[default], arguments=("-m", f"not e2e{slow}"), parallel=quick)
     ]
+    ignored = tuple(f"--ignore=tests/{name}" for name in THE_SAME)
     for version in others:
-        marks = "e2e and not thorough and not interop and not forces"
-        proved = (HEART, GUARD) if version in ends else (HEART,)
-        made.front.append(
-            Run(name=f"{version}-e2e", python=versions[version], arguments=("-m", marks, *proved), brief=True)
+        arguments = ("-m", "e2e and not thorough and not interop and not forces", HEART, GUARD)
+        made.front.append(Run(name=f"{version}-e2e", python=versions[version], arguments=arguments, brief=True))
+        arguments = ("-m", "not e2e and not slow and not thorough", *ignored)
+        made.behind.append(
+            Run(name=f"{version}-quick", python=versions[version], arguments=arguments, parallel=quick, brief=True)
         )
-        if version in ends:
-            ignored = tuple(f"--ignore=tests/{name}" for name in THE_SAME)
-            arguments = ("-m", "not e2e and not slow and not thorough", *ignored)
-            made.behind.append(
-                Run(name=f"{version}-quick", python=versions[version], arguments=arguments, parallel=quick, brief=True)
-            )
     return made
 
 
@@ -125,10 +120,6 @@ def _that_name(marker: str) -> Iterator[str]:
     for path in (ROOT / "tests").rglob("test_*.py"):
         if re.search(rf"\b{marker}\b", path.read_text(encoding="utf-8")):
             yield str(path.relative_to(ROOT))
-
-
-def _number(version: str) -> tuple[int, ...]:
-    return tuple(map(int, version.split(".")))
 
 
 class Runner:
@@ -187,23 +178,24 @@ class Runner:
         # The limit on hanging is longer than usual, since others may come first.
         return [run.python, "-m", "pytest", *kept, "-o", "timeout=300", *more, *run.arguments]
 
-    def _status(self, run: Run, command: list[str], log: object = None) -> int:
+    def _status(self, run: Run, command: list[str], log: IO[bytes] | None = None) -> int:
         """Run a command; a run without tests is well, one that broke off leaves a report that says so."""
         environment = dict(os.environ)
         if run.brief:
             environment |= {"TA2_HYPOTHESIS_PROFILE": "brief", "TA2_TRACES": ""}
-        output: dict[str, object] = {}
-        if log is not None:
-            output = {
-                "stdout": log,
-                "stderr": subprocess.STDOUT,
-                "stdin": subprocess.DEVNULL,
-                "start_new_session": True,
-            }
-        process = subprocess.Popen(command, cwd=ROOT, env=environment, **output)  # type: ignore[call-overload]
-        if log is not None:
+        is_behind = log is not None
+        process = subprocess.Popen(
+            command,
+            cwd=ROOT,
+            env=environment,
+            stdin=subprocess.DEVNULL if is_behind else None,
+            stdout=log,
+            stderr=subprocess.STDOUT if is_behind else None,
+            start_new_session=is_behind,
+        )
+        if is_behind:
             self._running = process
-        status: int = process.wait()
+        status = process.wait()
         if status == NO_TESTS:
             return 0
         if status not in (0, SOME_FAILED):

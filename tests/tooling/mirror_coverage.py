@@ -1,8 +1,9 @@
 """Coverage by mirror: each module of `core` and `cdr_types` reaches 100 % branch coverage from its own test file alone.
 
 That one rule keeps modules separable: what cannot be reached from beside it does not belong in it. Each test file runs
-in a process of its own with few, fixed hypothesis examples, so that no luck and no neighbour helps. Exclusions (type
-checking, `assert_never`, bodies of protocols) stand in `pyproject.toml`.
+in a process of its own with few, fixed hypothesis examples, so that no luck and no neighbour helps; it is forked from one
+that has loaded what others have written, and nothing of ours. Exclusions (type checking, `assert_never`, bodies of
+protocols) stand in `pyproject.toml`.
 
     python -m tests.tooling.mirror_coverage [PATH ...]     only the modules whose path contains one of these
 """
@@ -11,8 +12,8 @@ from __future__ import annotations
 
 import ast
 import json
+import multiprocessing
 import os
-import subprocess
 import sys
 import tempfile
 from collections.abc import Iterator
@@ -22,6 +23,7 @@ from pathlib import Path
 
 import coverage
 import coverage.exceptions
+import pytest
 
 __all__ = ["Mirror", "Result", "measure", "mirrors"]
 
@@ -29,6 +31,10 @@ ROOT = Path(__file__).resolve().parents[2]
 SOURCES = (("gateway/core", "tests/core"), ("cdr_types", "tests/cdr_types"))
 JOBS = 2
 TIMEOUT_S = 300
+
+LOADED = multiprocessing.get_context("forkserver")
+LOADED.set_forkserver_preload(["hypothesis", "msgspec", "numpy", "pytest", "ruckig", "zenoh"])
+"""Forks processes that have these packages."""
 
 
 @dataclass(frozen=True)
@@ -91,17 +97,34 @@ def measure(mirror: Mirror, root: Path = ROOT) -> Result:
     if not (root / mirror.test).exists():
         return Result(mirror=mirror, trouble=f"there is no {mirror.test}")
     with tempfile.TemporaryDirectory() as folder:
-        data_file = Path(folder) / "coverage"
-        name = ".".join(mirror.module.with_suffix("").parts).removesuffix(".__init__")
-        command = [sys.executable, "-m", "coverage", "run", "--branch", f"--source={name}", "-m", "pytest", "--quiet"]
-        command += ["--no-header", "-p", "no:cacheprovider", "-m", "not e2e and not slow", str(mirror.test)]
-        environment = {**os.environ, "COVERAGE_FILE": str(data_file), "TA2_HYPOTHESIS_PROFILE": "mirror"}
-        run = subprocess.run(
-            command, cwd=root, env=environment, capture_output=True, text=True, timeout=TIMEOUT_S, check=False
-        )
-        if run.returncode != 0:
-            return Result(mirror=mirror, trouble=f"{mirror.test} fails:\n{run.stdout[-3000:]}{run.stderr[-1000:]}")
+        data_file, said = Path(folder) / "coverage", Path(folder) / "said"
+        run = LOADED.Process(target=_run, args=(mirror, root, data_file, said))
+        run.start()
+        run.join(TIMEOUT_S)
+        run.kill()
+        run.join()
+        if run.exitcode != 0:
+            return Result(mirror=mirror, trouble=f"{mirror.test} fails:\n{said.read_text(encoding='utf-8')[-4000:]}")
         return Result(mirror=mirror, missing=_missing(data_file, root, mirror.module))
+
+
+def _run(mirror: Mirror, root: Path, data_file: Path, said: Path) -> None:
+    """Run a test file under coverage, in a process of its own that ends with pytest's status."""
+    with said.open("w", encoding="utf-8") as file:
+        os.dup2(file.fileno(), 1)
+        os.dup2(file.fileno(), 2)
+    os.environ["TA2_HYPOTHESIS_PROFILE"] = "mirror"
+    os.chdir(root)
+    sys.path.insert(0, str(root))
+    name = ".".join(mirror.module.with_suffix("").parts).removesuffix(".__init__")
+    seen = coverage.Coverage(data_file=str(data_file), branch=True, source=[name])
+    options = ["--quiet", "--no-header", "-p", "no:cacheprovider", "-m", "not e2e and not slow"]
+    options += ["-W", "ignore::pytest.PytestAssertRewriteWarning"]  # of what was loaded before: no test is among it
+    seen.start()
+    status = pytest.main([*options, str(mirror.test)])
+    seen.stop()
+    seen.save()
+    sys.exit(status)
 
 
 def _missing(data_file: Path, root: Path, module: Path) -> str:

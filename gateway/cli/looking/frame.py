@@ -292,14 +292,21 @@ def _spacing(spacing: protocol.SpacingView | None) -> Iterator[Text]:
 
 
 def _contacts(view: protocol.Snapshot) -> Iterator[Text]:
-    """Yield forces on the hands with standard deviations, `?` for what is not felt; what is clearly something stands out."""
+    """Yield forces on the hands with standard deviations, `?` for what is not felt, what they hold, and their last touch.
+
+    What is clearly something stands out.
+    """
     for side, arm in view.arms.items():
         if (felt := arm.contact) is None:
             continue
         pairs = zip(felt.wrench[:3], felt.wrench_sd[:3], strict=True)
         figures = " ".join("?" if value is None else f"{value:+.1f}±{sd:.1f}" for value, sd in pairs)
         text = f"{side} feels {figures} N" if felt.state == "known" else f"{side} feels nothing known: {felt.code}"
+        text += f", holds {felt.load_kg:.3f} kg" if felt.load_kg else ""
         yield Text(text, style="bold yellow" if felt.sigmas >= CLEAR else "dim")
+        if (touch := arm.touch) is not None:
+            ago = since_text(view.at_ns - touch.at_ns)
+            yield Text(f"  touch {touch.number}: {touch.force_n:.1f}±{touch.sd_n:.1f} N, {ago} ago", style="dim")
 
 
 def _slowing(slowing: Mapping[str, protocol.SlowingView]) -> Iterator[Text]:

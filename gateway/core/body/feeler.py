@@ -12,13 +12,14 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 from gateway.core.messages.events import CommandRequested
+from gateway.core.motion.bounds import within
 from gateway.errors import Code, Refusal
 from gateway.messages.body_views import ContactView
 from gateway.messages.incoming import Until
 from gateway.robot.limits import TOUCH_N
-from gateway.values import Vector
+from gateway.values import Side, Vector
 
-__all__ = ["LASTS_NS", "MOST_BACK_M", "SURE", "Feeler", "Push", "axis_of", "push_of"]
+__all__ = ["LASTS_NS", "MOST_BACK_M", "SURE", "Feeler", "Push", "axis_of", "push_of", "unknown"]
 
 LASTS_NS = 20_000_000
 """A force that is not clearly above the threshold counts when it stays above for so long [ns]."""
@@ -80,10 +81,11 @@ class Feeler:
 
 def axis_of(until: Until) -> Vector | Refusal:
     """Return the unit vector that is asked for, empty for any direction, or what is wrong with the wish."""
-    if not math.isfinite(until.force_n) or not TOUCH_N[0] <= until.force_n <= TOUCH_N[1]:
-        return _refused("force_n", until.force_n, TOUCH_N, "N", "a force that an arm can feel and bear")
-    if not math.isfinite(until.back_off_m) or not 0.0 <= until.back_off_m <= MOST_BACK_M:
-        return _refused("back_off_m", until.back_off_m, (0.0, MOST_BACK_M), "m", "a short way back")
+    refusal = within("force_n", until.force_n, *TOUCH_N, "N", field="until.force_n") or within(
+        "back_off_m", until.back_off_m, 0.0, MOST_BACK_M, "m", field="until.back_off_m"
+    )
+    if refusal is not None:
+        return refusal
     if not until.direction:
         return ()
     if len(until.direction) != AXES:
@@ -95,22 +97,14 @@ def axis_of(until: Until) -> Vector | Refusal:
             bound=str(AXES),
         )
     length = math.hypot(*until.direction)
-    if not math.isfinite(length) or not 1.0 / LONGEST <= length <= LONGEST:
-        return _refused("direction", length, (1.0 / LONGEST, LONGEST), "", "a direction of such a length")
-    return tuple([value / length for value in until.direction])
+    refusal = within("the direction's length", length, 1.0 / LONGEST, LONGEST, field="until.direction")
+    return refusal or tuple([value / length for value in until.direction])
 
 
-def _refused(name: str, value: float, bound: tuple[float, float], unit: str, what: str) -> Refusal:
-    low, high = bound
-    return Refusal(
-        code=Code.OUT_OF_RANGE if math.isfinite(value) else Code.NOT_FINITE,
-        message=f"{name} is {value:g}{unit and ' '}{unit}: {what} is needed, [{low:g}, {high:g}]{unit and ' '}{unit}",
-        field=f"until.{name}",
-        value=f"{value:g}",
-        bound=f"[{low:g}, {high:g}]",
-        unit=unit,
-        hint="stay inside the bound",
-    )
+def unknown(side: Side, why: str, value: str = "") -> Refusal:
+    """Return the refusal of what would have to feel an arm's hand, and cannot."""
+    message = f"what pushes the {side} hand is unknown: {why}"
+    return Refusal(code=Code.CONTACT_UNKNOWN, message=message, field=f"{side}_arm", value=value)
 
 
 def push_of(view: ContactView, axis: Vector) -> Push:

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import math
-
+from gateway.core.motion.bounds import within
 from gateway.errors import Code, Refusal
 from gateway.messages.incoming import Admittance
 from gateway.values import Space
@@ -58,9 +57,9 @@ def check_admittance(wish: Admittance, space: Space) -> Refusal | None:
         kind = n // 3
         if mass is not None:
             refusal = (
-                _outside("mass", n, mass, MASSES[kind], MASS_UNITS[kind])
-                or _outside("damping", n, damping, (LEAST_DAMPING[kind], MOST_DAMPING[kind]), DAMPING_UNITS[kind])
-                or _outside("stiffness", n, stiffness, (0.0, damping * damping / (4.0 * mass)), STIFFNESS_UNITS[kind])
+                _judged("mass", n, mass, MASSES[kind], MASS_UNITS[kind])
+                or _judged("damping", n, damping, (LEAST_DAMPING[kind], MOST_DAMPING[kind]), DAMPING_UNITS[kind])
+                or _judged("stiffness", n, stiffness, (0.0, damping * damping / (4.0 * mass)), STIFFNESS_UNITS[kind])
             )
             if refusal is not None:
                 return refusal
@@ -74,17 +73,6 @@ HINTS = {
 }
 
 
-def _outside(name: str, axis: int, value: float, bounds: tuple[float, float], unit: str) -> Refusal | None:
-    low, high = bounds
-    if low <= value <= high:
-        return None
-    is_number = math.isfinite(value)
-    return Refusal(
-        code=Code.OUT_OF_RANGE if is_number else Code.NOT_FINITE,
-        message=f"the {name} {AXES[axis]} is {value:g} {unit}, [{low:g}, {high:g}] {unit} is permitted",
-        field=f"admittance.{name}[{axis}]",
-        value=f"{value:g}",
-        bound=f"[{low:g}, {high:g}]",
-        unit=unit,
-        hint=HINTS[name],
-    )
+def _judged(name: str, axis: int, value: float, bounds: tuple[float, float], unit: str) -> Refusal | None:
+    where = f"admittance.{name}[{axis}]"
+    return within(f"the {name} {AXES[axis]}", value, *bounds, unit, field=where, hint=HINTS[name])

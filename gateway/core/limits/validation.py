@@ -11,6 +11,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
+from gateway.core.motion.bounds import outside
 from gateway.errors import Code, Refusal
 from gateway.messages.incoming import OnLimit
 from gateway.robot.topics import ARM_JOINTS
@@ -171,30 +172,16 @@ def check_tolerance(
     """Refuse a settling tolerance outside [1e-4, 0.2] rad, or [1e-4, `most`] of another unit."""
     if tolerance is None or (math.isfinite(tolerance) and 1e-4 <= tolerance <= most):
         return None
-    return Refusal(
-        code=Code.OUT_OF_RANGE if math.isfinite(tolerance) else Code.NOT_FINITE,
-        message=f"tolerance is {tolerance} {unit}, outside [0.0001, {most}] {unit}",
-        field=field,
-        value=str(tolerance),
-        bound=f"[0.0001, {most}]",
-        unit=unit,
-        hint="stay inside the bound, or leave the tolerance away for the configured one",
-    )
+    hint = "stay inside the bound, or leave the tolerance away for the configured one"
+    return outside("tolerance", tolerance, 1e-4, most, unit, field=field, hint=hint)
 
 
 def check_expiry(expiry_ns: int | None) -> Refusal | None:
     """Refuse an expiry of targets outside [0.05, 3] s."""
     if expiry_ns is None or 50_000_000 <= expiry_ns <= 3 * S:
         return None
-    return Refusal(
-        code=Code.OUT_OF_RANGE,
-        message=f"expiry is {expiry_ns / S} s, outside [0.05, 3] s",
-        field="expiry_ns",
-        value=str(expiry_ns / S),
-        bound="[0.05, 3]",
-        unit="s",
-        hint="stay inside the bound, or leave the expiry away for the configured one",
-    )
+    hint = "stay inside the bound, or leave the expiry away for the configured one"
+    return outside("expiry", expiry_ns / S, 0.05, 3.0, "s", field="expiry_ns", hint=hint)
 
 
 def check_goal(side: Side, q_rad: Sequence[float], settings: ArmSettings, on_limit: OnLimit) -> Checked | Refusal:

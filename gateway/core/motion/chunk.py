@@ -15,6 +15,7 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
+from gateway.core.motion.bounds import outside
 from gateway.core.motion.joints.trajectory import Trajectory, interpolate, smooth
 from gateway.core.motion.poses.pose_chunk import check_pose
 from gateway.core.motion.poses.pose_trajectory import PoseTrajectory, interpolate_poses, with_signs
@@ -171,10 +172,10 @@ def _times(count: int, dt_s: float | None, times_s: Sequence[float] | None, stre
             code=Code.BAD_REQUEST, message="either dt or times is needed", field="dt_s", hint="give one of the two"
         )
     if not 1.0 <= stretch <= MAX_STRETCH:
-        return _range("stretch", stretch, 1.0, MAX_STRETCH, "")
+        return outside("stretch", stretch, 1.0, MAX_STRETCH, "")
     if dt_s is not None:
         if not MIN_STEP_S <= dt_s <= MAX_DURATION_S:
-            return _range("dt_s", dt_s, MIN_STEP_S, MAX_DURATION_S, "s")
+            return outside("dt_s", dt_s, MIN_STEP_S, MAX_DURATION_S, "s")
         times = [n * dt_s * stretch for n in range(count)]
     else:
         times = [t * stretch for t in times_s or ()]
@@ -183,9 +184,9 @@ def _times(count: int, dt_s: float | None, times_s: Sequence[float] | None, stre
         for index, time_s in enumerate(times):
             low_s = times[index - 1] + MIN_STEP_S * SLACK**-1 if index else 0.0
             if not low_s <= time_s <= MAX_DURATION_S:
-                return _range(f"times_s[{index}]", time_s / stretch, low_s / stretch, MAX_DURATION_S / stretch, "s")
+                return outside(f"times_s[{index}]", time_s / stretch, low_s / stretch, MAX_DURATION_S / stretch, "s")
     if times[-1] > MAX_DURATION_S * SLACK:
-        return _hinted(_range("duration", times[-1], 0.0, MAX_DURATION_S, "s"), IN_PARTS)
+        return _hinted(outside("duration", times[-1], 0.0, MAX_DURATION_S, "s"), IN_PARTS)
     return times
 
 
@@ -194,7 +195,7 @@ def _reach(count: int, dt_s: float | None, smoothing_s: float) -> int | Refusal:
     if smoothing_s == 0.0:
         return 0
     if not 0.0 <= smoothing_s <= MAX_SMOOTHING_S:
-        return _range("smoothing_s", smoothing_s, 0.0, MAX_SMOOTHING_S, "s")
+        return outside("smoothing_s", smoothing_s, 0.0, MAX_SMOOTHING_S, "s")
     if dt_s is None:
         return Refusal(
             code=Code.BAD_REQUEST,
@@ -204,7 +205,7 @@ def _reach(count: int, dt_s: float | None, smoothing_s: float) -> int | Refusal:
         )
     reach = round(smoothing_s / dt_s)
     if not 1 <= reach < count:
-        return _range("smoothing_s", smoothing_s, dt_s, min((count - 1) * dt_s, MAX_SMOOTHING_S), "s")
+        return outside("smoothing_s", smoothing_s, dt_s, min((count - 1) * dt_s, MAX_SMOOTHING_S), "s")
     return reach
 
 
@@ -282,7 +283,7 @@ def check_start(into_ns: int, duration_s: float) -> Refusal | None:
             unit="s",
         )
     if into_ns < -MAX_LEAD_NS:
-        return _range("start", -into_ns / S, 0.0, MAX_LEAD_NS / S, "s")
+        return outside("start", -into_ns / S, 0.0, MAX_LEAD_NS / S, "s")
     return None
 
 
@@ -321,19 +322,6 @@ def _too_fast(side: Side, index: int, n: int, value: float, bound: float, unit: 
 
 def _shape(field: str, message: str, value: str, bound: str, unit: str) -> Refusal:
     return Refusal(code=Code.WRONG_SHAPE, message=message, field=field, value=value, bound=bound, unit=unit)
-
-
-def _range(field: str, value: float, low: float, high: float, unit: str) -> Refusal:
-    is_finite = math.isfinite(value)
-    return Refusal(
-        code=Code.OUT_OF_RANGE if is_finite else Code.NOT_FINITE,
-        message=f"{field} is {value:.6g}{unit and ' ' + unit}, outside [{low:.6g}, {high:.6g}]{unit and ' ' + unit}",
-        field=field,
-        value=f"{value:.6g}",
-        bound=f"[{low:.6g}, {high:.6g}]",
-        unit=unit,
-        hint="stay inside the bound",
-    )
 
 
 def _hinted(refusal: Refusal, hint: str) -> Refusal:

@@ -21,6 +21,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from gateway.codes import Code
+from gateway.core.motion.bounds import outside
 from gateway.core.motion.poses.quaternion import angle_rad
 from gateway.errors import Refusal
 from gateway.values import ARM_DOF, Side, Space, Vector
@@ -117,15 +118,9 @@ def check_tolerances(
             if refusal is not None:
                 return refusal
     if goal_time_ns is not None and not LEAST_NS <= goal_time_ns <= MOST_NS:
-        return Refusal(
-            code=Code.OUT_OF_RANGE,
-            message=f"the goal time is {goal_time_ns / S:g} s, outside [0.1, {MOST_NS // S}] s",
-            field="goal_time_ns",
-            value=f"{goal_time_ns / S:g}",
-            bound=f"[0.1, {MOST_NS // S}]",
-            unit="s",
-            hint="stay inside the bound, or leave it away for the configured time",
-        )
+        hint = "stay inside the bound, or leave it away for the configured time"
+        span_s = LEAST_NS / S, MOST_NS / S
+        return outside("the goal time", goal_time_ns / S, *span_s, "s", field="goal_time_ns", hint=hint)
     nothing: PerJoint = (None,) * len(settled)
     free = (math.inf,) * len(settled)
     return Tolerances(
@@ -161,13 +156,6 @@ def _check(name: str, values: PerJoint, space: Space) -> Refusal | None:
     for index, (part, unit, value) in enumerate(zip(parts, UNITS[space], values, strict=True)):
         if value is None or LEAST <= value <= MOST:
             continue
-        return Refusal(
-            code=Code.OUT_OF_RANGE if math.isfinite(value) else Code.NOT_FINITE,
-            message=f"{name} is {value} {unit} for {part}, outside [{LEAST}, {MOST}] {unit}",
-            field=f"{name}[{index}]",
-            value=str(value),
-            bound=f"[{LEAST}, {MOST}]",
-            unit=unit,
-            hint="stay inside the bound, or give none for a part that has no tolerance of its own",
-        )
+        hint = "stay inside the bound, or give none for a part that has no tolerance of its own"
+        return outside(f"{name} for {part}", value, LEAST, MOST, unit, field=f"{name}[{index}]", hint=hint)
     return None

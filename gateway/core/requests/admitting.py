@@ -12,12 +12,13 @@ from __future__ import annotations
 
 import math
 
+from gateway.core.body.feeler import unknown
 from gateway.core.body.motions import MotionState
 from gateway.core.messages.outputs import Level
 from gateway.core.supervision.coordinator import Coordinator
 from gateway.core.supervision.supervisor import State
-from gateway.errors import Code, Refusal
-from gateway.values import Side, Vector
+from gateway.errors import Refusal
+from gateway.values import Side, Space, Vector
 
 __all__ = ["SURE", "Admitting", "felt"]
 
@@ -36,19 +37,12 @@ def felt(coordinator: Coordinator, side: Side, now_ns: int, before: Vector = NOT
         now_ns: Monotonic time [ns].
         before: What was returned last.
     """
-    contacts = None if coordinator.model is None else coordinator.model.contacts
-    if contacts is None:
-        return Refusal(
-            code=Code.MODEL_OFF,
-            message=f"nobody works out what pulls at the {side} arm: section [model] of the configuration does not ask for it",
-            field="model.dynamics",
-            value="false",
-            hint="set `dynamics = true` in section [model] of the configuration",
-        )
+    contacts = coordinator.contacts
+    if isinstance(contacts, Refusal):
+        return contacts
     seen = contacts.view(side, now_ns)
     if seen.state != "known":
-        message = f"what pulls at the {side} arm is not known: {seen.reason}"
-        return Refusal(code=Code.CONTACT_UNKNOWN, message=message, field=f"{side}_arm", value=seen.code)
+        return unknown(side, seen.reason, seen.code)
     axes = zip(seen.wrench, seen.wrench_sd, before, strict=True)
     return tuple([0.0 if x is None or sd is None else _sure(x, sd, old) for x, sd, old in axes])
 
@@ -88,6 +82,7 @@ class Admitting:
             if not mass.place:
                 mass.rest(arm.reference.rest_values())
             slowing = coordinator.body.slowing.get(stream.side)
-            share = stream.speed * (1.0 if slowing is None else slowing.speed_ratio)
+            speed = stream.speed * coordinator.body.speed_ratio[Space.POSE]
+            share = speed * (1.0 if slowing is None else slowing.speed_ratio)
             values = mass.step(arm.reference.space, force, share)
-            arm.follow_target(values, stream.speed, stream.epoch)
+            arm.follow_target(values, speed, stream.epoch)

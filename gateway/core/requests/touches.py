@@ -23,7 +23,7 @@ from collections import deque
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
-from gateway.core.body.feeler import SURE, Feeler, Push, axis_of, push_of
+from gateway.core.body.feeler import SURE, Feeler, Push, axis_of, push_of, unknown
 from gateway.core.body.motions import Motion, MotionState
 from gateway.core.body.targets import TargetStream
 from gateway.core.messages.events import CommandRequested
@@ -99,19 +99,13 @@ class Touches:
         axis = axis_of(until)
         if isinstance(axis, Refusal):
             return axis
+        contacts = self._coordinator.contacts
+        if isinstance(contacts, Refusal):
+            return contacts
         for side in sides:
-            view = self._view(side, now_ns)
-            if view is None:
-                return Refusal(
-                    code=Code.MODEL_OFF,
-                    message="nobody feels a touch: section [model] of the configuration does not ask for dynamics",
-                    field="model.dynamics",
-                    value="false",
-                    hint="set `dynamics = true` in section [model] of the configuration, or move without `until`",
-                )
-            push = push_of(view, axis)
+            push = push_of(contacts.view(side, now_ns), axis)
             if push.why:
-                return _unknown(side, push.why)
+                return unknown(side, push.why)
             least_n = SURE * push.sd_n
             if until.force_n < least_n:
                 return Refusal(
@@ -161,9 +155,10 @@ class Touches:
             own = self._own.get(side)
             if not arm.running or (feeler is None and own is None):
                 continue
-            view = self._view(side, now_ns)
-            if view is None:
+            contacts = self._coordinator.contacts
+            if isinstance(contacts, Refusal):
                 continue  # the bound asks for dynamics, and a guard of the daemon has none
+            view = contacts.view(side, now_ns)
             if mover is not None and feeler is not None:
                 self._note(side)
                 push = push_of(view, feeler.axis)
@@ -177,10 +172,6 @@ class Touches:
                 self._bound(side, own, mover, view, now_ns)
         for back in tuple(self._backs):
             self._go_back(back, now_ns)
-
-    def _view(self, side: Side, now_ns: int) -> ContactView | None:
-        model = self._coordinator.model
-        return None if model is None or model.contacts is None else model.contacts.view(side, now_ns)
 
     def _bound(self, side: Side, own: Feeler, mover: Mover | None, view: ContactView, now_ns: int) -> None:
         """Keep to the gateway's own bound."""
@@ -210,7 +201,7 @@ class Touches:
 
     def _end_blind(self, side: Side, why: str, now_ns: int) -> None:
         """Nobody would feel the touch any more: the arm brakes and holds."""
-        refusal = _unknown(side, why)
+        refusal = unknown(side, why)
         text = f"{refusal.message}: it brakes"
         coordinator = self._coordinator
         ended = coordinator.body.drop_driver(side, MotionState.ABORTED, refusal.code, text)
@@ -280,9 +271,3 @@ class Touches:
                 return
             motion.is_planned, motion.duration_ns = True, paths[side].duration_ns
             arm.follow_path(paths[side], back.feeler.epoch)
-
-
-def _unknown(side: Side, why: str) -> Refusal:
-    return Refusal(
-        code=Code.CONTACT_UNKNOWN, message=f"what pushes the {side} hand is unknown: {why}", field=f"{side}_arm"
-    )

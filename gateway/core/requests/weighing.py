@@ -7,6 +7,7 @@ from itertools import chain
 from typing import TYPE_CHECKING
 
 from gateway.core.messages.events import CommandRequested
+from gateway.core.motion.bounds import within
 from gateway.core.requests.authorisation import Authorisation
 from gateway.core.requests.moves import Answer
 from gateway.core.supervision.coordinator import Coordinator
@@ -43,16 +44,10 @@ class Weighing:
             ("mass_kg", mass_kg, 0.0, MAX_PAYLOAD_KG, "kg"),
             *(("com_m", value, -MAX_PAYLOAD_M, MAX_PAYLOAD_M, "m") for value in com_m),
         ):
-            if not least <= value <= most:  # NaN compares false
-                return Refusal(
-                    code=Code.OUT_OF_RANGE if math.isfinite(value) else Code.NOT_FINITE,
-                    message=f"the payload's {field} is {value:g} {unit}, a number in [{least:g}, {most:g}] {unit} is needed",
-                    field=field,
-                    value=f"{value:g}",
-                    bound=f"[{least:g}, {most:g}]",
-                    unit=unit,
-                    hint="weigh it anew, or say what the hand really holds",
-                )
+            hint = "weigh it anew, or say what the hand really holds"
+            refusal = within(f"the payload's {field}", value, least, most, unit, field=field, hint=hint)
+            if refusal is not None:
+                return refusal
         contacts.carry(request.side, mass_kg, com_m)
         return {}
 
@@ -71,14 +66,9 @@ class Weighing:
                     code=Code.WRONG_SHAPE, message=message, field=name, bound=f"(1..{MOST_SWINGS}, {ARM_DOF})"
                 )
             worst = max(chain.from_iterable(swings), key=lambda value: abs(value) if math.isfinite(value) else math.inf)
-            if not abs(worst) <= MOST_NM:
-                return Refusal(
-                    code=Code.OUT_OF_RANGE if math.isfinite(worst) else Code.NOT_FINITE,
-                    message=f"{name} of what was weighed has {worst:g}, more than any motor gives",
-                    field=name,
-                    value=f"{worst:g}",
-                    bound=f"[-{MOST_NM:g}, {MOST_NM:g}]",
-                )
+            refusal = within(f"a number in {name} of what was weighed", worst, -MOST_NM, MOST_NM, field=name)
+            if refusal is not None:
+                return refusal
         found = contacts.weigh(request.side, now_ns, beside_empty=request.beside_empty, **rows)
         if isinstance(found, Refusal):
             return found
@@ -92,14 +82,4 @@ class Weighing:
 
     def _contacts(self, command: CommandRequested, epoch: int) -> Contacts | Refusal:
         """Return what feels, for the owner alone."""
-        refusal, model = self._authorisation.owner(command, epoch), self._coordinator.model
-        if refusal is None and model is not None and model.contacts is not None:
-            return model.contacts
-        return refusal or Refusal(
-            code=Code.MODEL_OFF,
-            message="nothing pulls at the arms as far as this gateway knows: it works out no dynamics",
-            field="model.dynamics",
-            value="false",
-            bound="true",
-            hint="set `dynamics = true` in section [model] of the configuration, and start it anew",
-        )
+        return self._authorisation.owner(command, epoch) or self._coordinator.contacts

@@ -1,7 +1,6 @@
 """Fires the supervisor's triggers and carries out what its table says, on the body, the latches and the lease.
 
-Everything that moves the supervisor goes through `fire`; nothing else changes its state. What the outside should hear of
-it is collected as notices.
+Everything that moves the supervisor goes through `fire`; nothing else changes its state. What is to be told is collected.
 """
 
 from __future__ import annotations
@@ -39,6 +38,7 @@ from gateway.values import CurrentMode, Side, Space, Vector
 
 if TYPE_CHECKING:  # it takes numpy along, which a guard has no use for
     from gateway.core.robot_state.body_model import BodyModel
+    from gateway.core.robot_state.contact import Contacts
 
 __all__ = ["AT_BASE", "QUIET", "Coordinator", "EnableRecord"]
 
@@ -171,6 +171,15 @@ class Coordinator:
         self.store.reset()
         if self.model is not None:
             self.model.forget()
+
+    @property
+    def contacts(self) -> Contacts | Refusal:
+        """What pulls at the arms, or why nobody works that out."""
+        if self.model is not None and self.model.contacts is not None:
+            return self.model.contacts
+        message = "nobody feels what pushes the arms: section [model] of the configuration does not ask for dynamics"
+        hint = "set `dynamics = true` there, and start the gateway anew"
+        return Refusal(code=Code.MODEL_OFF, message=message, field="model.dynamics", value="false", hint=hint)
 
     def model_refusal(self, side: Side, now_ns: int) -> Refusal | None:
         """Return why an arm may not be moved by the body model; None while that agrees with the robot."""

@@ -16,6 +16,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+from gateway.core.motion.bounds import outside
 from gateway.core.supervision.silence import Silence
 from gateway.errors import Code, Refusal
 from gateway.messages.incoming import OnLoss
@@ -95,16 +96,8 @@ class Endpoints:
             The endpoint, or OUT_OF_RANGE for its period, or TOO_MANY_ENDPOINTS.
         """
         if not SHORTEST_NS <= timeout_ns <= LONGEST_NS:
-            bound = f"[{SHORTEST_NS / S:g}, {LONGEST_NS / S:g}]"
-            return Refusal(
-                code=Code.OUT_OF_RANGE,
-                message=f"the period of a stop endpoint is {timeout_ns / S:g} s, outside {bound} s",
-                field="timeout_ns",
-                value=f"{timeout_ns / S:g}",
-                bound=bound,
-                unit="s",
-                hint="stay inside the bound, and check in four times as often",
-            )
+            span_s, hint = (SHORTEST_NS / S, LONGEST_NS / S), "stay inside the bound, and check in four times as often"
+            return outside("the period of a stop endpoint", timeout_ns / S, *span_s, "s", field="timeout_ns", hint=hint)
         if client_id not in self._endpoints and len(self._endpoints) >= MOST:
             names = ", ".join(endpoint.name for endpoint in self._endpoints.values())
             return Refusal(

@@ -23,7 +23,7 @@ from gateway.sim.reaching import reached
 from gateway.sim.remote import SimControl, SimUnreachable
 from gateway.sim.robot.manual import S
 
-__all__ = ["command_line", "main"]
+__all__ = ["Movie", "command_line", "main"]
 
 _TICKS_PER_S: Final = 1000
 
@@ -58,7 +58,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def _film(control: SimControl, options: argparse.Namespace, is_over: Callable[[], bool]) -> None:
     has_lift = control.ask("ping")["model"] == "lift"
-    with Drawing(has_lift=has_lift) as drawing, _Movie(options.to, drawing.width, drawing.height) as movie:
+    with Drawing(has_lift=has_lift) as drawing, Movie(options.to, drawing.width, drawing.height) as movie:
         _say(
             f"{drawing.width}x{drawing.height}, at most {options.rate} Hz, drawn by {drawing.backend}, to {options.to}"
         )
@@ -79,11 +79,19 @@ def _film(control: SimControl, options: argparse.Namespace, is_over: Callable[[]
     _say(f"{movie.pictures} pictures in {seconds:.1f} s ({movie.pictures / max(seconds, 1e-9):.1f} Hz)")
 
 
-class _Movie:
-    """An MP4 file of H.264 pictures with times of their own.
+class Movie:
+    """An MP4 file of H.264 pictures with times of their own; whole when `with` ends.
+
+    Args:
+        path: The file; overwritten.
+        width: Of its pictures [pixels].
+        height: The same.
 
     Attributes:
         pictures: Written so far.
+
+    Raises:
+        ValueError: PyAV is not installed.
     """
 
     def __init__(self, path: Path, width: int, height: int) -> None:
@@ -107,7 +115,7 @@ class _Movie:
         self._container.mux(self._stream.encode(frame))
         self.pictures += 1
 
-    def __enter__(self) -> _Movie:
+    def __enter__(self) -> Movie:
         return self
 
     def __exit__(self, *_: object) -> None:

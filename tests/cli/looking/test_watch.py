@@ -27,6 +27,7 @@ from gateway.messages.snapshot import (
     SpacingView,
     StreamView,
     TargetView,
+    TouchView,
 )
 from tests.api.stand_in import a_snapshot
 from tests.cli.views import INFO, MS, S, a_view, all_topics, owned
@@ -174,17 +175,22 @@ FELT = ContactView(
     state="known", torque_nm=(0.0,) * 7, torque_sd_nm=(0.1,) * 7, frame="left_shoulder_base", point="left_ee",
     wrench=(1.0, -8.24, None, 0.0, 0.1, 0.0), wrench_sd=(2.0, 1.5, None, 0.1, 0.1, 0.1), sigmas=5.0,
 )  # fmt: skip
+TOUCH = TouchView(
+    number=2, side="left", at_ns=a_view().at_ns - 3_000_000_000, force_n=12.4, sd_n=1.5, threshold_n=8.0, direction=(),
+    wrench=(), frame="left_shoulder_base", p_m=(0.34, 0.09, -0.3), is_own=False, back_id=0,
+)  # fmt: skip
 
 
 def test_a_frame_shows_what_pulls_at_the_arms():
-    """Forces with standard deviations, loudly when it is something; or why it is not known."""
+    """Forces with standard deviations, loudly when it is something; what is held; the last touch; or why nothing is known."""
     unknown = ContactView(state="unknown", code="NO_EFFORTS", reason="the robot sends none")
     arms = a_view().arms
     for sigmas, style in ((5.0, "bold yellow"), (1.0, "dim")):
-        left = replace(arms["left"], contact=replace(FELT, sigmas=sigmas))
+        left = replace(arms["left"], contact=replace(FELT, sigmas=sigmas, load_kg=0.302), touch=TOUCH)
         lines = frame(picture(arms={"left": left, "right": replace(arms["right"], contact=unknown)}), 120, 40)
         line = next(line for line in lines if "left feels +1.0±2.0 -8.2±1.5 ? N" in line.plain)
-        assert style in {str(span.style) for span in line.spans}
+        assert style in {str(span.style) for span in line.spans} and line.plain.rstrip().endswith(" N, holds 0.302 kg")
+        assert "  touch 2: 12.4±1.5 N, 3.0 s ago" in text_of(lines)
         assert "right feels nothing known: NO_EFFORTS" in text_of(lines)
     assert "feels" not in text_of(frame(picture(), 120, 40))
 

@@ -139,7 +139,7 @@ def test_payload_weighs_beside_what_was_kept_of_the_empty_hand(shell, monkeypatc
         return found[len(asked) - 1]
         yield
 
-    monkeypatch.setattr("gateway.client.control.weighed", weighed)
+    monkeypatch.setattr("gateway.client.weighing._weighed", weighed)
     status, out, err = shell.run("payload", "--arm", "left", "--json")
     assert status == 0 and json.loads(out)["payload"]["mass"] == 0.302 and "swings by 0.05 rad" in err
     kept = tmp_path / "empty.json"
@@ -155,9 +155,14 @@ def test_payload_weighs_beside_what_was_kept_of_the_empty_hand(shell, monkeypatc
 
 def test_payload_takes_back_what_was_told_without_moving(shell, monkeypatch, tmp_path):
     """Refused where nothing is felt; a file that is no weighing is refused before anything is asked."""
+
+    def told(own, side, load):
+        return load
+        yield
+
     status, _, err = shell.run("payload", "--arm", "left", "--none")
     assert status == 1 and "MODEL_OFF" in err and shell.owner() is None
-    monkeypatch.setattr("gateway.client.control.tell", lambda own, side, load: iter(()))
+    monkeypatch.setattr("gateway.client.weighing._tell", told)
     status, out, err = shell.run("payload", "--arm", "left", "--none", "--json")
     assert status == 0 and json.loads(out)["payload"] is None and "said to hold nothing" in err
     (tmp_path / "no.json").write_text("{}")

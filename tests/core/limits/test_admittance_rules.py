@@ -41,12 +41,12 @@ def test_whatever_is_inside_the_bounds_passes_to_the_last_bit():
     ("changes", "field", "words"),
     [
         ({"mass": {0: 0.5}}, "admittance.mass[0]", ("the mass x is 0.5 kg", "[1, 30] kg")),
-        ({"mass": {4: 3.0}}, "admittance.mass[4]", ("about y is 3 kg·m²", "[0.02, 1] kg·m²")),
-        ({"mass": {1: 0.0}}, "admittance.mass[1]", ("the mass y is 0 kg",)),
-        ({"damping": {2: 149.0}}, "admittance.damping[2]", ("the damping z is 149 N·s/m", "[150, 2000] N·s/m")),
+        ({"mass": {4: 3.0}}, "admittance.mass[4]", ("about y is 3.0 kg·m²", "[0.02, 1] kg·m²")),
+        ({"mass": {1: 0.0}}, "admittance.mass[1]", ("the mass y is 0.0 kg",)),
+        ({"damping": {2: 149.0}}, "admittance.damping[2]", ("the damping z is 149.0 N·s/m", "[150, 2000] N·s/m")),
         ({"damping": {5: 1e9}}, "admittance.damping[5]", ("[15, 100] N·m·s/rad",)),
-        ({"stiffness": {1: 1300.0}}, "admittance.stiffness[1]", ("1300 N/m", "[0, 1250] N/m")),
-        ({"stiffness": {3: -1.0}}, "admittance.stiffness[3]", ("-1 N·m/rad", "[0, 1000] N·m/rad")),
+        ({"stiffness": {1: 1300.0}}, "admittance.stiffness[1]", ("1300.0 N/m", "[0, 1250] N/m")),
+        ({"stiffness": {3: -1.0}}, "admittance.stiffness[3]", ("-1.0 N·m/rad", "[0, 1000] N·m/rad")),
     ],
 )
 def test_what_would_swing_is_refused_with_value_bound_unit_and_remedy(changes, field, words):

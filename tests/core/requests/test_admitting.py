@@ -199,6 +199,15 @@ def test_near_a_singularity_the_mass_is_as_slow_as_its_arm(scene):
     assert 0.015 < far < 0.1 * scene.coordinator.settings.pose.v_mps * 1.05
 
 
+def test_a_lowered_speed_limit_holds_for_the_mass_and_its_arm(scene):
+    """Settings that are read anew in the middle of it: nothing is faster than the new limit."""
+    stream_id = scene.yields()
+    scene.body.speed_ratio[Space.POSE] = 0.1
+    scene.feeling.push(500.0)
+    far = scene.pass_time(1.0, stream_id)
+    assert 0.015 < far < 0.1 * scene.coordinator.settings.pose.v_mps * 1.05
+
+
 def test_a_hold_ends_it_and_another_state_forgets_how_it_went(scene):
     """A stop, a pause or a loss: the engine's states decide, and no mass goes on behind them."""
     stream_id = scene.yields()

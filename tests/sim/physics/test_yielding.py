@@ -95,7 +95,9 @@ def test_every_end_brakes_and_holds(end):
     stream = pair.engine._coordinator.body.targets.find(pair.stream_id)
     codes = {"death": Code.CLIENT_LOST, "stop": Code.STOPPED, "unknown": Code.CONTACT_UNKNOWN}
     assert stream.code is codes[end]
-    assert end != "unknown" or any("left arm brakes and holds: what pulls" in notice.message for notice in pair.notices)
+    assert end != "unknown" or any(
+        "left arm brakes and holds: what pushes" in notice.message for notice in pair.notices
+    )
 
 
 def test_while_nothing_is_known_yet_it_is_refused():
