@@ -6,10 +6,11 @@ import math
 
 import pytest
 
-from gateway.core.body.feeler import LASTS_NS, Feeler, Push, axis_of, push_of
+from gateway.core.body.feeler import LASTS_NS, Feeler, Push, axis_of, push_of, unknown
 from gateway.errors import Code, Refusal
 from gateway.messages.body_views import ContactView
 from gateway.messages.incoming import Until
+from gateway.values import Side
 from tests.pushed import felt
 
 NAN = math.nan
@@ -43,6 +44,13 @@ def test_a_direction_may_have_any_length():
     """What counts is where it points; none means any."""
     assert axis_of(Until(force_n=1.0, direction=(0.0, 3.0, -4.0))) == pytest.approx((0.0, 0.6, -0.8))
     assert axis_of(Until(force_n=200.0, back_off_m=0.1)) == ()
+
+
+def test_what_would_have_to_be_felt_and_cannot_be_is_refused_with_the_arm_and_the_reason():
+    """For motions, streams and loads alike."""
+    refusal = unknown(Side.LEFT, "no efforts", "NO_EFFORTS")
+    assert (refusal.code, refusal.field, refusal.value) == (Code.CONTACT_UNKNOWN, "left_arm", "NO_EFFORTS")
+    assert refusal.message == "what pushes the left hand is unknown: no efforts"
 
 
 def test_a_push_is_its_part_along_the_direction_or_its_size():

@@ -9,10 +9,11 @@ from gateway.core.messages.events import SampleArrived
 from gateway.core.messages.outputs import Frame, FrameKind, Level, Notice, Remembered
 from gateway.core.motion.motion import plan
 from gateway.core.robot_state.body_model import BodyModel
+from gateway.core.robot_state.contact import Contacts
 from gateway.core.streams.heartbeat import Beat
 from gateway.core.supervision.coordinator import AT_BASE, Coordinator, EnableRecord
 from gateway.core.supervision.supervisor import BASE, END_CODE, LATCH_CODE, STREAMING, TABLE, Action, State, Trigger
-from gateway.errors import Code
+from gateway.errors import Code, Refusal
 from gateway.kinematics.description import nominal
 from gateway.messages.incoming import OnLimit
 from gateway.robot.limits import HOME_Q_RAD
@@ -113,6 +114,16 @@ def test_without_a_model_nothing_is_moved_by_one():
     coordinator.forget_state()
     refusal = coordinator.model_refusal(L, S)
     assert refusal is not None and (refusal.code, refusal.field) == (Code.MODEL_OFF, "model.check")
+
+
+def test_without_dynamics_nobody_feels_anything():
+    """Neither without a model nor with one alone: refused, with the setting; with observers, those."""
+    model = BodyModel(nominal(), Settings())
+    for coordinator in (Coordinator(Settings(), Remembered()), Coordinator(Settings(), Remembered(), model)):
+        refusal = coordinator.contacts
+        assert isinstance(refusal, Refusal) and (refusal.code, refusal.field) == (Code.MODEL_OFF, "model.dynamics")
+    model.contacts = Contacts({}, model.refusal)
+    assert coordinator.contacts is model.contacts
 
 
 def test_what_is_forgotten_of_the_robot_is_forgotten_of_its_model():
