@@ -86,6 +86,7 @@ class LocalPlane:
         _prepare_directory(self.socket, is_default=not local.socket)
         self._floods = FloodWatch(self._is_own)
         self._answering: tuple[int | None, ...] = ()
+        """Kernel's ids of the threads that read questions and answer them."""
         self._policy = OrdinaryWhileBusy(lambda thread_id: thread_id in self._answering)
         self._is_closing = threading.Event()
         self._heeded: frozenset[str] = frozenset()

@@ -39,9 +39,8 @@ ROOT = Path(__file__).parents[2]
 
 @pytest.fixture(autouse=True)
 def quick(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Write at once: virtual time does not wait for a quarter of a second. Nor does it mind a slow machine."""
+    """Write at once: virtual time does not wait for a quarter of a second."""
     monkeypatch.setattr(recorder_module, "WRITTEN_S", 0.01)
-    monkeypatch.setattr(recorder_module, "MOST_FREEZE_NS", S)
 
 
 AGAIN = "import pathlib, sys; from gateway.incident.replay import *; print(replay(incident(pathlib.Path(sys.argv[1]))))"

@@ -98,6 +98,7 @@ def measure(mirror: Mirror, root: Path = ROOT) -> Result:
         return Result(mirror=mirror, trouble=f"there is no {mirror.test}")
     with tempfile.TemporaryDirectory() as folder:
         data_file, said = Path(folder) / "coverage", Path(folder) / "said"
+        said.touch()  # it may end before it says anything
         run = LOADED.Process(target=_run, args=(mirror, root, data_file, said))
         run.start()
         run.join(TIMEOUT_S)

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import math
-
 from gateway.codes import Code
 from gateway.core.messages.events import CommandRequested
+from gateway.core.motion.bounds import within
 from gateway.core.requests.authorisation import Authorisation
 from gateway.core.requests.moves import Answer
 from gateway.core.supervision.coordinator import Coordinator
@@ -45,15 +44,10 @@ class Gripping:
         refusal = self.may_grip(request.side, command, request.epoch, now_ns)
         if refusal is not None:
             return refusal
-        if not (math.isfinite(request.raw) and 0.0 <= request.raw <= 1.0):
-            return Refusal(
-                code=Code.OUT_OF_RANGE if math.isfinite(request.raw) else Code.NOT_FINITE,
-                message=f"the {request.side} gripper's input is {request.raw:g}, a number in [0, 1] is needed (manual §4.4)",
-                field=name,
-                value=f"{request.raw:g}",
-                bound="[0, 1]",
-                hint="0 opens most, 0.1 is no torque, 1 closes most",
-            )
+        hint = "0 opens most, 0.1 is no torque, 1 closes most (manual §4.4)"
+        refusal = within(f"the {request.side} gripper's input", request.raw, 0.0, 1.0, field=name, hint=hint)
+        if refusal is not None:
+            return refusal
         coordinator.fire(Trigger.ARM_MOTION, now_ns, "the owner moves a gripper")
         coordinator.body.grippers[request.side].command(request.raw, request.epoch)
         return {"raw": request.raw, "torque_nm": gripper_torque_nm(request.raw)}
