@@ -45,19 +45,19 @@ from tests.thoroughness import either
 
 pytestmark = pytest.mark.slow
 
-PAYLOADS = either(8_000, 25_000)
+PAYLOADS = either(12_000, 25_000)
 PER_TICK = 20
 """Payloads that lie there together when the loop looks."""
 BLOCK = 1_000
 """Payloads from one wild spell to the next."""
-WILD = either(140, 80)
+WILD = either(160, 80)
 """Of a block, so many may be well-formed stops, takeovers and releases; then the nurse comes. More where blocks are few: each
 kind is to be accepted at least once."""
 
 HARSH = ("take", "release", "abandon", "disable", "stop", "estop")
 """Kinds that end what the nurse has brought about."""
-SAFE = (*(kind for kind in KINDS if kind not in HARSH), "move", "move_pose", "open_stream", *("target",) * 3)
-LOUD = (*SAFE, *HARSH)
+SAFE = (*(kind for kind in KINDS if kind not in HARSH), "move", "move_pose", *("open_stream",) * 3, *("target",) * 4)
+LOUD = (*SAFE, *HARSH, *("disable",) * 2)
 ROBOTS = {
     1: {},
     2: {"right_mode": "pose", "model": "lift"},
