@@ -120,7 +120,8 @@ def pytest_collection() -> Generator[None, object, object]:
 def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> object | None:
     """With `--dist loadscope`, keep tests of one file in one process, one after the other: they may name fixed ports.
 
-    Those of tests/e2e take ports, sockets and folders of their own and go wherever there is room.
+    Those of tests/e2e take ports, sockets and folders of their own and go wherever there is room, but for robots on DDS: such
+    a robot comes before everybody else on a core, and two of them would leave nothing of two cores.
     """
     if config.getoption("dist") != "loadscope":
         return None
@@ -128,6 +129,8 @@ def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> object | Non
 
     class Scheduling(LoadScopeScheduling):
         def _split_scope(self, nodeid: str) -> str:
+            if nodeid.startswith("tests/interop/") or "[dds" in nodeid:
+                return "robots on DDS"
             return nodeid if nodeid.startswith("tests/e2e/") else nodeid.partition("::")[0]
 
     return Scheduling(config, log)

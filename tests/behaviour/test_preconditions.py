@@ -256,11 +256,12 @@ def situations(gateway: Gateway, model: str, state: State) -> Iterator[Situation
 
     Who asks is judged before anything that belongs to a robot, and all that a model changes is whether it has a lift. So
     outside CI the owner meets every seventh robot only (no number of choices is a multiple of seven or eleven), those who
-    may not ask every 77th, and on the model without a lift every eleventh and none.
+    may not ask every 77th, and on the model without a lift every eleventh and none; in CI they meet every robot, and every
+    seventh one without a lift. Before a release all meet all.
     """
     robots = itertools.product(MODES, ARMS, CONTROL, FSM, HEARD, GROUND)
     for number, (mode, arms, control, fsm, heard, ground) in enumerate(robots):
-        if number % either(7 if model == "lift" else 11, 1):
+        if number % either(7, 1, 1) if model == "lift" else either(11, 7, 1):
             continue
         gateway.meet(mode, arms, control, fsm, heard, ground=ground)
         is_for_all = IS_THOROUGH or (model == "lift" and number % 11 == 0)

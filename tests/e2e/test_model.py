@@ -16,6 +16,7 @@ import pytest
 
 from gateway.cli.body.calibration_writing import write_arms
 from gateway.client import Control, Robot
+from gateway.codes import Code
 from gateway.errors import GatewayError
 from gateway.kinematics.calibration import RobotIdentity
 from gateway.kinematics.calibration_file.arm_section import ArmCalibration, fingerprint
@@ -84,7 +85,9 @@ def wandering(own: Control, speed: float) -> Iterator[None]:
             try:
                 own.move_to(goal, speed=speed).result(timeout=60.0)
             except GatewayError as ended:  # this host stood still for a moment: on with the next one
-                if ended.code.value not in STALLED:
+                if ended.code is Code.NOT_ENABLED:  # for so long that nothing was held any more
+                    own.enable(timeout=15.0)
+                elif ended.code.value not in STALLED:
                     raise
                 time.sleep(0.2)
 

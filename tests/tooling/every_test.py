@@ -32,11 +32,14 @@ CHANCES = 2
 SOME_FAILED, NO_TESTS = 1, 5
 """Exit statuses of pytest: any other but 0 says that the run broke off."""
 
-HEART, GUARD = "tests/e2e/test_heart.py", "tests/e2e/test_guard.py"
+HEART = "tests/e2e/test_heart.py"
 """What other interpreters prove end to end: machine, zenoh, DDS and forces are the same for all."""
 
-THE_SAME = ("behaviour", "bench", "dataset", "fuzz", "gym", "interop", "kinematics", "tooling", "video")
-"""Folders of tests that tell nothing of an interpreter: rules of the core, geometry, files, tools, other people's programs."""
+RULES = ("behaviour", "core/motion", "core/separation", "test_kept_apart.py", "test_slowed.py", "test_trajectories.py")
+GEOMETRY = ("cli/body", "gym", "kinematics", "sim/physics")
+OTHERS = ("bench", "dataset", "fuzz", "interop", "tooling", "video")
+THE_SAME = RULES + GEOMETRY + OTHERS
+"""Tests that tell nothing of an interpreter: rules of the core, geometry, and files, tools, other people's programs."""
 
 IDLE = """
 import os, sys
@@ -106,7 +109,7 @@ def plan(versions: dict[str, str], *, cores: int, is_thorough: bool, has_bridge:
     ]
     ignored = tuple(f"--ignore=tests/{name}" for name in THE_SAME)
     for version in others:
-        arguments = ("-m", "e2e and not thorough and not interop and not forces", HEART, GUARD)
+        arguments = ("-m", "e2e and not thorough and not interop and not forces", HEART)
         made.front.append(Run(name=f"{version}-e2e", python=versions[version], arguments=arguments, brief=True))
         arguments = ("-m", "not e2e and not slow and not thorough", *ignored)
         made.behind.append(

@@ -108,14 +108,14 @@ def test_what_runs_behind_ends_with_the_runner(tmp_path: Path, run: Run) -> None
 
 
 def test_the_default_interpreter_runs_all_and_the_others_what_can_differ() -> None:
-    """Few examples, heart and guard end to end, and no quick test of rules, geometry or tools."""
+    """Few examples, the heart end to end, and no quick test of rules, geometry or tools."""
     made = plan({"3.11": "a", "3.10": "b", "3.13": "c"}, cores=2, is_thorough=True, has_bridge=True)
     assert [run.name for run in made.front] == ["3.11-e2e", "3.11-alone", "3.10-e2e", "3.13-e2e"]
     assert [run.name for run in made.behind] == ["3.11-quick", "3.10-quick", "3.13-quick"]
     assert [run.python for run in made.behind] == ["a", "b", "c"]
     assert made.behind[0].arguments == ("-m", "not e2e") and made.front[1].arguments[:2] == ("-m", "alone")
     assert [run.brief for run in made.front] == [False, False, True, True]
-    assert made.front[3].arguments[2:] == ("tests/e2e/test_heart.py", "tests/e2e/test_guard.py")
+    assert made.front[3].arguments[2:] == ("tests/e2e/test_heart.py",)
     assert "--ignore=tests/kinematics" in made.behind[1].arguments
 
 
