@@ -4,7 +4,8 @@ Rules
     * Nothing heavy is imported before it is known what is wanted: `ta2 stop` loads the client and nothing else.
     * What a person or a script wants to read goes to standard output, what is said on the way to standard error.
     * An error is one line, `CODE: message -> hint`, and an exit status of `apps.ending.ExitStatus`.
-    * SIGTERM and SIGHUP are to a client command what Ctrl-C is: whatever moves is left held, at once.
+    * SIGTERM and SIGHUP are to a client command what Ctrl-C is: whatever moves is left held, at once. None of them is lost, not
+      even where Python drops the exception that it makes of it: in a finaliser, or in what a compiled part calls.
 """
 
 from __future__ import annotations
@@ -24,6 +25,9 @@ from gateway.cli.terminal.ending import ExitStatus, Interrupted, report
 from gateway.errors import Code, GatewayError, failure
 
 __all__ = ["COMMANDS", "main"]
+
+AGAIN_S = 0.002
+"""After so long an interruption comes again that was dropped [s]: that place is left by then, or it is dropped once more."""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -49,7 +53,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 @contextmanager
 def _interruptible(command: str) -> Iterator[None]:
-    """Turn SIGTERM and SIGHUP into an exception, so that a client can leave the robot held and say so.
+    """Turn SIGTERM and SIGHUP into an exception, so that a client can leave the robot held and say so, as Python does Ctrl-C.
 
     The two processes that run for ever have their own answer to signals.
     """
@@ -57,13 +61,36 @@ def _interruptible(command: str) -> Iterator[None]:
         yield
         return
 
-    def interrupt(number: int, frame: FrameType | None) -> None:
-        raise Interrupted(number)
+    newest, tell = 0, sys.unraisablehook
 
-    before = {number: signal.signal(number, interrupt) for number in (signal.SIGTERM, signal.SIGHUP)}
+    def interrupt(number: int, frame: FrameType | None) -> None:
+        nonlocal newest
+        newest = newest if number == signal.SIGALRM else number
+        while frame is not None:
+            if frame.f_code is dropped.__code__:  # it would be dropped again, from there
+                signal.setitimer(signal.ITIMER_REAL, AGAIN_S)
+                return
+            frame = frame.f_back
+        raise KeyboardInterrupt if newest == signal.SIGINT else Interrupted(newest)
+
+    def dropped(what: sys.UnraisableHookArgs) -> None:
+        if issubclass(what.exc_type, KeyboardInterrupt):
+            before.setdefault(signal.SIGALRM, signal.signal(signal.SIGALRM, interrupt))
+            signal.setitimer(signal.ITIMER_REAL, AGAIN_S)
+        else:
+            tell(what)
+
+    heard = [signal.SIGTERM, signal.SIGHUP]
+    if signal.getsignal(signal.SIGINT) is not signal.SIG_IGN:  # as in a shell's background
+        heard.append(signal.SIGINT)
+    before = {number: signal.signal(number, interrupt) for number in heard}
+    sys.unraisablehook = dropped
     try:
         yield
     finally:
+        sys.unraisablehook = tell
+        if signal.SIGALRM in before:
+            signal.setitimer(signal.ITIMER_REAL, 0.0)
         for number, handler in before.items():
             signal.signal(number, handler)
 

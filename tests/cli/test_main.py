@@ -312,6 +312,30 @@ def test_sigterm_interrupts_a_client_command_and_is_given_back(monkeypatch):
     assert cli.main(["run"]) == 0 and seen == [before]
 
 
+@pytest.mark.parametrize(("number", "status"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
+def test_a_signal_whose_exception_python_drops_comes_again(monkeypatch, capsys, number, status):
+    """In a finaliser nobody would hear of it, and the robot would go on moving."""
+
+    class Finalised:
+        def __del__(self):
+            signal.raise_signal(number)
+
+    def goes_on(_):
+        for _ in range(3):  # dropped three times over
+            Finalised()
+        deadline = time.monotonic() + 20.0
+        while time.monotonic() < deadline:
+            time.sleep(5.0)
+        return 0
+
+    tell = sys.unraisablehook
+    monkeypatch.setitem(cli.COMMANDS, "status", goes_on)
+    begun = time.monotonic()
+    assert cli.main(["status"]) == status
+    assert time.monotonic() - begun < 5.0 and sys.unraisablehook is tell
+    assert not capsys.readouterr().err
+
+
 def test_a_reader_that_has_gone_ends_a_command_quietly():
     """`ta2 config --show | head -0`: no traceback, the status of SIGPIPE."""
     program = "import sys; from gateway.cli.main import main; sys.exit(main(['config', '--show']))"

@@ -19,7 +19,7 @@ import numpy as np
 import pytest
 
 from gateway.client import Robot
-from tests.e2e.system import ROOT, Process, System, wait_for
+from tests.e2e.system import ATTEMPTS, ROOT, STALLED, Process, System, wait_for
 
 pytestmark = [pytest.mark.e2e, pytest.mark.wire_free("keys and the motion they make are the matter")]
 
@@ -27,6 +27,8 @@ Systems = Callable[..., System]
 PATIENCE_S = 60.0
 """For what a machine that is busy or slow does in the end."""
 UP = b"r"
+KEYS = "held: w s"
+"""Of its first words, once the arms are enabled."""
 
 
 class Terminal:
@@ -63,9 +65,15 @@ class Terminal:
         """Whether the terminal is as it was."""
         return termios.tcgetattr(self._theirs) == self.before
 
-    def says(self, words: str) -> None:
-        """Wait until it says something."""
-        wait_for(lambda: words in self.text, words, PATIENCE_S, lambda: self.text[-2000:])
+    def says(self, *words: str) -> str:
+        """Wait until it says one of these, and return which."""
+        found: str = wait_for(
+            lambda: next((said for said in words if said in self.text), ""),
+            words[0],
+            PATIENCE_S,
+            lambda: self.text[-2000:],
+        )
+        return found
 
     def type(self, keys: bytes) -> None:
         """Press keys, one after the other."""
@@ -108,9 +116,11 @@ def terminals() -> Iterator[Callable[..., Terminal]]:
     made: list[Terminal] = []
 
     def make(system: System, *options: str) -> Terminal:
-        made.append(Terminal(system, *options))
-        made[-1].says("held: w s")
-        return made[-1]
+        for _ in range(ATTEMPTS):
+            made.append(Terminal(system, *options))
+            if made[-1].says(KEYS, *STALLED) == KEYS:
+                return made[-1]
+        pytest.fail(made[-1].text)
 
     yield make
     for terminal in made:
