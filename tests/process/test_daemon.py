@@ -80,6 +80,7 @@ def piped() -> Iterator[tuple[LogWriter, int]]:
     finally:
         os.close(reader)  # a write that still hangs fails now
         writer.close()
+        writer._thread.join(20.0)  # what it still has would go to whatever has this number next
         os.close(end)
 
 

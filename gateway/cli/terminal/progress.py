@@ -45,7 +45,7 @@ class _Lines:
         self._told: dict[str, int] = {}
 
     def say(self, text: str) -> None:
-        print(text, file=sys.stderr, flush=True)
+        print(f"{text}\n", end="", file=sys.stderr, flush=True)  # in one: Ctrl-C comes before or behind a line
 
     def advance(self, phase: str, progress: float | None, detail: str) -> None:
         step = 0 if progress is None else int(progress / STEP)
