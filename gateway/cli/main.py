@@ -1,11 +1,11 @@
-"""`ta2`: arguments to calls. What a command does lives in `daemon`, `sim` and `apps`; here is only who does it.
+"""`ta2`: arguments to calls. What a command does lives beside it; here is only who does it.
 
 Rules
     * Nothing heavy is imported before it is known what is wanted: `ta2 stop` loads the client and nothing else.
     * What a person or a script wants to read goes to standard output, what is said on the way to standard error.
-    * An error is one line, `CODE: message -> hint`, and an exit status of `apps.ending.ExitStatus`.
+    * An error is one line, `CODE: message -> hint`, and an exit status of `terminal.ending.ExitStatus`.
     * SIGTERM and SIGHUP are to a client command what Ctrl-C is: whatever moves is left held, at once. None of them is lost, not
-      even where Python drops the exception that it makes of it: in a finaliser, or in what a compiled part calls.
+      even where Python drops the exception that it makes of it, as in a finaliser.
 """
 
 from __future__ import annotations
@@ -68,17 +68,19 @@ def _interruptible(command: str) -> Iterator[None]:
         newest = newest if number == signal.SIGALRM else number
         while frame is not None:
             if frame.f_code is dropped.__code__:  # it would be dropped again, from there
-                signal.setitimer(signal.ITIMER_REAL, AGAIN_S)
-                return
+                return again()
             frame = frame.f_back
         raise KeyboardInterrupt if newest == signal.SIGINT else Interrupted(newest)
 
     def dropped(what: sys.UnraisableHookArgs) -> None:
         if issubclass(what.exc_type, KeyboardInterrupt):
-            before.setdefault(signal.SIGALRM, signal.signal(signal.SIGALRM, interrupt))
-            signal.setitimer(signal.ITIMER_REAL, AGAIN_S)
+            again()
         else:
             tell(what)
+
+    def again() -> None:
+        before.setdefault(signal.SIGALRM, signal.signal(signal.SIGALRM, interrupt))
+        signal.setitimer(signal.ITIMER_REAL, AGAIN_S)
 
     heard = [signal.SIGTERM, signal.SIGHUP]
     if signal.getsignal(signal.SIGINT) is not signal.SIG_IGN:  # as in a shell's background
