@@ -35,10 +35,11 @@ SOME_FAILED, NO_TESTS = 1, 5
 HEART = "tests/e2e/test_heart.py"
 """What other interpreters prove end to end: machine, zenoh, DDS and forces are the same for all."""
 
-RULES = ("behaviour", "core/motion", "core/separation", "test_kept_apart.py", "test_slowed.py", "test_trajectories.py")
-GEOMETRY = ("cli/body", "gym", "kinematics", "sim/physics")
-OTHERS = ("bench", "dataset", "fuzz", "interop", "tooling", "video")
-THE_SAME = RULES + GEOMETRY + OTHERS
+THE_SAME = (
+    *("behaviour", "core/motion", "core/separation", "test_kept_apart.py", "test_slowed.py", "test_trajectories.py"),
+    *("cli/body", "gym", "kinematics", "sim/physics"),
+    *("bench", "dataset", "fuzz", "interop", "tooling", "video"),
+)
 """Tests that tell nothing of an interpreter: rules of the core, geometry, and files, tools, other people's programs."""
 
 IDLE = """
