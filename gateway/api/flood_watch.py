@@ -9,8 +9,8 @@ Rules
       number that stays says that we do not read, and is nobody's fault.
     * Knows a process by what the kernel says of the socket's other end. Where it says nothing (another host, another
       container), each connection counts for itself.
-    * Where there are too many connections, some of the process that has most of them are hung up on. So there is room for
-      whoever comes to stop.
+    * Where there are too many connections, or too many of one process, some of the process that has most of them are hung
+      up on. So there is room for whoever comes to stop.
     * While this process is busy, all of its threads are ordinary ones, before others, until it was calm for a second: but
       the loop's, and those that send, without which its setpoints would leave late.
 
@@ -62,6 +62,9 @@ LOOKS = 4
 """A client that asks for large things waits for each answer: it is seen with unread bytes twice at most."""
 MOST_CONNECTIONS = 96
 """More do not stay, but where each is another process's."""
+MOST_OF_ONE = 48
+"""Nor of one process: zenoh takes leave of all of them at once when it dies, and of 96 that took it 100 ms on a slow host (3 of
+16 times), in which nobody read what the robot says."""
 LOOKED_AT = 128
 """So many open files are looked at, picked at random where there are more: a look must not keep Python's lock for long."""
 MOST_AT_ONCE = 16
@@ -71,8 +74,11 @@ BUSY_SHARE = 0.4
 CALMED_NS = 1000 * MS
 SENDER = "tx-"
 """zenoh's threads that send, the robot's setpoints too: what they have to do is what we say, and no flood makes it more."""
-RECEIVERS = ("rx-", "net-", "acc-", "app-")
-"""zenoh's threads that floods keep busy; every other one is Python's."""
+RECEIVERS = ("rx-", "net-", "app-")
+"""zenoh's threads that floods keep busy; every other one but `ACCEPTORS` is Python's."""
+ACCEPTORS = "acc-"
+"""zenoh's threads that open connections and close them: no more than any program of whoever does nothing else."""
+AS_OTHERS = 0
 BEFORE_OTHERS = -5
 """Nice value of busy receivers: before other programs, but the owner's on the same core must get its share, too.
 At -20 its keepalives stayed away for 250 ms in 7 of 18 floods of half-open connections on a loaded host, at -8 in none."""
@@ -149,12 +155,12 @@ class FloodWatch:
         self._tell(f"flooded by {', '.join(map(str, peers))}", now_ns)
 
     def _make_room(self, now_ns: int) -> None:
-        if self._seen <= MOST_CONNECTIONS:
+        if self._seen <= min(MOST_CONNECTIONS, MOST_OF_ONE):
             return
         held = Counter(peer for _, peer, _ in self._connections(unread_only=False))
-        excess = held.total() - MOST_CONNECTIONS
+        busiest, count = held.most_common(1)[0] if held else (None, 0)
+        excess = max(held.total() - MOST_CONNECTIONS, count - MOST_OF_ONE)
         if excess > 0:
-            busiest, count = held.most_common(1)[0]
             self._end(lambda peer: peer == busiest, min(excess, count - 1, MOST_AT_ONCE))
             self._tell(f"crowded by {busiest}", now_ns)
 
@@ -271,6 +277,9 @@ class OrdinaryWhileBusy:
                         *_, nice = self.lowered.get(thread_id) or (os.getpriority(os.PRIO_PROCESS, thread_id),)
                         self.lowered[thread_id] = policy, os.sched_getparam(thread_id).sched_priority, nice
                         os.sched_setscheduler(thread_id, os.SCHED_OTHER, os.sched_param(0))
-                        works_for_others = name.startswith(RECEIVERS) or self._is_reader(thread_id)
-                        busy_nice = BEFORE_OTHERS if works_for_others else FIRST_OF_ALL
-                        os.setpriority(os.PRIO_PROCESS, thread_id, busy_nice)
+                        os.setpriority(os.PRIO_PROCESS, thread_id, self._busy_nice(thread_id, name))
+
+    def _busy_nice(self, thread_id: int, name: str) -> int:
+        if name.startswith(ACCEPTORS):
+            return AS_OTHERS
+        return BEFORE_OTHERS if name.startswith(RECEIVERS) or self._is_reader(thread_id) else FIRST_OF_ALL

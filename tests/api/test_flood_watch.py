@@ -153,6 +153,19 @@ def test_a_crowd_makes_room(place, monkeypatch, caplog):
     assert "crowded by crowd" in caplog.text
 
 
+def test_one_process_is_a_crowd_sooner(place, monkeypatch, caplog):
+    """There is room for more, yet what one process has too many of goes: zenoh takes leave of them all at once when it dies."""
+    monkeypatch.setattr(flood_watch, "MOST_OF_ONE", 4)
+    callers = [place.connect() for _ in range(8)]
+    of_one = {served.fileno() for _, served in place.pairs[2:]}
+    monkeypatch.setattr(flood_watch, "_peer", lambda end: "one" if end.fileno() in of_one else end.fileno())
+    place.look()
+    assert [place.is_up(caller) for caller in callers] == [True, True, False, False, True, True, True, True]
+    assert "crowded by one" in caplog.text
+    place.look()
+    assert all(map(place.is_up, callers[4:])), "no more of them than are too many"
+
+
 def test_as_many_processes_may_stay_as_there_are(place, monkeypatch):
     """Where each connection is another process's nobody is in the way of anybody."""
     monkeypatch.setattr(flood_watch, "MOST_CONNECTIONS", 2)
@@ -203,14 +216,17 @@ def none_left(path):
     raise OSError("too many open files")
 
 
+NAMES = {10: "tx-0\n", 7: "rx-0\n", 12: "acc-0\n"}
+
+
 @pytest.fixture
 def scheduler(monkeypatch):
     """A kernel in which all threads but this one are under SCHED_FIFO: thread -> policy and priority."""
     nices = {}
     sender = {10: (os.SCHED_FIFO, 40)}
-    others = {7: (os.SCHED_FIFO, 40), 8: (os.SCHED_FIFO, 39), 11: (os.SCHED_FIFO, 39)}
+    others = {7: (os.SCHED_FIFO, 40), 8: (os.SCHED_FIFO, 39), 11: (os.SCHED_FIFO, 39), 12: (os.SCHED_FIFO, 40)}
     threads = {threading.get_native_id(): (os.SCHED_FIFO, 60)} | others | sender
-    monkeypatch.setattr(flood_watch, "name_of", lambda number: {10: "tx-0\n", 7: "rx-0\n"}.get(number, "python\n"))
+    monkeypatch.setattr(flood_watch, "name_of", lambda number: NAMES.get(number, "python\n"))
     monkeypatch.setattr(os, "listdir", lambda path: [str(number) for number in (*threads, 9)])
     monkeypatch.setattr(os, "sched_getscheduler", lambda number: threads[number][0] if number in threads else gone())
     monkeypatch.setattr(os, "sched_getparam", lambda number: os.sched_param(threads[number][1]))
@@ -257,11 +273,12 @@ def test_busy_threads_leave_real_time_and_come_back(scheduler):
     ordinary.judge(now_ns + 200 * MS, used_ns + 110 * MS)
     assert scheduler == {
         loop: (os.SCHED_FIFO, 60), 7: (os.SCHED_OTHER, 0), 8: (os.SCHED_OTHER, 0), 10: (os.SCHED_FIFO, 40),
-        11: (os.SCHED_OTHER, 0),
+        11: (os.SCHED_OTHER, 0), 12: (os.SCHED_OTHER, 0),
     }, "setpoints leave in time"  # fmt: skip
     assert nices[7] == -5, "before others, but the owner's program on the same core still runs: at -20 it did not"
     assert nices[8] == -20, "whoever may hold Python's lock, for which the loop waits, waits for no core"
     assert nices[11] == -5, "it has work for as long as others ask, and would keep the robot from being heard"
+    assert nices[12] == 0, "who does nothing but connect gets no more of a core than any program"
     scheduler[7] = (os.SCHED_FIFO, 40)  # a new link has raised it again
     ordinary.judge(now_ns + 300 * MS, used_ns + 200 * MS)
     assert scheduler[7] == (os.SCHED_OTHER, 0)
@@ -269,4 +286,4 @@ def test_busy_threads_leave_real_time_and_come_back(scheduler):
     assert scheduler[7] == (os.SCHED_OTHER, 0), "not calm for long enough"
     ordinary.judge(now_ns + 1400 * MS, used_ns + 220 * MS)
     assert scheduler == before and ordinary.lowered == {}
-    assert nices == {7: 0, 8: 0, 11: 0}, "what they start would have it, too"
+    assert nices == {7: 0, 8: 0, 11: 0, 12: 0}, "what they start would have it, too"
