@@ -1,7 +1,7 @@
 """What comes in made fit for the engine, and what the engine gives made fit for the wire.
 
 Rules
-    * Form is judged here (how many joints, how many arms), with the code of validation; limits and finiteness are the core's.
+    * What a request asks for is the core's to judge, its form too.
     * Text of clients is shown to people and written to logs: what cannot be printed is replaced, and it is cut.
     * A stop comes through whatever its reason looks like.
 """
@@ -20,18 +20,15 @@ from gateway.api import protocol
 from gateway.core.messages import events, outputs
 from gateway.core.motion.chunk import Chunk
 from gateway.core.requests.follows import worked_out
-from gateway.errors import Code, Refusal
-from gateway.messages.requests import CheckFollow, Follow, Hold, Move, MovePose, Request
+from gateway.errors import Refusal
+from gateway.messages.requests import CheckFollow, Follow, Request
 from gateway.robot.topics import ARM_JOINTS
 from gateway.settings.settings import Settings
-from gateway.values import ARM_DOF, Side, Vector
+from gateway.values import Side, Vector
 
 __all__ = ["config_hash", "describe", "printable", "to_notice", "to_refusal", "to_reply", "to_request", "to_target"]
 
 _R = TypeVar("_R", bound=Request)
-
-POSE_WIDTH = 7
-"""Numbers of a pose: position and quaternion."""
 
 MAX_REASON = 256
 """Longest text of a client that is passed on or logged [characters]."""
@@ -43,9 +40,6 @@ def to_request(request: Request) -> tuple[Request, Chunk | None] | Refusal:
     Args:
         request: As decoded.
     """
-    wrong = _wrong_shape(request)
-    if wrong is not None:
-        return wrong
     chunk = worked_out(request) if isinstance(request, (Follow, CheckFollow)) else None
     if isinstance(chunk, Refusal):
         return chunk
@@ -64,39 +58,6 @@ def _shown(request: _R) -> _R:
         elif name == "follow":
             changed[name] = _shown(value)
     return structs.replace(request, **changed) if changed else request
-
-
-def _wrong_shape(request: Request) -> Refusal | None:
-    """Return what is wrong with how many arms are named, or how many numbers each has; of chunks others say it."""
-    match request:
-        case Move(targets_rad=named):
-            field, unit, needed, source = "targets_rad", "joint values", ARM_DOF, " (manual §4.0.3)"
-        case MovePose(targets=named):
-            field, unit, needed, source = "targets", "values of a pose", POSE_WIDTH, ": x, y, z, qx, qy, qz, qw"
-        case Hold(sides=()):
-            return _no_arm("sides")
-        case _:
-            return None
-    for side, values in named.items():
-        if len(values) != needed:
-            return Refusal(
-                code=Code.WRONG_SHAPE,
-                message=f"the {side} arm got {len(values)} {unit}, {needed} are needed{source}",
-                field=f"{side}_arm",
-                value=str(len(values)),
-                bound=str(needed),
-            )
-    return None if named else _no_arm(field)
-
-
-def _no_arm(field: str) -> Refusal:
-    return Refusal(
-        code=Code.WRONG_SHAPE,
-        message="no arm is named, one or two are needed (left, right)",
-        field=field,
-        value="0",
-        bound="[1, 2]",
-    )
 
 
 def printable(text: str) -> str:

@@ -160,7 +160,7 @@ def test_streams_and_clients_are_bounded(desk):
         (b"rubbish", "BAD_REQUEST"),
         (b"", "BAD_REQUEST"),
         (payload(protocol.Recover(), version=9), "UNSUPPORTED_VERSION"),
-        (payload(protocol.Move(epoch=1, targets_rad={"left": Q[:3]})), "WRONG_SHAPE"),
+        (payload(protocol.Follow(epoch=1, points={"left": (Q[:3], Q)}, dt_s=0.1)), "WRONG_SHAPE"),
         (b"x" * (protocol.MAX_PAYLOAD_BYTES + 1), "BAD_REQUEST"),
     ],
 )

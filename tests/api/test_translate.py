@@ -34,18 +34,13 @@ def test_a_request_arrives_as_it_was_sent(request_):
 @pytest.mark.parametrize(
     ("request_", "field", "value"),
     [
-        (protocol.Move(epoch=1, targets_rad={}), "targets_rad", "0"),
-        (protocol.Move(epoch=1, targets_rad={"left": Q, "right": Q[:6]}), "right_arm", "6"),
-        (protocol.Move(epoch=1, targets_rad={"left": (*Q, 0.0)}), "left_arm", "8"),
-        (protocol.Move(epoch=1, targets_rad={"left": ()}), "left_arm", "0"),
         (protocol.Follow(epoch=1, points={}, dt_s=0.1), "points", "0"),
         (protocol.Follow(epoch=1, points={"left": (Q,)}, dt_s=0.1), "left_arm", "1"),
         (protocol.Follow(epoch=1, points={"left": (Q, Q[:6])}, dt_s=0.1), "left_arm[1]", "6"),
-        (protocol.Hold(epoch=1, sides=()), "sides", "0"),
     ],
 )
-def test_a_wrong_shape_is_told_with_arm_and_number(request_, field, value):
-    """Form that no motion can have is WRONG_SHAPE, with what was given."""
+def test_points_that_no_motion_leads_through_are_refused_with_arm_and_number(request_, field, value):
+    """They are worked out before the engine is asked: WRONG_SHAPE, with what was given."""
     refusal = to_request(request_)
     assert isinstance(refusal, Refusal) and refusal.code is Code.WRONG_SHAPE
     assert (refusal.field, refusal.value) == (field, value)

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 from gateway.core.messages.events import CommandRequested
-from gateway.core.motion.bounds import within
+from gateway.core.motion.bounds import within, wrong_count
 from gateway.errors import Code, Refusal
 from gateway.messages.body_views import ContactView
 from gateway.messages.incoming import Until
@@ -89,13 +89,7 @@ def axis_of(until: Until) -> Vector | Refusal:
     if not until.direction:
         return ()
     if len(until.direction) != AXES:
-        return Refusal(
-            code=Code.WRONG_SHAPE,
-            message=f"the direction has {len(until.direction)} numbers, x, y and z are needed",
-            field="until.direction",
-            value=str(len(until.direction)),
-            bound=str(AXES),
-        )
+        return wrong_count("the direction", len(until.direction), AXES, "until.direction", "x, y, z")
     length = math.hypot(*until.direction)
     refusal = within("the direction's length", length, 1.0 / LONGEST, LONGEST, field="until.direction")
     return refusal or tuple([value / length for value in until.direction])

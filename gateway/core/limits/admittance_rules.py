@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from gateway.core.motion.bounds import within
+from gateway.core.motion.bounds import within, wrong_count
 from gateway.errors import Code, Refusal
 from gateway.messages.incoming import Admittance
 from gateway.values import Space
@@ -39,13 +39,7 @@ def check_admittance(wish: Admittance, space: Space) -> Refusal | None:
     for name in ("mass", "damping", "stiffness"):
         values = getattr(wish, name)
         if len(values) != len(AXES):
-            return Refusal(
-                code=Code.WRONG_SHAPE,
-                message=f"{name} has {len(values)} values, {len(AXES)} are needed: x, y, z, and about them",
-                field=f"admittance.{name}",
-                value=str(len(values)),
-                bound=str(len(AXES)),
-            )
+            return wrong_count(name, len(values), len(AXES), f"admittance.{name}", "x, y, z, and about them")
     if all(mass is None for mass in wish.mass):
         return Refusal(
             code=Code.BAD_REQUEST,

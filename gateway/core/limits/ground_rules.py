@@ -11,6 +11,7 @@ import math
 
 from gateway.codes import Code
 from gateway.core.limits.validation import check_mode
+from gateway.core.motion.bounds import not_finite
 from gateway.errors import Refusal
 from gateway.robot.limits import HARD_CHASSIS_V_MPS, HARD_CHASSIS_W_RADPS
 from gateway.settings.settings import ChassisSettings, LiftSettings
@@ -91,7 +92,7 @@ def check_chassis_velocity(velocity: Vector, settings: ChassisSettings) -> Refus
     """
     for name, value in zip(NAMES, velocity, strict=True):
         if not math.isfinite(value):
-            return _not_finite(name, value)
+            return not_finite(name, value, name)
     speed_mps = math.hypot(*velocity[:2])
     if speed_mps > settings.v_mps:
         return _too_fast(
@@ -105,16 +106,10 @@ def check_chassis_velocity(velocity: Vector, settings: ChassisSettings) -> Refus
 def check_lift_velocity(velocity: float, settings: LiftSettings) -> Refusal | None:
     """Refuse a velocity that is not finite, or outside the configured part of full speed."""
     if not math.isfinite(velocity):
-        return _not_finite("velocity", velocity)
+        return not_finite("velocity", velocity, "velocity")
     if abs(velocity) > settings.v_max:
         return _too_fast("velocity", "the velocity of the lift", velocity, settings.v_max, "", 1.0)
     return None
-
-
-def _not_finite(name: str, value: float) -> Refusal:
-    return Refusal(
-        code=Code.NOT_FINITE, message=f"{name} is {value}, a finite number is needed", field=name, value=str(value)
-    )
 
 
 def _too_fast(field: str, what: str, value: float, bound: float, unit: str, hard: float) -> Refusal:

@@ -10,6 +10,7 @@ import math
 from collections.abc import Sequence
 
 from gateway.core.limits.validation import Checked, check_tolerance
+from gateway.core.motion.bounds import not_finite, wrong_count
 from gateway.core.motion.gap import Gap
 from gateway.core.motion.poses.pose_state import NORM_TOLERANCE
 from gateway.core.motion.poses.quaternion import unit
@@ -48,22 +49,10 @@ def check_pose(
     """
     name = f"{side}_arm"
     if len(values) != WIDTH:
-        return Refusal(
-            code=Code.WRONG_SHAPE,
-            message=f"the {side} arm got a pose of {len(values)} values, {WIDTH} are needed: x, y, z, qx, qy, qz, qw",
-            field=name,
-            value=str(len(values)),
-            bound=str(WIDTH),
-            unit="values",
-        )
+        return wrong_count(f"the pose for the {side} arm", len(values), WIDTH, name, "x, y, z, qx, qy, qz, qw")
     for n, value in enumerate(values):
         if not math.isfinite(value):
-            return Refusal(
-                code=Code.NOT_FINITE,
-                message=f"value {n + 1} of the pose for the {side} arm is {value}, a finite number is needed",
-                field=f"{name}[{n}]",
-                value=str(value),
-            )
+            return not_finite(f"value {n + 1} of the pose for the {side} arm", value, f"{name}[{n}]")
     norm = math.hypot(*values[3:])
     if abs(norm - 1.0) > NORM_TOLERANCE:
         return Refusal(

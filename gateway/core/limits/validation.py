@@ -11,7 +11,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
-from gateway.core.motion.bounds import within
+from gateway.core.motion.bounds import not_finite, within, wrong_count
 from gateway.errors import Code, Refusal
 from gateway.messages.incoming import OnLimit
 from gateway.robot.topics import ARM_JOINTS
@@ -182,27 +182,14 @@ def check_goal(side: Side, q_rad: Sequence[float], settings: ArmSettings, on_lim
     """
     name = f"{side}_arm"
     if len(q_rad) != ARM_DOF:
-        return Refusal(
-            code=Code.WRONG_SHAPE,
-            message=f"the {side} arm got {len(q_rad)} joint values, {ARM_DOF} are needed (manual §4.0.3)",
-            field=name,
-            value=str(len(q_rad)),
-            bound=str(ARM_DOF),
-            unit="joint values",
-        )
+        return wrong_count(f"the {side} arm's goal", len(q_rad), ARM_DOF, name, "its joints (manual §4.0.3)")
     goal = list(q_rad)
     clipped: list[int] = []
     for n, value in enumerate(goal):
         low, high = settings.lower_rad[side][n], settings.upper_rad[side][n]
         if not math.isfinite(value):
-            return Refusal(
-                code=Code.NOT_FINITE,
-                message=f"{side} arm joint {n + 1} ({ARM_JOINTS[side][n]}): {value} is not a finite number",
-                field=f"{name}[{n}]",
-                value=str(value),
-                bound=f"[{low}, {high}]",
-                unit="rad",
-            )
+            joint = f"{side} arm joint {n + 1} ({ARM_JOINTS[side][n]})"
+            return not_finite(joint, value, f"{name}[{n}]", f"[{low}, {high}]", "rad")
         if low <= value <= high:
             continue
         if on_limit is OnLimit.CLIP:

@@ -1,4 +1,4 @@
-"""One way to refuse a number for its size, for the whole core: what it is, its value, bound, unit and remedy."""
+"""One way to refuse a number for its size, and what is no row of numbers, for the whole core: value, bound, unit and remedy."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import math
 
 from gateway.errors import Code, Refusal
 
-__all__ = ["outside", "within"]
+__all__ = ["no_arm", "not_finite", "outside", "within", "wrong_count"]
 
 STAY = "stay inside the bound"
 
@@ -43,3 +43,29 @@ def outside(
         unit=unit,
         hint=hint,
     )
+
+
+def not_finite(called: str, value: float, field: str, bound: str = "", unit: str = "") -> Refusal:
+    """Return the refusal of a number that is none, NOT_FINITE, with the bound that it would have had."""
+    return Refusal(
+        code=Code.NOT_FINITE,
+        message=f"{called} is {value}, a finite number is needed",
+        field=field,
+        value=str(value),
+        bound=bound,
+        unit=unit,
+    )
+
+
+def wrong_count(called: str, count: int, needed: int, field: str, of: str) -> Refusal:
+    """Return the refusal of a row that is too long or too short, WRONG_SHAPE; `of` says what the numbers are."""
+    message = f"{called} has {count} values, {needed} are needed: {of}"
+    return Refusal(
+        code=Code.WRONG_SHAPE, message=message, field=field, value=str(count), bound=str(needed), unit="values"
+    )
+
+
+def no_arm(field: str) -> Refusal:
+    """Return the refusal of a request that names neither arm, WRONG_SHAPE."""
+    message = "no arm is named: left, right or both are needed"
+    return Refusal(code=Code.WRONG_SHAPE, message=message, field=field, value="0", bound="[1, 2]", unit="arms")

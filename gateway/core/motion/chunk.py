@@ -15,7 +15,7 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
-from gateway.core.motion.bounds import outside
+from gateway.core.motion.bounds import no_arm, not_finite, outside, wrong_count
 from gateway.core.motion.joints.trajectory import Trajectory, interpolate, smooth
 from gateway.core.motion.poses.pose_chunk import check_pose
 from gateway.core.motion.poses.pose_trajectory import PoseTrajectory, interpolate_poses, with_signs
@@ -127,7 +127,7 @@ def _check_points(
     check: Callable[[Side, int, Sequence[float]], Refusal | None],
 ) -> Refusal | None:
     if not points:
-        return _shape("points", "no arm is named: left, right or both are needed", "0", "[1, 2]", "arms")
+        return no_arm("points")
     counts = {side: len(rows) for side, rows in points.items()}
     for side, count in counts.items():
         if not MIN_POINTS <= count <= MAX_POINTS:
@@ -147,21 +147,14 @@ def _check_points(
 
 def _check_point(side: Side, index: int, point: Sequence[float]) -> Refusal | None:
     if len(point) != ARM_DOF:
-        message = f"{side} arm point {index} has {len(point)} values, {ARM_DOF} are needed (manual §4.0.3)"
-        return _shape(f"{side}_arm[{index}]", message, str(len(point)), str(ARM_DOF), "joint values")
+        field = f"{side}_arm[{index}]"
+        return wrong_count(f"{side} arm point {index}", len(point), ARM_DOF, field, "its joints (manual §4.0.3)")
     for n, (q, low, high) in enumerate(zip(point, JOINT_LOWER_RAD[side], JOINT_UPPER_RAD[side], strict=True)):
         if low <= q <= high:
             continue
         if math.isfinite(q):
             return _outside(side, index, n, q, low, high)
-        return Refusal(
-            code=Code.NOT_FINITE,
-            message=f"{_joint(side, index, n)}: {q} is not a finite number",
-            field=f"{side}_arm[{index}][{n}]",
-            value=str(q),
-            bound=f"[{low}, {high}]",
-            unit="rad",
-        )
+        return not_finite(_joint(side, index, n), q, f"{side}_arm[{index}][{n}]", f"[{low}, {high}]", "rad")
     return None
 
 

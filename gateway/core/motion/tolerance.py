@@ -21,7 +21,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from gateway.codes import Code
-from gateway.core.motion.bounds import outside
+from gateway.core.motion.bounds import outside, wrong_count
 from gateway.core.motion.poses.quaternion import angle_rad
 from gateway.errors import Refusal
 from gateway.values import ARM_DOF, Side, Space, Vector
@@ -146,13 +146,7 @@ def _stranger(name: str, side: Side) -> Refusal:
 def _check(name: str, values: PerJoint, space: Space) -> Refusal | None:
     parts = PARTS[space]
     if len(values) != len(parts):
-        return Refusal(
-            code=Code.WRONG_SHAPE,
-            message=f"{name} has {len(values)} values, {len(parts)} are needed: {', '.join(parts)}",
-            field=name,
-            value=str(len(values)),
-            bound=str(len(parts)),
-        )
+        return wrong_count(name, len(values), len(parts), name, ", ".join(parts))
     for index, (part, unit, value) in enumerate(zip(parts, UNITS[space], values, strict=True)):
         if value is None or LEAST <= value <= MOST:
             continue

@@ -13,6 +13,7 @@ from gateway.core.limits import validation
 from gateway.core.limits.admittance_rules import check_admittance
 from gateway.core.limits.pose_validation import check_frame, check_pose, check_pose_tolerance
 from gateway.core.messages.events import CommandRequested, TargetArrived
+from gateway.core.motion.bounds import no_arm
 from gateway.core.motion.gap import Gap
 from gateway.core.motion.motion import PlanFailed
 from gateway.core.motion.poses.admittance import VirtualMass
@@ -48,9 +49,7 @@ class Moves:
         coordinator = self._coordinator
         sides = tuple(side for side in Side if side in request.targets_rad)
         if not sides:
-            return Refusal(
-                code=Code.WRONG_SHAPE, message="no arm is named: left, right or both are needed", field="targets_rad"
-            )
+            return no_arm("targets_rad")
         refusal = (
             self._authorisation.motion(command, request.epoch, sides, now_ns)
             or validation.check_speed(request.speed)
@@ -85,9 +84,7 @@ class Moves:
         settings = coordinator.settings.pose
         sides = tuple(side for side in Side if side in request.targets)
         if not sides:
-            return Refusal(
-                code=Code.WRONG_SHAPE, message="no arm is named: left, right or both are needed", field="targets"
-            )
+            return no_arm("targets")
         refusal = self._authorisation.motion(
             command, request.epoch, sides, now_ns, Space.POSE
         ) or validation.check_speed(request.speed)
@@ -220,6 +217,8 @@ class Moves:
 
     def hold(self, command: CommandRequested, request: Hold, now_ns: int) -> Answer:
         """End what drives the named arms; they brake and hold."""
+        if not request.sides:
+            return no_arm("sides")
         refusal = self._authorisation.owner(command, request.epoch)
         if refusal is not None:
             return refusal

@@ -7,7 +7,7 @@ from itertools import chain
 from typing import TYPE_CHECKING
 
 from gateway.core.messages.events import CommandRequested
-from gateway.core.motion.bounds import within
+from gateway.core.motion.bounds import within, wrong_count
 from gateway.core.requests.authorisation import Authorisation
 from gateway.core.requests.moves import Answer
 from gateway.core.supervision.coordinator import Coordinator
@@ -38,8 +38,7 @@ class Weighing:
             return contacts
         mass_kg, com_m = request.mass_kg, request.com_m
         if len(com_m) != 3:
-            message = f"the payload's centre has {len(com_m)} numbers, x, y, z are needed [m]"
-            return Refusal(code=Code.WRONG_SHAPE, message=message, field="com_m", value=str(len(com_m)), bound="3")
+            return wrong_count("the payload's centre", len(com_m), 3, "com_m", "x, y, z [m]")
         for field, value, least, most, unit in (
             ("mass_kg", mass_kg, 0.0, MAX_PAYLOAD_KG, "kg"),
             *(("com_m", value, -MAX_PAYLOAD_M, MAX_PAYLOAD_M, "m") for value in com_m),

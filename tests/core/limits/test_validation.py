@@ -241,8 +241,8 @@ def test_clipping_reports_every_joint_that_it_moved():
 def test_a_goal_has_seven_values(count, on_limit):
     """The robot refuses fewer and would ignore more (manual §4.10)."""
     refusal = validation.check_goal(Side.RIGHT, (0.0,) * count, SETTINGS, on_limit)
-    assert facts(refusal) == (Code.WRONG_SHAPE, "right_arm", str(count), "7", "joint values")
-    assert f"the right arm got {count} joint values, 7 are needed" in refusal.message
+    assert facts(refusal) == (Code.WRONG_SHAPE, "right_arm", str(count), "7", "values")
+    assert f"the right arm's goal has {count} values, 7 are needed" in refusal.message
 
 
 @pytest.mark.parametrize("on_limit", list(OnLimit))

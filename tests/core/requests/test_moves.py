@@ -398,6 +398,14 @@ def test_hold_brakes_the_named_arms_and_no_other(scene):
     assert scene.told(Code.MOTION_ENDED) == [f"motion {right} cancelled: hold was asked for"]
 
 
+def test_a_hold_of_no_arm_is_refused(scene):
+    """Whoever forgot to name them must not take it for a hold."""
+    motion = scene.move(L)
+    refusal = scene.refused(Hold(epoch=scene.epoch, sides=()))
+    assert (refusal.code, refusal.field) == (Code.WRONG_SHAPE, "sides")
+    assert scene.state_of(motion) is MotionState.QUEUED
+
+
 def test_hold_brakes_an_arm_that_nobody_drives(scene):
     """A walk back to the arm is motion, too; an arm that does not stream stays silent."""
     one = Scene(State.ACTIVE, sides=(L,))

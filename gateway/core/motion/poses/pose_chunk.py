@@ -10,6 +10,7 @@ import math
 from collections.abc import Sequence
 
 from gateway.codes import Code
+from gateway.core.motion.bounds import not_finite, wrong_count
 from gateway.core.motion.poses.pose_trajectory import PoseTrajectory
 from gateway.core.motion.poses.quaternion import angle_rad
 from gateway.errors import Refusal
@@ -46,21 +47,10 @@ def check_pose(side: Side, index: int, pose: Sequence[float]) -> Refusal | None:
     """Refuse what is no pose in the robot's reach."""
     field = f"{side}_arm[{index}]"
     if len(pose) != POSE_SIZE:
-        return Refusal(
-            code=Code.WRONG_SHAPE,
-            message=f"{side} arm point {index} has {len(pose)} values, {POSE_SIZE} are needed: x, y, z, qx, qy, qz, qw",
-            field=field,
-            value=str(len(pose)),
-            bound=str(POSE_SIZE),
-        )
+        return wrong_count(f"{side} arm point {index}", len(pose), POSE_SIZE, field, "x, y, z, qx, qy, qz, qw")
     for n, value in enumerate(pose):
         if not math.isfinite(value):
-            return Refusal(
-                code=Code.NOT_FINITE,
-                message=f"{side} arm point {index} value {n}: {value} is not a finite number",
-                field=f"{field}[{n}]",
-                value=str(value),
-            )
+            return not_finite(f"{side} arm point {index} value {n}", value, f"{field}[{n}]")
     reach_m, norm = math.hypot(*pose[:3]), math.hypot(*pose[3:])
     if reach_m > MAX_ARM_LEN_M:
         return _beyond(side, index, 0, reach_m, MAX_ARM_LEN_M, "stay in reach; chunks are never clipped")
