@@ -44,8 +44,8 @@ def test_a_plain_number_of_a_named_field_is_refused_without_a_unit_beside_it():
 
 def test_a_number_that_is_none_can_be_told_with_the_bound_that_it_would_have_had():
     """And without one, where there is none."""
-    refusal = not_finite("left arm joint 1", math.nan, "left_arm[0]", "[-1, 1]", "rad")
-    assert refusal.message == "left arm joint 1 is nan, a finite number is needed"
+    refusal = not_finite("left arm joint 1 (l_joint1)", math.nan, "left_arm[0]", "[-1, 1]", "rad")
+    assert refusal.message == "left arm joint 1 (l_joint1) is nan, a finite number is needed"
     assert (refusal.code, refusal.field, refusal.value) == (Code.NOT_FINITE, "left_arm[0]", "nan")
     assert (refusal.bound, refusal.unit) == ("[-1, 1]", "rad")
     assert (not_finite("vx_mps", math.inf, "vx_mps").bound, not_finite("vx_mps", math.inf, "vx_mps").unit) == ("", "")
