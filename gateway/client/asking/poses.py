@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Protocol
 
 from gateway.api import protocol
-from gateway.client.asking.requests import SIDES, chosen, number, numeric, require_sides
+from gateway.client.asking.requests import SIDES, chosen, number, require_sides, row
 from gateway.errors import Code, failure
 
 if TYPE_CHECKING:
@@ -79,7 +79,10 @@ def numbers(side: str, p: ArrayLike, quat_xyzw: ArrayLike) -> tuple[float, ...]:
     Raises:
         Rejected: WRONG_SHAPE, NOT_FINITE, or OUT_OF_RANGE for the norm.
     """
-    values = (*_vector(side, "position", p, 3), *_vector(side, "quaternion", quat_xyzw, 4))
+    values = (
+        *row(f"the position for the {side} arm", p, 3, f"{side}_arm.p_m", "m"),
+        *row(f"the quaternion for the {side} arm", quat_xyzw, 4, f"{side}_arm.quat_xyzw"),
+    )
     norm = math.hypot(*values[3:])
     if abs(norm - 1.0) > NORM_TOLERANCE:
         raise failure(
@@ -90,35 +93,6 @@ def numbers(side: str, p: ArrayLike, quat_xyzw: ArrayLike) -> tuple[float, ...]:
             bound=f"[{1.0 - NORM_TOLERANCE}, {1.0 + NORM_TOLERANCE}]",
             hint="give the quaternion as x, y, z, w with norm 1",
         )
-    return values
-
-
-def _vector(side: str, what: str, given: ArrayLike, length: int) -> tuple[float, ...]:
-    wrong = ""
-    try:
-        array = numeric(given)
-    except (TypeError, ValueError, OverflowError) as error:
-        wrong, kind = f"is no vector of numbers ({error})", type(given).__name__
-    else:
-        if array.shape != (length,):
-            wrong, kind = f"has shape {array.shape}", str(array.shape)
-    if wrong:
-        raise failure(
-            Code.WRONG_SHAPE,
-            f"the {what} for the {side} arm {wrong}, {length} values are needed",
-            field=f"{side}_arm",
-            value=kind,
-            bound=f"({length},)",
-        )
-    values = tuple(array.tolist())
-    for index, value in enumerate(values):
-        if not math.isfinite(value):
-            raise failure(
-                Code.NOT_FINITE,
-                f"the {what} for the {side} arm has {value} at {index}, a finite number is needed",
-                field=f"{side}_arm.{'p_m' if length == 3 else 'quat_xyzw'}[{index}]",
-                value=str(value),
-            )
     return values
 
 

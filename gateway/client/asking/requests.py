@@ -12,7 +12,7 @@ from enum import Enum
 from typing import TYPE_CHECKING, SupportsFloat, SupportsIndex, TypeVar
 
 from gateway.api import protocol
-from gateway.errors import Code, GatewayError, failure
+from gateway.errors import Code, failure
 
 if TYPE_CHECKING:
     import numpy as np
@@ -28,6 +28,7 @@ __all__ = [
     "read_only",
     "require_sides",
     "require_word",
+    "row",
     "seconds",
     "within_limits",
 ]
@@ -117,6 +118,36 @@ def chosen(choices: type[_Choice], name: str, value: str) -> _Choice:
     return choices(value)
 
 
+def row(called: str, given: ArrayLike, count: int, field: str, unit: str = "") -> tuple[float, ...]:
+    """Return so many finite numbers.
+
+    Args:
+        called: What a refusal calls them.
+        given: Anything that numpy takes as shape (count,), in `unit`.
+        count: How many there must be.
+        field: Of the request.
+        unit: Empty for plain numbers.
+
+    Raises:
+        Rejected: WRONG_SHAPE or NOT_FINITE.
+    """
+    try:
+        array = numeric(given)
+    except (TypeError, ValueError, OverflowError) as error:
+        wrong, value = f"is no vector of numbers ({error})", type(given).__name__
+    else:
+        wrong, value = ("", "") if array.shape == (count,) else (f"has shape {array.shape}", str(array.shape))
+    if wrong:
+        message = f"{called} {wrong}, {count} values are needed"
+        raise failure(Code.WRONG_SHAPE, message, field=field, value=value, bound=f"({count},)")
+    values = tuple(array.tolist())
+    for n, number_ in enumerate(values):
+        if not math.isfinite(number_):
+            message = f"value {n + 1} of {called} is {number_}, a finite number is needed"
+            raise failure(Code.NOT_FINITE, message, field=f"{field}[{n}]", value=str(number_), unit=unit)
+    return values
+
+
 def joints(side: str, q_rad: ArrayLike) -> tuple[float, ...]:
     """Return seven finite joint values.
 
@@ -127,33 +158,7 @@ def joints(side: str, q_rad: ArrayLike) -> tuple[float, ...]:
     Raises:
         Rejected: WRONG_SHAPE or NOT_FINITE.
     """
-    try:
-        array = numeric(q_rad)
-    except (TypeError, ValueError, OverflowError) as error:
-        raise _wrong_shape(side, f"got what is no vector of numbers ({error})", type(q_rad).__name__) from None
-    if array.shape != (protocol.ARM_DOF,):
-        raise _wrong_shape(side, f"got values of shape {array.shape}", str(array.shape))
-    values = tuple(array.tolist())
-    for index, value in enumerate(values):
-        if not math.isfinite(value):
-            raise failure(
-                Code.NOT_FINITE,
-                f"{side} arm joint {index + 1} is {value}, a finite number is needed",
-                field=f"{side}_arm[{index}]",
-                value=str(value),
-                unit="rad",
-            )
-    return values
-
-
-def _wrong_shape(side: str, message: str, value: str) -> GatewayError:
-    return failure(
-        Code.WRONG_SHAPE,
-        f"the {side} arm {message}, {protocol.ARM_DOF} joint values are needed (manual §4.0.3)",
-        field=f"{side}_arm",
-        value=value,
-        bound=f"({protocol.ARM_DOF},)",
-    )
+    return row(f"the {side} arm's goal", q_rad, protocol.ARM_DOF, f"{side}_arm", "rad")
 
 
 def within_limits(

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from gateway.api import protocol
-from gateway.client.asking.requests import number, numeric, read_only
+from gateway.client.asking.requests import number, read_only, row
 from gateway.client.asking.results import Payload
 from gateway.client.state.showing import vector
 from gateway.errors import Code, failure
@@ -31,17 +31,9 @@ def contact(force_n: float, direction: ArrayLike | None = None, back_off_m: floa
         back_off_m: How far the hand then goes back along the way it came [m], 0 to 0.1; 0 to stay where it braked.
 
     Raises:
-        Rejected: BAD_REQUEST or WRONG_SHAPE, no numbers; what they are is judged with the motion.
+        Rejected: BAD_REQUEST, WRONG_SHAPE or NOT_FINITE, no numbers; how large they are is judged with the motion.
     """
-    try:
-        axis = () if direction is None else tuple(numeric(direction).reshape(-1).tolist())
-    except (TypeError, ValueError, OverflowError) as error:
-        raise failure(
-            Code.WRONG_SHAPE, f"the direction is no vector of numbers ({error})", field="direction", bound="(3,)"
-        ) from None
-    if direction is not None and len(axis) != AXES:
-        message = f"the direction has {len(axis)} numbers, x, y and z are needed"
-        raise failure(Code.WRONG_SHAPE, message, field="direction", value=str(len(axis)), bound="(3,)")
+    axis = () if direction is None else row("the direction", direction, AXES, "direction")
     return protocol.Until(
         force_n=number("force_n", force_n), direction=axis, back_off_m=number("back_off_m", back_off_m)
     )
