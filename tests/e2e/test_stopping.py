@@ -60,9 +60,9 @@ def asked(session: zenoh.Session, key: str, message: dict[str, Any] | None = Non
 Stopping = Callable[[zenoh.Session, System], object]
 
 
-def put(key: str, payload: bytes = b"") -> Stopping:
-    """Return what puts it."""
-    return lambda session, system: session.put(key, payload)
+def put(key: str, payload: bytes = b"", **how: Any) -> Stopping:
+    """Return what puts it; zenoh lets what has many pieces fall at its sender, on a busy host, unless that may wait."""
+    return lambda session, system: session.put(key, payload, **how)
 
 
 def shell(command: str) -> Stopping:
@@ -78,7 +78,7 @@ STOPS: dict[str, Stopping] = {
     "no text": put("ta2/stop", b"\xff\xfe\x80"),
     "a later release": put("ta2/stop", LATER_RELEASE),
     "a lone surrogate": put("ta2/stop", b'{"name": "\\ud800", "reason": "\\udfff"}'),
-    "60,000 bytes": put("ta2/stop", b"[" * 60_000),
+    "60,000 bytes": put("ta2/stop", b"[" * 60_000, congestion_control=zenoh.CongestionControl.BLOCK),
     "a deletion": lambda session, system: session.delete("ta2/stop"),
     "a question": lambda session, system: asked(session, "ta2/stop"),
     "an e-stop": put("ta2/estop", b"smoke here"),

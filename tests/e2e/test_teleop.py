@@ -201,7 +201,8 @@ def test_whatever_ends_it_in_mid_jog_leaves_the_arm_held_without_a_step(
                 key, lambda sign=sign, begun=begun: bool(sign * (hand(robot) - begun)[2] > 0.02) and not rests(robot)
             )
             end(terminal)
-            ended, last, at = hand(robot), robot.state.view.arms["left"], robot.state.view.at_ns
+            ended, view = hand(robot), robot.state.view
+            last, at = view.arms["left"], view.at_ns
             deadline = time.monotonic() + PATIENCE_S
             for state in robot.states(timeout=PATIENCE_S):
                 arm, dt_s = state.view.arms["left"], (state.view.at_ns - at) / 1e9
