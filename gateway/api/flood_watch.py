@@ -11,8 +11,8 @@ Rules
       container), each connection counts for itself.
     * Where there are too many connections, or too many of one process, some of the process that has most of them are hung
       up on. So there is room for whoever comes to stop.
-    * While this process is busy, all of its threads are ordinary ones, before others, until it was calm for a second: but
-      the loop's, and those that send, without which its setpoints would leave late.
+    * While this process is busy, all of its threads are ordinary ones until it was calm for a second, all but those that
+      connect before others: but the loop's, and those that send, without which its setpoints would leave late.
 
 Asks the kernel only, never zenoh. Who floods is looked for in a thread of its own, since that takes a millisecond. Whether
 this process is busy is the loop's to see, since nobody else gets to run then.

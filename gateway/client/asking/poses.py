@@ -80,8 +80,8 @@ def numbers(side: str, p: ArrayLike, quat_xyzw: ArrayLike) -> tuple[float, ...]:
         Rejected: WRONG_SHAPE, NOT_FINITE, or OUT_OF_RANGE for the norm.
     """
     values = (
-        *row(f"the position for the {side} arm", p, 3, f"{side}_arm.p_m", "m"),
-        *row(f"the quaternion for the {side} arm", quat_xyzw, 4, f"{side}_arm.quat_xyzw"),
+        *row(f"the position for the {side} arm", p, 3, f"{side}_arm.p_m", "x, y, z", "m"),
+        *row(f"the quaternion for the {side} arm", quat_xyzw, 4, f"{side}_arm.quat_xyzw", "x, y, z, w"),
     )
     norm = math.hypot(*values[3:])
     if abs(norm - 1.0) > NORM_TOLERANCE:

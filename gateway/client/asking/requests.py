@@ -118,7 +118,7 @@ def chosen(choices: type[_Choice], name: str, value: str) -> _Choice:
     return choices(value)
 
 
-def row(called: str, given: ArrayLike, count: int, field: str, unit: str = "") -> tuple[float, ...]:
+def row(called: str, given: ArrayLike, count: int, field: str, of: str, unit: str = "") -> tuple[float, ...]:
     """Return so many finite numbers.
 
     Args:
@@ -126,6 +126,7 @@ def row(called: str, given: ArrayLike, count: int, field: str, unit: str = "") -
         given: Anything that numpy takes as shape (count,), in `unit`.
         count: How many there must be.
         field: Of the request.
+        of: What they are, in their order.
         unit: Empty for plain numbers.
 
     Raises:
@@ -134,17 +135,17 @@ def row(called: str, given: ArrayLike, count: int, field: str, unit: str = "") -
     try:
         array = numeric(given)
     except (TypeError, ValueError, OverflowError) as error:
-        wrong, value = f"is no vector of numbers ({error})", type(given).__name__
+        wrong, shown = f"is no vector of numbers ({error})", type(given).__name__
     else:
-        wrong, value = ("", "") if array.shape == (count,) else (f"has shape {array.shape}", str(array.shape))
+        wrong, shown = ("", "") if array.shape == (count,) else (f"has shape {array.shape}", str(array.shape))
     if wrong:
-        message = f"{called} {wrong}, {count} values are needed"
-        raise failure(Code.WRONG_SHAPE, message, field=field, value=value, bound=f"({count},)")
+        message = f"{called} {wrong}, {count} values are needed: {of}"
+        raise failure(Code.WRONG_SHAPE, message, field=field, value=shown, bound=f"({count},)")
     values = tuple(array.tolist())
-    for n, number_ in enumerate(values):
-        if not math.isfinite(number_):
-            message = f"value {n + 1} of {called} is {number_}, a finite number is needed"
-            raise failure(Code.NOT_FINITE, message, field=f"{field}[{n}]", value=str(number_), unit=unit)
+    for n, value in enumerate(values):
+        if not math.isfinite(value):
+            message = f"value {n + 1} of {called} is {value}, a finite number is needed"
+            raise failure(Code.NOT_FINITE, message, field=f"{field}[{n}]", value=str(value), unit=unit)
     return values
 
 
@@ -158,7 +159,7 @@ def joints(side: str, q_rad: ArrayLike) -> tuple[float, ...]:
     Raises:
         Rejected: WRONG_SHAPE or NOT_FINITE.
     """
-    return row(f"the {side} arm's goal", q_rad, protocol.ARM_DOF, f"{side}_arm", "rad")
+    return row(f"the {side} arm's goal", q_rad, protocol.ARM_DOF, f"{side}_arm", "its joints (manual §4.0.3)", "rad")
 
 
 def within_limits(

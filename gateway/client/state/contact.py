@@ -33,7 +33,7 @@ def contact(force_n: float, direction: ArrayLike | None = None, back_off_m: floa
     Raises:
         Rejected: BAD_REQUEST, WRONG_SHAPE or NOT_FINITE, no numbers; how large they are is judged with the motion.
     """
-    axis = () if direction is None else row("the direction", direction, AXES, "direction")
+    axis = () if direction is None else row("the direction", direction, AXES, "direction", "x, y, z")
     return protocol.Until(
         force_n=number("force_n", force_n), direction=axis, back_off_m=number("back_off_m", back_off_m)
     )
