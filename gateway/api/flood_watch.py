@@ -109,6 +109,8 @@ class FloodWatch:
         self._glanced_ns, self._used_ns = time.monotonic_ns(), time.process_time_ns()
         self._seen = 0
         """Files that were open at the last look."""
+        self._other_files = len(os.listdir("/proc/self/fd"))
+        """Those that were open before anybody connected: a count asks the kernel about each, so it is left out below them."""
         self._unread: dict[object, int] = {}
         """What each peer that is suspected had unread at the last look [bytes]."""
         self._strikes: Counter[object] = Counter()
@@ -155,7 +157,7 @@ class FloodWatch:
         self._tell(f"flooded by {', '.join(map(str, peers))}", now_ns)
 
     def _make_room(self, now_ns: int) -> None:
-        if self._seen <= min(MOST_CONNECTIONS, MOST_OF_ONE):
+        if self._seen - self._other_files <= min(MOST_CONNECTIONS, MOST_OF_ONE):
             return
         held = Counter(peer for _, peer, _ in self._connections(unread_only=False))
         busiest, count = held.most_common(1)[0] if held else (None, 0)
