@@ -5,6 +5,7 @@ Seeded, so that a red run can be repeated. Every case goes through both decoders
 
 from __future__ import annotations
 
+import math
 import random
 from typing import get_args
 
@@ -25,10 +26,11 @@ CODES = {Code.BAD_REQUEST, Code.UNSUPPORTED_VERSION, Code.WRONG_SHAPE, Code.NOT_
 
 @pytest.mark.slow
 def test_a_hundred_thousand_hostile_payloads_give_typed_answers_only():
-    """A fifth of them outside CI: none raises anything but Malformed, and none becomes half a request."""
+    """A fifth of them outside CI: none raises anything but Malformed, and points become a whole motion or none."""
     rng = random.Random(20260802)
-    misshapen = [protocol.Move(epoch=1, targets_rad={"left": Q[:n], "right": Q}) for n in range(7)]
-    misshapen += [protocol.Move(epoch=1, targets_rad={}), protocol.Hold(epoch=1, sides=())]
+    no_motions = [(), (Q,), (Q, (*Q[:6], math.nan)), *((Q[:n], Q[:n]) for n in range(7))]
+    misshapen = [protocol.Follow(epoch=1, points={"left": points}, dt_s=0.1) for points in no_motions]
+    misshapen.append(protocol.Follow(epoch=1, points={}, dt_s=0.1))
     seeds = [msgspec.to_builtins(command(request)) for request in (*REQUESTS, *misshapen)]
     target = msgspec.to_builtins(protocol.Target(epoch=1, seq=1, values=Q))
     outcomes = {"request": 0, "refusal": 0, "malformed": 0, "target": 0}
@@ -49,20 +51,25 @@ def test_a_hundred_thousand_hostile_payloads_give_typed_answers_only():
                 assert len(arrived.values) <= 64 and 0 <= arrived.seq <= 2**62
                 outcomes["target"] += 1
                 continue
-            request = to_request(protocol.decode_command(payload, encoding).request)
+            made = to_request(protocol.decode_command(payload, encoding).request)
         except protocol.Malformed as error:
             assert error.refusal.code in CODES and error.refusal.message
             codes.add(error.refusal.code)
             outcomes["malformed"] += 1
             continue
-        if isinstance(request, Refusal):
-            assert request.code in CODES
-            codes.add(request.code)
+        if isinstance(made, Refusal):
+            assert made.code in CODES
+            codes.add(made.code)
             outcomes["refusal"] += 1
         else:
-            assert isinstance(request[0], get_args(requests.Request))
-            if isinstance(request, requests.Move):
-                assert request.targets_rad and all(len(q) == 7 for q in request.targets_rad.values())
+            request, chunk = made
+            assert isinstance(request, get_args(requests.Request))
+            if isinstance(request, (requests.Follow, requests.CheckFollow)):
+                points = (request if isinstance(request, requests.Follow) else request.follow).points
+                assert chunk is not None and points and set(chunk.trajectories) == set(points)
+                assert all(len(row) == 7 for motion in chunk.trajectories.values() for row in motion.points)
+            else:
+                assert chunk is None
             outcomes["request"] += 1
     assert codes == CODES
     assert all(count > CASES // 1000 for count in outcomes.values()), outcomes
