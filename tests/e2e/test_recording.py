@@ -6,6 +6,7 @@ import fcntl
 import json
 import os
 import pty
+import shutil
 import signal
 import subprocess
 import sys
@@ -25,7 +26,7 @@ from gateway.errors import NotReady
 from gateway.recording.bag_check import check
 from gateway.recording.bag_reader import Bag
 from gateway.recording.bag_writer import ACTIVE
-from gateway.recording.episodes import episodes
+from gateway.recording.episodes import Episode, episodes
 from gateway.recording.recovering import recover
 from gateway.recording.tap import Tap
 from gateway.recording.topics import EVENTS, GATEWAY, recorded_topics
@@ -88,6 +89,15 @@ def result(recorder: Process) -> dict[str, Any]:
     """Return what it printed at its end."""
     found: dict[str, Any] = json.loads(recorder.text().strip().splitlines()[-1])
     return found
+
+
+def episodes_so_far(folder: Path, copied: Path) -> tuple[Episode, ...]:
+    """Return the episodes that a recorder's end at this moment would leave."""
+    shutil.rmtree(copied, ignore_errors=True)
+    shutil.copytree(folder, copied)
+    recover(copied)
+    with Bag(copied) as bag:
+        return episodes(bag)
 
 
 def told(bag: Bag, topic: str) -> list[dict[str, Any]]:
@@ -179,9 +189,10 @@ def test_an_episode_in_which_the_recorder_was_killed_is_there_unfinished(tmp_pat
     with system.connect("watcher") as watcher:
         recorder = recording(system, folder)
         watcher.recording.start("wave")
-        path = folder / f"bag_0.mcap{ACTIVE}"
-        size = path.stat().st_size
-        wait_for(lambda: path.stat().st_size > size + 50_000, "more of the recording")
+        wait_for(
+            lambda: [e.task for e in episodes_so_far(folder, tmp_path / "so-far")] == ["wave"],
+            "the episode on the disk",
+        )
         recorder.send(signal.SIGKILL)
         recorder.wait()
         with pytest.raises(NotReady, match="no recorder listens"):
