@@ -6,7 +6,8 @@ At each instant the efforts are what the body as described asks for, and what el
 
 with Y, pinocchio's joint torque regressor: linear but for the scale, and solved by Gauss and Newton. A scale of all joints
 looks like heavier links, and many masses show only together: so what is usual counts as a measurement of its own, and
-standard deviations say what the motion added. Accelerations are differences of velocities; all are smoothed alike.
+standard deviations say what the motion added. Accelerations are differences of velocities; all are smoothed alike. An
+arm at rest tells nothing, for friction holds it wherever it likes: such times are left out.
 """
 
 from __future__ import annotations
@@ -115,6 +116,8 @@ def identify_dynamics(description: Description, side: Side, motion: Motion, sour
     if why is not None:
         return why
     q, dq, ddq, tau = _smoothed(motion)
+    is_told = _is_moving(dq)
+    q, dq, ddq, tau = q[is_told], dq[is_told], ddq[is_told], tau[is_told]
     load = np.array([described.torques(*row) for row in zip(q, dq, ddq, strict=True)])
     links = np.array([described.regressor(*row) for row in zip(q, dq, ddq, strict=True)])
     own = np.stack((load, np.tanh(dq / STICK_RADPS), dq, ddq), axis=2)  # columns of each joint of its own
@@ -162,10 +165,10 @@ def identify_dynamics(description: Description, side: Side, motion: Motion, sour
 
 
 def _too_little(motion: Motion) -> TooLittle | None:
-    span_s = float(motion.at_s[-1] - motion.at_s[0]) if len(motion.at_s) else 0.0
-    if span_s < LEAST_S:
+    moved_s = float(np.diff(motion.at_s)[_is_moving(motion.dq_radps)[1:]].sum())
+    if moved_s < LEAST_S:
         hint = f"record {LEAST_S:.0f} s or more of motion that nothing touches"
-        return TooLittle(message=f"{span_s:.1f} s of motion is too short", hint=hint)
+        return TooLittle(message=f"{moved_s:.1f} s of motion is too short", hint=hint)
     gap_s = float(np.diff(motion.at_s).max())
     if gap_s > GAP_S or np.diff(motion.at_s).min() <= 0.0:
         return TooLittle(
@@ -181,6 +184,11 @@ def _too_little(motion: Motion) -> TooLittle | None:
             hint="move every joint back and forth",
         )
     return None
+
+
+def _is_moving(dq_radps: Array) -> NDArray[np.bool_]:
+    """Return at which times any joint moves, shape (n,)."""
+    return (np.abs(dq_radps) > STICK_RADPS).any(axis=1)
 
 
 def _smoothed(motion: Motion) -> tuple[Array, Array, Array, Array]:

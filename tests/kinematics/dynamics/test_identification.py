@@ -63,6 +63,19 @@ def test_an_identified_arm_feels_less_that_is_not_there(found):
     assert (worst["robot.json sd"] < worst["nominal sd"]).all()
 
 
+def test_a_rest_before_and_behind_the_motion_changes_nothing(found):
+    """Friction holds a resting arm wherever it likes: what is reported there is no part of it, of no range, of no remainder."""
+    motion = swung().motion
+    marks = [0] * 800 + list(range(len(motion.at_s))) + [-1] * 1500
+    q, dq, tau = (getattr(motion, name)[marks] for name in ("q_rad", "dq_radps", "tau_nm"))
+    stands = np.diff(marks, prepend=0) == 0
+    dq[stands] = 0.0
+    tau[stands] += 0.5 * swung().coulomb_nm
+    rested = identified(Motion(at_s=0.01 * np.arange(len(marks)), q_rad=q, dq_radps=dq, tau_nm=tau))
+    assert isinstance(rested, Found) and (rested.after_nm < 0.05 * rested.range_nm).all()
+    assert np.array(rested.drives.scale) == pytest.approx(np.array(found.drives.scale), abs=0.01)
+
+
 def cut(seconds, **changes):
     """A part of the motion, changed."""
     motion, count = swung().motion, round(100 * seconds)
@@ -84,6 +97,13 @@ def deaf():
     return motion
 
 
+def resting():
+    """A motion of 10 s, the first 0.3 s of them slower than anything is told, and half a minute of rest behind it."""
+    motion = cut(40.0)
+    motion.dq_radps[1000:] = 0.0
+    return motion
+
+
 def gone():
     """A motion with a hole of half a second."""
     motion = cut(40.0)
@@ -101,7 +121,8 @@ def steady():
 @pytest.mark.parametrize(
     ("motion", "words"),
     [
-        (lambda: cut(10.0), "10.0 s of motion is too short"),
+        (lambda: cut(10.0), "9.7 s of motion is too short"),
+        (resting, "9.7 s of motion is too short"),
         (lambda: cut(0.0), "0.0 s of motion is too short"),
         (lambda: still(6), "joint 7 moved through 0.00 rad"),
         (deaf, "no effort"),
