@@ -6,7 +6,7 @@ Rules
     * A piece begins with the engine's state. It is frozen every 15 s at the end of a cycle that was in time, when its frames
       have left; where it cannot be then, some moments later.
     * Whatever fails here ends the recording, for a while or for good, and nothing else. An engine that takes long to freeze
-      is recorded no more: the loop comes first.
+      is frozen once a minute, and its pieces are as long: the loop comes first.
     * Latches, takeovers and aborted motions keep what the ring has, and the next 3 s. What anybody can bring about again and
       again (an aborted motion, another owner) is kept once a minute, and never in place of a latch.
 """
@@ -50,7 +50,8 @@ AGAIN_NS = 200 * MS
 RETRY_NS = 5 * S
 """How long after the disk refused [ns]."""
 MOST_FREEZE_NS = 5 * MS
-"""Freezing may not cost the loop more twice in a row [ns]; of its own time, not what others take from it."""
+"""What costs the loop more is not done again for `SELDOM_NS` [ns]; of its own time, not what others take from it."""
+SELDOM_NS = 60 * S
 LATE_NS = 2 * MS
 """After a tick that was later than this the next one must not wait for us [ns]."""
 AFTER_NS = 3 * S
@@ -221,12 +222,12 @@ class Recorder:
             _log.exception("the engine cannot be frozen")
             self._off()
             return
-        was_slow, took_ns = self._is_slow, time.thread_time_ns() - begun_ns
+        took_ns = time.thread_time_ns() - begun_ns
+        if took_ns > MOST_FREEZE_NS:
+            self._pause_ns = now_ns + SELDOM_NS
+            if not self._is_slow:
+                _log.warning("freezing the engine takes the control loop %.1f ms: done once a minute", took_ns / MS)
         self._is_slow = took_ns > MOST_FREEZE_NS
-        if was_slow and self._is_slow:
-            _log.error("freezing the engine holds the control loop up for %.1f ms", took_ns / MS)
-            self._off()
-            return
         if frozen is None:
             return
         self._waiting.append(_Begin(frozen, now_ns, self._is_gap))

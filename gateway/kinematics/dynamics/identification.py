@@ -188,7 +188,7 @@ def _too_little(motion: Motion) -> TooLittle | None:
 
 def _is_moving(dq_radps: Array) -> NDArray[np.bool_]:
     """Return at which times any joint moves, shape (n,)."""
-    return (np.abs(dq_radps) > STICK_RADPS).any(axis=1)
+    return np.asarray((np.abs(dq_radps) > STICK_RADPS).any(axis=1))
 
 
 def _smoothed(motion: Motion) -> tuple[Array, Array, Array, Array]:
