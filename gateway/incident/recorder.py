@@ -50,7 +50,7 @@ AGAIN_NS = 200 * MS
 RETRY_NS = 5 * S
 """How long after the disk refused [ns]."""
 MOST_FREEZE_NS = 5 * MS
-"""What costs the loop more is not done again for `SELDOM_NS` [ns]; of its own time, not what others take from it."""
+"""What costs the loop more twice in a row is not done again for `SELDOM_NS` [ns]; of its own time, not what others take."""
 SELDOM_NS = 60 * S
 LATE_NS = 2 * MS
 """After a tick that was later than this the next one must not wait for us [ns]."""
@@ -111,7 +111,7 @@ class Recorder:
         self._is_begin_wanted = True
         self.left_out = 0
         """Ticks that were not recorded because too many waited."""
-        self._is_slow = False
+        self._is_slow = self._is_seldom = False
         self._ring, self._events = Ring(folder), EventLog(folder)
         self._causes: list[tuple[str, str, int]] = []
         self._is_grave = False
@@ -222,12 +222,13 @@ class Recorder:
             _log.exception("the engine cannot be frozen")
             self._off()
             return
-        took_ns = time.thread_time_ns() - begun_ns
-        if took_ns > MOST_FREEZE_NS:
-            self._pause_ns = now_ns + SELDOM_NS
-            if not self._is_slow:
-                _log.warning("freezing the engine takes the control loop %.1f ms: done once a minute", took_ns / MS)
+        was_slow, took_ns = self._is_slow, time.thread_time_ns() - begun_ns
         self._is_slow = took_ns > MOST_FREEZE_NS
+        if was_slow and self._is_slow:
+            self._pause_ns = now_ns + SELDOM_NS
+            if not self._is_seldom:
+                _log.warning("freezing the engine takes the control loop %.1f ms: done once a minute", took_ns / MS)
+            self._is_seldom = True
         if frozen is None:
             return
         self._waiting.append(_Begin(frozen, now_ns, self._is_gap))
