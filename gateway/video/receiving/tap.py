@@ -55,9 +55,9 @@ class Tap:
 
     @property
     def is_over(self) -> bool:
-        """Whether no more will come: the receiver was stopped or failed, and all that came before has been taken."""
+        """Whether no more will come: the receiver was stopped, and all that came before was taken. A failure `take` raises."""
         with self._change:
-            return self._is_closed and not len(self._backlog)
+            return self._is_closed and not len(self._backlog) and self._error is None
 
     def put(self, unit: AccessUnit) -> None:
         """Hand a picture over; never waits for the taker."""

@@ -62,11 +62,11 @@ def test_the_end_wakes_who_waits() -> None:
 
 
 def test_an_error_of_the_receiver_reaches_whoever_takes() -> None:
-    """Behind what had come before; silence would look like a stream that stopped."""
+    """Behind what had come before, also who only takes while it is not over; silence would look like a stream that stopped."""
     tap = keeping()
     tap.put(unit(1))
     tap.close(OSError("gone"))
-    assert tap.take(0) == unit(1)
+    assert tap.take(0) == unit(1) and not tap.is_over
     with pytest.raises(VideoError, match="gone") as caught:
         tap.take(DEADLINE_S)
     assert caught.value.code is VideoCode.RECEIVER_FAILED and isinstance(caught.value.__cause__, OSError)
