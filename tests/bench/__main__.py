@@ -20,6 +20,7 @@ from tests.bench.lines import line_rows
 from tests.bench.model_check import model_check_rows
 from tests.bench.physics import physics_rows
 from tests.bench.policies import dataset_rows, join_rows
+from tests.bench.soak import soak_rows
 from tests.bench.stop import stop_rows
 from tests.bench.table import Row, show
 from tests.bench.tick import tick_rows
@@ -32,9 +33,9 @@ PARTS = ("codec", "tick", "kinematics", "physics", "wire", "stop", "guard", "vid
 def main() -> int:
     """Run the chosen parts and print their tables."""
     parser = argparse.ArgumentParser(prog="bin/bench", description=__doc__)
-    parser.add_argument("parts", nargs="*", choices=[*PARTS, []], help="which; all by default")
+    parser.add_argument("parts", nargs="*", choices=[*PARTS, "soak", []], help="which; all but soak by default")
     parser.add_argument("--seconds", type=float, default=8.0, help="length of each turn of a video receiver [s]")
-    parser.add_argument("--minutes", type=float, default=1.0, help="length of the guard's run under load [min]")
+    parser.add_argument("--minutes", type=float, default=1.0, help="length of the guard's run, and of the soak [min]")
     parser.add_argument("--daemons", type=int, default=0, help="the guard: only so many daemons on one core")
     parser.add_argument("--core", type=int, default=0, help="which core")
     parser.add_argument("--stops", type=int, default=150, help="stops under each flood")
@@ -82,6 +83,10 @@ def main() -> int:
         with tempfile.TemporaryDirectory(prefix="ta2-bench-") as folder:
             rows += (found := fleet_rows(Path(folder), options.robots, options.seconds))
         show("a fleet (loopback, real processes)", found, console)
+    if "soak" in parts:
+        with tempfile.TemporaryDirectory(prefix="ta2-bench-") as folder:
+            rows += (found := soak_rows(Path(folder), options.minutes))
+        show("a lab's day (loopback, real processes)", found, console)
     missed = [row.name for row in rows if row.good is False]
     console.print(f"{len(rows)} figures, {len(missed)} goals missed" + (f": {', '.join(missed)}" if missed else ""))
     return 1 if missed else 0

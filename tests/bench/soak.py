@@ -1,0 +1,173 @@
+"""A gateway for hours, with all that a lab has around it: whether anything grows, and whether its setpoints stay in time.
+
+bin/bench soak --minutes 120        an owner, 18 who look on, a page, a recorder; only when asked for
+
+The peer of each figure is the same in the first tenth, once everything had run for a minute.
+"""
+
+from __future__ import annotations
+
+import json
+import time
+from contextlib import ExitStack, suppress
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from gateway.robot.topics import FSM_ENABLE
+from tests.bench.processor import family, favour
+from tests.bench.streams import DRIVER
+from tests.bench.table import Row
+from tests.e2e.system import Process, System, free_port, joint_topics, wait_for
+
+__all__ = ["soak_rows"]
+
+WARM_S = 60.0
+LOOK_S = 10.0
+WATCHERS, SESSIONS = 3, 6
+"""Programs that look on, and the sessions of each."""
+HEARTBEAT_GOAL_MS, GAP_GOAL_MS = 200.0, 100.0
+INTERVAL_GOAL = 1.1
+GROWTH_GOAL_MIB, HANDLES_GOAL = 16.0, 8
+
+WATCHER = """
+from gateway.client import connect
+sessions = [robot, *(connect(TARGET, name=f"watcher{n}", timeout_s=10.0) for n in range(SESSIONS - 1))]
+print("looking", flush=True)
+while True:
+    for session in sessions:
+        session.state.left_arm.q
+    time.sleep(0.1)
+"""
+
+PAGE = """
+import json, sys
+from websockets.sync.client import connect
+token, port = sys.argv[1:]
+known = {"Authorization": f"Bearer {token}"}
+with connect(f"ws://127.0.0.1:{port}/api/live", additional_headers=known, max_size=None) as socket:
+    print("open", flush=True)
+    while True:
+        socket.recv(timeout=10.0)
+"""
+
+
+@dataclass(frozen=True)
+class _Look:
+    """What was seen in some seconds.
+
+    Attributes:
+        heartbeat_ms: Longest gap of the heartbeat at the robot.
+        gap_ms: Longest gap of an arm's setpoints there.
+        p99_ms: Of their intervals, the worse of both arms.
+        rss_mib: Resident memory of each process, by what it is called.
+        handles: Its open files and threads.
+    """
+
+    heartbeat_ms: float
+    gap_ms: float
+    p99_ms: float
+    rss_mib: dict[str, float]
+    handles: dict[str, int]
+
+
+def _look(system: System, watched: dict[str, int]) -> _Look:
+    system.control.ask("reset_stats")
+    time.sleep(LOOK_S)
+    commands: dict[str, Any] = system.stats()["commands"]
+    arms = [commands[topic] for topic in joint_topics()]
+    proc = {name: Path(f"/proc/{pid}") for name, pid in watched.items()}
+    rss = {n: int((p / "status").read_text().split("VmRSS:")[1].split()[0]) / 1024 for n, p in proc.items()}
+    handles = {n: len(list((p / "fd").iterdir())) + len(list((p / "task").iterdir())) for n, p in proc.items()}
+    return _Look(
+        heartbeat_ms=float(commands[FSM_ENABLE]["worst_gap_alive_ms"]),
+        gap_ms=max(float(arm["worst_gap_alive_ms"]) for arm in arms),
+        p99_ms=max(float(arm["p99_ms"]) for arm in arms),
+        rss_mib=rss,
+        handles=handles,
+    )
+
+
+def soak_rows(folder: Path, minutes: float) -> list[Row]:
+    """Run all of it for so long.
+
+    Args:
+        folder: For sockets, logs and the recording.
+        minutes: From the moment on when everything runs [min].
+    """
+    looks: list[_Look] = []
+    with ExitStack() as ending:
+        system = System(folder)
+        ending.callback(system.close)
+        system.connect("first").close()
+        owner = system.client("owner", DRIVER)
+        wait_for(lambda: "driving" in owner.text(), "an owner", 30.0, tell=owner.text)
+        text = WATCHER.replace("SESSIONS", str(SESSIONS))
+        others = [system.client(f"watchers{n}", text) for n in range(WATCHERS)]
+        port = str(free_port())
+
+        def started(name: str, *words: str) -> Process:
+            others.append(Process(name, list(words), folder))
+            ending.callback(others[-1].end)
+            return others[-1]
+
+        at = ("--socket", system.target)
+        record = started("record", "-m", "gateway.cli", "record", *at, "--out", str(folder / "bag"))
+        web = started("web", "-m", "gateway.cli", "web", *at, "--port", port, "--json")
+        said = wait_for(lambda: web.text().splitlines(), "the page's address", 30.0, tell=web.text)
+        page = started("page", "-u", "-c", PAGE, json.loads(said[0])["token"], port)
+        for other, word in ((page, "open"), (record, "messages"), *((w, "looking") for w in others[:WATCHERS])):
+            wait_for(lambda other=other, word=word: word in other.text(), "everybody", 60.0, tell=other.text)
+        favour(owner)
+        daemon, guard = family(system.daemon.pid)[:2]
+        watched = {"daemon": daemon, "guard": guard, "record": record.pid, "web": web.pid, "robot": system.sim.pid}
+        time.sleep(WARM_S)
+        end_s = time.monotonic() + 60.0 * minutes
+        with suppress(FileNotFoundError, KeyError, KeyboardInterrupt):  # somebody is gone: what there is says so
+            while time.monotonic() < end_s:
+                looks.append(_look(system, watched))
+        lost = [other.name for other in (owner, *others, system.daemon) if not other.is_running]
+        told = system.daemon.text()
+        if lost:
+            print(owner.text()[-600:], told[-2000:], sep="\n")
+    return _rows(looks, lost + [code for code in ("TAKEN_OVER", "GUARD_LOST", "Traceback") if code in told], minutes)
+
+
+def _rows(looks: list[_Look], lost: list[str], minutes: float) -> list[Row]:
+    tenth = max(1, len(looks) // 10)
+    first, last = looks[:tenth], looks[-tenth:]
+    length = f"{len(looks) * LOOK_S / 60.0:.0f} of {minutes:g} min"
+    rows = [Row(name=f"lost in {length}", ours=", ".join(lost) or "nobody", goal="nobody", good=not lost)]
+    for name, goal in (("heartbeat_ms", HEARTBEAT_GOAL_MS), ("gap_ms", GAP_GOAL_MS)):
+        worst, before = (max(getattr(look, name) for look in some) for some in (looks, first))
+        called = "longest gap of the heartbeat" if name == "heartbeat_ms" else "longest gap of an arm's setpoints"
+        rows.append(
+            Row(name=called, ours=f"{worst:.0f} ms", peer=f"{before:.0f} ms", goal=f"< {goal:g} ms", good=worst < goal)
+        )
+    p99, before = (float(np.median([look.p99_ms for look in some])) for some in (last, first))
+    rows.append(
+        Row(
+            name="p99 of the setpoints' interval, median of the last tenth",
+            ours=f"{p99:.1f} ms, worst {max(look.p99_ms for look in looks):.1f}",
+            peer=f"{before:.1f} ms",
+            ratio=f"{p99 / before:.2f}x",
+            goal=f"<= {INTERVAL_GOAL:g}x",
+            good=p99 <= INTERVAL_GOAL * before,
+        )
+    )
+    for name in looks[0].rss_mib:
+        mib, mib_before = (float(np.median([look.rss_mib[name] for look in some])) for some in (last, first))
+        count, count_before = (float(np.median([look.handles[name] for look in some])) for some in (last, first))
+        rows.append(
+            Row(
+                name=f"memory of {name}; its open files and threads",
+                ours=f"{mib:.0f} MiB; {count:.0f}",
+                peer=f"{mib_before:.0f} MiB; {count_before:.0f}",
+                ratio=f"{mib - mib_before:+.1f} MiB; {count - count_before:+.0f}",
+                goal=f"<= {GROWTH_GOAL_MIB:+g} MiB; {HANDLES_GOAL:+d}",
+                good=mib - mib_before <= GROWTH_GOAL_MIB and count - count_before <= HANDLES_GOAL,
+            )
+        )
+    return rows
