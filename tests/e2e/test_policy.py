@@ -213,6 +213,7 @@ def test_a_local_policy_ends_with_a_run_that_is_killed(systems: Systems, tmp_pat
     wait_for(lambda: robot.state.state == "HOLDING", "arms that are held")
 
 
+@pytest.mark.alone
 def test_a_shadow_compares_with_whoever_drives_and_is_recorded(
     systems: Systems, tmp_path: Path, served: tuple[Swing, Scripted]
 ) -> None:

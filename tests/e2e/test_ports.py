@@ -57,6 +57,8 @@ def test_nothing_is_open_to_the_network_unless_configured(tmp_path, is_asked_for
     try:
         wait_for(lambda: connect(socket, timeout_s=1.0, greet=False).close() or True, "a daemon", tell=daemon.text)
         pids = wait_for(lambda: family(daemon.pid) if len(family(daemon.pid)) > 1 else [], "a guard", tell=daemon.text)
+        heard = f"listening on tcp/127.0.0.1:{port}"
+        wait_for(lambda: not is_asked_for or heard in daemon.text(), "what is asked for", tell=daemon.text)
         found = {pid: open_ports(pid) for pid in pids}
         own = {f"tcp 0100007F:{port:04X}"} if is_asked_for else set()
         assert found.pop(daemon.pid) == own
