@@ -14,7 +14,7 @@ from typing import Any
 
 from gateway.sim.camera.composite import FULL, crop_box
 from gateway.sim.camera.handover import HandOvers
-from gateway.sim.camera.pixel_code import read_code
+from tests.video.code_reader import read_code
 
 __all__ = ["Watch"]
 

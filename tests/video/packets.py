@@ -126,3 +126,9 @@ class Sender:
     ) -> list[list[bytes]]:
         """Return the packets of pictures, for each of them."""
         return [self.send(picture(n, gop=gop, size=size, slices=slices)) for n in numbers]
+
+
+def split_annex_b(data: bytes) -> list[bytes]:
+    """Return the NAL units of a byte stream, whose start codes may have three bytes or four (H.265 annex B.2)."""
+    pieces = data.split(b"\x00\x00\x01")
+    return [nal for nal in (piece.rstrip(b"\x00") for piece in pieces[1:]) if nal]

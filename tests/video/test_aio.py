@@ -7,8 +7,8 @@ import time
 
 import pytest
 
-from gateway.sim.camera.pixel_code import read_composite
 from gateway.video import AsyncVideo, VideoTimeout
+from tests.video.code_reader import read_composite
 from tests.video.stage import HOST, sending
 
 pytestmark = pytest.mark.e2e

@@ -19,7 +19,6 @@ import pytest
 from gateway.sim.camera.composite import Size
 from gateway.sim.camera.film import Film
 from gateway.sim.camera.hevc import Coding, KeyFrames
-from gateway.sim.camera.pixel_code import read_composite
 from gateway.sim.camera.rtp import Packetiser
 from gateway.video.decoding.damage import Damage
 from gateway.video.decoding.decoder import Decoder
@@ -27,6 +26,7 @@ from gateway.video.receiving.counters import Counts
 from gateway.video.receiving.stream import Stream
 from tests.thoroughness import either
 from tests.video.bad_network import ROBOT, BadNetwork, Faults
+from tests.video.code_reader import read_composite
 
 SMALL = Size(160, 340)
 GOP = 15

@@ -7,10 +7,10 @@ from contextlib import contextmanager
 
 import pytest
 
-from gateway.sim.camera.pixel_code import read_composite
 from gateway.sim.camera.sender import Sender
 from gateway.video import Frame, Video, VideoCode
 from tests.video.bad_network import BadNetwork, Faults, Relay, relay
+from tests.video.code_reader import read_composite
 from tests.video.stage import GOP, HOST, sending, until
 
 pytestmark = pytest.mark.e2e

@@ -13,8 +13,8 @@ import pytest
 
 from gateway.cli.cameras.shim import MODULE
 from gateway.cli.main import main
-from gateway.sim.camera.pixel_code import read_code, read_composite
 from gateway.video import RTPH265VideoInterface, VideoError
+from tests.video.code_reader import read_code, read_composite
 from tests.video.stage import HOST, free_udp_port, sending, until
 
 ROOT = Path(__file__).resolve().parents[2]

@@ -10,8 +10,8 @@ import pytest
 from gateway.sim.camera.composite import Size
 from gateway.sim.camera.film import Coded, Film, Interrupted, live
 from gateway.sim.camera.hevc import Coding
-from gateway.sim.camera.pixel_code import read_composite
 from gateway.sim.camera.rig import Rig
+from tests.video.code_reader import read_composite
 
 pytest.importorskip("av")
 

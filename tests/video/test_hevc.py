@@ -12,7 +12,7 @@ from gateway.sim.camera.annexb import is_irap, nal_type, nal_units
 from gateway.sim.camera.composite import Size
 from gateway.sim.camera.hevc import Coding, EncoderMissing, Hevc, KeyFrames
 from gateway.sim.camera.picture import Planes, TestCamera, stitch
-from gateway.sim.camera.pixel_code import read_composite
+from tests.video.code_reader import read_composite
 
 av = pytest.importorskip("av")
 

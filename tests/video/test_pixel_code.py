@@ -8,7 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from gateway.sim.camera.composite import CROPS, Size, crop_box
-from gateway.sim.camera.pixel_code import COUNTERS, crc8, layout_of, read_code, read_codes, read_composite, write_code
+from gateway.sim.camera.pixel_code import COUNTERS, crc8, layout_of, write_code
+from tests.video.code_reader import read_code, read_codes, read_composite
 
 SMALL = Size(160, 340)
 

@@ -10,10 +10,10 @@ import pytest
 
 from gateway.sim.camera.film import Film
 from gateway.sim.camera.hevc import Coding
-from gateway.sim.camera.pixel_code import read_code
 from gateway.video.decoding.views import VIEWS
 from gateway.video.recording.split import Splitter
 from gateway.video.recording.take import Take
+from tests.video.code_reader import read_code
 from tests.video.coded import units
 
 SIZES = {view: (960, 960) if view.startswith("head") else (640, 400) for view in VIEWS}

@@ -13,10 +13,10 @@ from pathlib import Path
 import pytest
 
 from gateway import video
-from gateway.sim.camera.pixel_code import read_code, read_composite
 from gateway.video import Video, VideoCode, VideoError, VideoTimeout
 from gateway.video.decoding.views import COMPOSITE, VIEWS
 from gateway.video.receiving.udp import UdpSocket
+from tests.video.code_reader import read_code, read_composite
 from tests.video.stage import GOP, HOST, LENGTH, free_udp_port, sending, until
 
 pytestmark = pytest.mark.e2e

@@ -23,7 +23,6 @@ __all__ = [
     "is_valid",
     "nal_type",
     "recovery_point",
-    "split_annex_b",
 ]
 
 START_CODE: Final = b"\x00\x00\x00\x01"
@@ -119,9 +118,3 @@ def _number(reader: BitReader) -> int:
 def annex_b(nals: Iterable[bytes]) -> bytes:
     """Return NAL units one after the other, each behind a start code of four bytes."""
     return b"".join(part for nal in nals for part in (START_CODE, nal))
-
-
-def split_annex_b(data: bytes) -> list[bytes]:
-    """Return the NAL units of a byte stream, whose start codes may have three bytes or four (H.265 annex B.2)."""
-    pieces = data.split(b"\x00\x00\x01")
-    return [nal for nal in (piece.rstrip(b"\x00") for piece in pieces[1:]) if nal]

@@ -13,13 +13,13 @@ import pytest
 
 from gateway.sim.camera.composite import Size
 from gateway.sim.camera.hevc import KeyFrames
-from gateway.sim.camera.pixel_code import read_codes, read_composite
 from gateway.video.decoding import decoder as module
 from gateway.video.decoding import nvdec
 from gateway.video.decoding.damage import Damage
 from gateway.video.decoding.decoder import Decoder
 from gateway.video.decoding.libav import av
 from gateway.video.decoding.rgb import RgbConverter
+from tests.video.code_reader import read_codes, read_composite
 from tests.video.pictures import broken, coded, units
 from tests.video.stage import until
 

@@ -9,12 +9,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from gateway.sim.camera.pixel_code import read_codes, read_composite
 from gateway.video.decoding.decoder import Decoder
 from gateway.video.decoding.decoding import HELD_BACK, Decoding
 from gateway.video.decoding.newest import Newest
 from gateway.video.decoding.rgb import RgbConverter
 from gateway.video.errors import VideoCode, VideoError
+from tests.video.code_reader import read_codes, read_composite
 from tests.video.pictures import STEP, broken, coded, units
 
 

@@ -7,9 +7,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from gateway.video.hevc.bits import BitReader, BitsEnded
-from gateway.video.hevc.nal import annex_b, begins_picture, is_irap, is_valid, recovery_point, split_annex_b
+from gateway.video.hevc.nal import annex_b, begins_picture, is_irap, is_valid, recovery_point
 from gateway.video.hevc.parameter_sets import MAX_BYTES, ParameterSets
-from tests.video.packets import PPS, SPS, VPS, recovery_point_sei, slice_nal
+from tests.video.packets import PPS, SPS, VPS, recovery_point_sei, slice_nal, split_annex_b
 
 NALS = st.binary(min_size=3, max_size=40).filter(lambda b: b"\0\0\0" not in b and b"\0\0\1" not in b and b[-1] != 0)
 

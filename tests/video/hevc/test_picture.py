@@ -8,8 +8,8 @@ import pytest
 from gateway.sim.camera.composite import CHANNELS, CROPS, FULL, Size, channel_rows, crop_box, crops_of
 from gateway.sim.camera.lettering import lettering
 from gateway.sim.camera.picture import Planes, TestCamera, stitch
-from gateway.sim.camera.pixel_code import read_codes, read_composite
 from gateway.video.decoding.views import VIEWS, pixel_box
+from tests.video.code_reader import read_codes, read_composite
 
 SMALL = Size(160, 340)
 

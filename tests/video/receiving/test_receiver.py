@@ -11,10 +11,9 @@ import pytest
 
 from gateway.video.errors import VideoCode, VideoError
 from gateway.video.hevc.access_unit import AccessUnit
-from gateway.video.hevc.nal import split_annex_b
 from gateway.video.receiving.receiver import Receiver, ReceiverSettings
 from gateway.video.receiving.udp import UdpSocket, addresses_of
-from tests.video.packets import Sender, picture, rtp
+from tests.video.packets import Sender, picture, rtp, split_annex_b
 
 pytestmark = pytest.mark.e2e
 

@@ -8,13 +8,12 @@ import struct
 import pytest
 
 from gateway.video.hevc.access_unit import AccessUnit
-from gateway.video.hevc.nal import split_annex_b
 from gateway.video.receiving.counters import Counts
 from gateway.video.receiving.rtp import RtpPacket, parse
 from gateway.video.receiving.streak import MAX_BYTES, Streak
 from gateway.video.receiving.stream import Stream
 from tests.video.bad_network import ROBOT, BadNetwork, Faults
-from tests.video.packets import IDR, Sender, fragments, picture, rtp, slice_nal
+from tests.video.packets import IDR, Sender, fragments, picture, rtp, slice_nal, split_annex_b
 
 FRAME_NS = 22_222_222
 PARTS = fragments(slice_nal(IDR, 6000, 1), 1000)

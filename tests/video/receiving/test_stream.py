@@ -11,7 +11,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from gateway.video.hevc.access_unit import AccessUnit
-from gateway.video.hevc.nal import split_annex_b
 from gateway.video.receiving.counters import Counts
 from gateway.video.receiving.reorder import HOLD_NS
 from gateway.video.receiving.stream import RESTART_NS, SILENCE_NS, Stream
@@ -31,6 +30,7 @@ from tests.video.packets import (
     recovery_point_sei,
     rtp,
     slice_nal,
+    split_annex_b,
 )
 
 ROBOT = "192.168.1.20"
