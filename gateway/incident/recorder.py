@@ -6,7 +6,7 @@ Rules
     * A piece begins with the engine's state. It is frozen every 15 s at the end of a cycle that was in time, when its frames
       have left; where it cannot be then, some moments later.
     * Whatever fails here ends the recording, for a while or for good, and nothing else. An engine that takes long to freeze
-      is frozen once a minute, and its pieces are as long: the loop comes first.
+      is frozen once a minute, and its pieces are as long; one that takes two ticks is recorded no more: the loop comes first.
     * Latches, takeovers and aborted motions keep what the ring has, and the next 3 s. What anybody can bring about again and
       again (an aborted motion, another owner) is kept once a minute, and never in place of a latch.
 """
@@ -51,6 +51,8 @@ RETRY_NS = 5 * S
 """How long after the disk refused [ns]."""
 MOST_FREEZE_NS = 5 * MS
 """What costs the loop more twice in a row is not done again for `SELDOM_NS` [ns]; of its own time, not what others take."""
+WORST_FREEZE_NS = 20 * MS
+"""What costs the loop more, likewise, is never done again [ns]."""
 SELDOM_NS = 60 * S
 LATE_NS = 2 * MS
 """After a tick that was later than this the next one must not wait for us [ns]."""
@@ -224,6 +226,10 @@ class Recorder:
             return
         was_slow, took_ns = self._is_slow, time.thread_time_ns() - begun_ns
         self._is_slow = took_ns > MOST_FREEZE_NS
+        if was_slow and took_ns > WORST_FREEZE_NS:
+            _log.error("freezing the engine holds the control loop up for %.1f ms", took_ns / MS)
+            self._off()
+            return
         if was_slow and self._is_slow:
             self._pause_ns = now_ns + SELDOM_NS
             if not self._is_seldom:

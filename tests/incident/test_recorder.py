@@ -43,6 +43,7 @@ def quick(monkeypatch: pytest.MonkeyPatch) -> None:
     """Write at once: virtual time does not wait for a quarter of a second. How long this machine freezes is not the matter."""
     monkeypatch.setattr(recorder_module, "WRITTEN_S", 0.01)
     monkeypatch.setattr(recorder_module, "MOST_FREEZE_NS", S)
+    monkeypatch.setattr(recorder_module, "WORST_FREEZE_NS", S)
 
 
 AGAIN = "import pathlib, sys; from gateway.incident.replay import *; print(replay(incident(pathlib.Path(sys.argv[1]))))"
@@ -290,6 +291,36 @@ def test_an_engine_that_takes_long_to_freeze_is_frozen_seldom(
     (kept,) = (tmp_path / "kept").iterdir()
     done = replay(incident(kept))
     assert done.difference is None and done.gaps == 0 and done.ticks > 300
+
+
+@pytest.mark.parametrize("is_frozen", [True, False])
+def test_an_engine_that_takes_two_ticks_to_freeze_is_recorded_no_more(
+    is_frozen: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    """The loop comes first: one time may be, a second in a row is the last, whether it came to anything or not."""
+    tries: list[int] = []
+
+    def very_slow(engine):
+        tries.append(pair.now_ns)
+        end_ns = time.thread_time_ns() + 20 * MS
+        while time.thread_time_ns() <= end_ns:
+            pass
+        if not is_frozen:
+            raise recorder_module.Unfrozen("generator")
+        return freeze(engine)
+
+    monkeypatch.setattr(recorder_module, "PIECE_NS", 500 * MS)
+    monkeypatch.setattr(recorder_module, "RETRY_NS", 500 * MS)
+    monkeypatch.setattr(recorder_module, "MOST_FREEZE_NS", 5 * MS)
+    monkeypatch.setattr(recorder_module, "WORST_FREEZE_NS", 20 * MS)
+    pair = Pair()
+    recorded = record(pair, tmp_path)
+    pair.run(0.6)
+    monkeypatch.setattr(recorder_module, "freeze", very_slow)
+    pair.run(3.0)
+    assert len(tries) == 2 and not recorded.recorder._is_on
+    assert len([entry for entry in caplog.records if "control loop" in entry.message]) == 1
+    assert recorded.recorder.close(DEADLINE_S, is_clean=True)
 
 
 def test_a_latch_before_the_engine_could_be_frozen_no_more_is_kept(
