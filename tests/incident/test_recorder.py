@@ -359,7 +359,7 @@ def test_a_black_box_that_panics_ends_the_recording_and_nothing_else(
     pair = Pair()
     recorded = record(pair, tmp_path)
     pair.activate()
-    until(lambda: not recorded.recorder._is_on)
+    until(lambda: not (recorded.recorder._is_on or recorded.recorder._waiting))
     pair.run(0.5)
     assert pair.state == "ACTIVE" and not recorded.recorder._waiting and not take_lost()
     assert recorded.recorder.close(DEADLINE_S, is_clean=True)
