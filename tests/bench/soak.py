@@ -17,8 +17,7 @@ from typing import Any
 import numpy as np
 
 from gateway.robot.topics import FSM_ENABLE
-from tests.bench.processor import family, favour
-from tests.bench.streams import DRIVER
+from tests.bench.processor import cpu_s, family, favour
 from tests.bench.table import Row
 from tests.e2e.system import Process, System, free_port, joint_topics, wait_for
 
@@ -31,6 +30,49 @@ WATCHERS, SESSIONS = 3, 6
 HEARTBEAT_GOAL_MS, GAP_GOAL_MS = 200.0, 100.0
 INTERVAL_GOAL = 1.1
 GROWTH_GOAL_MIB, HANDLES_GOAL = 16.0, 8
+
+OWNER = """
+import math
+from contextlib import ExitStack
+from itertools import count
+from gateway.errors import GatewayError
+with robot.control() as own:
+    while True:
+        try:
+            with ExitStack() as streams:
+                own.enable(timeout=12.0)
+                own.left_gripper.grip(0.5)
+                own.right_gripper.grip(0.5)
+                outs = [streams.enter_context(arm.stream(rate_hz=50)) for arm in (own.left_arm, own.right_arm)]
+                starts = [out.q.copy() for out in outs]
+                print("driving", flush=True)
+                begun = time.monotonic()
+                for n in count():
+                    passed_s = time.monotonic() - begun
+                    for out, start in zip(outs, starts):
+                        target = start.copy()
+                        target[6] += 0.15 * (1 - math.cos(1.5 * passed_s))
+                        out.set(target)
+                    if n % 5 == 0:
+                        own.chassis.set_velocity(0.05 * math.cos(passed_s), 0.0, 0.0)
+                    outs[0].tick()
+        except GatewayError as error:
+            print("interrupted", error, flush=True)
+            time.sleep(1.0)
+"""
+"""Commands everything until it is ended, and goes on after it was interrupted, as a lab's program does."""
+
+BARE_LOOP = """
+import time
+print("ready", flush=True)
+while True:
+    at = time.monotonic()
+    time.sleep(0.01)
+    late_ms = 1e3 * (time.monotonic() - at - 0.01)
+    if late_ms > 30.0:
+        print(f"late {late_ms:.0f}", flush=True)
+"""
+"""Says when this machine lets nobody run, real time or not: three late turns of it are what old state is."""
 
 WATCHER = """
 sessions = [robot, *(connect(TARGET, name=f"watcher{n}", timeout_s=10.0) for n in range(SESSIONS - 1))]
@@ -101,7 +143,7 @@ def soak_rows(folder: Path, minutes: float) -> list[Row]:
         system = System(folder)
         ending.callback(system.close)
         system.connect("first").close()
-        owner = system.client("owner", DRIVER)
+        owner = system.client("owner", OWNER)
         wait_for(lambda: "driving" in owner.text(), "an owner", 30.0, tell=owner.text)
         text = WATCHER.replace("SESSIONS", str(SESSIONS))
         others = [system.client(f"watchers{n}", text) for n in range(WATCHERS)]
@@ -117,24 +159,44 @@ def soak_rows(folder: Path, minutes: float) -> list[Row]:
         web = started("web", "-m", "gateway.cli", "web", *at, "--port", port, "--json")
         said = wait_for(lambda: web.text().splitlines(), "the page's address", 30.0, tell=web.text)
         page = started("page", "-u", "-c", PAGE, json.loads(said[0])["token"], port)
-        for other, word in ((page, "open"), (record, "messages"), *((w, "looking") for w in others[:WATCHERS])):
+        bare = started("bare", "-u", "-c", BARE_LOOP)
+        for other, word in (
+            (page, "open"),
+            (record, "messages"),
+            (bare, "ready"),
+            *((w, "looking") for w in others[:WATCHERS]),
+        ):
             wait_for(lambda other=other, word=word: word in other.text(), "everybody", 60.0, tell=other.text)
-        favour(owner)
+        for process in (owner, bare, system.sim):  # the robot is another computer, and the loop's peer runs as it does
+            favour(process)
         daemon, guard = family(system.daemon.pid)[:2]
         watched = {"daemon": daemon, "guard": guard, "record": record.pid, "web": web.pid, "robot": system.sim.pid}
         time.sleep(WARM_S)
-        end_s = time.monotonic() + 60.0 * minutes
+        begun_s, used_s = time.monotonic(), {name: cpu_s(pid) for name, pid in watched.items()}
         with suppress(FileNotFoundError, KeyError, KeyboardInterrupt):  # somebody is gone: what there is says so
-            while time.monotonic() < end_s:
+            while time.monotonic() < begun_s + 60.0 * minutes:
                 looks.append(_look(system, watched))
+            for name, pid in watched.items():
+                used_s[name] = (cpu_s(pid) - used_s[name]) / (time.monotonic() - begun_s)
         lost = [other.name for other in (owner, *others, system.daemon) if not other.is_running]
         told = system.daemon.text()
-        if lost:
+        stops = [line for line in owner.text().splitlines() if line.startswith("interrupted")]
+        late_ms = [int(line.split()[1]) for line in bare.text().splitlines() if line.startswith("late")]
+        if lost or stops:
             print(owner.text()[-600:], told[-2000:], sep="\n")
-    return _rows(looks, lost + [code for code in ("TAKEN_OVER", "GUARD_LOST", "Traceback") if code in told], minutes)
+    lost += [code for code in ("TAKEN_OVER", "GUARD_LOST", "Traceback") if code in told]
+    rows = _rows(looks, lost, used_s, minutes)
+    interrupted = Row(
+        name="times that the owner was interrupted",
+        ours=f"{len(stops)}",
+        peer=f"bare loop late {len(late_ms)} times, {max(late_ms, default=0)} ms",
+        goal="no more than the peer",
+        good=len(stops) <= len(late_ms),
+    )
+    return [rows[0], interrupted, *rows[1:]]
 
 
-def _rows(looks: list[_Look], lost: list[str], minutes: float) -> list[Row]:
+def _rows(looks: list[_Look], lost: list[str], used_s: dict[str, float], minutes: float) -> list[Row]:
     tenth = max(1, len(looks) // 10)
     first, last = looks[:tenth], looks[-tenth:]
     length = f"{len(looks) * LOOK_S / 60.0:.0f} of {minutes:g} min"
@@ -166,8 +228,8 @@ def _rows(looks: list[_Look], lost: list[str], minutes: float) -> list[Row]:
         count, count_before = (float(np.median([look.handles[name] for look in some])) for some in (last, first))
         rows.append(
             Row(
-                name=f"memory of {name}; its open files and threads",
-                ours=f"{mib:.0f} MiB; {count:.0f}",
+                name=f"{name}: memory; files, threads; of a core",
+                ours=f"{mib:.0f} MiB; {count:.0f}; {100 * used_s[name]:.1f} %",
                 peer=f"{mib_before:.0f} MiB; {count_before:.0f}",
                 ratio=f"{mib - mib_before:+.1f} MiB; {count - count_before:+.0f}",
                 goal=f"<= {GROWTH_GOAL_MIB:+g} MiB; {HANDLES_GOAL:+d}",
