@@ -482,6 +482,29 @@ def test_a_stop_in_the_instant_before_the_guard_acts_is_made(place: Place, monke
     assert results == [StopResult(undelivered=False, by_guard=True)]
 
 
+def test_a_guard_that_answered_nobody_in_time_is_asked_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A host so busy that the guard was not let run for the whole of a try; the stop is made, and who asked knows it."""
+    monkeypatch.setattr(guard_stop, "ANSWER_S", 0.05)
+    results: list[object] = []
+    with socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET) as listener:
+        listener.bind(str(tmp_path / "gw.sock.guard"))
+        listener.listen(4)
+        asking = threading.Thread(
+            target=lambda: results.append(stop_at_guard(str(tmp_path / "gw.sock"), "stop", "smoke", "ann"))
+        )
+        asking.start()
+        for is_answered in (False, True):
+            caller, _ = listener.accept()
+            with caller:
+                assert read_question(caller.recv(MAX_PACKET_BYTES)).ask == "stop"
+                if is_answered:
+                    caller.send(packed(GuardAnswer(phase="acting", pid=1, state="HOLDING", done=True)))
+                else:
+                    assert not caller.recv(MAX_PACKET_BYTES), "who asked has given up, and asks anew"
+        asking.join(10.0)
+    assert results == [StopResult(undelivered=False, by_guard=True)]
+
+
 def test_a_guard_that_talks_nonsense_is_asked_once(tmp_path: Path) -> None:
     """What it did is not known, so nothing is claimed."""
     path = tmp_path / "gw.sock.guard"

@@ -1,8 +1,8 @@
 """The last resort of a stop: the guard of a daemon that does not answer. One question at a unix socket; asks nothing else.
 
 The guard listens only while its daemon is dead and it acts. Whoever asks in the instant between the two asks again, for a
-moment, as does who was hung up on in a crowd: a stop may be asked for twice. Where there is no guard nothing is claimed:
-whoever asked hears of the daemon's silence.
+moment, as does who was hung up on in a crowd or had no answer in time: a stop may be asked for twice. Where there is no guard
+nothing is claimed: whoever asked hears of the daemon's silence.
 """
 
 from __future__ import annotations
@@ -26,9 +26,9 @@ from gateway.client.asking.results import StopResult
 __all__ = ["PAUSES_S", "stop_at_guard"]
 
 ANSWER_S = 1.0
-"""Longest wait for the guard [s]; it answers within a tick."""
+"""Longest wait for the guard in each try [s]; it answers within a tick, where this host lets it run."""
 PAUSES_S = (0.05, 0.1, 0.15)
-"""Between tries while nobody listens [s]: a guard takes over within 50 ms of a daemon's death, some 100 ms of a freeze."""
+"""Between tries [s]: a guard takes over within 50 ms of a daemon's death, some 100 ms of a freeze."""
 
 
 def stop_at_guard(address: str, ask: Ask, reason: str, client: str) -> StopResult | None:
@@ -46,7 +46,7 @@ def stop_at_guard(address: str, ask: Ask, reason: str, client: str) -> StopResul
     for pause_s in PAUSES_S:
         try:
             return _asked(guard_socket(path), question)
-        except (FileNotFoundError, ConnectionError):  # not yet, not at all, or hung up on
+        except (FileNotFoundError, ConnectionError, TimeoutError):  # not yet, not at all, hung up on, or still busy
             time.sleep(pause_s)
         except (OSError, ValueError):
             return None
