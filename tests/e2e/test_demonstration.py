@@ -115,6 +115,7 @@ def done(*words: str) -> dict[str, Any]:
 
 
 @pytest.mark.alone
+@pytest.mark.thorough
 @pytest.mark.wire_free("what a recording holds behind a real bridge is tests/e2e/test_recording.py's")
 def test_what_was_shown_is_learnt_from_and_played_back(systems: Systems, tmp_path: Path) -> None:
     """Five episodes, judged; both formats, checked; a policy that says what was done moves both arms the same way again."""

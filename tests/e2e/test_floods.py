@@ -83,6 +83,7 @@ def streaming(system: System) -> Process:
     return owner
 
 
+@pytest.mark.thorough
 def test_floods_harm_nobody_but_their_senders(tmp_path: Path, systems: Systems) -> None:
     """Whatever others send, as fast as they can: the owner keeps the robot, and his arms their setpoints; memory stays."""
 

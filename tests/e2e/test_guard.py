@@ -556,7 +556,7 @@ def test_with_both_killed_the_robots_own_watchdogs_act(tmp_path: Path) -> None:
         scene.close()
 
 
-@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
+@pytest.mark.parametrize("number", [signal.SIGTERM, pytest.param(signal.SIGINT, marks=pytest.mark.thorough)])
 def test_a_normal_end_is_no_reason_to_hold(tmp_path: Path, number: int) -> None:
     """The daemon brakes and pauses the robot itself; the guard goes with it and sends nothing."""
     scene = Scene(tmp_path)

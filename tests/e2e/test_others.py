@@ -183,7 +183,7 @@ def test_of_two_gateways_that_enable_at_once_exactly_one_proceeds(tmp_path: Path
     assert sum("REFUSED OTHER_GATEWAY" in text for text in words) == 1, words
 
 
-@pytest.mark.parametrize("has_guard", [True, False])
+@pytest.mark.parametrize("has_guard", [True, pytest.param(False, marks=pytest.mark.thorough)])
 def test_our_own_restart_is_no_alarm(tmp_path: Path, systems: Systems, has_guard: bool) -> None:
     """Kill -9 in mid-motion and start again at once: no foreign writer, no other gateway, for guard and next daemon."""
     system = systems(tmp_path, config=f"[guard]\nenabled = {str(has_guard).lower()}\n")

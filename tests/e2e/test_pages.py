@@ -16,6 +16,7 @@ from tests.sim.physics.mujoco_needed import REASON
 pytestmark = [pytest.mark.e2e, pytest.mark.sim_only("each page says which robot it starts")]
 
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs" / "tutorials").glob("*.md"))]
+LONG = {"demonstration-to-policy", "grasp-and-drive"}
 
 
 @pytest.fixture
@@ -27,7 +28,9 @@ def folder() -> Iterator[Path]:
 
 
 @pytest.mark.body_free("each page says which robot it starts")
-@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
+@pytest.mark.parametrize(
+    "page", [pytest.param(page, id=page.stem, marks=[pytest.mark.thorough] * (page.stem in LONG)) for page in PAGES]
+)
 def test_the_page_does_what_it_says(page: Path, folder: Path) -> None:
     """Every block that is not marked as one for another machine runs, and prints what the page says, but for numbers."""
     if any("--physics mujoco" in block.text for block in blocks(page) if block.directive == "run: terminals"):

@@ -170,9 +170,9 @@ def local(system: System, policy: str, *options: str) -> tuple[Process, Path]:
 @pytest.mark.parametrize(
     ("policy", "options", "said"),
     [
-        ("hangs", ("--timeout", "1"), "TIMEOUT: the local policy"),
+        pytest.param("hangs", ("--timeout", "1"), "TIMEOUT: the local policy", marks=pytest.mark.thorough),
         ("dies", (), "DISCONNECTED: the local policy"),
-        ("fails", (), "POLICY_FAILED: the local policy"),
+        pytest.param("fails", (), "POLICY_FAILED: the local policy", marks=pytest.mark.thorough),
     ],
 )
 def test_a_local_policy_that_fails_leaves_the_arms_held(
@@ -214,6 +214,7 @@ def test_a_local_policy_ends_with_a_run_that_is_killed(systems: Systems, tmp_pat
 
 
 @pytest.mark.alone
+@pytest.mark.thorough
 def test_a_shadow_compares_with_whoever_drives_and_is_recorded(
     systems: Systems, tmp_path: Path, served: tuple[Swing, Scripted]
 ) -> None:

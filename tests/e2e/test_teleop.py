@@ -184,7 +184,7 @@ ENDS = {
 STATUS = {"asked to end": 128 + signal.SIGTERM, "interrupted": 128 + signal.SIGINT}
 
 
-@pytest.mark.parametrize("mode", ["joint", "pose"])
+@pytest.mark.parametrize("mode", ["joint", pytest.param("pose", marks=pytest.mark.thorough)])
 def test_whatever_ends_it_in_mid_jog_leaves_the_arm_held_without_a_step(
     tmp_path: Path, systems: Systems, terminals: Callable[..., Terminal], mode: str
 ) -> None:

@@ -244,6 +244,7 @@ def end_main(process: Process, ending: Ending) -> None:
     assert "Panic" in process.text()
 
 
+@pytest.mark.thorough
 def test_no_thread_ends_alone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Braked without a step, held by the guard with the grip, stopped in time, latched until a person says otherwise."""
 

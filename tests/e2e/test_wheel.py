@@ -12,7 +12,7 @@ import pytest
 
 from tests.e2e.system import ATTEMPTS, ROOT, STALLED
 
-pytestmark = [pytest.mark.e2e, pytest.mark.sim_only("the demo starts a robot of its own")]
+pytestmark = [pytest.mark.e2e, pytest.mark.thorough, pytest.mark.sim_only("the demo starts a robot of its own")]
 
 
 class Installed:
