@@ -11,6 +11,7 @@ from itertools import pairwise
 
 import pytest
 
+from gateway.core.messages.outputs import FrameKind
 from gateway.errors import Code
 from gateway.messages.requests import Cancel, Follow
 from gateway.messages.snapshot import MotionView
@@ -129,6 +130,18 @@ def test_the_goal_time_counts_in_every_segment(pair: Scene) -> None:
         pair.step(pair.now_ns + 60_000_000)
     view = ended(pair, motion)
     assert view.code == "GOAL_TOLERANCE" and "of the trajectory was sent" in view.message
+    ended_ns = pair.now_ns
+    pair.run(1.0)
+    assert FrameKind.MOTION not in pair.kinds_since(ended_ns + 1), "what was left of it is not sent"
+
+
+def test_a_chunk_that_is_over_before_its_arm_got_there_ends_there(pair: Scene) -> None:
+    """Two points 20 ms apart that an arm needs 0.5 s to join: late after the goal time, it brakes at once."""
+    motion = follow(pair, path(pair, 0.09, 0.09), dt_s=0.02, goal_time_ns=S // 10)
+    assert ended(pair, motion).code == "GOAL_TOLERANCE"
+    ended_ns = pair.now_ns
+    pair.run(0.3)
+    assert FrameKind.MOTION not in pair.kinds_since(ended_ns + 1)
 
 
 def test_a_cancelled_trajectory_brakes_and_holds_where_it_came_to_rest(pair: Scene) -> None:

@@ -210,11 +210,12 @@ class Body:
             broken = self._broken(motion, measured)
             if broken is not None:
                 self.motions.end(motion, MotionState.ABORTED, *broken)
+            else:
+                progress = {side: self.arms[side].reference.progress for side in motion.goals}
+                self.motions.advance(motion, progress, motion.where(measured), now_ns)
+            if motion.state is MotionState.ABORTED:  # nothing of it is sent any more, however much was left
                 for side in motion.goals:
                     self.arms[side].brake()
-                continue
-            progress = {side: self.arms[side].reference.progress for side in motion.goals}
-            self.motions.advance(motion, progress, motion.where(measured), now_ns)
         return [motion for motion in running if not motion.is_running]
 
     def _broken(self, motion: Motion, measured: Mapping[Side, Vector | None]) -> tuple[Code, str] | None:
