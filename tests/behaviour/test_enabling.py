@@ -9,7 +9,7 @@ import pytest
 from gateway.core.messages.events import RouteObserved
 from gateway.core.messages.outputs import FrameKind
 from gateway.errors import Code
-from gateway.messages.requests import Acquire, Disable, Enable, Move, Release, Stop
+from gateway.messages.requests import Acquire, Disable, Enable, Move, Release, SetGripper, Stop
 from gateway.robot.topics import (
     CHASSIS_STATE,
     CURRENT_MODE,
@@ -97,6 +97,27 @@ def test_an_arm_that_is_enabled_again_joins_only_at_the_next_enable() -> None:
     assert pair.streaming == list(Side) and pair.state == "HOLDING"
     assert [frame.kind for _, frame in pair.arm_frames(Side.LEFT)][:2] == [FrameKind.ECHO, FrameKind.HOLD]
     pair.granted(Move(epoch=pair.epoch, targets_rad=HOME), "ann")
+
+
+@pytest.mark.parametrize("then", ["move", "grip", "disable", "release"])
+def test_an_arm_that_joins_may_be_followed_at_once_by_the_next_request(then: str) -> None:
+    """In the same tick: its first frames are echoes in whatever state that leads to, and no violation."""
+    pair = scene("at rest")
+    pair.robot.inject({"fault": "arm_disabled", "side": "left", "duration_s": 1.5}, pair.now_ns)
+    pair.run_until(lambda: pair.state == "HOLDING", 1.5)
+    pair.run(3.0)
+    pair.mark()
+    requests = {
+        "move": Move(epoch=pair.epoch, targets_rad={Side.RIGHT: away(pair, Side.RIGHT)}),
+        "grip": SetGripper(epoch=pair.epoch, side=Side.RIGHT, raw=0.3),
+        "disable": Disable(epoch=pair.epoch),
+        "release": Release(epoch=pair.epoch),
+    }
+    pair.tell(Enable(epoch=pair.epoch), "ann")
+    pair.tell(requests[then], "ann")
+    pair.run(0.1)
+    assert pair.told(Code.GATE_VIOLATION) == [] and pair.told(Code.LATCHED) == []
+    assert pair.state == {"move": "ACTIVE", "grip": "ACTIVE", "disable": "IDLE", "release": "READ_ONLY"}[then]
 
 
 def test_an_arm_joins_only_from_a_steady_state() -> None:

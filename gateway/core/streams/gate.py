@@ -67,12 +67,12 @@ _BASE = ("IDLE", "ENABLING", "ACTIVE", "HOLDING")
 
 _ARM_STATES: dict[FrameKind, tuple[str, ...]] = {
     FrameKind.MOTION: ("ACTIVE",),
-    FrameKind.ECHO: ("ENABLING", "HOLDING"),
+    FrameKind.ECHO: ("ENABLING", "ACTIVE", "HOLDING", "STOPPING"),
     FrameKind.BRAKE: _RUNNING,
     FrameKind.WALK: _RUNNING,
     FrameKind.HOLD: _HELD,
 }
-_SETPOINT_STATES = {**_ARM_STATES, FrameKind.ECHO: ("ENABLING", "HOLDING", "PAUSED")}
+_SETPOINT_STATES = {**_ARM_STATES, FrameKind.ECHO: _HELD}
 _STATES: dict[str, dict[FrameKind, tuple[str, ...]]] = {
     **{joint_command(side): _SETPOINT_STATES for side in Side},
     **{pose_command(side): _SETPOINT_STATES for side in Side},
@@ -85,8 +85,9 @@ _STATES: dict[str, dict[FrameKind, tuple[str, ...]]] = {
     FSM_ENABLE: {FrameKind.BEAT: ("ENABLING", "ACTIVE", "HOLDING", "STOPPING")},
 }
 """In which states a kind of frame may leave on a topic, with fresh state. Kinds that are not here never may; stop
-frames are exempt. An echo in HOLDING is the start of a stream that a short stall had silenced; one in PAUSED follows an
-arm that nobody drives."""
+frames are exempt. An echo in HOLDING is the start of a stream that a short stall had silenced, or of an arm that joins; in
+ACTIVE or STOPPING that of one whose start the next request met in the same tick; one in PAUSED follows an arm that nobody
+drives."""
 
 
 class GateContext(Struct, frozen=True, kw_only=True):

@@ -196,7 +196,7 @@ def permitted(topic: str, kind: FrameKind, facts: GateContext) -> bool:
     if kind in (BRAKE, WALK) and topic in GRIPPERS.values():
         return False
     states = {
-        ECHO: ("ENABLING", "HOLDING") if topic in GRIPPERS.values() else ("ENABLING", "HOLDING", "PAUSED"),
+        ECHO: ("ENABLING", "ACTIVE", "HOLDING", "STOPPING", *(() if topic in GRIPPERS.values() else ("PAUSED",))),
         HOLD: ("ENABLING", "ACTIVE", "HOLDING", "PAUSED", "STOPPING"),
         BRAKE: ("ACTIVE", "HOLDING", "PAUSED", "STOPPING"),
         WALK: ("ACTIVE", "HOLDING", "PAUSED", "STOPPING"),
