@@ -55,7 +55,7 @@ from gateway.core.supervision.reloading import take_settings
 from gateway.core.supervision.rivalry import Rivalry
 from gateway.core.supervision.supervisor import State, Trigger
 from gateway.errors import Code, Refusal
-from gateway.messages.requests import Estop, Stop
+from gateway.messages.requests import Abandon, Estop, Stop
 from gateway.messages.snapshot import Snapshot
 from gateway.robot.limits import ARM_WATCHDOG_NS
 from gateway.robot.topics import FSM_STATE
@@ -270,9 +270,11 @@ class Engine:
             self._coordinator.store.disturb(now_ns)
             text = f"a tick came {late_ns / MS:.0f} ms late and was skipped, not caught up"
             self._coordinator.notice(Code.TICK_LATE, Level.WARNING, text, now_ns)
-        if late_ns > ARM_WATCHDOG_NS - TICK_NS:
+        gap_ns = max(late_ns + TICK_NS, self._pace.gap_ns(now_ns, is_late=is_late))
+        if gap_ns > ARM_WATCHDOG_NS:
             # The robot has stopped the arms meanwhile: no setpoint at speed must meet them.
-            self._coordinator.fire(Trigger.LONG_GAP, now_ns, f"a tick came {late_ns / MS:.0f} ms late")
+            text = f"a tick came {late_ns / MS:.0f} ms late, {gap_ns / MS:.0f} ms after the last that was in time"
+            self._coordinator.fire(Trigger.LONG_GAP, now_ns, text)
         self._loss.look(now_ns, late_ns)
         self._handler.watch.look(now_ns, late_ns)
         self.takeover.step(now_ns)
@@ -341,6 +343,10 @@ class Engine:
                     reply = Reply(client_id=command.client_id, request_id=command.request_id, facts=dict(answer))
                 self._answered.keep(command, reply)
             self._replies.append(reply)
+            if isinstance(
+                command.request, Abandon
+            ):  # lost now, though its next request may take the robot again at once
+                self._loss.look(now_ns, 0)
         targets, self._targets = self._targets, {}
         for target in targets.values():
             self._handler.take_target(target, now_ns)

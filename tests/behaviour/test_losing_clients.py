@@ -169,6 +169,18 @@ def test_a_client_that_leaves_its_lease_is_lost_at_once() -> None:
     pair.granted(Move(epoch=pair.epoch, targets_rad=HOME), "ann")
 
 
+def test_a_client_that_leaves_its_lease_and_takes_it_at_once_was_lost() -> None:
+    """Both in one tick, as a program that fails and tries again has them: nothing of before goes on."""
+    pair = scene("ACTIVE")
+    epoch = pair.epoch
+    pair.tell(Abandon(epoch=epoch), "ann")
+    pair.tell(Acquire(name="ann", pid=1), "ann")
+    pair.step()
+    assert pair.state == "HOLDING" and pair.owner == "ann" and pair.told(Code.MOTION_ENDED)
+    pair.run(0.5)
+    assert stages(pair) == ["lost", "back"] and FrameKind.MOTION not in pair.arm_kinds()
+
+
 def test_a_lost_client_while_stopping_is_still_stopped() -> None:
     """STOPPING goes on to its end; the lease is free after 10 s."""
     pair = scene("STOPPING", Scene(loss=QUICK))

@@ -158,6 +158,20 @@ def test_after_a_gap_in_which_the_robot_stopped_the_arms_the_motion_is_over() ->
     assert FrameKind.MOTION not in pair.kinds_since(at_ns) and pair.state == "HOLDING"
 
 
+def test_after_late_ticks_that_make_such_a_gap_together_the_motion_is_over() -> None:
+    """Each of them alone is only skipped; whichever setpoint comes next would meet arms that the robot has stopped."""
+    pair = scene("ACTIVE")
+    for late_ms in (60, 60, 50):
+        late_tick(pair, late_ms)
+    assert pair.state == "HOLDING" and "ms after the last that was in time" in pair.told(Code.MOTION_ENDED)[-1]
+    assert FrameKind.MOTION not in pair.kinds_since(pair.now_ns)
+    pair = scene("ACTIVE")
+    late_tick(pair, 60)
+    pair.run(0.05)
+    late_tick(pair, 60)
+    assert pair.state == "ACTIVE", "each gap counts by itself"
+
+
 def test_a_late_tick_still_sends_stop_frames() -> None:
     """0.0, chassis zeros and lift leave whatever the time is."""
     pair = scene("ACTIVE")

@@ -36,6 +36,8 @@ class Pace:
         self._ticks = 0
         self._skipped = 0
         self._lateness: deque[tuple[int, int]] = deque()
+        self._sent_ns: int | None = None  # when setpoints could leave last
+        self._was_late = False
 
     def tick(self, now_ns: int, late_ns: int) -> None:
         """Note a tick."""
@@ -47,6 +49,20 @@ class Pace:
         self._lateness.append((now_ns, late_ns))
         while now_ns - self._lateness[0][0] > LATE_WINDOW_NS:
             self._lateness.popleft()
+
+    def gap_ns(self, now_ns: int, *, is_late: bool) -> int:
+        """Return how long no setpoint can have left because of late ticks, until the earliest that may now [ns]; 0 without.
+
+        Args:
+            now_ns: Monotonic time of this tick [ns].
+            is_late: Whether this tick is skipped: the next one is the earliest.
+        """
+        since_ns, was_late, self._was_late = self._sent_ns, self._was_late, is_late
+        if not is_late:
+            self._sent_ns = now_ns
+        if since_ns is None or not (is_late or was_late):
+            return 0
+        return now_ns - since_ns + is_late * TICK_NS
 
     def snapshot_due(self, now_ns: int, *, is_watched: bool) -> int | None:
         """Return the number of the snapshot that is due now, from 1, or None."""

@@ -33,6 +33,15 @@ def test_lateness_is_counted_and_the_worst_of_ten_seconds_is_kept(pace):
     assert pace.view(0).worst_late_ns == 7 * MS
 
 
+def test_a_gap_lasts_from_the_last_tick_in_time_to_the_next_that_may_be(pace):
+    """Late ticks in a row are one gap; without one there is none, however far apart ticks are."""
+    assert pace.gap_ns(5 * S, is_late=True) == 0, "nothing has left before"
+    assert [pace.gap_ns(at_ns, is_late=False) for at_ns in (6 * S, 7 * S)] == [0, 0]
+    late = [pace.gap_ns(7 * S + ms * MS, is_late=ms < 200) for ms in (70, 140, 200)]
+    assert late == [80 * MS, 150 * MS, 200 * MS]
+    assert pace.gap_ns(8 * S, is_late=False) == 0 and pace.gap_ns(8 * S + 60 * MS, is_late=True) == 70 * MS
+
+
 def test_snapshots_come_at_their_rate_however_often_it_is_ticked(pace):
     """One for each instant of their own grid; the first at once; numbers rise by one."""
     numbers = [pace.snapshot_due(now_ns, is_watched=True) for now_ns in range(5 * MS, 105 * MS, 5 * MS)]
