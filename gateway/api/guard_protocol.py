@@ -103,10 +103,10 @@ def read_question(packet: bytes) -> GuardQuestion:
     """
     try:
         question = _QUESTION.decode(packet)
-    except ValueError:  # no JSON, cut, or of other types
+    except (ValueError, RecursionError) as error:  # no JSON, cut, of other types, or nested without end
         word = STOP_WORD.search(packet)
         if word is None:
-            raise
+            raise ValueError(f"no question: {error}") from None
         ask: Ask = "stop" if word[1].lower() == b"stop" else "estop"
         rest = packet[word.end() :].decode(errors="replace").strip()
         text = packet.decode(errors="replace")

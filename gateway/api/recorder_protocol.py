@@ -101,7 +101,10 @@ def read_question(packet: bytes) -> RecorderQuestion:
     Raises:
         ValueError: It is none.
     """
-    return _QUESTION.decode(packet)
+    try:
+        return _QUESTION.decode(packet)
+    except RecursionError as error:  # nested without end
+        raise ValueError(str(error)) from None
 
 
 def read_answer(packet: bytes) -> RecorderAnswer:

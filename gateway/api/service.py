@@ -27,6 +27,7 @@ from gateway.api.access.roles import read_roles
 from gateway.api.address import is_private
 from gateway.api.bell import Bell
 from gateway.api.flood_watch import FloodWatch, OrdinaryWhileBusy
+from gateway.api.guard_protocol import guard_socket
 from gateway.api.inbox import Inbox
 from gateway.api.instance_lock import InstanceLock, robot_lock_path, socket_lock_path
 from gateway.api.listener import network_configuration, refused_setting, unix_configuration
@@ -177,7 +178,7 @@ class LocalPlane:
             self._planes.pop().close()
         self._audit.close(AUDIT_CLOSE_S)
         if self._pipes is not None:
-            self._pipes.close(is_last=True)
+            self._pipes.close(is_last=not guard_socket(self.socket).exists())  # a guard that acts reads them still
         for lock in reversed(self._locks):
             lock.close()
 

@@ -35,7 +35,7 @@ from gateway.api.keys import ESTOP_KEY
 from gateway.api.stop_pipe import StopPipes
 from gateway.core.guardian import Guardian, Phase
 
-__all__ = ["GuardServer"]
+__all__ = ["GuardServer", "peer"]
 
 _log = logging.getLogger(__name__)
 
@@ -67,8 +67,8 @@ class _Caller:
     """Whether it is the next daemon, as far as anybody of its user is, waiting until it can hold."""
 
 
-def _peer(caller: socket.socket) -> tuple[int, int]:
-    """Return the user and the process that connected."""
+def peer(caller: socket.socket) -> tuple[int, int]:
+    """Return the user and the process at the other end."""
     pid, uid, _ = struct.unpack("iII", caller.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, 12))
     return uid, pid
 
@@ -196,7 +196,7 @@ class GuardServer:
                 return
             try:
                 caller, _ = self._listener.accept()
-                uid, pid = _peer(caller)
+                uid, pid = peer(caller)
             except OSError:  # nobody waits any more
                 return
             caller.setblocking(False)

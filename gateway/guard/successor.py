@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import contextlib
 import logging
+import os
 import socket
 import time
 from collections.abc import Callable
@@ -33,6 +34,7 @@ from gateway.core.engine import Engine
 from gateway.core.messages.events import Event, HeldElsewhere, TakenOver
 from gateway.core.messages.held import Held
 from gateway.errors import Code
+from gateway.guard.guard_server import peer
 
 __all__ = ["HoldSuccessor"]
 
@@ -44,6 +46,9 @@ LOOK_S = 1.0
 """Longest wait for the guard's first answer [s]: one that listens acts, and answers in its next tick."""
 SPARE_NS = 3000 * MS
 """A hold that goes on for less than this is taken over at once [ns], with a guard of our own or without."""
+STATUS_NS = 100 * MS
+"""Between two looks at a guard that goes on holding [ns]: what it latches meanwhile is ours to keep, and after an e-stop it
+ends within a second or two."""
 PATIENCE_NS = 5000 * MS
 """A guard whose hold was over this long ago [ns] and that still has the connection open hangs: it is waited for no more."""
 
@@ -70,6 +75,9 @@ class HoldSuccessor:
         self._latch = latch
         self._is_new = True
         self._is_asked = self._is_taken = self._is_estop_passed = False
+        self._is_waiting = False
+        self._looked_ns = 0
+        self._known: set[tuple[str, str]] = set()
         self._socket = self._look(path)
 
     def _look(self, path: Path) -> socket.socket | None:
@@ -77,6 +85,11 @@ class HoldSuccessor:
         try:
             caller = connected(path, LOOK_S)
         except OSError:
+            return None
+        uid, _ = peer(caller)
+        if uid not in (os.geteuid(), 0):
+            _log.error("%s is user %d's, no guard of an earlier daemon of ours: passed over", path, uid)
+            caller.close()
             return None
         try:
             caller.send(packed(GuardQuestion(ask="status", client="daemon")))
@@ -108,8 +121,11 @@ class HoldSuccessor:
         answer = self._heard()
         if self._socket is None:  # it has ended
             return [HeldElsewhere(is_held=False, at_ns=now_ns)]
-        if answer is not None and self._is_asked:
-            return self._take(answer, now_ns)
+        if answer is not None:
+            self._is_waiting = False
+            self._take_latches(answer)
+            if self._is_asked:
+                return self._take(answer, now_ns)
         if now_ns - self._down_ns > PATIENCE_NS:  # it sends nothing when it goes on, as one that stood still
             _log.error("the guard of an earlier daemon hangs: this daemon begins without what it held")
             self.close()
@@ -117,9 +133,13 @@ class HoldSuccessor:
         if Code.ESTOP in self._engine.latches and not self._is_estop_passed:
             self._is_estop_passed = True
             self._ask("estop")
-        elif not (self._is_asked or self._is_estop_passed or self._must_wait(now_ns)):
-            self._is_asked = True
-            self._ask("hand_over")
+        elif not (self._is_waiting or self._is_estop_passed):
+            if not self._must_wait(now_ns):
+                self._is_asked = self._is_waiting = True
+                self._ask("hand_over")
+            elif now_ns - self._looked_ns >= STATUS_NS:
+                self._looked_ns, self._is_waiting = now_ns, True
+                self._ask("status")
         return []
 
     def _must_wait(self, now_ns: int) -> bool:
@@ -142,7 +162,6 @@ class HoldSuccessor:
 
     def _take(self, answer: GuardAnswer, now_ns: int) -> list[Event]:
         self._is_asked = False
-        self._take_latches(answer)
         try:
             held = msgspec.json.decode(answer.held, type=Held | None)
         except ValueError as error:  # of another release: it goes on holding, and ends by itself
@@ -155,9 +174,10 @@ class HoldSuccessor:
         return [HeldElsewhere(is_held=False, at_ns=now_ns), TakenOver(held=held, at_ns=now_ns)]
 
     def _take_latches(self, answer: GuardAnswer) -> None:
-        """What the guard has latched stays latched: it could not write it where this daemon has the state file."""
+        """What the guard has latched is latched here, once: it cannot write it where this daemon has the state file."""
         for name, message in answer.latches.items():
-            if name in Code.__members__:
+            if name in Code.__members__ and (name, message) not in self._known:
+                self._known.add((name, message))
                 self._latch(Code(name), message)
 
     def _ask(self, ask: str) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import signal
+import socket
 import stat
 import subprocess
 import sys
@@ -17,8 +18,11 @@ from msgspec import structs
 
 from gateway.api import protocol
 from gateway.api.flood_watch import SENDER, name_of
+from gateway.api.guard_protocol import guard_socket
 from gateway.api.identities import MOST
+from gateway.api.keys import ESTOP_KEY
 from gateway.api.service import LocalPlane
+from gateway.api.stop_pipe import stop_pipe
 from gateway.errors import Code, ConfigError, NotReady
 from gateway.messages import requests
 from gateway.process.threads import take_lost
@@ -434,6 +438,24 @@ def test_listening_beyond_this_host_without_users_is_refused_at_start(tmp_path):
     with pytest.raises(ConfigError, match="users_file"):
         LocalPlane(settings_for(tmp_path, tcp="0.0.0.0:19311"), tmp_path)
     LocalPlane(settings_for(tmp_path), tmp_path).close()
+
+
+def test_who_cannot_listen_takes_no_pipe_away_that_a_guard_reads(tmp_path):
+    """The guard of the daemon before goes on with its hold, and with the stops that are dropped there."""
+    with socket.socket() as taken, socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET) as guard:
+        taken.bind(("127.0.0.1", 0))
+        taken.listen()
+        plane = LocalPlane(settings_for(tmp_path, tcp=f"127.0.0.1:{taken.getsockname()[1]}", **OPEN), tmp_path)
+        pipe = stop_pipe(plane.socket, ESTOP_KEY)
+        guard.bind(str(guard_socket(plane.socket)))
+        with pytest.raises(ConfigError):
+            plane.open()
+        assert pipe.is_fifo()
+        guard_socket(plane.socket).unlink()
+        plane = LocalPlane(settings_for(tmp_path, tcp=f"127.0.0.1:{taken.getsockname()[1]}", **OPEN), tmp_path)
+        with pytest.raises(ConfigError):
+            plane.open()
+        assert not pipe.exists(), "nobody else reads it"
 
 
 def test_users_need_their_password_on_the_network_and_none_on_the_socket(tmp_path):

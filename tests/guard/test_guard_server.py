@@ -36,11 +36,12 @@ from gateway.client.asking.guard_stop import stop_at_guard
 from gateway.client.asking.results import StopResult
 from gateway.core.engine import Engine
 from gateway.core.guardian import Phase
-from gateway.core.messages.events import GuardSeen, HeldElsewhere, TakenOver
+from gateway.core.messages.events import CommandRequested, GuardSeen, HeldElsewhere, TakenOver
 from gateway.errors import Code
 from gateway.guard import guard_server
 from gateway.guard.guard_server import MOST_CALLERS, MOST_NEWCOMERS, GuardServer
 from gateway.guard.successor import HoldSuccessor
+from gateway.messages.requests import Estop
 from gateway.robot.limits import HOME_Q_RAD
 from gateway.settings.settings import Settings
 from tests.behaviour.scene import LEAN
@@ -107,7 +108,7 @@ def test_messages_come_back_as_they_were() -> None:
     assert read_question(packed(question)) == question
     answer = GuardAnswer(phase="acting", pid=4, state="HOLDING", done=True, latches={"ESTOP": "smoke"})
     assert read_answer(packed(answer)) == answer
-    for nonsense in (b"", b"{}", b'{"ask": "dance"}', b"\xff"):
+    for nonsense in (b"", b"{}", b'{"ask": "dance"}', b"\xff", b'{"ask":"status","x":' + b"[" * 8000):
         with pytest.raises(ValueError):
             read_question(nonsense)
 
@@ -208,6 +209,7 @@ STOPS = [
     (packed(GuardQuestion(ask="stop", reason="y" * 9000, client="z" * 5000)), "stop", "y" * 512, "z" * 512),
     (b"stop" + b"\0" * 60_000, "stop", "\0" * 512, ""),
     (b'[[["stop', "stop", "", ""),
+    (b'{"ask":"estop","x":' + b"[" * 8000, "estop", "", ""),
 ]
 
 
@@ -286,7 +288,7 @@ def test_idle_callers_shut_nobody_out(place: Place) -> None:
 def test_the_busiest_process_of_the_busiest_user_makes_room(place: Place, monkeypatch: pytest.MonkeyPatch) -> None:
     """Silent or not, those who are few keep their places."""
     who: list[tuple[int, int]] = []
-    monkeypatch.setattr(guard_server, "_peer", lambda _: who.pop(0))
+    monkeypatch.setattr(guard_server, "peer", lambda _: who.pop(0))
 
     def come(uid: int, pid: int) -> socket.socket:
         who.append((uid, pid))
@@ -344,7 +346,7 @@ def test_the_next_daemon_keeps_its_place_while_it_waits(place: Place, monkeypatc
     """Hung up on by a crowd it would begin beside the hold. One of them, of the guard's user: no crowd of daemons does."""
     who = [(os.geteuid(), pid) for pid in range(1, 4 * MOST_CALLERS)]
     who.insert(0, (os.geteuid() + 4711, 99))
-    monkeypatch.setattr(guard_server, "_peer", lambda _: who.pop(0))
+    monkeypatch.setattr(guard_server, "peer", lambda _: who.pop(0))
     stranger, successor = place.call(), place.call()
     place.ask(stranger, ask="status", client="daemon")
     place.ask(successor, ask="status", client="daemon")
@@ -360,7 +362,7 @@ def test_only_the_daemons_user_and_root_are_given_the_hold(
     place: Place, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture, uid: int, *, is_given: bool
 ) -> None:
     """Anybody of the socket's group may stop; the hold goes to a daemon of the same user. Told once."""
-    monkeypatch.setattr(guard_server, "_peer", lambda _: (uid, 99))
+    monkeypatch.setattr(guard_server, "peer", lambda _: (uid, 99))
     caller = place.call()
     for _ in range(1 if is_given else 3):
         answer = place.ask(caller, ask="hand_over")
@@ -666,10 +668,47 @@ def test_latches_of_the_guard_come_with_its_hold(place: Place) -> None:
     assert successor.latches == {Code.STOPPED_BY_OTHER: "smoke"}
 
 
+def test_an_estop_at_the_guard_while_the_next_daemon_waits_is_latched_there(place: Place) -> None:
+    """It ends the hold, so nothing is handed over; who asked was told that it was done, and nothing moves unasked after it."""
+    successor = successor_of(place)
+    pair = place.pair
+    successor.engine.receive(GuardSeen(pid=41, zid="", is_linked=False, at_ns=pair.now_ns), pair.now_ns)
+    for _ in range(20):
+        successor.step()
+    assert not successor.latches and pair.guardian.is_holding, "it waits for a guard of its own"
+    caller = place.call()
+    caller.send(packed(GuardQuestion(ask="estop", client="ann", reason="smoke")))
+    ((number, question),) = place.poll()
+    caller.close()
+    pair.guardian.receive(
+        CommandRequested(
+            client_id=question.client, request_id=number, request=Estop(reason=question.reason), received_ns=pair.now_ns
+        ),
+        pair.now_ns,
+    )
+    for _ in range(30):
+        successor.step()
+    assert "smoke" in successor.latches[Code.ESTOP] and not successor.successor._is_taken
+    successor.latches.clear()
+    for _ in range(30):
+        successor.step()
+    assert not successor.latches, "once: what a person has cleared since is not latched anew"
+    successor.successor.close()
+
+
+def test_no_hold_is_taken_from_another_users_guard(
+    place: Place, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    """Whoever listens where a guard would tells no setpoints to a daemon of this user."""
+    monkeypatch.setattr("gateway.guard.successor.peer", lambda _: (os.geteuid() + 1, 99))
+    successor = successor_of(place)
+    assert successor.successor.poll(place.pair.now_ns) == [] and "no guard of an earlier daemon of ours" in caplog.text
+    assert place.pair.guardian.is_holding
+
+
 def test_a_hold_that_is_not_understood_is_left_to_the_guard(place: Place, monkeypatch: pytest.MonkeyPatch) -> None:
     """A guard of another release: it gets its hold back at once, and goes on."""
     successor = successor_of(place)
-    monkeypatch.setattr(successor.successor, "_heard", lambda: None)
     while not successor.successor._is_asked:
         successor.step()
     strange = GuardAnswer(phase="handed", pid=1, state="HOLDING", done=True, held=msgspec.Raw(b'{"shape": "new"}'))
