@@ -17,6 +17,7 @@ from typing import Literal
 
 import msgspec
 
+from gateway.api.keys import printable
 from gateway.api.stop_pipe import may_be_map
 from gateway.robot.endpoint import robot_name
 
@@ -35,9 +36,6 @@ __all__ = [
 
 MAX_PACKET_BYTES = 16_384
 """No packet is larger."""
-
-REASON_CHARS = 512
-"""Of a reason, and of the name of who asks: what is longer is cut."""
 
 STOP_WORD = re.compile(rb'(?:\A\W*|"ask"\s*:\s*")(e-?stop|stop)(?!\w)', re.IGNORECASE)
 """A stop in a packet that is no question: its first word, or what it asks for."""
@@ -112,16 +110,14 @@ def read_question(packet: bytes) -> GuardQuestion:
         text = packet.decode(errors="replace")
         reason = _text_of("reason", text) if "{" in text else rest
         question = GuardQuestion(ask=ask, client=_text_of("client", text), reason=reason)
-    return msgspec.structs.replace(
-        question, client=question.client[:REASON_CHARS], reason=question.reason[:REASON_CHARS]
-    )
+    return msgspec.structs.replace(question, client=printable(question.client), reason=printable(question.reason))
 
 
 def read_dropped(payload: bytes, ask: Ask) -> GuardQuestion:
     """Return the stop that was dropped into a pipe, with name and reason as far as they can be read."""
     text = payload.decode(errors="replace").strip()
     reason = _text_of("reason", text) if may_be_map(payload) else text
-    return GuardQuestion(ask=ask, client=_text_of("name", text)[:REASON_CHARS], reason=reason[:REASON_CHARS])
+    return GuardQuestion(ask=ask, client=printable(_text_of("name", text)), reason=printable(reason))
 
 
 def _text_of(name: str, text: str) -> str:

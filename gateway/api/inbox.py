@@ -29,9 +29,10 @@ from gateway.api import protocol
 from gateway.api.access.audit import Audit
 from gateway.api.access.roles import not_permitted
 from gateway.api.identities import Identities
+from gateway.api.keys import printable
 from gateway.api.outbox import Outbox
 from gateway.api.question import Question
-from gateway.api.translate import printable, to_request, to_target
+from gateway.api.translate import to_request, to_target
 from gateway.core.messages import events
 from gateway.core.requests.answers import number_was_used
 from gateway.errors import Code, Refusal

@@ -23,6 +23,7 @@ __all__ = [
     "KEEPALIVE_KEYS",
     "KEEPALIVE_PERIOD_NS",
     "MAX_PAYLOAD_BYTES",
+    "MAX_REASON",
     "MEMBER_TOKENS",
     "MSGPACK",
     "PING_KEY",
@@ -40,6 +41,7 @@ __all__ = [
     "daemon_token",
     "keepalive_key",
     "lane_keys",
+    "printable",
     "put_by",
     "target_key",
     "token_id",
@@ -56,6 +58,8 @@ JSON: Final = "application/json"
 MAX_PAYLOAD_BYTES: Final = 64 * 1024
 """Largest request or target that is looked at: a chunk of 450 points with times for both arms fits, as msgpack; else they are
 far below 4 KiB."""
+MAX_REASON: Final = 256
+"""Longest text of a client that is passed on or logged [characters]."""
 
 KEEPALIVE_PERIOD_NS: Final = 50_000_000
 """How often an owner's client library shows that it lives [ns]; it counts as lost after 250 ms."""
@@ -157,6 +161,11 @@ def client_token(client_id: str) -> str:
 def daemon_token(daemon_id: str) -> str:
     """Return the liveliness token of a daemon."""
     return f"{ROOT}/alive/daemon/{daemon_id}"
+
+
+def printable(text: str) -> str:
+    """Return a text that can be shown in a terminal or a log: no control characters, at most `MAX_REASON` long."""
+    return "".join(c if c.isprintable() else "?" for c in text[:MAX_REASON])
 
 
 def token_id(key: str) -> str:

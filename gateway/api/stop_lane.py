@@ -24,9 +24,10 @@ import msgspec
 
 from gateway.api import protocol
 from gateway.api.bell import Bell
+from gateway.api.keys import printable
 from gateway.api.question import Question
 from gateway.api.stop_pipe import MAP_MARKS, may_be_map
-from gateway.api.translate import printable, to_reply
+from gateway.api.translate import to_reply
 from gateway.core.messages import events, outputs
 from gateway.messages import requests
 

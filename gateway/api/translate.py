@@ -17,6 +17,7 @@ from msgspec import structs
 
 import gateway
 from gateway.api import protocol
+from gateway.api.keys import printable
 from gateway.core.messages import events, outputs
 from gateway.core.motion.chunk import Chunk
 from gateway.core.requests.follows import worked_out
@@ -26,12 +27,9 @@ from gateway.robot.topics import ARM_JOINTS
 from gateway.settings.settings import Settings
 from gateway.values import Side, Vector
 
-__all__ = ["config_hash", "describe", "printable", "to_notice", "to_refusal", "to_reply", "to_request", "to_target"]
+__all__ = ["config_hash", "describe", "to_notice", "to_refusal", "to_reply", "to_request", "to_target"]
 
 _R = TypeVar("_R", bound=Request)
-
-MAX_REASON = 256
-"""Longest text of a client that is passed on or logged [characters]."""
 
 
 def to_request(request: Request) -> tuple[Request, Chunk | None] | Refusal:
@@ -58,11 +56,6 @@ def _shown(request: _R) -> _R:
         elif name == "follow":
             changed[name] = _shown(value)
     return structs.replace(request, **changed) if changed else request
-
-
-def printable(text: str) -> str:
-    """Return a text that can be shown in a terminal or a log: no control characters, at most `MAX_REASON` long."""
-    return "".join(c if c.isprintable() else "?" for c in text[:MAX_REASON])
 
 
 def to_target(target: protocol.Target, client_id: str, stream_id: int, received_ns: int) -> events.TargetArrived:

@@ -34,6 +34,7 @@ from gateway.client.asking.chunks import FollowCheck, Wishes, check_follow
 from gateway.client.asking.options import OnExitName, program_name, require_options, transport_to
 from gateway.client.asking.requests import seconds
 from gateway.client.asking.results import StopResult
+from gateway.client.asking.waits import dropped
 from gateway.client.blocking import run
 from gateway.client.connection.over_zenoh import Credentials
 from gateway.client.connection.session import Session
@@ -295,10 +296,12 @@ class Robot:
         return self._stopped(protocol.Estop(reason=reason), "estop")
 
     def _stopped(self, command: protocol.Stop | protocol.Estop, ask: Literal["stop", "estop"]) -> StopResult:
-        # A daemon that has just died would be waited for: its guard answers at once, or says that it only watches.
-        result = None if not self._session.daemon or self._session.is_connected else self._ask_guard(command, ask)
-        if result is not None:
-            return result
+        if self._session.daemon and not self._session.is_connected:
+            # Daemon or guard reads it there, whichever lives. A dead daemon would be waited for: its guard answers.
+            dropped(self._session, command)
+            result = self._ask_guard(command, ask)
+            if result is not None:
+                return result
         try:
             return run(self._session, procedures.stop(self._session, command))
         except (Disconnected, OutcomeUnknown):

@@ -36,6 +36,7 @@ import math
 from contextlib import ExitStack
 from itertools import count
 from gateway.errors import GatewayError
+starts = None
 with robot.control() as own:
     while True:
         try:
@@ -44,7 +45,7 @@ with robot.control() as own:
                 own.left_gripper.grip(0.5)
                 own.right_gripper.grip(0.5)
                 outs = [streams.enter_context(arm.stream(rate_hz=50)) for arm in (own.left_arm, own.right_arm)]
-                starts = [out.q.copy() for out in outs]
+                starts = starts or [out.q.copy() for out in outs]
                 print("driving", flush=True)
                 begun = time.monotonic()
                 for n in count():

@@ -339,11 +339,14 @@ def test_a_stop_of_a_dead_daemon_goes_to_its_guard(world, monkeypatch, ask):
         return answers.pop(0)
 
     monkeypatch.setattr("gateway.client.asking.guard_stop.stop_at_guard", guard)
-    with connect(transport=world.transport(), name="ann") as robot:
+    transport = world.transport()
+    monkeypatch.setattr(transport, "drop", lambda key, payload: asked.append((key, b"smoke" in payload)))
+    with connect(transport=transport, name="ann") as robot:
         world.plane.set_reachable(False)
         world.run(0.02)
         begin_ns = world.now_ns()
         assert getattr(robot, ask)("smoke").by_guard and world.now_ns() == begin_ns
+        assert asked.pop(0) == (f"ta2/{ask}", True), "dropped before anybody is asked: the daemon may live"
         for _ in range(2):
             with pytest.raises(Disconnected):
                 getattr(robot, ask)("smoke")

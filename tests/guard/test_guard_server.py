@@ -205,9 +205,10 @@ STOPS = [
     (b'{"ask": "Stop", "client": "ann", "reason": "smoke"}', "stop", "smoke", "ann"),
     (b'{"reason": 5, "client": "ann", "ask" : "estop", "more": []}', "estop", "", "ann"),
     (b'{"ask": "estop", "volume": 11}', "estop", "", ""),
-    (b'{"ask":"estop","reason":"' + b"x" * MAX_PACKET_BYTES, "estop", "x" * 512, ""),
-    (packed(GuardQuestion(ask="stop", reason="y" * 9000, client="z" * 5000)), "stop", "y" * 512, "z" * 512),
-    (b"stop" + b"\0" * 60_000, "stop", "\0" * 512, ""),
+    (b'{"ask":"estop","reason":"' + b"x" * MAX_PACKET_BYTES, "estop", "x" * 256, ""),
+    (packed(GuardQuestion(ask="stop", reason="y" * 9000, client="z" * 5000)), "stop", "y" * 256, "z" * 256),
+    (b"stop" + b"\0" * 60_000, "stop", "?" * 256, ""),
+    (b"stop \x1b[2J a\nforged line", "stop", "?[2J a?forged line", ""),
     (b'[[["stop', "stop", "", ""),
     (b'{"ask":"estop","x":' + b"[" * 8000, "estop", "", ""),
 ]

@@ -23,9 +23,9 @@ import msgspec
 
 from gateway.api import protocol
 from gateway.api.access.roles import Asker
+from gateway.api.keys import printable
 from gateway.api.question import Question
 from gateway.api.stop_lane import READ_BYTES, StopLane
-from gateway.api.translate import printable
 from gateway.errors import Code
 from gateway.process.threads import Lost, supervised
 from gateway.values import Role

@@ -26,6 +26,7 @@ __all__ = [
     "Stopped",
     "Wait",
     "answered_reply",
+    "dropped",
     "not_in_time",
 ]
 
@@ -162,6 +163,18 @@ def answered_reply(payload: bytes) -> protocol.Reply:
     return reply
 
 
+def dropped(session: Session, command: protocol.Stop | protocol.Estop) -> tuple[str, bytes]:
+    """Drop a stop where it needs no session and asks nobody; return its key and payload, to ask what became of it."""
+    session.require_own_process()
+    if session.is_closed:
+        session.require_daemon()
+    is_estop = isinstance(command, protocol.Estop)
+    who = {"client_id": session.client_id, "secret": session.secret, "name": session.name, "reason": command.reason}
+    key, payload = protocol.ESTOP_KEY if is_estop else protocol.STOP_KEY, protocol.encode(who, protocol.JSON)
+    session.transport.drop(key, payload)
+    return key, payload
+
+
 class Stopped:
     """Sends a stop, and waits for what became of it. It leaves first: nothing is asked, and nobody need be known, before.
 
@@ -169,19 +182,9 @@ class Stopped:
     """
 
     def __init__(self, session: Session, command: protocol.Stop | protocol.Estop, timeout_ns: int) -> None:
-        session.require_own_process()
-        if session.is_closed:
-            session.require_daemon()
         self._session = session
-        is_estop = isinstance(command, protocol.Estop)
-        who = {
-            "client_id": session.client_id,
-            "secret": session.secret,
-            "name": session.name,
-            "reason": command.reason,
-        }
         self._ways = [
-            (protocol.ESTOP_KEY if is_estop else protocol.STOP_KEY, protocol.encode(who, protocol.JSON)),
+            dropped(session, command),
             (protocol.COMMAND_KEY, session.encode(command, session.next_request_id())),
         ]
         self._reply: protocol.Reply | None = None
@@ -190,7 +193,6 @@ class Stopped:
         self._may_have_run = session.is_connected
         self._begun_ns = session.transport.now_ns()
         self.deadline_ns = self._begun_ns + timeout_ns
-        session.transport.drop(*self._ways[0])
         self._send(self._begun_ns)
 
     def _send(self, now_ns: int) -> None:
