@@ -1,8 +1,9 @@
 """Fields of a bag's messages as columns over time: what a layout asks for, by the recording host's clock.
 
 A message with a stamp counts at its stamp, moved to the host's clock by the smallest delay between stamp and arrival around
-it: arrival jitters with the network, stamps do not (manual §4.1.1: the robot's stamps are of its own publishing). Where a stamp
-is missing, or the robot's clock was set while recording, arrival counts. A pose has no stamp (§4.0.2).
+it: arrival jitters with the network, stamps do not (manual §4.1.1: the robot's stamps are of its own publishing). Each public
+command has the clock of whoever commanded, everything else the robot's. Where a stamp is missing, or a clock was set while
+recording, arrival counts. A pose has no stamp (§4.0.2).
 """
 
 from __future__ import annotations
@@ -16,6 +17,7 @@ import numpy as np
 import numpy.typing as npt
 
 from gateway.recording.bag_reader import Bag
+from gateway.robot.topics import COMMAND_TOPICS
 
 __all__ = ["Floats", "Instants", "Series", "read_series"]
 
@@ -92,15 +94,24 @@ def read_series(
             values.numbers.extend(_numbers(message, name))
             values.widths.append(len(values.numbers) - before)
     on_progress(1.0)
-    delays = None if by_arrival else _delays(columns.values())
+    clocks, delays = _clocks(bag, columns), {}
+    for clock in () if by_arrival else set(clocks.values()):
+        delays[clock] = _delays(one for topic, one in columns.items() if clocks[topic] == clock)
     found = {}
     for topic, column in columns.items():
-        times_ns = _times(column, delays)
+        times_ns = _times(column, delays.get(clocks[topic]))
         for name, values in column.fields.items():
             series = _series(times_ns, values)
             if len(series.times_ns):
                 found[topic, name] = series
     return found
+
+
+def _clocks(bag: Bag, names: Iterable[str]) -> dict[str, str]:
+    """Return for each topic whose clock stamps it: of a public command its own, as anybody may send it; else the robot's."""
+    aliases = {topic.name: topic.alias_of for topic in bag.topics}
+    origins = {name: aliases.get(name) or name for name in names}
+    return {name: origin if origin.endswith(COMMAND_TOPICS) else "" for name, origin in origins.items()}
 
 
 def _stamp_ns(message: Any) -> int:  # noqa: ANN401  messages of any type

@@ -99,6 +99,7 @@ def moving(
     facts: dict[str, str] | None = None,
     topics: Sequence[RecordedTopic] = TOPICS,
     late_ns: int = 4_000_000,
+    clock_ns: int = CLOCK_NS,
 ) -> Path:
     """Write a bag, and return its folder.
 
@@ -109,7 +110,8 @@ def moving(
         more: Topics, times after the begin [ns] and messages that are in it, too.
         facts: Noted in it.
         topics: Of the robot.
-        late_ns: Messages are late by up to so much [ns].
+        late_ns: Messages are late by up to so much [ns], but for the first of each topic.
+        clock_ns: The robot's clock is so far behind [ns]; what it is told has the stamps of this host.
     """
     every = [*topics, *(topic for topic in dict.fromkeys(topic for topic, _, _ in more) if topic not in topics)]
     random, rows = np.random.default_rng(3), []
@@ -118,9 +120,10 @@ def moving(
         for n in range(int(seconds * rate_hz)):
             t_s = n / rate_hz
             at_ns = BEGIN_NS + round(t_s * 1e9)
-            data = payload(topic, t_s, at_ns - CLOCK_NS - DELAY_NS)
+            data = payload(topic, t_s, at_ns - clock_ns - DELAY_NS if topic.is_state else at_ns)
             if data is not None and is_there(topic, t_s):
-                late = int(random.integers(0, late_ns)) if topic.is_stamped and topic.is_state and late_ns else 0
+                is_late = n > 0 and topic.is_stamped and topic.is_state and late_ns > 0
+                late = int(random.integers(0, late_ns)) if is_late else 0
                 rows.append((at_ns + late, number, data))
     rows += [(BEGIN_NS + after_ns, every.index(topic), data) for topic, after_ns, data in more]
     bag = BagWriter(folder, every)

@@ -9,13 +9,18 @@ from cdr_types import encode
 from cdr_types.messages.sensor_msgs import JointState
 from gateway.dataset.series import read_series
 from gateway.recording.bag_reader import Bag
+from gateway.recording.topics import recorded_topics
 from gateway.robot.topics import CHASSIS_STATE, arm_state, ee_pose
+from gateway.settings.settings import LinkSettings
 from gateway.values import Side
-from tests.dataset.motion import BEGIN_NS, DELAY_NS, moving, position
+from tests.dataset.motion import BEGIN_NS, CLOCK_NS, DELAY_NS, NAMESPACE, moving, position
 from tests.recording.bags import TOPICS, joints
 
 LEFT, POSE = arm_state(Side.LEFT), ee_pose(Side.LEFT)
 TOPIC = {topic.name: topic for topic in TOPICS}
+NAMED = recorded_topics(LinkSettings(namespace=NAMESPACE), aliases=True)
+TOLD = "/left_arm/joint_cmd"
+"""How the names of a left arm's joint commands end, both of them."""
 
 
 def read(folder, *wanted, **options):
@@ -33,6 +38,20 @@ def test_a_stamped_message_counts_at_its_stamp_by_this_hosts_clock(tmp_path):
     assert series.values == pytest.approx(np.array(expected))
     late = read(tmp_path / "bag", (LEFT, "position"), by_arrival=True)[LEFT, "position"]
     assert int((late.times_ns - (BEGIN_NS + np.arange(600) * 5_000_000)).max()) > 3_000_000
+
+
+@pytest.mark.parametrize("behind_ns", [CLOCK_NS, -CLOCK_NS])
+@pytest.mark.parametrize("topics", [TOPICS, NAMED])
+def test_what_is_told_counts_beside_what_is_seen_whatever_the_robots_clock_says(tmp_path, behind_ns, topics):
+    """A command has its sender's clock, a state the robot's; so has a command under its name inside the robot."""
+    moving(tmp_path / "bag", 1.0, topics=topics, clock_ns=behind_ns)
+    names = [topic.name for topic in topics if topic.name.endswith((LEFT, TOLD))]
+    found = read(tmp_path / "bag", *((name, "position") for name in names))
+    assert len(found) == len(names) >= 2
+    for series in found.values():
+        count = len(series.times_ns)
+        off_ns = series.times_ns - BEGIN_NS - np.arange(count) * (1_000_000_000 // count)
+        assert count >= 100 and int(np.abs(off_ns).max()) < 5_000_000
 
 
 def test_a_pose_counts_at_its_arrival(tmp_path):
