@@ -220,6 +220,10 @@ class Recorder:
             self._bag.abandon()
             return None
 
+    def abandon(self) -> None:
+        """End at once, and leave the file to be recovered: nobody knows what is wrong."""
+        self._bag.abandon()
+
     def discard(self) -> None:
         """Take the bag away again: nothing came that is worth one."""
         self._bag.discard()

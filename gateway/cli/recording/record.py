@@ -1,6 +1,7 @@
 """`ta2 record`: everything that a robot and its users say, into a bag; `ta2 record recover`: one that was cut off, made whole.
 
-Ends after a time, with q, Ctrl-C or SIGTERM, or before the disk is full; always well. It commands nothing, and owns nothing.
+Ends after a time, with q, Ctrl-C or SIGTERM, or before the disk is full; always well, also when its terminal is gone. It
+commands nothing, and owns nothing.
 Episodes are told by keys of its terminal, and at its door by `ta2 episode` and `robot.recording`.
 """
 
@@ -12,7 +13,7 @@ import sys
 import time
 from argparse import Namespace
 from collections.abc import Mapping
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from dataclasses import asdict
 from datetime import datetime
 from functools import partial
@@ -25,8 +26,8 @@ from gateway.cli.recording.undisturbed import undisturbed
 from gateway.cli.terminal.connection import link_of
 from gateway.cli.terminal.ending import ExitStatus, Interrupted
 from gateway.cli.terminal.keys import Keys, keys
-from gateway.cli.terminal.progress import Teller, teller
-from gateway.errors import Code, Rejected, failure
+from gateway.cli.terminal.progress import Teller, dispensable_teller
+from gateway.errors import Code, GatewayError, Rejected, failure
 from gateway.process.notify import Notifier, notifier_of
 from gateway.process.threads import supervised
 from gateway.process.zenoh_threads import share_reactor
@@ -73,33 +74,38 @@ def carry_out(options: Namespace) -> ExitStatus:
     ended: Interrupted | None = None
     manager = notifier_of(os.environ, os.getpid())
     camera: Camera | None = None
-    with teller() as tell, keys() as pressed, ExitStack() as doors:
-        try:
-            if options.video:
-                camera = doors.enter_context(Camera(folder, settings.endpoint, options.video_port))
+    is_to_end, file = True, None
+    try:
+        with dispensable_teller() as tell, keys() as pressed, ExitStack() as doors:
             try:
-                note = partial(recorder.tell, POLICY)
-                door = Door(recorder_socket(options.target), desk.carry_out, lambda: desk.state, note)
-                doors.callback(door.close)
-            except Rejected as error:
-                tell.say(f"{error.message} -> {error.hint}")
-            opening.start()
-            gateway.start()
-            _follow(recorder, desk, tell, pressed, camera, options.seconds, manager)
-        except Interrupted as end:
-            ended = end
-        except KeyboardInterrupt:
-            pass
-        except Exception:  # whatever it was: half a bag is none, and the error goes on to who reports it
-            recorder.discard()
-            raise
-        finally:
-            robot.close()
-            gateway.close()
-            if manager is not None:
-                manager.close()
-    desk.end()
-    file = recorder.finish()
+                if options.video:
+                    camera = doors.enter_context(Camera(folder, settings.endpoint, options.video_port))
+                try:
+                    note = partial(recorder.tell, POLICY)
+                    door = Door(recorder_socket(options.target), desk.carry_out, lambda: desk.state, note)
+                    doors.callback(door.close)
+                except Rejected as error:
+                    tell.say(f"{error.message} -> {error.hint}")
+                opening.start()
+                gateway.start()
+                _follow(recorder, desk, tell, pressed, camera, options.seconds, manager)
+            except Interrupted as end:
+                ended = end
+            except KeyboardInterrupt:
+                pass
+            except Exception as error:  # whatever it was: it goes on to who reports it
+                is_to_end = False
+                _break_off(recorder, folder, tell, error)
+                raise
+            finally:
+                robot.close()
+                gateway.close()
+                if manager is not None:
+                    manager.close()
+    finally:
+        if is_to_end:
+            with undisturbed():
+                file = _end(recorder, desk)
     progress = recorder.progress(time.monotonic_ns())
     _show(folder, progress, camera, is_complete=file is not None, as_json=options.json)
     if ended is not None:
@@ -162,6 +168,23 @@ def _follow(
             tell.advance("episode", None, line_of(desk.state))
         if pressed.are_there:
             tell.advance("keys", None, HELP)
+
+
+def _break_off(recorder: Recorder, folder: Path, tell: Teller, error: Exception) -> None:
+    """Take away a bag that holds nothing, or could not begin; keep any other."""
+    if isinstance(error, GatewayError) or not recorder.progress(time.monotonic_ns()).messages:
+        recorder.discard()
+    else:
+        recorder.abandon()
+        tell.say(f"the recording broke off: ta2 record recover {folder}")
+
+
+def _end(recorder: Recorder, desk: EpisodeDesk) -> Path | None:
+    """Complete the bag; return its file, or None where the disk did not let it."""
+    recorder.step(time.monotonic_ns())  # makes room for a last word
+    with suppress(Rejected):  # without it the episode ends with the bag
+        desk.end()
+    return recorder.finish()
 
 
 def _obey(typed: str, desk: EpisodeDesk, tell: Teller) -> None:

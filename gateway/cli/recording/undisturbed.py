@@ -10,12 +10,12 @@ from typing import Any
 
 __all__ = ["undisturbed"]
 
-ENDS = (signal.SIGINT, signal.SIGTERM)
+ENDS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
 
 @contextmanager
 def undisturbed() -> Iterator[None]:
-    """Put off SIGINT and SIGTERM until a block is over; in threads where neither is raised, do nothing."""
+    """Put off SIGINT, SIGTERM and SIGHUP until a block is over; in threads where none is raised, do nothing."""
     if threading.current_thread() is not threading.main_thread():
         yield
         return

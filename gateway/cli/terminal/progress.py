@@ -6,14 +6,14 @@ Says what it is told and decides nothing.
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager, suppress
 from typing import Protocol
 
 from rich.console import Console
 from rich.progress import BarColumn, Progress, SpinnerColumn, TaskID, TextColumn
 
-__all__ = ["Teller", "teller"]
+__all__ = ["Teller", "dispensable_teller", "teller"]
 
 STEP = 0.25
 """Without a terminal, progress is told whenever so much more of it is behind."""
@@ -38,6 +38,38 @@ def teller() -> Iterator[Teller]:
     columns = (SpinnerColumn(), TextColumn("{task.description:<8}"), BarColumn(30), TextColumn("{task.fields[detail]}"))
     with Progress(*columns, console=Console(stderr=True, highlight=False)) as progress:
         yield _Bars(progress)
+
+
+@contextmanager
+def dispensable_teller() -> Iterator[Teller]:
+    """Return the same for a block that goes on when standard error is gone: what is then said goes nowhere."""
+    shown = ExitStack()
+    tell = _Dispensable(None)
+    with suppress(OSError):
+        tell = _Dispensable(shown.enter_context(teller()))
+    try:
+        yield tell
+    finally:
+        with suppress(OSError):
+            shown.close()
+
+
+class _Dispensable:
+    def __init__(self, tell: Teller | None) -> None:
+        self._tell = tell
+
+    def say(self, text: str) -> None:
+        self._do(lambda tell: tell.say(text))
+
+    def advance(self, phase: str, progress: float | None, detail: str) -> None:
+        self._do(lambda tell: tell.advance(phase, progress, detail))
+
+    def _do(self, deed: Callable[[Teller], None]) -> None:
+        try:
+            if self._tell is not None:
+                deed(self._tell)
+        except OSError:
+            self._tell = None
 
 
 class _Lines:

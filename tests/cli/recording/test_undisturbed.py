@@ -10,7 +10,7 @@ import pytest
 from gateway.cli.recording.undisturbed import undisturbed
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
 def test_what_ends_a_command_waits_for_the_end_of_a_write(number):
     """It comes then, once, and the handlers are those of before."""
     came = []
