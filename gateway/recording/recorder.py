@@ -236,7 +236,8 @@ class Recorder:
             log_ns = publish_ns = received_ns + anchor_ns
             if heard.is_stamped:
                 try:
-                    publish_ns = peek_stamp(payload) or log_ns
+                    stamp_ns = peek_stamp(payload)
+                    publish_ns = stamp_ns if stamp_ns > 0 else log_ns  # no bag holds a time before 1970
                 except CdrError:  # malformed: it is recorded all the same
                     pass
                 offset_ns = log_ns - publish_ns

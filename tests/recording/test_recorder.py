@@ -91,8 +91,10 @@ def test_what_cannot_be_read_is_recorded_all_the_same(desk):
     """A malformed message is what somebody wants to see later."""
     desk.hear(ARM, 6 * S, b"\x00\x01")
     desk.hear(ARM, 6 * S + 1, joints(0))  # a stamp that was never set
+    desk.hear(ARM, 6 * S + 2, joints(-1))  # one before 1970
     desk.recorder.finish()
-    assert [m.publish_time for _, m in desk.messages()] == [BEGIN_NS + S, BEGIN_NS + S + 1]
+    assert [m.publish_time for _, m in desk.messages()] == [BEGIN_NS + S, BEGIN_NS + S + 1, BEGIN_NS + S + 2]
+    assert not any(name.startswith("arrival_minus_stamp_ns") for name in desk.facts())
 
 
 def test_what_the_gateway_tells_lies_among_the_robots_messages(desk):
