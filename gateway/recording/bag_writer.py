@@ -2,7 +2,8 @@
 
 Rules
     * Chunks are closed and handed to the disk every half second: whatever ends this process costs no more than the last one.
-    * The file is called `.mcap.active` until it is complete, so that nobody takes half of one for whole.
+    * The file is called `.mcap.active` until it is complete, so that nobody takes half of one for whole, and locked as
+      long, so that nobody recovers what is still being written.
     * Its memory does not grow: where its chunks are is on the disk, too, until the end.
     * `metadata.yaml` is of rosbag2's version 5, the only one that Humble and all later releases read.
 
@@ -26,6 +27,7 @@ from cdr_types.schemas import definition
 from gateway import __version__
 from gateway.errors import Code, failure
 from gateway.recording.topics import RecordedTopic
+from gateway.video.recording.growing import claim
 
 __all__ = ["ACTIVE", "ALIAS", "METADATA", "NOTE", "BagWriter", "bag_file", "needed"]
 
@@ -109,6 +111,7 @@ class BagWriter:
         self._first_ns = self._last_ns = 0
         self._size_bytes = 0
         self._file = _claimed(folder)
+        claim(self._file)
         self._writer = writing.Writer(self._file, chunk_size=CHUNK_BYTES, compression=writing.CompressionType.ZSTD)
         self._indices = self._writer._Writer__chunk_indices = _Spilled(folder)
         self._add = self._writer.add_message

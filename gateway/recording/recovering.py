@@ -12,6 +12,7 @@ from pathlib import Path
 from gateway.errors import Code, failure
 from gateway.recording.bag_writer import ACTIVE, CHUNK_BYTES, METADATA, metadata, needed
 from gateway.recording.topics import RecordedTopic
+from gateway.video.recording.growing import is_growing
 
 __all__ = ["Recovered", "recover"]
 
@@ -32,7 +33,7 @@ def recover(folder: Path) -> Recovered:
     """Recover the bag in a folder.
 
     Raises:
-        Rejected: BAD_REQUEST, there is none that is incomplete, or it cannot be read or written.
+        Rejected: BAD_REQUEST, there is none that is incomplete, it is still being recorded, or it cannot be read or written.
     """
     torn = sorted(folder.glob(f"*.mcap{ACTIVE}"))
     if not torn:
@@ -41,6 +42,9 @@ def recover(folder: Path) -> Recovered:
         raise failure(Code.BAD_REQUEST, message, field="folder", hint=hint)
     path = torn[0].with_suffix("")
     try:
+        with torn[0].open("rb") as file:
+            if is_growing(file):
+                raise failure(Code.BAD_REQUEST, f"{folder} is being recorded: end that first", field="folder")
         return _copied(torn[0], path, folder)
     except OSError as error:
         message = f"{folder} cannot be recovered: {error.strerror or error}"

@@ -61,6 +61,18 @@ def test_a_file_of_nothing_is_a_bag_of_nothing(torn):
     assert recover(torn).messages == 0
 
 
+def test_what_is_still_being_recorded_is_not_touched(tmp_path):
+    """All that followed would be lost; whatever ends the recorder gives the bag free."""
+    bag = BagWriter(tmp_path / "bag", TOPICS)
+    bag.add(ARM, BEGIN_NS, BEGIN_NS, joints(1))
+    bag.flush()
+    with pytest.raises(Rejected, match="is being recorded: end that first"):
+        recover(tmp_path / "bag")
+    assert [path.name for path in (tmp_path / "bag").iterdir()] == [f"bag_0.mcap{ACTIVE}"]
+    bag.abandon()
+    assert recover(tmp_path / "bag").messages == 1
+
+
 def test_what_is_complete_is_not_touched(torn):
     """Nor is a folder without any."""
     recover(torn)
