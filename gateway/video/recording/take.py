@@ -4,6 +4,7 @@ Rules
     * It begins at the first intact IRAP that has its parameter sets: what came before cannot be decoded.
     * So does every new sender; pictures of it before that are told as dropped.
     * Damaged pictures are recorded as they came, and marked: what is left of them is for the user to judge.
+    * Arrivals are by the wall clock of its begin, kept by the monotonic one, as in a bag: no step of the host's clock shows.
 """
 
 from __future__ import annotations
@@ -70,6 +71,7 @@ class Take:
             self._container.close()
             path.unlink()
             raise
+        self._anchor_ns = time.time_ns() - time.monotonic_ns()
         self._placement = Placement()
         self._damage = Damage()
         self._life: int | None = None
@@ -102,7 +104,7 @@ class Take:
             life=unit.life,
             ssrc=unit.ssrc,
             arrival_ns=unit.first_packet_ns,
-            arrival_wall_ns=_wall_ns(unit.first_packet_ns),
+            arrival_wall_ns=unit.first_packet_ns + self._anchor_ns,
             size=len(unit.data),
             irap=unit.is_irap,
             intact=unit.is_intact,
@@ -153,7 +155,7 @@ class Take:
         return True
 
     def _write_header(self, unit: AccessUnit) -> None:
-        wall_ns = _wall_ns(unit.first_packet_ns)
+        wall_ns = unit.first_packet_ns + self._anchor_ns
         versions = {"gateway": __version__, "python": platform.python_version(), "av": av.__version__} | {
             name: ".".join(map(str, version)) for name, version in av.library_versions.items()
         }
@@ -170,7 +172,3 @@ class Take:
                 versions=versions,
             )
         )
-
-
-def _wall_ns(monotonic_ns: int) -> int:
-    return time.time_ns() - time.monotonic_ns() + monotonic_ns

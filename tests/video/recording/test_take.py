@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Iterable
 from dataclasses import replace
 from itertools import pairwise
@@ -72,6 +73,20 @@ def test_times_are_rtp_times_to_the_tick(tmp_path: Path, name: str) -> None:
     ]
     recorded(tmp_path / name, [*pictures, *hours])
     assert times_of(tmp_path / name) == [unit.rtp_time - start.rtp_time for unit in [*pictures, *hours]]
+
+
+def test_a_step_of_the_hosts_clock_does_not_show(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Pictures stay beside what a bag holds, whose clock goes on as it began."""
+    take, wall_ns = Take(tmp_path / "take.mkv"), time.time_ns
+    for unit in units():
+        take.write(unit)
+        if unit.seq == GOP // 2:
+            monkeypatch.setattr(time, "time_ns", lambda: wall_ns() + 1_000_000_000)
+    take.end("it was ended")
+    index = read_index(index_path(tmp_path / "take.mkv"))
+    assert index.header is not None
+    offsets = {picture.arrival_wall_ns - picture.arrival_ns for picture in index.pictures}
+    assert offsets == {index.header.started_wall_ns - index.header.started_ns}
 
 
 def test_a_recording_begins_at_the_first_intact_irap_with_its_parameter_sets(tmp_path: Path) -> None:
