@@ -3,7 +3,7 @@
     bags -> rows in the order of their arrival -> bag writer
 
 Types, QoS and noted facts stay. What was said of episodes is written anew, so that it is true of the new bag: an episode that
-is cut begins and ends with the part; those of several bags are counted on.
+is cut begins and ends with the part; those of several bags are counted on, one of ours without any among them as one.
 """
 
 from __future__ import annotations
@@ -93,6 +93,7 @@ def merge(bags: Sequence[Bag], out: Path, on_progress: OnProgress = lambda share
     bags = sorted(bags, key=lambda bag: bag.begin_ns)
     topics: dict[str, RecordedTopic] = {}
     kept: list[Episode] = []
+    is_told = any(map(_told, bags))
     for bag in bags:
         for topic in bag.recorded_topics():
             known = topics.setdefault(topic.name, topic)
@@ -100,7 +101,8 @@ def merge(bags: Sequence[Bag], out: Path, on_progress: OnProgress = lambda share
                 message = f"{topic.name} is a {known.type_name} in one bag, and a {topic.type_name} in {bag.path}"
                 raise _refused(message, "bag", "merge bags of the same topics, or cut what you need")
         so_far = max((one.number for one in kept), default=0)
-        kept += [replace(one, number=one.number + so_far) for one in _told(bag)]
+        own = _told(bag) or (episodes(bag) if is_told and bag.facts() else ())
+        kept += [replace(one, number=one.number + so_far) for one in own]
     rows = [(row for row in bag.copies() if row.topic != EPISODES) for bag in bags]
     span = min(bag.begin_ns for bag in bags), max(bag.end_ns for bag in bags)
     return _written(out, list(topics.values()), _facts([bag.facts() for bag in bags]), rows, kept, span, on_progress)

@@ -181,6 +181,16 @@ def test_bags_are_merged_in_the_order_of_arrival(tmp_path):
         assert {topic.name: topic.count for topic in bag.topics}["/imu"] == 2
 
 
+def test_a_bag_without_words_is_one_episode_among_those_of_others(tmp_path):
+    """With the task that was noted for it; in words of others alone it would be in none."""
+    silent, told = written(tmp_path / "silent", task="bow"), written(tmp_path / "told", words=WORDS)
+    assert made(merge, [silent, told], tmp_path / "both").episodes == 3
+    with Bag(silent) as one, Bag(tmp_path / "both") as both:
+        assert episodes(both)[0] == episodes(one)[0]
+        assert [(one.number, one.task) for one in episodes(both)] == [(1, "bow"), (2, "wave"), (3, "lift")]
+    assert made(merge, [silent, silent], tmp_path / "twice").episodes == 0
+
+
 def test_what_was_noted_of_several_bags_is_true_of_the_whole(tmp_path):
     """Losses are added up, the smallest distance of clocks counts; a task only where all have it; of one killed no sum."""
     notes = [
