@@ -6,13 +6,14 @@ import math
 import random
 from itertools import pairwise
 
-from gateway.core.motion.poses.pose_state import REST6, PoseLimits
+from gateway.core.motion.poses.pose_state import REST6
 from gateway.core.motion.poses.quaternion import dot, exp, multiply, turn, unit
 from gateway.core.motion.space import State
+from gateway.settings.settings import PoseSettings
 
-LIMITS = PoseLimits(v_mps=0.25, a_mps2=1.5, j_mps3=10.0, w_radps=0.8, dw_radps2=5.0, ddw_radps3=30.0, reach_m=0.55)
-HARD = PoseLimits(v_mps=0.5, a_mps2=5.0, j_mps3=100.0, w_radps=1.5, dw_radps2=15.0, ddw_radps3=300.0, reach_m=0.55)
-WEAK = PoseLimits(v_mps=0.5, a_mps2=0.3, j_mps3=1.0, w_radps=1.5, dw_radps2=2.25, ddw_radps3=3.4, reach_m=0.55)
+LIMITS = PoseSettings(v_mps=0.25, a_mps2=1.5, j_mps3=10.0, w_radps=0.8, dw_radps2=5.0, ddw_radps3=30.0, reach_m=0.55)
+HARD = PoseSettings(v_mps=0.5, a_mps2=5.0, j_mps3=100.0, w_radps=1.5, dw_radps2=15.0, ddw_radps3=300.0, reach_m=0.55)
+WEAK = PoseSettings(v_mps=0.5, a_mps2=0.3, j_mps3=1.0, w_radps=1.5, dw_radps2=2.25, ddw_radps3=3.4, reach_m=0.55)
 """As fast as allowed with the least acceleration and jerk that a turn needs."""
 DT = 1.0 / 70.0
 TOLERANCE = 1e-6
@@ -58,8 +59,8 @@ def rates(setpoints, period_s):
     return linear, angular
 
 
-def judge(setpoints, limits: PoseLimits, period_s=DT) -> None:
-    """Differences keep velocity, acceleration and jerk as norms; the sign never flips; the reach is kept."""
+def judge(setpoints, limits: PoseSettings, period_s=DT, reach_m=None) -> None:
+    """Differences keep velocity, acceleration and jerk as norms; the sign never flips; the reach is kept, or another one."""
     bounds = (
         (limits.v_mps, limits.a_mps2, limits.j_mps3),
         (limits.w_radps, limits.dw_radps2, limits.ddw_radps3),
@@ -69,5 +70,5 @@ def judge(setpoints, limits: PoseLimits, period_s=DT) -> None:
             assert max((math.hypot(*value) for value in values), default=0.0) <= bound * (1.0 + TOLERANCE)
             values = [tuple((y - x) / period_s for x, y in zip(a, b, strict=True)) for a, b in pairwise(values)]
     assert all(dot(a[3:], b[3:]) > 0.0 for a, b in pairwise(setpoints))
-    assert all(math.hypot(*p[:3]) <= limits.reach_m + 1e-9 for p in setpoints)
+    assert all(math.hypot(*p[:3]) <= (reach_m or limits.reach_m) + 1e-9 for p in setpoints)
     assert all(abs(math.hypot(*p[3:]) - 1.0) < 1e-12 for p in setpoints)

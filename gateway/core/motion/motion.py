@@ -30,11 +30,12 @@ from gateway.core.motion.joints.tracker import JointTracker
 from gateway.core.motion.joints.trajectory import Trajectory
 from gateway.core.motion.poses.pose_follower import PoseFollower
 from gateway.core.motion.poses.pose_path import PosePath, plan_pose_paths
-from gateway.core.motion.poses.pose_state import PoseDynamics, PoseLimits
+from gateway.core.motion.poses.pose_state import PoseDynamics
 from gateway.core.motion.poses.pose_tracker import PoseTracker
 from gateway.core.motion.poses.pose_trajectory import PoseTrajectory
 from gateway.core.motion.space import Course, PlanFailed, SpaceT, Start, State, check_speed
 from gateway.core.motion.tracker import Outcome, Tracker
+from gateway.settings.settings import PoseSettings
 from gateway.values import Side, Vector
 
 __all__ = [
@@ -42,7 +43,6 @@ __all__ = [
     "JointReference",
     "Path",
     "PlanFailed",
-    "PoseLimits",
     "PosePath",
     "PoseReference",
     "Reference",
@@ -311,7 +311,7 @@ class JointReference(Reference[Braking]):
 class PoseReference(Reference[PoseDynamics]):
     """One arm's generator of poses of its end effector."""
 
-    def __init__(self, limits: PoseLimits, period_s: float) -> None:
+    def __init__(self, limits: PoseSettings, period_s: float) -> None:
         dynamics = PoseDynamics(limits, period_s)
         self._leader = PoseFollower(dynamics)
         super().__init__(dynamics, self._leader, PoseTracker)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from gateway.core.motion.gap import Gap
-from gateway.core.motion.motion import PoseLimits, PoseReference
+from gateway.core.motion.motion import PoseReference
 from gateway.core.streams.setpoints import SetpointStream
 from gateway.robot.topics import pose_command
 from gateway.settings.settings import PoseSettings
@@ -18,15 +18,6 @@ class PoseStream(SetpointStream):
     reference: PoseReference
 
     def __init__(self, side: Side, settings: PoseSettings) -> None:
-        limits = PoseLimits(
-            v_mps=settings.v_mps,
-            a_mps2=settings.a_mps2,
-            j_mps3=settings.j_mps3,
-            w_radps=settings.w_radps,
-            dw_radps2=settings.dw_radps2,
-            ddw_radps3=settings.ddw_radps3,
-            reach_m=settings.reach_m,
-        )
-        reference = PoseReference(limits, 1.0 / settings.rate_hz)
+        reference = PoseReference(settings, 1.0 / settings.rate_hz)
         tracking = Gap(settings.tracking_rad, settings.tracking_m)
         super().__init__(pose_command(side), Space.POSE, reference, settings.rate_hz, tracking)

@@ -20,15 +20,16 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from typing import NamedTuple
 
 from gateway.core.motion.joints.braking import OVER_RATIO, Ramp, advance, duration, ramp
 from gateway.core.motion.poses.quaternion import aligned, dot, exp, multiply, unit
 from gateway.core.motion.space import PlanFailed, State, check_finite
+from gateway.settings.settings import PoseSettings
 from gateway.values import Vector
 
-__all__ = ["NORM_TOLERANCE", "REST6", "AxisLimits", "PoseDynamics", "PoseLimits", "PoseStop", "carry", "share"]
+__all__ = ["NORM_TOLERANCE", "REST6", "AxisLimits", "PoseDynamics", "PoseStop", "carry", "share"]
 
 REST6: Vector = (0.0,) * 6
 """Velocity or acceleration of an end effector at rest."""
@@ -51,39 +52,6 @@ NORM_TOLERANCE = 1e-3
 
 ENTRY_RATIO = 1.0 + 1e-3
 """A motion taken over from another process may exceed a limit by this, for its rounding."""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class PoseLimits:
-    """Limits of an end effector's motion in its shoulder frame; norms of the vectors, not per axis.
-
-    Attributes:
-        v_mps: Linear velocity [m/s].
-        a_mps2: Linear acceleration [m/s²].
-        j_mps3: Linear jerk [m/s³].
-        w_radps: Angular velocity [rad/s].
-        dw_radps2: Angular acceleration [rad/s²]; at least w², which turning about a changing axis takes.
-        ddw_radps3: Angular jerk [rad/s³]; at least w·dw, which turning about a changing axis takes.
-        reach_m: Greatest distance from the shoulder [m].
-    """
-
-    v_mps: float
-    a_mps2: float
-    j_mps3: float
-    w_radps: float
-    dw_radps2: float
-    ddw_radps3: float
-    reach_m: float
-
-    def __post_init__(self) -> None:
-        """Refuse limits that leave no motion."""
-        for each in fields(self):
-            value = getattr(self, each.name)
-            if not (math.isfinite(value) and value > 0.0):
-                raise ValueError(f"pose limit {each.name} is {value}, a finite number above 0 is needed")
-        for name, least in (("dw_radps2", self.w_radps**2), ("ddw_radps3", self.w_radps * self.dw_radps2)):
-            if getattr(self, name) < least:
-                raise ValueError(f"pose limit {name} is {getattr(self, name)}, at least {least} is needed for w_radps")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -129,7 +97,7 @@ class PoseDynamics:
 
     __slots__ = ("_longest_m", "angular", "limits", "linear", "period_s")
 
-    def __init__(self, limits: PoseLimits, period_s: float) -> None:
+    def __init__(self, limits: PoseSettings, period_s: float) -> None:
         if not (math.isfinite(period_s) and period_s > 0.0):
             raise ValueError(f"the period is {period_s} s, a finite number above 0 is needed")
         self.limits = limits

@@ -7,15 +7,13 @@ import math
 import pytest
 
 from gateway.core.limits.admittance_rules import HELD, LAG_S, LEAST_DAMPING, MASSES
-from gateway.core.motion.motion import PoseLimits, PoseReference
+from gateway.core.motion.motion import PoseReference
 from gateway.core.motion.poses.admittance import MOST_TURN_RAD, VirtualMass
 from gateway.core.motion.poses.pose_follower import followed
 from gateway.core.motion.poses.quaternion import turn
 from gateway.settings.settings import PoseSettings
 
 SETTINGS = PoseSettings()
-NAMES = ("v_mps", "a_mps2", "j_mps3", "w_radps", "dw_radps2", "ddw_radps3", "reach_m")
-LIMITS = PoseLimits(**{name: getattr(SETTINGS, name) for name in NAMES})
 PERIOD_S = 1.0 / SETTINGS.rate_hz
 HERE = (0.10, 0.10, -0.20, 0.0, 0.0, 0.0, 1.0)
 STILL = (0.0,) * 6
@@ -41,7 +39,7 @@ class Hand:
         self.mass = VirtualMass(masses, tuple(damps), (stiffness,) * 6)
         self.mass.anchor = HERE
         self.mass.rest(HERE)
-        self.reference = PoseReference(LIMITS, PERIOD_S)
+        self.reference = PoseReference(SETTINGS, PERIOD_S)
         self.reference.seed(HERE)
 
     def step(self, force=STILL, share=1.0):
@@ -133,7 +131,7 @@ def test_it_is_never_faster_than_setpoints_may_be_nor_beyond_the_reach():
         if n < 20:
             assert math.dist(before[:3], hand.mass.place[:3]) <= 0.5 * top_mps * PERIOD_S * 1.001
             assert math.hypot(*turn(before[3:], hand.mass.place[3:])) <= 0.5 * top_radps * PERIOD_S * 1.001
-    assert math.hypot(*hand.mass.place[:3]) <= LIMITS.reach_m
+    assert math.hypot(*hand.mass.place[:3]) <= SETTINGS.reach_m
     assert math.hypot(*turn(HERE[3:], hand.mass.place[3:])) == pytest.approx(MOST_TURN_RAD, rel=1e-6)
     assert math.dist(hand.mass.place[:3], hand.reference.values[:3]) < 2e-3
     places = [hand.step((-60.0, 0.0, 0.0, 0.0, 0.0, 0.0)) for _ in range(20)]
