@@ -8,13 +8,7 @@ Rules
 
 from __future__ import annotations
 
-import contextlib
-import os
-import select
-import sys
-import termios
 import time
-import tty
 from argparse import Namespace
 from collections import deque
 from collections.abc import Iterator
@@ -29,6 +23,7 @@ from gateway.cli.terminal.advice import next_steps
 from gateway.cli.terminal.connection import connected
 from gateway.cli.terminal.ending import ExitStatus, Interrupted, in_shell_words
 from gateway.cli.terminal.figures import age_text, fsm_text, rate_text
+from gateway.cli.terminal.keys import keys
 from gateway.client import Robot, RobotState
 from gateway.errors import Code, Disconnected, GatewayError, GatewayTimeout
 
@@ -156,49 +151,10 @@ def _trouble(error: GatewayError) -> str:
 
 
 def _show_frames(viewer: Viewer, console: Console) -> None:
-    with Live(viewer, console=console, screen=True, auto_refresh=False, transient=True) as live, _keys() as pressed:
-        while not pressed("q"):
+    with Live(viewer, console=console, screen=True, auto_refresh=False, transient=True) as live, keys() as pressed:
+        while "q" not in pressed.wait(0.0):
             viewer.look(1.0 / FRAME_HZ)
             live.refresh()
-
-
-class _Keys:
-    """Keys that were pressed, without waiting for any.
-
-    Args:
-        file: Descriptor of a terminal in cbreak mode; None where there is none.
-    """
-
-    def __init__(self, file: int | None) -> None:
-        self._file = file
-
-    def __call__(self, key: str) -> bool:
-        """Return whether a key was pressed since the last question; others are forgotten."""
-        if self._file is None:
-            return False
-        pressed = b""
-        while select.select([self._file], [], [], 0.0)[0]:
-            more = os.read(self._file, 64)
-            if not more:  # the terminal is gone
-                self._file = None
-                break
-            pressed += more
-        return key.encode() in pressed.lower()
-
-
-@contextlib.contextmanager
-def _keys() -> Iterator[_Keys]:
-    """Let single keys through while the block runs; Ctrl-C stays what it is."""
-    if not sys.stdin.isatty():
-        yield _Keys(None)
-        return
-    file = sys.stdin.fileno()
-    before = termios.tcgetattr(file)
-    tty.setcbreak(file)
-    try:
-        yield _Keys(file)
-    finally:
-        termios.tcsetattr(file, termios.TCSADRAIN, before)
 
 
 # ---------------------------------------------------------------------------------------------------------- plain lines

@@ -383,6 +383,7 @@ def test_on_a_terminal_q_ends_it_and_the_terminal_is_as_before(shell, monkeypatc
         before = termios.tcgetattr(theirs)
         with os.fdopen(theirs, "r", closefd=False) as keyboard:
             monkeypatch.setattr("sys.stdin", keyboard)
+            monkeypatch.setattr("gateway.cli.terminal.keys._is_ours", lambda file: True)  # it is not this process's own
             monkeypatch.setenv("TTY_INTERACTIVE", "1")
             monkeypatch.setenv("FORCE_COLOR", "1")
             monkeypatch.setenv("TERM", "xterm")
