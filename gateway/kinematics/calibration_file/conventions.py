@@ -100,10 +100,6 @@ class Conventions:
                 )
         return Conventions(**{str(key): _word(str(key), value) for key, value in section.items()})
 
-    def length_m(self, value: float) -> float:
-        """Return a length of the file in metres."""
-        return value * LENGTHS[self.translation_unit]
-
     def angle_rad(self, value: float) -> float:
         """Return an angle of the file in radians."""
         return value * ANGLES[self.angle_unit]

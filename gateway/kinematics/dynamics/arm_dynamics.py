@@ -1,4 +1,4 @@
-"""One arm's rigid-body dynamics on the lifted, driven base, by pinocchio: gravity, masses, bias, momentum, Jacobian.
+"""One arm's rigid-body dynamics on the lifted, driven base, by pinocchio: gravity, torques, momentum, Jacobian.
 
 The base's motion is given, not found: x, y [m/s] and yaw [rad/s] of the chassis, then the lift, down is positive [m/s]. Where
 it stands changes no torque, so it is always at zero. The other arm acts on this one through the base only, and is left out.
@@ -81,28 +81,17 @@ class ArmDynamics:
         """Return the torques that hold the arm up at joint positions, shape (7,) [N·m]."""
         return self._gravity(self._at(q_rad)).copy()
 
-    def mass_matrix(self, q_rad: Array) -> Array:
-        """Return the arm's mass matrix with its rotors, shape (7, 7) [kg·m²], by the composite-rigid-body algorithm."""
-        masses: Array = pin.crba(self.model, self._data, self._at(q_rad))[self._given :, self._given :]
-        return masses.copy()
-
-    def bias(self, q_rad: Array, dq_radps: Array, base: Vector = ()) -> Array:
-        """Return the torques at no acceleration: gravity, centrifugal and Coriolis, shape (7,) [N·m].
-
-        Args:
-            q_rad: Joint positions, shape (7,) [rad].
-            dq_radps: Joint velocities, shape (7,) [rad/s].
-            base: Velocities of the base, lift last; what is left out is at rest.
-        """
-        bias: Array = pin.nonLinearEffects(self.model, self._data, self._at(q_rad), self._moving(dq_radps, base))
-        return bias[self._given :].copy()
-
     def torques(
         self, q_rad: Array, dq_radps: Array, ddq_radps2: Array, base: Vector = (), base_accelerates: Vector = ()
     ) -> Array:
         """Return the torques of a motion without friction, shape (7,) [N·m], by the recursive Newton-Euler algorithm.
 
-        Args: as for `bias`, and accelerations of the joints, shape (7,) [rad/s²], and of the base [m/s², rad/s²].
+        Args:
+            q_rad: Joint positions, shape (7,) [rad].
+            dq_radps: Joint velocities, shape (7,) [rad/s].
+            ddq_radps2: Joint accelerations, shape (7,) [rad/s²].
+            base: Velocities of the base, lift last; what is left out is at rest.
+            base_accelerates: Its accelerations, likewise [m/s², rad/s²].
         """
         v = self._moving(dq_radps, base)
         a = np.zeros(self.model.nv)
@@ -111,7 +100,7 @@ class ArmDynamics:
         return torques[self._given :].copy()
 
     def terms(self, q_rad: Array, dq_radps: Array, base: Vector = ()) -> Terms:
-        """Return what an observer of the momentum needs; arguments as for `bias`."""
+        """Return what an observer of the momentum needs; arguments as for `torques`."""
         q, v, arm = self._at(q_rad), self._moving(dq_radps, base), slice(self._given, None)
         masses = pin.crba(self.model, self._data, q)[arm]
         momentum, own = masses @ v, masses[:, arm].copy()

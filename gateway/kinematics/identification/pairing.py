@@ -60,9 +60,6 @@ class Pairing:
 
     Args:
         bound_ns: Longest time between the two samples of the joints around a pose [ns].
-
-    Attributes:
-        dropped: Poses that found no joints near enough.
     """
 
     def __init__(self, bound_ns: int = BOUND_NS) -> None:
@@ -70,7 +67,6 @@ class Pairing:
         self._joints: deque[Joints] = deque(maxlen=HISTORY)
         self._waiting: deque[tuple[int, EePose]] = deque()
         self._newest_pose_ns: int | None = None
-        self.dropped = 0
 
     def joints(self, q_rad: Vector, stamp_ns: int) -> tuple[Pair, ...]:
         """Take joints; return the pairs that they complete.
@@ -88,7 +84,6 @@ class Pairing:
         if self._joints and stamp_ns == self._joints[-1].stamp_ns:
             return ()
         if self._joints and stamp_ns < self._joints[-1].stamp_ns:
-            self.dropped += len(self._waiting)
             self._waiting.clear()
             self._joints.clear()
             self._newest_pose_ns = None
@@ -109,7 +104,6 @@ class Pairing:
         self._newest_pose_ns = stamp_ns
         if len(self._waiting) == MOST_WAITING:
             self._waiting.popleft()
-            self.dropped += 1
         self._waiting.append((stamp_ns, pose))
         return self._completed()
 
@@ -118,9 +112,7 @@ class Pairing:
         while self._waiting and self._joints and self._waiting[0][0] <= self._joints[-1].stamp_ns:
             stamp_ns, pose = self._waiting.popleft()
             q_rad = self._joints_at(stamp_ns)
-            if q_rad is None:
-                self.dropped += 1
-            else:
+            if q_rad is not None:
                 pairs.append(Pair(stamp_ns=stamp_ns, q_rad=q_rad, pose=pose))
         return tuple(pairs)
 
