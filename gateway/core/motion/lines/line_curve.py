@@ -128,18 +128,9 @@ def solve(
 
 def _joined(columns: Sequence[Trajectory], points: Sequence[Vector]) -> Curve:
     """Return the trajectories of single joints as one of all."""
-    return Trajectory(
-        times_s=columns[0].times_s,
-        points=tuple(points),
-        q=tuple([column.q[0] for column in columns]),
-        v=tuple([column.v[0] for column in columns]),
-        a=tuple([column.a[0] for column in columns]),
-        j=tuple([column.j[0] for column in columns]),
-        low=tuple([column.low[0] for column in columns]),
-        high=tuple([column.high[0] for column in columns]),
-        speed=tuple([column.speed[0] for column in columns]),
-        peaks=tuple([column.peaks[0] for column in columns]),
-    )
+    names = ("q", "v", "a", "j", "low", "high", "speed", "peaks")
+    each = {name: tuple([getattr(column, name)[0] for column in columns]) for name in names}
+    return Trajectory(times_s=columns[0].times_s, points=tuple(points), **each)
 
 
 def _overshoots(curve: Curve, piece: int, limits: JointLimits) -> bool:
