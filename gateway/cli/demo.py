@@ -10,7 +10,6 @@ through the control channel that no real robot has.
 
 from __future__ import annotations
 
-import json
 import socket
 import tempfile
 import time
@@ -21,7 +20,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import zenoh
 from numpy.typing import NDArray
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeElapsedColumn
@@ -32,6 +30,7 @@ from gateway.cli.terminal.ending import ExitStatus
 from gateway.client import Control, MotionHandle, Robot
 from gateway.errors import Code, GatewayError, failure
 from gateway.robot.limits import HOME_Q_RAD
+from gateway.sim.remote import SimControl
 from gateway.values import Side
 
 if TYPE_CHECKING:
@@ -43,10 +42,7 @@ FINAL_ERROR_RAD = 0.05
 """How near both arms must come to their goals [rad] (manual §6.6)."""
 GRIPPER_WATCHDOG_S = 0.1
 """A longer gap in an arm's stream would cost the grip [s] (manual §4.4)."""
-STATS_TIMEOUT_S = 2.0
 PAUSE_TIMEOUT_S = 3.0
-SIM_CONTROL_KEY = "sim/control"
-"""Where the simulated robot answers; see `gateway.sim`."""
 
 Goal = dict[str, NDArray[np.float64]]
 
@@ -75,25 +71,6 @@ def _free_port() -> int:
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
         return int(probe.getsockname()[1])
-
-
-def _sim_stats(endpoint: str) -> dict[str, Any]:
-    """Ask the simulated robot what it saw.
-
-    Raises:
-        RuntimeError: It does not answer.
-    """
-    config = zenoh.Config.from_json5(
-        json.dumps(
-            {"mode": "client", "connect": {"endpoints": [endpoint]}, "scouting": {"multicast": {"enabled": False}}}
-        )
-    )
-    with zenoh.open(config) as session:
-        for reply in session.get(SIM_CONTROL_KEY, payload=json.dumps({"do": "stats"}), timeout=STATS_TIMEOUT_S):
-            if reply.ok is not None:
-                answer: dict[str, Any] = json.loads(reply.ok.payload.to_string())
-                return answer
-    raise RuntimeError(f"the simulated robot at {endpoint} did not answer")
 
 
 # ------------------------------------------------------------------------------------------------ the ten lines
@@ -260,7 +237,8 @@ def _run(speed: float, seed: int, recording: Recording, folder: Path, console: C
                         f"enabled: FSM {robot.state.fsm_name}; both arms move at {speed:g} of the velocity limit"
                     )
                     error_rad = _perform(robot, own, speed, recording, console)
-                    stats = _sim_stats(endpoint)
+                    with SimControl(endpoint) as control:
+                        stats = control.ask("stats")
                     findings = _findings(stats, robot, error_rad)
                 findings.append(_paused(robot))
     return findings
