@@ -12,6 +12,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from gateway.errors import Refusal
 from gateway.kinematics.description import Description
 from gateway.kinematics.placement import Placement
 from gateway.kinematics.solving.bend import CLOSE_M, CLOSE_RAD, Bend
@@ -21,7 +22,7 @@ from gateway.kinematics.solving.inverse import Branch, ClosedForm, Solution
 from gateway.kinematics.solving.numeric import Found, found_from
 from gateway.kinematics.solving.sectors import Sector
 from gateway.kinematics.solving.shape import ArmShape, shape_of
-from gateway.kinematics.solving.unreachable import Unreachable, not_found, why_not
+from gateway.kinematics.solving.unreachable import not_found, why_not
 from gateway.robot.limits import HOME_Q_RAD, JOINT_LOWER_RAD, JOINT_UPPER_RAD
 from gateway.values import ARM_DOF, EePose, Side, ValueRefused, Vector, require_finite
 
@@ -80,7 +81,7 @@ class ArmModel:
         """Return manipulability and nearness to a singularity at joint angles, shape (7,) [rad]."""
         return dexterity(self.chain.jacobian(q_rad))
 
-    def inverse(self, pose: EePose, seed_rad: Sequence[float]) -> Solution | Unreachable:
+    def inverse(self, pose: EePose, seed_rad: Sequence[float]) -> Solution | Refusal:
         """Return the joint angles inside the limits that take a pose, nearest to a seed; or why there are none.
 
         A solution takes some 30 µs, a reason some milliseconds: where time counts, ask `solution`.

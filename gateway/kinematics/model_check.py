@@ -204,7 +204,7 @@ def _example(arm: ArmModel) -> Finding:
         at = arm.chain.forward(solved.q_rad)
         off = max(math.dist(at.p_m, target.p_m), math.hypot(*turn_rad(at.rows, target.rows)))
     else:
-        found, off = solved.refusal.message, math.inf
+        found, off = solved.message, math.inf
     return Finding(
         name="target of §6.1, solved inside the limits",
         found=found,

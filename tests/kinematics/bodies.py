@@ -6,13 +6,14 @@ import random
 from collections.abc import Iterator
 from dataclasses import replace
 
+from gateway.errors import Refusal
 from gateway.kinematics.arm import ArmModel
 from gateway.kinematics.description import Description, arm_joint, nominal
 from gateway.kinematics.placement import Placement, turn_rad
 from gateway.robot.limits import JOINT_LOWER_RAD, JOINT_UPPER_RAD
 from gateway.values import Side, Vector
 
-__all__ = ["ARMS", "difference", "nudged", "samples"]
+__all__ = ["ARMS", "difference", "excess", "nudged", "samples"]
 
 ARMS = {side: ArmModel(nominal(), side) for side in Side}
 
@@ -28,6 +29,12 @@ def difference(a: Placement, b: Placement) -> tuple[float, float]:
     """Return distance [m] and angle [rad] between two placements."""
     way = sum((x - y) ** 2 for x, y in zip(a.p_m, b.p_m, strict=True)) ** 0.5
     return way, sum(c * c for c in turn_rad(a.rows, b.rows)) ** 0.5
+
+
+def excess(refusal: Refusal) -> float:
+    """Return how far the value of a refusal is outside its bound, to six digits of both."""
+    low, high = (float(v) for v in refusal.bound.strip("[]").split(","))
+    return max(low - float(refusal.value), float(refusal.value) - high)
 
 
 def nudged(
