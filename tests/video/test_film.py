@@ -55,7 +55,6 @@ def test_a_film_is_whole_groups_and_plays_for_ever() -> None:
     """From any picture on, key frame or not."""
     film = Film.of(CODING, 4)
     assert [picture.counter for picture in film.pictures] == [0, 1, 2, 3, 4, 5]
-    assert film.key_frames() == [0, 3]
     played = itertools.islice(film.play(first=4), 5)
     assert [picture.counter for picture in played] == [4, 5, 0, 1, 2]
 

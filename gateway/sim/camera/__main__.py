@@ -57,18 +57,12 @@ def command_line() -> argparse.ArgumentParser:
     parser.add_argument("--gop", type=int, default=45, help="pictures per group (default: %(default)s)")
     parser.add_argument("--mbps", type=float, default=20.0, help="bit rate [Mbit/s] (default: %(default)s)")
     parser.add_argument("--key-frames", choices=[kind.value for kind in KeyFrames], default="idr")
-    parser.add_argument("--headers-once", action="store_true", help="parameter sets before the first picture only")
-    parser.add_argument("--slices", type=int, default=1, help="per picture (default: %(default)s)")
-    parser.add_argument("--wavefront", action="store_true", help="rows that can be decoded in parallel (WPP)")
     parser.add_argument("--source", choices=("auto", "live", "loop"), default="auto", help="how to encode")
     parser.add_argument("--pictures", type=int, default=90, help="in a loop (default: %(default)s)")
-    parser.add_argument("--first", type=int, default=0, help="picture to begin with, need not be a key frame")
-    parser.add_argument("--miss", type=float, default=0.0, metavar="P", help="probability of a missed trigger, if live")
     parser.add_argument("--spread", type=float, default=0.5, help="part of a period in which packets leave")
     parser.add_argument("--payload-type", type=int, default=PAYLOAD_TYPE, help="default: %(default)s")
     parser.add_argument("--scene", metavar="ENDPOINT", help="show the scene of the simulation that listens there")
     parser.add_argument("--seed", type=int, default=0, help="of the patterns (default: %(default)s)")
-    parser.add_argument("--stream-seed", type=int, help="of SSRC, sequence number, timestamp (default: new ones)")
     parser.add_argument("--table", type=Path, help="file for the time at which each picture was handed over")
     parser.add_argument("--for", dest="for_s", type=float, metavar="SECONDS", help="end after this time")
     parser.add_argument("--nice", type=int, default=0, help="leave the processor to others, 0 to 19")
@@ -119,9 +113,6 @@ def _send(options: argparse.Namespace, is_unwanted: Callable[[], bool]) -> None:
         gop=options.gop if options.scene is None else min(options.gop, SCENE_GOP),
         bit_rate_bps=int(options.mbps * 1e6),
         key_frames=KeyFrames(options.key_frames),
-        repeats_headers=not options.headers_once,
-        slices=options.slices,
-        is_wavefront=options.wavefront,
     )
     with contextlib.ExitStack() as stack:
         table = None if options.table is None else stack.enter_context(HandOvers(options.table, TABLE_SLOTS))
@@ -133,7 +124,6 @@ def _send(options: argparse.Namespace, is_unwanted: Callable[[], bool]) -> None:
             options.to,
             pictures,
             options.rate,
-            seed=options.stream_seed,
             spread=options.spread,
             payload_type=options.payload_type,
             table=table,
@@ -157,12 +147,12 @@ def _pictures(
     if source == "auto":
         source = "loop" if is_kept or _encoding_hz(coding, is_unwanted) < HEADROOM * coding.rate_hz else "live"
     if source == "live":
-        rig = Rig(Size(coding.width, coding.height), coding.rate_hz, seed, options.miss)
-        return live(coding, rig, options.first), "encoded live"
+        rig = Rig(Size(coding.width, coding.height), coding.rate_hz, seed)
+        return live(coding, rig), "encoded live"
     if not is_kept:
         _say(f"encoding a loop of {options.pictures} pictures once, kept in {folder}")
     film = Film.of(coding, options.pictures, seed=seed, folder=folder, should_stop=is_unwanted)
-    return film.play(options.first), f"a loop of {len(film.pictures)} pictures"
+    return film.play(), f"a loop of {len(film.pictures)} pictures"
 
 
 def _scene(
@@ -186,8 +176,8 @@ def _scene(
     except DrawingMissing as error:
         _say(f"test pictures instead of the scene: {error}")
         return _pictures(options, coding, is_unwanted)
-    rig = Rig(options.size, coding.rate_hz, options.seed, options.miss, eyes.cameras)
-    return _counted(live(coding, rig, options.first)), f"the scene, drawn by {eyes.backend}"
+    rig = Rig(options.size, coding.rate_hz, options.seed, cameras=eyes.cameras)
+    return _counted(live(coding, rig)), f"the scene, drawn by {eyes.backend}"
 
 
 def _counted(pictures: Iterator[Coded]) -> Iterator[Coded]:

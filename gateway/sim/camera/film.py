@@ -16,7 +16,6 @@ from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Final, NamedTuple
 
-from gateway.sim.camera.annexb import is_irap, nal_units
 from gateway.sim.camera.composite import Size
 from gateway.sim.camera.hevc import Coding, Hevc
 from gateway.sim.camera.picture import VERSION
@@ -113,10 +112,6 @@ class Film:
         """
         for index in itertools.count(first):
             yield self.pictures[index % len(self.pictures)]
-
-    def key_frames(self) -> list[int]:
-        """Return the indices of pictures that decoding can begin with."""
-        return [index for index, picture in enumerate(self.pictures) if is_irap(nal_units(picture.data))]
 
 
 def _encoded(coding: Coding, count: int, seed: int, should_stop: Callable[[], bool]) -> list[Coded]:

@@ -35,8 +35,7 @@ class FaultKind:
 
     Attributes:
         scope: `topic`, `robot` or `node`.
-        required: Parameter -> the kinds of value it takes.
-        optional: The same for parameters that may be left out; `duration_s` [s] is always allowed.
+        required: Parameter -> the kinds of value it takes; `duration_s` [s] is always allowed beside.
         types: ROS types that a topic fault can act on; empty for any.
         on_commands: Whether a topic fault can act on command topics too.
         help: One line for the list of known faults.
@@ -44,7 +43,6 @@ class FaultKind:
 
     scope: str
     required: Mapping[str, tuple[object, ...]] = field(default_factory=dict)
-    optional: Mapping[str, tuple[object, ...]] = field(default_factory=dict)
     types: tuple[str, ...] = ()
     on_commands: bool = False
     help: str = ""
@@ -144,8 +142,7 @@ class Fault:
 
 def _known() -> str:
     return "; ".join(
-        f"{name}({', '.join([*kind.required, *kind.optional, '[duration_s]'])}): {kind.help}"
-        for name, kind in FAULTS.items()
+        f"{name}({', '.join([*kind.required, '[duration_s]'])}): {kind.help}" for name, kind in FAULTS.items()
     )
 
 
@@ -173,14 +170,14 @@ def parse_fault(command: str | Mapping[str, object]) -> Fault:
     if not isinstance(name, str) or kind is None:
         raise FaultError(f"unknown fault {name!r}; known: {_known()}")
     given = {key: value for key, value in command.items() if key != "fault"}
-    allowed = {*kind.required, *kind.optional, "duration_s"}
+    allowed = {*kind.required, "duration_s"}
     if unknown := set(given) - allowed:
         raise FaultError(f"fault {name}: unknown parameter {sorted(unknown)}; it takes {sorted(allowed)}")
     if missing := set(kind.required) - set(given):
         raise FaultError(f"fault {name}: {sorted(missing)} missing")
     values: dict[str, object] = {"name": name, "scope": kind.scope}
     for key, value in given.items():
-        takes = {**kind.required, **kind.optional, "duration_s": _NUMBER}[key]
+        takes = {**kind.required, "duration_s": _NUMBER}[key]
         if takes is _NUMBER:
             number = _number(name, key, value)
             values[key if key in ("joint", "duration_s") else "number"] = int(number) if key == "joint" else number
