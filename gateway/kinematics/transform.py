@@ -9,6 +9,7 @@ Metres and radians; right-handed frames; quaternions xyzw. Millimetres are for f
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import ClassVar, Final, overload
@@ -16,6 +17,7 @@ from typing import ClassVar, Final, overload
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from gateway.kinematics.placement import quat_from_rows, rows_from_quat, turn_rad
 from gateway.values import ValueRefused
 
 __all__ = ["RIGID_TOLERANCE", "Array", "FrameMismatch", "Points", "Transform", "frames_of", "nearest_rigid"]
@@ -177,13 +179,7 @@ class Transform:
         norm = float(np.linalg.norm(quat)) if quat.shape == (4,) else 0.0
         if not (np.isfinite(norm) and norm > 0.0):
             raise ValueRefused(f"{name}: an orientation is four finite numbers xyzw, not all 0, not {quat.tolist()}")
-        x, y, z, w = (quat / norm).tolist()
-        rotation = [
-            [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
-            [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
-            [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
-        ]
-        return cls.of(name, p_m=p_m, rotation=rotation)
+        return cls.of(name, p_m=p_m, rotation=rows_from_quat((quat / norm).tolist()))
 
     @classmethod
     def still(cls, frame: str) -> Transform:
@@ -208,19 +204,7 @@ class Transform:
     @property
     def quat_xyzw(self) -> Array:
         """Orientation of the child in the parent, unit norm, w >= 0, shape (4,)."""
-        r = self.rotation
-        # The four columns are the quaternion times each of its own elements: the longest loses the fewest digits.
-        table = np.array(
-            [
-                [1 + r[0, 0] - r[1, 1] - r[2, 2], r[0, 1] + r[1, 0], r[0, 2] + r[2, 0], r[2, 1] - r[1, 2]],
-                [r[0, 1] + r[1, 0], 1 - r[0, 0] + r[1, 1] - r[2, 2], r[1, 2] + r[2, 1], r[0, 2] - r[2, 0]],
-                [r[0, 2] + r[2, 0], r[1, 2] + r[2, 1], 1 - r[0, 0] - r[1, 1] + r[2, 2], r[1, 0] - r[0, 1]],
-                [r[2, 1] - r[1, 2], r[0, 2] - r[2, 0], r[1, 0] - r[0, 1], 1 + r[0, 0] + r[1, 1] + r[2, 2]],
-            ]
-        )
-        column = table[:, int(np.argmax(np.diagonal(table)))]
-        quat: Array = column / np.linalg.norm(column)
-        return -quat if quat[3] < 0.0 else quat
+        return np.array(quat_from_rows(self.rotation.tolist()))
 
     @property
     def inverse(self) -> Transform:
@@ -259,11 +243,7 @@ class Transform:
             FrameMismatch: They are of different frames.
         """
         self._require_same(other)
-        between = self.rotation.T @ other.rotation
-        sine = 0.5 * np.linalg.norm(
-            [between[2, 1] - between[1, 2], between[0, 2] - between[2, 0], between[1, 0] - between[0, 1]]
-        )
-        return float(np.arctan2(sine, 0.5 * (np.trace(between) - 1.0)))
+        return math.hypot(*turn_rad(self.rotation.tolist(), other.rotation.tolist()))
 
     def distance_to_m(self, other: Transform) -> float:
         """Return the distance between the origins of two transforms of one name [m].
