@@ -7,7 +7,7 @@ import math
 from functools import partial
 from pathlib import Path
 
-from gateway.cli.command_line.numbers import integer
+from gateway.cli.command_line.numbers import between, integer
 
 __all__ = ["add_follow", "add_replay"]
 
@@ -23,6 +23,7 @@ arm's shoulder frame; times [s] rise and count from the first one. The whole fil
 anything moves. Ctrl-C leaves the arms held."""
 
 _episode = partial(integer, least=1, most=100_000, what="number of an episode")
+_stretch = partial(between, least=1.0, most=100.0, what="factor")
 
 
 def add_follow(follow: argparse.ArgumentParser) -> None:
@@ -114,11 +115,4 @@ def _positive(text: str) -> float:
     value = _number(text)
     if value <= 0.0:
         raise argparse.ArgumentTypeError(f"{text.strip()!r} is not above 0")
-    return value
-
-
-def _stretch(text: str) -> float:
-    value = _number(text)
-    if not 1.0 <= value <= 100.0:
-        raise argparse.ArgumentTypeError(f"{text.strip()!r} is no factor from 1 to 100")
     return value

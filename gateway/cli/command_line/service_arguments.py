@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import argparse
+from functools import partial
 from pathlib import Path
 
 from gateway.cli.command_line.adding import add_command
-from gateway.cli.command_line.numbers import seconds
+from gateway.cli.command_line.numbers import integer, seconds
 from gateway.cli.command_line.robot_arguments import endpoint
 
 __all__ = ["add_fleet", "add_keys", "add_service"]
+
+_days = partial(integer, least=1, most=36500, what="number of days")
 
 
 def add_service(service: argparse.ArgumentParser) -> None:
@@ -56,13 +59,6 @@ def add_keys(keys: argparse.ArgumentParser) -> None:
         sub.add_argument(
             "--dir", type=Path, metavar="DIR", help="where keys are (default: keys in the folder for state)"
         )
-
-
-def _days(text: str) -> int:
-    days = int(text)
-    if not 1 <= days <= 36500:
-        raise argparse.ArgumentTypeError(f"{days} days are outside [1, 36500]")
-    return days
 
 
 def add_fleet(fleet: argparse.ArgumentParser) -> None:
