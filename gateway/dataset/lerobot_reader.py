@@ -28,7 +28,6 @@ class EpisodeRead:
         rows: How many, as is written down.
         tasks: In words, as is written down.
         columns: Vectors, shape (n, dimensions), and numbers, shape (n,).
-        types: Arrow's name of each column's type, such as `fixed_size_list<element: float>[72]`.
         stats: Per feature and statistic, as is written down.
         videos: By feature, the file and where the episode begins in it [s].
     """
@@ -37,7 +36,6 @@ class EpisodeRead:
     rows: int
     tasks: tuple[str, ...]
     columns: dict[str, npt.NDArray[Any]]
-    types: dict[str, str]
     stats: dict[str, dict[str, Floats]]
     videos: dict[str, tuple[Path, float]]
 
@@ -174,7 +172,6 @@ class Dataset:
             rows=rows,
             tasks=tuple(tasks),
             columns={name: _array(table.column(name)) for name in table.column_names},
-            types={field.name: str(field.type) for field in table.schema},
             stats=_as_stats(stats),
             videos=videos,
         )

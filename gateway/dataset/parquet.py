@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -49,14 +49,14 @@ def write(table: Any, path: Path, index: str = "") -> None:  # noqa: ANN401
     pyarrow("pyarrow.parquet").write_table(table, path, compression="zstd", store_schema=True)
 
 
-def read(path: Path, names: Sequence[str] | None = None) -> Any:  # noqa: ANN401
-    """Return an Arrow table, or some columns of it.
+def read(path: Path) -> Any:  # noqa: ANN401
+    """Return an Arrow table.
 
     Raises:
         OSError: It cannot be read.
-        pyarrow.ArrowException: It is not Parquet, or has no such column.
+        pyarrow.ArrowException: It is not Parquet.
     """
-    return pyarrow("pyarrow.parquet").read_table(path, columns=names)
+    return pyarrow("pyarrow.parquet").read_table(path)
 
 
 def _pandas_columns(table: Any) -> list[dict[str, Any]]:  # noqa: ANN401
