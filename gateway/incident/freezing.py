@@ -33,7 +33,7 @@ from gateway.core.motion.solver import NoPlan, Plan, solve
 from gateway.core.requests.answers import Kept
 from gateway.settings.settings import LocalSettings
 
-__all__ = ["Frozen", "Unfrozen", "freeze", "packed", "thaw", "unpickler"]
+__all__ = ["Frozen", "Unfrozen", "Unpickler", "freeze", "packed", "thaw"]
 
 FIELDS = tuple(
     name
@@ -105,8 +105,8 @@ def thaw(parts: bytes, state: bytes) -> Engine:
     Raises:
         ValueError: That is no engine of this release.
     """
-    known = unpickler(io.BytesIO(parts)).load()
-    engine = unpickler(io.BytesIO(state), known).load()
+    known = Unpickler(io.BytesIO(parts)).load()
+    engine = Unpickler(io.BytesIO(state), known).load()
     if not isinstance(engine, Engine):
         raise ValueError("no engine is in it")
     return engine
@@ -175,22 +175,20 @@ def _fields(entry: InputParameter) -> tuple[int, dict[str, object]]:
 # ------------------------------------------------------------------------------------------------------- from bytes
 
 
-def unpickler(file: io.BytesIO, parts: Sequence[object] = ()) -> pickle.Unpickler:
-    """Return what reads values of the gateway, and nothing else, from a file.
+class Unpickler(pickle.Unpickler):
+    """Reads values of the gateway, and nothing else, from a file.
 
     Args:
         file: To be read.
         parts: What it has numbers for.
     """
-    return _Unpickler(file, parts)
 
-
-class _Unpickler(pickle.Unpickler):
-    def __init__(self, file: io.BytesIO, parts: Sequence[object]) -> None:
+    def __init__(self, file: io.BytesIO, parts: Sequence[object] = ()) -> None:
         super().__init__(file)
         self._parts = parts
 
     def find_class(self, module: str, name: str) -> Any:  # noqa: ANN401  as its base has it
+        """Return what a name stands for; refuse what is no value of the gateway."""
         if (module, name) == (__name__, _part.__name__):
             return self._parts.__getitem__
         if (module, name) == ("builtins", "getattr"):

@@ -25,7 +25,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from gateway.incident.folders import NEW_FILE, own_folder
-from gateway.incident.freezing import unpickler
+from gateway.incident.freezing import Unpickler
 from gateway.incident.records import Start, Tick
 
 __all__ = ["KEPT_BYTES", "KEPT_INCIDENTS", "RING_NS", "SUFFIX", "Piece", "Ring", "folder_of", "piece", "records"]
@@ -97,7 +97,7 @@ def records(path: Path) -> Iterator[Start | Tick]:
                 content = io.BytesIO(unpacking.decompress(block, BLOCK_BYTES))
                 if not unpacking.eof:
                     raise ValueError("a block is larger than any that is written, or cut")
-                reading, end = unpickler(content), len(content.getbuffer())
+                reading, end = Unpickler(content), len(content.getbuffer())
                 while content.tell() < end:
                     record = reading.load()
                     if not isinstance(record, (Start, Tick)):

@@ -18,7 +18,7 @@ from gateway.core.messages.outputs import Reply
 from gateway.core.requests.answers import REPLIES_KEPT
 from gateway.core.robot_state.body_model import body_model
 from gateway.core.supervision.conditions import Conditions
-from gateway.incident.freezing import Frozen, Unfrozen, _array, freeze, packed, thaw, unpickler
+from gateway.incident.freezing import Frozen, Unfrozen, Unpickler, _array, freeze, packed, thaw
 from gateway.kinematics.urdf import from_urdf
 from gateway.messages.incoming import Admittance
 from gateway.messages.requests import MovePose, OpenStream, Recover
@@ -191,7 +191,7 @@ def test_no_module_comes_out_of_a_file() -> None:
         asked = b"\x80\x04" + pickle.BINUNICODE + len(b"gateway.settings.toml_file").to_bytes(4, "little")
         asked += b"gateway.settings.toml_file" + pickle.BINUNICODE + len(name).to_bytes(4, "little") + name.encode()
         with pytest.raises(pickle.UnpicklingError):
-            unpickler(io.BytesIO(asked + pickle.STACK_GLOBAL + pickle.STOP)).load()
+            Unpickler(io.BytesIO(asked + pickle.STACK_GLOBAL + pickle.STOP)).load()
 
 
 class Called:
@@ -232,7 +232,7 @@ def test_no_frame_comes_out_of_a_generator_of_ours(pair: Pair) -> None:
     """With it came all that Python has: methods are only those that a class of the core has written down."""
     conditions = Called(copyreg.__newobj__, Conditions)  # type: ignore[attr-defined]  # typeshed hides it
     with pytest.raises(pickle.UnpicklingError, match="gi_frame is no method"):
-        unpickler(asking(evaluating(conditions, "look"))).load()
+        Unpickler(asking(evaluating(conditions, "look"))).load()
 
 
 @pytest.mark.parametrize(
@@ -252,7 +252,7 @@ def test_no_frame_comes_out_of_a_generator_of_ours(pair: Pair) -> None:
 def test_nothing_that_reaches_outside_is_called(value: object) -> None:
     """No method of Python's or numpy's, no function that opens a file, no array of objects."""
     with pytest.raises(pickle.UnpicklingError):
-        unpickler(asking(value)).load()
+        Unpickler(asking(value)).load()
 
 
 @pytest.mark.parametrize("order", ["C", "F"])
@@ -260,7 +260,7 @@ def test_arrays_come_back_as_they_lay(order: str) -> None:
     """Sums depend on it, to the last bit; and they can be written into."""
     array = np.asarray(np.arange(6.0).reshape(2, 3) / 7.0, order=order)  # type: ignore[call-overload]  # one of the two
     parts, _ = packed(Frozen(b"", [array, np.float64(0.1), np.bool_(True), np.zeros((0, 3), np.int64)]))
-    found, number, truth, nothing = unpickler(io.BytesIO(parts)).load()
+    found, number, truth, nothing = Unpickler(io.BytesIO(parts)).load()
     assert found.tobytes("A") == array.tobytes("A") and found.strides == array.strides and found.flags.writeable
     assert repr([number, truth]) == repr([np.float64(0.1), np.bool_(True)]) and nothing.shape == (0, 3)
 
@@ -269,4 +269,4 @@ def test_arrays_come_back_as_they_lay(order: str) -> None:
 def test_nothing_but_the_gateways_own_values_comes_out_of_a_file(value: object) -> None:
     """An incident of somebody else's calls nothing."""
     with pytest.raises(pickle.UnpicklingError):
-        unpickler(io.BytesIO(pickle.dumps(value))).load()
+        Unpickler(io.BytesIO(pickle.dumps(value))).load()
