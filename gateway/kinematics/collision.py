@@ -31,7 +31,6 @@ ALIKE = 1e-9
 """Components of rotations that differ by less are the same."""
 
 Point = tuple[float, float, float]
-Openings = Mapping[Side, float]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -183,15 +182,12 @@ class CollisionModel:
         self._up = chest_T_base.turned((0.0, 0.0, 1.0))
         self._arms = {side: [c for c in self.capsules if c.after and c.side is side] for side in Side}
 
-    def posture(
-        self, q_rad: Mapping[Side, Sequence[float]], lowered_m: float = 0.0, opening_m: Openings | None = None
-    ) -> Posture:
-        """Return the body with its joints at some angles.
+    def posture(self, q_rad: Mapping[Side, Sequence[float]], lowered_m: float = 0.0) -> Posture:
+        """Return the body with its joints at some angles, the grippers wide open.
 
         Args:
             q_rad: Of both arms, shape (7,) each [rad]; not judged by limits.
             lowered_m: How far the lift is below its top [m]; a body without one is at the top.
-            opening_m: How far the grippers are open [m]; None for wide open.
 
         Raises:
             ValueRefused: An arm has another number of angles, or something is not finite.
@@ -200,10 +196,8 @@ class CollisionModel:
         lines: dict[Side, list[float]] = {}
         for side in Side:
             require_finite("q_rad", tuple(q_rad[side]), ARM_DOF)
-            lines[side] = self._arm(side, q_rad[side], WIDE_OPEN_M if opening_m is None else opening_m[side], segments)
-        require_finite(
-            "lift and openings", (lowered_m, *(opening_m.values() if opening_m else ())), 3 if opening_m else 1
-        )
+            lines[side] = self._arm(side, q_rad[side], segments)
+        require_finite("lift", (lowered_m,), 1)
         ux, uy, uz = (lowered_m * c for c in self._up)
         for capsule, (ax, ay, az), (bx, by, bz) in self._fixed:
             if capsule.frame == BASE:
@@ -212,7 +206,7 @@ class CollisionModel:
                 segments.append(segment(ax, ay, az, bx, by, bz))
         return Posture(self, segments, lines)
 
-    def _arm(self, side: Side, q_rad: Sequence[float], opening_m: float, segments: list[Segment]) -> list[float]:
+    def _arm(self, side: Side, q_rad: Sequence[float], segments: list[Segment]) -> list[float]:
         """Add an arm's segments; return its lines."""
         lines, motions = self.chains[side].walk(q_rad)
         sx, sy, sz = self.shoulders[side]
@@ -221,7 +215,7 @@ class CollisionModel:
             (ax, ay, az), (bx, by, bz) = capsule.from_m, capsule.to_m
             u, v, w = bx - ax, by - ay, bz - az
             dx, dy, dz = capsule.opens
-            ax, ay, az = ax + opening_m * dx, ay + opening_m * dy, az + opening_m * dz
+            ax, ay, az = ax + WIDE_OPEN_M * dx, ay + WIDE_OPEN_M * dy, az + WIDE_OPEN_M * dz
             segments.append(
                 (
                     sx + px + xx * ax + xy * ay + xz * az,

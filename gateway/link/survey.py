@@ -40,7 +40,6 @@ class Known:
         friends: Zenoh ids of other sessions of ours.
         router_zid: Empty without a transport.
         up_since_ns: When the transport opened [ns].
-        trouble: Why there is none.
         tokens: Of bridges, and of whoever speaks their language.
         bridges: What bridges say of themselves, by zenoh id.
         written: Per command topic whether the robot's bridge writes it, None when that is not known.
@@ -59,7 +58,6 @@ class Known:
     friends: Set[str] = frozenset()
     router_zid: str = ""
     up_since_ns: int = 0
-    trouble: str = ""
     tokens: Sequence[Token] = ()
     bridges: Mapping[str, BridgeFacts] = field(default_factory=dict)
     written: Mapping[str, bool | None] = field(default_factory=dict)
@@ -130,7 +128,6 @@ def survey(known: Known) -> Wire:
         zid=known.zid,
         is_up=bool(known.router_zid),
         up_ns=known.now_ns - known.up_since_ns if known.router_zid else 0,
-        trouble="" if known.router_zid else known.trouble,
         router_zid=known.router_zid,
         router_version=known.neighbours.router_version,
         clock_ns=known.clock_ns,

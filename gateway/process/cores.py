@@ -19,33 +19,26 @@ from __future__ import annotations
 
 import contextlib
 import os
-import sys
 from collections.abc import Set as AbstractSet
-from pathlib import Path
 
-from gateway.process.realtime import Measure
+from gateway.process.realtime import Linux, Measure, require_linux
 
 __all__ = ["LinuxAffinity", "OneCore", "spread"]
 
 NAME = "one core"
 
 
-class LinuxAffinity:
-    """The running Linux kernel; elsewhere every call raises `OSError`."""
-
-    def thread_ids(self) -> set[int]:
-        """Return every thread of this process."""
-        _require_linux()
-        return {int(entry.name) for entry in Path("/proc/self/task").iterdir()}
+class LinuxAffinity(Linux):
+    """The running Linux kernel, with the cores of its threads; elsewhere every call raises `OSError`."""
 
     def cores(self, thread_id: int) -> set[int]:
         """Return the cores of a thread; 0 is the calling one."""
-        _require_linux()
+        require_linux()
         return set(os.sched_getaffinity(thread_id))
 
     def keep(self, thread_id: int, cores: AbstractSet[int]) -> None:
         """Let a thread run on these cores only."""
-        _require_linux()
+        require_linux()
         os.sched_setaffinity(thread_id, cores)
 
 
@@ -100,8 +93,3 @@ def spread(affinity: LinuxAffinity) -> None:
     """Let the calling thread, and those that it starts, run on every core: whatever it inherited from who started it."""
     with contextlib.suppress(OSError):  # not available here, so nothing was inherited either
         affinity.keep(0, set(range(os.cpu_count() or 1)))
-
-
-def _require_linux() -> None:
-    if sys.platform != "linux":
-        raise OSError(f"not available on {sys.platform}")

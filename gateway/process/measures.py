@@ -57,7 +57,7 @@ class Measures:
 
     def renew(self) -> None:
         """Bring the threads of a new link to where the others are."""
-        if self._fifo.active and not (measure := self._fifo.refresh()).taken:
+        if self._fifo.active and not (measure := self._fifo.apply()).taken:
             _log.warning("%s", measure.line)
         if self._together.active:
             if self._fifo.active:

@@ -36,6 +36,7 @@ __all__ = [
     "calm_interpreter",
     "lock_memory",
     "release_interpreter",
+    "require_linux",
     "sharpen_timer",
 ]
 
@@ -81,7 +82,7 @@ class Linux:
 
     def lift_memory_limit(self) -> bool:
         """Raise the limit of locked memory as far as allowed; return whether none is left."""
-        _require_linux()
+        require_linux()
         soft, hard = resource.getrlimit(resource.RLIMIT_MEMLOCK)
         if soft != hard:
             resource.setrlimit(resource.RLIMIT_MEMLOCK, (hard, hard))
@@ -99,7 +100,7 @@ class Linux:
 
     def thread_ids(self) -> set[int]:
         """Return every thread of this process."""
-        _require_linux()
+        require_linux()
         return {int(name) for name in os.listdir("/proc/self/task")}
 
     def scheduling(self, thread_id: int) -> tuple[int, int]:
@@ -111,7 +112,8 @@ class Linux:
         os.sched_setscheduler(thread_id, policy, os.sched_param(priority))
 
 
-def _require_linux() -> None:
+def require_linux() -> None:
+    """Raise `OSError` on every other system."""
     if sys.platform != "linux":
         raise OSError(f"not available on {sys.platform}")
 
@@ -122,7 +124,7 @@ def _call(name: str, *arguments: object) -> None:
     Raises:
         OSError: With the number that the kernel gave, or because there is no such call here.
     """
-    _require_linux()
+    require_linux()
     function = getattr(ctypes.CDLL(None, use_errno=True), name, None)
     if function is None:
         raise OSError(f"this C library has no {name}")
@@ -177,7 +179,7 @@ def lock_memory(kernel: Linux) -> Measure:
 class FifoScheduling:
     """SCHED_FIFO on every thread of the process, or on none.
 
-    Threads born later inherit from the thread that made them; `refresh` brings them to their place. So do processes:
+    Threads born later inherit from the thread that made them; another `apply` brings them to their place. So do processes:
     start those that must not run in real time before `apply`.
 
     Args:
@@ -208,12 +210,6 @@ class FifoScheduling:
         self.active = True
         line = f"SCHED_FIFO: loop {self._priority}, {raised - 1} other threads {self._priority - BELOW_LOOP}"
         return Measure(name="SCHED_FIFO", taken=True, line=line)
-
-    def refresh(self) -> Measure:
-        """Raise the threads that were born since; nothing happens where `apply` was not taken."""
-        if self.active:
-            return self.apply()
-        return Measure(name="SCHED_FIFO", taken=False, line="SCHED_FIFO: not in use, nothing to refresh")
 
     def undo(self) -> None:
         """Put every thread back where it was; one born meanwhile goes where the loop thread was."""

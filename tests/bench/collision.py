@@ -15,7 +15,7 @@ import numpy as np
 
 from gateway.core.separation.spacing import Spacing
 from gateway.kinematics.clearance import ordinary
-from gateway.kinematics.collision import WIDE_OPEN_M, CollisionModel
+from gateway.kinematics.collision import CollisionModel
 from gateway.kinematics.description import nominal
 from gateway.robot.limits import HOME_Q_RAD
 from gateway.settings.settings import ArmSettings
@@ -125,7 +125,7 @@ def _numpy(model: CollisionModel) -> Callable[[Both], float]:
     radii = np.array([pair[3] for pair in model.pairs])
 
     def least(q_rad: Both) -> float:
-        pieces = np.array(model.posture(q_rad, 0.0, dict.fromkeys(Side, WIDE_OPEN_M)).segments)
+        pieces = np.array(model.posture(q_rad).segments)
         a, b = pieces[first], pieces[second]
         r, u, v = a[:, :3] - b[:, :3], a[:, 3:6], b[:, 3:6]
         uu, vv, uv = a[:, 6], b[:, 6], np.einsum("ij,ij->i", u, v)

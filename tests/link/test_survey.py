@@ -234,8 +234,7 @@ def test_a_router_that_is_no_bridge_is_the_robots_too():
 
 
 def test_without_a_session_only_the_settings_are_known():
-    """And why there is none."""
-    wire = survey(Known(settings=LinkSettings(endpoint="tcp/10.0.0.7:9000"), now_ns=NOW_NS, trouble="no cable"))
-    assert (wire.endpoint, wire.is_up, wire.up_ns, wire.trouble) == ("tcp/10.0.0.7:9000", False, 0, "no cable")
+    """Nothing else is made up."""
+    wire = survey(Known(settings=LinkSettings(endpoint="tcp/10.0.0.7:9000"), now_ns=NOW_NS))
+    assert (wire.endpoint, wire.is_up, wire.up_ns) == ("tcp/10.0.0.7:9000", False, 0)
     assert wire.neighbours == () and wire.bridges == () and {t.route for t in wire.topics} == {"unknown"}
-    assert survey(known(trouble="old")).trouble == ""

@@ -195,27 +195,18 @@ def test_threads_that_are_born_without_end_do_not_keep_the_daemon_from_starting(
     assert kernel.listings < 20
 
 
-def test_a_refresh_raises_threads_that_were_born_since() -> None:
+def test_another_call_raises_threads_that_were_born_since() -> None:
     """A thread made by the loop inherits 60: it is brought to 40."""
     kernel = Fake()
     fifo = FifoScheduling(kernel, 60, LOOP)
     fifo.apply()
     kernel.threads |= {103: (FIFO, 60), 104: (FIFO, 40), 105: OTHER}
-    measure = fifo.refresh()
+    measure = fifo.apply()
     assert measure.taken
     assert kernel.threads == {LOOP: (FIFO, 60), **dict.fromkeys((101, 102, 103, 104, 105), (FIFO, 40))}
 
 
-def test_a_refresh_without_fifo_changes_nothing() -> None:
-    """What was not permitted at the start is not tried on the way."""
-    kernel = Fake()
-    measure = FifoScheduling(kernel, 60, LOOP).refresh()
-    assert not measure.taken
-    assert _is_one_line(measure)
-    assert kernel.threads == Fake().threads
-
-
-def test_a_refresh_that_fails_puts_all_back_even_those_that_inherited_fifo() -> None:
+def test_another_call_that_fails_puts_all_back_even_those_that_inherited_fifo() -> None:
     """A thread born under the loop has no policy of its own to go back to: it goes where the loop was."""
     before = {LOOP: OTHER, 101: (2, 5), 102: OTHER}
     kernel = Fake(before)
@@ -223,7 +214,7 @@ def test_a_refresh_that_fails_puts_all_back_even_those_that_inherited_fifo() -> 
     fifo.apply()
     kernel.threads |= {103: (FIFO, 60), 104: OTHER}
     kernel.denied[104] = PermissionError(errno.EPERM, "Operation not permitted")
-    assert not fifo.refresh().taken
+    assert not fifo.apply().taken
     assert kernel.threads == {**before, 103: OTHER, 104: OTHER}
 
 
@@ -355,7 +346,7 @@ loop = threading.get_native_id()
 fifo = FifoScheduling(kernel, 60, loop)
 measures = [slack, calm_interpreter(), lock_memory(kernel), fifo.apply()]
 threading.Thread(target=done.wait).start()
-measures.append(fifo.refresh())
+measures.append(fifo.apply())
 threads = {("loop" if t == loop else str(t)): kernel.scheduling(t) for t in kernel.thread_ids()}
 locked = next(int(line.split()[1]) for line in open("/proc/self/status") if line.startswith("VmLck"))
 resident = next(int(line.split()[1]) for line in open("/proc/self/status") if line.startswith("VmRSS"))

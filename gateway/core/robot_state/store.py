@@ -307,10 +307,6 @@ class Store:
             refused=meter.refused,
         )
 
-    def why_refused(self, topic: str) -> str:
-        """Return why the latest refused sample of a topic was refused; empty when none ever was."""
-        return self._tracks[topic].why_refused
-
     def why_not_believed(self, topic: str, within_ns: int, now_ns: int) -> str:
         """Return why the samples of a topic are not believed of late; empty when they are, or when none comes.
 

@@ -96,7 +96,7 @@ def test_nothing_is_known_before_the_first_sample(feed):
     assert store.link_age_ns(now_ns) is store.age_ns(LEFT, now_ns) is store.value(LEFT) is None
     assert store.arm(Side.LEFT) is store.pose(Side.LEFT) is store.fsm_raw is store.mode(now_ns) is None
     assert store.fsm(now_ns) is store.fsm_received_ns is store.mode_received_ns is None
-    assert store.name_order_wrong(now_ns) is None and store.why_refused(LEFT) == ""
+    assert store.name_order_wrong(now_ns) is None and store.why_not_believed(LEFT, S, now_ns) == ""
     view = store.topic_view(LEFT, now_ns)
     assert (view.age_ns, view.rate_hz, view.worst_gap_ns, view.count) == (None, 0.0, 0, 0)
 
@@ -302,7 +302,7 @@ def test_a_late_sample_is_counted_and_not_used(feed):
         feed.arm(value=joints(0.01, newest.stamp_ns - back_ns))
     assert feed.store.arm(Side.LEFT) == newest and feed.refused() == 2
     assert feed.store.age_ns(LEFT, feed.now_ns) == 20 * MS
-    assert "not newer" in feed.store.why_refused(LEFT)
+    assert "not newer" in feed.store.why_not_believed(LEFT, S, feed.now_ns)
 
 
 def test_late_samples_between_timely_ones_never_pass_for_a_clock_set_back(feed):
@@ -354,7 +354,8 @@ def test_a_glitch_of_one_sample_is_refused_with_joint_value_and_bound(feed):
     feed.q = 1.0
     feed.run(10 * MS)
     assert feed.store.arm(Side.LEFT).q_rad[4] == 0.0 and feed.refused() == 1
-    assert "joint 5 is 1.000 rad away from where it was 10 ms ago, at most 0.200 rad" in feed.store.why_refused(LEFT)
+    why = feed.store.why_not_believed(LEFT, S, feed.now_ns)
+    assert "joint 5 is 1.000 rad away from where it was 10 ms ago, at most 0.200 rad" in why
     assert feed.store.part_fresh(Side.LEFT, feed.now_ns, False)
     feed.q = 0.1
     feed.run(10 * MS)
@@ -431,11 +432,11 @@ def test_refused_samples_are_counted_and_do_not_refresh(feed):
     """NaN, wrong length, bad CDR: the part goes dead when it lasts."""
     feed.arm()
     refusal = SampleRefused(
-        topic=LEFT, code=Code.SAMPLE_REFUSED, message="position[2] is nan", received_ns=feed.now_ns, count=3
+        topic=LEFT, code=Code.SAMPLE_REFUSED, message="position[2] is nan", received_ns=feed.now_ns + 1, count=3
     )
     feed.now_ns += 101 * MS
     feed.store.receive(refusal, feed.now_ns)
-    assert feed.refused() == 3 and feed.store.why_refused(LEFT) == "position[2] is nan"
+    assert feed.refused() == 3 and feed.store.why_not_believed(LEFT, S, feed.now_ns) == "position[2] is nan"
     assert not feed.store.part_fresh(Side.LEFT, feed.now_ns, False) and not feed.store.is_fresh(feed.now_ns)
     assert feed.store.name_order_wrong(feed.now_ns) is None
 
