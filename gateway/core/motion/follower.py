@@ -42,10 +42,8 @@ class Follower(ABC):
     def __init__(self, jerks: Sequence[float], period_s: float) -> None:
         self.target: Vector = ()
         """Latest target, inside the limits; empty before the first one of a stream."""
-        self.last_fault = ""
-        """What ruckig complained of last; the arm braked for that setpoint. Empty when it never did."""
         self.faults = 0
-        """How many setpoints had to do without ruckig."""
+        """How many setpoints had to do without ruckig; the arm braked for them."""
         self._speed = self._bound = 1.0
         """Factors on the velocity limits: of the stream, and of whoever bounds it beside."""
         self._force = 1.0
@@ -110,8 +108,7 @@ class Follower(ABC):
         """
         try:
             solve(self._ruckig, self._entry, self._trajectory)
-        except NoPlan as none:
-            self.last_fault = str(none)
+        except NoPlan:
             self.faults += 1
             return None
         self._note_remaining(self._trajectory.duration / stop_s)

@@ -121,16 +121,6 @@ class Reference(Generic[SpaceT]):
         return self._follower.is_limited
 
     @property
-    def last_fault(self) -> str:
-        """What ruckig complained of last while following; the arm braked for that setpoint. Empty when it never did."""
-        return self._follower.last_fault
-
-    @property
-    def faults(self) -> int:
-        """How many setpoints had to do without ruckig."""
-        return self._follower.faults
-
-    @property
     def here(self) -> Start[SpaceT]:
         """Where a plan would begin now."""
         return Start(self.state, self.space)
