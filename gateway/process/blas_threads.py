@@ -8,18 +8,13 @@ environment then; what a user set there himself stays.
 from __future__ import annotations
 
 import os
-from collections.abc import MutableMapping
 
 __all__ = ["VARIABLES", "one_blas_thread"]
 
 VARIABLES = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS")
 
 
-def one_blas_thread(environ: MutableMapping[str, str] | None = None) -> None:
-    """Let numpy work in the thread that calls it, if it is not imported yet.
-
-    Args:
-        environ: Environment variables; None for this process's own.
-    """
+def one_blas_thread() -> None:
+    """Let numpy work in the thread that calls it, if it is not imported yet."""
     for variable in VARIABLES:
-        (os.environ if environ is None else environ).setdefault(variable, "1")
+        os.environ.setdefault(variable, "1")

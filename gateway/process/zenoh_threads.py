@@ -20,7 +20,6 @@ zenoh reads this from the environment when its first runtime starts; what a user
 from __future__ import annotations
 
 import os
-from collections.abc import MutableMapping
 
 __all__ = ["VARIABLE", "share_reactor"]
 
@@ -28,10 +27,6 @@ VARIABLE = "ZENOH_RUNTIME"
 SHARED = "(rx: (worker_threads: 6), app: (handover: rx), acc: (worker_threads: 4))"
 
 
-def share_reactor(environ: MutableMapping[str, str] | None = None) -> None:
-    """Let the thread that waits at a socket also read it, in every session that this process opens later.
-
-    Args:
-        environ: Environment variables; None for this process's own.
-    """
-    (os.environ if environ is None else environ).setdefault(VARIABLE, SHARED)
+def share_reactor() -> None:
+    """Let the thread that waits at a socket also read it, in every session that this process opens later."""
+    os.environ.setdefault(VARIABLE, SHARED)

@@ -227,18 +227,15 @@ def overridden(
     return replace(settings, link=link, local=local)
 
 
-def state_dir(environ: Mapping[str, str] | None = None) -> Path:
+def state_dir() -> Path:
     """Return the folder of what survives a restart.
 
     It is `$TA2_STATE_DIR`, else `$XDG_STATE_HOME/ta2`, else `~/.local/state/ta2`.
 
-    Args:
-        environ: Environment variables; None for this process's own.
-
     Raises:
         ConfigError: There is neither a variable nor a home.
     """
-    env = os.environ if environ is None else environ
+    env = os.environ
     if env.get("TA2_STATE_DIR"):
         return Path(env["TA2_STATE_DIR"]).expanduser().absolute()
     if Path(env.get("XDG_STATE_HOME", "")).is_absolute():  # the base directory specification ignores relative ones

@@ -33,11 +33,11 @@ def test_sockets_are_waited_for_where_they_are_read():
     assert "acc" in threads
 
 
-def test_what_the_user_set_stays():
+def test_what_the_user_set_stays(monkeypatch):
     """The variable is zenoh's own, and whoever sets it knows why."""
-    environment = {VARIABLE: "(rx: (worker_threads: 4))"}
-    share_reactor(environment)
-    assert environment == {VARIABLE: "(rx: (worker_threads: 4))"}
-    environment.clear()
-    share_reactor(environment)
-    assert environment == {VARIABLE: SHARED}
+    monkeypatch.setattr("os.environ", {VARIABLE: "(rx: (worker_threads: 4))"})
+    share_reactor()
+    assert os.environ == {VARIABLE: "(rx: (worker_threads: 4))"}
+    os.environ.clear()
+    share_reactor()
+    assert os.environ == {VARIABLE: SHARED}

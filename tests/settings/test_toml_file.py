@@ -551,9 +551,12 @@ def test_a_bad_option_is_a_config_error_of_the_command_line(flags: dict[str, Any
         ({"TA2_STATE_DIR": "", "XDG_STATE_HOME": "", "HOME": "/home/a"}, "/home/a/.local/state/ta2"),
     ],
 )
-def test_the_state_folder_follows_the_environment(environ: dict[str, str], folder: str) -> None:
+def test_the_state_folder_follows_the_environment(
+    environ: dict[str, str], folder: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Our own variable, then the base directory specification, which ignores relative paths, then the home."""
-    assert toml_file.state_dir(environ) == Path(folder)
+    monkeypatch.setattr("os.environ", environ)
+    assert toml_file.state_dir() == Path(folder)
 
 
 def test_a_relative_state_folder_is_made_absolute(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
@@ -564,8 +567,9 @@ def test_a_relative_state_folder_is_made_absolute(monkeypatch: pytest.MonkeyPatc
 
 
 @pytest.mark.parametrize("environ", [{}, {"HOME": ""}, {"HOME": "here"}])
-def test_without_a_home_the_remedy_is_named(environ: dict[str, str]) -> None:
+def test_without_a_home_the_remedy_is_named(environ: dict[str, str], monkeypatch: pytest.MonkeyPatch) -> None:
     """A service without a home says which variable helps."""
+    monkeypatch.setattr("os.environ", environ)
     with pytest.raises(ConfigError) as refused:
-        toml_file.state_dir(environ)
+        toml_file.state_dir()
     assert "TA2_STATE_DIR" in refused.value.hint
