@@ -26,8 +26,8 @@ from typing import Any
 from cdr_types.schemas import definition
 from gateway import __version__
 from gateway.errors import Code, failure
+from gateway.process.growing import claim
 from gateway.recording.topics import RecordedTopic
-from gateway.video.recording.growing import claim
 
 __all__ = ["ACTIVE", "ALIAS", "METADATA", "NOTE", "BagWriter", "bag_file", "needed"]
 

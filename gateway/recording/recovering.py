@@ -10,9 +10,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from gateway.errors import Code, failure
+from gateway.process.growing import is_growing
 from gateway.recording.bag_writer import ACTIVE, CHUNK_BYTES, METADATA, metadata, needed
 from gateway.recording.topics import RecordedTopic
-from gateway.video.recording.growing import is_growing
 
 __all__ = ["Recovered", "recover"]
 

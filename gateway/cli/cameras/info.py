@@ -12,9 +12,9 @@ from pathlib import Path
 
 from gateway.cli.terminal.ending import ExitStatus
 from gateway.errors import Code, GatewayError, failure
+from gateway.process.growing import is_growing
 from gateway.video.decoding.libav import av
 from gateway.video.recording.container import SUFFIXES, TROUBLE, ticks_of
-from gateway.video.recording.growing import is_growing
 from gateway.video.recording.index import Index, index_path, read_index
 from gateway.video.recording.measures import Arrival, Stretch, Timing, arrival_of, stretches, timing_of
 

@@ -17,9 +17,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 from gateway.errors import Code, failure
+from gateway.process.growing import claim
 from gateway.video.decoding.libav import av
 from gateway.video.hevc.access_unit import CLOCK_HZ, AccessUnit
-from gateway.video.recording.growing import claim
 
 if TYPE_CHECKING:
     from av.container import OutputContainer

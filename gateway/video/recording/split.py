@@ -18,12 +18,12 @@ from pathlib import Path
 from typing import Any
 
 from gateway.errors import Code, GatewayError, failure
+from gateway.process.growing import Growing
 from gateway.video.decoding.libav import av
 from gateway.video.decoding.views import VIEWS
 from gateway.video.hevc.access_unit import CLOCK_HZ
 from gateway.video.recording.coding import Coding
 from gateway.video.recording.container import TROUBLE, ticks_of
-from gateway.video.recording.growing import Growing
 from gateway.video.recording.index import index_path, read_index
 from gateway.video.recording.view_files import ViewFiles, view_paths
 

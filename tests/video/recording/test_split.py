@@ -13,11 +13,11 @@ import numpy as np
 import pytest
 
 from gateway.errors import Rejected
+from gateway.process.growing import Growing
 from gateway.video.decoding.views import VIEWS, pixel_box
 from gateway.video.hevc.access_unit import AccessUnit
 from gateway.video.recording.coding import Coding
 from gateway.video.recording.container import ticks_of
-from gateway.video.recording.growing import Growing
 from gateway.video.recording.index import index_path
 from gateway.video.recording.split import DAMAGED, Splitter, split_folder
 from gateway.video.recording.take import Take
