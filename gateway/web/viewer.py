@@ -96,7 +96,10 @@ class Viewer:
             try:
                 self.info = await robot.info()
                 async for state in robot.states(max_rate=RATE_HZ, timeout=SILENT_S):
-                    self._show(state.view)
+                    if (
+                        state.age < SILENT_S
+                    ):  # the first is whatever was heard last, from a gateway that may be dead since
+                        self._show(state.view)
             except GatewayError:  # away, silent, or another one meanwhile
                 self._show(None)
             await asyncio.sleep(RETRY_S)  # also where there is nothing to wait for: nobody else would get a turn

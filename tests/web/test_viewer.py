@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
+from types import SimpleNamespace
 
 import pytest
 
@@ -95,6 +96,40 @@ def test_an_error_that_nobody_expects_leaves_no_old_state(
 
     asyncio.run(story())
     assert "nobody expects this" in caplog.text
+
+
+class Dead:
+    """A gateway of which is known what was heard last, and no more."""
+
+    age = 10.0
+
+    async def info(self) -> str:
+        """Return what was kept."""
+        return "info"
+
+    async def states(self, **_: object) -> AsyncIterator[object]:
+        """Begin with the last one, as long ago as it was."""
+        yield SimpleNamespace(age=self.age, view=object())
+        raise failure(Code.DISCONNECTED, "no state came")
+
+
+@pytest.mark.parametrize(("age", "is_shown"), [(0.1, True), (10.0, False)])
+def test_what_was_heard_of_a_dead_gateway_is_not_shown_again(age: float, is_shown: bool) -> None:
+    """A page that shows it for a moment, over and over, shows a robot that stands still."""
+
+    async def story() -> None:
+        seen, shown = Viewer(None), []
+        seen._show = lambda view: shown.append(view is not None)  # type: ignore[method-assign]  # what pages would get
+        gateway = Dead()
+        gateway.age = age
+        seeing = asyncio.create_task(seen._see(gateway))  # type: ignore[arg-type]  # as much of one as is used
+        for _ in range(20):
+            await asyncio.sleep(0)
+        assert (True in shown) is is_shown and shown[-1] is False
+        seeing.cancel()
+        await asyncio.wait({seeing})
+
+    asyncio.run(story())
 
 
 def test_the_recorder_is_followed_and_is_nobody_s_matter_where_there_is_none(monkeypatch: pytest.MonkeyPatch) -> None:
