@@ -133,15 +133,23 @@ def default_socket(environ: Mapping[str, str] | None = None) -> Path:
 
 
 def find_socket(environ: Mapping[str, str] | None = None) -> Path:
-    """Return the first socket that exists where a daemon may listen; the default path when there is none.
+    """Return the first socket that exists where a daemon may listen; else the first path at which one may be made.
 
-    A socket in a directory that somebody else may write to is passed over.
+    A socket in a directory that somebody else may write to is passed over, whether it exists or not.
+
+    Raises:
+        AddressRefused: There is no other, or `TA2_SOCKET` is no path.
     """
     candidates = _candidates(os.environ if environ is None else environ)
     for path in candidates:
         if len(candidates) == 1 or (path.is_socket() and is_private(path.parent)):
             return path
-    return candidates[0]
+    for path in candidates:
+        if not os.path.lexists(path.parent) or is_private(path.parent):
+            return path
+    raise AddressRefused(
+        f"others may put a socket into {candidates[0].parent}: make it yours alone, or name the socket with {SOCKET_VARIABLE}"
+    )
 
 
 def _candidates(environ: Mapping[str, str]) -> tuple[Path, ...]:

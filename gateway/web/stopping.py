@@ -7,6 +7,7 @@ that is dead or frozen reads it. Only then is the gateway asked, and its guard, 
 from __future__ import annotations
 
 import asyncio
+import contextlib
 from typing import Literal
 
 import msgspec
@@ -57,7 +58,9 @@ async def stop(word: Literal["stop", "estop"], reason: str, target: str | None, 
     Raises:
         GatewayError: Nobody knows whether it stopped: use the physical emergency stop.
     """
-    path = protocol.find_socket() if target is None else protocol.parse_address(target).path
+    path = None
+    with contextlib.suppress(protocol.AddressRefused):  # who is connected already is asked all the same
+        path = protocol.find_socket() if target is None else protocol.parse_address(target).path
     is_dropped = path is not None and drop_stop(
         path, KEYS[word], protocol.encode({"name": NAME, "reason": reason}, protocol.JSON)
     )

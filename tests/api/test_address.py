@@ -87,10 +87,32 @@ def test_a_socket_in_somebody_elses_directory_is_passed_over(tmp_path, monkeypat
         listener.bind(str(open_to_all / "gateway.sock"))
         monkeypatch.setattr(address, "SYSTEM_SOCKET", open_to_all / "gateway.sock")
         assert find_socket({"XDG_RUNTIME_DIR": str(tmp_path)}) == tmp_path / "ta2" / "gateway.sock"
+        assert find_socket({"XDG_RUNTIME_DIR": str(tmp_path), "TA2_SOCKET": "/x/y.sock"}) == address.Path("/x/y.sock")
     link = tmp_path / "link"
     link.symlink_to(tmp_path)
     assert not address.is_private(link) and not address.is_private(tmp_path / "missing")
     assert address.is_private(tmp_path)
+
+
+def test_nobody_waits_for_a_socket_in_somebody_elses_directory(tmp_path, monkeypatch):
+    """Where there is none yet, the next place is named; where there is no other, the folder and the remedy."""
+    runtime, host = tmp_path / "ta2", tmp_path / "host"
+    for folder in (runtime, host):
+        folder.mkdir()
+    runtime.chmod(0o777)
+    places = (runtime / "gateway.sock", host / "gateway.sock")
+    monkeypatch.setattr(address, "_candidates", lambda environ: places)
+    assert find_socket({}) == places[1]
+    host.chmod(0o777)
+    with pytest.raises(AddressRefused, match=f"into {runtime}: .* TA2_SOCKET"):
+        find_socket({})
+    host.rmdir()
+    assert find_socket({}) == places[1]
+    host.symlink_to(tmp_path / "missing")
+    with pytest.raises(AddressRefused):
+        find_socket({})
+    monkeypatch.undo()
+    assert find_socket({"XDG_RUNTIME_DIR": str(tmp_path)}).parent != runtime
 
 
 def test_a_bare_name_is_a_robot_of_the_fleet_that_the_environment_names(monkeypatch):

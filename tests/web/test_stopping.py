@@ -5,11 +5,14 @@ from __future__ import annotations
 import asyncio
 import os
 from pathlib import Path
+from types import SimpleNamespace
+from unittest.mock import AsyncMock
 
 import pytest
 
 from gateway.api.keys import ESTOP_KEY, STOP_KEY
 from gateway.api.stop_pipe import stop_pipe
+from gateway.client import StopResult
 from gateway.errors import Disconnected
 from gateway.web.stopping import reason_of, stop
 
@@ -45,6 +48,15 @@ def test_it_lies_in_the_pipe_before_anybody_is_asked(tmp_path: Path, word, key: 
         assert b"smoke" in os.read(reader, 4096)
     finally:
         os.close(reader)
+
+
+def test_where_no_socket_can_be_found_whoever_is_connected_is_asked(monkeypatch: pytest.MonkeyPatch) -> None:
+    """And where nobody is, the remedy is told, not what is wrong with a variable."""
+    monkeypatch.setenv("TA2_SOCKET", "no-path.sock")
+    with pytest.raises(Disconnected, match="physical emergency stop"):
+        asyncio.run(stop("stop", "", None, None))
+    robot = SimpleNamespace(stop=AsyncMock(return_value=StopResult(by_guard=False, undelivered=False)))
+    assert asyncio.run(stop("stop", "", None, robot)).confirmed  # type: ignore[arg-type]  # as much of one as is used
 
 
 def test_where_nobody_is_it_says_so(tmp_path: Path) -> None:

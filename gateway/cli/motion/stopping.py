@@ -64,10 +64,13 @@ def _drop(command: str, target: str | None, said: str) -> None:
 
 def _by_guard(command: str, target: str | None, said: str) -> StopResult | None:
     """Ask the guard of a daemon that is not there; None when no guard did anything."""
-    from gateway.api.protocol import find_socket
+    from gateway.api import protocol
     from gateway.client.asking.guard_stop import stop_at_guard
 
-    address = str(find_socket()) if target is None else target
+    try:
+        address = str(protocol.find_socket()) if target is None else target
+    except protocol.AddressRefused:
+        return None
     return stop_at_guard(address, "stop" if command == "stop" else "estop", said, f"ta2 {command}")
 
 

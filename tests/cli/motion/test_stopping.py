@@ -50,6 +50,12 @@ def test_where_there_is_no_pipe_the_connection_is_all(shell, target):
     assert shell.run("stop", "--socket", target).status == 0
 
 
+def test_where_no_socket_can_be_found_there_is_no_guard_to_ask(monkeypatch):
+    """What hinders is told by whoever connects."""
+    monkeypatch.setenv("TA2_SOCKET", "no-path.sock")
+    assert stopping._by_guard("stop", None, "smoke") is None
+
+
 def test_a_stop_without_a_name_is_a_stop(shell, monkeypatch):
     """An account without a name does not keep anybody from stopping."""
 
