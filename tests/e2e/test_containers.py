@@ -20,7 +20,9 @@ pytestmark = [
     pytest.mark.sim_only("a robot in a container is a simulated one"),
 ]
 
-SANDBOX = ("--read-only", "--cap-drop", "ALL", "--security-opt", "no-new-privileges")
+READ_ONLY = ("--read-only", "--read-only-tmpfs=false", "--tmpfs", "/tmp:mode=1777")
+"""As docker has it: of itself podman makes more than the compose file has writable."""
+SANDBOX = (*READ_ONLY, "--cap-drop", "ALL", "--security-opt", "no-new-privileges")
 GATEWAY = "keep-running.sh ta2 run --socket /run/ta2/gateway.sock --robot tcp/127.0.0.1:9000"
 MOVE = """
 import numpy as np

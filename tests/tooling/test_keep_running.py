@@ -20,6 +20,14 @@ def kept(program: str, folder: Path) -> subprocess.Popen[str]:
     return subprocess.Popen(words, cwd=folder, stderr=subprocess.PIPE, text=True)
 
 
+def test_a_container_that_is_read_only_has_room_for_its_lock() -> None:
+    """Docker makes no /tmp of its own in one, and a gateway without any holds no robot."""
+    services = (SCRIPT.parent / "compose.yaml").read_text("utf-8")
+    sandbox = services.partition("x-sandbox: &sandbox\n")[2].partition("\n\n")[0]
+    assert "  read_only: true\n" in sandbox and '  tmpfs: ["/tmp:mode=1777"]' in sandbox
+    assert services.count("image: ") == services.count("<<: *sandbox\n    image: ")
+
+
 def test_a_daemon_that_dies_is_started_again(tmp_path: Path) -> None:
     """By an error or a signal, as often as it takes; the last one ended well."""
     program = "echo >> tries; case $(wc -l < tries) in 1) exit 1;; 2) kill -9 $$;; *) exit 0;; esac"
