@@ -55,15 +55,19 @@ def node() -> str:
     return ""
 
 
-def run(words: list[str], folder: Path) -> str:
+def run(words: list[str], folder: Path, **variables: str) -> str:
     """Return what a program prints; it must end well."""
-    done = subprocess.run(words, cwd=folder, capture_output=True, text=True, timeout=120, check=False)
+    environ = {**os.environ, **variables}
+    done = subprocess.run(words, cwd=folder, env=environ, capture_output=True, text=True, timeout=120, check=False)
     assert done.returncode == 0, done.stdout + done.stderr
     return done.stdout
 
 
 def test_programs_in_javascript_and_in_c_plus_plus(systems: Callable[..., System], tmp_path: Path) -> None:
-    """The first moves an arm, both see the state and stop the robot, with no package at all."""
+    """The first moves an arm, both see the state and stop the robot, with no package at all.
+
+    Neither takes the secret among its arguments, which every user of a host can read.
+    """
     compiler = shutil.which("g++") or shutil.which("clang++")
     if compiler is None:
         missing("no C++ compiler here (Debian: apt install g++)")
@@ -77,13 +81,15 @@ def test_programs_in_javascript_and_in_c_plus_plus(systems: Callable[..., System
         web = Web(system)
         try:
             before = robot.fresh_state().left_arm.q[0]
-            said = run([interpreter, "look.mjs", web.url, web.token], tmp_path)
+            (tmp_path / "web.json").write_text(web.process.text().splitlines()[0])
+            said = run([interpreter, "look.mjs"], tmp_path)
             assert said.count("ok: true") == 4 and "confirmed: true" in said, said
             assert abs(robot.fresh_state().left_arm.q[0] - before - 0.05) < 0.02
             wait_for(lambda: any("js" in text for text in robot.state.latches.values()), "the first stop")
             robot.recover("seen")
             wait_for(lambda: not robot.state.latches, "the recovery")
-            state, stop = run(["./look", "127.0.0.1", str(web.port), web.token], tmp_path).splitlines()
+            looked = run(["./look", "127.0.0.1", str(web.port)], tmp_path, TA2_WEB_SECRET=web.token)
+            state, stop = looked.splitlines()
             assert json.loads(state)["type"] == "state" and json.loads(stop)["confirmed"]
             wait_for(lambda: any("c++" in text for text in robot.state.latches.values()), "the second stop")
         finally:
