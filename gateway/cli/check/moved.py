@@ -99,6 +99,8 @@ def rolled_out(name: str, capture: Capture, span: Span) -> Row:
     rolling = [at_ns for at_ns, message in wheels if max(map(abs, message.velocity)) > RESTING_RADPS]
     if not rolling:
         return row(name, False, "the wheels did not turn", remedy="is the chassis enabled? `ta2 why`")
+    if rolling[-1] == wheels[-1][0]:
+        return row(name, False, "nothing has shown the wheels at rest: they roll on, or their state stopped coming")
     return measured(name, max(0, rolling[-1] - (zeros[0] if zeros else driven_ns)) / S, "until the wheels were at rest")
 
 

@@ -243,6 +243,16 @@ def test_a_healthy_robot_passes_every_trial(trial, settings):
     assert row.verdict == "pass" and row.figure is not None and row.bound
 
 
+@pytest.mark.parametrize(("name", "then"), [("chassis_stop", [(CHASSIS_VELOCITY, [0.0] * 3)]), ("chassis_timeout", [])])
+def test_wheels_that_are_not_heard_any_more_while_they_roll_are_not_at_rest(name, then):
+    """What was heard last is how they roll, soon after they were told to stop."""
+    bench, _ = enabled()
+    begin = bench.run(0.5, lambda: [(CHASSIS_VELOCITY, [0.05, 0.0, 0.0])]).begin_ns
+    bench.fault(fault="drop", topic=CHASSIS_STATE)
+    row = moved.rolled_out(name, bench.capture, bench.run(2.5, lambda: then)._replace(begin_ns=begin))
+    assert row.verdict == "fail" and "stopped coming" in row.found and row.remedy
+
+
 @pytest.mark.parametrize(("fault", "trial", "settings"), MOVED)
 def test_a_fault_fails_its_trial(fault, trial, settings):
     """The robot was healthy when it was enabled."""
