@@ -48,7 +48,7 @@ def login_routes(logins: Logins | None, cookie: str, *, is_tls: bool) -> list[Ba
         there = _require(logins)
         try:
             asked = msgspec.json.decode(await asyncio.wait_for(body_of(request), BODY_S), type=LoginAsked)
-        except (msgspec.MsgspecError, UnicodeError, asyncio.TimeoutError) as error:
+        except (msgspec.MsgspecError, UnicodeError, RecursionError, asyncio.TimeoutError) as error:
             return _refused(400, "BAD_REQUEST", str(error) or "nothing came", "name and password as JSON")
         host = "unknown" if request.client is None else request.client.host
         try:

@@ -305,7 +305,7 @@ class _Page:
     def _take(self, text: str) -> None:
         try:
             asked = msgspec.json.decode(text, type=Asked)
-        except (msgspec.MsgspecError, UnicodeError) as error:
+        except (msgspec.MsgspecError, UnicodeError, RecursionError) as error:
             self._begin(
                 self._reply(None, RefusalMessage(code=Code.BAD_REQUEST, message=str(error), hint="see /openapi.json"))
             )

@@ -42,7 +42,7 @@ def reason_of(body: bytes) -> str:
     """Return the reason in the body of a request, as far as there is one."""
     try:
         return msgspec.json.decode(body, type=StopAsked).reason[:MOST_REASON]
-    except (msgspec.MsgspecError, UnicodeError):
+    except (msgspec.MsgspecError, UnicodeError, RecursionError):  # the last: brackets in brackets
         return ""
 
 

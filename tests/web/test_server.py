@@ -50,7 +50,11 @@ def test_without_a_gateway_that_is_said(browser: TestClient, method: str, path: 
     assert answer.json()["error"]["code"] == "DISCONNECTED" and "ta2 run" in answer.json()["error"]["hint"]
 
 
-@pytest.mark.parametrize("body", [b"", b"{}", b"\x00" * 100_000, b'{"reason": 1}'])
+NESTED = b'{"x":' + b"[" * 4000
+"""Brackets in brackets: more than a parser goes into."""
+
+
+@pytest.mark.parametrize("body", [b"", b"{}", b"\x00" * 100_000, b'{"reason": 1}', NESTED])
 def test_a_stop_without_a_gateway_tells_the_only_remedy(browser: TestClient, body: bytes) -> None:
     """Whatever came with it."""
     answer = browser.post("/api/estop", content=body)
@@ -68,6 +72,8 @@ def test_a_page_hears_that_the_gateway_is_away_and_that_it_owns_nothing(browser:
     with browser.websocket_connect("ws://127.0.0.1:8700/api/live", headers=KNOWN) as socket:
         assert socket.receive_json() == {"type": "gone"}
         socket.send_text("nonsense")
+        assert socket.receive_json()["error"]["code"] == "BAD_REQUEST"
+        socket.send_text(NESTED.decode())
         assert socket.receive_json()["error"]["code"] == "BAD_REQUEST"
         socket.send_text('{"do": "alive", "id": 1}')
         socket.send_text('{"do": "hold", "id": 2}')
@@ -140,7 +146,7 @@ def test_wrong_passwords_are_refused_then_not_even_tried(abroad: TestClient) -> 
     assert "physical emergency stop" in abroad.post("/api/stop").json()["error"]["hint"]
 
 
-@pytest.mark.parametrize("body", [b"", b"{}", b"[]", b'{"name": "ann"}', b"\xff", b" " * 100_000])
+@pytest.mark.parametrize("body", [b"", b"{}", b"[]", b'{"name": "ann"}', b"\xff", b" " * 100_000, NESTED])
 def test_what_is_no_login_is_refused(abroad: TestClient, body: bytes) -> None:
     """Without trying anything."""
     assert abroad.post("/api/login", content=body).status_code == 400

@@ -27,6 +27,7 @@ from gateway.web.stopping import reason_of, stop
         (b'{"reason": 7}', ""),
         (b'{"reason": "\\ud800"}', ""),
         (b'{"reason": "x", "more": 1}', "x"),
+        (b'{"x":' + b"[" * 4000, ""),
         (b'{"reason": "' + b"y" * 900 + b'"}', "y" * 200),
     ],
 )
