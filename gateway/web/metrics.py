@@ -74,7 +74,10 @@ def _of_view(view: Snapshot) -> Iterator[Metric]:
     yield from _family(
         "ta2_latch", "gauge", "1 for each cause that holds motion off.", [({"code": c}, 1.0) for c in view.latches]
     )
-    yield from _family("ta2_finding", "gauge", "1 for each finding.", [({"code": f.code}, 1.0) for f in view.findings])
+    codes = dict.fromkeys(finding.code for finding in view.findings)  # one code may be found of several parts
+    yield from _family(
+        "ta2_finding", "gauge", "1 for each code that is found.", [({"code": code}, 1.0) for code in codes]
+    )
     refusals = [({"request": kind, "code": no.code}, 1.0) for kind, no in view.refusals.items()]
     yield from _family("ta2_refused", "gauge", "1 for each kind of request that would be refused now.", refusals)
     targets: Counter[str] = Counter()
@@ -97,7 +100,7 @@ def _of_view(view: Snapshot) -> Iterator[Metric]:
     yield from _one("ta2_guard_linked", "gauge", "Whether the guard reaches the robot.", guard.linked)
     yield from _one("ta2_guard_lost", "counter", "Guards that ended.", guard.lost)
     yield from _one("ta2_others", "gauge", "Others that command the robot, or could.", len(view.others.seen))
-    endpoints = [({"name": e.name}, float(e.is_silent)) for e in view.endpoints]
+    endpoints = [({"name": e.name, "endpoint": str(e.endpoint_id)}, float(e.is_silent)) for e in view.endpoints]
     yield from _family("ta2_endpoint_silent", "gauge", "Whether a stop endpoint is silent.", endpoints)
     topics = view.topics.items()
     yield from _family("ta2_topic_age_seconds", "gauge", "Age of a topic.", [(_t(n), _s(t.age_ns)) for n, t in topics])

@@ -9,7 +9,7 @@ import pytest
 from msgspec.structs import replace
 from prometheus_client.parser import text_string_to_metric_families
 
-from gateway.messages.snapshot import ContactView
+from gateway.messages.snapshot import ContactView, EndpointView, Finding
 from gateway.web import metrics
 from tests.cli.views import a_view, owned
 
@@ -30,6 +30,19 @@ def test_a_gateway_that_is_away_is_told_and_nothing_old_beside_it() -> None:
     assert samples["ta2_up"][0].value == 0
     assert samples["ta2_notices_total"][0].labels == {"code": "LINK_UP", "level": "info"}
     assert set(samples) == {"ta2_up", "ta2_web", "ta2_notices_total"}
+
+
+def test_no_series_is_there_twice() -> None:
+    """Prometheus refuses the page: of two stop endpoints of one name, or one finding of both arms, it would get nothing."""
+    beat = EndpointView(endpoint_id=3, name="pedal", timeout_ns=1, on_silence="hold", age_ns=0, is_silent=False)
+    found = Finding(code="NOT_FOLLOWING", message="", hint="", since_ns=0, facts={})
+    twice = a_view(endpoints=(beat, replace(beat, endpoint_id=4, is_silent=True)), findings=(found, found))
+    samples = read(twice, {("LINK_UP", "info"): 2, ("LINK_UP", "warning"): 1})
+    for rows in samples.values():
+        labels = [tuple(sorted(row.labels.items())) for row in rows]
+        assert len(labels) == len(set(labels))
+    silent = {(row.labels["name"], row.labels["endpoint"]): row.value for row in samples["ta2_endpoint_silent"]}
+    assert silent == {("pedal", "3"): 0.0, ("pedal", "4"): 1.0}
 
 
 def test_times_are_seconds_and_unknown_ones_are_left_out() -> None:
