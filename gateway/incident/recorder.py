@@ -279,28 +279,30 @@ class Recorder:
         pickler = pickle.Pickler(file, 5)
         lines, newest_ns = b"", 0
         wall_ns = time.time_ns() - time.monotonic_ns()
-        for _ in range(len(self._waiting)):
-            record = self._waiting.popleft()
-            newest_ns = record.now_ns
-            if isinstance(record, _Begin):
-                self._ring.write(file.getvalue())
-                self._ring.begin(self._header(record, wall_ns), record.now_ns)
-                file = io.BytesIO()
-                pickler = pickle.Pickler(file, 5)
-                pickler.dump(Start(*packed(record.frozen)))
-                self._is_known = True
-                continue
-            lines += self._events.note(record, wall_ns + record.now_ns)
-            for notice in record.notices:
-                if (cause := _cause(notice)) is not None:
-                    is_grave = _is_grave(notice)
-                    self._is_grave |= is_grave
-                    if len(self._causes) < (MOST_CAUSES if is_grave else MOST_MINOR):
-                        self._causes.append(cause)
-            if self._is_known:
-                pickler.dump(record)
-        if lines:
-            self._events.write(lines)
+        try:
+            for _ in range(len(self._waiting)):
+                record = self._waiting.popleft()
+                newest_ns = record.now_ns
+                if isinstance(record, _Begin):
+                    self._ring.write(file.getvalue())
+                    self._ring.begin(self._header(record, wall_ns), record.now_ns)
+                    file = io.BytesIO()
+                    pickler = pickle.Pickler(file, 5)
+                    pickler.dump(Start(*packed(record.frozen)))
+                    self._is_known = True
+                    continue
+                lines += self._events.note(record, wall_ns + record.now_ns)
+                for notice in record.notices:
+                    if (cause := _cause(notice)) is not None:
+                        is_grave = _is_grave(notice)
+                        self._is_grave |= is_grave
+                        if len(self._causes) < (MOST_CAUSES if is_grave else MOST_MINOR):
+                            self._causes.append(cause)
+                if self._is_known:
+                    pickler.dump(record)
+        finally:  # what was told stands nowhere else, whatever became of the ring
+            if lines:
+                self._events.write(lines)
         if self._is_known:
             self._ring.write(file.getvalue())
             if self._ring.is_full:

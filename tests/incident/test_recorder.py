@@ -32,7 +32,7 @@ from gateway.messages.requests import Estop, Follow
 from gateway.process.threads import take_lost
 from gateway.values import Side
 from tests.incident.feeling import feeling
-from tests.incident.recorded import DEADLINE_S, an_incident, record, until
+from tests.incident.recorded import DEADLINE_S, Recorded, an_incident, record, until
 from tests.pair import MS, Pair, S
 
 ROOT = Path(__file__).parents[2]
@@ -445,6 +445,24 @@ def test_what_was_told_and_refused_is_a_line_each(tmp_path: Path) -> None:
         for line in (tmp_path / "events.jsonl").read_text().splitlines()
     )
     assert not list(read_events(tmp_path, float("inf")))
+
+
+def test_what_was_told_is_a_line_where_there_is_no_room_for_a_piece(tmp_path: Path, monkeypatch) -> None:
+    """The lines of a pass are few bytes, and stand nowhere else."""
+
+    def full(*_: object) -> None:
+        raise OSError(28, "little room is left on the disk")
+
+    monkeypatch.setattr(recorder_module, "PIECE_NS", 100 * MS)
+    pair = Pair()
+    pair.engine = recorded = Recorded(pair.engine, tmp_path)  # type: ignore[assignment]  # as much of one as a pair needs
+    recorded.is_waited_for, recorder = False, recorded.recorder
+    recorder._is_on = True
+    monkeypatch.setattr(recorder._ring, "begin", full)
+    pair.activate()
+    while recorder._waiting:
+        recorder._write()
+    assert {"STATE_CHANGED", "LINK_UP"} <= {event["code"] for event in read_events(tmp_path, 0.0)}
 
 
 def test_a_piece_begins_with_a_state_and_joints_can_be_drawn(tmp_path: Path) -> None:
