@@ -115,7 +115,7 @@ def build(
         Rejected: BAD_REQUEST, `out` holds something or cannot be written; a bag cannot be read or lacks what the layout needs;
             nothing is left; pyarrow is not installed.
     """
-    pyarrow()
+    pyarrow("pyarrow")
     refuse_full(out)
     seen = _videos(bags, videos)
     try:

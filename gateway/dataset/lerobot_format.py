@@ -184,7 +184,7 @@ class _V30:
         self._close_file()
         for video in self._videos.values():
             video.close()
-        pa = pyarrow()
+        pa = pyarrow("pyarrow")
         write(pa.Table.from_pylist(self._rows), self._folder / V30_EPISODES)
         table = pa.table({"task_index": pa.array(range(len(tasks)), pa.int64()), "task": list(tasks)})
         write(table, self._folder / "meta/tasks.parquet", index="task")

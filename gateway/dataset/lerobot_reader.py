@@ -51,7 +51,7 @@ class Dataset:
     """
 
     def __init__(self, folder: Path) -> None:
-        pyarrow()
+        pyarrow("pyarrow")
         self.folder = folder
         try:
             self.info: dict[str, Any] = json.loads((folder / "meta/info.json").read_text(encoding="utf-8"))

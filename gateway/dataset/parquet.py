@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -14,19 +15,13 @@ from gateway.recording.bag_writer import needed
 
 __all__ = ["columns", "pyarrow", "read", "write"]
 
-
-def pyarrow(module: str = "pyarrow") -> Any:  # noqa: ANN401  a module without types of its own
-    """Return pyarrow, or a module of it.
-
-    Raises:
-        Rejected: BAD_REQUEST, it is not installed.
-    """
-    return needed(module, "dataset")
+pyarrow = partial(needed, extra="dataset")
+"""Return pyarrow, or a module of it; as `needed`."""
 
 
 def columns(tables: Mapping[str, npt.NDArray[np.generic]]) -> Any:  # noqa: ANN401
     """Return an Arrow table: vectors, shape (n, dimensions), become lists of fixed size, shape (n,) becomes numbers."""
-    pa = pyarrow()
+    pa = pyarrow("pyarrow")
     arrays = []
     for table in tables.values():
         flat = pa.array(np.ascontiguousarray(table).reshape(-1))
