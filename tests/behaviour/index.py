@@ -120,6 +120,7 @@ TRANSITIONS = {
         "cells::client lost",
         "losing_clients::a_client_whose_token_is_gone_is_lost_at_once",
         "losing_clients::a_client_that_leaves_its_lease_is_lost_at_once",
+        "losing_clients::a_client_that_leaves_its_lease_and_takes_it_at_once_was_lost",
         "losing_clients::a_lost_client_while_stopping_is_still_stopped",
     ),
     "client back < 10 s": (
@@ -426,6 +427,7 @@ STOPPING = {
     "tick late > 50 ms": (
         "time::a_tick_that_is_more_than_50_ms_late_is_skipped_and_told",
         "time::after_a_gap_in_which_the_robot_stopped_the_arms_the_motion_is_over",
+        "time::after_late_ticks_that_make_such_a_gap_together_the_motion_is_over",
         "motions::a_skipped_tick_delays_a_motion_and_does_not_compress_it",
     ),
     "a vanished owner is vanished in real time": (
@@ -477,6 +479,7 @@ ROBOT_SIDE = {
     ),
     "an arm is enabled again": (
         "enabling::an_arm_that_is_enabled_again_joins_only_at_the_next_enable",
+        "enabling::an_arm_that_joins_may_be_followed_at_once_by_the_next_request",
         "enabling::an_arm_joins_only_from_a_steady_state",
     ),
     "mixed control modes": (
