@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import contextlib
+import asyncio
 import shutil
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 from prometheus_client import CollectorRegistry, generate_latest
@@ -14,37 +13,64 @@ from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily, Metri
 from prometheus_client.registry import Collector
 
 from gateway import __version__
+from gateway.errors import GatewayError
+from gateway.settings.toml_file import state_dir
 
 if TYPE_CHECKING:
     from gateway.api.protocol import Snapshot
     from gateway.web.messages import CamerasSeen
     from gateway.web.viewer import Viewer
 
-__all__ = ["text"]
+__all__ = ["Disk", "text"]
 
 S = 1_000_000_000
 KINDS = {"gauge": GaugeMetricFamily, "counter": CounterMetricFamily}
+LOOK_S = 0.2
+"""How long a look at the disk is waited for [s]."""
 Rows = Iterable[tuple[Mapping[str, str], float | None]]
 
 
-def text(viewer: Viewer, cameras: CamerasSeen | None = None, disk: Path | None = None) -> bytes:
+class Disk:
+    """The disk of state and black box. It is looked at beside the event loop: one that hangs keeps no stop waiting."""
+
+    def __init__(self) -> None:
+        self._looking: asyncio.Task[int | None] | None = None
+
+    async def free(self) -> int | None:
+        """Return its room [bytes]; None where it does not say so at once. However often it is asked, one look goes on."""
+        if self._looking is None or self._looking.done():
+            self._looking = asyncio.create_task(asyncio.to_thread(_free))
+        looking = self._looking
+        await asyncio.wait({looking}, timeout=LOOK_S)
+        return looking.result() if looking.done() else None
+
+
+def _free() -> int | None:
+    try:
+        folder = state_dir()
+        return shutil.disk_usage(next(there for there in (folder, *folder.parents) if there.is_dir())).free
+    except (GatewayError, OSError):  # there is neither a folder nor a home
+        return None
+
+
+def text(viewer: Viewer, cameras: CamerasSeen | None = None, free: int | None = None) -> bytes:
     """Return the page of metrics; while the gateway is away only that it is, and what was counted.
 
     Args:
         viewer: Looks at the gateway.
         cameras: How the page sees the cameras; None where it shows none.
-        disk: A folder on the disk whose room is told; None for none.
+        free: Room on the disk [bytes]; None where it is not known.
     """
     registry = CollectorRegistry(auto_describe=False)
-    registry.register(_Seen(viewer, cameras, disk))
+    registry.register(_Seen(viewer, cameras, free))
     return generate_latest(registry)
 
 
 class _Seen(Collector):
-    def __init__(self, viewer: Viewer, cameras: CamerasSeen | None, disk: Path | None) -> None:
+    def __init__(self, viewer: Viewer, cameras: CamerasSeen | None, free: int | None) -> None:
         self._viewer = viewer
         self._cameras = cameras
-        self._disk = disk
+        self._free = free
 
     def describe(self) -> Iterable[Metric]:
         return ()
@@ -55,10 +81,7 @@ class _Seen(Collector):
         yield from _family("ta2_web", "gauge", "Release of this page.", [({"version": __version__}, 1.0)])
         counted = [({"code": code, "level": level}, n) for (code, level), n in sorted(viewer.counted.items())]
         yield from _family("ta2_notices", "counter", "Notices of the gateway since this page began.", counted)
-        if self._disk is not None:
-            with contextlib.suppress(OSError):
-                free = shutil.disk_usage(self._disk).free
-                yield from _one("ta2_disk_free_bytes", "gauge", "Room on the disk of state and black box.", free)
+        yield from _one("ta2_disk_free_bytes", "gauge", "Room on the disk of state and black box.", self._free)
         if self._cameras is not None:
             seen = self._cameras
             yield from _one("ta2_video_receiving", "gauge", "Whether a page looks at the cameras.", seen.is_receiving)

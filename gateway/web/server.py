@@ -48,7 +48,6 @@ from gateway.errors import (
     Rejected,
     failure,
 )
-from gateway.settings.toml_file import state_dir
 from gateway.web import metrics, stopping
 from gateway.web.beside import Beside
 from gateway.web.door import SESSION, Door, Keys, cookie_name
@@ -137,6 +136,7 @@ class _Server:
         self._keys = keys
         self._cookie = cookie_name(port, is_tls=keys.is_tls)
         self._pages = 0
+        self._disk = metrics.Disk()
         self.viewer = Viewer(target)
         self._cameras = None
         if video_port is not None:
@@ -205,10 +205,8 @@ class _Server:
 
     async def metrics(self, _: Request) -> Response:
         cameras = None if self._cameras is None else self._cameras.seen()
-        disk = None
-        with contextlib.suppress(GatewayError):  # there is neither a folder nor a home
-            disk = next((folder for folder in (state_dir(), *state_dir().parents) if folder.is_dir()), None)
-        return Response(metrics.text(self.viewer, cameras, disk), headers={"Content-Type": CONTENT_TYPE_LATEST})
+        page = metrics.text(self.viewer, cameras, await self._disk.free())
+        return Response(page, headers={"Content-Type": CONTENT_TYPE_LATEST})
 
     async def openapi(self, _: Request) -> Response:
         return Response(description(), media_type="application/json")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from pathlib import Path
+from threading import Event
 
 import pytest
 from starlette.testclient import TestClient
@@ -85,6 +86,27 @@ def test_metrics_say_that_the_gateway_is_away(browser: TestClient) -> None:
     """So that an alarm can be made of it."""
     assert "ta2_up 0.0" in browser.get("/metrics", headers=KNOWN).text
     assert browser.get("/openapi.json", headers=KNOWN).json()["openapi"].startswith("3.")
+
+
+def test_a_disk_that_hangs_keeps_no_stop_waiting(browser: TestClient, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its room is left out until it answers; one look at it goes on, however often it is asked for."""
+    assert "ta2_disk_free_bytes" in browser.get("/metrics", headers=KNOWN).text
+    answers, asked, waited = Event(), [], []
+
+    def hang(folder: Path) -> None:
+        asked.append(folder)
+        waited.append(answers.wait(10.0))
+        raise OSError(5, "the server is away")
+
+    monkeypatch.setattr("gateway.web.metrics.shutil.disk_usage", hang)
+    try:
+        for _ in range(3):
+            page = browser.get("/metrics", headers=KNOWN).text
+            assert "ta2_up 0.0" in page and "ta2_disk_free_bytes" not in page
+        assert "physical emergency stop" in browser.post("/api/stop").json()["error"]["hint"]
+        assert len(asked) == 1 and waited == []
+    finally:
+        answers.set()
 
 
 def test_cameras_are_shown_where_that_was_asked_for(browser: TestClient) -> None:
