@@ -768,6 +768,7 @@ GUARD = {
     "a restarted daemon": (
         "guard::a_restarted_daemon_takes_the_hold_over_as_unowned_with_the_60_s_anew",
         "guard::a_restarted_daemon_enables_nothing_while_the_guard_holds",
+        "guard/guard_server::an_estop_at_the_guard_while_the_next_daemon_waits_is_latched_there",
         "core/guardian::a_hold_whose_new_daemon_hangs_goes_down",
         "core/handover/takeover::what_was_latched_stays_latched",
         "e2e/guard::a_hold_outlives_a_daemon_that_dies_before_it_has_taken_it",

@@ -240,7 +240,9 @@ class Cartesian:
             )
             for side, target in job.targets.items()
         }
-        return plan_lines(going, body, job.request.speed * min(coordinator.body.speed_ratio.values()))
+        ratio = coordinator.body.speed_ratio
+        v_radps = ratio[Space.JOINT] * next(iter(going.values())).start.space.limits.v_radps
+        return plan_lines(going, body, job.request.speed * min(ratio.values()), v_radps)
 
     def _postures(self, now_ns: int) -> dict[Side, Vector] | Refusal:
         """Return the joints of both arms: held, or measured; or that nobody knows them [rad]."""

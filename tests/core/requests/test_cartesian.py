@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from itertools import pairwise
 
 import pytest
 
@@ -133,6 +134,16 @@ def test_a_line_keeps_to_a_speed_limit_that_was_lowered():
     view = until_ended(pair, asked(pair))
     places = [ARMS[L].forward(q).p_m for q in setpoints(pair)]
     assert view.state == "reached" and 0.03 < 100.0 * max(map(math.dist, places, places[1:])) <= 0.05 + 1e-6
+
+
+def test_the_joints_of_a_line_keep_to_a_speed_limit_that_was_lowered():
+    """Where a joint turns faster than the hand's speed lets one think: towards the shoulder."""
+    pair = ready()
+    pair.receive(SettingsRead(values={"arm.v_radps": 0.1}, message="arm.v_radps = 0.1", at_ns=pair.now_ns))
+    view = until_ended(pair, asked(pair, (-0.1, 0.0, 0.0)))
+    sent = setpoints(pair)
+    fastest = max(abs(b - a) for x, y in pairwise(sent) for a, b in zip(x, y, strict=True))
+    assert view.state == "reached" and 0.09 < 100.0 * fastest <= 0.1 + 1e-6
 
 
 def test_what_moved_an_arm_ends_and_the_line_begins_where_it_came_to_rest():

@@ -10,8 +10,9 @@ It costs milliseconds, and a tick has none to give: a plan is a generator of pie
 
 from __future__ import annotations
 
+import math
 from collections.abc import Generator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, TypeAlias
 
 from gateway.core.motion.joints.braking import Braking, JointLimits
@@ -76,10 +77,10 @@ Planning: TypeAlias = Generator[None, None, dict[Side, LinePath] | Refusal]
 """Yields after each piece; returns a path for each arm, or the first place on the way that cannot be."""
 
 
-def plan_lines(going: Mapping[Side, Going], body: Body, speed: float) -> Planning:
+def plan_lines(going: Mapping[Side, Going], body: Body, speed: float, v_radps: float = math.inf) -> Planning:
     """Return paths of a straight motion to poses at rest, all arms ending together, inside all limits; or why not.
 
-    `speed` is a factor on velocities and accelerations of the poses, 0 < speed <= 1.
+    `speed` is a factor on velocities and accelerations of the poses, 0 < speed <= 1; `v_radps` bounds the joints, too.
     """
     for side, one in going.items():
         if not one.arm.shape.is_near:
@@ -97,7 +98,11 @@ def plan_lines(going: Mapping[Side, Going], body: Body, speed: float) -> Plannin
         refusal = yield from too_near(body.model, body.margin_m, postures, lambda number: place(parts[number]))
         if refusal is not None:
             return refusal
-    reins = {side: Reins(one.poses, one.start.space.limits) for side, one in going.items()}
+    joints = {side: one.start.space.limits for side, one in going.items()}
+    reins = {
+        side: Reins(one.poses, replace(joints[side], v_radps=min(joints[side].v_radps, v_radps)))
+        for side, one in going.items()
+    }
     clock = yield from clock_for(lines, curves, reins, speed)
     if isinstance(clock, Refusal):
         return clock
