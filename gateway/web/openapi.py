@@ -27,7 +27,7 @@ class State(msgspec.Struct, frozen=True, kw_only=True, tag_field="type", tag="st
 
 
 class Gone(msgspec.Struct, frozen=True, kw_only=True, tag_field="type", tag="gone"):
-    """No gateway answers now."""
+    """No gateway answers now; said again each second."""
 
 
 class Noticed(msgspec.Struct, frozen=True, kw_only=True, tag_field="type", tag="notice"):

@@ -70,6 +70,8 @@ SILENT_S = 5.0
 """A page that owns the robot and says nothing for so long is gone [s]."""
 STALLED_S = 10.0
 """A page that takes nothing for so long is gone, owner or not [s]."""
+AGAIN_S = 1.0
+"""A page hears what is newest again where there is no news for so long [s]: who hears nothing knows that nobody is there."""
 CLOSE_S = 1.0
 """How long a page is waited for that is closed [s]."""
 MOST_WAITING = 32
@@ -281,7 +283,10 @@ class _Page:
                     told = number
                     await self._send(message)
             if viewer.number == shown and (not viewer.notices or viewer.notices[-1][0] == told):
-                await viewer.news()
+                try:
+                    await asyncio.wait_for(viewer.news(), AGAIN_S)
+                except asyncio.TimeoutError:
+                    shown = -1
 
     async def _listen(self) -> None:
         with contextlib.suppress(WebSocketDisconnect):

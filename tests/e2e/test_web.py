@@ -314,6 +314,33 @@ def test_in_a_browser_a_person_takes_it_moves_it_and_stops_it(system: System, we
 
 
 @in_a_browser
+def test_in_a_browser_a_server_that_is_frozen_is_told_and_a_stop_that_nobody_answers(system: System, web: Web) -> None:
+    """As behind a cut network: nothing is closed, nothing comes. The stop goes on, and is made when it can be."""
+    playwright = pytest.importorskip("playwright.sync_api", reason="no Playwright: pip install playwright")
+    with system.connect("watcher") as robot, playwright.sync_playwright() as play:
+        browser = play.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox"])
+        page = browser.new_page(viewport={"width": 1280, "height": 900})
+        see = playwright.expect
+        see.set_options(timeout=30_000)
+        page.goto(f"{web.url}?token={web.token}")
+        page.get_by_role("button", name="Take control").click()
+        see(page.locator("#owner")).to_have_text("you own the robot")
+        web.process.send(signal.SIGSTOP)
+        try:
+            page.keyboard.press("Escape")
+            see(page.locator("#stopped")).to_contain_text("nobody has answered yet: use the physical emergency stop")
+            see(page.locator("#state")).to_contain_text("what is shown is old")
+            see(page.get_by_role("button", name="Enable", exact=True)).to_be_disabled()
+        finally:
+            web.process.send(signal.SIGCONT)
+        wait_for(lambda: robot.state.latches, "the stop", tell=system.logs)
+        see(page.locator("#stopped")).to_contain_text("stopped")
+        see(page.locator("#why")).to_contain_text("STOPPED_BY_OTHER")
+        see(page.locator("#state")).not_to_contain_text("old")
+        browser.close()
+
+
+@in_a_browser
 def test_in_a_browser_the_body_is_drawn_an_episode_judged_and_a_stop_goes_past_all_of_it(
     system: System, web: Web
 ) -> None:

@@ -68,8 +68,11 @@ def test_a_stop_cannot_be_got(browser: TestClient) -> None:
     assert browser.get("/api/nothing", headers=KNOWN).json()["error"]["code"] == "BAD_REQUEST"
 
 
-def test_a_page_hears_that_the_gateway_is_away_and_that_it_owns_nothing(browser: TestClient) -> None:
+def test_a_page_hears_that_the_gateway_is_away_and_that_it_owns_nothing(
+    browser: TestClient, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """What it asks for wrongly is answered with the reason, what it cannot with the remedy."""
+    monkeypatch.setattr("gateway.web.server.AGAIN_S", 60.0)
     with browser.websocket_connect("ws://127.0.0.1:8700/api/live", headers=KNOWN) as socket:
         assert socket.receive_json() == {"type": "gone"}
         socket.send_text("nonsense")
@@ -80,6 +83,13 @@ def test_a_page_hears_that_the_gateway_is_away_and_that_it_owns_nothing(browser:
         socket.send_text('{"do": "hold", "id": 2}')
         reply = socket.receive_json()
         assert (reply["id"], reply["ok"], reply["error"]["code"]) == (2, False, "NOT_OWNER")
+
+
+def test_a_page_hears_something_while_there_is_no_news(browser: TestClient, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Else it could not tell a gateway that is away from a server that hangs, or a network that is cut."""
+    monkeypatch.setattr("gateway.web.server.AGAIN_S", 0.01)
+    with browser.websocket_connect("ws://127.0.0.1:8700/api/live", headers=KNOWN) as socket:
+        assert [socket.receive_json() for _ in range(3)] == [{"type": "gone"}] * 3
 
 
 def test_metrics_say_that_the_gateway_is_away(browser: TestClient) -> None:

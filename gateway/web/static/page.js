@@ -5,6 +5,9 @@ const byId = (id) => document.getElementById(id);
 const SIDES = ["left", "right"];
 const COLOURS = ["#d1495b", "#edae49", "#5ba300", "#00798c", "#4361ee", "#9d4edd", "#8d6e63"];
 const PLOT_S = 30;
+const LATE_MS = 1500; // without an answer for so long a stop's line says so
+const LOOK_MS = 500;
+const MOST_SILENT = 6; // looks without a word; the server says one each second. No time: a page that was busy has not listened
 const AGAIN_MS = 150; // a held button says its velocity again; the server lets it count for 400 ms
 let socket = null;
 let number = 0;
@@ -19,6 +22,7 @@ const history = { left: [], right: [] };
 async function stop(word) {
   const said = byId("stopped");
   said.textContent = "stopping";
+  const late = setTimeout(() => { said.textContent = "nobody has answered yet: use the physical emergency stop"; }, LATE_MS);
   try {
     const answer = await fetch(`/api/${word}`, { method: "POST", body: JSON.stringify({ reason: "" }), keepalive: true });
     const done = await answer.json();
@@ -28,6 +32,8 @@ async function stop(word) {
     else said.textContent = `stopped${done.by_guard ? " by the guard; the gateway does not answer" : ""}; Recover lets it move again`;
   } catch {
     said.textContent = "the page's own server does not answer: use the physical emergency stop";
+  } finally {
+    clearTimeout(late);
   }
 }
 
@@ -44,17 +50,35 @@ byId("recover").addEventListener("click", async () => {
 // ---------------------------------------------------------------------------------------------------------- the socket
 
 function connect() {
-  socket = new WebSocket(`${location.protocol === "https:" ? "wss" : "ws"}://${location.host}/api/live`);
-  const opened = { it: false };
-  socket.addEventListener("open", () => { opened.it = true; byId("events").replaceChildren(); });
-  socket.addEventListener("message", (event) => take(JSON.parse(event.data)));
-  socket.addEventListener("close", () => {
+  const mine = new WebSocket(`${location.protocol === "https:" ? "wss" : "ws"}://${location.host}/api/live`);
+  socket = mine;
+  let isOpened = false;
+  let isOver = false;
+  let silent = 0;
+  const end = (why) => {
+    if (isOver) return;
+    isOver = true;
+    clearInterval(looking);
+    mine.close(); // which is told minutes later where nobody answers: nothing waits for it
     own(false);
     waiting.clear();
     for (const see of watchers) see({});
-    const way = document.querySelector('header a[href="/login"]') ? "log in" : "open the address that `ta2 web` printed";
-    show(opened.it ? "the page's server is away" : `${way}; stopping works without`, true);
+    show(why, true);
     setTimeout(connect, 1000);
+  };
+  const looking = setInterval(() => {
+    silent += 1;
+    const most = isOpened ? MOST_SILENT : 3 * MOST_SILENT; // a connection may take a while
+    if (silent > most) end("the page's server is not heard: what is shown is old");
+  }, LOOK_MS);
+  mine.addEventListener("open", () => { isOpened = true; silent = 0; byId("events").replaceChildren(); });
+  mine.addEventListener("message", (event) => {
+    silent = 0;
+    if (!isOver) take(JSON.parse(event.data));
+  });
+  mine.addEventListener("close", () => {
+    const way = document.querySelector('header a[href="/login"]') ? "log in" : "open the address that `ta2 web` printed";
+    end(isOpened ? "the page's server is away" : `${way}; stopping works without`);
   });
 }
 
