@@ -96,9 +96,7 @@ class Viewer:
             try:
                 self.info = await robot.info()
                 async for state in robot.states(max_rate=RATE_HZ, timeout=SILENT_S):
-                    if (
-                        state.age < SILENT_S
-                    ):  # the first is whatever was heard last, from a gateway that may be dead since
+                    if state.age < SILENT_S:  # the first is what was heard last, from whoever may be dead since
                         self._show(state.view)
             except GatewayError:  # away, silent, or another one meanwhile
                 self._show(None)
