@@ -269,6 +269,7 @@ def test_an_estop_survives_another_address_of_the_robot(tmp_path: Path, systems:
         return ["ESTOP" in file.read_text() for file in (tmp_path / "state").glob("*.json")]
 
     with system.connect("watcher") as watcher:
+        wait_for(lambda: watcher.state.view.guard.linked, "the first daemon's guard")
         watcher.estop("test")
         wait_for(lambda: any(latched()), "the latch on disk")
     for address, shown in ((addresses[1], "ESTOP"), (addresses[0], "")):

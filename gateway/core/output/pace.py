@@ -6,6 +6,7 @@ from collections import deque
 
 from gateway.core.supervision.coordinator import AT_BASE, Coordinator
 from gateway.messages.snapshot import LoopView
+from gateway.robot.limits import ARM_WATCHDOG_NS
 
 __all__ = ["REST_NS", "TICK_NS", "Pace", "is_idle"]
 
@@ -53,6 +54,8 @@ class Pace:
     def gap_ns(self, now_ns: int, *, is_late: bool) -> int:
         """Return how long no setpoint can have left because of late ticks, until the earliest that may now [ns]; 0 without.
 
+        One longer than the arms' watchdog is told once: what is asked for after it begins from rest.
+
         Args:
             now_ns: Monotonic time of this tick [ns].
             is_late: Whether this tick is skipped: the next one is the earliest.
@@ -62,7 +65,10 @@ class Pace:
             self._sent_ns = now_ns
         if since_ns is None or not (is_late or was_late):
             return 0
-        return now_ns - since_ns + is_late * TICK_NS
+        gap_ns = now_ns - since_ns + is_late * TICK_NS
+        if is_late and gap_ns > ARM_WATCHDOG_NS:
+            self._sent_ns = None
+        return gap_ns
 
     def snapshot_due(self, now_ns: int, *, is_watched: bool) -> int | None:
         """Return the number of the snapshot that is due now, from 1, or None."""

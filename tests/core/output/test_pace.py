@@ -40,6 +40,8 @@ def test_a_gap_lasts_from_the_last_tick_in_time_to_the_next_that_may_be(pace):
     late = [pace.gap_ns(7 * S + ms * MS, is_late=ms < 200) for ms in (70, 140, 200)]
     assert late == [80 * MS, 150 * MS, 200 * MS]
     assert pace.gap_ns(8 * S, is_late=False) == 0 and pace.gap_ns(8 * S + 60 * MS, is_late=True) == 70 * MS
+    assert pace.gap_ns(8 * S + 160 * MS, is_late=True) == 170 * MS
+    assert pace.gap_ns(8 * S + 230 * MS, is_late=True) == pace.gap_ns(8 * S + 240 * MS, is_late=False) == 0, "told once"
 
 
 def test_snapshots_come_at_their_rate_however_often_it_is_ticked(pace):
