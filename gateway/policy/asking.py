@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
-from queue import Empty, SimpleQueue
+from queue import Empty, Queue, SimpleQueue
 
 from gateway.errors import Code, GatewayError, failure
 from gateway.policy.chunks import Chunk, chunk_of
@@ -56,7 +56,7 @@ class Asking:
         self._server, self._observer, self._layout = server, observer, layout
         self._period_ns, self._now_ns = period_ns, now_ns
         self._orders: SimpleQueue[bool] = SimpleQueue()
-        self._answers: SimpleQueue[Answer | GatewayError] = SimpleQueue()
+        self._answers: Queue[Answer | GatewayError] = Queue()  # a simple one of Python 3.10 may wait 0 s for ever
         self._thread = supervised(self._run, "ta2-policy-server", on_lost=self._lost)
         self._thread.start()
 
