@@ -14,7 +14,7 @@ import ssl
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -264,6 +264,21 @@ def complaints(page) -> list[str]:
     return said
 
 
+@contextlib.contextmanager
+def opened(web: Web) -> Iterator[tuple[Any, Callable[..., Any], list[str]]]:
+    """The page in a browser; what it is asked to show, and what it complained of."""
+    playwright = pytest.importorskip("playwright.sync_api", reason="no Playwright: pip install playwright")
+    with (
+        playwright.sync_playwright() as play,
+        play.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox"]) as browser,
+    ):
+        page = browser.new_page(viewport={"width": 1280, "height": 900})
+        said = complaints(page)
+        playwright.expect.set_options(timeout=30_000)
+        page.goto(f"{web.url}?token={web.token}")
+        yield page, playwright.expect, said
+
+
 in_a_browser = pytest.mark.skipif(
     CHROMIUM is None and os.environ.get("TA2_BROWSER") != "required",
     reason="no Chromium here (Debian: apt install chromium)",
@@ -273,14 +288,7 @@ in_a_browser = pytest.mark.skipif(
 @in_a_browser
 def test_in_a_browser_a_person_takes_it_moves_it_and_stops_it(system: System, web: Web) -> None:
     """Debian's Chromium: the page obeys its own policy, its buttons do what they say, Escape stops, a closed tab is a loss."""
-    playwright = pytest.importorskip("playwright.sync_api", reason="no Playwright: pip install playwright")
-    with system.connect("watcher") as robot, playwright.sync_playwright() as play:
-        browser = play.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox"])
-        page = browser.new_page(viewport={"width": 1280, "height": 900})
-        said = complaints(page)
-        see = playwright.expect
-        see.set_options(timeout=30_000)
-        page.goto(f"{web.url}?token={web.token}")
+    with system.connect("watcher") as robot, opened(web) as (page, see, said):
         see(page.locator("#place")).to_contain_text("tcp/127.0.0.1")
         assert "token" not in page.url
         page.get_by_role("button", name="Take control").click()
@@ -310,19 +318,12 @@ def test_in_a_browser_a_person_takes_it_moves_it_and_stops_it(system: System, we
         page.close()
         wait_for(lambda: robot.state.view.lease.lost_ns is not None, "the loss of a closed tab", tell=system.logs)
         assert said == []
-        browser.close()
 
 
 @in_a_browser
 def test_in_a_browser_a_server_that_is_frozen_is_told_and_a_stop_that_nobody_answers(system: System, web: Web) -> None:
     """As behind a cut network: nothing is closed, nothing comes. The stop goes on, and is made when it can be."""
-    playwright = pytest.importorskip("playwright.sync_api", reason="no Playwright: pip install playwright")
-    with system.connect("watcher") as robot, playwright.sync_playwright() as play:
-        browser = play.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox"])
-        page = browser.new_page(viewport={"width": 1280, "height": 900})
-        see = playwright.expect
-        see.set_options(timeout=30_000)
-        page.goto(f"{web.url}?token={web.token}")
+    with system.connect("watcher") as robot, opened(web) as (page, see, _):
         page.get_by_role("button", name="Take control").click()
         see(page.locator("#owner")).to_have_text("you own the robot")
         web.process.send(signal.SIGSTOP)
@@ -337,7 +338,6 @@ def test_in_a_browser_a_server_that_is_frozen_is_told_and_a_stop_that_nobody_ans
         see(page.locator("#stopped")).to_contain_text("stopped")
         see(page.locator("#why")).to_contain_text("STOPPED_BY_OTHER")
         see(page.locator("#state")).not_to_contain_text("old")
-        browser.close()
 
 
 @in_a_browser
@@ -345,17 +345,10 @@ def test_in_a_browser_the_body_is_drawn_an_episode_judged_and_a_stop_goes_past_a
     system: System, web: Web
 ) -> None:
     """The view can be worked by keys and keeps no stop away, however busy it is; what nobody sees is not drawn."""
-    playwright = pytest.importorskip("playwright.sync_api", reason="no Playwright: pip install playwright")
     bag = str(system.folder / "wave")
     recorder = Process("record", ["-m", "gateway.cli", "record", "--at", system.target, "--out", bag], system.folder)
     try:
-        with system.connect("watcher") as robot, playwright.sync_playwright() as play:
-            browser = play.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox"])
-            page = browser.new_page(viewport={"width": 1280, "height": 900})
-            said = complaints(page)
-            see = playwright.expect
-            see.set_options(timeout=30_000)
-            page.goto(f"{web.url}?token={web.token}")
+        with system.connect("watcher") as robot, opened(web) as (page, see, said):
             see(page.locator("#near")).to_contain_text(re.compile(r"Nearest: .* and .*, [\d.]+ cm"))
             page.locator("#body").focus()
             before = page.evaluate("scene.turn")
@@ -390,7 +383,6 @@ def test_in_a_browser_the_body_is_drawn_an_episode_judged_and_a_stop_goes_past_a
             page.get_by_role("button", name="List recordings").click()
             see(page.get_by_role("row", name="wave")).to_contain_text("1 success")
             assert said == []
-            browser.close()
     finally:
         recorder.end()
 

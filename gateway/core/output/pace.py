@@ -52,9 +52,10 @@ class Pace:
             self._lateness.popleft()
 
     def gap_ns(self, now_ns: int, *, is_late: bool) -> int:
-        """Return how long no setpoint can have left because of late ticks, until the earliest that may now [ns]; 0 without.
+        """Note whether a tick is skipped; return for how long late ticks let no setpoint leave, until the next that may [ns].
 
-        One longer than the arms' watchdog is told once: what is asked for after it begins from rest.
+        0 without a late tick. A gap longer than the arms' watchdog (manual §4.3) is told once: what is asked for after it
+        begins from rest.
 
         Args:
             now_ns: Monotonic time of this tick [ns].
