@@ -762,6 +762,7 @@ GUARD = {
     ),
     "who is given the hold": (
         "guard/guard_server::only_the_daemons_user_and_root_are_given_the_hold",
+        "guard/guard_server::no_hold_is_taken_from_another_users_guard",
         "guard/guard_server::the_heir_and_a_stop_under_way_keep_their_places",
         "guard/guard_server::the_next_daemon_keeps_its_place_while_it_waits",
     ),
