@@ -80,12 +80,13 @@ class Plan:
     behind: list[Run] = field(default_factory=list)
 
 
-def plan(versions: dict[str, str], *, cores: int, is_thorough: bool, has_bridge: bool) -> Plan:
+def plan(versions: dict[str, str], *, cores: int, beside: int, is_thorough: bool, has_bridge: bool) -> Plan:
     """Return what is to be run.
 
     Args:
         versions: Interpreters by their version, e.g. `3.11`; the default one, which tries most, first.
-        cores: So many end-to-end tests run side by side.
+        cores: So many quick tests run side by side.
+        beside: So many end-to-end tests do.
         is_thorough: Whether tests run that take long to prove a little more.
         has_bridge: Whether those run that need a real bridge.
     """
@@ -93,14 +94,14 @@ def plan(versions: dict[str, str], *, cores: int, is_thorough: bool, has_bridge:
     default, *others = versions
     left_out = ("" if is_thorough else " and not thorough") + ("" if has_bridge else " and not interop")
     files = tuple(sorted(_that_name("e2e")))
-    beside = ("-n", str(min(cores, 6)), "--dist", "loadscope")
+    slow_ones = ("-n", str(beside), "--dist", "loadscope")
     quick = ("-n", str(min(cores, 8)), "--dist", "worksteal")
     made.front = [
         Run(
             name=f"{default}-e2e",
             python=versions[default],
             arguments=("-m", f"e2e and not alone{left_out}", *files),
-            parallel=beside,
+            parallel=slow_ones,
         ),
         Run(name=f"{default}-alone", python=versions[default], arguments=("-m", f"alone{left_out}", *files)),
     ]
@@ -245,7 +246,8 @@ def main() -> int:
     cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
     chosen = plan(
         versions,
-        cores=int(os.environ.get("TA2_BESIDE") or cores),
+        cores=cores,
+        beside=int(os.environ.get("TA2_BESIDE") or min(cores + cores // 2, 6)),  # they mostly wait
         is_thorough=os.environ.get("TA2_HYPOTHESIS_PROFILE") in ("ci", "long"),
         has_bridge=len(versions) > 1 or os.environ.get("TA2_INTEROP") == "required",
     )

@@ -109,19 +109,20 @@ def test_what_runs_behind_ends_with_the_runner(tmp_path: Path, run: Run) -> None
 
 def test_the_default_interpreter_runs_all_and_the_others_what_can_differ() -> None:
     """Few examples, the heart end to end, and no quick test of rules, geometry or tools."""
-    made = plan({"3.11": "a", "3.10": "b", "3.13": "c"}, cores=2, is_thorough=True, has_bridge=True)
+    made = plan({"3.11": "a", "3.10": "b", "3.13": "c"}, cores=2, beside=3, is_thorough=True, has_bridge=True)
     assert [run.name for run in made.front] == ["3.11-e2e", "3.11-alone", "3.10-e2e", "3.13-e2e"]
     assert [run.name for run in made.behind] == ["3.11-quick", "3.10-quick", "3.13-quick"]
     assert [run.python for run in made.behind] == ["a", "b", "c"]
     assert made.behind[0].arguments == ("-m", "not e2e") and made.front[1].arguments[:2] == ("-m", "alone")
     assert [run.brief for run in made.front] == [False, False, True, True]
     assert made.front[3].arguments[2:] == ("tests/e2e/test_heart.py",)
+    assert made.front[0].parallel[:2] == ("-n", "3") and made.behind[0].parallel[:2] == ("-n", "2")
     assert "--ignore=tests/kinematics" in made.behind[1].arguments
 
 
 def test_what_takes_long_or_needs_a_bridge_is_left_out_by_hand() -> None:
     """The same with one interpreter."""
-    made = plan({"3.11": "a"}, cores=8, is_thorough=False, has_bridge=False)
+    made = plan({"3.11": "a"}, cores=8, beside=6, is_thorough=False, has_bridge=False)
     assert [run.name for run in made.front + made.behind] == ["3.11-e2e", "3.11-alone", "3.11-quick"]
     assert made.front[0].arguments[1] == "e2e and not alone and not thorough and not interop"
     assert made.behind[0].arguments[1] == "not e2e and not thorough"

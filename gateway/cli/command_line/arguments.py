@@ -7,6 +7,7 @@ Imports nothing but the standard library and the release's number, so that `ta2 
 from __future__ import annotations
 
 import argparse
+import functools
 import re
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -120,6 +121,7 @@ def parser() -> argparse.ArgumentParser:
     return _parsers()[0]
 
 
+@functools.cache
 def _parsers() -> tuple[argparse.ArgumentParser, Mapping[str, argparse.ArgumentParser]]:
     """Return the parser of the whole command line, and those of its commands."""
     top = argparse.ArgumentParser(
