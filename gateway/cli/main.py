@@ -5,14 +5,17 @@ Rules
     * What a person or a script wants to read goes to standard output, what is said on the way to standard error.
     * An error is one line, `CODE: message -> hint`, and an exit status of `terminal.ending.ExitStatus`.
     * SIGTERM and SIGHUP are to a client command what Ctrl-C is: whatever moves is left held, at once. None of them is lost, not
-      even where Python drops the exception that it makes of it, as in a finaliser.
+      even where Python drops the exception that it makes of it, as in a finaliser. What is said to a terminal that is gone
+      fails nothing: a recording ends well, its views are split off.
 """
 
 from __future__ import annotations
 
+import errno
 import os
 import signal
 import sys
+import termios
 from argparse import Namespace
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -66,6 +69,8 @@ def _interruptible(command: str) -> Iterator[None]:
     def interrupt(number: int, frame: FrameType | None) -> None:
         nonlocal newest
         newest = newest if number == signal.SIGALRM else number
+        if number == signal.SIGHUP:
+            _leave_terminal()
         while frame is not None:
             if frame.f_code is dropped.__code__:  # it would be dropped again, from there
                 return again()
@@ -95,6 +100,18 @@ def _interruptible(command: str) -> Iterator[None]:
             signal.setitimer(signal.ITIMER_REAL, 0.0)
         for number, handler in before.items():
             signal.signal(number, handler)
+
+
+def _leave_terminal() -> None:
+    """Say nowhere what would be said to a terminal that is gone."""
+    for output in (1, 2):
+        try:
+            termios.tcgetattr(output)
+        except termios.error as error:
+            if error.args[0] == errno.EIO:
+                nowhere = os.open(os.devnull, os.O_WRONLY)
+                os.dup2(nowhere, output)
+                os.close(nowhere)
 
 
 # ----------------------------------------------------------------------------------------------------------- processes

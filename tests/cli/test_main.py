@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import fcntl
 import json
 import os
+import pty
 import signal
 import subprocess
 import sys
+import termios
 import time
 from functools import partial
 from pathlib import Path
@@ -541,3 +544,35 @@ def test_a_namespace_may_be_left_out_or_empty_and_must_be_one():
     for words in (["sim", "--namespace", "bot*"], ["run", "--namespace", "a//b"]):
         with pytest.raises(SystemExit):
             parse(words)
+
+
+LAST_WORDS = """
+import time
+from gateway.cli import main
+def work(options):
+    try:
+        print("ready", flush=True)
+        time.sleep(60)
+    finally:
+        print("on the way out", flush=True)
+main.COMMANDS = {"status": work}
+raise SystemExit(main.main(["status"]))
+"""
+
+
+def test_what_is_said_to_a_terminal_that_is_gone_fails_nothing():
+    """A recorder has something left to do after a hangup, and to say: its status is that of the hangup."""
+    ours, theirs = pty.openpty()
+
+    def take():
+        os.setsid()
+        fcntl.ioctl(theirs, termios.TIOCSCTTY, 0)
+
+    command = [sys.executable, "-c", LAST_WORDS]
+    process = subprocess.Popen(command, stdin=theirs, stdout=theirs, stderr=theirs, preexec_fn=take, pass_fds=[theirs])
+    os.close(theirs)
+    said = b""
+    while b"ready" not in said:
+        said += os.read(ours, 1024)
+    os.close(ours)
+    assert process.wait(30) == 128 + signal.SIGHUP
