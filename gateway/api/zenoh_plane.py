@@ -23,6 +23,7 @@ from gateway.api.access.roles import Asker
 from gateway.api.inbox import Inbox
 from gateway.api.question import ZenohQuestion, plain_encoding
 from gateway.api.stop_lane import StopLane
+from gateway.process.callbacks import in_kept_threads
 from gateway.values import Role
 
 __all__ = ["ZenohPlane"]
@@ -154,7 +155,7 @@ class ZenohPlane:
                 protocol.lane_keys(*lane), (self._on_target, self._on_keepalive, self._on_check_in), strict=True
             )
             self._lanes[lane] = [
-                self._session.declare_subscriber(key, zenoh.handlers.Callback(take, indirect=False))
+                self._session.declare_subscriber(key, zenoh.handlers.Callback(in_kept_threads(take), indirect=False))
                 for key, take in takers
             ]
 

@@ -34,6 +34,7 @@ from gateway.api.stop_pipe import drop_stop
 from gateway.client.asking.guard_stop import stop_at_guard
 from gateway.client.connection.over_zenoh import Credentials, client_configuration
 from gateway.errors import Code
+from gateway.process.callbacks import in_kept_threads
 from gateway.process.threads import supervised
 
 __all__ = ["Member"]
@@ -360,7 +361,7 @@ def _into(waiting: queue.Queue[T], one: T, otherwise: Callable[[], object]) -> N
 
 
 def _direct(take: Callable[[Any], object]) -> Any:  # noqa: ANN401  generic in zenoh
-    return zenoh.handlers.Callback(take, indirect=False)
+    return zenoh.handlers.Callback(in_kept_threads(take), indirect=False)
 
 
 def _hand_on(publisher: zenoh.Publisher, sample: zenoh.Sample) -> None:

@@ -32,6 +32,7 @@ from cdr_types.keys import (
     topic_to_key,
 )
 from cdr_types.registry import message_type
+from gateway.process.callbacks import in_kept_threads
 from gateway.sim.wire import Arrival
 
 __all__ = ["CONTROL_KEY", "Bridge", "bridge_config"]
@@ -186,7 +187,9 @@ class Bridge:
             arrivals.append(Arrival(topic, now_ns, payload))
 
         return self._session.declare_subscriber(
-            self._keys[topic], zenoh.handlers.Callback(take, indirect=False), allowed_origin=zenoh.Locality.REMOTE
+            self._keys[topic],
+            zenoh.handlers.Callback(in_kept_threads(take), indirect=False),
+            allowed_origin=zenoh.Locality.REMOTE,
         )
 
     def _token(self, kind: TokenKind, topic: str, type_name: str) -> str:

@@ -162,7 +162,6 @@ def test_a_recording_ends_well_when_its_terminal_is_gone(begin, tmp_path, monkey
 
 def test_what_breaks_off_for_an_unknown_reason_is_kept(begin, tmp_path, monkeypatch):
     """And recovered. Where nothing came there is nothing to keep."""
-
     asked_s = []
 
     def fail(typed, desk, tell):
