@@ -9,6 +9,7 @@ A state that is kept is never freed. zenoh reads with some threads (`zenoh_threa
 
 from __future__ import annotations
 
+import ctypes
 import threading
 from collections.abc import Callable
 from typing import TypeVar
@@ -26,14 +27,8 @@ def in_kept_threads(take: Callable[[T], object]) -> Callable[[T], None]:
 
     def called(what: T) -> None:
         if not hasattr(_here, "is_kept"):
-            _keep()
+            ctypes.pythonapi.PyGILState_Ensure()  # and never let go
+            _here.is_kept = True
         take(what)
 
     return called
-
-
-def _keep() -> None:
-    import ctypes  # a process that hears nothing needs none
-
-    ctypes.pythonapi.PyGILState_Ensure()
-    _here.is_kept = True
