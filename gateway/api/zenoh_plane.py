@@ -23,7 +23,7 @@ from gateway.api.access.roles import Asker
 from gateway.api.inbox import Inbox
 from gateway.api.question import ZenohQuestion, plain_encoding
 from gateway.api.stop_lane import StopLane
-from gateway.process.callbacks import in_kept_threads
+from gateway.process.callbacks import direct
 from gateway.values import Role
 
 __all__ = ["ZenohPlane"]
@@ -154,10 +154,7 @@ class ZenohPlane:
             takers = zip(
                 protocol.lane_keys(*lane), (self._on_target, self._on_keepalive, self._on_check_in), strict=True
             )
-            self._lanes[lane] = [
-                self._session.declare_subscriber(key, zenoh.handlers.Callback(in_kept_threads(take), indirect=False))
-                for key, take in takers
-            ]
+            self._lanes[lane] = [self._session.declare_subscriber(key, direct(take)) for key, take in takers]
 
     def wants_snapshots(self) -> bool:
         """Whether anybody listens to snapshots at present."""

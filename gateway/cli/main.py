@@ -109,9 +109,7 @@ def _leave_terminal() -> None:
             termios.tcgetattr(output)
         except termios.error as error:
             if error.args[0] == errno.EIO:
-                nowhere = os.open(os.devnull, os.O_WRONLY)
-                os.dup2(nowhere, output)
-                os.close(nowhere)
+                os.dup2(os.open(os.devnull, os.O_WRONLY), output)
 
 
 # ----------------------------------------------------------------------------------------------------------- processes

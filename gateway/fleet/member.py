@@ -34,7 +34,7 @@ from gateway.api.stop_pipe import drop_stop
 from gateway.client.asking.guard_stop import stop_at_guard
 from gateway.client.connection.over_zenoh import Credentials, client_configuration
 from gateway.errors import Code
-from gateway.process.callbacks import in_kept_threads
+from gateway.process.callbacks import direct
 from gateway.process.threads import supervised
 
 __all__ = ["Member"]
@@ -124,20 +124,20 @@ class Member:
             for key in (protocol.SNAPSHOT_KEY, protocol.EVENT_KEY)
         ]
         self._snapshots = views[0]
-        views[0].declare_matching_listener(_direct(self._on_matching))
-        local.declare_subscriber(protocol.EVENT_KEY, _direct(partial(_hand_on, views[1])))
+        views[0].declare_matching_listener(direct(self._on_matching))
+        local.declare_subscriber(protocol.EVENT_KEY, direct(partial(_hand_on, views[1])))
         for key in STOPS:
-            fleet.declare_subscriber(key, _direct(partial(self._on_stop, key)))
+            fleet.declare_subscriber(key, direct(partial(self._on_stop, key)))
         for key in (*STOPS, protocol.COMMAND_KEY, protocol.INFO_KEY, protocol.ROUTES_KEY, protocol.SNAPSHOT_KEY):
-            fleet.declare_queryable(key, _direct(partial(self._on_query, key)))
+            fleet.declare_queryable(key, direct(partial(self._on_query, key)))
         for here, keys, there in (
             (local, protocol.DAEMON_TOKENS, fleet),
             (fleet, protocol.CLIENT_TOKENS, local),
         ):
             take = partial(self._on_token, there)
-            here.liveliness().declare_subscriber(keys, _direct(take), history=True)
+            here.liveliness().declare_subscriber(keys, direct(take), history=True)
         self._me = protocol.MEMBER_TOKENS.replace("*", str(fleet.zid()))
-        fleet.liveliness().declare_subscriber(protocol.MEMBER_TOKENS, _direct(self._on_member), history=True)
+        fleet.liveliness().declare_subscriber(protocol.MEMBER_TOKENS, direct(self._on_member), history=True)
         # Last: who sees the token finds everything else in place. Shown first, then looked for: of two, one sees the other.
         self._token = fleet.liveliness().declare_token(self._me)
         for token in fleet.liveliness().get(protocol.MEMBER_TOKENS, timeout=OPENING_S):
@@ -303,7 +303,7 @@ class Member:
         for key in alive.keys() - self._tokens.keys():
             self._tokens[key] = alive[key].liveliness().declare_token(key)
         if self._is_viewed and self._views is None:
-            take = _direct(partial(_hand_on, self._snapshots))
+            take = direct(partial(_hand_on, self._snapshots))
             self._views = self._local.declare_subscriber(protocol.SNAPSHOT_KEY, take)
         elif not self._is_viewed and self._views is not None:
             views, self._views = self._views, None
@@ -318,7 +318,7 @@ class Member:
                     for subscriber in self._lanes.pop(left):
                         subscriber.undeclare()
                 if len(self._lanes) < MOST_LANES:
-                    take = _direct(partial(self._on_lane, _bucket(PUTS_HZ)))
+                    take = direct(partial(self._on_lane, _bucket(PUTS_HZ)))
                     self._lanes[lane] = [self._fleet.declare_subscriber(key, take) for key in protocol.lane_keys(*lane)]
         question.answer(payload, question.encoding)
 
@@ -358,10 +358,6 @@ def _into(waiting: queue.Queue[T], one: T, otherwise: Callable[[], object]) -> N
         waiting.put_nowait(one)
     except queue.Full:
         otherwise()
-
-
-def _direct(take: Callable[[Any], object]) -> Any:  # noqa: ANN401  generic in zenoh
-    return zenoh.handlers.Callback(in_kept_threads(take), indirect=False)
 
 
 def _hand_on(publisher: zenoh.Publisher, sample: zenoh.Sample) -> None:

@@ -14,7 +14,9 @@ import threading
 from collections.abc import Callable
 from typing import TypeVar
 
-__all__ = ["in_kept_threads"]
+import zenoh
+
+__all__ = ["direct"]
 
 T = TypeVar("T")
 
@@ -22,8 +24,11 @@ _here = threading.local()
 """Goes with the state of its thread: what stands here says that this one is kept."""
 
 
-def in_kept_threads(take: Callable[[T], object]) -> Callable[[T], None]:
-    """Return a callback for one of zenoh's handlers that is called often; `take` gets what it is called with."""
+def direct(take: Callable[[T], object]) -> zenoh.handlers.Callback[T]:
+    """Return a handler that calls `take` in zenoh's own thread with whatever comes, for what comes often.
+
+    `take` must not wait: nothing is read from that connection meanwhile.
+    """
 
     def called(what: T) -> None:
         if not hasattr(_here, "is_kept"):
@@ -31,4 +36,4 @@ def in_kept_threads(take: Callable[[T], object]) -> Callable[[T], None]:
             _here.is_kept = True
         take(what)
 
-    return called
+    return zenoh.handlers.Callback(called, indirect=False)

@@ -21,7 +21,7 @@ from cdr_types.keys import Token, TokenKind, format_token
 from gateway.link.connecting import connect
 from gateway.link.robot_session import STATE_QOS
 from gateway.link.session_config import session_config
-from gateway.process.callbacks import in_kept_threads
+from gateway.process.callbacks import direct
 from gateway.recording.topics import RecordedTopic
 from gateway.settings.settings import LinkSettings
 
@@ -70,8 +70,7 @@ class Tap:
                 self._kept.append(session.liveliness().declare_token(format_token(token)))
         for number, topic in enumerate(self._topics):
             if topic.key:
-                callback = zenoh.handlers.Callback(in_kept_threads(self._taker(number)), indirect=False)
-                self._kept.append(session.declare_subscriber(topic.key, callback))
+                self._kept.append(session.declare_subscriber(topic.key, direct(self._taker(number))))
         self._session = session
 
     def _taker(self, number: int) -> Callable[[zenoh.Sample], None]:

@@ -32,7 +32,7 @@ from cdr_types.keys import (
     topic_to_key,
 )
 from cdr_types.registry import message_type
-from gateway.process.callbacks import in_kept_threads
+from gateway.process.callbacks import direct
 from gateway.sim.wire import Arrival
 
 __all__ = ["CONTROL_KEY", "Bridge", "bridge_config"]
@@ -186,11 +186,7 @@ class Bridge:
             payload = sample.payload.to_bytes() if sample.kind == zenoh.SampleKind.PUT else None
             arrivals.append(Arrival(topic, now_ns, payload))
 
-        return self._session.declare_subscriber(
-            self._keys[topic],
-            zenoh.handlers.Callback(in_kept_threads(take), indirect=False),
-            allowed_origin=zenoh.Locality.REMOTE,
-        )
+        return self._session.declare_subscriber(self._keys[topic], direct(take), allowed_origin=zenoh.Locality.REMOTE)
 
     def _token(self, kind: TokenKind, topic: str, type_name: str) -> str:
         return format_token(Token(zid=self.zid, kind=kind, topic=f"/{self._keys[topic]}", type_name=type_name, qos=QOS))

@@ -13,7 +13,7 @@ from typing import Any
 import pytest
 import zenoh
 
-from gateway.process.callbacks import in_kept_threads
+from gateway.process.callbacks import direct
 from tests.e2e.system import ROOT, free_port, wait_for
 
 pytestmark = pytest.mark.e2e
@@ -30,7 +30,7 @@ def _opened(role: str, port: int) -> zenoh.Session:
     return zenoh.open(zenoh.Config.from_json5(json.dumps(config)))
 
 
-def calls_a_state_saw(wrapped: Callable[[Callable[[Any], None]], Callable[[Any], None]]) -> Counter[int]:
+def calls_a_state_saw(handler: Callable[[Callable[[Any], None]], Any]) -> Counter[int]:
     """Return by thread how many calls the longest-lived of its states saw."""
     here, most, port = threading.local(), Counter[int](), free_port()
 
@@ -41,7 +41,7 @@ def calls_a_state_saw(wrapped: Callable[[Callable[[Any], None]], Callable[[Any],
 
     came: list[int] = []
     with _opened("listen", port) as near, _opened("connect", port) as far:
-        near.declare_subscriber("a", zenoh.handlers.Callback(wrapped(take), indirect=False))
+        near.declare_subscriber("a", handler(take))
         publisher = far.declare_publisher("a", congestion_control=zenoh.CongestionControl.BLOCK)
         wait_for(lambda: publisher.matching_status.matching, "the subscriber", 20.0)
         for number in range(SAMPLES):
@@ -52,9 +52,11 @@ def calls_a_state_saw(wrapped: Callable[[Callable[[Any], None]], Callable[[Any],
 
 
 ALONE = """
-from gateway.process.callbacks import in_kept_threads
+import zenoh
+from gateway.process.callbacks import direct
 from tests.process.test_callbacks import calls_a_state_saw
-print(set(calls_a_state_saw(lambda take: take).values()), sum(calls_a_state_saw(in_kept_threads).values()))
+made_anew = calls_a_state_saw(lambda take: zenoh.handlers.Callback(take, indirect=False))
+print(set(made_anew.values()), sum(calls_a_state_saw(direct).values()))
 """
 """A process of its own: a thread that has once been kept stays so."""
 
@@ -74,4 +76,4 @@ def test_what_a_callback_raises_is_zenohs_to_tell_as_ever() -> None:
         raise ValueError(what)
 
     with pytest.raises(ValueError, match="3"):
-        in_kept_threads(fail)(3)
+        direct(fail)(3)

@@ -24,7 +24,7 @@ from gateway.api import protocol
 from gateway.api.stop_pipe import drop_stop
 from gateway.client.connection.transport import Receiver
 from gateway.errors import Code, GatewayError, failure
-from gateway.process.callbacks import in_kept_threads
+from gateway.process.callbacks import direct
 from gateway.process.threads import supervised
 
 __all__ = ["Credentials", "ZenohTransport", "client_configuration"]
@@ -116,7 +116,7 @@ class ZenohTransport:
         self._session, self._receiver = session, receiver
         atexit.register(self._close_with_python)
         callback = zenoh.handlers.Callback
-        session.declare_subscriber(protocol.SNAPSHOT_KEY, callback(in_kept_threads(self._on_snapshot), indirect=False))
+        session.declare_subscriber(protocol.SNAPSHOT_KEY, direct(self._on_snapshot))
         session.declare_subscriber(protocol.EVENT_KEY, callback(self._on_notice, indirect=False))
         self._declared.append(session.liveliness().declare_token(protocol.client_token(client_id)))
         if path is None:  # before the daemon's token: who sees that knows his name
