@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import faulthandler
 import json
 import logging
 import os
@@ -128,7 +129,11 @@ class LogWriter(logging.Handler):
 
 
 def configure_log(*, is_json: bool) -> None:
-    """Write the log to standard error, as JSON lines or as plain ones for people, without ever waiting for it."""
+    """Write the log to standard error, as JSON lines or as plain ones for people, without ever waiting for it.
+
+    A process that is aborted (`kill -ABRT`, or by a compiled part) writes there where each of its threads stands.
+    """
+    faulthandler.enable(2)
     handler = LogWriter()
     handler.setFormatter(JsonLines() if is_json else logging.Formatter("%(asctime)s %(levelname)-7s %(message)s"))
     handler.addFilter(RateLimit())

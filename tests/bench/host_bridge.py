@@ -42,7 +42,7 @@ def host_peer(folder: Path, topics: list[str], pause: Callable[[float], None]) -
     endpoint = f"tcp/127.0.0.1:{free_port()}"
     graph = loopback(f"bench-{endpoint.rpartition(':')[2]}")
     with ExitStack() as ending:
-        sim = Process("host-sim", ["-m", "gateway.sim", "--listen", endpoint], folder)
+        sim = Process("host-sim", ["-m", "gateway.cli", "sim", "--listen", endpoint], folder)
         ending.callback(sim.end)
         control = wait_for(lambda: SimControl(endpoint), "the host's robot")
         ending.callback(control.close)

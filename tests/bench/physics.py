@@ -95,7 +95,7 @@ def _cycles_us(kind: str, seconds: float) -> list[float]:
 def _kept(seconds: float) -> float:
     """Return how much time of physics passes in a second of the clock, in a process that publishes to nobody."""
     endpoint = f"tcp/127.0.0.1:{free_port()}"
-    words = ["-m", "gateway.sim", "--physics", "mujoco", "--listen", endpoint]
+    words = ["-m", "gateway.cli", "sim", "--physics", "mujoco", "--listen", endpoint]
     process = subprocess.Popen([sys.executable, *words], stdout=subprocess.DEVNULL)
     try:
         with _reach(endpoint) as control:

@@ -116,7 +116,7 @@ def wire_rows(folder: Path) -> list[Row]:
     """Measure everything that needs processes; about four minutes."""
     rows: list[Row] = []
     peer_endpoint = f"tcp/127.0.0.1:{free_port()}"
-    peer_sim = Process("peer-sim", ["-m", "gateway.sim", "--listen", peer_endpoint], folder)
+    peer_sim = Process("peer-sim", ["-m", "gateway.cli", "sim", "--listen", peer_endpoint], folder)
     system = System(folder)
     helpers: list[Process] = []
     try:

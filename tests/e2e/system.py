@@ -164,10 +164,26 @@ class Process:
                 self.send(signal.SIGTERM)
             with contextlib.suppress(subprocess.TimeoutExpired):
                 self._popen.wait(6.0)
+        if self.is_running and not self._is_group:
+            self._tell_where_it_hangs()
         if self.is_running or self._is_group:
             with contextlib.suppress(ProcessLookupError):
                 self.send(signal.SIGKILL)
             self._popen.wait()
+
+    def _tell_where_it_hangs(self) -> None:
+        """Add to its log what the kernel knows of its threads; a daemon or a guard adds their stacks when it is aborted."""
+        with self.log.open("a") as stream, contextlib.suppress(OSError):
+            stream.write(
+                f"{self.name} does not end: thread, state, ticks of its own and of the kernel, priority, core\n"
+            )
+            for task in sorted(Path(f"/proc/{self.pid}/task").iterdir()):
+                name, _, rest = (task / "stat").read_text().partition("(")[2].rpartition(")")
+                fields = rest.split()
+                stream.write(f"  {name} {' '.join(fields[at] for at in (0, 11, 12, 15, 36))}\n")
+        self.send(signal.SIGABRT)
+        with contextlib.suppress(subprocess.TimeoutExpired):
+            self._popen.wait(2.0)
 
 
 def _group(process: Path) -> int | None:
@@ -296,7 +312,7 @@ class System:
     def start_sim(self) -> Process:
         """Start the simulated robot."""
         if self.kind != "dds":
-            arguments = ["-m", "gateway.sim", "--listen", self.endpoint, *self.sim_options]
+            arguments = ["-m", "gateway.cli", "sim", "--listen", self.endpoint, *self.sim_options]
             return Process("sim", arguments, self.folder, before=self.robot_place)
         from tests.interop.dds_node import loopback  # CycloneDDS is not everywhere
 

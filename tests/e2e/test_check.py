@@ -29,7 +29,7 @@ TIMED = ("disable", "heartbeat", "chassis_stop", "chassis_timeout")
 def robot(tmp_path: Path) -> Iterator[tuple[str, SimControl]]:
     """A simulated robot: where it listens, and its own channel."""
     endpoint = f"tcp/127.0.0.1:{free_port()}"
-    sim = Process("sim", ["-m", "gateway.sim", "--listen", endpoint], tmp_path)
+    sim = Process("sim", ["-m", "gateway.cli", "sim", "--listen", endpoint], tmp_path)
     control = None
     try:
         control = wait_for(lambda: SimControl(endpoint), "the simulated robot")

@@ -10,6 +10,7 @@ What the simulated bridge has and this one cannot have is refused: the fault `ro
 
 from __future__ import annotations
 
+import argparse
 import subprocess
 import sys
 from collections import deque
@@ -20,7 +21,7 @@ from typing import Final
 import zenoh
 from pycdr2 import IdlStruct
 
-from gateway.sim.__main__ import command_line
+from gateway.cli.command_line.arguments import parse
 from gateway.sim.bridge import CONTROL_KEY, bridge_config
 from gateway.sim.node import SimNode, main_sim
 from gateway.sim.robot.faults import Fault, FaultError
@@ -170,19 +171,21 @@ class DdsRobot(SimNode):
 
 def main(arguments: list[str] | None = None) -> int:
     """Run the robot until SIGTERM; return the exit code."""
-    parser = command_line()
-    parser.prog = "python -m tests.interop.dds_robot"
+    parser = argparse.ArgumentParser(
+        prog="python -m tests.interop.dds_robot", description="All else as for `ta2 sim`.", allow_abbrev=False
+    )
     parser.add_argument("--control", required=True, help="endpoint of the control channel")
     parser.add_argument("--folder", required=True, type=Path, help="for configuration and log of the bridge")
     parser.add_argument("--no-bridge", action="store_true", help="there is one already")
-    options = parser.parse_args(arguments)
+    options, words = parser.parse_known_args(arguments)
+    sim = parse(["sim", *words])
 
     def make(settings: SimSettings, listen: str) -> SimNode:
         return DdsRobot(
             settings, listen, control=options.control, folder=options.folder, has_bridge=not options.no_bridge
         )
 
-    return main_sim(options.listen, settings_of(options), make=make)
+    return main_sim(sim.listen, settings_of(sim), make=make)
 
 
 if __name__ == "__main__":

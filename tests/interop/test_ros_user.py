@@ -90,7 +90,7 @@ def host(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, request: pytest.Fixtur
     monkeypatch.setenv("CYCLONEDDS_URI", loopback(f"user-{os.getpid()}-{tmp_path.name}"))
     endpoint = f"tcp/127.0.0.1:{free_port()}"
     options = getattr(request, "param", ())
-    sim = Process("sim", ["-m", "gateway.sim", "--listen", endpoint, *options], tmp_path)
+    sim = Process("sim", ["-m", "gateway.cli", "sim", "--listen", endpoint, *options], tmp_path)
     bridge: subprocess.Popen[bytes] | None = None
     control: SimControl | None = None
     try:

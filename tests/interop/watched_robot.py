@@ -7,6 +7,7 @@ since it joined and the age by its stamp where it has one, and a line for each v
 
 from __future__ import annotations
 
+import argparse
 import sys
 import time
 from pathlib import Path
@@ -14,7 +15,7 @@ from typing import Final
 
 from pycdr2 import IdlStruct
 
-from gateway.sim.__main__ import command_line
+from gateway.cli.command_line.arguments import parse
 from gateway.sim.node import SimNode, main_sim
 from gateway.sim.robot.manual import FSM_ENABLE, Side, joint_cmd_topic
 from gateway.sim.robot.settings import SimSettings, settings_of
@@ -64,11 +65,12 @@ class WatchedRobot(DdsRobot):
 
 def main(arguments: list[str] | None = None) -> int:
     """Wait for the word, then run until SIGTERM; return the exit code."""
-    parser = command_line()
+    parser = argparse.ArgumentParser(description="All else as for `ta2 sim`.", allow_abbrev=False)
     parser.add_argument("--control", required=True, help="endpoint of the control channel")
     parser.add_argument("--folder", required=True, type=Path, help="for its files")
     parser.add_argument("--go", required=True, type=Path, help="a file that does not exist yet")
-    options = parser.parse_args(arguments)
+    options, words = parser.parse_known_args(arguments)
+    sim = parse(["sim", *words])
     print("waiting", flush=True)
     while not options.go.exists():
         time.sleep(0.002)
@@ -76,7 +78,7 @@ def main(arguments: list[str] | None = None) -> int:
     def make(settings: SimSettings, listen: str) -> SimNode:
         return WatchedRobot(settings, listen, control=options.control, folder=options.folder, has_bridge=False)
 
-    return main_sim(options.listen, settings_of(options), make=make)
+    return main_sim(sim.listen, settings_of(sim), make=make)
 
 
 if __name__ == "__main__":

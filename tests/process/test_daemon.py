@@ -69,6 +69,24 @@ def test_a_log_that_nobody_reads_stops_nobody() -> None:
     assert done.returncode == 0
 
 
+def test_a_process_that_is_aborted_leaves_where_each_of_its_threads_stood() -> None:
+    """Whatever hangs: the stacks are written without the interpreter's lock."""
+    program = (
+        "import threading\nfrom gateway.process.log import configure_log\nconfigure_log(is_json=True)\n"
+        "def waits_for_ever():\n    print('waits', flush=True)\n    threading.Event().wait()\n"
+        "threading.Thread(target=waits_for_ever, daemon=True).start()\nthreading.Event().wait()\n"
+    )
+    with subprocess.Popen(
+        [sys.executable, "-c", program], cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    ) as process:
+        assert process.stdout is not None and process.stdout.readline() == "waits\n"
+        process.send_signal(signal.SIGABRT)
+        _, said = process.communicate(timeout=DEADLINE_S)
+    assert process.returncode == -signal.SIGABRT
+    assert said.startswith("Fatal Python error: Aborted") and said.count("in waits_for_ever") == 1
+    assert said.count("hread 0x") == 3  # the log's own as well
+
+
 @contextmanager
 def piped() -> Iterator[tuple[LogWriter, int]]:
     """A writer into a pipe that holds one page, and the pipe's other end."""

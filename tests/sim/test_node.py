@@ -257,7 +257,7 @@ def test_a_port_in_use_is_said_and_ends_with_one(node, capsys):
     """The second simulation on a port says so and gives up."""
     assert main_sim(BENCH) == 1
     assert "cannot listen on tcp/127.0.0.1:19140" in capsys.readouterr().err
-    command = [sys.executable, "-m", "gateway.sim", "--listen", BENCH]
+    command = [sys.executable, "-m", "gateway.cli", "sim", "--listen", BENCH]
     done = subprocess.run(command, capture_output=True, text=True, timeout=20.0, check=False)
     assert (done.returncode, done.stdout) == (1, "")
     assert "Another simulation" in done.stderr

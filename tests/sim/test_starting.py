@@ -6,8 +6,10 @@ import sys
 
 import pytest
 
+from gateway.cli.command_line.arguments import parse
+from gateway.cli.main import main
 from gateway.sim import starting
-from gateway.sim.__main__ import command_line, main
+from gateway.sim.robot.manual import MS
 from gateway.sim.robot.settings import SimSettings
 from gateway.sim.starting import CannotStart, start
 
@@ -22,7 +24,34 @@ def started(monkeypatch):
 
 def options(*words: str):
     """Parsed words."""
-    return command_line().parse_args(words)
+    return parse(["sim", *words])
+
+
+def test_without_arguments_it_is_the_default_robot_on_the_default_port(started):
+    """Standard model, joint mode, tcp/127.0.0.1:9000."""
+    start(options())
+    assert started == [("tcp/127.0.0.1:9000", SimSettings())]
+
+
+def test_every_argument_reaches_the_settings(started):
+    """Modes of both arms or of each, model, seed, endpoint, namespace, disabled parts, clock."""
+    words = "--listen tcp/127.0.0.1:9 --mode pose --right-mode joint --model lift --seed 4 --namespace bot1 --disable left_arm"
+    clock = "--clock-offset-s -0.05 --clock-drift-ppm 40"
+    start(options(*words.split(), "--disable", "chassis", "--physics", "mujoco", "--differs", "8", *clock.split()))
+    expected = SimSettings(
+        model="lift",
+        left_mode="pose",
+        right_mode="joint",
+        seed=4,
+        physics="mujoco",
+        differs_percent=8.0,
+        namespace="bot1",
+        enable_left_arm=False,
+        enable_chassis=False,
+        clock_offset_ns=-50 * MS,
+        clock_drift_ppm=40.0,
+    )
+    assert started == [("tcp/127.0.0.1:9", expected)]
 
 
 def test_a_window_without_physics_is_refused(started):
@@ -46,7 +75,7 @@ def test_physics_that_is_missing_is_one_line_and_exit_status_1(monkeypatch, caps
     monkeypatch.setitem(sys.modules, "mujoco", None)
     for name in [name for name in sys.modules if name.startswith("gateway.sim.physics.")]:
         monkeypatch.delitem(sys.modules, name)
-    assert main(["--physics", "mujoco", "--listen", "tcp/127.0.0.1:19148"]) == 1
+    assert main(["sim", "--physics", "mujoco", "--listen", "tcp/127.0.0.1:19148"]) == 1
     said = capsys.readouterr()
     assert "MuJoCo, which is not installed" in said.err and said.out == "" and said.err.count("\n") == 1
 
@@ -68,10 +97,10 @@ def test_a_camera_s_address_that_is_none_is_refused(started):
     assert started == []
 
 
-def test_a_name_that_is_none_is_refused(started):
+def test_what_means_nothing_together_is_refused(started):
     """What settings refuse is told as it is."""
-    with pytest.raises(CannotStart, match="namespace"):
-        start(options("--namespace", "a b"))
+    with pytest.raises(CannotStart, match="needs physics 'mujoco'"):
+        start(options("--differs", "8"))
     assert started == []
 
 

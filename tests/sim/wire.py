@@ -100,8 +100,8 @@ class User:
 
 @contextlib.contextmanager
 def sim_process(endpoint: str, *arguments: str) -> Iterator[subprocess.Popen]:
-    """Run `python -m gateway.sim` until the block ends; it must end by SIGTERM with exit code 0."""
-    command = [sys.executable, "-m", "gateway.sim", "--listen", endpoint, *arguments]
+    """Run `ta2 sim` until the block ends; it must end by SIGTERM with exit code 0."""
+    command = [sys.executable, "-m", "gateway.cli", "sim", "--listen", endpoint, *arguments]
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
         try:
             assert process.stdout is not None

@@ -24,7 +24,7 @@ def test_a_film_lasts_as_long_as_the_clock_says_and_is_whole_when_the_robot_has_
     """`--record` beside a robot: pictures with times of their own, the last one near the end, however few there are."""
     demand_drawing()
     endpoint, film, log = f"tcp/127.0.0.1:{free_port()}", tmp_path / "a.mp4", tmp_path / "sim.log"
-    words = ["-m", "gateway.sim", "--physics", "mujoco", "--listen", endpoint, "--record", str(film)]
+    words = ["-m", "gateway.cli", "sim", "--physics", "mujoco", "--listen", endpoint, "--record", str(film)]
     with open(log, "w") as stream:
         sim = subprocess.Popen([sys.executable, *words], stdout=stream, stderr=stream)
     try:

@@ -38,7 +38,17 @@ def endpoint():
 def test_a_robot_with_forces_and_a_camera_shows_its_scene(endpoint, tmp_path):
     """One command gives both: crops of the full stream show the block to the head's eyes, not to a hanging hand's."""
     port, log = udp_port(), tmp_path / "sim.log"
-    words = ["-m", "gateway.sim", "--physics", "mujoco", "--listen", endpoint, "--camera-to", f"127.0.0.1:{port}"]
+    words = [
+        "-m",
+        "gateway.cli",
+        "sim",
+        "--physics",
+        "mujoco",
+        "--listen",
+        endpoint,
+        "--camera-to",
+        f"127.0.0.1:{port}",
+    ]
     with Video("127.0.0.1", port=port) as video, open(log, "w") as stream:
         sim = subprocess.Popen([sys.executable, *words], stdout=stream, stderr=stream)
         try:
@@ -57,7 +67,7 @@ def test_a_robot_with_forces_and_a_camera_shows_its_scene(endpoint, tmp_path):
 def test_a_camera_of_its_own_shows_the_scene_of_a_robot_that_runs(endpoint, tmp_path):
     """Of any size, beside a simulation that was started without one; it ends orderly when the robot has ended."""
     port, log = udp_port(), tmp_path / "camera.log"
-    words = ["-m", "gateway.sim", "--physics", "mujoco", "--model", "lift", "--listen", endpoint]
+    words = ["-m", "gateway.cli", "sim", "--physics", "mujoco", "--model", "lift", "--listen", endpoint]
     sim = subprocess.Popen([sys.executable, *words], stdout=subprocess.DEVNULL)
     eyes = ["-m", "gateway.sim.camera", "--scene", endpoint, "--to", f"127.0.0.1:{port}", "--size", "320x680"]
     with open(log, "w") as stream:

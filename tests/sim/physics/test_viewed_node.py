@@ -21,7 +21,7 @@ pytestmark = [
     pytest.mark.skipif(not sys.platform.startswith("linux"), reason="displays of other systems cannot be taken away"),
 ]
 
-WORDS = [sys.executable, "-m", "gateway.sim", "--physics", "mujoco", "--viewer", "--listen"]
+WORDS = [sys.executable, "-m", "gateway.cli", "sim", "--physics", "mujoco", "--viewer", "--listen"]
 BARE = {name: value for name, value in os.environ.items() if name not in {"DISPLAY", "WAYLAND_DISPLAY"}}
 
 
