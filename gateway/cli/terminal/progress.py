@@ -6,6 +6,7 @@ Says what it is told and decides nothing.
 from __future__ import annotations
 
 import sys
+import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from typing import Protocol
@@ -29,24 +30,36 @@ class Teller(Protocol):
         """Show how far a phase is, 0..1; None while nobody can know."""
 
 
+REFRESHED_S = 0.25
+"""How often bars are drawn anew that no thread of Rich's draws [s]."""
+
+
 @contextmanager
-def teller() -> Iterator[Teller]:
-    """Return whoever fits standard error, for the time of a block."""
+def teller(*, has_thread: bool = True) -> Iterator[Teller]:
+    """Return whoever fits standard error, for the time of a block.
+
+    Args:
+        has_thread: Whether a thread draws: its spinner turns while nobody tells anything.
+    """
     if not sys.stderr.isatty():
         yield _Lines()
         return
     columns = (SpinnerColumn(), TextColumn("{task.description:<8}"), BarColumn(30), TextColumn("{task.fields[detail]}"))
-    with Progress(*columns, console=Console(stderr=True, highlight=False)) as progress:
+    console = Console(stderr=True, highlight=False)
+    with Progress(*columns, console=console, auto_refresh=has_thread) as progress:
         yield _Bars(progress)
 
 
 @contextmanager
 def dispensable_teller() -> Iterator[Teller]:
-    """Return the same for a block that goes on when standard error is gone: what is then said goes nowhere."""
+    """Return the same for a block that goes on when standard error is gone: what is then said goes nowhere.
+
+    Without a thread, which would meet the error by itself, and cost as much as the writing of what a robot says.
+    """
     shown = ExitStack()
     tell = _Dispensable(None)
     with suppress(OSError):
-        tell = _Dispensable(shown.enter_context(teller()))
+        tell = _Dispensable(shown.enter_context(teller(has_thread=False)))
     try:
         yield tell
     finally:
@@ -90,6 +103,7 @@ class _Bars:
     def __init__(self, progress: Progress) -> None:
         self._progress = progress
         self._tasks: dict[str, TaskID] = {}
+        self._drawn_s = 0.0
 
     def say(self, text: str) -> None:
         self._progress.console.print(text, markup=False, soft_wrap=True)
@@ -99,3 +113,6 @@ class _Bars:
             self._tasks[phase] = self._progress.add_task(phase, total=None, detail=detail)
         total = None if progress is None else 1.0
         self._progress.update(self._tasks[phase], total=total, completed=progress or 0.0, detail=detail)
+        if not self._progress.live.auto_refresh and (now_s := time.monotonic()) >= self._drawn_s + REFRESHED_S:
+            self._drawn_s = now_s
+            self._progress.refresh()

@@ -142,9 +142,6 @@ def test_a_recording_goes_on_when_nobody_can_be_told_any_more(begin, tmp_path, m
         assert bag.message_count == sum(topic.rate_hz > 0 for topic in TOPICS)
 
 
-@pytest.mark.filterwarnings(
-    "ignore::pytest.PytestUnhandledThreadExceptionWarning"
-)  # Rich's own thread may meet it, too
 def test_a_recording_ends_well_when_its_terminal_is_gone(begin, tmp_path, monkeypatch):
     """With SIGHUP; the display cannot even be taken away."""
     screen = Screen(errno.EIO, is_terminal=True)

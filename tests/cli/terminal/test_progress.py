@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import io
 import sys
+import threading
+
+import pytest
 
 from gateway.cli.terminal.progress import teller
 
@@ -25,13 +28,17 @@ def test_without_a_terminal_progress_is_a_few_plain_lines(capsys):
     assert lines == ["begin", "move: 0 %", "move: 25 %", "move: 50 %", "move: 75 %", "move: 100 %", "wait: a while"]
 
 
-def test_on_a_terminal_progress_is_drawn(monkeypatch):
-    """One bar per phase, with its detail; what is said stays above."""
+@pytest.mark.parametrize("has_thread", [True, False])
+def test_on_a_terminal_progress_is_drawn(monkeypatch, has_thread):
+    """One bar per phase, with its detail; what is said stays above. Without a thread, whoever tells draws."""
     screen = Terminal()
     monkeypatch.setattr(sys, "stderr", screen)
     monkeypatch.setenv("TERM", "xterm")
-    with teller() as tell:
+    before = threading.active_count()
+    with teller(has_thread=has_thread) as tell:
+        assert threading.active_count() - before == has_thread
         tell.advance("enable", None, "waiting for READY")
+        assert has_thread or "waiting for READY" in screen.getvalue()
         tell.advance("enable", 1.0, "READY")
         tell.say("a [sentence] that stays")
         tell.advance("move", 0.5, "50 %")
