@@ -6,7 +6,7 @@ Rules
     * No lock and no queue is shared with other requests, and the answer has a thread of its own. A stop rings a bell that
       ends the loop's sleep.
     * Bounded: of more than `MAX_WAITING` stops that no tick has taken yet, the later ones share the newest one's fate.
-      They are the same stop.
+      They are the same stop. The loop joins them to it: nobody comes to one that was answered meanwhile.
 
 Does not know zenoh or the engine; arrival times are stamped by its callers.
 """
@@ -36,7 +36,7 @@ __all__ = ["ANSWERING_NS", "FIRST_NUMBER", "MAX_WAITING", "READ_BYTES", "StopLan
 MAX_WAITING = 16
 """Stops that may wait for the loop by themselves; it takes all of them at its next tick."""
 MAX_SHARING = 1024
-"""Questions that may wait for the answer to one stop; more get none, and stop all the same."""
+"""Questions that may wait to share an answer; more get none, and stop all the same."""
 ANSWERING_NS = 500_000_000
 """The thread that answers is alive which has answered a question that is not older than this [ns]."""
 READ_BYTES = 4096
@@ -64,6 +64,7 @@ class StopLane:
         """Whether a client with this id and this secret is who it says."""
         self._numbers = itertools.count(FIRST_NUMBER)
         self._waiting: deque[tuple[int, str, bytes, int]] = deque()
+        self._crowd: deque[tuple[str, bytes, Question]] = deque()
         self._questions: dict[int, list[tuple[Question, str]]] = {}
         # Who waits, with the encoding of each, and for what: None for a ping. None in its place only wakes the thread.
         self._answers: queue.SimpleQueue[tuple[list[tuple[Question, str]], protocol.Reply | None] | None]
@@ -93,22 +94,23 @@ class StopLane:
         self.taken += 1
         if question is not None:
             question = self.watched(question)
-        same = [entry for entry in tuple(self._waiting) if entry[1] == key]
-        if len(same) < MAX_WAITING:
-            number = next(self._numbers)
-            if question is not None:  # before the stop: its answer must find it
-                self._questions[number] = [(question, _encoding_of(question, payload))]
-            self._waiting.append((number, key, payload, received_ns))
+        if sum(entry[1] == key for entry in tuple(self._waiting)) < MAX_WAITING:
+            self._enter(key, payload, received_ns, question)
         elif question is not None:
-            sharing = self._questions.setdefault(same[-1][0], [])
-            if len(sharing) < MAX_SHARING:
-                sharing.append((question, _encoding_of(question, payload)))
+            if len(self._crowd) < MAX_SHARING:
+                self._crowd.append((key, payload, question))
             else:
                 question.drop()
         self._bell.ring()
         self.on_arrival()
         if question is None:
             self.on_taken(key, payload, received_ns, door)
+
+    def _enter(self, key: str, payload: bytes, received_ns: int, question: Question | None) -> None:
+        number = next(self._numbers)
+        if question is not None:  # before the stop: its answer must find it
+            self._questions[number] = [(question, _encoding_of(question, payload))]
+        self._waiting.append((number, key, payload, received_ns))
 
     def ping(self, question: Question) -> None:
         """Take a question that is answered as a stop is, by the thread that answers stops; any thread. Never waits.
@@ -127,7 +129,7 @@ class StopLane:
     @property
     def has_waiting(self) -> bool:
         """Whether a stop waits to be polled."""
-        return bool(self._waiting)
+        return bool(self._waiting or self._crowd)
 
     def wait(self, seconds: float, also: Sequence[int] = ()) -> bool:
         """Wait for a stop; return whether one came since the last call that said so. See `Bell.wait`."""
@@ -136,8 +138,15 @@ class StopLane:
     def poll(self) -> list[events.CommandRequested]:
         """Return the stops that arrived since the last call, e-stops first."""
         arrived: list[events.CommandRequested] = []
-        if self._waiting:
+        if self.has_waiting:
             self._bell.hush()  # first: what comes from here on rings again
+        newest = {key: number for number, key, *_ in tuple(self._waiting)}
+        for _ in range(len(self._crowd)):
+            key, payload, question = self._crowd.popleft()
+            if key in newest:
+                self._questions.setdefault(newest[key], []).append((question, _encoding_of(question, payload)))
+            else:  # those that it came behind were taken before
+                self._enter(key, payload, question.received_ns, question)
         while self._waiting:
             number, key, payload, received_ns = self._waiting.popleft()
             client_id, reason = self.read(payload)

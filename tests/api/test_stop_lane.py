@@ -109,7 +109,7 @@ def test_an_emergency_stop_comes_before_a_stop(lane):
 
 def test_a_flood_of_stops_is_bounded_and_each_of_them_is_answered(lane):
     """Those beyond the bound share the newest one's answer; an e-stop behind them is not lost among them."""
-    asked = [AskedQuestion(key=protocol.STOP_KEY) for _ in range(MAX_WAITING + MAX_SHARING)]
+    asked = [AskedQuestion(key=protocol.STOP_KEY) for _ in range(MAX_WAITING + MAX_SHARING + 1)]
     for question in asked:
         lane.arrive(protocol.STOP_KEY, b"", 0, question)
     lane.arrive(protocol.ESTOP_KEY, b"", 0)
@@ -122,6 +122,29 @@ def test_a_flood_of_stops_is_bounded_and_each_of_them_is_answered(lane):
     assert sum(question.dropped for question in asked) == 1  # it stopped all the same
     assert all(len(question.answers) == 1 for question in asked if not question.dropped)
     assert lane.poll() == [] and lane.taken == len(asked) + 1
+
+
+def test_a_stop_that_comes_while_the_loop_takes_those_before_it_is_answered_too(lane):
+    """It was to share the newest one's answer, which was given meanwhile."""
+
+    class Slow(str):
+        """A key; the loop takes and answers everything while it is looked at."""
+
+        def __eq__(self, other):
+            for stop in lane.poll():
+                lane.answer(outputs.Reply(client_id=stop.client_id, request_id=stop.request_id), 0)
+            return str.__eq__(self, other)
+
+        __hash__ = str.__hash__
+
+    for _ in range(MAX_WAITING):
+        lane.arrive(protocol.STOP_KEY, b"", 0)
+    question = AskedQuestion(key=protocol.STOP_KEY)
+    lane.arrive(Slow(protocol.STOP_KEY), b"", 0, question)
+    assert lane.has_waiting and lane.wait(0)
+    (stop,) = lane.poll()
+    lane.answer(outputs.Reply(client_id=stop.client_id, request_id=stop.request_id), 0)
+    assert lane.deliver(0) and len(question.answers) == 1 and not lane._questions
 
 
 def test_a_stop_ends_the_wait_of_the_loop(lane):
