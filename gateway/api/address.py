@@ -16,8 +16,10 @@ import os
 import re
 import stat
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
 from pathlib import Path
+
+from msgspec import Struct
+from msgspec.structs import replace
 
 __all__ = [
     "FLEET_VARIABLE",
@@ -53,8 +55,7 @@ class AddressRefused(ValueError):
     """A text is no address of a daemon. The message says what it may look like."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Address:
+class Address(Struct, frozen=True, kw_only=True):
     """One way to a daemon.
 
     Attributes:

@@ -196,7 +196,7 @@ def _unconfirmed(gateways: int, answers: Sequence[bytes]) -> str:
 
 
 def _join(options: Namespace, fleet: protocol.Address) -> ExitStatus:
-    from dataclasses import replace
+    from msgspec.structs import replace
 
     from gateway.fleet.member import Member
     from gateway.process.log import configure_log

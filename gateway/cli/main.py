@@ -117,9 +117,10 @@ def _leave_terminal() -> None:
 
 def _run(options: Namespace) -> int:
     import shlex
-    from dataclasses import replace
     from functools import partial
     from pathlib import Path
+
+    from msgspec.structs import replace
 
     from gateway.process.blas_threads import one_blas_thread
 

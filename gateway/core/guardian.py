@@ -19,10 +19,10 @@ While it acts it is an engine like the daemon's: the same table, streams and gat
 
 from __future__ import annotations
 
-from dataclasses import replace
 from enum import Enum
 
 from msgspec import structs
+from msgspec.structs import replace
 
 from gateway.core.engine import Engine, Output
 from gateway.core.handover.freeze import FreezeWatch

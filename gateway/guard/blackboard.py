@@ -20,9 +20,10 @@ from __future__ import annotations
 import mmap
 import os
 import struct
-from dataclasses import dataclass
 from typing import Any
 from zlib import crc32
+
+from msgspec import Struct
 
 from gateway.codes import Code
 from gateway.core.messages.held import Held, HeldArm
@@ -70,8 +71,7 @@ WIDTHS = {JOINT: ARM_DOF, POSE: 6}
 """Length of rate and acceleration: one per joint, or linear and angular."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class GuardSaid:
+class GuardSaid(Struct, frozen=True, kw_only=True):
     """What the guard says of itself; all zero before it has.
 
     Attributes:

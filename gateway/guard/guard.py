@@ -34,11 +34,12 @@ import sys
 import threading
 import time
 from collections.abc import Mapping
-from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from types import FrameType
 from typing import NamedTuple
+
+from msgspec.structs import replace
 
 from gateway.api.guard_protocol import guard_socket, robot_name
 from gateway.api.protocol import default_socket

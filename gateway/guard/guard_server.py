@@ -18,10 +18,10 @@ import os
 import socket
 import struct
 from collections import Counter
-from dataclasses import dataclass
 from pathlib import Path
 
 import msgspec
+from msgspec import Struct
 
 from gateway.api.guard_protocol import (
     MAX_PACKET_BYTES,
@@ -53,8 +53,7 @@ MESSAGE_CHARS = 300
 """No message of a latch takes more of a packet."""
 
 
-@dataclass(slots=True)
-class _Caller:
+class _Caller(Struct):
     """A connection, with who is at its other end (a process id of 0: of another namespace) and when it was last heard."""
 
     socket: socket.socket

@@ -6,12 +6,12 @@ stream of targets does: limits of position, velocity, acceleration and jerk, and
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import TYPE_CHECKING, Any, Final, Literal
 
 import gymnasium
 import numpy as np
 from gymnasium import spaces
+from msgspec.structs import replace
 from numpy.typing import NDArray
 
 from gateway.gym.virtual_robot import STATE, VirtualRobot

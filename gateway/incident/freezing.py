@@ -18,11 +18,11 @@ import pickle
 import re
 import sys
 from collections.abc import Callable, Sequence
-from dataclasses import replace
 from importlib import import_module
 from types import FunctionType, MethodType
 from typing import Any, Literal, NamedTuple, TypeGuard
 
+from msgspec.structs import replace
 from ruckig import InputParameter, Ruckig, Trajectory
 
 from gateway.core.engine import Engine

@@ -11,6 +11,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import NamedTuple
 
+from msgspec import Struct
+
 from gateway.core.engine import Engine
 from gateway.incident.freezing import thaw
 from gateway.incident.records import HEADER_VERSION, Latched, Start, Tick
@@ -33,8 +35,7 @@ class Cause(NamedTuple):
     at_ns: int
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Incident:
+class Incident(Struct, frozen=True, kw_only=True):
     """What was kept.
 
     Attributes:

@@ -27,9 +27,10 @@ import json
 import math
 import sys
 from collections.abc import Mapping
-from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final
+
+from msgspec import Struct, field
 
 from gateway.errors import Code, GatewayError, failure
 from gateway.kinematics.calibration_file.arm_section import ArmCalibration, arm_of, with_arms
@@ -61,8 +62,7 @@ EYES_TOLERANCE_RAD: Final = math.radians(0.5)
 """How far the head's two mounts may be from what its stereo calibration says of them (ours)."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class RobotIdentity:
+class RobotIdentity(Struct, frozen=True, kw_only=True):
     """Which robot this is. The robot tells it on no topic: a person writes it into the configuration.
 
     Attributes:
@@ -82,8 +82,7 @@ class RobotIdentity:
         return f"{self.serial} ({self.model})"
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Calibration:
+class Calibration(Struct, frozen=True, kw_only=True):
     """What a file says.
 
     Attributes:

@@ -12,11 +12,13 @@ from __future__ import annotations
 import math
 import sys
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, replace
 from functools import cache
 from itertools import combinations
 from pathlib import Path
 from typing import Any
+
+from msgspec import Struct
+from msgspec.structs import replace
 
 from gateway.values import Side, ValueRefused, Vector
 
@@ -46,8 +48,7 @@ JOINED = {
 }
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Capsule:
+class Capsule(Struct, frozen=True, kw_only=True):
     """One part of the hull.
 
     Attributes:
@@ -73,8 +74,7 @@ class Capsule:
     opens: Vector = NOTHING
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Pair:
+class Pair(Struct, frozen=True, kw_only=True):
     """Two parts, and why they are not watched; `why` is empty for those that are."""
 
     first: Capsule
@@ -82,8 +82,7 @@ class Pair:
     why: str = ""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Hull:
+class Hull(Struct, frozen=True, kw_only=True):
     """All parts.
 
     Attributes:

@@ -11,7 +11,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+
+from msgspec import Struct
 
 from gateway.kinematics.capsules import BASE, CHEST, Capsule, Hull, hull
 from gateway.kinematics.description import Description
@@ -33,8 +34,7 @@ ALIKE = 1e-9
 Point = tuple[float, float, float]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Nearness:
+class Nearness(Struct, frozen=True, kw_only=True):
     """Two parts and how near they are.
 
     Attributes:

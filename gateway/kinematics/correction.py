@@ -13,7 +13,9 @@ belongs to the joint.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+
+from msgspec import Struct
+from msgspec.structs import replace
 
 from gateway.kinematics.description import Description, Joint, arm_joint, ee_frame, shoulder_joint
 from gateway.kinematics.placement import Placement, Rows, origin, rows_from_quat
@@ -25,8 +27,7 @@ NOWHERE = Placement((0.0, 0.0, 0.0), ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.
 """No displacement."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ArmCorrection:
+class ArmCorrection(Struct, frozen=True, kw_only=True):
     """What was identified on one arm of one robot.
 
     Attributes:

@@ -9,11 +9,12 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Mapping
-from dataclasses import dataclass
 from enum import Enum
 from functools import cache
 from pathlib import Path
 from typing import Any
+
+from msgspec import Struct
 
 from gateway.values import ARM_DOF, Side, Vector
 
@@ -67,8 +68,7 @@ class Kind(str, Enum):
     PRISMATIC = "prismatic"
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Joint:
+class Joint(Struct, frozen=True, kw_only=True):
     """One joint: where its frame is in its parent's link, and how the child moves in it.
 
     Attributes:
@@ -98,8 +98,7 @@ class Joint:
     velocity: float = 0.0
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Inertia:
+class Inertia(Struct, frozen=True, kw_only=True):
     """Mass of a link.
 
     Attributes:
@@ -113,8 +112,7 @@ class Inertia:
     inertia_kgm2: Vector
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Camera:
+class Camera(Struct, frozen=True, kw_only=True):
     """A stereo camera: its nominal mount and what is known of its two eyes.
 
     Attributes:
@@ -136,8 +134,7 @@ class Camera:
     rate_hz: float
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Description:
+class Description(Struct, frozen=True, kw_only=True):
     """The whole body.
 
     Attributes:

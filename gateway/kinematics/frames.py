@@ -22,8 +22,9 @@ and told: `Located.stand_ins`.
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
 from enum import Enum
+
+from msgspec import Struct
 
 from gateway.errors import Code, failure
 from gateway.kinematics.solving.chain import ArmChain
@@ -87,8 +88,7 @@ class Origin(str, Enum):
     ASSUMPTION = "assumption"
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class FixedEdge:
+class FixedEdge(Struct, frozen=True, kw_only=True):
     """A transform that no joint changes.
 
     Attributes:
@@ -109,8 +109,7 @@ class FixedEdge:
         return self.transform.name in DEVICE_EDGES and not self.is_of_one_robot
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Located:
+class Located(Struct, frozen=True, kw_only=True):
     """Where a frame is in another.
 
     Attributes:

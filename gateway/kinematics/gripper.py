@@ -14,10 +14,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
 from typing import Any, Final
 
 import numpy as np
+from msgspec import Struct
+from msgspec.structs import replace
 
 from gateway.kinematics.description import Description
 from gateway.kinematics.linkage import Branch, Closure
@@ -46,8 +47,7 @@ STEP_M: Final = 1e-5
 STEP_RAD: Final = 1e-4
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Length:
+class Length(Struct, frozen=True, kw_only=True):
     """A length that nobody published.
 
     Attributes:
@@ -61,8 +61,7 @@ class Length:
     basis: str
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Torque:
+class Torque(Struct, frozen=True, kw_only=True):
     """A torque at the motor; positive opens (§4.4).
 
     Attributes:
@@ -101,8 +100,7 @@ def measured(tau_nm: float) -> Torque:
     return Torque(value_nm=tau_nm, sigma_nm=math.hypot(MEASURED_RATIO * tau_nm, FRICTION_NM), basis="measured")
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class GripForce:
+class GripForce(Struct, frozen=True, kw_only=True):
     """How hard each finger presses, if both press alike.
 
     Attributes:
@@ -120,8 +118,7 @@ class GripForce:
     basis: str
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Gripper:
+class Gripper(Struct, frozen=True, kw_only=True):
     """Both fingers of a gripper; left and right hand have the same.
 
     Attributes:
@@ -247,8 +244,7 @@ OPENS: Final = (1.0, -1.0)
 """The way in which a finger opens along y of {b}: n of the first and of the second (§4.4.2)."""
 
 
-@dataclass(frozen=True, slots=True)
-class _Closed:
+class _Closed(Struct, frozen=True):
     pivot: complex
     short_arm: complex
     long_arm: complex

@@ -8,10 +8,10 @@ seen. Otherwise there is a reason, with a figure and what to do.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from enum import Enum
 
 import numpy as np
+from msgspec import Struct
 from numpy.typing import NDArray
 
 from gateway.kinematics.arm import ArmModel
@@ -62,8 +62,7 @@ class Why(str, Enum):
     OVERFITTED = "does not hold on pairs left out"
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Misfit:
+class Misfit(Struct, frozen=True, kw_only=True):
     """Typical residual: the median over pairs.
 
     Attributes:
@@ -75,8 +74,7 @@ class Misfit:
     angle_rad: float
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Estimate:
+class Estimate(Struct, frozen=True, kw_only=True):
     """One parameter.
 
     Attributes:
@@ -92,8 +90,7 @@ class Estimate:
     unit: str
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Identification:
+class Identification(Struct, frozen=True, kw_only=True):
     """What was found.
 
     Attributes:
@@ -121,8 +118,7 @@ class Identification:
     excitation: Excitation
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Unidentified:
+class Unidentified(Struct, frozen=True, kw_only=True):
     """Why nothing was.
 
     Attributes:

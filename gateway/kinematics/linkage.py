@@ -13,10 +13,10 @@ the finger tips and y across; the rotor's axis is the origin. Left and right gri
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
+from msgspec import Struct
 from numpy.typing import NDArray
 
 from gateway.values import ValueRefused
@@ -29,8 +29,7 @@ STRAIGHT: Final = 0.02
 """Sine of the angle between coupler and crank below which the linkage counts as stretched out: it would jam (ours)."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Closure:
+class Closure(Struct, frozen=True, kw_only=True):
     """The linkage at one motor angle.
 
     Attributes:
@@ -53,8 +52,7 @@ class Closure:
         return self.phi_rad + self.theta_rad - self.q_rad
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Branch:
+class Branch(Struct, frozen=True, kw_only=True):
     """One finger's linkage, by where things are when the gripper is closed.
 
     Attributes:

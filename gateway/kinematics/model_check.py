@@ -10,7 +10,8 @@ from __future__ import annotations
 import math
 import random
 from collections.abc import Iterator
-from dataclasses import dataclass
+
+from msgspec import Struct
 
 from gateway.kinematics.arm import ArmModel
 from gateway.kinematics.description import Description, nominal
@@ -51,8 +52,7 @@ COMPARED = 1000
 """Random configurations at which two descriptions are held against each other."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Finding:
+class Finding(Struct, frozen=True, kw_only=True):
     """One line of the check.
 
     Attributes:

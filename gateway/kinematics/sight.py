@@ -7,9 +7,9 @@ were. Nothing here judges how old joints or pictures are: a wrist's view needs t
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 
 import numpy as np
+from msgspec import Struct
 from numpy.typing import ArrayLike, NDArray
 
 from gateway.errors import Code, failure
@@ -28,8 +28,7 @@ __all__ = ["Seen", "Sight", "robot_frames"]
 Array = NDArray[np.float64]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Seen:
+class Seen(Struct, frozen=True, kw_only=True):
     """Where points are in a view.
 
     Attributes:

@@ -9,11 +9,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping
-from dataclasses import replace
 from pathlib import Path
 from xml.etree import ElementTree
 
 import numpy as np
+from msgspec.structs import replace
 
 from gateway.errors import Code, GatewayError, failure
 from gateway.kinematics.description import (

@@ -24,12 +24,12 @@ import logging
 import threading
 import time
 from collections.abc import Callable, Collection, Mapping, Sequence
-from dataclasses import dataclass
 from functools import partial
 from itertools import islice
 from typing import Any
 
 import zenoh
+from msgspec import Struct
 
 from cdr_types.keys import (
     ALL_TOKENS,
@@ -66,8 +66,7 @@ STATE_QOS = Qos(reliability=Reliability.RELIABLE, history=History.KEEP_LAST, dep
 _log = logging.getLogger(__name__)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class SessionListener:
+class SessionListener(Struct, frozen=True, kw_only=True):
     """Where the callbacks put things. All of them only store; any thread.
 
     Attributes:

@@ -7,8 +7,10 @@ can be asked for at any time, and a router in trouble is not made worse by a loo
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence, Set
-from dataclasses import dataclass, field, replace
 from itertools import islice
+
+from msgspec import Struct, field
+from msgspec.structs import replace
 
 from cdr_types.keys import Token, TokenKind, topic_to_key
 from cdr_types.qos import format_qos
@@ -29,8 +31,7 @@ KEPT = 64
 """So many neighbours and bridges are told, and of each topic so many announcements: a router may be full of them."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Known:
+class Known(Struct, frozen=True, kw_only=True):
     """What is known of a wire at one moment.
 
     Attributes:

@@ -11,9 +11,8 @@ import re
 import socket
 import time
 from collections.abc import Callable
-from dataclasses import replace
 
-from msgspec.structs import replace as changed
+from msgspec.structs import replace
 
 from gateway.api.protocol import Wire
 from gateway.link.robot_link import RobotLink
@@ -43,7 +42,7 @@ def look(settings: LinkSettings, *, is_named: bool, listen_s: float = LISTEN_S) 
     """
     wire, is_there = _listen(settings, lambda wire: settings.namespace.strip("/") in wire.robots, ANNOUNCE_S, listen_s)
     if not wire.is_up:
-        return changed(wire, trouble=_why_not(settings.endpoint))
+        return replace(wire, trouble=_why_not(settings.endpoint))
     if is_there or is_named or len(wire.robots) != 1:
         return wire
     wire, _ = _listen(replace(settings, namespace=wire.robots[0]), lambda wire: bool(wire.robots), ANNOUNCE_S, listen_s)

@@ -18,11 +18,12 @@ import signal
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from types import FrameType
 from typing import TYPE_CHECKING, NoReturn
+
+from msgspec.structs import replace
 
 from gateway.api import protocol
 from gateway.api.guard_protocol import guard_socket, robot_name

@@ -25,8 +25,9 @@ import resource
 import sys
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
 from pathlib import Path
+
+from msgspec import Struct
 
 __all__ = [
     "FifoScheduling",
@@ -57,8 +58,7 @@ LISTINGS = 8
 """How often threads are listed again because new ones were born meanwhile."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Measure:
+class Measure(Struct, frozen=True, kw_only=True):
     """What became of one measure.
 
     Attributes:

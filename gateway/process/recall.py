@@ -17,8 +17,10 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable, Set
-from dataclasses import dataclass, field, replace
 from pathlib import Path
+
+from msgspec import Struct, field
+from msgspec.structs import replace
 
 from gateway.core.messages.outputs import Remembered
 from gateway.errors import Code, GatewayError
@@ -29,8 +31,7 @@ __all__ = ["Recall"]
 _log = logging.getLogger(__name__)
 
 
-@dataclass(slots=True)
-class _Kin:
+class _Kin(Struct):
     """Another file.
 
     Attributes:

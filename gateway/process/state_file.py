@@ -28,8 +28,10 @@ import re
 import secrets
 import threading
 from collections.abc import Callable, Set
-from dataclasses import dataclass, replace
 from pathlib import Path
+
+from msgspec import Struct
+from msgspec.structs import replace
 
 from gateway.core.messages.outputs import Remembered
 from gateway.errors import CODES, Code, ConfigError, NotReady, Refusal
@@ -73,8 +75,7 @@ def read_state(path: Path) -> Remembered:
     return _parse(path.read_bytes())
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Started:
+class Started(Struct, frozen=True, kw_only=True):
     """What a daemon starts from.
 
     Attributes:

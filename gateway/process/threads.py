@@ -17,7 +17,8 @@ import time
 import traceback
 from collections import deque
 from collections.abc import Callable
-from dataclasses import dataclass
+
+from msgspec import Struct
 
 __all__ = ["Lost", "supervised", "take_lost"]
 
@@ -28,8 +29,7 @@ DEEPEST = 20
 """So many of the innermost calls are told."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Lost:
+class Lost(Struct, frozen=True, kw_only=True):
     """A thread that ended unasked.
 
     Attributes:

@@ -5,8 +5,9 @@ Everything else reads this table; nobody repeats a topic's name or rate. Source:
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from enum import Enum
+
+from msgspec import Struct
 
 from gateway.robot.limits import (
     ARM_WATCHDOG_NS,
@@ -63,8 +64,7 @@ class Direction(str, Enum):
     COMMAND = "command"
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Topic:
+class Topic(Struct, frozen=True, kw_only=True):
     """One public topic of the robot.
 
     Attributes:
@@ -187,8 +187,7 @@ MOTION_STATE_TOPICS: tuple[str, ...] = tuple(t for t in STATE_TOPICS if TOPICS[t
 """The fast state topics: the newest of them tells whether the link is fresh."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Variant:
+class Variant(Struct, frozen=True, kw_only=True):
     """A model of the robot (§1.2).
 
     Attributes:

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+
+from msgspec import Struct, field
 
 from gateway.robot.limits import (
     CHASSIS_DOWN_MPS2,
@@ -29,8 +30,7 @@ from gateway.values import ARM_DOF, Side, Vector
 __all__ = ["ArmSettings", "ChassisSettings", "LiftSettings", "PoseSettings"]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ArmSettings:
+class ArmSettings(Struct, frozen=True, kw_only=True):
     """Limits and tolerances of both arms in joint mode.
 
     Attributes:
@@ -94,8 +94,7 @@ class ArmSettings:
                 raise SettingsRefused(f"arm.lower_rad.{side}[{n}]", lower, unit="rad", rule=rule)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ChassisSettings:
+class ChassisSettings(Struct, frozen=True, kw_only=True):
     """Limits of the chassis. The robot itself limits its acceleration only (manual §4.5).
 
     Attributes:
@@ -124,8 +123,7 @@ class ChassisSettings:
         within("chassis.expiry_ns", self.expiry_ns, 50 * MS, 3 * S, "ns", HARD)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class LiftSettings:
+class LiftSettings(Struct, frozen=True, kw_only=True):
     """Limits of the lift, on the model that has one (manual §4.6).
 
     Attributes:
@@ -142,8 +140,7 @@ class LiftSettings:
         within("lift.expiry_ns", self.expiry_ns, 50 * MS, 3 * S, "ns", HARD)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class PoseSettings:
+class PoseSettings(Struct, frozen=True, kw_only=True):
     """Limits and tolerances of both arms in end-effector mode; limits are norms. Times are those of `ArmSettings`.
 
     The defaults reach full speed in about half a second, as a joint with its defaults does: v/a + a/j, with the part of

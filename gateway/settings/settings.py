@@ -8,7 +8,8 @@ A settings object that exists is inside the hard limits of `robot/limits.py`: co
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass, field
+
+from msgspec import Struct, field
 
 from gateway.robot.limits import HARD_V_RADPS, TOUCH_N
 from gateway.robot.topics import VARIANTS, Variant
@@ -46,8 +47,7 @@ SOCKET_PATH_BYTES = 107
 """Longest path of a unix socket on Linux: `sun_path` has 108 bytes, one of them the final zero."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class LossSettings:
+class LossSettings(Struct, frozen=True, kw_only=True):
     """What happens when the owner vanishes, stage by stage.
 
     Attributes:
@@ -68,8 +68,7 @@ class LossSettings:
         within("loss.down_after_ns", self.down_after_ns, self.free_after_ns, 3600 * S, "ns", source)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class EnableSettings:
+class EnableSettings(Struct, frozen=True, kw_only=True):
     """Starting, staleness and continuing.
 
     Attributes:
@@ -109,8 +108,7 @@ class EnableSettings:
         within("enable.late_ns", self.late_ns, 20 * MS, 50 * MS, "ns", HARD)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class LinkSettings:
+class LinkSettings(Struct, frozen=True, kw_only=True):
     """The robot's side.
 
     Attributes:
@@ -150,8 +148,7 @@ class LinkSettings:
         return VARIANTS[self.model]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class LocalSettings:
+class LocalSettings(Struct, frozen=True, kw_only=True):
     """The users' side.
 
     Attributes:
@@ -198,8 +195,7 @@ class LocalSettings:
             raise SettingsRefused("local.socket_mode", f"0o{self.socket_mode:o}", rule=rule)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class GuardSettings:
+class GuardSettings(Struct, frozen=True, kw_only=True):
     """The process that holds when the daemon cannot.
 
     Attributes:
@@ -218,8 +214,7 @@ class GuardSettings:
         within("guard.hold_ns", self.hold_ns, 1 * S, 10 * S, "ns", HARD)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ForeignSettings:
+class ForeignSettings(Struct, frozen=True, kw_only=True):
     """What is done about others who command the robot (manual §3.3.2).
 
     Attributes:
@@ -236,8 +231,7 @@ class ForeignSettings:
             raise SettingsRefused("foreign.policy", self.policy, rule=rule, source="manual §3.3.2")
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ModelSettings:
+class ModelSettings(Struct, frozen=True, kw_only=True):
     """The body model: the live check of it, its numbers, and what it is used for.
 
     Attributes:
@@ -300,8 +294,7 @@ class ModelSettings:
         return self.left_touch_n if side is Side.LEFT else self.right_touch_n
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class RealtimeSettings:
+class RealtimeSettings(Struct, frozen=True, kw_only=True):
     """Scheduling of the daemon; everything degrades with one clear line when it is not permitted.
 
     Attributes:
@@ -321,8 +314,7 @@ class RealtimeSettings:
         within("realtime.fifo_priority", self.fifo_priority, 21, 90, "", "SCHED_FIFO range")
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Settings:
+class Settings(Struct, frozen=True, kw_only=True):
     """Everything a daemon needs to know, frozen."""
 
     arm: ArmSettings = field(default_factory=ArmSettings)

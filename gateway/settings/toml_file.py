@@ -18,11 +18,13 @@ import math
 import os
 import sys
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
 from enum import Enum
 from functools import partial
 from pathlib import Path
 from typing import Any, TypeGuard, get_type_hints
+
+from msgspec import Struct
+from msgspec.structs import replace
 
 from gateway.errors import Code, GatewayError, failure
 from gateway.settings.settings import Settings, SettingsRefused
@@ -94,8 +96,7 @@ class Kind(str, Enum):
     JOINTS = "left and right with a list of numbers each"
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Key:
+class Key(Struct, frozen=True, kw_only=True):
     """One key of the file.
 
     Attributes:

@@ -7,7 +7,6 @@ The checks look at what left the engine, at the robot and at the shown state, ne
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -32,6 +31,7 @@ from gateway.robot.topics import (
 from gateway.settings.settings import ArmSettings, ForeignSettings, LinkSettings, LocalSettings, LossSettings, Settings
 from gateway.sim.robot.settings import SimSettings
 from gateway.values import Side, Vector
+from tests.changed import replace
 from tests.pair import COMPLIANCE_RADPNM, MS, Pair, S
 
 __all__ = ["HOME", "LEAN", "QUICK", "REACHED_BY", "Scene", "away", "scene", "watched"]

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 from itertools import pairwise
 
 import pytest
@@ -24,6 +23,7 @@ from gateway.settings.settings import PoseSettings, Settings
 from gateway.sim.robot.settings import SimSettings
 from gateway.values import Side, Space
 from tests.behaviour.scene import Scene, away, scene
+from tests.changed import replace
 from tests.core.pose_judge import LIMITS, judge
 from tests.pair import Pair
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 import itertools
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import lru_cache
 
 import pytest
@@ -24,6 +24,7 @@ from gateway.messages.incoming import OnLoss
 from gateway.messages.requests import DriveChassis, DriveLift, Enable, Move, Request, SetGripper
 from gateway.robot.topics import CURRENT_MODE, FSM_STATE
 from gateway.settings.settings import LossSettings
+from tests.changed import replace
 from tests.core.stage import GOAL, MODE, L, R, S, Stage
 from tests.thoroughness import IS_THOROUGH, either
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from itertools import pairwise
 
 import pytest
@@ -27,6 +26,7 @@ from gateway.messages.requests import (
 from gateway.robot.topics import CHASSIS_VELOCITY, FSM_ENABLE, FSM_STATE, LIFT_COMMAND, arm_state, gripper_command
 from gateway.values import Side
 from tests.behaviour.scene import HOME, REACHED_BY, Scene, scene
+from tests.changed import replace
 from tests.pair import MS, S
 from tests.thoroughness import crossed
 

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
@@ -23,6 +21,7 @@ from gateway.settings.settings import ModelSettings, Settings
 from gateway.sim.robot.arm import SimArm
 from gateway.sim.robot.settings import SimSettings
 from gateway.values import Side
+from tests.changed import replace
 from tests.client.playing import play
 from tests.client.robot_world import RobotWorld
 from tests.memory_plane import MemoryPlane

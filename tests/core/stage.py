@@ -7,7 +7,6 @@ in which the robot is heard and streams give their frames; nothing else happens 
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping
-from dataclasses import replace
 
 from gateway.core.messages.events import CommandRequested, SampleArrived
 from gateway.core.messages.outputs import Frame, Remembered
@@ -22,6 +21,7 @@ from gateway.robot.limits import JOINT_LOWER_RAD, JOINT_UPPER_RAD
 from gateway.robot.topics import CURRENT_MODE, FSM_STATE, arm_state, ee_pose
 from gateway.settings.settings import LinkSettings, Settings
 from gateway.values import ArmState, CurrentMode, EePose, FsmState, Side, Space, Vector
+from tests.changed import replace
 
 __all__ = ["GOAL", "MIDDLE", "MODE", "MS", "OFFSET_NS", "PLACE", "TICK_NS", "L", "R", "S", "Stage"]
 

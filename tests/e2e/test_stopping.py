@@ -10,7 +10,6 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +21,7 @@ from cdr_types.codec import decode, encode
 from cdr_types.messages.sensor_msgs import JointState
 from gateway.client import Control, Robot
 from gateway.errors import Aborted, Code, GatewayError, MotionEnded
+from tests.changed import replace
 from tests.e2e.system import System, wait_for
 from tests.fuzz.attacker import connect as connect_raw
 

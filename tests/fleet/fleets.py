@@ -7,7 +7,6 @@ import json
 import re
 import threading
 from collections.abc import Iterator
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +14,7 @@ import zenoh
 
 from gateway.api import protocol
 from gateway.fleet.member import Member
+from tests.changed import replace
 
 ROUTER = {
     "mode": "router",

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import pytest
 
 from gateway.core.robot_state.body_model import body_model
@@ -11,6 +9,7 @@ from gateway.core.robot_state.contact import Contacts
 from gateway.kinematics.dynamics.loading import load_dynamics
 from gateway.settings.settings import Settings
 from gateway.sim.robot.settings import SimSettings
+from tests.changed import replace
 from tests.pair import COMPLIANCE_RADPNM, MS, Pair
 
 

@@ -8,7 +8,6 @@ import math
 import os
 import pickle
 from collections import namedtuple
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -26,6 +25,7 @@ from gateway.settings.settings import LocalSettings, Settings
 from gateway.settings.toml_file import state_dir
 from gateway.sim.robot.settings import SimSettings
 from gateway.values import EePose, Side, Space
+from tests.changed import replace
 from tests.incident.feeling import feeling
 from tests.pair import MS, Pair
 

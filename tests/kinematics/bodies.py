@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import random
 from collections.abc import Iterator
-from dataclasses import replace
 
 from gateway.errors import Refusal
 from gateway.kinematics.arm import ArmModel
@@ -12,6 +11,7 @@ from gateway.kinematics.description import Description, arm_joint, nominal
 from gateway.kinematics.placement import Placement, turn_rad
 from gateway.robot.limits import JOINT_LOWER_RAD, JOINT_UPPER_RAD
 from gateway.values import Side, Vector
+from tests.changed import replace
 
 __all__ = ["ARMS", "difference", "excess", "nudged", "samples"]
 

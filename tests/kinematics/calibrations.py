@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import copy
 import json
-from dataclasses import asdict
 
 import numpy as np
+from msgspec.structs import asdict
 
 from gateway.kinematics.calibration import RobotIdentity
 from gateway.kinematics.calibration_file.conventions import MANUAL

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import json
-from dataclasses import asdict
 
 import numpy as np
 import pytest
+from msgspec.structs import asdict
 
 from gateway.errors import Code, ConfigError
 from gateway.kinematics.calibration import Calibration, RobotIdentity, load, read

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import random
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -16,6 +15,7 @@ from gateway.robot.limits import HOME_Q_RAD
 from gateway.sim.robot import manual
 from gateway.sim.robot.geometry import arm_geometry
 from gateway.values import Side, ValueRefused
+from tests.changed import replace
 from tests.kinematics.guarded_arms import free_posture, model, random_joints
 from tests.thoroughness import either
 

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict
-
 import pytest
+from msgspec.structs import asdict
 
 from gateway.errors import Code, ConfigError
 from gateway.kinematics.calibration_file.arm_section import ArmCalibration, fingerprint

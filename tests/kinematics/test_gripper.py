@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -12,6 +11,7 @@ from gateway.kinematics.description import nominal
 from gateway.kinematics.gripper import OTHER_COUPLER_M, Gripper, Length, Torque, feed_forward, measured
 from gateway.robot.limits import GRIPPER_TORQUE_NM
 from gateway.values import ValueRefused
+from tests.changed import replace
 from tests.thoroughness import either
 
 GRIPPER = Gripper.of(nominal())

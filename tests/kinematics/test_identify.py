@@ -5,8 +5,6 @@ The measurements are the simulator's own geometry, which shares nothing with our
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
@@ -21,6 +19,7 @@ from gateway.kinematics.identify import (
     identify,
 )
 from gateway.values import EePose, Side
+from tests.changed import replace
 from tests.kinematics.bodies import ARMS
 from tests.kinematics.identities import EE_M, EE_TURN_RAD, NOISE_M, OFFSETS_RAD, measured, postures
 from tests.thoroughness import either

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -12,6 +11,7 @@ from gateway.kinematics.description import nominal
 from gateway.kinematics.gripper import Gripper
 from gateway.kinematics.linkage import Branch
 from gateway.values import ValueRefused
+from tests.changed import replace
 from tests.thoroughness import either
 
 FINGERS = Gripper.of(nominal()).fingers

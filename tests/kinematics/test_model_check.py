@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 
 import pytest
 
 from gateway.kinematics.description import nominal
 from gateway.kinematics.model_check import compared, findings
 from gateway.values import Side
+from tests.changed import replace
 from tests.kinematics.bodies import nudged
 
 

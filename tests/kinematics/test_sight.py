@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
@@ -15,6 +13,7 @@ from gateway.kinematics.sight import Sight, robot_frames
 from gateway.kinematics.transform import Points
 from gateway.robot.limits import HOME_Q_RAD
 from gateway.values import Side
+from tests.changed import replace
 from tests.kinematics.arms import WITNESSES, joints_at
 from tests.kinematics.calibrations import ROBOT, document, written
 

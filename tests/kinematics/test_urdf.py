@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
@@ -12,6 +10,7 @@ from gateway.kinematics.description import nominal
 from gateway.kinematics.solving.chain import ArmChain
 from gateway.kinematics.urdf import from_urdf
 from gateway.values import Side
+from tests.changed import replace
 from tests.kinematics.bodies import nudged, samples
 from tests.kinematics.urdfs import written
 

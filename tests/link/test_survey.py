@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import pytest
 
 from cdr_types.keys import Qos, Reliability, Token, TokenKind, topic_to_key
@@ -26,6 +24,7 @@ from gateway.robot.topics import (
 )
 from gateway.settings.settings import LinkSettings
 from gateway.values import Side
+from tests.changed import replace
 
 MS = 1_000_000
 S = 1_000_000_000

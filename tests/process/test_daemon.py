@@ -12,7 +12,6 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -36,6 +35,7 @@ from gateway.settings.settings import (
     RealtimeSettings,
     Settings,
 )
+from tests.changed import replace
 
 ROOT = Path(__file__).resolve().parents[2]
 DEADLINE_S = 20.0

@@ -7,7 +7,6 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -18,6 +17,7 @@ from gateway.process.reloading import ENDED, MOST_TEXT, Reloader, has_terminal
 from gateway.process.threads import take_lost
 from gateway.settings.settings import ArmSettings, LocalSettings, Settings
 from gateway.settings.toml_file import loads
+from tests.changed import replace
 
 DEADLINE_S = 20.0
 SLOWER = Settings(arm=ArmSettings(v_radps=0.5))

@@ -14,7 +14,6 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
-from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -26,6 +25,7 @@ from gateway.errors import Code, ConfigError, NotReady
 from gateway.process import state_file
 from gateway.process.state_file import EPOCH_BLOCK, Started, StateFile, StateWriter, path_of
 from gateway.process.threads import take_lost
+from tests.changed import replace
 
 ENDPOINT = "tcp/192.168.1.20:9000"
 LATCHED = Remembered(epoch=7, latches={Code.ESTOP: "by Ann", Code.FSM_ERROR: "état −1"})

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import pytest
 
 from cdr_types import decode, encode
@@ -21,6 +19,7 @@ from gateway.robot.topics import gripper_command, joint_command, pose_command
 from gateway.robot.vector_layout import effort_of_command
 from gateway.settings.settings import LinkSettings
 from gateway.values import Side
+from tests.changed import replace
 from tests.dataset.motion import moving
 from tests.recording.bags import BEGIN_NS, joints, payload
 

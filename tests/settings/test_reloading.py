@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable
-from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -22,6 +21,7 @@ from gateway.settings.reloading import (
 )
 from gateway.settings.settings import ArmSettings, ChassisSettings, LocalSettings, Settings
 from gateway.settings.toml_file import KEYS, load, loads
+from tests.changed import replace
 
 EVERY = {f"{section}.{key.field}" for section, keys in KEYS.items() for key in keys.values()}
 BEGAN = Settings()

@@ -8,6 +8,7 @@ import pickle
 from dataclasses import dataclass
 
 import pytest
+from msgspec import structs
 
 from gateway.robot.limits import JOINT_LOWER_RAD, JOINT_UPPER_RAD
 from gateway.robot.topics import VARIANTS
@@ -149,8 +150,8 @@ def test_a_number_passes_exactly_inside_its_bound(bound: Bound) -> None:
 def test_every_number_of_every_section_is_in_the_sweep() -> None:
     """A new field must get a bound, or say above why it has none."""
     swept = {(bound.part, bound.field) for bound in BOUNDS}
-    for part in (f.default_factory for f in dataclasses.fields(Settings)):
-        for field in dataclasses.fields(part):
+    for part in (f.default_factory for f in structs.fields(Settings)):
+        for field in structs.fields(part):
             is_number = isinstance(getattr(part(), field.name), (int, float))
             assert ((part, field.name) in swept) == (is_number and field.name not in UNBOUNDED), field.name
 
@@ -371,9 +372,9 @@ def test_a_refusal_survives_pickling() -> None:
 def test_settings_cannot_be_changed() -> None:
     """One frozen value, no globals."""
     settings = Settings()
-    with pytest.raises(dataclasses.FrozenInstanceError):
+    with pytest.raises(AttributeError):
         settings.arm = ArmSettings()
-    with pytest.raises(dataclasses.FrozenInstanceError):
+    with pytest.raises(AttributeError):
         settings.arm.v_radps = 9.0
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import re
 import string
 from pathlib import Path
@@ -11,6 +10,7 @@ from typing import Any
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from msgspec import structs
 
 from gateway.errors import Code, ConfigError
 from gateway.robot.limits import HARD_A_RADPS2, HARD_J_RADPS3, HARD_V_RADPS, JOINT_LOWER_RAD, JOINT_UPPER_RAD
@@ -120,9 +120,9 @@ def test_every_field_of_every_section_is_a_key_of_the_default_file() -> None:
             assert not line or line.startswith("#"), line
     assert found == {name: list(keys) for name, keys in toml_file.KEYS.items()}
     for name, part in SECTIONS.items():
-        fields = [f.name for f in dataclasses.fields(part)]
+        fields = list(part.__struct_fields__)
         assert [key.field for key in toml_file.KEYS[name].values()] == fields
-    assert {f.default_factory for f in dataclasses.fields(Settings)} == set(SECTIONS.values())
+    assert {f.default_factory for f in structs.fields(Settings)} == set(SECTIONS.values())
 
 
 def test_every_key_of_the_default_file_has_a_comment_with_its_unit() -> None:
@@ -274,7 +274,7 @@ def test_keys_that_are_left_out_keep_their_defaults() -> None:
         Side.RIGHT: JOINT_LOWER_RAD[Side.RIGHT],
     }
     assert all(isinstance(v, float) for v in arm.lower_rad[Side.LEFT])
-    assert dataclasses.replace(arm, lower_rad=ArmSettings().lower_rad) == ArmSettings()
+    assert structs.replace(arm, lower_rad=ArmSettings().lower_rad) == ArmSettings()
 
 
 # ------------------------------------------------------------------------------------------------------ unknown things

@@ -12,9 +12,10 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
+
+from msgspec import Struct
 
 from gateway.api import protocol
 from gateway.errors import Code, GatewayError, Refusal, failure
@@ -31,8 +32,7 @@ FOR_EVERYBODY = (Stop, Estop, RegisterEndpoint, LeaveEndpoint)
 """What a viewer may ask for: nothing of it moves the robot. A stop endpoint is somebody who watches."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Asker:
+class Asker(Struct, frozen=True, kw_only=True):
     """Who asks, as far as the way tells by which he came.
 
     Attributes:

@@ -5,9 +5,10 @@ from __future__ import annotations
 import json
 import os
 from collections.abc import Callable, Sequence
-from dataclasses import asdict
 from pathlib import Path
 from typing import Any
+
+from msgspec.structs import asdict
 
 from gateway.errors import Code, GatewayError, failure
 from gateway.kinematics.calibration import RobotIdentity, load, read

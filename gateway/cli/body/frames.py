@@ -8,9 +8,10 @@ from __future__ import annotations
 import json
 from argparse import Namespace
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from pathlib import Path
 
+from msgspec.structs import asdict
 from rich.console import Console
 from rich.text import Text
 

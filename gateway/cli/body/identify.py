@@ -11,9 +11,9 @@ import math
 import sys
 from argparse import Namespace
 from collections.abc import Iterator, Mapping
-from dataclasses import asdict
 from pathlib import Path
 
+from msgspec import to_builtins
 from rich.console import Console
 from rich.text import Text
 
@@ -167,18 +167,18 @@ def _row(result: Result) -> dict[str, object]:
     facts: dict[str, object] = {
         "identified": isinstance(result, Identification),
         "postures": result.postures,
-        "before": None if result.before is None else asdict(result.before),
-        "excitation": None if result.excitation is None else {**asdict(result.excitation), "least": LEAST_GAIN},
+        "before": None if result.before is None else to_builtins(result.before),
+        "excitation": None if result.excitation is None else {**to_builtins(result.excitation), "least": LEAST_GAIN},
     }
     if isinstance(result, Unidentified):
         return {**facts, "why": result.why.name, "message": result.message, "hint": result.hint}
     correction = result.correction
     return {
         **facts,
-        "parameters": [asdict(row) for row in result.estimates],
+        "parameters": [to_builtins(row) for row in result.estimates],
         "covariance": result.covariance,
-        "after": asdict(result.after),
-        "validated": asdict(result.validated),
+        "after": to_builtins(result.after),
+        "validated": to_builtins(result.validated),
         "share": result.share,
         "lag_s": result.lag_s,
         "joint_zero_offsets_rad": correction.offsets_rad,

@@ -14,6 +14,8 @@ from dataclasses import replace
 from datetime import datetime
 from urllib.parse import urlsplit
 
+from msgspec import structs
+
 from gateway import __version__
 from gateway.api.protocol import Wire
 from gateway.cli.check.capture import Capture
@@ -66,7 +68,7 @@ def carry_out(options: Namespace, look: Callable[..., Wire]) -> ExitStatus:
         with teller() as tell:
             tell.advance("look", None, settings.endpoint)
             wire = look(settings, is_named=bool(asks_gateway or options.namespace is not None or settings.namespace))
-            settings = replace(settings, namespace=wire.namespace)
+            settings = structs.replace(settings, namespace=wire.namespace)
             capture = Capture((*STATE_TOPICS, *settings.variant.command_topics))
             tap = Tap(settings, recorded_topics(settings), capture.take)
             stack.callback(tap.close)

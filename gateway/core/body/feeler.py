@@ -8,8 +8,9 @@ Pure arithmetic on what `robot_state/contact.py` tells; it does not know what fo
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from typing import NamedTuple
+
+from msgspec import Struct
 
 from gateway.core.messages.events import CommandRequested
 from gateway.core.motion.bounds import within, wrong_count
@@ -48,8 +49,7 @@ class Push(NamedTuple):
     why: str = ""
 
 
-@dataclass(slots=True, kw_only=True)
-class Feeler:
+class Feeler(Struct, kw_only=True):
     """What one arm's motion or stream ends at.
 
     Attributes:

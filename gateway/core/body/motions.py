@@ -10,9 +10,10 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass
 from enum import Enum
 from operator import attrgetter
+
+from msgspec import Struct
 
 from gateway.core.body.feeler import Feeler
 from gateway.core.motion.gap import Gap, gap
@@ -43,8 +44,7 @@ class MotionState(str, Enum):
 RUNNING = frozenset({MotionState.QUEUED, MotionState.EXECUTING})
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Terms:
+class Terms(Struct, frozen=True, kw_only=True):
     """What a trajectory is judged by.
 
     Attributes:

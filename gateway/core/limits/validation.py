@@ -9,7 +9,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+
+from msgspec import Struct, field
 
 from gateway.core.motion.bounds import not_finite, within, wrong_count
 from gateway.errors import Code, Refusal
@@ -46,8 +47,7 @@ MIN_SPEED = 0.001
 """Slowest speed factor: a joint then needs an hour for its range."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Checked:
+class Checked(Struct, frozen=True, kw_only=True):
     """A goal or a start inside the limits.
 
     Attributes:
@@ -59,8 +59,7 @@ class Checked:
     clipped: tuple[int, ...] = ()
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Fitness:
+class Fitness(Struct, frozen=True, kw_only=True):
     """What must be known of the robot to let a motion of some arms pass.
 
     Attributes:

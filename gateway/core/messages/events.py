@@ -9,7 +9,6 @@ Time is integer monotonic nanoseconds of this host. Topics are ROS names of `top
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from typing import TypeAlias
 
 from msgspec import Struct
@@ -77,8 +76,7 @@ class SampleArrived(Struct, frozen=True, kw_only=True):
     worst_gap_ns: int = 0
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class SampleRefused:
+class SampleRefused(Struct, frozen=True, kw_only=True):
     """A sample that could not be believed: bad CDR, NaN, wrong length, other joint names.
 
     Attributes:
@@ -96,8 +94,7 @@ class SampleRefused:
     count: int = 1
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class LinkUp:
+class LinkUp(Struct, frozen=True, kw_only=True):
     """A transport to the robot's router is open.
 
     Attributes:
@@ -111,15 +108,13 @@ class LinkUp:
     own_zid: str = ""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class LinkDown:
+class LinkDown(Struct, frozen=True, kw_only=True):
     """No transport to the robot's router any more."""
 
     at_ns: int
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class RouteObserved:
+class RouteObserved(Struct, frozen=True, kw_only=True):
     """What discovery says about a topic's route: ROUTE_DEAD or ROUTE_LOST with a text, or None when it is alive."""
 
     topic: str
@@ -128,8 +123,7 @@ class RouteObserved:
     at_ns: int
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class RobotsAnnounced:
+class RobotsAnnounced(Struct, frozen=True, kw_only=True):
     """What the tokens say about robots, as far as it is not one robot where we listen; all empty: that is over.
 
     Attributes:
@@ -146,8 +140,7 @@ class RobotsAnnounced:
 # ---------------------------------------------------------------------------------------------- from clients
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class CommandRequested:
+class CommandRequested(Struct, frozen=True, kw_only=True):
     """A request that wants exactly one reply.
 
     Attributes:
@@ -190,24 +183,21 @@ class TargetArrived(Struct, frozen=True, kw_only=True):
     received_ns: int
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ClientSeen:
+class ClientSeen(Struct, frozen=True, kw_only=True):
     """A keepalive of a client library."""
 
     client_id: str
     at_ns: int
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class EndpointHeard:
+class EndpointHeard(Struct, frozen=True, kw_only=True):
     """A check-in of a stop endpoint."""
 
     client_id: str
     at_ns: int
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ClientGone:
+class ClientGone(Struct, frozen=True, kw_only=True):
     """A client's liveliness token is gone."""
 
     client_id: str
@@ -217,32 +207,28 @@ class ClientGone:
 # ---------------------------------------------------------------------------------------------- from the daemon
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Suspended:
+class Suspended(Struct, frozen=True, kw_only=True):
     """This host slept, or this process stood still: CLOCK_BOOTTIME ran away from CLOCK_MONOTONIC by `slept_ns`."""
 
     slept_ns: int
     at_ns: int
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class TakenOver:
+class TakenOver(Struct, frozen=True, kw_only=True):
     """Another process that commanded the robot has ended, or has handed over: go on with what it had on the wire."""
 
     held: Held
     at_ns: int
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class HeldElsewhere:
+class HeldElsewhere(Struct, frozen=True, kw_only=True):
     """The guard of an earlier daemon holds the robot, or (with `is_held` false) does so no more."""
 
     is_held: bool
     at_ns: int
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class GuardSeen:
+class GuardSeen(Struct, frozen=True, kw_only=True):
     """How this daemon's guard is.
 
     Attributes:
@@ -260,8 +246,7 @@ class GuardSeen:
     lost: str = ""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class PartEnded:
+class PartEnded(Struct, frozen=True, kw_only=True):
     """A part of the daemon does its work no more: one of its threads ended unasked, or its API does not answer.
 
     Attributes:
@@ -275,8 +260,7 @@ class PartEnded:
     trace: str = ""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class SettingsRead:
+class SettingsRead(Struct, frozen=True, kw_only=True):
     """The settings file was read anew, and judged (`settings/reloading.py`).
 
     Attributes:
@@ -292,8 +276,7 @@ class SettingsRead:
     is_refused: bool = False
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ExitRequested:
+class ExitRequested(Struct, frozen=True, kw_only=True):
     """SIGTERM or Ctrl-C: end cleanly within 5 s."""
 
     at_ns: int

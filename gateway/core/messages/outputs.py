@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from enum import Enum
+
+from msgspec import Struct, field
 
 from gateway.errors import Code, Refusal
 from gateway.values import Vector
@@ -56,8 +58,7 @@ class Level(str, Enum):
     ERROR = "error"
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Notice:
+class Notice(Struct, frozen=True, kw_only=True):
     """Something a person or a log should see.
 
     Attributes:
@@ -75,8 +76,7 @@ class Notice:
     facts: Mapping[str, str] = field(default_factory=dict)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Reply:
+class Reply(Struct, frozen=True, kw_only=True):
     """The one answer to a request.
 
     Attributes:
@@ -106,8 +106,7 @@ def found_at(routers: tuple[str, ...], zid: str, namespace: str) -> tuple[str, .
     return (*(router for router in routers if router != name), name)[-ROUTERS_KEPT:]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Remembered:
+class Remembered(Struct, frozen=True, kw_only=True):
     """What survives a restart of the daemon.
 
     Attributes:

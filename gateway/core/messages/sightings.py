@@ -6,9 +6,10 @@ order in which arrivals and losses of a link are heard. `others.py` remembers, `
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from enum import Enum
 from typing import TypeAlias
+
+from msgspec import Struct
 
 __all__ = [
     "Befriended",
@@ -30,8 +31,7 @@ class Means(str, Enum):
     PUBLISHER = "publisher"
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Writer:
+class Writer(Struct, frozen=True, kw_only=True):
     """Somebody who announces to publish on a command key.
 
     Attributes:
@@ -47,8 +47,7 @@ class Writer:
     link: str = ""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ForeignTokens:
+class ForeignTokens(Struct, frozen=True, kw_only=True):
     """All who announce to publish on our command keys now, ourselves left out where that is known.
 
     Attributes:
@@ -60,8 +59,7 @@ class ForeignTokens:
     at_ns: int
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ForeignData:
+class ForeignData(Struct, frozen=True, kw_only=True):
     """Samples on one of our command keys that this session did not send.
 
     Attributes:
@@ -79,8 +77,7 @@ class ForeignData:
     link: str = ""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Gateway:
+class Gateway(Struct, frozen=True, kw_only=True):
     """A gateway on the robot's router.
 
     Attributes:
@@ -94,8 +91,7 @@ class Gateway:
     link: str = ""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class GatewayTokens:
+class GatewayTokens(Struct, frozen=True, kw_only=True):
     """All other gateways that are there now.
 
     Attributes:
@@ -107,8 +103,7 @@ class GatewayTokens:
     at_ns: int
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ClaimShown:
+class ClaimShown(Struct, frozen=True, kw_only=True):
     """Our own `armed` token is out.
 
     Attributes:
@@ -120,8 +115,7 @@ class ClaimShown:
     at_ns: int
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Befriended:
+class Befriended(Struct, frozen=True, kw_only=True):
     """A session is ours: this daemon's own, or its guard's. What it says and sends is not foreign.
 
     Attributes:

@@ -13,7 +13,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
+
+from msgspec import Struct
 
 from gateway.core.motion.bounds import no_arm, not_finite, outside, wrong_count
 from gateway.core.motion.joints.trajectory import Trajectory, interpolate, smooth
@@ -54,8 +56,7 @@ SLACK = 1.0 + 1e-9
 """Rounding of what was worked out from points that lie exactly at a limit."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Chunk:
+class Chunk(Struct, frozen=True, kw_only=True):
     """Trajectories of one or both arms on one clock. Made by `prepare`.
 
     Attributes:

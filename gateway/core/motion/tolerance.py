@@ -18,7 +18,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+
+from msgspec import Struct
 
 from gateway.codes import Code
 from gateway.core.motion.bounds import outside, wrong_count
@@ -44,8 +45,7 @@ LEAST_NS = S // 10
 MOST_NS = 60 * S
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Tolerances:
+class Tolerances(Struct, frozen=True, kw_only=True):
     """What a trajectory is judged by; checked.
 
     Attributes:
@@ -61,8 +61,7 @@ class Tolerances:
     space: Space = Space.JOINT
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Deviation:
+class Deviation(Struct, frozen=True, kw_only=True):
     """A part of an arm that is not where it should be.
 
     Attributes:

@@ -11,7 +11,8 @@ Rules (BEHAVIOUR, somebody else)
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence, Set
-from dataclasses import dataclass
+
+from msgspec import Struct
 
 from gateway.core.messages.sightings import ForeignData, Gateway, Means, Writer
 from gateway.errors import Code, Refusal
@@ -36,8 +37,7 @@ GATEWAYS_KEPT = 256
 GROUND_TOPICS = frozenset({CHASSIS_VELOCITY, LIFT_COMMAND})
 
 
-@dataclass(slots=True, kw_only=True)
-class Trace:
+class Trace(Struct, kw_only=True):
     """What one sender put on one of our keys.
 
     Attributes:
@@ -57,8 +57,7 @@ class Trace:
     count: int
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Commander:
+class Commander(Struct, frozen=True, kw_only=True):
     """Somebody else who commands the robot, or announces it: everything that is known of one session.
 
     Attributes:

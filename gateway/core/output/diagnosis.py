@@ -14,7 +14,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
+
+from msgspec import Struct, field
 
 from gateway.codes import Code
 from gateway.core.messages.outputs import Level
@@ -69,8 +70,7 @@ TOLD_ELSEWHERE = frozenset(
 """Findings that come with a notice of their own already."""
 
 
-@dataclass(frozen=True, slots=True)
-class _Symptom:
+class _Symptom(Struct, frozen=True):
     """What is seen now.
 
     Attributes:

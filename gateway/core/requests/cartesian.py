@@ -14,9 +14,10 @@ joint motion, of a straight one the hands, which its poses place however the arm
 from __future__ import annotations
 
 from collections.abc import Generator, Mapping, Sequence
-from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING, TypeAlias
+
+from msgspec import Struct
 
 from gateway.core.body.motions import Motion, MotionState
 from gateway.core.limits import validation
@@ -52,8 +53,7 @@ Paths: TypeAlias = Mapping[Side, "LinePath | Path"]
 Work: TypeAlias = Generator[None, None, "Paths | Refusal"]
 
 
-@dataclass(slots=True, kw_only=True)
-class _Job:
+class _Job(Struct, kw_only=True):
     """A motion that is being worked out.
 
     Attributes:

@@ -9,8 +9,9 @@ Costs: a sample of joints is kept, a pose is compared 20 times a second, a verdi
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import TYPE_CHECKING
+
+from msgspec.structs import replace
 
 from gateway.core.messages.events import SampleArrived
 from gateway.core.motion.gap import Gap, gap

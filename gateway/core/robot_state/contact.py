@@ -11,9 +11,9 @@ from __future__ import annotations
 import math
 import traceback
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
 
 import numpy as np
+from msgspec import Struct
 from msgspec.structs import replace
 from numpy.typing import ArrayLike, NDArray
 
@@ -59,8 +59,7 @@ NOT_KNOWN = ContactView(
 )
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Contact:
+class Contact(Struct, frozen=True, kw_only=True):
     """What pulls at an arm.
 
     Attributes:
@@ -76,8 +75,7 @@ class Contact:
     sigmas: float
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Unfelt:
+class Unfelt(Struct, frozen=True, kw_only=True):
     """Why nothing is known of what pulls at an arm: one word for programs, and the same for people."""
 
     code: str

@@ -16,7 +16,8 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Sequence
-from dataclasses import dataclass
+
+from msgspec import Struct
 
 from gateway.values import Vector
 
@@ -50,8 +51,7 @@ MOVES = 0.5
 """What went more than this many grains after another number had stopped does follow."""
 
 
-@dataclass(frozen=True, slots=True)
-class Stall:
+class Stall(Struct, frozen=True):
     """What does not follow.
 
     Attributes:

@@ -21,9 +21,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
 from operator import mul, sub
 from typing import NamedTuple
+
+from msgspec import Struct
 
 from gateway.core.robot_state.arrival import Recent
 from gateway.settings.settings import EnableSettings
@@ -60,8 +61,7 @@ class Posture(NamedTuple):
     stamp_ns: int
 
 
-@dataclass(frozen=True, slots=True)
-class Kind:
+class Kind(Struct, frozen=True):
     """What a posture's numbers mean.
 
     Attributes:

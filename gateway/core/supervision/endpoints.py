@@ -14,7 +14,8 @@ It decides nothing about motion: `watch.py` tells the supervisor what `look` ret
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+
+from msgspec import Struct
 
 from gateway.core.motion.bounds import outside
 from gateway.core.supervision.silence import Silence
@@ -31,8 +32,7 @@ SHORTEST_NS, LONGEST_NS = S // 10, 10 * S
 """Bounds of a period [ns]."""
 
 
-@dataclass(slots=True, kw_only=True)
-class Endpoint:
+class Endpoint(Struct, kw_only=True):
     """One of them.
 
     Attributes:

@@ -18,8 +18,10 @@ It decides nothing about motion: the engine tells the supervisor what `poll` ret
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
 from enum import Enum
+
+from msgspec import Struct
+from msgspec.structs import replace
 
 from gateway.core.supervision.silence import Silence
 from gateway.errors import Code, Refusal
@@ -33,8 +35,7 @@ S = 1_000_000_000
 AGAIN = "try again when the keepalive is back"
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Owner:
+class Owner(Struct, frozen=True, kw_only=True):
     """Who holds the lease.
 
     Attributes:
@@ -61,8 +62,7 @@ class LossStage(str, Enum):
     DOWN_DUE = "down_due"
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class LeaseEvent:
+class LeaseEvent(Struct, frozen=True, kw_only=True):
     """A stage, told once.
 
     Attributes:

@@ -6,7 +6,7 @@ target on (`body.py`). Which settings these are, and who says so, stands in `set
 
 from __future__ import annotations
 
-from dataclasses import replace
+from msgspec.structs import replace
 
 from gateway.core.messages.events import SettingsRead
 from gateway.core.messages.outputs import Level

@@ -17,8 +17,9 @@ Words of the actions: see `Action`. `down` = CUT + BASE + ZERO: motions end, arm
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from enum import Enum
+
+from msgspec import Struct
 
 from gateway.errors import Code
 
@@ -140,8 +141,7 @@ BASE = "BASE"
 """Destination: OFFLINE without transport, else STALE without fresh state, else READ_ONLY (VR or unowned), else IDLE."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Cell:
+class Cell(Struct, frozen=True, kw_only=True):
     """One cell of the table.
 
     Attributes:

@@ -18,8 +18,9 @@ from __future__ import annotations
 import hashlib
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
 from typing import Any, Final
+
+from msgspec import Struct
 
 from gateway.kinematics.calibration_file.conventions import ANGLES, LENGTHS, QUATERNIONS, Conventions, numbers
 from gateway.kinematics.correction import NOWHERE, ArmCorrection, corrected
@@ -44,8 +45,7 @@ MOST_SHIFT_M: Final = 0.1
 NORM_TOLERANCE: Final = 1e-3
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ArmCalibration:
+class ArmCalibration(Struct, frozen=True, kw_only=True):
     """What a file says of one arm.
 
     Attributes:

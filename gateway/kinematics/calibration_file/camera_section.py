@@ -8,10 +8,10 @@ manual does not say whether they take points or the eye itself there, so the fil
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from typing import Any, Final
 
 import numpy as np
+from msgspec import Struct
 from numpy.typing import NDArray
 
 from gateway.kinematics.calibration_file.conventions import Conventions, numbers
@@ -33,8 +33,7 @@ OPTIONAL: Final = ("DL", "DR", "RRawL_Row", "RRawR_Row")
 RIGID_TOLERANCE: Final = 1e-3
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class CameraCalibration:
+class CameraCalibration(Struct, frozen=True, kw_only=True):
     """One stereo camera of one robot.
 
     Attributes:

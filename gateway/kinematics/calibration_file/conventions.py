@@ -12,10 +12,10 @@ from __future__ import annotations
 import difflib
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
+from msgspec import Struct
 from numpy.typing import NDArray
 
 from gateway.values import ValueRefused
@@ -55,8 +55,7 @@ SPELLINGS: Final = {
 """Other spellings of a word; case and hyphens do not count."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Conventions:
+class Conventions(Struct, frozen=True, kw_only=True):
     """How the numbers of one file are meant.
 
     Attributes:

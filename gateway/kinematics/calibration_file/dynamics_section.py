@@ -15,8 +15,9 @@ say what they were identified on, joint zeros and all: on other numbers they mea
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from typing import Any, Final
+
+from msgspec import Struct
 
 from gateway.kinematics.calibration_file.conventions import numbers
 from gateway.kinematics.dynamics.parameters import DriveParameters
@@ -31,8 +32,7 @@ MOST_SCALE: Final = 3.0
 """Efforts are not further off than by this factor (ours): a larger one is another unit."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class DynamicsCalibration:
+class DynamicsCalibration(Struct, frozen=True, kw_only=True):
     """What a file says of one arm's dynamics.
 
     Attributes:

@@ -6,8 +6,9 @@ The stream's views are the eyes' pictures halved. `head_camera` of the manual is
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from typing import Final
+
+from msgspec import Struct
 
 from gateway.kinematics.cameras.lens import Fisheye, Intrinsics
 from gateway.kinematics.description import Camera
@@ -21,8 +22,7 @@ HALVED: Final = 2
 """A view is its eye's picture in half the size."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Eye:
+class Eye(Struct, frozen=True, kw_only=True):
     """One eye.
 
     Attributes:

@@ -12,10 +12,11 @@ seen there (`Fisheye.reach_rad`).
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
 from typing import NamedTuple, Protocol
 
 import numpy as np
+from msgspec import Struct
+from msgspec.structs import replace
 from numpy.typing import ArrayLike, NDArray
 
 from gateway.values import ValueRefused, Vector, require_finite
@@ -44,8 +45,7 @@ class Projection(NamedTuple):
     is_visible: Mask
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Intrinsics:
+class Intrinsics(Struct, frozen=True, kw_only=True):
     """Focal lengths, principal point and size of a picture.
 
     Attributes:
@@ -141,8 +141,7 @@ def _points(xyz_m: ArrayLike) -> Array:
     return points
 
 
-@dataclass(frozen=True, slots=True)
-class Pinhole:
+class Pinhole(Struct, frozen=True):
     """A lens without distortion.
 
     Attributes:
@@ -169,8 +168,7 @@ class Pinhole:
         return Pinhole(self.intrinsics.scaled(width_px, height_px))
 
 
-@dataclass(frozen=True, slots=True)
-class Fisheye:
+class Fisheye(Struct, frozen=True):
     """OpenCV's fisheye model, without skew.
 
     Attributes:

@@ -11,9 +11,9 @@ RRawR_Row) is taken at its word after they were checked to do just that.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
 import numpy as np
+from msgspec import Struct
 from numpy.typing import NDArray
 
 from gateway.kinematics.cameras.lens import Intrinsics, Lens, Pinhole
@@ -28,8 +28,7 @@ LEVEL_TOLERANCE_RAD = 0.01
 """How far turns that a file brings may be from level and parallel [rad]: ours, some pixels of the crop."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class StereoPair:
+class StereoPair(Struct, frozen=True, kw_only=True):
     """Two eyes.
 
     Attributes:
@@ -60,8 +59,7 @@ class StereoPair:
         return float(np.linalg.norm(self.right_T_left.p_m))
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Rectification:
+class Rectification(Struct, frozen=True, kw_only=True):
     """How a pair's pictures are turned.
 
     Attributes:

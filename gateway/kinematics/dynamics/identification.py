@@ -12,10 +12,10 @@ arm at rest tells nothing, for friction holds it wherever it likes: such times a
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
+from msgspec import Struct
 from numpy.typing import NDArray
 
 from gateway.kinematics.description import Description
@@ -49,8 +49,7 @@ COULOMB_PART: Final = 0.05
 heavier lay 0.1 m off; rotors within a half; friction within 5 % of the motor's greatest torque, and 1 N·m·s/rad."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Motion:
+class Motion(Struct, frozen=True, kw_only=True):
     """Joints of an arm in the order of time.
 
     Attributes:
@@ -66,8 +65,7 @@ class Motion:
     tau_nm: Array
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Found:
+class Found(Struct, frozen=True, kw_only=True):
     """What was found; vectors have shape (7,).
 
     Attributes:
@@ -87,8 +85,7 @@ class Found:
     range_nm: Array
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class TooLittle:
+class TooLittle(Struct, frozen=True, kw_only=True):
     """Why a motion cannot tell, and what to do about it.
 
     Attributes:

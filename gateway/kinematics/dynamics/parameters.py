@@ -6,9 +6,8 @@ noise around standstill is no chatter. Nothing of it is published: the nominal p
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
+from msgspec import Struct
 from numpy.typing import NDArray
 
 from gateway.kinematics.description import Description
@@ -30,8 +29,7 @@ FRICTION_PART = 0.02
 NONE: Vector = (0.0,) * ARM_DOF
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Load:
+class Load(Struct, frozen=True, kw_only=True):
     """What a hand holds, as a point.
 
     Attributes:
@@ -43,8 +41,7 @@ class Load:
     com_m: Vector
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class DriveParameters:
+class DriveParameters(Struct, frozen=True, kw_only=True):
     """One arm's drives; vectors have shape (7,).
 
     Attributes:

@@ -8,10 +8,10 @@ and is weighed so: more postures do not make it surer. What then does not fit ma
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
+from msgspec import Struct
 from numpy.typing import NDArray
 
 from gateway.kinematics.dynamics.observer import LEAST_SD_NM, Dynamics
@@ -30,8 +30,7 @@ SURE: Final = 2.0
 """A hand holds something when its mass is so many standard deviations above nothing."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Swings:
+class Swings(Struct, frozen=True, kw_only=True):
     """What was measured, a row for each posture.
 
     Attributes:
@@ -49,8 +48,7 @@ class Swings:
     beside_empty: bool
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Weighed:
+class Weighed(Struct, frozen=True, kw_only=True):
     """What the hand holds.
 
     Attributes:
@@ -68,8 +66,7 @@ class Weighed:
     condition: float
 
 
-@dataclass(frozen=True, slots=True)
-class CannotTell:
+class CannotTell(Struct, frozen=True):
     """Why postures cannot tell."""
 
     message: str

@@ -17,10 +17,11 @@ from __future__ import annotations
 import math
 from collections import deque
 from collections.abc import Sequence
-from dataclasses import dataclass
 from enum import Enum
 from statistics import median
 from typing import NamedTuple
+
+from msgspec import Struct
 
 from gateway.kinematics.identification.pairing import BOUND_NS, Pair, Pairing
 from gateway.kinematics.placement import Placement, rows_from_quat, turn_rad
@@ -49,8 +50,7 @@ class Agreement(str, Enum):
     DIFFERS = "differs"
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Tolerances:
+class Tolerances(Struct, frozen=True, kw_only=True):
     """From when on a model is another one.
 
     Attributes:
@@ -78,7 +78,7 @@ class Tolerances:
 
     def __post_init__(self) -> None:
         """Refuse what would judge nothing."""
-        for name in self.__slots__:
+        for name in self.__struct_fields__:
             value = getattr(self, name)
             if not 0 < value < math.inf:
                 raise ValueRefused(f"{name} is {value}; a finite number above 0 is needed")
@@ -86,8 +86,7 @@ class Tolerances:
             raise ValueRefused(f"return_share is {self.return_share}; up to 1 is allowed")
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Verdict:
+class Verdict(Struct, frozen=True, kw_only=True):
     """What is known of the model of one arm.
 
     Attributes:

@@ -8,9 +8,8 @@ with the number of samples, so that many samples of an arm that stands still pro
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
+from msgspec import Struct
 from numpy.typing import NDArray
 
 from gateway.kinematics.identification.parameters import Parameters
@@ -35,8 +34,7 @@ ENOUGH = 1.5
 """Advice is given until the least gain would be above the bound by this factor."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Advice:
+class Advice(Struct, frozen=True, kw_only=True):
     """A joint to be moved.
 
     Attributes:
@@ -52,8 +50,7 @@ class Advice:
     gain: float
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Excitation:
+class Excitation(Struct, frozen=True, kw_only=True):
     """What postures can tell.
 
     Attributes:

@@ -10,8 +10,9 @@ Virtual time: stamps are integers, and whatever clock they are of is the caller'
 from __future__ import annotations
 
 from collections import deque
-from dataclasses import dataclass
 from typing import NamedTuple
+
+from msgspec import Struct
 
 from gateway.values import ARM_DOF, EePose, Vector, require_finite
 
@@ -26,8 +27,7 @@ HISTORY = 16
 """Samples of the joints that are kept for poses that come late."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Pair:
+class Pair(Struct, frozen=True, kw_only=True):
     """Joints and pose of an arm at one instant.
 
     Attributes:

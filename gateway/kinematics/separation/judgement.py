@@ -6,8 +6,9 @@ Plain values, for those who ask tick by tick and for those who never do: no arra
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
 from typing import Protocol
+
+from msgspec import Struct
 
 from gateway.kinematics.separation.stopping import Extent
 from gateway.values import ARM_DOF, Side, Vector
@@ -34,8 +35,7 @@ class Course(Protocol):
         """Return where the joints are at each setpoint of a short course [rad]; None of a long one, or where nobody knows."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Motion:
+class Motion(Struct, frozen=True, kw_only=True):
     """What the joints of both arms may do from where the body was looked at.
 
     Attributes:
@@ -56,8 +56,7 @@ class Motion:
     course: Callable[[Going], Course] | None = None
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Passing:
+class Passing(Struct, frozen=True, kw_only=True):
     """What is known of ways that may be gone.
 
     Attributes:
@@ -70,8 +69,7 @@ class Passing:
     limits: Callable[[Mapping[Side, Sequence[float]]], Mapping[Side, float]]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Verdict:
+class Verdict(Struct, frozen=True, kw_only=True):
     """What may be done.
 
     Attributes:

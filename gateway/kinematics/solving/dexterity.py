@@ -5,9 +5,8 @@ Metres and radians are made alike by a length: a turn of 1 rad/s counts as much 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
+from msgspec import Struct
 from numpy.typing import NDArray
 
 from gateway.values import Vector
@@ -25,8 +24,7 @@ UNITS = np.array([1.0 / LENGTH_M] * 3 + [1.0] * 3)
 UNIT_ROWS = UNITS[:, None]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Dexterity:
+class Dexterity(Struct, frozen=True, kw_only=True):
     """How an arm stands.
 
     Attributes:

@@ -12,7 +12,8 @@ the closed form is where a numerical search begins. `gap` says how nearly.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+
+from msgspec import Struct
 
 from gateway.kinematics.placement import Placement
 from gateway.kinematics.solving.chain import ArmChain
@@ -30,8 +31,7 @@ NEAR = 0.05
 """Axes that miss by more than this are another arm [m, rad]: the closed form says nothing about it."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ArmShape:
+class ArmShape(Struct, frozen=True, kw_only=True):
     """An arm as two spherical joints and an elbow.
 
     Attributes:

@@ -19,7 +19,8 @@ import json
 import logging
 import threading
 from collections.abc import Callable, Iterable, Mapping, Set
-from dataclasses import dataclass
+
+from msgspec import Struct
 
 from cdr_types import BadName
 from cdr_types.keys import Token, TokenKind, parse_token, topic_to_key
@@ -46,8 +47,7 @@ Ask = Callable[[str], Mapping[str, bytes]]
 """Ask the admin space: a selector in, payloads by key out; empty when nobody answered."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Sight:
+class Sight(Struct, frozen=True, kw_only=True):
     """What the link sees at one moment.
 
     Attributes:
@@ -61,8 +61,7 @@ class Sight:
     newest_ns: Mapping[str, int | None]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Finding:
+class Finding(Struct, frozen=True, kw_only=True):
     """What came of a step.
 
     Attributes:
@@ -74,8 +73,7 @@ class Finding:
     revive: tuple[str, ...] = ()
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class BridgeFacts:
+class BridgeFacts(Struct, frozen=True, kw_only=True):
     """What a bridge says of itself.
 
     Attributes:

@@ -16,7 +16,8 @@ Re-declaring too often degrades the bridge (wire.md 3.1 g): attempts back off an
 from __future__ import annotations
 
 from collections import deque
-from dataclasses import dataclass
+
+from msgspec import Struct
 
 from gateway.core.messages.events import RouteObserved
 from gateway.errors import Code
@@ -48,8 +49,7 @@ REVIVAL_WINDOW_NS = 60 * S
 """... in this time."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Evidence:
+class Evidence(Struct, frozen=True, kw_only=True):
     """What the admin space says about a topic's route.
 
     Attributes:

@@ -38,7 +38,8 @@ from __future__ import annotations
 import threading
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Set
-from dataclasses import dataclass, field
+
+from msgspec import Struct, field
 
 from cdr_types.keys import Token, TokenKind, topic_to_key
 from gateway.core.messages.events import Event
@@ -67,8 +68,7 @@ SENDERS_KEPT = 64
 ROBOT = "the robot's own bridge"
 
 
-@dataclass(frozen=True, slots=True)
-class Session:
+class Session(Struct, frozen=True):
     """A session that the router has.
 
     Attributes:
@@ -80,8 +80,7 @@ class Session:
     address: str
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Neighbours:
+class Neighbours(Struct, frozen=True, kw_only=True):
     """Who was seen, for people.
 
     Attributes:

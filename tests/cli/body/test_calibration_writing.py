@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from dataclasses import replace
 
 import pytest
 
@@ -11,6 +10,7 @@ from gateway.cli.body.calibration_writing import robot_to_write_for, write_arms
 from gateway.errors import Code, ConfigError
 from gateway.kinematics.calibration import load
 from gateway.values import Side
+from tests.changed import replace
 from tests.kinematics.calibration_file.test_arm_section import entry
 from tests.kinematics.calibrations import OTHER_ROBOT, ROBOT, document, written
 

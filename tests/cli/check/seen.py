@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import replace
 
 from cdr_types import encode
 from cdr_types.keys import Qos, Reliability, Token, TokenKind, topic_to_key
@@ -23,6 +22,7 @@ from gateway.sim.robot.clock import VIRTUAL_EPOCH_NS
 from gateway.sim.robot.faults import parse_fault
 from gateway.sim.robot.model import SimRobot
 from gateway.sim.robot.settings import SimSettings
+from tests.changed import replace
 
 MS = 1_000_000
 S = 1_000_000_000

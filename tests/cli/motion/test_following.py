@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -11,6 +10,7 @@ import pytest
 from msgspec import structs
 
 from gateway.messages.requests import Follow
+from tests.changed import replace
 from tests.client.robot_world import RobotWorld
 
 DT_S = 0.05

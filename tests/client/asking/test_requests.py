@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
@@ -14,6 +12,7 @@ from gateway.errors import Code, Refusal, Rejected, to_exception
 from gateway.messages.incoming import OnLimit
 from gateway.settings.settings import ArmSettings, Settings
 from gateway.values import Side
+from tests.changed import replace
 
 INFO = describe(Settings(), socket="/s", pid=1)
 MIDDLE = {"left": (0.0, 1.0, -0.5, 1.2, 0.0, 0.0, 0.0), "right": (0.0, -1.0, 0.5, -1.2, 0.0, 0.0, 0.0)}

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from itertools import pairwise
 
 import msgspec
@@ -22,6 +21,7 @@ from gateway.errors import Code
 from gateway.robot.topics import CHASSIS_VELOCITY, FSM_ENABLE, LIFT_COMMAND, VARIANTS, gripper_command, joint_command
 from gateway.settings.settings import ArmSettings
 from gateway.values import FsmState
+from tests.changed import replace
 from tests.core.stage import GOAL, MIDDLE, MS, TICK_NS, L, R, S, Stage
 
 LEFT, RIGHT = joint_command(L), joint_command(R)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 
 import pytest
 
@@ -11,6 +10,7 @@ from gateway.core.limits import ground_rules as rules
 from gateway.errors import Code, Refusal
 from gateway.settings.settings import ChassisSettings, LiftSettings
 from gateway.values import FsmState
+from tests.changed import replace
 from tests.core.stage import MODE
 
 CHASSIS, LIFT = ChassisSettings(), LiftSettings(v_max=0.5)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 
 import pytest
 from hypothesis import given
@@ -16,6 +15,7 @@ from gateway.messages.incoming import OnLimit
 from gateway.robot.limits import HOME_Q_RAD, JOINT_LOWER_RAD, JOINT_UPPER_RAD
 from gateway.settings.settings import ArmSettings
 from gateway.values import CurrentMode, Side
+from tests.changed import replace
 
 SETTINGS = ArmSettings()
 TIGHT = ArmSettings(

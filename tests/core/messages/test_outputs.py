@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import dataclasses
 
 import pytest
@@ -29,12 +30,12 @@ REPLY = Reply(client_id="c", request_id=1)
 @pytest.mark.parametrize("value", [FRAME, NOTICE, REPLY, Remembered()], ids=lambda value: type(value).__name__)
 def test_what_was_given_cannot_be_changed(value):
     """A frame that was cleared is the frame that leaves; frozen, slotted, built by keyword, equal to its copy."""
-    fields = dataclasses.fields(value)
-    with pytest.raises(dataclasses.FrozenInstanceError):
-        setattr(value, fields[0].name, None)
+    names = value.__slots__ if dataclasses.is_dataclass(value) else value.__struct_fields__
+    with pytest.raises(AttributeError):
+        setattr(value, names[0], None)
     with pytest.raises(TypeError):
-        type(value)(*(getattr(value, field.name) for field in fields))
-    assert not hasattr(value, "__dict__") and dataclasses.replace(value) == value
+        type(value)(*(getattr(value, name) for name in names))
+    assert not hasattr(value, "__dict__") and copy.deepcopy(value) == value
     assert type(value).__name__ in outputs.__all__ and sorted(outputs.__all__) == outputs.__all__
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 
 import pytest
 
@@ -29,6 +28,7 @@ from gateway.robot.topics import (
 )
 from gateway.settings.settings import Settings
 from gateway.values import ArmState, EePose, FsmState, MotorState
+from tests.changed import replace
 from tests.core.stage import GOAL, MIDDLE, MODE, MS, OFFSET_NS, PLACE, TICK_NS, L, R, Stage
 
 OTHERS = tuple(topic for topic in STATE_TOPICS if topic not in (*map(arm_state, (L, R)), FSM_STATE, CURRENT_MODE))

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import copy
-from dataclasses import replace
 
 import pytest
 
@@ -12,6 +11,7 @@ from gateway.core.messages.outputs import Reply
 from gateway.core.requests.answers import DROPPED_AT_ONCE, KEPT_NS, REPLIES_KEPT, Answers, number_was_used
 from gateway.errors import Code
 from gateway.messages.requests import Estop, Recover, Stop
+from tests.changed import replace
 
 ASKED = CommandRequested(client_id="ann", request_id=7, request=Recover(), received_ns=1, content=11)
 GIVEN = Reply(client_id="ann", request_id=7, facts={"cleared": []})

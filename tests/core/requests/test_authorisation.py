@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
 
 import pytest
 
@@ -18,6 +17,7 @@ from gateway.messages.incoming import OnLoss
 from gateway.messages.requests import Enable, Move, Recover
 from gateway.robot.topics import FSM_ENABLE, joint_command
 from gateway.values import FsmState, Role, Side, Space
+from tests.changed import replace
 from tests.core.stage import GOAL, MIDDLE, L, R, Stage
 
 MOVE = Move(epoch=1, targets_rad=GOAL)

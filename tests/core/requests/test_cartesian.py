@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 from itertools import pairwise
 
 import pytest
@@ -23,6 +22,7 @@ from gateway.robot.topics import STATE_TOPICS, joint_command, pose_command, shou
 from gateway.sim.robot.settings import SimSettings
 from gateway.values import EePose, Side
 from tests.behaviour.scene import Scene, scene
+from tests.changed import replace
 from tests.core.lines import planned, used
 from tests.kinematics.bodies import ARMS, difference, nudged, samples
 from tests.kinematics.guarded_arms import MEET

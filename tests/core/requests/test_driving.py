@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 
 import pytest
 from msgspec import structs
@@ -16,6 +15,7 @@ from gateway.core.supervision.supervisor import State
 from gateway.errors import Code, Refusal
 from gateway.messages.requests import DisableLift, DriveChassis, DriveLift, StopChassis, StopLift
 from gateway.robot.topics import CHASSIS_VELOCITY, LIFT_COMMAND
+from tests.changed import replace
 from tests.core.stage import MODE, MS, S, Stage
 
 ZEROS, STOPPED, OFF = (0.0, 0.0, 0.0), (0.0, 1.0), (0.0, 0.0)

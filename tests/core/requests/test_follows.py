@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 
 import pytest
 
@@ -21,6 +20,7 @@ from gateway.errors import Code, Refusal
 from gateway.messages.incoming import Until
 from gateway.messages.requests import CheckFollow, Follow, Hold, Move, OpenStream
 from gateway.values import Side, Space
+from tests.changed import replace
 from tests.core.stage import GOAL, MIDDLE, MS, PLACE, L, R, S, Stage
 from tests.kinematics.guarded_arms import MEET
 from tests.spaced import SpacedPair

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
 
 import pytest
 
@@ -37,6 +36,7 @@ from gateway.messages.requests import (
 from gateway.robot.limits import JOINT_UPPER_RAD
 from gateway.robot.topics import arm_state, joint_command
 from gateway.values import FsmState, Role, Side, Vector
+from tests.changed import replace
 from tests.core.stage import GOAL, MIDDLE, MS, L, R, S, Stage
 
 FALSE = dict.fromkeys(Side, False)

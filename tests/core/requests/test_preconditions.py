@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import pytest
 
 from gateway.codes import Code
@@ -12,6 +10,7 @@ from gateway.core.requests.preconditions import PERIOD_NS, Preconditions
 from gateway.core.supervision.supervisor import State
 from gateway.errors import CODES
 from gateway.messages.requests import Stop
+from tests.changed import replace
 from tests.core.stage import MODE, TICK_NS, L, R, Stage
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import random
-from dataclasses import replace
 
 import pytest
 
@@ -16,6 +15,7 @@ from gateway.robot.limits import HOME_Q_RAD
 from gateway.settings.settings import Settings
 from gateway.sim.robot.settings import SimSettings
 from gateway.values import Side, Space
+from tests.changed import replace
 from tests.kinematics.guarded_arms import MARGIN_M, MEET, model, random_joints
 from tests.pair import MS
 from tests.spaced import SpacedPair

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import pytest
 
 from gateway.core.messages.outputs import FrameKind
@@ -13,6 +11,7 @@ from gateway.core.supervision.supervisor import State
 from gateway.errors import Code
 from gateway.robot.topics import CHASSIS_VELOCITY, LIFT_COMMAND
 from gateway.values import FsmState, Vector
+from tests.changed import replace
 from tests.core.stage import MODE, MS, S, Stage
 
 ZEROS, STOPPED, OFF = (0.0, 0.0, 0.0), (0.0, 1.0), (0.0, 0.0)

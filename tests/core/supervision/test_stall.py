@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
 
 import pytest
 
@@ -16,6 +15,7 @@ from gateway.messages.requests import Estop
 from gateway.robot.limits import JOINT_UPPER_RAD
 from gateway.robot.topics import FSM_ENABLE, joint_command
 from gateway.values import FsmState, Side
+from tests.changed import replace
 from tests.core.stage import MODE, TICK_NS, R, S, Stage
 
 READY, PAUSE, SLOW_START, ERROR = (

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import pytest
 from msgspec import structs
 
@@ -13,6 +11,7 @@ from gateway.core.supervision.watch import Watch
 from gateway.errors import Code, Refusal
 from gateway.messages.incoming import OnLoss
 from gateway.messages.requests import LeaveEndpoint, Recover, RegisterEndpoint
+from tests.changed import replace
 from tests.core.stage import MS, S, Stage
 
 PAGE = RegisterEndpoint(name="page", timeout_ns=500 * MS)

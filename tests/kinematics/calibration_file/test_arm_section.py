@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import copy
-from dataclasses import asdict, replace
 
 import numpy as np
 import pytest
+from msgspec.structs import asdict
 
 from gateway.errors import Code, ConfigError
 from gateway.kinematics.calibration import load, read
@@ -26,6 +26,7 @@ from gateway.kinematics.sight import Sight
 from gateway.kinematics.solving.chain import ArmChain
 from gateway.robot.limits import HOME_Q_RAD
 from gateway.values import Side
+from tests.changed import replace
 from tests.kinematics.arms import joints_at
 from tests.kinematics.bodies import difference, nudged
 from tests.kinematics.calibrations import OTHER_ROBOT, ROBOT, document, written

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -14,6 +13,7 @@ from gateway.kinematics.cameras.eyes import EYES
 from gateway.kinematics.cameras.lens import Fisheye, Pinhole
 from gateway.kinematics.transform import Points
 from gateway.values import ValueRefused
+from tests.changed import replace
 from tests.kinematics.calibrations import LEVEL, PAIR, camera, wrist_camera
 from tests.kinematics.lenses import EXAMPLE_K
 

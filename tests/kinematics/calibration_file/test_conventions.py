@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
-from dataclasses import asdict, replace
 
 import numpy as np
 import pytest
+from msgspec.structs import asdict
 
 from gateway.kinematics.calibration_file.conventions import MANUAL, ONLY_FOR_PAIRS, WORDS, Conventions, numbers
 from gateway.values import ValueRefused
+from tests.changed import replace
 
 SAID = asdict(MANUAL)
 

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import json
-from dataclasses import asdict, replace
 
 import pytest
+from msgspec.structs import asdict
 
 from gateway.errors import Code, ConfigError
 from gateway.kinematics.calibration import load, read
@@ -18,6 +18,7 @@ from gateway.kinematics.dynamics.loading import load_dynamics
 from gateway.kinematics.dynamics.parameters import DriveParameters
 from gateway.settings.settings import LinkSettings, ModelSettings, Settings
 from gateway.values import Side, ValueRefused
+from tests.changed import replace
 from tests.kinematics.calibrations import OTHER_ROBOT, ROBOT
 
 DRIVES = DriveParameters(

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from gateway.kinematics.cameras.lens import Fisheye, Intrinsics, Pinhole
 from gateway.values import ValueRefused
+from tests.changed import replace
 from tests.kinematics.lenses import EXAMPLE, EXAMPLE_K, cone, example_lens
 from tests.thoroughness import either
 

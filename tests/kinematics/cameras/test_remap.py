@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -14,6 +13,7 @@ from gateway.kinematics.cameras.lens import Pinhole
 from gateway.kinematics.cameras.remap import RemapTable, straightening, straightenings
 from gateway.kinematics.cameras.stereo import level_pinhole, turned_level
 from gateway.values import ValueRefused
+from tests.changed import replace
 from tests.kinematics.lenses import example_lens, skewed_pair
 
 

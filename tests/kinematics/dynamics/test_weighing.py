@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
 from gateway.kinematics.dynamics.weighing import CannotTell, Swings, Weighed, weigh
+from tests.changed import replace
 from tests.kinematics.dynamics.plants import Plant
 
 POSTURES = np.zeros((3, 7))

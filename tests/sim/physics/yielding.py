@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import mujoco
 import numpy as np
 
@@ -20,6 +18,7 @@ from gateway.robot.topics import STATE_TOPICS, shoulder_frame
 from gateway.settings.settings import LinkSettings, LocalSettings, PoseSettings, Settings
 from gateway.sim.robot.settings import SimSettings
 from gateway.values import Side, Space
+from tests.changed import replace
 from tests.pair import MS, Pair, S
 
 __all__ = ["FREE", "LEFT", "Yielding", "held", "let_go", "steady"]

@@ -22,7 +22,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+
+from msgspec import Struct
 
 from gateway.core.motion.space import PlanFailed, State, check_finite
 from gateway.values import ARM_DOF, Vector, require_finite
@@ -42,8 +43,7 @@ ROUNDING_RAD = 1e-15
 """Rounding of a joint position [rad]: a few units in the last place of 2 rad."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class JointLimits:
+class JointLimits(Struct, frozen=True, kw_only=True):
     """Limits of one arm's joints; velocity, acceleration and jerk are the same for all seven.
 
     Attributes:
@@ -131,8 +131,7 @@ def advance(q: float, v: float, a: float, course: Ramp, time_s: float) -> tuple[
     return q + v_end * over_s, v_end, 0.0
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Slowing:
+class Slowing(Struct, frozen=True, kw_only=True):
     """One arm becomes slower or stops, each joint on its own.
 
     Attributes:

@@ -7,8 +7,7 @@ before ruckig's trajectory. `planner.py` sees to it that its setpoints are insid
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
+from msgspec import Struct
 from ruckig import Trajectory
 
 from gateway.core.motion.joints.braking import REST, Slowing
@@ -18,8 +17,7 @@ from gateway.values import ARM_DOF, Vector
 __all__ = ["Path"]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Path:
+class Path(Struct, frozen=True, kw_only=True):
     """One arm's part of a plan. The trajectory is shared by all arms of it; each arm keeps its own time.
 
     Attributes:

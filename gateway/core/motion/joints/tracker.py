@@ -16,8 +16,8 @@ inside the position limits.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
+from msgspec import Struct
 from ruckig import InputParameter, Ruckig, Synchronization
 
 from gateway.core.motion.joints.braking import REST, Braking, Slowing
@@ -38,8 +38,7 @@ MISS_RAD = 2e-8
 """ruckig may end so far beside its target [rad] (1e-8 was measured); that is spread over the plan."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class _Leg:
+class _Leg(Struct, frozen=True, kw_only=True):
     """A planned piece of the way beside the trajectory.
 
     Attributes:

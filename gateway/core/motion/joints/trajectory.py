@@ -15,8 +15,9 @@ from __future__ import annotations
 import math
 from bisect import bisect_right
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from itertools import accumulate, pairwise
+
+from msgspec import Struct
 
 from gateway.values import Vector
 
@@ -26,8 +27,7 @@ Columns = tuple[Vector, ...]
 """Per joint a row of numbers: one for each point, or one for each piece between two points."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
-class Trajectory:
+class Trajectory(Struct, frozen=True, kw_only=True):
     """A motion through points. Made by `interpolate`.
 
     Attributes:

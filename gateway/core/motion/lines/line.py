@@ -8,7 +8,8 @@ no joints and no time.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+
+from msgspec import Struct
 
 from gateway.core.motion.poses.quaternion import exp, multiply, turn, unit
 from gateway.kinematics.placement import Placement, rows_from_quat
@@ -17,8 +18,7 @@ from gateway.values import EePose, Vector
 __all__ = ["Line", "line_to"]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Line:
+class Line(Struct, frozen=True, kw_only=True):
     """A straight way.
 
     Attributes:

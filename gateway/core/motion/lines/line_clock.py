@@ -16,10 +16,10 @@ with the largest value of each factor in the piece: nowhere between two setpoint
 from __future__ import annotations
 
 from collections.abc import Generator, Mapping, Sequence
-from dataclasses import dataclass
 from itertools import pairwise
 from typing import NamedTuple
 
+from msgspec import Struct
 from ruckig import InputParameter, Profile, Ruckig, Trajectory
 
 from gateway.core.motion.joints.braking import JointLimits
@@ -63,8 +63,7 @@ class Reins(NamedTuple):
     joints: JointLimits
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class LineClock:
+class LineClock(Struct, frozen=True, kw_only=True):
     """When which part of the way is behind.
 
     Attributes:

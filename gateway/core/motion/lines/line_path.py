@@ -9,7 +9,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Generator
-from dataclasses import dataclass
+
+from msgspec import Struct
 
 from gateway.core.motion.joints.braking import REST, Braking
 from gateway.core.motion.lines.line_clock import LineClock
@@ -23,8 +24,7 @@ LOOKED_AT = 6
 """Setpoints that are looked at in one piece."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class LinePath:
+class LinePath(Struct, frozen=True, kw_only=True):
     """One arm's part of a plan. The clock is shared by all arms of it; each arm keeps its own time.
 
     Attributes:
@@ -66,8 +66,7 @@ class LinePath:
         )
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Unstoppable:
+class Unstoppable(Struct, frozen=True, kw_only=True):
     """A setpoint from which a joint could not stop inside its limits.
 
     Attributes:

@@ -12,8 +12,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Generator, Mapping
-from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, TypeAlias
+
+from msgspec import Struct
+from msgspec.structs import replace
 
 from gateway.core.motion.joints.braking import Braking, JointLimits
 from gateway.core.motion.lines.line import Line, line_to
@@ -41,8 +43,7 @@ SLOWER = 1.3
 """Factor by which a motion becomes slower that an arm could not stop."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Going:
+class Going(Struct, frozen=True, kw_only=True):
     """One arm that goes along.
 
     Attributes:
@@ -58,8 +59,7 @@ class Going:
     poses: PoseDynamics
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Body:
+class Body(Struct, frozen=True, kw_only=True):
     """What has to stay free.
 
     Attributes:

@@ -11,8 +11,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 
+from msgspec import Struct
 from ruckig import InputParameter, Ruckig, Trajectory
 
 from gateway.core.motion.poses.pose_state import REST6, PoseDynamics, PoseStop
@@ -27,8 +27,7 @@ NOTHING_S = 1e-9
 """A way that takes less at full speed is none [s]: below any limit on the change of a setpoint."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class PosePath:
+class PosePath(Struct, frozen=True, kw_only=True):
     """One arm's part of a plan. The trajectory is shared by all arms of it; each arm keeps its own time.
 
     Attributes:

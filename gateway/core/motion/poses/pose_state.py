@@ -20,8 +20,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import NamedTuple
+
+from msgspec import Struct
 
 from gateway.core.motion.joints.braking import OVER_RATIO, Ramp, advance, duration, ramp
 from gateway.core.motion.poses.quaternion import aligned, dot, exp, multiply, unit
@@ -54,8 +55,7 @@ ENTRY_RATIO = 1.0 + 1e-3
 """A motion taken over from another process may exceed a limit by this, for its rounding."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class PoseStop:
+class PoseStop(Struct, frozen=True, kw_only=True):
     """The way to rest, setpoint by setpoint.
 
     Attributes:

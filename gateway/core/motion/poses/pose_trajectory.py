@@ -10,8 +10,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from itertools import pairwise
+
+from msgspec import Struct
 
 from gateway.core.motion.joints.trajectory import Trajectory, interpolate
 from gateway.core.motion.poses.quaternion import aligned, unit
@@ -20,8 +21,7 @@ from gateway.values import Vector
 __all__ = ["PoseTrajectory", "interpolate_poses", "with_signs"]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
-class PoseTrajectory:
+class PoseTrajectory(Struct, frozen=True, kw_only=True):
     """A motion through poses. Made by `interpolate_poses`.
 
     Attributes:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import dataclasses
 import gc
 import math
 import random
@@ -13,6 +12,7 @@ from types import SimpleNamespace
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from msgspec import structs
 from ruckig import InputParameter, Ruckig, Trajectory
 
 from gateway.core.motion.joints.braking import REST, Braking, JointLimits
@@ -303,7 +303,7 @@ def test_a_path_beyond_a_limit_is_never_handed_out(end, value):
     entry.current_position, entry.target_position = HOME[LEFT], at_home(0, end)
     entry.max_velocity, entry.max_acceleration, entry.max_jerk = [V] * ARM_DOF, [A] * ARM_DOF, [J] * ARM_DOF
     Ruckig(ARM_DOF).calculate(entry, trajectory)
-    path = dataclasses.replace(inside, trajectory=trajectory, duration_s=trajectory.duration)
+    path = structs.replace(inside, trajectory=trajectory, duration_s=trajectory.duration)
     objection = _objection(LEFT, BRAKES[LEFT], path, may_turn=False)
     assert (objection.joint, objection.bound) == ("left arm joint 1", "[-1.8, 1.8]")
     assert objection.value == pytest.approx(value)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import random
-from dataclasses import replace
 
 import pytest
 
@@ -18,6 +17,7 @@ from gateway.core.motion.space import Start
 from gateway.errors import Code, Refusal
 from gateway.robot.limits import HOME_Q_RAD
 from gateway.values import Side
+from tests.changed import replace
 from tests.core.lines import HOME, LIMITS, POSES, beside, finished, random_way
 from tests.core.pose_judge import posed
 from tests.kinematics.bodies import ARMS

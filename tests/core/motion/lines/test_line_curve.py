@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import random
-from dataclasses import replace
 
 import pytest
 
@@ -14,6 +13,7 @@ from gateway.errors import Code, Refusal
 from gateway.kinematics.arm import ArmModel
 from gateway.robot.limits import HOME_Q_RAD
 from gateway.values import Side
+from tests.changed import replace
 from tests.core.lines import HOME, LIMITS, beside, finished, off_line, random_way
 from tests.kinematics.bodies import ARMS, difference, nudged
 from tests.thoroughness import either

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import random
-from dataclasses import replace
 from itertools import pairwise
 
 import pytest
@@ -13,6 +12,7 @@ from gateway.core.motion.lines.line import line_to
 from gateway.core.motion.lines.line_elbow import Elbow, chosen
 from gateway.robot.limits import HOME_Q_RAD
 from gateway.values import Side
+from tests.changed import replace
 from tests.core.lines import HOME, LIMITS, beside, finished
 from tests.kinematics.bodies import ARMS
 from tests.thoroughness import either

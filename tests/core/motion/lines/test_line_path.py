@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import random
-from dataclasses import replace
 
 import pytest
 
@@ -14,6 +13,7 @@ from gateway.core.motion.lines.line_path import LinePath, unstoppable
 from gateway.errors import Refusal
 from gateway.robot.limits import HOME_Q_RAD
 from gateway.values import Side
+from tests.changed import replace
 from tests.core.lines import DT_S, HOME, LIMITS, beside, finished, off_line, planned, random_way, setpoints, used
 from tests.kinematics.bodies import ARMS
 from tests.thoroughness import either

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import random
-from dataclasses import replace
 
 import pytest
 
@@ -20,6 +19,7 @@ from gateway.kinematics.correction import ArmCorrection, corrected
 from gateway.kinematics.description import nominal
 from gateway.robot.limits import HOME_Q_RAD
 from gateway.values import Side
+from tests.changed import replace
 from tests.core.lines import DT_S, FREE, LIMITS, beside, finished, going, off_line, planned, random_way, setpoints, used
 from tests.kinematics.bodies import ARMS, difference, nudged
 from tests.kinematics.guarded_arms import model
