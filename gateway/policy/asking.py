@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
 from queue import Empty, Queue, SimpleQueue
+
+from msgspec import Struct
 
 from gateway.errors import Code, GatewayError, failure
 from gateway.policy.chunks import Chunk, chunk_of
@@ -19,8 +20,7 @@ from gateway.process.threads import Lost, supervised
 __all__ = ["Answer", "Asking"]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Answer:
+class Answer(Struct, frozen=True, kw_only=True):
     """A chunk, and what it was made from.
 
     Attributes:

@@ -6,10 +6,10 @@ A chunk's clock begins when its policy looked, not when its answer came: the ste
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
+from msgspec import Struct, field
 from numpy.typing import NDArray
 
 from gateway.errors import Code, GatewayError, failure
@@ -31,8 +31,7 @@ MAX_STEPS = 450
 """The gateway takes no more in one request."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Chunk:
+class Chunk(Struct, frozen=True, kw_only=True):
     """What a policy wants next.
 
     Attributes:

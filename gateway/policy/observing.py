@@ -8,10 +8,10 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from msgspec import Struct
 from numpy.typing import NDArray
 
 from gateway.client import RobotState
@@ -31,8 +31,7 @@ OLD_S = 0.5
 INDEX = {name: index for index, name in enumerate(STATE_NAMES)}
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Observation:
+class Observation(Struct, frozen=True, kw_only=True):
     """What a policy is shown.
 
     Attributes:

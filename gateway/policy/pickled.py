@@ -10,10 +10,10 @@ import io
 import pickle
 import pickletools
 from collections.abc import Mapping
-from dataclasses import dataclass
 from typing import Any, BinaryIO
 
 import numpy as np
+from msgspec import Struct
 from numpy.typing import NDArray
 
 from gateway.errors import Code, GatewayError, failure
@@ -46,23 +46,20 @@ OPCODES = {one.code.encode("latin-1"): one for one in pickletools.opcodes if one
 """What a list of actions is made with; of any other not even its argument is read."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class TimedAction:
+class TimedAction(Struct, frozen=True, kw_only=True):
     """One step of a chunk: its number, and the action, shape (N,)."""
 
     timestep: int
     action: NDArray[Any]
 
 
-@dataclass(slots=True, eq=False)
-class _Named:
+class _Named(Struct, eq=False):
     """What a pickle names."""
 
     name: str
 
 
-@dataclass(slots=True, eq=False)
-class _Made:
+class _Made(Struct, eq=False):
     """What a pickle would make: by whom, of what, and the state that it would be given."""
 
     by: str

@@ -13,8 +13,10 @@ import time
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from typing import Any, Literal, Protocol
+
+from msgspec import Struct, field, structs
 
 from gateway.api.protocol import TouchView
 from gateway.client import MotionHandle
@@ -57,8 +59,7 @@ class Hands(Protocol):
         """Tell `chassis` or `lift` a velocity that counts for `DRIVE_S`; see `Chunk.drives`."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Plan:
+class Plan(Struct, frozen=True, kw_only=True):
     """How a policy is played.
 
     Attributes:
@@ -78,8 +79,7 @@ class Plan:
     drive_bounds: tuple[float, float] = (0.0, 0.0)
 
 
-@dataclass(slots=True)
-class Figures:
+class Figures(Struct):
     """How well the server keeps up."""
 
     chunks: int = 0
@@ -238,7 +238,7 @@ class Runner:
             self._tell(answer, now_ns, far.code)
             if self._plan.far == "refuse":
                 raise
-            self._plan = replace(self._plan, far="refuse")
+            self._plan = structs.replace(self._plan, far="refuse")
             self._say(f"{far.message}: moved there first")
             row = chunk.row(now_ns)
             self._hands.approach({side: joints[row] for side, joints in chunk.arms.items()})

@@ -7,8 +7,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field
 from typing import Literal
+
+from msgspec import Struct, field
 
 from cdr_types import CdrError, UnknownType, decode, message_type
 from cdr_types.messages.geometry_msgs import Pose
@@ -33,8 +34,7 @@ DRIFT_PPM = 200.0
 """Clocks that go apart by more than this cannot be put together by one offset."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Finding:
+class Finding(Struct, frozen=True, kw_only=True):
     """Something that is not as it should be: how bad, of which topic (empty for the bag itself), what, and what then helps."""
 
     level: Level
@@ -43,8 +43,7 @@ class Finding:
     hint: str = ""
 
 
-@dataclass(slots=True)
-class Watched:
+class Watched(Struct):
     """One topic while it is read: count, arrivals and stamps [ns], gaps, and what was wrong with its messages."""
 
     type_name: str
@@ -66,8 +65,7 @@ class Watched:
     short: int = 0
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Checked:
+class Checked(Struct, frozen=True, kw_only=True):
     """What came of it: messages read, length [s], rates by topic [Hz], and findings, the worst first."""
 
     messages: int

@@ -8,9 +8,10 @@ from __future__ import annotations
 import heapq
 from collections.abc import Collection, Iterator, Mapping
 from contextlib import ExitStack, suppress
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
+
+from msgspec import Struct
 
 from gateway.errors import Code, failure
 from gateway.recording.bag_writer import ACTIVE, ALIAS, METADATA, NOTE, needed
@@ -43,8 +44,7 @@ class BagCopy(NamedTuple):
     payload: bytes
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class BagTopic:
+class BagTopic(Struct, frozen=True, kw_only=True):
     """A topic of a bag: ROS name, ROS type, number of messages, and which one it repeats, if it does."""
 
     name: str

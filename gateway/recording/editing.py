@@ -10,8 +10,10 @@ from __future__ import annotations
 
 import heapq
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
 from pathlib import Path
+
+from msgspec import Struct
+from msgspec.structs import replace
 
 from gateway.errors import Code, GatewayError, failure
 from gateway.recording.bag_reader import Bag, BagCopy
@@ -27,8 +29,7 @@ TELL_EACH = 5000
 OnProgress = Callable[[float], None]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Made:
+class Made(Struct, frozen=True, kw_only=True):
     """A bag that was made: its file, messages, and episodes that somebody told of."""
 
     file: Path

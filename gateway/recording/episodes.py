@@ -13,10 +13,11 @@ Rules
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
 from typing import Literal, NamedTuple
 
 import msgspec
+from msgspec import Struct
+from msgspec.structs import replace
 
 from cdr_types import CdrError, decode, encode
 from cdr_types.messages.std_msgs import String
@@ -54,8 +55,7 @@ class Mark(NamedTuple):
     text: str
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Episode:
+class Episode(Struct, frozen=True, kw_only=True):
     """An episode of a bag: the messages whose arrival is in [begin_ns, end_ns).
 
     Attributes:

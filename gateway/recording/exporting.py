@@ -12,9 +12,11 @@ from __future__ import annotations
 import csv
 import os
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
-from dataclasses import dataclass, fields, is_dataclass
+from dataclasses import fields, is_dataclass
 from pathlib import Path
 from typing import Any
+
+from msgspec import Struct
 
 from gateway.errors import Code, GatewayError, failure
 from gateway.recording.bag_reader import Bag, BagTopic
@@ -31,8 +33,7 @@ Row = dict[str, Any]
 OnProgress = Callable[[float, str], None]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Table:
+class Table(Struct, frozen=True, kw_only=True):
     """What came of a topic: its file or, without one, why; rows, columns, and messages that could not be decoded."""
 
     topic: str

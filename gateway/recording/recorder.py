@@ -19,9 +19,10 @@ import shutil
 import time
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
+
+from msgspec import Struct
 
 from cdr_types import CdrError, encode, peek_stamp
 from cdr_types.messages.std_msgs import String
@@ -42,8 +43,7 @@ FLUSH_NS: Final = 500_000_000
 LOOK_AT_DISK_NS: Final = 1_000_000_000
 
 
-@dataclass(slots=True)
-class Heard:
+class Heard(Struct):
     """What came of one topic: newest arrival, gaps and the longest interval [ns], smallest arrival minus stamp [ns]."""
 
     is_stamped: bool
@@ -54,8 +54,7 @@ class Heard:
     offset_ns: int = NEVER_NS
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Progress:
+class Progress(Struct, frozen=True, kw_only=True):
     """How a recording is.
 
     Attributes:

@@ -6,8 +6,9 @@ What is whole is copied into a new file; the old one goes when the new one is on
 from __future__ import annotations
 
 import os
-from dataclasses import dataclass
 from pathlib import Path
+
+from msgspec import Struct
 
 from gateway.errors import Code, failure
 from gateway.process.growing import is_growing
@@ -19,8 +20,7 @@ __all__ = ["Recovered", "recover"]
 PARTIAL = ".recovering"
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Recovered:
+class Recovered(Struct, frozen=True, kw_only=True):
     """What came of it: the file, its messages, from the first to the last [s], and why reading ended before the file did."""
 
     file: Path

@@ -5,7 +5,7 @@ A bag holds the names that ROS would show: `/left_arm/joint_states`, under the n
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from msgspec import Struct
 
 from cdr_types import CdrError, decode, encode
 from cdr_types.keys import topic_to_key
@@ -68,8 +68,7 @@ QOS = """\
 """Keep last 10, reliable, volatile, as all of them are (manual §4.1.1): rmw's numbers, in the form of rosbag2's version 5."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class RecordedTopic:
+class RecordedTopic(Struct, frozen=True, kw_only=True):
     """A topic of a bag.
 
     Attributes:

@@ -16,10 +16,10 @@ from __future__ import annotations
 import asyncio
 import hmac
 from collections.abc import Awaitable, Mapping
-from dataclasses import dataclass
 from http.cookies import CookieError, SimpleCookie
 from urllib.parse import urlsplit
 
+from msgspec import Struct
 from starlette.datastructures import Headers, MutableHeaders
 from starlette.responses import JSONResponse
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
@@ -46,8 +46,7 @@ HEADERS = {
 TLS_HEADERS = {"Strict-Transport-Security": "max-age=2592000"}
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Keys:
+class Keys(Struct, frozen=True, kw_only=True):
     """What opens the door; either of the first two.
 
     Attributes:

@@ -16,8 +16,9 @@ import secrets
 import time
 from collections import deque
 from collections.abc import Callable
-from dataclasses import dataclass, field
 from ipaddress import IPv6Address, ip_address
+
+from msgspec import Struct, field
 
 __all__ = ["Logins", "Session", "TooMany", "network_of"]
 
@@ -36,8 +37,7 @@ class TooMany(Exception):
     """Not now: too many wrong passwords, sessions, or others who wait."""
 
 
-@dataclass(eq=False, slots=True, kw_only=True)
-class Session:
+class Session(Struct, kw_only=True, eq=False):
     """One login.
 
     Attributes:

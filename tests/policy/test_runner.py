@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from contextlib import ExitStack
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -28,6 +27,7 @@ from gateway.policy.chunks import MAX_STEPS, MIN_STEPS, Chunk
 from gateway.policy.observing import Observation
 from gateway.policy.runner import DRIVE_S, JUMP_RAD, Plan, Runner
 from gateway.settings.settings import Settings
+from tests.changed import replace
 from tests.client.robot_world import RobotWorld
 from tests.pushed import LEFT, Pushed, felt
 

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import dataclasses
-
 import pytest
+from msgspec import structs
 from starlette.applications import Starlette
 from starlette.responses import PlainTextResponse
 from starlette.routing import Route, WebSocketRoute
@@ -148,7 +147,7 @@ def beyond(logins: Logins | None = None) -> TestClient:
         return PlainTextResponse("in")
 
     inside = Starlette(routes=[Route(path, answer, methods=["GET", "POST"]) for path in (*PATHS, "/login")])
-    keys = dataclasses.replace(BEYOND, logins=logins or Logins(lambda *_: False))
+    keys = structs.replace(BEYOND, logins=logins or Logins(lambda *_: False))
     return TestClient(Door(inside, keys, 8700, opens_metrics=False), base_url=AWAY)
 
 
@@ -203,7 +202,7 @@ def test_a_login_opens_and_what_is_open_by_it_ends_with_it() -> None:
         return PlainTextResponse("out")
 
     inside = Starlette(routes=[WebSocketRoute("/api/live", live), Route("/api/logout", out, methods=["POST"])])
-    door = Door(inside, dataclasses.replace(BEYOND, logins=logins), 8700, opens_metrics=False)
+    door = Door(inside, structs.replace(BEYOND, logins=logins), 8700, opens_metrics=False)
     with TestClient(door, base_url=AWAY) as browser:
         portal = browser.portal
         assert portal is not None
@@ -235,7 +234,7 @@ def test_what_ends_by_itself_before_its_login_does(fails: bool) -> None:
         return PlainTextResponse("in")
 
     inside = Starlette(routes=[Route("/api/video/x", look)])
-    door = Door(inside, dataclasses.replace(BEYOND, logins=logins), 8700, opens_metrics=False)
+    door = Door(inside, structs.replace(BEYOND, logins=logins), 8700, opens_metrics=False)
     with TestClient(door, base_url=AWAY) as browser:
         portal = browser.portal
         assert portal is not None

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 from argparse import Namespace
 from collections.abc import Iterator
-from dataclasses import asdict
 
 import msgspec
 from rich.console import Console
@@ -46,8 +45,8 @@ def carry_out(options: Namespace) -> ExitStatus:
 def _document(info: protocol.Info, view: protocol.Snapshot, health: Health) -> dict[str, object]:
     return {
         "ok": health.ok,
-        "health": asdict(health),
-        "next": [asdict(step) for step in next_steps(view, info)],
+        "health": msgspec.to_builtins(health),
+        "next": [msgspec.to_builtins(step) for step in next_steps(view, info)],
         "info": msgspec.to_builtins(info),
         "snapshot": msgspec.to_builtins(view),
     }

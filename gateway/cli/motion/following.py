@@ -12,9 +12,10 @@ from __future__ import annotations
 import json
 from argparse import Namespace
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
+
+from msgspec.structs import replace
 
 from gateway.cli.motion.job import PROGRESS_HZ, Stage, after, move, require_mode, watched
 from gateway.cli.motion.passing import Part, Passing, chosen, cut, dt_of, located, space_of

@@ -10,11 +10,11 @@ import sys
 from argparse import Namespace
 from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import asdict
 from pathlib import Path
 
 from msgspec import MsgspecError, Struct
 from msgspec.json import decode as json_decode
+from msgspec.structs import asdict
 
 from gateway.cli.motion.job import ENABLE_S, PROGRESS_HZ
 from gateway.cli.terminal.asking import confirmed

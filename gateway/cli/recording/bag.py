@@ -5,11 +5,12 @@ from __future__ import annotations
 import json
 from argparse import Namespace
 from contextlib import ExitStack
-from dataclasses import asdict
 from datetime import datetime, timezone
 from pathlib import Path
 from typing import Any
 
+from msgspec import to_builtins
+from msgspec.structs import asdict
 from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
@@ -181,7 +182,7 @@ def _show_episodes(bag: Bag) -> None:
 
 def _show_check(checked: Checked, *, as_json: bool) -> None:
     if as_json:
-        print(json.dumps(asdict(checked) | {"ok": checked.ok}, ensure_ascii=False))
+        print(json.dumps(to_builtins(checked) | {"ok": checked.ok}, ensure_ascii=False))
         return
     for finding in checked.findings:
         where = f"{finding.topic}: " if finding.topic else ""

@@ -14,10 +14,11 @@ import time
 from argparse import Namespace
 from collections.abc import Mapping
 from contextlib import ExitStack, suppress
-from dataclasses import asdict
 from datetime import datetime
 from functools import partial
 from pathlib import Path
+
+from msgspec.structs import asdict
 
 from gateway.api.recorder_protocol import RecorderAsk, recorder_socket
 from gateway.cli.recording.camera import Camera

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal, TypedDict
+
+from msgspec import Struct
 
 from gateway.api import protocol
 from gateway.client.asking.procedures import Procedure, request
@@ -38,8 +39,7 @@ class Wishes(TypedDict, total=False):
     until: protocol.Until | None
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class FollowCheck:
+class FollowCheck(Struct, frozen=True, kw_only=True):
     """Points that could be followed, as far as that can be said without moving. Made by `Robot.check_follow`.
 
     Attributes:

@@ -8,8 +8,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Protocol
+
+from msgspec import Struct
 
 from gateway.api import protocol
 from gateway.client.asking.requests import SIDES, chosen, number, require_sides, row
@@ -53,8 +54,7 @@ class PoseLike(Protocol):
         """Name of the frame."""
 
 
-@dataclass(frozen=True, slots=True)
-class PoseTarget:
+class PoseTarget(Struct, frozen=True):
     """Where an end effector shall be.
 
     Attributes:

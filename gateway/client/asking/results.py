@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from msgspec import Struct
 
 from gateway.api.protocol import TouchView
 
@@ -12,8 +12,7 @@ Rows = tuple[tuple[float, ...], ...]
 """Seven numbers of joints for each posture."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class MotionResult:
+class MotionResult(Struct, frozen=True, kw_only=True):
     """A motion that reached its goal, proven by measured joints, or ended at the touch that it was to end at.
 
     Attributes:
@@ -33,8 +32,7 @@ class MotionResult:
     touch: TouchView | None = None
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class StopResult:
+class StopResult(Struct, frozen=True, kw_only=True):
     """What became of a stop.
 
     Attributes:
@@ -46,8 +44,7 @@ class StopResult:
     by_guard: bool = False
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Payload:
+class Payload(Struct, frozen=True, kw_only=True):
     """What a hand holds: weighed by `ArmControl.payload`, or known and told with it.
 
     Attributes:

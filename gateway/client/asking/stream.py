@@ -12,8 +12,9 @@ Rules
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
+
+from msgspec import Struct
 
 from gateway.api import protocol
 from gateway.client.asking.phase import Phase
@@ -31,8 +32,7 @@ if TYPE_CHECKING:
 __all__ = ["JointTargets", "PoseTargets", "StreamOptions", "TargetStream"]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class StreamOptions:
+class StreamOptions(Struct, frozen=True, kw_only=True):
     """How a stream is to run.
 
     Attributes:

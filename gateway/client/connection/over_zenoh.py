@@ -14,11 +14,11 @@ import os
 import threading
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import Any
 
 import msgspec
 import zenoh
+from msgspec import Struct
 
 from gateway.api import protocol
 from gateway.api.stop_pipe import drop_stop
@@ -42,8 +42,7 @@ STALL_US = 500_000
 """A daemon that does not read for so long while a request waits loses this connection [us]."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Credentials:
+class Credentials(Struct, frozen=True, kw_only=True):
     """Who we are, where a daemon asks for it (network only).
 
     Attributes:

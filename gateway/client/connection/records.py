@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from msgspec import Struct
 
 from gateway.api import protocol
 
 __all__ = ["Lease", "Motion", "Sighting"]
 
 
-@dataclass(frozen=True, slots=True)
-class Sighting:
+class Sighting(Struct, frozen=True):
     """A snapshot, when it arrived here [ns], and from which daemon."""
 
     view: protocol.Snapshot
@@ -18,8 +17,7 @@ class Sighting:
     daemon: str
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Lease:
+class Lease(Struct, frozen=True, kw_only=True):
     """That we own the robot.
 
     Attributes:
@@ -33,8 +31,7 @@ class Lease:
     holding: int
 
 
-@dataclass(slots=True)
-class Motion:
+class Motion(Struct):
     """A motion of ours: what the snapshots last said of it.
 
     Attributes:

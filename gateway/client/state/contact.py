@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
+
+from msgspec import Struct
 
 from gateway.api import protocol
 from gateway.client.asking.requests import number, read_only, row
@@ -39,8 +40,7 @@ def contact(force_n: float, direction: ArrayLike | None = None, back_off_m: floa
     )
 
 
-@dataclass(frozen=True, slots=True, repr=False)
-class Contact:
+class Contact(Struct, frozen=True):
     """What pulls at an arm, estimated from the efforts of its motors; never a safety function.
 
     Attributes:

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+
+from msgspec import Struct, field
+from msgspec.structs import replace
 
 from gateway.client.connection.session import Session
 from gateway.client.state.reading import state_of
@@ -15,8 +17,7 @@ OLD_NS = 1_000_000_000
 """An older snapshot says nothing about the robot's health [ns]."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Health:
+class Health(Struct, frozen=True, kw_only=True):
     """Is everything well, and if not, what is it? Plain numbers, ready for a log or a metric.
 
     Attributes:

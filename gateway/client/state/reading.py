@@ -15,6 +15,8 @@ from dataclasses import dataclass
 from types import MappingProxyType
 from typing import TYPE_CHECKING
 
+from msgspec import Struct
+
 from gateway.api import protocol
 from gateway.client.asking.requests import read_only
 from gateway.client.connection.session import Sighting
@@ -29,8 +31,7 @@ if TYPE_CHECKING:
 __all__ = ["ArmState", "MotorState", "Pose", "RobotState", "state_of"]
 
 
-@dataclass(frozen=True, slots=True)
-class Pose:
+class Pose(Struct, frozen=True):
     """Measured pose of an end effector in its arm's shoulder frame.
 
     Attributes:
@@ -172,8 +173,7 @@ class ArmState(MotorState):
         return None if view is None else Contact(self.name, view, self._since_ns)
 
 
-@dataclass(frozen=True, slots=True, repr=False)
-class RobotState:
+class RobotState(Struct, frozen=True):
     """The robot and the gateway at one instant.
 
     Attributes:

@@ -8,8 +8,9 @@ Rules
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from types import MappingProxyType
+
+from msgspec import Struct
 
 from gateway.api import protocol
 from gateway.client.state.reading import RobotState
@@ -17,8 +18,7 @@ from gateway.client.state.reading import RobotState
 __all__ = ["Finding", "Why", "why_of"]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Finding:
+class Finding(Struct, frozen=True, kw_only=True):
     """One thing that seems to keep the robot from doing what it is told.
 
     Attributes:
@@ -40,8 +40,7 @@ class Finding:
         return f"{self.code} (for {self.since:.1f} s): {self.message} -> {self.hint}"
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Why:
+class Why(Struct, frozen=True, kw_only=True):
     """Everything that is known to stand in the way; false when there is nothing.
 
     Attributes:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from dataclasses import replace
 
 import pytest
 
@@ -11,6 +10,7 @@ from gateway.cli.looking.frame import Picture, frame
 from gateway.cli.main import main
 from gateway.client import Payload, connect
 from gateway.values import Side
+from tests.changed import replace
 from tests.cli.views import INFO
 from tests.client.robot_world import RobotWorld
 
