@@ -167,10 +167,11 @@ def _run(options: Namespace) -> int:
 def _sim(options: Namespace) -> int:
     if options.ask is not None:
         return _ask_sim(options)
-    from gateway.sim.camera.sender import DEFAULT_TO
     from gateway.sim.starting import CannotStart, start
 
     if options.camera and options.camera_to is None:
+        from gateway.sim.camera.sender import DEFAULT_TO  # and numpy, which a robot without a camera does not need
+
         options.camera_to = DEFAULT_TO
     try:
         return start(options)

@@ -389,6 +389,13 @@ def test_a_stop_loads_the_client_and_nothing_else(tmp_path):
     assert not heavy & loaded
 
 
+def test_a_simulated_robot_loads_only_what_it_was_asked_for(tmp_path):
+    """No camera, no physics, no film without a word about them; it ends before it listens."""
+    loaded = _loaded("sim", "--record", str(tmp_path / "a.mp4"))
+    assert "gateway.sim.node" in loaded
+    assert not [name for name in loaded if name.startswith(("gateway.sim.camera", "gateway.sim.physics"))]
+
+
 # ---------------------------------------------------------------------------------------------------- real processes
 
 
