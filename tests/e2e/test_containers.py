@@ -27,7 +27,7 @@ GATEWAY = "keep-running.sh ta2 run --socket /run/ta2/gateway.sock --robot tcp/12
 MOVE = """
 import numpy as np
 from gateway.client import connect
-with connect() as robot, robot.control() as own:
+with connect() as robot, robot.control(take="from who stalled before") as own:
     own.enable()
     before = robot.fresh_state().left_arm.q
     own.left_arm.move_by(np.full(7, 0.03)).result(timeout=30.0)
