@@ -150,7 +150,7 @@ def test_a_node_killed_and_restarted_within_its_lease_is_lost_when_the_lease_end
 
 
 def test_state_that_comes_several_times_is_counted_and_skipped(apart: Apart) -> None:
-    """Two restarts beyond the lease while nobody holds a token: every later subscriber gets each sample two or three times.
+    """Restarts beyond the lease while nobody holds a token: every later subscriber gets each sample two or three times.
 
     We count what a plain subscriber beside us is given.
     """
@@ -163,7 +163,7 @@ def test_state_that_comes_several_times_is_counted_and_skipped(apart: Apart) -> 
 
     keeper = session.declare_subscriber(key, hear)
     tokens = f"@/*/@ros2_lv/MP/{key.replace('/', '§')}/**"
-    for _ in range(2):
+    for _ in range(6):  # seldom it takes more than two
         wait_for(lambda: len(heard) > 20, "state")
         apart.end_node(signal.SIGKILL)
         wait_for(
@@ -173,7 +173,9 @@ def test_state_that_comes_several_times_is_counted_and_skipped(apart: Apart) -> 
         keeper.undeclare()
         heard.clear()
         keeper = session.declare_subscriber(key, hear)
-    wait_for(lambda: len(heard) > 20, "state")
+        wait_for(lambda: len(heard) > 100, "state")
+        if len(heard) > 1.9 * len(set(heard)):
+            break
     ears = apart.ears(has_tokens=True)
     wait_for(lambda: ears.samples[LEFT] > 0, "state here")
     ears.mark()
