@@ -270,16 +270,6 @@ class LocalPlane:
         """Answer questions about the robot's bridge with this; it is called in a thread of this plane."""
         self._outbox.routes = routes
 
-    @property
-    def counters(self) -> dict[str, int]:
-        """What was not taken, not answered in time or not sent since the start."""
-        return {
-            "malformed": self._inbox.malformed,
-            "too_many": self._inbox.overflown,
-            "unanswered": self._outbox.unanswered,
-            "unsent": self._outbox.dropped,
-        }
-
     # ------------------------------------------------------------------------------------------------ own threads
 
     def _open_lanes(self, client_ids: frozenset[str]) -> None:

@@ -170,7 +170,7 @@ def _sim(options: Namespace) -> int:
     from gateway.sim.starting import CannotStart, start
 
     if options.camera and options.camera_to is None:
-        from gateway.sim.camera.sender import DEFAULT_TO  # and numpy, which a robot without a camera does not need
+        from gateway.sim.camera.sender import DEFAULT_TO  # and what draws and sends pictures
 
         options.camera_to = DEFAULT_TO
     try:

@@ -133,13 +133,10 @@ class Bridge:
         self._routes: dict[str, _StateRoute] = {}
         self._subscribers: list[zenoh.Subscriber[None]] = []
         self._tokens: list[zenoh.LivelinessToken] = []
-        direct = zenoh.handlers.Callback
         liveliness = self._session.liveliness()
-        self._watch = liveliness.declare_subscriber(
-            ALL_TOKENS, direct(self._token_changed, indirect=False), history=True
-        )
+        self._watch = liveliness.declare_subscriber(ALL_TOKENS, direct(self._token_changed), history=True)
         self._queryables = [
-            self._session.declare_queryable(key, direct(self.queries.append, indirect=False), complete=True)
+            self._session.declare_queryable(key, direct(self.queries.append), complete=True)
             for key in (CONTROL_KEY, f"@/{self.zid}/ros2/**")
         ]
         self._presence = liveliness.declare_token(presence_key(self.zid))

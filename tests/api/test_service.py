@@ -199,7 +199,7 @@ def test_rubbish_is_answered_with_a_code_and_the_daemon_lives(daemon, stranger):
     subprocess.run([sys.executable, "-c", GIANT, str(daemon.socket)], check=True, timeout=60.0)
     (answer,) = ask(stranger, protocol.COMMAND_KEY, protocol.encode(command(protocol.Recover())))
     assert protocol.decode_reply(answer).refusal is None
-    assert daemon.plane.counters["malformed"] == 3, "puts of somebody who owns nothing do not come so far"
+    assert daemon.plane._inbox.malformed == 3, "puts of somebody who owns nothing do not come so far"
 
 
 def test_a_client_cannot_pose_as_the_daemon(daemon, stranger):
