@@ -9,8 +9,9 @@ Rules
       number that stays says that we do not read, and is nobody's fault.
     * Knows a process by what the kernel says of the socket's other end. Where it says nothing (another host, another
       container), each connection counts for itself.
-    * Where there are too many connections, or too many of one process, some of the process that has most of them are hung
-      up on. So there is room for whoever comes to stop.
+    * Where there are too many connections, some of the place that has most of them are hung up on: of a process here, else
+      of another host, or of a user in containers. So there is room for whoever comes to stop. One process may not even have
+      half as many.
     * While this process is busy, all of its threads are ordinary ones until it was calm for a second, all but those that
       connect before others: but the loop's, and those that send, without which its setpoints would leave late.
 
@@ -23,13 +24,14 @@ from __future__ import annotations
 import logging
 import os
 import random
+import resource
 import socket
 import struct
 import threading
 import time
 from array import array
 from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from fcntl import ioctl
 from pathlib import Path
@@ -61,7 +63,7 @@ UNREAD_BYTES = 8 * 1024
 LOOKS = 4
 """A client that asks for large things waits for each answer: it is seen with unread bytes twice at most."""
 MOST_CONNECTIONS = 96
-"""More do not stay, but where each is another process's."""
+"""More do not stay, but where each is another process's of this host."""
 MOST_OF_ONE = 48
 """Nor of one process: zenoh takes leave of all of them at once when it dies, and of 96 that took it 100 ms on a slow host (3 of
 16 times), in which nobody read what the robot says."""
@@ -151,7 +153,7 @@ class FloodWatch:
             self._hang_up(flooding, now_ns)
 
     def _hang_up(self, peers: set[object], now_ns: int) -> None:
-        self._end(lambda peer: peer in peers, MOST_AT_ONCE)
+        self._end(_peer, peers, MOST_AT_ONCE)
         for peer in peers:
             del self._strikes[peer], self._unread[peer]
         self._tell(f"flooded by {', '.join(map(str, peers))}", now_ns)
@@ -159,16 +161,21 @@ class FloodWatch:
     def _make_room(self, now_ns: int) -> None:
         if self._seen - self._other_files <= min(MOST_CONNECTIONS, MOST_OF_ONE):
             return
-        held = Counter(peer for _, peer, _ in self._connections(unread_only=False))
-        busiest, count = held.most_common(1)[0] if held else (None, 0)
-        excess = max(held.total() - MOST_CONNECTIONS, count - MOST_OF_ONE)
-        if excess > 0:
-            self._end(lambda peer: peer == busiest, min(excess, count - 1, MOST_AT_ONCE))
-            self._tell(f"crowded by {busiest}", now_ns)
+        peers = Counter(_peer(connection) for connection, *_ in self._connections(unread_only=False))
+        places = Counter(_place(connection) for connection, *_ in self._connections(unread_only=False))
+        for held, whose, excess in (
+            (places, _place, places.total() - MOST_CONNECTIONS),
+            (peers, _peer, max(peers.values(), default=0) - MOST_OF_ONE),
+        ):
+            busiest, count = held.most_common(1)[0] if held else (None, 0)
+            if excess > 0 and count > 1:
+                self._end(whose, {busiest}, min(excess, count - 1, MOST_AT_ONCE))
+                self._tell(f"crowded by {busiest}", now_ns)
+                return
 
-    def _end(self, is_meant: Callable[[object], bool], most: int) -> None:
-        for connection, peer, _ in self._connections(unread_only=False):
-            if most > 0 and is_meant(peer):
+    def _end(self, whose: Callable[[socket.socket], object], meant: set[object], most: int) -> None:
+        for connection, *_ in self._connections(unread_only=False):
+            if most > 0 and whose(connection) in meant:
                 with suppress(OSError):  # closed in this moment
                     connection.shutdown(socket.SHUT_RDWR)
                     self.ended += 1
@@ -182,10 +189,11 @@ class FloodWatch:
     def _connections(self, *, unread_only: bool = True) -> Iterator[tuple[socket.socket, object, int]]:
         """Yield the connections that clients have opened, with whose they are and how many bytes are unread: these, or all."""
         unread = array("i", [0])
+        files: Sequence[int]
         try:
             files = sorted(map(int, os.listdir("/proc/self/fd")))
-        except OSError:  # no more files can be opened: there are too many connections
-            return
+        except OSError:  # no more files can be opened: all there may be are
+            files = range(resource.getrlimit(resource.RLIMIT_NOFILE)[0])
         self._seen = len(files)
         if self._seen > LOOKED_AT:
             files = sorted(random.sample(files, LOOKED_AT))
@@ -213,9 +221,23 @@ def name_of(thread_id: int) -> str:
 def _peer(connection: socket.socket) -> object:
     """Return what tells the process at the other end from others."""
     if connection.family == socket.AF_UNIX:
-        pid, _, _ = struct.unpack("iII", connection.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, 12))
+        pid, _, _ = _credentials(connection)
         return f"process {pid}" if pid else f"connection {connection.fileno()}"
     return f"{connection.getpeername()}"
+
+
+def _place(connection: socket.socket) -> object:
+    """Return what tells where the other end is: the process here, the user whose containers have one, or the host."""
+    if connection.family == socket.AF_UNIX:
+        pid, user, _ = _credentials(connection)
+        return _peer(connection) if pid else f"user {user}'s containers"
+    return f"host {connection.getpeername()[0]}"
+
+
+def _credentials(connection: socket.socket) -> tuple[int, int, int]:
+    """Return process, user and group at the other end of a unix socket; process 0 is one of another container."""
+    pid, user, group = struct.unpack("iII", connection.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, 12))
+    return pid, user, group
 
 
 class OrdinaryWhileBusy:

@@ -56,8 +56,9 @@ VIEW_STALL_US = 5_000
 PINGS_HZ = 5.0
 """More of one connection end in zenoh. The guard asks once a second."""
 
-NO_SECRET = "!"
-"""No client has it, so that only wildcards meet its keys: what is put to everybody at once is dropped."""
+NO_SECRET = "$*!$*"
+"""What no secret is, for none has that mark; a wildcard for secrets may stand for it, be it `*`, `**` or `7$*`. Those are
+dropped: one of them that were heard told how a secret begins."""
 
 LEASE_MS = 2000
 """Silence after which a client's connection counts as lost over the network [ms]; the keepalive is what decides."""

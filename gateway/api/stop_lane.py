@@ -5,8 +5,9 @@ Rules
       who asks and why, as far as it can be, and not before the stop itself is on its way.
     * No lock and no queue is shared with other requests, and the answer has a thread of its own. A stop rings a bell that
       ends the loop's sleep.
-    * Bounded: of more than `MAX_WAITING` stops that no tick has taken yet, the later ones share the newest one's fate.
-      They are the same stop. The loop joins them to it: nobody comes to one that was answered meanwhile.
+    * Bounded: of more than `MAX_WAITING` stops that no tick has taken yet, the later ones become one, which nobody has
+      proven to be his own: whoever is among them, the robot stays stopped. The loop makes it: nobody comes to one that was
+      answered meanwhile.
 
 Does not know zenoh or the engine; arrival times are stamped by its callers.
 """
@@ -63,8 +64,9 @@ class StopLane:
         self.proven: Callable[[str, str], bool] = lambda client_id, secret: False
         """Whether a client with this id and this secret is who it says."""
         self._numbers = itertools.count(FIRST_NUMBER)
-        self._waiting: deque[tuple[int, str, bytes, int]] = deque()
-        self._crowd: deque[tuple[str, bytes, Question]] = deque()
+        self._waiting: deque[tuple[int, str, bytes, int, bool]] = deque()
+        self._crowd: dict[str, deque[tuple[bytes, int, Question | None]]]
+        self._crowd = {key: deque() for key in (protocol.ESTOP_KEY, protocol.STOP_KEY)}
         self._questions: dict[int, list[tuple[Question, str]]] = {}
         # Who waits, with the encoding of each, and for what: None for a ping. None in its place only wakes the thread.
         self._answers: queue.SimpleQueue[tuple[list[tuple[Question, str]], protocol.Reply | None] | None]
@@ -94,23 +96,26 @@ class StopLane:
         self.taken += 1
         if question is not None:
             question = self.watched(question)
+        crowd = self._crowd[key]
         if sum(entry[1] == key for entry in tuple(self._waiting)) < MAX_WAITING:
             self._enter(key, payload, received_ns, question)
+        elif len(crowd) < (1 if question is None else MAX_SHARING):
+            crowd.append((payload, received_ns, question))
         elif question is not None:
-            if len(self._crowd) < MAX_SHARING:
-                self._crowd.append((key, payload, question))
-            else:
-                question.drop()
+            question.drop()
         self._bell.ring()
         self.on_arrival()
         if question is None:
             self.on_taken(key, payload, received_ns, door)
 
-    def _enter(self, key: str, payload: bytes, received_ns: int, question: Question | None) -> None:
+    def _enter(
+        self, key: str, payload: bytes, received_ns: int, question: Question | None, *, may_prove: bool = True
+    ) -> int:
         number = next(self._numbers)
         if question is not None:  # before the stop: its answer must find it
             self._questions[number] = [(question, _encoding_of(question, payload))]
-        self._waiting.append((number, key, payload, received_ns))
+        self._waiting.append((number, key, payload, received_ns, may_prove))
+        return number
 
     def ping(self, question: Question) -> None:
         """Take a question that is answered as a stop is, by the thread that answers stops; any thread. Never waits.
@@ -129,7 +134,7 @@ class StopLane:
     @property
     def has_waiting(self) -> bool:
         """Whether a stop waits to be polled."""
-        return bool(self._waiting or self._crowd)
+        return bool(self._waiting) or any(self._crowd.values())
 
     def wait(self, seconds: float, also: Sequence[int] = ()) -> bool:
         """Wait for a stop; return whether one came since the last call that said so. See `Bell.wait`."""
@@ -140,16 +145,17 @@ class StopLane:
         arrived: list[events.CommandRequested] = []
         if self.has_waiting:
             self._bell.hush()  # first: what comes from here on rings again
-        newest = {key: number for number, key, *_ in tuple(self._waiting)}
-        for _ in range(len(self._crowd)):
-            key, payload, question = self._crowd.popleft()
-            if key in newest:
-                self._questions.setdefault(newest[key], []).append((question, _encoding_of(question, payload)))
-            else:  # those that it came behind were taken before
-                self._enter(key, payload, question.received_ns, question)
+        for key, crowd in self._crowd.items():
+            number = 0
+            for _ in range(len(crowd)):
+                payload, received_ns, question = crowd.popleft()
+                if not number:
+                    number = self._enter(key, payload, received_ns, question, may_prove=False)
+                elif question is not None:
+                    self._questions.setdefault(number, []).append((question, _encoding_of(question, payload)))
         while self._waiting:
-            number, key, payload, received_ns = self._waiting.popleft()
-            client_id, reason = self.read(payload)
+            number, key, payload, received_ns, may_prove = self._waiting.popleft()
+            client_id, reason = self.read(payload, may_prove=may_prove)
             is_estop = key == protocol.ESTOP_KEY
             arrived.append(
                 events.CommandRequested(
@@ -193,11 +199,11 @@ class StopLane:
 
     # ------------------------------------------------------------------------------------------------ inside
 
-    def read(self, payload: bytes) -> tuple[str, str]:
+    def read(self, payload: bytes, *, may_prove: bool = True) -> tuple[str, str]:
         """Return who asks and why, as far as the payload tells: the proven id of a client, else what it calls itself."""
         said = _said(payload)
         reason, client_id, secret = (_text(said, name) for name in ("reason", "client_id", "secret"))
-        if client_id and secret and self.proven(client_id, secret):
+        if may_prove and client_id and secret and self.proven(client_id, secret):
             return client_id, reason
         # In quotes, which no client id has: nobody is taken for the owner by what he calls himself.
         name = _text(said, "name") or client_id

@@ -28,7 +28,8 @@ __all__ = ["MAP_MARKS", "MAX_BYTES", "StopPipes", "drop_stop", "may_be_map", "st
 MAX_BYTES = 4096
 """Linux writes so many at once or none (PIPE_BUF): two writers' lines do not mix."""
 MOST_LINES = 16
-"""Of one reading; the others are the same stop."""
+"""Of one reading; the others become one of nobody's: a person's may be among an owner's own, which would not keep the robot
+stopped."""
 SUFFIXES = {ESTOP_KEY: "estop", STOP_KEY: "stop"}
 """Key of a stop -> how its pipe is called. E-stops are read first."""
 MAP_MARKS = frozenset(bytes([mark]) for mark in (*range(0x80, 0x90), 0xDE, 0xDF))
@@ -110,8 +111,10 @@ class StopPipes:
             with contextlib.suppress(BlockingIOError):  # nothing
                 # All that fits into the pipe, or a line would be cut, and half a map is no map but shows what is in it.
                 lines = os.read(file, fcntl.fcntl(file, fcntl.F_GETPIPE_SZ)).split(b"\n", MOST_LINES)
-                if len(lines) > MOST_LINES or not lines[-1]:  # too many, or nothing after the last line's end
+                if not lines[-1]:  # nothing after the last line's end
                     lines.pop()
+                elif len(lines) > MOST_LINES:
+                    lines[-1] = b""
                 dropped += [(key, line) for line in lines]
         return dropped
 

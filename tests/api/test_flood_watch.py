@@ -145,7 +145,7 @@ def test_it_looks_closer_while_somebody_is_suspected(place):
 def test_a_crowd_makes_room(place, monkeypatch, caplog):
     """Of too many connections those of the busiest process go, the oldest first, a few at each look, and never the last."""
     monkeypatch.setattr(flood_watch, "MOST_CONNECTIONS", 4)
-    monkeypatch.setattr(flood_watch, "_peer", lambda connection: "crowd")
+    monkeypatch.setattr(flood_watch, "_place", lambda connection: "crowd")
     callers = [place.connect() for _ in range(MOST_AT_ONCE + 8)]
     place.look()
     assert [place.is_up(caller) for caller in callers[:MOST_AT_ONCE]] == [False] * MOST_AT_ONCE
@@ -167,12 +167,31 @@ def test_one_process_is_a_crowd_sooner(place, monkeypatch, caplog):
 
 
 def test_as_many_processes_may_stay_as_there_are(place, monkeypatch):
-    """Where each connection is another process's nobody is in the way of anybody."""
+    """Where each connection is another process's of this host nobody is in the way of anybody."""
     monkeypatch.setattr(flood_watch, "MOST_CONNECTIONS", 2)
-    monkeypatch.setattr(flood_watch, "_peer", lambda connection: connection.fileno())
+    monkeypatch.setattr(flood_watch, "_place", lambda connection: connection.fileno())
     callers = [place.connect() for _ in range(6)]
     place.look()
     assert all(place.is_up(caller) for caller in callers)
+
+
+def test_a_crowd_of_one_host_makes_room_however_many_processes_it_has(place, monkeypatch, caplog):
+    """And of one user's containers; who is alone in his place stays, though he has more than each."""
+    monkeypatch.setattr(flood_watch, "MOST_CONNECTIONS", 4)
+    if place.listener.family == socket.AF_UNIX:
+        monkeypatch.setattr(flood_watch, "_credentials", lambda connection: (0, 1000, 1000))
+        crowd = "user 1000's containers"
+    else:
+        crowd = "host 127.0.0.1"
+    callers = [place.connect() for _ in range(8)]
+    person = {place.pairs[n][1].fileno() for n in (0, 1)}
+    real = flood_watch._place
+    monkeypatch.setattr(
+        flood_watch, "_place", lambda connection: "person" if connection.fileno() in person else real(connection)
+    )
+    place.look()
+    assert [place.is_up(caller) for caller in callers] == [True, True, False, False, False, False, True, True]
+    assert f"crowded by {crowd}" in caplog.text
 
 
 def test_processes_are_told_apart_as_far_as_the_kernel_knows(place):
@@ -204,10 +223,14 @@ def test_a_connection_that_is_closed_in_this_moment_hides_nobody(place, monkeypa
     assert place.is_up(closed) and not place.is_up(flooder)
 
 
-def test_without_files_to_open_it_does_nothing(place, monkeypatch):
-    """A process that has no file left goes on."""
+def test_without_files_to_open_a_crowd_makes_room_all_the_same(place, monkeypatch):
+    """It took them all: none is needed to hang up, and what would need one goes on without."""
+    monkeypatch.setattr(flood_watch, "MOST_CONNECTIONS", 4)
+    monkeypatch.setattr(flood_watch, "_place", lambda connection: "crowd")
+    callers = [place.connect() for _ in range(6)]
     monkeypatch.setattr(os, "listdir", none_left)
     place.look()
+    assert [place.is_up(caller) for caller in callers] == [False, False, True, True, True, True]
     OrdinaryWhileBusy()._lower()
 
 

@@ -125,7 +125,17 @@ def test_what_is_dropped_for_everybody_meets_no_clients_own_keys(secret):
     for here, lane in zip(dropped, own, strict=True):
         assert not any(each.intersects(lane) for each in dropped)
         what = str(lane).split("/")[2]
-        for wild in ("**", f"{what}/**", f"{what}/ann/**", f"{what}/*/**"):
+        ours = f"{what}/ann/1" if what == "target" else f"{what}/ann"
+        guesses = [f"{ours}/{part}" for part in ("*", "s$*", "$*s", "s$*s", "$*s$*s$*", "$*-$*")]
+        for wild in (
+            "**",
+            f"{what}/**",
+            f"{what}/ann/**",
+            f"{what}/*/**",
+            f"{what}/a$*/**",
+            *guesses,
+            f"**/{guesses[1][-3:]}",
+        ):
             assert here.intersects(zenoh.KeyExpr(f"{protocol.ROOT}/{wild}"))
 
 

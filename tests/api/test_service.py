@@ -262,10 +262,19 @@ def test_only_those_who_matter_are_heard(daemon, stranger):
     with session_to(f"unixsock-stream/{daemon.socket}") as owner:
         (answer,) = ask(owner, protocol.COMMAND_KEY, asked)
         assert protocol.decode_reply(answer).refusal is None
-        for key in ("other/s3cret", "owner/guessed", "owner", "**", "*/*", "owner/*"):
+        parts = ("*", "s$*", "$*t", "s$*t", "$*3$*r$*")  # of a secret: one that is heard tells how it is spelt
+        for key in (
+            "other/s3cret",
+            "owner/guessed",
+            "owner",
+            "**",
+            "*/*",
+            "o$*/s$*",
+            *(f"owner/{part}" for part in parts),
+        ):
             stranger.put(f"{protocol.ROOT}/keepalive/{key}", b"")
             stranger.put(f"{protocol.ROOT}/check_in/{key}", b"")
-        for key in ("owner/1/guessed", "owner/1", "**", "*/*/*", "owner/*/*", "owner/1/*"):
+        for key in ("owner/1/guessed", "owner/1", "**", "*/*/*", "owner/*/*", *(f"owner/1/{part}" for part in parts)):
             stranger.put(f"{protocol.ROOT}/target/{key}", b"")
         assert len(ask(stranger, protocol.INFO_KEY)) == 1  # behind all of these
         mine = [protocol.keepalive_key("owner", "s3cret"), protocol.target_key("owner", 1, "s3cret")]

@@ -108,20 +108,37 @@ def test_an_emergency_stop_comes_before_a_stop(lane):
 
 
 def test_a_flood_of_stops_is_bounded_and_each_of_them_is_answered(lane):
-    """Those beyond the bound share the newest one's answer; an e-stop behind them is not lost among them."""
+    """Those beyond the bound share one stop and its answer; an e-stop behind them is not lost among them."""
     asked = [AskedQuestion(key=protocol.STOP_KEY) for _ in range(MAX_WAITING + MAX_SHARING + 1)]
     for question in asked:
         lane.arrive(protocol.STOP_KEY, b"", 0, question)
+    lane.arrive(protocol.STOP_KEY, b"", 0)
     lane.arrive(protocol.ESTOP_KEY, b"", 0)
     stops = lane.poll()
-    assert len(stops) == MAX_WAITING + 1 and isinstance(stops[0].request, requests.Estop)
+    assert len(stops) == MAX_WAITING + 2 and isinstance(stops[0].request, requests.Estop)
     for stop in stops:
         assert lane.answer(outputs.Reply(client_id=stop.client_id, request_id=stop.request_id), 0)
     while lane.deliver(0):
         pass
     assert sum(question.dropped for question in asked) == 1  # it stopped all the same
     assert all(len(question.answers) == 1 for question in asked if not question.dropped)
-    assert lane.poll() == [] and lane.taken == len(asked) + 1
+    assert lane.poll() == [] and lane.taken == len(asked) + 2
+
+
+@pytest.mark.parametrize("asks", [False, True])
+def test_a_stop_behind_many_of_the_owners_is_not_taken_for_one_of_them(lane, asks):
+    """His own latches nothing: what is joined is a stop that nobody has proven to be his, and latches."""
+    lane.proven = lambda client_id, secret: (client_id, secret) == ("owner", "s3cret")
+    own = b'{"client_id": "owner", "secret": "s3cret"}'
+    for _ in range(MAX_WAITING + 1):
+        lane.arrive(protocol.STOP_KEY, own, 0)
+    ann = AskedQuestion(key=protocol.STOP_KEY) if asks else None
+    lane.arrive(protocol.STOP_KEY, b'{"name": "ann", "reason": "smoke"}', 0, ann)
+    stops = lane.poll()
+    assert [stop.client_id for stop in stops] == [*["owner"] * MAX_WAITING, "'owner'"]
+    if ann is not None:
+        lane.answer(outputs.Reply(client_id=stops[-1].client_id, request_id=stops[-1].request_id), 0)
+        assert lane.deliver(0) and len(ann.answers) == 1 and not lane._questions
 
 
 def test_a_stop_that_comes_while_the_loop_takes_those_before_it_is_answered_too(lane):

@@ -60,7 +60,18 @@ def test_a_full_pipe_is_full_of_stops(socket, pipes):
             os.write(writer, b"\n" * MAX_BYTES)
     os.close(writer)
     assert drop_stop(socket, STOP_KEY, b"one more")
-    assert len(pipes.read()) == MOST_LINES
+    assert len(pipes.read()) == MOST_LINES + 1
+
+
+def test_a_stop_behind_many_of_the_owners_is_not_taken_for_one_of_them(socket, pipes):
+    """An owner's own latches nothing: what is too much to be read by itself is nobody's, and keeps the robot stopped."""
+    own = b'{"client_id": "owner", "secret": "s3cret"}'
+    for payload in (*[own] * MOST_LINES, b'{"name": "ann"}', own):
+        assert drop_stop(socket, STOP_KEY, payload)
+    assert [line for _, line in pipes.read()] == [*[own] * MOST_LINES, b""] and not pipes.read()
+    for _ in range(MOST_LINES):
+        assert drop_stop(socket, STOP_KEY, own)
+    assert [line for _, line in pipes.read()] == [own] * MOST_LINES
 
 
 def test_a_line_is_never_cut_where_the_reading_ends(socket, pipes):

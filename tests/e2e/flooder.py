@@ -96,8 +96,11 @@ def targets(flood: Flood) -> None:
 
 def wildcards(flood: Flood) -> None:
     """Keepalives and targets of everybody at once."""
-    keys = (f"{ROOT}/keepalive/**", f"{ROOT}/keepalive/*/*", f"{ROOT}/target/*/*/*", f"{ROOT}/check_in/**")
-    flood.put((keys[n % 4] for n in count()), b"")
+    keys = (
+        *(f"{ROOT}/keepalive/**", f"{ROOT}/keepalive/*/*", f"{ROOT}/target/*/*/*", f"{ROOT}/check_in/**"),
+        *(f"{ROOT}/check_in/*/{digit}$*" for digit in "0123456789abcdef"),
+    )
+    flood.put((keys[n % len(keys)] for n in count()), b"")
 
 
 def large_puts(flood: Flood) -> None:

@@ -9,6 +9,7 @@ from gateway.api import protocol
 from gateway.client import connect
 from gateway.client.connection.over_zenoh import Credentials, client_configuration
 from gateway.errors import Disconnected
+from gateway.fleet.member import Member
 from tests.api.daemon import Daemon, eventually
 from tests.e2e.system import free_port
 from tests.fleet.fleets import files_of_the_page, member
@@ -52,7 +53,9 @@ def test_a_robot_serves_and_a_client_owns_it_and_nobody_else_hears_its_secret(wa
     monkeypatch.setenv("TA2_FLEET", ann)
     with pytest.raises(zenoh.ZError):
         session_of(way("eve", "x"))
-    heard, said = [], []
+    heard, said, passed = [], [], []
+    real = Member._on_lane
+    monkeypatch.setattr(Member, "_on_lane", lambda *of: (passed.append(str(of[2].key_expr)), real(*of)))
 
     def take(sample):
         heard.append(str(sample.key_expr))
@@ -74,6 +77,13 @@ def test_a_robot_serves_and_a_client_owns_it_and_nobody_else_hears_its_secret(wa
             eventually(lambda: robot.state.lease.owned and f"fleet/robot-1/{protocol.SNAPSHOT_KEY}" in heard, WAIT_S)
             liar.put(f"fleet/robot-1/{protocol.EVENT_KEY}", b"LIE")
             assert [reply.ok for reply in liar.get("fleet/robot-1/ta2/stop", timeout=5.0)] != []
+            secret = daemon.plane._inbox.identities.secret_of(robot.client_id)
+            for key in protocol.lane_keys(robot.client_id, secret):
+                for guess in (f"{secret[0]}$*", f"$*{secret[-1]}", f"{secret[:9]}$*{secret[20:]}", "*"):
+                    liar.put(f"fleet/robot-1/{key.removesuffix(secret)}{guess}".replace("/*/", "/1/"), b"")
+            assert [reply.ok for reply in liar.get("fleet/robot-1/ta2/stop", timeout=5.0)] != []  # behind all of these
+            assert protocol.keepalive_key(robot.client_id, secret) in passed
+            assert not [key for key in passed if "*" in key], "it tells how the secret is spelt"
             (found,) = spy.liveliness().get(f"fleet/*/{protocol.MEMBER_TOKENS}", timeout=5.0)
             assert not str(found.ok.key_expr).endswith("/ff")
         del false
