@@ -60,9 +60,9 @@ class Stranger:
         replies = self._session.get(selector, timeout=3.0)
         return {str(reply.ok.key_expr): reply.ok.payload.to_bytes() for reply in replies if reply.ok is not None}
 
-    def put(self, topic: str, values: Sequence[float]) -> None:
-        """Send one command, without a declared publisher."""
-        self._session.put(topic_to_key(topic), encode_frame(topic, tuple(values), time.time_ns()))
+    def put(self, topic: str, values: Sequence[float], key: str = "") -> None:
+        """Send one command, without a declared publisher; on its own key, or on another that matches it."""
+        self._session.put(key or topic_to_key(topic), encode_frame(topic, tuple(values), time.time_ns()))
 
     def delete(self, topic: str) -> None:
         """Send a DELETE, which a bridge writes as an empty sample."""

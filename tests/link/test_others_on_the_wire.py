@@ -119,6 +119,17 @@ def test_a_command_of_somebody_else_is_seen_at_once_by_name_if_it_has_one(place,
     assert (data.topic, data.zid) == (FSM_ENABLE, stranger.zid if stamps else "")
 
 
+def test_a_command_for_both_arms_at_once_is_seen_as_each_of_them(place):
+    """The robot takes what is put on a key with wildcards."""
+    stranger = place.stranger(stamps=True)
+    place.hears(lambda: stranger.put(ARM, Q_RAD))
+    stranger.put(ARM, Q_RAD, key="api/*/joint_cmd")
+    place.wait(lambda: len(place.told(ForeignData)) == 2, SOON_S)
+    assert {(data.topic, data.zid, data.count) for data in place.told(ForeignData)} == {
+        (joint_command(side), stranger.zid, 1) for side in Side
+    }
+
+
 def test_a_ros_publisher_is_seen_before_it_sends_and_until_it_ends(place):
     """By the token of its bridge."""
     stranger = place.stranger()

@@ -1,7 +1,8 @@
 """Who else commands the robot, as far as it can be seen from a client session (wire.md 4.3).
 
 ```
-data        a subscription to the exact command keys, of remote origin: certain, after the fact, within milliseconds
+data        a subscription to the command keys, of remote origin: certain, after the fact, within milliseconds. Whoever puts
+            to `api/*/joint_cmd` commands both arms at once
 tokens      a ROS publisher behind some bridge, before its first sample (MP tokens)
 admin       declared zenoh publishers, as the router lists them: an ad-hoc `put` shows as data only
 gateways    their own tokens
@@ -39,6 +40,7 @@ import threading
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Set
 
+import zenoh
 from msgspec import Struct, field
 
 from cdr_types.keys import Token, TokenKind, topic_to_key
@@ -168,9 +170,8 @@ class ForeignWatch:
         start = f"{place}/publisher/"
         found: set[tuple[str, str]] = set()
         for answer, payload in ask(f"{place}/{self._published}").items():
-            topic = self._commands.get(answer.removeprefix(start))
-            if topic is not None:
-                found.update((zid, topic) for zid in _zids(payload) if zid != self._own_zid)
+            zids = [zid for zid in _zids(payload) if zid != self._own_zid]
+            found.update((zid, topic) for topic in self._commanded(answer.removeprefix(start)) for zid in zids)
         self._publishers = frozenset(found)
 
     # ---------------------------------------------------------------------------------------------- any thread
@@ -195,9 +196,7 @@ class ForeignWatch:
             key: Data key.
             sender_zid: Zenoh id in its timestamp; empty when it has none.
         """
-        topic = self._commands.get(key)
-        if topic is not None:
-            self._samples.append((topic, sender_zid))
+        self._samples.extend((topic, sender_zid) for topic in self._commanded(key))
 
     def poll(self, router_zid: str, *, is_new_link: bool) -> list[Event]:
         """Return what has been seen since the last call.
@@ -220,6 +219,16 @@ class ForeignWatch:
             self._others = gateways
             events.append(GatewayTokens(gateways=gateways, at_ns=now_ns))
         return events
+
+    def _commanded(self, key: str) -> Iterable[str]:
+        """Return the command topics that a sample or a publisher of a key reaches: of a key with wildcards all it matches."""
+        topic = self._commands.get(key)
+        if topic is not None:
+            return (topic,)
+        meant = zenoh.KeyExpr(key) if "*" in key else None
+        return [
+            topic for key, topic in self._commands.items() if meant is not None and meant.intersects(zenoh.KeyExpr(key))
+        ]
 
     def _data(self, router_zid: str) -> list[Event]:
         now_ns = self._clock()

@@ -22,7 +22,15 @@ from gateway.link.others.foreign_watch import (
     publishers_of,
 )
 from gateway.link.others.gateway_token import GatewayToken
-from gateway.robot.topics import CHASSIS_VELOCITY, COMMAND_TOPICS, TOPICS, VARIANTS, arm_state, joint_command
+from gateway.robot.topics import (
+    CHASSIS_VELOCITY,
+    COMMAND_TOPICS,
+    FSM_ENABLE,
+    TOPICS,
+    VARIANTS,
+    arm_state,
+    joint_command,
+)
 from gateway.settings.settings import LinkSettings
 from gateway.values import Side
 
@@ -161,7 +169,38 @@ def test_a_router_full_of_writers_is_told_up_to_a_bound():
     assert len(scene.writers()) == WRITERS_KEPT
 
 
+WILD = {
+    "api/*/joint_cmd": {joint_command(side) for side in Side},
+    "api/fsm/*": {FSM_ENABLE},
+    "api/chassis/**": {CHASSIS_VELOCITY},
+    "**": set(VARIANTS["standard"].command_topics),
+    "api/left_arm/joint_c$*": {ARM},
+    "*/joint_states": set(),
+}
+"""Keys with wildcards, on which anybody may put, and the commands that the robot takes from there."""
+
+
+@pytest.mark.parametrize("key", WILD)
+def test_a_sample_on_a_key_with_wildcards_is_told_as_all_the_commands_that_it_is(key):
+    """The robot takes it by its own key, whatever the key it was put on looks like."""
+    scene = Scene()
+    scene.watch.take(key, "b")
+    assert {(event.topic, event.zid) for event in scene.poll()} == {(topic, "b") for topic in WILD[key]}
+
+
 # ------------------------------------------------------------------------------------------------ admin space
+
+
+@pytest.mark.parametrize("key", WILD)
+def test_a_publisher_of_a_key_with_wildcards_is_one_of_all_the_commands_that_it_matches(key):
+    """Before it sends."""
+    scene = Scene()
+    scene.publishes(key, clients=["b"])
+    scene.look()
+    events = [event for event in scene.poll() if isinstance(event, ForeignTokens)]
+    assert {(writer.topic, writer.zid) for event in events for writer in event.writers} == {
+        (topic, "b") for topic in WILD[key]
+    }
 
 
 def test_declared_publishers_are_told_with_their_addresses():
@@ -169,7 +208,7 @@ def test_declared_publishers_are_told_with_their_addresses():
     scene = Scene()
     scene.publishes("api/left_arm/joint_cmd", clients=[OWN, "b"], peers=["c"], routers=["d"])
     scene.publishes("api/current_mode", clients=["70"])
-    scene.publishes("api/**", clients=["70"])
+    scene.publishes("api/current_$*", clients=["70"])
     scene.sessions = [{"peer": "b", "links": [{"src": "tcp/r", "dst": "tcp/b"}]}]
     scene.look()
     (event,) = scene.poll()
