@@ -60,6 +60,10 @@ S = 1_000_000_000
 
 MAX_MODE_CHARACTERS = 16_384
 """Longest `/api/current_mode` that is parsed; the documented one has about 250 characters."""
+MAX_SAMPLE_BYTES: Final = {STRING: 4 * MAX_MODE_CHARACTERS + 64}
+MAX_OTHER_BYTES: Final = 4096
+"""Longest payloads that are read, by type, and of every other type; the robot's have some 400. A megabyte of empty names, from
+whoever reaches its port, would be read for a second, in the loop."""
 
 _COMMAND_ROWS: Final = {name: TOPICS[name] for name in COMMAND_TOPICS}
 _ARM_TOPICS: Final = frozenset(arm_state(side) for side in Side)
@@ -116,6 +120,9 @@ def decode_sample(topic: str, payload: bytes) -> StateValue:
     if value is not None:
         return value
     row, cls, read = _reader_of(topic)
+    most = MAX_SAMPLE_BYTES.get(row.type_name, MAX_OTHER_BYTES)
+    if len(payload) > most:
+        raise BadSample(Code.SAMPLE_REFUSED, f"{len(payload)} bytes of a {row.type_name}, at most {most} are read")
     try:
         message = decode(payload, cls)
     except CdrError as error:

@@ -44,6 +44,9 @@ BATCH_BYTES = 65_535
 """zenoh's largest; both ends keep to the smaller of their two."""
 MAX_PAYLOAD_BYTES = 1024
 """No command is larger; the largest has 324 bytes."""
+MAX_TAKEN_BYTES = 128 * 1024
+"""Of larger samples, which the robot has none of, a thousand would wait for the loop: they end in zenoh. Smaller ones are
+refused in words (`codec`)."""
 
 # Chunks that begin with @ are beyond `**`: tokens and admin keys are named in full.
 _OWN_TOKENS: Final = "@/*/@ros2_lv/MS/*/*/*"
@@ -95,7 +98,10 @@ def session_config(settings: LinkSettings, *, is_reader: bool = False, is_heard:
                 is_reader=is_reader,
                 is_heard=is_heard,
             ),
-            "low_pass_filter": [_rule("size", "egress", ["put"], [api], size_limit=MAX_PAYLOAD_BYTES)],
+            "low_pass_filter": [
+                _rule("size", "egress", ["put"], [api], size_limit=MAX_PAYLOAD_BYTES),
+                _rule("taken", "ingress", ["put"], [*_state_keys(settings.namespace), api], size_limit=MAX_TAKEN_BYTES),
+            ],
         }
     )
 

@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 from cdr_types import encode
 from cdr_types.messages import builtin_interfaces, geometry_msgs, sensor_msgs, std_msgs
 from gateway.errors import Code
+from gateway.link import codec
 from gateway.link.codec import (
     FRAME_BYTES,
     MAX_MODE_CHARACTERS,
@@ -33,6 +34,7 @@ from gateway.robot.topics import (
     FSM_ENABLE,
     FSM_STATE,
     JOINT_NAMES,
+    JOINT_STATE,
     LIFT_COMMAND,
     STATE_TOPICS,
     TOPICS,
@@ -268,6 +270,16 @@ def test_a_mode_longer_than_ours_is_refused_before_it_is_parsed():
     """Megabytes of JSON would stall the loop."""
     text = json.dumps({**MODE, "filler": "x" * MAX_MODE_CHARACTERS})
     assert str(MAX_MODE_CHARACTERS) in refusal(CURRENT_MODE, std_msgs.String(data=text)).message
+
+
+@pytest.mark.parametrize("topic", [topic for topic in STATE_TOPICS if TOPICS[topic].type_name == JOINT_STATE])
+def test_a_sample_larger_than_ours_is_refused_before_it_is_read(topic, monkeypatch):
+    """A megabyte of empty names is well formed, and would keep the loop for a second."""
+    monkeypatch.setattr(codec, "decode", lambda payload, cls: pytest.fail("it was read"))
+    large = encode(sensor_msgs.JointState(name=[""] * 2000))
+    with pytest.raises(BadSample, match="bytes of a sensor_msgs/msg/JointState, at most 4096 are read") as caught:
+        decode_sample(topic, large)
+    assert caught.value.code is Code.SAMPLE_REFUSED
 
 
 @pytest.mark.parametrize("data", [b"", b"\x00", b"\x00\x01\x00\x00", b"\xff\xff\xff\xff" + bytes(60)])

@@ -7,7 +7,9 @@ import json
 import pytest
 import zenoh
 
-from gateway.link.session_config import session_config
+from cdr_types.keys import topic_to_key
+from gateway.link.codec import MAX_OTHER_BYTES, MAX_SAMPLE_BYTES
+from gateway.link.session_config import MAX_TAKEN_BYTES, session_config
 from gateway.robot.topics import STATE_TOPICS, VARIANTS
 from gateway.settings.settings import LinkSettings
 from tests.link.robot_process import RobotProcess, wait_until
@@ -102,6 +104,10 @@ def test_the_fence_and_the_reconnect_are_as_recommended():
         "key_exprs": ["api/**"],
         "size_limit": 1024,
     }
+    taken = config["low_pass_filter"][1]
+    assert taken["flows"] == ["ingress"] and taken["size_limit"] > max(MAX_OTHER_BYTES, *MAX_SAMPLE_BYTES.values())
+    keys = [zenoh.KeyExpr(key) for key in taken["key_exprs"]]
+    assert all(any(key.includes(zenoh.KeyExpr(topic_to_key(topic))) for key in keys) for topic in STATE_TOPICS)
 
 
 @pytest.mark.parametrize(
@@ -180,6 +186,24 @@ def test_only_the_keys_of_the_profile_leave_the_process(port):
 def _last_has_come(robot_process):
     received = robot_process.ask("stats")["received"]
     return received if any(b"last".hex() in entry for entry in received.get("api/fsm/enable", [])) else None
+
+
+@pytest.mark.e2e
+def test_a_sample_larger_than_any_of_the_robots_ends_in_zenoh(port):
+    """A thousand of them would wait for the loop. What comes in is not what goes out: the link stays as it is."""
+    endpoint = f"tcp/127.0.0.1:{port}"
+    listener = {"mode": "router", "listen": {"endpoints": [endpoint]}, "scouting": {"multicast": {"enabled": False}}}
+    with zenoh.open(zenoh.Config.from_json5(json.dumps(listener))) as router:
+        with zenoh.open(zenoh.Config.from_json5(session_config(LinkSettings(endpoint=endpoint)))) as session:
+            heard = []
+            take = zenoh.handlers.Callback(lambda sample: heard.append(len(sample.payload)), indirect=False)
+            subscriber = session.declare_subscriber("left_arm/joint_states", take)
+            wait_until(lambda: (router.put("left_arm/joint_states", bytes(5)), heard)[1], what="a sample")
+            for size in (400, MAX_TAKEN_BYTES + 1, 10_000_000, 401):
+                router.put("left_arm/joint_states", bytes(size))
+            wait_until(lambda: 401 in heard, what="the last one")
+            assert [size for size in heard if size != 5] == [400, 401]
+            subscriber.undeclare()
 
 
 def test_who_only_looks_can_put_nothing_and_is_no_token():
