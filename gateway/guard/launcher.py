@@ -5,6 +5,7 @@ Rules it obeys
       Later ones are started from a thread of their own, which leaves real time for it: a starting interpreter would keep
       a core for a second. The loop never waits for a process.
     * The daemon lives without a guard: one that cannot be started is told and tried again, a second apart.
+    * A guard that hangs guards nothing: it counts as one that reaches no robot, and is ended for another one to start.
     * A daemon that ends by itself says so before the pipe closes. One that ends by an error does not: the guard ends what
       is on the wire.
 """
@@ -34,6 +35,10 @@ LOOK_NS = 50_000_000
 """How often is looked at what the guard says of itself [ns]."""
 AGAIN_S = 1.0
 """Between the end of a guard that did not last and the next one [s]."""
+HUNG_NS = 500_000_000
+"""A guard that has not looked for so long, while this process looked at it in time, hangs [ns]: it looks every 120 ms."""
+KILL_NS = 2_000_000_000
+"""The same, and it is ended [ns]."""
 API_SILENT = "the API of this gateway does not answer its guard: nobody could stop the robot by it"
 END_S = 1.5
 """Longest wait for the guard at the daemon's end [s]."""
@@ -57,6 +62,8 @@ class GuardLauncher:
         self._lost = ""
         self._told: tuple[int, str, bool, bool] | None = None
         self._looked_ns: int | None = None
+        self._its_look_ns = self._same_ns = 0
+        """When the guard last looked, and since when that has been seen to be so [ns]."""
         self._is_ending = threading.Event()
         self._thread = supervised(self._keep, "guard-launcher", may_return=self._is_ending.is_set)
 
@@ -78,12 +85,22 @@ class GuardLauncher:
         """Return what has changed about the guard. Never waits."""
         if self._looked_ns is not None and now_ns - self._looked_ns < LOOK_NS and not self._lost:
             return []
+        was_late = (
+            self._looked_ns is not None and now_ns - self._looked_ns > 2 * LOOK_NS
+        )  # perhaps both were kept from running
         self._looked_ns = now_ns
         said, process = self._board.guard(), self._process
         pid = 0 if process is None else process.pid
         is_its_own = pid != 0 and said.pid == pid
         is_silent = is_its_own and said.is_api_silent
-        told = (pid, said.zid if is_its_own else "", is_its_own and said.is_linked, is_silent)
+        if said.looked_ns != self._its_look_ns or was_late or not is_its_own:
+            self._its_look_ns, self._same_ns = said.looked_ns, now_ns
+        is_hung = now_ns - self._same_ns > HUNG_NS
+        if process is not None and now_ns - self._same_ns > KILL_NS:
+            _log.warning("the guard has not looked for %.1f s: it is ended", (now_ns - self._same_ns) / 1e9)
+            self._same_ns = now_ns
+            process.kill()
+        told = (pid, said.zid if is_its_own else "", is_its_own and said.is_linked and not is_hung, is_silent)
         lost, self._lost = self._lost, ""
         if told == self._told and not lost:  # the first look tells in any case: a guard is expected
             if told[1]:

@@ -509,6 +509,7 @@ ROBOT_SIDE = {
         "e2e/stopping::a_forged_sample_with_a_stamp_ahead_moves_no_arm",
     ),
     "measured jump, NaN, wrong length": (
+        "link/codec::a_sample_larger_than_ours_is_refused_before_it_is_read",
         "surprises::samples_that_cannot_be_right_make_the_part_dead_in_every_state",
         "surprises::a_single_glitch_is_nothing_in_any_state",
         "surprises::an_arm_in_end_effector_mode_is_held_when_its_pose_cannot_be_right",
@@ -651,6 +652,7 @@ ELSE = {
         "others::nothing_of_our_own_is_an_alarm",
         "core/others/others::sessions_of_ours_are_never_foreign",
         "core/others/others::publishers_of_another_gateway_are_no_writers",
+        "link/others/foreign_watch::a_sample_on_a_key_with_wildcards_is_told_as_all_the_commands_that_it_is",
         "link/others/foreign_watch::a_bridge_that_declares_publishers_for_everything_commands_nothing",
         "interop/ros_user::a_host_that_only_looks_keeps_no_gateway_from_commanding",
     ),
@@ -777,6 +779,8 @@ GUARD = {
     "guard dead": (
         "guard::a_lost_guard_is_told_and_control_goes_on",
         "e2e/guard::a_killed_guard_is_told_another_is_started_and_control_goes_on",
+        "guard/launcher::a_guard_that_hangs_is_none_and_is_ended",
+        "guard/launcher::a_guard_is_not_said_to_hang_by_who_was_kept_from_looking_himself",
     ),
     "in each space": (
         "guard::an_arm_in_end_effector_mode_is_braked_held_and_handed_over_like_the_other",

@@ -193,3 +193,45 @@ def test_a_guard_that_finds_the_api_silent_is_believed_once(launcher: GuardLaunc
     finally:
         board.close()
         os.kill(first.pid, signal.SIGCONT)
+
+
+def stopped(launcher: GuardLauncher) -> tuple[int, Blackboard]:
+    """Stop a guard that has said that it reaches the robot; return its process id and the page that it writes to."""
+    pid = seen(launcher, lambda event: event.pid > 0).pid
+    wait_until(lambda: launcher._board.guard().pid == pid)
+    os.kill(pid, signal.SIGSTOP)
+    wait_until(lambda: Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] == "T")
+    board = Blackboard(os.dup(launcher._board.descriptor))
+    board.say(pid, time.monotonic_ns(), "ab", is_linked=True)
+    return pid, board
+
+
+def test_a_guard_that_hangs_is_none_and_is_ended(launcher: GuardLauncher) -> None:
+    """Its last word stays on the page: nobody would hold the robot, and nobody would know."""
+    pid, board = stopped(launcher)
+    begin_ns = now_ns = time.monotonic_ns()
+    told: list[tuple[int, bool, str]] = []
+    while now_ns - begin_ns <= module.KILL_NS + 2 * module.LOOK_NS:
+        told += [(now_ns - begin_ns, event.is_linked, event.lost) for event in launcher.poll(now_ns)]
+        now_ns += module.LOOK_NS
+    board.close()
+    (first, was_linked, _), (after_ns, is_linked, _) = told[:2]
+    assert (first, was_linked, is_linked) == (0, True, False) and after_ns <= module.HUNG_NS + 2 * module.LOOK_NS
+    wait_until(lambda: not is_alive(pid))
+    lost = [lost for _, _, lost in told if lost] or [seen(launcher, lambda event: bool(event.lost)).lost]
+    assert lost == ["signal 9"]
+
+
+def test_a_guard_is_not_said_to_hang_by_who_was_kept_from_looking_himself(launcher: GuardLauncher) -> None:
+    """Both were stopped, or the host was: the guard is given the time to look."""
+    pid, board = stopped(launcher)
+    now_ns = time.monotonic_ns()
+    assert [event.is_linked for event in launcher.poll(now_ns)] == [True]
+    for _ in range(5):
+        now_ns += 10 * module.KILL_NS
+        assert launcher.poll(now_ns) == []
+        assert launcher.poll(now_ns + module.LOOK_NS) == []
+        now_ns += module.LOOK_NS
+    board.close()
+    assert is_alive(pid)
+    os.kill(pid, signal.SIGCONT)
