@@ -189,7 +189,8 @@ class BagWriter:
         self._indices.close()
         if not self._file.closed:
             self._size_bytes = int(self._file.tell())
-            self._file.close()
+            with contextlib.suppress(OSError):  # it flushes once more; it is closed all the same
+                self._file.close()
 
     def discard(self) -> None:
         """Take the bag away again, and its folder if nothing else is in it."""
