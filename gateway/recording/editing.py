@@ -17,13 +17,12 @@ from msgspec.structs import replace
 
 from gateway.errors import Code, GatewayError, failure
 from gateway.recording.bag_reader import Bag, BagCopy
-from gateway.recording.bag_writer import BagWriter
+from gateway.recording.bag_writer import OFFSET, BagWriter
 from gateway.recording.episodes import Episode, as_message, episodes, events_of
 from gateway.recording.topics import EPISODES, TEXT, RecordedTopic
 
 __all__ = ["Made", "cut", "merge"]
 
-OFFSET = "arrival_minus_stamp_ns"
 TELL_EACH = 5000
 
 OnProgress = Callable[[float], None]
