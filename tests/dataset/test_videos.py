@@ -11,7 +11,7 @@ import msgspec
 import numpy as np
 import pytest
 
-from gateway.dataset import lerobot_videos
+from gateway.dataset import building, lerobot_videos
 from gateway.dataset.building import PROVENANCE, Choices, build
 from gateway.dataset.checking import check_dataset
 from gateway.dataset.lerobot_reader import Dataset
@@ -21,7 +21,7 @@ from gateway.policy.policy_map import PRESETS, load_map
 from gateway.robot.vector_layout import EYES
 from gateway.video.decoding.views import VIEWS
 from gateway.video.recording.index import Picture, index_path
-from tests.dataset.motion import COUNT, FIRST_NS, PERIOD_NS, filmed, moving, taken
+from tests.dataset.motion import BEGIN_NS, COUNT, FIRST_NS, PERIOD_NS, filmed, moving, taken
 from tests.video.coded import grey_of
 
 FPS = 45.0
@@ -92,14 +92,58 @@ def test_a_hole_in_the_pictures_ends_an_episode(layout, tmp_path):
     assert check_dataset(Dataset(tmp_path / "two")).ok
 
 
-def test_a_picture_that_cannot_be_decoded_is_held_over(layout, tmp_path):
-    """As many pictures as rows, whatever the file lacks."""
+def short_of(folder, count):
+    """Return a recording that holds less pictures than its index names, as after a recorder that was killed."""
+    whole, short = taken(folder / "whole.mkv"), taken(folder / "short.mkv", count=count)
+    shutil.copy(index_path(whole), index_path(short))
+    return short
+
+
+def longest_still(folder):
+    """Return how many rows in a row show the same picture at most, in any episode's first camera."""
+    longest = 0
+    for episode in Dataset(folder).episodes():
+        shown = greys(*episode.videos[CAMERAS[0]], episode.rows)[0]
+        is_new = np.concatenate(([True], np.abs(np.diff(shown)) > 3.5, [True]))
+        longest = max(longest, int(np.diff(np.flatnonzero(is_new)).max()))
+    return longest
+
+
+def test_a_few_pictures_that_cannot_be_decoded_are_held_over(layout, tmp_path, monkeypatch):
+    """For less than a fifth of a second; nothing is decoded twice for them."""
+    monkeypatch.setattr(building, "decodable", None)
+    bag = moving(tmp_path / "bag", 1.9)
+    built = build([bag], tmp_path / "set", Choices(layout=layout), videos=[short_of(tmp_path, COUNT - 5)])
+    assert built.episodes == 1 and built.left_out == {"row: no value of the cameras": 5}
+    assert check_dataset(Dataset(tmp_path / "set")).ok and 5 < longest_still(tmp_path / "set") < 9
+
+
+def test_pictures_that_cannot_be_decoded_to_the_end_end_the_episode(layout, tmp_path):
+    """As many as would be missing: no row has one that is older than a fifth of a second, and it is told."""
+    bag, count = moving(tmp_path / "bag", 2.0), COUNT - 20
+    built = build([bag], tmp_path / "set", Choices(layout=layout), videos=[short_of(tmp_path, count)])
+    last_s = (FIRST_NS - BEGIN_NS + (count - 1) * PERIOD_NS + STALE_NS) / 1e9
+    assert built.episodes == 1 and built.rows == int(last_s * FPS) + 1 - 5
+    assert built.left_out == {"row: no value of the cameras": 90 - built.rows}
+    assert check_dataset(Dataset(tmp_path / "set")).ok and longest_still(tmp_path / "set") <= 10
+
+
+def test_pictures_that_cannot_be_decoded_in_between_end_the_episode(layout, tmp_path):
+    """A block of the file that cannot be read: another one begins behind it. Where nothing is left, it is refused."""
     bag = moving(tmp_path / "bag", 2.0)
-    whole, cut = taken(tmp_path / "whole.mkv"), tmp_path / "cut.mkv"
-    cut.write_bytes(whole.read_bytes()[: whole.stat().st_size * 3 // 4])
-    shutil.copy(index_path(whole), index_path(cut))
-    build([bag], tmp_path / "set", Choices(layout=layout), videos=[cut])
-    assert check_dataset(Dataset(tmp_path / "set")).ok
+    path = taken(tmp_path / "take.mkv")
+    data = bytearray(path.read_bytes())
+    begin, size = len(data) // 3, len(data) // 5
+    data[begin : begin + size] = bytes(size)
+    path.write_bytes(data)
+    built = build([bag], tmp_path / "set", Choices(layout=layout, least_rows=10), videos=[path])
+    assert built.episodes == 2 and built.left_out["row: no value of the cameras"] > 5 + 10
+    assert check_dataset(Dataset(tmp_path / "set")).ok and longest_still(tmp_path / "set") <= 10
+    path.write_bytes(taken(tmp_path / "other.mkv", count=1).read_bytes())
+    lines = index_path(path).read_bytes().splitlines(keepends=True)
+    index_path(path).write_bytes(b"".join([lines[0], *lines[2:]]))
+    with pytest.raises(Rejected, match="no picture of it can be decoded"):
+        build([bag], tmp_path / "none", Choices(layout=layout, least_rows=10), videos=[path])
 
 
 def test_another_file_is_begun_where_one_is_full_or_the_pictures_are_others(bags, layout, tmp_path, monkeypatch):
