@@ -144,13 +144,14 @@ def write_videos(
     from gateway.video.recording.view_files import ViewFiles
 
     pictures, found, written, views = _Pictures(source), [], 0, source.views
+    coding = Coding(gop=GOP, threads=1)  # the same bytes on every host
     total = sum(len(times_ns) for times_ns, _ in episodes)
     try:
         for times_ns, files in episodes:
             chosen = source.pts[np.searchsorted(source.times_ns, times_ns, side="right") - 1]
             sampled = _sampled(len(times_ns))
             sums = {camera: _Sums() for camera in views}
-            out = ViewFiles({view: files[camera] for camera, view in views.items()}, Coding(gop=GOP))
+            out = ViewFiles({view: files[camera] for camera, view in views.items()}, coding)
             try:
                 for row, (pts, at_ns) in enumerate(zip(chosen.tolist(), times_ns.tolist(), strict=True)):
                     picture = pictures.at(pts, at_ns)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import shutil
 from dataclasses import replace
 
@@ -60,6 +61,20 @@ def test_each_row_has_the_picture_that_was_newest_at_its_time(bags, layout, tmp_
             assert len(seen) == episode.rows and np.abs(at_s - np.arange(episode.rows) / FPS).max() < 1e-5
             assert np.abs(seen - expected).max() < 4.0
     assert [f for f in check_dataset(dataset).findings if f.level == "error"] == []
+
+
+def test_videos_are_the_same_bytes_on_a_host_with_one_processor(bags, layout, tmp_path):
+    """As on this one, whatever it has."""
+    made = {}
+    processors = os.sched_getaffinity(0)
+    for name, allowed in (("all", processors), ("one", {min(processors)})):
+        os.sched_setaffinity(0, allowed)  # of this thread and those that it begins
+        try:
+            folder = build(bags[:1], tmp_path / name, Choices(layout=layout)).folder
+        finally:
+            os.sched_setaffinity(0, processors)
+        made[name] = [path.read_bytes() for path in sorted(folder.rglob("*.mp4"))]
+    assert len(made["one"]) == 3 and made["one"] == made["all"]
 
 
 def test_statistics_of_pictures_are_of_each_colour_from_0_to_1(bags, layout, tmp_path):
