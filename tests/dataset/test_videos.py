@@ -178,7 +178,7 @@ def test_faults_of_videos_are_found(bags, layout, tmp_path, version):
     paths = [sorted((folder / "videos").rglob(f"*{camera}*/**/*.mp4"))[-1] for camera in CAMERAS]
     paths[0].unlink()
     paths[1].write_bytes(paths[1].read_bytes()[:500])
-    shorter(paths[2])
+    remuxed(paths[2], more=-4)
     found = [(f.where, f.message) for f in check_dataset(Dataset(folder)).findings if f.level == "error"]
     for camera, why in zip(CAMERAS, ("cannot be decoded", "cannot be decoded", "no picture for row"), strict=True):
         assert any(where.endswith(camera) and why in message for where, message in found), found
@@ -190,15 +190,27 @@ def test_faults_of_videos_are_found(bags, layout, tmp_path, version):
     )
 
 
-def shorter(path):
-    """Take the last pictures out of a file."""
+def test_pictures_that_no_row_has_are_found(bags, layout, tmp_path):
+    """Where each episode has a file of its own: whoever put them there has rows and pictures of two recordings."""
+    folder = build(bags, tmp_path / "set", Choices(layout=layout)).folder
+    rows = [episode.rows for episode in Dataset(folder).episodes()]
+    remuxed(sorted((folder / "videos").rglob("*.mp4"))[0], more=2)
+    found = [f for f in check_dataset(Dataset(folder)).findings if f.level == "error"]
+    assert [f.message for f in found] == [f"{rows[0] + 2} pictures for {rows[0]} rows"]
+
+
+def remuxed(path, more):
+    """Repeat the last pictures of a file behind it, so many; or take as many out."""
     whole = path.with_suffix(".whole")
     path.rename(whole)
     with av.open(str(whole), format="mp4") as source, av.open(str(path), "w") as out:
         stream = out.add_stream_from_template(source.streams.video[0])
         packets = [packet for packet in source.demux(video=0) if packet.pts is not None]
-        for packet in packets[:-4]:
+        for packet in packets[: len(packets) + min(more, 0)]:
             packet.stream = stream
+            out.mux(packet)
+        for packet in packets[-more:] if more > 0 else ():
+            packet.pts = packet.dts = packet.pts + more * packet.duration
             out.mux(packet)
     whole.unlink()
 
