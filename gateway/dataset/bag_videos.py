@@ -9,6 +9,8 @@ from collections.abc import Generator, Mapping
 from pathlib import Path
 from typing import Any, Final
 
+import numpy as np
+
 from gateway.dataset.series import Series
 from gateway.dataset.videos import VideoSource
 from gateway.errors import Code, failure
@@ -58,7 +60,9 @@ def bag_video_sources(bag: Bag, packets: Mapping[str, Series | None], views: Map
             message, hint = f"{bag.path}: no picture of {topic} can be decoded", "does none in it stand alone?"
             raise failure(Code.BAD_REQUEST, message, field="bag", hint=hint)
         seen = {camera: half if first.width >= 2 * first.height else COMPOSITE}
-        times_ns, pts = (column[series.messages >= number] for column in (series.times_ns, series.messages))
+        is_next = series.messages == np.minimum.accumulate(series.messages[::-1])[::-1]  # no stamp goes back
+        is_used = is_next & (series.messages >= number)
+        times_ns, pts = series.times_ns[is_used], series.messages[is_used]
         found.append(VideoSource(path=bag.path, times_ns=times_ns, pts=pts, views=seen, topic=topic))
     return found
 

@@ -30,7 +30,7 @@ from gateway.dataset.parquet import pyarrow
 from gateway.dataset.rows import NO_SOURCE, Chosen, choose, runs
 from gateway.dataset.series import Instants, Series, read_series
 from gateway.dataset.vendor_marks import all_episodes
-from gateway.dataset.videos import IMAGES, video_source, write_videos
+from gateway.dataset.videos import IMAGES, PicturesMissing, decodable, video_source, write_videos
 from gateway.errors import Code, failure
 from gateway.recording.bag_reader import Bag
 from gateway.robot.vector_layout import EYES
@@ -139,9 +139,10 @@ def _build(
     for number, bag in enumerate(bags):
         folder = work / f"bag-{number:04d}"
         if not (folder / "bag.json").exists():
-            shutil.rmtree(folder, ignore_errors=True)
-            folder.mkdir()
-            _convert(bag, seen[number], folder, choices, on_progress)
+            try:
+                _convert(bag, seen[number], folder, choices, on_progress)
+            except PicturesMissing:
+                _convert(bag, seen[number], folder, choices, on_progress, is_careful=True)
         one = msgspec.json.decode((folder / "bag.json").read_bytes(), type=OneBag)
         found += one.episodes
         files += [_file(folder, n) for n in range(len(one.episodes))]
@@ -216,9 +217,19 @@ def _work_folder(out: Path, bags: Sequence[Path], videos: Sequence[Path | None],
 
 
 def _convert(
-    path: Path, video: Path | None, folder: Path, choices: Choices, on_progress: Callable[[str, float], None]
+    path: Path,
+    video: Path | None,
+    folder: Path,
+    choices: Choices,
+    on_progress: Callable[[str, float], None],
+    is_careful: bool = False,
 ) -> None:
-    """Make the episodes of one bag, and note them last: a bag without that note is begun anew."""
+    """Make the episodes of one bag, and note them last: a bag without that note is begun anew.
+
+    A careful one decodes all pictures first: those that cannot be are none.
+    """
+    shutil.rmtree(folder, ignore_errors=True)
+    folder.mkdir()
     made: list[EpisodeFacts] = []
     times: list[Instants] = []
     views = {IMAGES + camera: view for camera, view in EYES[choices.eyes].items()}
@@ -237,6 +248,8 @@ def _convert(
         series = read_series(bag, pairs, by_arrival=choices.by_arrival, on_progress=reading)
         if packets:
             pictures = bag_video_sources(bag, {topic: series.get((topic, FIELD)) for topic in packets}, views)
+        if is_careful:
+            pictures = [decodable(one) for one in pictures]
         pictures_ns = {one.topic or "the cameras": one.times_ns for one in pictures}
         for (topic, field), one in series.items():
             if one.rejected:

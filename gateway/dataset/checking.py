@@ -75,7 +75,7 @@ def check_dataset(dataset: Dataset, on_progress: Callable[[float], None] = lambd
     expected = max(1, int(dataset.info.get("total_episodes", 1)))
     tasks: dict[int, str] = {}
     used: set[str] = set()
-    videos = VideoCheck(dataset.features, dataset.fps)
+    videos = VideoCheck(dataset.features, dataset.fps, has_own_files=dataset.version == "v2.1")
     try:
         tasks = dataset.tasks()
         for episode in dataset.episodes():

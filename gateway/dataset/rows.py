@@ -3,13 +3,15 @@
     series of a bag, layout, fps, interval -> runs, each a table of float32 per feature, and what was left out and why
 
 A row needs a value for every part that its layout and the bag ask for. Where one is missing the run ends, and another may
-begin: no row is made up, and time does not jump within a run.
+begin: no row is made up, and time does not jump within a run. It also ends before it is too long for the times of a dataset.
 """
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
+from itertools import pairwise
+from math import ceil
 from typing import Final
 
 import numpy as np
@@ -26,6 +28,9 @@ __all__ = ["NO_SOURCE", "Chosen", "Run", "choose", "runs", "stretches"]
 
 Table = npt.NDArray[np.float32]
 NO_SOURCE: Final = "nothing of it was recorded"
+LONGEST_S: Final = 1000.0
+"""Longer runs are cut into even parts [s]: LeRobot has times as float32, whose steps are over its own tolerance of 1e-4 s from
+1024 s on."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -111,7 +116,7 @@ def runs(
     usable = ~np.any(np.stack(list(missing.values())), axis=0) if missing else np.ones(count, dtype=np.bool_)
     left_out = _reasons(missing, usable)
     found = []
-    for first, last in stretches(usable):
+    for first, last in _parts(stretches(usable), LONGEST_S * fps):
         if last - first < least_rows:
             reason = f"less than {least_rows} rows in a row"
             left_out[reason] = left_out.get(reason, 0) + last - first
@@ -165,6 +170,11 @@ def _part(
     if source.convert == "gripper_torque":
         values[ok] = np.vectorize(effort_of_command, otypes=[np.float64])(np.clip(values[ok], 0.0, 1.0))
     return values, ok, True
+
+
+def _parts(whole: Iterable[tuple[int, int]], most_rows: float) -> Iterator[tuple[int, int]]:
+    for first, last in whole:
+        yield from pairwise(np.linspace(first, last, ceil((last - first) / most_rows) + 1, dtype=np.int64).tolist())
 
 
 def stretches(usable: Bools) -> list[tuple[int, int]]:

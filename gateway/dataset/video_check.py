@@ -1,4 +1,4 @@
-"""Judges the videos of a dataset: every picture of every file is decoded, and stands where its row says."""
+"""Judges the videos of a dataset: every picture of every file is decoded, stands where its row says, and has a row."""
 
 from __future__ import annotations
 
@@ -23,11 +23,13 @@ class VideoCheck:
     Args:
         features: Of `info.json`.
         fps: Rows per second.
+        has_own_files: Whether each episode has files of its own.
     """
 
-    def __init__(self, features: Mapping[str, Mapping[str, Any]], fps: float) -> None:
+    def __init__(self, features: Mapping[str, Mapping[str, Any]], fps: float, has_own_files: bool) -> None:
         self._features = features
         self._fps = fps
+        self._has_own_files = has_own_files
         self._decoded: dict[str, tuple[Path, Floats, tuple[int, int]]] = {}
         """Per feature the file that was decoded last, the times of its pictures [s], and their height and width."""
 
@@ -50,6 +52,8 @@ class VideoCheck:
         wanted = begin_s + np.arange(rows) / self._fps
         if not len(times_s):
             return [*found, f"{path.name} has no picture"]
+        if self._has_own_files and len(times_s) > rows:
+            found.append(f"{len(times_s)} pictures for {rows} rows")
         nearest = times_s[np.clip(np.searchsorted(times_s, wanted - 0.5 / self._fps), 0, len(times_s) - 1)]
         off = np.abs(nearest - wanted)
         if off.max() > TOLERANCE_S:

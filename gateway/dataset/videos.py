@@ -2,14 +2,15 @@
 
     take.mkv, take.mkv.jsonl, rows -> episode-0000.head_camera.mp4 ...
 
-Of the pictures the last one counts that had arrived by a row's time and is not damaged. Libraries: PyAV, through
-`gateway.video`.
+Of the pictures the last one counts that had arrived by a row's time and is not damaged. What cannot be decoded is found while
+it is decoded: a hole that is longer than `STALE_NS` breaks that off, and rows are chosen anew of what can be. Libraries: PyAV,
+through `gateway.video`.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Generator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Final
 
@@ -22,7 +23,16 @@ from gateway.dataset.stats import Stats
 from gateway.errors import Code, GatewayError, failure
 from gateway.recording.bag_writer import needed
 
-__all__ = ["IMAGES", "STALE_NS", "VideoFacts", "VideoSource", "video_source", "write_videos"]
+__all__ = [
+    "IMAGES",
+    "STALE_NS",
+    "PicturesMissing",
+    "VideoFacts",
+    "VideoSource",
+    "decodable",
+    "video_source",
+    "write_videos",
+]
 
 IMAGES: Final = "observation.images."
 STALE_NS: Final = 200_000_000
@@ -32,6 +42,10 @@ GOP: Final = 2
 LEAST_SAMPLES: Final = 100
 THINNED: Final = 4
 """Of so many pixels in each direction one counts for statistics."""
+
+
+class PicturesMissing(Exception):
+    """Rows have no picture: so many cannot be decoded that the newest one is too old."""
 
 
 class VideoFacts(msgspec.Struct, frozen=True, kw_only=True):
@@ -90,6 +104,23 @@ def video_source(path: Path, views: Mapping[str, str]) -> VideoSource:
     return VideoSource(path=path, times_ns=times[is_new], pts=pts[is_new], views=views)
 
 
+def decodable(source: VideoSource) -> VideoSource:
+    """Return what of a recording can be decoded, by decoding all of it.
+
+    Raises:
+        Rejected: BAD_REQUEST, nothing can, or it cannot be read to its end.
+    """
+    from gateway.video.recording.container import TROUBLE
+
+    try:
+        is_there = np.isin(source.pts, [pts for _, pts in _decoded(source)])
+    except TROUBLE as error:
+        raise _unusable(source, error) from error
+    if not is_there.any():
+        raise _unusable(source, "no picture of it can be decoded")
+    return replace(source, times_ns=source.times_ns[is_there], pts=source.pts[is_there])
+
+
 def write_videos(
     source: VideoSource,
     episodes: Sequence[tuple[Instants, Mapping[str, Path]]],
@@ -104,7 +135,8 @@ def write_videos(
         What is known of each episode's videos, by camera.
 
     Raises:
-        Rejected: BAD_REQUEST, the recording cannot be decoded, or a file cannot be written.
+        PicturesMissing: Too many cannot be decoded: choose rows by what `decodable` leaves.
+        Rejected: BAD_REQUEST, the recording cannot be read, or a file cannot be written.
     """
     from gateway.video.hevc.access_unit import CLOCK_HZ
     from gateway.video.recording.coding import Coding
@@ -112,16 +144,17 @@ def write_videos(
     from gateway.video.recording.view_files import ViewFiles
 
     pictures, found, written, views = _Pictures(source), [], 0, source.views
+    coding = Coding(gop=GOP, threads=1)  # the same bytes on every host
     total = sum(len(times_ns) for times_ns, _ in episodes)
     try:
         for times_ns, files in episodes:
             chosen = source.pts[np.searchsorted(source.times_ns, times_ns, side="right") - 1]
             sampled = _sampled(len(times_ns))
             sums = {camera: _Sums() for camera in views}
-            out = ViewFiles({view: files[camera] for camera, view in views.items()}, Coding(gop=GOP))
+            out = ViewFiles({view: files[camera] for camera, view in views.items()}, coding)
             try:
-                for row, pts in enumerate(chosen):
-                    picture = pictures.at(int(pts))
+                for row, (pts, at_ns) in enumerate(zip(chosen.tolist(), times_ns.tolist(), strict=True)):
+                    picture = pictures.at(pts, at_ns)
                     if not out.write(picture, round(row * CLOCK_HZ / fps)):
                         raise ValueError(f"a picture is of another size than the first one: {picture}")
                     if row in sampled:
@@ -133,30 +166,37 @@ def write_videos(
                 out.close()
             found.append({camera: sums[camera].facts() for camera in views})
     except (*TROUBLE, ValueError) as error:
-        raise _refused(f"{source.path} cannot be used: {error}", "look at `ta2 video info`") from error
+        raise _unusable(source, error) from error
     finally:
         pictures.close()
     on_progress(1.0)
     return found
 
 
+def _decoded(source: VideoSource) -> Generator[tuple[Any, int], None, None]:
+    from gateway.dataset.bag_videos import bag_pictures
+    from gateway.video.recording.split import decoded_pictures
+
+    return bag_pictures(source.path, source.topic) if source.topic else decoded_pictures(source.path)
+
+
 class _Pictures:
-    """Decodes forwards, and gives the picture at a place, or the last before it that can be decoded."""
+    """Decodes forwards, and gives the undamaged picture at a place, or the last before it that can be decoded."""
 
     def __init__(self, source: VideoSource) -> None:
-        from gateway.dataset.bag_videos import bag_pictures
-        from gateway.video.recording.split import decoded_pictures
+        self._times_ns = dict(zip(source.pts.tolist(), source.times_ns.tolist(), strict=True))
+        self._decoded = _decoded(source)
+        self._current: tuple[Any, int] = (None, -1)
+        self._next: tuple[Any, int] | None = self._current  # before the first
 
-        self._decoded = bag_pictures(source.path, source.topic) if source.topic else decoded_pictures(source.path)
-        self._current: Any = None
-        self._next: tuple[Any, int] | None = (None, -1)  # before the first
-
-    def at(self, pts: int) -> Any:  # noqa: ANN401  a frame of PyAV's, of either of its releases
+    def at(self, pts: int, at_ns: int) -> Any:  # noqa: ANN401  a frame of PyAV's, of either of its releases
         while self._next is not None and self._next[1] <= pts:
-            self._current, self._next = self._next[0], next(self._decoded, None)
-        if self._current is None:
-            raise ValueError(f"no picture up to {pts} ticks can be decoded")
-        return self._current
+            self._current = self._next
+            self._next = next((one for one in self._decoded if one[1] in self._times_ns), None)
+        picture, place = self._current
+        if picture is None or at_ns - self._times_ns[place] > STALE_NS:
+            raise PicturesMissing
+        return picture
 
     def close(self) -> None:
         self._decoded.close()
@@ -205,6 +245,10 @@ def _sampled(rows: int) -> set[int]:
     """Return which rows' pictures count for statistics: evenly spread, LeRobot's number."""
     count = min(rows, max(LEAST_SAMPLES, round(rows**0.75)))
     return set(np.linspace(0, rows - 1, count).round().astype(int).tolist())
+
+
+def _unusable(source: VideoSource, why: object) -> GatewayError:
+    return _refused(f"{source.path} cannot be used: {why}", "look at `ta2 video info`")
 
 
 def _refused(message: str, hint: str) -> GatewayError:

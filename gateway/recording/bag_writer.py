@@ -29,12 +29,14 @@ from gateway.errors import Code, failure
 from gateway.process.growing import claim
 from gateway.recording.topics import RecordedTopic
 
-__all__ = ["ACTIVE", "ALIAS", "METADATA", "NOTE", "BagWriter", "bag_file", "needed"]
+__all__ = ["ACTIVE", "ALIAS", "METADATA", "NOTE", "OFFSET", "BagWriter", "bag_file", "needed"]
 
 ACTIVE = ".active"
 METADATA = "metadata.yaml"
 NOTE = "ta2"
 """Name of the facts about a recording in its bag."""
+OFFSET = "arrival_minus_stamp_ns"
+"""Begin of the name of such a fact; the topic's follows: the smallest distance of the clocks that it shows [ns]."""
 ALIAS = "ta2_alias_of"
 """In a channel's metadata, the topic that it repeats under another name."""
 CHUNK_BYTES = 512 * 1024
@@ -189,7 +191,8 @@ class BagWriter:
         self._indices.close()
         if not self._file.closed:
             self._size_bytes = int(self._file.tell())
-            self._file.close()
+            with contextlib.suppress(OSError):  # it flushes once more; it is closed all the same
+                self._file.close()
 
     def discard(self) -> None:
         """Take the bag away again, and its folder if nothing else is in it."""

@@ -17,13 +17,12 @@ from msgspec.structs import replace
 
 from gateway.errors import Code, GatewayError, failure
 from gateway.recording.bag_reader import Bag, BagCopy
-from gateway.recording.bag_writer import BagWriter
+from gateway.recording.bag_writer import OFFSET, BagWriter
 from gateway.recording.episodes import Episode, as_message, episodes, events_of
 from gateway.recording.topics import EPISODES, TEXT, RecordedTopic
 
 __all__ = ["Made", "cut", "merge"]
 
-OFFSET = "arrival_minus_stamp_ns"
 TELL_EACH = 5000
 
 OnProgress = Callable[[float], None]
@@ -95,6 +94,7 @@ def merge(bags: Sequence[Bag], out: Path, on_progress: OnProgress = lambda share
     topics: dict[str, RecordedTopic] = {}
     kept: list[Episode] = []
     is_told = any(map(_told, bags))
+    span = min(bag.begin_ns for bag in bags), max(bag.end_ns for bag in bags)
     for bag in bags:
         for topic in bag.recorded_topics():
             known = topics.setdefault(topic.name, topic)
@@ -103,9 +103,10 @@ def merge(bags: Sequence[Bag], out: Path, on_progress: OnProgress = lambda share
                 raise _refused(message, "bag", "merge bags of the same topics, or cut what you need")
         so_far = max((one.number for one in kept), default=0)
         own = _told(bag) or (episodes(bag) if is_told and bag.facts() else ())
-        kept += [replace(one, number=one.number + so_far) for one in own]
+        for one in own:  # an unfinished one ends with its bag: that has to be said where another goes on
+            is_finished = one.is_finished or one.end_ns < span[1]
+            kept.append(replace(one, number=one.number + so_far, is_finished=is_finished))
     rows = [(row for row in bag.copies() if row.topic != EPISODES) for bag in bags]
-    span = min(bag.begin_ns for bag in bags), max(bag.end_ns for bag in bags)
     return _written(out, list(topics.values()), _facts([bag.facts() for bag in bags]), rows, kept, span, on_progress)
 
 

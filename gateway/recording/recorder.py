@@ -27,7 +27,7 @@ from msgspec import Struct
 from cdr_types import CdrError, encode, peek_stamp
 from cdr_types.messages.std_msgs import String
 from gateway.errors import Code, failure
-from gateway.recording.bag_writer import BagWriter
+from gateway.recording.bag_writer import OFFSET, BagWriter
 from gateway.recording.topics import EPISODES, NEVER_NS, RecordedTopic, as_alias, gap_ns
 
 __all__ = ["BEGIN_FREE_BYTES", "LEAST_FREE_BYTES", "Progress", "Recorder"]
@@ -208,7 +208,7 @@ class Recorder:
         try:
             self._write(len(self._queue))
             offsets = {
-                f"arrival_minus_stamp_ns{topic.name}": str(heard.offset_ns)
+                OFFSET + topic.name: str(heard.offset_ns)
                 for topic, heard in zip(self._topics, self._heard, strict=True)
                 if heard.offset_ns != NEVER_NS
             }

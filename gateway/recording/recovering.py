@@ -1,6 +1,7 @@
 """Makes a bag whole again whose recorder was killed: everything up to the last half second before its end.
 
-What is whole is copied into a new file; the old one goes when the new one is on the disk.
+What is whole is copied into a new file; the old one goes when the new one is on the disk. How far the clocks are apart,
+which is noted at the end of a recording, is noted anew.
 """
 
 from __future__ import annotations
@@ -12,7 +13,7 @@ from msgspec import Struct
 
 from gateway.errors import Code, failure
 from gateway.process.growing import is_growing
-from gateway.recording.bag_writer import ACTIVE, CHUNK_BYTES, METADATA, metadata, needed
+from gateway.recording.bag_writer import ACTIVE, CHUNK_BYTES, METADATA, NOTE, OFFSET, metadata, needed
 from gateway.recording.topics import RecordedTopic
 
 __all__ = ["Recovered", "recover"]
@@ -58,6 +59,7 @@ def _copied(torn: Path, path: Path, folder: Path) -> Recovered:
     topics: list[RecordedTopic] = []
     counts: list[int] = []
     place: dict[int, int] = {}
+    offsets_ns: dict[str, int] = {}
     first_ns = last_ns = 0
     why = ""
     partial = path.with_name(path.name + PARTIAL)
@@ -91,11 +93,18 @@ def _copied(torn: Path, path: Path, folder: Path) -> Recovered:
                 writer.add_message(
                     channels[record.channel_id], record.log_time, record.data, record.publish_time, record.sequence
                 )
-                counts[place[record.channel_id]] += 1
+                number = place[record.channel_id]
+                counts[number] += 1
+                if offset_ns := record.log_time - record.publish_time:
+                    name = OFFSET + topics[number].name
+                    offsets_ns[name] = min(offset_ns, offsets_ns.get(name, offset_ns))
                 first_ns = min(first_ns or record.log_time, record.log_time)
                 last_ns = max(last_ns, record.log_time)
             elif isinstance(record, records.Metadata):
                 writer.add_metadata(record.name, record.metadata)
+            elif isinstance(record, records.DataEnd):  # what follows repeats it
+                break
+        writer.add_metadata(NOTE, {name: str(offset_ns) for name, offset_ns in offsets_ns.items()})
         writer.finish()
         target.flush()
         os.fsync(target.fileno())

@@ -67,10 +67,21 @@ def packet(n: int, width: int, height: int, data: bytes, encoding: str = "hevc;y
     return bytes(STORE.serialize_cdr(message, VIDEO_PACKET))
 
 
-def vendor_bag(folder, plugin=StoragePlugin.MCAP, *, count=40, first=0, topics=tuple(SIZES), encoding="hevc;yuv420p"):
+def vendor_bag(
+    folder,
+    plugin=StoragePlugin.MCAP,
+    *,
+    count=40,
+    first=0,
+    topics=tuple(SIZES),
+    encoding="hevc;yuv420p",
+    broken=(),
+    early=(),
+):
     """Write a bag in which the robot moves, filmed from its begin on: pictures `first` and later; return its folder.
 
-    Stamps are of the robot's clock, of the instant of the picture; the packets come 30 ms later.
+    Stamps are of the robot's clock, of the instant of the picture, but those of `early` ones half a second before it; the
+    packets come 30 ms later, those of `broken` ones with rubbish.
     """
     robot = moving(folder.with_name(folder.name + ".robot"), 0.9)
     codec = "libx265" if "hevc" in encoding else "libx264"
@@ -83,8 +94,9 @@ def vendor_bag(folder, plugin=StoragePlugin.MCAP, *, count=40, first=0, topics=t
         for n, data in enumerate(coded(*SIZES[topic], count, codec)):
             at_ns = BEGIN_NS + n * PERIOD_NS
             if n >= first:
-                stamp_ns = at_ns - CLOCK_NS - DELAY_NS
-                rows.append((at_ns + LATE_NS, topic, packet(n, *SIZES[topic], data, encoding, stamp_ns)))
+                stamp_ns = at_ns - CLOCK_NS - DELAY_NS - (500_000_000 if n in early else 0)
+                coded_picture = b"rubbish" if n in broken else data
+                rows.append((at_ns + LATE_NS, topic, packet(n, *SIZES[topic], coded_picture, encoding, stamp_ns)))
     with Writer(folder, version=8, storage_plugin=plugin) as writer:
         links = {name: writer.add_connection(name, kind, typestore=STORE) for name, kind in kinds.items()}
         for at_ns, name, payload in sorted(rows, key=lambda row: row[0]):

@@ -66,6 +66,23 @@ def test_rows_begin_with_the_first_picture_that_can_be_decoded(layout, tmp_path)
     pictures.close()
 
 
+@pytest.mark.parametrize(("broken", "episodes", "missing"), [(range(23, 27), 1, 0), (range(12, 27), 2, 7)])
+def test_packets_that_cannot_be_decoded_end_an_episode_where_they_are_many(layout, tmp_path, broken, episodes, missing):
+    """Less than a fifth of a second is held over; more is no picture, in no row, and is told."""
+    bag = vendor_bag(tmp_path / "bag", broken=broken, topics=[TOPICS["head"]])
+    built = build([bag], tmp_path / "set", Choices(layout=layout, fps=FPS, least_rows=5))
+    left_out = built.left_out.get(f"row: no value of {TOPICS['head']}", 0)
+    assert built.episodes == episodes and left_out == missing
+    assert [f for f in check_dataset(Dataset(tmp_path / "set")).findings if f.level == "error"] == []
+
+
+def test_a_picture_with_a_stamp_before_those_of_earlier_ones_counts_as_none(layout, tmp_path):
+    """It would stand for all of them until its own number is reached."""
+    bag = vendor_bag(tmp_path / "bag", early=[31], topics=[TOPICS["head"]])
+    built = build([bag], tmp_path / "set", Choices(layout=layout, fps=100.0))
+    assert built.episodes == 1 and built.rows > 80 and built.left_out == {}
+
+
 def test_h264_and_names_of_encoders_are_understood(layout, tmp_path):
     """As older recorders write them; one camera alone is one camera."""
     bag = vendor_bag(tmp_path / "bag", topics=[TOPICS["head"]], encoding="libx264")

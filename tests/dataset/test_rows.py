@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from gateway.dataset.episode import numbered
 from gateway.dataset.layout import Feature, Layout, Part, Source
 from gateway.dataset.rows import choose, runs
 from gateway.dataset.series import Series
@@ -24,12 +25,12 @@ def series(begin_s, end_s, value=1.0, step_s=0.01, width=1):
     return Series(times_ns=times.astype(np.int64), values=np.full((len(times), width), value))
 
 
-def made(parts, recorded, interval_s=(0.0, 10.0), least=5, namespace=""):
-    """Return the runs at 10 rows per second, and what was left out."""
+def made(parts, recorded, interval_s=(0.0, 10.0), least=5, namespace="", fps=10.0):
+    """Return the runs, and what was left out."""
     layout = Layout(feature=(Feature(name="observation.state", part=tuple(parts)),))
     chosen = choose(layout, recorded, namespace)
     found = {(topic, "data"): one for topic, one in recorded.items()}
-    return runs(chosen, found, (round(interval_s[0] * S), round(interval_s[1] * S)), 10.0, least)
+    return runs(chosen, found, (round(interval_s[0] * S), round(interval_s[1] * S)), fps, least)
 
 
 def joined(*parts):
@@ -69,6 +70,18 @@ def test_a_run_that_is_too_short_is_left_out_and_told():
     (run,), left_out = made([part("/a")], recorded)
     assert run.times_ns[0] == 5 * S
     assert left_out == {"no value of /a": 46, "less than 5 rows in a row": 4}
+
+
+@pytest.mark.parametrize(("length_s", "parts"), [(999.9, 1), (1030.0, 2), (2100.0, 3)])
+def test_a_run_is_no_longer_than_the_times_of_a_dataset_are_exact(length_s, parts):
+    """LeRobot takes single precision, and refuses steps that are off by more than 1e-4 s. The parts are even, and all there."""
+    found, left_out = made([part("/a")], {"/a": series(0, length_s, step_s=0.1)}, (0.0, length_s), fps=45.0)
+    rows = [len(run.times_ns) for run in found]
+    assert len(found) == parts and sum(rows) == round(length_s * 45) and max(rows) - min(rows) <= 1 and left_out == {}
+    assert np.all(np.diff(np.concatenate([run.times_ns for run in found])) < round(S / 45) + 2)
+    for run in found:
+        columns, _ = numbered(run.tables, 45.0, 0, 0, 0)
+        assert np.abs(np.diff(columns["timestamp"].astype(float)) - 1 / 45).max() < 1e-4
 
 
 def test_what_is_always_needed_and_was_not_recorded_is_refused_with_where_it_comes_from():

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import shutil
 from dataclasses import replace
 
@@ -11,7 +12,7 @@ import msgspec
 import numpy as np
 import pytest
 
-from gateway.dataset import lerobot_videos
+from gateway.dataset import building, lerobot_videos
 from gateway.dataset.building import PROVENANCE, Choices, build
 from gateway.dataset.checking import check_dataset
 from gateway.dataset.lerobot_reader import Dataset
@@ -21,7 +22,7 @@ from gateway.policy.policy_map import PRESETS, load_map
 from gateway.robot.vector_layout import EYES
 from gateway.video.decoding.views import VIEWS
 from gateway.video.recording.index import Picture, index_path
-from tests.dataset.motion import COUNT, FIRST_NS, PERIOD_NS, filmed, moving, taken
+from tests.dataset.motion import BEGIN_NS, COUNT, FIRST_NS, PERIOD_NS, filmed, moving, taken
 from tests.video.coded import grey_of
 
 FPS = 45.0
@@ -62,6 +63,20 @@ def test_each_row_has_the_picture_that_was_newest_at_its_time(bags, layout, tmp_
     assert [f for f in check_dataset(dataset).findings if f.level == "error"] == []
 
 
+def test_videos_are_the_same_bytes_on_a_host_with_one_processor(bags, layout, tmp_path):
+    """As on this one, whatever it has."""
+    made = {}
+    processors = os.sched_getaffinity(0)
+    for name, allowed in (("all", processors), ("one", {min(processors)})):
+        os.sched_setaffinity(0, allowed)  # of this thread and those that it begins
+        try:
+            folder = build(bags[:1], tmp_path / name, Choices(layout=layout)).folder
+        finally:
+            os.sched_setaffinity(0, processors)
+        made[name] = [path.read_bytes() for path in sorted(folder.rglob("*.mp4"))]
+    assert len(made["one"]) == 3 and made["one"] == made["all"]
+
+
 def test_statistics_of_pictures_are_of_each_colour_from_0_to_1(bags, layout, tmp_path):
     """In the shape that LeRobot has."""
     build(bags, tmp_path / "set", Choices(layout=layout, version="v3.0"))
@@ -92,14 +107,58 @@ def test_a_hole_in_the_pictures_ends_an_episode(layout, tmp_path):
     assert check_dataset(Dataset(tmp_path / "two")).ok
 
 
-def test_a_picture_that_cannot_be_decoded_is_held_over(layout, tmp_path):
-    """As many pictures as rows, whatever the file lacks."""
+def short_of(folder, count):
+    """Return a recording that holds less pictures than its index names, as after a recorder that was killed."""
+    whole, short = taken(folder / "whole.mkv"), taken(folder / "short.mkv", count=count)
+    shutil.copy(index_path(whole), index_path(short))
+    return short
+
+
+def longest_still(folder):
+    """Return how many rows in a row show the same picture at most, in any episode's first camera."""
+    longest = 0
+    for episode in Dataset(folder).episodes():
+        shown = greys(*episode.videos[CAMERAS[0]], episode.rows)[0]
+        is_new = np.concatenate(([True], np.abs(np.diff(shown)) > 3.5, [True]))
+        longest = max(longest, int(np.diff(np.flatnonzero(is_new)).max()))
+    return longest
+
+
+def test_a_few_pictures_that_cannot_be_decoded_are_held_over(layout, tmp_path, monkeypatch):
+    """For less than a fifth of a second; nothing is decoded twice for them."""
+    monkeypatch.setattr(building, "decodable", None)
+    bag = moving(tmp_path / "bag", 1.9)
+    built = build([bag], tmp_path / "set", Choices(layout=layout), videos=[short_of(tmp_path, COUNT - 5)])
+    assert built.episodes == 1 and built.left_out == {"row: no value of the cameras": 5}
+    assert check_dataset(Dataset(tmp_path / "set")).ok and 5 < longest_still(tmp_path / "set") < 9
+
+
+def test_pictures_that_cannot_be_decoded_to_the_end_end_the_episode(layout, tmp_path):
+    """As many as would be missing: no row has one that is older than a fifth of a second, and it is told."""
+    bag, count = moving(tmp_path / "bag", 2.0), COUNT - 20
+    built = build([bag], tmp_path / "set", Choices(layout=layout), videos=[short_of(tmp_path, count)])
+    last_s = (FIRST_NS - BEGIN_NS + (count - 1) * PERIOD_NS + STALE_NS) / 1e9
+    assert built.episodes == 1 and built.rows == int(last_s * FPS) + 1 - 5
+    assert built.left_out == {"row: no value of the cameras": 90 - built.rows}
+    assert check_dataset(Dataset(tmp_path / "set")).ok and longest_still(tmp_path / "set") <= 10
+
+
+def test_pictures_that_cannot_be_decoded_in_between_end_the_episode(layout, tmp_path):
+    """A block of the file that cannot be read: another one begins behind it. Where nothing is left, it is refused."""
     bag = moving(tmp_path / "bag", 2.0)
-    whole, cut = taken(tmp_path / "whole.mkv"), tmp_path / "cut.mkv"
-    cut.write_bytes(whole.read_bytes()[: whole.stat().st_size * 3 // 4])
-    shutil.copy(index_path(whole), index_path(cut))
-    build([bag], tmp_path / "set", Choices(layout=layout), videos=[cut])
-    assert check_dataset(Dataset(tmp_path / "set")).ok
+    path = taken(tmp_path / "take.mkv")
+    data = bytearray(path.read_bytes())
+    begin, size = len(data) // 3, len(data) // 5
+    data[begin : begin + size] = bytes(size)
+    path.write_bytes(data)
+    built = build([bag], tmp_path / "set", Choices(layout=layout, least_rows=10), videos=[path])
+    assert built.episodes == 2 and built.left_out["row: no value of the cameras"] > 5 + 10
+    assert check_dataset(Dataset(tmp_path / "set")).ok and longest_still(tmp_path / "set") <= 10
+    path.write_bytes(taken(tmp_path / "other.mkv", count=1).read_bytes())
+    lines = index_path(path).read_bytes().splitlines(keepends=True)
+    index_path(path).write_bytes(b"".join([lines[0], *lines[2:]]))
+    with pytest.raises(Rejected, match="no picture of it can be decoded"):
+        build([bag], tmp_path / "none", Choices(layout=layout, least_rows=10), videos=[path])
 
 
 def test_another_file_is_begun_where_one_is_full_or_the_pictures_are_others(bags, layout, tmp_path, monkeypatch):
@@ -119,7 +178,7 @@ def test_faults_of_videos_are_found(bags, layout, tmp_path, version):
     paths = [sorted((folder / "videos").rglob(f"*{camera}*/**/*.mp4"))[-1] for camera in CAMERAS]
     paths[0].unlink()
     paths[1].write_bytes(paths[1].read_bytes()[:500])
-    shorter(paths[2])
+    remuxed(paths[2], more=-4)
     found = [(f.where, f.message) for f in check_dataset(Dataset(folder)).findings if f.level == "error"]
     for camera, why in zip(CAMERAS, ("cannot be decoded", "cannot be decoded", "no picture for row"), strict=True):
         assert any(where.endswith(camera) and why in message for where, message in found), found
@@ -131,15 +190,27 @@ def test_faults_of_videos_are_found(bags, layout, tmp_path, version):
     )
 
 
-def shorter(path):
-    """Take the last pictures out of a file."""
+def test_pictures_that_no_row_has_are_found(bags, layout, tmp_path):
+    """Where each episode has a file of its own: whoever put them there has rows and pictures of two recordings."""
+    folder = build(bags, tmp_path / "set", Choices(layout=layout)).folder
+    rows = [episode.rows for episode in Dataset(folder).episodes()]
+    remuxed(sorted((folder / "videos").rglob("*.mp4"))[0], more=2)
+    found = [f for f in check_dataset(Dataset(folder)).findings if f.level == "error"]
+    assert [f.message for f in found] == [f"{rows[0] + 2} pictures for {rows[0]} rows"]
+
+
+def remuxed(path, more):
+    """Repeat the last pictures of a file behind it, so many; or take as many out."""
     whole = path.with_suffix(".whole")
     path.rename(whole)
     with av.open(str(whole), format="mp4") as source, av.open(str(path), "w") as out:
         stream = out.add_stream_from_template(source.streams.video[0])
         packets = [packet for packet in source.demux(video=0) if packet.pts is not None]
-        for packet in packets[:-4]:
+        for packet in packets[: len(packets) + min(more, 0)]:
             packet.stream = stream
+            out.mux(packet)
+        for packet in packets[-more:] if more > 0 else ():
+            packet.pts = packet.dts = packet.pts + more * packet.duration
             out.mux(packet)
     whole.unlink()
 

@@ -191,6 +191,21 @@ def test_a_bag_without_words_is_one_episode_among_those_of_others(tmp_path):
     assert made(merge, [silent, silent], tmp_path / "twice").episodes == 0
 
 
+def test_an_unfinished_episode_ends_with_its_own_bag(tmp_path):
+    """Its recorder was killed; what a later bag holds is not of it. One that ends with the whole stays unfinished."""
+    killed = written(tmp_path / "killed", 1.0, words=(said("start", 1, 0.5, task="wave"),))
+    later = written(tmp_path / "later", 2.0, lambda topic, at_ns, data: (at_ns + 5 * S, data))
+    made(merge, [later, killed], tmp_path / "both")
+    with Bag(killed) as one, Bag(later) as two, Bag(tmp_path / "both") as both:
+        first, second = episodes(both)
+        assert (first.task, first.begin_ns, first.end_ns) == ("wave", BEGIN_NS + S // 2, one.end_ns)
+        assert (second.begin_ns, second.end_ns) == (two.begin_ns, two.end_ns)
+    longer = written(tmp_path / "longer", 3.0, words=(said("start", 1, 1.5),))
+    made(merge, [killed, longer], tmp_path / "open")
+    with Bag(longer) as bag, Bag(tmp_path / "open") as both:
+        assert episodes(both)[1].end_ns == bag.end_ns and not episodes(both)[1].is_finished
+
+
 def test_what_was_noted_of_several_bags_is_true_of_the_whole(tmp_path):
     """Losses are added up, the smallest distance of clocks counts; a task only where all have it; of one killed no sum."""
     notes = [

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import resource
 import threading
 
 import pytest
@@ -14,6 +15,7 @@ from gateway.errors import Rejected
 from gateway.recording import recorder as module
 from gateway.recording.bag_writer import ACTIVE, bag_file
 from gateway.recording.recorder import BEGIN_FREE_BYTES, LEAST_FREE_BYTES, Recorder
+from gateway.recording.recovering import recover
 from gateway.recording.topics import EPISODES, EVENTS, GATEWAY
 from tests.recording.bags import ARM, BEGIN_NS, POSE, TOPICS, joints, payload
 
@@ -168,6 +170,21 @@ def test_a_disk_that_fails_ends_it_in_words(desk, monkeypatch):
     monkeypatch.setattr(desk.recorder._bag, "finish", fail)
     assert desk.recorder.finish() is None
     assert (desk.folder / f"bag_0.mcap{ACTIVE}").exists()
+
+
+def test_a_disk_that_takes_no_more_ends_it_in_words_whatever_still_waits(desk):
+    """As a quota does: what is in the file's buffer then is tried once more when that is closed. The bag is recovered."""
+    desk.hear(ARM, 6 * S)
+    desk.step(6 * S)
+    desk.hear(ARM, 7 * S)
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    try:  # Python ignores SIGXFSZ
+        resource.setrlimit(resource.RLIMIT_FSIZE, ((desk.folder / f"bag_0.mcap{ACTIVE}").stat().st_size + 8, hard))
+        error, file = desk.step(8 * S).error, desk.recorder.finish()
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+    assert error == "the disk does not take it: File too large" and file is None
+    assert recover(desk.folder).messages == 1
 
 
 def test_a_recording_of_nothing_is_taken_away(desk):

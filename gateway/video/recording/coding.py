@@ -34,12 +34,14 @@ class Coding:
         is_all_intra: Whether each picture stands alone: several times the size, and any of them is found at once.
         is_live: Whether it has to keep up with a camera.
         gop: Every so manieth picture stands alone; 0 leaves that to the encoder.
+        threads: Of each view, which cut its pictures into as many slices; 0 takes the host's processors.
     """
 
     codec: str = "h264"
     is_all_intra: bool = False
     is_live: bool = False
     gop: int = 0
+    threads: int = 0
 
     def __post_init__(self) -> None:
         """Refuse a codec that there is not."""
@@ -59,6 +61,7 @@ class Coding:
             "preset": PRESETS[self.codec, self.is_live],
             "crf": str(LIVE_QUALITY if self.is_live else QUALITY),
             "bf": "0",
+            "threads": str(self.threads),
         }
         if self.is_all_intra or self.gop:
             options["g"] = "1" if self.is_all_intra else str(self.gop)

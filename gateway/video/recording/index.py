@@ -5,7 +5,8 @@ take.mkv         the pictures as the robot sent them
 take.mkv.jsonl   a header, then a line per picture (and per loss), then how it ended
 ```
 
-A recorder that was killed leaves an index without its end, perhaps with half a line: what is whole is read.
+A recorder that was killed leaves an index without its end, perhaps with half a line, a power cut one with rubbish there: what
+is whole is read.
 """
 
 from __future__ import annotations
@@ -166,11 +167,11 @@ class IndexWriter:
 
 
 def read_index(path: Path) -> Index:
-    """Read an index; half a line at its end is left out.
+    """Read an index; half a line at its end is left out, and what a power cut made of its last lines.
 
     Raises:
         FileNotFoundError: There is none.
-        ValueError: A line is no line of an index; the message says which.
+        ValueError: A line is no line of an index, and the first one or one before others; the message says which.
     """
     header, end = None, None
     pictures, dropped = [], []
@@ -191,5 +192,15 @@ def _lines(path: Path) -> Iterator[Line]:
     for number, text in enumerate(whole, 1):
         try:
             yield DECODER.decode(text)
-        except msgspec.MsgspecError as error:
+        except ValueError as error:
+            if number > 1 and not any(map(_is_line, whole[number:])):
+                return  # torn here
             raise ValueError(f"{path}:{number} is no line of a recording's index: {error}") from None
+
+
+def _is_line(text: bytes) -> bool:
+    try:
+        DECODER.decode(text)
+    except ValueError:
+        return False
+    return True

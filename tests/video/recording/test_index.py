@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import random
 from pathlib import Path
 
 import pytest
@@ -64,9 +65,20 @@ def test_every_cut_of_an_index_is_readable(tmp_path: Path) -> None:
 def test_a_foreign_line_is_refused_with_its_number(tmp_path: Path) -> None:
     """Bad input tells where."""
     path = tmp_path / "a.jsonl"
-    path.write_bytes(b'{"line":"dropped","count":1,"why":""}\n{"line":"picture"}\n')
-    with pytest.raises(ValueError, match=r"a\.jsonl:2 is no line"):
-        read_index(path)
+    line = b'{"line":"dropped","count":1,"why":""}\n'
+    for number, text in ((1, b"rubbish\n"), (2, line + b'{"line":"picture"}\n' + line)):
+        path.write_bytes(text)
+        with pytest.raises(ValueError, match=rf"a\.jsonl:{number} is no line"):
+            read_index(path)
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_rubbish_at_the_end_of_an_index_is_left_out(tmp_path: Path, seed: int) -> None:
+    """A power cut leaves anything in the last block, among it ends of lines: what is whole before it is read."""
+    path, rubbish = written(tmp_path / "a"), random.Random(seed).randbytes(4096)
+    with path.open("ab") as file:
+        file.write(b'{"line":"dropped","why":"\xff\n' + rubbish + b"\n")
+    assert read_index(path).end == LINES[-1]
 
 
 def test_an_index_is_never_overwritten(tmp_path: Path) -> None:
