@@ -232,7 +232,7 @@ class Runner:
         figures.recent_s.append(answer.delay_ns / 1e9)
         figures.worst_s = max(figures.worst_s, answer.delay_ns / 1e9)
         try:
-            if self._chunk is None and self._plan.far != "follow":
+            if self._chunk is None and self._plan.far != "follow" and not chunk.is_over(now_ns):
                 require_near(answer, now_ns)
         except Rejected as far:
             self._tell(answer, now_ns, far.code)

@@ -290,6 +290,21 @@ def test_with_approach_the_arms_are_moved_there_first(played):
     assert shown[-1][3] == pytest.approx(policy.start["left"][3] + 0.2, abs=0.01)
 
 
+@pytest.mark.parametrize("far", ["refuse", "approach"])
+def test_a_first_chunk_that_is_over_when_it_comes_is_too_late_and_nobody_goes_to_its_end(played, far):
+    """It is borne as any late one, and the next one plays from where the arms are."""
+
+    def come_near(policy):
+        policy.off_rad = 0.0 if policy.due is not None else policy.off_rad
+
+    policy, figures, said, shown, error = played(
+        replace(PLAN, far=far, patience_s=5.0), come_near, off_rad=0.2, rate=0.0, late_s=[1.2]
+    )
+    assert error is None and figures.refused == 1 and figures.chunks > 1
+    assert said[0].startswith("TOO_LATE") and said[1:] == ["the policy plays again"]
+    assert max(abs(q - policy.start["left"][3]) for *_, q in shown) < 0.01
+
+
 def test_chunks_that_are_too_fast_are_left_out_and_say_what_helps(played):
     """The gateway judges them; borne for a while, then the run ends with its words."""
     _, figures, said, _, error = played(jitter_rad=0.08)

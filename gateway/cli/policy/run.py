@@ -160,7 +160,7 @@ def carry_out(options: Namespace) -> ExitStatus:
         if not isinstance(first, Answer):
             raise first or failure(Code.TIMEOUT, "no answer came from the policy server")
         if not (is_looking or options.approach):
-            require_near(first, time.monotonic_ns())
+            require_near(first, first.chunk.observed_ns)  # a server that loads its model first may answer long after
         print("\n".join(_preview(options, server.url, first, f"{hz:g} steps a second, {said_by}")), file=sys.stderr)
         if not (is_looking or options.yes or confirmed()):
             print("nothing was done", file=sys.stderr)
@@ -301,7 +301,7 @@ def _show(
 
 
 def _preview(options: Namespace, policy: str, first: Answer, rate: str) -> list[str]:
-    gap_rad, side, joint = first.chunk.gap(time.monotonic_ns(), first.observation.measured)
+    gap_rad, side, joint = first.chunk.gap(first.chunk.observed_ns, first.observation.measured)
     uncovered = first.observation.uncovered
     return [
         f"policy: {policy}, {' and '.join(first.chunk.arms)}, {first.chunk.steps} steps in a chunk, {rate}",

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import time
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
@@ -121,6 +124,19 @@ def test_a_first_step_that_is_far_away_is_refused_with_the_joint(robot, tmp_path
     ended = run(robot, tmp_path, url)
     assert ended.status == 1 and "JUMP_TOO_FAR" in ended.err and "right arm's joint 2" in ended.err
     assert "--approach" in ended.err and not robot.world.pair.see().lease.owned
+
+
+def test_the_first_step_counts_however_long_a_server_took_to_load_its_model(robot, tmp_path, served, monkeypatch):
+    """Not the last one of a chunk that is over by then: a policy may go far in one."""
+    arms = robot.world.pair.see().arms
+    rows = np.tile(np.float32([*arms["left"].measured.q_rad, 0.0, *arms["right"].measured.q_rad, 0.0]), (10, 1))
+    rows[:, 3] += np.linspace(0.0, 0.3, 10)
+    assert robot.run("estop").status == 0  # what refuses it once its first step was found near
+    later_ns = time.monotonic_ns
+    clock = SimpleNamespace(monotonic=time.monotonic, monotonic_ns=lambda: later_ns() + 60_000_000_000)
+    monkeypatch.setattr("gateway.cli.policy.run.time", clock)
+    ended = run(robot, tmp_path, served(lambda _: {"actions": rows}), "--json", "--seconds", "1")
+    assert "  begins 0.0" in ended.err and ended.json["error"]["code"] == "LATCHED"
 
 
 def test_dry_judges_and_tells_and_sends_nothing(robot, tmp_path, served):
