@@ -16,7 +16,7 @@ from gateway.errors import Code, GatewayError, failure
 from gateway.policy.policy_map import Actions
 from gateway.robot.vector_layout import command_of_effort
 
-__all__ = ["MIN_STEPS", "Chunk", "chunk_of", "refused", "retry_after_ns"]
+__all__ = ["MIN_STEPS", "ROUNDED", "Chunk", "chunk_of", "refused", "retry_after_ns"]
 
 SMOOTHED_TWICE = 2
 """The gateway takes the mean of means: a step depends on neighbours up to twice the smoothing away."""
@@ -29,6 +29,8 @@ MIN_STEPS = 2
 ANOTHER = "ask a server whose policy fits this robot and --map; nothing of this answer was sent"
 MAX_STEPS = 450
 """The gateway takes no more in one request."""
+ROUNDED = 1e-6
+"""A velocity may be above its bound by this part, as float32 rounds; the gateway allows nothing."""
 
 
 class Chunk(Struct, frozen=True, kw_only=True):
@@ -124,20 +126,20 @@ class Chunk(Struct, frozen=True, kw_only=True):
         too_fast = [np.abs(np.diff(q, axis=0)).max(axis=1) * 1e9 / self.period_ns > v_radps for q in self.arms.values()]
         return int(np.logical_or.reduce(too_fast).sum())
 
-    def require_drivable(self, v_mps: float, w_radps: float) -> None:
-        """Refuse a chunk that drives the chassis faster than this, over the ground [m/s] or turning [rad/s], or the lift.
+    def require_drivable(self, v_mps: float, w_radps: float, lift: float) -> None:
+        """Refuse a chunk that drives faster: over the ground [m/s], turning [rad/s], the lift as a part of full speed.
 
         Raises:
             Rejected: OUT_OF_RANGE, with value and bound.
         """
-        chassis, lift = self.drives.get("chassis", np.zeros((1, 3))), self.drives.get("lift", np.zeros(1))
+        chassis, lifted = self.drives.get("chassis", np.zeros((1, 3))), self.drives.get("lift", np.zeros(1))
         for wanted, bound, what in (
             (np.hypot(chassis[:, 0], chassis[:, 1]), v_mps, "m/s of the chassis"),
             (chassis[:, 2], w_radps, "rad/s of the chassis"),
-            (lift, 1.0, "of the lift's full speed"),
+            (lifted, lift, "of the lift's full speed"),
         ):
             value = float(np.abs(wanted).max())
-            if value > bound * (1.0 + 1e-6):  # float32 rounds
+            if value > bound * (1.0 + ROUNDED):
                 message = f"the policy wants {value:.3g} {what}, {bound:g} is the bound"
                 raise refused(Code.OUT_OF_RANGE, message, f"{value:.4g}", f"{bound:g}")
 

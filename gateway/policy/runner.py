@@ -22,7 +22,7 @@ from gateway.api.protocol import TouchView
 from gateway.client import MotionHandle
 from gateway.errors import Aborted, Code, Disconnected, GatewayError, GatewayTimeout, Rejected, Stale
 from gateway.policy.asking import Answer, Asking
-from gateway.policy.chunks import Chunk, refused, retry_after_ns
+from gateway.policy.chunks import ROUNDED, Chunk, refused, retry_after_ns
 
 __all__ = ["JUMP_RAD", "Figures", "Hands", "Plan", "Runner", "require_near"]
 
@@ -67,7 +67,7 @@ class Plan(Struct, frozen=True, kw_only=True):
         horizon: Steps of a chunk that are played before the next one should be there; 0 for half of it.
         smoothing_s: Jitter is averaged over so much time on each side of a step [s].
         patience_s: How long lost servers and refused chunks are borne [s].
-        drive_bounds: Greatest speed of the chassis over the ground [m/s], and of its turning [rad/s].
+        drive_bounds: Greatest speed of the chassis over the ground [m/s], of its turning [rad/s], of the lift (a part).
         far: What is done about a first step that is far away: `refuse`, `approach` it first, or `follow` it all the same.
     """
 
@@ -76,7 +76,7 @@ class Plan(Struct, frozen=True, kw_only=True):
     smoothing_s: float
     patience_s: float
     far: Literal["refuse", "approach", "follow"]
-    drive_bounds: tuple[float, float] = (0.0, 0.0)
+    drive_bounds: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
 
 class Figures(Struct):
@@ -352,7 +352,9 @@ class Runner:
         chunk = self.playing
         for part, velocities in self._chunk.drives.items() if self._chunk is not None else ():
             rest = (0.0,) * velocities.shape[1]
-            velocity = rest if chunk is None else tuple(map(float, velocities[chunk.row(now_ns)]))
+            velocity = (
+                rest if chunk is None else tuple((velocities[chunk.row(now_ns)] * (1.0 - 2.0 * ROUNDED)).tolist())
+            )
             last, sent_ns = self._driven.get(part, (rest, 0))
             if velocity != last or (any(velocity) and now_ns - sent_ns > DRIVE_AGAIN_NS):
                 self._hands.drive(part, velocity)

@@ -340,7 +340,7 @@ def test_a_server_that_times_out_is_lost_too(played):
 # ------------------------------------------------------------------------------------------------------- chassis and lift
 
 
-DRIVING = replace(PLAN, drive_bounds=(0.3, 0.5))
+DRIVING = replace(PLAN, drive_bounds=(0.3, 0.5, 1.0))
 
 
 @pytest.fixture
@@ -413,6 +413,15 @@ class TestOnTheLiftModel:
             *_, error = played(DRIVING, stop, drives={"chassis": (0.1, 0.0, 0.0)})
         world.run(1.0)
         assert isinstance(error, GatewayError) and speeds(world)[0] == 0.0
+
+    def test_a_velocity_at_the_bound_that_float32_rounds_up_is_driven(self, played, world):
+        """Inside the gateway's bound, which allows nothing above it."""
+        seen, fastest_mps = [], float(np.float32(0.3))
+        assert fastest_mps > 0.3
+        *_, error = played(
+            DRIVING, lambda _: seen.append(speeds(world)[0]), drives={"chassis": (fastest_mps, 0.0, 0.5)}
+        )
+        assert error is None and max(seen) == pytest.approx(0.3, abs=0.01)
 
     def test_a_chunk_that_drives_too_fast_is_left_out_whole(self, played, world, noted):
         """Never clipped: neither arms nor chassis get any of it."""

@@ -205,7 +205,7 @@ def _play(
         horizon=options.horizon,
         smoothing_s=options.smoothing,
         patience_s=options.patience,
-        drive_bounds=(robot.info.chassis_v_mps, robot.info.chassis_w_radps),
+        drive_bounds=(robot.info.chassis_v_mps, robot.info.chassis_w_radps, robot.info.lift_v_max),
         far="follow" if is_looking else "approach" if options.approach else "refuse",
     )
     error: GatewayError | None = None

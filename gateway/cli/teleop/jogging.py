@@ -37,8 +37,10 @@ def full_speeds(info: Info, level: int) -> dict[str, float]:
     linear, angular = min(0.25, info.pose_v_mps), min(1.0, info.pose_w_radps)
     chassis, turn = min(0.3, info.chassis_v_mps), min(0.6, info.chassis_w_radps)
     joint, lift = min(0.6, info.v_radps), min(0.6, info.lift_v_max)
+    # A sum of squares is rounded, too: no diagonal may be above the bound.
+    part = LEVELS[level] * (1.0 - 1e-9)
     greatest = (*[linear] * 3, *[angular] * 3, joint, chassis, chassis, turn, lift)
-    return {axis: LEVELS[level] * speed for axis, speed in zip(AXES, greatest, strict=True)}
+    return {axis: part * speed for axis, speed in zip(AXES, greatest, strict=True)}
 
 
 class KeyDeadman:

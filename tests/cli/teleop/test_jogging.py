@@ -34,6 +34,15 @@ def test_full_speed_is_never_above_the_gateways_limits():
         before = full
 
 
+def test_a_diagonal_at_full_speed_is_inside_the_gateways_bound():
+    """Which is on the sum of squares, and allows nothing above it."""
+    full = full_speeds(INFO, len(LEVELS) - 1)
+    for degrees in range(360):
+        wish = {"vx": 2.0 * math.cos(math.radians(degrees)), "vy": 2.0 * math.sin(math.radians(degrees))}
+        parts = Ramp().step(wish, 1.0)
+        assert math.hypot(*(parts[axis] * full[axis] for axis in wish)) <= INFO.chassis_v_mps, degrees
+
+
 @given(steps)
 def test_no_vector_is_ever_longer_than_full_speed_and_nothing_jumps(steps):
     """Whatever is wished for, NaN and infinity too."""
