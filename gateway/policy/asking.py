@@ -17,7 +17,10 @@ from gateway.policy.openpi import PolicyServer
 from gateway.policy.policy_map import Actions
 from gateway.process.threads import Lost, supervised
 
-__all__ = ["Answer", "Asking"]
+__all__ = ["RATES", "Answer", "Asking"]
+
+RATES = ("fps", "hz", "control_hz")
+"""Names under which a server's metadata say how many steps a second there are; the first one counts."""
 
 
 class Answer(Struct, frozen=True, kw_only=True):
@@ -35,7 +38,7 @@ class Answer(Struct, frozen=True, kw_only=True):
 
 
 class Asking:
-    """One order, one answer or error. Connects by itself when there is no connection.
+    """One order, one answer or error. Connects by itself when there is no connection, again only to the same policy.
 
     Args:
         server: Who is asked.
@@ -55,6 +58,7 @@ class Asking:
     ) -> None:
         self._server, self._observer, self._layout = server, observer, layout
         self._period_ns, self._now_ns = period_ns, now_ns
+        self._policy = self._said() if server.is_connected else None
         self._orders: SimpleQueue[bool] = SimpleQueue()
         self._answers: Queue[Answer | GatewayError] = Queue()  # a simple one of Python 3.10 may wait 0 s for ever
         self._thread = supervised(self._run, "ta2-policy-server", on_lost=self._lost)
@@ -87,12 +91,27 @@ class Asking:
     def _asked(self) -> Answer:
         if not self._server.is_connected:
             self._server.connect()
+            said = self._said()
+            if self._policy not in (None, said):
+                self._server.close()
+                message = (
+                    f"another policy answers at {self._server.url}: it says {said}, at first it was {self._policy}"
+                )
+                raise failure(
+                    Code.BAD_REQUEST, message, field="policy", hint="begin anew, at its rate and with its task"
+                )
+            self._policy = said
         seen = self._observer.observe()
         asked_ns = self._now_ns()
         answer = self._server.ask(seen.values)
         delay_ns = self._now_ns() - asked_ns
         chunk = chunk_of(answer, self._layout, seen.observed_ns, self._period_ns)
         return Answer(chunk=chunk, observation=seen, delay_ns=delay_ns)
+
+    def _said(self) -> str:
+        """Return what a server says of its policy that a run is begun with."""
+        told = self._server.metadata
+        return ", ".join(f"{key} {told[key]!r}" for key in (*RATES, "available_tasks") if key in told)
 
     def _lost(self, lost: Lost) -> None:
         self._answers.put(failure(Code.INTERNAL, str(lost)))

@@ -50,7 +50,7 @@ class Scripted:
     """
 
     def __init__(self, policy: Callable[[Any], Any], metadata: Any = None, port: int = 0) -> None:
-        self._policy, self._metadata = policy, {"fps": 30} if metadata is None else metadata
+        self._policy, self.metadata = policy, {"fps": 30} if metadata is None else metadata
         self.seen: list[Any] = []
         self.headers: list[Any] = []
         self._connections: list[ServerConnection] = []
@@ -63,7 +63,7 @@ class Scripted:
     def _serve(self, connection: ServerConnection) -> None:
         self._connections.append(connection)
         self.headers.append(connection.request.headers)
-        if not self._send(connection, self._metadata):
+        if not self._send(connection, self.metadata):
             return
         for frame in connection:
             self.seen.append(unpacked(frame))

@@ -39,9 +39,12 @@ def make():
     """Makes who asks, and its server."""
     opened = []
 
-    def make(policy, eyes=None):
+    def make(policy, eyes=None, is_connected=False):
         server = Scripted(policy)
-        asking = Asking(PolicyServer(server.url), eyes or Eyes(), LAYOUT, 1000)
+        client = PolicyServer(server.url)
+        if is_connected:
+            client.connect()
+        asking = Asking(client, eyes or Eyes(), LAYOUT, 1000)
         opened.extend([asking, server])
         return asking, server
 
@@ -70,6 +73,30 @@ def test_each_error_is_an_answer_and_the_next_order_begins_anew(make):
     for kind in (Aborted, Rejected, Disconnected, Answer):
         asking.order()
         assert isinstance(asking.answer(WAIT_S), kind)
+
+
+@pytest.mark.parametrize("is_connected", [True, False])
+def test_a_server_that_comes_back_with_another_policy_is_refused(make, is_connected):
+    """Its rate and its tasks were looked at once, before anybody moved: another checkpoint would play at the wrong speed."""
+    asking, server = make(
+        lambda _: None if len(server.seen) % 2 == 0 else {"actions": np.zeros((4, 7))}, is_connected=is_connected
+    )
+    was = "at first it was fps 30"
+    for kind, words, then in (
+        (Answer, "", {}),
+        (Disconnected, "", {"started": 2}),  # what else it says may differ
+        (Answer, "", {}),
+        (Disconnected, "", {"fps": 45}),
+        (Rejected, f"it says fps 45, {was}", {}),
+        (Rejected, f"it says fps 45, {was}", {"fps": 30, "available_tasks": ["fold"]}),
+        (Rejected, f"it says fps 30, available_tasks ['fold'], {was}", {}),
+    ):
+        asking.order()
+        answer = asking.answer(WAIT_S)
+        assert isinstance(answer, kind)
+        if words:
+            assert answer.field == "policy" and words in answer.message
+        server.metadata |= then
 
 
 def test_a_bug_of_ours_is_an_answer_too(make, caplog):

@@ -26,7 +26,7 @@ from gateway.cli.terminal.owning import HELD, held_text, is_held, owned
 from gateway.cli.terminal.progress import Teller, teller
 from gateway.client import ChassisStream, Control, LiftStream, MotionHandle, Robot, contact
 from gateway.errors import Code, GatewayError, Refused, Rejected, failure
-from gateway.policy.asking import Answer, Asking
+from gateway.policy.asking import RATES, Answer, Asking
 from gateway.policy.chunks import Chunk
 from gateway.policy.journal import Journal
 from gateway.policy.lerobot import SCHEME, LeRobotServer
@@ -315,7 +315,7 @@ def _rate(hz: float | None, metadata: Mapping[Any, Any]) -> tuple[float, str]:
     """Return how many steps a second there are, and who says so."""
     if hz is not None:
         return hz, "as asked for"
-    for key in ("fps", "hz", "control_hz"):
+    for key in RATES:
         value = metadata.get(key)
         if isinstance(value, (int, float)) and 0.0 < value <= 100.0:
             return float(value), "as the server says"
