@@ -123,6 +123,9 @@ class Observer:
             Stale: PART_STALE, arms or cameras are not heard.
         """
         layout, values = self._layout, dict[str, Any]()
+        state = self._look()  # first: it may wait, and pictures grow old
+        observed_ns = self._now_ns() - round(1e9 * max(state.left_arm.age, state.right_arm.age))
+        vector, unknown = state_vector(state)
         if layout.images:
             picture = self._newest()
             if picture is None or picture.age > OLD_S:
@@ -135,9 +138,6 @@ class Observer:
                 raise failure(Code.PART_STALE, message, field="cameras", hint=hint)
             for key, view in layout.images.items():
                 values[key] = resized(picture[view], layout.resize) if layout.resize else picture[view]
-        state = self._look()
-        observed_ns = self._now_ns() - round(1e9 * max(state.left_arm.age, state.right_arm.age))
-        vector, unknown = state_vector(state)
         values[layout.state_key] = vector[[INDEX[name] for name in layout.names]]
         if layout.prompt_key:
             values[layout.prompt_key] = self._prompt

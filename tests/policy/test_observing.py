@@ -114,6 +114,18 @@ def test_old_pictures_are_not_shown(robot, picture, words) -> None:
         Observer(VENDOR, "", lambda: robot.state, lambda: picture).observe()
 
 
+def test_a_picture_that_grew_old_while_the_arms_were_waited_for_is_not_shown(robot) -> None:
+    """It is taken, and its age judged, once there is a state to go with it."""
+    pictures = [Picture()]
+
+    def look() -> RobotState:
+        pictures[:] = [Picture(age=0.7)]
+        return robot.state
+
+    with pytest.raises(Stale, match=r"0\.70 s old"):
+        Observer(VENDOR, "", look, lambda: pictures[0]).observe()
+
+
 def test_pictures_are_resized_whole_with_bars_between_which_they_are_centred(robot) -> None:
     """As openpi's own: 400 x 640 becomes 140 rows of 224, 42 black ones on either side."""
     wide = resized(np.full((400, 640, 3), 200, np.uint8), 224)
