@@ -49,8 +49,8 @@ class Hands(Protocol):
     def follow(self, chunk: Chunk, late_s: float, smoothing_s: float) -> MotionHandle | None:
         """Follow a chunk whose step 0 was so long ago [s]; return its motion, None where nothing moves."""
 
-    def approach(self, joints: Mapping[str, Any]) -> None:
-        """Move the arms to joints [rad], and wait until they are there."""
+    def approach(self, joints: Mapping[str, Any]) -> TouchView | None:
+        """Move the arms to joints [rad], and wait until they are there; return the touch at which they ended before."""
 
     def grip(self, side: str, command: float) -> None:
         """Tell a gripper its command, 0..1."""
@@ -241,7 +241,7 @@ class Runner:
             self._plan = structs.replace(self._plan, far="refuse")
             self._say(f"{far.message}: moved there first")
             row = chunk.row(now_ns)
-            self._hands.approach({side: joints[row] for side, joints in chunk.arms.items()})
+            self.touch = self._hands.approach({side: joints[row] for side, joints in chunk.arms.items()})
             return
         try:
             if chunk.is_over(now_ns):

@@ -175,6 +175,19 @@ def test_a_policy_that_is_to_end_at_a_touch_ends_well_there(world, played, noted
         assert world.pair.see().arms["left"].touch is not None
 
 
+def test_a_touch_on_the_way_to_the_first_step_ends_it_too(world, played):
+    """Well, and before any chunk is played."""
+    model = body_model(Settings())
+    model.contacts = pushed = Pushed()
+    world.pair.engine._coordinator.model = model
+    world.after(1.0, lambda: pushed.views.update({LEFT: felt(0.0, 0.0, 20.0)}))
+    policy, figures, said, shown, error = played(
+        replace(PLAN, far="approach", seconds=6.0), until=contact(8.0), off_rad=0.5, rate=0.0
+    )
+    assert error is None and "moved there first" in said[0] and figures.chunks == 0
+    assert shown[-1][3] < policy.start["left"][3] + 0.4 and world.pair.see().arms["left"].touch is not None
+
+
 def test_a_way_that_the_gateway_does_not_take_is_followed_by_the_chunk_itself(played, monkeypatch):
     """What differs too much is not faded: the gateway joins it inside its limits, and nothing is refused for it."""
     asked = []

@@ -18,7 +18,7 @@ from typing import Any
 
 from msgspec import to_builtins
 
-from gateway.api.protocol import Until
+from gateway.api.protocol import TouchView, Until
 from gateway.cli.terminal.asking import confirmed
 from gateway.cli.terminal.connection import connected
 from gateway.cli.terminal.ending import ExitStatus, line_of, status_of
@@ -67,8 +67,8 @@ class _Owner:
             until=self.until,
         )
 
-    def approach(self, joints: Mapping[str, Any]) -> None:
-        self.own.move_to(joints, speed=APPROACH).result()
+    def approach(self, joints: Mapping[str, Any]) -> TouchView | None:
+        return self.own.move_to(joints, speed=APPROACH, until=self.until).result().touch
 
     def grip(self, side: str, command: float) -> None:
         (self.own.left_gripper if side == "left" else self.own.right_gripper).set(command)
@@ -123,8 +123,8 @@ class _Judge:
         )
         return None
 
-    def approach(self, joints: Mapping[str, Any]) -> None:
-        pass
+    def approach(self, joints: Mapping[str, Any]) -> TouchView | None:
+        return None
 
     def grip(self, side: str, command: float) -> None:
         pass
