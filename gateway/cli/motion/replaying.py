@@ -21,7 +21,7 @@ from gateway.cli.motion.following import Way, follow
 from gateway.cli.motion.passing import Passing
 from gateway.cli.motion.recording import Recording
 from gateway.cli.terminal.ending import ExitStatus
-from gateway.client import RobotState
+from gateway.client import FollowCheck, RobotState
 from gateway.dataset.resample import resample
 from gateway.dataset.rows import stretches
 from gateway.dataset.series import Series, read_series
@@ -58,12 +58,12 @@ def carry_out(options: Namespace) -> ExitStatus:
         GatewayError: Nothing was begun.
     """
     plot = _plot_of(options)
-    recording, measured = recorded(Path(options.bag), options.episode)
+    recording, measured, rest_s = recorded(Path(options.bag), options.episode)
     approach = options.speed if options.approach else None
     passing = Passing(
         arm=options.arm, stretch=options.stretch, smoothing_s=options.smoothing, approach=approach, dt_s=DT_S
     )
-    replay = Replay(recording, passing, measured)
+    replay = Replay(recording, passing, measured, rest_s)
     try:
         with _view(options):
             return follow(options, replay)
@@ -115,8 +115,10 @@ def _view(options: Namespace) -> Iterator[None]:
             view.wait()
 
 
-def recorded(path: Path, episode: int | None = None) -> tuple[Recording, Joints]:
+def recorded(path: Path, episode: int | None = None) -> tuple[Recording, Joints, float]:
     """Return what the arms of a bag were told, as points 20 ms apart, and where they were measured at the same times.
+
+    It is the longest piece in which all of them were told without a gap; the third is how much longer any was told [s].
 
     Args:
         path: Of the bag.
@@ -137,16 +139,18 @@ def recorded(path: Path, episode: int | None = None) -> tuple[Recording, Joints]
         raise _refused(f"{path}: nobody told the arms where to go (joint mode)", hint)
     count = max(0, int((chosen.end_ns - chosen.begin_ns) / 1e9 / DT_S))
     times_ns = chosen.begin_ns + np.rint(np.arange(count) * DT_S * 1e9).astype(np.int64)
-    points, ok = {}, np.ones(count, dtype=np.bool_)
+    points, ok, is_any = {}, np.ones(count, dtype=np.bool_), np.zeros(count, dtype=np.bool_)
     for side, one in ways.items():
         points[side], there = resample(one, times_ns, "linear", STALE_NS)
         ok &= there
+        is_any |= there
     first, last = max(stretches(ok), key=lambda run: run[1] - run[0], default=(0, 0))
     if last - first < 2:
         raise _refused(f"{path}: episode {chosen.number} has no two points in a row", "see `ta2 bag info`")
     measured = {side: _measured(series.get((seen[side], FIELD)), times_ns[first:last]) for side in points}
     rows = {side: rows[first:last] for side, rows in points.items()}
-    return Recording(path=path, points=rows, dt_s=DT_S, space="joint"), measured
+    rest_s = DT_S * (int(is_any.sum()) - (last - first))
+    return Recording(path=path, points=rows, dt_s=DT_S, space="joint"), measured, rest_s
 
 
 def _episode(bag: Bag, path: Path, number: int | None) -> Episode:
@@ -169,12 +173,19 @@ def _measured(series: Series | None, times_ns: NDArray[np.int64]) -> NDArray[np.
 class Replay(Way):
     """A way that was recorded, and how far the arms are from where they were then."""
 
-    def __init__(self, recording: Recording, passing: Passing, measured: Joints) -> None:
+    def __init__(self, recording: Recording, passing: Passing, measured: Joints, rest_s: float) -> None:
         super().__init__(recording, passing)
+        self._rest_s = rest_s
         self._measured = {side: measured[side] for side in self.points}
         self._step_s = DT_S * passing.stretch
         self._off_rad: list[float] = []
         self._rows: dict[str, list[NDArray[np.float64]]] = {side: [] for side in self.points}
+
+    def description(self, judged: FollowCheck) -> Iterator[str]:
+        """Yield in words what was judged, and what of the recording is left out."""
+        yield from super().description(judged)
+        if round(self._rest_s, 1):
+            yield f"  its longest piece without a gap; {self._rest_s:.1f} s more that were told are left out"
 
     def _see(self, state: RobotState, now_s: float) -> None:
         place = now_s / self._step_s
@@ -193,10 +204,10 @@ class Replay(Way):
         return {side: np.array(rows) for side, rows in self._rows.items() if rows}
 
     def figures(self) -> dict[str, object]:
-        """Return the same as of any way, and how far from the recorded one it was measured: RMS and most [rad]."""
+        """Return the same as of any way, what is left out [s], and how far from the recorded one it was: RMS and most [rad]."""
         off = np.array(self._off_rad)
         beside = {"rms_rad": float(np.sqrt(np.mean(off**2))), "most_rad": float(off.max())} if len(off) else {}
-        return super().figures() | beside
+        return super().figures() | {"left_out_s": round(self._rest_s, 2)} | beside
 
     def remark(self) -> str:
         """Return the same in words."""

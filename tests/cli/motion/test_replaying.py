@@ -143,15 +143,24 @@ def test_an_episode_is_chosen_by_its_number_and_the_first_good_one_without(robot
 def test_a_way_ends_where_nothing_was_recorded(robot, tmp_path):
     """The longest piece is taken: no arm is told what nobody said."""
     bag = shown(tmp_path / "bag", starts(robot), gap=(0.5, 1.0))
-    recording, measured = recorded(bag)
+    recording, measured, _ = recorded(bag)
     assert len(recording) == pytest.approx(98, abs=2)
     assert recording.points["left"][0, 3] == pytest.approx(starts(robot)[Side.LEFT][3] + way(1.0), abs=1e-3)
     assert {side: rows.shape for side, rows in measured.items()} == {s: (len(recording), 7) for s in ("left", "right")}
 
 
+def test_what_lies_behind_a_gap_is_left_out_and_that_is_said(robot, tmp_path):
+    """In a line and for scripts; of a recording without a gap nothing is."""
+    ended = robot.run("replay", str(shown(tmp_path / "bag", starts(robot), gap=(2.0, 2.5))), "--check")
+    assert ended.status == 0 and "its longest piece without a gap; 0.5 s more that were told are left out" in ended.out
+    for name, gap, left_out_s in (("cut", (2.0, 2.5), 0.5), ("whole", None, 0.0)):
+        ended = robot.run("replay", str(shown(tmp_path / name, starts(robot), gap=gap)), "--check", "--json")
+        assert ended.json["left_out_s"] == pytest.approx(left_out_s, abs=0.05)
+
+
 def test_one_arm_and_a_namespace_are_found(robot, tmp_path):
     """As the recording has them."""
-    recording, _ = recorded(shown(tmp_path / "bag", starts(robot), sides=(Side.RIGHT,), namespace="robot1"))
+    recording, *_ = recorded(shown(tmp_path / "bag", starts(robot), sides=(Side.RIGHT,), namespace="robot1"))
     assert set(recording.points) == {"right"}
 
 
