@@ -35,8 +35,8 @@ once: space STOP, tab other arm, [ ] slower/faster, m axes of shoulder/hand, g g
 TOKEN = re.compile(r"\x1b(?:\[[0-9;]*[a-z~]|o[a-z])|.", re.DOTALL)
 UNFINISHED = re.compile(r"\x1b(?:\[[0-9;]*|o)?\Z")
 """A key as a terminal sends it, one character or a sequence; and the begin of one whose end has not arrived."""
-STALL_NS = 400_000_000
-"""Nothing moves by what was typed while nobody read for so long: it was meant for another moment [ns]. A stop stops."""
+STALL_NS, LATE = 400_000_000, ("stop", "quit")
+"""What was typed while nobody read for so long was meant for another moment [ns]; all that counts of it is this."""
 
 
 class Wish(NamedTuple):
@@ -76,7 +76,7 @@ class Keyboard:
         self._rest = "" if unfinished is None else unfinished.group()
         for token in TOKEN.findall(typed.removesuffix(self._rest)):
             key = token.replace("\x1bo", "\x1b[")  # arrows of a terminal in application mode
-            actions += [ACTIONS[key]] if key in ACTIONS else []
+            actions += [ACTIONS[key]] if key in ACTIONS and (not is_late or ACTIONS[key] in LATE) else []
             self._deadman.press(key if key in MOTIONS and self._moves and not is_late else "", now_ns)
         key, level = self._deadman.level(now_ns)
         axis, direction = MOTIONS.get(key, ("x", 0.0))

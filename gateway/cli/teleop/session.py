@@ -31,6 +31,8 @@ EXPIRY_S, RENEW_NS = 0.3, 80_000_000
 """Life of a target and of a velocity [s]; velocities of chassis and lift are sent anew after so long [ns]."""
 OLD_S, IDLE_NS = 0.3, 600_000_000
 """Nothing moves by an older state [s]; a stream is closed when nothing moved for so long [ns]."""
+ASKED_NS = 3_000_000_000
+"""So long may a question be answered by yes [ns]."""
 ENABLE_S, HOME_SPEED, FORCE = 12.0, 0.2, 0.5
 """Longest wait [s]; parts of the velocity limits on the way home, and of a gripper's greatest torque."""
 
@@ -46,7 +48,8 @@ class Session:
         self._home: MotionHandle | None = None
         self._moved_ns, self._driven_ns = 0, dict[str, int]()
         self._must_let_go = False
-        self._asked, self._note, self._episode = "", "", "no episode"
+        self._asked_ns = 0  # since when it is asked whether the arm shall go home
+        self._note, self._episode = "", "no episode"
 
     def run(self) -> None:
         """Go on until `quit`.
@@ -69,7 +72,7 @@ class Session:
 
     def _step(self, wish: Wish, now_ns: int, dt_s: float) -> None:
         if "stop" in wish.actions:  # before anything else, which may wait or fail
-            self._home, self._asked = None, ""
+            self._home, self._asked_ns = None, 0
             self._robot.stop("teleop")
             self._rest("stopped: the arms are held")
             return
@@ -79,8 +82,11 @@ class Session:
         if wish.missing:
             self._say(wish.missing)
         is_homing = self._home is not None and self._is_homing(self._home, is_over=bool(wish.actions or wish.demand))
+        if self._asked_ns and (wish.demand or wish.missing or now_ns - self._asked_ns > ASKED_NS):
+            self._asked_ns = 0
+            self._say("no, then")
         for action in () if is_homing else wish.actions:
-            self._act(action, state)
+            self._act(action, state, now_ns)
         self._must_let_go &= bool(wish.demand)
         is_off = self._must_let_go or self._home is not None or state.age > OLD_S
         parts, full = self._ramp.step({} if is_off else wish.demand, dt_s), full_speeds(self._robot.info, self._level)
@@ -139,9 +145,9 @@ class Session:
             self._close()
         self._say(why)
 
-    def _act(self, action: str, state: RobotState) -> None:
+    def _act(self, action: str, state: RobotState, now_ns: int) -> None:
         name, _, number = action.partition(" ")
-        asked, self._asked = self._asked, ""
+        is_asked, self._asked_ns = self._asked_ns > 0, 0
         if name == "arm":
             self.side = "right" if self.side == "left" else "left"
             self._rest(f"the {self.side} arm")
@@ -159,13 +165,13 @@ class Session:
                 self._robot.recover("teleop")
             self._own.enable(timeout=ENABLE_S)
             self._rest("enabled")
-        elif asked and name not in ("home", "yes"):
+        elif is_asked and name not in ("home", "yes"):
             self._say("no, then")
-        elif asked:
+        elif is_asked:
             self._rest(f"the {self.side} arm goes home: anything ends it")
             self._home = self._own.move_to({self.side: HOME_Q_RAD[Side(self.side)]}, speed=HOME_SPEED)
         elif name == "home":
-            self._asked = name
+            self._asked_ns = now_ns
             self._say(f"the {self.side} arm to its initial position (manual §6.6)? y or home again: go; others: no")
         elif name == "help":
             self._tell.say(self.help)

@@ -63,13 +63,13 @@ def test_a_sequence_that_arrives_in_pieces_is_one_key_and_an_unknown_one_is_none
     assert [wish.actions for wish in seen] == [()] * 7 + [("quit",)]
 
 
-def test_nothing_moves_by_what_was_typed_while_nobody_read(typed):
-    """It was meant for another moment; what was asked for counts. The terminal is asked for single keys again."""
+def test_of_what_was_typed_while_nobody_read_only_stop_and_quit_count(typed):
+    """It was meant for another moment: nothing moves, and nobody goes home. The terminal is asked for single keys again."""
     board = Keyboard(typed)
-    typed.type("w", "ww w", "w")
+    typed.type("w", "wwhy\r wq", "w")
     assert board.read(1).demand
     wish = board.read(500 * MS)
-    assert wish.demand == {} and wish.actions == ("stop",) and typed.renewed == 1
+    assert wish.demand == {} and wish.actions == ("stop", "quit") and typed.renewed == 1
     assert board.read(600 * MS).demand == {"x": 0.15} and typed.renewed == 1
 
 

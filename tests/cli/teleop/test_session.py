@@ -214,6 +214,15 @@ def test_home_is_asked_for_twice_and_ended_by_anything():
     assert float(np.abs(turn.left.q_ref - goal).max()) < 1e-6 and "is at its initial position" in turn.said[-1]
 
 
+@pytest.mark.parametrize("between", [(3.2, {}), (0.2, {"joint": 1.0})], ids=["later", "jogged"])
+def test_home_is_asked_for_a_few_seconds_and_until_something_is_wished(tmp_path, monkeypatch, between):
+    """A `yes` after that judges an episode, as ever, and nothing moves by itself."""
+    turn = Turn()
+    monkeypatch.setattr(turn.robot._session.transport, "address", f"unix:{tmp_path}/gw.sock")
+    turn.run((0.1, {}, "home"), between, (0.5, {}), (0.5, {}, "yes"))
+    assert turn.said[-2] == "no, then" and turn.said[-1].startswith("NO_RECORDER") and turn.robot.state.motions == ()
+
+
 def test_episodes_need_a_recorder(tmp_path, monkeypatch):
     """What it says is told; the turn goes on."""
     turn = Turn()
