@@ -50,7 +50,7 @@ class Gamepad:
         self.beside: Callable[[int], Wish] = lambda _: Wish({})
         self._sdl: Any = sdl2
         self._pad: Any = None
-        self._down: set[int] = set()
+        self._down = set(ASKED)  # what is held when it comes was not pressed
         sdl2.SDL_SetHint(b"SDL_NO_SIGNAL_HANDLERS", b"1")
         sdl2.SDL_SetHint(sdl2.SDL_HINT_JOYSTICK_ALLOW_BACKGROUND_EVENTS, b"1")
         if sdl2.SDL_Init(sdl2.SDL_INIT_GAMECONTROLLER) != 0 or not self._is_there():
@@ -59,9 +59,9 @@ class Gamepad:
 
     def read(self, now_ns: int) -> Wish:
         """Return what is wished for now; never waits."""
-        beside = self.beside(now_ns)
-        if not self._is_there():
-            self._down = set()
+        beside, pad = self.beside(now_ns), self._pad
+        if not self._is_there() or self._pad is not pad:  # or another one came meanwhile
+            self._down = set(ASKED)
             return Wish({}, beside.actions, missing="the gamepad is gone: plug it in again")
         down = {button for button in range(15) if self._sdl.SDL_GameControllerGetButton(self._pad, button)}
         down |= {100 + axis for axis in (LEFT_TRIGGER, RIGHT_TRIGGER) if self._stick(axis) > PULLED}

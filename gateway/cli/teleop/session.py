@@ -81,13 +81,14 @@ class Session:
             _fail(Code.LEASE_LOST, f"{state.lease.name or 'nobody'!r} owns the robot now")
         if wish.missing:
             self._say(wish.missing)
-        is_homing = self._home is not None and self._is_homing(self._home, is_over=bool(wish.actions or wish.demand))
+        is_over = bool(wish.actions or wish.demand or wish.missing)
+        is_homing = self._home is not None and self._is_homing(self._home, is_over=is_over)
         if self._asked_ns and (wish.demand or wish.missing or now_ns - self._asked_ns > ASKED_NS):
             self._asked_ns = 0
             self._say("no, then")
         for action in () if is_homing else wish.actions:
             self._act(action, state, now_ns)
-        self._must_let_go &= bool(wish.demand)
+        self._must_let_go = bool(wish.missing or (self._must_let_go and wish.demand))
         is_off = self._must_let_go or self._home is not None or state.age > OLD_S
         parts, full = self._ramp.step({} if is_off else wish.demand, dt_s), full_speeds(self._robot.info, self._level)
         rates = {axis: part * full[axis] for axis, part in parts.items()}

@@ -16,6 +16,7 @@ with warnings.catch_warnings():
     sdl2 = pytest.importorskip("sdl2")
 
 LEFT_SHOULDER, RIGHT_SHOULDER, FULL = 9, 10, 32767
+ASKS_HOME = 8
 
 
 class Pad:
@@ -126,17 +127,27 @@ def test_buttons_ask_once_for_each_press(pad):
 
 
 def test_one_that_is_unplugged_wishes_nothing_and_the_next_goes_on(plug_in):
-    """With a word on it; a button that was held then is no press."""
-    first = plug_in()
+    """With a word on it, also where the next one is there at once; a button that is held when one comes is no press."""
+    pads = [plug_in()]
+    pads[0].press(ASKS_HOME)
     device = Gamepad()
-    first.press(LEFT_SHOULDER)
-    first.put(1, -FULL)
+    assert not device.read(0).actions
+    pads[0].press(LEFT_SHOULDER)
+    pads[0].put(1, -FULL)
     assert device.read(0).demand["x"] == pytest.approx(1.0)
-    first.unplug()
-    gone = device.read(0)
-    assert not gone.demand and "plug it in" in gone.missing
-    second = plug_in()
-    second.press(LEFT_SHOULDER)
-    second.put(1, FULL)
-    back = device.read(0)
-    assert back.demand["x"] == pytest.approx(-1.0) and not back.missing
+    for is_at_once in (False, True):
+        pads[-1].unplug()
+        if not is_at_once:
+            gone = device.read(0)
+            assert not gone.demand and "plug it in" in gone.missing
+        pads.append(plug_in())
+        for button in (LEFT_SHOULDER, ASKS_HOME):
+            pads[-1].press(button)
+        pads[-1].put(1, FULL)
+        assert device.read(0).missing
+        back = device.read(0)
+        assert not back.missing and back.demand["x"] == pytest.approx(-1.0) and not back.actions
+    pads[-1].press(ASKS_HOME, False)
+    device.read(0)
+    pads[-1].press(ASKS_HOME)
+    assert device.read(0).actions == ("home",)

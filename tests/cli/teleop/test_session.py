@@ -243,6 +243,23 @@ def test_a_device_that_is_gone_ends_the_turn_and_one_that_is_missing_does_not():
     assert turn.said == ["plug it in"]
 
 
+def test_a_device_that_goes_missing_ends_a_way_home():
+    """The arm brakes on its way, as docs/how-to/teleop.md says."""
+    turn = Turn()
+    turn.run((0.1, {}, "home"), (1.0, {}, "yes"), (0.5, None), (1.0, {}))
+    assert turn.robot.state.motions[-1].state == "cancelled" and any("CANCELLED" in said for said in turn.said)
+
+
+def test_after_a_device_was_missing_everything_must_be_let_go():
+    """What is still held when it is back moves nothing."""
+    turn = Turn()
+    before = turn.left.q_ref
+    turn.run((0.5, None), (0.5, {"joint": 1.0}), (0.5, {}))
+    assert np.abs(turn.left.q_ref - before).max() < 1e-3
+    turn.run((0.5, {"joint": 1.0}), (0.5, {}))
+    assert turn.left.q_ref[0] > before[0] + 0.01
+
+
 class Fixed:
     """A device that says the same again and again, the last one for ever."""
 

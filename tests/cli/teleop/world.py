@@ -26,7 +26,7 @@ class Turn:
         self.world = RobotWorld(**sim)
         self.said, self.shown = [], []
         self.script = []
-        """(for so long [s], demand, actions): what is wished, one after the other; then `quit`."""
+        """(for so long [s], demand, actions): what is wished in turn, a demand None while it is missing; then `quit`."""
         self.robot = connect(transport=self.world.transport(), name="ta2 teleop")
         self.own = self.robot.control().acquire()
         self.own.enable()
@@ -50,8 +50,9 @@ class Turn:
             if not self.script:
                 return Wish({}, ("quit",))
             seconds, demand, *actions = self.script.pop(0)
-            self._until_ns, self._now = now_ns + round(seconds * 1e9), Wish(demand)
-            return Wish(demand, tuple(actions))
+            self._now = Wish({}, missing="plug it in") if demand is None else Wish(demand)
+            self._until_ns = now_ns + round(seconds * 1e9)
+            return self._now._replace(actions=tuple(actions))
         return self._now
 
     def run(self, *script):
