@@ -2,6 +2,7 @@
 
 Nothing goes on by itself: each step needs a wish that is due now, and every target and velocity expires. After a refusal and
 after a stop, everything must be let go before something moves again; the next stream begins where the gateway has the arm.
+A stop is heard while something waits for the gateway or a recorder, too.
 """
 
 from __future__ import annotations
@@ -9,8 +10,9 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Mapping
 from contextlib import suppress
-from typing import NoReturn
+from typing import NoReturn, TypeVar
 
+from gateway.api.recorder_protocol import RecordingState
 from gateway.cli.teleop.arms import Arm
 from gateway.cli.teleop.jogging import HAND, LEVELS, Ramp, full_speeds
 from gateway.cli.teleop.keyboard import Wish
@@ -20,13 +22,18 @@ from gateway.client import Control, MotionHandle, Robot, RobotState
 from gateway.errors import Code, Disconnected, GatewayError, LeaseError, ProtocolError, failure
 from gateway.kinematics.arm import ArmModel
 from gateway.kinematics.description import nominal
+from gateway.process.threads import supervised
 from gateway.robot.limits import HOME_Q_RAD
 from gateway.values import Side
 
 __all__ = ["ENABLE_S", "Session"]
 
+T = TypeVar("T")
+
 PERIOD_S, LONGEST_S = 0.02, 0.04
 """Of a step, and the longest time that one stands for: one that comes later makes up for nothing [s]."""
+DEAF_S = 0.1
+"""What takes longer is waited for with an ear for a stop [s]."""
 EXPIRY_S, RENEW_NS = 0.3, 80_000_000
 """Life of a target and of a velocity [s]; velocities of chassis and lift are sent anew after so long [ns]."""
 OLD_S, IDLE_NS = 0.3, 600_000_000
@@ -47,7 +54,7 @@ class Session:
         self._arm: Arm | None = None
         self._home: MotionHandle | None = None
         self._moved_ns, self._driven_ns = 0, dict[str, int]()
-        self._must_let_go = False
+        self._must_let_go = self._quits = False
         self._asked_ns = 0  # since when it is asked whether the arm shall go home
         self._note, self._episode = "", "no episode"
 
@@ -58,7 +65,7 @@ class Session:
             GatewayError: CANCELLED, the device is gone; LEASE_LOST, somebody else owns the robot; the gateway is lost.
         """
         last_ns = time.monotonic_ns()
-        while "quit" not in (wish := self._read(time.monotonic_ns())).actions:
+        while not self._quits and "quit" not in (wish := self._read(time.monotonic_ns())).actions:
             now_ns = time.monotonic_ns()
             if wish.gone:
                 _fail(Code.CANCELLED, wish.gone)
@@ -160,17 +167,19 @@ class Session:
             self._level = min(max(self._level + (1 if name == "faster" else -1), 0), len(LEVELS) - 1)
         elif name in ("grip", "open", "relax"):
             gripper = self._own.left_gripper if self.side == "left" else self._own.right_gripper
-            gripper.relax() if name == "relax" else (gripper.grip if name == "grip" else gripper.open)(FORCE)
+            ask = gripper.grip if name == "grip" else gripper.open
+            self._aside(gripper.relax if name == "relax" else lambda: ask(FORCE))
         elif name == "enable":
             if state.latches:
-                self._robot.recover("teleop")
-            self._own.enable(timeout=ENABLE_S)
+                self._aside(lambda: self._robot.recover("teleop"))
+            self._aside(lambda: self._own.enable(timeout=ENABLE_S))
             self._rest("enabled")
         elif is_asked and name not in ("home", "yes"):
             self._say("no, then")
         elif is_asked:
             self._rest(f"the {self.side} arm goes home: anything ends it")
-            self._home = self._own.move_to({self.side: HOME_Q_RAD[Side(self.side)]}, speed=HOME_SPEED)
+            goal = {self.side: HOME_Q_RAD[Side(self.side)]}
+            self._home = self._aside(lambda: self._own.move_to(goal, speed=HOME_SPEED))
         elif name == "home":
             self._asked_ns = now_ns
             self._say(f"the {self.side} arm to its initial position (manual §6.6)? y or home again: go; others: no")
@@ -181,18 +190,55 @@ class Session:
 
     def _judge(self, name: str) -> None:
         recording = self._robot.recording
-        if name == "episode":
-            found = recording.stop() if recording.state().is_running else recording.start(self.task)
-        else:
-            found = {"yes": recording.success, "failure": recording.failure, "discard": recording.discard}[name]()
+
+        def ask() -> RecordingState:
+            if name == "episode":
+                return recording.stop() if recording.state().is_running else recording.start(self.task)
+            return {"yes": recording.success, "failure": recording.failure, "discard": recording.discard}[name]()
+
+        found = self._aside(ask)
         word = {"yes": "success", "episode": "begun" if found.is_running else "ended"}.get(name, name)
         self._episode = f"episode {found.episode} {word}"
         self._tell.say(self._episode)
 
+    def _aside(self, work: Callable[[], T]) -> T:
+        """Do what may wait in a thread; nothing but stop and quit is heard until it has ended.
+
+        Raises:
+            GatewayError: As it does; CANCELLED, it was stopped meanwhile.
+        """
+        found, failed, is_stopped = list[T](), list[GatewayError](), False
+
+        def do() -> None:
+            try:
+                found.append(work())
+            except GatewayError as error:
+                failed.append(error)
+
+        thread = supervised(
+            do, "ta2-teleop-aside", on_lost=lambda lost: failed.append(failure(Code.INTERNAL, str(lost)))
+        )
+        thread.start()
+        thread.join(DEAF_S)
+        while thread.is_alive():
+            actions = self._read(time.monotonic_ns()).actions
+            self._quits |= "quit" in actions
+            if "stop" in actions:
+                is_stopped = True
+                self._robot.stop("teleop")
+            thread.join(PERIOD_S)
+        if is_stopped:
+            self._home = None
+            self._robot.stop("teleop")  # what it began after the first one
+            raise failure(Code.CANCELLED, "stopped: the arms are held")
+        if failed:
+            raise failed[0]
+        return found[0]
+
     def _is_homing(self, motion: MotionHandle, *, is_over: bool) -> bool:
         """End a way home that nobody wants any more, tell of one that has ended; return whether it went on until now."""
         if is_over and not motion.done:
-            motion.cancel()
+            self._aside(motion.cancel)
         if motion.done:
             self._home, self._must_let_go = None, True
             motion.result()

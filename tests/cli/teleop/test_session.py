@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import threading
+
 import numpy as np
 import pytest
 
 from gateway.cli.teleop.keyboard import Wish
 from gateway.client import connect
-from gateway.errors import Code, GatewayError, LeaseError
+from gateway.errors import Code, GatewayError, LeaseError, failure
 from gateway.robot.limits import HOME_Q_RAD
 from gateway.values import Side
 from tests.cli.teleop.world import Turn
@@ -258,6 +260,58 @@ def test_after_a_device_was_missing_everything_must_be_let_go():
     assert np.abs(turn.left.q_ref - before).max() < 1e-3
     turn.run((0.5, {"joint": 1.0}), (0.5, {}))
     assert turn.left.q_ref[0] > before[0] + 0.01
+
+
+class TestWhileSomethingWaits:
+    """In a real thread, with a stand-in for what waits: enabling may take 12 s, and lead a reference to its arm."""
+
+    @pytest.fixture
+    def turn(self):
+        """A turn whose enabling waits for whoever lets it end."""
+        turn = Turn()
+        del turn.session._aside
+        turn.ending, turn.stops = threading.Event(), []
+
+        def stop(reason):
+            turn.stops.append(turn.ending.is_set())
+            turn.ending.set()
+
+        turn.own.enable = lambda timeout: turn.enabled()
+        turn.enabled = lambda: turn.ending.wait(5.0) or pytest.fail("it was not let end")
+        turn.robot.stop = stop
+        return turn
+
+    def test_a_stop_is_heard_and_ends_what_it_began_since(self, turn):
+        """At once, and once more at its end; what else is asked for meanwhile is not done."""
+        turn.device = Fixed(Wish({}, ("enable",)), Wish({}, ("faster", "stop")), Wish({}, ("quit",)))
+        turn.run()
+        assert turn.stops == [False, True] and turn.said[-1].startswith("CANCELLED: stopped: the arms are held")
+        assert turn.session._level == 2
+
+    def test_the_end_is_heard_and_waits_for_it(self, turn):
+        """It was pressed once."""
+        seen = iter([Wish({}, ("enable",)), Wish({}, ("quit",))])
+
+        def read(now_ns):
+            wish = next(seen, Wish({}))
+            if "quit" in wish.actions:
+                turn.ending.set()
+            return wish
+
+        turn.device = read
+        turn.run()
+        assert turn.said == ["enabled"] and not turn.stops
+
+    @pytest.mark.parametrize("error", [failure(Code.NOT_ENABLED, "not yet"), ZeroDivisionError("bug")])
+    def test_what_fails_is_told(self, turn, error, caplog):
+        """A bug of ours, too: nobody waits for ever."""
+
+        def fail():
+            raise error
+
+        turn.enabled, turn.device = fail, Fixed(Wish({}, ("enable",)), Wish({}, ("quit",)))
+        turn.run()
+        assert turn.said[-1].startswith(("NOT_ENABLED: not yet", "INTERNAL: the thread ta2-teleop-aside ended unasked"))
 
 
 class Fixed:
