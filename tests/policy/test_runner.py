@@ -339,6 +339,26 @@ def test_what_the_gateway_refuses_for_its_state_is_shown_as_it_says_it(played, w
     assert isinstance(error, (Aborted, NotReady)) and figures.chunks >= 2
 
 
+def test_a_deadman_that_is_let_go_ends_the_run_with_the_arms_held(played, world, robot):
+    """As docs/how-to/policy.md says: a stop endpoint that checks in only while it is held; pressed again, nothing resumes."""
+    with connect(transport=world.transport(), name="deadman") as other:
+        deadman = other.stop_endpoint(timeout=0.3)
+
+        def hold(policy):
+            if not begun:
+                begun.append(deadman.register())
+            if len(policy.asked_ns) < 3:
+                deadman.check_in()
+
+        begun = []
+        _, figures, _, _, error = played(on_tick=hold)
+        assert isinstance(error, Aborted) and error.code is Code.ENDPOINT_SILENT and figures.chunks >= 1
+        deadman.check_in()
+        world.run(1.0)
+        assert robot.state.state in ("ACTIVE", "HOLDING") and not any(robot.state.left_arm.dq_ref)
+        deadman.leave()
+
+
 def test_the_bounds_are_the_gateways_own():
     """Said twice, because whoever plays a policy does not know the control core."""
     assert JUMP_RAD == chunk.JUMP_RAD and MAX_STEPS == chunk.MAX_POINTS and MIN_STEPS == chunk.MIN_POINTS
