@@ -11,8 +11,10 @@ Rules
     * Beyond this host there is TLS: without it a password, and every command behind it, can be read and used by others.
     * What clients may do is listed, flow by flow; everything else is dropped before it reaches us. A list with both
       flows in one rule would let a viewer inject snapshots.
+    * Secrets are nobody else's to read, and what says who gets in, or who may what, is nobody else's to write. As elsewhere,
+      a group may read what is root's: so a service's user reads a key that he cannot change.
 
-Pure: texts to dictionaries; only asks whether the named files exist.
+Pure: texts to dictionaries; only looks whether the named files exist, and for whom.
 """
 
 from __future__ import annotations
@@ -60,6 +62,9 @@ NO_SECRET = "$*!$*"
 """What no secret is, for none has that mark; a wildcard for secrets may stand for it, be it `*`, `**` or `7$*`. Those are
 dropped: one of them that were heard told how a secret begins."""
 
+FILES = {"users_file": 0o077, "tls_certificate": 0, "tls_private_key": 0o077, "tls_root_ca": 0o022, "roles_file": 0o022}
+"""Permission bits that the named files must not have."""
+
 LEASE_MS = 2000
 """Silence after which a client's connection counts as lost over the network [ms]; the keepalive is what decides."""
 
@@ -77,8 +82,8 @@ def network_configuration(local: LocalSettings, roles: Mapping[str, Role] | None
         roles: Who has which; None where whoever gets in may ask for everything.
 
     Raises:
-        ConfigError: BAD_CONFIG. No host and port, a file is missing, it would listen without knowing who connects, or
-            beyond this host without TLS.
+        ConfigError: BAD_CONFIG. No host and port, a file is missing or open to others, it would listen without knowing who
+            connects, or beyond this host without TLS.
     """
     if local.roles_file and not (local.tcp and (local.users_file or local.tls_root_ca)):
         message = "roles are for users or certificates of local.tcp: who may open the socket is an admin"
@@ -92,10 +97,9 @@ def network_configuration(local: LocalSettings, roles: Mapping[str, Role] | None
         raise refused_setting(
             "tls_root_ca", local.tls_root_ca, "certificates of clients need TLS with a certificate and key"
         )
-    for name in ("users_file", "tls_certificate", "tls_private_key", "tls_root_ca"):
-        path = getattr(local, name)
-        if path and not os.access(path, os.R_OK):
-            raise refused_setting(name, path, "there is no readable file of this name")
+    for name, closed in FILES.items():
+        if path := getattr(local, name):
+            _demand_closed(name, path, closed)
     _demand_known(local, is_loopback=is_loopback(host))
     configuration = _router(f"{'tls' if local.tls_certificate else 'tcp'}/{host}:{port}", BEYOND_MS)
     if roles is not None:  # of somebody with both, the name counts for which he has a password
@@ -110,6 +114,21 @@ def network_configuration(local: LocalSettings, roles: Mapping[str, Role] | None
             **({"root_ca_certificate": local.tls_root_ca, "enable_mtls": True} if local.tls_root_ca else {}),
         }
     return configuration
+
+
+def _demand_closed(name: str, path: str, closed: int) -> None:
+    """Refuse a file that cannot be read, or that has permission bits which must be closed.
+
+    Raises:
+        ConfigError: BAD_CONFIG.
+    """
+    if not os.access(path, os.R_OK):
+        raise refused_setting(name, path, "there is no readable file of this name")
+    status = os.stat(path)
+    if status.st_mode & closed & (~0o040 if status.st_uid == 0 else ~0):
+        what, mode = ("use", "600") if closed & 0o044 else ("change", "go-w")
+        message = f"others than its owner may {what} it (mode {status.st_mode & 0o777:o})"
+        raise refused_setting(name, path, message, hint=f"chmod {mode} {path}")
 
 
 def _demand_known(local: LocalSettings, *, is_loopback: bool) -> None:

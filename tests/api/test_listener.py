@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import os
+from pathlib import Path
+from types import SimpleNamespace
+
 import pytest
 import zenoh
 
@@ -13,9 +17,10 @@ from gateway.values import Role
 
 
 def files(tmp_path, *names):
-    """Return the names with paths of files that exist."""
+    """Return the names with paths of files that exist, for their owner alone."""
     for name in names:
         (tmp_path / name).write_text("x")
+        (tmp_path / name).chmod(0o600)
     return {name: str(tmp_path / name) for name in names}
 
 
@@ -99,6 +104,42 @@ def test_half_a_configuration_is_refused(settings):
     """Ports, files and pairs of files that are not there are named before anything listens."""
     with pytest.raises(ConfigError):
         network_configuration(LocalSettings(**settings))
+
+
+def owned(status, owner):
+    """Return what is said of a file as if it were somebody's."""
+    return os.stat_result((*status[:4], owner, *status[5:10]))
+
+
+@pytest.mark.parametrize(
+    ("name", "mode", "owner", "hint"),
+    [
+        ("users_file", 0o604, 0, "chmod 600"),
+        ("users_file", 0o620, 0, "chmod 600"),
+        ("users_file", 0o640, 1000, "chmod 600"),
+        ("users_file", 0o640, 0, ""),
+        ("tls_private_key", 0o644, 0, "chmod 600"),
+        ("tls_private_key", 0o440, 0, ""),
+        ("tls_root_ca", 0o664, 1000, "chmod go-w"),
+        ("tls_root_ca", 0o444, 1000, ""),
+        ("roles_file", 0o646, 1000, "chmod go-w"),
+        ("roles_file", 0o644, 1000, ""),
+        ("tls_certificate", 0o666, 1000, ""),
+    ],
+)
+def test_secrets_are_nobody_elses_to_read_nor_roles_to_write(name, mode, owner, hint, tmp_path, monkeypatch):
+    """A group may read what is root's, as keys of services are kept; the refusal says what to do."""
+    named = files(tmp_path, "users_file", "tls_certificate", "tls_private_key", "tls_root_ca", "roles_file")
+    Path(named[name]).chmod(mode)
+    told = SimpleNamespace(access=os.access, R_OK=os.R_OK, stat=lambda path: owned(os.stat(path), owner))
+    monkeypatch.setattr("gateway.api.listener.os", told)
+    local = LocalSettings(tcp="0.0.0.0:7448", **named)
+    if not hint:
+        assert network_configuration(local)
+        return
+    with pytest.raises(ConfigError, match=f"{mode:o}") as caught:
+        network_configuration(local)
+    assert caught.value.field == f"local.{name}" and caught.value.hint == f"{hint} {named[name]}"
 
 
 @pytest.mark.parametrize(

@@ -471,6 +471,7 @@ def test_users_need_their_password_on_the_network_and_none_on_the_socket(tmp_pat
     """Usrpwd guards the port; the socket stays guarded by its permission bits alone."""
     users = tmp_path / "users"
     users.write_text("operator:correct horse\n")
+    users.chmod(0o600)
     with Daemon(tmp_path, tcp="127.0.0.1:19312", users_file=str(users)) as daemon:
         for credentials in ({}, {"transport/auth/usrpwd": {"user": "operator", "password": "wrong"}}):
             with pytest.raises(zenoh.ZError):

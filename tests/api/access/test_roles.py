@@ -259,6 +259,8 @@ def test_users_with_passwords_have_roles_too(tmp_path):
     """The same by name; who is in no role is a viewer; the socket stays an admin's."""
     (tmp_path / "users").write_text("vera:v\nolaf:o\nnorma:n\n")
     (tmp_path / "roles").write_text("# ours\n\nvera: viewer\nolaf:operator\n")
+    for name in ("users", "roles"):
+        (tmp_path / name).chmod(0o600)
     lab = Lab(tmp_path, users_file=str(tmp_path / "users"), roles_file=str(tmp_path / "roles"))
     with lab.daemon:
         for name, role in (("vera", Role.VIEWER), ("olaf", Role.OPERATOR), ("norma", Role.VIEWER)):
@@ -279,6 +281,7 @@ def test_users_with_passwords_have_roles_too(tmp_path):
 def test_without_roles_everybody_is_what_he_was(tmp_path):
     """A port with users and no roles: all of them may ask for everything, on the key that they know."""
     (tmp_path / "users").write_text("norma:n\n")
+    (tmp_path / "users").chmod(0o600)
     lab = Lab(tmp_path, users_file=str(tmp_path / "users"))
     with lab.daemon:
         login = {"transport/auth/usrpwd": {"user": "norma", "password": "n"}}

@@ -335,6 +335,7 @@ def test_users_connect_with_their_password(tmp_path):
     """On the network, credentials open the door; without them nobody answers."""
     users = tmp_path / "users"
     users.write_text("operator:correct horse\n")
+    users.chmod(0o600)
     with Daemon(tmp_path, tcp="127.0.0.1:19331", users_file=str(users)):
         good = Credentials(user="operator", password="correct horse")
         assert "horse" not in repr(good)
