@@ -122,8 +122,7 @@ class Trials:
         capture, sides = self.capture, self._sides()
         with robot.control(on_loss="pause") as own:
             if sides:
-                own.enable()
-                yield moved.echoed(capture, sides, self._while("echo", lambda: time.sleep(HOLD_S)))
+                yield moved.echoed(capture, sides, self._while("echo", own.enable, HOLD_S))
                 for side in sides:
                     yield self._moved(robot, own, side)
                 for side in sides:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from contextlib import contextmanager
+from types import SimpleNamespace
 
 import pytest
 
@@ -15,6 +16,7 @@ from gateway.robot.limits import HOME_Q_RAD, JOINT_LOWER_RAD, JOINT_UPPER_RAD
 from gateway.settings.settings import LinkSettings
 from gateway.values import Side
 from tests.cli.check.seen import NAMES, Bench
+from tests.cli.check.test_faults import Commander
 
 PARTS = {"left_arm": True, "right_arm": True, "chassis": True}
 
@@ -93,6 +95,23 @@ def test_what_is_refused_is_a_row_and_the_rest_is_not_tried(gateway):
     assert found.pop("echo") == "fail" and set(found.values()) == {"skipped"}
     assert "ENABLE_TIMEOUT: the FSM stayed PAUSE -> `ta2 enable`" in rows[0].found and gateway.left == [NotReady]
     assert not gateway.stopped and gateway.losses == ["pause"]
+
+
+def test_an_arm_that_jumps_while_it_is_enabled_has_not_stayed(monkeypatch):
+    """The first frames are sent before READY: what the arm does then is what `echo` looks for."""
+    bench = Bench()
+    bench.run(0.5)
+    commander = Commander(bench)
+    clock = SimpleNamespace(sleep=lambda s: bench.run(s, commander), monotonic_ns=lambda: bench.now_ns)
+    monkeypatch.setattr(module, "time", clock)
+
+    class Enabling(Gateway):
+        def enable(self):
+            bench.run(0.3, commander)
+            bench.fault(fault="jump", side="left", joint=3, delta_rad=0.25)
+            bench.run(1.0, commander)
+
+    assert next(some_trials(bench.capture).commanded(Enabling())).verdict == "fail"
 
 
 def test_a_robot_that_is_not_known_to_be_paused_is_stopped_in_the_end(gateway):
