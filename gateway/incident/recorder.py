@@ -105,6 +105,8 @@ class Recorder:
         self._engine = engine
         self._robot = robot
         self._heard: list[Heard] = []
+        self._begun: tuple[int, int, bool] | None = None
+        """Of a tick that has not come back: its time and lateness [ns], and whether anybody watched."""
         self._waiting: deque[Tick | _Begin] = deque()
         self._is_on = False
         self._is_gap = False
@@ -169,7 +171,9 @@ class Recorder:
         """Run one cycle of the engine."""
         engine = self._engine
         is_watched = engine.is_watched
+        self._begun = now_ns, late_ns, is_watched
         output = engine.tick(now_ns, late_ns)
+        self._begun = None
         if self._is_on:
             heard, self._heard = self._heard, []
             self._late_ns = late_ns
@@ -203,8 +207,12 @@ class Recorder:
         return self._engine.rest_ns
 
     def panic_frames(self, now_ns: int) -> tuple[Cleared, ...]:
-        """Return the stop frames of an engine that cannot go on."""
-        return self._engine.panic_frames(now_ns)
+        """Return the stop frames of an engine that cannot go on; what it raised at is noted, with them and without a state."""
+        frames = self._engine.panic_frames(now_ns)
+        if self._is_on and not self._is_gap and (self._heard or self._begun):
+            begun = self._begun or (now_ns, 0, self._engine.is_watched)
+            self._waiting.append(Tick(*begun, tuple(self._heard), frames, "", (), (), 0))
+        return frames
 
     def look(self, now_ns: int) -> None:
         """Freeze the engine if it is time to; called at the end of a cycle."""

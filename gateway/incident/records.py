@@ -41,7 +41,7 @@ class Tick(NamedTuple):
         is_watched: Whether anybody listened to snapshots.
         heard: Events since the tick before, in their order.
         frames: What left, in its order.
-        state: Of the supervisor after it, by value.
+        state: Of the supervisor after it, by value; empty where the engine raised, and `frames` are those of its end.
         notices: What was told.
         replies: What was answered.
         claim: Number of the claim that was shown.

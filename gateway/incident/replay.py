@@ -69,7 +69,7 @@ class Difference(NamedTuple):
 
     Attributes:
         now_ns: Of the tick [ns].
-        what: `frames`, `state`, `notices`, `replies` or `claim`.
+        what: `frames`, `state`, `notices`, `replies` or `claim`; `raised` where the engine cannot go on.
         recorded: What it was.
         replayed: What it is.
     """
@@ -169,12 +169,16 @@ def _thawed(start: Start) -> Engine:
 
 def _run(engine: Engine, tick: Tick) -> Difference | None:
     engine.is_watched = tick.is_watched
-    for event in tick.heard:
-        if isinstance(event, Latched):
-            engine.takeover.latch(event.code, event.message, event.at_ns)
-        else:
-            engine.receive(event, tick.now_ns)
-    output = engine.tick(tick.now_ns, tick.late_ns)
+    try:
+        for event in tick.heard:
+            if isinstance(event, Latched):
+                engine.takeover.latch(event.code, event.message, event.at_ns)
+            else:
+                engine.receive(event, tick.now_ns)
+        output = engine.tick(tick.now_ns, tick.late_ns)
+    except Exception as error:  # noqa: BLE001  the very bug that is looked for
+        end = f"the tick ended in {tick.state}" if tick.state else "it raised"
+        return Difference(tick.now_ns, "raised", end, f"{type(error).__name__}: {error}")
     pairs = (
         ("frames", tick.frames, output.frames),
         ("state", tick.state, engine.state.value),

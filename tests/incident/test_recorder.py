@@ -15,7 +15,8 @@ from pathlib import Path
 
 import pytest
 
-from gateway.core.messages.events import SettingsRead
+from gateway.core.engine import Engine, Output
+from gateway.core.messages.events import CommandRequested, Event, SettingsRead
 from gateway.core.messages.outputs import Level, Notice
 from gateway.core.motion.chunk import Chunk, prepare
 from gateway.core.streams.heartbeat import HeartbeatStream
@@ -28,7 +29,7 @@ from gateway.incident.records import Start, Tick
 from gateway.incident.replay import incident, replay, ticks
 from gateway.incident.ring import records
 from gateway.incident.timeline import joints, timeline
-from gateway.messages.requests import Estop, Follow
+from gateway.messages.requests import Estop, Follow, Recover
 from gateway.process.threads import take_lost
 from gateway.values import Side
 from tests.incident.feeling import feeling
@@ -178,6 +179,45 @@ def test_a_process_that_died_has_left_its_last_minute(tmp_path: Path) -> None:
     assert found.causes[0].code == "DIED" and kept.name.endswith("-DIED")
     done = replay(found)
     assert done.difference is None and done.frames > 0
+
+
+@pytest.mark.parametrize("where", ["tick", "receive"])
+def test_what_the_engine_raised_at_is_kept_and_raises_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, where: str
+) -> None:
+    """The request that brings a bug about is the last thing in the box, with the stop frames that left; a replay says what."""
+    pair = Pair()
+    recorded = record(pair, tmp_path)
+    pair.activate()
+    pair.run(0.5)
+    asked: list[object] = []
+    receive, tick = Engine.receive, Engine.tick
+
+    def failing_receive(engine: Engine, event: Event, now_ns: int) -> None:
+        asked.extend([event.request] if isinstance(event, CommandRequested) else [])
+        receive(engine, event, now_ns)
+        if where == "receive" and any(isinstance(each, Recover) for each in asked):
+            raise ZeroDivisionError("a bug")
+
+    def failing_tick(engine: Engine, now_ns: int, late_ns: int = 0) -> Output:
+        if any(isinstance(each, Recover) for each in asked):
+            raise ZeroDivisionError("a bug")
+        return tick(engine, now_ns, late_ns)
+
+    monkeypatch.setattr(Engine, "receive", failing_receive)
+    monkeypatch.setattr(Engine, "tick", failing_tick)
+    with pytest.raises(ZeroDivisionError):
+        pair.ask(Recover(reason="go on"))
+    asked.clear()
+    frames = recorded.recorder.panic_frames(pair.now_ns)
+    assert recorded.recorder.close(DEADLINE_S, is_clean=False)
+    assert record(Pair(), tmp_path).recorder.close(DEADLINE_S, is_clean=True)
+    (kept,) = (tmp_path / "kept").iterdir()
+    *_, (_, last) = ticks(incident(kept))
+    assert [event.request for event in last.heard if isinstance(event, CommandRequested)] == [Recover(reason="go on")]
+    assert last.frames == frames and frames and last.now_ns == pair.now_ns
+    difference = replay(incident(kept)).difference
+    assert difference == (last.now_ns, "raised", "it raised", "ZeroDivisionError: a bug")
 
 
 def test_a_disk_that_hangs_holds_nobody_up_and_leaves_a_gap(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
