@@ -112,11 +112,14 @@ def incident(path: Path) -> Incident:
         kept_ns = int(note["kept"])
     except (KeyError, TypeError) as error:
         raise ValueError(f"its note lacks {error}") from error
-    boxes = sorted(path.glob(f"*{SUFFIX}"))
-    if boxes and not boxes[-1].stat().st_size:  # its process died there
-        boxes.pop()
-    pieces = tuple(map(piece, boxes))
-    return Incident(path=path, causes=causes, kept_ns=kept_ns, pieces=pieces)
+    pieces: list[Piece] = []
+    for box in sorted(path.glob(f"*{SUFFIX}"), reverse=True):
+        try:
+            pieces.append(piece(box))
+        except (json.JSONDecodeError, UnicodeDecodeError):
+            if pieces:  # else its process died there, or the power failed before it reached the disk
+                raise
+    return Incident(path=path, causes=causes, kept_ns=kept_ns, pieces=tuple(reversed(pieces)))
 
 
 def ticks(found: Incident) -> Iterator[tuple[bool, Tick]]:

@@ -6,6 +6,7 @@
 
 Folders have mode 0700, files 0600. A piece is one line of JSON, then blocks: four bytes of length, and records under zlib.
 A piece that is written no more when its process dies is as good as what reached it: reading ends at the last whole block.
+Pieces that are complete, and incidents, are forced onto the disk: a power cut takes the last piece at most.
 """
 
 from __future__ import annotations
@@ -224,7 +225,10 @@ class Ring:
             text = json.dumps(head | {"causes": note}, ensure_ascii=False, indent=1)
             with open(os.open(half / "incident.json", NEW_FILE, 0o600), "w", encoding="utf-8") as file:
                 file.write(text)
+            for path in (*half.iterdir(), half):
+                _sync(path)
             half.rename(target)
+            _sync(self._kept)
         except OSError:
             shutil.rmtree(half, ignore_errors=True)
             raise
@@ -240,7 +244,8 @@ class Ring:
         """Close the present piece."""
         if self._file is not None:
             file, self._file = self._file, None
-            file.close()
+            with file, contextlib.suppress(OSError):  # the piece has what reached the disk
+                os.fsync(file.fileno())
 
     def clear(self) -> None:
         """Let all pieces go; incidents stay."""
@@ -256,6 +261,15 @@ def _is_grave(kept: Path) -> bool:
         return json.loads((kept / "incident.json").read_bytes())["is_grave"] is not False
     except (OSError, ValueError, LookupError, TypeError):  # one that does not say so may be
         return True
+
+
+def _sync(path: Path) -> None:
+    """Force a file, or the names in a folder, onto the disk."""
+    handle = os.open(path, os.O_RDONLY | os.O_CLOEXEC)
+    try:
+        os.fsync(handle)
+    finally:
+        os.close(handle)
 
 
 def _size(paths: Iterator[Path]) -> int:
