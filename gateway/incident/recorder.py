@@ -342,6 +342,8 @@ class Recorder:
         else:
             if kept.exists():
                 _log.info("an incident is kept: ta2 incident show %s", kept.name)
+            else:
+                _log.info("an incident (%s) is not kept: graver ones take the room", causes[0][0])
 
 
 def _is_grave(notice: Notice) -> bool:

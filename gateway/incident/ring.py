@@ -38,7 +38,8 @@ RING_BYTES = 96 * 2**20
 """Largest ring; it reaches back less far where this does not suffice. Ten samples a tick take 0.3 MB/s before zlib."""
 KEPT_INCIDENTS = 20
 KEPT_BYTES = 512 * 2**20
-"""So many incidents, and so much of them together, are kept; those that are not grave are let go first, then the oldest."""
+"""So many incidents, and so much of them together, are kept; those that are not grave are let go first, then those of a clock
+that was ahead, then the oldest; the newest last."""
 SPARE_BYTES = 256 * 2**20
 """Nothing is written where the disk would have less than this left."""
 BLOCK_BYTES = 64 * 2**20
@@ -136,6 +137,7 @@ class Ring:
         found = None
         if left:
             self._pieces.extend((path, 0) for path in left)
+            self._number = max((int(path.stem) for path in left if path.stem.isdecimal()), default=0)
             found = self.keep([("DIED", "the gateway's process ended without a word", 0)])
             self.clear()
         return found
@@ -203,9 +205,8 @@ class Ring:
         Raises:
             OSError: It cannot be written.
         """
-        wall = time.gmtime()
-        code = re.sub(r"[^A-Z_]", "_", causes[0][0])
-        name = f"{time.strftime('%Y%m%dT%H%M%SZ', wall)}-{code}"
+        second = time.strftime("%Y%m%dT%H%M%SZ", time.gmtime())
+        name = f"{second}-{re.sub(r'[^A-Z_]', '_', causes[0][0])}"
         names = itertools.chain((name,), (f"{name}-{number}" for number in itertools.count(2)))
         target = next(path for path in map(self._kept.joinpath, names) if not path.exists())
         half = self._kept / f".{name}"
@@ -232,8 +233,8 @@ class Ring:
         except OSError:
             shutil.rmtree(half, ignore_errors=True)
             raise
-        kept = [path for path in self._kept.iterdir() if not path.name.startswith(".")]
-        kept.sort(key=lambda path: (_is_grave(path), path.name))
+        kept = [path for path in self._kept.iterdir() if path.is_dir() and not path.name.startswith(".")]
+        kept.sort(key=lambda at: (_is_grave(at), at.name[: len(second)] <= second, at == target, at.name))
         while len(kept) > 1 and (
             len(kept) > KEPT_INCIDENTS or _size(p for k in kept for p in k.iterdir()) > KEPT_BYTES
         ):

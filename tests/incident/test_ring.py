@@ -4,8 +4,12 @@ from __future__ import annotations
 
 import os
 import pickle
+import time
 import zlib
+from collections.abc import Callable, Iterator
 from pathlib import Path
+from types import SimpleNamespace
+from typing import TypeAlias
 
 import pytest
 
@@ -16,15 +20,26 @@ from gateway.incident.ring import Ring, records
 S = 1_000_000_000
 
 
-def a_ring(folder: Path, pieces: int) -> Ring:
-    """Return a ring that has so many pieces, the last one unfinished."""
-    ring = Ring(folder)
-    ring.spare_bytes = 0
-    ring.open()
-    for number in range(pieces):
-        ring.begin({"form": 1, "number": number}, number * S)
-        ring.write(b"x" * 100)
-    return ring
+Rings: TypeAlias = Callable[[int], Ring]
+
+
+@pytest.fixture
+def a_ring(tmp_path: Path) -> Iterator[Rings]:
+    """Return what makes a ring in this test's folder that has so many pieces, the last one unfinished."""
+    made: list[Ring] = []
+
+    def a_ring(pieces: int) -> Ring:
+        made.append(ring := Ring(tmp_path))
+        ring.spare_bytes = 0
+        ring.open()
+        for number in range(pieces):
+            ring.begin({"form": 1, "number": number}, number * S)
+            ring.write(b"x" * 100)
+        return ring
+
+    yield a_ring
+    for ring in made:
+        ring.close()
 
 
 def test_a_block_that_unpacks_to_more_than_any_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -47,13 +62,15 @@ def test_whatever_a_file_does_to_our_values_it_is_a_file_that_cannot_be_read(tmp
 
 
 @pytest.mark.parametrize("content", [b"", bytes(4096)])
-def test_what_a_power_cut_left_of_the_last_pieces_spoils_no_incident(tmp_path: Path, content: bytes) -> None:
+def test_what_a_power_cut_left_of_the_last_pieces_spoils_no_incident(
+    tmp_path: Path, a_ring: Rings, content: bytes
+) -> None:
     """File systems give a file its length, or its name, before what is in it. A hole between two pieces is told."""
-    a_ring(tmp_path, 5).close()
+    a_ring(5).close()
     left = sorted((tmp_path / "ring").iterdir())
     for box in left[-2:]:
         box.write_bytes(content)
-    kept = a_ring(tmp_path, 0).folder / "kept"
+    kept = a_ring(0).folder / "kept"
     (found,) = map(incident, kept.iterdir())
     assert [box.header["number"] for box in found.pieces] == [0, 1, 2] and found.causes[0].code == "DIED"
     found.pieces[1].path.write_bytes(content)
@@ -61,7 +78,9 @@ def test_what_a_power_cut_left_of_the_last_pieces_spoils_no_incident(tmp_path: P
         incident(found.path)
 
 
-def test_an_incident_is_on_the_disk_before_it_has_its_name(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_incident_is_on_the_disk_before_it_has_its_name(
+    tmp_path: Path, a_ring: Rings, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """What is in it, its note and its folder; then the name. A piece is, when the next one begins."""
     synced: list[str] = []
 
@@ -70,11 +89,60 @@ def test_an_incident_is_on_the_disk_before_it_has_its_name(tmp_path: Path, monke
         synced.append(str(path.relative_to(tmp_path)))
 
     monkeypatch.setattr(os, "fsync", fsync)
-    ring = a_ring(tmp_path, 2)
+    ring = a_ring(2)
     assert synced == ["ring/000001.box"]
     synced.clear()
     kept = ring.keep([("ESTOP", "", 1)])
     half = f"kept/.{kept.name}"
     assert set(synced[:-2]) == {f"{half}/00.box", f"{half}/01.box", f"{half}/incident.json"}
     assert synced[-2:] == [half, "kept"]
+
+
+def test_an_incident_behind_a_step_of_the_clock_stays_and_those_of_the_wrong_clock_go(
+    a_ring: Rings, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """What has just happened is never let go for what is called later: that was before."""
+    monkeypatch.setattr(ring_module, "KEPT_INCIDENTS", 3)
+    ring, days = a_ring(1), [0]
+    told = SimpleNamespace(gmtime=lambda: time.gmtime(days[0] * 86400), strftime=time.strftime, time_ns=time.time_ns)
+    monkeypatch.setattr(ring_module, "time", told)
+    kept = []
+    for days[0] in (1, 11, 12, 2, 3):
+        kept.append(ring.keep([("ESTOP", "", 1)]))
+        assert kept[-1].exists()
+    assert [path.name[:8] for path in kept if path.exists()] == ["19700102", "19700103", "19700104"]
+    days[0] = 1
+    assert ring.keep([("ESTOP", "", 1)]).exists()
+
+
+def test_what_lies_beside_the_incidents_is_left_alone(
+    tmp_path: Path, a_ring: Rings, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A file that somebody has put there is no incident, and keeps none away."""
+    monkeypatch.setattr(ring_module, "KEPT_INCIDENTS", 2)
+    ring = a_ring(1)
+    (tmp_path / "kept" / "00.tgz").write_bytes(b"")
+    for _ in range(4):
+        assert ring.keep([("ESTOP", "", 1)]).exists()
+    assert len(list((tmp_path / "kept").iterdir())) == 3
+
+
+def test_a_ring_that_could_not_be_kept_at_the_start_stays_what_it_is(
+    tmp_path: Path, a_ring: Rings, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Pieces of the process before are followed by new ones, and none is taken for another."""
+    a_ring(2).close()
+
+    def full(*_: object, **__: object) -> Path:
+        raise OSError(28, "No space left on device")
+
+    with monkeypatch.context() as patch, pytest.raises(OSError):
+        patch.setattr(Ring, "keep", full)
+        ring = Ring(tmp_path)
+        ring.spare_bytes = 0
+        ring.open()
+    for number in range(2):
+        ring.begin({"form": 1, "number": number}, 200 * S)
+    found = incident(ring.keep([("ESTOP", "", 1)]))
+    assert [box.header["number"] for box in found.pieces][-2:] == [0, 1]
     ring.close()
