@@ -43,7 +43,7 @@ class Counts:
         paci: PACI packets, which this receiver does not read (RFC 7798 section 4.4.4).
         pictures: Access units made.
         broken: Those of them that are not intact.
-        pictures_lost: Of which nothing came, by the RTP time; an estimate.
+        pictures_lost: Of which nothing came, by the RTP time (an estimate), or nothing that can be read.
         abandoned: Begun, and given up since their sender was.
         oversize: Larger than any picture could be; cut off.
         headless: Whose first slice is not there though no packet is lost.

@@ -238,6 +238,10 @@ class Depacketiser:
         self._is_between = True
         if picture.slice_type is None:  # parameter sets or SEI of their own; or its slices are all lost
             self._lost = picture.lost
+            if picture.is_broken and not picture.lost:  # nothing else says to those behind it that one is missing
+                self.seq += 1
+                self._last_time = picture.rtp_time
+                self._tally.add(pictures_lost=1)
             return []
         if not picture.lost and not picture.is_broken:
             self._in_a_row["head"] = self._in_a_row["head"] + 1 if picture.is_headless else 0

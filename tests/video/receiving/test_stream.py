@@ -10,6 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from gateway.video.decoding.damage import Damage
 from gateway.video.hevc.access_unit import AccessUnit
 from gateway.video.receiving.counters import Counts
 from gateway.video.receiving.reorder import HOLD_NS
@@ -163,6 +164,19 @@ def test_of_a_picture_of_which_nothing_came_the_number_is_left_out() -> None:
     assert [unit.seq for unit in units] == [0, 1, 2, 3, 6, 7]
     assert feed.counts.pictures_lost == 2 and feed.counts.lost == len(pictures[4]) + len(pictures[5])
     assert not units[4].follows(units[3]) and units[5].follows(units[4])
+
+
+@pytest.mark.parametrize("header", [b"\x7e\x01", b"\x60\x01", b"\x64\x01", b"\x62\x00"])
+def test_a_picture_of_which_nothing_can_be_read_is_missing(header: bytes) -> None:
+    """No packet is lost: no type that is any, an AP that does not add up, PACI, fragments that are none."""
+    feed, sender = Feed(), Sender()
+    pictures = sender.pictures(range(8))
+    pictures[4] = [packet[:12] + header + packet[14:] for packet in pictures[4]]
+    units = feed.give(pictures)
+    assert [unit.seq for unit in units] == [0, 1, 2, 3, 5, 6, 7] and feed.counts.lost == 0
+    assert feed.counts.pictures_lost == 1 and not units[4].follows(units[3]) and units[5].follows(units[4])
+    damage = Damage()
+    assert [damage.judge(unit).clean for unit in units] == [True] * 4 + [False] * 3
 
 
 def test_what_came_of_a_slice_before_a_loss_is_kept_and_what_came_behind_is_not() -> None:
