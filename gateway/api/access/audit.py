@@ -5,7 +5,7 @@ Rules
       for as long as it likes. What finds no room then is counted, and the next line that is written says so.
     * Refusals are written, and stops, whichever way they come. Targets, keepalives and questions about the state are not.
     * Each user, and each client of the socket, may have so many lines: a flood of one hides nobody else, and wears no
-      earlier lines out of the file.
+      earlier lines out of the file. Velocities that were taken come ten times a second: they hide nothing else of his either.
     * The file is opened anew for each line, so that others may move it away.
 """
 
@@ -27,6 +27,7 @@ from gateway.api.keys import printable
 from gateway.api.question import Question
 from gateway.api.stop_lane import READ_BYTES, StopLane
 from gateway.errors import Code
+from gateway.messages.requests import DriveChassis, DriveLift
 from gateway.process.threads import Lost, supervised
 from gateway.values import Role
 
@@ -35,7 +36,7 @@ __all__ = ["KEPT", "LINES_AT_ONCE", "MAX_WAITING", "MOST_CLIENTS", "TEXT_CHARS",
 MAX_WAITING = 1024
 """Lines that may wait for the disk."""
 LINES_AT_ONCE = 50
-"""Of one user, who may have another one each `LINE_NS`; stops have as many for themselves."""
+"""Of one user, who may have another one each `LINE_NS`; stops, and his driving that was taken, have as many for themselves."""
 LINE_NS = 1_000_000_000
 MOST_CLIENTS = 64
 """So many clients that are no named users have lines of their own; the others share theirs, since ids cost nothing."""
@@ -108,7 +109,8 @@ class Audit:
             said |= {name: value for name, value in told.items() if value != ""}
         asker = question.asker
         whose = asker.user or (command.client_id if command is not None and asker.role is not Role.VIEWER else "")
-        return _Watched(question, self._put, f"{asker.door} {whose}", lambda: said)
+        is_driving = command is not None and isinstance(command.request, (DriveChassis, DriveLift))
+        return _Watched(question, self._put, f"{asker.door} {whose}", lambda: said, is_driving=is_driving)
 
     def note_stop(self, key: str, payload: bytes, received_ns: int, door: str) -> None:
         """Write down a stop that wants no answer."""
@@ -204,17 +206,39 @@ STOPS = {protocol.STOP_KEY: "Stop", protocol.ESTOP_KEY: "Estop"}
 class _Watched:
     """A question whose answer is put down with what was asked: by whose share, and what says it."""
 
-    __slots__ = ("_put", "_question", "_says", "_whose", "asker", "encoding", "key", "payload", "received_ns")
+    __slots__ = (
+        "_is_driving",
+        "_put",
+        "_question",
+        "_says",
+        "_whose",
+        "asker",
+        "encoding",
+        "key",
+        "payload",
+        "received_ns",
+    )
 
-    def __init__(self, question: Question, put: Callable[..., None], whose: str, says: Callable[[], _Line]) -> None:
+    def __init__(
+        self,
+        question: Question,
+        put: Callable[..., None],
+        whose: str,
+        says: Callable[[], _Line],
+        *,
+        is_driving: bool = False,
+    ) -> None:
         self.key, self.payload, self.encoding = question.key, question.payload, question.encoding
         self.received_ns, self.asker = question.received_ns, question.asker
         self._question, self._put, self._whose, self._says = question, put, whose, says
+        self._is_driving = is_driving
 
     def answer(self, payload: bytes, encoding: str) -> None:
         self._question.answer(payload, encoding)
-        says = self._says
-        self._put(self._whose, self.received_ns, self.asker, lambda: says() | _answer(payload, encoding))
+        says, whose = self._says, self._whose
+        if self._is_driving and _answer(payload, encoding)["answer"] == "ok":
+            whose += " drive"
+        self._put(whose, self.received_ns, self.asker, lambda: says() | _answer(payload, encoding))
 
     def drop(self) -> None:
         self._question.drop()

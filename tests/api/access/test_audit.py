@@ -135,6 +135,22 @@ def test_a_flood_of_one_hides_nobody_else(book):
     assert sum(line.get("lost", 0) for line in lines) == book.audit.lost > 0
 
 
+@pytest.mark.parametrize(
+    "drive",
+    [protocol.DriveChassis(epoch=4, vx_mps=0.1, vy_mps=0.0, wz_radps=0.0), protocol.DriveLift(epoch=4, velocity=1.0)],
+)
+def test_driving_hides_nothing_else_that_its_driver_asks_for(book, drive):
+    """A velocity that is taken is one of many. One that is refused is a line as any other."""
+    for number in range(2 * LINES_AT_ONCE):
+        book.ask(drive, number)
+    assert book.audit.lost
+    refusal = protocol.RefusalMessage(code="NOT_OWNER", message="bob owns the robot")
+    book.ask(drive, 1, answer=protocol.Reply(request_id=1, refusal=refusal))
+    book.ask(protocol.Recover(), 2)
+    lines = [line for line in book.lines(LINES_AT_ONCE + 2) if line["answer"] != "ok" or line["request"] == "Recover"]
+    assert [line["request"] for line in lines] == [type(drive).__name__, "Recover"]
+
+
 def test_whoever_floods_for_long_wears_no_earlier_lines_out(book, monkeypatch):
     """Some at once, then one a second, each of bounded length whatever is asked."""
     now_ns = time.monotonic_ns()
