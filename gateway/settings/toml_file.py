@@ -35,8 +35,9 @@ if sys.version_info >= (3, 11):
 else:  # the same parser under its old name
     import tomli as tomllib
 
-__all__ = ["KEYS", "SECTIONS", "Key", "Kind", "lines", "load", "loads", "overridden", "show", "state_dir"]
+__all__ = ["KEYS", "SECTIONS", "Key", "Kind", "lines", "load", "loads", "overridden", "show", "state_dir", "state_dirs"]
 
+SERVICE_STATE = Path("/var/lib/ta2")
 MS = 1_000_000
 S = 1_000_000_000
 
@@ -244,6 +245,11 @@ def state_dir() -> Path:
     if not Path(env.get("HOME", "")).is_absolute():
         raise _error("environment", "has no HOME to keep the state file in", hint="set TA2_STATE_DIR to a folder")
     return Path(env["HOME"]) / ".local" / "state" / "ta2"
+
+
+def state_dirs() -> tuple[Path, ...]:
+    """Return it, and that of a service; `$TA2_STATE_DIR` stands for both. Raises as `state_dir`."""
+    return (state_dir(), *(() if os.environ.get("TA2_STATE_DIR") else (SERVICE_STATE,)))
 
 
 def _part(section: str, table: object, origin: str) -> object:

@@ -233,7 +233,7 @@ def _add_views(commands: Any) -> None:  # noqa: ANN401  argparse's private class
         "--since",
         type=span,
         metavar="SPAN",
-        help="print what the gateways of this user told and refused in that time, e.g. 90s, 10m, 1h; needs none that runs",
+        help="print what was told and refused in that time by gateways of this user, or a service: 90s, 10m, 1h; needs none",
     )
     watch = add_client_command(
         commands,

@@ -88,7 +88,7 @@ def add_incident(commands: Any) -> None:  # noqa: ANN401  argparse's private cla
         commands,
         "incident",
         "look at what the black box kept of latches, takeovers and aborts, and run the engine on it again",
-        "Reads files of this user's gateway, and needs none that runs.",
+        "Reads files of gateways of this user, or a service, and needs none that runs.",
     )
     verbs = incident.add_subparsers(title="what to do", dest="verb", metavar="VERB", required=True)
     for verb, text in (
@@ -103,5 +103,7 @@ def add_incident(commands: Any) -> None:  # noqa: ANN401  argparse's private cla
             )
         if verb == "show":
             sub.add_argument("--html", type=Path, metavar="FILE", help="write a page for a browser, too")
-        sub.add_argument("--dir", type=Path, metavar="DIR", help="where they are kept (default: this user's)")
+        sub.add_argument(
+            "--dir", type=Path, metavar="DIR", help="where they are kept (default: this user's, and a service's)"
+        )
         sub.add_argument("--json", action="store_true", help="print JSON on standard output")

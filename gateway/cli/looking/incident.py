@@ -8,6 +8,7 @@ from __future__ import annotations
 import json
 import time
 from argparse import Namespace
+from collections.abc import Sequence
 from datetime import datetime, timezone
 from pathlib import Path
 from typing import Any
@@ -15,12 +16,12 @@ from typing import Any
 from rich.console import Console
 from rich.text import Text
 
+from gateway.cli.looking.boxes import boxes, places
 from gateway.cli.terminal.ending import ExitStatus
 from gateway.errors import Code, Refusal, failure, to_exception
 from gateway.incident.recorder import release
 from gateway.incident.replay import Incident, incident, replay
 from gateway.incident.timeline import timeline
-from gateway.settings.toml_file import state_dir
 
 __all__ = ["carry_out"]
 
@@ -33,10 +34,10 @@ def carry_out(options: Namespace) -> ExitStatus:
     Raises:
         Rejected: BAD_REQUEST, there is no such incident, or it cannot be read.
     """
-    folder = options.dir or state_dir() / "incidents"
+    among = places() if options.dir is None else [options.dir]
     if options.verb == "list":
-        return _list(folder, as_json=options.json)
-    path = _find(folder, options.name)
+        return _list(among, as_json=options.json)
+    path = _find(among, options.name)
     try:
         found = incident(path)
         return _show(found, options) if options.verb == "show" else _replay(found, as_json=options.json)
@@ -44,25 +45,29 @@ def carry_out(options: Namespace) -> ExitStatus:
         raise failure(Code.BAD_REQUEST, f"{path}: {error}", field="incident") from None
 
 
-def _kept(folder: Path) -> list[Path]:
-    return sorted((note.parent for note in folder.glob("*/kept/[!.]*/incident.json")), key=lambda path: path.name)
+def _kept(among: Sequence[Path]) -> tuple[list[Path], ExitStatus]:
+    found, status = boxes(among)
+    notes = (note for box in found for note in box.glob("kept/[!.]*/incident.json"))
+    return sorted((note.parent for note in notes), key=lambda path: path.name), status
 
 
-def _find(folder: Path, name: str) -> Path:
+def _find(among: Sequence[Path], name: str) -> Path:
     """Return the folder of an incident: a path, a name, or the newest."""
     if name and (Path(name) / "incident.json").is_file():
         return Path(name)
-    found = [path for path in _kept(folder) if name in ("", path.name)]
+    found = [path for path in _kept(among)[0] if name in ("", path.name)]
     if found:
         return found[-1]
     what = f"no incident {name!r} is kept" if name else "no incident is kept"
     hint = "`ta2 incident list`; --dir DIR for another place"
-    raise to_exception(Refusal(code=Code.BAD_REQUEST, message=f"{what} in {folder}", field="incident", hint=hint))
+    message = f"{what} in {' or '.join(map(str, among))}"
+    raise to_exception(Refusal(code=Code.BAD_REQUEST, message=message, field="incident", hint=hint))
 
 
-def _list(folder: Path, *, as_json: bool) -> ExitStatus:
+def _list(among: Sequence[Path], *, as_json: bool) -> ExitStatus:
+    kept, status = _kept(among)
     rows: list[dict[str, Any]] = []
-    for path in _kept(folder):
+    for path in kept:
         try:
             found = incident(path)
             code, message, kept_ns = *found.causes[0][:2], found.kept_ns
@@ -84,8 +89,8 @@ def _list(folder: Path, *, as_json: bool) -> ExitStatus:
     for row in () if as_json else rows:
         print(f"{row['name']}  {row['robot']}  {row['bytes'] / 1e6:.1f} MB  {row['message']}")
     if not (rows or as_json):
-        print(f"no incident is kept in {folder}")
-    return ExitStatus.OK
+        print(f"no incident is kept in {' or '.join(map(str, among))}")
+    return status
 
 
 def _facts(found: Incident) -> dict[str, Any]:

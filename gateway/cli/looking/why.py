@@ -15,13 +15,13 @@ import msgspec
 from rich.console import Console
 from rich.text import Text
 
+from gateway.cli.looking.boxes import boxes, places
 from gateway.cli.terminal.advice import next_steps
 from gateway.cli.terminal.connection import connected
 from gateway.cli.terminal.ending import ExitStatus, in_shell_words
 from gateway.cli.terminal.style import STEP_MARKS, STEP_STYLES
 from gateway.client import Why
 from gateway.errors import Code, failure
-from gateway.settings.toml_file import state_dir
 
 __all__ = ["carry_out", "document", "lines"]
 
@@ -54,10 +54,11 @@ def carry_out(options: Namespace) -> ExitStatus:
 
 
 def _told_since(since_s: float, *, as_json: bool) -> ExitStatus:
-    """Print what the gateways of this user told and refused, from their files, the oldest first."""
+    """Print what the gateways of this user, and of a service, told and refused, from their files, the oldest first."""
     from gateway.incident.event_log import read_events
 
-    folders = sorted(path for path in (state_dir() / "incidents").glob("*") if path.is_dir())
+    among = places()
+    folders, status = boxes(among)
     try:
         told = [(event, folder.name) for folder in folders for event in read_events(folder, since_s)]
     except OSError as error:
@@ -74,8 +75,8 @@ def _told_since(since_s: float, *, as_json: bool) -> ExitStatus:
         at = f"{robot}  " if len(folders) > 1 else ""
         print(f"{when}  {at}{who}  {event.get('code')}: {event.get('message')}{more}")
     if not (told or as_json):
-        print(f"nothing was told in that time, as far as {state_dir() / 'incidents'} knows")
-    return ExitStatus.OK
+        print(f"nothing was told in that time, as far as is written in {' and '.join(map(str, among))}")
+    return status
 
 
 def document(why: Why) -> dict[str, object]:

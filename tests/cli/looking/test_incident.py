@@ -12,6 +12,7 @@ import pytest
 from gateway.cli.main import main
 from gateway.incident import recorder as recorder_module
 from gateway.incident import ring as ring_module
+from gateway.settings import toml_file
 from tests.incident.recorded import an_incident
 
 
@@ -102,6 +103,27 @@ def test_why_prints_what_was_told_since(capsys: pytest.CaptureFixture[str]) -> N
     assert main(["why", "--since", "1h", "--json"]) == 0
     for line in capsys.readouterr().out.splitlines():
         assert {"t", "event", "code", "message", "robot"} <= json.loads(line).keys()
+
+
+def test_the_black_box_of_a_service_is_looked_at_too(
+    state: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """As its socket is, unless a folder is named. Where it cannot be read nobody is told that nothing was."""
+    monkeypatch.delenv("TA2_STATE_DIR")
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "home"))
+    monkeypatch.setattr(toml_file, "SERVICE_STATE", state)
+    for words in (("why", "--since", "30d"), ("incident", "list"), ("incident", "show")):
+        assert main([*words]) == 0 and "ESTOP" in capsys.readouterr().out
+    (tmp_path / "incidents").write_text("no folder")
+    monkeypatch.setattr(toml_file, "SERVICE_STATE", tmp_path)
+    for words in (("why", "--since", "30d"), ("incident", "list"), ("incident", "show")):
+        assert main([*words]) == 1
+        assert f"{tmp_path / 'incidents'} cannot be read (Not a directory)" in capsys.readouterr().err
+    monkeypatch.setattr(toml_file, "SERVICE_STATE", tmp_path / "none")
+    for words in (("why", "--since", "30d"), ("incident", "list")):
+        assert main([*words]) == 0
+        ended = capsys.readouterr()
+        assert not ended.err and all(str(tmp_path / part / "incidents") in ended.out for part in ("home/ta2", "none"))
 
 
 @pytest.mark.parametrize("span", ["1x", "h", "-1h", "0s", "nan", "400d"])
