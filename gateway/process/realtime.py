@@ -35,6 +35,7 @@ __all__ = [
     "Measure",
     "SleepWatch",
     "calm_interpreter",
+    "has_capability",
     "lock_memory",
     "release_interpreter",
     "require_linux",
@@ -50,8 +51,8 @@ SWITCH_INTERVAL_S = 0.0005
 MCL_CURRENT_FUTURE_ONFAULT = 1 | 2 | 4
 SCHED_FIFO = 1
 """`os.SCHED_FIFO`, which exists on Linux only."""
-CAP_IPC_LOCK = 14
-"""Bit of the capability that lifts the limit of locked memory (capabilities(7))."""
+CAP_IPC_LOCK, CAP_SYS_NICE = 14, 23
+"""Bits of the capabilities that lift the limits of locked memory, and of real-time priority (capabilities(7))."""
 BELOW_LOOP = 20
 """All other threads get the loop's priority less this: zenoh sends and receives above ordinary programs."""
 LISTINGS = 8
@@ -72,6 +73,14 @@ class Measure(Struct, frozen=True, kw_only=True):
     line: str
 
 
+def has_capability(number: int) -> bool:
+    """Return whether this process has it where it lifts a limit: in the first user namespace, not in a rootless container."""
+    status = Path("/proc/self/status").read_text(encoding="ascii", errors="replace")
+    held = next((int(line.split()[1], 16) for line in status.splitlines() if line.startswith("CapEff:")), 0)
+    whole = Path("/proc/self/uid_map").read_text(encoding="ascii").split() == ["0", "0", "4294967295"]
+    return whole and bool(held >> number & 1)
+
+
 class Linux:
     """The running Linux kernel; on any other system every call raises `OSError`."""
 
@@ -88,11 +97,7 @@ class Linux:
             resource.setrlimit(resource.RLIMIT_MEMLOCK, (hard, hard))
         if hard == resource.RLIM_INFINITY:
             return True
-        # The capability lifts the limit only when it is held in the first user namespace (not in a rootless container).
-        status = Path("/proc/self/status").read_text(encoding="ascii", errors="replace")
-        held = next((int(line.split()[1], 16) for line in status.splitlines() if line.startswith("CapEff:")), 0)
-        whole = Path("/proc/self/uid_map").read_text(encoding="ascii").split() == ["0", "0", "4294967295"]
-        return whole and bool(held >> CAP_IPC_LOCK & 1)
+        return has_capability(CAP_IPC_LOCK)
 
     def lock_memory(self) -> None:
         """Lock present and future pages as they are touched."""

@@ -26,6 +26,7 @@ from gateway.api.protocol import default_socket
 from gateway.cli.command_line.robot_arguments import ROBOT_PORT
 from gateway.cli.command_line.video_arguments import PORT
 from gateway.cli.terminal.ending import ExitStatus
+from gateway.process.realtime import CAP_IPC_LOCK, CAP_SYS_NICE, has_capability
 
 __all__ = ["PROBES", "Advice", "Probe", "advice", "carry_out", "readings"]
 
@@ -48,9 +49,10 @@ class Advice(NamedTuple):
 
 
 def _limit(which: int) -> float:
-    """Return a hard limit of this user; root has none."""
+    """Return a hard limit of this process; none where a capability lifts it, which root in a container may lack."""
     hard = resource.getrlimit(which)[1]
-    return inf if os.geteuid() == 0 or hard == resource.RLIM_INFINITY else hard
+    lifting = CAP_SYS_NICE if which == resource.RLIMIT_RTPRIO else CAP_IPC_LOCK
+    return inf if hard == resource.RLIM_INFINITY or has_capability(lifting) else hard
 
 
 def _late_ms() -> tuple[float, float]:

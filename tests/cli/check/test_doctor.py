@@ -8,6 +8,7 @@ import pytest
 
 from gateway.cli.check import doctor
 from gateway.cli.check.doctor import PROBES, advice, readings
+from gateway.process import realtime
 
 GOOD = {
     "real time": 95,
@@ -84,6 +85,16 @@ def test_a_reading_that_fails_is_none(monkeypatch, error):
 
     monkeypatch.setattr(doctor, "PROBES", {"tick": PROBES["tick"]._replace(read=fail)})
     assert readings() == {"tick": None}
+
+
+@pytest.mark.parametrize(("held", "limit"), [(realtime.CAP_SYS_NICE, inf), (realtime.CAP_IPC_LOCK, 0), (None, 0)])
+@pytest.mark.parametrize("uid", [0, 1000])
+def test_root_without_the_capability_has_the_limit_of_anybody(monkeypatch, uid, held, limit):
+    """As in a container; whoever has the capability has none."""
+    monkeypatch.setattr(doctor.os, "geteuid", lambda: uid)
+    monkeypatch.setattr(doctor.resource, "getrlimit", lambda _: (0, 0))
+    monkeypatch.setattr(doctor, "has_capability", lambda number: number == held)
+    assert PROBES["real time"].read() == limit
 
 
 def test_this_computer_can_be_asked(shell, monkeypatch):
