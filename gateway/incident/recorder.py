@@ -21,6 +21,7 @@ import platform
 import threading
 import time
 from collections import deque
+from contextlib import suppress
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import NamedTuple
@@ -209,9 +210,10 @@ class Recorder:
     def panic_frames(self, now_ns: int) -> tuple[Cleared, ...]:
         """Return the stop frames of an engine that cannot go on; what it raised at is noted, with them and without a state."""
         frames = self._engine.panic_frames(now_ns)
-        if self._is_on and not self._is_gap and (self._heard or self._begun):
-            begun = self._begun or (now_ns, 0, self._engine.is_watched)
-            self._waiting.append(Tick(*begun, tuple(self._heard), frames, "", (), (), 0))
+        with suppress(Exception):  # nobody knows what is broken, and the frames have to leave
+            if self._is_on and not self._is_gap and (self._heard or self._begun):
+                begun = self._begun or (now_ns, 0, self._engine.is_watched)
+                self._waiting.append(Tick(*begun, tuple(self._heard), frames, "", (), (), 0))
         return frames
 
     def look(self, now_ns: int) -> None:
