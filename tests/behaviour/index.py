@@ -144,6 +144,7 @@ TRANSITIONS = {
         "cells::FSM 1",
         "robot_side::an_enabled_robot_that_falls_back_while_enabling_is_paused_again",
         "robot_side::a_pause_while_stopping_is_what_was_asked_for",
+        "robot_side::a_pause_that_our_1_0_undid_while_stopping_is_followed_by_0_0",
         "robot_side::a_paused_owner_can_still_go_down_when_0_0_found_no_hearing",
     ),
     "FSM ERROR": (

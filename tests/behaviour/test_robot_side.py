@@ -7,7 +7,7 @@ from collections.abc import Callable
 
 import pytest
 
-from gateway.core.messages.events import SampleRefused
+from gateway.core.messages.events import SampleArrived, SampleRefused
 from gateway.errors import Code
 from gateway.messages.requests import Enable, Estop, Move, Recover, Release, Stop
 from gateway.robot.topics import CURRENT_MODE, FSM_STATE, arm_state, joint_command
@@ -66,6 +66,16 @@ def test_a_pause_while_stopping_is_what_was_asked_for() -> None:
         pair.run(2.0)
         told = " ".join(pair.told(Code.STATE_CHANGED))
         assert "by itself" not in told and "as our 0.0 asked for" in told
+
+
+def test_a_pause_that_our_1_0_undid_while_stopping_is_followed_by_0_0() -> None:
+    """The arms still brake under 1.0, which restarts a robot that has paused by itself before its FSM 0 is here."""
+    pair = scene("STOPPING")
+    pair.robot.fsm.pause()
+    pair.robot.fsm.enable(1.0, pair.robot.now_ns)
+    pair.receive(SampleArrived(topic=FSM_STATE, value=0, received_ns=pair.now_ns))  # it was under way
+    pair.step()
+    pair.goes_down()
 
 
 def test_an_enabled_robot_that_falls_back_while_enabling_is_paused_again() -> None:

@@ -40,7 +40,7 @@ lost, pause    | -              | free, nothing   | free, nothing   | free, down
 stale          | STALE, nothing | STALE, nothing  | STALE, nothing  | STALE, 0.0     | STALE, falls silent, last word | STALE, keeps, last word | STALE, 0.0, keeps | STALE, 0.0     | =                    | =
 transport lost | OFFLINE        | OFFLINE         | OFFLINE         | OFFLINE        | OFFLINE             | OFFLINE       | OFFLINE           | OFFLINE        | OFFLINE              | =
 FSM READY      | nothing        | nothing         | nothing         | ACTIVE         | =                   | =             | 0.0, PAUSED       | gives up       | -                    | -
-FSM 0          | nothing        | nothing         | nothing         | down           | pauses              | pauses        | =                 | silent         | -                    | -
+FSM 0          | nothing        | nothing         | nothing         | down           | pauses              | pauses        | =                 | 0.0, silent    | -                    | -
 FSM 1          | nothing        | nothing         | nothing         | =              | pauses              | pauses        | 0.0, PAUSED       | gives up       | -                    | -
 FSM ERROR      | nothing        | nothing         | nothing         | L, 0.0, silent | L, 0.0, silent      | L, 0.0, silent | L, 0.0, silent   | L, 0.0, silent | L, silent            | -
 FSM 3          | nothing        | nothing         | nothing         | off            | off                 | off           | off               | off            | -                    | -

@@ -250,7 +250,7 @@ TABLE: Mapping[Trigger, Mapping[State, Cell]] = {
     Trigger.FRESH:             _row(SAME,              SAME,         SAME,         SAME,         SAME,         SAME,         GO_BASE),
     Trigger.TRANSPORT_LOST:    {**dict.fromkeys(State, Cell(to=S.OFFLINE, do=(A.CUT, A.SILENCE))), S.OFFLINE: SAME},
     Trigger.FSM_READY:         _row(SAME,              Cell(to=S.ACTIVE), SAME,    SAME,         Cell(do=(A.ZERO,)), SAME,   SAME),
-    Trigger.FSM_PAUSE:         _row(SAME,              SAME,         PAUSE,        PAUSE,        SAME,         GO_BASE,      SAME),
+    Trigger.FSM_PAUSE:         _row(SAME,              SAME,         PAUSE,        PAUSE,        SAME,         Cell(to=BASE, do=(A.ZERO_IF_OWED,)), SAME),
     Trigger.FSM_SLOW_START:    _row(SAME,              SAME,         PAUSE,        PAUSE,        Cell(do=(A.ZERO,)), SAME,   SAME),
     Trigger.FSM_FELL:          _row(SAME,              DOWN,         SAME,         SAME,         SAME,         SAME,         SAME),
     Trigger.FSM_ERROR:         _row(SAME,              DOWN_LATCH,   DOWN_LATCH,   DOWN_LATCH,   DOWN_LATCH,   DOWN_LATCH,   SAME),

@@ -34,7 +34,7 @@ stale                       | STALE, cut              | STALE, cut, 0.0     | ST
 fresh                       | =                       | -                   | -                         | -                   | -                   | -                   | base
 transport lost              | OFFLINE, cut, silence   | OFFLINE, cut, silence | OFFLINE, cut, silence   | OFFLINE, cut, silence | OFFLINE, cut, silence | OFFLINE, cut, silence | OFFLINE, cut, silence / =
 FSM READY                   | =                       | ACTIVE              | =                         | =                   | 0.0                 | =                   | -
-FSM 0                       | =                       | =                   | PAUSED                    | PAUSED              | =                   | base                | -
+FSM 0                       | =                       | =                   | PAUSED                    | PAUSED              | =                   | 0.0 if owed, base   | -
 FSM 1                       | =                       | =                   | PAUSED                    | PAUSED              | 0.0                 | =                   | -
 FSM from 1 to 0             | =                       | down                | -                         | -                   | -                   | -                   | -
 FSM ERROR                   | refuse enable           | down, L             | down, L                   | down, L             | down, L             | down, L             | after our own 1.0
@@ -226,11 +226,11 @@ def test_only_enable_arms_and_only_a_motion_resumes():
 
 
 def test_no_way_out_of_the_armed_states_leaves_the_heartbeat_undecided():
-    """Every end of 1.0 is followed by 0.0, by FSM 0 seen, or by a deliberate silence; STALE remembers what is owed."""
+    """Every end of 1.0 is followed by 0.0 or by a deliberate silence; STALE remembers what is owed."""
     says = {Action.ZERO, Action.ZERO_IF_OWED, Action.ZERO_ONCE, Action.SILENCE}
     for trigger, state in product(Trigger, sorted(ARMED)):
         leaves = [to for to in ends_in(trigger, state) if to not in ARMED]
-        if not leaves or leaves == [State.STALE] or (trigger, state) == (Trigger.FSM_PAUSE, State.STOPPING):
+        if not leaves or leaves == [State.STALE]:
             continue
         assert says & set(TABLE[trigger][state].do), f"{trigger.value} in {state}"
 
