@@ -772,6 +772,7 @@ GUARD = {
     "a restarted daemon": (
         "guard::a_restarted_daemon_takes_the_hold_over_as_unowned_with_the_60_s_anew",
         "guard::a_restarted_daemon_enables_nothing_while_the_guard_holds",
+        "guard::a_hold_taken_over_while_a_lost_owner_has_the_lease_ends_after_60_s",
         "guard/guard_server::an_estop_at_the_guard_while_the_next_daemon_waits_is_latched_there",
         "core/guardian::a_hold_whose_new_daemon_hangs_goes_down",
         "core/handover/takeover::what_was_latched_stays_latched",

@@ -7,7 +7,7 @@ from itertools import pairwise
 import pytest
 
 from gateway.core.guardian import Phase
-from gateway.core.messages.events import CommandRequested, GuardSeen
+from gateway.core.messages.events import CommandRequested, GuardSeen, TakenOver
 from gateway.core.messages.outputs import FrameKind, Reply
 from gateway.errors import Code
 from gateway.messages.requests import Acquire, Enable, Estop, MovePose, Release, SetGripper, Stop
@@ -298,6 +298,27 @@ def test_a_restarted_daemon_enables_nothing_while_the_guard_holds():
     refusal = ask(2, Enable(epoch=epoch)).refusal
     assert refusal is not None and refusal.code is Code.HELD_BY_GUARD
     assert frames == []
+
+
+def test_a_hold_taken_over_while_a_lost_owner_has_the_lease_ends_after_60_s():
+    """He came while the guard held, and vanished: no clock of his ran, for nothing was held by his daemon."""
+    pair, _ = in_motion()
+    pair.die()
+    daemon, new = pair.engine, pair.start_daemon()
+    while new.takeover.objection(pair.now_ns):
+        pair.step()
+        new.tick(pair.now_ns)
+    pair.engine, pair.listeners = new, [daemon]
+    pair.own("ann")
+    pair.kill("ann")
+    pair.step()
+    held = pair.guardian.hand_over(pair.now_ns)
+    assert held is not None
+    pair.receive(TakenOver(held=held, at_ns=pair.now_ns))
+    pair.run(59.0)
+    assert (pair.state, pair.engine.owner_id) == ("HOLDING", None)
+    pair.run(2.0)
+    assert pair.state == "READ_ONLY" and pair.robot.fsm.published == 0
 
 
 def test_a_lost_guard_is_told_and_control_goes_on():

@@ -228,8 +228,8 @@ class Lease:
         self._told_lost = self._abandoned = False
 
     def hold_unowned(self, now_ns: int) -> None:
-        """Start the 60 s for a robot that is held without an owner, e.g. after a restart of the daemon."""
-        if self._owner is None:
+        """Start the 60 s for a robot that is held without an owner who is there, e.g. after a restart of the daemon."""
+        if self._owner is None or self.lost:
             self._held_since_ns = now_ns
 
     def end_clocks(self) -> None:

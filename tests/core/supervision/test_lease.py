@@ -257,6 +257,14 @@ def test_an_unowned_hold_has_its_own_sixty_seconds(lease):
     assert lease.view(T0 + 62 * S).down_in_ns is None
 
 
+def test_a_hold_that_a_lost_owner_comes_to_has_its_sixty_seconds(owned):
+    """Nothing was held when it vanished, so its clock had ended; its ten seconds go on."""
+    owned.poll(T0 + S)
+    owned.end_clocks()
+    owned.hold_unowned(T0 + 2 * S)
+    assert stages(owned.poll(T0 + 70 * S)) == [(FREE, 10_250), (DOWN, 62_000)]
+
+
 def test_ending_the_clocks_leaves_a_lost_owner_its_ten_seconds(owned):
     """Nothing is held any more, so nothing goes down; but a dead client must not own the robot for ever."""
     owned.poll(T0 + S)
