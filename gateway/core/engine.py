@@ -258,7 +258,7 @@ class Engine:
             self._duplication.reset()
             coordinator.notice(Code.LINK_DOWN, Level.WARNING, "the link to the robot's router is down", now_ns)
             coordinator.fire(Trigger.TRANSPORT_LOST, now_ns, "the link to the robot's router is down")
-            coordinator.body.lose_transport()
+            coordinator.body.lose_transport(now_ns)
 
     # ------------------------------------------------------------------------------------------------ one tick
 

@@ -298,6 +298,7 @@ STOPPING = {
         "driving::zeros_leave_at_once_and_for_a_second_on_every_way_out",
         "driving::a_client_that_freezes_is_stopped_by_the_expiry_or_the_keepalive",
         "driving::a_lost_transport_is_followed_by_zeros_when_it_is_back",
+        "driving::what_the_robot_has_ended_itself_in_an_outage_is_not_ended_again",
         "driving::a_late_tick_ends_the_driving",
         "driving::a_stop_leaves_before_a_drive_that_is_asked_for_in_the_same_tick",
         "driving::no_two_requests_of_one_tick_are_a_fault",

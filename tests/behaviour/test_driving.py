@@ -9,6 +9,7 @@ import pytest
 
 from gateway.core.messages.events import ExitRequested, Suspended
 from gateway.core.messages.outputs import FrameKind
+from gateway.core.messages.sightings import Gateway, GatewayTokens
 from gateway.errors import Code
 from gateway.messages.incoming import OnLoss
 from gateway.messages.requests import (
@@ -396,6 +397,19 @@ def test_a_lost_transport_is_followed_by_zeros_when_it_is_back() -> None:
     assert set(values) == {ZEROS} and len(values) >= 20 and not any(pair.robot.chassis.velocity)
     assert set(pair.values(LIFT)) == {OFF} and not pair.robot.lift.is_powered
     assert pair.owner == "ann" and WHEELS not in pair.engine.running_topics
+
+
+@pytest.mark.parametrize(("outage_s", "topics"), [(0.9, {WHEELS, LIFT}), (1.5, {LIFT}), (60.0, set())])
+def test_what_the_robot_has_ended_itself_in_an_outage_is_not_ended_again(outage_s: float, topics: set[str]) -> None:
+    """1 s after the last velocity, 3 s after the lift's (manual §4.5, §4.6), what stands there may be somebody else's drive."""
+    pair = driving()
+    pair.down()
+    pair.run(outage_s)
+    pair.up()
+    pair.mark()
+    pair.receive(GatewayTokens(gateways=(Gateway(zid="b", is_armed=True),), at_ns=pair.now_ns))
+    pair.run(3.0)
+    assert {frame.topic for at_ns, frame in pair.frames if at_ns >= pair.mark_ns} == topics
 
 
 def test_a_late_tick_ends_the_driving() -> None:

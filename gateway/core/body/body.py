@@ -164,13 +164,13 @@ class Body:
             ground.end(Code.STOPPED)
             ground.stop(now_ns)
 
-    def lose_transport(self) -> None:
+    def lose_transport(self, now_ns: int) -> None:
         """What is under way to chassis and lift does not arrive."""
         for ground in self.drives:
-            ground.lose()
+            ground.lose(now_ns)
 
     def find_transport(self, now_ns: int) -> None:
-        """Stop frames of chassis and lift that may not have arrived are sent again."""
+        """Stop frames of chassis and lift that may not have arrived are sent again, if the robot still drives by them."""
         for ground in self.drives:
             ground.find(now_ns)
 

@@ -6,7 +6,8 @@ lift where there is one; an e-stop ends with [0,0], which takes the lift's servo
 A *drive* is a run of velocities of one owner. It has a number; a velocity that names the number of a drive that has ended
 is refused with the code that ended it, so that nobody who only keeps his drive alive undoes a stop. Another drive may begin at
 once, in the very tick of a stop: one stop frame leaves before it, so that the robot hears what the velocities begin from.
-A drive of which no velocity has left yet ends without a word: the group may be somebody else's, not ours to stop.
+A drive of which no velocity has left yet ends without a word: the group may be somebody else's, not ours to stop. So may one
+whose drive the robot has ended itself, in an outage longer than its watchdog.
 """
 
 from __future__ import annotations
@@ -50,7 +51,7 @@ class GroundStream(ABC):
         """Lease epoch under which it was commanded."""
         self._expires_ns: int | None = None
         self._is_kept = False
-        self._was_lost = False
+        self._lost_ns: int | None = None
         self._is_new = False
         self._owes_stop = False
         """Whether a stop was asked for of which no frame has left."""
@@ -146,15 +147,15 @@ class GroundStream(ABC):
         """End the repetition with one frame of `values`."""
         self._last, self._is_kept = values, False
 
-    def lose(self) -> None:
+    def lose(self, now_ns: int) -> None:
         """The transport is gone: what is under way does not arrive."""
-        self._was_lost = self.running
+        self._lost_ns = now_ns if self.running else None
 
     def find(self, now_ns: int) -> None:
-        """The transport is back: stop frames that may not have arrived are sent again."""
-        if self._was_lost:
-            self._was_lost = False
+        """The transport is back: stop frames that may not have arrived are sent again, unless the robot's watchdog acted."""
+        if self._lost_ns is not None and now_ns - self._lost_ns < (self._spec.watchdog_ns or 0):
             self.stop(now_ns)
+        self._lost_ns = None
 
     # ------------------------------------------------------------------------------------------------ frames
 

@@ -62,7 +62,7 @@ class LiftStream(GroundStream):
 
     def find(self, now_ns: int) -> None:
         """The transport is back: the use is over. [0,0] stops the lift, too, and arms nothing anew."""
-        if self._was_lost:
+        if self._lost_ns is not None:
             super().find(now_ns)
             self._repeated, self._last, self._is_kept = LIFT_OFF, None, False
 

@@ -233,13 +233,13 @@ def test_a_ground_cut_stops_what_is_driven_and_nothing_else():
 def test_what_was_under_way_when_the_transport_was_lost_is_sent_again():
     """Zeros for the chassis, servo off for the lift; nothing where nothing ran."""
     course = Course(model="lift")
-    course.body.lose_transport()
+    course.body.lose_transport(course.now_ns)
     course.body.find_transport(course.now_ns)
     assert course.run(10) == []
     course.body.ground_stop(course.now_ns)
     course.run(2)
-    course.body.lose_transport()
-    course.run(200)
+    course.body.lose_transport(course.now_ns)
+    course.run(90)
     course.body.find_transport(course.now_ns)
     assert set(course.run(200)) == {(CHASSIS_VELOCITY, (0.0, 0.0, 0.0)), (LIFT_COMMAND, LIFT_OFF)}
 

@@ -224,19 +224,31 @@ def test_a_drive_in_the_tick_of_a_stop_begins_after_a_stop_frame(group):
 def test_stop_frames_that_may_not_have_arrived_are_sent_again_when_the_transport_is_back():
     """For a full second; where nothing ran, nothing is owed."""
     stream = ChassisStream(ChassisSettings())
-    stream.lose()
+    stream.lose(T0)
     stream.find(T0)
     assert not stream.running
     stream.stop(T0)
     run(stream, T0, T0 + 200 * MS)
-    stream.lose()
-    run(stream, T0 + 200 * MS, T0 + 3 * S)
-    assert not stream.running
-    stream.find(T0 + 3 * S)
-    sent = run(stream, T0 + 3 * S, T0 + 6 * S)
+    stream.lose(T0 + 200 * MS)
+    run(stream, T0 + 200 * MS, T0 + 1190 * MS)
+    stream.find(T0 + 1190 * MS)
+    sent = run(stream, T0 + 1190 * MS, T0 + 6 * S)
     assert {frame.values for _, frame in sent} == {ZEROS} and sent[-1][0] - sent[0][0] >= 1000
     stream.find(T0 + 6 * S)
     assert not stream.running
+
+
+@pytest.mark.parametrize(("stream", "watchdog_ns"), [(ChassisStream(ChassisSettings()), S), (LiftStream(), 3 * S)])
+def test_after_an_outage_longer_than_the_robots_watchdog_nothing_is_sent_again(stream, watchdog_ns):
+    """The robot has ended the drive by itself (manual §4.5, §4.6), and may be somebody else's by now."""
+    for outage_ns, is_sent in ((watchdog_ns - 1, True), (watchdog_ns, False)):
+        stream.stop(T0)
+        run(stream, T0, T0 + 200 * MS)
+        stream.lose(T0 + 200 * MS)
+        run(stream, T0 + 200 * MS, T0 + 4 * S)
+        back_ns = T0 + 200 * MS + outage_ns
+        stream.find(back_ns)
+        assert bool(run(stream, back_ns, back_ns + 5 * S)) is is_sent and not stream.running
 
 
 def test_a_lift_in_use_is_stopped_for_as_long_as_it_is_kept():

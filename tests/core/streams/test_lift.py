@@ -57,8 +57,8 @@ def test_a_velocity_of_zero_runs_out_in_silence():
 def test_a_stop_after_an_outage_leaves_the_servo_off():
     """[0,0] has begun to end the use: a stop asked for meanwhile does not arm it again, nor end without it."""
     stream = driven()
-    run(stream, 0, 0.2)
-    stream.lose()
+    run(stream, 0, 2.1)
+    stream.lose(T0 + 2100 * MS)
     stream.find(T0 + 5 * S)
     run(stream, 5, 5.3)
     stream.stop(T0 + 5300 * MS)
@@ -113,7 +113,7 @@ def test_after_a_lost_transport_the_lift_is_taken_off_and_not_armed_anew():
     """[0,0] stops it, too; [0,1] would switch on a servo that the robot has switched off meanwhile (manual §4.6)."""
     stream = driven()
     stream.stop(T0)
-    stream.lose()
+    stream.lose(T0 + 2100 * MS)
     run(stream, 0, 5)
     assert stream.running and stream.is_in_use
     stream.find(T0 + 5 * S)
@@ -123,6 +123,16 @@ def test_after_a_lost_transport_the_lift_is_taken_off_and_not_armed_anew():
     assert not stream.running
     stream.stop(T0 + 9 * S)
     assert set(run(stream, 9, 12)) == {(FrameKind.STOP, STOP)}, "a later stop is a stop again"
+
+
+def test_a_lift_that_was_kept_on_through_a_long_outage_falls_silent():
+    """The robot has taken its servo off after 3 s (manual §4.6); [0,0] would take off whoever switched it on since."""
+    stream = driven()
+    run(stream, 0, 2)
+    stream.lose(T0 + 2 * S)
+    assert set(run(stream, 2, 5)) == {(FrameKind.STOP, STOP)}, "into the void"
+    stream.find(T0 + 5 * S)
+    assert run(stream, 5, 9) == [] and (stream.running, stream.is_in_use) == (False, False)
 
 
 def test_a_drive_that_is_over_changes_nothing():
