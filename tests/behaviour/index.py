@@ -829,7 +829,10 @@ ENDPOINTS = {
         "watching::recover_lets_silent_endpoints_go_and_needs_a_reason",
         "e2e/watching::an_endpoint_that_leaves_in_order_stops_nothing",
     ),
-    "demanded": ("watching::where_one_is_demanded_nothing_moves_without",),
+    "demanded": (
+        "watching::where_one_is_demanded_nothing_moves_without",
+        "watching::where_one_is_demanded_recover_walks_nothing_without",
+    ),
     "restart": ("watching::the_next_daemon_waits_for_a_person_who_says_why",),
 }
 

@@ -202,6 +202,24 @@ def test_where_one_is_demanded_nothing_moves_without() -> None:
     assert pair.state == "HOLDING" and "demand_stop_endpoint" in pair.told(Code.MOTION_ENDED)[-1]
 
 
+def test_where_one_is_demanded_recover_walks_nothing_without() -> None:
+    """A held reference that lost its arm stays where it is until somebody watches again."""
+    pair = scene("IDLE", Scene(demands_endpoint=True))
+    watch(pair, period_ns=10 * S)
+    pair.granted(Enable(epoch=pair.epoch), "ann")
+    pair.run_until(lambda: pair.state == "ACTIVE", 5.0)
+    pair.granted(LeaveEndpoint(), "bob")
+    pair.push(Side.LEFT, 0.5)
+    pair.mark()
+    pair.granted(Recover(), "ann")
+    pair.run(0.5)
+    assert pair.state == "HOLDING" and not pair.moved() and not pair.told(Code.WALK)
+    watch(pair, period_ns=10 * S)
+    pair.granted(Recover(), "ann")
+    pair.run(0.1)
+    assert pair.moved() and pair.told(Code.WALK)
+
+
 def test_the_next_daemon_waits_for_a_person_who_says_why() -> None:
     """It knows nobody who was registered: a latch says so, until `recover` with a reason. Who left is forgotten."""
     for leaves in (False, True):

@@ -329,11 +329,11 @@ class RequestHandler:
             coordinator.notice(
                 Code.LATCH_CHANGED, Level.INFO, f"recover() by {command.client_id} cleared {', '.join(latches)}", now_ns
             )
-        if coordinator.state is State.HOLDING:
+        dismissed = self.watch.dismiss(command, request, now_ns)
+        if coordinator.state is State.HOLDING and self.watch.refusal() is None:
             refusal = self._phases.starting.walk(now_ns)
             if refusal is not None:
                 coordinator.notice(refusal.code, Level.WARNING, refusal.message, now_ns)
-        dismissed = self.watch.dismiss(command, request, now_ns)
         return {"cleared": [code.value for code in latches], **({"dismissed": dismissed} if dismissed else {})}
 
     def _persisting(self, latches: Mapping[Code, str], now_ns: int) -> Refusal | None:

@@ -529,6 +529,16 @@ def test_recover_in_holding_leads_strayed_references_back():
     assert scene.state is State.HOLDING and scene.coordinator.body.is_walking
 
 
+def test_recover_leads_references_back_once_the_silent_endpoint_is_let_go():
+    """It is in nobody's way any more."""
+    scene = Scene(State.HOLDING)
+    scene.push(L, 0.4)
+    scene.coordinator.endpoints.register("pad", "page", 500 * MS, OnLoss.HOLD, scene.now_ns)
+    scene.coordinator.endpoints.look(scene.now_ns + S, 0)
+    assert scene.granted(Recover(reason="its page was closed"))["dismissed"] == ["page"]
+    assert scene.coordinator.body.is_walking
+
+
 def test_recover_clears_even_when_an_arm_cannot_be_led_back():
     """And tells why nothing walks: the latch's cause is gone, the arm's place is another matter."""
     scene = Scene(State.HOLDING, latches={Code.TRACKING_ERROR: "pushed"})
