@@ -172,6 +172,8 @@ class GuardServer:
             if question.ask in ("stop", "estop") and guardian.phase is Phase.ACTING:
                 caller.is_waiting = True
                 stops.append((number, question))
+            elif question.ask == "hand_over" and stops:  # they are carried out here first; the next daemon asks again
+                self._reply(number, self._answer(guardian, now_ns))
             else:
                 if question.client == SUCCESSOR and not any(c.is_successor for c in self._callers.values()):
                     caller.is_successor = caller.uid in (os.geteuid(), 0)

@@ -762,6 +762,7 @@ GUARD = {
         "guard/guard_server::the_busiest_process_of_the_busiest_user_makes_room",
         "guard/guard_server::one_look_lets_in_so_many_and_no_more",
         "guard/guard_server::a_caller_that_never_reads_delays_nobody",
+        "guard/guard_server::a_stop_that_is_read_with_the_question_for_the_hold_is_carried_out_first",
         "guard/guard_server::500_hostile_connections_of_one_process_do_not_keep_a_stop_away",
     ),
     "who is given the hold": (
@@ -775,6 +776,7 @@ GUARD = {
         "guard::a_restarted_daemon_enables_nothing_while_the_guard_holds",
         "guard::a_hold_taken_over_while_a_lost_owner_has_the_lease_ends_after_60_s",
         "guard/guard_server::an_estop_at_the_guard_while_the_next_daemon_waits_is_latched_there",
+        "guard::an_estop_between_the_question_for_a_hold_and_its_answer_ends_it",
         "core/guardian::a_hold_whose_new_daemon_hangs_goes_down",
         "core/handover/takeover::what_was_latched_stays_latched",
         "e2e/guard::a_hold_outlives_a_daemon_that_dies_before_it_has_taken_it",

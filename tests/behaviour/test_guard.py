@@ -300,6 +300,25 @@ def test_a_restarted_daemon_enables_nothing_while_the_guard_holds():
     assert frames == []
 
 
+def test_an_estop_between_the_question_for_a_hold_and_its_answer_ends_it():
+    """The next daemon latches and sends 0.0; what the guard has given by then does not bring 1.0 back."""
+    pair, _ = in_motion()
+    pair.die()
+    pair.run(1.0)
+    new = pair.start_daemon()
+    while new.takeover.objection(pair.now_ns):
+        pair.step()
+        new.tick(pair.now_ns)
+    held = pair.guardian.hand_over(pair.now_ns)
+    assert held is not None
+    pair.engine, pair.listeners, asked_ns = new, [], pair.now_ns + 1
+    pair.granted(Estop(), "person")
+    pair.receive(TakenOver(held=held, at_ns=pair.now_ns))
+    pair.run(3.0)
+    assert beats(pair, asked_ns) == {0.0} and not pair.sent_on(ARMS[0], asked_ns)
+    assert pair.state == "READ_ONLY" and pair.robot.fsm.published == 0 and Code.ESTOP in pair.engine.latches
+
+
 def test_a_hold_taken_over_while_a_lost_owner_has_the_lease_ends_after_60_s():
     """He came while the guard held, and vanished: no clock of his ran, for nothing was held by his daemon."""
     pair, _ = in_motion()

@@ -440,6 +440,18 @@ def _look(place: Place, looks_s: list[float]) -> None:
     looks_s.append(time.thread_time() - begun_s)
 
 
+@pytest.mark.parametrize("ask", ["stop", "estop"])
+def test_a_stop_that_is_read_with_the_question_for_the_hold_is_carried_out_first(place: Place, ask: Any) -> None:
+    """Handed over in that look, the guard would tick no more: no frame, no latch, no reply. The next daemon asks again."""
+    person, daemon = place.call(), place.call()
+    person.send(packed(GuardQuestion(ask=ask, client="ann")))
+    daemon.send(packed(GuardQuestion(ask="hand_over", client="daemon")))
+    assert [question.ask for _, question in place.poll()] == [ask]
+    answer = read_answer(daemon.recv(MAX_PACKET_BYTES))
+    assert not answer.done and msgspec.json.decode(answer.held) is None and place.pair.guardian.is_holding
+    assert place.ask(daemon, ask="hand_over", client="daemon").done
+
+
 def test_a_caller_that_hangs_up_before_it_has_the_hold_gives_it_back(place: Place) -> None:
     """The daemon died: the guard goes on."""
     caller = place.call()

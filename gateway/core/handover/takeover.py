@@ -4,7 +4,7 @@ Two processes may go on: the guard when its daemon is dead, and a restarted daem
 
 Rules (BEHAVIOUR, the guard)
     * A hold goes on only from ACTIVE, HOLDING or braking, with fresh state, FSM READY, API mode, the last setpoint at
-      most 150 ms old and nobody else's writing: the robot's own watchdogs have not acted yet (manual §4.3).
+      most 150 ms old, no e-stop latched and nobody else's writing: the robot's own watchdogs have not acted yet (manual §4.3).
     * It goes on exactly where the last setpoint was, with its velocity and acceleration, and brakes; chassis and lift
       stop. Nothing of what moved before moves on: motions and targets died with whoever had them.
     * Where a hold may not go on, whatever is on the wire ends: 0.0 if it is owed, chassis zeros, lift stop. A 0.0 never
@@ -160,7 +160,8 @@ class Takeover:
             return "no setpoints with a heartbeat were out"
         if now_ns - held.last_frame_ns >= LAST_FRAME_NS:
             return f"its last setpoint is {(now_ns - held.last_frame_ns) / MS:.0f} ms old, 150 ms is the bound"
-        return ""
+        # It may have come since the hold was asked for: 1.0 would restart the robot.
+        return "an e-stop is latched" if Code.ESTOP in self._coordinator.supervisor.latches else ""
 
     def _hold(self, held: Held, now_ns: int) -> str:
         """Begin to hold, or return why it cannot be."""
@@ -185,7 +186,6 @@ class Takeover:
             self._resume(body.grippers[side].topic, (raw,), (0.0,))
         body.heartbeat.ones(now_ns)
         body.heartbeat.is_owed = True  # the other's 1.0 is out
-        coordinator.is_estop_unheard = held.is_estop
         self._stop_ground(held, now_ns)
         if held.has_lift and body.lift is not None:
             body.lift.keep(now_ns)

@@ -16,7 +16,7 @@ from gateway.core.motion.motion import plan
 from gateway.core.output.frame_collector import FrameCollector
 from gateway.core.streams.gate import Cleared, Gate
 from gateway.core.streams.heartbeat import Beat
-from gateway.core.supervision.supervisor import State
+from gateway.core.supervision.supervisor import State, Trigger
 from gateway.errors import Code
 from gateway.robot.topics import CHASSIS_VELOCITY, FSM_ENABLE, LIFT_COMMAND, VARIANTS, gripper_command, joint_command
 from gateway.settings.settings import ArmSettings
@@ -318,6 +318,18 @@ def test_what_was_latched_stays_latched(state):
     scene.take(scene.held(state=state, latches=("ESTOP", "STOPPED_BY_OTHER", "OF_NEXT_YEAR")))
     assert set(scene.coordinator.supervisor.latches) == {Code.ESTOP, Code.STOPPED_BY_OTHER}
     assert scene.takeover.show(scene.now_ns).latches == ("ESTOP", "STOPPED_BY_OTHER")
+
+
+@pytest.mark.parametrize("latches", [("ESTOP",), ()], ids=["there", "here"])
+def test_beside_a_latched_estop_nothing_is_held(latches):
+    """Wherever it was latched: a hold is 1.0, which restarts the robot. The 0.0 that is being repeated goes on."""
+    scene = Scene(is_guard=False)
+    if not latches:
+        scene.coordinator.fire(Trigger.ESTOP, scene.now_ns, "estop() by ann")
+    scene.take(scene.held(latches=latches))
+    assert scene.takeover.refused == "an e-stop is latched"
+    assert {frame.values for frame in on(scene.tick(60), FSM_ENABLE)} == {(0.0,)}
+    assert scene.body.heartbeat.is_estop is not bool(latches) and scene.coordinator.is_estop_unheard
 
 
 # ------------------------------------------------------------------------------------------------ how all else ends
