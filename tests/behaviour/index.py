@@ -238,6 +238,7 @@ STARTING = {
     "walk": (
         "starting::a_reference_that_lost_its_arm_walks_back_and_the_grip_is_kept",
         "starting::nothing_walks_while_the_arms_are_where_they_are_held",
+        "jumping::a_held_end_effector_is_not_walked_to_one_pose",
         "starting::an_arm_far_outside_its_limits_cannot_be_walked_to",
         "starting::a_stop_ends_a_walk",
     ),
@@ -506,6 +507,8 @@ ROBOT_SIDE = {
         "jumping::a_stream_starts_from_samples_that_agree",
         "jumping::a_pause_is_left_only_when_the_samples_agree",
         "jumping::a_stream_does_not_start_where_the_end_effector_is_not",
+        "jumping::an_end_effector_is_not_started_from_one_pose",
+        "jumping::an_end_effector_joins_the_held_arm_not_by_one_pose",
         "core/robot_state/jumps::no_stamp_makes_a_jump_plausible",
         "core/robot_state/jumps::no_stall_of_the_link_makes_a_healthy_arm_incredible",
         "e2e/stopping::a_forged_sample_with_a_stamp_ahead_moves_no_arm",

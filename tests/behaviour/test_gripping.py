@@ -112,6 +112,7 @@ def _walk(pair: Scene) -> None:
     pair.run(1.0)
     pair.push(LEFT, 0.45)
     pair.robot.clear("blocked")
+    pair.run(0.04)
     pair.granted(Enable(epoch=pair.epoch), "ann")
 
 

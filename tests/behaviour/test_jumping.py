@@ -2,20 +2,22 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import pytest
 from msgspec import structs
 
 from gateway.core.messages.events import Event, SampleArrived
-from gateway.messages.requests import Enable
-from gateway.robot.topics import STATE_TOPICS, arm_state
+from gateway.errors import Code
+from gateway.messages.requests import Enable, MovePose
+from gateway.robot.topics import STATE_TOPICS, arm_state, ee_pose, pose_command, shoulder_frame
 from gateway.sim.robot.settings import SimSettings
-from gateway.values import ArmState, Side, Vector
+from gateway.values import ArmState, EePose, Side, Vector
 from tests.behaviour.scene import Scene, scene
-from tests.pair import MS, S
+from tests.pair import MS, TICK_NS, S
 
-L = Side.LEFT
+L, R = Side.LEFT, Side.RIGHT
 HEARD = arm_state(L)
 
 
@@ -40,6 +42,35 @@ class Lying(Scene):
             q1, q2, *others = event.value.q_rad
             event = structs.replace(event, value=replace(event.value, q_rad=(q1, q2 + self.by_rad, *others)))
         super().receive(event)
+
+
+class Wavering(Scene):
+    """A robot whose right arm is in end-effector mode, and whose hand is reported 9 cm off at one instant."""
+
+    lie_ns = 0
+
+    def __init__(self) -> None:
+        super().__init__(SimSettings(state_period_ns=10 * MS, right_mode="pose"))
+        self.topics = STATE_TOPICS
+
+    def receive(self, event: Event) -> None:
+        """Hand an event to the engine, perhaps a wrong one."""
+        if self.now_ns == self.lie_ns and isinstance(event, SampleArrived) and isinstance(event.value, EePose):
+            x, *others = event.value.p_m
+            event = structs.replace(event, value=replace(event.value, p_m=(x + 0.09, *others)))
+        super().receive(event)
+
+    def lie(self) -> None:
+        """What is heard in the next tick is wrong: one in which the robot speaks."""
+        while (self.engine.next_due_ns() or self.now_ns) % TICK_NS:
+            self.step()
+        self.lie_ns = (self.now_ns // TICK_NS + 1) * TICK_NS
+
+    def hands_off_m(self) -> float:
+        """How far setpoints of the right hand since the mark were from where it is now, at most [m]."""
+        hand = self.heard[ee_pose(R)].value
+        assert isinstance(hand, EePose)
+        return max((math.dist(values[:3], hand.p_m) for values in self.values(pose_command(R))), default=0.0)
 
 
 def first_joint(pair: Scene) -> list[float]:
@@ -112,6 +143,61 @@ def test_a_stream_does_not_start_where_the_end_effector_is_not() -> None:
     pair.run_until(lambda: pair.state == "ACTIVE")
     at = true(pair)
     assert max(abs(frame.values[1] - at[1]) for _, frame in pair.arm_frames(L)) <= 0.01
+
+
+def resumed(lie_ns: int = 0) -> Wavering:
+    """A short stall in motion is over."""
+    pair = Wavering()
+    scene("at rest", pair)
+    x, y, z, *quat = pair.sent_on(pose_command(R))[-1][1].values
+    goal = {R: (x, y, z + 0.08, *quat)}
+    pair.granted(MovePose(epoch=pair.epoch, targets=goal, frames={R: shoulder_frame(R)}), "ann")
+    pair.run(0.3)
+    pair.freeze()
+    pair.run(0.3)
+    pair.thaw()
+    pair.mark()
+    pair.lie_ns = lie_ns
+    pair.run_until(lambda: pair.state == "HOLDING", 1.0)
+    return pair
+
+
+def test_an_end_effector_is_not_started_from_one_pose() -> None:
+    """One is 9 cm off in the very tick in which a short stall would end: it goes on a little later, from where the hand is."""
+    usual = resumed()
+    pair = resumed(lie_ns=usual.now_ns)
+    assert 0 < pair.now_ns - usual.now_ns <= 70 * MS
+    pair.run(0.5)
+    assert pair.values(pose_command(R)) and pair.hands_off_m() <= 0.01
+
+
+def test_a_held_end_effector_is_not_walked_to_one_pose() -> None:
+    """`enable` in that tick is refused, and holds on; in the next moment nothing is to be walked."""
+    pair = Wavering()
+    scene("HOLDING", pair)
+    pair.lie()
+    assert pair.refused(Enable(epoch=pair.epoch), "ann").code is Code.PART_STALE
+    pair.run(0.1)
+    assert pair.granted(Enable(epoch=pair.epoch), "ann")["walking"] is False
+    pair.run(0.5)
+    assert pair.state == "HOLDING" and not pair.moved() and pair.hands_off_m() <= 0.01
+
+
+def test_an_end_effector_joins_the_held_arm_not_by_one_pose() -> None:
+    """It was disabled, and is enabled again."""
+    pair = Wavering()
+    scene("HOLDING", pair)
+    pair.disable_arm(R)
+    pair.run(0.1)
+    pair.robot.clear("arm_disabled")
+    pair.tell_mode(arm_enabled=dict.fromkeys(Side, True))
+    pair.mark()
+    pair.lie()
+    assert pair.refused(Enable(epoch=pair.epoch), "ann").code is Code.PART_STALE
+    pair.run(0.1)
+    pair.granted(Enable(epoch=pair.epoch), "ann")
+    pair.run(0.5)
+    assert pair.values(pose_command(R)) and pair.hands_off_m() <= 0.01
 
 
 def test_an_arm_that_moves_at_full_speed_through_a_stall_goes_on() -> None:

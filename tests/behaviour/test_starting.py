@@ -205,6 +205,7 @@ def test_a_reference_that_lost_its_arm_walks_back_and_the_grip_is_kept(request_o
     """Off by more than the tracking bound: it walks to the measured arm inside the limits, without a gap."""
     pair = scene("HOLDING")
     pair.push(Side.LEFT, 0.5)
+    pair.run(0.04)
     pair.mark()
     if request_of == "enable":
         assert pair.granted(Enable(epoch=pair.epoch), "ann")["walking"] is True
@@ -252,6 +253,7 @@ def test_an_arm_far_outside_its_limits_cannot_be_walked_to() -> None:
     """`enable` says why; nothing walks, the hold goes on, and `recover` says it too."""
     pair = scene("HOLDING")
     pair.push(Side.LEFT, 1.9)  # joint 1 ends at 1.95 rad, the limit is 1.8 rad
+    pair.run(0.04)
     pair.mark()
     refusal = pair.refused(Enable(epoch=pair.epoch), "ann")
     assert refusal.code is Code.START_OUTSIDE_LIMITS and refusal.field == "left_arm[0]"
@@ -263,6 +265,7 @@ def test_a_stop_ends_a_walk() -> None:
     """Walk frames are changing frames; a stop ends them as it ends everything."""
     pair = scene("HOLDING")
     pair.push(Side.LEFT, 0.5)
+    pair.run(0.04)
     pair.granted(Enable(epoch=pair.epoch), "ann")
     pair.run(0.3)
     pair.mark()

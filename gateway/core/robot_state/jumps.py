@@ -30,7 +30,7 @@ from gateway.core.robot_state.arrival import Recent
 from gateway.settings.settings import EnableSettings
 from gateway.values import Vector
 
-__all__ = ["JOINTS", "JUMP_RADPS", "POSES", "JumpGuard", "Posture"]
+__all__ = ["JOINTS", "JUMP_RADPS", "POSES", "JumpGuard", "Kind", "Posture"]
 
 MS = 1_000_000
 S = 1_000_000_000

@@ -17,10 +17,12 @@ It does not know the supervisor's states, zenoh, CDR or limits of motion.
 from __future__ import annotations
 
 from collections import deque
+from itertools import combinations
+from operator import le
 
 from gateway.core.messages.events import SampleArrived, SampleRefused, StateValue
 from gateway.core.robot_state.arrival import Meter, Recent
-from gateway.core.robot_state.jumps import JOINTS, POSES, JumpGuard, Posture
+from gateway.core.robot_state.jumps import JOINTS, POSES, JumpGuard, Kind, Posture
 from gateway.errors import Code
 from gateway.messages.snapshot import TopicView
 from gateway.robot.topics import CURRENT_MODE, FSM_STATE, MOTION_STATE_TOPICS, STATE_TOPICS, arm_state, ee_pose
@@ -36,18 +38,40 @@ LAG_BUCKET_NS = 6 * S
 """The least lag is kept for ten of these: a clock slewed by 500 ppm moves 30 ms meanwhile, less than is allowed."""
 NAMES_WRONG_NS = 1 * S
 
-
 AGREED_NS = 50 * MS
 """A stream starts where all samples of the last so long [ns] say that the arm is."""
 AGREED_LEAST = 3
 """Fewer samples do not agree: they may be one."""
-AGREED_RAD = 0.02
-"""How far they may be apart [rad]: noise, and a slow hand (0.4 rad/s). A jump that is small enough to be plausible is
-0.1 rad or more beyond noise; whoever moves an arm faster is not ready to have it started."""
+AGREED_JOINTS, AGREED_POSES = (0.02,) * 7, (0.01, 0.05)
+"""How far they may be apart [rad; m and rad]: noise, and a slow hand (0.4 rad/s). A jump that is small enough to be plausible
+is 0.1 rad or 0.1 m beyond noise; whoever moves an arm faster is not ready to have it started."""
+
+
+class _Latest:
+    """An arm's believed joints, or poses, of the last moments, and how far they may be apart."""
+
+    __slots__ = ("_bounds", "_kind", "_samples")
+
+    def __init__(self, kind: Kind, bounds: Vector) -> None:
+        self._kind, self._bounds = kind, bounds
+        self._samples: deque[tuple[int, Vector]] = deque()
+
+    def add(self, received_ns: int, values: Vector) -> None:
+        """Take a believed sample."""
+        self._samples.append((received_ns, values))
+        while len(self._samples) > AGREED_LEAST and received_ns - self._samples[0][0] > AGREED_NS:
+            self._samples.popleft()
+
+    def is_agreed(self, since_ns: int) -> bool:
+        """Return whether there are enough, none of before that time, and they say the same."""
+        if len(self._samples) < AGREED_LEAST or self._samples[0][0] < since_ns:
+            return False
+        pairs = combinations([values for _, values in self._samples], 2)
+        return all(all(map(le, self._kind.steps(a, b), self._bounds)) for a, b in pairs)
 
 
 class _SeedWindow:
-    """Since when an arm's samples have been coming without a gap and without queueing, and whether they agree.
+    """Since when an arm's samples have been coming without a gap and without queueing.
 
     Lag is arrival (our clock) minus stamp (the robot's); its offset means nothing, its distance from the least lag of
     the last 60 s does. When a sample with much less lag shows that those before it were old, they leave the window,
@@ -56,7 +80,6 @@ class _SeedWindow:
 
     __slots__ = (
         "_lags",
-        "_latest",
         "_newest_ns",
         "_not_before_ns",
         "_settings",
@@ -69,7 +92,6 @@ class _SeedWindow:
         self._settings = settings
         self._newest_ns = self._stamp_ns = self._worst_lag_ns = self._not_before_ns = 0
         self._since_ns: int | None = None
-        self._latest: deque[tuple[int, Vector]] = deque()
         self.forget_lag()
 
     def restart(self, not_before_ns: int) -> None:
@@ -81,11 +103,8 @@ class _SeedWindow:
         self._since_ns = None
         self._lags = Recent(min, LAG_BUCKET_NS)
 
-    def add(self, received_ns: int, stamp_ns: int, q_rad: Vector) -> None:
+    def add(self, received_ns: int, stamp_ns: int) -> None:
         """Take a believed sample."""
-        self._latest.append((received_ns, q_rad))
-        while len(self._latest) > AGREED_LEAST and received_ns - self._latest[0][0] > AGREED_NS:
-            self._latest.popleft()
         if stamp_ns < self._stamp_ns:
             self.forget_lag()
         lag_ns, gap_ns = received_ns - stamp_ns, received_ns - self._newest_ns
@@ -107,11 +126,6 @@ class _SeedWindow:
     def is_full(self) -> bool:
         """Return whether the window is long enough, up to the newest sample."""
         return self._since_ns is not None and self._newest_ns - self._since_ns >= self._settings.seed_ns
-
-    def is_agreed(self) -> bool:
-        """Return whether the latest samples say the same of every joint."""
-        joints = zip(*[q_rad for _, q_rad in self._latest], strict=True)
-        return len(self._latest) >= AGREED_LEAST and all(max(q) - min(q) <= AGREED_RAD for q in joints)
 
 
 class _Track:
@@ -165,6 +179,10 @@ class Store:
         self._fsm = self._tracks[FSM_STATE]
         self._mode = self._tracks[CURRENT_MODE]
         self._seeds = {arm_state(side): _SeedWindow(settings) for side in Side}
+        self._latest = {
+            **{arm_state(side): _Latest(JOINTS, AGREED_JOINTS) for side in Side},
+            **{ee_pose(side): _Latest(POSES, AGREED_POSES) for side in Side},
+        }
         self._guards = {
             **{arm_state(side): JumpGuard(JOINTS, settings) for side in Side},
             **{ee_pose(side): JumpGuard(POSES, settings) for side in Side},
@@ -274,15 +292,16 @@ class Store:
         """Return whether a stream may start from this arm's measured state after a stall, a reconnect or a pause.
 
         It may after 0.3 s of samples without a gap of 100 ms whose stamp lag stayed within 100 ms of the least lag, while
-        the last of them agree. A pose carries no stamp: where one is needed it must be one that came within that time.
+        the last of them agree. Poses carry no stamp: where they are needed the last of them must have come within that time.
         """
-        seed, pose_ns = self._seeds[arm_state(side)], self._poses[side].live_ns
-        is_timely = not needs_pose or (pose_ns is not None and pose_ns >= (seed.since_ns or 0))
-        return is_timely and self.part_fresh(side, now_ns, needs_pose) and seed.is_full() and seed.is_agreed()
+        seed = self._seeds[arm_state(side)]
+        is_ready = self.part_fresh(side, now_ns, needs_pose) and seed.is_full()
+        return is_ready and self.agreed(side, needs_pose, seed.since_ns or 0)
 
-    def agreed(self, side: Side) -> bool:
-        """Return whether an arm's latest believed samples say the same, however old they are."""
-        return self._seeds[arm_state(side)].is_agreed()
+    def agreed(self, side: Side, needs_pose: bool = False, since_ns: int = 0) -> bool:
+        """Return whether an arm's latest believed joints, and poses where needed, say the same, however old they are."""
+        topics = (arm_state(side), ee_pose(side)) if needs_pose else (arm_state(side),)
+        return all(self._latest[topic].is_agreed(since_ns) for topic in topics)
 
     def timely_since_ns(self) -> int | None:
         """Return since when arms' samples have come without queueing [ns]: whatever arrived before may be old."""
@@ -324,10 +343,14 @@ class Store:
         if isinstance(value, MotorState) and not track.in_order(value.stamp_ns):
             return f"stamp {value.stamp_ns} ns is not newer than the one before"
         if isinstance(value, EePose):  # it carries no stamp
-            return self._guards[event.topic].why_not(Posture((*value.p_m, *value.quat_xyzw), received_ns, received_ns))
-        if not isinstance(value, ArmState):
+            posture = Posture(value.values, received_ns, received_ns)
+        elif isinstance(value, ArmState):
+            posture = Posture(value.q_rad, received_ns, value.stamp_ns)
+        else:
             return ""
-        why = self._guards[event.topic].why_not(Posture(value.q_rad, received_ns, value.stamp_ns))
+        why = self._guards[event.topic].why_not(posture)
         if not why:
-            self._seeds[event.topic].add(received_ns, value.stamp_ns, value.q_rad)
+            self._latest[event.topic].add(received_ns, posture.values)
+            if isinstance(value, ArmState):
+                self._seeds[event.topic].add(received_ns, value.stamp_ns)
         return why

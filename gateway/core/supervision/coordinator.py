@@ -228,8 +228,8 @@ class Coordinator:
 
     def agreed(self, side: Side, now_ns: int) -> bool:
         """Return whether an arm's latest samples say the same, and its pose as far as the body model can tell."""
-        store = self.store
-        if not self.part_fresh(side, now_ns) or not store.agreed(side):
+        store, needs_pose = self.store, self.body.arms[side].space is Space.POSE
+        if not self.part_fresh(side, now_ns) or not store.agreed(side, needs_pose):
             return False
         arm, pose = store.arm(side), store.pose(side)
         if self.model is None or arm is None or pose is None or not store.part_fresh(side, now_ns, needs_pose=True):

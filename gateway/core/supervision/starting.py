@@ -4,7 +4,8 @@ Rules
     * A silent stream starts from the measured state. Whether that state can be trusted (`Store.seedable`) is asked by
       whoever starts it; whether it is inside the limits is asked here, for all arms before the first of them starts.
     * A live stream is never seeded anew: its reference is *walked* to the measured arm inside the limits, so that the
-      grip is kept. Else the arm would jump, and the owner of an arm that was pushed away would never get it back.
+      grip is kept. Else the arm would jump, and the owner of an arm that was pushed away would never get it back. It walks only
+      to where several samples say that the arm is.
     * While the robot's FSM is PAUSE nobody follows a setpoint, and the arm may sag or be led by hand. There the reference
       is where the arm is: what was ahead of the arm, or left behind by it, must not be followed by whoever lets the robot
       go again. It is set anew when it is more than a start may be off, so a frame that changes it is a start to the gate.
@@ -158,6 +159,9 @@ class Starting:
         coordinator = self._coordinator
         goals: dict[Side, Vector] = {}
         for side in self.strayed(now_ns):
+            if not coordinator.agreed(side, now_ns):
+                message = f"the samples of the {side} arm do not agree: it is being moved, or they are not its own"
+                return Refusal(code=Code.PART_STALE, message=message, field=f"{side}_arm")
             start = self._start(side)
             if isinstance(start, Refusal):
                 return start

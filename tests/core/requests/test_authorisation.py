@@ -324,6 +324,7 @@ def test_nothing_is_moved_while_a_reference_walks_back(state):
     """Of either arm; afterwards everything may."""
     scene = Scene(state)
     scene.push(L, 0.35)
+    scene.run(5)
     assert scene.phases.starting.walk(scene.now_ns) is None
     assert [scene.why_not(sides).code for sides in ((L,), (R,))] == [Code.STOPPING] * 2
     scene.run(300)

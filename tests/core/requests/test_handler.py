@@ -337,6 +337,7 @@ def test_enable_in_holding_leads_strayed_references_back():
     """*walk*: the grip is kept, the reply says that it takes a while."""
     scene = Scene(State.HOLDING)
     scene.push(L, 0.4)
+    scene.run(5)
     assert scene.enable() == {"attempt": 1, "outcome": "ok", "walking": True}
     assert scene.state is State.HOLDING and len(scene.told(Code.WALK)) == 1
 
@@ -345,6 +346,7 @@ def test_enable_in_holding_says_when_an_arm_cannot_be_led_back():
     """Outside its limits there is no way back; nothing walks."""
     scene = Scene(State.HOLDING)
     far_outside(scene)
+    scene.run(5)
     assert scene.refused_enable().code is Code.START_OUTSIDE_LIMITS
     assert not scene.coordinator.body.is_walking
 
@@ -525,6 +527,7 @@ def test_recover_in_holding_leads_strayed_references_back():
     """What is held stays held; the reference walks to the arm that was pushed away."""
     scene = Scene(State.HOLDING, latches={Code.TRACKING_ERROR: "pushed"})
     scene.push(L, 0.4)
+    scene.run(5)
     assert scene.granted(Recover()) == {"cleared": ["TRACKING_ERROR"]}
     assert scene.state is State.HOLDING and scene.coordinator.body.is_walking
 
@@ -533,6 +536,7 @@ def test_recover_leads_references_back_once_the_silent_endpoint_is_let_go():
     """It is in nobody's way any more."""
     scene = Scene(State.HOLDING)
     scene.push(L, 0.4)
+    scene.run(5)
     scene.coordinator.endpoints.register("pad", "page", 500 * MS, OnLoss.HOLD, scene.now_ns)
     scene.coordinator.endpoints.look(scene.now_ns + S, 0)
     assert scene.granted(Recover(reason="its page was closed"))["dismissed"] == ["page"]
@@ -543,6 +547,7 @@ def test_recover_clears_even_when_an_arm_cannot_be_led_back():
     """And tells why nothing walks: the latch's cause is gone, the arm's place is another matter."""
     scene = Scene(State.HOLDING, latches={Code.TRACKING_ERROR: "pushed"})
     far_outside(scene)
+    scene.run(5)
     assert scene.granted(Recover()) == {"cleared": ["TRACKING_ERROR"]}
     assert len(scene.told(Code.START_OUTSIDE_LIMITS)) == 1 and not scene.coordinator.body.is_walking
 

@@ -410,6 +410,7 @@ def test_hold_brakes_an_arm_that_nobody_drives(scene):
     """A walk back to the arm is motion, too; an arm that does not stream stays silent."""
     one = Scene(State.ACTIVE, sides=(L,))
     one.push(L, 0.5)
+    one.run(5)
     assert one.phases.starting.walk(one.now_ns) is None
     one.run(20)
     one.granted(Hold(epoch=one.epoch, sides=(L, R)))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import random
 
 import pytest
@@ -76,6 +77,28 @@ class Feed:
 
     def refused(self) -> int:
         return self.store.topic_view(LEFT, self.now_ns).refused
+
+
+class Hands:
+    """A store that hears the left arm's joints and pose together, every 10 ms."""
+
+    def __init__(self) -> None:
+        self.store, self.now_ns = Store(EnableSettings()), 1000 * S
+
+    def run(self, samples: int, *, with_pose: bool = True, x_m: float = 0.1, angle_rad: float = 0.0) -> None:
+        """Let time pass; the hand is there, turned by an angle."""
+        for _ in range(samples):
+            self.now_ns += 10 * MS
+            quat = (0.0, 0.0, math.sin(angle_rad / 2), math.cos(angle_rad / 2))
+            self._hear(LEFT, joints(0.0, self.now_ns))
+            if with_pose:
+                self._hear(ee_pose(Side.LEFT), EePose(p_m=(x_m, 0.2, 0.3), quat_xyzw=quat))
+
+    def _hear(self, topic: str, value) -> None:
+        self.store.receive(SampleArrived(topic=topic, value=value, received_ns=self.now_ns), self.now_ns)
+
+    def seedable(self) -> bool:
+        return self.store.seedable(Side.LEFT, self.now_ns, needs_pose=True)
 
 
 @pytest.fixture
@@ -524,25 +547,36 @@ def test_what_queued_up_does_not_count_as_timely_until_it_has_drained():
     assert feed.store.timely_since_ns() == feed.now_ns
 
 
-def test_an_arm_whose_pose_is_needed_is_seedable_only_with_a_pose_of_the_same_time():
-    """A pose that came before the samples went steady may be from before a stall."""
-    store = Store(EnableSettings())
-    pose = EePose(p_m=(0.1, 0.2, 0.3), quat_xyzw=(0.0, 0.0, 0.0, 1.0))
+def test_an_arm_whose_pose_is_needed_is_seedable_only_with_poses_of_the_same_time():
+    """Poses that came before the samples went steady may be from before a stall, and fewer than three may be one."""
+    hands = Hands()
+    hands.run(3)
+    hands.now_ns += S
+    hands.run(40, with_pose=False)
+    assert hands.store.seedable(Side.LEFT, hands.now_ns) and not hands.seedable()
+    for is_enough in (False, False, True):
+        hands.run(1)
+        assert hands.seedable() is is_enough
+    hands.now_ns += 101 * MS
+    assert not hands.seedable()
 
-    def hear(at_ns, with_pose):
-        arm = ArmState(q_rad=(0.0,) * 7, dq_radps=(), tau_nm=(), stamp_ns=at_ns)
-        store.receive(SampleArrived(topic=LEFT, value=arm, received_ns=at_ns), at_ns)
-        if with_pose:
-            store.receive(SampleArrived(topic=ee_pose(Side.LEFT), value=pose, received_ns=at_ns), at_ns)
 
-    start_ns, step_ns = 1_000_000_000_000, 10_000_000
-    for n in range(40):
-        hear(start_ns + n * step_ns, with_pose=False)
-    now_ns = start_ns + 39 * step_ns
-    assert store.seedable(Side.LEFT, now_ns) and not store.seedable(Side.LEFT, now_ns, needs_pose=True)
-    hear(now_ns + step_ns, with_pose=True)
-    assert store.seedable(Side.LEFT, now_ns + step_ns, needs_pose=True)
-    assert not store.seedable(Side.LEFT, now_ns + step_ns + 101_000_000, needs_pose=True)
+@pytest.mark.parametrize(
+    ("is_turned", "off", "agrees"),
+    [(False, 0.009, True), (False, 0.011, False), (True, 0.04, True), (True, 0.06, False)],
+)
+def test_one_pose_is_not_where_an_end_effector_is(is_turned, off, agrees):
+    """1 cm and 0.05 rad are noise and a slow hand; more stops a stream from starting until it is 50 ms old."""
+    hands = Hands()
+    hands.run(40)
+    x, turned = (0.0, off) if is_turned else (off, 0.0)
+    hands.run(1, x_m=0.1 + x, angle_rad=turned)
+    assert hands.seedable() is hands.store.agreed(Side.LEFT, needs_pose=True) is agrees
+    assert hands.store.agreed(Side.LEFT) and hands.store.seedable(Side.LEFT, hands.now_ns), "its joints do"
+    hands.run(5)
+    assert hands.seedable() is agrees
+    hands.run(1)
+    assert hands.seedable()
 
 
 def test_one_sample_is_not_where_an_arm_is(feed):

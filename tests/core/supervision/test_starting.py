@@ -16,7 +16,7 @@ from gateway.core.supervision.supervisor import State
 from gateway.errors import Code, Refusal
 from gateway.robot.limits import JOINT_UPPER_RAD
 from gateway.robot.topics import gripper_command, joint_command
-from gateway.values import Side, Vector
+from gateway.values import Side, Space, Vector
 from tests.core.stage import MIDDLE, PLACE, L, R, Stage
 
 TOP_RAD = JOINT_UPPER_RAD[L][0]
@@ -209,6 +209,7 @@ def test_held_references_walk_back_slowly_without_a_step_and_the_grip_is_kept():
     scene = Scene()
     scene.push(L, 0.6)
     scene.push(R, -0.4)
+    scene.run(5)
     assert scene.starting.walk(scene.now_ns) is None
     assert scene.walking == {L, R}
     frames = scene.run(400)
@@ -227,11 +228,29 @@ def test_held_references_walk_back_slowly_without_a_step_and_the_grip_is_kept():
     ]
 
 
+@pytest.mark.parametrize("space", list(Space))
+def test_no_reference_walks_to_where_one_sample_says_that_its_arm_is(space):
+    """It is told why; what is held stays where it is."""
+    scene = Scene(poses=(R,) if space is Space.POSE else ())
+    scene.push(L, 0.4)
+    scene.run(5)
+    if space is Space.POSE:
+        scene.shift(R, 0.09)
+    else:
+        scene.push(R, 0.4)
+    refusal = scene.starting.walk(scene.now_ns)
+    assert refusal is not None and (refusal.code, refusal.field) == (Code.PART_STALE, "right_arm")
+    assert "samples of the right arm do not agree" in refusal.message and scene.walking == set()
+    scene.run(5)
+    assert scene.starting.walk(scene.now_ns) is None and scene.walking == {L, R}
+
+
 def test_only_the_arm_that_strayed_walks():
     """The other one keeps its reference though it sags."""
     scene = Scene()
     scene.push(L, 0.2)
     scene.push(R, 0.4)
+    scene.run(5)
     assert scene.starting.walk(scene.now_ns) is None
     scene.run(400)
     assert scene.reference(L) == MIDDLE[L] and scene.reference(R) == pytest.approx(scene.q_rad[R])
@@ -250,6 +269,7 @@ def test_a_reference_walks_to_the_limit_when_its_arm_is_just_beyond():
     """The same margin as for a start."""
     scene = Scene()
     scene.push(L, TOP_RAD + 0.04)
+    scene.run(5)
     assert scene.starting.walk(scene.now_ns) is None
     scene.run(1000)
     assert scene.reference(L)[0] == pytest.approx(TOP_RAD) and scene.reference(L)[0] <= TOP_RAD
@@ -261,6 +281,7 @@ def test_no_reference_walks_when_one_arm_is_far_outside_its_limits(outside):
     scene = Scene()
     for side in Side:
         scene.push(side, TOP_RAD + 0.1 if side is outside else 0.5)
+    scene.run(5)
     refusal = scene.starting.walk(scene.now_ns)
     assert refusal is not None
     assert (refusal.code, refusal.field) == (Code.START_OUTSIDE_LIMITS, f"{outside}_arm[0]")
@@ -271,6 +292,7 @@ def test_without_a_path_back_nothing_walks_and_the_reason_is_told(monkeypatch):
     """PLAN_FAILED with the planner's words; the references stay where they are."""
     scene = Scene()
     scene.push(L, 0.5)
+    scene.run(5)
 
     def find_none(*_: object) -> None:
         raise PlanFailed("ruckig finds no plan")
@@ -334,6 +356,7 @@ def test_a_held_end_effector_that_was_pushed_away_is_walked_back_to():
     scene = Scene(poses=(R,))
     scene.shift(R, 0.1)
     assert scene.starting.strayed(scene.now_ns) == {R: pytest.approx(Gap(0.0, 0.1))}
+    scene.run(5)
     assert scene.starting.walk(scene.now_ns) is None
     scene.run(400)
     assert scene.coordinator.body.arms[R].values == pytest.approx(scene.pose[R])
@@ -355,7 +378,7 @@ def test_an_arm_that_comes_back_in_the_other_mode_joins_in_that_mode():
     scene.poses = {R}
     scene.say_mode(joint_mode={L: True, R: False})
     scene.coordinator.body.arms[R].stop()
-    scene.run(1)
+    scene.run(2)
     assert scene.starting.join(scene.now_ns) is None
     assert scene.coordinator.body.arms[R].values == PLACE[R] and scene.running == {L, R}
 
