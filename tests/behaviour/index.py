@@ -1,4 +1,4 @@
-"""Where each row of `docs/reference/behaviour.md` is proven: section -> row -> tests, or the later work that has a row.
+"""Where each row of `docs/reference/behaviour.md` is proven: section -> row -> tests, or the folder of them.
 
 `starting::a_silent_stream` is `tests/behaviour/test_starting.py::test_a_silent_stream`; `core/streams/gate::x` is
 `tests/core/streams/test_gate.py::test_x`; `cells::take` is that row of the table in `test_transitions.py`. `test_index.py`
@@ -7,10 +7,7 @@ checks that all of them exist, and that no test of this folder stands outside.
 
 from __future__ import annotations
 
-__all__ = ["INDEX", "LATER"]
-
-LATER = "later: "
-"""Begins what stands in place of tests while a row belongs to later work."""
+__all__ = ["INDEX"]
 
 CLIENT = "tests/client"
 
@@ -904,5 +901,5 @@ INDEX: dict[str, dict[str, tuple[str, ...] | str]] = {
     "Threads": THREADS,
     "Settings read anew": RELOADING,
 }
-"""Section -> row -> tests; a text instead names the later work, or the folder, that has the row. The row in brackets is about
+"""Section -> row -> tests; a text instead names the folder that has the row. The row in brackets is about
 the page itself."""
