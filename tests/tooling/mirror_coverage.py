@@ -69,8 +69,8 @@ def mirrors(root: Path = ROOT) -> Iterator[Mirror]:
     """Pair every module with its test file.
 
     The file of `core/streams/arm.py` is `tests/core/streams/test_arm.py` or, for a package whose parts are small and
-    alike, the package's own `tests/core/test_streams.py`; the nearer one wins. An `__init__.py` that only re-exports
-    needs none.
+    alike, the package's own, as `tests/cdr_types/test_messages.py` is; the nearer one wins. An `__init__.py` that only
+    re-exports needs none.
     """
     for source, tests in SOURCES:
         for path in sorted((root / source).rglob("*.py")):

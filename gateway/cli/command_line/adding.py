@@ -54,5 +54,6 @@ def add_target(sub: argparse.ArgumentParser) -> None:
         "--at",
         dest="target",
         metavar="TARGET",
-        help="the gateway: a path, unix:PATH, tcp/HOST:PORT or tls/HOST:PORT (default: found by itself)",
+        help="the gateway: a path, unix:PATH, tcp/HOST:PORT, tls/HOST:PORT, or NAME in the fleet of TA2_FLEET (default: "
+        "found by itself)",
     )

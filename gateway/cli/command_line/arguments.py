@@ -152,7 +152,7 @@ def _parsers() -> tuple[argparse.ArgumentParser, Mapping[str, argparse.ArgumentP
     _add_example(commands)
     add_first(commands)
     add_keys(add_command(commands, "keys", "make keys for the network: authority, certificates, roles"))
-    add_service(add_command(commands, "service", "run gateway and recorder as services of systemd"))
+    add_service(add_command(commands, "service", "run gateway, recorder and page as services of systemd"))
     add_fleet(
         add_command(commands, "fleet", "many robots on one zenoh network: look at them, stop them, be one of them")
     )

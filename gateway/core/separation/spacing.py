@@ -11,8 +11,8 @@ Rules
     * A path or a trajectory is one motion: it ends with COLLISION_AHEAD, and its arms brake.
     * Stops, holds and walks (a reference that is led to where its arm is) are never changed; others mind them.
     * An arm whose joints nobody here commands (end-effector mode, or no stream) stands where it is measured, and may go on as
-      far as its measured velocity takes it. That is a guess: by poses it is not moved while this is on (`room.py`), and what
-      moves it by poses when this comes on ends with UNGUARDED: it brakes.
+      far as its measured velocity takes it. That is a guess: by poses it is not moved while this is on (`goal_checks.py`), and
+      what moves it by poses when this comes on ends with UNGUARDED: it brakes.
     * It is setpoints that keep the margin. The arms follow them within the bound of the tracking error.
 
 A look at the body costs 0.2 to 0.5 ms. So it serves for the next ticks as well, as far as its bounds let their ways pass, which
