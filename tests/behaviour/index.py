@@ -1,8 +1,8 @@
 """Where each row of `docs/reference/behaviour.md` is proven: section -> row -> tests, or the folder of them.
 
 `starting::a_silent_stream` is `tests/behaviour/test_starting.py::test_a_silent_stream`; `core/streams/gate::x` is
-`tests/core/streams/test_gate.py::test_x`; `cells::take` is that row of the table in `test_transitions.py`. `test_index.py`
-checks that all of them exist, and that no test of this folder stands outside.
+`tests/core/streams/test_gate.py::test_x`, `./slowed::x` is `tests/test_slowed.py::test_x`; `cells::take` is that row of the
+table in `test_transitions.py`. `test_index.py` checks that all of them exist, and that no test of this folder stands outside.
 """
 
 from __future__ import annotations
@@ -716,6 +716,96 @@ MOTIONS = {
         "streaming::a_stream_takes_its_arm_out_of_a_motion_of_two",
         "streaming::a_stream_says_when_its_targets_ask_for_too_much",
     ),
+    "a pose of an arm in joint mode": (
+        "core/requests/cartesian::a_joint_arm_goes_to_a_pose_by_its_joints_at_once",
+        "core/requests/cartesian::without_a_model_there_are_no_poses_for_joint_arms",
+        "core/requests/cartesian::a_pose_that_no_joints_take_names_a_joint",
+        "core/requests/cartesian::a_joint_motion_to_a_pose_ends_when_the_model_differs",
+    ),
+    "a straight way": (
+        "core/requests/cartesian::a_straight_motion_waits_while_it_is_worked_out_and_then_goes_straight",
+        "core/requests/cartesian::what_moved_an_arm_ends_and_the_line_begins_where_it_came_to_rest",
+        "core/requests/cartesian::a_motion_that_is_worked_out_can_be_ended_as_any_other",
+        "core/requests/cartesian::a_line_that_cannot_be_followed_ends_aborted_and_nothing_moves",
+        "core/requests/cartesian::a_tick_does_no_more_than_some_pieces",
+        "core/requests/cartesian::a_stop_on_the_way_brakes_inside_the_limits",
+        "core/requests/cartesian::a_model_that_differs_ends_the_motion",
+        "core/motion/lines/line_clock::no_limit_of_a_joint_is_exceeded_at_any_instant",
+        "core/motion/lines/line_clock::two_arms_share_the_clock_of_the_slower_one",
+        "core/motion/lines/line_clock::a_line_for_which_joints_are_too_slow_is_refused_with_the_worst_place",
+        "core/motion/lines/line_curve::a_line_on_which_a_joint_leaves_its_limits_is_refused_with_the_place",
+        "core/motion/lines/line_curve::a_wrist_beyond_the_reach_is_told_where",
+        "core/motion/lines/line_path::setpoints_are_straight_and_keep_the_limits",
+        "core/motion/lines/line_plan::joints_that_turn_too_sharply_are_refused",
+        "./line_invariants::no_trace_with_motion_by_the_model_breaks_an_invariant",
+        "e2e/linear::both_hands_go_straight_in_joint_mode",
+    ),
+    "a stream of poses near a singular posture": (
+        "core/separation/slowing::the_bound_is_kept",
+        "core/separation/slowing::a_calm_way_into_a_stretched_arm_and_out_of_it_is_slow_and_arrives",
+        "core/separation/slowing::from_a_singular_posture_every_direction_is_left",
+        "core/separation/slowing::away_from_singularities_not_a_bit_of_a_setpoint_is_another",
+        "core/separation/slowing::while_the_model_does_not_agree_it_is_off_and_that_is_told",
+        "core/separation/slowing::only_streams_of_poses_are_looked_at",
+        "core/output/diagnosis::poses_that_are_followed_slower_near_a_singularity_are_told",
+        "./slowed::joints_of_a_robot_with_an_ik_of_its_own_keep_the_bound",
+        "./slowed::a_model_that_no_longer_agrees_ends_it_in_the_middle_and_tells",
+    ),
+}
+
+APART = {
+    "a goal too near": (
+        "core/separation/goal_checks::a_goal_inside_the_margin_is_refused_with_pair_distance_bound_and_remedy",
+        "core/separation/goal_checks::of_a_pose_only_what_it_places_is_judged",
+        "core/separation/goal_checks::the_other_arm_is_looked_at_where_it_is_bound_for",
+        "core/separation/goal_checks::what_is_inside_the_margin_already_may_part_and_not_come_nearer",
+        "core/requests/moves::a_goal_where_the_arms_would_meet_is_refused_and_what_is_under_way_goes_on",
+        "core/requests/follows::a_chunk_that_ends_where_the_arms_would_meet_is_refused",
+        "core/requests/cartesian::a_goal_that_leaves_too_little_room_is_refused_before_anything_ends",
+    ),
+    "the way to a pose": (
+        "core/requests/cartesian::a_way_on_which_parts_come_too_near_is_refused_and_a_free_one_is_gone",
+        "core/requests/cartesian::an_arm_that_nobody_knows_stands_in_the_way",
+        "core/motion/lines/line_gaps::it_finds_what_looking_at_every_posture_finds",
+        "core/motion/lines/line_gaps::a_refusal_names_both_parts_the_gap_and_the_margin",
+    ),
+    "a motion or a chunk that leads too near": (
+        "core/separation/spacing::a_path_that_leads_into_the_other_arm_ends_for_both_arms_with_what_is_ahead",
+        "core/separation/spacing::a_trajectory_that_leads_into_the_other_arm_ends_and_the_arm_brakes",
+        "core/separation/spacing::a_motion_past_everything_is_reached",
+        "./kept_apart::random_moves_end_at_their_goals_or_before_anything_is_touched",
+        "./kept_apart::poses_of_an_arm_in_joint_mode_are_kept_apart_like_any_path",
+    ),
+    "a stream that leads too near": (
+        "core/separation/spacing::a_stream_is_slowed_down_then_held_back_and_told_of_once",
+        "core/separation/spacing::a_stream_that_is_held_back_again_later_is_told_of_again",
+        "core/separation/spacing::only_joints_that_close_a_gap_are_held_back",
+        "core/separation/spacing::what_is_caught_between_two_parts_can_be_led_out_again",
+        "./kept_apart::without_it_these_targets_are_a_collision",
+        "./kept_apart::arms_that_stream_towards_each_other_stop_with_two_centimetres_left_and_part_again",
+        "./kept_apart::random_targets_at_any_limits_keep_the_margin",
+        "e2e/spacing::both_hands_that_are_led_together_stop_before_they_meet",
+    ),
+    "stops, holds, walks": (
+        "core/separation/spacing::a_brake_goes_on_whatever_is_ahead",
+        "core/separation/spacing::a_walk_back_to_the_arm_is_never_held_back",
+        "./kept_apart::a_stop_near_the_other_arm_is_a_stop_as_quick_as_ever",
+    ),
+    "an arm in end-effector mode": (
+        "core/separation/goal_checks::an_arm_in_end_effector_mode_is_not_moved_by_poses_while_arms_are_kept_apart",
+        "core/separation/spacing::an_arm_in_end_effector_mode_is_an_obstacle_where_it_is_measured",
+        "core/separation/spacing::an_arm_that_moves_by_itself_has_the_room_that_it_may_take",
+        "core/separation/spacing::what_moves_an_arm_by_poses_ends_when_arms_are_kept_apart_again",
+    ),
+    "the model does not agree": (
+        "core/separation/goal_checks::it_is_off_where_nobody_asks_for_it_and_while_the_model_is_not_known",
+        "core/separation/spacing::it_is_told_once_that_arms_move_and_are_not_kept_apart_and_once_that_they_are_again",
+        "core/separation/spacing::arms_that_stand_are_no_reason_to_say_anything",
+    ),
+    "off, or nothing near": (
+        "core/separation/spacing::without_being_asked_for_nothing_is_looked_at",
+        "./kept_apart::where_it_is_off_and_where_nothing_is_near_not_a_bit_of_a_setpoint_is_another",
+    ),
 }
 
 GUARD = {
@@ -794,6 +884,11 @@ GUARD = {
     ),
     "no guard, or both dead": ("e2e/guard::with_both_killed_the_robots_own_watchdogs_act",),
     "a normal end": ("e2e/guard::a_normal_end_is_no_reason_to_hold",),
+    "who else commands": (
+        "guard/guard::what_others_command_is_heard_from_the_first_doubt_on",
+        "link/others_on_the_wire::who_hears_no_commands_does_so_as_soon_as_it_wants_to_and_after_the_next_connecting",
+        "e2e/guard::a_guard_that_holds_lets_go_when_somebody_else_commands",
+    ),
 }
 
 DOORS = {
@@ -853,6 +948,28 @@ THREADS = {
     "restart": ("threads::the_latch_survives_a_restart_and_only_recover_clears_it",),
 }
 
+FORCES = {
+    "the same rules": (
+        "sim/physics/bodies::it_starts_hanging_and_comes_to_ready_by_the_same_rules",
+        "sim/physics/bodies::a_silent_stream_brakes_the_arm_and_holds_no_position",
+        "sim/physics/bodies::the_grip_is_lost_100_ms_after_the_arm_s_stream",
+        "sim/physics/bodies::a_spoiled_chassis_still_stops",
+    ),
+    "motion inside the limits": (
+        "sim/physics/with_the_gateway::home_is_reached_at_full_speed_without_a_latch",
+        "sim/physics/with_the_gateway::the_fastest_limits_stay_within_the_bound_on_the_tracking_error",
+        "sim/physics/with_the_gateway::stop_brings_the_arms_to_rest_where_they_are",
+    ),
+    "an arm that meets something": (
+        "sim/physics/with_the_gateway::an_arm_that_meets_the_table_is_stopped_by_the_bound_on_the_tracking_error",
+    ),
+    "a machine that is too slow": (
+        "sim/physics/bodies::a_machine_that_is_too_slow_loses_time_of_physics_and_says_so",
+        "sim/physics/bodies::slowness_is_told_at_once_then_twice_a_minute_with_the_worst_and_when_it_is_over",
+    ),
+    "numbers that run away": ("sim/physics/unstable::a_lost_world_is_one_line_and_exit_status_1",),
+}
+
 RELOADING = {
     "a setting that needs a restart, a wrong file": (
         "reloading::what_is_refused_changes_nothing_and_everybody_hears_of_it",
@@ -895,10 +1012,12 @@ INDEX: dict[str, dict[str, tuple[str, ...] | str]] = {
     "The bridge misbehaves": BRIDGE,
     "Somebody else": ELSE,
     "What the owner moves": MOTIONS,
+    "Arms kept apart": APART,
     "Why the robot does not do what it is told": WHY,
     "Doors": DOORS,
     "Stop endpoints": ENDPOINTS,
     "Threads": THREADS,
+    "The simulated robot with forces": FORCES,
     "Settings read anew": RELOADING,
 }
 """Section -> row -> tests; a text instead names the folder that has the row. The row in brackets is about

@@ -4,15 +4,19 @@ from __future__ import annotations
 
 import logging
 import threading
+from types import SimpleNamespace
 
 import pytest
 
+from gateway.core.handover.freeze import FreezeWatch
 from gateway.core.messages.outputs import Remembered
 from gateway.errors import Code
 from gateway.guard import guard as guard_module
 from gateway.guard.guard import Guard
 from gateway.process.state_file import StateFile, path_of
 from gateway.settings.settings import Settings
+
+MS = 1_000_000
 
 
 @pytest.fixture
@@ -59,3 +63,19 @@ def test_a_file_that_stays_anothers_is_told_and_waited_for_no_longer(guard, monk
     with StateFile(path), caplog.at_level(logging.WARNING):
         made._keep({Code.ESTOP: "smoke"})
     assert "could not be written" in caplog.text and kept(path).latches == {}
+
+
+def test_what_others_command_is_heard_from_the_first_doubt_on(guard):
+    """Not while the daemon ticks, which listens itself; 30 ms before the verdict a hold may be near, and 50 ms are a doubt."""
+    made, _ = guard
+    heard, held = [], SimpleNamespace(at_ns=0, is_sending=True)
+    made._board = SimpleNamespace(read=lambda: held, known_zid="a1")
+    made._link = SimpleNamespace(zid="a1", hear_commands=lambda: heard.append(now_ms))
+    made._guardian = SimpleNamespace(freeze=FreezeWatch(80 * MS))
+    made._probe = SimpleNamespace(ran_ns=lambda: 0, ask=lambda: None)
+    made._api = SimpleNamespace(misses=0)
+    made._asked_ns, made._is_killed = None, False
+    for now_ms in range(151):
+        held.at_ns = min(now_ms, 100) * MS  # it ticks for 100 ms
+        made._watch(now_ms * MS, is_daemon_gone=False)
+    assert heard == [150]
