@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 
+from gateway.codes import Code
 from gateway.errors import CODES
 from tests.tooling.error_table import BEGIN, END, PAGE, main, section, with_section
 
@@ -22,6 +23,12 @@ def test_every_code_stands_in_the_table_with_its_remedy() -> None:
         (row,) = [line for line in rows if line.startswith(f"| `{code}` |")]
         assert row.endswith(f"| {info.hint} |") and ("| yes |" in row) is info.retryable
         assert any(line.startswith(f"| `{info.error.__name__}` |") and f"`{code}`" in line for line in rows)
+
+
+def test_every_code_stands_on_the_page() -> None:
+    """Those that are only told have no remedy, and are in a table of their own."""
+    page = PAGE.read_text(encoding="utf-8")
+    assert [code for code in Code if f"`{code}`" not in page] == []
 
 
 def test_an_old_table_is_found_and_rewritten(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
