@@ -2,7 +2,7 @@
 
 `decode(data, message_type)` and `encode(message)` translate, `messages` holds the classes, `registry` their ROS
 names, `schemas` their `.msg` text, `keys` the zenoh keys and liveliness tokens. Every failure is a `CdrError`.
-The package knows the wire format and nothing about any robot.
+The package knows the wire format and nothing about any robot. Read first: `codec`.
 """
 
 from __future__ import annotations

@@ -1,6 +1,8 @@
 """The client library: all that a user's program needs. Imports zenoh, msgspec and numpy; nothing of the daemon.
 
+In: what a user asks, in numbers and arrays; what the daemon says. Out: requests, targets; views of the state, handles.
 `connect()` is where to begin; `gateway.client.aio` has the same for asyncio. Errors are in `gateway.errors`.
+Read first: `client.py`, then `control.py`; how a request comes about is `asking/procedures.py`.
 """
 
 from __future__ import annotations

@@ -10,7 +10,7 @@ with Video(source="192.168.1.100") as video:
         use(frame["head_left_eye"], frame["left_wrist_left_eye"], frame.age, frame.clean)
 ```
 
-What needs PyAV is loaded when it is asked for: the parts that do not, and the client, work without it.
+What needs PyAV is loaded when it is asked for: the parts that do not, and the client, work without it. Read first: `video.py`.
 """
 
 from __future__ import annotations
