@@ -12,6 +12,7 @@ import platform
 import resource
 import shutil
 import socket
+import subprocess
 import time
 from argparse import Namespace
 from collections.abc import Callable, Iterator, Mapping
@@ -35,6 +36,8 @@ TICKS, TICK_S, LATE_MS = 100, 0.01, 5.0
 RMEM_BYTES = 4_194_304
 """Holds a second of the robot's pictures (choice)."""
 DISK_BYTES = 5e9
+FIREWALLS: Final = ("firewalld", "nftables", "netfilter-persistent")
+"""Services beside ufw."""
 NEEDED: Final = ("eclipse-zenoh", "numpy", "ruckig", "msgspec", "rich")
 EXTRAS: Final = dict(body="pinocchio", dataset="pyarrow", policy="websockets", record="mcap", sim="mujoco", video="av")
 
@@ -78,6 +81,33 @@ def _governors() -> list[str] | None:
     return sorted({path.read_text().strip() for path in files}) or None
 
 
+def _kernel() -> tuple[str, str]:
+    """Return the kernel's release, and what it says of preemption."""
+    release, build = (Path("/proc/sys/kernel", name).read_text() for name in ("osrelease", "version"))
+    return release.strip(), next((word for word in build.split() if word.startswith("PREEMPT")), "no PREEMPT")
+
+
+def _firewalls() -> str:
+    """Return the names of those that are on; rules that belong to no service are shown to root alone.
+
+    Raises:
+        FileNotFoundError: There is nobody to ask.
+    """
+    said: list[str] = []
+    with suppress(OSError, subprocess.TimeoutExpired):
+        asked = subprocess.run(
+            ["systemctl", "is-active", *FIREWALLS], capture_output=True, text=True, timeout=5, check=False
+        )
+        said = asked.stdout.split()
+    found = [name for name, state in zip(FIREWALLS, said, strict=False) if state == "active"]
+    try:
+        found += ["ufw"] if "ENABLED=yes" in Path("/etc/ufw/ufw.conf").read_text() else []
+    except FileNotFoundError:
+        if not said:
+            raise
+    return ", ".join(found) or "none"
+
+
 def _folder() -> tuple[str, bool]:
     """Return the folder of the gateway's socket, or where that will be made, and whether it can be written."""
     folder = next(path for path in default_socket().parents if path.exists())
@@ -110,6 +140,8 @@ PROBES: Final[Mapping[str, Probe]] = {
                      LIMITS.format("memlock", "unlimited", "LimitMEMLOCK=infinity")),
     "tick": Probe(_late_ms, lambda late_ms: "problem" if late_ms[0] > LATE_MS else late_ms[1] <= LATE_MS,
                   "10 ms come {0[0]:.2f} ms late in the middle, {0[1]:.2f} ms at worst", "end what loads this computer"),
+    "kernel": Probe(_kernel, lambda found: found[1] != "no PREEMPT", "{0[0]}, {0[1]}",
+                    "where `tick` is late: your distribution's low-latency or real-time kernel"),
     "governor": Probe(_governors, lambda names: {*names} <= {"performance", "schedutil"}, "{0}",
                       "sudo cpupower frequency-set -g performance"),
     "cores": Probe(lambda: len(os.sched_getaffinity(0)), lambda count: count >= 2, "{}", "give it two at least"),
@@ -122,8 +154,9 @@ PROBES: Final[Mapping[str, Probe]] = {
     f"udp {PORT}": Probe(lambda: _is_free(PORT, socket.SOCK_DGRAM), bool, "free for the robot's pictures: {}", TAKEN),
     "udp buffer": Probe(lambda: int(Path("/proc/sys/net/core/rmem_max").read_text()), lambda size: size >= RMEM_BYTES,
                         "{} bytes", f"sudo sysctl -w net.core.rmem_max={RMEM_BYTES}"),
-    "firewall": Probe(lambda: "ENABLED=yes" in Path("/etc/ufw/ufw.conf").read_text(), lambda is_on: not is_on,
-                      "ufw is on: {}", f"sudo ufw allow from ROBOT_IP to any port {PORT} proto udp (§2.6.3)"),
+    "firewall": Probe(_firewalls, lambda names: names == "none", "{}",
+                      f"let udp {PORT} in (§2.6.3): sudo ufw allow from ROBOT_IP to any port {PORT} proto udp, or "
+                      f"sudo firewall-cmd --permanent --add-port={PORT}/udp, or a rule of nftables"),
     "python": Probe(platform.python_version, bool, "{}"),
     "packages": Probe(lambda: ", ".join(f"{name} {version(name)}" for name in NEEDED), bool, "{}"),
     "extras": Probe(lambda: ", ".join(extra for extra, name in EXTRAS.items() if find_spec(name) is None),

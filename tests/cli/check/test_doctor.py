@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from math import inf
+from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
@@ -14,6 +16,7 @@ GOOD = {
     "real time": 95,
     "memlock": inf,
     "tick": (0.1, 1.0),
+    "kernel": ("6.1.0", "PREEMPT_DYNAMIC"),
     "governor": ["performance"],
     "cores": 8,
     "clock": True,
@@ -23,7 +26,7 @@ GOOD = {
     "tcp 7447": True,
     "udp 8890": True,
     "udp buffer": 8_388_608,
-    "firewall": False,
+    "firewall": "none",
     "python": "3.11.7",
     "packages": "numpy 2.0",
     "extras": "",
@@ -57,7 +60,9 @@ def test_a_computer_that_is_set_up_needs_nothing():
         ("tcp 7447", False, "advice", "ss -lntup"),
         ("udp 8890", False, "advice", "ss -lntup"),
         ("udp buffer", 212_992, "advice", "sysctl -w net.core.rmem_max="),
-        ("firewall", True, "advice", "ufw allow from"),
+        ("kernel", ("5.10.0", "no PREEMPT"), "advice", "real-time kernel"),
+        ("firewall", "ufw", "advice", "ufw allow from"),
+        ("firewall", "firewalld, nftables", "advice", "firewall-cmd"),
         ("extras", "video, sim", "advice", "pip install"),
     ],
 )
@@ -95,6 +100,54 @@ def test_root_without_the_capability_has_the_limit_of_anybody(monkeypatch, uid, 
     monkeypatch.setattr(doctor.resource, "getrlimit", lambda _: (0, 0))
     monkeypatch.setattr(doctor, "has_capability", lambda number: number == held)
     assert PROBES["real time"].read() == limit
+
+
+@pytest.mark.parametrize(
+    ("build", "kind"),
+    [
+        ("#1 SMP PREEMPT_RT Debian 6.1.90-1", "PREEMPT_RT"),
+        ("#1 SMP PREEMPT_DYNAMIC Debian", "PREEMPT_DYNAMIC"),
+        ("#1 SMP PREEMPT RT", "PREEMPT"),
+        ("#1 SMP Debian 5.10.1", "no PREEMPT"),
+    ],
+)
+def test_a_kernel_says_whether_it_lets_itself_be_interrupted(monkeypatch, build, kind):
+    """By its own text, which needs neither root nor /sys."""
+    texts = {"/proc/sys/kernel/osrelease": "6.1.0\n", "/proc/sys/kernel/version": f"{build}\n"}
+    monkeypatch.setattr(Path, "read_text", lambda path: texts[str(path)])
+    assert PROBES["kernel"].read() == ("6.1.0", kind)
+
+
+@pytest.mark.parametrize(
+    ("ufw", "states", "found"),
+    [
+        ("ENABLED=no\n", "", "none"),
+        ("ENABLED=yes\n", "", "ufw"),
+        ("ENABLED=yes\n", "active\ninactive\nactive\n", "firewalld, netfilter-persistent, ufw"),
+        (None, "inactive\nactive\ninactive\n", "nftables"),
+        (None, "inactive\ninactive\nunknown\n", "none"),
+        (None, "", None),
+        (None, None, None),
+        ("ENABLED=yes\n", None, "ufw"),
+    ],
+)
+def test_firewalls_are_found_by_their_services_and_ufw_by_its_file(monkeypatch, ufw, states, found):
+    """Whichever is there; where neither systemd nor ufw is, nobody knows."""
+
+    def read(path):
+        if ufw is None:
+            raise FileNotFoundError(path)
+        return ufw
+
+    def run(*_, **__):
+        if states is None:
+            raise FileNotFoundError("systemctl")
+        return SimpleNamespace(stdout=states)
+
+    monkeypatch.setattr(Path, "read_text", read)
+    monkeypatch.setattr(doctor.subprocess, "run", run)
+    monkeypatch.setattr(doctor, "PROBES", {"firewall": PROBES["firewall"]})
+    assert readings() == {"firewall": found}
 
 
 def test_this_computer_can_be_asked(shell, monkeypatch):
