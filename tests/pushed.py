@@ -76,7 +76,7 @@ class PushedPair(Pair):
 
     def see(self) -> Snapshot:
         """Return a snapshot of this instant; no time passes."""
-        return build(self.engine._coordinator, (), {}, self.engine._pace.view(0), 1, self.now_ns)
+        return build(self.engine._coordinator, (), {}, self.engine._pace.view(0), 1, self.now_ns, {})
 
     def push(self, *force_n: float | None, side: Side = LEFT, sd_n: float = 2.0) -> None:
         """Push a hand from now on [N]."""

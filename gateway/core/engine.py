@@ -106,6 +106,8 @@ class Engine:
         self._targets: dict[tuple[int, str], TargetArrived] = {}
         self._replies: list[Reply] = []
         self._answered = Answers()
+        self._refused: dict[str, int] = {}
+        """How many requests were refused, by code."""
         self._saved = self._coordinator.remembered()
         self._pace = Pace(settings.local.snapshot_hz)
         self.is_watched = True
@@ -338,6 +340,7 @@ class Engine:
             if reply is None:
                 answer = self._handler.answer(command, now_ns)
                 if isinstance(answer, Refusal):
+                    self._refused[answer.code.value] = self._refused.get(answer.code.value, 0) + 1
                     reply = Reply(client_id=command.client_id, request_id=command.request_id, refusal=answer)
                 else:
                     reply = Reply(client_id=command.client_id, request_id=command.request_id, facts=dict(answer))
@@ -386,4 +389,4 @@ class Engine:
         if number is None:
             return None
         why = self._diagnosis.findings, self._preconditions.refusals
-        return build(self._coordinator, *why, self._pace.view(late_ns), number, now_ns)
+        return build(self._coordinator, *why, self._pace.view(late_ns), number, now_ns, self._refused.copy())

@@ -362,6 +362,7 @@ class Snapshot(Struct, frozen=True, kw_only=True):
         endpoints: Stop endpoints: who must be heard, or the robot is held.
         settings_read_ns: When the settings file was last read anew [ns]; 0 when it was not since the start.
         settings_refused: Why nothing of it was taken then; empty when it was.
+        refused: How many requests were refused since the daemon's start, by code.
     """
 
     seq: int
@@ -394,3 +395,4 @@ class Snapshot(Struct, frozen=True, kw_only=True):
     endpoints: tuple[EndpointView, ...] = ()
     settings_read_ns: int = 0
     settings_refused: str = ""
+    refused: dict[str, int] = {}

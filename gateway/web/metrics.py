@@ -103,6 +103,8 @@ def _of_view(view: Snapshot) -> Iterator[Metric]:
     )
     refusals = [({"request": kind, "code": no.code}, 1.0) for kind, no in view.refusals.items()]
     yield from _family("ta2_refused", "gauge", "1 for each kind of request that would be refused now.", refusals)
+    refused_so_far = [({"code": code}, float(count)) for code, count in sorted(view.refused.items())]
+    yield from _family("ta2_requests_refused", "counter", "Requests that were refused.", refused_so_far)
     targets: Counter[str] = Counter()
     for stream in view.targets:
         targets[stream.refusal_code] += stream.refused

@@ -448,6 +448,16 @@ def test_a_repeated_request_gets_the_first_reply_again():
     assert refusal is not None and refusal.code is Code.NOT_OWNER
 
 
+def test_refused_requests_are_counted_by_code():
+    """Each once, however often its reply is asked for again; what was done is no refusal."""
+    pair, epoch = active()
+    move = Move(epoch=epoch, targets_rad=beside(pair))
+    for number in (900, 900, 901):
+        again(pair, move, number, "bob")
+    again(pair, move, 902)
+    assert pair.see().refused == {"NOT_OWNER": 2}
+
+
 @pytest.mark.parametrize("request_", [Stop(), Estop()])
 def test_a_stop_stops_whatever_its_number(request_):
     """Even one that was answered before is carried out again, never answered from memory."""

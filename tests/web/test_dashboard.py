@@ -40,6 +40,7 @@ def exposed() -> dict[str, set[str]]:
         a_view(latches={"ESTOP": ""}),
         arms={side: replace(arm, tracking_rad=0.01) for side, arm in view.arms.items()},
         refusals={"enable": no},
+        refused={"LATCHED": 4},
         targets=(target,),
         findings=(Finding(code="MODEL_DIFFERS", message="", hint="", since_ns=0, facts={}),),
         spacing=SpacingView(on=True, why="", gap_m=0.1, first="a", second="b", margin_m=0.02, held=()),

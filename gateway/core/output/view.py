@@ -43,6 +43,7 @@ def build(
     loop: LoopView,
     seq: int,
     now_ns: int,
+    refused: dict[str, int],
 ) -> Snapshot:
     """Return the snapshot of this instant."""
     reading = coordinator.reading
@@ -81,6 +82,7 @@ def build(
         loop=loop,
         findings=findings,
         refusals=refusals,
+        refused=refused,
         guard=GuardView(
             expected=coordinator.settings.guard.enabled,
             pid=coordinator.guard.pid,

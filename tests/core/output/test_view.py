@@ -53,7 +53,7 @@ ON = {"left": True, "right": True}
 
 def look(stage: Stage, after_ns: int = 0, seq: int = 5) -> Snapshot:
     """What is seen a little later, without another sample."""
-    return build(stage.coordinator, (), {}, LOOP, seq, stage.now_ns + after_ns)
+    return build(stage.coordinator, (), {}, LOOP, seq, stage.now_ns + after_ns, {})
 
 
 def test_before_the_first_sample_nothing_is_known():
@@ -366,8 +366,13 @@ def test_what_others_have_found_is_shown_as_they_say_it():
     refusals = {"chassis": RefusalMessage(code="NOT_OWNER", message="you do not own the robot")}
     slowing = SlowingView(on=True, why="", speed_ratio=0.5, held=True, joint=4, joint_radps=6.0, bound_radps=3.0)
     stage.coordinator.body.slowing[R] = slowing
-    seen = build(stage.coordinator, (finding,), refusals, LOOP, 5, stage.now_ns)
-    assert seen.findings == (finding,) and seen.refusals == refusals and seen.slowing["right"] == slowing
+    seen = build(stage.coordinator, (finding,), refusals, LOOP, 5, stage.now_ns, {"NOT_OWNER": 2})
+    assert (
+        seen.findings == (finding,)
+        and seen.refusals == refusals
+        and seen.refused == {"NOT_OWNER": 2}
+        and seen.slowing["right"] == slowing
+    )
 
 
 def test_a_stop_endpoint_is_shown_with_its_age():
