@@ -47,23 +47,23 @@ def carry_out(options: Namespace) -> ExitStatus:
     from gateway.web.beside import Beside
     from gateway.web.body import Body
     from gateway.web.door import Keys
-    from gateway.web.errand import Errand
+    from gateway.web.job import Job
     from gateway.web.listening import FairListener
     from gateway.web.logins import Logins
     from gateway.web.server import application
     from gateway.web.users import is_password, read_users
 
     at = () if options.target is None else ("--at", options.target)
-    errands = {"check": Errand(*SELF, "check", *at, "--json")}
+    jobs = {"check": Job(*SELF, "check", *at, "--json")}
     if options.recordings is not None:
-        errands["recordings"] = Errand(*SELF, "bag", "list", str(options.recordings), "--json")
+        jobs["recordings"] = Job(*SELF, "bag", "list", str(options.recordings), "--json")
     body, why_no_body = None, ""
     try:
         body = Body(toml_file.load(options.config))
     except GatewayError as error:  # the page's stop needs no body
         why_no_body = line_of(error)
         print(f"the page shows the robot in no three dimensions: {why_no_body}", file=sys.stderr)
-    beside = Beside(body=body, why_no_body=why_no_body, errands=errands)
+    beside = Beside(body=body, why_no_body=why_no_body, jobs=jobs)
     users = options.users
     if users is not None:
         read_users(users)

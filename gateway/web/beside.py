@@ -18,13 +18,13 @@ from starlette.responses import Response
 from starlette.routing import Route
 
 from gateway.web.body import Body, BodyShape
-from gateway.web.errand import Errand, ErrandSeen
+from gateway.web.job import Job, JobSeen
 
 __all__ = ["Beside"]
 
 
 OTHERWISE = {"recordings": "no folder is listed: ta2 web --recordings DIR", "check": "nothing is checked here"}
-"""Errands by their paths, and what is said where there is no such one."""
+"""Jobs by their paths, and what is said where there is no such one."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -33,7 +33,7 @@ class Beside:
 
     body: Body | None = None
     why_no_body: str = ""
-    errands: Mapping[str, Errand] = field(default_factory=dict)
+    jobs: Mapping[str, Job] = field(default_factory=dict)
 
     def routes(self) -> list[Route]:
         """Return what there is under which path."""
@@ -41,22 +41,22 @@ class Beside:
         async def body(_: Request) -> Response:
             return _json(BodyShape(parts=(), frames={}, why=self.why_no_body) if self.body is None else self.body.shape)
 
-        async def errand(request: Request) -> Response:
+        async def job(request: Request) -> Response:
             name = request.url.path.rpartition("/")[2]
-            asked = self.errands.get(name)
+            asked = self.jobs.get(name)
             if asked is None:
-                return _json(ErrandSeen(is_running=False, report=None, error=OTHERWISE[name]))
+                return _json(JobSeen(is_running=False, report=None, error=OTHERWISE[name]))
             if request.method == "POST":
                 asked.begin()
             return _json(asked.seen)
 
-        errands = [Route(f"/api/{name}", errand, methods=["GET", "POST"]) for name in OTHERWISE]
-        return [Route("/api/body", body), *errands]
+        jobs = [Route(f"/api/{name}", job, methods=["GET", "POST"]) for name in OTHERWISE]
+        return [Route("/api/body", body), *jobs]
 
     async def close(self) -> None:
         """End what runs."""
-        for errand in self.errands.values():
-            await errand.end()
+        for job in self.jobs.values():
+            await job.end()
 
 
 def _json(value: object) -> Response:

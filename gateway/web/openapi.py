@@ -11,7 +11,7 @@ from gateway import __version__
 from gateway.api.protocol import Finding, Info, Notice, RefusalMessage, Snapshot
 from gateway.api.recorder_protocol import RecordingState
 from gateway.web.body import BodySeen, BodyShape
-from gateway.web.errand import ErrandSeen
+from gateway.web.job import JobSeen
 from gateway.web.messages import Asked, CamerasSeen, LoginAsked, StopAsked, StopDone
 
 __all__ = ["description"]
@@ -65,7 +65,7 @@ class Nothing(msgspec.Struct, frozen=True):
     """Done; there is nothing to tell."""
 
 
-SEEN = (CamerasSeen, BodyShape, ErrandSeen)
+SEEN = (CamerasSeen, BodyShape, JobSeen)
 TYPES = (State, Gone, Noticed, Replied, Error, Reasons, Nothing, StopAsked, StopDone, LoginAsked, *SEEN, Asked)
 SECURITY: list[dict[str, list[str]]] = [{"secret": []}]
 FAILURES = {
@@ -101,17 +101,17 @@ def description() -> bytes:
             made["requestBody"] = {"required": False, "content": content(takes)}
         return made
 
-    def errand(what: str) -> dict[str, Any]:
-        anew = operation(f"Look at {what} anew; answered at once.", ErrandSeen)
-        return {"get": operation(f"What was last seen of {what}.", ErrandSeen), "post": anew}
+    def job(what: str) -> dict[str, Any]:
+        anew = operation(f"Look at {what} anew; answered at once.", JobSeen)
+        return {"get": operation(f"What was last seen of {what}.", JobSeen), "post": anew}
 
     paths = {
         "/api/state": {"get": operation("What the gateway sees now.", State)},
         "/api/why": {"get": operation("What keeps the robot from doing what it is told.", Reasons)},
         "/api/video": {"get": operation("How the cameras are seen.", CamerasSeen)},
         "/api/body": {"get": operation("Parts and fixed frames of the body.", BodyShape)},
-        "/api/recordings": errand("the recordings on the disk"),
-        "/api/check": errand("the robot, as `ta2 check` does"),
+        "/api/recordings": job("the recordings on the disk"),
+        "/api/check": job("the robot, as `ta2 check` does"),
         "/api/stop": {
             "post": operation(
                 "Stop: arms brake and are held, chassis and lift stop.", StopDone, StopAsked, is_open=True

@@ -13,7 +13,7 @@ from gateway.settings.settings import Settings
 from gateway.web.beside import Beside
 from gateway.web.body import Body
 from gateway.web.door import Keys
-from gateway.web.errand import Errand
+from gateway.web.job import Job
 from gateway.web.server import application
 
 KNOWN = {"Authorization": "Bearer the-secret"}
@@ -44,8 +44,8 @@ def test_the_shape_of_the_body_is_there_before_any_gateway(tmp_path: Path) -> No
 
 def test_a_look_is_begun_at_once_and_its_report_is_fetched(tmp_path: Path) -> None:
     """No connection of a browser waits for it: there are six, and a stop needs one. A link cannot begin it."""
-    one = Errand(sys.executable, "-c", "import sys; print('{\"rows\": []}') if not sys.stdin.read() else None")
-    with browser(tmp_path, Beside(errands={"check": one})) as page:
+    one = Job(sys.executable, "-c", "import sys; print('{\"rows\": []}') if not sys.stdin.read() else None")
+    with browser(tmp_path, Beside(jobs={"check": one})) as page:
         assert page.get("/api/check").json() == {"is_running": False, "report": None, "error": ""}
         assert page.post("/api/check").json()["is_running"]
         deadline = time.monotonic() + 40.0

@@ -37,7 +37,7 @@ function fill(table, rows) {
 }
 
 // What a command of its own finds out: it is begun, and looked for until it has ended. No connection waits for it.
-function errand(name, show) {
+function job(name, show) {
   const run = byId(`${name}-run`);
   const line = byId(`${name}-line`);
   async function look(method) {
@@ -53,7 +53,7 @@ function errand(name, show) {
 
 const when = (ns) => (ns ? new Date(ns / 1e6).toLocaleString() : "–");
 
-errand("recordings", ({ count, bags }) => {
+job("recordings", ({ count, bags }) => {
   fill(byId("recordings"), bags.map((bag) => {
     const told = bag.episodes || [];
     const counted = ["success", "failure"].map((outcome) => [told.filter((one) => one.outcome === outcome && !one.is_discarded).length, outcome]);
@@ -65,7 +65,7 @@ errand("recordings", ({ count, bags }) => {
   return count ? `${count} in this folder${count > bags.length ? `, the newest ${bags.length} shown` : ""}` : "There are none in this folder.";
 });
 
-errand("check", ({ ok, at, robot, rows }) => {
+job("check", ({ ok, at, robot, rows }) => {
   const tried = rows.filter((row) => row.verdict !== "skipped"); // what moves is never tried from here
   const order = ["fail", "unknown", "pass"];
   tried.sort((a, b) => order.indexOf(a.verdict) - order.indexOf(b.verdict));

@@ -1,4 +1,4 @@
-"""An errand: a command of `ta2` that only looks, as a process of its own, for all pages; its JSON is what they see.
+"""A job: a command of `ta2` that only looks, as a process of its own, for all pages; its JSON is what they see.
 
 Rules
     * Whoever asks is answered at once, and looks for the result later: a browser's connections stay free for a stop.
@@ -15,14 +15,14 @@ from typing import Any
 import msgspec
 from msgspec.structs import replace
 
-__all__ = ["Errand", "ErrandSeen"]
+__all__ = ["Job", "JobSeen"]
 
 NICE = 10
 MOST_S = 60.0
 """How long it may take [s]."""
 
 
-class ErrandSeen(msgspec.Struct, frozen=True, kw_only=True):
+class JobSeen(msgspec.Struct, frozen=True, kw_only=True):
     """Whether it runs, what it said as JSON the last time (None before, and when it failed), and why it failed."""
 
     is_running: bool
@@ -30,13 +30,13 @@ class ErrandSeen(msgspec.Struct, frozen=True, kw_only=True):
     error: str
 
 
-class Errand:
+class Job:
     """A command that may be run: program and arguments."""
 
     def __init__(self, *command: str) -> None:
         self._command = command
         self._running: asyncio.Task[None] | None = None
-        self.seen = ErrandSeen(is_running=False, report=None, error="")
+        self.seen = JobSeen(is_running=False, report=None, error="")
         """How it is now."""
 
     def begin(self) -> None:
@@ -62,7 +62,7 @@ class Errand:
         except (msgspec.MsgspecError, OSError) as wrong:
             error = f"it said nothing that can be read: {wrong}"
         finally:
-            self.seen = ErrandSeen(is_running=False, report=report, error=error)
+            self.seen = JobSeen(is_running=False, report=report, error=error)
 
     async def _said(self) -> bytes:
         pipe, nothing = asyncio.subprocess.PIPE, asyncio.subprocess.DEVNULL

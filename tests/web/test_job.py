@@ -10,26 +10,26 @@ from pathlib import Path
 
 import pytest
 
-from gateway.web import errand
-from gateway.web.errand import Errand, ErrandSeen
+from gateway.web import job
+from gateway.web.job import Job, JobSeen
 
 DEADLINE_S = 40.0
 
 
-def python(text: str) -> Errand:
-    """Return an errand that runs this."""
-    return Errand(sys.executable, "-c", text)
+def python(text: str) -> Job:
+    """Return a job that runs this."""
+    return Job(sys.executable, "-c", text)
 
 
-async def ended(errand: Errand) -> ErrandSeen:
+async def ended(job: Job) -> JobSeen:
     """Begin it and wait for its end."""
-    errand.begin()
-    assert errand.seen.is_running
+    job.begin()
+    assert job.seen.is_running
     deadline = time.monotonic() + DEADLINE_S
-    while errand.seen.is_running:
+    while job.seen.is_running:
         assert time.monotonic() < deadline, "it runs without end"
         await asyncio.sleep(0.01)
-    return errand.seen
+    return job.seen
 
 
 @pytest.mark.parametrize(
@@ -50,12 +50,12 @@ def test_what_it_says_is_the_report_whatever_its_status(text: str, report, error
 
 def test_a_program_that_is_not_there_is_told() -> None:
     """And can be asked for again."""
-    assert "nothing that can be read" in asyncio.run(ended(Errand("/nowhere/ta2"))).error
+    assert "nothing that can be read" in asyncio.run(ended(Job("/nowhere/ta2"))).error
 
 
 def test_what_takes_too_long_is_killed_and_what_was_seen_before_is_no_result(monkeypatch: pytest.MonkeyPatch) -> None:
     """A look that hangs (a robot that is half there) must not be the last one."""
-    monkeypatch.setattr(errand, "MOST_S", 0.2)
+    monkeypatch.setattr(job, "MOST_S", 0.2)
     seen = asyncio.run(ended(python("import time; time.sleep(1000)")))
     assert seen.report is None and "was killed" in seen.error
 
