@@ -44,9 +44,9 @@ def carry_out(options: Namespace) -> ExitStatus:
         needed("av", "video")
         needed("PIL", "video")
     address = _address(options)
+    from gateway.web.access import Keys
     from gateway.web.beside import Beside
     from gateway.web.body import Body
-    from gateway.web.door import Keys
     from gateway.web.job import Job
     from gateway.web.listening import FairListener
     from gateway.web.logins import Logins

@@ -1,6 +1,6 @@
 """The web page and the HTTP API: one more client of the local API, in a process of its own.
 
-    a browser or any program  ->  door.py (who may come in)  ->  server.py (what there is)
+    a browser or any program  ->  access.py (who may come in)  ->  server.py (what there is)
         ->  viewer.py (one connection, for all who look)  and  owning.py (one connection for each page that commands)
 
 What comes in: HTTP and WebSocket messages, `messages.py`, all of them described by `/openapi.json`; from loopback, or from

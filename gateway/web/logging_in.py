@@ -18,7 +18,7 @@ from starlette.responses import FileResponse, JSONResponse, Response
 from starlette.routing import BaseRoute, Route
 
 from gateway.errors import GatewayError
-from gateway.web.door import SESSION
+from gateway.web.access import SESSION
 from gateway.web.logins import SESSION_S, WINDOW_S, Logins, TooMany
 from gateway.web.messages import LoginAsked
 from gateway.web.stopping import body_of

@@ -10,7 +10,7 @@
     GET  /metrics                for Prometheus
     GET  /openapi.json           all of this, and of `beside.py`
 
-A page is one WebSocket: closed, it is a lost client. See `door.py` for who may ask.
+A page is one WebSocket: closed, it is a lost client. See `access.py` for who may ask.
 """
 
 from __future__ import annotations
@@ -49,8 +49,8 @@ from gateway.errors import (
     failure,
 )
 from gateway.web import metrics, stopping
+from gateway.web.access import SESSION, AccessControl, Keys, cookie_name
 from gateway.web.beside import Beside
-from gateway.web.door import SESSION, Door, Keys, cookie_name
 from gateway.web.logging_in import login_routes
 from gateway.web.messages import BOUNDARY, Alive, Asked, CamerasSeen
 from gateway.web.openapi import description
@@ -127,7 +127,7 @@ def application(
         *login_routes(keys.logins, cookie_name(port, is_tls=keys.is_tls), is_tls=keys.is_tls),
     ]
     failed = {GatewayError: _failed, HTTPException: _not_there}
-    return Door(
+    return AccessControl(
         Starlette(routes=routes, lifespan=lifespan, exception_handlers=failed), keys, port, opens_metrics=opens_metrics
     )
 

@@ -10,9 +10,9 @@ import pytest
 from starlette.testclient import TestClient
 
 from gateway.settings.settings import Settings
+from gateway.web.access import Keys
 from gateway.web.beside import Beside
 from gateway.web.body import Body
-from gateway.web.door import Keys
 from gateway.web.job import Job
 from gateway.web.server import application
 

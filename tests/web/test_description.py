@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from hypothesis import HealthCheck, settings
 
-from gateway.web.door import Keys
+from gateway.web.access import Keys
 from gateway.web.server import application
 
 schemathesis = pytest.importorskip("schemathesis", reason="no Schemathesis: pip install schemathesis")

@@ -31,7 +31,7 @@ def test_everything_that_a_page_may_ask_for_is_described(name: str) -> None:
 
 
 def test_stops_take_no_secret_and_all_else_does() -> None:
-    """As the door has it."""
+    """As access control has it."""
     secured = {path: bool(next(iter(methods.values()))["security"]) for path, methods in DOCUMENT["paths"].items()}
     assert secured == {
         "/api/state": True,

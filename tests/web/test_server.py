@@ -9,7 +9,7 @@ from threading import Event
 import pytest
 from starlette.testclient import TestClient
 
-from gateway.web.door import Keys, cookie_name
+from gateway.web.access import Keys, cookie_name
 from gateway.web.logins import Logins
 from gateway.web.server import application
 from gateway.web.users import read_users

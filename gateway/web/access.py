@@ -26,7 +26,7 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from gateway.web.logins import Logins, Session
 
-__all__ = ["OPEN_PATHS", "SESSION", "Door", "Keys", "cookie_name"]
+__all__ = ["OPEN_PATHS", "SESSION", "AccessControl", "Keys", "cookie_name"]
 
 LOOPBACK = frozenset({"127.0.0.1", "localhost", "::1"})
 OPEN_PATHS = frozenset({"/", "/static/page.js", "/static/page.css", "/api/stop", "/api/estop"})
@@ -47,7 +47,7 @@ TLS_HEADERS = {"Strict-Transport-Security": "max-age=2592000"}
 
 
 class Keys(Struct, frozen=True, kw_only=True):
-    """What opens the door; either of the first two.
+    """What lets a request in; either of the first two.
 
     Attributes:
         token: The secret that was printed.
@@ -70,12 +70,12 @@ def cookie_name(port: int, *, is_tls: bool = False) -> str:
     return f"{'__Host-' if is_tls else ''}ta2_web_{port}"
 
 
-class Door:
+class AccessControl:
     """Lets requests in, or not. A part of the application (ASGI).
 
     Args:
         app: What is behind it.
-        keys: What opens it.
+        keys: What lets a request in.
         port: Where it listens, for the cookie's name.
         opens_metrics: Whether `/metrics` takes no secret.
     """

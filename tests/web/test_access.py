@@ -10,7 +10,7 @@ from starlette.routing import Route, WebSocketRoute
 from starlette.testclient import TestClient
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
-from gateway.web.door import OPEN_PATHS, SESSION, Door, Keys, cookie_name
+from gateway.web.access import OPEN_PATHS, SESSION, AccessControl, Keys, cookie_name
 from gateway.web.logins import Logins
 
 TOKEN = "the-secret"
@@ -20,7 +20,7 @@ PATHS = ("/", "/api/state", "/api/stop", "/api/estop", "/api/recover", "/metrics
 
 
 def client(*, opens_metrics: bool = False) -> TestClient:
-    """Return a browser before a door, behind which everything answers."""
+    """Return a browser before access control, behind which everything answers."""
 
     async def answer(_):
         return PlainTextResponse("in")
@@ -32,7 +32,7 @@ def client(*, opens_metrics: bool = False) -> TestClient:
 
     routes = [Route(path, answer, methods=["GET", "POST"]) for path in PATHS]
     inside = Starlette(routes=[*routes, WebSocketRoute("/api/live", live)])
-    return TestClient(Door(inside, Keys(token=TOKEN), 8700, opens_metrics=opens_metrics), base_url=HERE)
+    return TestClient(AccessControl(inside, Keys(token=TOKEN), 8700, opens_metrics=opens_metrics), base_url=HERE)
 
 
 @pytest.mark.parametrize("path", PATHS)
@@ -148,7 +148,7 @@ def beyond(logins: Logins | None = None) -> TestClient:
 
     inside = Starlette(routes=[Route(path, answer, methods=["GET", "POST"]) for path in (*PATHS, "/login")])
     keys = structs.replace(BEYOND, logins=logins or Logins(lambda *_: False))
-    return TestClient(Door(inside, keys, 8700, opens_metrics=False), base_url=AWAY)
+    return TestClient(AccessControl(inside, keys, 8700, opens_metrics=False), base_url=AWAY)
 
 
 @pytest.mark.parametrize("host", ["robot.lab:8700", "ROBOT.lab", "10.0.0.7:8700", "[fd00::7]:8700", "localhost:8700"])
@@ -202,8 +202,8 @@ def test_a_login_opens_and_what_is_open_by_it_ends_with_it() -> None:
         return PlainTextResponse("out")
 
     inside = Starlette(routes=[WebSocketRoute("/api/live", live), Route("/api/logout", out, methods=["POST"])])
-    door = Door(inside, structs.replace(BEYOND, logins=logins), 8700, opens_metrics=False)
-    with TestClient(door, base_url=AWAY) as browser:
+    control = AccessControl(inside, structs.replace(BEYOND, logins=logins), 8700, opens_metrics=False)
+    with TestClient(control, base_url=AWAY) as browser:
         portal = browser.portal
         assert portal is not None
         word = portal.call(logins.login, "ann", "right", "10.0.0.9")
@@ -234,8 +234,8 @@ def test_what_ends_by_itself_before_its_login_does(fails: bool) -> None:
         return PlainTextResponse("in")
 
     inside = Starlette(routes=[Route("/api/video/x", look)])
-    door = Door(inside, structs.replace(BEYOND, logins=logins), 8700, opens_metrics=False)
-    with TestClient(door, base_url=AWAY) as browser:
+    control = AccessControl(inside, structs.replace(BEYOND, logins=logins), 8700, opens_metrics=False)
+    with TestClient(control, base_url=AWAY) as browser:
         portal = browser.portal
         assert portal is not None
         known = {"Authorization": f"Bearer {portal.call(logins.login, 'ann', 'right', '10.0.0.9')}"}
