@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from gateway.core.robot_state.body_model import body_model
+from gateway.core.robot_state.body_model import BodyModel, body_model
 from gateway.robot.topics import CURRENT_MODE, FSM_STATE, arm_state, ee_pose
 from gateway.settings.settings import ArmSettings, LocalSettings, ModelSettings, Settings
 from gateway.sim.robot.settings import SimSettings
 from gateway.values import ArmState, Side, Vector
-from tests.kinematics.guarded_arms import model
+from tests.kinematics.guarded_arms import ZEROS_RAD, calibrated, model, really
 from tests.pair import Pair
 
 __all__ = ["SpacedPair"]
@@ -27,6 +27,7 @@ class SpacedPair(Pair):
         asked: Whether the configuration asks for it.
         has_model: Whether there is a model at all.
         sim: Of the robot; None for a usual one.
+        is_calibrated: Whether joints of robot and model have the zeros `ZEROS_RAD`.
     """
 
     def __init__(
@@ -36,13 +37,21 @@ class SpacedPair(Pair):
         asked: bool = True,
         has_model: bool = True,
         sim: SimSettings | None = None,
+        is_calibrated: bool = False,
     ) -> None:
         settings = Settings(
             arm=arm or ArmSettings(),
             local=LocalSettings(snapshot_hz=10.0),
             model=ModelSettings(check=has_model, self_collision=asked),
         )
-        super().__init__(settings, sim, model=body_model(settings))
+        super().__init__(
+            settings, sim, model=BodyModel(calibrated(), settings) if is_calibrated else body_model(settings)
+        )
+        self._real = really if is_calibrated else dict
+        for side, zeros_rad in ZEROS_RAD.items() if is_calibrated else ():
+            for joint, delta_rad in enumerate(zeros_rad, start=1):
+                fault = {"fault": "joint_zero", "side": side.value, "joint": joint, "delta_rad": delta_rad}
+                self.robot.inject(fault, self.now_ns)
         self.topics = TOPICS
         self.epoch = self.activate()
         self.streams: dict[Side, int] = {}
@@ -72,10 +81,10 @@ class SpacedPair(Pair):
         return max(abs(a - b) for side in goals for a, b in zip(self.setpoints[side], goals[side], strict=True))
 
     def look(self):
-        """Note how near parts are, by setpoints and as measured; return the nearest pair of the setpoints."""
-        near = model().posture(self.setpoints).nearest()
+        """Note how near parts really are, by setpoints and as measured; return the nearest pair of the setpoints."""
+        near = model().posture(self._real(self.setpoints)).nearest()
         self.least_m = min(self.least_m, near.gap_m)
-        measured = model().posture({side: self.joints(side) for side in Side}).nearest()
+        measured = model().posture(self._real({side: self.joints(side) for side in Side})).nearest()
         self.least_measured_m = min(self.least_measured_m, measured.gap_m)
         return near
 

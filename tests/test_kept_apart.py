@@ -60,6 +60,16 @@ def test_arms_that_stream_towards_each_other_stop_with_two_centimetres_left_and_
     assert pair.state == "ACTIVE" and not pair.engine.latches
 
 
+def test_arms_of_a_calibrated_robot_stop_with_the_margin_between_where_they_really_are():
+    """Zeros that are off by up to 60 mrad, and a model that knows it: setpoints alone tell of other places."""
+    pair = SpacedPair(is_calibrated=True)
+    pair.lead(HOME_Q_RAD, 8.0)
+    pair.lead(MEET, 8.0)
+    assert pair.look().gap_m < MARGIN_M + 0.01 and pair.off_rad(MEET) > 0.05
+    assert pair.least_m >= MARGIN_M - ROUNDING_M and pair.least_measured_m >= MARGIN_M - SAG_M
+    assert Code.COLLISION_AHEAD in pair.codes() and pair.see().spacing.on
+
+
 def test_random_targets_at_any_limits_keep_the_margin():
     """Both arms, new targets before the last ones are reached, in collision or not, limits anywhere in the config's range."""
     rng, held = random.Random(17), 0

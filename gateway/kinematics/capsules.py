@@ -55,7 +55,7 @@ class Capsule(Struct, frozen=True, kw_only=True):
         name: Of the part, its side in front where there are two: `left_forearm`, `torso`.
         part: The same without the side.
         side: Which arm it belongs to; None for the middle.
-        frame: `arm`: shoulder frame of its side with the arm at zero; `chest`; or `base` (`base_link`).
+        frame: `arm`: shoulder frame of its side with the arm at zero, as described; `chest`; or `base` (`base_link`).
         after: Joint that moves it last, 1 to 7; 0 for a part that no joint moves.
         from_m: One end of its line, shape (3,) [m].
         to_m: The other, shape (3,) [m].

@@ -13,14 +13,16 @@ import math
 from collections.abc import Mapping, Sequence
 
 from msgspec import Struct
+from msgspec.structs import replace
 
+from gateway.errors import Code, failure
 from gateway.kinematics.capsules import BASE, CHEST, Capsule, Hull, hull
-from gateway.kinematics.description import Description
-from gateway.kinematics.placement import Placement
+from gateway.kinematics.description import Description, arm_joint, shoulder_joint
+from gateway.kinematics.placement import Placement, turn_rad
 from gateway.kinematics.separation.segments import Segment, nearest, segment
 from gateway.kinematics.solving.chain import ArmChain, in_base
 from gateway.robot.topics import shoulder_frame
-from gateway.values import ARM_DOF, Side, ValueRefused, Vector, require_finite
+from gateway.values import ARM_DOF, Side, Vector, require_finite
 
 __all__ = ["WIDE_OPEN_M", "CollisionModel", "Nearness", "Posture"]
 
@@ -28,8 +30,8 @@ WIDE_OPEN_M = 0.087
 """Opening of a gripper at its motor's greatest angle [m] (description and §4.4.2): what is taken when nobody tells."""
 TOUCHING_M = 1e-9
 """Lines nearer than this have no direction between them: that of the parts' middles is taken [m]."""
-ALIKE = 1e-9
-"""Components of rotations that differ by less are the same."""
+ALIKE_RAD = 1e-9
+"""Frames that are turned against each other by less are parallel [rad]."""
 
 Point = tuple[float, float, float]
 
@@ -140,13 +142,14 @@ class CollisionModel:
 
     Args:
         description: Numbers of the body.
-        shape: Its hull; None for our own data.
+        shape: Its hull as described; None for our own data.
 
     Raises:
-        ValueRefused: The shoulder frames are not parallel.
+        ConfigError: BAD_CONFIG, the shoulder frames that are described are not parallel.
 
     Attributes:
-        capsules: Parts of the hull, in its order.
+        capsules: Parts of the hull, in its order; those of an arm where its reported joints are at zero.
+        chains: Of both arms as calibrated, from the shoulder frames as described: a calibration moves no shoulder.
         margin_m: What has to stay free between any two parts [m].
         pairs: For each watched pair: numbers of its parts, radius of the spheres around both, sum of both radii [m];
             those of two moving parts come first.
@@ -154,7 +157,10 @@ class CollisionModel:
 
     def __init__(self, description: Description, shape: Hull | None = None) -> None:
         shape = hull() if shape is None else shape
-        self.capsules: tuple[Capsule, ...] = shape.capsules
+        plain = description.described or description
+        shoulders = {name: plain.joints[name] for name in map(shoulder_joint, Side)}
+        description = replace(description, joints={**description.joints, **shoulders})
+        self.capsules = tuple(_carried(capsule, description, plain) for capsule in shape.capsules)
         self.margin_m = shape.margin_m
         self.chains = {side: ArmChain(description, side) for side in Side}
         numbers = {capsule.name: number for number, capsule in enumerate(self.capsules)}
@@ -166,15 +172,18 @@ class CollisionModel:
             )
             self.pairs.append((numbers[pair.first.name], numbers[pair.second.name], halves_m + radii_m, radii_m))
         left, right = (in_base(description, shoulder_frame(side)) for side in Side)
-        if (
-            max(
-                abs(a - b)
-                for one, two in zip(left.rows, right.rows, strict=True)
-                for a, b in zip(one, two, strict=True)
+        turned_rad = math.hypot(*turn_rad(left.rows, right.rows))
+        if turned_rad > ALIKE_RAD:
+            raise failure(
+                Code.BAD_CONFIG,
+                f"the two shoulder frames are turned against each other by {turned_rad:.3g} rad, not parallel as on this "
+                "robot (A.3)",
+                field="model.urdf",
+                value=f"{turned_rad:.3g}",
+                bound="0",
+                unit="rad",
+                hint="make them parallel in that description, or leave model.urdf empty",
             )
-            > ALIKE
-        ):
-            raise ValueRefused("the two shoulder frames are not parallel, as they are on this robot (A.3)")
         origin = tuple(0.5 * (a + b) for a, b in zip(left.p_m, right.p_m, strict=True))
         chest_T_base = Placement(origin, left.rows).inverse()
         self.shoulders = {side: chest_T_base.point(at.p_m) for side, at in ((Side.LEFT, left), (Side.RIGHT, right))}
@@ -253,6 +262,17 @@ def along(lines: Sequence[float], count: int, point: Point, direction: Point) ->
         x, y, z = px - x, py - y, pz - z
         found.append(nx * (ay * z - az * y) + ny * (az * x - ax * z) + nz * (ax * y - ay * x))
     return found
+
+
+def _carried(capsule: Capsule, description: Description, plain: Description) -> Capsule:
+    """Return a part that is given for an arm as described where it is for the same arm as calibrated, both at zero."""
+    if capsule.side is None or not capsule.after or description.described is None:
+        return capsule
+    link = plain.joints[arm_joint(capsule.side, capsule.after)].child
+    shoulder = in_base(plain, shoulder_frame(capsule.side))
+    moved = shoulder.inverse().after(in_base(description, link)).after(in_base(plain, link).inverse()).after(shoulder)
+    begin, end = moved.point(capsule.from_m), moved.point(capsule.to_m)
+    return replace(capsule, from_m=begin, to_m=end, opens=moved.turned(capsule.opens))
 
 
 def _ends(capsule: Capsule, chest_T_base: Placement) -> tuple[Vector, Vector]:

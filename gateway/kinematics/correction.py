@@ -61,7 +61,7 @@ def corrected(description: Description, side: Side, correction: ArmCorrection) -
     if correction.shoulder != NOWHERE:
         mount = joints[shoulder_joint(side)]
         joints[mount.name] = _at(mount, origin(mount).after(correction.shoulder.inverse()))
-    return replace(description, joints=joints)
+    return replace(description, joints=joints, described=description.described or description)
 
 
 def _turn(axis: Vector, angle_rad: float) -> Placement:

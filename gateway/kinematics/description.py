@@ -144,6 +144,7 @@ class Description(Struct, frozen=True, kw_only=True):
         cameras: `head`, `left_wrist`, `right_wrist`.
         gripper: Tables `left` and `right` of the data file: what the linkage's module makes of them is its own affair.
         chassis: Table `chassis` of the data file.
+        described: The body before what was measured on one robot was built in (`correction.py`); None where nothing was.
     """
 
     source: str
@@ -152,6 +153,7 @@ class Description(Struct, frozen=True, kw_only=True):
     cameras: Mapping[str, Camera]
     gripper: Mapping[str, Mapping[str, Any]]
     chassis: Mapping[str, float]
+    described: Description | None = None
 
     def arm(self, side: Side) -> tuple[Joint, ...]:
         """Return the seven joints of an arm, in order of the robot's topics (§4.0.3)."""

@@ -19,6 +19,7 @@ from gateway.kinematics.collision import CollisionModel, Posture
 from gateway.kinematics.configured import configured
 from gateway.kinematics.frames import ROOT
 from gateway.kinematics.sight import robot_frames
+from gateway.kinematics.solving.chain import ArmChain
 from gateway.robot.topics import shoulder_frame
 from gateway.values import ArmState, Side, ValueRefused, Vector
 
@@ -84,7 +85,7 @@ class Body:
         self._model = CollisionModel(description)
         identity = RobotIdentity(serial=link.serial, model=link.model) if link.serial else None
         own = load(Path(file).expanduser(), identity) if file else None
-        self._tree = robot_frames(description, self._model.chains, own)
+        self._tree = robot_frames(description, {side: ArmChain(description, side) for side in Side}, own)
         shoulders = [self._tree.locate(ROOT, shoulder_frame(side)).transform for side in Side]
         self._middle_m = np.mean([shoulder.p_m for shoulder in shoulders], axis=0)
         self._chest_R_root = shoulders[0].rotation.T

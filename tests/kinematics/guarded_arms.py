@@ -10,14 +10,30 @@ from gateway.core.motion.joints.braking import Braking, JointLimits, advance
 from gateway.core.motion.joints.follower import JointFollower
 from gateway.core.motion.space import State
 from gateway.kinematics.collision import CollisionModel
+from gateway.kinematics.correction import NOWHERE, ArmCorrection, corrected
 from gateway.kinematics.description import nominal
+from gateway.kinematics.placement import Placement, rows_from_rpy
 from gateway.kinematics.separation.approach import Approach
 from gateway.kinematics.separation.judgement import Motion
 from gateway.kinematics.separation.stopping import stop_extent, way_extent
 from gateway.robot.limits import JOINT_LOWER_RAD, JOINT_UPPER_RAD
 from gateway.values import Side
 
-__all__ = ["DT_S", "LIMITS", "MARGIN_M", "MEET", "ROUNDING_M", "GuardedArms", "free_posture", "model", "random_joints"]
+__all__ = [
+    "DT_S",
+    "LIMITS",
+    "MARGIN_M",
+    "MEET",
+    "OWN",
+    "ROUNDING_M",
+    "ZEROS_RAD",
+    "GuardedArms",
+    "calibrated",
+    "free_posture",
+    "model",
+    "random_joints",
+    "really",
+]
 
 DT_S = 0.01
 MARGIN_M = 0.02
@@ -29,6 +45,13 @@ MEET = {
     Side.RIGHT: (-1.65, -0.99, 1.07, -2.02, 0.56, 0.25, -0.65),
 }
 """Both hands in the same place before the chest, if they could."""
+ZEROS_RAD = {
+    Side.LEFT: (0.02, -0.03, 0.02, 0.06, -0.02, 0.02, 0.03),
+    Side.RIGHT: (-0.02, -0.04, 0.01, -0.05, 0.02, 0.03, -0.01),
+}
+"""Of a calibrated robot: what its joints really are beyond what they report."""
+OWN = Placement((0.004, 0.003, -0.002), rows_from_rpy((0.01, 0.0, 0.008)))
+"""By how much frames of such a robot are displaced."""
 SEVEN = range(7)
 
 
@@ -36,6 +59,18 @@ SEVEN = range(7)
 def model():
     """Return the nominal body."""
     return CollisionModel(nominal())
+
+
+def calibrated(own: Placement = NOWHERE):
+    """Return the numbers of a robot with these zeros, its hands and its left shoulder displaced."""
+    left = ArmCorrection(offsets_rad=ZEROS_RAD[Side.LEFT], ee=own, shoulder=own)
+    right = ArmCorrection(offsets_rad=ZEROS_RAD[Side.RIGHT], ee=own)
+    return corrected(corrected(nominal(), Side.LEFT, left), Side.RIGHT, right)
+
+
+def really(q_rad):
+    """Return the joints that such a robot really has."""
+    return {side: tuple(q + zero for q, zero in zip(q_rad[side], ZEROS_RAD[side], strict=True)) for side in Side}
 
 
 def random_joints(rng: random.Random):

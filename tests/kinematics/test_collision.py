@@ -8,6 +8,7 @@ import random
 import numpy as np
 import pytest
 
+from gateway.errors import Code, ConfigError
 from gateway.kinematics.capsules import hull
 from gateway.kinematics.collision import CollisionModel
 from gateway.kinematics.description import nominal
@@ -16,7 +17,8 @@ from gateway.sim.robot import manual
 from gateway.sim.robot.geometry import arm_geometry
 from gateway.values import Side, ValueRefused
 from tests.changed import replace
-from tests.kinematics.guarded_arms import free_posture, model, random_joints
+from tests.kinematics.bodies import ARMS
+from tests.kinematics.guarded_arms import OWN, calibrated, free_posture, model, random_joints, really
 from tests.thoroughness import either
 
 
@@ -192,5 +194,28 @@ def test_shoulders_that_are_not_parallel_are_refused():
     ours = nominal()
     name = "right_shoulder_base_joint"
     turned = replace(ours.joints[name], rpy_rad=(0.1, 0.0, 0.0))
-    with pytest.raises(ValueRefused, match="not parallel"):
+    with pytest.raises(ConfigError, match=r"by 0\.1 rad, not parallel") as refused:
         CollisionModel(replace(ours, joints={**ours.joints, name: turned}))
+    told = refused.value
+    assert (told.code, told.field, told.value, told.bound) == (Code.BAD_CONFIG, "model.urdf", "0.1", "0") and told.hint
+
+
+def test_the_parts_of_a_calibrated_body_are_where_its_joints_really_are():
+    """Zeros, hands and shoulders of its own: lines, gaps and slopes are those of the body as described at its real joints."""
+    rng, own = random.Random(12), CollisionModel(calibrated(OWN))
+    palms = {side: [capsule.name for capsule in own.capsules].index(f"{side}_palm") for side in Side}
+    for _ in range(either(30, 300)):
+        q_rad, lowered_m = random_joints(rng), rng.uniform(0.0, 0.74)
+        reported, real = own.posture(q_rad, lowered_m), model().posture(really(q_rad), lowered_m)
+        for line, other in zip(reported.segments, real.segments, strict=True):
+            assert line == pytest.approx(other, abs=1e-9)
+        for side, number in palms.items():
+            x, y, z = ARMS[side].forward(really(q_rad)[side]).p_m
+            assert reported.segments[number][:3] == pytest.approx((x, y + own.shoulders[side][1], z), abs=1e-9)
+        near, other = reported.nearest(), real.nearest()
+        assert (near.first, near.second, near.gap_m) == (
+            other.first,
+            other.second,
+            pytest.approx(other.gap_m, abs=1e-9),
+        )
+        assert all(near.slopes[side] == pytest.approx(other.slopes[side], abs=1e-6) for side in Side)

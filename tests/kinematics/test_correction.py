@@ -44,6 +44,12 @@ def test_each_joints_zero_is_its_own(side, joint):
         assert max(difference(arm.forward(q), wanted)) < 1e-7
 
 
+def test_a_body_that_was_corrected_twice_still_knows_what_was_described():
+    """The hull is given for that."""
+    once = corrected(nominal(), Side.LEFT, WHOLE)
+    assert once.described is nominal() is corrected(once, Side.LEFT, WHOLE).described and nominal().described is None
+
+
 def test_no_correction_changes_nothing():
     """Not even the rounding."""
     none = ArmCorrection(offsets_rad=(0.0,) * 7)

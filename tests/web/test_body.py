@@ -9,13 +9,19 @@ import pytest
 from msgspec.structs import replace
 
 from gateway.api.protocol import Snapshot, SpacingView
+from gateway.cli.body.calibration_writing import write_arms
+from gateway.kinematics.calibration import RobotIdentity
+from gateway.kinematics.calibration_file.arm_section import ArmCalibration, fingerprint
 from gateway.kinematics.collision import CollisionModel
+from gateway.kinematics.correction import ArmCorrection, corrected
 from gateway.kinematics.description import nominal
+from gateway.kinematics.solving.chain import ArmChain
 from gateway.robot.limits import HOME_Q_RAD
-from gateway.settings.settings import Settings
+from gateway.settings.settings import LinkSettings, ModelSettings, Settings
 from gateway.values import Side
 from gateway.web.body import Body
 from tests.cli.views import a_view
+from tests.kinematics.guarded_arms import OWN, ZEROS_RAD
 
 HOME = {side: tuple(HOME_Q_RAD[side]) for side in Side}
 MODEL = CollisionModel(nominal())
@@ -60,6 +66,22 @@ def test_frames_are_in_the_chest_with_axes_that_stand_on_each_other(body: Body) 
     assert frames[names["right"]][:3] == pytest.approx((0.0, -0.22, 0.0), abs=1e-4)
     palm = next(n for n, part in enumerate(body.shape.parts) if part.name == "left_palm")
     assert math.dist(frames["left_ee"][:3], seen.lines_m[palm][:3]) < 0.2
+
+
+def test_a_calibrated_body_is_where_its_joints_really_are_and_its_hand_where_the_robot_says(tmp_path) -> None:
+    """Parts go with the zeros that were identified; a shoulder that was is the frame of the robot's own poses."""
+    own = ArmCorrection(offsets_rad=ZEROS_RAD[Side.LEFT], ee=OWN, shoulder=OWN)
+    numbers = fingerprint(nominal(), Side.LEFT)
+    arm = ArmCalibration(side=Side.LEFT, correction=own, description="ours", numbers=numbers)
+    write_arms(tmp_path / "own.json", RobotIdentity(serial="A", model="standard"), [arm])
+    model = ModelSettings(calibration=str(tmp_path / "own.json"))
+    seen = Body(Settings(link=LinkSettings(serial="A"), model=model)).seen(at(HOME))
+    zeros_rad = {**dict.fromkeys(Side, (0.0,) * 7), Side.LEFT: ZEROS_RAD[Side.LEFT]}
+    real = {side: tuple(q + zero for q, zero in zip(HOME[side], zeros_rad[side], strict=True)) for side in Side}
+    for line, (x, y, z, u, v, w, _) in zip(seen.lines_m, MODEL.posture(real).segments, strict=True):
+        assert line == pytest.approx((x, y, z, x + u, y + v, z + w), abs=1e-4)
+    x, y, z = ArmChain(corrected(nominal(), Side.LEFT, own), Side.LEFT).forward(HOME[Side.LEFT]).p_m
+    assert seen.frames["left_ee"][:3] == pytest.approx((x, y + 0.22, z), abs=1e-4)
 
 
 def test_the_nearest_pair_is_the_model_s_own_where_the_gateway_says_none(body: Body) -> None:

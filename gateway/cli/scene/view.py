@@ -26,6 +26,7 @@ from gateway.kinematics.calibration import RobotIdentity, load
 from gateway.kinematics.collision import CollisionModel
 from gateway.kinematics.configured import configured
 from gateway.kinematics.sight import robot_frames
+from gateway.kinematics.solving.chain import ArmChain
 from gateway.recording.bag_writer import needed
 from gateway.settings import toml_file
 from gateway.settings.settings import Settings
@@ -68,10 +69,10 @@ def carry_out(options: Namespace) -> ExitStatus:
 def _scene(stream: rr.RecordingStream, settings: Settings) -> Scene:
     link, file = settings.link, settings.model.calibration
     description = configured(settings)
-    body = CollisionModel(description)
+    arms = {side: ArmChain(description, side) for side in Side}
     identity = RobotIdentity(serial=link.serial, model=link.model) if link.serial else None
     own = load(Path(file).expanduser(), identity) if file else None
-    return Scene(stream, robot_frames(description, body.chains, own), body)
+    return Scene(stream, robot_frames(description, arms, own), CollisionModel(description))
 
 
 def _show_live(
