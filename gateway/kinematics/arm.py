@@ -1,8 +1,9 @@
 """Arm: the kinematics of one arm, forward and inverse, whatever its numbers come from.
 
 Poses are those of `left_ee` / `right_ee` in `left_shoulder_base` / `right_shoulder_base` (§4.0), joint angles in order of
-§4.0.3. Whether the closed form holds is found in the axes (`shape.py`): where they meet it is the answer; where they miss
-each other a little it is where a numerical search begins; where they do not meet the search is all there is.
+§4.0.3. Whether the closed form holds is found in the axes (`shape.py`): where they meet it is the answer, for a
+calibrated arm, too; where they miss each other a little it is where a numerical search begins; where they do not meet the
+search is all there is.
 """
 
 from __future__ import annotations
@@ -10,9 +11,11 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 
 import numpy as np
+from msgspec.structs import replace
 from numpy.typing import NDArray
 
 from gateway.errors import Refusal
+from gateway.kinematics.correction import built_in
 from gateway.kinematics.description import Description
 from gateway.kinematics.placement import Placement
 from gateway.kinematics.solving.bend import CLOSE_M, CLOSE_RAD, Bend
@@ -62,7 +65,7 @@ class ArmModel:
         self.upper_rad = JOINT_UPPER_RAD[side] if upper_rad is None else upper_rad
         _require_ranges(self.lower_rad, self.upper_rad)
         self.chain = ArmChain(description, side)
-        self.shape: ArmShape = shape_of(self.chain)
+        self.shape = _shape(description, side)
         self._closed = ClosedForm(self.shape, side, self.lower_rad, self.upper_rad)
 
     def forward(self, q_rad: Sequence[float]) -> EePose:
@@ -180,6 +183,15 @@ class ArmModel:
             begins.insert(0, nearly.q_rad)
         for begin in begins:
             yield found_from(self.chain, target, begin, self.lower_rad, self.upper_rad)
+
+
+def _shape(description: Description, side: Side) -> ArmShape:
+    """Return the shape of an arm as described, with what was measured on one robot."""
+    shape = shape_of(ArmChain(description.described or description, side))
+    if description.described is None:
+        return shape
+    own = built_in(description, side)
+    return replace(shape, tip=shape.tip.after(own.ee), zeros_rad=own.offsets_rad, base=own.shoulder)
 
 
 def _require_ranges(lower_rad: Vector, upper_rad: Vector) -> None:

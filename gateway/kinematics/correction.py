@@ -13,15 +13,16 @@ belongs to the joint.
 from __future__ import annotations
 
 import math
+from operator import mul
 
 from msgspec import Struct
 from msgspec.structs import replace
 
 from gateway.kinematics.description import Description, Joint, arm_joint, ee_frame, shoulder_joint
-from gateway.kinematics.placement import Placement, Rows, origin, rows_from_quat
+from gateway.kinematics.placement import Placement, Rows, origin, rows_from_quat, turn_rad
 from gateway.values import ARM_DOF, Side, Vector, require_finite
 
-__all__ = ["NOWHERE", "ArmCorrection", "corrected"]
+__all__ = ["NOWHERE", "ArmCorrection", "built_in", "corrected"]
 
 NOWHERE = Placement((0.0, 0.0, 0.0), ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)))
 """No displacement."""
@@ -62,6 +63,21 @@ def corrected(description: Description, side: Side, correction: ArmCorrection) -
         mount = joints[shoulder_joint(side)]
         joints[mount.name] = _at(mount, origin(mount).after(correction.shoulder.inverse()))
     return replace(description, joints=joints, described=description.described or description)
+
+
+def built_in(description: Description, side: Side) -> ArmCorrection:
+    """Return the correction of an arm that is built in since it was described."""
+    plain = description.described or description
+
+    def moved(joint: Joint) -> Placement:
+        return origin(plain.joints[joint.name]).inverse().after(origin(joint))
+
+    turns = [(joint.axis, turn_rad(NOWHERE.rows, moved(joint).rows)) for joint in description.arm(side)]
+    return ArmCorrection(
+        offsets_rad=tuple([sum(map(mul, axis, turn)) for axis, turn in turns]),
+        ee=moved(description.above(ee_frame(side))[-1]),
+        shoulder=moved(description.joints[shoulder_joint(side)]).inverse(),
+    )
 
 
 def _turn(axis: Vector, angle_rad: float) -> Placement:

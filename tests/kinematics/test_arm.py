@@ -54,7 +54,7 @@ def test_the_search_keeps_the_limits_and_says_how_near_it_came(side):
 
 
 @pytest.mark.parametrize("side", list(Side))
-def test_a_calibrated_arm_is_solved_from_the_closed_form_on(side):
+def test_an_arm_whose_axes_miss_is_solved_from_the_closed_form_on(side):
     """Axes that miss by some millimetres: solved to the same accuracy, no other than its own numbers."""
     body = nudged(side, 5, xyz_m=(0.002, 0.001, -0.003), rpy_rad=(0.004, -0.003, 0.002))
     arm = ArmModel(body, side)

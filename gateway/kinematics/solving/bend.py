@@ -2,8 +2,8 @@
 
 For what goes on smoothly from a posture: elbow, shoulder and wrist keep their sides, the joints are smooth functions of pose
 and arm angle, and at the posture's own pose and arm angle they are exactly that posture. For an arm whose axes meet it is the
-closed form; where they miss each other a little (a calibrated arm) it is the closed form moved by what it is off at the
-posture, then corrected by a search.
+closed form; where they miss each other a little it is the closed form moved by what it is off at the posture, then corrected by
+a search.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from collections.abc import Sequence
 
 from gateway.kinematics.placement import Placement
 from gateway.kinematics.solving.chain import ArmChain
-from gateway.kinematics.solving.inverse import ClosedForm, Swivel
+from gateway.kinematics.solving.inverse import NOTHING, ClosedForm, Swivel
 from gateway.kinematics.solving.numeric import found_from
 from gateway.values import Vector
 
@@ -42,7 +42,7 @@ class Bend:
         self.arm_angle_rad = closed.arm_angle_rad(q_rad)
         self.is_exact = is_exact
         self._closed, self._chain, self._q_rad = closed, chain, tuple(q_rad)
-        self._off_rad: Vector = ()
+        self._off_rad = NOTHING
         if not is_exact:
             here = closed.swivel(chain.forward(q_rad), q_rad)
             if here is not None:  # else no pose near this one is within reach either

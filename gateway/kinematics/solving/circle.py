@@ -56,7 +56,7 @@ class Elbow(NamedTuple):
 
 def wrist_of(shape: ArmShape, target: Placement) -> tuple[Vector, tuple[Vector, Vector, Vector]]:
     """Return the vector from shoulder to wrist [m], shape (3,), and the columns of the wrist's orientation."""
-    (px, py, pz), (rx, ry, rz) = target
+    (px, py, pz), (rx, ry, rz) = target if shape.base is None else shape.base.inverse().after(target)
     (tx, ty, tz), tip = shape.tip
     # Columns of target.rows times the transpose of tip.rows: row i of the tip is where its axis i ends.
     x, y, z = [(rx[0] * a + rx[1] * b + rx[2] * c, ry[0] * a + ry[1] * b + ry[2] * c, rz[0] * a + rz[1] * b + rz[2] * c)

@@ -16,7 +16,7 @@ from gateway.kinematics.placement import Placement
 from gateway.kinematics.solving.circle import Circle, arm_angle_rad, elbows, wrist_of
 from gateway.kinematics.solving.sectors import SLACK_RAD, Sector, Window, points, sectors, straight, turned_to, windows
 from gateway.kinematics.solving.shape import ArmShape
-from gateway.values import Side, Vector
+from gateway.values import ARM_DOF, Side, Vector
 
 __all__ = ["Branch", "ClosedForm", "Solution", "Swivel"]
 
@@ -33,6 +33,8 @@ WIDENED_RAD = 1e-8
 """How exactly a refusal knows what is missing."""
 KEPT_RAD = 2e-10
 """Rounding at the end of a sector: a joint beyond its limit by less is put on it."""
+NOTHING: Vector = (0.0,) * ARM_DOF
+"""What is added to joint angles that are right as they are [rad]."""
 
 
 class Solution(NamedTuple):
@@ -69,7 +71,7 @@ class Swivel:
         signs: Of the joint angles against the angles of the circle.
         shoulder: Sign of the sine of a2.
         wrist: Sign of the cosine of a6.
-        off_rad: What is added to each joint angle, shape (7,) [rad]; empty for nothing.
+        off_rad: What is added to each joint angle, shape (7,) [rad].
     """
 
     __slots__ = ("_circle", "_off_rad", "_shoulder", "_signs", "_wrist")
@@ -81,8 +83,7 @@ class Swivel:
     def at(self, arm_angle_rad: float) -> Vector:
         """Return the joint angles, shape (7,) [rad]; not judged by limits."""
         angles, _ = self._circle.at(arm_angle_rad, self._shoulder, self._wrist)
-        q_rad = tuple([s * a for s, a in zip(self._signs, angles, strict=True)])
-        return tuple([q + off for q, off in zip(q_rad, self._off_rad, strict=True)]) if self._off_rad else q_rad
+        return tuple([s * a + off for s, a, off in zip(self._signs, angles, self._off_rad, strict=True)])
 
 
 class _Best(NamedTuple):
@@ -110,7 +111,7 @@ class ClosedForm:
     def __init__(self, shape: ArmShape, side: Side, lower_rad: Vector, upper_rad: Vector) -> None:
         self._shape, self._side = shape, side
         self.limits_rad = tuple(zip(lower_rad, upper_rad, strict=True))
-        ends = [sorted((s * a, s * b)) for s, (a, b) in zip(shape.signs, self.limits_rad, strict=True)]
+        ends = [sorted(row) for row in zip(self._turned(lower_rad), self._turned(upper_rad), strict=True)]
         self._lower = tuple([max(low, -math.pi) for low, _ in ends])
         self._upper = tuple([min(high, math.pi) for _, high in ends])
         self._windows = windows(self._lower, self._upper)
@@ -134,15 +135,16 @@ class ClosedForm:
                         best = min(best, _nearest(circle, window, seed, other))
         if best is NONE:
             return None
-        return Solution(self._turned(best.angles), math.remainder(best.arm_angle_rad, math.tau))
+        q_rad = [min(max(q, a), b) for q, (a, b) in zip(self._joints(best.angles), self.limits_rad, strict=True)]
+        return Solution(tuple(q_rad), math.remainder(best.arm_angle_rad, math.tau))
 
-    def swivel(self, target: Placement, seed_rad: Sequence[float], off_rad: Vector = ()) -> Swivel | None:
+    def swivel(self, target: Placement, seed_rad: Sequence[float], off_rad: Vector = NOTHING) -> Swivel | None:
         """Return the joint angles for a pose by arm angle, elbow, shoulder and wrist bent as a seed's are.
 
         Args:
             target: End effector in the shoulder frame.
             seed_rad: Joint angles, shape (7,) [rad].
-            off_rad: What is added to each joint angle, shape (7,) [rad]; empty for nothing.
+            off_rad: What is added to each joint angle, shape (7,) [rad].
 
         Returns:
             None when the wrist is out of reach of the bare bones.
@@ -154,6 +156,7 @@ class ClosedForm:
         circle = min(circles, key=lambda one: abs(one.elbow.a4 - seed[3]))
         circle.free_a1 = seed[0]
         shoulder = math.copysign(1.0, seed[1] or self._lower[1] + self._upper[1])
+        off_rad = tuple([off - zero for off, zero in zip(off_rad, self._shape.zeros_rad, strict=True)])
         return Swivel(circle, self._shape.signs, shoulder, math.copysign(1.0, math.cos(seed[5])), off_rad)
 
     def branches(self, target: Placement, arm_angle_rad: float) -> tuple[Branch, ...]:
@@ -228,9 +231,15 @@ class ClosedForm:
         """Return the distance from shoulder to wrist [m]."""
         return math.hypot(*wrist_of(self._shape, target)[0])
 
-    def _turned(self, angles: Sequence[float]) -> Vector:
-        """Return joint angles as angles about the coordinate axes, or the other way round."""
-        return tuple([s * a for s, a in zip(self._shape.signs, angles, strict=True)])
+    def _turned(self, q_rad: Sequence[float]) -> Vector:
+        """Return joint angles as angles about the coordinate axes."""
+        shape = self._shape
+        return tuple([s * (q + zero) for s, q, zero in zip(shape.signs, q_rad, shape.zeros_rad, strict=True)])
+
+    def _joints(self, angles: Sequence[float]) -> Vector:
+        """Return angles about the coordinate axes as joint angles."""
+        shape = self._shape
+        return tuple([s * a - zero for s, a, zero in zip(shape.signs, angles, shape.zeros_rad, strict=True)])
 
     def _circles(self, target: Placement, *, is_bare: bool = False) -> list[Circle]:
         """Return the circles of a pose, of all bends of the elbow that its limits leave, or of both."""
@@ -247,8 +256,8 @@ class ClosedForm:
         beyond = [max(low - a, a - high) for a, low, high in zip(angles, self._lower, self._upper, strict=True)]
         most = max(beyond)
         if most <= SLACK_RAD:
-            return Branch(self._turned(angles), 0.0, -1)
-        return Branch(self._turned(angles), most, beyond.index(most))
+            return Branch(self._joints(angles), 0.0, -1)
+        return Branch(self._joints(angles), most, beyond.index(most))
 
 
 def _nearest(circle: Circle, window: Window, seed: Vector, begin: float) -> _Best:

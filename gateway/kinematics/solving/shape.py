@@ -5,8 +5,9 @@ the last three in the wrist, which is where the end effector's frame is; the elb
 shoulder to wrist and at right angles to it. So shoulder and wrist are spherical joints, the elbow alone sets how far they
 are apart, and the arm turns freely about the line through both: one angle is left over, the arm angle.
 
-A description whose axes miss each other a little (a single robot's calibrated numbers) still has this shape nearly: then
-the closed form is where a numerical search begins. `gap` says how nearly.
+A single robot's calibrated arm has the shape of the described one, its joints' zeros, its frame and its end effector being
+elsewhere. A description whose axes miss each other a little still has this shape nearly: then the closed form is where a
+numerical search begins. `gap` says how nearly.
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ from msgspec import Struct
 
 from gateway.kinematics.placement import Placement
 from gateway.kinematics.solving.chain import ArmChain
-from gateway.values import Vector
+from gateway.values import ARM_DOF, Vector
 
 __all__ = ["EXACT", "NEAR", "ArmShape", "shape_of"]
 
@@ -42,6 +43,8 @@ class ArmShape(Struct, frozen=True, kw_only=True):
         tip: Placement of the end effector in a frame at the wrist that is parallel to the shoulder's, arm at zero.
         gap: By how much the arm's axes miss this shape at most [m, rad]; rounding when it is the arm's own.
         worst: What misses by that much, for people.
+        zeros_rad: What joint angles of this shape have beyond those that are told and asked for, shape (7,) [rad].
+        base: Placement of the shape's shoulder frame in that of the poses; None where they are one.
     """
 
     signs: Vector
@@ -51,6 +54,8 @@ class ArmShape(Struct, frozen=True, kw_only=True):
     tip: Placement
     gap: float
     worst: str
+    zeros_rad: Vector = (0.0,) * ARM_DOF
+    base: Placement | None = None
 
     @property
     def is_exact(self) -> bool:

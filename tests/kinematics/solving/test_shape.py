@@ -34,7 +34,7 @@ def test_the_nominal_arm_has_a_spherical_shoulder_and_a_spherical_wrist(side):
     ],
 )
 def test_an_arm_whose_axes_miss_is_near_its_shape_and_says_what_misses(side, number, nudge, gap, worst):
-    """What a calibration does to an arm: the closed form is no longer exact, and the largest miss is named."""
+    """What a URDF of one robot may do: the closed form is no longer exact, and the largest miss is named."""
     shape = shape_of(ArmChain(nudged(side, number, **nudge), side))
     assert not shape.is_exact and shape.is_near
     assert shape.gap == pytest.approx(gap, rel=0.02)

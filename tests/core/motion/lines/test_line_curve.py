@@ -103,7 +103,7 @@ def test_a_wrist_beyond_the_reach_is_told_where():
 
 @pytest.mark.parametrize("tight", [False, True])
 def test_an_arm_of_nearly_the_shape_is_searched_and_refused_alike(tight):
-    """A calibrated arm: on the line by its own numbers; where a limit or the reach ends the way, that is told, too."""
+    """A URDF of one robot: on the line by its own numbers; where a limit or the reach ends the way, that is told, too."""
     arm = ArmModel(nudged(L, 5, xyz_m=(0.002, 0.001, -0.003)), L)
     begin = arm.forward(HOME_Q_RAD[L])
     still = Elbow(arm.bend(HOME_Q_RAD[L]).arm_angle_rad)

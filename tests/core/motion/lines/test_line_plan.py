@@ -167,7 +167,7 @@ def test_a_calibrated_arm_goes_straight_by_its_own_numbers():
     """Joint zeros that are off, as `ta2 identify` finds them: the line is that of the corrected arm, within 0.1 mm."""
     offsets = ArmCorrection(offsets_rad=(0.01, -0.02, 0.015, 0.003, -0.01, 0.02, 0.004))
     arm = ArmModel(corrected(nominal(), L, offsets), L)
-    assert not arm.shape.is_exact
+    assert arm.shape.is_exact
     begin = arm.forward(HOME_Q_RAD[L])
     target = replace(begin, p_m=tuple(p + d for p, d in zip(begin.p_m, (0.05, 0.02, 0.06), strict=True)))
     paths, _ = finished(plan_lines({L: replace(going(L, target), arm=arm)}, FREE, 1.0))
