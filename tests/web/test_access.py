@@ -63,6 +63,15 @@ def test_a_wrong_secret_is_none(headers: dict[str, str]) -> None:
     assert answer.status_code == 401 and "secret" in answer.json()["error"]["message"]
 
 
+def test_a_cookie_is_compared_as_it_stands() -> None:
+    """Nothing is unquoted: on many a Python that takes time by the square of the backslashes, and anybody may send them."""
+    quoted = "".join(f"\\{ord(letter):03o}" for letter in TOKEN)
+    with client() as browser:
+        for word, status in ((TOKEN, 200), (f'"{TOKEN}"', 401), (f'"{quoted}"', 401)):
+            cookies = f"other=1; {cookie_name(8700)}={word}; more"
+            assert browser.get("/api/state", headers={"Cookie": cookies}).status_code == status
+
+
 @pytest.mark.parametrize("host", ["127.0.0.1:8700", "localhost:9000", "[::1]:8700", "LOCALHOST"])
 def test_names_of_this_host_are_served_under_any_port(host: str) -> None:
     """A tunnel has another port at its near end."""
