@@ -24,6 +24,8 @@ ENDING_S = 2
 SELF = (sys.executable, "-m", "gateway.cli")
 """What this is a command of, for another one."""
 MOST_MESSAGE_BYTES = 16_384
+KEPT_BYTES = 8192
+"""So much of what a peer sends is kept until it is read: one turn of the event loop goes through no more of each."""
 CIPHERS = "ECDHE+AESGCM:ECDHE+CHACHA20"
 """Of TLS 1.2; those of 1.3 are all good."""
 
@@ -168,8 +170,10 @@ def _listening(address: IPv4Address | IPv6Address, port: int) -> socket.socket:
     try:
         family = socket.AF_INET if address.version == 4 else socket.AF_INET6
         both = family == socket.AF_INET6 and address.is_unspecified and socket.has_dualstack_ipv6()
-        return socket.create_server((str(address), port), family=family, dualstack_ipv6=both)
+        listening = socket.create_server((str(address), port), family=family, dualstack_ipv6=both)
     except OSError as error:
         message = f"{address}:{port} cannot be listened on: {error.strerror}"
         hint = "take another one: --port N, --host ADDR"
         raise failure(Code.BAD_REQUEST, message, field="--port", value=str(port), hint=hint) from None
+    listening.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, KEPT_BYTES)  # what it accepts has it, too
+    return listening

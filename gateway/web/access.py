@@ -8,6 +8,7 @@ Rules
       that no script and no other site gets, or as `Authorization: Bearer`. A stop takes none: nothing shall come between a
       person and a stop.
     * What goes on for long by a login ends with it.
+    * Who sends a body that may be long is answered once: the rest of it would be read, chunk by chunk, for ever.
     * A page may load nothing from elsewhere, run no script but its own file, and be framed by nobody.
 """
 
@@ -24,6 +25,7 @@ from starlette.responses import JSONResponse
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from gateway.web.logins import Logins, Session
+from gateway.web.stopping import MOST_BODY_BYTES
 
 __all__ = ["OPEN_PATHS", "SESSION", "AccessControl", "Keys", "cookie_name"]
 
@@ -95,12 +97,15 @@ class AccessControl:
             await self._app(scope, receive, send)
             return
 
+        path, headers = scope["path"], Headers(scope=scope)
+        is_long = "transfer-encoding" in headers or int(headers.get("content-length", 0)) > MOST_BODY_BYTES
+        added = self._headers | ({"Connection": "close"} if is_long else {})
+
         async def sent(message: Message) -> None:
             if message["type"] == "http.response.start":
-                MutableHeaders(scope=message).update(self._headers)
+                MutableHeaders(scope=message).update(added)
             await send(message)
 
-        path, headers = scope["path"], Headers(scope=scope)
         known = self._known(headers)
         why_not = self._why_not(path, headers, is_known=known is not None)
         if isinstance(known, Session):

@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import contextlib
 import getpass
 import io
+import secrets
 import socket
 import sys
+import threading
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
@@ -13,6 +17,7 @@ from cryptography.hazmat.primitives import serialization
 
 from gateway.web import users
 from tests.cli.shell import Shell
+from tests.e2e.system import free_port
 
 TLS = ("--certificate", "a.pem", "--key", "a.key")
 
@@ -54,8 +59,7 @@ def test_without_a_usable_body_there_is_the_page_and_its_stop_all_the_same(
     path = tmp_path / "config.toml"
     if config is not None:
         path.write_text(config)
-    with socket.create_server(("127.0.0.1", 0)) as free:
-        port = free.getsockname()[1]
+    port = free_port()
     done = shell.run("web", "--config", str(path), "--port", str(port), "--json")
     assert done.status == 0 and told in done.err
     known = {"Authorization": f"Bearer {done.json['token']}"}
@@ -119,3 +123,89 @@ def test_a_script_gives_the_password_as_a_line(shell: Shell, file: Path, monkeyp
     monkeypatch.setattr(sys, "stdin", io.StringIO(""))
     assert shell.run("web", "--add-user", "bob", "--users", str(file)).status == 1
     assert list(users.read_users(file)) == ["ann"]
+
+
+# -------------------------------------------------------------------------------------- over sockets, as it is served
+
+KNOWN = "Authorization: Bearer the-secret\r\n"
+Connect = Callable[[], contextlib.AbstractContextManager[socket.socket]]
+
+
+@pytest.fixture
+def served(shell: Shell, monkeypatch: pytest.MonkeyPatch) -> Callable[[Callable[[Connect], None]], None]:
+    """Serve on loopback, without a gateway, while a story goes on with connections to it."""
+    pytest.importorskip("prometheus_client")
+    uvicorn = pytest.importorskip("uvicorn")
+    serve = uvicorn.Server.run
+    monkeypatch.setattr(secrets, "token_urlsafe", lambda _: "the-secret")
+
+    def during(story: Callable[[Connect], None]) -> None:
+        def run(server, sockets: list[socket.socket]) -> None:
+            @contextlib.contextmanager
+            def connect() -> Iterator[socket.socket]:
+                with socket.socket() as peer:
+                    peer.settimeout(60.0)
+                    for buffer in (socket.SO_SNDBUF, socket.SO_RCVBUF):
+                        peer.setsockopt(socket.SOL_SOCKET, buffer, 16_384)
+                    peer.connect(sockets[0].getsockname())
+                    yield peer
+
+            serving = threading.Thread(target=serve, args=(server, sockets))
+            serving.start()
+            try:
+                story(connect)
+            finally:
+                server.should_exit = True
+                serving.join()
+
+        monkeypatch.setattr(uvicorn.Server, "run", run)
+        assert shell.run("web", "--port", str(free_port())).status == 0
+
+    return during
+
+
+def asked(peer: socket.socket, head: str, body: bytes = b"") -> bytes:
+    """Ask for something; return the head of the answer."""
+    peer.sendall(f"{head}\r\nHost: 127.0.0.1\r\n".encode() + body)
+    answer = b""
+    while b"\r\n\r\n" not in answer:
+        answer += peer.recv(1) or pytest.fail("it was hung up on")
+    return answer
+
+
+@pytest.mark.parametrize("path", ["/api/state", "/api/stop"])
+@pytest.mark.parametrize("length", ["Transfer-Encoding: chunked", "Content-Length: 100000000"])
+def test_who_sends_a_body_without_end_is_answered_and_hung_up_on(served, path: str, length: str) -> None:
+    """Else whoever reaches the port keeps the server busy by it, for ever, and others' stops waiting."""
+    part = b"1\r\nx\r\n" * 200
+
+    def story(connect: Connect) -> None:
+        with connect() as peer:
+            answer = asked(peer, f"POST {path} HTTP/1.1", f"{length}\r\n\r\n".encode() + part * 4)
+            assert answer.startswith(b"HTTP/1.1 401" if path == "/api/state" else b"HTTP/1.1 503")
+            with pytest.raises(ConnectionError):
+                for _ in range(2000):
+                    peer.sendall(part)
+        with connect() as peer:
+            for _ in range(2):
+                asked(peer, "HEAD / HTTP/1.1", b"Content-Length: 2\r\n\r\n{}")
+
+    served(story)
+
+
+def test_of_what_a_peer_sends_a_little_is_read_at_a_time(shell: Shell, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Else one turn of the event loop goes through 256 kB of chunks of one byte, of each connection that sends them."""
+    read = []
+
+    def run(_, sockets: list[socket.socket]) -> None:
+        with socket.create_connection(sockets[0].getsockname()) as peer, sockets[0].accept()[0] as connection:
+            peer.setblocking(False)
+            for _ in range(20):
+                with contextlib.suppress(BlockingIOError):
+                    peer.send(bytes(262_144))
+                read.append(len(connection.recv(262_144)))
+
+    pytest.importorskip("prometheus_client")
+    monkeypatch.setattr(pytest.importorskip("uvicorn").Server, "run", run)
+    assert shell.run("web", "--port", str(free_port())).status == 0
+    assert max(read) <= 32_768
