@@ -88,6 +88,8 @@ ExecStart={command}
 RestartSec=5
 SuccessExitStatus=143
 TimeoutStopSec=15
+# It takes 70 MB, 100 while somebody logs in, and 50 more for each look. Whatever is sent to it, the rest is the gateway's.
+MemoryMax=1G
 """
 YES = (
     "NoNewPrivileges ProtectClock ProtectControlGroups ProtectHostname ProtectKernelLogs ProtectKernelModules "

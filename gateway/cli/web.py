@@ -26,6 +26,8 @@ SELF = (sys.executable, "-m", "gateway.cli")
 MOST_MESSAGE_BYTES = 16_384
 KEPT_BYTES = 8192
 """So much of what a peer sends is kept until it is read: one turn of the event loop goes through no more of each."""
+UNTAKEN_MS = 15_000
+"""Who takes nothing for so long is gone, with all that was kept for him [ms]."""
 CIPHERS = "ECDHE+AESGCM:ECDHE+CHACHA20"
 """Of TLS 1.2; those of 1.3 are all good."""
 
@@ -50,7 +52,7 @@ def carry_out(options: Namespace) -> ExitStatus:
     from gateway.web.beside import Beside
     from gateway.web.body import Body
     from gateway.web.job import Job
-    from gateway.web.listening import FairListener
+    from gateway.web.listening import FairListener, PageProtocol
     from gateway.web.logins import Logins
     from gateway.web.server import application
     from gateway.web.users import is_password, read_users
@@ -95,7 +97,7 @@ def carry_out(options: Namespace) -> ExitStatus:
             log_level="warning",
             access_log=False,
             proxy_headers=False,  # who is in front of it could be anybody on loopback
-            ws="websockets-sansio",
+            ws=PageProtocol,
             ws_max_size=MOST_MESSAGE_BYTES,
             server_header=False,
             ssl_certfile=options.certificate,
@@ -175,5 +177,7 @@ def _listening(address: IPv4Address | IPv6Address, port: int) -> socket.socket:
         message = f"{address}:{port} cannot be listened on: {error.strerror}"
         hint = "take another one: --port N, --host ADDR"
         raise failure(Code.BAD_REQUEST, message, field="--port", value=str(port), hint=hint) from None
-    listening.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, KEPT_BYTES)  # what it accepts has it, too
+    listening.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, KEPT_BYTES)  # what it accepts has both, too
+    if hasattr(socket, "TCP_USER_TIMEOUT"):  # Linux
+        listening.setsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT, UNTAKEN_MS)
     return listening

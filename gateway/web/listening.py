@@ -12,15 +12,19 @@ import socket
 from collections import Counter
 from typing import Any
 
+from uvicorn.protocols.websockets.websockets_sansio_impl import WebSocketsSansIOProtocol
+
 from gateway.web.logins import network_of
 
-__all__ = ["FairListener"]
+__all__ = ["FairListener", "PageProtocol"]
 
 MOST_OF_ADDRESS = 32
 """Connections; a browser opens six, and one for each page."""
 MOST_AT_ONCE = 100
 ALIVE = {"TCP_KEEPIDLE": 10, "TCP_KEEPINTVL": 5, "TCP_KEEPCNT": 3}
 MOST_FILES = 65_536
+MOST_UNTAKEN_BYTES = 2**20
+"""Answers to pings that a page does not take. States wait for it, 64 kB of them at most."""
 
 
 class FairListener(socket.socket):
@@ -71,3 +75,13 @@ class _Counted(socket.socket):
             counts[self._peer] -= 1
             if not counts[self._peer]:
                 del counts[self._peer]
+
+
+class PageProtocol(WebSocketsSansIOProtocol):
+    """A page's socket, which breaks off where it is pinged and the answers are not taken: they would be kept without end."""
+
+    def handle_ping(self) -> None:
+        """Answer."""
+        super().handle_ping()
+        if self.transport.get_write_buffer_size() > MOST_UNTAKEN_BYTES:
+            self.transport.abort()

@@ -144,10 +144,11 @@ def test_the_recorder_ends_its_bag_well(shell: Shell, tmp_path: Path) -> None:
 
 
 def test_the_page_is_served_to_the_users_that_were_named(shell: Shell, tmp_path: Path) -> None:
-    """Where that is asked for; its log holds no secret that opens it."""
+    """Where that is asked for; its log holds no secret that opens it, and its memory is not the gateway's."""
     unit = keys(printed(shell, "--web", str(tmp_path / "users"))[WEB])
     assert unit["ExecStart"].endswith(f" web --socket /run/ta2/gateway.sock --users {tmp_path}/users")
     assert unit["Type"] == "exec" and unit["ProtectSystem"] == "strict" and "WatchdogSec" not in unit
+    assert unit["MemoryMax"] == "1G"
     done = shell.run("service", "install", "--print", "--web", "/srv/us\ners")
     assert done.status == 1 and "cannot stand in a unit" in done.err
 

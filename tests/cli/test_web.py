@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import errno
 import getpass
 import io
 import secrets
@@ -209,3 +210,36 @@ def test_of_what_a_peer_sends_a_little_is_read_at_a_time(shell: Shell, monkeypat
     monkeypatch.setattr(pytest.importorskip("uvicorn").Server, "run", run)
     assert shell.run("web", "--port", str(free_port())).status == 0
     assert max(read) <= 32_768
+
+
+def test_a_page_that_pings_and_takes_no_answers_is_hung_up_on(served) -> None:
+    """Else they are kept here without end, for as long as it leaves its connection open."""
+    upgrade = "Connection: Upgrade\r\nUpgrade: websocket\r\nSec-WebSocket-Version: 13\r\nSec-WebSocket-Key: "
+    upgrade += f"{'A' * 22}==\r\n{KNOWN}\r\n"
+    pings = (b"\x89\xfd" + bytes(4 + 125)) * 100
+
+    def story(connect: Connect) -> None:
+        with connect() as peer:
+            assert asked(peer, "GET /api/live HTTP/1.1", upgrade.encode()).startswith(b"HTTP/1.1 101")
+            with pytest.raises(ConnectionError):
+                for _ in range(2000):
+                    peer.sendall(pings)
+
+    served(story)
+
+
+def test_who_takes_nothing_for_long_is_gone(shell: Shell, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Also who leaves his connection open: the kernel tells, and what was kept for him is forgotten."""
+    monkeypatch.setattr("gateway.cli.web.UNTAKEN_MS", 200)
+
+    def run(_, sockets: list[socket.socket]) -> None:
+        with socket.create_connection(sockets[0].getsockname()), sockets[0].accept()[0] as connection:
+            connection.settimeout(60.0)
+            with pytest.raises(OSError) as gone:
+                while True:
+                    connection.sendall(bytes(262_144))
+            assert gone.value.errno == errno.ETIMEDOUT
+
+    pytest.importorskip("prometheus_client")
+    monkeypatch.setattr(pytest.importorskip("uvicorn").Server, "run", run)
+    assert shell.run("web", "--port", str(free_port())).status == 0
