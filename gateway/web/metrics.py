@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import asyncio
 import shutil
-from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping
 from typing import TYPE_CHECKING
 
@@ -105,11 +104,8 @@ def _of_view(view: Snapshot) -> Iterator[Metric]:
     yield from _family("ta2_refused", "gauge", "1 for each kind of request that would be refused now.", refusals)
     refused_so_far = [({"code": code}, float(count)) for code, count in sorted(view.refused.items())]
     yield from _family("ta2_requests_refused", "counter", "Requests that were refused.", refused_so_far)
-    targets: Counter[str] = Counter()
-    for stream in view.targets:
-        targets[stream.refusal_code] += stream.refused
-    per_code = [({"code": code}, float(count)) for code, count in sorted(targets.items()) if code]
-    yield from _family("ta2_targets_refused", "gauge", "Refused targets of the streams that are shown.", per_code)
+    targets = [({"side": t.side, "space": t.space, "stream": str(t.stream_id)}, t.refused) for t in view.targets]
+    yield from _family("ta2_targets_refused", "gauge", "Refused targets of the streams that are shown.", targets)
     yield from _one("ta2_fsm_state", "gauge", "The robot's FSM as a number.", view.fsm)
     yield from _one("ta2_loop_ticks", "counter", "Ticks of the control loop.", loop.ticks)
     yield from _one("ta2_loop_skipped", "counter", "Periods that the control loop skipped.", loop.skipped)

@@ -9,7 +9,7 @@ import pytest
 from msgspec.structs import replace
 from prometheus_client.parser import text_string_to_metric_families
 
-from gateway.messages.snapshot import ContactView, EndpointView, Finding
+from gateway.messages.snapshot import ContactView, EndpointView, Finding, TargetView
 from gateway.web import metrics
 from tests.cli.views import a_view, owned
 
@@ -56,6 +56,27 @@ def test_times_are_seconds_and_unknown_ones_are_left_out() -> None:
     assert samples["ta2_lease_lost_seconds"][0].value == 1.5
     assert samples["ta2_latch"][0].labels == {"code": "ESTOP_BY_OTHER"}
     assert samples["ta2_state"][0].labels == {"state": view.shown}
+
+
+def test_refused_targets_are_counted_by_stream() -> None:
+    """Why the last one was refused is not why all before it were."""
+    left = TargetView(
+        stream_id=4,
+        side="left",
+        open=True,
+        code="",
+        seq=600,
+        refused=501,
+        refusal_code="LATCHED",
+        refusal_message="",
+        limited=False,
+    )
+    right = replace(left, stream_id=5, side="right", space="pose", refused=0, refusal_code="")
+    rows = read(a_view(targets=(left, right)))["ta2_targets_refused"]
+    assert [(row.labels, row.value) for row in rows] == [
+        ({"side": "left", "space": "joint", "stream": "4"}, 501.0),
+        ({"side": "right", "space": "pose", "stream": "5"}, 0.0),
+    ]
 
 
 @pytest.mark.parametrize("name", ["ta2_loop_ticks_total", "ta2_stream_sent_total", "ta2_topic_samples_total"])
