@@ -44,7 +44,7 @@ class _Asked(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, tag_
 
 
 class Acquire(_Asked, frozen=True):
-    """Become the owner; with a reason in `take` from whoever it is."""
+    """Become the owner; with a reason in `take` from whoever it is. The reply's `epoch` is that of the states' `lease`."""
 
     take: Text = ""
 

@@ -61,8 +61,9 @@ class Owning:
         """
         if isinstance(asked, Acquire):
             await self._acquire(asked.take)
-            return {"owner": True}
         own, robot = self._owned()
+        if isinstance(asked, Acquire):
+            return {"owner": True, "epoch": own.epoch}
         if isinstance(asked, Release):
             await self._release()
         elif isinstance(asked, Enable):

@@ -312,6 +312,13 @@ def test_in_a_browser_a_person_takes_it_moves_it_and_stops_it(system: System, we
             page.get_by_label("Reason").fill("my turn")
             page.get_by_role("button", name="Take control").click()
             see(page.locator("#owner")).to_have_text("you own the robot")
+            with robot.control(take="mine again", on_exit="hold"):
+                see(page.locator("#owner")).to_have_text("owner: watcher")
+                see(page.get_by_role("button", name="Enable", exact=True)).to_be_disabled()
+                page.get_by_role("button", name="Take control").click()
+                page.get_by_label("Reason").fill("once more")
+                page.get_by_role("button", name="Take control").click()
+                see(page.locator("#owner")).to_have_text("you own the robot")
         if folder := os.environ.get("TA2_ARTEFACTS"):
             Path(folder).mkdir(parents=True, exist_ok=True)
             page.screenshot(path=str(Path(folder) / "web-page.png"), full_page=True)

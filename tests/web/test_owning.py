@@ -40,7 +40,7 @@ class World:
             await asyncio.sleep(0)
             if self.owner and take is None:
                 raise to_exception(Refusal(code=Code.LEASE_HELD, message=self.owner))
-            self.owner, own = me, SimpleNamespace(is_open=True)
+            self.owner, own = me, SimpleNamespace(is_open=True, epoch=self.made)
             try:
                 yield own
             finally:
@@ -73,7 +73,7 @@ def test_a_page_that_goes_while_it_asks_again_owns_nothing_afterwards(world: Wor
 
     async def story() -> None:
         page = Owning(None, "page")
-        assert await page.carry_out(Acquire(id=1)) == {"owner": True}
+        assert await page.carry_out(Acquire(id=1)) == {"owner": True, "epoch": 1}
         world.owner = "somebody else"
         world.may_leave.clear()
         again = asyncio.create_task(page.carry_out(Acquire(id=2, take="mine")))
@@ -116,13 +116,13 @@ def test_a_page_from_which_the_robot_was_taken_is_not_told_that_it_owns_it(world
     async def story() -> None:
         page = Owning(None, "page")
         await page.carry_out(Acquire(id=1))
-        assert await page.carry_out(Acquire(id=2)) == {"owner": True} and world.made == 1
+        assert await page.carry_out(Acquire(id=2)) == {"owner": True, "epoch": 1} and world.made == 1
         world.owner = "somebody else"
         with pytest.raises(LeaseError, match="somebody else"):
             await page.carry_out(Acquire(id=3))
         with pytest.raises(LeaseError):
             await page.carry_out(Hold(id=4))
-        assert await page.carry_out(Acquire(id=5, take="mine")) == {"owner": True}
+        assert await page.carry_out(Acquire(id=5, take="mine")) == {"owner": True, "epoch": 3}
         await page.lose()
         assert not world.owner
 

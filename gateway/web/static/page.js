@@ -12,6 +12,7 @@ const AGAIN_MS = 150; // a held button says its velocity again; the server lets 
 let socket = null;
 let number = 0;
 let isOwner = false;
+let epoch = 0; // of the lease that this page was given last
 let drawnAt = 0;
 const waiting = new Map();
 const watchers = []; // functions of the other files: each message that tells a state, and {} where nobody tells any
@@ -102,7 +103,10 @@ function showReply(reply) {
   waiting.delete(reply.id);
   if (reply.ok) {
     byId("answer").textContent = "";
-    if (asked === "acquire") own(true);
+    if (asked === "acquire") {
+      epoch = reply.facts.epoch;
+      own(true);
+    }
     if (asked === "release") own(false);
   } else {
     const error = reply.error;
@@ -226,8 +230,10 @@ function showState({ info, state }) {
   const age = state.link.up ? "" : ", no link to the robot";
   show(`${state.shown}${age}`, BAD.has(state.shown) || !state.link.fresh);
   const owner = byId("owner");
-  owner.dataset.name = state.lease.owned && !isOwner ? state.lease.name : "";
-  owner.textContent = isOwner ? "you own the robot" : state.lease.owned ? `owner: ${state.lease.name}` : "nobody owns it";
+  const { lease } = state;
+  if (isOwner && (lease.epoch > epoch || (lease.epoch === epoch && !lease.owned))) own(false); // an older state says nothing
+  owner.dataset.name = lease.owned && !isOwner ? lease.name : "";
+  owner.textContent = isOwner ? "you own the robot" : lease.owned ? `owner: ${lease.name}` : "nobody owns it";
   byId("place").textContent = info ? `${info.robot} (${info.model})` : "";
   byId("lift").hidden = !(info && info.has_lift);
   for (const side of SIDES) {
