@@ -1,13 +1,15 @@
 """A stop from the web: everybody's, first of all else, and past a gateway that hangs.
 
 It is dropped into the gateway's pipe before anything is awaited: its control loop sleeps on it, and the guard of a gateway
-that is dead or frozen reads it. Only then is the gateway asked, and its guard, what became of it.
+that is dead or frozen reads it. Only then is the gateway asked, and its guard, what became of it. Where the stop lies in the
+pipe that keeps nobody waiting for long: a browser has few connections for the next one.
 """
 
 from __future__ import annotations
 
 import asyncio
 import contextlib
+from collections.abc import Coroutine
 from typing import Literal
 
 import msgspec
@@ -26,6 +28,11 @@ KEYS = {"stop": protocol.STOP_KEY, "estop": protocol.ESTOP_KEY}
 NAME = "ta2 web"
 MOST_REASON = 200
 MOST_BODY_BYTES = 4096
+CONFIRM_S = 1.0
+"""How long a stop that lies in the pipe waits to be confirmed [s]."""
+
+_asking: set[asyncio.Future[StopResult | None]] = set()
+"""All that go on, waited for or not: the event loop itself would forget them."""
 
 
 async def body_of(request: Request) -> bytes:
@@ -67,9 +74,9 @@ async def stop(word: Literal["stop", "estop"], reason: str, target: str | None, 
     result: StopResult | None = None
     try:
         if robot is not None:
-            result = await (robot.stop(reason) if word == "stop" else robot.estop(reason))
+            result = await _told(robot.stop(reason) if word == "stop" else robot.estop(reason), is_dropped)
         elif path is not None:
-            result = await asyncio.to_thread(stop_at_guard, str(path), word, reason, NAME)
+            result = await _told(asyncio.to_thread(stop_at_guard, str(path), word, reason, NAME), is_dropped)
     except GatewayError:
         if not is_dropped:
             raise
@@ -82,3 +89,18 @@ async def stop(word: Literal["stop", "estop"], reason: str, target: str | None, 
         by_guard=result is not None and result.by_guard,
         undelivered=result is not None and result.undelivered,
     )
+
+
+async def _told(asking: Coroutine[None, None, StopResult | None], is_dropped: bool) -> StopResult | None:
+    """Return what became of a stop, None where that takes too long: it is asked on all the same."""
+    task = asyncio.ensure_future(asking)
+    _asking.add(task)
+    task.add_done_callback(_ended)
+    await asyncio.wait({task}, timeout=CONFIRM_S if is_dropped else None)
+    return task.result() if task.done() else None
+
+
+def _ended(task: asyncio.Future[StopResult | None]) -> None:
+    _asking.discard(task)
+    if not task.cancelled():
+        task.exception()  # nobody may wait for it

@@ -13,7 +13,8 @@ import pytest
 from gateway.api.keys import ESTOP_KEY, STOP_KEY
 from gateway.api.stop_pipe import stop_pipe
 from gateway.client import StopResult
-from gateway.errors import Disconnected
+from gateway.errors import Code, Disconnected, failure
+from gateway.web import stopping
 from gateway.web.stopping import reason_of, stop
 
 
@@ -64,3 +65,29 @@ def test_where_nobody_is_it_says_so(tmp_path: Path) -> None:
     """With the only remedy that counts."""
     with pytest.raises(Disconnected, match="physical emergency stop"):
         asyncio.run(stop("stop", "", str(tmp_path / "gw.sock"), None))
+
+
+def test_what_lies_in_the_pipe_waits_a_moment_for_whoever_confirms_it(tmp_path: Path, monkeypatch) -> None:
+    """A browser has few connections: an E-STOP would wait behind STOPs. Whoever is asked still is, and may answer anything."""
+    monkeypatch.setattr(stopping, "CONFIRM_S", 0.01)
+    path = tmp_path / "gw.sock"
+    os.mkfifo(stop_pipe(path, STOP_KEY))
+    reader = os.open(stop_pipe(path, STOP_KEY), os.O_RDONLY | os.O_NONBLOCK)
+
+    async def story() -> None:
+        answers, ended = asyncio.Event(), asyncio.Event()
+
+        async def hang(_: str) -> StopResult:
+            await answers.wait()
+            ended.set()
+            raise failure(Code.DISCONNECTED, "the gateway is away", hint="")
+
+        done = await stop("stop", "", str(path), SimpleNamespace(stop=hang))  # type: ignore[arg-type]  # as much of one as is used
+        assert done.dropped and not done.confirmed and not ended.is_set()
+        answers.set()
+        await ended.wait()
+
+    try:
+        asyncio.run(asyncio.wait_for(story(), 20.0))
+    finally:
+        os.close(reader)
