@@ -120,10 +120,12 @@ class Answer(Generic[T]):
         self._session.transport.ask(self._key, self._payload, timeout_s, self._take)
 
     def _take(self, payload: bytes | None) -> None:
+        if payload is None:  # without the session's lock, see `Transport.ask`: the next look finds it
+            self._under_way = False
+            return
         with self._session.changed:
             self._under_way = False
-            if payload is not None:
-                self._answer = payload
+            self._answer = payload
         self._session.notify()
 
     def poll(self, now_ns: int) -> T | None:
@@ -202,10 +204,12 @@ class Stopped:
         self._session.transport.ask(key, payload, max(self.deadline_ns - now_ns, 1_000_000) / 1e9, self._take)
 
     def _take(self, payload: bytes | None) -> None:
+        if payload is None:  # as in `Answer`
+            self._under_way = False
+            return
         with self._session.changed:
             self._under_way = False
-            if payload is not None:
-                self._reply = protocol.decode_reply(payload)
+            self._reply = protocol.decode_reply(payload)
         self._session.notify()
 
     def poll(self, now_ns: int) -> protocol.Reply | None:

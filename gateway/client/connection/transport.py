@@ -47,7 +47,11 @@ class Transport(Protocol):
         """Disconnect; the daemon sees the token go. May be called again."""
 
     def ask(self, key: str, payload: bytes, timeout_s: float, on_done: Callable[[bytes | None], None]) -> None:
-        """Ask something; `on_done` is called once, with the reply or with None when there will be none."""
+        """Ask something; `on_done` is called once, with the reply or with None when there will be none.
+
+        With None it must wait for nobody who may be asking: it may come while the link is taken down, under a lock of zenoh's
+        that the next question takes.
+        """
 
     def drop(self, key: str, payload: bytes) -> None:
         """Drop a stop where it acts without a session, if there is such a place. Whoever wants to know of it asks, too."""
