@@ -84,7 +84,7 @@ def connect(
 
     Arguments and exceptions as in `client.connect`.
     """
-    session = Session(transport or transport_to(target, credentials), (name or program_name())[:64])
+    session = Session(transport or transport_to(target, credentials), name or program_name())
     return Connecting(session, timeout_s, greet)
 
 
@@ -219,11 +219,11 @@ class Robot:
 
     async def stop(self, reason: str = "") -> StopResult:
         """Stop everything; anybody may. As `client.Robot.stop`."""
-        return await self._stopped(protocol.Stop(reason=reason), "stop")
+        return await self._stopped(protocol.Stop(reason=protocol.printable(str(reason))), "stop")
 
     async def estop(self, reason: str = "") -> StopResult:
         """Stop everything and pause the FSM; latches, the grip is lost. Does not replace the physical emergency stop."""
-        return await self._stopped(protocol.Estop(reason=reason), "estop")
+        return await self._stopped(protocol.Estop(reason=protocol.printable(str(reason))), "estop")
 
     async def _stopped(self, command: protocol.Stop | protocol.Estop, ask: Literal["stop", "estop"]) -> StopResult:
         if self._session.daemon and not self._session.is_connected:

@@ -85,7 +85,7 @@ def connect(
         ProtocolError: The daemon is of another release.
         Rejected: `target` is no address.
     """
-    session = Session(transport or transport_to(target, credentials), (name or program_name())[:64])
+    session = Session(transport or transport_to(target, credentials), name or program_name())
     try:
         session.open(timeout_s)
         if greet:
@@ -278,7 +278,7 @@ class Robot:
             Disconnected: Neither a daemon answers nor a guard that acts for it. Use the physical emergency stop.
             OutcomeUnknown: No reply came. Use the physical emergency stop.
         """
-        return self._stopped(protocol.Stop(reason=reason), "stop")
+        return self._stopped(protocol.Stop(reason=protocol.printable(str(reason))), "stop")
 
     def estop(self, reason: str = "") -> StopResult:
         """Stop everything and pause the robot's FSM. Anybody may; always latches; **the grip is lost**.
@@ -293,7 +293,7 @@ class Robot:
             Disconnected: Neither a daemon answers nor a guard that acts for it. Use the physical emergency stop.
             OutcomeUnknown: No reply came. Use the physical emergency stop.
         """
-        return self._stopped(protocol.Estop(reason=reason), "estop")
+        return self._stopped(protocol.Estop(reason=protocol.printable(str(reason))), "estop")
 
     def _stopped(self, command: protocol.Stop | protocol.Estop, ask: Literal["stop", "estop"]) -> StopResult:
         if self._session.daemon and not self._session.is_connected:

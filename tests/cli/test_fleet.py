@@ -127,6 +127,22 @@ def test_a_stop_says_which_robots(words, monkeypatch, capsys):
     assert status == 2
 
 
+def test_no_reason_keeps_a_stop_away(monkeypatch):
+    """Bytes that are no UTF-8 come as lone surrogates: the stop is sent all the same."""
+
+    class Sent(Exception):
+        """A fleet that is not there any more when the stop was sent."""
+
+        def put(self, key, payload, **_):
+            raise Sent(key, payload)
+
+    monkeypatch.setattr(fleet, "_connected", lambda *_: contextlib.nullcontext(Sent()))
+    with pytest.raises(Sent) as sent:
+        main(["fleet", "stop", "--all", "--fleet", "tcp/127.0.0.1:1", "--reason", "k\udcf6nnte"])
+    key, payload = sent.value.args
+    assert key == "fleet/*/ta2/stop" and b"k?nnte" in payload
+
+
 def test_a_router_that_does_not_answer_leaves_a_stop_unknown(capsys):
     """Status 3, and the only hint that counts."""
     words = ["--fleet", f"tcp/127.0.0.1:{free_port()}", "--timeout", "0.2"]

@@ -284,6 +284,20 @@ def test_the_first_state_of_a_new_daemon_is_waited_for(world):
     play(world, scene)
 
 
+@pytest.mark.parametrize("reason", ["\udcff", ValueError("smoke"), "x" * 5000], ids=["no-unicode", "exception", "long"])
+def test_no_reason_keeps_a_stop_away_or_makes_it_a_strangers(world, reason):
+    """As in the blocking client."""
+
+    async def scene():
+        async with aio.connect(transport=world.transport(), name="\udcff") as robot:
+            await robot.control().acquire()
+            for ask in (robot.stop, robot.estop):
+                assert (await ask(reason)).undelivered is False
+                assert world.engine.requests[-1][0] == robot.client_id
+
+    play(world, scene)
+
+
 def test_a_stop_of_a_dead_daemon_goes_to_its_guard(world, monkeypatch):
     """As in the blocking client, without holding up the event loop."""
     answers = [StopResult(undelivered=False, by_guard=True), None, None, StopResult(undelivered=False, by_guard=True)]

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from msgspec.structs import replace
 
+from gateway.api.stop_pipe import MAX_BYTES
 from gateway.client import Robot, StopResult, connect
 from gateway.core.messages.outputs import Level, Notice
 from gateway.errors import (
@@ -352,3 +353,27 @@ def test_a_stop_of_a_dead_daemon_goes_to_its_guard(world, monkeypatch, ask):
                 getattr(robot, ask)("smoke")
         assert answers == [], "asked again when the daemon did not come back: it may have taken over meanwhile"
         assert asked[0][1:] == (ask, "smoke", "ann")
+
+
+ODD_REASONS = ["\udcff", ValueError("smoke"), "x" * 5000, "\x01" * 5000, "\N{FIRE}" * 5000]
+"""What nobody can read, what is no text, and what fits nowhere."""
+
+
+@pytest.mark.parametrize("reason", ODD_REASONS, ids=["no-unicode", "exception", "long", "control", "wide"])
+@pytest.mark.parametrize("ask", ["stop", "estop"])
+def test_no_reason_keeps_a_stop_away_or_makes_it_a_strangers(world, monkeypatch, ask, reason):
+    """It leaves by the pipe and by the key, with the owner's id and secret, whatever he says, and whatever he is called."""
+    transport, dropped = world.transport(), []
+    monkeypatch.setattr(transport, "drop", lambda key, payload: dropped.append(payload))
+    with connect(transport=transport, name="\udcff" + "\N{FIRE}" * 100) as robot:
+        robot.control().acquire()
+        assert getattr(robot, ask)(reason).undelivered is False
+        assert world.engine.requests[-1][0] == robot.client_id
+    assert len(dropped[0]) < MAX_BYTES and robot.client_id.encode() in dropped[0]
+
+
+def test_a_text_that_cannot_be_sent_is_rejected(world, robot):
+    """Before anything is asked, by name."""
+    with pytest.raises(Rejected, match="Take cannot be sent") as caught:
+        robot.control(take="\udcff").acquire()
+    assert caught.value.code is Code.BAD_REQUEST and world.engine.requests == []

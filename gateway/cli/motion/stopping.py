@@ -10,6 +10,7 @@ import getpass
 import json
 from argparse import Namespace
 
+from gateway.api.keys import printable
 from gateway.cli.terminal.connection import connected
 from gateway.cli.terminal.ending import ExitStatus, for_stopping, report, undelivered
 from gateway.client import StopResult
@@ -75,11 +76,13 @@ def _by_guard(command: str, target: str | None, said: str) -> StopResult | None:
 
 
 def signed(reason: str) -> str:
-    """Return a reason with who gave it: of those who do not own the robot, the gateway knows no name."""
-    try:
-        return f"{reason} ({getpass.getuser()})"
-    except (KeyError, OSError):  # neither variable nor account
-        return reason
+    """Return a reason with who gave it: of those who do not own the robot, the gateway knows no name.
+
+    Whatever a shell was told, and whatever its user is called, keeps no stop away.
+    """
+    with contextlib.suppress(KeyError, OSError):  # neither variable nor account
+        reason = f"{reason} ({getpass.getuser()})"
+    return printable(reason)
 
 
 def recover(options: Namespace) -> ExitStatus:

@@ -47,7 +47,7 @@ class Session:
 
     def __init__(self, transport: Transport, name: str) -> None:
         self.transport = transport
-        self.name = name
+        self.name = protocol.printable(name)[:64]
         self.client_id = new_client_id()
         self.secret = secrets.token_hex(16)
         self.changed = threading.Condition()
@@ -275,16 +275,26 @@ class Session:
             return self._request_id
 
     def encode(self, request: protocol.Request, request_id: int) -> bytes:
-        """Return a request in its envelope."""
-        return protocol.encode(
-            protocol.Command(
-                version=protocol.PROTOCOL_VERSION,
-                client_id=self.client_id,
-                secret=self.secret,
-                request_id=request_id,
-                request=request,
-            )
+        """Return a request in its envelope.
+
+        Raises:
+            Rejected: BAD_REQUEST, it holds what has no form there: a text that is no Unicode, say.
+        """
+        command = protocol.Command(
+            version=protocol.PROTOCOL_VERSION,
+            client_id=self.client_id,
+            secret=self.secret,
+            request_id=request_id,
+            request=request,
         )
+        try:
+            return protocol.encode(command)
+        except (TypeError, ValueError, OverflowError) as error:
+            message, hint = (
+                f"{type(request).__name__} cannot be sent: {error}",
+                "give text in UTF-8, numbers of 64 bits",
+            )
+            raise failure(Code.BAD_REQUEST, message, hint=hint) from None
 
     def put_target(self, stream_id: int, target: protocol.Target) -> None:
         """Send the newest target of a stream."""

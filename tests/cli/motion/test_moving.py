@@ -77,6 +77,12 @@ def test_hold_leaves_the_arms_held_and_says_how_to_go_on(shell):
     assert "60 s" in ended.err and "--take REASON" in ended.err and "`ta2 estop`" in ended.err
 
 
+def test_a_reason_that_is_no_text_is_told_in_a_line(shell):
+    """Bytes that are no UTF-8 come as lone surrogates."""
+    ended = shell.run("home", "--take", "\udcff")
+    assert ended.status == 1 and ended.err.splitlines()[-1].startswith("BAD_REQUEST: Take cannot be sent")
+
+
 def test_move_takes_one_arm_or_both_absolute_or_by(shell):
     """What was typed is what is asked for."""
     assert shell.run("move", "--left", *GOAL, "--tolerance", "0.01").status == 0

@@ -44,6 +44,18 @@ def test_a_stop_is_dropped_before_anything_is_connected_to(shell, monkeypatch, t
     pipes.close()
 
 
+@pytest.mark.parametrize("command", ["stop", "estop"])
+def test_no_reason_of_a_shell_keeps_a_stop_away(shell, monkeypatch, tmp_path, command):
+    """Bytes that are no UTF-8 come as lone surrogates, of a user's name too: pipe and gateway get the stop all the same."""
+    monkeypatch.setattr(stopping.getpass, "getuser", lambda: "j\udcf6rg")
+    pipes = StopPipes(tmp_path / "gw.sock", 0o600)
+    ended = shell.run(command, "--socket", str(tmp_path / "gw.sock"), "k\udcf6nnte", "x" * 5000)
+    ((_, payload),) = pipes.read()
+    assert ended.status == 0 and json.loads(payload)["reason"].startswith("k?nnte x")
+    assert stopping.signed("k\udcf6nnte") == "k?nnte (j?rg)"
+    pipes.close()
+
+
 @pytest.mark.parametrize("target", ["nonsense", "tcp/127.0.0.1:7448"])
 def test_where_there_is_no_pipe_the_connection_is_all(shell, target):
     """A gateway beyond this host; what is no address is refused by whoever connects, which this shell does not."""
