@@ -337,7 +337,8 @@ class Robot:
     def stop_endpoint(self, timeout: float = 0.5, on_silence: protocol.OnLossName = "hold") -> StopEndpoint:
         """Return a stop endpoint, to be used in a `with` block whose loop calls `check_in()`: a deadman. Anybody may.
 
-        While it is registered and not heard, nothing moves, whoever owns the robot.
+        While it is registered and not heard, nothing moves, whoever owns the robot. A button that is released must end the
+        check-ins, not the loop: a block that ends normally leaves in order, and what moves goes on.
 
         Args:
             timeout: Its period [s], 0.1 to 10: it is silent when it was not heard for longer.

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
@@ -10,6 +12,8 @@ from gateway.client import aio, connect
 from gateway.errors import Aborted, Code, Disconnected, NotReady, Rejected
 from tests.client.playing import play
 from tests.client.robot_world import RobotWorld
+from tests.e2e.pages import blocks
+from tests.e2e.system import ROOT
 
 
 @pytest.fixture
@@ -42,6 +46,39 @@ def test_a_block_registers_checks_in_and_leaves(world, robot):
     world.run(0.1)
     assert names(robot) == [] and not endpoint.is_registered and "not registered" in repr(endpoint)
     endpoint.leave()  # may be called again
+
+
+class Button:
+    """A deadman's button that is held for a while, and then is not; raises `Released` when that has been long enough."""
+
+    class Released(Exception):
+        """The test has seen what it wanted."""
+
+    def __init__(self):
+        self.asked = 0
+
+    def is_held(self):
+        self.asked += 1
+        if self.asked > 30:
+            raise self.Released
+        return self.asked <= 10
+
+    def check_in_as_the_docs_say(self, world, robot):
+        """Run the page's loop with this button, on the world's time."""
+        (text,) = (block.text for block in blocks(ROOT / "docs" / "stopping.md") if "check_in()" in block.text)
+        exec(text, {"robot": robot, "button": self, "time": SimpleNamespace(sleep=world.run)})
+
+
+def test_releasing_the_button_of_the_docs_deadman_holds_the_robot(world, robot):
+    """Not so where the loop ends with the button: its block ends in order, and the motion goes on."""
+    with connect(transport=world.transport()) as other, other.control() as own:
+        own.enable()
+        motion = own.left_arm.move_by(np.full(7, 0.2), speed=0.01)
+        with pytest.raises(Button.Released):
+            Button().check_in_as_the_docs_say(world, robot)
+        with pytest.raises(Aborted) as caught:
+            motion.result(timeout=0.1)
+        assert caught.value.code is Code.ENDPOINT_SILENT and other.state.endpoints[0].is_silent
 
 
 def test_no_thread_of_ours_checks_in(world, robot):
