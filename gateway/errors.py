@@ -30,6 +30,7 @@ from gateway.codes import Code
 
 __all__ = [
     "CODES",
+    "STOP_UNKNOWN",
     "Aborted",
     "Cancelled",
     "Code",
@@ -53,6 +54,9 @@ __all__ = [
     "failure",
     "to_exception",
 ]
+
+STOP_UNKNOWN = "use the physical emergency stop: nobody knows whether the robot has stopped"
+"""The only hint that counts when a stop may not have stopped the robot."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

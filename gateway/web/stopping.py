@@ -19,7 +19,7 @@ from gateway.api import protocol
 from gateway.api.stop_pipe import drop_stop
 from gateway.client import StopResult, aio
 from gateway.client.asking.guard_stop import stop_at_guard
-from gateway.errors import Code, GatewayError, failure
+from gateway.errors import STOP_UNKNOWN, Code, GatewayError, failure
 from gateway.web.messages import StopAsked, StopDone
 
 __all__ = ["body_of", "reason_of", "stop"]
@@ -81,8 +81,7 @@ async def stop(word: Literal["stop", "estop"], reason: str, target: str | None, 
         if not is_dropped:
             raise
     if result is None and not is_dropped:
-        hint = "use the physical emergency stop: nobody knows whether the robot has stopped"
-        raise failure(Code.DISCONNECTED, "no gateway and no guard answers", hint=hint)
+        raise failure(Code.DISCONNECTED, "no gateway and no guard answers", hint=STOP_UNKNOWN)
     return StopDone(
         confirmed=result is not None,
         dropped=is_dropped,

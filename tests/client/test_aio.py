@@ -307,7 +307,9 @@ def test_a_stop_of_a_dead_daemon_goes_to_its_guard(world, monkeypatch):
         async with aio.connect(transport=world.transport()) as robot:
             world.plane.set_reachable(False)
             assert (await robot.estop("smoke")).by_guard
-            with pytest.raises((OutcomeUnknown, Disconnected)):  # by how long it has been away by then
+            with pytest.raises(
+                (OutcomeUnknown, Disconnected), match="physical emergency stop"
+            ):  # by how long it was away
                 await robot.stop("smoke")
             assert (await robot.stop("smoke")).by_guard
 

@@ -372,6 +372,22 @@ def test_no_reason_keeps_a_stop_away_or_makes_it_a_strangers(world, monkeypatch,
     assert len(dropped[0]) < MAX_BYTES and robot.client_id.encode() in dropped[0]
 
 
+@pytest.mark.parametrize("ask", ["stop", "estop"])
+@pytest.mark.parametrize("away", ["mute", "dies", "gone"])
+def test_a_stop_of_which_nobody_knows_says_to_use_the_physical_one(world, robot, ask, away):
+    """No answer, a daemon that dies before it, nobody there at all: never to look first, nor to start something."""
+    if away == "gone":
+        world.plane.set_reachable(False)
+        world.run(1.5)
+    else:
+        world.engine.mute = {requests.Stop, requests.Estop}
+    if away == "dies":
+        world.on_tick = lambda: world.plane.set_reachable(False)
+    with pytest.raises(Disconnected if away == "gone" else OutcomeUnknown) as caught:
+        getattr(robot, ask)("smoke")
+    assert "physical emergency stop" in caught.value.hint
+
+
 def test_a_text_that_cannot_be_sent_is_rejected(world, robot):
     """Before anything is asked, by name."""
     with pytest.raises(Rejected, match="Take cannot be sent") as caught:

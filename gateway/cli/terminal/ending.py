@@ -13,6 +13,7 @@ from dataclasses import asdict, replace
 from enum import IntEnum
 
 from gateway.errors import (
+    STOP_UNKNOWN,
     Code,
     ConfigError,
     Disconnected,
@@ -133,8 +134,7 @@ def report(error: GatewayError, *, as_json: bool = False) -> ExitStatus:
 def for_stopping(error: GatewayError) -> GatewayError:
     """Return the same error with the only hint that counts when a stop failed."""
     if isinstance(error, (Disconnected, OutcomeUnknown, GatewayTimeout)):
-        hint = "use the physical emergency stop: nobody knows whether the robot has stopped"
-        return to_exception(replace(error.refusal, hint=hint))
+        return to_exception(replace(error.refusal, hint=STOP_UNKNOWN))
     return error
 
 

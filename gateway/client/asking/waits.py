@@ -16,7 +16,7 @@ from typing import Generic, Protocol, TypeVar
 
 from gateway.api import protocol
 from gateway.client.connection.session import Session, Sighting
-from gateway.errors import Code, GatewayError, failure, to_exception
+from gateway.errors import STOP_UNKNOWN, Code, GatewayError, failure, to_exception
 
 __all__ = [
     "Answer",
@@ -229,7 +229,9 @@ class Stopped:
                 try:
                     self._session.require_daemon()
                 except GatewayError as error:
-                    raise self._unknown(error.refusal.message) if self._may_have_run else error from None
+                    if self._may_have_run:
+                        raise self._unknown(error.message) from None
+                    raise failure(error.code, error.message, hint=STOP_UNKNOWN) from None
             if now_ns >= self._repeat_ns:
                 self._ways.reverse()  # the other way, where this one led to nobody
                 self._send(now_ns)
@@ -241,7 +243,7 @@ class Stopped:
 
     def _unknown(self, why: str) -> GatewayError:
         text = f"the stop of {self._session.name!r} was sent and may or may not have run: {why}"
-        return failure(Code.OUTCOME_UNKNOWN, text)
+        return failure(Code.OUTCOME_UNKNOWN, text, hint=STOP_UNKNOWN)
 
 
 class Seen(Generic[T]):
