@@ -5,16 +5,22 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+from gateway.api import protocol
 from gateway.client.asking.procedures import Procedure, cancel, result
 from gateway.client.asking.requests import seconds
 from gateway.client.asking.results import MotionResult
 from gateway.client.connection.session import Lease, Motion, Session
+from gateway.errors import GatewayError
 
 __all__ = ["MotionRecord"]
 
 
 class MotionRecord:
-    """What is known of a motion; reading it sends nothing and never waits."""
+    """What is known of a motion; reading it sends nothing and never waits.
+
+    Raises:
+        Disconnected: The daemon is gone, and nobody knows how far the motion came.
+    """
 
     def __init__(self, session: Session, lease: Lease, motion: Motion, facts: Mapping[str, Any]) -> None:
         self._session = session
@@ -58,38 +64,48 @@ class MotionRecord:
     @property
     def state(self) -> str:
         """`queued`, `executing`, `reached`, `touched`, `cancelled`, `superseded`, `aborted`, or `unknown` (not listed)."""
-        self._session.sighting()
+        view = self._seen()
         if self._motion.missing:
             return "unknown"
-        return "queued" if self._motion.view is None else self._motion.view.state
+        return "queued" if view is None else view.state
 
     @property
     def done(self) -> bool:
         """Whether it has ended, however it did."""
-        self._session.sighting()
+        self._seen()
         return self._motion.ended
 
     @property
     def progress(self) -> float:
         """Part of the path's duration that is behind us, 0..1."""
-        self._session.sighting()
-        return 0.0 if self._motion.view is None else self._motion.view.progress
+        view = self._seen()
+        return 0.0 if view is None else view.progress
 
     @property
     def error_rad(self) -> float | None:
         """Largest measured joint distance, or angle, to the goal [rad]; None when it is not known."""
-        self._session.sighting()
-        return None if self._motion.view is None else self._motion.view.error_rad
+        view = self._seen()
+        return None if view is None else view.error_rad
 
     @property
     def error_m(self) -> float | None:
         """Largest measured distance of an end effector to the goal [m]; None when it is not known, and for joints."""
-        self._session.sighting()
-        return None if self._motion.view is None else self._motion.view.error_m
+        view = self._seen()
+        return None if view is None else view.error_m
 
     def __repr__(self) -> str:
         """Show number, state and progress."""
-        return f"<motion {self.motion_id}: {self.state}, {self.progress:.0%}>"
+        try:
+            return f"<motion {self.motion_id}: {self.state}, {self.progress:.0%}>"
+        except GatewayError as error:
+            return f"<motion {self.motion_id}: {error.code}>"
+
+    def _seen(self) -> protocol.MotionView | None:
+        """Look at the newest snapshot, and return what it says; None before the first that may."""
+        self._session.sighting()
+        if not self._motion.ended:
+            self._session.require_daemon(self._motion.daemon)
+        return self._motion.view
 
     def _result(self, timeout: float) -> Procedure[MotionResult]:
         return result(self._session, self._motion, seconds("timeout", timeout))

@@ -338,6 +338,8 @@ def cancel(session: Session, lease: Lease, motion: Motion, timeout_ns: int) -> P
     """Brake and end one motion; waits until its arms' references stand still. One that has ended stays as it is."""
     deadline_ns = session.transport.now_ns() + timeout_ns
     session.sighting()
+    if motion.missing:  # with its daemon, perhaps
+        session.require_lease(lease)
     if motion.ended:
         return
     reply = yield from request(session, protocol.Cancel(epoch=lease.epoch, motion_id=motion.motion_id))

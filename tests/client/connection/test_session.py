@@ -65,6 +65,36 @@ def test_what_was_owned_ends_with_its_daemon_and_nothing_is_sent(world, robot):
     assert sent(world, robot) == [] and world.engine.seen == {} and world.engine.targets == []
 
 
+def test_a_motion_of_a_daemon_that_is_gone_does_not_go_on_for_ever(world, robot):
+    """Who polls a handle hears of it after a second, as from `robot.state`; of one that had ended it keeps what it knew."""
+    own = robot.control().acquire()
+    own.enable()
+    ended, handle = own.right_arm.move_to(START_Q), own.left_arm.move_to(START_Q)
+    world.plane.set_reachable(False)
+    world.run(0.9)
+    assert not handle.done and handle.state == "executing"
+    world.run(0.2)
+    for look in ("done", "state", "progress", "error_rad", "error_m"):
+        with pytest.raises(Disconnected):
+            getattr(handle, look)
+    assert repr(handle) == f"<motion {handle.motion_id}: DISCONNECTED>"
+    assert ended.done and ended.state == "superseded"
+
+
+def test_cancelling_a_motion_of_an_earlier_daemon_does_not_look_like_success(world, robot):
+    """Nothing was cancelled by it: the control has ended, whether or not there is a new one."""
+    own = robot.control().acquire()
+    own.enable()
+    handle = own.left_arm.move_to(START_Q)
+    begin_anew(world)
+    assert handle.done and handle.state == "unknown"
+    for prepare in (lambda: None, robot.control().acquire):
+        prepare()
+        with pytest.raises(LeaseError) as caught:
+            handle.cancel()
+        assert caught.value.code is Code.LEASE_LOST
+
+
 def test_a_keepalive_is_not_put_while_the_daemon_is_away(world, robot, monkeypatch):
     """Whoever listens on the path next may be another daemon, to which this owner is nobody; the same one hears it again."""
     robot.control().acquire()
