@@ -7,14 +7,32 @@ from typing import Any, TypeVar
 from gateway.client.asking.procedures import Procedure
 from gateway.client.asking.waits import Wait
 from gateway.client.connection.session import Session
-from gateway.errors import GatewayError
+from gateway.errors import Code, GatewayError, failure
+from gateway.process.threads import supervised
 
-__all__ = ["SLICE_S", "run"]
+__all__ = ["SLICE_S", "open_session", "run"]
 
 T = TypeVar("T")
 
 SLICE_S = 0.1
 """Longest wait between two looks [s]: lost replies are asked for again at this rate."""
+
+
+def open_session(session: Session, timeout_s: float) -> None:
+    """Connect, in a thread of its own: zenoh does not come back for Ctrl-C, which this one hears. See `Session.open`."""
+    failed: list[GatewayError] = []
+
+    def work() -> None:
+        try:
+            session.open(timeout_s)
+        except GatewayError as error:
+            failed.append(error)
+
+    thread = supervised(work, "ta2-open", on_lost=lambda lost: failed.append(failure(Code.INTERNAL, str(lost))))
+    thread.start()
+    thread.join()
+    if failed:
+        raise failed[0]
 
 
 def run(session: Session, procedure: Procedure[T]) -> T:

@@ -35,7 +35,7 @@ from gateway.client.asking.options import OnExitName, program_name, require_opti
 from gateway.client.asking.requests import seconds
 from gateway.client.asking.results import StopResult
 from gateway.client.asking.waits import dropped
-from gateway.client.blocking import run
+from gateway.client.blocking import open_session, run
 from gateway.client.connection.over_zenoh import Credentials
 from gateway.client.connection.session import Session
 from gateway.client.connection.transport import Transport
@@ -83,13 +83,14 @@ def connect(
     Raises:
         Disconnected: No daemon answers there (retryable).
         ProtocolError: The daemon is of another release.
-        Rejected: `target` is no address.
+        Rejected: `target` is no address, `timeout_s` no time.
     """
+    timeout_ns = seconds("timeout_s", timeout_s)
     session = Session(transport or transport_to(target, credentials), name or program_name())
     try:
-        session.open(timeout_s)
+        open_session(session, timeout_s)
         if greet:
-            run(session, procedures.greet(session, seconds("timeout_s", timeout_s)))
+            run(session, procedures.greet(session, timeout_ns))
     except BaseException:  # Ctrl-C included: nobody will get the robot that could close it
         session.close()
         raise

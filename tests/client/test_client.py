@@ -388,6 +388,16 @@ def test_a_stop_of_which_nobody_knows_says_to_use_the_physical_one(world, robot,
     assert "physical emergency stop" in caught.value.hint
 
 
+@pytest.mark.parametrize("timeout_s", [float("inf"), float("nan"), "5", -1.0])
+def test_a_time_to_connect_that_is_none_is_rejected(world, timeout_s):
+    """Before anything is opened."""
+    with pytest.raises(Rejected) as caught:
+        connect(transport=world.transport(), timeout_s=timeout_s)
+    assert caught.value.field == "timeout_s"
+    with pytest.raises(Rejected):
+        connect("/nobody.sock", timeout_s=timeout_s)
+
+
 def test_a_text_that_cannot_be_sent_is_rejected(world, robot):
     """Before anything is asked, by name."""
     with pytest.raises(Rejected, match="Take cannot be sent") as caught:

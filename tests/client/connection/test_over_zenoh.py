@@ -6,6 +6,7 @@ import gc
 import os
 import shutil
 import signal
+import socket
 import subprocess
 import sys
 import threading
@@ -55,6 +56,29 @@ with connect(sys.argv[1], name="child") as robot, robot.control(on_exit="release
         print("interrupted", own.is_open, flush=True)
         raise
 """
+
+
+CONNECTING = """
+import sys
+from gateway.client import connect
+print("up", flush=True)
+try:
+    connect(sys.argv[1], timeout_s=60.0)
+except KeyboardInterrupt:
+    print("interrupted")
+"""
+
+
+def test_ctrl_c_ends_a_connect_that_nobody_answers(tmp_path):
+    """At once, not when its time is over."""
+    with socket.socket(socket.AF_UNIX) as deaf:
+        deaf.bind(str(tmp_path / "gw.sock"))
+        deaf.listen()
+        deaf.settimeout(20.0)
+        process = start(CONNECTING, tmp_path / "gw.sock")
+        with deaf.accept()[0]:
+            process.send_signal(signal.SIGINT)
+            assert process.communicate(timeout=20.0)[0] == "interrupted\n" and process.returncode == 0
 
 
 HASTY = """
