@@ -20,6 +20,7 @@ from argparse import Namespace
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from importlib import import_module
+from io import TextIOWrapper
 from types import FrameType
 
 from gateway import __version__
@@ -39,6 +40,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     Args:
         arguments: Without the program's name; None for this process's own.
     """
+    if isinstance(sys.stdout, TextIOWrapper):  # what a terminal has no letter for fails nothing that was done
+        sys.stdout.reconfigure(errors="backslashreplace")
     options = parse(sys.argv[1:] if arguments is None else arguments)
     try:
         with _interruptible(options.command):

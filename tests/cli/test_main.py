@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import fcntl
+import io
 import json
 import os
 import pty
@@ -63,6 +64,16 @@ def test_the_help_tells_every_command_and_every_exit_status(shell):
         assert f"\n  {status} " in text
     assert "physical emergency stop" in text
     assert shell.run("--version").out == f"ta2 {__version__}\n"
+
+
+def test_a_terminal_without_the_letters_is_told_all_the_same(shell, monkeypatch):
+    """What was done was done: no traceback for a reason, or a sign of ours, that the terminal's encoding does not have."""
+    shell.run("stop", "K\xf6nnte")
+    terminal = io.TextIOWrapper(io.BytesIO(), encoding="ascii")
+    monkeypatch.setattr("sys.stdout", terminal)
+    assert shell.run("recover").status == 0
+    terminal.flush()
+    assert b"K\\xf6nnte" in terminal.buffer.getvalue()
 
 
 @pytest.mark.parametrize(
