@@ -183,6 +183,10 @@ def _own_for(options: Namespace, what: str, deed: Deed) -> ExitStatus:
             if is_held(robot):
                 print(held_text(robot, options.command), file=sys.stderr)
             return status
+        except KeyboardInterrupt:
+            if is_held(robot):
+                print(f"\ninterrupted: {held_text(robot, options.command)}", file=sys.stderr)
+            raise
         if is_left_held and options.command == "gripper":
             print(held_text(robot, options.command), file=sys.stderr)
     if options.json:

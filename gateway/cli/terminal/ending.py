@@ -72,7 +72,7 @@ STATUS_HELP = """exit status:
   3    no gateway (or no robot, or no policy server) answers there
   4    timeout, or the reply was lost: look at `ta2 status` before you repeat it
   5    client and gateway do not understand each other, or a bug
-  130  Ctrl-C: `home`, `move`, `follow`, `teleop` and `policy run` leave the robot held (SIGTERM 143, SIGHUP 129)
+  130  Ctrl-C: `home`, `move`, `follow`, `gripper`, `teleop` and `policy run` leave the robot held (SIGTERM 143, SIGHUP 129)
 """
 
 SHELL_WORDS = {

@@ -58,18 +58,21 @@ def _wait_until_free(robot: Robot, tell: Teller) -> None:
 
 
 def is_held(robot: Robot) -> bool:
-    """Return whether this command leaves arms held; False when nobody can tell."""
+    """Return whether this command leaves arms held, or as far as they can be; False when nobody can tell."""
     with suppress(GatewayError):
         state = robot.state
-        return state.state in HELD and state.lease.client_id == robot.client_id
+        return state.state in (*HELD, "STALE") and state.lease.client_id == robot.client_id
     return False
 
 
 def held_text(robot: Robot, command: str) -> str:
     """Return what becomes of a robot that is left held, and how to go on."""
     info = robot.info
+    what = f"the arms are held with their grip for {info.down_after_ns / 1e9:g} s, then the robot pauses"
+    if robot.state.state == "STALE":
+        what = "the robot is not heard: heard again within 0.8 s arms at rest stay held with their grip, else it pauses"
     return (
-        f"the arms are held with their grip for {info.down_after_ns / 1e9:g} s, then the robot pauses\n"
+        f"{what}\n"
         f"  go on    `ta2 {command}` again: it waits {info.free_after_ns / 1e9:g} s for the lease, or --take REASON\n"
         f"  release  `ta2 enable`, then Ctrl-C; at once: `ta2 estop`"
     )

@@ -116,6 +116,33 @@ def test_a_held_grip_is_kept_by_the_commands_that_follow(shell):
         assert sim.level_01 == pytest.approx(level)
 
 
+def ctrl_c():
+    """Interrupt whoever waits."""
+    raise KeyboardInterrupt
+
+
+def test_ctrl_c_while_a_gripper_closes_says_that_the_arms_are_held(shell):
+    """As after `ta2 move`: how long, and how to go on; nothing is said where nothing is held."""
+    shell.world.after(4.0, ctrl_c)
+    status, _, err = shell.run("gripper", "left", "grip", "--for", "5")
+    assert status == 130 and shell.world.pair.state == "HOLDING"
+    assert "interrupted: the arms are held with their grip for 60 s" in err
+
+
+def test_ctrl_c_while_the_chassis_drives_holds_nothing(shell):
+    """No arm was in it."""
+    shell.world.after(0.5, ctrl_c)
+    status, _, err = shell.run("drive", "--vx", "0.1", "--for", "5", "--yes")
+    assert status == 130 and "held with their grip" not in err
+
+
+def test_a_robot_that_is_not_heard_any_more_is_not_said_to_be_held(shell):
+    """It may be, or it may pause: what becomes of it is told, and how to go on."""
+    shell.world.after(3.0, lambda: setattr(shell.world.pair, "is_deaf", True))
+    status, _, err = shell.run("move", "--by", "--left", "0,0,0,0.3,0,0,0", "--speed", "0.05")
+    assert status == 1 and "STATE_STALE" in err and "else it pauses" in err and "  go on    `ta2 move` again" in err
+
+
 FOUND = Payload(
     mass=0.302,
     mass_sd=0.02,
