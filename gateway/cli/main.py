@@ -40,6 +40,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     Args:
         arguments: Without the program's name; None for this process's own.
     """
+    sys.stdin = sys.stdin or open(os.devnull, encoding="utf-8")  # closed: nobody is there, as in a script
     if isinstance(sys.stdout, TextIOWrapper):  # what a terminal has no letter for fails nothing that was done
         sys.stdout.reconfigure(errors="backslashreplace")
     options = parse(sys.argv[1:] if arguments is None else arguments)

@@ -190,8 +190,11 @@ def _install(options: Namespace, user: str, units: Mapping[str, str]) -> ExitSta
             options.recorder.mkdir(parents=True)
             shutil.chown(options.recorder, user)
     folder = root / str(UNITS)[1:] if root else UNITS
-    folder.mkdir(parents=True, exist_ok=True)
-    changed = [name for name, text in units.items() if _write(folder / name, text)]
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        changed = [name for name, text in units.items() if _write(folder / name, text)]
+    except OSError as error:
+        _refuse(f"{folder} cannot be written: {error.strerror}", "name another place with --root")
     wanted = [GATEWAY, *([RECORDER] if options.recorder else []), *([WEB] if options.web else [])]
     if root is not None:
         _systemctl("--root", str(root), "enable", *wanted)

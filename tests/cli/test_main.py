@@ -66,6 +66,15 @@ def test_the_help_tells_every_command_and_every_exit_status(shell):
     assert shell.run("--version").out == f"ta2 {__version__}\n"
 
 
+@pytest.mark.parametrize(("words", "status"), [(["home"], 0), (["stop-endpoint"], 1)])
+def test_a_closed_standard_input_is_nobody_to_ask(shell, monkeypatch, words, status):
+    """`ta2 home <&-`: as in a script; a command that needs a person says so."""
+    monkeypatch.setattr("sys.stdin", None)
+    ended = shell.run(*words)
+    sys.stdin.close()
+    assert ended.status == status and "Traceback" not in ended.err
+
+
 def test_a_terminal_without_the_letters_is_told_all_the_same(shell, monkeypatch):
     """What was done was done: no traceback for a reason, or a sign of ours, that the terminal's encoding does not have."""
     shell.run("stop", "K\xf6nnte")

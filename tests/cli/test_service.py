@@ -355,6 +355,15 @@ def test_an_image_is_made_without_root_and_without_its_users(
     assert [path for path in root.rglob("*") if not path.is_dir()] == []
 
 
+def test_an_image_that_cannot_be_written_is_told_in_a_line(shell: Shell, systemctl: Systemctl, tmp_path: Path) -> None:
+    """What stands where a folder must be, say."""
+    (tmp_path / "image").write_text("")
+    done = shell.run("service", "install", "--root", str(tmp_path / "image"), "--user", "robot")
+    assert (
+        done.status == 1 and done.err.startswith("BAD_REQUEST: ") and "--root" in done.err and systemctl.heard() == []
+    )
+
+
 def test_the_page_is_installed_and_removed_with_the_others(shell: Shell, systemctl: Systemctl, tmp_path: Path) -> None:
     """Later installations that do not name it leave it as it is."""
     for words in (["--web", "/srv/users"], []):

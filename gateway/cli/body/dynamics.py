@@ -55,7 +55,7 @@ def carry_out(options: Namespace) -> ExitStatus:
     settings = toml_file.load(options.config)
     description, sides = configured(settings), (Side(options.arm),) if options.arm else tuple(Side)
     if options.excite is not None:
-        return _write_motion(Path(options.excite), description, settings, sides[0])
+        return _write_motion(options.excite, description, settings, sides[0])
     serial = settings.link.serial if options.serial is None else options.serial
     identity = RobotIdentity(serial=serial, model=settings.link.model) if serial else None
     out = None if options.out is None else Path(options.out)
@@ -63,7 +63,7 @@ def carry_out(options: Namespace) -> ExitStatus:
     rows = _read(Path(options.file)) if options.file is not None else _live(options, sides)
     if options.keep is not None:
         lines = (json.dumps({"arm": side.value, **row}) for side in rows for row in rows[side])
-        Path(options.keep).write_text("\n".join(lines) + "\n", encoding="utf-8")
+        options.keep.write_text("\n".join(lines) + "\n", encoding="utf-8")
     source = str(out or "identified")
     results = {side: identify_dynamics(description, side, _motion(rows[side]), source) for side in sides}
     found = {side: result for side, result in results.items() if isinstance(result, Found)}

@@ -68,7 +68,7 @@ def carry_out(options: Namespace) -> ExitStatus:
         observer = Observer(arms, sides or tuple(Side), groups)
         pairs = measured_live(options.target, options.timeout_s, options.seconds, observer)
         if options.keep is not None:
-            keep(pairs, Path(options.keep))
+            keep(pairs, options.keep)
     asked = sides or tuple(side for side in Side if pairs[side])
     if not any(pairs[side] for side in asked):
         raise failure(

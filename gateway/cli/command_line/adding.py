@@ -1,13 +1,15 @@
-"""How a command is added to the command line: its name and help, and what all that talk to a gateway have in common."""
+"""How a command is added to the command line: its name and help, and what several have in common."""
 
 from __future__ import annotations
 
 import argparse
+import os
+from pathlib import Path
 from typing import Any
 
 from gateway.cli.command_line.numbers import seconds
 
-__all__ = ["add_client_command", "add_command", "add_target"]
+__all__ = ["add_client_command", "add_command", "add_target", "file_to_write"]
 
 
 def add_command(commands: Any, name: str, text: str, more: str = "") -> argparse.ArgumentParser:  # noqa: ANN401  argparse's private class
@@ -57,3 +59,15 @@ def add_target(sub: argparse.ArgumentParser) -> None:
         help="the gateway: a path, unix:PATH, tcp/HOST:PORT, tls/HOST:PORT, or NAME in the fleet of TA2_FLEET (default: "
         "found by itself)",
     )
+
+
+def file_to_write(text: str) -> Path:
+    """Return where a file can be written, asked before anything is done whose outcome would be lost.
+
+    Raises:
+        ArgumentTypeError: It cannot.
+    """
+    path = Path(text)
+    if path.is_dir() or not os.access(path if path.exists() else path.parent, os.W_OK):
+        raise argparse.ArgumentTypeError(f"{text!r} cannot be written: name a file in a folder that is there")
+    return path

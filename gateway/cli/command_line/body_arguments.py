@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from typing import Any
 
-from gateway.cli.command_line.adding import add_client_command
+from gateway.cli.command_line.adding import add_client_command, file_to_write
 from gateway.cli.command_line.numbers import seconds
 
 __all__ = ["add_frames", "add_identify", "add_model"]
@@ -49,6 +49,7 @@ def add_identify(commands: Any) -> None:  # noqa: ANN401  argparse's private cla
     source.add_argument("--live", action="store_true", help="take them from the gateway")
     source.add_argument(
         "--excite",
+        type=file_to_write,
         metavar="FILE",
         help="write a motion of one arm (.npz) that tells its dynamics well, for `ta2 follow`",
     )
@@ -72,7 +73,9 @@ def add_identify(commands: Any) -> None:  # noqa: ANN401  argparse's private cla
     )
     identify.add_argument("--shoulder", action="store_true", help="the shoulder's frame too")
     identify.add_argument("--urdf", metavar="FILE", help="against this URDF (default: as configured, our own numbers)")
-    identify.add_argument("--keep", metavar="FILE", help="write the pairs that were measured live to FILE (.jsonl)")
+    identify.add_argument(
+        "--keep", type=file_to_write, metavar="FILE", help="write the pairs that were measured live to FILE (.jsonl)"
+    )
     identify.add_argument(
         "--out",
         metavar="FILE",

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Any
 
-from gateway.cli.command_line.adding import add_client_command, add_command
+from gateway.cli.command_line.adding import add_client_command, add_command, file_to_write
 from gateway.cli.command_line.robot_arguments import MODES, PARTS, add_robot
 
 __all__ = ["add_check"]
@@ -22,7 +21,7 @@ def add_check(commands: Any) -> None:  # noqa: ANN401  argparse's private class
     )
     add_robot(check, "check", "of the only robot there")
     check.add_argument("--video", action="store_true", help="check the cameras, too, for 10 s (manual §2.7.2)")
-    check.add_argument("--html", type=Path, metavar="FILE", help="write the report as one page, too")
+    check.add_argument("--html", type=file_to_write, metavar="FILE", help="write the report as one page, too")
     check.add_argument(
         "--without",
         action="append",

@@ -41,6 +41,8 @@ def carry_out(options: Namespace) -> ExitStatus:
     try:
         found = incident(path)
         return _show(found, options) if options.verb == "show" else _replay(found, as_json=options.json)
+    except BrokenPipeError:  # nobody reads on: no fault of the incident
+        raise
     except (OSError, ValueError) as error:
         raise failure(Code.BAD_REQUEST, f"{path}: {error}", field="incident") from None
 

@@ -92,7 +92,7 @@ def cut(
     count, first = len(next(iter(points.values()))), 0
     while True:
         if times_s is None:
-            fitting = int(PART_S / max((dt_s or 0.0) * stretch, 1e-9)) + 1
+            fitting = int(PART_S / max(1e-9, (dt_s or 0.0) * stretch)) + 1  # in this order NaN, which is refused later
             after_s = first * (dt_s or 0.0)
         else:
             fitting = int((times_s[first:] - times_s[first] <= PART_S / stretch).sum())

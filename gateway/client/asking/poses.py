@@ -214,6 +214,10 @@ def move_pose(
     """
     require_sides("targets", targets)
     named = {side: targets[side] for side in SIDES if side in targets}
+    for side, pose in named.items():
+        if not all(hasattr(pose, name) for name in ("p", "quat_xyzw", "frame")):
+            message = f"the {side} arm's goal is a {type(pose).__name__}: p, quat_xyzw and frame are needed"
+            raise failure(Code.WRONG_SHAPE, message, field=f"{side}_arm", hint="give a PoseTarget(p, quat_xyzw, frame)")
     return protocol.MovePose(
         epoch=epoch,
         targets={side: numbers(side, pose.p, pose.quat_xyzw) for side, pose in named.items()},

@@ -83,6 +83,14 @@ def test_it_looks_on_live_and_keeps_what_it_saw(shell, tmp_path):
     assert len({row["stamp_ns"] for row in rows}) == len(rows)
 
 
+@pytest.mark.parametrize("words", [("--live", "--keep"), ("--live", "--dynamics", "--keep"), ("--excite",)])
+def test_a_file_that_cannot_be_written_is_refused_before_anything_is_measured(shell, tmp_path, words):
+    """What was measured with a moving robot is not lost for it."""
+    ended = shell.run("identify", *words, str(tmp_path / "nowhere" / "kept.jsonl"), "--arm", "left")
+    assert ended.status == 2 and f"argument {words[-1]}" in ended.err and "in a folder that is there" in ended.err
+    assert shell.world.ticks == 5, "nothing but the shell's own wait"
+
+
 SHORT = {"arm": "left", "stamp_ns": 1, "q_rad": [1], "dq_radps": [1], "tau_nm": [1]}
 
 

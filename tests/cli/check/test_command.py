@@ -77,8 +77,11 @@ def test_a_robot_that_is_not_there_is_one_row(shell, nobody, tmp_path):
 
 
 def test_a_page_that_cannot_be_written_is_refused(shell, nobody, tmp_path):
-    """After the report: it is not lost."""
+    """Before anything is looked at, and long before anything moves; one that cannot be in the end loses no report."""
     ended = shell.run("check", "--robot", NOWHERE, "--html", str(tmp_path / "nowhere" / "a.html"))
+    assert ended.status == 2 and "argument --html" in ended.err and not ended.out
+    (tmp_path / "a.html").symlink_to(tmp_path / "gone" / "a.html")
+    ended = shell.run("check", "--robot", NOWHERE, "--html", str(tmp_path / "a.html"))
     assert ended.status == 2 and "network" not in ended.err and "--html FILE" in ended.err and "1 fail" in ended.out
 
 

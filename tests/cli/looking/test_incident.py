@@ -9,6 +9,8 @@ from pathlib import Path
 
 import pytest
 
+from gateway.cli.command_line.arguments import parse
+from gateway.cli.looking import incident
 from gateway.cli.main import main
 from gateway.incident import recorder as recorder_module
 from gateway.incident import ring as ring_module
@@ -55,6 +57,17 @@ def test_it_shows_what_was_asked_and_told_around_the_cause(capsys: pytest.Captur
     assert shown["release"]["code"] and shown["causes"][0]["code"] == "ESTOP"
     times = [line["t_s"] for line in shown["timeline"]]
     assert times == sorted(times) and {"request", "notice"} <= {line["kind"] for line in shown["timeline"]}
+
+
+def test_a_reader_who_has_enough_is_no_fault_of_the_incident(monkeypatch: pytest.MonkeyPatch) -> None:
+    """`ta2 incident show | head -1`: a broken pipe is an OSError, too, and ends the command as everywhere."""
+
+    def show(*_: object) -> None:
+        raise BrokenPipeError
+
+    monkeypatch.setattr(incident, "_show", show)
+    with pytest.raises(BrokenPipeError):
+        incident.carry_out(parse(["incident", "show"]))
 
 
 def test_the_page_stands_alone_and_says_nothing_as_html(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -217,3 +217,12 @@ def test_it_begins_when_it_was_told_to(robot, tmp_path):
     ended = robot.run("follow", saved(tmp_path, points, dt=DT_S), "--start-at", str(at_s), "--json")
     assert ended.status == 0, ended.err
     assert json.loads(ended.out)["duration_s"] == pytest.approx(39 * DT_S)
+
+
+@pytest.mark.parametrize("dt_s", [float("nan"), float("inf"), -1.0])
+def test_a_time_from_point_to_point_that_is_none_is_refused_in_a_line(robot, tmp_path, dt_s):
+    """As Python writes it into JSON; judged with all else, and nothing moves."""
+    path = tmp_path / "way.json"
+    path.write_text(json.dumps({side: rows.tolist() for side, rows in swing(robot, "left").items()} | {"dt": dt_s}))
+    ended = robot.run("follow", str(path), "--yes")
+    assert ended.status == 1 and ended.err.startswith(("NOT_FINITE: dt_s", "OUT_OF_RANGE: dt_s"))

@@ -95,6 +95,14 @@ def test_a_motion_needs_an_arm_that_there_is(targets):
     assert refusal(move_pose, 1, targets, **how).code is Code.WRONG_SHAPE
 
 
+@pytest.mark.parametrize("goal", [[0.3, 0.0, 0.0, *UNIT], None, np.zeros(7)], ids=["list", "none", "array"])
+def test_a_goal_that_is_no_pose_is_rejected_with_what_it_needs(goal):
+    """Seven numbers do not say in which frame they are."""
+    how = {"speed": 1.0, "tolerance_m": None, "tolerance_rad": None, "on_limit": "reject"}
+    refused = refusal(move_pose, 1, {"left": goal}, **how)
+    assert (refused.code, refused.field) == (Code.WRONG_SHAPE, "left_arm") and "PoseTarget" in refused.hint
+
+
 @pytest.mark.parametrize("name", ["speed", "tolerance_m", "tolerance_rad"])
 @pytest.mark.parametrize("value", ["0.5", True, np.bool_(1)])
 def test_a_text_or_a_truth_value_is_no_number(name, value):
