@@ -219,7 +219,7 @@ REBOOT = "in the robot's system configuration, save, apply, reboot (manual §2.3
 """How every setting of the robot's own takes effect."""
 
 CODES: dict[Code, CodeInfo] = {
-    Code.BAD_REQUEST: CodeInfo(error=Rejected, hint="see the protocol in gateway/api/protocol.py"),
+    Code.BAD_REQUEST: CodeInfo(error=Rejected, hint="mend what the message names"),
     Code.UNSUPPORTED_VERSION: CodeInfo(error=ProtocolError, hint="install the same release for client and daemon"),
     Code.WRONG_SHAPE: CodeInfo(error=Rejected, hint="give exactly the number of values named in the message"),
     Code.NOT_FINITE: CodeInfo(error=Rejected, hint="remove NaN and infinity from the input"),

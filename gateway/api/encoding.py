@@ -111,6 +111,7 @@ class _Reader(Generic[_T]):
                 value=value,
                 bound=bound,
                 unit=unit,
+                hint="see the protocol in gateway/api/protocol.py",
             )
         )
 

@@ -220,6 +220,48 @@ def test_an_undelivered_stop_is_said_and_remembered_until_one_gets_through(world
     assert robot.health().stop_undelivered
 
 
+def test_a_stop_that_did_not_leave_is_forgotten_when_the_robot_is_in_order_again(world, robot):
+    """Who only watches sends no stop that could get through: a fresh link and nothing latched, seen later, say it, too."""
+    lost = a_snapshot().link.__class__(up=False, router_zid="", fresh=False, age_ns=None)
+    world.engine.show(link=lost, latches={"ESTOP": "estop()"})
+    told = Notice(code=Code.STOP_UNDELIVERED, level=Level.ERROR, message="!", at_ns=world.engine.snapshot.at_ns)
+    world.engine.notices.append(told)
+    world.run(0.05)
+    for better in ({"link": a_snapshot().link}, {"link": lost, "latches": {}}):
+        world.engine.show(**better)
+        world.run(0.05)
+        assert robot.health().stop_undelivered
+    world.engine.show(link=a_snapshot().link)
+    world.run(0.05)
+    assert not robot.health().stop_undelivered
+
+
+def test_a_state_from_before_an_undelivered_stop_forgets_none(world, robot):
+    """It was well then."""
+    world.run(0.05)
+    at_ns = world.engine.snapshot.at_ns + 10**9
+    world.engine.notices.append(Notice(code=Code.STOP_UNDELIVERED, level=Level.ERROR, message="!", at_ns=at_ns))
+    world.run(0.05)
+    assert robot.health().stop_undelivered
+
+
+@pytest.mark.parametrize(
+    "ask",
+    [
+        lambda robot: next(robot.states(max_rate=0.0)),
+        lambda robot: next(robot.states(timeout=-1.0)),
+        lambda robot: robot.control().acquire().left_arm.stream(rate_hz=500.0),
+        lambda robot: robot.check_follow({"left": [START_Q] * 2}, dt=0.1, start_in=1e10),
+    ],
+    ids=["max_rate", "timeout", "rate_hz", "start_in"],
+)
+def test_what_cannot_be_clipped_is_not_said_to_be(robot, ask):
+    """on_limit is for goals alone."""
+    with pytest.raises(Rejected) as caught:
+        ask(robot)
+    assert caught.value.code is Code.OUT_OF_RANGE and caught.value.hint == "stay inside the bound"
+
+
 def test_a_refusal_arrives_as_its_class_with_all_its_facts(world, robot):
     """Code, field, value, bound, unit and hint of a refusal survive the way."""
     refusal = Refusal(

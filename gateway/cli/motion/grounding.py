@@ -121,7 +121,7 @@ def _kept(path: Path) -> Payload:
     try:
         return json_decode(path.read_bytes(), type=_Kept).payload
     except (OSError, MsgspecError) as error:
-        hint = "`ta2 payload --json > FILE` with the empty hand makes one"
+        hint = "`ta2 payload --arm SIDE --json > FILE` with the empty hand makes one"
         raise failure(Code.BAD_CONFIG, f"{path} is no weighing: {error}", hint=hint) from None
 
 

@@ -95,6 +95,10 @@ SHELL_WORDS = {
 """What a program calls -> what a person types."""
 
 
+FILES = frozenset({"target", "file", "bag", "dataset"})
+"""Fields of a refusal that blame a word of the command line, or what is in the file that it names."""
+
+
 def in_shell_words(hint: str) -> str:
     """Return a hint as a person in a shell would follow it."""
     for call, command in SHELL_WORDS.items():
@@ -104,7 +108,7 @@ def in_shell_words(hint: str) -> str:
 
 def status_of(error: GatewayError) -> ExitStatus:
     """Return the exit status of an error."""
-    if isinstance(error, ConfigError) or (isinstance(error, Rejected) and error.field in ("target", "file")):
+    if isinstance(error, ConfigError) or (isinstance(error, Rejected) and error.field in FILES):
         return ExitStatus.USAGE
     if isinstance(error, Disconnected):
         return ExitStatus.NO_GATEWAY

@@ -161,7 +161,8 @@ def _tolerances(
 def _nanoseconds(name: str, value: float) -> int:
     value_s = number(name, value)
     if not abs(value_s) <= 1e9:  # NaN compares false
-        raise _refused(Code.OUT_OF_RANGE, name, f"{name} is {value_s} s, which is no time", str(value_s), "finite")
+        message, hint = f"{name} is {value_s} s, which is no time", "stay inside the bound"
+        raise failure(Code.OUT_OF_RANGE, message, field=name, value=str(value_s), bound="finite", hint=hint)
     return round(value_s * 1e9)
 
 

@@ -248,5 +248,6 @@ def seconds(name: str, value_s: float, *, most: float = 86_400.0) -> int:
             value=f"{value:g}",
             bound=f"[0, {most:g}]",
             unit="s",
+            hint="stay inside the bound",
         )
     return int(value * 1e9)

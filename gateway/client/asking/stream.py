@@ -76,6 +76,7 @@ class TargetStream:
                 value=f"{rate_hz:g}",
                 bound="[1, 100]",
                 unit="Hz",
+                hint="stay inside the bound",
             )
         self.side = side
         self.skipped = 0

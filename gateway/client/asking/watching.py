@@ -77,6 +77,7 @@ class Pace:
                 value=f"{max_rate:g}",
                 bound="> 0",
                 unit="Hz",
+                hint="stay inside the bound",
             )
         self._session = session
         self._period_ns = 0 if max_rate is None else round(1e9 / max_rate)

@@ -61,7 +61,7 @@ class Session:
         """Whether its user has been told."""
         self.news = News()
         self.snapshots_dropped = 0
-        self.stop_undelivered = False
+        self.stop_undelivered, self._undelivered_ns = False, 0
         self.pid = os.getpid()
         self.is_closed = False
         """Whether this client was closed."""
@@ -112,7 +112,7 @@ class Session:
         with self.changed:
             self.news.take(notice, number)
             if notice.code == Code.STOP_UNDELIVERED.value:
-                self.stop_undelivered = True
+                self.stop_undelivered, self._undelivered_ns = True, notice.at_ns
         self.notify()
 
     def on_daemon(self, token: str, alive: bool) -> None:
@@ -135,7 +135,7 @@ class Session:
     def _meet_another(self) -> None:
         """Forget what another daemon said: it counts snapshots, notices and motions anew, and may have other limits."""
         self._newest = self._sighting = self.info = None
-        self._last_seq = 0
+        self._last_seq = self._undelivered_ns = 0
         for motion in self._motions.values():
             motion.missing = True
         self._motions.clear()
@@ -182,7 +182,8 @@ class Session:
         if self.is_closed:
             raise _disconnected("this client was closed", "connect() again")
         if daemon is not None and self.daemon != daemon:
-            raise _disconnected(f"the daemon at {self.transport.address} was restarted; what it did before is over")
+            message = f"the daemon at {self.transport.address} was restarted; what it did before is over"
+            raise _disconnected(message, "look at the state, then take the lease with a new control()")
         if not self.daemon or (self._gone_since_ns and self.transport.now_ns() - self._gone_since_ns > GONE_NS):
             raise _disconnected(f"no daemon answers at {self.transport.address}")
 
@@ -238,6 +239,8 @@ class Session:
                 except protocol.Malformed as error:
                     raise failure(Code.UNSUPPORTED_VERSION, f"the daemon's snapshot is not ours: {error}") from None
                 self._sighting = Sighting(view, received_ns, self.daemon)
+                if view.at_ns > self._undelivered_ns and view.link.fresh and not view.latches:
+                    self.stop_undelivered = False
                 self._follow(view)
             return self._sighting
 

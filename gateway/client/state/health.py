@@ -43,7 +43,8 @@ class Health(Struct, frozen=True, kw_only=True):
         snapshots_dropped: Snapshots that did not reach this client.
         notices_dropped: Notices that did not reach this client, or that were pushed out before anybody read `events()`.
         stop_undelivered: The last stop of this client could not be sent to the robot for lack of a transport, or the
-            daemon has said so of somebody's. Use the physical emergency stop.
+            daemon has said so of somebody's, and it was not seen since that the link is fresh and nothing is latched. Use
+            the physical emergency stop.
     """
 
     daemon: bool
@@ -76,14 +77,13 @@ class Health(Struct, frozen=True, kw_only=True):
 
 def health_of(session: Session) -> Health:
     """Return the health as this client sees it; never raises for lack of a daemon."""
-    connected = session.is_connected
+    connected, sighting = session.is_connected, session.sighting()
     seen = Health(
         daemon=connected,
         snapshots_dropped=session.snapshots_dropped,
         notices_dropped=session.news.dropped,
         stop_undelivered=session.stop_undelivered,
     )
-    sighting = session.sighting()
     if sighting is None:
         return seen
     state = state_of(sighting, session.transport.now_ns())

@@ -77,11 +77,11 @@ def test_what_cannot_be_is_refused_before_a_bag_is_read(shell, tmp_path, argumen
 
 
 def test_what_is_no_bag_or_no_dataset_is_refused_in_one_line(shell, tmp_path):
-    """Status 1, as any refusal."""
+    """Status 2: a word of the command line names no such file."""
     ended = shell.run("dataset", "build", str(tmp_path / "nothing"), "--out", str(tmp_path / "set"))
-    assert ended.status == 1 and "there is no " in ended.err
+    assert ended.status == 2 and "there is no " in ended.err
     ended = shell.run("dataset", "check", str(tmp_path))
-    assert ended.status == 1 and "is no dataset of LeRobot" in ended.err
+    assert ended.status == 2 and "is no dataset of LeRobot" in ended.err
 
 
 OWN_LAYOUT = ("--least-rows", "10", "--layout")
@@ -110,7 +110,7 @@ def test_datasets_are_merged_and_split(shell, sets, tmp_path):
     assert part.json["ok"] and part.json["episodes"] == 1 and part.json["folder"].endswith("one")
     assert shell.run("dataset", "diff", str(tmp_path / "one"), sets[1]).out == "they hold the same\n"
     ended = shell.run("dataset", "split", sets[0], "--episodes", "0,2-3", "--out", str(tmp_path / "two"))
-    assert ended.status == 1 and "has no episode 2, 3" in ended.err
+    assert ended.status == 2 and "has no episode 2, 3" in ended.err
     ended = shell.run("dataset", "merge", *sets, "--out", sets[0])
     assert ended.status == 1 and "is not empty" in ended.err
 
@@ -138,7 +138,7 @@ def test_a_dataset_is_shown_in_words_and_as_a_picture(shell, sets, tmp_path):
     ended = shell.run("dataset", "show", sets[0], "--out", str(tmp_path / "a.html"))
     assert ended.status == 0 and (tmp_path / "a.html").read_text(encoding="utf-8").startswith("<!doctype html>")
     ended = shell.run("dataset", "show", sets[0], "--out", str(tmp_path / "nowhere/a.png"))
-    assert ended.status == 1 and "cannot be shown" in ended.err and "nowhere" in ended.err
+    assert ended.status == 2 and "cannot be shown" in ended.err and "nowhere" in ended.err
 
 
 @pytest.mark.parametrize(

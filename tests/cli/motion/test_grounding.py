@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import json
+import re
 
 import pytest
 
+from gateway.cli.command_line.arguments import parse
 from gateway.cli.looking.frame import Picture, frame
 from gateway.cli.main import main
 from gateway.client import Payload, connect
@@ -141,6 +143,13 @@ def test_a_robot_that_is_not_heard_any_more_is_not_said_to_be_held(shell):
     shell.world.after(3.0, lambda: setattr(shell.world.pair, "is_deaf", True))
     status, _, err = shell.run("move", "--by", "--left", "0,0,0,0.3,0,0,0", "--speed", "0.05")
     assert status == 1 and "STATE_STALE" in err and "else it pauses" in err and "  go on    `ta2 move` again" in err
+
+
+def test_what_makes_a_weighing_is_a_command_that_there_is(shell, tmp_path):
+    """The hint names all that it needs."""
+    _, _, err = shell.run("payload", "--arm", "left", "--empty", str(tmp_path / "nothing.json"))
+    (words,) = re.findall(r"`ta2 (.*) > FILE`", err)
+    assert parse(words.replace("SIDE", "left").split()).arm == "left"
 
 
 FOUND = Payload(

@@ -173,7 +173,7 @@ def test_a_bag_in_which_nobody_told_the_arms_anything_is_refused(robot, tmp_path
     with pytest.raises(Rejected, match="nobody told the arms where to go"):
         recorded(bag)
     ended = robot.run("replay", str(tmp_path / "nothing"))
-    assert ended.status == 1 and "there is no" in ended.err
+    assert ended.status == 2 and "there is no" in ended.err
 
 
 def test_a_picture_shows_it_beside_the_recording(robot, tmp_path, monkeypatch):

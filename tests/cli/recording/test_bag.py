@@ -58,7 +58,7 @@ def test_list_shows_the_bags_of_a_folder_the_newest_first(shell, tmp_path):
     lines = shell.run("bag", "list", str(tmp_path)).out.splitlines()
     assert len(lines) == found["count"] == 4 and "1 episodes" in lines[2]
     ended = shell.run("bag", "list", str(tmp_path / "nothing"))
-    assert ended.status == 1 and "name a folder" in ended.err
+    assert ended.status == 2 and "name a folder" in ended.err
 
 
 def test_check_says_that_nothing_is_wrong(shell, tmp_path):
@@ -85,9 +85,10 @@ def test_check_names_what_is_wrong_the_worst_first(shell, tmp_path):
 
 
 def test_what_is_no_bag_is_refused_in_one_line(shell, tmp_path):
-    """Status 1, as any refusal."""
+    """Status 2: a word of the command line names no such file; without words for those who write programs."""
     ended = shell.run("bag", "info", str(tmp_path / "nothing"))
-    assert ended.status == 1 and ended.err.startswith("BAD_REQUEST: there is no ")
+    assert "protocol.py" not in ended.err
+    assert ended.status == 2 and ended.err.startswith("BAD_REQUEST: there is no ")
 
 
 def test_bags_and_tables_are_made_of_bags(shell, tmp_path):

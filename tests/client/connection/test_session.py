@@ -55,8 +55,9 @@ def test_what_was_owned_ends_with_its_daemon_and_nothing_is_sent(world, robot):
         with pytest.raises(LeaseError) as caught:
             command()
         assert caught.value.code is Code.LEASE_LOST and "restarted" in str(caught.value)
-    with pytest.raises(Disconnected):
+    with pytest.raises(Disconnected) as gone:
         handle.result(timeout=5.0)
+    assert "new control()" in gone.value.hint, "another daemon runs already"
     assert not own.is_open and handle.done
     own.release()
     own.leave()
