@@ -87,11 +87,12 @@ def test_nan_passes_msgpack_and_not_json():
     ],
 )
 def test_what_is_wrong_is_named(change, part):
-    """A malformed command is BAD_REQUEST, and the message names the place."""
+    """A malformed command is BAD_REQUEST, the message names the place, and the hint where it stands what is well formed."""
     typed = {"version": 1, "client_id": "me", "request_id": 1, "request": {"type": "recover"}} | change
     with pytest.raises(protocol.Malformed) as caught:
         protocol.decode_command(json.dumps(typed).encode(), protocol.JSON)
     assert caught.value.refusal.code is Code.BAD_REQUEST and part in caught.value.refusal.message
+    assert "gateway/api/protocol.py" in caught.value.refusal.hint
 
 
 @pytest.mark.parametrize("encoding", ENCODINGS)
