@@ -11,7 +11,7 @@ Rules
       container), each connection counts for itself.
     * Where there are too many connections, some of the place that has most of them are hung up on: of a process here, else
       of another host, or of a user in containers. So there is room for whoever comes to stop. One process may not even have
-      half as many.
+      half as many. Of a process the oldest go, which it has lost sight of; of a place the newest: who was there stays.
     * While this process is busy, all of its threads are ordinary ones until it was calm for a second, all but those that
       connect before others: but the loop's, and those that send, without which its setpoints would leave late.
 
@@ -139,7 +139,7 @@ class FloodWatch:
         """
         self._looked_ns, self.due_ns = now_ns, now_ns + CALM_NS
         unread: Counter[object] = Counter()
-        for _, peer, count in self._connections():
+        for _, peer, _, count in self._connections():
             unread[peer] += count
         self._make_room(now_ns)
         before, self._unread = self._unread, {peer: count for peer, count in unread.items() if count > UNREAD_BYTES}
@@ -153,7 +153,7 @@ class FloodWatch:
             self._hang_up(flooding, now_ns)
 
     def _hang_up(self, peers: set[object], now_ns: int) -> None:
-        self._end(_peer, peers, MOST_AT_ONCE)
+        self._end(peers, MOST_AT_ONCE)
         for peer in peers:
             del self._strikes[peer], self._unread[peer]
         self._tell(f"flooded by {', '.join(map(str, peers))}", now_ns)
@@ -161,21 +161,22 @@ class FloodWatch:
     def _make_room(self, now_ns: int) -> None:
         if self._seen - self._other_files <= min(MOST_CONNECTIONS, MOST_OF_ONE):
             return
-        peers = Counter(_peer(connection) for connection, *_ in self._connections(unread_only=False))
-        places = Counter(_place(connection) for connection, *_ in self._connections(unread_only=False))
-        for held, whose, excess in (
-            (places, _place, places.total() - MOST_CONNECTIONS),
-            (peers, _peer, max(peers.values(), default=0) - MOST_OF_ONE),
+        found = [(peer, place) for _, peer, place, _ in self._connections(unread_only=False)]
+        peers, places = Counter(peer for peer, _ in found), Counter(place for _, place in found)
+        for held, excess in (
+            (places, len(found) - MOST_CONNECTIONS),
+            (peers, max(peers.values(), default=0) - MOST_OF_ONE),
         ):
             busiest, count = held.most_common(1)[0] if held else (None, 0)
             if excess > 0 and count > 1:
-                self._end(whose, {busiest}, min(excess, count - 1, MOST_AT_ONCE))
+                most = min(excess, count - 1, MOST_AT_ONCE)
+                self._end({busiest}, most, newest_first=busiest not in peers)
                 self._tell(f"crowded by {busiest}", now_ns)
                 return
 
-    def _end(self, whose: Callable[[socket.socket], object], meant: set[object], most: int) -> None:
-        for connection, *_ in self._connections(unread_only=False):
-            if most > 0 and whose(connection) in meant:
+    def _end(self, meant: set[object], most: int, *, newest_first: bool = False) -> None:
+        for connection, peer, place, _ in self._connections(unread_only=False, newest_first=newest_first):
+            if most > 0 and not meant.isdisjoint((peer, place)):
                 with suppress(OSError):  # closed in this moment
                     connection.shutdown(socket.SHUT_RDWR)
                     self.ended += 1
@@ -186,8 +187,17 @@ class FloodWatch:
             self._logged_ns = now_ns + LOG_APART_NS
             log.warning("%s: hung up (on %d connections so far)", what, self.ended)
 
-    def _connections(self, *, unread_only: bool = True) -> Iterator[tuple[socket.socket, object, int]]:
-        """Yield the connections that clients have opened, with whose they are and how many bytes are unread: these, or all."""
+    def _connections(
+        self, *, unread_only: bool = True, newest_first: bool = False
+    ) -> Iterator[tuple[socket.socket, object, object, int]]:
+        """Yield the connections that clients have opened: each with its peer, its place and how much is unread [bytes].
+
+        By the numbers of their files, of which a new one has the lowest that is free.
+
+        Args:
+            unread_only: Only those with unread bytes.
+            newest_first: In the order in which those come that were opened last.
+        """
         unread = array("i", [0])
         files: Sequence[int]
         try:
@@ -197,14 +207,14 @@ class FloodWatch:
         self._seen = len(files)
         if self._seen > LOOKED_AT:
             files = sorted(random.sample(files, LOOKED_AT))
-        for number in files:
+        for number in reversed(files) if newest_first else files:
             with suppress(OSError):  # no socket, or closed in this moment
                 ioctl(number, FIONREAD, unread)
                 if unread[0] or not unread_only:
                     connection = socket.socket(fileno=number)
                     try:
                         if self._is_own(connection.getsockname()):
-                            yield connection, _peer(connection), unread[0]
+                            yield connection, _peer(connection), _place(connection), unread[0]
                     finally:
                         connection.detach()  # it is zenoh's
 

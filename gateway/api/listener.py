@@ -12,7 +12,7 @@ Rules
     * What clients may do is listed, flow by flow; everything else is dropped before it reaches us. A list with both
       flows in one rule would let a viewer inject snapshots.
     * Secrets are nobody else's to read, and what says who gets in, or who may what, is nobody else's to write. As elsewhere,
-      a group may read what is root's: so a service's user reads a key that he cannot change.
+      a group may read what is root's, or another user's: so a service's user reads a key that he cannot change.
 
 Pure: texts to dictionaries; only looks whether the named files exist, and for whom.
 """
@@ -125,8 +125,9 @@ def _demand_closed(name: str, path: str, closed: int) -> None:
     if not os.access(path, os.R_OK):
         raise refused_setting(name, path, "there is no readable file of this name")
     status = os.stat(path)
-    if status.st_mode & closed & (~0o040 if status.st_uid == 0 else ~0):
-        what, mode = ("use", "600") if closed & 0o044 else ("change", "go-w")
+    is_lent = status.st_uid == 0 or status.st_uid != os.geteuid()  # outside a container root may be anybody
+    if status.st_mode & closed & (~0o040 if is_lent else ~0):
+        what, mode = ("use", "640" if is_lent else "600") if closed & 0o044 else ("change", "go-w")
         message = f"others than its owner may {what} it (mode {status.st_mode & 0o777:o})"
         raise refused_setting(name, path, message, hint=f"chmod {mode} {path}")
 

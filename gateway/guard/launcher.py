@@ -62,8 +62,8 @@ class GuardLauncher:
         self._lost = ""
         self._told: tuple[int, str, bool, bool] | None = None
         self._looked_ns: int | None = None
-        self._its_look_ns = self._same_ns = 0
-        """When the guard last looked, and since when that has been seen to be so [ns]."""
+        self._its_look_ns = self._same_ns = self._killed_ns = 0
+        """When the guard last looked, since when that has been seen to be so, and when it was ended for it [ns]."""
         self._is_ending = threading.Event()
         self._thread = supervised(self._keep, "guard-launcher", may_return=self._is_ending.is_set)
 
@@ -96,9 +96,9 @@ class GuardLauncher:
         if said.looked_ns != self._its_look_ns or was_late or not is_its_own:
             self._its_look_ns, self._same_ns = said.looked_ns, now_ns
         is_hung = now_ns - self._same_ns > HUNG_NS
-        if process is not None and now_ns - self._same_ns > KILL_NS:
+        if process is not None and now_ns - max(self._same_ns, self._killed_ns) > KILL_NS:
             _log.warning("the guard has not looked for %.1f s: it is ended", (now_ns - self._same_ns) / 1e9)
-            self._same_ns = now_ns
+            self._killed_ns = now_ns
             process.kill()
         told = (pid, said.zid if is_its_own else "", is_its_own and said.is_linked and not is_hung, is_silent)
         lost, self._lost = self._lost, ""

@@ -12,6 +12,7 @@ Pieces that are complete, and incidents, are forced onto the disk: a power cut t
 from __future__ import annotations
 
 import contextlib
+import errno
 import io
 import itertools
 import json
@@ -265,10 +266,13 @@ def _is_grave(kept: Path) -> bool:
 
 
 def _sync(path: Path) -> None:
-    """Force a file, or the names in a folder, onto the disk."""
+    """Force a file, or the names in a folder, onto the disk, where its file system can."""
     handle = os.open(path, os.O_RDONLY | os.O_CLOEXEC)
     try:
         os.fsync(handle)
+    except OSError as error:
+        if error.errno != errno.EINVAL:
+            raise
     finally:
         os.close(handle)
 

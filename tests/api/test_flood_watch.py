@@ -145,7 +145,8 @@ def test_it_looks_closer_while_somebody_is_suspected(place):
 def test_a_crowd_makes_room(place, monkeypatch, caplog):
     """Of too many connections those of the busiest process go, the oldest first, a few at each look, and never the last."""
     monkeypatch.setattr(flood_watch, "MOST_CONNECTIONS", 4)
-    monkeypatch.setattr(flood_watch, "_place", lambda connection: "crowd")
+    for name in ("_peer", "_place"):
+        monkeypatch.setattr(flood_watch, name, lambda connection: "crowd")
     callers = [place.connect() for _ in range(MOST_AT_ONCE + 8)]
     place.look()
     assert [place.is_up(caller) for caller in callers[:MOST_AT_ONCE]] == [False] * MOST_AT_ONCE
@@ -176,7 +177,7 @@ def test_as_many_processes_may_stay_as_there_are(place, monkeypatch):
 
 
 def test_a_crowd_of_one_host_makes_room_however_many_processes_it_has(place, monkeypatch, caplog):
-    """And of one user's containers; who is alone in his place stays, though he has more than each."""
+    """And of one user's containers. The newest go: whoever was there before the crowd stays, in its place or another."""
     monkeypatch.setattr(flood_watch, "MOST_CONNECTIONS", 4)
     if place.listener.family == socket.AF_UNIX:
         monkeypatch.setattr(flood_watch, "_credentials", lambda connection: (0, 1000, 1000))
@@ -184,10 +185,10 @@ def test_a_crowd_of_one_host_makes_room_however_many_processes_it_has(place, mon
     else:
         crowd = "host 127.0.0.1"
     callers = [place.connect() for _ in range(8)]
-    person = {place.pairs[n][1].fileno() for n in (0, 1)}
+    elsewhere = {place.pairs[n][1].fileno() for n in (6, 7)}
     real = flood_watch._place
     monkeypatch.setattr(
-        flood_watch, "_place", lambda connection: "person" if connection.fileno() in person else real(connection)
+        flood_watch, "_place", lambda connection: "person" if connection.fileno() in elsewhere else real(connection)
     )
     place.look()
     assert [place.is_up(caller) for caller in callers] == [True, True, False, False, False, False, True, True]
@@ -223,10 +224,27 @@ def test_a_connection_that_is_closed_in_this_moment_hides_nobody(place, monkeypa
     assert place.is_up(closed) and not place.is_up(flooder)
 
 
+def test_who_hangs_up_in_the_moment_of_a_look_keeps_nobody_from_being_looked_at(place, monkeypatch):
+    """The kernel knows no address of it any more; a crowd that comes and goes makes room all the same."""
+    monkeypatch.setattr(flood_watch, "MOST_CONNECTIONS", 2)
+    callers = [place.connect() for _ in range(6)]
+    gone = {place.pairs[0][1].fileno()}
+
+    def crowd(connection):
+        if connection.fileno() in gone:
+            raise OSError(errno.ENOTCONN, "not connected")
+        return "crowd"
+
+    monkeypatch.setattr(flood_watch, "_place", crowd)
+    place.look()
+    assert [place.is_up(caller) for caller in callers] == [True, True, True, False, False, False]
+
+
 def test_without_files_to_open_a_crowd_makes_room_all_the_same(place, monkeypatch):
     """It took them all: none is needed to hang up, and what would need one goes on without."""
     monkeypatch.setattr(flood_watch, "MOST_CONNECTIONS", 4)
-    monkeypatch.setattr(flood_watch, "_place", lambda connection: "crowd")
+    for name in ("_peer", "_place"):
+        monkeypatch.setattr(flood_watch, name, lambda connection: "crowd")
     callers = [place.connect() for _ in range(6)]
     monkeypatch.setattr(os, "listdir", none_left)
     place.look()

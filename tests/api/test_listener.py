@@ -114,11 +114,12 @@ def owned(status, owner):
 @pytest.mark.parametrize(
     ("name", "mode", "owner", "hint"),
     [
-        ("users_file", 0o604, 0, "chmod 600"),
-        ("users_file", 0o620, 0, "chmod 600"),
+        ("users_file", 0o604, 0, "chmod 640"),
+        ("users_file", 0o620, 1000, "chmod 600"),
         ("users_file", 0o640, 1000, "chmod 600"),
         ("users_file", 0o640, 0, ""),
-        ("tls_private_key", 0o644, 0, "chmod 600"),
+        ("users_file", 0o640, 65534, ""),
+        ("tls_private_key", 0o644, 0, "chmod 640"),
         ("tls_private_key", 0o440, 0, ""),
         ("tls_root_ca", 0o664, 1000, "chmod go-w"),
         ("tls_root_ca", 0o444, 1000, ""),
@@ -128,10 +129,12 @@ def owned(status, owner):
     ],
 )
 def test_secrets_are_nobody_elses_to_read_nor_roles_to_write(name, mode, owner, hint, tmp_path, monkeypatch):
-    """A group may read what is root's, as keys of services are kept; the refusal says what to do."""
+    """A group may read what is root's, or another user's, as keys of services are kept; the refusal says what to do."""
     named = files(tmp_path, "users_file", "tls_certificate", "tls_private_key", "tls_root_ca", "roles_file")
     Path(named[name]).chmod(mode)
-    told = SimpleNamespace(access=os.access, R_OK=os.R_OK, stat=lambda path: owned(os.stat(path), owner))
+    told = SimpleNamespace(
+        access=os.access, R_OK=os.R_OK, geteuid=lambda: 1000, stat=lambda path: owned(os.stat(path), owner)
+    )
     monkeypatch.setattr("gateway.api.listener.os", told)
     local = LocalSettings(tcp="0.0.0.0:7448", **named)
     if not hint:

@@ -9,6 +9,7 @@ import socket
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -220,6 +221,20 @@ def test_a_guard_that_hangs_is_none_and_is_ended(launcher: GuardLauncher) -> Non
     wait_until(lambda: not is_alive(pid))
     lost = [lost for _, _, lost in told if lost] or [seen(launcher, lambda event: bool(event.lost)).lost]
     assert lost == ["signal 9"]
+
+
+def test_a_guard_that_hangs_and_cannot_be_ended_stays_none(launcher: GuardLauncher) -> None:
+    """Its process waits for a disk that does not answer: it is ended again and again, and is not believed in between."""
+    pid, board = stopped(launcher)
+    real, kills = launcher._process, []
+    launcher._process = SimpleNamespace(pid=pid, kill=lambda: kills.append(pid))  # type: ignore[assignment]
+    begin_ns, told = time.monotonic_ns(), []
+    for now_ns in range(begin_ns, begin_ns + 3 * module.KILL_NS, module.LOOK_NS):
+        told += [event.is_linked for event in launcher.poll(now_ns)]
+    board.close()
+    launcher._process = real
+    os.kill(pid, signal.SIGCONT)
+    assert told == [True, False] and len(kills) == 2
 
 
 def test_a_guard_is_not_said_to_hang_by_who_was_kept_from_looking_himself(launcher: GuardLauncher) -> None:

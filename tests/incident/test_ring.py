@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import pickle
 import time
@@ -96,6 +97,25 @@ def test_an_incident_is_on_the_disk_before_it_has_its_name(
     half = f"kept/.{kept.name}"
     assert set(synced[:-2]) == {f"{half}/00.box", f"{half}/01.box", f"{half}/incident.json"}
     assert synced[-2:] == [half, "kept"]
+
+
+@pytest.mark.parametrize(("number", "is_kept"), [(errno.EINVAL, True), (errno.EIO, False)])
+def test_a_file_system_that_cannot_force_a_folder_onto_its_disk_keeps_incidents_all_the_same(
+    a_ring: Rings, monkeypatch: pytest.MonkeyPatch, number: int, is_kept: bool
+) -> None:
+    """One that fails to is told."""
+    ring = a_ring(1)
+
+    def fsync(handle: int) -> None:
+        if os.path.isdir(f"/proc/self/fd/{handle}"):
+            raise OSError(number, os.strerror(number))
+
+    monkeypatch.setattr(os, "fsync", fsync)
+    if is_kept:
+        assert ring.keep([("ESTOP", "", 1)]).exists()
+    else:
+        with pytest.raises(OSError, match=os.strerror(number)):
+            ring.keep([("ESTOP", "", 1)])
 
 
 def test_an_incident_behind_a_step_of_the_clock_stays_and_those_of_the_wrong_clock_go(
