@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import sys
 from collections.abc import Sequence
 from pathlib import Path
@@ -19,13 +20,18 @@ def places() -> list[Path]:
 
 def boxes(among: Sequence[Path]) -> tuple[list[Path], ExitStatus]:
     """Return the folder of each robot, and REFUSED where some cannot be looked for: nobody takes that for none."""
-    found, status = [], ExitStatus.OK
+    found: list[Path] = []
+    closed: list[Path] = []
     for place in among:
         try:
-            found += sorted(path for path in place.iterdir() if path.is_dir())
+            robots = sorted(path for path in place.iterdir() if path.is_dir())
         except FileNotFoundError:
             continue
-        except OSError as error:
-            status = ExitStatus.REFUSED
-            print(f"{place} cannot be read ({error.strerror}): look as its user, or with sudo", file=sys.stderr)
-    return found, status
+        except OSError:
+            closed.append(place)
+            continue
+        for folder in robots:
+            (found if os.access(folder, os.R_OK | os.X_OK) else closed).append(folder)
+    for folder in closed:
+        print(f"{folder} cannot be read: look as its user, or with sudo", file=sys.stderr)
+    return found, ExitStatus.REFUSED if closed else ExitStatus.OK

@@ -38,8 +38,8 @@ EXPIRY_S, RENEW_NS = 0.3, 80_000_000
 """Life of a target and of a velocity [s]; velocities of chassis and lift are sent anew after so long [ns]."""
 OLD_S, IDLE_NS = 0.3, 600_000_000
 """Nothing moves by an older state [s]; a stream is closed when nothing moved for so long [ns]."""
-ASKED_NS = 3_000_000_000
-"""So long may a question be answered by yes [ns]."""
+ASKED_NS, LATE_NS = 3_000_000_000, 2_000_000_000
+"""So long may a question be answered by yes, and so long after that a yes is none for an episode either [ns]."""
 ENABLE_S, HOME_SPEED, FORCE = 12.0, 0.2, 0.5
 """Longest wait [s]; parts of the velocity limits on the way home, and of a gripper's greatest torque."""
 
@@ -55,7 +55,10 @@ class Session:
         self._home: MotionHandle | None = None
         self._moved_ns, self._driven_ns = 0, dict[str, int]()
         self._must_let_go = self._quits = False
-        self._asked_ns = 0  # since when it is asked whether the arm shall go home
+        self._asked_ns, self._late_ns = (
+            0,
+            0,
+        )  # since when home is asked for; till when a yes is too late
         self._note, self._episode = "", "no episode"
 
     def run(self) -> None:
@@ -90,8 +93,9 @@ class Session:
             self._say(wish.missing)
         is_over = bool(wish.actions or wish.demand or wish.missing)
         is_homing = self._home is not None and self._is_homing(self._home, is_over=is_over)
-        if self._asked_ns and (wish.demand or wish.missing or now_ns - self._asked_ns > ASKED_NS):
-            self._asked_ns = 0
+        is_late = now_ns - self._asked_ns > ASKED_NS
+        if self._asked_ns and (wish.demand or wish.missing or is_late):
+            self._asked_ns, self._late_ns = 0, now_ns + LATE_NS if is_late else 0
             self._say("no, then")
         for action in () if is_homing else wish.actions:
             self._act(action, state, now_ns)
@@ -183,6 +187,9 @@ class Session:
         elif name == "home":
             self._asked_ns = now_ns
             self._say(f"the {self.side} arm to its initial position (manual §6.6)? y or home again: go; others: no")
+        elif name == "yes" and now_ns < self._late_ns:
+            self._late_ns = 0
+            self._say("too late: home asks again, another yes is for the episode")
         elif name == "help":
             self._tell.say(self.help)
         else:
@@ -220,6 +227,8 @@ class Session:
         )
         thread.start()
         thread.join(DEAF_S)
+        if thread.is_alive():  # what was wished before is an old wish when it has ended
+            self._ramp, self._must_let_go = Ramp(), True
         while thread.is_alive():
             actions = self._read(time.monotonic_ns()).actions
             self._quits |= "quit" in actions

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from gateway.cli.command_line.arguments import parse
-from gateway.cli.looking import incident
+from gateway.cli.looking import boxes, incident
 from gateway.cli.main import main
 from gateway.incident import recorder as recorder_module
 from gateway.incident import ring as ring_module
@@ -131,7 +131,12 @@ def test_the_black_box_of_a_service_is_looked_at_too(
     monkeypatch.setattr(toml_file, "SERVICE_STATE", tmp_path)
     for words in (("why", "--since", "30d"), ("incident", "list"), ("incident", "show")):
         assert main([*words]) == 1
-        assert f"{tmp_path / 'incidents'} cannot be read (Not a directory)" in capsys.readouterr().err
+        assert f"{tmp_path / 'incidents'} cannot be read: look as its user" in capsys.readouterr().err
+    monkeypatch.setattr(toml_file, "SERVICE_STATE", state)
+    with monkeypatch.context() as closed:  # each robot's folder is its gateway's alone
+        closed.setattr(boxes.os, "access", lambda path, mode: False)
+        for words in (("why", "--since", "30d"), ("incident", "list"), ("incident", "show")):
+            assert main([*words]) == 1 and f"{state / 'incidents'}/" in capsys.readouterr().err
     monkeypatch.setattr(toml_file, "SERVICE_STATE", tmp_path / "none")
     for words in (("why", "--since", "30d"), ("incident", "list")):
         assert main([*words]) == 0

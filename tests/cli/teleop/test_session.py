@@ -216,13 +216,23 @@ def test_home_is_asked_for_twice_and_ended_by_anything():
     assert float(np.abs(turn.left.q_ref - goal).max()) < 1e-6 and "is at its initial position" in turn.said[-1]
 
 
-@pytest.mark.parametrize("between", [(3.2, {}), (0.2, {"joint": 1.0})], ids=["later", "jogged"])
+@pytest.mark.parametrize("between", [(5.2, {}), (0.2, {"joint": 1.0})], ids=["later", "jogged"])
 def test_home_is_asked_for_a_few_seconds_and_until_something_is_wished(tmp_path, monkeypatch, between):
     """A `yes` after that judges an episode, as ever, and nothing moves by itself."""
     turn = Turn()
     monkeypatch.setattr(turn.robot._session.transport, "address", f"unix:{tmp_path}/gw.sock")
     turn.run((0.1, {}, "home"), between, (0.5, {}), (0.5, {}, "yes"))
     assert turn.said[-2] == "no, then" and turn.said[-1].startswith("NO_RECORDER") and turn.robot.state.motions == ()
+
+
+def test_a_yes_that_comes_too_late_for_home_judges_no_episode(tmp_path, monkeypatch):
+    """It was meant for the way home: an episode that was discarded before would be a success by it. The next one is."""
+    turn = Turn()
+    monkeypatch.setattr(turn.robot._session.transport, "address", f"unix:{tmp_path}/gw.sock")
+    turn.run((0.1, {}, "home"), (3.2, {}), (0.5, {}, "yes"))
+    assert turn.said[-2] == "no, then" and turn.said[-1].startswith("too late") and turn.robot.state.motions == ()
+    turn.run((0.5, {}, "yes"))
+    assert turn.said[-1].startswith("NO_RECORDER")
 
 
 def test_episodes_need_a_recorder(tmp_path, monkeypatch):
@@ -301,6 +311,22 @@ class TestWhileSomethingWaits:
         turn.device = read
         turn.run()
         assert turn.said == ["enabled"] and not turn.stops
+
+    def test_what_was_held_before_must_be_let_go_after(self, turn):
+        """It may have been let go long ago: nothing moves by it."""
+        velocities, looks = [], []
+        turn.own.chassis.set_velocity = lambda *velocity, expiry: velocities.append(velocity)
+
+        def read(now_ns):
+            looks.append(turn.ending.is_set())
+            if len(looks) == 3:
+                turn.ending.set()
+            return Wish({"vx": 1.0}, ("enable",) if len(looks) == 1 else ("quit",) if looks.count(True) > 5 else ())
+
+        turn.device = read
+        turn.run()
+        assert turn.said == ["enabled"] and turn.session._must_let_go
+        assert not any(any(velocity) for velocity in velocities)
 
     @pytest.mark.parametrize("error", [failure(Code.NOT_ENABLED, "not yet"), ZeroDivisionError("bug")])
     def test_what_fails_is_told(self, turn, error, caplog):
