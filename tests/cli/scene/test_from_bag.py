@@ -27,10 +27,10 @@ def test_a_bag_without_joints_is_refused(shell, tmp_path):
     """With what tells more."""
     bag = written(tmp_path / "bag", seconds=0.5, change=lambda topic, *row: None if "_arm" in topic.name else row)
     ended = shell.run("view", "--bag", str(bag), "--save", str(tmp_path / "a.rrd"))
-    assert ended.status == 1 and "no joints of an arm were recorded -> `ta2 bag info`" in ended.err
+    assert ended.status == 2 and "no joints of an arm were recorded -> `ta2 bag info`" in ended.err
 
 
 def test_no_bag_is_refused(shell, tmp_path):
     """In a line."""
     ended = shell.run("view", "--bag", str(tmp_path / "nothing"), "--save", str(tmp_path / "a.rrd"))
-    assert ended.status == 1 and "there is no" in ended.err
+    assert ended.status == 2 and "there is no" in ended.err
