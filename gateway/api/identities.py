@@ -1,7 +1,8 @@
 """Who is who: a client is known by its id, which snapshots show, and proven by its secret, which nothing shows.
 
 The first command under an id binds it to the secret that came along; from then on nobody else passes under it. Ids are
-random and shown only when their client owns the robot, long after that. Any thread may ask.
+random and shown only when their client owns the robot, long after that. It is bound to the door, too, by which the command
+came: what ends at another one is not this client. Any thread may ask.
 """
 
 from __future__ import annotations
@@ -26,28 +27,35 @@ class Identities:
         self.pinned: frozenset[str] = frozenset()
         """Who is never forgotten: were it, the next one to come would pass for it. Few; replaced by any thread."""
         self._secrets: OrderedDict[str, str] = OrderedDict()
+        self._doors: dict[str, str] = {}
 
     def may_be(self, client_id: str, secret: str) -> bool:
         """Return whether a command's sender may be this client: it is nobody's id yet, or its own. Binds nothing."""
         known = self._secrets.get(client_id)
         return client_id not in RESERVED and (known is None or self._matches(client_id, known, secret))
 
-    def meet(self, client_id: str, secret: str) -> bool:
+    def meet(self, client_id: str, secret: str, door: str = "socket") -> bool:
         """Take a command's sender: bind a new id, and say whether a known one is proven. For one thread.
 
         Args:
             client_id: Of the command.
             secret: Of the command; empty for clients of the first release, which anybody can pass for.
+            door: By which it came.
         """
         if client_id in RESERVED:
             return False
         known = self._secrets.setdefault(client_id, secret)
+        self._doors.setdefault(client_id, door)
         if len(self._secrets) > MOST:
             for pinned in self.pinned:  # to the end; it is there all the time, for those who ask meanwhile
                 with suppress(KeyError):
                     self._secrets.move_to_end(pinned)
-            self._secrets.popitem(last=False)
+            self._doors.pop(self._secrets.popitem(last=False)[0], None)
         return self._matches(client_id, known, secret)
+
+    def came_by(self, client_id: str, door: str) -> bool:
+        """Return whether a client came by this door, or nobody of this id has come yet."""
+        return self._doors.get(client_id, door) == door
 
     def secret_of(self, client_id: str) -> str | None:
         """Return the secret of a client; None when it is not known."""

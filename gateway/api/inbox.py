@@ -8,9 +8,10 @@ Rules
     * Of the targets of a stream, and of the keepalives of a client, only the newest is kept: a flood costs nothing.
     * A command whose sender was already told that it did not run is not handed to the loop any more; a stop always is.
     * Chunks take milliseconds to work out. They are put aside, with whatever the same client sends after them, until
-      nothing else is left to read: no stop waits for more than one of them.
-    * Everything is bounded. What does not fit or cannot be read is counted, told to its sender where it can be told,
-      and logged at most once a second.
+      nothing else is left to read, or much was: no stop waits for more than one of them.
+    * Who owns the robot, or watches it, waits for nobody else: his requests come first, and have room where others have none.
+    * Everything is bounded, for each client by itself, too. What does not fit or cannot be read is counted, told to its
+      sender where it can be told, and logged at most once a second.
 
 Does not know zenoh or the engine; arrival times are stamped by its callers.
 """
@@ -38,16 +39,32 @@ from gateway.core.requests.answers import number_was_used
 from gateway.errors import Code, Refusal
 from gateway.messages import requests
 
-__all__ = ["MAX_ASIDE", "MAX_CLIENTS", "MAX_STREAMS", "MAX_WAITING", "PER_POLL", "Inbox"]
+__all__ = [
+    "MAX_ASIDE",
+    "MAX_ASIDE_OF_CLIENT",
+    "MAX_CLIENTS",
+    "MAX_OF_CLIENT",
+    "MAX_STREAMS",
+    "MAX_WAITING",
+    "PER_POLL",
+    "READ_BETWEEN",
+    "Inbox",
+]
 
 MAX_WAITING = 1024
 """Questions that may wait; more are refused with TIMEOUT. Ten a second are usual."""
+MAX_OF_CLIENT = 64
+"""Of one client that many, and of each of those who own or watch the robot however many others wait."""
 MAX_STREAMS = 64
 """Streams whose targets are kept between two polls; two are usual."""
 MAX_CLIENTS = 256
 """Clients whose keepalives, and whose departures, are kept between two polls."""
 MAX_ASIDE = 16
 """Requests that may wait beside and behind chunks which are still to be worked out; a client that streams chunks has one."""
+MAX_ASIDE_OF_CLIENT = 8
+"""The same for each client, and of those who own or watch the robot beside all others."""
+READ_BETWEEN = 64
+"""So many questions are read before the next of those aside, however many there are."""
 PER_POLL = 4
 """Requests handed out at a poll, stops not counted: planning a motion takes a millisecond, and setpoints must leave in time.
 A chunk is the last one of its poll: getting two arms onto it in mid-motion takes as long as the others together."""
@@ -78,6 +95,8 @@ class Inbox:
         self._unread: queue.SimpleQueue[Question | None] = queue.SimpleQueue()
         self._aside: deque[tuple[protocol.Command, Question]] = deque()
         """Chunks to be worked out, and what their clients sent after them."""
+        self._read_since = 0
+        """Questions that were read since the last one of those."""
         self._lock = threading.Lock()
         self.on_arrival: Callable[[], None] = lambda: None
         """Called after each request, from the reading thread: ends the rest of the loop. Signs of life and targets end none."""
@@ -148,8 +167,11 @@ class Inbox:
                 return
         self._complain("overflow", f"{MAX_CLIENTS} clients check in", received_ns)
 
-    def put_gone(self, client_id: str, at_ns: int) -> None:
-        """Take the end of a client's liveliness token."""
+    def put_gone(self, client_id: str, at_ns: int, door: str = "socket") -> None:
+        """Take the end of a client's liveliness token at a door; by another one than its own nobody goes."""
+        if not self.identities.came_by(client_id, door):
+            self._complain("malformed", f"{client_id} is shown at a door by which it did not come", at_ns)
+            return
         with self._lock:
             if client_id in self._gone or len(self._gone) < MAX_CLIENTS:
                 self._gone[client_id] = at_ns
@@ -164,16 +186,25 @@ class Inbox:
         Returns:
             False when there was none, and nothing that had been put aside.
         """
-        try:
-            waits = timeout_s > 0 and not self._aside
-            question = self._unread.get(timeout=timeout_s) if waits else self._unread.get_nowait()
-        except queue.Empty:
-            if not self._aside:
-                return False
-            self._take(*self._aside.popleft())
-            return True
-        if question is not None:
-            self._read(question)
+        question = None
+        if not (self._aside and self._read_since >= READ_BETWEEN):
+            try:
+                waits = timeout_s > 0 and not self._aside
+                question = self._unread.get(timeout=timeout_s) if waits else self._unread.get_nowait()
+            except queue.Empty:
+                if not self._aside:
+                    return False
+            else:
+                self._read_since += 1
+                if question is not None:
+                    self._read(question)
+                return True
+        self._read_since = 0
+        pinned = self.identities.pinned
+        place = next((n for n, (command, _) in enumerate(self._aside) if command.client_id in pinned), 0)
+        taken = self._aside[place]
+        del self._aside[place]
+        self._take(*taken)
         return True
 
     def wake(self) -> None:
@@ -209,14 +240,17 @@ class Inbox:
                 self._outbox.refuse(question, command.request_id, _is_another(command.client_id))
                 return
             command = structs.replace(command, client_id=STRANGER)  # a stop all the same, and not the owner's
-        is_behind = any(other.client_id == command.client_id for other, _ in self._aside)
-        if is_stop or not (is_behind or isinstance(command.request, (protocol.Follow, protocol.CheckFollow))):
+        own = sum(other.client_id == command.client_id for other, _ in self._aside)
+        if is_stop or not (own or isinstance(command.request, (protocol.Follow, protocol.CheckFollow))):
             self._take(command, question)
-        elif len(self._aside) < MAX_ASIDE:
+        elif own < MAX_ASIDE_OF_CLIENT and (self._is_heeded(command) or len(self._aside) < MAX_ASIDE):
             self._aside.append((command, question))
         else:
             self._complain("overflow", f"{MAX_ASIDE} requests wait for chunks to be worked out", question.received_ns)
             self._outbox.refuse(question, command.request_id, _too_many())
+
+    def _is_heeded(self, command: protocol.Command) -> bool:
+        return command.client_id in self.identities.pinned
 
     def _watched(self, question: Question, command: protocol.Command | None = None) -> Question:
         return question if self._audit is None else self._audit.watched(question, command)
@@ -238,13 +272,17 @@ class Inbox:
             role=question.asker.role,
         )
         lane = self._stop_lane(request)
+        own = len(self._commands.get(command.client_id, ()))
+        is_full = own >= MAX_OF_CLIENT or (self._waiting >= MAX_WAITING and not self._is_heeded(command))
         # Also of stops: as many of them wait for the loop already.
-        if (self._waiting if lane is None else len(lane)) >= MAX_WAITING:
+        if is_full if lane is None else len(lane) >= MAX_WAITING:
             self._complain("overflow", f"{MAX_WAITING} requests wait for the control loop", question.received_ns)
             self._outbox.refuse(question, command.request_id, _too_many())
             return
         # Only what is let in binds an id. Another one may have been first under it while a chunk was worked out.
-        if command.client_id != STRANGER and not self.identities.meet(command.client_id, command.secret):
+        if command.client_id != STRANGER and not self.identities.meet(
+            command.client_id, command.secret, question.asker.door
+        ):
             self._outbox.refuse(question, command.request_id, _is_another(command.client_id))
             return
         # First the question, then the event: the reply must find it.
@@ -296,11 +334,15 @@ class Inbox:
         return arrived
 
     def _some_commands(self) -> Iterator[events.CommandRequested]:
-        """Give the next few requests, each client's in its order, the clients in turn: a flood delays only who sends it."""
+        """Give the next few requests, each client's in its order, the clients in turn: a flood delays only who sends it.
+
+        Those who own or watch the robot come before all others.
+        """
         given = 0
         while given < PER_POLL:
             with self._lock:
-                client_id = next(iter(self._commands), None)
+                heeded = {one for one in self.identities.pinned if one in self._commands}
+                client_id = next((one for one in self._commands if not heeded or one in heeded), None)
                 if client_id is None:
                     return
                 lane = self._commands.pop(client_id)

@@ -138,7 +138,7 @@ class ZenohPlane:
             if sample is None:
                 return
             if sample.kind == zenoh.SampleKind.DELETE:
-                self._inbox.put_gone(protocol.token_id(str(sample.key_expr)), time.monotonic_ns())
+                self._inbox.put_gone(protocol.token_id(str(sample.key_expr)), time.monotonic_ns(), self._somebody.door)
 
     # ------------------------------------------------------------------------------------------------ the sender
 

@@ -6,6 +6,7 @@ A client like any other, that owns nothing. Where there is no gateway it looks f
 from __future__ import annotations
 
 import threading
+import time
 from collections.abc import Callable, Mapping
 from contextlib import suppress
 
@@ -59,10 +60,13 @@ class GatewayTap:
     def _listen(self, robot: Robot) -> None:
         events = robot.events(timeout=LOOK_S)
         while not self._is_closing.is_set():
+            look_s = time.monotonic() + LOOK_S
             for notice in events:
                 self._tell(EVENTS, msgspec.to_builtins(notice))
                 if self._is_closing.is_set():
                     return
+                if time.monotonic() > look_s:  # whoever has much told keeps nothing else away
+                    break
             view = robot.state.view
             shown: dict[str, object] = {
                 "state": view.state,

@@ -85,8 +85,9 @@ def test_a_stranger_under_the_owners_id_is_nobody():
 def test_what_is_refused_binds_no_id():
     """Else a flood would push out whoever is known as fast as it can be read, and not only as fast as the loop takes it."""
     desk = Desk()
-    for number in range(MAX_WAITING):
-        desk.ask(said(protocol.Recover(), number, "s3cret"))
+    desk.ask(said(protocol.Recover(), 0, "s3cret"))
+    for number in range(1, MAX_WAITING):
+        desk.ask(said(protocol.Recover(), number, "s3cret", f"client{number}"))
     desk.run()
     refused = desk.ask(said(protocol.Recover(), 1, "x", "late"))
     stop = desk.ask(said(protocol.Stop(), 2, "x", "stopper"))

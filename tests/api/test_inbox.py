@@ -8,7 +8,16 @@ import pytest
 
 from gateway.api import inbox as module
 from gateway.api import protocol
-from gateway.api.inbox import MAX_ASIDE, MAX_CLIENTS, MAX_STREAMS, MAX_WAITING, PER_POLL
+from gateway.api.inbox import (
+    MAX_ASIDE,
+    MAX_ASIDE_OF_CLIENT,
+    MAX_CLIENTS,
+    MAX_OF_CLIENT,
+    MAX_STREAMS,
+    MAX_WAITING,
+    PER_POLL,
+    READ_BETWEEN,
+)
 from gateway.core.messages import events
 from gateway.errors import Code
 from gateway.messages import requests
@@ -173,7 +182,8 @@ def test_what_cannot_be_a_request_is_answered_at_once(desk, data, code):
 
 def test_a_flood_of_questions_is_refused_not_queued(desk):
     """More questions than anybody needs are told that they were not run; nothing is lost silently."""
-    questions = [desk.ask(payload(protocol.Recover(), number)) for number in range(MAX_WAITING + 5)]
+    senders = [f"client{number % 32}" for number in range(MAX_WAITING + 5)]
+    questions = [desk.ask(payload(protocol.Recover(), n, client_id=sender)) for n, sender in enumerate(senders)]
     desk.run()
     handed_out = [desk.inbox.poll() for _ in range(MAX_WAITING // PER_POLL + 1)]
     assert [len(events) for events in handed_out] == [PER_POLL] * (MAX_WAITING // PER_POLL) + [0]
@@ -191,6 +201,32 @@ def test_a_flood_delays_only_the_client_that_sends_it(desk):
     polls = [[(e.client_id, e.request_id) for e in desk.inbox.poll()] for _ in range(2)]
     assert polls[0] == [("flood", 0), ("owner", 7), ("flood", 1), ("owner", 8)]
     assert polls[1] == [("flood", n) for n in range(2, 6)]
+
+
+def test_one_client_leaves_room_for_the_others(desk):
+    """Its own flood is refused before anybody else's request is."""
+    flood = [desk.ask(payload(protocol.Recover(), number, client_id="flood")) for number in range(MAX_OF_CLIENT + 3)]
+    other = desk.ask(payload(protocol.Recover(), 1, client_id="other"))
+    desk.run()
+    assert [question.code for question in flood[MAX_OF_CLIENT:]] == ["TIMEOUT"] * 3 and not other.answers
+    assert not any(question.answers for question in flood[:MAX_OF_CLIENT])
+
+
+def test_whoever_owns_the_robot_is_heard_however_many_others_ask(desk):
+    """At once, too, in his order, and in turn with whoever watches; his own flood is bounded all the same."""
+    for number in range(MAX_WAITING):
+        desk.ask(payload(protocol.Recover(), 1, client_id=f"client{number}"))
+    desk.run()
+    desk.inbox.identities.pinned = frozenset({"owner", "watcher", ""})
+    late = desk.ask(payload(protocol.Recover(), 1, client_id="late"))
+    mine = [desk.ask(payload(protocol.Recover(), number, client_id="owner")) for number in range(MAX_OF_CLIENT + 1)]
+    theirs = [desk.ask(payload(protocol.Recover(), number, client_id="watcher")) for number in range(2)]
+    desk.run()
+    assert late.code == mine[-1].code == "TIMEOUT"
+    assert not any(question.answers for question in (*mine[:-1], *theirs))
+    polls = [[(event.client_id, event.request_id) for event in desk.inbox.poll()] for _ in range(2)]
+    assert polls[0] == [("owner", 0), ("watcher", 0), ("owner", 1), ("watcher", 1)]
+    assert polls[1] == [("owner", number) for number in range(2, 6)]
 
 
 def test_a_stop_gets_through_a_full_lane(desk):
@@ -331,13 +367,58 @@ def test_a_chunk_is_the_last_request_of_its_poll(desk):
 
 def test_a_flood_of_chunks_is_refused(desk):
     """16 may wait; the others are told that they were not run."""
-    questions = [desk.ask(chunk(number)) for number in range(MAX_ASIDE + 3)]
+    checked = protocol.CheckFollow(follow=protocol.Follow(epoch=0, points={"left": (Q, Q)}, dt_s=0.1))
+    questions = [desk.ask(payload(checked, n, client_id=f"client{n}")) for n in range(MAX_ASIDE + 3)]
     for _ in questions:
         assert desk.inbox.sort(0)
     assert desk.inbox.overflown == 3
     desk.run()
     assert [question.code for question in questions if question.answers] == ["TIMEOUT"] * 3
-    assert len(desk.inbox.poll()) == 1
+    assert len(desk.inbox.poll()) == PER_POLL
+
+
+def test_one_clients_chunks_leave_room_for_the_others(desk):
+    """Of one that many may wait."""
+    questions = [desk.ask(chunk(number)) for number in range(MAX_ASIDE_OF_CLIENT + 2)]
+    for _ in questions:
+        assert desk.inbox.sort(0)
+    desk.run()
+    assert [question.code for question in questions if question.answers] == ["TIMEOUT"] * 2
+
+
+def test_an_owners_chunk_waits_for_nobody_elses(desk):
+    """It has room beside all others, and is worked out before them; so is what he sends behind it."""
+    checked = protocol.CheckFollow(follow=protocol.Follow(epoch=0, points={"left": (Q, Q)}, dt_s=0.1))
+    for number in range(MAX_ASIDE):
+        desk.ask(payload(checked, number, client_id=f"client{number}"))
+    mine = [desk.ask(chunk(1)), desk.ask(payload(protocol.Hold(epoch=1, sides=("left",)), 2))]
+    desk.inbox.identities.pinned = frozenset({"c0ffee"})
+    for _ in range(MAX_ASIDE + 4):
+        assert desk.inbox.sort(0)
+    assert not any(question.answers for question in mine)
+    arrived = [(event.client_id, type(event.request).__name__) for event in (*desk.inbox.poll(), *desk.inbox.poll())]
+    assert arrived[:2] == [("c0ffee", "Follow"), ("c0ffee", "Hold")]
+
+
+def test_what_lies_aside_has_its_turn_however_much_there_is_to_read(desk):
+    """Whoever asks without end keeps no chunk from being worked out."""
+    desk.ask(chunk(1))
+    assert desk.inbox.sort(0)
+    for _ in range(READ_BETWEEN + 1):
+        desk.ask(b"", key=protocol.INFO_KEY)
+    for _ in range(READ_BETWEEN):
+        assert desk.inbox.sort(0)
+    assert [type(event.request).__name__ for event in desk.inbox.poll()] == ["Follow"]
+
+
+def test_nobody_goes_by_another_door_than_his_own(desk):
+    """A viewer at the port shows the token of an owner at the socket, and takes it back: the owner is there all the same."""
+    desk.ask(payload(protocol.Recover(), 1, client_id="owner"))
+    desk.run()
+    desk.inbox.poll()
+    for client_id, door, goes in (("owner", "network", False), ("owner", "socket", True), ("unheard", "network", True)):
+        desk.inbox.put_gone(client_id, 7, door)
+        assert [event.client_id for event in desk.inbox.poll()] == [client_id] * goes
 
 
 def test_a_chunk_that_is_none_is_refused_without_the_loop(desk):

@@ -435,6 +435,23 @@ def test_a_port_on_this_host_serves_like_the_socket(tmp_path):
         assert len(ask(client, protocol.INFO_KEY)) == 1
 
 
+def test_a_token_that_is_shown_at_the_port_ends_no_owner_at_the_socket(tmp_path):
+    """Snapshots show an owner's id; whoever takes back a token of that name has taken back his own."""
+    with (
+        Daemon(tmp_path, tcp="127.0.0.1:19315", **OPEN) as daemon,
+        session_to(f"unixsock-stream/{daemon.socket}") as owner,
+        session_to("tcp/127.0.0.1:19315") as viewer,
+    ):
+        acquire = structs.replace(command(protocol.Acquire(name="owner", pid=1), client_id="owner"), secret="s3cret")
+        ask(owner, protocol.COMMAND_KEY, protocol.encode(acquire))
+        for client_id in ("owner", "viewer"):
+            viewer.liveliness().declare_token(protocol.client_token(client_id)).undeclare()
+        eventually(lambda: "viewer" in daemon.engine.gone)
+        assert "owner" not in daemon.engine.gone
+        owner.liveliness().declare_token(protocol.client_token("owner")).undeclare()
+        eventually(lambda: "owner" in daemon.engine.gone)
+
+
 def test_a_port_on_this_host_that_asks_nobody_is_refused_at_start(tmp_path):
     """Every user of the host reaches loopback: it is open to them in words only, and nothing stays locked."""
     with pytest.raises(ConfigError, match="every user of this host"):

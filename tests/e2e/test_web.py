@@ -235,7 +235,7 @@ def test_beyond_this_host_a_user_logs_in_and_everybody_stops(system: System, tmp
         address = f"wss://127.0.0.1:{web.port}/api/live"
         page = Page(stack.enter_context(connect(address, additional_headers=cookie, ssl=tls, max_size=None)))
         assert page.ask("acquire")["ok"]
-        assert "page of ann at 127.0.0.1" in str(robot.fresh_state().view.lease)
+        wait_for(lambda: "page of ann at 127.0.0.1" in str(robot.state.view.lease), "the lease", tell=web.process.text)
         for _ in range(100):  # says nothing at all
             with contextlib.suppress(OSError):
                 stack.enter_context(socket.create_connection(("127.0.0.1", web.port), 5.0, ("127.0.0.3", 0)))

@@ -75,3 +75,14 @@ def test_its_loss_is_borne_for_a_while(ahead, leader, errors):
     ahead.pair.thaw()
     ahead.run(0.5)
     leader.get_action()
+
+
+def test_a_gripper_that_is_not_heard_any_more_leads_nobody(ahead, leader, errors):
+    """Its last torque would be gripped with for ever; the arms say nothing of it."""
+    leader.get_action()
+    ahead.pair.robot.inject({"fault": "freeze", "topic": "/left_gripper/joint_states"}, ahead.pair.now_ns)
+    ahead.run(1.0)
+    leader.get_action()
+    ahead.run(2.5)
+    with pytest.raises(errors.DeviceNotConnectedError, match="left_gripper"):
+        leader.get_action()

@@ -26,8 +26,8 @@ from gateway.messages.snapshot import EndpointView
 __all__ = ["LONGEST_NS", "MOST", "SHORTEST_NS", "Endpoint", "Endpoints"]
 
 S = 1_000_000_000
-MOST = 8
-"""So many stop endpoints may be registered at once."""
+MOST, MOST_OF_VIEWERS = 8, 4
+"""So many stop endpoints may be registered at once, and so many of those who may do nothing else."""
 SHORTEST_NS, LONGEST_NS = S // 10, 10 * S
 """Bounds of a period [ns]."""
 
@@ -41,6 +41,7 @@ class Endpoint(Struct, kw_only=True):
         name: As the client calls itself.
         timeout_ns: It is silent when it was not heard for longer [ns].
         on_silence: What its silence does.
+        is_viewers: Whether whoever registered it may move nothing.
         silence: Since it was last heard.
         is_silent: Whether it is, and was told to be.
     """
@@ -50,6 +51,7 @@ class Endpoint(Struct, kw_only=True):
     name: str
     timeout_ns: int
     on_silence: OnLoss
+    is_viewers: bool
     silence: Silence
     is_silent: bool = False
 
@@ -88,7 +90,7 @@ class Endpoints:
         return [endpoint.name for endpoint in self._endpoints.values() if endpoint.is_silent]
 
     def register(
-        self, client_id: str, name: str, timeout_ns: int, on_silence: OnLoss, now_ns: int
+        self, client_id: str, name: str, timeout_ns: int, on_silence: OnLoss, now_ns: int, *, is_viewers: bool = False
     ) -> Endpoint | Refusal:
         """Take one in; its registration is its first sign of life. Another one of the same client takes the place of the first.
 
@@ -98,14 +100,18 @@ class Endpoints:
         if not SHORTEST_NS <= timeout_ns <= LONGEST_NS:
             span_s, hint = (SHORTEST_NS / S, LONGEST_NS / S), "stay inside the bound, and check in four times as often"
             return outside("the period of a stop endpoint", timeout_ns / S, *span_s, "s", field="timeout_ns", hint=hint)
-        if client_id not in self._endpoints and len(self._endpoints) >= MOST:
-            names = ", ".join(endpoint.name for endpoint in self._endpoints.values())
+        names = [endpoint.name for endpoint in self._endpoints.values()]
+        of_viewers = [endpoint.name for endpoint in self._endpoints.values() if endpoint.is_viewers]
+        of_whom, full, most = "", names, MOST
+        if is_viewers and len(names) < MOST:
+            of_whom, full, most = " of viewers", of_viewers, MOST_OF_VIEWERS
+        if client_id not in self._endpoints and len(full) >= most:
             return Refusal(
                 code=Code.TOO_MANY_ENDPOINTS,
-                message=f"{MOST} stop endpoints are registered already: {names}",
+                message=f"{most} stop endpoints{of_whom} are registered already: {', '.join(full)}",
                 field="endpoints",
-                value=str(MOST),
-                bound=str(MOST),
+                value=str(most),
+                bound=str(most),
             )
         self._latest_id += 1
         endpoint = Endpoint(
@@ -114,6 +120,7 @@ class Endpoints:
             name=name,
             timeout_ns=timeout_ns,
             on_silence=on_silence,
+            is_viewers=is_viewers,
             silence=Silence(now_ns),
         )
         self._endpoints[client_id] = endpoint

@@ -16,6 +16,7 @@ from gateway.core.supervision.supervisor import Trigger
 from gateway.errors import Code, Refusal
 from gateway.messages.incoming import OnLoss
 from gateway.messages.requests import LeaveEndpoint, Recover, RegisterEndpoint
+from gateway.values import Role
 
 __all__ = ["Watch"]
 
@@ -45,7 +46,8 @@ class Watch:
         if coordinator.is_exiting:
             return Refusal(code=Code.EXITING, message="the daemon is ending")
         endpoint = coordinator.endpoints.register(
-            command.client_id, request.name, request.timeout_ns, request.on_silence, now_ns
+            *(command.client_id, request.name, request.timeout_ns, request.on_silence, now_ns),
+            is_viewers=command.role is Role.VIEWER,
         )
         if isinstance(endpoint, Refusal):
             return endpoint

@@ -117,8 +117,8 @@ class Sight:
         return dict(self._seen)
 
     def _young(self, state: RobotState) -> dict[str, float]:
-        for arm in (state.left_arm, state.right_arm):
-            if arm.age > STALE_S:
-                message = f"the newest state of the {arm.name} is {arm.age:.2f} s old"
-                raise failure(Code.PART_STALE, message, field=arm.name)
+        for part in (state.left_arm, state.right_arm, state.left_gripper, state.right_gripper):
+            if part.age > STALE_S:
+                message = f"the newest state of the {part.name} is {part.age:.2f} s old"
+                raise failure(Code.PART_STALE, message, field=part.name)
         return self._read(state)

@@ -4,7 +4,14 @@ from __future__ import annotations
 
 import pytest
 
-from gateway.core.supervision.endpoints import LONGEST_NS, MOST, SHORTEST_NS, Endpoint, Endpoints
+from gateway.core.supervision.endpoints import (
+    LONGEST_NS,
+    MOST,
+    MOST_OF_VIEWERS,
+    SHORTEST_NS,
+    Endpoint,
+    Endpoints,
+)
 from gateway.errors import Code, Refusal
 from gateway.messages.requests import OnLoss
 
@@ -53,6 +60,27 @@ def test_so_many_and_no_more_and_their_names_are_told():
     assert isinstance(refusal, Refusal) and refusal.code is Code.TOO_MANY_ENDPOINTS and "page 7" in refusal.message
     again = endpoints.register("c3", "page 3", 2 * S, OnLoss.PAUSE, 0)
     assert isinstance(again, Endpoint) and again.endpoint_id == MOST + 1 and len(endpoints.views(0)) == MOST
+
+
+def test_viewers_leave_room_for_a_persons_deadman():
+    """Whoever may move nothing has half of the places, and all of them are told whose they are."""
+    endpoints = Endpoints()
+    for n in range(MOST_OF_VIEWERS):
+        assert isinstance(endpoints.register(f"v{n}", f"page {n}", S, OnLoss.HOLD, 0, is_viewers=True), Endpoint)
+    refusal = endpoints.register("v9", "late", S, OnLoss.HOLD, 0, is_viewers=True)
+    assert isinstance(refusal, Refusal) and refusal.code is Code.TOO_MANY_ENDPOINTS
+    assert refusal.message == "4 stop endpoints of viewers are registered already: page 0, page 1, page 2, page 3"
+    for n in range(MOST - MOST_OF_VIEWERS):
+        assert isinstance(endpoints.register(f"c{n}", f"page {n}", S, OnLoss.HOLD, 0), Endpoint)
+    assert isinstance(endpoints.register("late", "late", S, OnLoss.HOLD, 0), Refusal)
+
+
+def test_of_all_eight_places_taken_by_others_viewers_have_none():
+    """Those of viewers are not kept for them."""
+    endpoints = Endpoints()
+    for n in range(MOST):
+        assert isinstance(endpoints.register(f"c{n}", f"page {n}", S, OnLoss.HOLD, 0), Endpoint)
+    assert isinstance(endpoints.register("v", "page", S, OnLoss.HOLD, 0, is_viewers=True), Refusal)
 
 
 def test_one_is_silent_beyond_its_period_and_told_once(endpoints):
