@@ -227,7 +227,7 @@ def test_a_guard_that_hangs_and_cannot_be_ended_stays_none(launcher: GuardLaunch
     """Its process waits for a disk that does not answer: it is ended again and again, and is not believed in between."""
     pid, board = stopped(launcher)
     real, kills = launcher._process, []
-    launcher._process = SimpleNamespace(pid=pid, kill=lambda: kills.append(pid))  # type: ignore[assignment]
+    launcher._process = SimpleNamespace(pid=pid, kill=lambda: kills.append(pid))  # type: ignore[assignment]  # as much as is used
     begin_ns, told = time.monotonic_ns(), []
     for now_ns in range(begin_ns, begin_ns + 3 * module.KILL_NS, module.LOOK_NS):
         told += [event.is_linked for event in launcher.poll(now_ns)]

@@ -35,7 +35,7 @@ def test_an_answer_that_is_lost_waits_for_nobody_who_asks(kind: str) -> None:
     if kind == "stop":
         wait = Stopped(session, protocol.Stop(), 10 * S)  # type: ignore[arg-type]  # as much of one as is used
     else:
-        wait = Answer(session, "key", b"", bytes, 10 * S, "a question")  # type: ignore[arg-type, assignment]
+        wait = Answer(session, "key", b"", bytes, 10 * S, "a question")  # type: ignore[arg-type, assignment]  # as above
     with session.changed:  # as whoever polls holds it
         ending = threading.Thread(target=asked[0], args=(None,), daemon=True)
         ending.start()
