@@ -18,6 +18,7 @@ from tests.bench.guard import crowd_rows, guard_rows
 from tests.bench.kinematics import kinematics_rows
 from tests.bench.lines import line_rows
 from tests.bench.model_check import model_check_rows
+from tests.bench.pages import pages_rows
 from tests.bench.physics import physics_rows
 from tests.bench.policies import dataset_rows, join_rows
 from tests.bench.soak import soak_rows
@@ -27,14 +28,14 @@ from tests.bench.tick import tick_rows
 from tests.bench.video import video_rows
 from tests.bench.wire import wire_rows
 
-PARTS = ("codec", "tick", "kinematics", "physics", "wire", "stop", "guard", "video", "data", "fleet")
+PARTS = ("codec", "tick", "kinematics", "physics", "wire", "stop", "guard", "video", "data", "web", "fleet")
 
 
 def main() -> int:
     """Run the chosen parts and print their tables."""
     parser = argparse.ArgumentParser(prog="bin/bench", description=__doc__)
     parser.add_argument("parts", nargs="*", choices=[*PARTS, "soak", []], help="which; all but soak by default")
-    parser.add_argument("--seconds", type=float, default=8.0, help="length of each turn of a video receiver [s]")
+    parser.add_argument("--seconds", type=float, default=8.0, help="length of each turn [s]")
     parser.add_argument("--minutes", type=float, default=1.0, help="length of the guard's run, and of the soak [min]")
     parser.add_argument("--daemons", type=int, default=0, help="the guard: only so many daemons on one core")
     parser.add_argument("--core", type=int, default=0, help="which core")
@@ -79,6 +80,10 @@ def main() -> int:
         with tempfile.TemporaryDirectory(prefix="ta2-bench-") as folder:
             rows += (found := [*join_rows(), *dataset_rows(Path(folder)), *data_rows(Path(folder), options.seconds)])
         show("policies, datasets, recording (virtual time; then real processes over loopback)", found, console)
+    if "web" in parts:
+        with tempfile.TemporaryDirectory(prefix="ta2-bench-") as folder:
+            rows += (found := pages_rows(Path(folder), options.seconds))
+        show("pages (loopback, real processes)", found, console)
     if "fleet" in parts:
         with tempfile.TemporaryDirectory(prefix="ta2-bench-") as folder:
             rows += (found := fleet_rows(Path(folder), options.robots, options.seconds))

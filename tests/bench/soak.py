@@ -21,7 +21,7 @@ from tests.bench.processor import cpu_s, family, favour
 from tests.bench.table import Row
 from tests.e2e.system import Process, System, free_port, joint_topics, wait_for
 
-__all__ = ["soak_rows"]
+__all__ = ["OWNER", "PAGES", "soak_rows"]
 
 WARM_S = 60.0
 LOOK_S = 10.0
@@ -84,16 +84,26 @@ while True:
     time.sleep(0.1)
 """
 
-PAGE = """
-import json, sys
-from websockets.sync.client import connect
-token, port = sys.argv[1:]
+
+PAGES = """
+import asyncio, sys
+from websockets.asyncio.client import connect
+token, port, many = sys.argv[1:]
 known = {"Authorization": f"Bearer {token}"}
-with connect(f"ws://127.0.0.1:{port}/api/live", additional_headers=known, max_size=None) as socket:
-    print("open", flush=True)
-    while True:
-        socket.recv(timeout=10.0)
+heard = set()
+async def look(number):
+    async with connect(f"ws://127.0.0.1:{port}/api/live", additional_headers=known, max_size=None) as socket:
+        while True:
+            await asyncio.wait_for(socket.recv(), 10.0)
+            heard.add(number)
+            if len(heard) == int(many):
+                print("open", flush=True)
+                heard.add(None)
+async def main():
+    await asyncio.gather(*map(look, range(int(many))))
+asyncio.run(main())
 """
+"""So many pages, each of which takes all that it is told."""
 
 
 @dataclass(frozen=True)
@@ -159,7 +169,7 @@ def soak_rows(folder: Path, minutes: float) -> list[Row]:
         record = started("record", "-m", "gateway.cli", "record", *at, "--out", str(folder / "bag"))
         web = started("web", "-m", "gateway.cli", "web", *at, "--port", port, "--json")
         said = wait_for(lambda: web.text().splitlines(), "the page's address", 30.0, tell=web.text)
-        page = started("page", "-u", "-c", PAGE, json.loads(said[0])["token"], port)
+        page = started("page", "-u", "-c", PAGES, json.loads(said[0])["token"], port, "1")
         bare = started("bare", "-u", "-c", BARE_LOOP)
         for other, word in (
             (page, "open"),
