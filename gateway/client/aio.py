@@ -154,7 +154,7 @@ class Robot:
 
     def _repr_html_(self) -> str:
         """Show it with its state as a table, in a notebook."""
-        return robot_table(self._session)
+        return robot_table(self._session, state_of)
 
     @property
     def client_id(self) -> str:

@@ -143,7 +143,7 @@ class Robot:
 
     def _repr_html_(self) -> str:
         """Show it with its state as a table, in a notebook."""
-        return robot_table(self._session)
+        return robot_table(self._session, state_of)
 
     # ------------------------------------------------------------------------------------------------ looking
 

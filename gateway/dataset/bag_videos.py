@@ -6,6 +6,7 @@ A packet counts at its stamp, as other messages do. Libraries: PyAV.
 from __future__ import annotations
 
 from collections.abc import Generator, Mapping
+from functools import partial
 from pathlib import Path
 from typing import Any, Final
 
@@ -63,7 +64,8 @@ def bag_video_sources(bag: Bag, packets: Mapping[str, Series | None], views: Map
         is_next = series.messages == np.minimum.accumulate(series.messages[::-1])[::-1]  # no stamp goes back
         is_used = is_next & (series.messages >= number)
         times_ns, pts = series.times_ns[is_used], series.messages[is_used]
-        found.append(VideoSource(path=bag.path, times_ns=times_ns, pts=pts, views=seen, topic=topic))
+        decoded = partial(bag_pictures, bag.path, topic)
+        found.append(VideoSource(path=bag.path, times_ns=times_ns, pts=pts, views=seen, topic=topic, decoded=decoded))
     return found
 
 

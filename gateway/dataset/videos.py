@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Generator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any, Final
 
@@ -74,6 +75,7 @@ class VideoSource:
         pts: Where each stands [ticks]; in a bag, which message of its topic it is.
         views: Which view of it each camera is.
         topic: Of a bag; empty for a file.
+        decoded: Yields what can be decoded, and where each stands.
     """
 
     path: Path
@@ -81,6 +83,7 @@ class VideoSource:
     pts: Instants
     views: Mapping[str, str]
     topic: str = ""
+    decoded: Callable[[], Generator[tuple[Any, int], None, None]]
 
 
 def video_source(path: Path, views: Mapping[str, str]) -> VideoSource:
@@ -91,6 +94,7 @@ def video_source(path: Path, views: Mapping[str, str]) -> VideoSource:
     """
     needed("av", "video")
     from gateway.video.recording.index import index_path, read_index
+    from gateway.video.recording.split import decoded_pictures
 
     try:
         pictures = [picture for picture in read_index(index_path(path)).pictures if picture.clean]
@@ -101,7 +105,9 @@ def video_source(path: Path, views: Mapping[str, str]) -> VideoSource:
     times = np.array([picture.arrival_wall_ns for picture in pictures], dtype=np.int64)
     is_new = np.append(True, np.maximum.accumulate(times)[:-1] < times[1:])
     pts = np.array([picture.pts for picture in pictures], dtype=np.int64)
-    return VideoSource(path=path, times_ns=times[is_new], pts=pts[is_new], views=views)
+    return VideoSource(
+        path=path, times_ns=times[is_new], pts=pts[is_new], views=views, decoded=partial(decoded_pictures, path)
+    )
 
 
 def decodable(source: VideoSource) -> VideoSource:
@@ -113,7 +119,7 @@ def decodable(source: VideoSource) -> VideoSource:
     from gateway.video.recording.container import TROUBLE
 
     try:
-        is_there = np.isin(source.pts, [pts for _, pts in _decoded(source)])
+        is_there = np.isin(source.pts, [pts for _, pts in source.decoded()])
     except TROUBLE as error:
         raise _unusable(source, error) from error
     if not is_there.any():
@@ -173,19 +179,12 @@ def write_videos(
     return found
 
 
-def _decoded(source: VideoSource) -> Generator[tuple[Any, int], None, None]:
-    from gateway.dataset.bag_videos import bag_pictures
-    from gateway.video.recording.split import decoded_pictures
-
-    return bag_pictures(source.path, source.topic) if source.topic else decoded_pictures(source.path)
-
-
 class _Pictures:
     """Decodes forwards, and gives the undamaged picture at a place, or the last before it that can be decoded."""
 
     def __init__(self, source: VideoSource) -> None:
         self._times_ns = dict(zip(source.pts.tolist(), source.times_ns.tolist(), strict=True))
-        self._decoded = _decoded(source)
+        self._decoded = source.decoded()
         self._current: tuple[Any, int] = (None, -1)
         self._next: tuple[Any, int] | None = self._current  # before the first
 

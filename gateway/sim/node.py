@@ -25,10 +25,10 @@ import zenoh
 from gateway.sim.bridge import CONTROL_KEY, Bridge
 from gateway.sim.companion import until_told
 from gateway.sim.control import Control
-from gateway.sim.robot.dynamics import WorldUnstable
 from gateway.sim.robot.faults import Fault
 from gateway.sim.robot.manual import MS, STATE_TOPICS, S
 from gateway.sim.robot.model import SimRobot
+from gateway.sim.robot.parts import WorldUnstable
 from gateway.sim.robot.settings import SimSettings
 from gateway.sim.wire import Wire
 

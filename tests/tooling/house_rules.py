@@ -11,6 +11,7 @@ import re
 import sys
 from collections import Counter
 from collections.abc import Iterator
+from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
 
 __all__ = [
@@ -21,6 +22,7 @@ __all__ = [
     "cloud_calls",
     "crowded_folders",
     "heavy_clients",
+    "import_circles",
     "long_modules",
     "missing_exports",
     "snippets",
@@ -142,6 +144,17 @@ def heavy_clients(root: Path) -> Iterator[str]:
                 yield f"{' <- '.join(str(p.relative_to(root)) for p in chain)}: needs '{name}', the client must not"
 
 
+def import_circles(root: Path) -> Iterator[str]:
+    """Modules that need each other, in functions too: of such a pair none can be read, or changed, by itself."""
+    paths = {path.relative_to(root).with_suffix("").parts: path for path in _modules(root, *SOURCES)}
+    named = {".".join(parts).removesuffix(".__init__"): path for parts, path in paths.items()}
+    needs = {path: {named[name] for name in _imported(path) if name in named} - {path} for path in named.values()}
+    try:
+        TopologicalSorter(needs).prepare()
+    except CycleError as error:
+        yield f"{' <- '.join(str(path.relative_to(root)) for path in error.args[1])}: a circle of imports"
+
+
 def _files(root: Path, name: str) -> Iterator[Path]:
     """Files that run when a module is imported: its own and the `__init__.py` of each package above it."""
     parts = name.split(".")
@@ -225,6 +238,7 @@ RULES = (
     missing_exports,
     cloud_calls,
     heavy_clients,
+    import_circles,
     bare_threads,
     snippets,
     broken_links,

@@ -97,3 +97,20 @@ def test_a_crowded_folder_is_found_and_named(tmp_path: Path) -> None:
 def test_the_readme_shows_python() -> None:
     """There are Python snippets; else the rule that they compile would pass on nothing."""
     assert (house_rules.ROOT / "README.md").read_text(encoding="utf-8").count("```python\n") >= 1
+
+
+def test_modules_that_need_each_other_are_found(tmp_path: Path) -> None:
+    """Inside functions as well; what only a type checker reads is no need."""
+    (tmp_path / "gateway").mkdir()
+    for name, text in {
+        "a": "def f():\n    from gateway.b import g\n",
+        "b": "from gateway import c\n",
+        "c": "from gateway.a import f\n",
+        "d": "if TYPE_CHECKING:\n    from gateway.e import E\n",
+        "e": "import gateway.d\n",
+    }.items():
+        (tmp_path / "gateway" / f"{name}.py").write_text(text, encoding="utf-8")
+    (breach,) = house_rules.import_circles(tmp_path)
+    assert all(f"gateway/{name}.py" in breach for name in "abc") and "circle" in breach
+    (tmp_path / "gateway" / "c.py").write_text("", encoding="utf-8")
+    assert not list(house_rules.import_circles(tmp_path))

@@ -140,7 +140,8 @@ def _draw(tree: FrameTree, posture: Posture, path: Path) -> None:
     except ImportError:
         raise _no_picture("matplotlib is not installed", "pip install 'teleavatar-gateway[demo]'") from None
     try:
-        write_picture(tree, posture, path)
+        kinds = {frame: kind_of(tree, frame) for frame in tree.frames}
+        write_picture(tree, posture.joints, kinds, posture.source, path)
     except OSError as error:
         raise _no_picture(f"{path}: {error.strerror or error}", "name a place that can be written") from None
 

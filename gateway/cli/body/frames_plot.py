@@ -14,9 +14,9 @@ import numpy as np
 from matplotlib.axes import Axes
 from numpy.typing import NDArray
 
-from gateway.cli.body.frames import Posture, kind_of
 from gateway.kinematics.frames import ROOT, FrameTree
 from gateway.kinematics.transform import Transform
+from gateway.values import ArmState, Side
 
 __all__ = ["write_picture"]
 
@@ -42,18 +42,25 @@ View: TypeAlias = NDArray[np.float64]
 """Shape (2, 3): what is to the right and what is up on the paper, as unit vectors."""
 
 
-def write_picture(tree: FrameTree, posture: Posture, path: Path) -> None:
+def write_picture(
+    tree: FrameTree, joints: Mapping[Side, ArmState], kinds: Mapping[str, str], source: str, path: Path
+) -> None:
     """Draw every frame that the joints place.
 
-    The path ends with `.png`, `.svg` or `.pdf`; its folder is made.
+    Args:
+        tree: The frames.
+        joints: Of each arm that is known.
+        kinds: What places each frame in its parent, a key of `KIND_COLOURS`.
+        source: Where the joints are from, for the title.
+        path: Ends with `.png`, `.svg` or `.pdf`; its folder is made.
     """
     path.parent.mkdir(parents=True, exist_ok=True)
-    known = [frame for frame in tree.frames if set(tree.sides_between(ROOT, frame)) <= set(posture.joints)]
-    places = {frame: tree.locate(ROOT, frame, posture.joints).transform for frame in known}
+    known = [frame for frame in tree.frames if set(tree.sides_between(ROOT, frame)) <= set(joints)]
+    places = {frame: tree.locate(ROOT, frame, joints).transform for frame in known}
     figure, panels = plt.subplots(1, len(VIEWS), figsize=(15.5, 6.5), dpi=130, layout="constrained")
     views = [_view(elevation_deg, azimuth_deg) for _, elevation_deg, azimuth_deg in VIEWS]
     for panel, view, (title, elevation_deg, _) in zip(panels, views, VIEWS, strict=True):
-        _draw_frames(panel, view, tree, places)
+        _draw_frames(panel, view, tree, places, kinds)
         panel.set_title(title, fontsize=9)
         if elevation_deg == 90.0:
             panel.grid(color="0.92")
@@ -63,14 +70,13 @@ def write_picture(tree: FrameTree, posture: Posture, path: Path) -> None:
             panel.xaxis.set_major_formatter(lambda right_m, _: f"{0.0 - right_m:.1f}")
         else:
             panel.set_axis_off()
-    shown = {kind_of(tree, frame) for frame in known if frame != ROOT}
+    shown = {kinds[frame] for frame in known if frame != ROOT}
     handles = [mpl.lines.Line2D([], [], color=KIND_COLOURS[kind], linestyle="--", label=kind) for kind in KIND_COLOURS]
     figure.legend(
         handles=[handle for handle in handles if handle.get_label() in shown], loc="outside lower center", ncols=5
     )
     figure.suptitle(
-        f"frames in {ROOT} (manual, appendix A): x red, y green, z blue, each {AXIS_M * 1000:.0f} mm\n"
-        f"joints: {posture.source}",
+        f"frames in {ROOT} (manual, appendix A): x red, y green, z blue, each {AXIS_M * 1000:.0f} mm\njoints: {source}",
         fontsize=11,
     )
     figure.draw_without_rendering()  # only then is known how large a panel is; what follows changes nothing of that
@@ -90,12 +96,14 @@ def _view(elevation_deg: float, azimuth_deg: float) -> View:
     return np.stack((right, np.cross(eye, right)))
 
 
-def _draw_frames(panel: Axes, view: View, tree: FrameTree, places: Mapping[str, Transform]) -> None:
+def _draw_frames(
+    panel: Axes, view: View, tree: FrameTree, places: Mapping[str, Transform], kinds: Mapping[str, str]
+) -> None:
     for frame, place in places.items():
         parent = tree.parent(frame)
         if parent is not None:
             line = np.stack((places[parent].p_m, place.p_m), -1)
-            panel.plot(*(view @ line), color=KIND_COLOURS[kind_of(tree, frame)], linewidth=1.0, linestyle="--")
+            panel.plot(*(view @ line), color=KIND_COLOURS[kinds[frame]], linewidth=1.0, linestyle="--")
         for axis, colour in zip(place.rotation.T, AXIS_COLOURS, strict=True):
             panel.plot(*(view @ np.stack((place.p_m, place.p_m + AXIS_M * axis), -1)), color=colour, linewidth=1.8)
 

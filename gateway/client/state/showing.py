@@ -8,13 +8,13 @@ Rules
 from __future__ import annotations
 
 import html
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING
 
 from gateway.errors import GatewayError
 
 if TYPE_CHECKING:
-    from gateway.client.connection.session import Session
+    from gateway.client.connection.session import Session, Sighting
     from gateway.client.state.health import Health
     from gateway.client.state.reading import RobotState
 
@@ -39,10 +39,8 @@ def state_table(state: RobotState) -> str:
     return _table(_of_state(state))
 
 
-def robot_table(session: Session) -> str:
-    """Return who is connected to what, and the newest state, as HTML."""
-    from gateway.client.state.reading import state_of
-
+def robot_table(session: Session, state_of: Callable[[Sighting, int], RobotState]) -> str:
+    """Return who is connected to what, and the newest state, read by `state_of`, as HTML."""
     rows = [("client", session.name), ("gateway", session.transport.address)]
     try:
         session.require_daemon()

@@ -13,8 +13,8 @@ from typing import Final
 from gateway.sim.physics.scene import STEP_NS, THINGS
 from gateway.sim.physics.world import World
 from gateway.sim.robot.chassis import wheel_matrix
-from gateway.sim.robot.dynamics import Parts
 from gateway.sim.robot.manual import MS, S, Side
+from gateway.sim.robot.parts import Parts
 from gateway.sim.robot.settings import SimSettings
 
 __all__ = ["Bodies"]

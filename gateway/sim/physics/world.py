@@ -17,8 +17,8 @@ from gateway.sim.physics.body_numbers import quat_wxyz
 from gateway.sim.physics.linkage import hand_angles
 from gateway.sim.physics.robot_xml import SERVO_GROUPS, arm_joint, hand_link
 from gateway.sim.physics.scene import STEP_NS, THINGS, scene_xml
-from gateway.sim.robot.dynamics import WorldUnstable
 from gateway.sim.robot.manual import DOF, Side
+from gateway.sim.robot.parts import WorldUnstable
 
 __all__ = ["Placed", "World"]
 

@@ -20,7 +20,7 @@ from cdr_types.registry import message_type
 from gateway.sim.robot.arm import Drive, SimArm
 from gateway.sim.robot.chassis import SimChassis
 from gateway.sim.robot.clock import VIRTUAL_EPOCH_NS, RobotClock
-from gateway.sim.robot.dynamics import Parts, dynamics_of
+from gateway.sim.robot.dynamics import dynamics_of
 from gateway.sim.robot.faults import DelayLine, Fault, FaultBook, FaultError, parse_fault
 from gateway.sim.robot.fsm import StateMachine
 from gateway.sim.robot.gripper import SimGripper
@@ -41,6 +41,7 @@ from gateway.sim.robot.manual import (
     joint_cmd_topic,
 )
 from gateway.sim.robot.meter import MotionMeter, SetpointMeter, StreamMeter
+from gateway.sim.robot.parts import Parts
 from gateway.sim.robot.report import content, ee_pose, mode_json, sent_ns
 from gateway.sim.robot.settings import SimSettings
 from gateway.sim.robot.telemetry import Grid, Telemetry

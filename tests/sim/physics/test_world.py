@@ -13,9 +13,9 @@ from gateway.sim.physics.linkage import OPEN_RAD
 from gateway.sim.physics.robot_xml import arm_joint, hand_link
 from gateway.sim.physics.scene import THINGS
 from gateway.sim.robot.chassis import wheel_matrix
-from gateway.sim.robot.dynamics import WorldUnstable
 from gateway.sim.robot.geometry import EePose, arm_geometry
 from gateway.sim.robot.manual import EXAMPLE_HOME_RAD, Side
+from gateway.sim.robot.parts import WorldUnstable
 from gateway.sim.robot.settings import HANGING_RAD
 from tests.sim.physics.mujoco_needed import REASON
 
