@@ -207,7 +207,7 @@ def _state_route(known: Known, topic: str, newest_ns: int | None, is_announced: 
     if known.codes.get(topic) is Code.ROUTE_DEAD:
         return "dead"
     if not is_announced:
-        return "unannounced" if newest_ns is None else "lost"
+        return "unannounced" if newest_ns is None and known.codes.get(topic) is not Code.ROUTE_LOST else "lost"
     return "silent" if topic in known.newest_ns else "announced"
 
 

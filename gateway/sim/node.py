@@ -26,7 +26,7 @@ from gateway.sim.bridge import CONTROL_KEY, Bridge
 from gateway.sim.companion import until_told
 from gateway.sim.control import Control
 from gateway.sim.robot.faults import Fault
-from gateway.sim.robot.manual import MS, STATE_TOPICS, S
+from gateway.sim.robot.manual import MS, S
 from gateway.sim.robot.model import SimRobot
 from gateway.sim.robot.parts import WorldUnstable
 from gateway.sim.robot.settings import SimSettings
@@ -79,8 +79,7 @@ class SimNode:
         self._bridge: Wire | None = self._open()
 
     def _open(self) -> Wire:
-        states = {topic: kind for topic, (kind, _) in STATE_TOPICS.items()}
-        return Bridge(self._listen, states, self.robot.commands, self._clock, self._namespace)
+        return Bridge(self._listen, self.robot.states, self.robot.commands, self._clock, self._namespace)
 
     # --------------------------------------------------------------------------------------------------------- cycle
 

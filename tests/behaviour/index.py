@@ -548,6 +548,8 @@ BRIDGE = {
     ),
     "state dead, transport up, tokens gone": (
         "link/discovery/route_watch::silence_without_an_announcement_is_a_lost_route",
+        "link/discovery/route_watch::what_was_never_announced_since_the_transport_opened_is_no_lost_route",
+        "link/discovery/route_watch::a_route_that_comes_late_is_alive_and_lost_when_it_goes",
         "link/discovery/discovery::all_topics_lost_at_once_are_all_observed_without_a_question",
         "link/robot_link::a_node_that_leaves_is_a_lost_route_until_it_returns",
     ),

@@ -163,7 +163,9 @@ def test_only_arms_that_are_enabled_are_streamed(sim: SimSettings, sides: list[S
 def test_enable_needs_an_enabled_arm() -> None:
     """Refused with the reason, and the robot stays as it is."""
     sim = SimSettings(state_period_ns=10 * MS, enable_left_arm=False, enable_right_arm=False)
-    pair = scene("IDLE", Scene(sim))
+    pair = Scene(sim)
+    pair.topics = (*LEAN, CHASSIS_STATE)  # nothing of the arms comes, but the chassis
+    pair = scene("IDLE", pair)
     assert pair.refused(Enable(epoch=pair.epoch), "ann").code is Code.NO_ARM_ENABLED
     assert pair.frames == []
 

@@ -9,7 +9,7 @@ import pytest
 
 from gateway.client import Robot
 from gateway.errors import Code
-from gateway.robot.topics import FSM_ENABLE, arm_state, joint_command
+from gateway.robot.topics import FSM_ENABLE, TOPICS, arm_state, joint_command
 from gateway.values import Side
 from tests.e2e.system import System, wait_for
 from tests.stranger import Stranger
@@ -64,6 +64,21 @@ def test_the_remedy_of_a_dead_route_names_who_keeps_it_dead(tmp_path: Path, syst
         assert watcher.state.view.topics[topic].age_ns > 500_000_000
         viewer.close()
         wait_for(lambda: watcher.state.view.topics[topic].age_ns < 100_000_000, "state again", 15.0)
+
+
+def test_a_part_that_is_switched_off_is_no_lost_route(tmp_path: Path, systems: Systems) -> None:
+    """Its topics are not visible (§2.7.1): nothing is told of them, and the other arm can be enabled."""
+    system = systems(tmp_path, sim_options=("--disable", "right_arm", "--disable", "chassis"))
+    with system.connect("ann") as robot:
+        wire = wait_for(lambda: (wire := robot.routes().wire).up_ns > 4_000_000_000 and wire, "seconds of a link", 20.0)
+        absent = {topic.name for topic in wire.topics if topic.route == "unannounced"}
+        assert absent == {name for name in TOPICS if name.removeprefix("/api").startswith(("/right_", "/chassis/"))}
+        with robot.control() as own:
+            own.enable(timeout=12.0)
+            assert robot.state.state in {"ACTIVE", "HOLDING"}
+        codes = {notice.code for notice in robot.events(timeout=0.1)}
+    assert not codes & {Code.ROUTE_LOST.value, Code.ROUTE_DEAD.value, Code.ROUTE_SUSPECT.value}
+    assert "ROUTE_" not in system.daemon.text()
 
 
 def test_a_restarted_router_is_another_robot_and_nothing_is_armed_again(tmp_path: Path, systems: Systems) -> None:

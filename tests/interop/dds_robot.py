@@ -134,8 +134,9 @@ class DdsRobot(SimNode):
     def join(self) -> None:
         """Let the node join the graph, if it is away."""
         if self.node is None:
-            states = {topic: kind for topic, (kind, _) in STATE_TOPICS.items()}
-            self.node = DdsNode(NODE_NAME, publishes=states, subscribes=self.robot.commands, clock=self._clock)
+            self.node = DdsNode(
+                NODE_NAME, publishes=self.robot.states, subscribes=self.robot.commands, clock=self._clock
+            )
 
     def leave(self) -> None:
         """Let the node leave the graph."""

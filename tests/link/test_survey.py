@@ -103,6 +103,7 @@ def test_a_healthy_wire_is_all_active():
         ({"newest_ns": {ARM: NOW_NS - S}, "codes": {ARM: Code.ROUTE_DEAD}}, "dead"),
         ({"newest_ns": {ARM: NOW_NS - S}, "tokens": without(ARM), "codes": {ARM: Code.ROUTE_LOST}}, "lost"),
         ({"newest_ns": {ARM: None}, "tokens": without(ARM)}, "unannounced"),
+        ({"newest_ns": {ARM: None}, "tokens": without(ARM), "codes": {ARM: Code.ROUTE_LOST}}, "lost"),
         ({"newest_ns": {}}, "announced"),
         ({"newest_ns": {ARM: NOW_NS}, "tokens": without(ARM)}, "active"),
         ({"router_zid": ""}, "unknown"),

@@ -162,7 +162,10 @@ def _commands(commands: Sequence[WireTopic]) -> Iterator[Finding]:
             "" if len(missing) < len(commands) else "; the robot may be in VR mode, or its control is not running"
         )
         text = f"nobody on the robot listens to {names_of(missing)}{everything}"
-        remedy = "start that node on the robot; `model` in section [robot] says which commands are expected"
+        remedy = (
+            "start that node on the robot; a part that is switched off has none, and `model` in section [robot] says "
+            "which commands are expected"
+        )
         yield Finding(level="warning", code="NOT_ANNOUNCED", text=text, remedy=remedy)
     inactive = [topic.name for topic in commands if topic.route == "inactive"]
     if inactive:

@@ -318,7 +318,7 @@ class Discovery:
         if code is Code.ROUTE_DEAD:
             return "route dead: the robot's bridge does not read it"
         if not is_announced:
-            return "not announced: the robot's node is away, or this robot does not have it"
+            return "not announced: the robot's node is away, or its part is switched off"
         return "announced, silent" if is_silent else "ready"
 
     def _command_words(self, robot_zids: set[str]) -> dict[str, str]:

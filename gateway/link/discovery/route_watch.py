@@ -5,6 +5,7 @@ Pure: ages, evidence and `now_ns` in, an observation or a wish out (BEHAVIOUR, "
 ```
 samples come                                   alive
 silent, nobody announces it for half a second  ROUTE_LOST   only a restart of the robot's node or bridge helps
+silent, never there since the transport opened no route: a part that is switched off has none (§2.7.1)
 silent, announced, admin shows no DDS reader   ROUTE_DEAD   re-declare our subscription
 silent, announced, reader there                alive: the robot's node itself is silent
 silent, announced, admin space unreadable      unknown: nothing is done, nothing is said
@@ -69,7 +70,9 @@ class RouteWatch:
         self._silence_ns = silence_ns(topic.rate_hz)
         self.code: Code | None = None
         """ROUTE_DEAD, ROUTE_LOST, or None while nothing is known to be wrong."""
+        self._told: Code | None = None
         self._gone: tuple[int, int] | None = None  # since when not announced, on the transport of when
+        self._there_ns: int | None = None  # the transport on which it was announced last
         self._attempts = 0
         self._next_look_ns = 0
         self._revivals: deque[int] = deque(maxlen=MAX_REVIVALS)
@@ -92,7 +95,7 @@ class RouteWatch:
         """
         name = self._topic.name
         if is_announced:
-            self._gone = None
+            self._gone, self._there_ns = None, up_since_ns
         elif self._gone is None or self._gone[1] != up_since_ns:
             self._gone = now_ns, up_since_ns
         if not self.is_silent(now_ns, up_since_ns, newest_ns):
@@ -103,6 +106,9 @@ class RouteWatch:
             return self._change(None, f"{name}: samples come again", now_ns)
         if self._gone is None or now_ns - self._gone[0] < GONE_NS:
             return None  # the admin space decides, or it is too early to say
+        if self._there_ns != up_since_ns and (newest_ns is None or newest_ns < up_since_ns):
+            self.code = None  # what was told of an earlier transport stands until something comes
+            return None
         return self._change(
             Code.ROUTE_LOST,
             f"{name} is silent and nobody announces it: the robot's node is away. "
@@ -130,9 +136,10 @@ class RouteWatch:
         return self._change(Code.ROUTE_DEAD, f"{name}: {_remedy(evidence)}", now_ns), may_revive
 
     def _change(self, code: Code | None, message: str, now_ns: int) -> RouteObserved | None:
-        if code is self.code:
-            return None
         self.code = code
+        if code is self._told:
+            return None
+        self._told = code
         return RouteObserved(topic=self._topic.name, code=code, message=message, at_ns=now_ns)
 
 

@@ -82,7 +82,8 @@ class SimRobot:
         journal: The robot's own log and counters.
         api_mode: API mode (True) or VR mode.
         faults: The acting faults.
-        commands: Command topics that this model offers, with their ROS types.
+        states: State topics of this model's parts that are switched on, with their ROS types (§2.7.1).
+        commands: Command topics of them, with their ROS types.
         meters: Arrivals per command topic.
         setpoints: How the arms were commanded, by side.
         motions: How the arms moved, by side.
@@ -118,9 +119,11 @@ class SimRobot:
         self.dynamics = dynamics_of(self.settings, parts, start_ns)
         self.api_mode = self.settings.api_mode
         self.faults = FaultBook()
-        self.commands = command_topics(has_lift=self.settings.has_lift)
-        self._types = {topic: message_type(name) for topic, name in self.commands.items()}
-        self.meters = {topic: StreamMeter() for topic in self.commands}
+        offers, commands = self.settings.offers, command_topics(has_lift=self.settings.has_lift)
+        self.states = {topic: name for topic, (name, _) in STATE_TOPICS.items() if offers(topic)}
+        self.commands = {topic: name for topic, name in commands.items() if offers(topic)}
+        self._types = {topic: message_type(name) for topic, name in commands.items()}
+        self.meters = {topic: StreamMeter() for topic in commands}
         self.setpoints = {side: SetpointMeter() for side in Side}
         self.motions = {side: MotionMeter() for side in Side}
         self._timed: list[_Timed] = [self.fsm, self.faults, self.chassis, *self.arms.values(), *self.grippers.values()]
@@ -166,8 +169,9 @@ class SimRobot:
         """Let time pass and return everything published on the way as (topic, message), in order.
 
         `latest_only` returns only the last due message of each topic: what a subscriber that looks once would keep,
-        and much cheaper over long steps.
+        and much cheaper over long steps. Of `topics` those that this robot has.
         """
+        topics = [topic for topic in self.states if topic in topics]
         published: list[tuple[str, IdlStruct]] = []
         if latest_only:
             self._telemetry.skip_to(now_ns)

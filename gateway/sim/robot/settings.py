@@ -138,6 +138,17 @@ class SimSettings:
         """Return the configured control mode of an arm."""
         return _MODES[self.left_mode if side is Side.LEFT else self.right_mode]
 
+    def offers(self, topic: str) -> bool:
+        """Return whether a topic is visible: those of a part that is switched off are not (§2.7.1)."""
+        parts = {
+            "/left_": self.enable_left_arm,
+            "/right_": self.enable_right_arm,
+            "/chassis/": self.enable_chassis,
+            "/servo/": self.enable_lift_servo,
+        }
+        name = topic.removeprefix("/api")
+        return all(is_on for begin, is_on in parts.items() if name.startswith(begin))
+
     def arm_enabled(self, side: Side) -> bool:
         """Return whether an arm is enabled in the configuration."""
         return self.enable_left_arm if side is Side.LEFT else self.enable_right_arm

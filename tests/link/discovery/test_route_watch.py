@@ -72,6 +72,35 @@ def test_the_end_of_a_transport_is_no_lost_route(watch):
     assert watch.code is None
 
 
+@pytest.mark.parametrize("topic", [ARM, MODE])
+def test_what_was_never_announced_since_the_transport_opened_is_no_lost_route(topic):
+    """A part that is switched off announces nothing (§2.7.1): neither at the first connect, nor after another robot's."""
+    watch = RouteWatch(topic)
+    for at_ns in range(0, 20 * S, 250 * MS):
+        assert watch.observe(at_ns, 0, None, is_announced=False) is None
+    assert watch.code is None
+    assert watch.observe(20 * S, 0, None, is_announced=True) is None
+    for at_ns in range(20 * S + 250 * MS, 21 * S - 250 * MS, 250 * MS):
+        assert watch.observe(at_ns, 0, None, is_announced=False) is None, "it came late, and may be starting anew"
+    seen = watch.observe(21 * S, 0, None, is_announced=False)
+    assert seen is not None and seen.code is Code.ROUTE_LOST and watch.code is Code.ROUTE_LOST, "it had been there"
+    for at_ns in range(30 * S, 40 * S, 250 * MS):
+        assert watch.observe(at_ns, 30 * S, None, is_announced=False) is None
+    assert watch.code is None, "never there on this transport"
+
+
+def test_a_route_that_comes_late_is_alive_and_lost_when_it_goes(watch):
+    """Absent at connect, then announced with samples, then silent without a token."""
+    assert watch.observe(9 * S, 0, None, is_announced=False) is None
+    assert watch.observe(10 * S, 0, 10 * S, is_announced=True) is None
+    seen = lose(watch, 12 * S, 10 * S)
+    assert seen.code is Code.ROUTE_LOST
+    assert watch.observe(20 * S, 15 * S, 10 * S, is_announced=False) is None
+    assert watch.observe(25 * S, 15 * S, 10 * S, is_announced=False) is None and watch.code is None
+    seen = watch.observe(26 * S, 15 * S, 26 * S, is_announced=True)
+    assert seen is not None and seen.code is None, "what was told is over"
+
+
 def test_a_route_that_delivers_again_is_told_once(watch):
     """After a loss the first new sample ends the observation."""
     lose(watch, 3 * S, 2 * S)

@@ -14,7 +14,7 @@ from cdr_types.messages import geometry_msgs, std_msgs
 from gateway.sim.robot import report
 from gateway.sim.robot.faults import FaultError
 from gateway.sim.robot.geometry import arm_geometry
-from gateway.sim.robot.manual import LOWER_RAD, MS, UPPER_RAD, Fsm, S, Side
+from gateway.sim.robot.manual import LOWER_RAD, MS, STATE_TOPICS, UPPER_RAD, Fsm, S, Side
 from gateway.sim.robot.model import SimRobot
 from gateway.sim.robot.settings import HANGING_RAD, SimSettings
 from tests.sim.drivers import as_pose, joints
@@ -286,6 +286,21 @@ def test_a_disabled_chassis_takes_nothing():
     robot.receive("/api/chassis/velocity", array(0.1, 0.0, 0.0), 0)
     assert "CHASSIS_DISABLED" in robot.journal.codes()
     assert json.loads(report.mode_json(robot))["enable_chassis"] is False
+
+
+@pytest.mark.parametrize(
+    ("part", "begin"),
+    [("left_arm", "left_"), ("right_arm", "right_"), ("chassis", "chassis/"), ("lift_servo", "servo/")],
+)
+def test_a_part_that_is_switched_off_is_not_visible(part, begin):
+    """Topics of the other parts are, and of those alone something comes (§2.7.1)."""
+    whole = SimRobot(SimSettings(model="lift"))
+    robot = SimRobot(SimSettings(model="lift", **{f"enable_{part}": False}))
+    gone = {topic for topic in {*whole.states, *whole.commands} if topic.startswith((f"/{begin}", f"/api/{begin}"))}
+    assert gone and robot.states.keys() == whole.states.keys() - gone
+    assert robot.commands.keys() == whole.commands.keys() - gone
+    assert {topic for topic, _ in whole.advance(1 * S, latest_only=True)} == set(STATE_TOPICS)
+    assert {topic for topic, _ in robot.advance(1 * S, latest_only=True)} == robot.states.keys()
 
 
 @pytest.mark.parametrize("model", ["lite", "standard"])
