@@ -13,7 +13,6 @@ from gateway.robot.limits import (
     ARM_WATCHDOG_NS,
     CHASSIS_WATCHDOG_NS,
     FSM_WATCHDOG_NS,
-    GRIPPER_WATCHDOG_NS,
     LIFT_WATCHDOG_NS,
 )
 from gateway.values import Side, Vector
@@ -73,7 +72,8 @@ class Topic(Struct, frozen=True, kw_only=True):
         direction: STATE comes from the robot, COMMAND goes to it.
         rate_hz: Nominal rate: the robot's for states (§4.1.1), ours for commands (DESIGN §6).
         width: Number of floats of a command; of positions of a JointState; 0 where it does not apply.
-        watchdog_ns: How long the robot goes on after the last command; None for states.
+        watchdog_ns: How long the robot goes on after the last command of this topic; None for states, and for grippers, which
+            keep theirs: what lets go of a grip is a gap in the arm's stream, `GRIPPER_WATCHDOG_NS` (§4.4).
         stop_frame: What stops the group at once; empty where silence or a repeated reference does.
         names: Joint names in order; empty where the type has none.
         section: Manual section.
@@ -149,7 +149,7 @@ def _table() -> dict[str, Topic]:
             Topic(name=pose_command(side), type_name=POSE, direction=Direction.COMMAND, rate_hz=70.0, width=7,
                   watchdog_ns=ARM_WATCHDOG_NS, section="§4.2"),
             Topic(name=gripper_command(side), type_name=FLOAT32, direction=Direction.COMMAND, rate_hz=50.0, width=1,
-                  watchdog_ns=GRIPPER_WATCHDOG_NS, section="§4.4"),
+                  section="§4.4"),
         ]  # fmt: skip
     rows += [
         Topic(name=CHASSIS_VELOCITY, type_name=FLOAT32_ARRAY, direction=Direction.COMMAND, rate_hz=20.0, width=3,

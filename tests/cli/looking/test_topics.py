@@ -66,6 +66,7 @@ def test_rows_tell_what_is_wrong():
     streams = {
         "/api/left_arm/joint_cmd": StreamView(running=True, sent=9, rate_hz=100.0, worst_gap_ns=160 * MS),
         "/api/right_arm/joint_cmd": StreamView(running=True, sent=9, rate_hz=100.0, worst_gap_ns=12 * MS),
+        "/api/left_gripper/cmd": StreamView(running=True, sent=9, rate_hz=50.0, worst_gap_ns=160 * MS),
         "/api/fsm/enable": StreamView(running=False, sent=9, rate_hz=0.0, worst_gap_ns=50 * MS),
     }
     shown = rows(topics=topics, streams=streams)
@@ -76,4 +77,5 @@ def test_rows_tell_what_is_wrong():
     assert styles["/api/left_arm/joint_cmd"] == "red" and styles["/api/right_arm/joint_cmd"] == "green"
     assert "never" in shown["/chassis/joint_states"].plain
     assert shown["/api/fsm/enable"].plain.endswith("off") and "50 ms" in shown["/api/fsm/enable"].plain
-    assert shown["/api/left_gripper/cmd"].plain.endswith("unused")
+    assert styles["/api/left_gripper/cmd"] == "green", "the robot keeps its last command (§4.4)"
+    assert shown["/api/right_gripper/cmd"].plain.endswith("unused")

@@ -336,13 +336,15 @@ def test_the_reason_outlives_the_attempt():
 
 
 def test_a_gap_of_our_own_is_told_while_it_shows():
-    """Half of what drops the grip is late already; for 10 s, as the stream's figures."""
+    """Half of what drops the grip is late already; for 10 s, as the stream's figures. A gripper's own has no bound (§4.4)."""
     stage = Watched(State.HOLDING)
+    stage.coordinator.body.grippers[L].start(stage.now_ns, is_kept=False)
     stage.spend(20)
     stage.now_ns += 60 * MS
     stage.spend(20)
     about = [finding.facts for finding in stage.diagnosis.findings if finding.code == "STREAM_LATE"]
     assert [round(facts["gap_ms"]) for facts in about] == [70, 70] and about[0]["bound_ms"] == 50
+    assert stage.coordinator.body.grippers[L].log.worst_gap(stage.now_ns)[1] >= 60 * MS
     began_ns = {finding.since_ns for finding in stage.diagnosis.findings if finding.code == "STREAM_LATE"}
     assert began_ns == {stage.now_ns - 200 * MS - 60 * MS}
     stage.spend(1010)
