@@ -11,7 +11,9 @@ Rules
 
 from __future__ import annotations
 
+import codecs
 import errno
+import json
 import os
 import signal
 import sys
@@ -42,7 +44,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """
     sys.stdin = sys.stdin or open(os.devnull, encoding="utf-8")  # closed: nobody is there, as in a script
     if isinstance(sys.stdout, TextIOWrapper):  # what a terminal has no letter for fails nothing that was done
-        sys.stdout.reconfigure(errors="backslashreplace")
+        codecs.register_error("ta2", _as_json_does)
+        sys.stdout.reconfigure(errors="ta2")
     options = parse(sys.argv[1:] if arguments is None else arguments)
     try:
         with _interruptible(options.command):
@@ -56,6 +59,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except BrokenPipeError:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # Python flushes once more on its way out
         return ExitStatus.BROKEN_PIPE
+
+
+def _as_json_does(error: UnicodeError) -> tuple[str, int]:
+    r"""Return letters that a stream's encoding does not have as `\u00e4` and where to go on: what is JSON stays JSON."""
+    if not isinstance(error, UnicodeEncodeError):
+        raise error
+    return json.dumps(error.object[error.start : error.end])[1:-1], error.end
 
 
 @contextmanager
@@ -184,8 +194,6 @@ def _sim(options: Namespace) -> int:
 
 
 def _ask_sim(options: Namespace) -> int:
-    import json
-
     from gateway.sim.remote import SimControl, SimUnreachable
 
     try:

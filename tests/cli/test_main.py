@@ -82,7 +82,22 @@ def test_a_terminal_without_the_letters_is_told_all_the_same(shell, monkeypatch)
     monkeypatch.setattr("sys.stdout", terminal)
     assert shell.run("recover").status == 0
     terminal.flush()
-    assert b"K\\xf6nnte" in terminal.buffer.getvalue()
+    assert b"K\\u00f6nnte" in terminal.buffer.getvalue()
+
+
+@pytest.mark.parametrize("encoding", ["ascii", "latin-1", "utf-8"])
+def test_json_is_json_on_a_terminal_without_the_letters(shell, monkeypatch, encoding):
+    """Only what the encoding does not have is escaped, as JSON escapes it: two of them for what is beyond 16 bits."""
+    said = 'K\xf6nnte "\u4e2d" \U0001f600 \udc80'
+    print_it = partial(json.dumps, {"said": said}, ensure_ascii=False)
+    monkeypatch.setitem(cli.COMMANDS, "recover", lambda options: print(print_it()) or 0)
+    terminal = io.TextIOWrapper(io.BytesIO(), encoding=encoding)
+    monkeypatch.setattr("sys.stdout", terminal)
+    assert shell.run("recover").status == 0
+    terminal.flush()
+    text = terminal.buffer.getvalue().decode(encoding)
+    assert json.loads(text)["said"] == said
+    assert ("\xf6" in text) == (encoding != "ascii") and ("\u4e2d" in text) == (encoding == "utf-8")
 
 
 @pytest.mark.parametrize(
