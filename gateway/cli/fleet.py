@@ -14,7 +14,8 @@ import threading
 import time
 from argparse import Namespace
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
+from functools import partial
 
 import zenoh
 from rich.console import Console
@@ -26,6 +27,7 @@ from gateway.api.listener import is_loopback
 from gateway.cli.motion.stopping import signed
 from gateway.cli.terminal.ending import ExitStatus, Interrupted, for_stopping
 from gateway.cli.terminal.style import state_style
+from gateway.client.blocking import opened
 from gateway.client.connection.over_zenoh import Credentials, client_configuration
 from gateway.errors import Code, GatewayError, failure
 
@@ -44,7 +46,7 @@ def carry_out(options: Namespace) -> ExitStatus:
         address = protocol.fleet_address(options.fleet)
         if options.verb == "join":
             return _join(options, address)
-        with _connected(address, options.timeout_s) as session:
+        with opened(partial(_open, address, options.timeout_s)) as session:
             return {"list": _list, "watch": _watch, "stop": _stop}[options.verb](options, session)
     except protocol.AddressRefused as error:
         raise failure(Code.BAD_REQUEST, str(error), field="target", hint="see `ta2 fleet --help`") from None
@@ -52,16 +54,13 @@ def carry_out(options: Namespace) -> ExitStatus:
         raise (for_stopping(error) if options.verb == "stop" else error) from None
 
 
-@contextlib.contextmanager
-def _connected(address: protocol.Address, timeout_s: float) -> Iterator[zenoh.Session]:
+def _open(address: protocol.Address, timeout_s: float) -> zenoh.Session:
     """Connect to a fleet's router. Raises `Disconnected` when it does not let us in."""
     try:
-        session = zenoh.open(client_configuration(address, Credentials(), timeout_s))
+        return zenoh.open(client_configuration(address, Credentials(), timeout_s))
     except zenoh.ZError as error:
         message = f"the fleet's router does not answer at {address} ({str(error).partition(' at /')[0]})"
         raise failure(Code.DISCONNECTED, message, hint="check its address, users and certificates") from None
-    with session:
-        yield session
 
 
 def _gateways(session: zenoh.Session, timeout_s: float) -> Counter[str]:

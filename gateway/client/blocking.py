@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any, TypeVar
 
 from gateway.client.asking.procedures import Procedure
@@ -10,7 +11,7 @@ from gateway.client.connection.session import Session
 from gateway.errors import Code, GatewayError, failure
 from gateway.process.threads import supervised
 
-__all__ = ["SLICE_S", "open_session", "run"]
+__all__ = ["SLICE_S", "opened", "run"]
 
 T = TypeVar("T")
 
@@ -18,13 +19,17 @@ SLICE_S = 0.1
 """Longest wait between two looks [s]: lost replies are asked for again at this rate."""
 
 
-def open_session(session: Session, timeout_s: float) -> None:
-    """Connect, in a thread of its own: zenoh does not come back for Ctrl-C, which this one hears. See `Session.open`."""
-    failed: list[GatewayError] = []
+def opened(open_it: Callable[[], T]) -> T:
+    """Open a session of zenoh in a thread of its own: zenoh does not come back for Ctrl-C, which this one hears.
+
+    Raises:
+        GatewayError: As `open_it` does; INTERNAL, it ended otherwise.
+    """
+    found, failed = list[T](), list[GatewayError]()
 
     def work() -> None:
         try:
-            session.open(timeout_s)
+            found.append(open_it())
         except GatewayError as error:
             failed.append(error)
 
@@ -33,6 +38,7 @@ def open_session(session: Session, timeout_s: float) -> None:
     thread.join()
     if failed:
         raise failed[0]
+    return found[0]
 
 
 def run(session: Session, procedure: Procedure[T]) -> T:

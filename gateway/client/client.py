@@ -26,6 +26,7 @@ Rules
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from functools import partial
 from typing import TYPE_CHECKING, Literal
 
 from gateway.api import protocol
@@ -35,7 +36,7 @@ from gateway.client.asking.options import OnExitName, program_name, require_opti
 from gateway.client.asking.requests import seconds
 from gateway.client.asking.results import StopResult
 from gateway.client.asking.waits import dropped
-from gateway.client.blocking import open_session, run
+from gateway.client.blocking import opened, run
 from gateway.client.connection.over_zenoh import Credentials
 from gateway.client.connection.session import Session
 from gateway.client.connection.transport import Transport
@@ -88,7 +89,7 @@ def connect(
     timeout_ns = seconds("timeout_s", timeout_s)
     session = Session(transport or transport_to(target, credentials), name or program_name())
     try:
-        open_session(session, timeout_s)
+        opened(partial(session.open, timeout_s))
         if greet:
             run(session, procedures.greet(session, timeout_ns))
     except BaseException:  # Ctrl-C included: nobody will get the robot that could close it

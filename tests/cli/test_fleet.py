@@ -4,6 +4,10 @@ from __future__ import annotations
 
 import contextlib
 import json
+import signal
+import socket
+import subprocess
+import sys
 
 import pytest
 from rich.console import Console
@@ -119,7 +123,7 @@ def test_the_list_shows_who_is_there_twice_or_does_not_answer():
 @pytest.mark.parametrize("words", [[], ["--all", "robot-1"], ["*"], ["robot/1"]])
 def test_a_stop_says_which_robots(words, monkeypatch, capsys):
     """Nothing is guessed from a command line that names none, or all and one."""
-    monkeypatch.setattr(fleet, "_connected", lambda *_: contextlib.nullcontext())
+    monkeypatch.setattr(fleet, "_open", lambda *_: contextlib.nullcontext())
     try:
         status = main(["fleet", "stop", *words, "--fleet", "tcp/127.0.0.1:1"])
     except SystemExit as end:
@@ -136,11 +140,29 @@ def test_no_reason_keeps_a_stop_away(monkeypatch):
         def put(self, key, payload, **_):
             raise Sent(key, payload)
 
-    monkeypatch.setattr(fleet, "_connected", lambda *_: contextlib.nullcontext(Sent()))
+    monkeypatch.setattr(fleet, "_open", lambda *_: contextlib.nullcontext(Sent()))
     with pytest.raises(Sent) as sent:
         main(["fleet", "stop", "--all", "--fleet", "tcp/127.0.0.1:1", "--reason", "k\udcf6nnte"])
     key, payload = sent.value.args
     assert key == "fleet/*/ta2/stop" and b"k?nnte" in payload
+
+
+@pytest.mark.parametrize("words", [["list"], ["watch"], ["stop", "--all"]])
+def test_ctrl_c_does_not_wait_for_a_router_that_says_nothing(words):
+    """Not even while it connects: the time that it may take is over long after this test."""
+    with socket.create_server(("127.0.0.1", 0)) as mute:
+        fleet_words = ["--fleet", f"tcp/127.0.0.1:{mute.getsockname()[1]}", "--timeout", "600"]
+        command = [sys.executable, "-m", "gateway.cli", "fleet", *words, *fleet_words]
+        with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True) as process:
+            try:
+                connection, _ = mute.accept()
+                with connection:
+                    assert connection.recv(1), "it has begun to ask"
+                    process.send_signal(signal.SIGINT)
+                    said, _ = process.communicate(timeout=30.0)
+            finally:
+                process.kill()
+    assert process.returncode == 128 + signal.SIGINT and "Traceback" not in said
 
 
 def test_a_router_that_does_not_answer_leaves_a_stop_unknown(capsys):
