@@ -50,6 +50,13 @@ def test_every_command_is_there_with_each_of_its_options() -> None:
                 assert all(f"`{name}" in told for name in action.option_strings)
 
 
+def test_the_page_leaves_the_parsers_as_they_are() -> None:
+    """They are made once in a process, and `--help` is laid out by a class of argparse, whoever has made the page before."""
+    commands_page.page()
+    assert parser().formatter_class is argparse.RawDescriptionHelpFormatter
+    assert all(isinstance(command.formatter_class, type) for command in commands(parser()))
+
+
 def test_every_setting_is_there_with_its_default() -> None:
     """What `config.KEYS` reads is what the page lists, in its section."""
     page = settings_page.page()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Iterator
+from copy import copy
 from functools import partial
 
 from gateway.cli.command_line.arguments import EPILOG, parser
@@ -22,10 +23,11 @@ def page() -> str:
 def _lines(of: argparse.ArgumentParser, level: int) -> Iterator[str]:
     """Yield a command, then those below it. argparse has no public way to list what a parser takes."""
     below = [action for action in of._actions if isinstance(action, argparse._SubParsersAction)]
-    of.formatter_class = partial(argparse.HelpFormatter, width=WIDTH)  # type: ignore[assignment]  # typed as a class, called like one
+    narrow = copy(of)  # the parser is everybody's in this process
+    narrow.formatter_class = partial(argparse.HelpFormatter, width=WIDTH)  # type: ignore[assignment]  # typed as a class, called like one
     if level > 1:
         yield from (f"{'#' * level} {of.prog}", "", cell(of.description or ""), "")
-        yield from ("```text", of.format_usage().removeprefix("usage: ").rstrip(), "```", "")
+        yield from ("```text", narrow.format_usage().removeprefix("usage: ").rstrip(), "```", "")
         if rows := [_row(of, action) for action in of._actions if _is_told(action)]:
             yield from (table(["Option", "Means"], rows), "")
     else:
