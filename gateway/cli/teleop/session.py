@@ -2,14 +2,13 @@
 
 Nothing goes on by itself: each step needs a wish that is due now, and every target and velocity expires. After a refusal and
 after a stop, everything must be let go before something moves again; the next stream begins where the gateway has the arm.
-A stop is heard while something waits for the gateway or a recorder, too.
+A stop is heard while anything waits for the gateway or a recorder, too.
 """
 
 from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping
-from contextlib import suppress
 from typing import NoReturn, TypeVar
 
 from gateway.api.recorder_protocol import RecordingState
@@ -104,9 +103,10 @@ class Session:
         parts, full = self._ramp.step({} if is_off else wish.demand, dt_s), full_speeds(self._robot.info, self._level)
         rates = {axis: part * full[axis] for axis, part in parts.items()}
         if self._is_due("chassis", any(rates[axis] for axis in ("vx", "vy", "wz")), now_ns):
-            self._own.chassis.set_velocity(rates["vx"], rates["vy"], rates["wz"], expiry=EXPIRY_S)
+            wanted = rates["vx"], rates["vy"], rates["wz"]
+            self._aside(lambda: self._own.chassis.set_velocity(*wanted, expiry=EXPIRY_S), goes_on=True)
         if self._is_due("lift", bool(rates["lift"]), now_ns):
-            self._own.lift.set_velocity(rates["lift"], expiry=EXPIRY_S)
+            self._aside(lambda: self._own.lift.set_velocity(rates["lift"], expiry=EXPIRY_S), goes_on=True)
         self._jog(rates, state, now_ns, dt_s, wished=bool(wish.demand) and not is_off)
         mode, axes = state.arm(self.side).space, "hand" if self._in_hand else "shoulder"
         speed = f"{full['x'] * 100:.3g} cm/s {full['yaw']:.2g} rad/s, joint {self._joint + 1}, axes of {axes}"
@@ -117,7 +117,9 @@ class Session:
         moves = any(rates[axis] for axis in (*HAND, "joint"))
         if moves:
             self._moved_ns = now_ns
-            self._arm = self._arm or self._opened(state)
+            if self._arm is None:
+                self._aside(lambda: self._open(state), goes_on=True)
+                return  # what is held now is what moves it
         elif self._arm is not None and now_ns - self._moved_ns > IDLE_NS:
             self._close()
         if self._arm is None:
@@ -128,19 +130,21 @@ class Session:
             self._say(why)
         self._arm.out.tick()
 
-    def _opened(self, state: RobotState) -> Arm:
+    def _open(self, state: RobotState) -> None:
+        """Open a stream; it is ours at once, so that whatever ends the wait for it closes it."""
         side, info = self.side, self._robot.info
         arm = self._own.left_arm if side == "left" else self._own.right_arm
         if state.mode is not None and not state.mode.joint_mode[side]:
             poses = arm.stream("pose", frame=f"{side}_shoulder_base", on_limit="clip", expiry=EXPIRY_S)
-            return Arm(poses.__enter__(), None, info)
+            self._arm = Arm(poses.__enter__(), None, info)
+            return
         model = ArmModel(nominal(), Side(side), info.lower_rad[side], info.upper_rad[side])
-        return Arm(arm.stream(on_limit="clip", expiry=EXPIRY_S).__enter__(), model, info)
+        self._arm = Arm(arm.stream(on_limit="clip", expiry=EXPIRY_S).__enter__(), model, info)
 
     def _close(self) -> None:
         arm, self._arm = self._arm, None
         if arm is not None:
-            arm.out.__exit__(None, None, None)
+            self._aside(lambda: arm.out.__exit__(None, None, None), goes_on=True)
 
     def _is_due(self, what: str, moves: bool, now_ns: int) -> bool:
         """Return whether a velocity is to be sent: now and then while there is one, and once at its end."""
@@ -153,8 +157,10 @@ class Session:
     def _rest(self, why: str) -> None:
         self._ramp, self._must_let_go = Ramp(), True
         self._driven_ns.clear()  # their velocities expire, unless they have ended already
-        with suppress(GatewayError):  # what has ended it is told
+        try:
             self._close()
+        except GatewayError as error:  # what has ended it is told; a stop while it closes is news
+            why = line_of(error) if error.code is Code.CANCELLED else why
         self._say(why)
 
     def _act(self, action: str, state: RobotState, now_ns: int) -> None:
@@ -208,8 +214,10 @@ class Session:
         self._episode = f"episode {found.episode} {word}"
         self._tell.say(self._episode)
 
-    def _aside(self, work: Callable[[], T]) -> T:
+    def _aside(self, work: Callable[[], T], *, goes_on: bool = False) -> T:
         """Do what may wait in a thread; nothing but stop and quit is heard until it has ended.
+
+        After a wait everything must be let go, unless the work is a part of jogging, which `goes_on` while a key is held.
 
         Raises:
             GatewayError: As it does; CANCELLED, it was stopped meanwhile.
@@ -227,7 +235,7 @@ class Session:
         )
         thread.start()
         thread.join(DEAF_S)
-        if thread.is_alive():  # what was wished before is an old wish when it has ended
+        if thread.is_alive() and not goes_on:  # what was wished before is an old wish when it has ended
             self._ramp, self._must_let_go = Ramp(), True
         while thread.is_alive():
             actions = self._read(time.monotonic_ns()).actions

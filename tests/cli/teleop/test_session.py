@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -297,6 +298,53 @@ class TestWhileSomethingWaits:
         turn.run()
         assert turn.stops == [False, True] and turn.said[-1].startswith("CANCELLED: stopped: the arms are held")
         assert turn.session._level == 2
+
+    @pytest.mark.parametrize("what", ["open", "close", "drive", "lift"])
+    def test_a_stop_is_heard_whatever_waits(self, turn, what, monkeypatch):
+        """A gateway may take seconds for each of its answers. A stream that opened since is closed."""
+        closed = []
+
+        class Stream:
+            side, q = "left", np.zeros(7)
+
+            def __enter__(self):
+                if what == "open":
+                    turn.enabled()
+                return self
+
+            def __exit__(self, *_):
+                closed.append(turn.ending.is_set())
+                if what == "close" and len(closed) == 1:
+                    turn.enabled()
+
+        monkeypatch.setattr(type(turn.own.left_arm), "stream", lambda *_, **__: Stream())
+        turn.own.chassis.set_velocity = lambda *_, expiry: turn.enabled()
+        turn.own.lift = SimpleNamespace(set_velocity=lambda *_, expiry: turn.enabled())
+        if what == "close":
+            turn.session._open(turn.robot.state)
+        wish = {"open": Wish({"joint": 1.0}), "drive": Wish({"vx": 1.0}), "lift": Wish({"lift": 1.0})}
+        begin = wish.get(what, Wish({}, ("arm",)))
+        turn.device = Fixed(begin, Wish({}, ("stop",)), Wish({}, ("quit",)))
+        turn.run()
+        assert turn.stops == [False, True] and turn.said[-1].startswith("CANCELLED: stopped: the arms are held")
+        assert closed == {"open": [True], "close": [False]}.get(what, [])
+
+    def test_what_is_held_while_a_velocity_is_told_goes_on(self, turn):
+        """Over a slow link each takes longer than a look at the keys: it is no other moment that was meant."""
+        velocities, looks = [], iter(range(300))
+
+        def tell(*velocity, expiry):
+            velocities.append(velocity[0])
+            turn.ending.wait(0.15)
+
+        turn.own.chassis.set_velocity = tell
+        turn.device = lambda now_ns: Wish(
+            {"vx": 1.0}, ("quit",) if len(velocities) > 3 or next(looks, None) is None else ()
+        )
+        turn.run()
+        assert len(velocities) > 3 and velocities == sorted(velocities) and velocities[-1] > velocities[0] > 0.0, (
+            "the ramp goes on"
+        )
 
     def test_the_end_is_heard_and_waits_for_it(self, turn):
         """It was pressed once."""

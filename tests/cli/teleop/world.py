@@ -33,7 +33,7 @@ class Turn:
         self._until_ns, self._now = 0, Wish({})
         self.each = lambda: None
         self.session = Session(self.robot, self.own, lambda now_ns: self.device(now_ns), self)
-        self.session._aside = lambda work: work()  # one thread, in which time passes
+        self.session._aside = lambda work, goes_on=False: work()  # one thread, in which time passes
         self.session.help, self.device = "help", self.read
 
     def say(self, text):
