@@ -523,7 +523,10 @@ ROBOT_SIDE = {
         "robot_side::samples_that_cannot_be_believed_are_counted_and_the_part_goes_dead_if_they_last",
     ),
     "duplicated and reordered stamps": ("surprises::stamps_that_repeat_jump_or_come_in_another_order_change_nothing",),
-    "names in another order than §4.0.3": ("robot_side::joint_names_in_another_order_are_latched",),
+    "names in another order than §4.0.3": (
+        "robot_side::joint_names_in_another_order_are_latched",
+        "robot_side::joint_names_of_a_few_samples_latch_nothing",
+    ),
     "robot restarted (new router zid)": (
         "losing_the_link::another_transport_is_a_lost_one",
         "surprises::a_robot_that_restarted_is_another_one_in_every_state",

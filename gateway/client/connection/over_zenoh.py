@@ -11,9 +11,11 @@ from __future__ import annotations
 import atexit
 import json
 import os
+import socket
 import threading
 import time
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import msgspec
@@ -105,6 +107,10 @@ class ZenohTransport:
         path = self._target.path
         if path is not None and not path.exists():
             raise _disconnected(f"there is no socket at {path}")
+        if path is not None and not _is_listened_at(path):  # zenoh would wait its whole time for what is over
+            if not path.is_socket():
+                raise _disconnected(f"{path} is no socket", "name the gateway's socket, which `ta2 run` shows")
+            raise _disconnected(f"nobody listens at {path}: the gateway there has ended")
         try:
             session = zenoh.open(client_configuration(self._target, self._credentials, timeout_s))
         except zenoh.ZError as error:
@@ -322,6 +328,19 @@ class Pulse:
     def _end_with_python(self) -> None:
         if os.getpid() == self._pid:  # a forked process has no such thread
             self.stop()
+
+
+def _is_listened_at(path: Path) -> bool:
+    """Whether somebody has a socket open, dead or alive: a frozen one may have, and its guard answers for it. Never waits."""
+    with socket.socket(socket.AF_UNIX) as knocking:
+        knocking.setblocking(False)
+        try:
+            knocking.connect(str(path))
+        except ConnectionRefusedError:
+            return False
+        except OSError:  # a crowd is before us, or zenoh will say what it is
+            pass
+    return True
 
 
 def _disconnected(message: str, hint: str = "") -> GatewayError:

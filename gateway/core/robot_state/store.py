@@ -37,6 +37,9 @@ S = 1_000_000_000
 LAG_BUCKET_NS = 6 * S
 """The least lag is kept for ten of these: a clock slewed by 500 ppm moves 30 ms meanwhile, less than is allowed."""
 NAMES_WRONG_NS = 1 * S
+MISNAMED_NS = 50 * MS
+"""Of an arm's samples all must have other names for so long [ns]: where a connection comes back, zenoh may bring a few of
+another topic's."""
 
 AGREED_NS = 50 * MS
 """A stream starts where all samples of the last so long [ns] say that the arm is."""
@@ -131,7 +134,17 @@ class _SeedWindow:
 class _Track:
     """One state topic."""
 
-    __slots__ = ("_behind_ns", "_stamp_ns", "live_ns", "meter", "received_ns", "refused_ns", "value", "why_refused")
+    __slots__ = (
+        "_behind_ns",
+        "_stamp_ns",
+        "live_ns",
+        "meter",
+        "misnamed_ns",
+        "received_ns",
+        "refused_ns",
+        "value",
+        "why_refused",
+    )
 
     def __init__(self) -> None:
         self.meter = Meter()
@@ -140,12 +153,13 @@ class _Track:
         self.live_ns: int | None = None  # the same; None since a reset
         self.why_refused = ""
         self.refused_ns: int | None = None  # arrival of the newest sample that was not believed
+        self.misnamed_ns: int | None = None  # arrival of the first of those with other names, while no other one comes
         self._stamp_ns: int | None = None  # newest stamp that was in order
         self._behind_ns: int | None = None  # stamp of the sample before, when that one was behind
 
     def forget(self) -> None:
         """Keep the value for display; it is not fresh, and its stamp says nothing about the next one."""
-        self.live_ns = self._stamp_ns = self._behind_ns = None
+        self.live_ns = self._stamp_ns = self._behind_ns = self.misnamed_ns = None
 
     def refuse(self, why: str, at_ns: int, count: int = 1) -> None:
         self.meter.refused += count
@@ -200,8 +214,11 @@ class Store:
         if isinstance(event, SampleRefused):
             track.refuse(event.message, min(event.received_ns, now_ns), event.count)
             if event.code is Code.JOINT_ORDER and event.topic in self._seeds:
-                self._names_wrong = event
+                track.misnamed_ns = event.received_ns if track.misnamed_ns is None else track.misnamed_ns
+                if event.received_ns - track.misnamed_ns >= MISNAMED_NS:
+                    self._names_wrong = event
             return ""
+        track.misnamed_ns = None
         received_ns = min(event.received_ns, now_ns)
         track.meter.add(event, received_ns)
         why = self._why_not(track, event, received_ns)

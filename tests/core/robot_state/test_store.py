@@ -464,14 +464,36 @@ def test_refused_samples_are_counted_and_do_not_refresh(feed):
     assert feed.store.name_order_wrong(feed.now_ns) is None
 
 
+def misnamed(feed, topic, message):
+    """A sample of a topic arrives with other names."""
+    feed.store.receive(
+        SampleRefused(topic=topic, code=Code.JOINT_ORDER, message=message, received_ns=feed.now_ns), feed.now_ns
+    )
+
+
 def test_joint_names_in_another_order_are_told_for_a_second(feed):
     """Manual §4.0.3: only arms count, their order is what we command by."""
-    for topic, message in [(LEFT, "l_joint2 first"), (gripper_state(Side.LEFT), "gripper")]:
-        feed.store.receive(
-            SampleRefused(topic=topic, code=Code.JOINT_ORDER, message=message, received_ns=feed.now_ns), feed.now_ns
-        )
+    for _ in range(11):
+        feed.now_ns += 5 * MS
+        misnamed(feed, LEFT, "l_joint2 first")
+        misnamed(feed, gripper_state(Side.LEFT), "gripper")
     assert feed.store.name_order_wrong(feed.now_ns + 1 * S) == "l_joint2 first"
     assert feed.store.name_order_wrong(feed.now_ns + 1 * S + 1) is None
+
+
+def test_joint_names_of_a_few_samples_say_nothing_of_the_robot(feed):
+    """A connection that comes back may bring another topic's: refused, and no other robot while there are right ones."""
+    for count in range(40):
+        feed.now_ns += 5 * MS
+        misnamed(feed, LEFT, "of the right arm")
+        if count % 10 == 9:
+            feed.arm()
+    assert feed.store.name_order_wrong(feed.now_ns) is None and feed.refused() == 40
+    for _ in range(2):
+        misnamed(feed, LEFT, "of the right arm")
+        feed.store.reset()  # the transport was lost
+        feed.now_ns += 1 * S
+    assert feed.store.name_order_wrong(feed.now_ns) is None
 
 
 # ------------------------------------------------------------------------------------------------------------ views
