@@ -538,6 +538,14 @@ ROBOT_SIDE = {
     "people hear of it once": ("robot_side::what_lasts_is_told_once",),
 }
 
+READINGS = {
+    "joint values that stand still under fresh stamps": (
+        "readings::joints_that_are_told_to_stand_still_end_the_motion_wherever_they_are",
+        "sim/robot/model::what_is_told_of_a_stuck_joint_stays_under_fresh_stamps",
+        "cli/check/faults::a_fault_fails_its_trial",
+    ),
+}
+
 BRIDGE = {
     "state dead, transport up, tokens there, admin shows no DDS reader": (
         "link/discovery/route_watch::a_silent_announced_route_without_a_reader_is_dead_and_revived",
@@ -1014,6 +1022,7 @@ INDEX: dict[str, dict[str, tuple[str, ...] | str]] = {
     "Stopping and losing": STOPPING,
     "The guard": GUARD,
     "The robot does something by itself": ROBOT_SIDE,
+    "Where the manual can be read in two ways": READINGS,
     "The bridge misbehaves": BRIDGE,
     "Somebody else": ELSE,
     "What the owner moves": MOTIONS,

@@ -354,9 +354,10 @@ def _stalled_joints(side: Side, stall: Stall) -> _Symptom:
     )
     facts = {"joint": joint, "setpoint_rad": stall.setpoint, "measured_rad": stall.measured, "off_rad": stall.off}
     if stall.others_follow:
-        text = f"{where}, and the other joints follow: the robot clips it there (manual §4.10), or something holds it"
+        why = "the robot clips it there (manual §4.10), something holds it, or what is told of it is old (manual §4.8)"
+        text = f"{where}, and the other joints follow: {why}"
         return _Symptom(Code.CLIPPED_BY_ROBOT, f"{side}_arm", text, stall.since_ns, facts)
-    text = f"{where}: the setpoints moved and the arm did not"
+    text = f"{where}: the setpoints moved and the arm did not, or what is told of it is old (manual §4.8)"
     return _Symptom(Code.TRACKING_STALL, f"{side}_arm", text, stall.since_ns, facts)
 
 

@@ -59,6 +59,8 @@ class SimArm:
         margin_rad: How much tighter than §4.13 this robot clips (fault), shape (7,) [rad].
         zero_rad: By how much the joints really are beyond the angles that are told and taken (fault), shape (7,) [rad].
         measured_offset_rad: Added to what the encoders say (fault), shape (7,) [rad].
+        stuck: Joints of which what was told last is told again and again (fault): the stamp is that of the node which gathers
+            two CAN lines, not of the motor's own sample (§4.1.1, §4.8), shape (7,).
         load_kg: What its hand holds (fault) [kg]; only where somebody simulates forces.
         effort_noise_nm: Standard deviation of what its motors' efforts are told with, shape (7,) [N·m].
         accepted: Number of valid commands so far.
@@ -78,6 +80,7 @@ class SimArm:
         self.margin_rad = np.zeros(DOF)
         self.zero_rad = np.zeros(DOF)
         self.measured_offset_rad = np.zeros(DOF)
+        self.stuck = np.zeros(DOF, dtype=bool)
         self.load_kg = 0.0
         self.effort_noise_nm = np.zeros(DOF)
         self.accepted = 0

@@ -86,6 +86,11 @@ FAULTS: Final[Mapping[str, FaultKind]] = {
     ),
     "no_ik": FaultKind(scope="robot", required=_SIDE, help="the robot's IK finds no joint angles for any pose"),
     "blocked": FaultKind(scope="robot", required=_SIDE, help="something holds the arm: it does not follow"),
+    "stuck": FaultKind(
+        scope="robot",
+        required={**_SIDE, "joint": _NUMBER},
+        help="what is told of joint 1-7 stays, under fresh stamps; the joint follows, unless the arm is blocked too",
+    ),
     "load": FaultKind(
         scope="robot",
         required={**_SIDE, "kg": _NUMBER},

@@ -368,7 +368,7 @@ class SimRobot:
             arm.is_blocked = any(fault.name == "blocked" for fault in own)
             arm.load_kg = sum(fault.number for fault in own if fault.name == "load")
             arm.has_ik = not any(fault.name == "no_ik" for fault in own)
-            arm.measured_offset_rad[:] = arm.margin_rad[:] = arm.zero_rad[:] = 0.0
+            arm.measured_offset_rad[:] = arm.margin_rad[:] = arm.zero_rad[:] = arm.stuck[:] = 0.0
             for fault in own:
                 if fault.name == "jump":
                     arm.measured_offset_rad[fault.joint - 1] += fault.number
@@ -376,6 +376,8 @@ class SimRobot:
                     arm.margin_rad[fault.joint - 1] += fault.number
                 elif fault.name == "joint_zero":
                     arm.zero_rad[fault.joint - 1] += fault.number
+                elif fault.name == "stuck":
+                    arm.stuck[fault.joint - 1] = True
         self._redrive()
 
     def reset_stats(self) -> None:

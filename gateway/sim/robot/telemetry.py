@@ -104,6 +104,7 @@ class Telemetry:
         self._noise = noise[:, 4 * DOF :]
         self._noise_rad, self._noise_radps = settings.noise_rad, settings.noise_radps
         self._holding = {side: np.array(settings.holding_nm(side)) for side in Side}
+        self._told: dict[Side, Array] = {}
         self._names = {side: list(joint_names(side)) for side in Side}
 
     @property
@@ -135,11 +136,14 @@ class Telemetry:
             number = now_ns // self._period_ns
             for side, arm in arms.items():
                 arm_topic, pose_topic, gripper_topic = _SIDE_TOPICS[side]
-                position, velocity = self._measured(arm, number)
+                told = self._measured(arm, number)
+                if arm.stuck.any():
+                    told = np.where(arm.stuck, self._told.get(side, told), told)
+                self._told[side] = told
                 if arm_topic in topics:
-                    due.append((arm_topic, self._arm(arm, position, velocity, number, now_ns)))
+                    due.append((arm_topic, self._arm(side, told, now_ns)))
                 if pose_topic in topics:
-                    due.append((pose_topic, _pose(side, position + arm.zero_rad)))
+                    due.append((pose_topic, _pose(side, told[0] + arm.zero_rad)))
                 if gripper_topic in topics:
                     due.append((gripper_topic, self._gripper(grippers[side], number, now_ns)))
             if CHASSIS_STATE in topics:
@@ -159,24 +163,25 @@ class Telemetry:
         sec = (sec + 2**31) % 2**32 - 2**31  # an int32, which a fault can make overflow
         return std_msgs.Header(stamp=builtin_interfaces.Time(sec=sec, nanosec=nanosec), frame_id=frame_id)
 
-    def _measured(self, arm: SimArm, number: int) -> tuple[Array, Array]:
-        """Return the measured positions [rad] and velocities [rad/s] of an arm at a grid point, shape (7,) each."""
+    def _measured(self, arm: SimArm, number: int) -> Array:
+        """Return an arm's measured positions [rad], velocities [rad/s] and efforts [N·m] at a grid point, shape (3, 7)."""
         positions, velocities = self._arm_noise[arm.side]
         row = number % _ROWS
-        return arm.q_rad + arm.measured_offset_rad + positions[row], arm.v_radps + velocities[row]
-
-    def _arm(self, arm: SimArm, position: Array, velocity: Array, number: int, now_ns: int) -> sensor_msgs.JointState:
-        """Return the joint state message of an arm at a grid point (§4.8)."""
-        side, effort = arm.side, arm.effort_nm
+        velocity, effort = arm.v_radps + velocities[row], arm.effort_nm
         if effort is None:  # no forces are simulated
-            effort = self._holding[side] - 0.5 * velocity
-        effort = effort + arm.effort_noise_nm * self._effort_noise[side][number % _ROWS]
+            effort = self._holding[arm.side] - 0.5 * velocity
+        effort = effort + arm.effort_noise_nm * self._effort_noise[arm.side][row]
+        return np.array((arm.q_rad + arm.measured_offset_rad + positions[row], velocity, effort))
+
+    def _arm(self, side: Side, told: Array, now_ns: int) -> sensor_msgs.JointState:
+        """Return the joint state message of an arm at a grid point (§4.8)."""
+        position, velocity, effort = told.tolist()
         return sensor_msgs.JointState(
             header=self._header(now_ns, f"{side.value}_arm"),
             name=list(self._names[side]),
-            position=position.tolist(),
-            velocity=velocity.tolist(),
-            effort=effort.tolist(),
+            position=position,
+            velocity=velocity,
+            effort=effort,
         )
 
     def _gripper(self, gripper: SimGripper, number: int, now_ns: int) -> sensor_msgs.JointState:

@@ -218,6 +218,8 @@ POSE = SimSettings(left_mode="pose", right_mode="pose")
 MOVED = [
     ({"fault": "jump", "side": "left", "joint": 3, "delta_rad": 0.2}, echo, None),
     ({"fault": "blocked", "side": "left"}, step_and_back, None),
+    ({"fault": "stuck", "side": "left", "joint": 3}, step_and_back, None),
+    ({"fault": "stuck", "side": "left", "joint": 4}, step_and_back, POSE),
     ({"fault": "drop", "topic": joint_command(Side.LEFT)}, step_and_back, None),
     ({"fault": "arm_disabled", "side": "left"}, step_and_back, None),
     ({"fault": "control_mode", "side": "left", "mode": "pose"}, step_and_back, None),

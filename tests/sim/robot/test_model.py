@@ -404,6 +404,35 @@ def test_a_blocked_arm_falls_behind_its_target():
     assert user.robot.arms[Side.LEFT].deviation_rad > 0.35
 
 
+@pytest.mark.parametrize("is_blocked", [False, True])
+def test_what_is_told_of_a_stuck_joint_stays_under_fresh_stamps(is_blocked):
+    """One of two CAN lines is dead (§4.8): position, speed and effort are old, the pose is made of them; the rest is live."""
+    user = User(SimRobot())
+    user.ready()
+    robot, topics = user.robot, ("/left_arm/joint_states", "/left_arm/current_ee_pose")
+    robot.inject({"fault": "stuck", "side": "left", "joint": 4}, robot.now_ns)
+    if is_blocked:
+        robot.inject({"fault": "blocked", "side": "left"}, robot.now_ns)
+    user.targets[Side.LEFT][3] += 0.1
+    told = []
+    for _ in range(20):
+        user.live(0.02)
+        came = dict(robot.advance(robot.now_ns + 5 * MS))
+        told.append([came[topic] for topic in topics])
+    first, last = told[0][0], told[-1][0]
+    assert first.header.stamp != last.header.stamp
+    for name in ("position", "velocity", "effort"):
+        differ = [a != b for a, b in zip(getattr(first, name), getattr(last, name), strict=True)]
+        assert differ == [True, True, True, False, True, True, True]
+    pose = arm_geometry(Side.LEFT).forward(last.position)
+    assert (told[-1][1].position.x, told[-1][1].position.y) == pytest.approx(pose.position_m[:2], abs=1e-12)
+    off = robot.arms[Side.LEFT].q_rad[3] - last.position[3]
+    assert off == pytest.approx(0.0 if is_blocked else 0.1, abs=2e-3)
+    robot.clear("stuck")
+    seen = dict(robot.advance(robot.now_ns + 5 * MS))[topics[0]].position
+    assert seen == pytest.approx(robot.arms[Side.LEFT].q_rad, abs=2e-3)
+
+
 def test_a_joint_whose_zero_is_off_puts_the_hand_elsewhere():
     """It reports and takes the angles of before; the pose is that of the real ones, and the robot's own IK knows them."""
     robot = SimRobot(SimSettings(noise_rad=0.0, left_mode="pose"), 0)
