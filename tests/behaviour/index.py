@@ -539,6 +539,11 @@ ROBOT_SIDE = {
 }
 
 READINGS = {
+    "READY": (
+        "readings::arms_are_enabled_whether_or_not_ready_waits_for_their_commands",
+        "readings::commands_that_are_lost_on_their_way_keep_such_a_robot_from_ready",
+        "sim/robot/model::ready_waits_for_commands_of_each_enabled_arm_where_that_was_chosen",
+    ),
     "joint values that stand still under fresh stamps": (
         "readings::joints_that_are_told_to_stand_still_end_the_motion_wherever_they_are",
         "sim/robot/model::what_is_told_of_a_stuck_joint_stays_under_fresh_stamps",

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from gateway.errors import Code
-from gateway.messages.requests import Move, MovePose
+from gateway.messages.requests import Enable, Move, MovePose
 from gateway.robot.topics import STATE_TOPICS, joint_command, pose_command, shoulder_frame
 from gateway.sim.robot.settings import SimSettings
 from gateway.values import Side, Vector
@@ -73,3 +73,40 @@ def test_joints_that_are_told_to_stand_still_end_the_motion_wherever_they_are(mo
         assert np.all(np.abs(arm.q_rad - arm.target_rad) <= off_rad + 0.01), "it went beyond what is held"
     assert np.max(np.abs(arm.q_rad - arm.target_rad)) < 0.01 and pair.state == "HOLDING"
     assert set(sent(pair, mode, pair.mark_ns)) == {held} and pair.engine.latches
+
+
+# ------------------------------------------------------------------------------- READY after commands (§6.10) or without
+
+
+@pytest.mark.parametrize("needs", [True, False])
+@pytest.mark.parametrize(("mode", "off"), [("joint", None), ("pose", None), ("joint", "left"), ("pose", "left")])
+def test_arms_are_enabled_whether_or_not_ready_waits_for_their_commands(
+    mode: str, off: str | None, needs: bool
+) -> None:
+    """The echo of where they are goes on under 1.0; after a pause, too."""
+    pair = robot_with(mode, "IDLE", ready_needs_commands=needs, enable_left_arm=off is None)
+    pair.granted(Enable(epoch=pair.epoch), "ann")
+    pair.run_until(lambda: pair.state == "ACTIVE", 2.0)
+    assert all(pair.robot.arms[side].is_told for side in pair.streaming) and len(set(sent(pair, mode))) == 1
+    pair.robot.inject({"fault": "pause"}, pair.now_ns)
+    pair.run_until(lambda: pair.state == "PAUSED", 0.2)
+    pair.run(0.5)
+    pair.granted(Enable(epoch=pair.epoch), "ann")
+    pair.run_until(lambda: pair.state == "ACTIVE", 2.0)
+    begin_motion(pair, mode)
+
+
+@pytest.mark.parametrize("needs", [True, False])
+def test_commands_that_are_lost_on_their_way_keep_such_a_robot_from_ready(needs: bool) -> None:
+    """Then the enabling ends after 10 s with 0.0 and the reason; without that reading the next motion finds it."""
+    pair = robot_with("joint", "IDLE", ready_needs_commands=needs)
+    pair.robot.inject({"fault": "drop", "topic": COMMANDS["joint"]}, pair.now_ns)
+    pair.granted(Enable(epoch=pair.epoch), "ann")
+    pair.run_until(lambda: pair.state == ("IDLE" if needs else "ACTIVE"), 10.2)
+    if needs:
+        pair.run(0.2)
+        assert pair.see().enable.code == "ENABLE_TIMEOUT" and pair.beats[-1] == 0.0 and pair.fsm == 0
+        return
+    begin_motion(pair, "joint")
+    pair.run_until(lambda: pair.state == "HOLDING", 4.0)
+    assert list(pair.engine.latches) == [Code.TRACKING_ERROR]

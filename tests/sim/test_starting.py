@@ -34,10 +34,10 @@ def test_without_arguments_it_is_the_default_robot_on_the_default_port(started):
 
 
 def test_every_argument_reaches_the_settings(started):
-    """Modes of both arms or of each, model, seed, endpoint, namespace, disabled parts, clock."""
+    """Modes of both arms or of each, model, seed, endpoint, namespace, disabled parts, clock, readings of the manual."""
     words = "--listen tcp/127.0.0.1:9 --mode pose --right-mode joint --model lift --seed 4 --namespace bot1 --disable left_arm"
-    clock = "--clock-offset-s -0.05 --clock-drift-ppm 40"
-    start(options(*words.split(), "--disable", "chassis", "--physics", "mujoco", "--differs", "8", *clock.split()))
+    more = "--clock-offset-s -0.05 --clock-drift-ppm 40 --ready-needs-commands"
+    start(options(*words.split(), "--disable", "chassis", "--physics", "mujoco", "--differs", "8", *more.split()))
     expected = SimSettings(
         model="lift",
         left_mode="pose",
@@ -50,6 +50,7 @@ def test_every_argument_reaches_the_settings(started):
         enable_chassis=False,
         clock_offset_ns=-50 * MS,
         clock_drift_ppm=40.0,
+        ready_needs_commands=True,
     )
     assert started == [("tcp/127.0.0.1:9", expected)]
 

@@ -34,7 +34,7 @@ from gateway.cli.command_line.robot_arguments import (
     namespace,
 )
 from gateway.cli.command_line.service_arguments import add_fleet, add_keys, add_service
-from gateway.cli.command_line.sim_arguments import add_camera, add_clock, add_physics
+from gateway.cli.command_line.sim_arguments import add_camera, add_clock, add_physics, add_readings
 from gateway.cli.command_line.stop_arguments import add_stops
 from gateway.cli.command_line.teleop_arguments import add_teleop
 from gateway.cli.command_line.video_arguments import add_video
@@ -200,6 +200,7 @@ def _add_sim(sim: argparse.ArgumentParser) -> None:
     )
     add_physics(sim)
     add_clock(sim)
+    add_readings(sim)
     add_camera(sim)
     asks = sim.add_subparsers(title="ask a running one", dest="ask", metavar="ASK")
     for name, text in (

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from gateway.cli.command_line.numbers import between
 
-__all__ = ["add_camera", "add_clock", "add_physics"]
+__all__ = ["add_camera", "add_clock", "add_physics", "add_readings"]
 
 _offset = partial(between, least=-1e8, most=1e8, what="offset [s]")
 _percent = partial(between, least=0.0, most=30.0, what="part [%]")
@@ -59,6 +59,15 @@ def add_clock(sim: argparse.ArgumentParser) -> None:
         default=0.0,
         metavar="PPM",
         help="how much faster than this host's its clock runs [ppm] (default %(default)g)",
+    )
+
+
+def add_readings(sim: argparse.ArgumentParser) -> None:
+    """Add `--ready-needs-commands`."""
+    sim.add_argument(
+        "--ready-needs-commands",
+        action="store_true",
+        help="its FSM becomes READY only after a valid command of each enabled arm (manual §6.10; §6.1 needs none)",
     )
 
 

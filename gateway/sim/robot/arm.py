@@ -63,6 +63,7 @@ class SimArm:
             two CAN lines, not of the motor's own sample (§4.1.1, §4.8), shape (7,).
         load_kg: What its hand holds (fault) [kg]; only where somebody simulates forces.
         effort_noise_nm: Standard deviation of what its motors' efforts are told with, shape (7,) [N·m].
+        is_told: Whether a valid command has come since the slow start began.
         accepted: Number of valid commands so far.
         unsolved: Number of poses so far for which its IK found nothing.
         effort_nm: Torques of the motors, shape (7,) [N·m]; None unless somebody simulates forces.
@@ -83,6 +84,7 @@ class SimArm:
         self.stuck = np.zeros(DOF, dtype=bool)
         self.load_kg = 0.0
         self.effort_noise_nm = np.zeros(DOF)
+        self.is_told = False
         self.accepted = 0
         self.unsolved = 0
         self.clips = 0
@@ -158,6 +160,7 @@ class SimArm:
 
     def _accept(self, target: Array, now_ns: int) -> None:
         self.target_rad = target
+        self.is_told = True
         self.accepted += 1
         self._is_protected = False
         self._last_ns = now_ns
@@ -192,6 +195,7 @@ class SimArm:
 
     def start(self) -> None:
         """Begin a slow start: unless a stream already says where to, the target is the pose of this moment (§4.7)."""
+        self.is_told = False
         self._reference = self.q_rad.copy()
         if not self.is_streamed or self._is_protected:
             self.target_rad = self.q_rad.copy()

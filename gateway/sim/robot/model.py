@@ -307,7 +307,9 @@ class SimRobot:
             self.lift.expire(now_ns)
         if self._check_grid.next_ns <= now_ns:
             self._check_grid.advance()
-            self.fsm.check([arm.deviation_rad for arm in self.arms.values() if arm.is_enabled])
+            enabled = [arm for arm in self.arms.values() if arm.is_enabled]
+            may = not self.settings.ready_needs_commands or all(arm.is_told for arm in enabled)
+            self.fsm.check([arm.deviation_rad for arm in enabled] if may else [])
         self._redrive()
 
     # -------------------------------------------------------------------------------------------------------- faults

@@ -76,6 +76,8 @@ class SimSettings:
         start_x_m: How far ahead of the scene's origin the robot stands at the start [m]; only with `physics`.
         grip_survives_pause: Whether the gripper keeps its torque in PAUSE while the arm's stream goes on. §4.4 ties the
             torque to that stream only, so the default is True; False is the careful reading of §4.1.
+        ready_needs_commands: Whether READY waits for a valid command of each enabled arm since the slow start began. The
+            vendor's own simulator asks for one of both arms (§6.10); §6.1 becomes READY without any, so the default is False.
     """
 
     model: str = "standard"
@@ -106,6 +108,7 @@ class SimSettings:
     start_lowered_m: float = 0.30
     start_x_m: float = 0.0
     grip_survives_pause: bool = True
+    ready_needs_commands: bool = False
 
     def __post_init__(self) -> None:
         """Refuse names and numbers that mean nothing."""
@@ -170,8 +173,8 @@ def settings_of(options: Namespace) -> SimSettings:
     """Return the settings that the command line asks for.
 
     Args:
-        options: With model, mode, left_mode, right_mode, namespace, seed, physics, differs, clock_offset_s, clock_drift_ppm and
-            disable (names of disabled parts).
+        options: With model, mode, left_mode, right_mode, namespace, seed, physics, differs, clock_offset_s, clock_drift_ppm,
+            ready_needs_commands and disable (names of disabled parts).
 
     Raises:
         ValueError: They mean nothing together.
@@ -186,6 +189,7 @@ def settings_of(options: Namespace) -> SimSettings:
         differs_percent=options.differs,
         clock_offset_ns=round(options.clock_offset_s * S),
         clock_drift_ppm=options.clock_drift_ppm,
+        ready_needs_commands=options.ready_needs_commands,
         enable_left_arm="left_arm" not in options.disable,
         enable_right_arm="right_arm" not in options.disable,
         enable_chassis="chassis" not in options.disable,

@@ -404,6 +404,29 @@ def test_a_blocked_arm_falls_behind_its_target():
     assert user.robot.arms[Side.LEFT].deviation_rad > 0.35
 
 
+@pytest.mark.parametrize("needs", [True, False])
+def test_ready_waits_for_commands_of_each_enabled_arm_where_that_was_chosen(needs):
+    """Those since the slow start began count (§6.10); by default none is needed (§6.1)."""
+    user = User(SimRobot(SimSettings(ready_needs_commands=needs)))
+    user.ready()
+    robot, one = user.robot, std_msgs.Float32(data=1.0)
+
+    def slow_start(*commanded):
+        robot.receive("/api/fsm/enable", std_msgs.Float32(data=0.0), robot.now_ns)
+        for _ in range(10):
+            robot.receive("/api/fsm/enable", one, robot.now_ns)
+            for side in commanded:
+                target = joints(robot.arms[side].q_rad)
+                robot.receive(f"/api/{side.value}_arm/joint_cmd", target, robot.now_ns)
+            robot.advance(robot.now_ns + 50 * MS)
+        return robot.fsm.state
+
+    assert slow_start() is slow_start(Side.LEFT) is (Fsm.SLOW_START if needs else Fsm.READY)
+    assert slow_start(*Side) is Fsm.READY
+    robot.inject({"fault": "arm_disabled", "side": "right"}, robot.now_ns)
+    assert slow_start(Side.LEFT) is Fsm.READY
+
+
 @pytest.mark.parametrize("is_blocked", [False, True])
 def test_what_is_told_of_a_stuck_joint_stays_under_fresh_stamps(is_blocked):
     """One of two CAN lines is dead (§4.8): position, speed and effort are old, the pose is made of them; the rest is live."""
