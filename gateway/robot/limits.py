@@ -118,7 +118,7 @@ MOST_NM = 1000.0
 """More than this no motor of an arm gives [N·m] (ours): what says so measures nothing."""
 
 ARM_WATCHDOG_NS = 150 * MS
-"""A longer gap in the arm stream means zero-velocity protection (§4.3, §4.10)."""
+"""A longer gap in the arm stream means zero-velocity protection (§4.3, §4.10), in joint mode; taken for poses too (ours)."""
 GRIPPER_WATCHDOG_NS = 100 * MS
 """A longer gap in the arm stream cancels the gripper's torque (§4.4): the limit that counts for us."""
 FSM_WATCHDOG_NS = 1 * S

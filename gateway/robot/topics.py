@@ -73,7 +73,9 @@ class Topic(Struct, frozen=True, kw_only=True):
         rate_hz: Nominal rate: the robot's for states (§4.1.1), ours for commands (DESIGN §6).
         width: Number of floats of a command; of positions of a JointState; 0 where it does not apply.
         watchdog_ns: How long the robot goes on after the last command of this topic; None for states, and for grippers, which
-            keep theirs: what lets go of a grip is a gap in the arm's stream, `GRIPPER_WATCHDOG_NS` (§4.4).
+            keep theirs: what lets go of a grip is a gap in the arm's stream, `GRIPPER_WATCHDOG_NS` (§4.4). The manual has
+            that of the arms for joint commands alone (§4.3, §4.10); for poses it is ours: the longest gap after which we go
+            on as if nothing was.
         stop_frame: What stops the group at once; empty where silence or a repeated reference does.
         names: Joint names in order; empty where the type has none.
         section: Manual section.

@@ -539,6 +539,14 @@ ROBOT_SIDE = {
 }
 
 READINGS = {
+    "silence in end-effector mode": (
+        "readings::in_silence_a_hand_goes_no_further_than_to_the_setpoint_that_it_is_behind",
+        "readings::while_the_gateway_lives_a_hand_is_braked_and_held_by_poses",
+        "readings::a_guard_brakes_and_holds_the_hand_of_a_dead_daemon_and_its_silence_moves_nothing",
+        "readings::an_arm_that_was_moved_in_the_silence_is_enabled_where_it_is",
+        "poses::an_end_effector_that_is_blocked_is_a_tracking_error",
+        "sim/robot/arm::only_an_arm_in_end_effector_mode_pursues_its_last_pose_in_silence_where_that_was_chosen",
+    ),
     "READY": (
         "readings::arms_are_enabled_whether_or_not_ready_waits_for_their_commands",
         "readings::commands_that_are_lost_on_their_way_keep_such_a_robot_from_ready",

@@ -28,7 +28,15 @@ from gateway.robot.topics import (
     joint_command,
     pose_command,
 )
-from gateway.settings.settings import ArmSettings, ForeignSettings, LinkSettings, LocalSettings, LossSettings, Settings
+from gateway.settings.settings import (
+    ArmSettings,
+    ForeignSettings,
+    LinkSettings,
+    LocalSettings,
+    LossSettings,
+    PoseSettings,
+    Settings,
+)
 from gateway.sim.robot.settings import SimSettings
 from gateway.values import Side, Vector
 from tests.changed import replace
@@ -54,6 +62,7 @@ class Scene(Pair):
         remembered: What an earlier engine left.
         model: `lite`, `standard` or `lift`.
         arm: Limits and tolerances, where other ones than the usual are needed.
+        pose: The same in end-effector mode.
         loss: Stages of a loss; `QUICK` where their length is not the point.
         foreign: What is done about foreign writers.
         snapshot_hz: How often a snapshot is made; `see` needs 50.
@@ -68,6 +77,7 @@ class Scene(Pair):
         *,
         model: str = "standard",
         arm: ArmSettings | None = None,
+        pose: PoseSettings | None = None,
         loss: LossSettings | None = None,
         foreign: ForeignSettings | None = None,
         snapshot_hz: float = 1.0,
@@ -76,6 +86,7 @@ class Scene(Pair):
     ) -> None:
         settings = Settings(
             arm=arm or ArmSettings(),
+            pose=pose or PoseSettings(),
             loss=loss or LossSettings(),
             foreign=foreign or ForeignSettings(),
             local=LocalSettings(snapshot_hz=snapshot_hz, demand_stop_endpoint=demands_endpoint),

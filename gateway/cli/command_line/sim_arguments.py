@@ -63,7 +63,14 @@ def add_clock(sim: argparse.ArgumentParser) -> None:
 
 
 def add_readings(sim: argparse.ArgumentParser) -> None:
-    """Add `--ready-needs-commands`."""
+    """Add `--pose-silence` and `--ready-needs-commands`."""
+    sim.add_argument(
+        "--pose-silence",
+        choices=("stops", "pursues"),
+        default="stops",
+        help="what an arm in end-effector mode does when poses cease: stop after 0.15 s as one in joint mode (manual §4.3), "
+        "or go on to the last one, of which §4.2 says nothing (default %(default)s)",
+    )
     sim.add_argument(
         "--ready-needs-commands",
         action="store_true",

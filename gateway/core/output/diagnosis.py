@@ -25,7 +25,15 @@ from gateway.core.supervision.coordinator import Coordinator
 from gateway.core.supervision.supervisor import State
 from gateway.errors import CODES
 from gateway.messages.snapshot import Finding, SlowingView
-from gateway.robot.topics import ARM_JOINTS, CHASSIS_STATE, FSM_ENABLE, MOTION_STATE_TOPICS, STATE_TOPICS, TOPICS
+from gateway.robot.topics import (
+    ARM_JOINTS,
+    CHASSIS_STATE,
+    FSM_ENABLE,
+    MOTION_STATE_TOPICS,
+    STATE_TOPICS,
+    TOPICS,
+    pose_command,
+)
 from gateway.values import FsmState, Side, Space, Vector
 
 __all__ = ["PERIOD_NS", "Diagnosis", "Finding"]
@@ -52,6 +60,7 @@ SLOWED = 0.9
 QUIET_AGAIN_NS = 10 * S
 """The same finding is told again only after this long [ns]."""
 
+POSES = frozenset(map(pose_command, Side))
 MOVING = frozenset({State.ACTIVE, State.HOLDING, State.STOPPING})
 """States in which the robot follows setpoints."""
 BAD_ROUTES = ("not announced", "inactive", "no match", "route dead")
@@ -294,10 +303,11 @@ class Diagnosis:
             at_ns, gap_ns = worst
             bound_ns = max(LATE * row.watchdog_ns, 3 * S / row.rate_hz)
             if gap_ns > bound_ns:
+                section = "§4.3, of joint commands" if stream.topic in POSES else row.section
                 text = (
                     f"nothing was sent to {stream.topic} for {gap_ns / MS:.0f} ms by this host: more than "
                     f"{bound_ns / MS:.0f} ms is late, {row.watchdog_ns / MS:.0f} ms ends the robot's patience "
-                    f"(manual {row.section})"
+                    f"(manual {section})"
                 )
                 facts = {"gap_ms": gap_ns / MS, "bound_ms": bound_ns / MS, "watchdog_ms": row.watchdog_ns / MS}
                 yield _Symptom(Code.STREAM_LATE, stream.topic, text, at_ns - gap_ns, facts)

@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 
 from gateway.sim.robot.geometry import EePose, arm_geometry
 from gateway.sim.robot.journal import Journal
-from gateway.sim.robot.manual import ARM_WATCHDOG_NS, DOF, LOWER_RAD, SLOW_START_RADPS, UPPER_RAD, S, Side
+from gateway.sim.robot.manual import ARM_WATCHDOG_NS, DOF, LOWER_RAD, SLOW_START_RADPS, UPPER_RAD, ArmMode, S, Side
 from gateway.sim.robot.settings import SimSettings
 
 __all__ = ["Drive", "SimArm"]
@@ -97,6 +97,7 @@ class SimArm:
         self._creep = -np.sign(settings.holding_nm(side)) * settings.creep_radps
         self._creeps = settings.creep_radps != 0.0
         self._is_resting = False
+        self._pursues = settings.pose_silence == "pursues"
         self._lag_s, self._brake_s = settings.lag_s, settings.brake_s
         self._reference = self.q_rad.copy()
         self.drive = Drive.STILL
@@ -169,13 +170,14 @@ class SimArm:
 
     @property
     def is_streamed(self) -> bool:
-        """Whether commands keep coming: no gap of more than 0.15 s so far (§4.10)."""
+        """Whether commands count as coming: no gap of more than 0.15 s so far (§4.10), or the last pose is pursued."""
         return self._last_ns is not None
 
     @property
     def deadline_ns(self) -> int | None:
-        """When the stream counts as interrupted: the first instant more than 0.15 s after the last command [ns]."""
-        return None if self._last_ns is None else self._last_ns + ARM_WATCHDOG_NS + 1
+        """When the stream counts as interrupted [ns]: the first instant more than 0.15 s after the last command, if ever."""
+        pursues = self._pursues and self.mode is ArmMode.POSE
+        return None if self._last_ns is None or pursues else self._last_ns + ARM_WATCHDOG_NS + 1
 
     def expire(self, now_ns: int) -> None:
         """End the stream when its deadline has passed."""

@@ -13,10 +13,13 @@ from typing import Final
 
 from gateway.sim.robot.manual import MS, ArmMode, S, Side
 
-__all__ = ["HANGING_RAD", "PHYSICS", "SimSettings", "settings_of"]
+__all__ = ["HANGING_RAD", "PHYSICS", "POSE_SILENCE", "SimSettings", "settings_of"]
 
 PHYSICS: Final = ("kinematic", "mujoco")
 """How a robot can move: as lags and speeds, or with forces; the first is the default."""
+
+POSE_SILENCE: Final = ("stops", "pursues")
+"""What an arm in end-effector mode can do when poses cease; the first is the default."""
 
 HANGING_RAD: Final = {
     Side.LEFT: (0.05, 1.35, -0.08, 0.55, 0.10, 0.06, -0.05),
@@ -76,6 +79,9 @@ class SimSettings:
         start_x_m: How far ahead of the scene's origin the robot stands at the start [m]; only with `physics`.
         grip_survives_pause: Whether the gripper keeps its torque in PAUSE while the arm's stream goes on. §4.4 ties the
             torque to that stream only, so the default is True; False is the careful reading of §4.1.
+        pose_silence: What an arm in end-effector mode does when poses cease: `stops` as one in joint mode, at zero velocity
+            after 0.15 s; `pursues` its last pose as long as the FSM lets it. The manual has that watchdog for joint commands
+            alone (§4.3, §4.10); §4.2 says nothing.
         ready_needs_commands: Whether READY waits for a valid command of each enabled arm since the slow start began. The
             vendor's own simulator asks for one of both arms (§6.10); §6.1 becomes READY without any, so the default is False.
     """
@@ -108,6 +114,7 @@ class SimSettings:
     start_lowered_m: float = 0.30
     start_x_m: float = 0.0
     grip_survives_pause: bool = True
+    pose_silence: str = "stops"
     ready_needs_commands: bool = False
 
     def __post_init__(self) -> None:
@@ -118,6 +125,8 @@ class SimSettings:
             raise ValueError(f"physics {self.physics!r} is not one of {', '.join(PHYSICS)}")
         if not 0.0 <= self.differs_percent <= (0.0 if self.physics == "kinematic" else 30.0):
             raise ValueError(f"differs {self.differs_percent:g} % is outside [0, 30] %, and needs physics 'mujoco'")
+        if self.pose_silence not in POSE_SILENCE:
+            raise ValueError(f"pose_silence {self.pose_silence!r} is not one of {', '.join(POSE_SILENCE)}")
         for name in ("left_mode", "right_mode"):
             if getattr(self, name) not in _MODES:
                 raise ValueError(f"{name} {getattr(self, name)!r} is not one of {', '.join(_MODES)}")
@@ -174,7 +183,7 @@ def settings_of(options: Namespace) -> SimSettings:
 
     Args:
         options: With model, mode, left_mode, right_mode, namespace, seed, physics, differs, clock_offset_s, clock_drift_ppm,
-            ready_needs_commands and disable (names of disabled parts).
+            pose_silence, ready_needs_commands and disable (names of disabled parts).
 
     Raises:
         ValueError: They mean nothing together.
@@ -189,6 +198,7 @@ def settings_of(options: Namespace) -> SimSettings:
         differs_percent=options.differs,
         clock_offset_ns=round(options.clock_offset_s * S),
         clock_drift_ppm=options.clock_drift_ppm,
+        pose_silence=options.pose_silence,
         ready_needs_commands=options.ready_needs_commands,
         enable_left_arm="left_arm" not in options.disable,
         enable_right_arm="right_arm" not in options.disable,

@@ -154,6 +154,27 @@ def test_a_gap_of_more_than_150_ms_ends_the_stream():
     assert sim.drive is Drive.STILL
 
 
+@pytest.mark.parametrize(("silence", "mode"), [("pursues", "pose"), ("pursues", "joint"), ("stops", "pose")])
+def test_only_an_arm_in_end_effector_mode_pursues_its_last_pose_in_silence_where_that_was_chosen(silence, mode):
+    """The watchdog of §4.3 is one of joint commands; §4.2 has none. PAUSE ends it all the same."""
+    sim = arm(SimSettings(lag_s=0.05, left_mode=mode, pose_silence=silence))
+    goal = sim.q_rad + 0.1
+    if mode == "pose":
+        assert sim.command_pose(arm_geometry(Side.LEFT).forward(goal), 0)
+    else:
+        assert sim.command_joints(goal, 0)
+    target = sim.target_rad
+    sim.set_drive(Drive.FOLLOW)
+    sim.move(50 * MS)
+    sim.expire(1 * S)
+    sim.set_drive(Drive.FOLLOW)
+    assert (sim.drive is Drive.FOLLOW) is sim.is_streamed is (silence == "pursues" and mode == "pose")
+    sim.move(1 * S)
+    assert np.allclose(sim.q_rad, target, atol=1e-3) == sim.is_streamed
+    sim.set_drive(Drive.STILL)
+    assert sim.drive is Drive.STILL
+
+
 @pytest.mark.parametrize("reason", ["disabled", "blocked", "silent"])
 def test_only_an_enabled_free_and_commanded_arm_follows(reason):
     """Otherwise the motors get zero velocity, whatever the state machine allows."""

@@ -62,6 +62,7 @@ def test_compliant_servos_lower_the_hand_a_little():
         ({"model": "plus"}, "plus"),
         ({"left_mode": "velocity"}, "left_mode"),
         ({"right_mode": ""}, "right_mode"),
+        ({"pose_silence": "waits"}, "pose_silence"),
         ({"namespace": "bot*"}, "namespace"),
         ({"compliance_radpnm": -1e-3}, "compliance_radpnm"),
         ({"clock_drift_ppm": 1001.0}, "clock_drift_ppm"),
