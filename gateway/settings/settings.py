@@ -252,6 +252,9 @@ class ModelSettings(Struct, frozen=True, kw_only=True):
         dynamics: Whether efforts are compared with what masses and motion ask for: what pulls at the arms (extra `body`).
         left_touch_n: At what force on the left hand whatever moves that arm is ended [N]; 0 for none. Needs `dynamics`.
         right_touch_n: The same of the right hand [N].
+        left_gripper_closed_rad: What the left gripper's motor angle is told as when it is closed [rad]: 0 in manual §4.4.2,
+            whose coordinate need not be what is told; §4.8 shows 1.13 where the description ends at 1.
+        right_gripper_closed_rad: The same of the right gripper [rad].
     """
 
     check: bool = True
@@ -267,6 +270,8 @@ class ModelSettings(Struct, frozen=True, kw_only=True):
     dynamics: bool = False
     left_touch_n: float = 0.0
     right_touch_n: float = 0.0
+    left_gripper_closed_rad: float = 0.0
+    right_gripper_closed_rad: float = 0.0
 
     def __post_init__(self) -> None:
         """Refuse tolerances that judge nothing, and a guard without a model."""
@@ -288,6 +293,11 @@ class ModelSettings(Struct, frozen=True, kw_only=True):
                 if not self.dynamics:
                     rule = "needs model.dynamics = true: else nobody feels a touch"
                     raise SettingsRefused(name, force_n, unit="N", rule=rule)
+            within(f"model.{side}_gripper_closed_rad", self.gripper_closed_rad(side), -3.2, 3.2, "rad", OURS)
+
+    def gripper_closed_rad(self, side: Side) -> float:
+        """Return what a closed gripper's motor angle is told as [rad]."""
+        return self.left_gripper_closed_rad if side is Side.LEFT else self.right_gripper_closed_rad
 
     def touch_n(self, side: Side) -> float:
         """Return at what force on its hand whatever moves an arm is ended [N]; 0 for none."""

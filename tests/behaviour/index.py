@@ -539,6 +539,14 @@ ROBOT_SIDE = {
 }
 
 READINGS = {
+    "where a gripper is closed": (
+        "readings::whether_a_gripper_holds_something_is_told_by_where_it_is_closed_and_not_in_a_pause",
+        "core/supervision/grip::closed_is_where_the_settings_have_it",
+    ),
+    "a gripper in PAUSE": (
+        "readings::whether_a_gripper_holds_something_is_told_by_where_it_is_closed_and_not_in_a_pause",
+        "core/supervision/grip::nobody_can_tell_of_a_gripper_that_may_have_no_torque",
+    ),
     "silence in end-effector mode": (
         "readings::in_silence_a_hand_goes_no_further_than_to_the_setpoint_that_it_is_behind",
         "readings::while_the_gateway_lives_a_hand_is_braked_and_held_by_poses",
@@ -554,6 +562,7 @@ READINGS = {
     ),
     "joint values that stand still under fresh stamps": (
         "readings::joints_that_are_told_to_stand_still_end_the_motion_wherever_they_are",
+        "readings::recover_leads_an_arm_that_is_told_to_stand_still_slowly_to_what_is_told",
         "sim/robot/model::what_is_told_of_a_stuck_joint_stays_under_fresh_stamps",
         "cli/check/faults::a_fault_fails_its_trial",
     ),

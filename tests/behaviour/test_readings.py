@@ -9,9 +9,9 @@ import pytest
 
 from gateway.core.guardian import Phase
 from gateway.errors import Code
-from gateway.messages.requests import Disable, Enable, Move, MovePose, Stop
-from gateway.robot.topics import STATE_TOPICS, joint_command, pose_command, shoulder_frame
-from gateway.settings.settings import PoseSettings, Settings
+from gateway.messages.requests import Disable, Enable, Move, MovePose, Recover, SetGripper, Stop
+from gateway.robot.topics import STATE_TOPICS, arm_state, joint_command, pose_command, shoulder_frame
+from gateway.settings.settings import LocalSettings, ModelSettings, PoseSettings, Settings
 from gateway.sim.robot.geometry import arm_geometry
 from gateway.sim.robot.settings import POSE_SILENCE, SimSettings
 from gateway.values import Side, Vector
@@ -79,6 +79,30 @@ def test_joints_that_are_told_to_stand_still_end_the_motion_wherever_they_are(mo
         assert np.all(np.abs(arm.q_rad - arm.target_rad) <= off_rad + 0.01), "it went beyond what is held"
     assert np.max(np.abs(arm.q_rad - arm.target_rad)) < 0.01 and pair.state == "HOLDING"
     assert set(sent(pair, mode, pair.mark_ns)) == {held} and pair.engine.latches
+
+
+@pytest.mark.parametrize("is_held", [True, False])
+def test_recover_leads_an_arm_that_is_told_to_stand_still_slowly_to_what_is_told(is_held: bool) -> None:
+    """The walk is smooth: a held arm that comes free after it stays, one that was elsewhere goes back with it."""
+    pair = robot_with("joint")
+    arm = pair.robot.arms[R]
+    for joint in range(1, 8):
+        pair.robot.inject({"fault": "stuck", "side": "right", "joint": joint}, pair.now_ns)
+    if is_held:
+        pair.robot.inject({"fault": "blocked", "side": "right"}, pair.now_ns)
+    begin_motion(pair, "joint")
+    pair.run_until(lambda: pair.state == "HOLDING", 4.0)
+    pair.run(1.0)
+    pair.granted(Recover(), "ann")
+    fastest_radps = 0.0
+    for _ in range(300):
+        before = arm.q_rad
+        pair.run(0.02)
+        fastest_radps = max(fastest_radps, float(np.max(np.abs(arm.q_rad - before))) / 0.02)
+    told_rad = pair.heard[arm_state(R)].value.q_rad
+    pair.robot.clear()
+    pair.run(1.0)
+    assert pair.told(Code.WALK) and fastest_radps < 0.35 and np.allclose(arm.q_rad, told_rad, atol=0.01)
 
 
 # ------------------------------------------------------------------------------- READY after commands (§6.10) or without
@@ -232,3 +256,30 @@ def test_an_arm_that_was_moved_in_the_silence_is_enabled_where_it_is(silence: st
     pair.granted(Enable(epoch=pair.epoch), "ann")
     assert gone_m(pair, 2.0) < 0.005 and pair.state == "ACTIVE"
     assert math.dist(here, hand_m(pair)) < 0.005
+
+
+# ------------------------------------------------------------------ where a gripper is closed (§4.4.2, §4.8), and its PAUSE
+
+
+@pytest.mark.parametrize("survives", [True, False])
+@pytest.mark.parametrize("zero_rad", [0.0, 0.13, -0.4])
+def test_whether_a_gripper_holds_something_is_told_by_where_it_is_closed_and_not_in_a_pause(
+    zero_rad: float, survives: bool
+) -> None:
+    """Of one that met something, and one that closed, with their angles told from another zero; PAUSE may take the torque."""
+    sim = SimSettings(
+        state_period_ns=10 * MS, gripper_zero_rad=zero_rad, grip_survives_pause=survives, right_object_rad=0.06
+    )
+    closed = ModelSettings(left_gripper_closed_rad=zero_rad, right_gripper_closed_rad=zero_rad)
+    pair = Pair(Settings(local=LocalSettings(snapshot_hz=50), model=closed), sim)
+    epoch = pair.activate()
+    for side in Side:
+        pair.granted(SetGripper(epoch=epoch, side=side, raw=0.8))
+    pair.run(1.5)
+    assert {side: grip.holding for side, grip in pair.see().grips.items()} == {"left": False, "right": True}
+    pair.robot.inject({"fault": "pause"}, pair.now_ns)
+    pair.run(1.0)
+    assert pair.state == "PAUSED" and {grip.holding for grip in pair.see().grips.values()} == {None}
+    pair.granted(Enable(epoch=epoch))
+    pair.run(1.5)
+    assert {side: grip.holding for side, grip in pair.see().grips.items()} == {"left": False, "right": True}

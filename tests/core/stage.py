@@ -60,6 +60,7 @@ class Stage:
         owner: Who owns the robot; None for nobody.
         dumb: Arms whose state was never heard.
         poses: Arms in end-effector mode.
+        settings: Other ones than the defaults, `model` among them.
 
     Attributes:
         q_rad: What is measured, per side [rad].
@@ -80,8 +81,10 @@ class Stage:
         owner: str | None = "ann",
         dumb: Collection[Side] = (),
         poses: Collection[Side] = (),
+        settings: Settings | None = None,
     ) -> None:
-        self.coordinator = Coordinator(Settings(link=LinkSettings(model=model)), Remembered(latches=latches or {}))
+        settings = settings or Settings(link=LinkSettings(model=model))
+        self.coordinator = Coordinator(settings, Remembered(latches=latches or {}))
         self.phases = Phases(self.coordinator, Conditions(self.coordinator))
         self.now_ns = 1_000 * S
         self.q_rad = dict(MIDDLE)

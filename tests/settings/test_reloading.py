@@ -66,6 +66,8 @@ ANOTHER = {
     "model.margin_m": 0.03,
     "model.left_touch_n": 30.0,
     "model.right_touch_n": 30.0,
+    "model.left_gripper_closed_rad": 0.13,
+    "model.right_gripper_closed_rad": 0.13,
 }
 """Another value of a setting, where half of it, a text more or the other way round makes no sense."""
 

@@ -106,6 +106,8 @@ BOUNDS = [
     Bound(ModelSettings, "window_ns", 1 * S, 30 * S),
     Bound(ModelSettings, "margin_m", 0.02, 0.2),
     Bound(ModelSettings, "singularity_radps", 0.3, 3.0),
+    Bound(ModelSettings, "left_gripper_closed_rad", -3.2, 3.2),
+    Bound(ModelSettings, "right_gripper_closed_rad", -3.2, 3.2),
 ]
 
 UNBOUNDED = {

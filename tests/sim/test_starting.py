@@ -36,7 +36,7 @@ def test_without_arguments_it_is_the_default_robot_on_the_default_port(started):
 def test_every_argument_reaches_the_settings(started):
     """Modes of both arms or of each, model, seed, endpoint, namespace, disabled parts, clock, readings of the manual."""
     words = "--listen tcp/127.0.0.1:9 --mode pose --right-mode joint --model lift --seed 4 --namespace bot1 --disable left_arm"
-    more = "--clock-offset-s -0.05 --clock-drift-ppm 40 --ready-needs-commands --pose-silence pursues"
+    more = "--clock-offset-s -0.05 --clock-drift-ppm 40 --ready-needs-commands --pose-silence pursues --gripper-zero-rad 0.13"
     start(options(*words.split(), "--disable", "chassis", "--physics", "mujoco", "--differs", "8", *more.split()))
     expected = SimSettings(
         model="lift",
@@ -52,6 +52,7 @@ def test_every_argument_reaches_the_settings(started):
         clock_drift_ppm=40.0,
         ready_needs_commands=True,
         pose_silence="pursues",
+        gripper_zero_rad=0.13,
     )
     assert started == [("tcp/127.0.0.1:9", expected)]
 

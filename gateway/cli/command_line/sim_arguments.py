@@ -12,6 +12,7 @@ __all__ = ["add_camera", "add_clock", "add_physics", "add_readings"]
 
 _offset = partial(between, least=-1e8, most=1e8, what="offset [s]")
 _percent = partial(between, least=0.0, most=30.0, what="part [%]")
+_zero = partial(between, least=-3.2, most=3.2, what="angle [rad]")
 _drift = partial(between, least=-1000.0, most=1000.0, what="drift [ppm]")
 
 
@@ -63,7 +64,14 @@ def add_clock(sim: argparse.ArgumentParser) -> None:
 
 
 def add_readings(sim: argparse.ArgumentParser) -> None:
-    """Add `--pose-silence` and `--ready-needs-commands`."""
+    """Add `--gripper-zero-rad`, `--pose-silence` and `--ready-needs-commands`."""
+    sim.add_argument(
+        "--gripper-zero-rad",
+        type=_zero,
+        default=0.0,
+        metavar="RAD",
+        help="what a closed gripper's motor angle is told as [rad] (manual §4.4.2: 0; §4.8 shows 1.13; default %(default)g)",
+    )
     sim.add_argument(
         "--pose-silence",
         choices=("stops", "pursues"),

@@ -79,6 +79,8 @@ class SimSettings:
         start_x_m: How far ahead of the scene's origin the robot stands at the start [m]; only with `physics`.
         grip_survives_pause: Whether the gripper keeps its torque in PAUSE while the arm's stream goes on. §4.4 ties the
             torque to that stream only, so the default is True; False is the careful reading of §4.1.
+        gripper_zero_rad: What a closed gripper's motor angle is told as [rad]: 0 in §4.4.2, but §4.8 shows one of 1.13, beyond
+            the stroke.
         pose_silence: What an arm in end-effector mode does when poses cease: `stops` as one in joint mode, at zero velocity
             after 0.15 s; `pursues` its last pose as long as the FSM lets it. The manual has that watchdog for joint commands
             alone (§4.3, §4.10); §4.2 says nothing.
@@ -114,6 +116,7 @@ class SimSettings:
     start_lowered_m: float = 0.30
     start_x_m: float = 0.0
     grip_survives_pause: bool = True
+    gripper_zero_rad: float = 0.0
     pose_silence: str = "stops"
     ready_needs_commands: bool = False
 
@@ -183,7 +186,7 @@ def settings_of(options: Namespace) -> SimSettings:
 
     Args:
         options: With model, mode, left_mode, right_mode, namespace, seed, physics, differs, clock_offset_s, clock_drift_ppm,
-            pose_silence, ready_needs_commands and disable (names of disabled parts).
+            gripper_zero_rad, pose_silence, ready_needs_commands and disable (names of disabled parts).
 
     Raises:
         ValueError: They mean nothing together.
@@ -198,6 +201,7 @@ def settings_of(options: Namespace) -> SimSettings:
         differs_percent=options.differs,
         clock_offset_ns=round(options.clock_offset_s * S),
         clock_drift_ppm=options.clock_drift_ppm,
+        gripper_zero_rad=options.gripper_zero_rad,
         pose_silence=options.pose_silence,
         ready_needs_commands=options.ready_needs_commands,
         enable_left_arm="left_arm" not in options.disable,

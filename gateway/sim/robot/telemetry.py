@@ -104,6 +104,7 @@ class Telemetry:
         self._noise = noise[:, 4 * DOF :]
         self._noise_rad, self._noise_radps = settings.noise_rad, settings.noise_radps
         self._holding = {side: np.array(settings.holding_nm(side)) for side in Side}
+        self._gripper_zero_rad = settings.gripper_zero_rad
         self._told: dict[Side, Array] = {}
         self._names = {side: list(joint_names(side)) for side in Side}
 
@@ -191,7 +192,7 @@ class Telemetry:
         return sensor_msgs.JointState(
             header=self._header(now_ns, f"{gripper.side.value}_gripper"),
             name=[f"{gripper.side.value[0]}_joint8"],
-            position=[gripper.angle_rad + noise[0] * self._noise_rad],
+            position=[gripper.angle_rad + self._gripper_zero_rad + noise[0] * self._noise_rad],
             velocity=[gripper.v_radps + noise[1] * self._noise_radps],
             effort=[gripper.effort_nm],
         )

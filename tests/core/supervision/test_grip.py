@@ -8,15 +8,16 @@ from gateway.core.messages.events import SampleArrived
 from gateway.core.supervision.grip import Grips
 from gateway.core.supervision.supervisor import State
 from gateway.robot.topics import gripper_state
-from gateway.values import MotorState
+from gateway.settings.settings import ModelSettings, Settings
+from gateway.values import FsmState, MotorState
 from tests.core.stage import L, Stage
 
 
 class Scene(Stage):
     """A stage whose left gripper is told something and whose motor says something."""
 
-    def __init__(self, raw: float = 0.8) -> None:
-        super().__init__(State.ACTIVE)
+    def __init__(self, raw: float = 0.8, settings: Settings | None = None) -> None:
+        super().__init__(State.ACTIVE, settings=settings)
         self.grips = Grips(self.coordinator)
         self.gripper = self.coordinator.body.grippers[L]
         self.gripper.enter(raw, self.now_ns)
@@ -47,6 +48,24 @@ def test_a_gripper_that_closes_and_stands_still_half_way_holds_something():
 def test_one_that_does_not_close_is_closed_or_moves_holds_nothing(raw, q_rad, dq_radps):
     """Each part of the rule alone."""
     assert Scene(raw).look(q_rad, dq_radps) is False
+
+
+@pytest.mark.parametrize(("side", "holds"), [("left", False), ("right", True)])
+def test_closed_is_where_the_settings_have_it(side, holds):
+    """Each gripper has its own."""
+    settings = Settings(model=ModelSettings(**{f"{side}_gripper_closed_rad": 0.4}))
+    assert Scene(settings=settings).look(0.42) is holds and Scene(settings=settings).look(0.44) is True
+
+
+@pytest.mark.parametrize("fsm", [None, FsmState.PAUSE, FsmState.ERROR])
+def test_nobody_can_tell_of_a_gripper_that_may_have_no_torque(fsm):
+    """The FSM drives nothing, or is not heard; driven again, the wait begins anew."""
+    scene = Scene()
+    assert scene.look() is True
+    scene.fsm = fsm
+    assert scene.look(ticks=60) is None
+    scene.fsm = FsmState.SLOW_START
+    assert scene.look(ticks=30) is not True and scene.look(ticks=10) is True
 
 
 def test_a_slip_begins_the_wait_anew():
