@@ -150,7 +150,7 @@ def write_videos(
     from gateway.video.recording.view_files import ViewFiles
 
     pictures, found, written, views = _Pictures(source), [], 0, source.views
-    coding = Coding(gop=GOP, threads=1)  # the same bytes on every host
+    coding = Coding(gop=GOP, threads=1, is_repeatable=True)
     total = sum(len(times_ns) for times_ns, _ in episodes)
     try:
         for times_ns, files in episodes:

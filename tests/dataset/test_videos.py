@@ -77,6 +77,13 @@ def test_videos_are_the_same_bytes_on_a_host_with_one_processor(bags, layout, tm
     assert len(made["one"]) == 3 and made["one"] == made["all"]
 
 
+def test_videos_are_coded_without_what_reads_memory_behind_the_picture(bags, layout, tmp_path):
+    """As x264's macroblock tree does with AVX-512, where a row is no multiple of eight macroblocks: x264 notes its settings."""
+    folder = build(bags[:1], tmp_path / "set", Choices(layout=layout)).folder
+    videos = [path.read_bytes() for path in sorted(folder.rglob("*.mp4"))]
+    assert len(videos) == 3 and all(b" mbtree=0 " in video and b" threads=1 " in video for video in videos)
+
+
 def test_statistics_of_pictures_are_of_each_colour_from_0_to_1(bags, layout, tmp_path):
     """In the shape that LeRobot has."""
     build(bags, tmp_path / "set", Choices(layout=layout, version="v3.0"))

@@ -16,6 +16,8 @@ CODECS: Final[Mapping[str, str]] = {"h264": "libx264", "h265": "libx265"}
 QUALITY = 20
 LIVE_QUALITY = 23
 """Constant rate factors: little visible loss; live, about the bitrate of the original."""
+TREELESS_QUALITY = 23
+"""Without x264's macroblock tree, which shifts the factor: files are about as large as with `QUALITY` and it."""
 PRESETS: Final = {
     ("h264", False): "veryfast",
     ("h264", True): "ultrafast",
@@ -35,6 +37,7 @@ class Coding:
         is_live: Whether it has to keep up with a camera.
         gop: Every so manieth picture stands alone; 0 leaves that to the encoder.
         threads: Of each view, which cut its pictures into as many slices; 0 takes the host's processors.
+        is_repeatable: Whether H.264 of the same pictures shall be the same bytes each time, with `threads` that are given.
     """
 
     codec: str = "h264"
@@ -42,6 +45,7 @@ class Coding:
     is_live: bool = False
     gop: int = 0
     threads: int = 0
+    is_repeatable: bool = False
 
     def __post_init__(self) -> None:
         """Refuse a codec that there is not."""
@@ -65,6 +69,9 @@ class Coding:
         }
         if self.is_all_intra or self.gop:
             options["g"] = "1" if self.is_all_intra else str(self.gop)
+        if self.is_repeatable and self.codec == "h264":
+            # With AVX-512 x264's tree takes macroblocks of a row by eights, and with the last ones what lies in memory behind.
+            options |= {"mbtree": "0", "crf": str(TREELESS_QUALITY)}
         if self.codec == "h265":
             options["x265-params"] = f"log-level=none:info=0:pools={os.cpu_count() or 1}:frame-threads=1"
         return options
