@@ -11,10 +11,12 @@ import hmac
 from collections import OrderedDict
 from contextlib import suppress
 
-__all__ = ["MOST", "Identities"]
+__all__ = ["MOST", "MOST_OWNERS", "Identities"]
 
 MOST = 4096
 """So many clients are known; who was not heard for longest is forgotten first, and who is pinned never."""
+MOST_OWNERS = 16
+"""So many who owned the robot are not forgotten for others either."""
 
 RESERVED = frozenset({"somebody", "stranger"})
 """Whose stops those are that nobody signs: were a client called so, they would count as its own."""
@@ -26,6 +28,8 @@ class Identities:
     def __init__(self) -> None:
         self.pinned: frozenset[str] = frozenset()
         """Who is never forgotten: were it, the next one to come would pass for it. Few; replaced by any thread."""
+        self.owners: tuple[str, ...] = ()
+        """Who owned the robot lately: nobody takes it in their name either. Replaced by any thread."""
         self._secrets: OrderedDict[str, str] = OrderedDict()
         self._doors: dict[str, str] = {}
 
@@ -47,11 +51,19 @@ class Identities:
         known = self._secrets.setdefault(client_id, secret)
         self._doors.setdefault(client_id, door)
         if len(self._secrets) > MOST:
-            for pinned in self.pinned:  # to the end; it is there all the time, for those who ask meanwhile
+            for kept in (
+                *self.owners,
+                *self.pinned,
+            ):  # to the end; it is there all the time, for those who ask meanwhile
                 with suppress(KeyError):
-                    self._secrets.move_to_end(pinned)
+                    self._secrets.move_to_end(kept)
             self._doors.pop(self._secrets.popitem(last=False)[0], None)
         return self._matches(client_id, known, secret)
+
+    def note_owner(self, client_id: str) -> None:
+        """Keep who owns the robot from being forgotten until that many others have owned it."""
+        if client_id not in self.owners:
+            self.owners = (*self.owners[1 - MOST_OWNERS :], client_id)
 
     def came_by(self, client_id: str, door: str) -> bool:
         """Return whether a client came by this door, or nobody of this id has come yet."""

@@ -93,7 +93,7 @@ class Inbox:
         """Who is who: which client has which secret."""
         self._outbox = outbox
         self._unread: queue.SimpleQueue[Question | None] = queue.SimpleQueue()
-        self._aside: deque[tuple[protocol.Command, Question]] = deque()
+        self._aside: list[tuple[protocol.Command, Question]] = []
         """Chunks to be worked out, and what their clients sent after them."""
         self._read_since = 0
         """Questions that were read since the last one of those."""
@@ -105,6 +105,7 @@ class Inbox:
         self._commands: dict[str, _Lane] = {}
         """Per client, those whose turn is next first."""
         self._waiting = 0
+        self._favoured = 0  # so many in a row of who is heeded; a chunk counts as a poll
         self._targets: dict[str, tuple[bytes, str, int]] = {}
         self._seen: dict[str, int] = {}
         self._checked_in: dict[str, int] = {}
@@ -202,9 +203,7 @@ class Inbox:
         self._read_since = 0
         pinned = self.identities.pinned
         place = next((n for n, (command, _) in enumerate(self._aside) if command.client_id in pinned), 0)
-        taken = self._aside[place]
-        del self._aside[place]
-        self._take(*taken)
+        self._take(*self._aside.pop(place))
         return True
 
     def wake(self) -> None:
@@ -336,22 +335,24 @@ class Inbox:
     def _some_commands(self) -> Iterator[events.CommandRequested]:
         """Give the next few requests, each client's in its order, the clients in turn: a flood delays only who sends it.
 
-        Those who own or watch the robot come before all others.
+        Who owns or watches the robot comes first, but for each fourth time: others may have to take it, or to recover.
         """
         given = 0
         while given < PER_POLL:
             with self._lock:
-                heeded = {one for one in self.identities.pinned if one in self._commands}
-                client_id = next((one for one in self._commands if not heeded or one in heeded), None)
-                if client_id is None:
+                pinned = self.identities.pinned if self._favoured < PER_POLL - 1 else ()
+                first = next(iter(self._commands), None)
+                if first is None:
                     return
+                client_id = next((one for one in self._commands if one in pinned), first)
                 lane = self._commands.pop(client_id)
                 command = lane.popleft()
                 self._waiting -= 1
                 if lane:
                     self._commands[client_id] = lane  # behind the others
             if self._outbox.take(command.client_id, command.request_id):
-                given += PER_POLL if isinstance(command.request, requests.Follow) else 1
+                cost = PER_POLL if isinstance(command.request, requests.Follow) else 1
+                given, self._favoured = given + cost, self._favoured + cost if client_id in pinned else 0
                 yield command
 
     def _read_target(self, key: str, payload: bytes, encoding: str, received_ns: int) -> events.TargetArrived | None:

@@ -227,7 +227,7 @@ class LocalPlane:
             return True
         return self._bell.wait(seconds, self._pipe_files)
 
-    def heed(self, client_ids: frozenset[str], stopper_id: str = "") -> None:
+    def heed(self, client_ids: frozenset[str], stopper_id: str = "", owner_id: str | None = None) -> None:
         """Let those clients, and nobody else, put targets, keepalives and check-ins. Call it before `send`. Never waits.
 
         They can before the replies of that `send` leave. Nobody else passes under their ids, however many clients come.
@@ -235,8 +235,11 @@ class LocalPlane:
         Args:
             client_ids: Of the owner, lost or not, and of the stop endpoints.
             stopper_id: Who alone may undo a stop; nothing that he puts is taken for that.
+            owner_id: Who owns the robot; None for nobody.
         """
         self._inbox.identities.pinned = client_ids | {stopper_id}
+        if owner_id is not None:
+            self._inbox.identities.note_owner(owner_id)
         if client_ids != self._heeded:
             self._heeded = client_ids
             self._outbox.do(partial(self._open_lanes, client_ids))

@@ -110,7 +110,7 @@ class _Watched:
 
     def send(self, replies: Sequence[Reply], notices: Sequence[Notice]) -> None:
         # First: who is told that he owns the robot is heard from then on.
-        self._plane.heed(self._engine.heeded, self._engine.stopper_id)
+        self._plane.heed(self._engine.heeded, self._engine.stopper_id, self._engine.owner_id)
         self._plane.send(replies, notices)
 
     def publish_snapshot(self, snapshot: Snapshot) -> None:

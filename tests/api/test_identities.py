@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from gateway.api import protocol
-from gateway.api.identities import MOST, Identities
+from gateway.api.identities import MOST, MOST_OWNERS, Identities
 from gateway.api.inbox import MAX_WAITING
 from gateway.core.messages import events
 from gateway.messages import requests
@@ -47,6 +47,18 @@ def test_who_is_pinned_is_never_forgotten():
     for number in range(2 * MOST):
         known.meet(f"made up {number}", "x")
     assert known.secret_of("stopper") is None
+
+
+def test_who_owned_the_robot_lately_is_not_forgotten():
+    """Its id was shown to everybody: a flood of made-up clients must not give it to whoever comes next."""
+    known = Identities()
+    for number in range(MOST_OWNERS + 1):
+        known.meet(f"owner {number}", "s")
+        known.note_owner(f"owner {number}")
+        known.note_owner(f"owner {number}")
+    for number in range(2 * MOST):
+        known.meet(f"made up {number}", "x")
+    assert [known.meet(f"owner {number}", "x") for number in range(MOST_OWNERS + 1)] == [True] + [False] * MOST_OWNERS
 
 
 def said(request, number, secret, client_id="owner"):

@@ -225,8 +225,8 @@ def test_whoever_owns_the_robot_is_heard_however_many_others_ask(desk):
     assert late.code == mine[-1].code == "TIMEOUT"
     assert not any(question.answers for question in (*mine[:-1], *theirs))
     polls = [[(event.client_id, event.request_id) for event in desk.inbox.poll()] for _ in range(2)]
-    assert polls[0] == [("owner", 0), ("watcher", 0), ("owner", 1), ("watcher", 1)]
-    assert polls[1] == [("owner", number) for number in range(2, 6)]
+    assert polls[0] == [("owner", 0), ("watcher", 0), ("owner", 1), ("client0", 1)]
+    assert polls[1] == [("watcher", 1), ("owner", 2), ("owner", 3), ("client1", 1)]
 
 
 def test_a_stop_gets_through_a_full_lane(desk):
@@ -311,6 +311,18 @@ def test_requests_that_one_poll_left_end_the_next_wait(desk):
     assert desk.inbox.has_more
     assert len(desk.inbox.poll()) == 1
     assert not desk.inbox.has_more
+
+
+@pytest.mark.parametrize("is_chunk", [False, True])
+def test_whoever_is_heeded_keeps_nobody_away(desk, is_chunk):
+    """Of four requests in a row three are the owner's or a stop endpoint's; a chunk of theirs counts as a poll."""
+    desk.inbox.identities.pinned = frozenset({"me"})
+    for number in range(20):
+        desk.ask(chunk(number, client_id="me") if is_chunk else payload(protocol.Recover(), number, client_id="me"))
+    desk.ask(payload(protocol.Recover(), 1))
+    desk.run()
+    served = [[event.client_id for event in desk.inbox.poll()] for _ in range(2)]
+    assert served == ([["me"], ["c0ffee", "me"]] if is_chunk else [["me", "me", "me", "c0ffee"], ["me"] * 4])
 
 
 def test_signs_of_life_and_targets_end_no_wait(desk, rung):

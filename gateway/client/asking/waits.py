@@ -12,6 +12,7 @@ Nothing here waits: `poll` looks, and the shell sleeps between two looks. Called
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Generic, Protocol, TypeVar
 
 from gateway.api import protocol
@@ -166,14 +167,24 @@ def answered_reply(payload: bytes) -> protocol.Reply:
 
 
 def dropped(session: Session, command: protocol.Stop | protocol.Estop) -> tuple[str, bytes]:
-    """Drop a stop where it needs no session and asks nobody; return its key and payload, to ask what became of it."""
-    session.require_own_process()
-    if session.is_closed:
-        session.require_daemon()
-    is_estop = isinstance(command, protocol.Estop)
-    who = {"client_id": session.client_id, "secret": session.secret, "name": session.name, "reason": command.reason}
-    key, payload = protocol.ESTOP_KEY if is_estop else protocol.STOP_KEY, protocol.encode(who, protocol.JSON)
-    session.transport.drop(key, payload)
+    """Drop a stop where it needs no session and asks nobody; return its key and payload, to ask what became of it.
+
+    Raises:
+        Disconnected: There is nobody to ask: this client was closed, or this process was forked. It was dropped all the same,
+            as somebody's.
+    """
+    key = protocol.ESTOP_KEY if isinstance(command, protocol.Estop) else protocol.STOP_KEY
+    who = {"name": session.name, "reason": command.reason}
+    try:
+        session.require_own_process()
+        if session.is_closed:
+            session.require_daemon()
+        who |= {"client_id": session.client_id, "secret": session.secret}
+    except GatewayError as error:
+        raise to_exception(replace(error.refusal, hint=STOP_UNKNOWN)) from None
+    finally:
+        payload = protocol.encode(who, protocol.JSON)
+        session.transport.drop(key, payload)
     return key, payload
 
 
