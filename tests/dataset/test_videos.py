@@ -16,14 +16,15 @@ from gateway.dataset import building, lerobot_videos
 from gateway.dataset.building import PROVENANCE, Choices, build
 from gateway.dataset.checking import check_dataset
 from gateway.dataset.lerobot_reader import Dataset
-from gateway.dataset.videos import IMAGES, STALE_NS, video_source
+from gateway.dataset.videos import IMAGES, STALE_NS, decodable, video_source
 from gateway.errors import Rejected
 from gateway.policy.policy_map import PRESETS, load_map
 from gateway.robot.vector_layout import EYES
 from gateway.video.decoding.views import VIEWS
 from gateway.video.recording.index import Picture, index_path
+from gateway.video.recording.take import Take
 from tests.dataset.motion import BEGIN_NS, COUNT, FIRST_NS, PERIOD_NS, filmed, moving, taken
-from tests.video.coded import grey_of
+from tests.video.coded import grey_of, units
 
 FPS = 45.0
 CAMERAS = [IMAGES + camera for camera in EYES["vendor_openpi"]]
@@ -166,6 +167,21 @@ def test_pictures_that_cannot_be_decoded_in_between_end_the_episode(layout, tmp_
     index_path(path).write_bytes(b"".join([lines[0], *lines[2:]]))
     with pytest.raises(Rejected, match="no picture of it can be decoded"):
         build([bag], tmp_path / "none", Choices(layout=layout, least_rows=10), videos=[path])
+
+
+def test_no_picture_predicted_from_one_that_is_missing_is_shown(layout, tmp_path):
+    """Whether the index knows that it is damaged, or only the decoder."""
+    path, other = taken(tmp_path / "take.mkv"), Take(tmp_path / "other.mkv")
+    for unit in units(COUNT):
+        if unit.seq != 13:
+            other.write(unit)
+    other.end("it was ended")
+    told = video_source(other.path, EYES["vendor_openpi"])
+    other.path.replace(path)
+    untold = video_source(path, EYES["vendor_openpi"])
+    assert list(told.pts // 2000) == [n for n in range(COUNT) if not 13 <= n < 20]
+    assert 14 in untold.pts // 2000
+    assert list(decodable(untold).pts) == list(told.pts)
 
 
 def test_another_file_is_begun_where_one_is_full_or_the_pictures_are_others(bags, layout, tmp_path, monkeypatch):

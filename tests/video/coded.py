@@ -27,12 +27,12 @@ def grey_of(n: int) -> int:
 
 
 @cache
-def units(count: int = 40, *, life: int = 0, ssrc: int = 7) -> tuple[AccessUnit, ...]:
-    """Return coded pictures of one sender, an IRAP every GOP."""
+def units(count: int = 40, *, life: int = 0, ssrc: int = 7, gop: int = GOP) -> tuple[AccessUnit, ...]:
+    """Return coded pictures of one sender, an IRAP every `gop`."""
     coder = av.CodecContext.create("libx265", "w")
     coder.width, coder.height, coder.pix_fmt = WIDTH, HEIGHT, "yuv420p"
     coder.time_base, coder.framerate = Fraction(1, 90_000), Fraction(45)
-    parameters = f"keyint={GOP}:min-keyint={GOP}:scenecut=0:repeat-headers=1:log-level=none:pools=1:frame-threads=1"
+    parameters = f"keyint={gop}:min-keyint={gop}:scenecut=0:repeat-headers=1:log-level=none:pools=1:frame-threads=1"
     coder.options = {"preset": "ultrafast", "tune": "zerolatency", "x265-params": parameters}
     packets = []
     for n in range(count):

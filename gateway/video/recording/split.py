@@ -19,7 +19,7 @@ from typing import Any
 
 from gateway.errors import Code, GatewayError, failure
 from gateway.process.growing import Growing
-from gateway.video.decoding.libav import av
+from gateway.video.decoding.libav import Flags, av
 from gateway.video.decoding.views import VIEWS
 from gateway.video.hevc.access_unit import CLOCK_HZ
 from gateway.video.recording.coding import Coding
@@ -104,6 +104,7 @@ class Splitter:
         self._prepare = prepare
         self._end = threading.Event()
         self._written: list[int] = []
+        self._sound: set[int] = set()
         self._left_out = 0
         if not recording.is_file():
             raise _refused(recording, "is no recording: there is no such file", "`ta2 video record` makes one")
@@ -133,7 +134,9 @@ class Splitter:
         files = ViewFiles(self._paths, self._coding, self._prepare)
         try:
             try:
-                for picture, pts in decoded_pictures(self._recording, self._end.is_set):
+                for picture, pts in decoded_pictures(self._recording, self._end.is_set, with_corrupt=True):
+                    if not picture.is_corrupt:
+                        self._sound.add(pts)
                     if files.write(picture, pts):
                         self._written.append(pts)
                     else:
@@ -153,6 +156,7 @@ class Splitter:
         return split
 
     def _outcome(self) -> Split:
+        is_whole = not self._end.is_set()
         try:
             index = read_index(index_path(self._recording)).pictures
             there = set(self._written)
@@ -165,7 +169,7 @@ class Splitter:
                     lost=one.lost,
                 )
                 for one in index
-                if one.pts <= self.position_ticks and not (one.clean and one.pts in there)
+                if (is_whole or one.pts <= self.position_ticks) and not (one.clean and one.pts in self._sound)
             )
         except FileNotFoundError:
             damaged = None
@@ -176,14 +180,20 @@ class Splitter:
             left_out=self._left_out,
             duration_s=max(self.position_ticks - self._written[0], 0) / CLOCK_HZ if self._written else 0.0,
             damaged=damaged,
-            is_whole=not self._end.is_set(),
+            is_whole=is_whole,
         )
 
 
 def decoded_pictures(
-    recording: Path, is_cancelled: Callable[[], bool] = lambda: False
+    recording: Path, is_cancelled: Callable[[], bool] = lambda: False, *, with_corrupt: bool = False
 ) -> Generator[tuple[av.VideoFrame, int], None, None]:
     """Yield what can be decoded of a recording, each with where it stands [ticks of CLOCK_HZ]; one that grows to its end.
+
+    Args:
+        recording: Its file.
+        is_cancelled: Whether to wait no longer for it to grow.
+        with_corrupt: Whether pictures come that are predicted from one that is missing, too. Without, none comes from there
+            to the next key picture, and where none follows none to the end.
 
     Raises:
         OSError, av.FFmpegError: It cannot be read.
@@ -191,6 +201,8 @@ def decoded_pictures(
     file = Growing(recording, is_cancelled)
     try:
         with av.open(file, "r") as container, _flushed(container) as stream:
+            if with_corrupt:
+                stream.codec_context.flags |= Flags.output_corrupt
             for packet in _readable(container.demux(stream)):
                 for picture in _decodable(stream, packet):
                     if picture.pts is not None and picture.time_base is not None:

@@ -117,6 +117,38 @@ def test_damaged_pictures_are_listed_beside_the_views(tmp_path: Path) -> None:
     assert [n for n, one in by_number.items() if not one["is_there"]] == [n for n in range(40) if n not in shown]
 
 
+@pytest.mark.parametrize("gop", [GOP, 40])
+def test_the_loss_of_a_whole_picture_costs_no_other(tmp_path: Path, gop: int) -> None:
+    """Those predicted from it are shown as they come out and listed, also where no key picture follows."""
+    pictures = [replace(unit, lost=((901, 909),) * (unit.seq == 14)) for unit in units(gop=gop) if unit.seq != 13]
+    recording = recorded(tmp_path / "take.mkv", pictures)
+    split = Splitter(recording, tmp_path / "out", ["head_left_eye"]).run()
+    assert split.damaged is not None
+    assert times_of(split.files["head_left_eye"]) == [2000 * unit.seq for unit in pictures]
+    assert [one.pts // 2000 for one in split.damaged] == list(range(14, 20 if gop == GOP else 40))
+    assert all(one.is_there for one in split.damaged)
+
+
+def test_what_is_decoded_from_a_block_that_cannot_be_read_is_listed(tmp_path: Path) -> None:
+    """Its index knows of no damage, the decoder does."""
+    recording = recorded(tmp_path / "take.mkv", units())
+    with av.open(str(recording)) as file:
+        thirteenth = [bytes(packet) for packet in file.demux(video=0)][13]
+    recording.write_bytes(recording.read_bytes().replace(thirteenth, bytes(len(thirteenth))))
+    split = Splitter(recording, tmp_path / "out", ["head_left_eye"]).run()
+    assert split.damaged is not None
+    assert [(one.pts // 2000, one.is_there) for one in split.damaged] == [(n, n > 13) for n in range(13, 20)]
+
+
+def test_an_end_that_cannot_be_decoded_is_listed(tmp_path: Path) -> None:
+    """As of a recorder that was killed: its index goes on after the last picture that is there."""
+    recording, longer = recorded(tmp_path / "take.mkv", units()[:35]), recorded(tmp_path / "more.mkv", units())
+    index_path(recording).write_bytes(index_path(longer).read_bytes())
+    split = Splitter(recording, tmp_path / "out", ["head_left_eye"]).run()
+    assert split.damaged is not None
+    assert [(one.pts // 2000, one.is_there) for one in split.damaged] == [(n, False) for n in range(35, 40)]
+
+
 def test_without_an_index_nobody_knows_what_is_damaged(tmp_path: Path) -> None:
     """It is said, not guessed."""
     recording = recorded(tmp_path / "take.mkv", units())
