@@ -8,6 +8,8 @@ import os
 import signal
 import subprocess
 import sys
+from dataclasses import replace
+from itertools import islice
 from pathlib import Path
 
 import pytest
@@ -17,11 +19,15 @@ from gateway.cli.cameras.info import info_of
 from gateway.cli.command_line.video_arguments import add_video
 from gateway.cli.terminal.ending import ExitStatus
 from gateway.errors import Rejected
+from gateway.sim.camera.composite import Size
+from gateway.sim.camera.film import live
+from gateway.sim.camera.hevc import Coding as SimCoding
+from gateway.sim.camera.rig import Rig
 from gateway.video.decoding.views import VIEWS
 from gateway.video.recording.index import index_path
 from gateway.video.recording.take import Take
 from tests.e2e.system import wait_for
-from tests.video.coded import units
+from tests.video.coded import PERIOD_NS, PERIOD_TICKS, units
 
 
 def ask(*words: str) -> ExitStatus:
@@ -46,6 +52,34 @@ def test_split_makes_six_files_beside_the_recording(recording: Path, capsys: pyt
     assert ask("split", str(recording)) is ExitStatus.OK
     assert {info_of(recording.parent / "take" / f"{view}.mp4").codec for view in VIEWS} == {"h264"}
     assert "6 views, 40 pictures each, 0.867 s, none damaged" in capsys.readouterr().out
+
+
+def test_split_tells_how_many_pictures_it_left_out(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """A second sender's, of another size; none of them is damaged."""
+    coding = SimCoding(width=320, height=680, gop=10, bit_rate_bps=500_000)
+    take = Take(tmp_path / "take.mkv")
+    for unit in units():
+        take.write(unit)
+    for n, picture in enumerate(islice(live(coding, Rig(Size(320, 680), 45, 0)), 12)):
+        first, at_ns = units()[0], units()[-1].first_packet_ns + (n + 1) * PERIOD_NS
+        is_key = n % 10 == 0
+        take.write(
+            replace(
+                first,
+                data=picture.data,
+                seq=40 + n,
+                rtp_time=n * PERIOD_TICKS,
+                first_packet_ns=at_ns,
+                life=1,
+                ssrc=8,
+                is_irap=is_key,
+                has_parameter_sets=is_key,
+            )
+        )
+    take.end("it was ended")
+    assert take.counts.pictures == 52
+    assert ask("split", str(take.path)) is ExitStatus.OK
+    assert "40 pictures each, 0.867 s, none damaged, 12 of another size left out" in capsys.readouterr().out
 
 
 def test_split_does_what_is_asked_for(recording: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

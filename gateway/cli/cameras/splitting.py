@@ -75,4 +75,5 @@ def _line(split: Split) -> str:
         damaged = "damage unknown: the recording has no index"
     else:
         damaged = f"{len(split.damaged)} damaged, listed in {DAMAGED}" if split.damaged else "none damaged"
-    return f"{folder}: {len(split.files)} views, {split.pictures} pictures each, {split.duration_s:.3f} s, {damaged}"
+    left_out = f", {split.left_out} of another size left out" if split.left_out else ""
+    return f"{folder}: {len(split.files)} views, {split.pictures} pictures each, {split.duration_s:.3f} s, {damaged}{left_out}"
