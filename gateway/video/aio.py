@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import time
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Callable
 from typing import Any
 
 from gateway.video.decoding.frame import Frame
@@ -45,16 +45,16 @@ class AsyncVideo:
 
         self._listening.enter_context(self.video.newest.listening(wake))
         try:
-            await asyncio.to_thread(self.video.start)
+            await _whole(self.video.start)
         except BaseException:
-            self._listening.close()
+            await self.__aexit__()
             raise
         return self
 
     async def __aexit__(self, *_: object) -> None:
         """Stop it; whoever waits for frames is told."""
         try:
-            await asyncio.to_thread(self.video.stop)
+            await _whole(self.video.stop)
         finally:
             self._listening.close()
 
@@ -118,3 +118,15 @@ class AsyncVideo:
         for change in self._waiting:
             if not change.done():
                 change.set_result(None)
+
+
+async def _whole(work: Callable[[], None]) -> None:
+    """Do it in another thread; a cancellation waits for its end: the thread goes on, and the port must be given back."""
+    doing = asyncio.get_running_loop().run_in_executor(None, work)
+    try:
+        await asyncio.shield(doing)
+    except asyncio.CancelledError:
+        while not doing.done():
+            with contextlib.suppress(asyncio.CancelledError):
+                await asyncio.wait([doing])
+        raise

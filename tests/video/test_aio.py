@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import asyncio
+import threading
 import time
 
 import pytest
 
 from gateway.video import AsyncVideo, VideoTimeout
 from tests.video.code_reader import read_composite
+from tests.video.sending import udp_port
 from tests.video.stage import HOST, sending
 
 pytestmark = pytest.mark.e2e
@@ -94,5 +96,36 @@ def test_a_start_that_fails_leaves_nothing_behind():
             with pytest.raises(Exception, match="PORT_BUSY"):
                 async with a_video(port=video.video.port):
                     raise AssertionError("both listen")
+
+    asyncio.run(main())
+
+
+def test_a_start_that_is_cancelled_gives_the_port_back():
+    """However often, while its thread still asks for the robot's address."""
+    begun, may_go, ended, port = threading.Event(), threading.Event(), threading.Event(), udp_port()
+
+    async def main():
+        video = a_video(port=port)
+        start = video.video.start
+
+        def slowly():
+            begun.set()
+            assert may_go.wait(20.0)
+            start()
+            ended.set()
+
+        video.video.start = slowly
+        starting = asyncio.create_task(video.__aenter__())
+        assert await asyncio.to_thread(begun.wait, 20.0)
+        for _ in range(2):
+            starting.cancel()
+            await asyncio.sleep(0)
+        may_go.set()
+        with pytest.raises(asyncio.CancelledError):
+            await starting
+        assert await asyncio.to_thread(ended.wait, 20.0)
+        assert not video.video.is_running
+        async with a_video(port=port) as other:
+            assert other.video.is_running
 
     asyncio.run(main())
