@@ -125,8 +125,7 @@ def _place(folder: Path | None) -> Iterator[Path]:
 def _checked(video: Video, seconds: float, first_s: float, folder: Path, tell: Teller, *, is_kept: bool) -> Report:
     recorder = opened(folder / "check.mkv", video.receiver.settings)
     try:
-        with video, video.receiver.tap(recorder, name="recorder"):
-            recorder.start()
+        with video, recorder.taking(video.receiver):
             came_s = _first(video, first_s, tell)
             points = [_first_point(video, came_s, first_s)]
             points.append(_watched(video, seconds, tell, has_come=came_s is not None))

@@ -83,7 +83,7 @@ def record(
 
     Raises:
         Rejected: BAD_REQUEST, a file is in the way, or cannot be written.
-        VideoError: The port is taken, or receiving failed.
+        VideoError: The port is taken.
         VideoTimeout: No picture came that a recording can begin with.
     """
     with teller() as tell:
@@ -94,8 +94,7 @@ def record(
             if is_split:
                 splitter = Splitter(path, split_folder(path), coding=Coding(is_live=True), prepare=be_nice)
                 live = LiveSplit(splitter)
-            with Receiver(settings) as receiver, receiver.tap(recorder, name="recorder"):
-                recorder.start()
+            with Receiver(settings) as receiver, recorder.taking(receiver):
                 ended = _until_interrupted(lambda: _follow(receiver, recorder, live, tell, seconds, first_s))
         finally:
             recorder.stop()

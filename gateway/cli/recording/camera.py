@@ -49,8 +49,7 @@ class Camera:
         with ExitStack() as stack:
             stack.callback(self._recorder.stop)
             stack.enter_context(self._receiver)
-            stack.enter_context(self._receiver.tap(self._recorder, name="recorder"))
-            self._recorder.start()
+            stack.enter_context(self._recorder.taking(self._receiver))
             self._stack = stack.pop_all()
         return self
 

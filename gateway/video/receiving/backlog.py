@@ -30,6 +30,8 @@ BLIND_NS: Final = 2_000_000_000
 MAX_BYTES: Final = 128 << 20
 """Room for pictures that nobody takes [bytes]: 50 s of a stream of 20 Mbit/s."""
 MAX_UNITS: Final = 4096
+KEPT_UNITS: Final = 450
+"""Pictures that wait for a slow disk: 10 s at 45 fps, some 25 MB at 20 Mbit/s."""
 
 
 class Live:
@@ -131,7 +133,7 @@ class Keeping:
 
     def put(self, unit: AccessUnit) -> None:
         """Let a picture wait, or drop it."""
-        has_room = self._bytes + len(unit.data) <= self._max_bytes and len(self._units) < MAX_UNITS
+        has_room = self._bytes + len(unit.data) <= self._max_bytes and len(self._units) < KEPT_UNITS
         may_enter = self._dropping_ns is None or unit.is_entry or unit.complete_ns - self._dropping_ns >= BLIND_NS
         if not (has_room and may_enter):
             self._tally.add(recorder_dropped=1)

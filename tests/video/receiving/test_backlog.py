@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from gateway.video.hevc.access_unit import AccessUnit
-from gateway.video.receiving.backlog import BLIND_NS, MAX_AGE_NS, MAX_UNITS, Keeping, Live
+from gateway.video.receiving.backlog import BLIND_NS, KEPT_UNITS, MAX_AGE_NS, MAX_UNITS, Keeping, Live
 from gateway.video.receiving.counters import Counts, Tally
 
 MS = 1_000_000
@@ -182,10 +182,10 @@ def test_no_taker_ever_gets_an_old_picture_in_the_middle_of_a_group(costs, keys,
 def test_one_who_keeps_gets_everything_however_late() -> None:
     """A recorder may pause for seconds."""
     keeping = Keeping(tally := Tally())
-    for n in range(500):
+    for n in range(KEPT_UNITS):
         keeping.put(unit(n))
     taken = [keeping.take(100 * S) for _ in range(len(keeping))]
-    assert taken == [unit(n) for n in range(500)]
+    assert taken == [unit(n) for n in range(KEPT_UNITS)]
     assert keeping.take(100 * S) is None and tally.snapshot().recorder_dropped == 0
 
 
