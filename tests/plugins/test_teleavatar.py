@@ -179,6 +179,20 @@ def test_a_short_loss_is_borne_while_the_robot_is_held(world, robot):
     assert shown(world).state == "ACTIVE"
 
 
+def test_a_part_that_is_silent_stays_as_it_was_while_the_others_are_observed_on(world, robot, errors):
+    """The arms move on, and LeRobot sees where they are; the part that is lost is an error after `patience_s`."""
+    play(world, robot, ACTION, 3.0)
+    world.pair.robot.inject({"fault": "drop", "topic": "/right_gripper/joint_states"}, world.now_ns())
+    world.run(0.2)
+    away = {**ACTION, "left_joint5.pos": 0.5, "right_gripper.torque": -1.6}
+    before = robot.get_observation()
+    seen, _ = play(world, robot, away, 1.4)
+    assert seen["right_gripper.pos"] == before["right_gripper.pos"]
+    assert seen["left_joint5.pos"] == pytest.approx(0.5, abs=0.01)
+    with pytest.raises(errors.DeviceNotConnectedError, match=r"no new state.*right_gripper"):
+        play(world, robot, away, 1.0)
+
+
 def test_a_long_loss_is_an_error_and_the_robot_is_not_enabled_again(world, robot, errors):
     """Whoever lost it for longer than `patience_s` looks first: it may have been the emergency stop."""
     play(world, robot, ACTION, 1.0)

@@ -101,24 +101,26 @@ class Sight:
         end_s = time.monotonic() + CONNECT_S
         for state in robot.states(timeout=CONNECT_S):
             try:
-                self._seen = self._young(state)
+                self._seen = read(state)
+                self._require_young(state)
                 break
             except Stale:
                 if time.monotonic() > end_s:
                     raise
 
     def look(self) -> dict[str, float]:
-        """Return the newest, never waiting; in a short loss the last. Raises `DeviceNotConnectedError` in a long one."""
+        """Return the newest, never waiting; of what is lost the last. `DeviceNotConnectedError` in a long loss."""
         try:
-            self._seen = self._young(self._robot.state)
+            state = self._robot.state
+            self._seen = self._read(state)  # first: only a part that is silent stays as it was
+            self._require_young(state)
             self._patience.well()
         except GatewayError as error:
             self._patience.bear(error)
         return dict(self._seen)
 
-    def _young(self, state: RobotState) -> dict[str, float]:
+    def _require_young(self, state: RobotState) -> None:
         for part in (state.left_arm, state.right_arm, state.left_gripper, state.right_gripper):
             if part.age > STALE_S:
                 message = f"the newest state of the {part.name} is {part.age:.2f} s old"
                 raise failure(Code.PART_STALE, message, field=part.name)
-        return self._read(state)

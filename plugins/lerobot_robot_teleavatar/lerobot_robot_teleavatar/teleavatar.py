@@ -3,7 +3,8 @@
 Rules
     * The gateway owns, limits and holds: what LeRobot sends is checked like anybody's targets.
     * The loop is LeRobot's: nothing here paces, and nothing waits but `connect` and `disconnect`.
-    * A loss that is shorter than `patience_s` raises nothing: the gateway holds the arms, observations stay the last ones.
+    * A loss that is shorter than `patience_s` raises nothing: the gateway holds what it cannot move; what is not heard stays as
+      it was observed last, the rest is moved and observed on.
 """
 
 from __future__ import annotations
