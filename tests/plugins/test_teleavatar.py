@@ -10,10 +10,12 @@ import pytest
 
 from gateway import video
 from gateway.client import connect
+from gateway.errors import Code, failure
 from gateway.robot.limits import HOME_Q_RAD, JOINT_UPPER_RAD
 from gateway.robot.vector_layout import EYES, STATE_NAMES
 from gateway.values import Side
 from gateway.video.errors import VideoCode, VideoTimeout
+from tests.client.robot_world import RobotWorld
 
 HZ = 30
 JOINTS = [f"{side}_joint{n}.pos" for side in ("left", "right") for n in range(1, 8)]
@@ -99,6 +101,15 @@ def test_what_stands_against_it_is_lerobots_error_in_the_gateways_words(plugin, 
     robot.disconnect()
 
 
+def test_an_arm_that_is_disabled_is_told_before_anything_moves(plugin, place, errors):
+    """With the remedy; else the other arm would move alone."""
+    world = place.setdefault(None, RobotWorld(enable_right_arm=False))
+    robot = plugin.Teleavatar(plugin.TeleavatarConfig(id="r1"))
+    with pytest.raises(errors.DeviceNotConnectedError, match=r"ARM_DISABLED: the right arm .* -> enable the arm"):
+        robot.connect()
+    assert not robot.is_connected and not shown(world).lease.owned
+
+
 def test_actions_move_both_arms_and_grippers(world, robot):
     """Through the gateway's limits; the simulated robot is where it was told."""
     seen, sent = play(world, robot, ACTION, 3.0)
@@ -114,6 +125,21 @@ def test_what_is_returned_is_what_is_followed(world, robot):
     upper = JOINT_UPPER_RAD[Side.LEFT][0]
     assert sent["left_joint1.pos"] == pytest.approx(upper) and sent["right_gripper.torque"] == pytest.approx(-1.6)
     assert seen["left_joint1.pos"] < upper + 0.01
+
+
+def test_what_was_sent_is_returned_though_a_gripper_takes_nothing(world, robot, errors):
+    """The arms follow; nobody says that they were told what they were told before, or that all is held."""
+    play(world, robot, ACTION, 1.0)
+
+    def refused(command):
+        raise failure(Code.PART_STALE, "the right gripper is not heard")
+
+    robot._arms[1]._gripper = SimpleNamespace(set=refused)
+    away = {**ACTION, "left_joint5.pos": 0.5, "right_joint5.pos": 0.5, "right_gripper.torque": -1.6}
+    _, sent = play(world, robot, away, 0.5)
+    assert sent == pytest.approx({**away, "right_gripper.torque": 0.0})
+    with pytest.raises(errors.DeviceNotConnectedError, match=r"not all targets are followed.*gripper is not heard"):
+        play(world, robot, away, 3.0)
 
 
 def test_grippers_are_told_changes_only(world, robot):
@@ -203,7 +229,7 @@ def test_a_long_loss_is_an_error_and_the_robot_is_not_enabled_again(world, robot
     assert (world.now_ns() - began_ns) / 1e9 == pytest.approx(2.1, abs=0.2)
     world.pair.thaw()
     world.run(1.0)
-    with pytest.raises(errors.DeviceNotConnectedError, match="targets are not followed"):
+    with pytest.raises(errors.DeviceNotConnectedError, match="not all targets are followed"):
         play(world, robot, ACTION, 3.0)
     assert shown(world).state in ("IDLE", "PAUSED") and robot.is_connected
     robot.disconnect()  # no error

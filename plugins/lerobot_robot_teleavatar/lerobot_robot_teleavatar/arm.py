@@ -15,25 +15,34 @@ GRIP_STEP: Final = 0.005  # a smaller change of a gripper's command, 0..1, is no
 
 
 class Arm:
-    """An arm of an owned, enabled robot; `speed` is a factor on its velocity limit, 0 < speed <= 1."""
+    """An arm of an owned, enabled robot; `speed` is a factor on its velocity limit, 0 < speed <= 1.
+
+    Attributes:
+        sent: What is followed: seven joints [rad], where the arm is before the first target, and the gripper's torque [N·m].
+
+    Raises:
+        GatewayError: The arm cannot be moved, as where it is disabled (manual §2.3); with the remedy.
+    """
 
     def __init__(self, arm: ArmControl, gripper: GripperControl, speed: float) -> None:
         self._arm, self._gripper, self._speed = arm, gripper, speed
         self._stream: JointStream | None = None
         self._grip: float | None = None
+        self.sent = [*self._open().q.tolist(), 0.0]
 
-    def send(self, target: Sequence[float]) -> list[float]:
+    def _open(self) -> JointStream:
+        self._stream, self._grip = self._arm.stream(speed=self._speed, on_limit="clip").__enter__(), None
+        return self._stream
+
+    def send(self, target: Sequence[float]) -> None:
         """Send a target; does not pace. A stream that was ended by a loss is opened anew, where the arm is held.
 
         Args:
             target: Seven joints [rad], and the torque of the gripper's motor [N·m], positive opens.
 
-        Returns:
-            What is followed: each clipped to its limits.
-
         Raises:
             ValueError: The torque is not a number; `Rejected`, a joint is none.
-            GatewayError: It cannot be sent now; the arm is held.
+            GatewayError: It cannot be sent now; the arm is held, or the gripper keeps its torque. `sent` has what was sent.
         """
         grip = command_of_effort(target[7])
         if self._stream is not None:
@@ -43,10 +52,9 @@ class Arm:
                 raise
             except GatewayError:
                 self._stream = None
-        if self._stream is None:
-            self._stream, self._grip = self._arm.stream(speed=self._speed, on_limit="clip").__enter__(), None
-        sent_rad = self._stream.set(target[:7]).tolist()
+        stream = self._stream or self._open()
+        self.sent[:7] = stream.set(target[:7]).tolist()
         if self._grip is None or abs(grip - self._grip) > GRIP_STEP:
             self._gripper.set(grip)
             self._grip = grip
-        return [*sent_rad, effort_of_command(self._grip)]
+            self.sent[7] = effort_of_command(grip)

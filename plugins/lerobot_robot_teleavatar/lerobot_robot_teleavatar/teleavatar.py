@@ -79,9 +79,7 @@ class Teleavatar(Device, Robot):
         own.enable()
         both = ((own.left_arm, own.left_gripper), (own.right_arm, own.right_gripper))
         self._arms = [Arm(arm, gripper, config.speed) for arm, gripper in both]
-        seen = self._sight.look()
-        self._sent = {name: seen.get(name, 0.0) for name in ACTION}
-        self._sending = Patience("the robot is held, targets are not followed", config.patience_s)
+        self._sending = Patience("not all targets are followed, what cannot be moved is held", config.patience_s)
 
     def get_observation(self) -> dict[str, Any]:
         """Return the newest numbers and pictures, never waiting. `DeviceNotConnectedError` if none came for `patience_s`."""
@@ -99,20 +97,20 @@ class Teleavatar(Device, Robot):
         """Send a target for both arms and grippers; does not wait until they are there.
 
         Returns:
-            What is followed: clipped to the gateway's limits; in a short loss, what was followed last.
+            What is followed: clipped to the gateway's limits; of what cannot be moved in a short loss, what was followed last.
 
         Raises:
             ValueError: Something is missing or not a number.
-            DeviceNotConnectedError: It could not be moved for `patience_s`, and is held.
+            DeviceNotConnectedError: An arm or a gripper could not be moved for `patience_s`, and is held.
         """
         self._require_connected()
         target = picked(action)
         try:
-            sent = [value for n, arm in enumerate(self._arms) for value in arm.send(target[8 * n : 8 * n + 8])]
-            self._sent = dict(zip(ACTION, sent, strict=True))
+            for n, arm in enumerate(self._arms):
+                arm.send(target[8 * n : 8 * n + 8])
             self._sending.well()
         except Rejected as error:
             raise ValueError(str(error)) from error
         except GatewayError as error:
             self._sending.bear(error)
-        return dict(self._sent)
+        return dict(zip(ACTION, (value for arm in self._arms for value in arm.sent), strict=True))
