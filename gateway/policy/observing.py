@@ -1,4 +1,4 @@
-"""What a policy is shown: the state as a vector by name, views of the newest picture, and the task in words.
+"""What a policy is shown: the state as a vector by name, views of the newest undamaged picture, and the task in words.
 
 An arm that is not heard is an error, never a zero. Dims that nobody publishes (manual §4.12), or of parts never heard, are zero
 and named.
@@ -22,7 +22,7 @@ from gateway.robot.vector_layout import STATE_NAMES
 if TYPE_CHECKING:
     from gateway.video.decoding.frame import Frame
 
-__all__ = ["Observation", "Observer", "resized", "state_vector"]
+__all__ = ["OLD_S", "Observation", "Observer", "resized", "state_vector"]
 
 STALE_S = 0.1
 """An arm's state must not be older [s]."""
@@ -102,7 +102,7 @@ class Observer:
         layout: What the policy is shown.
         prompt: The task, in words.
         look: Returns a fresh state of the robot.
-        newest: Returns the newest picture, None before the first; not asked where the policy is shown none.
+        newest: Returns the newest undamaged picture, None before the first; not asked where the policy is shown none.
         now_ns: The monotonic clock [ns].
     """
 
@@ -134,7 +134,7 @@ class Observer:
                     if picture is None
                     else f"it is {picture.age:.2f} s old, {OLD_S:g} s is the bound"
                 )
-                message, hint = f"the cameras' newest picture: {age}", "see `ta2 video check`"
+                message, hint = f"the cameras' newest undamaged picture: {age}", "see `ta2 video check`"
                 raise failure(Code.PART_STALE, message, field="cameras", hint=hint)
             for key, view in layout.images.items():
                 values[key] = resized(picture[view], layout.resize) if layout.resize else picture[view]

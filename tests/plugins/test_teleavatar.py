@@ -254,8 +254,8 @@ class Pictures:
     age = 0.0
     has_any = True
 
-    def __init__(self, source, port):
-        self.source, self.port = source, port
+    def __init__(self, source, port, strict):
+        self.source, self.port, self.strict = source, port, strict
         self.ended = False
 
     def __enter__(self):
@@ -280,21 +280,37 @@ class Pictures:
         return VideoTimeout(VideoCode.NO_PACKETS, f"no picture came in {seconds:g} s", "see `ta2 video check`")
 
 
-def test_pictures_come_with_the_numbers(plugin, world, monkeypatch, errors):
-    """Writable copies, squares where they are asked for; old ones are an error."""
+def test_pictures_come_with_the_numbers(plugin, world, monkeypatch):
+    """Writable copies, squares where they are asked for."""
     monkeypatch.setattr(video, "Video", Pictures, raising=False)
     with plugin.Teleavatar(plugin.TeleavatarConfig(video="10.0.0.1", video_port=5000)) as robot:
         seen = robot.get_observation()
         assert {"left_color", "right_color", "head_camera"} < set(seen) and len(seen) == 19
         assert seen["left_color"].shape == (400, 640, 3) and seen["left_color"].flags.writeable
         pictures = robot._video
-        assert (pictures.source, pictures.port) == ("10.0.0.1", 5000)
+        assert (pictures.source, pictures.port, pictures.strict) == ("10.0.0.1", 5000, True)
         robot.config.resize = 224
         assert robot.get_observation()["left_color"].shape == (224, 224, 3)
-        pictures.age = 3.0
-        with pytest.raises(errors.DeviceNotConnectedError, match="NO_PACKETS"):
-            robot.get_observation()
     assert pictures.ended
+
+
+def test_no_new_undamaged_picture_is_warned_of_and_then_an_error(plugin, world, monkeypatch, errors, caplog):
+    """As numbers: the last one for `patience_s`. Damaged ones are withheld by the video, and do not count as new."""
+    monkeypatch.setattr(video, "Video", Pictures, raising=False)
+    with plugin.Teleavatar(plugin.TeleavatarConfig(video="10.0.0.1")) as robot:
+        pictures = robot._video
+        assert pictures.strict
+        play(world, robot, ACTION, 0.2)
+        assert "picture" not in caplog.text
+        pictures.age = 0.6
+        seen, _ = play(world, robot, ACTION, 1.0)
+        assert "left_color" in seen and caplog.text.count("no new undamaged picture: NO_PACKETS") == 1
+        pictures.age = 0.1
+        play(world, robot, ACTION, 0.1)
+        assert "no new undamaged picture: over" in caplog.text
+        pictures.age = 0.6
+        with pytest.raises(errors.DeviceNotConnectedError, match=r"no new undamaged picture for 2\.\d s: NO_PACKETS"):
+            play(world, robot, ACTION, 3.0)
 
 
 def test_without_a_picture_nothing_is_owned(plugin, world, monkeypatch, errors):

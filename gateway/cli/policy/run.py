@@ -351,7 +351,7 @@ def _cameras(stack: ExitStack, robot: Robot, layout: Observed, port: int) -> Any
     from gateway.video.video import Video
 
     try:
-        video = stack.enter_context(Video(robot_address(robot.info.robot, None), port=port))
+        video = stack.enter_context(Video(robot_address(robot.info.robot, None), port=port, strict=True))
         if video.wait_frame(timeout=FIRST_PICTURE_S) is None:
             raise video.silence(FIRST_PICTURE_S)
     except VideoError as error:

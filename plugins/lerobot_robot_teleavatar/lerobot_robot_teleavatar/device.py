@@ -83,8 +83,8 @@ class Patience:
             log.warning("%s: over after %.2f s", self._what, time.monotonic() - self._since_s)
             self._since_s = float("inf")
 
-    def bear(self, error: GatewayError) -> None:
-        """Bear a loss. Raises `DeviceNotConnectedError`, with the gateway's words, when it lasts for too long."""
+    def bear(self, error: GatewayError | VideoError) -> None:
+        """Bear a loss. Raises `DeviceNotConnectedError`, with the error's words, when it lasts for too long."""
         now_s = time.monotonic()
         if self._since_s == float("inf"):
             self._since_s = now_s

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from contextlib import nullcontext
 from types import SimpleNamespace
 
 import numpy as np
@@ -56,6 +57,28 @@ def test_it_needs_a_server_and_knows_its_numbers(shell):
         assert shell.run("policy", "run", *words).status == 2
     ended = shell.run("policy", "run", "--server", "http://h", "--map", "vendor_openpi")
     assert ended.status != 0
+
+
+@pytest.mark.parametrize(("age_s", "status"), [(0.1, 0), (0.7, 1)])
+def test_the_policy_is_shown_no_damaged_picture(robot, tmp_path, served, monkeypatch, age_s, status):
+    """The newest undamaged one, at most 0.5 s old: one that was predicted from what is lost looks like a scene, too."""
+
+    class Picture(dict):
+        age = age_s
+
+    def pictures(source, *, port, strict=False):  # a video whose newest picture is damaged, and black
+        newest = Picture(head_left_eye=np.full((400, 640, 3), 200 if strict else 0, np.uint8))
+        return nullcontext(SimpleNamespace(latest=newest, wait_frame=lambda timeout: newest))
+
+    monkeypatch.setattr("gateway.video.video.Video", pictures)
+    monkeypatch.setattr("gateway.video.receiving.source.robot_address", lambda *_: "127.0.0.1")
+    images = '[observation.images]\n"head" = "head_left_eye"\n'
+    (tmp_path / "map.toml").write_text(MAP.replace("[actions]", f"{images}[actions]"))
+    shown, stays = [], still(robot)
+    url = served(lambda asked: (shown.append(asked["head"].min()), stays(asked))[1])
+    ended = run(robot, tmp_path, url, "--dry", "--seconds", "0.05", "--json")
+    assert ended.status == status and set(shown) <= {200}
+    assert bool(shown) if status == 0 else "PART_STALE" in ended.err
 
 
 def test_what_cannot_be_played_is_refused_before_anything_moves(robot, tmp_path, served):
