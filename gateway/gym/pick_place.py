@@ -58,8 +58,9 @@ class PickPlace(gymnasium.Env[dict[str, Array], Array]):
     Reward: 1 for success, else 0. If `dense`, besides how much nearer [m] pads came to the block and, twice, the block to
     its goal in this step: a difference of potentials, so that the best policy stays the same.
 
-    Terminated: the block lies still within 25 mm of the mark's middle, in no hand; or the engine latched, as when an arm is
-    pushed against the table: a robot would have to be recovered. Truncated after 400 steps (`max_episode_steps`).
+    Terminated: success, the block lies still within 25 mm of the mark's middle, in no hand; or the engine latched, as when an
+    arm is pushed against the table: a robot would have to be recovered, wherever the block lies. Truncated after 400 steps
+    (`max_episode_steps`).
 
     Info: `is_success`; `limited`, sides whose arm lags behind its targets because they ask for more than the limits of motion
     allow; `told`, what the engine refused or warned of in this step (`CODE: message`); `latches`, the causes of such an end.
@@ -141,10 +142,11 @@ class PickPlace(gymnasium.Env[dict[str, Array], Array]):
         robot.run(robot.now_ns + self._period_ns)
         before, before_m = self._potential_m, self._block_m
         self._potential_m, self._block_m = self._measure()
-        is_success = self._is_done(float(np.linalg.norm(self._block_m - before_m)) * S / self._period_ns)
+        told, speed_mps = robot.report(), float(np.linalg.norm(self._block_m - before_m)) * S / self._period_ns
+        is_success = self._is_done(speed_mps) and not told["latches"]
         reward = float(is_success) + (self._potential_m - before if self._dense else 0.0)
-        info = {"is_success": is_success, **robot.report()}
-        return self._observation(), reward, is_success or bool(info["latches"]), False, info
+        info = {"is_success": is_success, **told}
+        return self._observation(), reward, is_success or bool(told["latches"]), False, info
 
     def to_units(self, action: Array) -> Array:
         """Return joints [rad] and grippers' commands 0..1 of an action; ValueError: another shape, or not finite."""
@@ -163,9 +165,10 @@ class PickPlace(gymnasium.Env[dict[str, Array], Array]):
         return self._draws().draw(self._robot.world.positions()) if self.render_mode else None
 
     def close(self) -> None:
-        """Give back what draws; safe to call twice."""
+        """Give back what draws; safe to call twice. What is drawn after it begins anew."""
         if self._drawing is not None:
             self._drawing.close()
+            self._drawing = None
 
     def _placed(self, name: str) -> tuple[Array, Array]:
         """Return position [m] and rotation of a thing or a frame of the robot, on the ground's frame."""

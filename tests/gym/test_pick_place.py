@@ -222,6 +222,20 @@ def test_an_arm_that_is_pushed_against_the_table_ends_the_episode_with_the_engin
     assert any("LATCH_CHANGED: " in text for text in info["told"])
 
 
+def test_a_block_on_its_mark_is_no_success_where_the_engine_latched():
+    """Whoever moves the robot on would be paid for each step of a robot that has to be recovered."""
+    env = made(arms="right")
+    env.reset(seed=0)
+    through_the_table = env.to_action(np.array([*HANGING_RAD[SimSide.RIGHT], 0.1]))
+    while not env.step(through_the_table)[2]:
+        pass
+    env._robot.world.pose_thing("block", tuple(env._goal_m))
+    _, env._block_m = env._measure()
+    _, reward, terminated, _, info = env.step(through_the_table)
+    assert env._is_done(0.0)  # but for that
+    assert terminated and reward == 0.0 and not info["is_success"] and info["latches"]
+
+
 def test_the_gateway_s_settings_hold():
     """Tighter limits are those of actions; with arms kept apart, hands that would meet stop short of it."""
     lower = {**Settings().arm.lower_rad, Side.LEFT: (-0.5, *JOINT_LOWER_RAD[Side.LEFT][1:])}
@@ -298,6 +312,8 @@ def test_pictures_show_the_scene_from_the_eyes_and_from_the_side(seeing):
     assert (seeing.render() == side).all()
     seeing.close()
     seeing.close()
+    again, _ = seeing.reset(seed=0)
+    assert all((again[name] == picture).all() for name, picture in observation.items())
 
 
 @pytest.mark.slow
