@@ -41,6 +41,8 @@ NEAR_M, LYING_M, SLOW_MPS, OPEN_M, AWAY_M = 0.025, 0.005, 0.02, 0.045, 0.06
 """Success: the block that near to the mark's middle, that low, that slow; pads that far apart, or that far from it."""
 PADS_M: Final = {SimSide.LEFT: (0.185, -0.0068, 0.0), SimSide.RIGHT: (0.185, 0.0068, 0.0)}
 """Where the pads hold a thing, in the hand's frame [m]."""
+SIDE_PX: Final = 224
+"""Pictures are squares of this side [pixels]."""
 BOUNDS: Final = {"position": 3.2, "velocity": 20.0, "effort": 100.0, "orientation": 1.0}
 """What is shown of the state is clipped to this, either way [rad or m, rad/s, N·m]: healthy values are far from it."""
 
@@ -53,7 +55,8 @@ class PickPlace(gymnasium.Env[dict[str, Array], Array]):
 
     Observation: `state`, the first 62 of `robot.vector_layout.STATE_NAMES` as measured (rad, rad/s, N·m, m, quaternions xyzw);
     `block`, where it truly is in the left shoulder's frame, and `goal`, where it shall be: x, y, z [m], the block's quaternion
-    xyzw after it. With `pictures` what the eyes of `EYES["vendor_openpi"]` see by these names: RGB, shape (224, 224, 3).
+    xyzw after it. With `pictures` what the eyes of `EYES["vendor_openpi"]` see by these names: RGB, shape (224, 224, 3), whole
+    between black bars, as policies are shown a robot's.
 
     Reward: 1 for success, else 0. If `dense`, besides how much nearer [m] pads came to the block and, twice, the block to
     its goal in this step: a difference of potentials, so that the best policy stays the same.
@@ -103,7 +106,7 @@ class PickPlace(gymnasium.Env[dict[str, Array], Array]):
         self._eyes = EYES["vendor_openpi"] if pictures else {}
         self.observation_space = spaces.Dict(  # type: ignore[assignment]  # mypy takes a Dict's numbers for any
             {name: spaces.Box(-bound, bound) for name, bound in self._bounds.items()}
-            | {name: spaces.Box(0, 255, (224, 224, 3), np.uint8) for name in self._eyes}
+            | {name: spaces.Box(0, 255, (SIDE_PX, SIDE_PX, 3), np.uint8) for name in self._eyes}
         )
         self._drawing: Drawing | None = None
         self._lenses: dict[str, Lens] = {}
@@ -202,7 +205,9 @@ class PickPlace(gymnasium.Env[dict[str, Array], Array]):
         if self._eyes:
             self._draws().pose(self._robot.world.positions())
         for name, lens in self._lenses.items():
-            seen[name] = lens.see(self._draws().look(self._eyes[name], *lens.drawn, lens.fovy_deg))
+            view = lens.see(self._draws().look(self._eyes[name], *lens.drawn, lens.fovy_deg))
+            bar = (SIDE_PX - len(view)) // 2
+            seen[name] = np.pad(view, ((bar, SIDE_PX - len(view) - bar), (0, 0), (0, 0)))
         return seen
 
     def _draws(self) -> Drawing:
@@ -212,6 +217,8 @@ class PickPlace(gymnasium.Env[dict[str, Array], Array]):
             from gateway.sim.physics.lens import lens_of
 
             self._drawing = Drawing(has_lift=True, width=640, height=480)
-            tables = {name: eye.split("_eye")[0].rpartition("_")[0] for name, eye in self._eyes.items()}
-            self._lenses = {name: lens_of(body_numbers().cameras[table], (224, 224)) for name, table in tables.items()}
+            for name, eye in self._eyes.items():
+                camera = body_numbers().cameras[eye.split("_eye")[0].rpartition("_")[0]]
+                width, height = camera["sensor_px"]
+                self._lenses[name] = lens_of(camera, (SIDE_PX, SIDE_PX * height // width))
         return self._drawing

@@ -25,9 +25,14 @@ from gateway.errors import Code
 from gateway.gym import ENV_ID
 from gateway.gym.pick_place import PickPlace
 from gateway.gym.virtual_robot import STATE
+from gateway.kinematics.cameras.eyes import EYES
+from gateway.policy.observing import resized
 from gateway.robot.limits import JOINT_LOWER_RAD, JOINT_UPPER_RAD
 from gateway.robot.topics import joint_command
 from gateway.settings.settings import ArmSettings, ModelSettings, Settings
+from gateway.sim.physics.body_numbers import body_numbers
+from gateway.sim.physics.drawing import Drawing
+from gateway.sim.physics.lens import lens_of
 from gateway.sim.robot.manual import Side as SimSide
 from gateway.sim.robot.settings import HANGING_RAD
 from gateway.values import Side
@@ -314,6 +319,18 @@ def test_pictures_show_the_scene_from_the_eyes_and_from_the_side(seeing):
     seeing.close()
     again, _ = seeing.reset(seed=0)
     assert all((again[name] == picture).all() for name, picture in observation.items())
+
+
+def test_pictures_are_those_that_policies_are_shown_of_the_robot_s_own_views(seeing):
+    """Whole between black bars, and as wide and high an angle as the eye has, but for the sharpness of a smaller drawing."""
+    observation, _ = seeing.reset(seed=0)
+    positions = seeing._robot.world.positions()
+    with Drawing(has_lift=True, width=1280, height=1280) as large:
+        large.pose(positions)
+        for name, view in seeing._eyes.items():
+            lens = lens_of(body_numbers().cameras[view.split("_eye")[0].rpartition("_")[0]], EYES[view].size_px)
+            wanted = resized(lens.see(large.look(view, *lens.drawn, lens.fovy_deg)), 224)
+            assert np.abs(wanted.astype(int) - observation[name]).mean() < 4.0, name
 
 
 @pytest.mark.slow
