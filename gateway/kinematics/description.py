@@ -116,8 +116,7 @@ class Camera(Struct, frozen=True, kw_only=True):
     """A stereo camera: its nominal mount and what is known of its two eyes.
 
     Attributes:
-        mount_link: Link that it sits on.
-        xyz_m: Middle between the eyes in that link, shape (3,) [m].
+        xyz_m: Middle between the eyes in the link that it sits on, shape (3,) [m].
         rpy_rad: Roll, pitch, yaw about the link's fixed axes, shape (3,) [rad].
         baseline_m: Distance of the eyes [m].
         sensor_px: Width and height of one eye's sensor [px].
@@ -125,7 +124,6 @@ class Camera(Struct, frozen=True, kw_only=True):
         rate_hz: Frames per second [Hz].
     """
 
-    mount_link: str
     xyz_m: Vector
     rpy_rad: Vector
     baseline_m: float
@@ -200,7 +198,6 @@ def _camera(row: Mapping[str, Any]) -> Camera:
     width, height = row["sensor_px"]
     across, down = row["field_of_view_deg"]
     return Camera(
-        mount_link=row["mount_link"],
         xyz_m=tuple(row["xyz_m"]),
         rpy_rad=tuple(row["rpy_rad"]),
         baseline_m=row["baseline_m"],

@@ -66,13 +66,12 @@ def from_urdf(path: Path | str) -> Description:
     named = {ALIASES.get(joint.name, joint.name): joint for joint in joints}
     _require(path, named)
     inertias = dict(_inertias(path, robot))
-    links = {link for joint in joints for link in (joint.parent, joint.child)}
     ours = nominal()
     return Description(
         source=f"{robot.get('name', 'robot')} ({path})",
         joints={joint.name: joint for joint in _in_order(path, named)},
         inertias=inertias,
-        cameras={name: camera for name, camera in ours.cameras.items() if camera.mount_link in links},
+        cameras=ours.cameras,
         gripper=ours.gripper,
         chassis=ours.chassis,
     )

@@ -7,6 +7,7 @@ import pytest
 
 from gateway.errors import Code, ConfigError
 from gateway.kinematics.description import nominal
+from gateway.kinematics.nominal_frames import nominal_edges
 from gateway.kinematics.solving.chain import ArmChain
 from gateway.kinematics.urdf import from_urdf
 from gateway.values import Side
@@ -42,6 +43,22 @@ def test_the_robots_own_joint_names_are_understood(tmp_path):
         )
     path.write_text(text)
     assert from_urdf(path).joints == nominal().joints
+
+
+def test_links_of_other_names_have_our_cameras_all_the_same(tmp_path):
+    """Only joints and frames are named; hands and head may be called anything, and every frame of the tree is there."""
+    path = written(nominal(), tmp_path / "robot.urdf")
+    text = path.read_text()
+    for link in ("lg_base_link", "rg_base_link", "body_link"):
+        assert f'"{link}"' in text
+        text = text.replace(f'"{link}"', f'"my_{link}"')
+    path.write_text(text)
+    body = from_urdf(path)
+    places, wanted = (
+        {edge.transform.name: edge.transform.matrix.tolist() for edge in nominal_edges(one)}
+        for one in (body, nominal())
+    )
+    assert body.cameras == nominal().cameras and places == wanted
 
 
 @pytest.mark.parametrize("side", list(Side))
