@@ -29,6 +29,8 @@ if TYPE_CHECKING:
 __all__ = ["Body", "BodySeen", "BodyShape", "NearPair", "Part"]
 
 FIXED = (ROOT, *(shoulder_frame(side) for side in Side))
+STALE_NS = 200_000_000
+"""Joints that are older are not drawn [ns]."""
 MOVING = tuple(f"{side}_{name}" for side in Side for name in ("ee", "wrist_camera"))
 
 
@@ -95,9 +97,9 @@ class Body:
         self.shape = BodyShape(parts=parts, frames={name: self._frame(name, {}) for name in FIXED})
 
     def seen(self, view: Snapshot) -> BodySeen | None:
-        """Return it at a state; None while the joints of an arm are not known."""
+        """Return it at a state; None while the joints of an arm are not known, or are older than 0.2 s."""
         measured = {side: view.arms[side.value].measured for side in Side}
-        joints = {side: one.q_rad for side, one in measured.items() if one is not None}
+        joints = {side: one.q_rad for side, one in measured.items() if one is not None and one.age_ns < STALE_NS}
         if len(joints) < len(Side):
             return None
         try:

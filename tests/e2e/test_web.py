@@ -351,7 +351,7 @@ def test_in_a_browser_a_server_that_is_frozen_is_told_and_a_stop_that_nobody_ans
 def test_in_a_browser_the_body_is_drawn_an_episode_judged_and_a_stop_goes_past_all_of_it(
     system: System, web: Web
 ) -> None:
-    """The view can be worked by keys and keeps no stop away, however busy it is; what nobody sees is not drawn."""
+    """The view can be worked by keys and keeps no stop away, however busy; what nobody sees or knows any more is not drawn."""
     bag = str(system.folder / "wave")
     recorder = Process("record", ["-m", "gateway.cli", "record", "--at", system.target, "--out", bag], system.folder)
     try:
@@ -389,6 +389,10 @@ def test_in_a_browser_the_body_is_drawn_an_episode_judged_and_a_stop_goes_past_a
             see(page.locator("#recording")).to_contain_text("Nobody records")
             page.get_by_role("button", name="List recordings").click()
             see(page.get_by_role("row", name="wave")).to_contain_text("1 success")
+            see(page.locator("#right-1")).to_contain_text("rad")
+            system.control.fault("drop", topic="/right_arm/joint_states")
+            see(page.locator("#right-1")).to_have_text("–")
+            see(page.locator("#near")).to_contain_text("not known now")
             assert said == []
     finally:
         recorder.end()

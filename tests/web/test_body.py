@@ -113,6 +113,15 @@ def test_the_nearest_pair_is_the_gateway_s_where_it_says_one(body: Body) -> None
     assert strange is not None and strange.near.first != "tail" and strange.near.gap_m != 0.123
 
 
+@pytest.mark.parametrize(("age_ns", "is_drawn"), [(199_000_000, True), (200_000_000, False), (10_000_000_000, False)])
+def test_a_body_whose_arm_is_silent_is_not_drawn_as_if_it_were_now(body: Body, age_ns: int, is_drawn: bool) -> None:
+    """The page greys the view where there is none, and says that nobody knows."""
+    view = at(HOME)
+    arm = view.arms["right"]
+    arms = {**view.arms, "right": replace(arm, measured=replace(arm.measured, age_ns=age_ns))}
+    assert (body.seen(replace(view, arms=arms)) is not None) is is_drawn
+
+
 @pytest.mark.parametrize("q_rad", [None, (0.0,) * 6, (math.nan,) * 7])
 def test_a_body_whose_arm_is_not_known_is_not_drawn(body: Body, q_rad) -> None:
     """Half a body, or one from numbers that are none, would be believed."""

@@ -19,10 +19,10 @@ from gateway.recording.topics import EPISODES, EVENTS
 from gateway.robot.topics import arm_state, ee_pose, joint_command
 from gateway.values import Side, Vector
 
-__all__ = ["show_bag"]
+__all__ = ["STALE_NS", "show_bag"]
 
 STALE_NS = 200_000_000
-"""Between samples that are farther apart nothing is shown [ns]."""
+"""Between samples that are farther apart nothing is shown, and live nothing that is older [ns]."""
 PLACE, TURN = "position", "orientation"
 FIELDS = {"q": (arm_state, PLACE), "q_ref": (joint_command, PLACE), "p": (ee_pose, PLACE), "quat": (ee_pose, TURN)}
 

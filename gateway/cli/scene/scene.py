@@ -25,6 +25,7 @@ CHEST = f"{ROOT}/chest"
 COLOURS = {Side.LEFT: (80, 150, 220), Side.RIGHT: (230, 150, 60), None: (150, 150, 150)}
 AXES = ((220, 60, 60), (60, 180, 60), (70, 90, 230))  # colours of x, y and z
 AXIS_M, MEASURED_M = 0.05, 0.09  # lengths of axes
+NOWHERE = rr.Transform3D(quaternion=rr.Quaternion(xyzw=[0.0] * 4))  # no place to Rerun: nothing in it is shown
 LEVELS = {"warning": "WARN"}  # where our word for a level is not Rerun's in capitals
 
 Vectors = Mapping[Side, Vector]
@@ -36,6 +37,7 @@ class Scene:
 
     def __init__(self, stream: rr.RecordingStream, tree: FrameTree, body: CollisionModel) -> None:
         self._stream, self._tree, self._body = stream, tree, body
+        self._drawn: set[str] = set()
         names = [capsule.name for capsule in body.capsules]
         self._pairs = {frozenset({names[i], names[j]}): number for number, (i, j, *_) in enumerate(body.pairs)}
         stream.send_blueprint(_arrangement())
@@ -48,6 +50,8 @@ class Scene:
         middle_m = np.mean([shoulder.p_m for shoulder in shoulders], axis=0)
         stream.log(CHEST, rr.Transform3D(translation=middle_m, mat3x3=shoulders[0].rotation), static=True)
         self._measured = {side: f"{self._path(shoulder_frame(side))}/measured" for side in Side}
+        self._hands = {*self._measured.values(), *(self._path(f"{side}_ee") for side in Side)}
+        self._drawn = set(self._hands)  # what may move, at first too: an arm that is not known is nowhere
         for side in Side:
             self._log_axes(self._measured[side], MEASURED_M)
             for kind, width in (("measured", 1.5), ("setpoint", 0.7)):
@@ -56,24 +60,26 @@ class Scene:
             stream.log(f"hands/{side}", rr.SeriesLines(names=[f"{side} {axis}" for axis in "xyz"]), static=True)
 
     def show(self, at_ns: int, joints: Vectors, told: Vectors, hands: Hands, nearest: Collection[str] = ()) -> None:
-        """Draw an instant [ns] from whatever beginning; an arm of which something is not known is missing there.
+        """Draw an instant [ns] from whatever beginning; of an arm that is not known there nothing stays to be seen.
 
         Joints as measured and as told, shape (7,) each [rad]; measured hands in their shoulder frames, position [m] and
         quaternion xyzw; names of the two parts of the body that are nearest to each other, none where nobody says it.
         """
         self._go_to(at_ns)
-        log = self._stream.log
+        before, self._drawn = self._drawn, set()
         states = {side: ArmState(q_rad=q, dq_radps=(), tau_nm=(), stamp_ns=0) for side, q in joints.items()}
         for side, q_rad in joints.items():
-            log(f"joints/{side}/measured", rr.Scalars(q_rad))
+            self._draw(f"joints/{side}/measured", rr.Scalars(q_rad))
             self._place(f"{side}_ee", states)
         for side, q_rad in told.items():
-            log(f"joints/{side}/setpoint", rr.Scalars(q_rad))
+            self._draw(f"joints/{side}/setpoint", rr.Scalars(q_rad))
         for side, (p_m, quat_xyzw) in hands.items():
-            log(f"hands/{side}", rr.Scalars(p_m))
-            log(self._measured[side], _transform(p_m, quat_xyzw))
+            self._draw(f"hands/{side}", rr.Scalars(p_m))
+            self._draw(self._measured[side], _transform(p_m, quat_xyzw))
         if len(joints) == len(Side):
             self._show_body(self._body.posture(joints), self._pairs.get(frozenset(nearest)))
+        for path in before - self._drawn:  # Rerun would show for ever what it was told last
+            self._stream.log(path, NOWHERE if path in self._hands else rr.Clear(recursive=False))
 
     def tell(self, at_ns: int, level: str, text: str) -> None:
         """Add a line to the text log; its level is `info`, `warning` or `error`."""
@@ -95,7 +101,11 @@ class Scene:
 
     def _place(self, frame: str, states: Mapping[Side, ArmState], *, static: bool = False) -> None:
         place = self._tree.locate(self._tree.parent(frame) or ROOT, frame, states).transform
-        self._stream.log(self._path(frame), _transform(place.p_m, place.quat_xyzw), static=static)
+        self._draw(self._path(frame), _transform(place.p_m, place.quat_xyzw), static=static)
+
+    def _draw(self, path: str, what: rr.AsComponents, *, static: bool = False) -> None:
+        self._stream.log(path, what, static=static)
+        self._drawn.add(path)
 
     def _log_axes(self, path: str, length_m: float) -> None:
         arrows = rr.Arrows3D(vectors=length_m * np.eye(3), colors=AXES, radii=0.002)
@@ -113,12 +123,12 @@ class Scene:
             labels=[capsule.name for capsule in capsules],
             show_labels=False,
         )
-        self._stream.log(f"{CHEST}/body", body)
+        self._draw(f"{CHEST}/body", body)
         near = [] if pair is None else [posture.told(pair)]
         lines = [[one.first_m, one.second_m] for one in near]
-        self._stream.log(f"{CHEST}/nearest", rr.LineStrips3D(lines, colors=[(255, 40, 40)], radii=0.004))
+        self._draw(f"{CHEST}/nearest", rr.LineStrips3D(lines, colors=[(255, 40, 40)], radii=0.004))
         for one in near:
-            self._stream.log("gap", rr.Scalars(one.gap_m))
+            self._draw("gap", rr.Scalars(one.gap_m))
 
 
 def _transform(p_m: npt.ArrayLike, quat_xyzw: npt.ArrayLike) -> rr.Transform3D:

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 
 import rerun as rr
 
-from gateway.cli.scene.from_bag import show_bag
+from gateway.cli.scene.from_bag import STALE_NS, show_bag
 from gateway.cli.scene.scene import Scene
 from gateway.cli.scene.sink import Sink
 from gateway.cli.terminal.connection import connected
@@ -85,9 +85,10 @@ def _show_live(
         try:
             view = next(states).view
             arms = {side: view.arms[side.value] for side in Side}
-            joints = {side: arm.measured.q_rad for side, arm in arms.items() if arm.measured is not None}
+            measured = {side: arm.measured for side, arm in arms.items()}
+            joints = {side: one.q_rad for side, one in measured.items() if one and _is_young(one.age_ns)}
             told = {side: arm.q_ref_rad for side, arm in arms.items() if arm.q_ref_rad}
-            hands = {side: (arm.p_m, arm.quat_xyzw) for side, arm in arms.items() if arm.pose_age_ns is not None}
+            hands = {side: (arm.p_m, arm.quat_xyzw) for side, arm in arms.items() if _is_young(arm.pose_age_ns)}
             nearest = () if view.spacing is None else (view.spacing.first, view.spacing.second)
             scene.show(view.at_ns, joints, told, hands, nearest)
             for notice in notices:
@@ -101,6 +102,10 @@ def _show_live(
         if frame is not None and frame.seq != seq and time.monotonic() - pictured_s > 1.0 / PICTURES_HZ:
             pictured_s, seq = time.monotonic(), frame.seq
             scene.picture(view.at_ns, frame.views)
+
+
+def _is_young(age_ns: int | None) -> bool:
+    return age_ns is not None and age_ns < STALE_NS
 
 
 @contextmanager

@@ -224,6 +224,7 @@ function show(text, isBad) {
   state.classList.toggle("bad", isBad);
 }
 
+const OLD_NS = 200e6; // numbers that are older are none
 const BAD = new Set(["ESTOP", "FAULT", "DISCONNECTED", "LOST"]);
 
 function showState({ info, state }) {
@@ -239,11 +240,11 @@ function showState({ info, state }) {
   for (const side of SIDES) {
     const arm = state.arms[side];
     const gripper = state.grippers[side];
-    const q = arm.measured ? arm.measured.q_rad : [];
+    const q = arm.measured && arm.measured.age_ns < OLD_NS ? arm.measured.q_rad : [];
     for (let joint = 1; joint <= 7; joint += 1) {
       byId(`${side}-${joint}`).textContent = joint <= q.length ? `${q[joint - 1].toFixed(3)} rad` : "–";
     }
-    byId(`${side}-gripper`).textContent = gripper ? `${gripper.q_rad[0].toFixed(2)} rad` : "–";
+    byId(`${side}-gripper`).textContent = gripper && gripper.age_ns < OLD_NS ? `${gripper.q_rad[0].toFixed(2)} rad` : "–";
     if (q.length) history[side].push([state.at_ns / 1e9, q]);
     while (history[side].length && history[side][0][0] < state.at_ns / 1e9 - PLOT_S) history[side].shift();
     if (history[side].length && history[side].at(-1)[0] < history[side][0][0]) history[side].length = 0; // another gateway

@@ -107,6 +107,28 @@ def test_an_arm_of_which_nothing_is_known_is_not_made_up(drawn):
     assert f"{ROOT}/chest/body" not in found
 
 
+def test_of_an_arm_that_is_not_known_any_more_nothing_stays(drawn):
+    """Rerun shows what it was told last: what was drawn is cleared once, hands are put nowhere, until they are known again."""
+    near = BODY.posture(HOME).nearest()
+    left = {Side.LEFT: HOME[Side.LEFT]}
+
+    def lost(scene):
+        scene.show(1, HOME, HOME, HANDS, (near.first, near.second))
+        scene.show(2, left, HOME, {Side.LEFT: HANDS[Side.LEFT]})
+        scene.show(3, left, HOME, {Side.LEFT: HANDS[Side.LEFT]})
+        scene.show(4, HOME, HOME, HANDS)
+
+    found = drawn(lost)
+    hands = [f"{ROOT}/right_base_virtual/right_{name}" for name in ("ee", "shoulder_base/measured")]
+    for path in (f"{ROOT}/chest/body", f"{ROOT}/chest/nearest", "gap", "joints/right/measured", "hands/right"):
+        assert found[path]["is_recursive"] == [[False]], path
+    for path in hands:
+        places = found[path]["quaternion"]  # in no order of time: they are written apart
+        assert len(places) == 3 and places.count([[0.0] * 4]) == 1 and not found[path]["is_recursive"]
+    for path in ("joints/left/measured", "joints/right/setpoint", "hands/left"):
+        assert not found[path]["is_recursive"], path
+
+
 def test_words_keep_their_level_and_pictures_are_halved(drawn):
     """As Rerun names levels; a picture is JPEG."""
 

@@ -40,6 +40,20 @@ def test_a_file_holds_joints_hands_body_and_what_was_told(robot, tmp_path):
     assert not robot.world.pair.see().lease.owned
 
 
+def test_an_arm_that_is_silent_is_not_drawn_as_if_it_were_now(robot, tmp_path):
+    """Neither its joints nor its hand, nor a body of which half is old; what it is told goes on."""
+    for topic in ("joint_states", "current_ee_pose"):
+        fault = {"fault": "drop", "topic": f"/right_arm/{topic}"}
+        robot.world.pair.robot.inject(fault, robot.world.now_ns())
+    robot.world.run(1.0)
+    file = tmp_path / "a.rrd"
+    assert robot.run("view", "--save", str(file), "--seconds", "0.5").status == 0
+    found = read(file)
+    assert found["joints/left/measured"]["scalars"] and found["hands/left"]["scalars"]
+    assert not found["joints/right/measured"]["scalars"] and not found["hands/right"]["scalars"]
+    assert "virtual_base/chest/body" not in found
+
+
 def test_a_signal_ends_it_and_the_file_is_whole(robot, tmp_path):
     """SIGTERM, as whoever started it sends it; the status says so."""
     file = tmp_path / "a.rrd"
