@@ -292,4 +292,6 @@ def _add_example(commands: Any) -> None:  # noqa: ANN401  argparse's private cla
     example.add_argument("number", nargs="?", metavar="NUMBER", help="section of the manual, e.g. 6.6")
     add_target(example)
     example.add_argument("--show", action="store_true", help="print the program instead of running it")
-    example.add_argument("--yes", action="store_true", help="do not ask before moving")
+    example.add_argument(
+        "--yes", action="store_true", help="do not ask before moving (with no terminal nobody is asked)"
+    )

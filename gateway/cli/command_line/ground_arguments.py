@@ -86,7 +86,9 @@ def add_ground(commands: Any) -> None:  # noqa: ANN401  argparse's private class
         )
     for sub in (gripper, payload, drive, lift):
         sub.add_argument("--take", metavar="REASON", help="take the robot from its owner, who is shown the reason")
-        sub.add_argument("--yes", action="store_true", help="do not ask before moving")
+        sub.add_argument(
+            "--yes", action="store_true", help="do not ask before moving (with no terminal nobody is asked)"
+        )
 
 
 def take_velocity(drive: argparse.ArgumentParser, options: argparse.Namespace) -> None:

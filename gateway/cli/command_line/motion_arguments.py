@@ -91,6 +91,8 @@ def add_motions(commands: Any) -> None:  # noqa: ANN401  argparse's private clas
             help="factor on the configured velocity limit, up to 1 (default %(default)s)",
         )
         motion.add_argument("--hold", action="store_true", help="leave the arms held instead of pausing the robot")
-        motion.add_argument("--yes", action="store_true", help="do not ask before moving")
+        motion.add_argument(
+            "--yes", action="store_true", help="do not ask before moving (with no terminal nobody is asked)"
+        )
     for owning in (enable, *motions):
         owning.add_argument("--take", metavar="REASON", help="take the robot from its owner, who is shown the reason")

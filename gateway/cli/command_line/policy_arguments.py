@@ -97,5 +97,5 @@ def add_policy(verbs: Any) -> None:  # noqa: ANN401  argparse's private class
         "--video-port", type=udp_port, default=PORT, metavar="N", help="of the pictures (default %(default)s)"
     )
     run.add_argument("--hold", action="store_true", help="leave the arms held instead of pausing the robot")
-    run.add_argument("--yes", action="store_true", help="do not ask before moving")
+    run.add_argument("--yes", action="store_true", help="do not ask before moving (with no terminal nobody is asked)")
     run.add_argument("--take", metavar="REASON", help="take the robot from its owner, who is shown the reason")
