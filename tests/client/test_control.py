@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from msgspec.structs import replace
 
 from gateway.client import PoseTarget, connect
+from gateway.core.messages.outputs import Level, Notice
 from gateway.errors import (
     Aborted,
     Cancelled,
@@ -270,6 +272,22 @@ def test_enable_ends_when_the_lease_is_lost(world, robot):
         with pytest.raises(LeaseError) as caught:
             own.enable()
         assert caught.value.code is Code.LEASE_LOST
+
+
+def test_who_loses_the_robot_while_it_enables_is_told_the_reason(world, robot):
+    """That of the takeover, once the gateway has told it."""
+    lease = replace(world.engine.snapshot.lease, owned=True, name="operator", client_id="x", pid=9, epoch=99)
+    facts = {"epoch": "99"}
+    told = Notice(code=Code.LEASE_CHANGED, level=Level.WARNING, message="operator took it: smoke", at_ns=1, facts=facts)
+
+    def happen():
+        world.engine.notices.append(told)
+        world.engine.show(lease=lease)
+
+    with robot.control() as own:
+        world.engine.later(3, happen)
+        with pytest.raises(LeaseError, match="is over: operator took it: smoke"):
+            own.enable()
 
 
 def test_enable_from_a_held_robot_waits_for_the_walk(world, robot):

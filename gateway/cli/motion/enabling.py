@@ -15,7 +15,7 @@ from types import FrameType
 from gateway.cli.terminal.advice import next_steps
 from gateway.cli.terminal.connection import connected
 from gateway.cli.terminal.ending import ExitStatus
-from gateway.cli.terminal.owning import HELD, LOOK_HZ, LOOK_S, owned
+from gateway.cli.terminal.owning import HELD, LOOK_HZ, LOOK_S, lost, owned
 from gateway.cli.terminal.progress import Teller, teller
 from gateway.client import Robot, RobotState
 from gateway.errors import CODES, Code, GatewayError, failure
@@ -72,8 +72,7 @@ def _watch_over(robot: Robot, tell: Teller, epoch: int, wanted: list[int]) -> No
         if wanted:
             return
         if state.lease.epoch != epoch or state.lease.client_id != robot.client_id:
-            who = f"{state.lease.name!r} (pid {state.lease.pid})" if state.lease.owned else "nobody"
-            raise failure(Code.LEASE_LOST, f"{who} owns the robot now")
+            raise lost(robot, state)
         if state.shown != shown:
             shown = state.shown
             urgent = [step.text for step in next_steps(state.view, robot.info) if step.level != "info"]

@@ -16,6 +16,7 @@ from gateway.cli.teleop.arms import Arm
 from gateway.cli.teleop.jogging import HAND, LEVELS, Ramp, full_speeds
 from gateway.cli.teleop.keyboard import Wish
 from gateway.cli.terminal.ending import line_of
+from gateway.cli.terminal.owning import lost
 from gateway.cli.terminal.progress import Teller
 from gateway.client import Control, MotionHandle, Robot, RobotState
 from gateway.errors import Code, Disconnected, GatewayError, LeaseError, ProtocolError, failure
@@ -39,6 +40,8 @@ OLD_S, IDLE_NS = 0.3, 600_000_000
 """Nothing moves by an older state [s]; a stream is closed when nothing moved for so long [ns]."""
 ASKED_NS, LATE_NS = 3_000_000_000, 2_000_000_000
 """So long may a question be answered by yes, and so long after that a yes is none for an episode either [ns]."""
+READY = ("ENABLING", "ACTIVE", "HOLDING", "STOPPING", "STALE")
+"""In these states, with nothing latched, nobody needs to enable again."""
 ENABLE_S, HOME_SPEED, FORCE = 12.0, 0.2, 0.5
 """Longest wait [s]; parts of the velocity limits on the way home, and of a gripper's greatest torque."""
 
@@ -53,7 +56,7 @@ class Session:
         self._arm: Arm | None = None
         self._home: MotionHandle | None = None
         self._moved_ns, self._driven_ns = 0, dict[str, int]()
-        self._must_let_go = self._quits = False
+        self._must_let_go = self._quits = self._is_down = False
         self._asked_ns, self._late_ns = (
             0,
             0,
@@ -87,7 +90,7 @@ class Session:
             return
         state = self._robot.state
         if state.lease.client_id != self._robot.client_id:
-            _fail(Code.LEASE_LOST, f"{state.lease.name or 'nobody'!r} owns the robot now")
+            raise lost(self._robot, state)
         if wish.missing:
             self._say(wish.missing)
         is_over = bool(wish.actions or wish.demand or wish.missing)
@@ -110,8 +113,12 @@ class Session:
         self._jog(rates, state, now_ns, dt_s, wished=bool(wish.demand) and not is_off)
         mode, axes = state.arm(self.side).space, "hand" if self._in_hand else "shoulder"
         speed = f"{full['x'] * 100:.3g} cm/s {full['yaw']:.2g} rad/s, joint {self._joint + 1}, axes of {axes}"
-        told = (f"{self.side} arm, {mode} mode, {speed}", f"{state.shown} {state.fsm_name}", self._episode, self._note)
+        stands = f"{state.shown} {state.fsm_name}, {self.side} arm"  # what matters most first: a narrow terminal cuts the rest
+        told = (stands, self._note, self._episode, f"{mode} mode, {speed}")
         self._tell.advance("teleop", None, " | ".join(filter(None, told)))
+        was_down, self._is_down = self._is_down, bool(state.latches) or state.state not in READY
+        if self._is_down and not was_down:
+            self._tell.say(f"{state.shown}: enter enables again (start on a gamepad)")
 
     def _jog(self, rates: Mapping[str, float], state: RobotState, now_ns: int, dt_s: float, *, wished: bool) -> None:
         moves = any(rates[axis] for axis in (*HAND, "joint"))

@@ -7,10 +7,10 @@ from contextlib import ExitStack, contextmanager, suppress
 
 from gateway.cli.terminal.figures import since_text
 from gateway.cli.terminal.progress import Teller
-from gateway.client import Control, Robot
-from gateway.errors import Code, GatewayError, LeaseError
+from gateway.client import Control, Robot, RobotState
+from gateway.errors import Code, GatewayError, LeaseError, failure
 
-__all__ = ["HELD", "held_text", "is_held", "owned"]
+__all__ = ["HELD", "held_text", "is_held", "lost", "owned"]
 
 HELD = frozenset({"ACTIVE", "HOLDING", "PAUSED", "STOPPING"})
 """States in which arms are held, or will be when they have come to rest."""
@@ -18,6 +18,8 @@ HELD = frozenset({"ACTIVE", "HOLDING", "PAUSED", "STOPPING"})
 LOOK_HZ = 5.0
 LOOK_S = 2.0
 """Longest wait for a snapshot while waiting for something else [s]."""
+TOLD_S = 0.2
+"""Longest silence in which the reason of a takeover is waited for [s]."""
 
 
 @contextmanager
@@ -55,6 +57,16 @@ def _wait_until_free(robot: Robot, tell: Teller) -> None:
             return
         left = since_text(lease.free_in_ns)
         tell.advance("wait", None, f"{lease.name!r} (pid {lease.pid}) has left; free in {left} (--take REASON: now)")
+
+
+def lost(robot: Robot, state: RobotState) -> GatewayError:
+    """Return the error of a robot that is not ours any more, with the reason where somebody took it; not raised."""
+    lease = state.lease
+    who = f"{lease.name!r} (pid {lease.pid})" if lease.owned else "nobody"
+    for notice in robot.events(timeout=TOLD_S) if lease.owned else ():
+        if notice.code == Code.LEASE_CHANGED and notice.facts.get("epoch") == str(lease.epoch):
+            return failure(Code.LEASE_LOST, notice.message)
+    return failure(Code.LEASE_LOST, f"{who} owns the robot now")
 
 
 def is_held(robot: Robot) -> bool:

@@ -208,7 +208,7 @@ def enable(session: Session, lease: Lease, timeout_ns: int) -> Procedure[None]:
     left_ns = max(0, deadline_ns - session.transport.now_ns())
 
     def enabled(sighting: Sighting) -> bool | None:
-        _require_lease(sighting, lease)
+        _require_lease(session, sighting, lease)
         latest = sighting.view.enable
         if latest.attempt > attempt:
             raise failure(Code.SUPERSEDED, f"enabling {attempt} was begun again")
@@ -219,7 +219,7 @@ def enable(session: Session, lease: Lease, timeout_ns: int) -> Procedure[None]:
         return True
 
     def led_back(sighting: Sighting) -> bool | None:
-        _require_lease(sighting, lease)
+        _require_lease(session, sighting, lease)
         near = all(_is_tracking(arm, session.info) for arm in sighting.view.arms.values())
         return True if near and _rests(sighting) else None
 
@@ -257,12 +257,14 @@ def _is_down(sighting: Sighting) -> bool | None:
     return None if is_beating or sighting.view.state in MOVING else True
 
 
-def _require_lease(sighting: Sighting, lease: Lease) -> None:
+def _require_lease(session: Session, sighting: Sighting, lease: Lease) -> None:
     """Refuse when a snapshot shows that somebody else owns the robot, or nobody."""
     now = sighting.view.lease
     if not now.owned or now.epoch != lease.epoch:
         owner = f"{now.name!r} (pid {now.pid})" if now.owned else "nobody"
-        raise failure(Code.LEASE_LOST, f"epoch {lease.epoch} is over: {owner} owns the robot now")
+        with session.changed:
+            said = session.news.takeover(now.epoch) or f"{owner} owns the robot now"
+        raise failure(Code.LEASE_LOST, f"epoch {lease.epoch} is over: {said}")
 
 
 def _any(_: Sighting) -> bool:

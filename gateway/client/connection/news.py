@@ -98,6 +98,13 @@ class News:
 
     # ------------------------------------------------------------------------------------------------ who reads
 
+    def takeover(self, epoch: int) -> str:
+        """Return who took the robot from whom and why, where that was told of this epoch; else nothing."""
+        for notice in reversed(self._kept):
+            if notice.code == Code.LEASE_CHANGED.value and notice.facts.get("epoch") == str(epoch):
+                return notice.message
+        return ""
+
     def read(self, place: int) -> tuple[protocol.Notice, int, int] | None:
         """Return the notice at a place, the place after it, and how many were pushed out unread before it.
 

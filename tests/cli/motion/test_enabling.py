@@ -7,6 +7,8 @@ import signal
 import pytest
 from msgspec.structs import replace
 
+from gateway.codes import Code
+from gateway.core.messages.outputs import Level, Notice
 from tests.api.stand_in import a_snapshot
 
 
@@ -79,6 +81,21 @@ def test_it_ends_when_somebody_else_has_the_robot(shell, owned):
     ended = shell.run("enable")
     assert ended.status == 1
     assert f"LEASE_LOST: {'' if not owned else chr(39)}{'operator' if owned else 'nobody'}" in ended.err
+
+
+def test_the_loser_is_told_the_reason_of_who_took_the_robot(shell):
+    """As the gateway told it."""
+    lease = replace(a_snapshot().lease, owned=True, name="operator", client_id="x", pid=9, epoch=99)
+    facts = {"epoch": "99"}
+    told = Notice(code=Code.LEASE_CHANGED, level=Level.WARNING, message="operator took it: smoke", at_ns=1, facts=facts)
+
+    def happen():
+        shell.world.engine.notices.append(told)
+        shell.world.engine.show(lease=lease)
+
+    when_enabled(shell, 50, happen)
+    ended = shell.run("enable")
+    assert ended.status == 1 and "LEASE_LOST: operator took it: smoke" in ended.err
 
 
 def test_what_keeps_it_from_enabling_is_told(shell):

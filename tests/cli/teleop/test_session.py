@@ -12,6 +12,7 @@ from gateway.cli.teleop.keyboard import Wish
 from gateway.client import connect
 from gateway.errors import Code, GatewayError, LeaseError, failure
 from gateway.robot.limits import HOME_Q_RAD
+from gateway.sim.robot.faults import parse_fault
 from gateway.values import Side
 from tests.cli.teleop.world import Turn
 
@@ -143,6 +144,7 @@ def test_a_stop_of_another_ends_it_until_everything_is_let_go_and_enabled_again(
     assert "STOPPED_BY_OTHER" in turn.robot.state.latches and turn.said[0].startswith("STOPPED")
     turn.run((0.5, {"z": 1.0}), (0.5, {}))
     assert np.abs(turn.left.pose.p - stopped).max() < 0.002
+    assert [line for line in turn.said if "enter" in line] == ["FAULT: enter enables again (start on a gamepad)"]
     turn.run((0.02, {}, "enable"), (0.5, {}), (0.5, {"z": -1.0}), (0.5, {}))
     assert turn.left.pose.p[2] < stopped[2] - 0.01, turn.said
 
@@ -158,10 +160,18 @@ def test_stop_brakes_and_latches_nothing(turn):
     assert turn.left.pose.p[2] > stopped[2] + 0.01
 
 
+def test_a_robot_that_paused_is_told_once_with_the_key_that_enables_it():
+    """Also while nothing is wished."""
+    turn = Turn()
+    turn.world.after(0.3, lambda: turn.world.pair.robot.inject(parse_fault({"fault": "pause"}), turn.world.now_ns()))
+    turn.run((2.0, {}))
+    assert [line for line in turn.said if "enter" in line] == ["PAUSED: enter enables again (start on a gamepad)"]
+
+
 def test_another_owner_ends_the_turn(turn):
-    """With a code, also while nothing is wished."""
+    """With a code and the reason, also while nothing is wished."""
     other = connect(transport=turn.world.transport(), name="other")
-    with pytest.raises(LeaseError):
+    with pytest.raises(LeaseError, match=r"other .* took the robot from ta2 teleop: mine"):
         turn.run((0.1, {}), (5.0, {}, *take(turn, other)))
 
 
@@ -405,3 +415,11 @@ def test_the_line_of_status_says_arm_mode_speed_state_and_episode():
     line = turn.shown[-1]
     for word in ("right arm", "joint mode", "5 cm/s", "joint 3", "axes of hand", "READY", "no episode"):
         assert word in line
+
+
+def test_a_narrow_terminal_cuts_the_speed_and_not_the_state():
+    """State and what was told last stand first."""
+    turn = Turn()
+    turn.run((0.1, {}, "arm"))
+    assert turn.shown[-1].startswith("ACTIVE READY, right arm | the right arm | ")
+    assert turn.shown[-1].endswith("axes of shoulder")
