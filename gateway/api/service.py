@@ -39,6 +39,7 @@ from gateway.api.zenoh_plane import ZenohPlane
 from gateway.core.messages import events, outputs
 from gateway.messages.snapshot import Snapshot
 from gateway.process.threads import supervised
+from gateway.process.zenoh_words import in_words
 from gateway.settings.settings import LocalSettings, Settings
 
 __all__ = ["LocalPlane"]
@@ -155,7 +156,7 @@ class LocalPlane:
             roles = self._roles if configuration is self._network else None  # who may open the socket is an admin
             plane = ZenohPlane(configuration, self._inbox, self._stops, roles)
         except zenoh.ZError as error:
-            raise refused_setting(name, value, f"cannot listen there: {str(error).partition(' at /')[0]}") from None
+            raise refused_setting(name, value, f"cannot listen there: {in_words(error)}") from None
         self._planes.append(plane)
         self._outbox.add_audience(plane)
         log.info("listening on %s", value)

@@ -36,6 +36,7 @@ from gateway.client.connection.over_zenoh import Credentials, client_configurati
 from gateway.errors import Code
 from gateway.process.callbacks import direct
 from gateway.process.threads import supervised
+from gateway.process.zenoh_words import in_words
 
 __all__ = ["Member"]
 
@@ -98,9 +99,7 @@ class Member:
                     self._sessions.append(zenoh.open(client_configuration(address, Credentials(), OPENING_S)))
                     break
                 except zenoh.ZError as error:
-                    log.warning(
-                        "%s does not answer yet: %s", address.locator or address.file, str(error).partition(" at /")[0]
-                    )
+                    log.warning("%s does not answer yet: %s", address.locator or address.file, in_words(error))
                 self._ended.wait(1.0)
         if not self._ended.is_set():
             self._join(*self._sessions)

@@ -7,6 +7,8 @@ from collections.abc import Callable
 
 import zenoh
 
+from gateway.process.zenoh_words import in_words
+
 __all__ = ["FIRST_RETRY_S", "MAX_RETRY_S", "connect"]
 
 FIRST_RETRY_S = 0.2
@@ -27,7 +29,7 @@ def connect(config: str, endpoint: str, goes_on: Callable[[float], bool]) -> zen
             session = zenoh.open(zenoh.Config.from_json5(config))
         except zenoh.ZError as error:
             if not has_failed:
-                _log.warning("no zenoh router at %s yet, trying on: %s", endpoint, error)
+                _log.warning("no zenoh router at %s yet, trying on: %s", endpoint, in_words(error))
             has_failed = True
             goes_on(retry_s)
             retry_s = min(2 * retry_s, MAX_RETRY_S)

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import contextlib
 import ctypes
+import errno
 import gc
 import os
 import subprocess
@@ -22,6 +23,7 @@ from typing import Final
 
 import zenoh
 
+from gateway.process.zenoh_words import in_words
 from gateway.sim.bridge import CONTROL_KEY, Bridge
 from gateway.sim.companion import until_told
 from gateway.sim.control import Control
@@ -294,9 +296,9 @@ def main_sim(
         with until_told() as should_stop:
             run(settings or SimSettings(), listen, should_stop=should_stop, ready=ready, write=write, make=make)
     except zenoh.ZError as error:
-        sys.stderr.write(
-            f"cannot listen on {listen}: {error}\nAnother simulation or a bridge may use this port already.\n"
-        )
+        is_taken = f"(os error {errno.EADDRINUSE})" in str(error)
+        hint = "Another simulation or a bridge may use this port already.\n" if is_taken else ""
+        sys.stderr.write(f"cannot listen on {listen}: {in_words(error)}\n{hint}")
         return 1
     except WorldUnstable as error:
         sys.stderr.write(f"{error}\n")

@@ -118,6 +118,12 @@ def test_a_robot_is_named_as_people_name_it(typed, meant):
     assert endpoint(typed) == meant
 
 
+def test_a_bare_number_names_no_robot(shell):
+    """It is a port, or a slip; the forms are named."""
+    ended = shell.run("sim", "--listen", "9001")
+    assert ended.status == 2 and "'9001' names no host: tcp/HOST:PORT, HOST:PORT or HOST is needed" in ended.err
+
+
 @pytest.mark.parametrize(
     "words", [["0.1", "-0.2", "3"], ["0.1,-0.2,3"], ["0.1,", "-0.2,", "3"], ["[0.1", "-0.2", "3]"], ["[0.1; -0.2; 3]"]]
 )

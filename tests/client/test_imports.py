@@ -15,7 +15,7 @@ took = time.perf_counter() - started
 ours = {m for m in sys.modules if m.startswith(("gateway.", "cdr_types"))}
 print(took)
 print(sorted({m.split(".")[0] for m in set(sys.modules) - before} - set(sys.stdlib_module_names)))
-rooms = "client", "api", "errors", "codes", "messages", "process.callbacks", "process.threads", "values"
+rooms = "client", "api", "errors", "codes", "messages", "process.callbacks", "process.threads", "process.zenoh_words", "values"
 known = tuple(f"gateway.{m}" for m in rooms)
 print(sorted(m for m in ours - {"gateway.process"} if not m.startswith(known)))
 print(sorted(m for m in ours if m.startswith("gateway.api")))

@@ -260,7 +260,14 @@ def test_a_port_in_use_is_said_and_ends_with_one(node, capsys):
     command = [sys.executable, "-m", "gateway.cli", "sim", "--listen", BENCH]
     done = subprocess.run(command, capture_output=True, text=True, timeout=20.0, check=False)
     assert (done.returncode, done.stdout) == (1, "")
-    assert "Another simulation" in done.stderr
+    assert "Another simulation" in done.stderr and ".rs:" not in done.stderr
+
+
+def test_only_a_port_that_is_in_use_is_said_to_be_in_use(capsys):
+    """An address that is not this host's is another matter."""
+    assert main_sim("tcp/192.0.2.1:9000") == 1
+    said = capsys.readouterr().err
+    assert "cannot listen on tcp/192.0.2.1:9000" in said and "already" not in said and ".rs" not in said
 
 
 def test_main_sim_ends_by_signal_in_this_process(capsys):

@@ -20,7 +20,13 @@ PARTS, MODES = ("left_arm", "right_arm", "chassis", "lift_servo"), ("joint", "po
 
 
 def endpoint(text: str) -> str:
-    """Return the zenoh endpoint of a robot from what a person typed: `tcp/HOST:PORT`, `HOST:PORT` or `HOST`."""
+    """Return the zenoh endpoint of a robot from what a person typed: `tcp/HOST:PORT`, `HOST:PORT` or `HOST`.
+
+    Raises:
+        ArgumentTypeError: It is a number, which names no host.
+    """
+    if text.isdigit():
+        raise argparse.ArgumentTypeError(f"{text!r} names no host: tcp/HOST:PORT, HOST:PORT or HOST is needed")
     if "/" in text:
         return text
     if text.count(":") > 1 and not text.startswith("["):

@@ -28,6 +28,7 @@ from gateway.client.connection.transport import Receiver
 from gateway.errors import Code, GatewayError, failure
 from gateway.process.callbacks import direct
 from gateway.process.threads import supervised
+from gateway.process.zenoh_words import in_words
 
 __all__ = ["Credentials", "ZenohTransport", "client_configuration"]
 
@@ -116,7 +117,7 @@ class ZenohTransport:
         except zenoh.ZError as error:
             hint = "" if path is not None else "check host, port, user, password and certificates; see the daemon's log"
             raise _disconnected(
-                f"nobody answers at {self.address} within {timeout_s:g} s ({str(error).partition(' at /')[0]})", hint
+                f"nobody answers at {self.address} within {timeout_s:g} s ({in_words(error)})", hint
             ) from None
         self._session, self._receiver = session, receiver
         atexit.register(self._close_with_python)
