@@ -51,7 +51,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         with _interruptible(options.command):
             return int(COMMANDS[options.command](options))
     except GatewayError as error:
-        return report(error, as_json=getattr(options, "json", False))
+        return report(error, as_json=getattr(options, "json", False), takes=hasattr(options, "take"))
     except Interrupted as end:
         return 128 + end.number
     except KeyboardInterrupt:

@@ -16,7 +16,6 @@ import struct
 import sys
 import traceback
 from contextlib import suppress
-from functools import reduce
 from queue import SimpleQueue
 from typing import Any, BinaryIO
 
@@ -60,6 +59,26 @@ def _answer(said: Any) -> bytes:  # noqa: ANN401  whatever a policy returns
     return encoded({key: np.asarray(value) if hasattr(value, "__array__") else value for key, value in answer.items()})
 
 
+class _NotThere(Exception):
+    """No such module, or nothing of that name in it; a traceback would show nothing of the user's."""
+
+
+def _named(name: str) -> Any:  # noqa: ANN401  whatever a module holds
+    """Return what `MODULE:FUNCTION` names; raise _NotThere, or as the import does."""
+    module, _, path = name.partition(":")
+    try:
+        found: Any = importlib.import_module(module)
+    except ModuleNotFoundError as error:
+        if error.name is None or not f"{module}.".startswith(f"{error.name}."):  # it is one that the user's own imports
+            raise
+        raise _NotThere(f"there is no module {error.name!r}, neither installed nor in {os.getcwd()}") from None
+    for word in path.split("."):
+        if not hasattr(found, word):
+            raise _NotThere(f"{module} has no {path!r}")
+        found = getattr(found, word)
+    return found
+
+
 def main(name: str, parent: int) -> None:
     """Serve a function on the socket that is this process's stdin; its attribute `metadata`, a dict, is told first."""
     if sys.platform == "linux":
@@ -71,16 +90,18 @@ def main(name: str, parent: int) -> None:
     os.dup2(2, 1)
     supervised(lambda: _read(end.makefile("rb"), frames), "ta2-policy-asked").start()
     sys.path.insert(0, os.getcwd())
-    module, _, path = name.partition(":")
     function: Any = None
     while True:
         try:
             if function is None:
-                function = reduce(getattr, path.split("."), importlib.import_module(module))
+                function = _named(name)
                 answer = encoded(getattr(function, "metadata", {}))
             else:
                 answer = _answer(function(decoded(frames.get())))
             send(end, answer)
+        except _NotThere as error:
+            send(end, str(error).encode(errors="replace"), True)
+            return
         except Exception as error:  # noqa: BLE001  whatever a policy raises is its answer
             traceback.print_exc()
             send(end, f"{type(error).__name__}: {error}".encode(errors="replace"), True)

@@ -88,7 +88,11 @@ class LocalPolicy:
             raise self._failed(Code.DISCONNECTED, f"is gone: {error}", "see what it printed") from None
         if has_failed:
             self.close()
-            raise self._failed(Code.POLICY_FAILED, f"failed: {answer.decode()[:300]}", "its traceback is on stderr")
+            raise self._failed(
+                Code.POLICY_FAILED,
+                f"failed: {answer.decode()[:300]}",
+                "where its own code failed, the traceback is on stderr",
+            )
         return decoded(answer)
 
     def _failed(self, code: Code, what: str, hint: str) -> GatewayError:

@@ -24,7 +24,7 @@ from dataclasses import asdict
 from typing import Protocol
 
 from gateway.sim.robot import report
-from gateway.sim.robot.faults import FAULTS, Fault, FaultError, parse_fault
+from gateway.sim.robot.faults import FAULTS, Fault, FaultError, parse_fault, unknown_fault
 from gateway.sim.robot.model import SimRobot
 
 __all__ = ["Control", "NodeFaults"]
@@ -115,6 +115,8 @@ class Control:
         name, topic = request.get("fault"), request.get("topic")
         if not (isinstance(name, (str, type(None))) and isinstance(topic, (str, type(None)))):
             raise FaultError(f"clear: fault and topic must be texts, not {name!r}, {topic!r}")
+        if name is not None and name not in FAULTS:
+            raise unknown_fault(name)
         return {"ended": self._robot.clear(name, topic) + self._node.clear(name, topic)}
 
     def _shutdown(self, _: Mapping[str, object], __: int) -> Answer:

@@ -86,6 +86,7 @@ def make(tmp_path, monkeypatch):
     """Makes local policies of a module in the working directory."""
     monkeypatch.chdir(tmp_path)
     (tmp_path / "towels.py").write_text(POLICIES)
+    (tmp_path / "cloths.py").write_text("import napkins\n")
     made = []
 
     def make(function, answer_s=WAIT_S, first_answer_s=WAIT_S):
@@ -126,9 +127,7 @@ def test_a_method_may_answer_a_map_to_pictures_of_any_size(make):
     [
         ("towels:fails", "ValueError: no such towel"),
         ("towels:unknown", "TypeError: object cannot be sent"),
-        ("towels:nobody", "has no attribute 'nobody'"),
-        ("towels", "has no attribute ''"),
-        ("napkins:act", "ModuleNotFoundError: No module named 'napkins'"),
+        ("cloths:act", "ModuleNotFoundError: No module named 'napkins'"),
     ],
 )
 def test_what_it_raises_is_told_with_its_last_line(make, capfd, function, words):
@@ -139,6 +138,22 @@ def test_what_it_raises_is_told_with_its_last_line(make, capfd, function, words)
         policy.ask({})
     assert caught.value.code is Code.POLICY_FAILED and caught.value.field == "server" and words in caught.value.message
     assert not policy.is_connected and "Traceback" in capfd.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("function", "words"),
+    [
+        ("towels:nobody", "towels has no 'nobody'"),
+        ("napkins:act", "there is no module 'napkins'"),
+        ("napkins.small:act", "there is no module 'napkins'"),
+    ],
+)
+def test_what_is_not_there_is_told_in_a_line(make, capfd, function, words):
+    """Without a traceback, in which nothing is the user's."""
+    with pytest.raises(Aborted) as caught:
+        make(function).connect()
+    assert caught.value.code is Code.POLICY_FAILED and words in caught.value.message
+    assert capfd.readouterr().err == ""
 
 
 def test_an_answer_that_is_no_numbers_is_refused(make):

@@ -43,9 +43,10 @@ def integer(text: str, least: int, most: int, what: str) -> int:
 def span(text: str) -> float:
     """Return a time [s] that was typed as `90s`, `10m`, `1h` or `2d`; else as `above_zero`."""
     scale = {"s": 1.0, "m": 60.0, "h": 3600.0, "d": 86_400.0}.get(text.strip()[-1:], math.nan)
-    return above_zero(
-        str(_number(text.strip()[:-1]) * scale), 31 * 86_400.0, f"time such as 10m or 1h, as {text!r} is none,"
-    )
+    value_s = _number(text.strip()[:-1]) * scale
+    if not 0.0 < value_s <= 31 * 86_400.0:  # NaN compares false
+        raise argparse.ArgumentTypeError(f"{text!r} is no time such as 90s, 10m, 1h, 2d, at most 31d")
+    return value_s
 
 
 def _number(text: str) -> float:

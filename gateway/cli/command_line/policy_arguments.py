@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import argparse
 from functools import partial
 from typing import Any
 
@@ -22,6 +23,14 @@ _steps = partial(integer, least=1, most=450, what="number of steps")
 _smoothing = partial(between, least=0.0, most=1.0, what="time [s]")
 
 
+def _function(text: str) -> str:
+    """Return `MODULE:FUNCTION`, both perhaps with dots; raise ArgumentTypeError for anything else."""
+    module, _, path = text.partition(":")
+    if not all(word.isidentifier() for word in (*module.split("."), *path.split("."))):
+        raise argparse.ArgumentTypeError(f"{text!r} is not of the form MODULE:FUNCTION, such as my_policy:act")
+    return text
+
+
 def add_policy(verbs: Any) -> None:  # noqa: ANN401  argparse's private class
     """Add `run`."""
     run = add_client_command(
@@ -37,6 +46,7 @@ def add_policy(verbs: Any) -> None:  # noqa: ANN401  argparse's private class
     )
     policy.add_argument(
         "--local",
+        type=_function,
         metavar="MODULE:FUNCTION",
         help="a policy in Python, of the current folder too, in a process of its own",
     )

@@ -125,10 +125,13 @@ def line_of(error: GatewayError) -> str:
     return f"{error.code}: {error.message}" + (f" -> {hint}" if hint else "")
 
 
-def report(error: GatewayError, *, as_json: bool = False) -> ExitStatus:
-    """Tell what went wrong, on standard error, and for scripts as JSON on standard output; return the exit status."""
+def report(error: GatewayError, *, as_json: bool = False, takes: bool = True) -> ExitStatus:
+    """Tell what went wrong, on standard error, and for scripts as JSON on standard output; return the exit status.
+
+    `takes` says whether the command has --take: where it has none, no hint names it.
+    """
     status = status_of(error)
-    print(line_of(error), file=sys.stderr)
+    print(line_of(error) if takes else line_of(error).replace(", or --take REASON", ""), file=sys.stderr)
     if as_json:
         facts = asdict(error.refusal) | {"retryable": error.retryable}
         print(json.dumps({"ok": False, "error": facts, "exit_status": int(status)}, ensure_ascii=False))

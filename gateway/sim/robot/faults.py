@@ -22,7 +22,7 @@ from pycdr2 import IdlStruct
 from cdr_types.messages import geometry_msgs, sensor_msgs
 from gateway.sim.robot.manual import COMMAND_TOPICS, DOF, JOINT_STATE, POSE, STATE_TOPICS, S
 
-__all__ = ["FAULTS", "DelayLine", "Fault", "FaultBook", "FaultError", "FaultKind", "parse_fault"]
+__all__ = ["FAULTS", "DelayLine", "Fault", "FaultBook", "FaultError", "FaultKind", "parse_fault", "unknown_fault"]
 
 
 class FaultError(ValueError):
@@ -145,10 +145,9 @@ class Fault:
         return self.topic == topic or (self.topic == "*" and topic in STATE_TOPICS)
 
 
-def _known() -> str:
-    return "; ".join(
-        f"{name}({', '.join([*kind.required, '[duration_s]'])}): {kind.help}" for name, kind in FAULTS.items()
-    )
+def unknown_fault(name: object) -> FaultError:
+    """Return the error of a name that is none of `FAULTS`, not raised."""
+    return FaultError(f"unknown fault {name!r}; known: {', '.join(FAULTS)}")
 
 
 def _number(name: str, key: str, value: object) -> float:
@@ -173,7 +172,7 @@ def parse_fault(command: str | Mapping[str, object]) -> Fault:
     name = command.get("fault")
     kind = FAULTS.get(name) if isinstance(name, str) else None
     if not isinstance(name, str) or kind is None:
-        raise FaultError(f"unknown fault {name!r}; known: {_known()}")
+        raise unknown_fault(name)
     given = {key: value for key, value in command.items() if key != "fault"}
     allowed = {*kind.required, "duration_s"}
     if unknown := set(given) - allowed:

@@ -208,6 +208,9 @@ def test_it_needs_one_policy_and_looks_in_one_way(shell):
     """A server or a function; a judge or a shadow: usage, status 2."""
     for words in (
         ("--server", "ws://h:1", "--local", "a:b"),
+        ("--local", "bad"),
+        ("--local", "a:"),
+        ("--local", "./a.py:b"),
         ("--local", "a:b", "--dry", "--shadow"),
     ):
         assert shell.run("policy", "run", *words).status == 2

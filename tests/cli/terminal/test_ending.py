@@ -16,7 +16,7 @@ from gateway.cli.terminal.ending import (
     status_of,
     undelivered,
 )
-from gateway.errors import CODES, Code, Refusal, to_exception
+from gateway.errors import CODES, Code, Refusal, failure, to_exception
 
 
 def error(code, **fields):
@@ -70,6 +70,16 @@ def test_hints_are_in_the_words_of_a_shell():
     for code, info in CODES.items():
         assert not re.search(r"\w`ta2", in_shell_words(info.hint)), code
         assert "()" not in in_shell_words(info.hint).replace("stop() was called", ""), code
+
+
+def test_a_command_without_take_is_not_told_to_take(capsys):
+    """Its hint is what is left of it."""
+    error = failure(Code.LEASE_HELD, "'ann' owns the robot")
+    report(error)
+    report(error, takes=False)
+    with_take, without = capsys.readouterr().err.splitlines()
+    assert with_take.endswith("-> wait until it is free, or --take REASON")
+    assert without.endswith("-> wait until it is free")
 
 
 def test_a_report_is_one_line_and_json_for_scripts(capsys):
