@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 from collections.abc import Iterator
 from contextlib import suppress
-from pathlib import Path
 
 import numpy as np
 
@@ -27,21 +26,20 @@ PLACE, TURN = "position", "orientation"
 FIELDS = {"q": (arm_state, PLACE), "q_ref": (joint_command, PLACE), "p": (ee_pose, PLACE), "quat": (ee_pose, TURN)}
 
 
-def show_bag(path: Path, scene: Scene, sink: Sink, rate_hz: float) -> None:
+def show_bag(bag: Bag, scene: Scene, sink: Sink, rate_hz: float) -> None:
     """Draw all of a bag, so many moments a second [Hz], and wait until nobody looks any more.
 
-    Raises `Rejected`, BAD_REQUEST: it is no bag, or there are no joints in it.
+    Raises `Rejected`, BAD_REQUEST: there are no joints in it.
     """
-    with Bag(path) as bag:
-        prefix = f"/{bag.facts()['namespace']}" if bag.facts().get("namespace") else ""
-        names = {(side, k): (prefix + topic(side), field) for side in Side for k, (topic, field) in FIELDS.items()}
-        found = read_series(bag, names.values())
-        times_ns = np.arange(bag.begin_ns, bag.end_ns, round(1e9 / rate_hz), dtype=np.int64)
-        for at_ns, level, text in _words(bag):
-            scene.tell(at_ns - bag.begin_ns, level, text)
+    prefix = f"/{bag.facts()['namespace']}" if bag.facts().get("namespace") else ""
+    names = {(side, k): (prefix + topic(side), field) for side in Side for k, (topic, field) in FIELDS.items()}
+    found = read_series(bag, names.values())
+    times_ns = np.arange(bag.begin_ns, bag.end_ns, round(1e9 / rate_hz), dtype=np.int64)
+    for at_ns, level, text in _words(bag):
+        scene.tell(at_ns - bag.begin_ns, level, text)
     rows = {key: _rows(found[name], times_ns, is_turn=key[1] == "quat") for key, name in names.items() if name in found}
     if not any((side, "q") in rows for side in Side):
-        message, hint = f"{path}: no joints of an arm were recorded", "`ta2 bag info` lists what there is"
+        message, hint = f"{bag.path}: no joints of an arm were recorded", "`ta2 bag info` lists what there is"
         raise failure(Code.BAD_REQUEST, message, field="bag", hint=hint)
     for n, at_ns in enumerate(times_ns.tolist()):
         now = {key: row for key, some in rows.items() if (row := some[n])}

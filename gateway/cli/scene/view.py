@@ -27,6 +27,7 @@ from gateway.kinematics.collision import CollisionModel
 from gateway.kinematics.configured import configured
 from gateway.kinematics.sight import robot_frames
 from gateway.kinematics.solving.chain import ArmChain
+from gateway.recording.bag_reader import Bag
 from gateway.recording.bag_writer import needed
 from gateway.settings import toml_file
 from gateway.settings.settings import Settings
@@ -46,16 +47,17 @@ def carry_out(options: Namespace) -> ExitStatus:
     """Show it until Ctrl-C, until the window is closed, or until the time is over; raise GatewayError where it cannot be."""
     settings = toml_file.load(options.config)
     with ExitStack() as stack:  # whatever can be refused is refused before a window opens
-        robot = None if options.bag else stack.enter_context(connected("view", options.target, options.timeout_s))
+        bag = stack.enter_context(Bag(options.bag)) if options.bag else None
+        robot = None if bag else stack.enter_context(connected("view", options.target, options.timeout_s))
         video = stack.enter_context(_cameras(robot, options.video_port)) if robot and options.video else None
         stream = rr.RecordingStream("TeleAvatar 2")
         scene = _scene(stream, settings)
         sink = Sink(stream, options.save)
         stack.callback(sink.close)
         try:
-            if robot is None:
-                show_bag(options.bag, scene, sink, options.rate)
-            else:
+            if bag is not None:
+                show_bag(bag, scene, sink, options.rate)
+            elif robot is not None:
                 print(f"showing {robot!r}; Ctrl-C ends it", file=sys.stderr)
                 _show_live(robot, scene, sink, video, options.rate, options.seconds)
         except KeyboardInterrupt as end:

@@ -31,6 +31,7 @@ def test_a_bag_without_joints_is_refused(shell, tmp_path):
 
 
 def test_no_bag_is_refused(shell, tmp_path):
-    """In a line."""
+    """In a line, before a window is opened or a file begun."""
     ended = shell.run("view", "--bag", str(tmp_path / "nothing"), "--save", str(tmp_path / "a.rrd"))
-    assert ended.status == 2 and "there is no" in ended.err
+    assert ended.status == 2 and "there is no" in ended.err and "name a folder or file that exists" in ended.err
+    assert not (tmp_path / "a.rrd").exists()
