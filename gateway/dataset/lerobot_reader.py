@@ -59,8 +59,9 @@ class Dataset:
             self.fps = float(self.info["fps"])
             self.features: dict[str, dict[str, Any]] = dict(self.info["features"])
         except (OSError, ValueError, KeyError, TypeError) as error:
-            message = f"{folder} is no dataset of LeRobot: meta/info.json: {error!r}"
-            raise failure(Code.BAD_REQUEST, message, field="dataset") from error
+            why = error.strerror if isinstance(error, OSError) else repr(error)
+            message, hint = f"{folder} is no dataset of LeRobot: meta/info.json: {why}", "name the folder of a dataset"
+            raise failure(Code.BAD_REQUEST, message, field="dataset", hint=hint) from error
         if self.version not in FORMATS:
             message = f"{folder} is of LeRobot's format {self.version}"
             refusal = Refusal(

@@ -239,7 +239,7 @@ class Bag:
 
 def _refuse_incomplete(path: Path) -> None:
     if not path.exists():
-        raise failure(Code.BAD_REQUEST, f"there is no {path}", field="bag")
+        raise failure(Code.BAD_REQUEST, f"there is no {path}", field="bag", hint="name a folder or file that exists")
     if path.is_dir() and not (path / METADATA).exists() and list(path.glob(f"*{ACTIVE}")):
         message = f"{path} is still being recorded, or its recorder was killed"
         hint = f"if nothing records there any more: ta2 record recover {path}"

@@ -39,7 +39,8 @@ def read_users(path: Path) -> Mapping[str, str]:
             mode = os.fstat(file.fileno()).st_mode & 0o777
             lines = file.read().splitlines()
     except (OSError, UnicodeError) as error:
-        raise _wrong(path, str(error), "make it: ta2 web --add-user NAME --users FILE") from None
+        why = error.strerror if isinstance(error, OSError) else str(error)
+        raise _wrong(path, str(why), "make it: ta2 web --add-user NAME --users FILE") from None
     if mode & 0o077:
         raise _wrong(path, f"others than its owner may use it (mode {mode:o})", f"chmod 600 {path}")
     found = [LINE.fullmatch(line) for line in lines]

@@ -697,6 +697,15 @@ def test_both_arms_follow_on_one_clock(world, own):
     assert request.start_at_ns == 12_500_000_000 and request.times_s == (0.0, 0.1, 0.2, 0.4)
 
 
+@pytest.mark.parametrize("targets", [{}, {"lft": [0.0] * 7}])
+def test_who_names_no_arm_is_told_the_names(own, targets):
+    """Not to give another number of values."""
+    for ask in (own.move_to, own.follow):
+        with pytest.raises(Rejected) as caught:
+            ask(targets)
+        assert caught.value.code is Code.WRONG_SHAPE and caught.value.hint == "name left, right or both"
+
+
 @pytest.mark.parametrize(
     ("points", "how", "code"),
     [

@@ -246,7 +246,8 @@ def test_a_dataset_of_many_files_is_read_whole(bags, tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize(
-    ("text", "why"), [(None, "FileNotFound"), ("{", "JSONDecodeError"), ("{}", "codebase_version"), ("[]", "TypeError")]
+    ("text", "why"),
+    [(None, "No such file or directory"), ("{", "JSONDecodeError"), ("{}", "codebase_version"), ("[]", "TypeError")],
 )
 def test_what_is_no_dataset_is_refused(tmp_path, text, why):
     """With what was found instead."""

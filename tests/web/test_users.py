@@ -89,6 +89,13 @@ def test_a_line_that_is_wrong_lets_nobody_in(tmp_path: Path, text: str) -> None:
         read_users(file)
 
 
+def test_a_file_that_is_not_there_is_told_in_plain_words(tmp_path: Path) -> None:
+    """With the command that makes it."""
+    with pytest.raises(Rejected, match=r"nofile: No such file or directory") as caught:
+        read_users(tmp_path / "nofile")
+    assert "--add-user" in caught.value.hint and "Errno" not in caught.value.message
+
+
 @pytest.mark.parametrize("mode", [0o644, 0o640, 0o602])
 def test_a_file_that_others_may_use_is_refused(tmp_path: Path, mode: int) -> None:
     """With the command that mends it."""

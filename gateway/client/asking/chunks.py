@@ -9,7 +9,7 @@ from msgspec import Struct
 
 from gateway.api import protocol
 from gateway.client.asking.procedures import Procedure, request
-from gateway.client.asking.requests import SIDES, number, numeric
+from gateway.client.asking.requests import SIDES, number, numeric, require_sides
 from gateway.client.connection.session import Session
 from gateway.errors import Code, GatewayError, failure
 
@@ -81,15 +81,7 @@ def follow(
     Raises:
         Rejected: WRONG_SHAPE, BAD_REQUEST or OUT_OF_RANGE; what the points ask for is judged by the daemon.
     """
-    unknown = [str(side) for side in points if side not in SIDES]
-    if unknown or not points:
-        raise _refused(
-            Code.WRONG_SHAPE,
-            "points",
-            f"a chunk for {unknown or 'no arm'} was given, 'left' and 'right' exist",
-            ", ".join(unknown),
-            "left, right",
-        )
+    require_sides("points", points)
     frames, times = wishes.get("frames"), wishes.get("times")
     start_at, start_in, goal_time = wishes.get("start_at"), wishes.get("start_in"), wishes.get("goal_time")
     if start_at is not None and start_in is not None:

@@ -203,6 +203,7 @@ def require_sides(field: str, targets: Mapping[str, object]) -> None:
             field=field,
             value=", ".join(unknown),
             bound="left, right",
+            hint="name left, right or both",
         )
 
 

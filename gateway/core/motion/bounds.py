@@ -68,4 +68,7 @@ def wrong_count(called: str, count: int, needed: int, field: str, of: str) -> Re
 def no_arm(field: str) -> Refusal:
     """Return the refusal of a request that names neither arm, WRONG_SHAPE."""
     message = "no arm is named: left, right or both are needed"
-    return Refusal(code=Code.WRONG_SHAPE, message=message, field=field, value="0", bound="[1, 2]", unit="arms")
+    hint = "name left, right or both"
+    return Refusal(
+        code=Code.WRONG_SHAPE, message=message, field=field, value="0", bound="[1, 2]", unit="arms", hint=hint
+    )

@@ -134,7 +134,7 @@ def _check_points(
         if not MIN_POINTS <= count <= MAX_POINTS:
             message = f"the {side} arm got {count} points, {MIN_POINTS} to {MAX_POINTS} are needed"
             wrong = _shape(f"{side}_arm", message, str(count), f"[{MIN_POINTS}, {MAX_POINTS}]", "points")
-            return wrong if count < MIN_POINTS else _hinted(wrong, IN_PARTS)
+            return _hinted(wrong, "give two points at least" if count < MIN_POINTS else IN_PARTS)
     if len(set(counts.values())) > 1:
         both = " and ".join(str(counts[side]) for side in counts)
         return _shape("points", f"the arms got {both} points: both need the same number", both, "equal", "points")

@@ -81,7 +81,7 @@ def test_what_is_no_bag_or_no_dataset_is_refused_in_one_line(shell, tmp_path):
     ended = shell.run("dataset", "build", str(tmp_path / "nothing"), "--out", str(tmp_path / "set"))
     assert ended.status == 2 and "there is no " in ended.err
     ended = shell.run("dataset", "check", str(tmp_path))
-    assert ended.status == 2 and "is no dataset of LeRobot" in ended.err
+    assert ended.status == 2 and "meta/info.json: No such file or directory -> name the folder of a" in ended.err
 
 
 OWN_LAYOUT = ("--least-rows", "10", "--layout")

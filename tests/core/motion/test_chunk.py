@@ -63,6 +63,7 @@ def test_the_number_of_points_is_bounded(count):
     refusal = refused({LEFT: points(count, rise=0.0)}, dt_s=0.01)
     assert (refusal.code, refusal.field, refusal.value) == (Code.WRONG_SHAPE, "left_arm", str(count))
     assert refusal.bound == "[2, 450]" and ("several chunks" in refusal.hint) is (count > 2)
+    assert ("two points" in refusal.hint) is (count < 2)
 
 
 def test_the_largest_chunk_passes():
