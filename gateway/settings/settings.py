@@ -132,7 +132,7 @@ class LinkSettings(Struct, frozen=True, kw_only=True):
             raise SettingsRefused("robot.model", self.model, rule=rule, source="manual §1.2")
         found = ENDPOINT.fullmatch(self.endpoint)
         if found is None or not 1 <= int(found[3]) <= 65535:
-            rule = "is no endpoint: tcp/HOST:9000 is the usual form"
+            rule = "is no endpoint: tcp/HOST:9000 is the usual form, a port is 1 to 65535"
             raise SettingsRefused("robot.endpoint", self.endpoint, rule=rule, source="manual §2.4")
         if self.namespace and NAMESPACE.fullmatch(self.namespace) is None:
             rule = "is no ROS namespace: words of letters, digits and _, joined by /"

@@ -225,7 +225,8 @@ def overridden(
         if socket is not None:
             local = replace(local, socket=socket)
     except SettingsRefused as refused:
-        raise _too_loose("command line", refused) from refused
+        option = "robot" if refused.name == "robot.endpoint" else refused.name.rpartition(".")[2]
+        raise _too_loose(f"command line, --{option}", refused) from refused
     return replace(settings, link=link, local=local)
 
 

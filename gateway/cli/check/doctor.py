@@ -39,7 +39,22 @@ DISK_BYTES = 5e9
 FIREWALLS: Final = ("firewalld", "nftables", "netfilter-persistent")
 """Services beside ufw."""
 NEEDED: Final = ("eclipse-zenoh", "numpy", "ruckig", "msgspec", "rich")
-EXTRAS: Final = dict(body="pinocchio", dataset="pyarrow", policy="websockets", record="mcap", sim="mujoco", video="av")
+EXTRAS: Final = dict(
+    body="pinocchio",
+    dataset="pyarrow",
+    demo="matplotlib",
+    gym="gymnasium",
+    keys="cryptography",
+    lerobot="grpc",
+    policy="websockets",
+    record="mcap",
+    sim="mujoco",
+    teleop="sdl2",
+    video="av",
+    view="rerun",
+    web="starlette",
+)
+"""Extra -> a module that is there with it."""
 
 
 class Advice(NamedTuple):
@@ -126,17 +141,23 @@ class Probe(NamedTuple):
 
     read: Callable[[], Any]
     judge: Callable[[Any], bool | str]
-    text: str
+    text: str | Callable[[Any], str]
     do: str = ""
+
+
+def _free(why: str) -> Callable[[bool], str]:
+    return lambda is_free: f"free {why}" if is_free else "somebody listens there"
 
 
 LIMITS = "`USER - {} {}` in /etc/security/limits.d/ta2.conf, or {} in the unit of systemd"
 TAKEN = "`ss -lntup` says by whom; it is fine if you know"
 # fmt: off
 PROBES: Final[Mapping[str, Probe]] = {
-    "real time": Probe(lambda: _limit(resource.RLIMIT_RTPRIO), lambda most: most >= 80, "priority up to {:g}",
+    "real time": Probe(lambda: _limit(resource.RLIMIT_RTPRIO), lambda most: most >= 80,
+                     lambda most: f"priority up to {min(most, 99):g}",
                        LIMITS.format("rtprio", 80, "LimitRTPRIO=80")),
-    "memlock": Probe(lambda: _limit(resource.RLIMIT_MEMLOCK), lambda most: most == inf, "{:g} bytes may be locked",
+    "memlock": Probe(lambda: _limit(resource.RLIMIT_MEMLOCK), lambda most: most == inf,
+                     lambda most: "all may be locked" if most == inf else f"{most / 1e6:.3g} MB may be locked",
                      LIMITS.format("memlock", "unlimited", "LimitMEMLOCK=infinity")),
     "tick": Probe(_late_ms, lambda late_ms: "problem" if late_ms[0] > LATE_MS else late_ms[1] <= LATE_MS,
                   "10 ms come {0[0]:.2f} ms late in the middle, {0[1]:.2f} ms at worst", "end what loads this computer"),
@@ -145,13 +166,15 @@ PROBES: Final[Mapping[str, Probe]] = {
     "governor": Probe(_governors, lambda names: {*names} <= {"performance", "schedutil"}, "{0}",
                       "sudo cpupower frequency-set -g performance"),
     "cores": Probe(lambda: len(os.sched_getaffinity(0)), lambda count: count >= 2, "{}", "give it two at least"),
-    "clock": Probe(_is_synchronised, bool, "kept by something: {}", "sudo timedatectl set-ntp true"),
-    "disk": Probe(lambda: shutil.disk_usage(Path.cwd()).free, lambda free: free >= DISK_BYTES, "{:.3g} bytes are free",
+    "clock": Probe(_is_synchronised, bool,
+                 lambda kept: f"kept by {'a time service' if kept else 'nothing'}", "sudo timedatectl set-ntp true"),
+    "disk": Probe(lambda: shutil.disk_usage(Path.cwd()).free, lambda free: free >= DISK_BYTES,
+                lambda free: f"{free / 1e9:.3g} GB are free",
                   "record on another disk: --out DIR"),
     "socket": Probe(_folder, lambda found: found[1] or "problem", "{0[0]}", "export TA2_SOCKET=PATH, in a folder of yours"),
-    f"tcp {ROBOT_PORT}": Probe(lambda: _is_free(ROBOT_PORT, socket.SOCK_STREAM), bool, "free for `ta2 sim`: {}", TAKEN),
-    "tcp 7447": Probe(lambda: _is_free(7447, socket.SOCK_STREAM), bool, "free, so that no zenoh router is here: {}", TAKEN),
-    f"udp {PORT}": Probe(lambda: _is_free(PORT, socket.SOCK_DGRAM), bool, "free for the robot's pictures: {}", TAKEN),
+    f"tcp {ROBOT_PORT}": Probe(lambda: _is_free(ROBOT_PORT, socket.SOCK_STREAM), bool, _free("for `ta2 sim`"), TAKEN),
+    "tcp 7447": Probe(lambda: _is_free(7447, socket.SOCK_STREAM), bool, _free("(no zenoh router is here)"), TAKEN),
+    f"udp {PORT}": Probe(lambda: _is_free(PORT, socket.SOCK_DGRAM), bool, _free("for the robot's pictures"), TAKEN),
     "udp buffer": Probe(lambda: int(Path("/proc/sys/net/core/rmem_max").read_text()), lambda size: size >= RMEM_BYTES,
                         "{} bytes", f"sudo sysctl -w net.core.rmem_max={RMEM_BYTES}"),
     "firewall": Probe(_firewalls, lambda names: names == "none", "{}",
@@ -160,7 +183,8 @@ PROBES: Final[Mapping[str, Probe]] = {
     "python": Probe(platform.python_version, bool, "{}"),
     "packages": Probe(lambda: ", ".join(f"{name} {version(name)}" for name in NEEDED), bool, "{}"),
     "extras": Probe(lambda: ", ".join(extra for extra, name in EXTRAS.items() if find_spec(name) is None),
-                    lambda missing: not missing, "missing: {}", "pip install 'teleavatar-gateway[NAME]', where you need one"),
+                    lambda missing: not missing, lambda missing: f"missing: {missing}" if missing else "all are here",
+                     "pip install 'teleavatar-gateway[NAME]', where you need one"),
 }
 """Every row."""
 # fmt: on
@@ -186,7 +210,8 @@ def advice(host: Mapping[str, Any]) -> Iterator[Advice]:
             continue
         said = probe.judge(fact)
         verdict = said if isinstance(said, str) else "ok" if said else "advice"
-        yield Advice(name, verdict, probe.text.format(fact), "" if verdict == "ok" else probe.do)
+        told = probe.text.format(fact) if isinstance(probe.text, str) else probe.text(fact)
+        yield Advice(name, verdict, told, "" if verdict == "ok" else probe.do)
 
 
 def carry_out(options: Namespace) -> ExitStatus:

@@ -95,10 +95,18 @@ def _list(folder: Path, *, as_json: bool) -> ExitStatus:
     if as_json:
         print(json.dumps({"ok": True, "count": len(found), "bags": rows}, ensure_ascii=False))
         return ExitStatus.OK
+    if not rows:
+        print(f"no bags in {folder}")
     for row in rows:
         print(f"{Path(row['bag']).name}: ", end="")
-        print(row["problem"] or f"{row['duration_s']:.1f} s, {len(row['episodes'])} episodes {row['task']}".rstrip())
+        print(row["problem"] or f"{row['duration_s']:.1f} s, {_counted(row)} {row['task']}".rstrip())
     return ExitStatus.OK
+
+
+def _counted(row: dict[str, Any]) -> str:
+    """Return how many episodes somebody told of; without, all of a bag counts as one."""
+    count = len(row["episodes"]) if row["is_told"] else 0
+    return f"{count or 'no'} episode{'' if count == 1 else 's'}"
 
 
 def _listed(path: Path) -> dict[str, Any]:
@@ -106,7 +114,14 @@ def _listed(path: Path) -> dict[str, Any]:
         with Bag(path) as bag:
             known = {"begin_ns": bag.begin_ns, "duration_s": bag.duration_s, "size_bytes": bag.size_bytes}
             told = [asdict(episode) for episode in episodes(bag)]
-            return {"bag": str(path), "problem": "", **known, "task": bag.facts().get("task", ""), "episodes": told}
+            return {
+                "bag": str(path),
+                "problem": "",
+                **known,
+                "task": bag.facts().get("task", ""),
+                "episodes": told,
+                "is_told": _is_told(bag),
+            }
     except GatewayError as error:
         return {"bag": str(path), "problem": error.message}
 
@@ -159,9 +174,14 @@ def _show_info(bag: Bag, *, as_json: bool) -> None:
     Console(soft_wrap=True, highlight=False).print(table)
 
 
+def _is_told(bag: Bag) -> bool:
+    """Return whether somebody told of an episode of a bag."""
+    return any(topic.name == EPISODES and topic.count for topic in bag.topics)
+
+
 def _show_episodes(bag: Bag) -> None:
     """Show them as a table, where somebody told of any."""
-    if not any(topic.name == EPISODES and topic.count for topic in bag.topics):
+    if not _is_told(bag):
         return
     table = Table("episode", box=None, pad_edge=False)
     for name in (r"from \[s]", r"length \[s]"):

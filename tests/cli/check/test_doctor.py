@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from math import inf
 from pathlib import Path
 from types import SimpleNamespace
@@ -9,7 +10,7 @@ from types import SimpleNamespace
 import pytest
 
 from gateway.cli.check import doctor
-from gateway.cli.check.doctor import PROBES, advice, readings
+from gateway.cli.check.doctor import EXTRAS, PROBES, advice, readings
 from gateway.process import realtime
 
 GOOD = {
@@ -71,6 +72,34 @@ def test_what_is_amiss_is_told_with_what_to_type(name, fact, verdict, do):
     assert verdicts(**{name: fact}) == {name: verdict}
     (row,) = [row for row in advice({**GOOD, name: fact}) if row.name == name]
     assert do in row.do and row.found
+
+
+@pytest.mark.parametrize(
+    ("name", "fact", "words"),
+    [
+        ("real time", inf, "priority up to 99"),
+        ("memlock", inf, "all may be locked"),
+        ("memlock", 65_536, "0.0655 MB may be locked"),
+        ("clock", True, "kept by a time service"),
+        ("clock", False, "kept by nothing"),
+        ("disk", 82_500_000_000, "82.5 GB are free"),
+        ("tcp 9000", True, "free for `ta2 sim`"),
+        ("tcp 7447", False, "somebody listens there"),
+        ("extras", "", "all are here"),
+        ("extras", "video, sim", "missing: video, sim"),
+    ],
+)
+def test_what_was_found_is_told_in_words(name, fact, words):
+    """And in units that people read."""
+    (row,) = [row for row in advice({**GOOD, name: fact}) if row.name == name]
+    assert row.found == words
+
+
+def test_every_extra_that_somebody_installs_is_looked_for():
+    """Those of the project file but what its developers take."""
+    text = (Path(doctor.__file__).parents[3] / "pyproject.toml").read_text(encoding="utf-8")
+    table = text.partition("[project.optional-dependencies]")[2].partition("\n[")[0]
+    assert {*re.findall(r"^(\w+) = \[", table, re.MULTILINE)} - {"test", "interop", "docs", "dev"} == {*EXTRAS}
 
 
 def test_what_cannot_be_read_is_unknown():

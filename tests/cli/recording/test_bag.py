@@ -56,7 +56,10 @@ def test_list_shows_the_bags_of_a_folder_the_newest_first(shell, tmp_path):
     assert "still being recorded" in found["bags"][0]["problem"] and found["bags"][3]["problem"]
     assert found["bags"][1]["task"] == "pick" and found["bags"][2]["episodes"][0]["outcome"] == "success"
     lines = shell.run("bag", "list", str(tmp_path)).out.splitlines()
-    assert len(lines) == found["count"] == 4 and "1 episodes" in lines[2]
+    assert len(lines) == found["count"] == 4 and lines[2].endswith(", 1 episode")
+    assert lines[1].endswith(" s, no episodes pick")
+    (tmp_path / "empty").mkdir()
+    assert shell.run("bag", "list", str(tmp_path / "empty")).out == f"no bags in {tmp_path / 'empty'}\n"
     ended = shell.run("bag", "list", str(tmp_path / "nothing"))
     assert ended.status == 2 and "name a folder" in ended.err
 
