@@ -16,6 +16,7 @@ import pytest
 
 from gateway.cli import examples
 from gateway.cli.terminal import asking
+from gateway.errors import Code, failure
 from gateway.examples import EXAMPLES, Example
 from tests.cli.shell import Shell
 
@@ -94,10 +95,11 @@ def test_the_examples_need_no_more_than_the_client():
         "gateway.messages",
         "gateway.process.callbacks",
         "gateway.process.threads",
+        "gateway.process.zenoh_words",
         "gateway.values",
         "gateway.examples",
     )
-    loaded = set(ast.literal_eval(done.stdout)) - {"gateway.process"}  # the room of the two about threads
+    loaded = set(ast.literal_eval(done.stdout)) - {"gateway.process"}  # the room of these three
     assert [name for name in loaded if not name.startswith(allowed)] == []
 
 
@@ -141,6 +143,17 @@ def test_an_example_is_run_with_the_gateway_that_was_named(shell, ran):
     assert ended.status == 0 and ran == ["/tmp/x.sock"]
     assert "it does nothing" in ended.err and "needs nothing" in ended.err
     assert shell.run("example", "6.0").status == 0 and ran == ["/tmp/x.sock", None]
+
+
+def test_one_that_is_refused_is_not_told_of_an_option_that_it_has_not(shell, ran, monkeypatch):
+    """An example has no --take."""
+
+    def refuse(target):
+        raise failure(Code.LEASE_HELD, "'ann' owns the robot")
+
+    monkeypatch.setattr(sys.modules["an_example"], "main", refuse)
+    ended = shell.run("example", "6.0", "--yes")
+    assert ended.status == 1 and ended.err.endswith("owns the robot -> wait until it is free\n")
 
 
 @pytest.mark.parametrize(("agrees", "words", "runs"), [(False, [], 0), (True, [], 1), (False, ["--yes"], 1)])

@@ -154,7 +154,7 @@ TAKEN = "`ss -lntup` says by whom; it is fine if you know"
 # fmt: off
 PROBES: Final[Mapping[str, Probe]] = {
     "real time": Probe(lambda: _limit(resource.RLIMIT_RTPRIO), lambda most: most >= 80,
-                     lambda most: f"priority up to {min(most, 99):g}",
+                       lambda most: f"priority up to {min(most, 99):g}",
                        LIMITS.format("rtprio", 80, "LimitRTPRIO=80")),
     "memlock": Probe(lambda: _limit(resource.RLIMIT_MEMLOCK), lambda most: most == inf,
                      lambda most: "all may be locked" if most == inf else f"{most / 1e6:.3g} MB may be locked",
@@ -167,10 +167,9 @@ PROBES: Final[Mapping[str, Probe]] = {
                       "sudo cpupower frequency-set -g performance"),
     "cores": Probe(lambda: len(os.sched_getaffinity(0)), lambda count: count >= 2, "{}", "give it two at least"),
     "clock": Probe(_is_synchronised, bool,
-                 lambda kept: f"kept by {'a time service' if kept else 'nothing'}", "sudo timedatectl set-ntp true"),
+                   lambda kept: f"kept by {'a time service' if kept else 'nothing'}", "sudo timedatectl set-ntp true"),
     "disk": Probe(lambda: shutil.disk_usage(Path.cwd()).free, lambda free: free >= DISK_BYTES,
-                lambda free: f"{free / 1e9:.3g} GB are free",
-                  "record on another disk: --out DIR"),
+                  lambda free: f"{free / 1e9:.3g} GB are free", "record on another disk: --out DIR"),
     "socket": Probe(_folder, lambda found: found[1] or "problem", "{0[0]}", "export TA2_SOCKET=PATH, in a folder of yours"),
     f"tcp {ROBOT_PORT}": Probe(lambda: _is_free(ROBOT_PORT, socket.SOCK_STREAM), bool, _free("for `ta2 sim`"), TAKEN),
     "tcp 7447": Probe(lambda: _is_free(7447, socket.SOCK_STREAM), bool, _free("(no zenoh router is here)"), TAKEN),
@@ -184,7 +183,7 @@ PROBES: Final[Mapping[str, Probe]] = {
     "packages": Probe(lambda: ", ".join(f"{name} {version(name)}" for name in NEEDED), bool, "{}"),
     "extras": Probe(lambda: ", ".join(extra for extra, name in EXTRAS.items() if find_spec(name) is None),
                     lambda missing: not missing, lambda missing: f"missing: {missing}" if missing else "all are here",
-                     "pip install 'teleavatar-gateway[NAME]', where you need one"),
+                    "pip install 'teleavatar-gateway[NAME]', where you need one"),
 }
 """Every row."""
 # fmt: on
