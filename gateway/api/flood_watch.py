@@ -7,6 +7,8 @@ Rules
     * Suspected is a process of whose connections more lies unread than a healthy client ever leaves there. Where that is so
       for several looks in turn, and each time another number of bytes, it sends faster than we read: it is hung up on. A
       number that stays says that we do not read, and is nobody's fault.
+    * A process of this host that was hung up on is shut out for a while, each time for longer: zenoh's clients connect again by
+      themselves and declare all that they had, and what they had declared costs time with each that comes and goes.
     * Knows a process by what the kernel says of the socket's other end. Where it says nothing (another host, another
       container), each connection counts for itself.
     * Where there are too many connections, some of the place that has most of them are hung up on: of a process here, else
@@ -40,9 +42,11 @@ from termios import FIONREAD
 __all__ = [
     "CALM_NS",
     "CLOSE_NS",
+    "LONGEST_NS",
     "LOOKS",
     "MOST_AT_ONCE",
     "SENDER",
+    "SHUT_OUT_NS",
     "UNREAD_BYTES",
     "FloodWatch",
     "OrdinaryWhileBusy",
@@ -67,6 +71,9 @@ MOST_CONNECTIONS = 96
 MOST_OF_ONE = 48
 """Nor of one process: zenoh takes leave of all of them at once when it dies, and of 96 that took it 100 ms on a slow host (3 of
 16 times), in which nobody read what the robot says."""
+SHUT_OUT_NS, LONGEST_NS = 4000 * MS, 64_000 * MS
+"""So long a process that flooded is hung up on whenever it connects, each time twice as long, and at most [ns]. It is forgotten
+after the longest: a client that was taken for one, on a host that stalled, is soon back."""
 LOOKED_AT = 128
 """So many open files are looked at, picked at random where there are more: a look must not keep Python's lock for long."""
 MOST_AT_ONCE = 16
@@ -93,6 +100,10 @@ LOG_APART_NS = 1000 * MS
 log = logging.getLogger(__name__)
 
 
+class Process(str):
+    """Name of a process of this host."""
+
+
 class FloodWatch:
     """Hangs up on those who send more than can be read.
 
@@ -116,6 +127,8 @@ class FloodWatch:
         self._unread: dict[object, int] = {}
         """What each peer that is suspected had unread at the last look [bytes]."""
         self._strikes: Counter[object] = Counter()
+        self._shut_out: dict[object, tuple[int, int]] = {}
+        """Processes that flooded: until when they are hung up on, and for how long the next time [ns]."""
 
     def glance(self, now_ns: int, used_ns: int) -> None:
         """Look, unless there was a look lately and this process has done little since the last glance.
@@ -126,7 +139,7 @@ class FloodWatch:
         """
         is_quiet = used_ns - self._used_ns < QUIET_SHARE * (now_ns - self._glanced_ns)
         self._glanced_ns, self._used_ns = now_ns, used_ns
-        if is_quiet and not self._unread and now_ns - self._looked_ns < QUIET_NS:
+        if is_quiet and not self._unread and not self._shut_out and now_ns - self._looked_ns < QUIET_NS:
             self.due_ns = now_ns + CALM_NS
         else:
             self.look(now_ns)
@@ -139,14 +152,20 @@ class FloodWatch:
         """
         self._looked_ns, self.due_ns = now_ns, now_ns + CALM_NS
         unread: Counter[object] = Counter()
-        for _, peer, _, count in self._connections():
-            unread[peer] += count
+        self._shut_out = {peer: known for peer, known in self._shut_out.items() if now_ns < known[0] + LONGEST_NS}
+        shut_out = {peer for peer, (until_ns, _) in self._shut_out.items() if now_ns < until_ns}
+        for connection, peer, _, count in self._connections(unread_only=not shut_out):
+            if peer in shut_out:
+                with suppress(OSError):  # closed in this moment
+                    connection.shutdown(socket.SHUT_RDWR)
+            else:
+                unread[peer] += count
         self._make_room(now_ns)
         before, self._unread = self._unread, {peer: count for peer, count in unread.items() if count > UNREAD_BYTES}
         self._strikes = Counter(
             {peer: self._strikes[peer] + 1 for peer, count in self._unread.items() if before.get(peer) != count}
         )
-        if self._unread:
+        if self._unread or shut_out:
             self.due_ns = now_ns + CLOSE_NS
         flooding = {peer for peer, strikes in self._strikes.items() if strikes >= LOOKS}
         if flooding:
@@ -156,6 +175,9 @@ class FloodWatch:
         self._end(peers, MOST_AT_ONCE)
         for peer in peers:
             del self._strikes[peer], self._unread[peer]
+            if isinstance(peer, Process):  # of others each connection has a name of its own
+                _, next_ns = self._shut_out.get(peer, (0, SHUT_OUT_NS))
+                self._shut_out[peer] = now_ns + next_ns, min(2 * next_ns, LONGEST_NS)
         self._tell(f"flooded by {', '.join(map(str, peers))}", now_ns)
 
     def _make_room(self, now_ns: int) -> None:
@@ -232,7 +254,7 @@ def _peer(connection: socket.socket) -> object:
     """Return what tells the process at the other end from others."""
     if connection.family == socket.AF_UNIX:
         pid, _, _ = _credentials(connection)
-        return f"process {pid}" if pid else f"connection {connection.fileno()}"
+        return Process(f"process {pid}") if pid else f"connection {connection.fileno()}"
     return f"{connection.getpeername()}"
 
 

@@ -14,9 +14,11 @@ from gateway.api import flood_watch
 from gateway.api.flood_watch import (
     CALM_NS,
     CLOSE_NS,
+    LONGEST_NS,
     LOOKS,
     MOST_AT_ONCE,
     QUIET_NS,
+    SHUT_OUT_NS,
     UNREAD_BYTES,
     FloodWatch,
     OrdinaryWhileBusy,
@@ -103,6 +105,38 @@ def test_who_sends_faster_than_is_read_is_hung_up_on(place, caplog):
         place.look()
     assert not place.is_up(caller)
     assert place.watch.ended == 1 and caplog.text.count("flooded by") == 1
+
+
+def test_a_process_that_flooded_is_shut_out_each_time_for_longer(place, monkeypatch):
+    """By itself zenoh connects again, with all that was declared. Nobody else of this host or another is kept out with it."""
+    others = set()
+    peer = flood_watch._peer
+    monkeypatch.setattr(flood_watch, "_peer", lambda end: "other" if end.fileno() in others else peer(end))
+
+    def shut_out_ns():
+        """Flood once and return how long connections are ended after that."""
+        caller = place.connect()
+        for number in range(LOOKS):
+            caller.send(bytes(UNREAD_BYTES + 1 if number == 0 else 1))
+            place.look()
+        assert not place.is_up(caller)
+        began_ns = place.now_ns
+        while not place.is_up(caller):
+            assert place.now_ns == began_ns or place.watch.due_ns == place.now_ns + CLOSE_NS
+            for end in place.pairs.pop():
+                end.close()
+            caller = place.connect()
+            place.look()
+        return place.now_ns - began_ns
+
+    bystander = place.connect()
+    others.add(place.pairs[0][1].fileno())
+    is_known = place.listener.family == socket.AF_UNIX
+    assert shut_out_ns() == (SHUT_OUT_NS if is_known else CALM_NS)
+    assert shut_out_ns() == (2 * SHUT_OUT_NS if is_known else CALM_NS)
+    place.now_ns += 2 * LONGEST_NS
+    assert shut_out_ns() == (SHUT_OUT_NS if is_known else CALM_NS)
+    assert place.is_up(bystander)
 
 
 def test_who_is_not_read_is_nobodys_fault(place):

@@ -38,8 +38,8 @@ INTERVAL_GOAL = 1.1
 RSS_GOAL_MIB = 64
 FLOODS = {
     "keepalives": 4, "targets": 4, "wildcards": 4, "own_keys": 4, "large_puts": 4, "questions": 4, "large_questions": 4,
-    "chunks": 4, "snapshots": 4, "pings": 4, "sessions": 1, "half_open": 4, "deaf": 1,
-    "spin": 4,
+    "chunks": 4, "snapshots": 4, "pings": 4, "sessions": 1, "tokens": 2, "half_open": 4,
+    "deaf": 1, "spin": 4,
 }  # fmt: skip
 """Kind of flood (see `tests/e2e/flooder.py`) -> processes."""
 

@@ -29,6 +29,7 @@ LARGE = 64 * 1024
 OUTSTANDING = 64
 """Questions of a session that may wait for their answers at once: what a client with the patience of a flood would have."""
 SESSIONS = 500
+TOKEN_SESSIONS, TOKENS_OF_EACH = 40, 250
 HALF_OPEN = 200
 POSES = 450
 NUMBERS = count(1)
@@ -161,14 +162,28 @@ def sessions(endpoint: str, until: float) -> int:
     sent = 0
     while time.monotonic() < until:
         if len(held) < SESSIONS:
-            session = connect(endpoint)
-            session.declare_subscriber(f"{ROOT}/event", ignore)
-            held.append((session, session.liveliness().declare_token(f"{ROOT}/alive/client/x{len(held)}")))
+            with suppress(zenoh.ZError):  # hung up on
+                session = connect(endpoint)
+                session.declare_subscriber(f"{ROOT}/event", ignore)
+                held.append((session, session.liveliness().declare_token(f"{ROOT}/alive/client/x{len(held)}")))
         for session, _ in random.sample(held, min(len(held), 10)):
             session.put(f"{ROOT}/keepalive/x/{sent}", b"")
             sent += 1
     print(f"{len(held)} sessions")
     os._exit(0)  # they end as those of a process that died do
+
+
+def tokens(endpoint: str, until: float) -> int:
+    """Declare 10,000 tokens of clients that are not there, in 40 sessions that zenoh opens anew with all of them; wait."""
+    held = [connect(endpoint) for _ in range(TOKEN_SESSIONS)]
+    kept = [
+        session.liveliness().declare_token(f"{ROOT}/alive/client/{ME}x{number}x{n}")
+        for n in range(TOKENS_OF_EACH)
+        for number, session in enumerate(held)
+    ]
+    time.sleep(max(until - time.monotonic(), 0.0))
+    print(f"{len(kept)} tokens")
+    os._exit(0)  # as above
 
 
 def half_open(endpoint: str, until: float) -> int:
@@ -211,7 +226,7 @@ def spin(endpoint: str, until: float) -> int:
 
 
 PROCESSES: dict[str, Callable[[str, float], int]] = {
-    process.__name__: process for process in (sessions, half_open, deaf, spin)
+    process.__name__: process for process in (sessions, tokens, half_open, deaf, spin)
 }
 
 KINDS = (*FLOODS, *PROCESSES)
