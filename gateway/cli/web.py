@@ -52,7 +52,7 @@ def carry_out(options: Namespace) -> ExitStatus:
     from gateway.web.beside import Beside
     from gateway.web.body import Body
     from gateway.web.job import Job
-    from gateway.web.listening import FairListener, PageProtocol
+    from gateway.web.listening import FairListener, PageProtocol, RequestProtocol, open_more_files
     from gateway.web.logins import Logins
     from gateway.web.server import application
     from gateway.web.users import is_password, read_users
@@ -97,6 +97,7 @@ def carry_out(options: Namespace) -> ExitStatus:
             log_level="warning",
             access_log=False,
             proxy_headers=False,  # who is in front of it could be anybody on loopback
+            http=RequestProtocol,
             ws=PageProtocol,
             ws_max_size=MOST_MESSAGE_BYTES,
             server_header=False,
@@ -112,6 +113,7 @@ def carry_out(options: Namespace) -> ExitStatus:
         else:
             print(url if token is None else f"{url}?token={token}", flush=True)
             print("open that address; Ctrl-C ends it. A stop on the page needs no secret.", file=sys.stderr)
+        open_more_files()
         listener = listening if address.is_loopback else FairListener(listening)
         with listener:
             uvicorn.Server(config).run(sockets=[listener])

@@ -194,6 +194,45 @@ def test_who_sends_a_body_without_end_is_answered_and_hung_up_on(served, path: s
     served(story)
 
 
+@pytest.mark.parametrize("least_wait_s", [0.0, 3600.0])
+def test_silent_connections_keep_no_stop_out(served, monkeypatch: pytest.MonkeyPatch, least_wait_s: float) -> None:
+    """Nor those that send a request bit by bit: who waits longest for a whole one goes. Pages stay, and so do new ones."""
+    monkeypatch.setattr("gateway.web.listening.MOST_WAITING", 4)
+    monkeypatch.setattr("gateway.web.listening.LEAST_WAIT_S", least_wait_s)
+    limits = []
+    monkeypatch.setattr("gateway.web.listening.open_more_files", lambda: limits.append("raised"))
+    upgrade = "Connection: Upgrade\r\nUpgrade: websocket\r\nSec-WebSocket-Version: 13\r\nSec-WebSocket-Key: "
+    upgrade += f"{'A' * 22}==\r\n{KNOWN}\r\n"
+
+    def story(connect: Connect) -> None:
+        with contextlib.ExitStack() as stack:
+            page = stack.enter_context(connect())
+            assert asked(page, "GET /api/live HTTP/1.1", upgrade.encode()).startswith(b"HTTP/1.1 101")
+            said = (b"", b"POST", b"POST /api/stop HTTP/1.1\r\nHost: 127.0.0.1\r\nContent-Length: 9\r\n\r\n", b"")
+            crowd = [stack.enter_context(connect()) for _ in range(8)]
+            for number, peer in enumerate(crowd):
+                peer.sendall(said[number % 4])
+            for peer in [] if least_wait_s else crowd[:4]:
+                with contextlib.suppress(ConnectionError):
+                    assert peer.recv(1) == b""
+            stopper = stack.enter_context(connect())
+            for _ in range(2):
+                assert asked(stopper, "POST /api/stop HTTP/1.1", b"Content-Length: 2\r\n\r\n{}").startswith(
+                    b"HTTP/1.1 503"
+                )
+                stopper.recv(4096)
+            page.sendall(b"\x89\x80\0\0\0\0")
+            while page.recv(1) != b"\x8a":
+                pass
+            if least_wait_s:
+                crowd[0].setblocking(False)
+                with pytest.raises(BlockingIOError):
+                    crowd[0].recv(1)
+            assert limits == ["raised"]
+
+    served(story)
+
+
 def test_of_what_a_peer_sends_a_little_is_read_at_a_time(shell: Shell, monkeypatch: pytest.MonkeyPatch) -> None:
     """Else one turn of the event loop goes through 256 kB of chunks of one byte, of each connection that sends them."""
     read = []

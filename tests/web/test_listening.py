@@ -49,6 +49,12 @@ def test_who_has_too_many_is_closed_and_others_come_in(limits: list[tuple[int, i
         accepted[0].close()
         comes("127.0.0.1")
         stack.enter_context(listener.accept()[0])
+    assert not limits
+
+
+def test_as_many_files_are_opened_as_may_be(limits: list[tuple[int, int]]) -> None:
+    """Each connection takes one."""
+    listening.open_more_files()
     assert limits == [(4096, 4096)]
 
 
