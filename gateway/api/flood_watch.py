@@ -7,7 +7,7 @@ Rules
     * Suspected is a process of whose connections more lies unread than a healthy client ever leaves there. Where that is so
       for several looks in turn, and each time another number of bytes, it sends faster than we read: it is hung up on. A
       number that stays says that we do not read, and is nobody's fault.
-    * A process of this host that was hung up on is shut out for a while, each time for longer: zenoh's clients connect again by
+    * A process of this host that floods again is shut out for a while, each time for longer: zenoh's clients connect again by
       themselves and declare all that they had, and what they had declared costs time with each that comes and goes.
     * Knows a process by what the kernel says of the socket's other end. Where it says nothing (another host, another
       container), each connection counts for itself.
@@ -72,8 +72,8 @@ MOST_OF_ONE = 48
 """Nor of one process: zenoh takes leave of all of them at once when it dies, and of 96 that took it 100 ms on a slow host (3 of
 16 times), in which nobody read what the robot says."""
 SHUT_OUT_NS, LONGEST_NS = 4000 * MS, 64_000 * MS
-"""So long a process that flooded is hung up on whenever it connects, each time twice as long, and at most [ns]. It is forgotten
-after the longest: a client that was taken for one, on a host that stalled, is soon back."""
+"""So long a process that floods again is hung up on whenever it connects, each time twice as long, and at most [ns]. At its
+first time it is not, and it is forgotten after the longest: it may be a client of a host that stalled, an owner's even."""
 LOOKED_AT = 128
 """So many open files are looked at, picked at random where there are more: a look must not keep Python's lock for long."""
 MOST_AT_ONCE = 16
@@ -176,8 +176,8 @@ class FloodWatch:
         for peer in peers:
             del self._strikes[peer], self._unread[peer]
             if isinstance(peer, Process):  # of others each connection has a name of its own
-                _, next_ns = self._shut_out.get(peer, (0, SHUT_OUT_NS))
-                self._shut_out[peer] = now_ns + next_ns, min(2 * next_ns, LONGEST_NS)
+                _, next_ns = self._shut_out.get(peer, (0, 0))
+                self._shut_out[peer] = now_ns + next_ns, min(2 * next_ns, LONGEST_NS) or SHUT_OUT_NS
         self._tell(f"flooded by {', '.join(map(str, peers))}", now_ns)
 
     def _make_room(self, now_ns: int) -> None:

@@ -107,7 +107,7 @@ def test_who_sends_faster_than_is_read_is_hung_up_on(place, caplog):
     assert place.watch.ended == 1 and caplog.text.count("flooded by") == 1
 
 
-def test_a_process_that_flooded_is_shut_out_each_time_for_longer(place, monkeypatch):
+def test_a_process_that_floods_again_is_shut_out_each_time_for_longer(place, monkeypatch):
     """By itself zenoh connects again, with all that was declared. Nobody else of this host or another is kept out with it."""
     others = set()
     peer = flood_watch._peer
@@ -132,10 +132,12 @@ def test_a_process_that_flooded_is_shut_out_each_time_for_longer(place, monkeypa
     bystander = place.connect()
     others.add(place.pairs[0][1].fileno())
     is_known = place.listener.family == socket.AF_UNIX
+    first_ns = shut_out_ns()  # it may be an honest client's of a host that stalled
+    assert first_ns <= CALM_NS
     assert shut_out_ns() == (SHUT_OUT_NS if is_known else CALM_NS)
     assert shut_out_ns() == (2 * SHUT_OUT_NS if is_known else CALM_NS)
     place.now_ns += 2 * LONGEST_NS
-    assert shut_out_ns() == (SHUT_OUT_NS if is_known else CALM_NS)
+    assert shut_out_ns() == first_ns
     assert place.is_up(bystander)
 
 
