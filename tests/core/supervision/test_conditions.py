@@ -58,11 +58,12 @@ class Scene(Stage):
         self.conditions.first_beat_ns = self.now_ns
 
     def wrong_names(self) -> None:
-        """The left arm's joints come in another order."""
-        refused = SampleRefused(
-            topic=arm_state(L), code=Code.JOINT_ORDER, message="l_joint2 first", received_ns=self.now_ns
-        )
-        self.coordinator.store.receive(refused, self.now_ns)
+        """The left arm's joints come in another order, and have for 50 ms."""
+        for at_ns in (self.now_ns - 50 * MS, self.now_ns):
+            refused = SampleRefused(
+                topic=arm_state(L), code=Code.JOINT_ORDER, message="l_joint2 first", received_ns=at_ns
+            )
+            self.coordinator.store.receive(refused, self.now_ns)
 
     def silence(self, ticks: int) -> None:
         """Nothing is heard for so many ticks."""
