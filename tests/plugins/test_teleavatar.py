@@ -101,9 +101,13 @@ def test_what_stands_against_it_is_lerobots_error_in_the_gateways_words(plugin, 
     robot.disconnect()
 
 
-def test_an_arm_that_is_disabled_is_told_before_anything_moves(plugin, place, errors):
-    """With the remedy; else the other arm would move alone."""
-    world = place.setdefault(None, RobotWorld(enable_right_arm=False))
+@pytest.mark.parametrize("is_silent", [True, False])
+def test_an_arm_that_is_disabled_is_told_before_anything_moves(plugin, place, errors, is_silent):
+    """With the remedy, whether or not it still tells of itself (manual §2.7.1); else the other arm would move alone."""
+    world = place.setdefault(None, RobotWorld(enable_right_arm=not is_silent))
+    if not is_silent:
+        world.pair.robot.inject({"fault": "arm_disabled", "side": "right"}, world.pair.now_ns)
+        world.run(1.5)
     robot = plugin.Teleavatar(plugin.TeleavatarConfig(id="r1"))
     with pytest.raises(errors.DeviceNotConnectedError, match=r"ARM_DISABLED: the right arm .* -> enable the arm"):
         robot.connect()

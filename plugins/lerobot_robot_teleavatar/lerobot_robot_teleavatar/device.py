@@ -105,6 +105,10 @@ class Sight:
                 self._require_young(state)
                 break
             except Stale:
+                for side, is_on in (state.mode.arm_enabled if state.mode else {}).items():
+                    if not is_on:
+                        message = f"the {side} arm is switched off, and nothing is told of it"
+                        raise failure(Code.ARM_DISABLED, message, field=f"{side}_arm") from None
                 if time.monotonic() > end_s:
                     raise
 
