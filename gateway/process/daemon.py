@@ -251,18 +251,18 @@ def run(
         with contextlib.ExitStack() as ending:  # all of it happens whatever fails, the last pushed first
             if notifier is not None:
                 ending.callback(notifier.close)
-            robot_of = settings.link.endpoint, settings.link.namespace
-            state_file = ending.enter_context(StateFile(path_of(state_dir(), *robot_of)))
+            path = path_of(state_dir(), settings.link.endpoint, settings.link.namespace)
+            state_file = ending.enter_context(StateFile(path))
             plane = LocalPlane(settings)
             ending.callback(plane.close)
-            recall = Recall(state_file.path, path_of(state_dir(), *robot_of, is_as_spelt=True))
+            recall = Recall(state_file.path)
             started = state_file.start(least_epoch=recall.epoch)
             if started.report:
                 _log.warning("%s", started.report)
             engine = Engine(settings, started.remembered, model)
             recorder = Recorder(engine, folder_of(state_file.path), settings.link.endpoint)
             latch = _latching(recorder)
-            recall.known_here(started.remembered, latch)
+            recall.known_here(started.remembered)
             reloader = None if read is None else Reloader(settings, read)
             if reloader is not None:
                 ending.callback(reloader.close)

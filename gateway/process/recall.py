@@ -5,7 +5,6 @@ Rules it obeys
       is named in another file, the latches there are latched here too, before anything can be enabled. They are only
       added; what `recover` clears here is cleared there when it is on disk, not before.
     * Epochs go on above those of every file of the folder, from the start on: no router need be known for that.
-    * A file under the address as configured, spelt otherwise than in its one spelling, is this robot's from the start on.
     * The files are read at the start, and the loop never waits for them. They are written by the thread of `StateWriter`.
 
 A router that takes a new random zenoh id at each start is known by its address alone: latches that were set under another
@@ -52,12 +51,10 @@ class Recall:
 
     Args:
         own: This daemon's own file.
-        spelt: The file of the address as it was configured, see `path_of`.
     """
 
-    def __init__(self, own: Path, spelt: Path) -> None:
+    def __init__(self, own: Path) -> None:
         self._kin: list[_Kin] = []
-        self._spelt = spelt
         self._on_disk: frozenset[Code] = frozenset()
         for path in sorted(own.parent.glob("*.json")):
             if path != own:
@@ -71,12 +68,9 @@ class Recall:
         """No file names a higher epoch than this one."""
         return max((kin.known.epoch for kin in self._kin), default=0)
 
-    def known_here(self, own: Remembered, latch: Callable[[Code, str], None]) -> None:
-        """Latch what is known of this very address."""
+    def known_here(self, own: Remembered) -> None:
+        """Begin with what the own file says."""
         self._on_disk = frozenset(own.latches)
-        for kin in self._kin:
-            if kin.path == self._spelt:
-                _take(kin, latch)
 
     def meet(self, router: str, latch: Callable[[Code, str], None]) -> None:
         """The robot's router has said who it is: latch what is known of it. Once for each file: what was cleared stays so.

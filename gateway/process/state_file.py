@@ -53,14 +53,12 @@ RETRY_S = 1.0
 """How long the writer waits after the disk refused [s]."""
 
 
-def path_of(folder: Path, endpoint: str, namespace: str = "", *, is_as_spelt: bool = False) -> Path:
+def path_of(folder: Path, endpoint: str, namespace: str = "") -> Path:
     """Return the state file of a robot: readable, and unlike that of any other endpoint.
 
-    Two robots may stand behind one router: the namespace tells them apart. `is_as_spelt` asks for the one that an
-    earlier release had for this very spelling.
+    Two robots may stand behind one router: the namespace tells them apart.
     """
-    spelt = f"{endpoint}/{namespace.strip('/')}".rstrip("/")
-    name = spelt if is_as_spelt else robot_name(endpoint, namespace)
+    name = robot_name(endpoint, namespace)
     digest = hashlib.sha256(name.encode()).hexdigest()[:8]
     return folder / f"{re.sub(r'[^A-Za-z0-9.]+', '_', name)[:80]}-{digest}.json"
 

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from tests.bench.processor import cpu_s, favour
-from tests.bench.soak import OWNER, PAGES
+from tests.bench.soak import PAGES, driven
 from tests.bench.table import Row
 from tests.e2e.system import Process, System, free_port, joint_topics, wait_for
 
@@ -30,11 +30,7 @@ def pages_rows(folder: Path, seconds: float) -> list[Row]:
         seconds: Length of each turn [s].
     """
     with ExitStack() as ending:
-        system = System(folder)
-        ending.callback(system.close)
-        system.connect("bench").close()
-        owner = system.client("owner", OWNER)
-        wait_for(lambda: "driving" in owner.text(), "an owner", 30.0, tell=owner.text)
+        system, owner = driven(folder, ending)
         port = str(free_port())
         web = Process("web", ["-m", "gateway.cli", "web", "--at", system.target, "--port", port, "--json"], folder)
         ending.callback(web.end)

@@ -21,7 +21,7 @@ from tests.bench.processor import cpu_s, family, favour
 from tests.bench.table import Row
 from tests.e2e.system import Process, System, free_port, joint_topics, wait_for
 
-__all__ = ["OWNER", "PAGES", "soak_rows"]
+__all__ = ["PAGES", "driven", "soak_rows"]
 
 WARM_S = 60.0
 LOOK_S = 10.0
@@ -142,6 +142,16 @@ def _look(system: System, watched: dict[str, int]) -> _Look:
     )
 
 
+def driven(folder: Path, ending: ExitStack) -> tuple[System, Process]:
+    """Return a system with an owner that drives everything; both end with `ending`."""
+    system = System(folder)
+    ending.callback(system.close)
+    system.connect("first").close()
+    owner = system.client("owner", OWNER)
+    wait_for(lambda: "driving" in owner.text(), "an owner", 30.0, tell=owner.text)
+    return system, owner
+
+
 def soak_rows(folder: Path, minutes: float) -> list[Row]:
     """Run all of it for so long.
 
@@ -151,11 +161,7 @@ def soak_rows(folder: Path, minutes: float) -> list[Row]:
     """
     looks: list[_Look] = []
     with ExitStack() as ending:
-        system = System(folder)
-        ending.callback(system.close)
-        system.connect("first").close()
-        owner = system.client("owner", OWNER)
-        wait_for(lambda: "driving" in owner.text(), "an owner", 30.0, tell=owner.text)
+        system, owner = driven(folder, ending)
         text = WATCHER.replace("SESSIONS", str(SESSIONS))
         others = [system.client(f"watchers{n}", text) for n in range(WATCHERS)]
         port = str(free_port())

@@ -39,17 +39,6 @@ def test_every_spelling_of_an_address_has_one_file(tmp_path: Path) -> None:
     """So a latch is found again, whoever types it."""
     spellings = ("tcp/127.0.0.1:9000", "TCP/localhost:9000", "tcp/[::1]:9000", "tcp/127.0.0.1:9000#iface=lo")
     assert len({path_of(tmp_path, endpoint, "/lab/") for endpoint in spellings}) == 1
-    assert path_of(tmp_path, HERE) == path_of(tmp_path, HERE, is_as_spelt=True)
-
-
-def test_the_file_of_an_earlier_release_under_another_spelling_counts_from_the_start(tmp_path: Path) -> None:
-    """It had the address as it was typed."""
-    spelt = path_of(tmp_path, "tcp/localhost:9000", is_as_spelt=True)
-    keep(spelt, Remembered(epoch=5000, latches=ESTOP))
-    recall = Recall(path_of(tmp_path, "tcp/localhost:9000"), spelt)
-    latches, latch = heard()
-    recall.known_here(Remembered(), latch)
-    assert recall.epoch == 5000 and latches == {Code.ESTOP: f"by Ann (known from {spelt.name})"}
 
 
 def test_latches_of_another_address_come_with_the_router(tmp_path: Path) -> None:
@@ -58,9 +47,9 @@ def test_latches_of_another_address_come_with_the_router(tmp_path: Path) -> None
     keep(path_of(tmp_path, "tcp/a:1"), Remembered(latches={Code.FSM_ERROR: "x"}, routers=("abc2/",)))
     keep(path_of(tmp_path, HERE, "lab"), Remembered(latches={Code.GATE_VIOLATION: "x"}, routers=("abc1/lab",)))
     own = path_of(tmp_path, HERE)
-    recall = Recall(own, own)
+    recall = Recall(own)
     latches, latch = heard()
-    recall.known_here(Remembered(), latch)
+    recall.known_here(Remembered())
     assert latches == {}
     recall.meet(router_name("abc1", "/"), latch)
     assert list(latches) == [Code.ESTOP] and "robot.lab" in latches[Code.ESTOP]
@@ -74,7 +63,7 @@ def test_epochs_go_on_above_those_of_every_file(tmp_path: Path) -> None:
     keep(path_of(tmp_path, THERE), Remembered(epoch=7000))
     own = path_of(tmp_path, HERE)
     with StateFile(own) as file:
-        assert file.start(least_epoch=Recall(own, own).epoch).remembered.epoch == 7000
+        assert file.start(least_epoch=Recall(own).epoch).remembered.epoch == 7000
         assert read_state(own).epoch == 7000 + EPOCH_BLOCK
     with StateFile(own) as file:  # nor ever lower
         assert file.start(least_epoch=7000).remembered.epoch == 7000 + EPOCH_BLOCK
@@ -84,7 +73,7 @@ def test_what_is_cleared_here_is_cleared_there_and_not_before(tmp_path: Path) ->
     """A latch is in one file at least until somebody recovers; others of that file stay."""
     own, other = path_of(tmp_path, HERE), path_of(tmp_path, THERE)
     keep(other, Remembered(epoch=9, latches=ESTOP, routers=(ROUTER,), zids=("z",)))
-    recall = Recall(own, own)
+    recall = Recall(own)
     with StateFile(own) as file:
         writer = StateWriter(file, file.start(), on_saved=recall.saved)
         latches, latch = heard()
@@ -103,7 +92,7 @@ def test_what_is_cleared_before_our_disk_ever_had_it_is_cleared_there(tmp_path: 
     """A slow disk: the state with the latch is forgotten in line, and the next one is what the file says already."""
     own, other = path_of(tmp_path, HERE), path_of(tmp_path, THERE)
     keep(other, Remembered(latches=ESTOP, routers=(ROUTER,)))
-    recall = Recall(own, own)
+    recall = Recall(own)
     with StateFile(own) as file:
         started = file.start()
         writer = StateWriter(file, started, on_saved=recall.saved)
@@ -121,8 +110,8 @@ def test_what_both_files_have_is_cleared_in_both(tmp_path: Path) -> None:
     own, other = path_of(tmp_path, HERE), path_of(tmp_path, THERE)
     for path in (own, other):
         keep(path, Remembered(latches=ESTOP, routers=(ROUTER,)))
-    recall = Recall(own, own)
-    recall.known_here(Remembered(latches=ESTOP), lambda *_: None)
+    recall = Recall(own)
+    recall.known_here(Remembered(latches=ESTOP))
     recall.meet(ROUTER, lambda *_: None)
     recall.saved(Remembered())
     assert read_state(other).latches == {}
@@ -134,7 +123,7 @@ def test_a_file_that_a_daemon_has_keeps_its_latches_until_it_is_free(
     """It is theirs; asked again with the next state."""
     own, other = path_of(tmp_path, HERE), path_of(tmp_path, THERE)
     keep(other, Remembered(latches=ESTOP, routers=(ROUTER,)))
-    recall = Recall(own, own)
+    recall = Recall(own)
     recall.meet(ROUTER, lambda *_: None)
     recall.saved(Remembered(latches=ESTOP))
     with StateFile(other):
@@ -150,7 +139,7 @@ def test_an_unreadable_file_of_another_robot_is_told_and_refuses_nothing(
     """Its own daemon latches it."""
     (tmp_path / "x.json").write_text("{")
     own = path_of(tmp_path, HERE)
-    assert Recall(own, own).epoch == 0 and "x.json" in caplog.text
+    assert Recall(own).epoch == 0 and "x.json" in caplog.text
 
 
 def test_a_file_names_the_routers_at_which_its_robot_was_found(tmp_path: Path) -> None:

@@ -9,7 +9,7 @@ from typing import Any
 
 from gateway.cli.command_line.numbers import seconds
 
-__all__ = ["add_client_command", "add_command", "add_target", "file_to_write"]
+__all__ = ["add_client_command", "add_command", "add_take", "add_target", "add_yes", "file_to_write"]
 
 
 def add_command(commands: Any, name: str, text: str, more: str = "") -> argparse.ArgumentParser:  # noqa: ANN401  argparse's private class
@@ -59,6 +59,16 @@ def add_target(sub: argparse.ArgumentParser) -> None:
         help="the gateway: a path, unix:PATH, tcp/HOST:PORT, tls/HOST:PORT, or NAME in the fleet of TA2_FLEET (default: "
         "found by itself)",
     )
+
+
+def add_yes(sub: argparse.ArgumentParser) -> None:
+    """Add that nobody is asked."""
+    sub.add_argument("--yes", action="store_true", help="do not ask before moving (with no terminal nobody is asked)")
+
+
+def add_take(sub: argparse.ArgumentParser) -> None:
+    """Add that an owner is no reason to wait."""
+    sub.add_argument("--take", metavar="REASON", help="take the robot from its owner, who is shown the reason")
 
 
 def file_to_write(text: str) -> Path:

@@ -13,7 +13,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from gateway import __version__
-from gateway.cli.command_line.adding import add_client_command, add_command, add_target
+from gateway.cli.command_line.adding import add_client_command, add_command, add_target, add_yes
 from gateway.cli.command_line.body_arguments import add_frames, add_identify, add_model
 from gateway.cli.command_line.check_arguments import add_check
 from gateway.cli.command_line.dataset_arguments import add_dataset
@@ -292,6 +292,4 @@ def _add_example(commands: Any) -> None:  # noqa: ANN401  argparse's private cla
     example.add_argument("number", nargs="?", metavar="NUMBER", help="section of the manual, e.g. 6.6")
     add_target(example)
     example.add_argument("--show", action="store_true", help="print the program instead of running it")
-    example.add_argument(
-        "--yes", action="store_true", help="do not ask before moving (with no terminal nobody is asked)"
-    )
+    add_yes(example)

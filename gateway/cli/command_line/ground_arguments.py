@@ -6,7 +6,7 @@ import argparse
 from functools import partial
 from typing import Any
 
-from gateway.cli.command_line.adding import add_client_command
+from gateway.cli.command_line.adding import add_client_command, add_take, add_yes
 from gateway.cli.command_line.numbers import between
 
 __all__ = ["GRIPPER_ACTIONS", "LIFT_ACTIONS", "add_ground", "take_velocity"]
@@ -85,10 +85,8 @@ def add_ground(commands: Any) -> None:  # noqa: ANN401  argparse's private class
             "--for", dest="for_s", type=_seconds, default=1.0, metavar="S", help="how long [s] (default %(default)s)"
         )
     for sub in (gripper, payload, drive, lift):
-        sub.add_argument("--take", metavar="REASON", help="take the robot from its owner, who is shown the reason")
-        sub.add_argument(
-            "--yes", action="store_true", help="do not ask before moving (with no terminal nobody is asked)"
-        )
+        add_take(sub)
+        add_yes(sub)
 
 
 def take_velocity(drive: argparse.ArgumentParser, options: argparse.Namespace) -> None:

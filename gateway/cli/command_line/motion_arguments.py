@@ -5,7 +5,7 @@ from __future__ import annotations
 from functools import partial
 from typing import Any
 
-from gateway.cli.command_line.adding import add_client_command
+from gateway.cli.command_line.adding import add_client_command, add_take, add_yes
 from gateway.cli.command_line.follow_arguments import add_follow, add_replay
 from gateway.cli.command_line.numbers import above_zero, factor
 
@@ -91,8 +91,6 @@ def add_motions(commands: Any) -> None:  # noqa: ANN401  argparse's private clas
             help="factor on the configured velocity limit, up to 1 (default %(default)s)",
         )
         motion.add_argument("--hold", action="store_true", help="leave the arms held instead of pausing the robot")
-        motion.add_argument(
-            "--yes", action="store_true", help="do not ask before moving (with no terminal nobody is asked)"
-        )
+        add_yes(motion)
     for owning in (enable, *motions):
-        owning.add_argument("--take", metavar="REASON", help="take the robot from its owner, who is shown the reason")
+        add_take(owning)

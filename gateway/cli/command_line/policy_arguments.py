@@ -6,7 +6,7 @@ import argparse
 from functools import partial
 from typing import Any
 
-from gateway.cli.command_line.adding import add_client_command
+from gateway.cli.command_line.adding import add_client_command, add_take, add_yes
 from gateway.cli.command_line.numbers import above_zero, between, integer, seconds, udp_port
 from gateway.cli.command_line.video_arguments import PORT
 
@@ -107,5 +107,5 @@ def add_policy(verbs: Any) -> None:  # noqa: ANN401  argparse's private class
         "--video-port", type=udp_port, default=PORT, metavar="N", help="of the pictures (default %(default)s)"
     )
     run.add_argument("--hold", action="store_true", help="leave the arms held instead of pausing the robot")
-    run.add_argument("--yes", action="store_true", help="do not ask before moving (with no terminal nobody is asked)")
-    run.add_argument("--take", metavar="REASON", help="take the robot from its owner, who is shown the reason")
+    add_yes(run)
+    add_take(run)

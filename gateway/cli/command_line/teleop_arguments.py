@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from gateway.cli.command_line.adding import add_client_command
+from gateway.cli.command_line.adding import add_client_command, add_take, add_yes
 
 __all__ = ["add_teleop"]
 
@@ -19,5 +19,5 @@ def add_teleop(commands: Any) -> None:  # noqa: ANN401  argparse's private class
     sub.add_argument("--arm", choices=("left", "right"), default="left", help="which one first (default %(default)s)")
     sub.add_argument("--task", default="", metavar="TEXT", help="of the episodes, in words (default: the recording's)")
     sub.add_argument("--hold", action="store_true", help="leave the arms held at the end instead of pausing the robot")
-    sub.add_argument("--yes", action="store_true", help="do not ask before moving (with no terminal nobody is asked)")
-    sub.add_argument("--take", metavar="REASON", help="take the robot from its owner, who is shown the reason")
+    add_yes(sub)
+    add_take(sub)

@@ -57,10 +57,7 @@ class Session:
         self._home: MotionHandle | None = None
         self._moved_ns, self._driven_ns = 0, dict[str, int]()
         self._must_let_go = self._quits = self._is_down = False
-        self._asked_ns, self._late_ns = (
-            0,
-            0,
-        )  # since when home is asked for; till when a yes is too late
+        self._asked_ns = self._late_ns = 0  # since when home is asked for; till when a yes is too late
         self._note, self._episode = "", "no episode"
 
     def run(self) -> None:
