@@ -34,19 +34,23 @@ class Identities:
         self._doors: dict[str, str] = {}
 
     def may_be(self, client_id: str, secret: str) -> bool:
-        """Return whether a command's sender may be this client: it is nobody's id yet, or its own. Binds nothing."""
+        """Return whether a command's sender may be this client: it is nobody's id yet, or its own. Binds nothing.
+
+        Without a secret nobody is anybody: whoever owned the robot so could be passed for by all who read its id.
+        """
         known = self._secrets.get(client_id)
-        return client_id not in RESERVED and (known is None or self._matches(client_id, known, secret))
+        is_free = bool(secret) and client_id not in RESERVED
+        return is_free and (known is None or self._matches(client_id, known, secret))
 
     def meet(self, client_id: str, secret: str, door: str = "socket") -> bool:
         """Take a command's sender: bind a new id, and say whether a known one is proven. For one thread.
 
         Args:
             client_id: Of the command.
-            secret: Of the command; empty for clients of the first release, which anybody can pass for.
+            secret: Of the command.
             door: By which it came.
         """
-        if client_id in RESERVED:
+        if not secret or client_id in RESERVED:
             return False
         known = self._secrets.setdefault(client_id, secret)
         self._doors.setdefault(client_id, door)

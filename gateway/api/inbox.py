@@ -3,8 +3,8 @@
 Rules
     * Whoever brings something in (a zenoh callback) only puts it here. One thread reads questions (`sort`); the loop
       thread takes everything (`poll`) and is the only one that does.
-    * Stops have keys and a lane of their own (`stop_lane`). One that comes among other requests, as clients of the first
-      release send it, is a stop as well: an emergency stop, then a stop, come first out of `poll`, whatever lies before them.
+    * Stops have keys and a lane of their own (`stop_lane`). One that comes among other requests is a stop as well: an
+      emergency stop, then a stop, come first out of `poll`, whatever lies before them.
     * Of the targets of a stream, and of the keepalives of a client, only the newest is kept: a flood costs nothing.
     * A command whose sender was already told that it did not run is not handed to the loop any more; a stop always is.
     * Chunks take milliseconds to work out. They are put aside, with whatever the same client sends after them, until
@@ -386,7 +386,7 @@ def _drain(lane: _Lane) -> Iterator[events.CommandRequested]:
 def _is_another(client_id: str) -> Refusal:
     return Refusal(
         code=Code.NOT_OWNER,
-        message=f"client_id {client_id!r} belongs to another connection: the secret is not its own; nothing was run",
+        message=f"the secret of client_id {client_id!r} is missing, or not its own: another connection has it; nothing ran",
         field="secret",
         hint="connect() gives each client an id and a secret of its own; who owns the robot is asked to give it, or take it",
     )

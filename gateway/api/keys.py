@@ -111,14 +111,14 @@ MEMBER_TOKENS: Final = f"{ROOT}/alive/member/*"
 """Tokens of those who are a robot in its fleet: two of one name are two gateways under one name."""
 
 
-def target_key(client_id: str, stream_id: int, secret: str = "") -> str:
+def target_key(client_id: str, stream_id: int, secret: str) -> str:
     """Return the key on which a client puts the targets of one of its streams. Nobody but the daemon sees it."""
-    return f"{ROOT}/target/{client_id}/{stream_id}" + (f"/{secret}" if secret else "")
+    return f"{ROOT}/target/{client_id}/{stream_id}/{secret}"
 
 
-def keepalive_key(client_id: str, secret: str = "") -> str:
+def keepalive_key(client_id: str, secret: str) -> str:
     """Return the key on which a client shows that it lives. Nobody but the daemon sees it."""
-    return f"{ROOT}/keepalive/{client_id}" + (f"/{secret}" if secret else "")
+    return f"{ROOT}/keepalive/{client_id}/{secret}"
 
 
 def check_in_key(client_id: str, secret: str) -> str:
@@ -128,12 +128,7 @@ def check_in_key(client_id: str, secret: str) -> str:
 
 def lane_keys(client_id: str, secret: str) -> tuple[str, str, str]:
     """Return the keys of a client's targets, keepalives and check-ins: who does not know its secret cannot write there."""
-    tail = f"/{secret}" if secret else ""
-    return (
-        f"{ROOT}/target/{client_id}/*{tail}",
-        keepalive_key(client_id, secret),
-        f"{ROOT}/check_in/{client_id}{tail}",
-    )
+    return f"{ROOT}/target/{client_id}/*/{secret}", keepalive_key(client_id, secret), check_in_key(client_id, secret)
 
 
 def put_by(key: str) -> tuple[str, str, str]:

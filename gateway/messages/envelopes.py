@@ -23,7 +23,8 @@ class Command(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     Attributes:
         version: `PROTOCOL_VERSION` of the sender.
         client_id: Unique per client; the same as in its liveliness token, keepalives and targets.
-        secret: What proves that `client_id` is this client, from its first command on; no snapshot shows it.
+        secret: What proves that `client_id` is this client, from its first command on; only a stop may lack it. No snapshot
+            shows it.
         request_id: Unique per client. The same id again gets the first reply again: a lost reply can be asked for.
         request: What is asked.
     """

@@ -97,4 +97,4 @@ REQUESTS = (
 
 def command(request, request_id=1, client_id="c0ffee", version=protocol.PROTOCOL_VERSION):
     """Return a request in its envelope."""
-    return protocol.Command(version=version, client_id=client_id, request_id=request_id, request=request)
+    return protocol.Command(version=version, client_id=client_id, secret="s", request_id=request_id, request=request)

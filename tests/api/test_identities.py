@@ -8,7 +8,7 @@ from gateway.api.inbox import MAX_WAITING
 from gateway.core.messages import events
 from gateway.messages import requests
 from tests.api.desk import AskedQuestion, Desk
-from tests.api.samples import Q, command
+from tests.api.samples import Q
 
 
 def test_the_first_command_binds_an_id_to_its_secret():
@@ -17,8 +17,8 @@ def test_the_first_command_binds_an_id_to_its_secret():
     assert not known.is_proven("a", "")
     assert known.meet("a", "s1") and known.meet("a", "s1") and known.is_proven("a", "s1")
     assert not known.meet("a", "s2") and not known.meet("a", "") and not known.is_proven("a", "s2")
-    assert known.meet("old", "") and known.is_proven("old", "")  # a client of the first release
-    assert not known.meet("old", "s\u00e9")
+    assert not known.meet("a", "s\u00e9")
+    assert not known.may_be("b", "") and not known.meet("b", "") and known.secret_of("b") is None
 
 
 def test_who_is_heard_is_not_forgotten():
@@ -143,4 +143,3 @@ def test_a_question_is_proven_by_its_own_secret():
         payload = protocol.encode({"client_id": "owner", "secret": secret})
         desk.stops.arrive(protocol.STOP_KEY, payload, 0, AskedQuestion(payload))
     assert [stop.client_id for stop in desk.stops.poll()] == ["owner", "'owner'"]
-    assert command(protocol.Recover()).secret == ""

@@ -27,10 +27,10 @@ from tests.api.samples import HOME, Q, command
 
 @pytest.fixture
 def desk():
-    """An inbox whose threads are the test; two clients of the first release, without secrets, are known."""
+    """An inbox whose threads are the test; two clients are known."""
     desk = Desk()
     for client_id in ("c0ffee", "me"):
-        desk.inbox.identities.meet(client_id, "")
+        desk.inbox.identities.meet(client_id, "s")
     return desk
 
 
@@ -88,9 +88,9 @@ def test_stops_come_first_then_signs_of_life_targets_requests_departures(desk):
     """Whatever arrived before a stop, the stop is first; an emergency stop is before it."""
     desk.ask(payload(protocol.Recover(), 1))
     desk.inbox.put_target(
-        protocol.target_key("c0ffee", 2), protocol.encode(protocol.Target(epoch=1, seq=1, values=Q)), "", 5
+        protocol.target_key("c0ffee", 2, "s"), protocol.encode(protocol.Target(epoch=1, seq=1, values=Q)), "", 5
     )
-    desk.inbox.put_keepalive(protocol.keepalive_key("c0ffee"), 6)
+    desk.inbox.put_keepalive(protocol.keepalive_key("c0ffee", "s"), 6)
     desk.inbox.put_gone("other", 7)
     desk.ask(payload(protocol.Stop(), 2))
     desk.ask(payload(protocol.Estop(), 3))
@@ -118,7 +118,7 @@ def test_only_the_newest_target_of_a_stream_counts(desk):
     for seq in range(1, 1001):
         for stream in (1, 2):
             target = protocol.Target(epoch=1, seq=seq * stream, values=Q)
-            desk.inbox.put_target(protocol.target_key("me", stream), protocol.encode(target), "", seq)
+            desk.inbox.put_target(protocol.target_key("me", stream, "s"), protocol.encode(target), "", seq)
     arrived = desk.inbox.poll()
     assert [(e.client_id, e.stream_id, e.seq, e.received_ns) for e in arrived] == [
         ("me", 1, 1000, 1000),
@@ -130,17 +130,17 @@ def test_only_the_newest_target_of_a_stream_counts(desk):
 def test_only_the_newest_sign_of_life_counts(desk):
     """Keepalives of one client between two polls are one."""
     for at_ns in range(100):
-        desk.inbox.put_keepalive(protocol.keepalive_key("me"), at_ns)
+        desk.inbox.put_keepalive(protocol.keepalive_key("me", "s"), at_ns)
     assert desk.inbox.poll() == [events.ClientSeen(client_id="me", at_ns=99)]
 
 
 @pytest.mark.parametrize(
     ("key", "data"),
     [
-        (protocol.target_key("me", 1), b"rubbish"),
+        (protocol.target_key("me", 1, "s"), b"rubbish"),
         (f"{protocol.ROOT}/target/me/first", protocol.encode(protocol.Target(epoch=1, seq=1, values=Q))),
         (f"{protocol.ROOT}/target/me", protocol.encode(protocol.Target(epoch=1, seq=1, values=Q))),
-        (protocol.target_key("me", 1), b"\x00" * (protocol.MAX_PAYLOAD_BYTES + 1)),
+        (protocol.target_key("me", 1, "s"), b"\x00" * (protocol.MAX_PAYLOAD_BYTES + 1)),
     ],
 )
 def test_a_target_that_cannot_be_read_is_counted_and_nothing_else(desk, key, data):
@@ -153,11 +153,11 @@ def test_streams_and_clients_are_bounded(desk):
     """Keys that a hostile client invents do not fill the memory."""
     for number in range(MAX_STREAMS + 10):
         desk.inbox.put_target(
-            protocol.target_key("me", number), protocol.encode(protocol.Target(epoch=1, seq=1, values=Q)), "", 0
+            protocol.target_key("me", number, "s"), protocol.encode(protocol.Target(epoch=1, seq=1, values=Q)), "", 0
         )
     for number in range(MAX_CLIENTS + 10):
-        desk.inbox.identities.meet(f"client{number}", "")
-        desk.inbox.put_keepalive(protocol.keepalive_key(f"client{number}"), 0)
+        desk.inbox.identities.meet(f"client{number}", "s")
+        desk.inbox.put_keepalive(protocol.keepalive_key(f"client{number}", "s"), 0)
         desk.inbox.put_gone(f"client{number}", 0)
     assert desk.inbox.overflown == 30
     assert len(desk.inbox.poll()) == MAX_STREAMS + 2 * MAX_CLIENTS
@@ -327,9 +327,9 @@ def test_whoever_is_heeded_keeps_nobody_away(desk, is_chunk):
 
 def test_signs_of_life_and_targets_end_no_wait(desk, rung):
     """They come 20 to 100 times a second, and say nothing while nobody owns the robot."""
-    desk.inbox.put_keepalive(protocol.keepalive_key("c0ffee"), 6)
+    desk.inbox.put_keepalive(protocol.keepalive_key("c0ffee", "s"), 6)
     desk.inbox.put_gone("other", 7)
-    desk.inbox.put_target(protocol.target_key("c0ffee", 2), b"", "", 5)
+    desk.inbox.put_target(protocol.target_key("c0ffee", 2, "s"), b"", "", 5)
     assert not rung and not desk.inbox.has_more
 
 

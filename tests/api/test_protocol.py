@@ -40,8 +40,8 @@ def test_facts_of_the_robot_are_the_robots():
 
 def test_keys_name_version_and_owner():
     """Keys carry the version and give back whose they are."""
-    assert protocol.target_key("ab", 3) == "ta2/1/target/ab/3"
-    assert protocol.keepalive_key("ab") == "ta2/1/keepalive/ab"
+    assert protocol.target_key("ab", 3, "s") == "ta2/1/target/ab/3/s"
+    assert protocol.keepalive_key("ab", "s") == "ta2/1/keepalive/ab/s"
     token = protocol.daemon_token("zid")
     assert (protocol.token_version(token), protocol.token_id(token)) == ("1", "zid")
     assert protocol.token_id(protocol.client_token("ab")) == "ab"

@@ -194,8 +194,8 @@ def test_rubbish_is_answered_with_a_code_and_the_daemon_lives(daemon, stranger):
     for payload, code in ((b"rubbish", "BAD_REQUEST"), (b"x" * 100_000, "BAD_REQUEST"), (b"", "BAD_REQUEST")):
         (answer,) = ask(stranger, protocol.COMMAND_KEY, payload)
         assert protocol.decode_reply(answer).refusal.code == code
-    stranger.put(protocol.target_key("me", 1), b"rubbish")
-    stranger.put(protocol.target_key("me", 1), b"")
+    stranger.put(protocol.target_key("me", 1, "s"), b"rubbish")
+    stranger.put(protocol.target_key("me", 1, "s"), b"")
     subprocess.run([sys.executable, "-c", GIANT, str(daemon.socket)], check=True, timeout=60.0)
     (answer,) = ask(stranger, protocol.COMMAND_KEY, protocol.encode(command(protocol.Recover())))
     assert protocol.decode_reply(answer).refusal is None
@@ -240,8 +240,10 @@ def test_a_client_cannot_watch_what_others_command(daemon, stranger):
         acquire = protocol.Acquire(name="owner", pid=1)
         ask(owner, protocol.COMMAND_KEY, protocol.encode(command(acquire, client_id="owner")))
         for seq in range(1, 20):
-            owner.put(protocol.target_key("owner", 1), protocol.encode(protocol.Target(epoch=1, seq=seq, values=Q)))
-            owner.put(protocol.keepalive_key("owner"), b"")
+            owner.put(
+                protocol.target_key("owner", 1, "s"), protocol.encode(protocol.Target(epoch=1, seq=seq, values=Q))
+            )
+            owner.put(protocol.keepalive_key("owner", "s"), b"")
             time.sleep(0.005)
         eventually(lambda: "owner" in daemon.engine.seen and daemon.engine.targets)
         token.undeclare()

@@ -115,7 +115,13 @@ class LocalAttack:
         """Return hostile bytes and the encoding that is claimed for them."""
         rng = self.rng
         request = self.inventor.request(rng.choice(tuple(KINDS)))
-        message = {"version": 1, "client_id": "me", "request_id": rng.randrange(2**40), "request": request}
+        message = {
+            "version": 1,
+            "client_id": "me",
+            "secret": "s",
+            "request_id": rng.randrange(2**40),
+            "request": request,
+        }
         if rng.random() < 0.15:
             message = {"epoch": 1, "seq": rng.randrange(2**40), "values": Q}
         is_json, fate = rng.random() < 0.5, rng.random()

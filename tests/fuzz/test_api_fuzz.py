@@ -293,7 +293,7 @@ class Attacker:
             stream = rng.choice(
                 ("", "x", "-1", "007", "1_0", "0x1", "1e3", "٣", "9" * 5_000, 2**64, "1/2", " 1", stream)
             )
-        return f"{protocol.ROOT}/target/{rng.choice((*CLIENTS, '', '人', 'x' * 300))}/{stream}"
+        return f"{protocol.ROOT}/target/{rng.choice((*CLIENTS, '', '人', 'x' * 300))}/{stream}/s"
 
     # what makes sense, by the name of a field
 
@@ -397,6 +397,7 @@ class Attacker:
         return {
             "version": rng.choice((*[protocol.PROTOCOL_VERSION] * 60, 0, 2)),
             "client_id": client,
+            "secret": "s",
             "request_id": self._next_id,
             "request": request,
         }
@@ -405,7 +406,7 @@ class Attacker:
 def lives(rng: random.Random, plane: Plane, *, is_wild: bool) -> None:
     """Sometimes send signs of life, and of death, of clients that exist and that do not."""
     if rng.random() < 0.02:
-        plane.inbox.put_keepalive(protocol.keepalive_key(rng.choice((*CLIENTS, "", "x" * 999))), plane.pair.now_ns)
+        plane.inbox.put_keepalive(protocol.keepalive_key(rng.choice((*CLIENTS, "", "x" * 999)), "s"), plane.pair.now_ns)
     if rng.random() < 0.005:
         plane.inbox.put_gone(rng.choice((OWNER, "stranger") if is_wild else ("stranger", "", "人")), plane.pair.now_ns)
 
@@ -490,7 +491,13 @@ def test_a_stop_stops_under_a_used_number(plane: Plane, kind: str) -> None:
     nurse = Nurse(plane.pair)
     nurse.revive()
     for request in ({"type": "hold", "epoch": nurse.epoch, "sides": ["left"]}, {"type": kind}):
-        message = {"version": protocol.PROTOCOL_VERSION, "client_id": "novice", "request_id": 1, "request": request}
+        message = {
+            "version": protocol.PROTOCOL_VERSION,
+            "client_id": "novice",
+            "secret": "s",
+            "request_id": 1,
+            "request": request,
+        }
         plane.ask(protocol.COMMAND_KEY, as_json(message), protocol.JSON)
         plane.settle()
     assert plane.pair.engine.latches.keys() == {Code.ESTOP if kind == "estop" else Code.STOPPED_BY_OTHER}

@@ -23,6 +23,7 @@ from tests.fuzz.attacker import connect
 from tests.fuzz.inventor import KINDS, Inventor
 
 ME = "commander"
+SECRET = "s"
 SIDES = ("left", "right")
 OUTSTANDING = 16
 """Requests that may wait for their replies at once."""
@@ -106,7 +107,7 @@ class Commander:
         self.session.close()
 
     def _keep(self) -> None:
-        key = protocol.keepalive_key(ME)
+        key = protocol.keepalive_key(ME, SECRET)
         while not self._is_over.wait(0.05):
             self.session.put(key, b"", congestion_control=zenoh.CongestionControl.DROP)
 
@@ -143,7 +144,7 @@ class Commander:
         side, stream = self.rng.choice(tuple(self._streams.items()))
         self._seq += 1
         target = protocol.Target(epoch=self._epoch, seq=self._seq, values=tuple(self._joints(side)))
-        self.session.put(f"ta2/1/target/{ME}/{stream}", protocol.encode(target, protocol.MSGPACK))
+        self.session.put(f"ta2/1/target/{ME}/{stream}/{SECRET}", protocol.encode(target, protocol.MSGPACK))
         self.done["target"] += 1
 
     def _care(self) -> None:
@@ -161,7 +162,7 @@ class Commander:
         if not self._slots.acquire(timeout=PATIENCE_S):
             self.done["never answered"] += 1
         self._last_id += 1
-        message = {"version": 1, "client_id": ME, "request_id": self._last_id, "request": request}
+        message = {"version": 1, "client_id": ME, "secret": SECRET, "request_id": self._last_id, "request": request}
         kind = str(request["type"])
         self.session.get(
             protocol.COMMAND_KEY,

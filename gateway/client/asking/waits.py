@@ -189,17 +189,11 @@ def dropped(session: Session, command: protocol.Stop | protocol.Estop) -> tuple[
 
 
 class Stopped:
-    """Sends a stop, and waits for what became of it. It leaves first: nothing is asked, and nobody need be known, before.
-
-    A daemon of the first release has no key for stops: where nobody listens there, it goes the old way as well.
-    """
+    """Sends a stop, and waits for what became of it. It leaves first: nothing is asked, and nobody need be known, before."""
 
     def __init__(self, session: Session, command: protocol.Stop | protocol.Estop, timeout_ns: int) -> None:
         self._session = session
-        self._ways = [
-            dropped(session, command),
-            (protocol.COMMAND_KEY, session.encode(command, session.next_request_id())),
-        ]
+        self._key, self._payload = dropped(session, command)
         self._reply: protocol.Reply | None = None
         self._under_way = False
         self._repeat_ns = 0
@@ -211,8 +205,8 @@ class Stopped:
     def _send(self, now_ns: int) -> None:
         self._under_way = True
         self._repeat_ns = now_ns + REPEAT_NS
-        key, payload = self._ways[0]
-        self._session.transport.ask(key, payload, max(self.deadline_ns - now_ns, 1_000_000) / 1e9, self._take)
+        left_s = max(self.deadline_ns - now_ns, 1_000_000) / 1e9
+        self._session.transport.ask(self._key, self._payload, left_s, self._take)
 
     def _take(self, payload: bytes | None) -> None:
         if payload is None:  # as in `Answer`
@@ -227,7 +221,7 @@ class Stopped:
         """Return the reply.
 
         Raises:
-            GatewayError: The daemon is of the first release, and refused.
+            GatewayError: It was refused.
             OutcomeUnknown: The daemon went away before it answered.
             Disconnected: Nobody is there, or was.
         """
@@ -244,7 +238,6 @@ class Stopped:
                         raise self._unknown(error.message) from None
                     raise failure(error.code, error.message, hint=STOP_UNKNOWN) from None
             if now_ns >= self._repeat_ns:
-                self._ways.reverse()  # the other way, where this one led to nobody
                 self._send(now_ns)
         return None
 

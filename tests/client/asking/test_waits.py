@@ -25,8 +25,6 @@ def test_an_answer_that_is_lost_waits_for_nobody_who_asks(kind: str) -> None:
             drop=lambda key, payload: None,
             now_ns=lambda: 0,
         ),
-        encode=lambda command, request_id: b"",
-        next_request_id=lambda: 1,
         require_daemon=lambda daemon=None: None,
         require_own_process=lambda: None,
         notify=lambda: None,
