@@ -232,6 +232,15 @@ STARTING = {
         "starting::a_new_owner_goes_on_from_the_last_setpoint",
         "starting::ready_goes_on_from_the_echo",
     ),
+    "give way": (
+        "robot_side::an_arm_that_met_something_presses_on_it_no_longer_and_flies_nowhere_once_it_is_free",
+        "robot_side::it_gives_way_once_and_holds_then",
+        "robot_side::a_stop_ends_the_giving_way",
+        "robot_side::it_gives_way_only_to_an_arm_that_stands_still",
+        "robot_side::it_gives_way_to_no_arm_that_was_not_heard_meanwhile",
+        "robot_side::recover_in_the_middle_of_it_goes_on_with_it_and_motion_waits_for_the_end",
+        "sim/physics/with_the_gateway::an_arm_that_meets_the_table_is_stopped_and_gives_way",
+    ),
     "walk": (
         "starting::a_reference_that_lost_its_arm_walks_back_and_the_grip_is_kept",
         "starting::nothing_walks_while_the_arms_are_where_they_are_held",
@@ -561,8 +570,7 @@ READINGS = {
         "sim/robot/model::ready_waits_for_commands_of_each_enabled_arm_where_that_was_chosen",
     ),
     "joint values that stand still under fresh stamps": (
-        "readings::joints_that_are_told_to_stand_still_end_the_motion_wherever_they_are",
-        "readings::recover_leads_an_arm_that_is_told_to_stand_still_slowly_to_what_is_told",
+        "readings::joints_that_are_told_to_stand_still_end_the_motion_and_give_way_to_what_is_told",
         "sim/robot/model::what_is_told_of_a_stuck_joint_stays_under_fresh_stamps",
         "cli/check/faults::a_fault_fails_its_trial",
     ),
@@ -996,7 +1004,7 @@ FORCES = {
         "sim/physics/with_the_gateway::stop_brings_the_arms_to_rest_where_they_are",
     ),
     "an arm that meets something": (
-        "sim/physics/with_the_gateway::an_arm_that_meets_the_table_is_stopped_by_the_bound_on_the_tracking_error",
+        "sim/physics/with_the_gateway::an_arm_that_meets_the_table_is_stopped_and_gives_way",
     ),
     "a machine that is too slow": (
         "sim/physics/bodies::a_machine_that_is_too_slow_loses_time_of_physics_and_says_so",

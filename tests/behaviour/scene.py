@@ -220,6 +220,14 @@ class Scene(Pair):
         assert self.state == "HOLDING"
         self._holds()
 
+    def brakes_and_gives_way(self) -> None:
+        """The arms come to rest, then the setpoint of the left one goes back to where it is; 1.0 goes on."""
+        self.run(4.0)
+        assert self.state == "HOLDING" and set(self.beats) == {1.0}
+        order = {side: list(dict.fromkeys(frame.kind for _, frame in self.arm_frames(side))) for side in self.streaming}
+        way = [FrameKind.BRAKE, FrameKind.HOLD, FrameKind.WALK, FrameKind.HOLD]
+        assert order == {Side.LEFT: list(dict.fromkeys(way)), Side.RIGHT: way[:2]}, order
+
     def _holds(self) -> None:
         for side in self.streaming:
             topic = joint_command(side)

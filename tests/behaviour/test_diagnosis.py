@@ -305,8 +305,7 @@ def test_a_finding_ends_with_its_symptom(name: str) -> None:
     script = SCRIPTS[name]
     pair = whole(script.state, script.right_mode)
     script.begin(pair)
-    pair.run(2.5)
-    assert script.code.value in found(pair)
+    pair.run_until(lambda: script.code.value in found(pair), 2.5)
     pair.robot.clear()
     pair.run(4.0)
     assert found(pair) == []

@@ -5,9 +5,11 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable
 
+import numpy as np
 import pytest
 
 from gateway.core.messages.events import SampleArrived, SampleRefused
+from gateway.core.messages.outputs import FrameKind
 from gateway.errors import Code
 from gateway.messages.requests import Enable, Estop, Move, Recover, Release, Stop
 from gateway.robot.topics import CURRENT_MODE, FSM_STATE, arm_state, joint_command
@@ -281,6 +283,109 @@ def test_an_arm_that_does_not_follow_is_latched_after_0_3_s() -> None:
     assert 290 * MS <= pair.now_ns - off_since <= 330 * MS
     assert "0.3 rad is the bound" in pair.engine.latches[Code.TRACKING_ERROR]
     assert pair.see().motions[0].code == "TRACKING_ERROR" and pair.see().shown == "FAULT"
+
+
+FAR = {Side.LEFT: (*HOME[Side.LEFT][:3], 1.8, *HOME[Side.LEFT][4:]), Side.RIGHT: HOME[Side.RIGHT]}
+"""So far away that the arms still move at full speed when one is found not to follow."""
+
+
+def blocked(ends: str = "by itself") -> Scene:
+    """Return a scene whose left arm met something on its way, until its motion has become a hold; both brake yet."""
+    pair = scene("at rest", Scene(snapshot_hz=50))
+    pair.robot.inject({"fault": "blocked", "side": "left"}, pair.now_ns)
+    pair.granted(Move(epoch=pair.epoch, targets_rad=FAR), "ann")
+    pair.mark()
+    if ends != "by itself":
+        pair.run_until(lambda: off_rad(pair) > 0.4, 3.0)
+        pair.kill("ann") if ends == "client lost" else pair.granted(Stop(), ends)
+    pair.run_until(lambda: pair.state == "HOLDING", 3.0)
+    latched = {"by itself": Code.TRACKING_ERROR, "bob": Code.STOPPED_BY_OTHER}
+    assert list(pair.engine.latches) == [code for end, code in latched.items() if end == ends]
+    return pair
+
+
+def off_rad(pair: Scene) -> float:
+    """How far the left arm really is from its setpoint [rad]."""
+    return float(np.max(np.abs(pair.robot.arms[Side.LEFT].q_rad - pair.arm_frames_now()[Side.LEFT])))
+
+
+@pytest.mark.parametrize("ends", ["by itself", "ann", "bob", "client lost"])
+def test_an_arm_that_met_something_presses_on_it_no_longer_and_flies_nowhere_once_it_is_free(ends: str) -> None:
+    """Whatever ends the motion. Braked, then given way within 4 s: smoothly, without a gap, with the grip; latches stay."""
+    pair = blocked(ends)
+    latches = dict(pair.engine.latches)
+    pair.run(4.5)
+    frames = [frame.values for _, frame in pair.arm_frames(Side.LEFT)]
+    rates = np.diff(np.asarray(frames), axis=0) / 0.01
+    assert np.max(np.abs(rates)) <= 1.0 + 1e-6 and np.max(np.abs(np.diff(rates, axis=0))) / 0.01 <= 3.0 + 1e-6
+    assert off_rad(pair) < 0.02 and pair.arm_kinds(Side.RIGHT) == {FrameKind.MOTION, FrameKind.BRAKE, FrameKind.HOLD}
+    assert len(pair.told(Code.WALK)) == 1 and set(pair.beats) == {1.0} and pair.gap_ms(joint_command(Side.LEFT)) <= 11
+    here = pair.robot.arms[Side.LEFT].q_rad.copy()
+    pair.robot.clear()
+    pair.run(1.0)
+    assert np.allclose(pair.robot.arms[Side.LEFT].q_rad, here, atol=0.01)
+    assert pair.engine.latches == latches and pair.state == "HOLDING"
+
+
+def test_it_gives_way_once_and_holds_then() -> None:
+    """An arm that is pushed on, or sinks under what it carries, is not followed further."""
+    pair = blocked()
+    pair.run(4.5)
+    held = pair.arm_frames_now()[Side.LEFT]
+    pair.push(Side.LEFT, 0.5)
+    pair.run(1.0)
+    assert pair.arm_frames_now()[Side.LEFT] == held and len(pair.told(Code.WALK)) == 1
+
+
+@pytest.mark.parametrize("who", ["ann", "bob"])
+@pytest.mark.parametrize("after_s", [0.1, 1.0])
+def test_a_stop_ends_the_giving_way(who: str, after_s: float) -> None:
+    """Anybody's, before it begins and under way: after a stop in the hold no setpoint changes but to brake."""
+    pair = blocked()
+    pair.run(after_s)
+    pair.granted(Stop(), who)
+    pair.run(0.4)
+    pair.mark()
+    pair.run(3.0)
+    assert pair.arm_kinds() == {FrameKind.HOLD} and not pair.moved() and pair.state == "HOLDING"
+
+
+def shaken(pair: Scene, seconds: float) -> None:
+    """Let time pass while somebody moves the left arm to and fro."""
+    for n in range(round(seconds * 100)):
+        pair.robot.arms[Side.LEFT].q_rad = pair.robot.arms[Side.LEFT].q_rad + (0.05 if n % 2 else -0.05)
+        pair.run(0.01)
+
+
+def test_it_gives_way_only_to_an_arm_that_stands_still() -> None:
+    """While its samples do not agree where it is nobody knows: it waits for them."""
+    pair = blocked()
+    shaken(pair, 1.2)
+    assert not pair.told(Code.WALK)
+    pair.run_until(lambda: bool(pair.told(Code.WALK)), 0.2)
+    pair.run(3.0)
+    assert off_rad(pair) < 0.02
+
+
+def test_it_gives_way_to_no_arm_that_was_not_heard_meanwhile() -> None:
+    """Nobody saw what happened to it: it is held, until `enable` or `recover` asks for the walk."""
+    pair = blocked()
+    pair.robot.inject({"fault": "drop", "topic": LEFT, "duration_s": 0.3}, pair.now_ns)
+    pair.run(4.0)
+    assert not pair.told(Code.WALK) and off_rad(pair) > 0.5
+
+
+def test_recover_in_the_middle_of_it_goes_on_with_it_and_motion_waits_for_the_end() -> None:
+    """The latch is cleared at once; the owner moves on when the setpoint is where the arm is."""
+    pair = blocked()
+    pair.run(1.0)
+    pair.robot.clear()
+    pair.granted(Recover(), "bob")
+    assert pair.refused(Move(epoch=pair.epoch, targets_rad=HOME), "ann").code is Code.STOPPING
+    pair.run(3.0)
+    assert not pair.engine.latches and off_rad(pair) < 0.3
+    pair.granted(Move(epoch=pair.epoch, targets_rad=HOME), "ann")
+    assert pair.state == "ACTIVE"
 
 
 def test_a_moment_away_from_the_setpoint_is_no_tracking_error() -> None:

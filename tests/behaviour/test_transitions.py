@@ -51,7 +51,7 @@ mode unknown   | nothing        | nothing         | nothing         | =         
 arm disabled   | nothing        | nothing         | nothing         | left silent, =  | left silent, hold  | left silent, = | left silent, =   | left silent, stops | -                | -
 no arm         | nothing        | nothing         | nothing         | down           | down                | down          | down              | down           | -                    | -
 part dead      | nothing        | nothing         | nothing         | down           | hold                | =             | =                 | stops          | -                    | -
-tracking error | -              | -               | -               | -              | L, hold             | =             | =                 | stops          | -                    | -
+tracking error | -              | -               | -               | -              | L, gives way        | =             | =                 | stops          | -                    | -
 SIGTERM        | nothing, exit  | nothing, exit   | nothing, exit   | down, exit     | stops first, exit   | stops first, exit | down, exit    | stops, exit    | 0.0, silent, exit    | nothing, exit
 suspend        | nothing        | free, nothing   | free, nothing   | free, down     | free, down          | free, down    | free, down        | free, down     | free, silent         | free, nothing
 foreign token  | nothing        | nothing         | nothing         | down, L        | L, hold             | L, =          | L, =              | L, stops       | =                    | =
@@ -316,6 +316,7 @@ WORDS: dict[str, Callable[[Scene], None]] = {
     "down": Scene.goes_down,
     "off": Scene.goes_off,
     "hold": Scene.brakes_and_holds,
+    "gives way": Scene.brakes_and_gives_way,
     "pauses": Scene.pauses,
     "stops": Scene.stops_first,
     "gives up": _gives_up,

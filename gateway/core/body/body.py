@@ -47,6 +47,8 @@ class Body:
         self.targets = TargetBook(settings.arm, settings.pose)
         self.speed_ratio = dict.fromkeys(Space, 1.0)
         """Part of their speed limits that the arms may have now: settings that were read anew may have lowered them."""
+        self.gives_way = False
+        """Whether references that are off by more than the bound are to be led to their arms once these are at rest."""
         self.spacing: SpacingView | None = None
         """How near parts of the body are to each other; None where nobody asked for them to be kept apart."""
         self.slowing: dict[Side, SlowingView] = {}
@@ -142,7 +144,7 @@ class Body:
             code: Why, for the motions; later targets of the streams get STREAM_ENDED with it.
             message: The same in words.
         """
-        ended = list(self.motions.running)
+        self.gives_way, ended = False, list(self.motions.running)
         for motion in ended:
             self.motions.end(motion, MotionState.ABORTED, code, message)
         for stream in self.targets.running:

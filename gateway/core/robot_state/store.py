@@ -53,14 +53,16 @@ is 0.1 rad or 0.1 m beyond noise; whoever moves an arm faster is not ready to ha
 class _Latest:
     """An arm's believed joints, or poses, of the last moments, and how far they may be apart."""
 
-    __slots__ = ("_bounds", "_kind", "_samples")
+    __slots__ = ("_bounds", "_kind", "_samples", "_stale_ns")
 
-    def __init__(self, kind: Kind, bounds: Vector) -> None:
-        self._kind, self._bounds = kind, bounds
+    def __init__(self, kind: Kind, bounds: Vector, stale_ns: int) -> None:
+        self._kind, self._bounds, self._stale_ns = kind, bounds, stale_ns
         self._samples: deque[tuple[int, Vector]] = deque()
 
     def add(self, received_ns: int, values: Vector) -> None:
-        """Take a believed sample."""
+        """Take a believed sample; those from before a silence say nothing of now."""
+        if self._samples and received_ns - self._samples[-1][0] > self._stale_ns:
+            self._samples.clear()
         self._samples.append((received_ns, values))
         while len(self._samples) > AGREED_LEAST and received_ns - self._samples[0][0] > AGREED_NS:
             self._samples.popleft()
@@ -194,8 +196,8 @@ class Store:
         self._mode = self._tracks[CURRENT_MODE]
         self._seeds = {arm_state(side): _SeedWindow(settings) for side in Side}
         self._latest = {
-            **{arm_state(side): _Latest(JOINTS, AGREED_JOINTS) for side in Side},
-            **{ee_pose(side): _Latest(POSES, AGREED_POSES) for side in Side},
+            **{arm_state(side): _Latest(JOINTS, AGREED_JOINTS, settings.stale_ns) for side in Side},
+            **{ee_pose(side): _Latest(POSES, AGREED_POSES, settings.stale_ns) for side in Side},
         }
         self._guards = {
             **{arm_state(side): JumpGuard(JOINTS, settings) for side in Side},

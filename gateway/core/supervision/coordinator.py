@@ -301,7 +301,7 @@ class Coordinator:
         if came_from is State.ENABLING:
             self._close_enabling(to, why)
         body = self.body
-        self.resuming = False
+        self.resuming, body.gives_way = False, to is State.HOLDING and came_from is State.ACTIVE
         self.can_resume = to is State.STALE and came_from in {State.ACTIVE, State.HOLDING}
         self.stale_hold = (
             to is State.STALE
@@ -326,10 +326,8 @@ class Coordinator:
         )
 
     def _close_enabling(self, to: State, why: str) -> None:
-        if to is State.ACTIVE:
-            self.enable.outcome = "ok"
-        else:
-            self.enable.outcome = "failed"
+        self.enable.outcome = "ok" if to is State.ACTIVE else "failed"
+        if to is not State.ACTIVE:
             self.enable.blame(Code.NOT_ENABLED, why)
 
     def give_up_resuming(self) -> None:

@@ -64,11 +64,22 @@ class Phases:
             self.enabling.step(now_ns)
         elif coordinator.state is State.STOPPING:
             self._stop(now_ns)
+        elif coordinator.body.gives_way:
+            self._give_way(now_ns)
         self._stall.step(now_ns)
         if coordinator.state in AT_BASE:
             coordinator.go(coordinator.base(now_ns), now_ns, "the robot's condition")
         self._leave(now_ns)
         self._tell_unheard_stop(now_ns)
+
+    def _give_way(self, now_ns: int) -> None:
+        """Lead the references of arms that met something to where these are: what is held presses on it no longer."""
+        body = self._coordinator.body
+        if self._coordinator.lost_arms(now_ns):
+            body.gives_way = False  # what happens meanwhile nobody sees
+        elif body.is_at_rest:
+            refusal = self.starting.walk(now_ns)
+            body.gives_way = refusal is not None and refusal.code is Code.PART_STALE  # it moves yet: asked again
 
     def _stop(self, now_ns: int) -> None:
         """At rest 0.0 is sent; the way to the base is FSM 0, or the end of the repetition."""

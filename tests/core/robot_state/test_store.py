@@ -623,3 +623,12 @@ def test_a_slow_arm_agrees_with_itself_and_a_fast_one_does_not(feed):
             feed.q += speed_radps * 0.01
             feed.run(10 * MS)
         assert feed.store.agreed(Side.LEFT) is agrees is feed.seedable()
+
+
+def test_what_was_said_before_a_silence_agrees_with_nothing_after_it(feed):
+    """The first sample after 0.8 s is alone: what the arm did meanwhile nobody saw, and it may be an old one."""
+    feed.run(1 * S)
+    feed.now_ns += 800 * MS
+    for is_enough in (False, False, True):
+        feed.run(10 * MS)
+        assert feed.store.agreed(Side.LEFT) is is_enough

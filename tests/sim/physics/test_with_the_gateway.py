@@ -58,8 +58,8 @@ def test_the_fastest_limits_stay_within_the_bound_on_the_tracking_error():
     assert 0.1 < worst_rad < 0.28
 
 
-def test_an_arm_that_meets_the_table_is_stopped_by_the_bound_on_the_tracking_error():
-    """The base carries stretched hands against the table; the gateway latches TRACKING_ERROR and drives no further."""
+def test_an_arm_that_meets_the_table_is_stopped_and_gives_way():
+    """The base carries stretched hands against the table; TRACKING_ERROR, no further, and no motor strains against it."""
     pair = Pair(sim=SimSettings(physics="mujoco", state_period_ns=10 * MS))
     epoch = pair.activate()
     pair.move(epoch, HOME)
@@ -67,9 +67,12 @@ def test_an_arm_that_meets_the_table_is_stopped_by_the_bound_on_the_tracking_err
     drive = DriveChassis(epoch=epoch, vx_mps=0.2, vy_mps=0.0, wz_radps=0.0, expiry_ns=3_000 * MS)
     pair.granted(drive)
     pair.run_until(lambda: "TRACKING_ERROR" in pair.see().latches, 8.0)
-    pair.run(2.0)
-    assert 0.15 < pair.robot.dynamics.world.base()[0] < 0.75
+    world = pair.robot.dynamics.world
+    straining = abs(world.data.actuator_force).max()
+    pair.run(3.0)
+    assert 0.15 < world.base()[0] < 0.75
     assert pair.robot.chassis.velocity == [0.0, 0.0, 0.0]
+    assert straining > 100.0 and abs(world.data.actuator_force).max() < 5.0
 
 
 def test_stop_brings_the_arms_to_rest_where_they_are(pair):
