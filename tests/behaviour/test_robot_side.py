@@ -351,7 +351,7 @@ def test_a_stop_ends_the_giving_way(who: str, after_s: float) -> None:
 
 
 def shaken(pair: Scene, seconds: float) -> None:
-    """Let time pass while somebody moves the left arm to and fro."""
+    """Let time pass while somebody shakes the left arm."""
     for n in range(round(seconds * 100)):
         pair.robot.arms[Side.LEFT].q_rad = pair.robot.arms[Side.LEFT].q_rad + (0.05 if n % 2 else -0.05)
         pair.run(0.01)
