@@ -11,23 +11,19 @@ from __future__ import annotations
 from array import array
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
-from typing import Any, Final
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from gateway.recording.bag_reader import Bag
+from gateway.recording.delays import WINDOW_NS, Delays, merged, step_ns, widened
 from gateway.robot.topics import COMMAND_TOPICS
 
 __all__ = ["Floats", "Instants", "Series", "read_series"]
 
 Floats = npt.NDArray[np.float64]
 Instants = npt.NDArray[np.int64]
-
-WINDOW_NS: Final = 10_000_000_000
-"""Of so long the smallest delay between stamp and arrival is taken [ns]."""
-STEP_NS: Final = 50_000_000
-"""A delay that changes by more from one window to the next is a clock that was set [ns]; 200 ppm are 2 ms."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -57,7 +53,7 @@ class _Field:
 
 @dataclass(slots=True)
 class _Column:
-    """A topic while it is read: arrivals and stamps [ns] (0 for none), and its fields by their names.
+    """A topic while it is read: arrivals and stamps [ns] (0 for none), its delays, and its fields by their names.
 
     An hour of a robot has millions of numbers: they are kept in eight bytes each.
     """
@@ -65,6 +61,12 @@ class _Column:
     fields: dict[str, _Field]
     arrivals: array[int] = field(default_factory=lambda: array("q"))
     stamps: array[int] = field(default_factory=lambda: array("q"))
+    delays: Delays = field(default_factory=Delays)
+
+    @property
+    def is_stamped(self) -> bool:
+        """Whether each of its messages has a stamp."""
+        return bool(self.stamps) and min(self.stamps) > 0
 
 
 def read_series(
@@ -89,6 +91,7 @@ def read_series(
         column = columns[topic]
         column.arrivals.append(log_ns)
         column.stamps.append(_stamp_ns(message))
+        column.delays.add(log_ns, column.stamps[-1])
         for name, values in column.fields.items():
             before = len(values.numbers)
             values.numbers.extend(_numbers(message, name))
@@ -153,25 +156,17 @@ def _series(times_ns: Instants, field: _Field) -> Series:
 
 def _delays(columns: Iterable[_Column]) -> tuple[Floats, Floats] | None:
     """Return the middles of windows and the smallest arrival minus stamp in each [ns]; None where stamps cannot be used."""
-    stamped = [
-        (np.array(column.arrivals, dtype=np.int64), np.array(column.stamps, dtype=np.int64))
-        for column in columns
-        if column.stamps and min(column.stamps) > 0
-    ]
-    if not stamped:
+    least = merged(column.delays.least for column in columns if column.is_stamped)
+    if not least or step_ns(least):
         return None
-    arrivals, stamps = (np.concatenate(part) for part in zip(*stamped, strict=True))
-    windows, which = np.unique(arrivals // WINDOW_NS, return_inverse=True)
-    least = np.full(len(windows), np.iinfo(np.int64).max)
-    np.minimum.at(least, which, arrivals - stamps)
-    if np.any(np.abs(np.diff(least)) > STEP_NS):
-        return None
-    return (windows + 0.5) * WINDOW_NS, least.astype(np.float64)
+    wide = widened(least)
+    windows, delays = (np.array(list(part), dtype=np.float64) for part in (wide, wide.values()))
+    return (windows + 0.5) * WINDOW_NS, delays
 
 
 def _times(column: _Column, delays: tuple[Floats, Floats] | None) -> Instants:
     arrivals = np.array(column.arrivals, dtype=np.int64)
-    if delays is None or not column.stamps or min(column.stamps) <= 0:
+    if delays is None or not column.is_stamped:
         return arrivals
     middles, least = delays
     moved = np.array(column.stamps, dtype=np.int64) + np.rint(np.interp(arrivals, middles, least)).astype(np.int64)

@@ -15,9 +15,10 @@ from cdr_types import CdrError, UnknownType, decode, message_type
 from cdr_types.messages.geometry_msgs import Pose
 from cdr_types.messages.sensor_msgs import JointState
 from gateway.recording.bag_reader import Bag, BagTopic
+from gateway.recording.delays import WINDOW_NS, Delays, Least, step_ns, widened
 from gateway.recording.episodes import Episode, episodes, events
 from gateway.recording.topics import CONTACT, EPISODES, EVENTS, GATEWAY, POLICY, gap_ns, recorded_topics
-from gateway.robot.topics import TOPICS, Direction
+from gateway.robot.topics import COMMAND_TOPICS, TOPICS, Direction
 from gateway.settings.settings import LinkSettings
 
 __all__ = ["Checked", "Finding", "check"]
@@ -28,8 +29,6 @@ SLOW_SHARE = 0.9
 """A state that comes at less than this part of its rate is too slow."""
 ENOUGH = 20
 """Where fewer messages were to come no rate is judged."""
-WINDOW_NS = 10_000_000_000
-"""Of so long the smallest delay between stamp and arrival is kept [ns]."""
 DRIFT_PPM = 200.0
 """Clocks that go apart by more than this cannot be put together by one offset."""
 
@@ -57,8 +56,7 @@ class Watched(Struct):
     stamp_ns: int = 0
     repeated: int = 0
     stamps_back: int = 0
-    offsets: list[tuple[int, int]] = field(default_factory=list)
-    """Per window: its begin, and the smallest arrival minus stamp in it [ns]."""
+    delays: Delays = field(default_factory=Delays)
     malformed: int = 0
     why: str = ""
     not_finite: int = 0
@@ -151,11 +149,7 @@ def _watch_joints(topic: Watched, message: JointState, log_ns: int) -> None:
             topic.repeated += stamp_ns == topic.stamp_ns
             topic.stamps_back += stamp_ns < topic.stamp_ns
         topic.stamp_ns = stamp_ns
-        offset_ns = log_ns - stamp_ns
-        if not topic.offsets or log_ns - topic.offsets[-1][0] >= WINDOW_NS:
-            topic.offsets.append((log_ns, offset_ns))
-        elif offset_ns < topic.offsets[-1][1]:
-            topic.offsets[-1] = topic.offsets[-1][0], offset_ns
+        topic.delays.add(log_ns, stamp_ns)
     values = (*message.position, *message.velocity, *message.effort)
     topic.not_finite += not all(map(math.isfinite, values))
     topic.short += not message.position
@@ -234,16 +228,22 @@ def _of_topic(name: str, topic: Watched, duration_s: float) -> Iterator[Finding]
     if topic.repeated:
         hint = "a bridge delivers twice: restart the robot's bridge"
         yield finding("warning", f"{topic.repeated} messages have the stamp of the one before", hint)
+    is_told = name.endswith(COMMAND_TOPICS)
+    was_set = "its sender's clock was set, or another one sent" if is_told else "the robot's clock was set"
+    step_ms, drift_ppm = step_ns(topic.delays.least) / 1e6, _drift_ppm(topic.delays.least)
     if topic.stamps_back:
-        yield finding("warning", f"{topic.stamps_back} stamps go back: the robot's clock was set")
-    drift_ppm = _drift_ppm(topic.offsets)
-    if abs(drift_ppm) > DRIFT_PPM:
-        yield finding("warning", f"the robot's clock goes apart from the recorder's by {drift_ppm:.0f} ppm")
+        yield finding("warning", f"{topic.stamps_back} stamps go back: {was_set}")
+    elif step_ms:
+        yield finding("warning", f"stamps jump by {step_ms:+.0f} ms: {was_set}")
+    elif abs(drift_ppm) > DRIFT_PPM:
+        whose = "its sender's" if is_told else "the robot's"
+        yield finding("warning", f"{whose} clock goes apart from the recorder's by {drift_ppm:.0f} ppm")
 
 
-def _drift_ppm(offsets: list[tuple[int, int]]) -> float:
+def _drift_ppm(least: Least) -> float:
     """Return how fast the smallest delays of the first and of the last whole window go apart; 0 where there are too few."""
-    if len(offsets) < 4:
+    whole = list(widened(least).items())[1:-1]
+    if len(whole) < 3:
         return 0.0
-    (first_ns, first), (last_ns, last) = offsets[0], offsets[-2]
-    return (last - first) / (last_ns - first_ns) * 1e6
+    (first, before_ns), (last, after_ns) = whole[0], whole[-1]
+    return (after_ns - before_ns) / ((last - first) * WINDOW_NS) * 1e6

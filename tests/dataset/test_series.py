@@ -10,7 +10,7 @@ from cdr_types.messages.sensor_msgs import JointState
 from gateway.dataset.series import read_series
 from gateway.recording.bag_reader import Bag
 from gateway.recording.topics import recorded_topics
-from gateway.robot.topics import CHASSIS_STATE, arm_state, ee_pose
+from gateway.robot.topics import CHASSIS_STATE, arm_state, ee_pose, joint_command
 from gateway.settings.settings import LinkSettings
 from gateway.values import Side
 from tests.dataset.motion import BEGIN_NS, CLOCK_NS, DELAY_NS, NAMESPACE, moving, position
@@ -63,13 +63,39 @@ def test_a_pose_counts_at_its_arrival(tmp_path):
     assert found[POSE, "orientation"].values[0] == pytest.approx([0.0, 0.0, 0.0, 1.0])
 
 
-def test_a_robot_whose_clock_was_set_is_taken_by_arrival(tmp_path):
-    """A step between two windows would put one part of the recording elsewhere."""
-    more = [(TOPIC[LEFT], 25_000_000_000, joints(BEGIN_NS + 25_000_000_000 - DELAY_NS))]
-    folder = moving(tmp_path / "bag", more=more)
-    series = read(folder, (LEFT, "position"))[LEFT, "position"]
-    assert series.times_ns[-1] == BEGIN_NS + 25_000_000_000
-    assert int((series.times_ns[:600] - (BEGIN_NS + np.arange(600) * 5_000_000)).max()) > 3_000_000
+def stamped(folder, seconds, ahead_ns, name=LEFT):
+    """Write a bag with one stamped topic, 200 a second, each 1 ms late by a clock so far ahead at a time [s]; its arrivals."""
+    sent = [BEGIN_NS + n * 5_000_000 for n in range(int(seconds * 200))]
+    more = [
+        (TOPIC[name], at_ns + DELAY_NS - BEGIN_NS, joints(at_ns + ahead_ns((at_ns - BEGIN_NS) / 1e9))) for at_ns in sent
+    ]
+    moving(folder, seconds, is_there=lambda topic, t_s: False, more=more)
+    return np.array(sent) + DELAY_NS
+
+
+@pytest.mark.parametrize(
+    ("seconds", "at_s", "by_ns", "name"),
+    [
+        (8, 4, 400_000_000, LEFT),
+        (8, 4, -400_000_000, LEFT),
+        (8, 4, 400_000_000, joint_command(Side.LEFT)),
+        (25, 4, 400_000_000, LEFT),
+        (25, 22, -400_000_000, LEFT),
+    ],
+)
+def test_where_a_clock_was_set_or_another_one_sends_arrival_counts(tmp_path, seconds, at_s, by_ns, name):
+    """A step would put one part of the recording elsewhere: also in a short one, and near its ends."""
+    arrivals = stamped(tmp_path / "bag", seconds, lambda t_s: by_ns if t_s >= at_s else 0, name)
+    series = read(tmp_path / "bag", (name, "position"))[name, "position"]
+    assert np.array_equal(series.times_ns, arrivals)
+
+
+@pytest.mark.parametrize("number", [0, 300])
+def test_a_single_stamp_of_the_future_moves_no_other_message(tmp_path, number):
+    """It counts at its arrival itself: others stay where they were."""
+    arrivals = stamped(tmp_path / "bag", 3.0, lambda t_s: 10**10 if round(t_s * 200) == number else 10**9)
+    series = read(tmp_path / "bag", (LEFT, "position"))[LEFT, "position"]
+    assert int(np.abs(series.times_ns - arrivals).max()) < 1000
 
 
 def test_messages_without_the_field_with_another_width_or_no_number_are_left_out_and_counted(tmp_path):

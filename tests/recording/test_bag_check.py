@@ -11,12 +11,13 @@ from gateway.recording.bag_check import check
 from gateway.recording.bag_reader import Bag
 from gateway.recording.bag_writer import METADATA, BagWriter
 from gateway.recording.topics import EPISODES
-from gateway.robot.topics import arm_state, ee_pose
+from gateway.robot.topics import arm_state, ee_pose, joint_command
 from gateway.values import Side
 from tests.recording.bags import ARM, BEGIN_NS, TOPICS, WORDS, joints, said, written
 
 S, MS = 1_000_000_000, 1_000_000
 LEFT, POSE_TOPIC = arm_state(Side.LEFT), ee_pose(Side.LEFT)
+TOLD = next(n for n, topic in enumerate(TOPICS) if topic.name == joint_command(Side.LEFT))
 
 
 def found(folder):
@@ -105,6 +106,26 @@ def test_clocks_that_go_apart_are_found(tmp_path):
     assert ("warning", LEFT, "the robot's clock goes apart from the recorder's by 1000 ppm") in found(
         written(tmp_path / "bag", 45.0, drift)
     )
+
+
+@pytest.mark.parametrize(("ahead_ms", "which"), [(400, "+400"), (-4, None)])
+@pytest.mark.parametrize(
+    ("topic", "was_set"),
+    [
+        (ARM, "the robot's clock was set"),
+        (TOLD, "its sender's clock was set, or another one sent"),
+    ],
+)
+def test_a_clock_that_jumps_ahead_is_found_as_a_dataset_finds_it(tmp_path, topic, was_set, ahead_ms, which):
+    """Stamps go back only where it is set back; what is less than a step is nothing."""
+    bag = BagWriter(tmp_path / "bag", TOPICS)
+    for n in range(1600):
+        at_ns = BEGIN_NS + n * 5 * MS
+        bag.add(topic, at_ns, at_ns, joints(at_ns + (ahead_ms * MS if n >= 800 else 0)))
+    bag.finish()
+    name = TOPICS[topic].name
+    expected = [] if which is None else [("warning", name, f"stamps jump by {which} ms: {was_set}")]
+    assert [one for one in found(tmp_path / "bag") if one[1] == name] == expected
 
 
 def test_what_the_recorder_noted_of_itself_is_told(tmp_path):
