@@ -43,7 +43,10 @@ class Finding(Struct, frozen=True, kw_only=True):
 
 
 class Watched(Struct):
-    """One topic while it is read: count, arrivals and stamps [ns], gaps, and what was wrong with its messages."""
+    """One topic while it is read: count, arrivals and stamps [ns], gaps, and what was wrong with its messages.
+
+    Before its first message `last_ns` is the bag's begin: a state that comes late, or ends early, is missing as in a gap.
+    """
 
     type_name: str
     rate_hz: float
@@ -85,7 +88,10 @@ def check(bag: Bag, on_progress: Callable[[float], None] = lambda share: None) -
         on_progress: Called now and then with the part that was read, 0..1.
     """
     topics = [topic for topic in bag.topics if not topic.alias_of]
-    watched = {topic.name: Watched(type_name=topic.type_name, rate_hz=_rate_hz(topic.name)) for topic in topics}
+    watched = {
+        topic.name: Watched(type_name=topic.type_name, rate_hz=_rate_hz(topic.name), last_ns=bag.begin_ns)
+        for topic in topics
+    }
     announced = bag.message_count - sum(topic.count for topic in bag.topics if topic.alias_of)
     expected, count = max(announced, 1), 0
     for topic, log_ns, payload in bag.messages(watched):
@@ -99,7 +105,9 @@ def check(bag: Bag, on_progress: Callable[[float], None] = lambda share: None) -
         *_of_episodes(bag, watched[EPISODES].count if EPISODES in watched else 0),
     ]
     for name, one in watched.items():
-        findings += _of_topic(name, one, bag.duration_s)
+        if one.count:
+            _watch_silence(one, bag.end_ns)
+        findings += _of_topic(name, one, bag)
     findings.sort(key=lambda finding: finding.level != "error")
     rates = {
         name: (one.count - 1) * 1e9 / (one.last_ns - one.first_ns)
@@ -117,13 +125,17 @@ def _rate_hz(name: str) -> float:
     return 0.0
 
 
+def _watch_silence(topic: Watched, until_ns: int) -> None:
+    """See how long it was silent [ns]: until its next message, or to the end of the bag."""
+    interval_ns = until_ns - topic.last_ns
+    if interval_ns > topic.worst_ns:
+        topic.worst_ns, topic.worst_at_ns = interval_ns, topic.last_ns
+    topic.gaps += interval_ns > gap_ns(topic.rate_hz)
+
+
 def _watch(topic: Watched, log_ns: int, payload: bytes) -> None:
-    if topic.count:
-        interval_ns = log_ns - topic.last_ns
-        if interval_ns > topic.worst_ns:
-            topic.worst_ns, topic.worst_at_ns = interval_ns, topic.last_ns
-        topic.gaps += interval_ns > gap_ns(topic.rate_hz)
-    else:
+    _watch_silence(topic, log_ns)
+    if not topic.count:
         topic.first_ns = log_ns
     topic.count += 1
     topic.last_ns = log_ns
@@ -207,7 +219,7 @@ def _of_episodes(bag: Bag, said: int) -> Iterator[Finding]:
         before = episode if before is None or episode.end_ns > before.end_ns else before
 
 
-def _of_topic(name: str, topic: Watched, duration_s: float) -> Iterator[Finding]:
+def _of_topic(name: str, topic: Watched, bag: Bag) -> Iterator[Finding]:
     def finding(level: Level, message: str, hint: str = "") -> Finding:
         return Finding(level=level, topic=name, message=message, hint=hint)
 
@@ -218,12 +230,12 @@ def _of_topic(name: str, topic: Watched, duration_s: float) -> Iterator[Finding]
     if topic.short:
         yield finding("error", f"{topic.short} of {topic.count} messages hold no position")
     if topic.gaps:
-        worst, at_s = topic.worst_ns / 1e6, (topic.worst_at_ns - topic.first_ns) / 1e9
+        worst, at_s = topic.worst_ns / 1e6, (topic.worst_at_ns - bag.begin_ns) / 1e9
         message = f"{topic.gaps} gaps, the longest of {worst:.0f} ms after {at_s:.2f} s"
         yield finding("warning", message, "rows of a dataset are not made across them")
-    awaited = topic.rate_hz * duration_s
+    awaited = topic.rate_hz * bag.duration_s
     if awaited >= ENOUGH and topic.count < SLOW_SHARE * awaited:
-        rate_hz = topic.count / duration_s
+        rate_hz = topic.count / bag.duration_s
         yield finding("warning", f"{rate_hz:.1f} Hz over the whole bag, {topic.rate_hz:g} Hz are the rule")
     if topic.repeated:
         hint = "a bridge delivers twice: restart the robot's bridge"

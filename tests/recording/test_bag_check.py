@@ -53,6 +53,20 @@ FAULTS = {
         lambda topic, at_ns, data: None if topic.name == LEFT and between(at_ns, 1, 1.2) else (at_ns, data),
         ("warning", LEFT, "1 gaps, the longest of 205 ms after 0.99 s"),
     ),
+    "ends early": (
+        lambda topic, at_ns, data: None if topic.name == LEFT and between(at_ns, 2.75, 3) else (at_ns, data),
+        ("warning", LEFT, "1 gaps, the longest of 245 ms after 2.75 s"),
+    ),
+    "begins late": (
+        lambda topic, at_ns, data: None if topic.name == LEFT and between(at_ns, 0, 0.25) else (at_ns, data),
+        ("warning", LEFT, "1 gaps, the longest of 250 ms after 0.00 s"),
+    ),
+    "late, and a gap": (
+        lambda topic, at_ns, data: (
+            None if topic.name == LEFT and (between(at_ns, 0, 0.05) or between(at_ns, 1, 1.1)) else (at_ns, data)
+        ),
+        ("warning", LEFT, "1 gaps, the longest of 105 ms after 0.99 s"),
+    ),
     "slow": (
         lambda topic, at_ns, data: None if topic.name == LEFT and at_ns // (5 * MS) % 2 else (at_ns, data),
         ("warning", LEFT, "100.2 Hz over the whole bag, 200 Hz are the rule"),
