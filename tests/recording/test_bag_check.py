@@ -7,11 +7,12 @@ import pytest
 from cdr_types import encode
 from cdr_types.messages.geometry_msgs import Point, Pose
 from cdr_types.messages.std_msgs import String
-from gateway.recording.bag_check import check
+from gateway.dataset.layout import STALE_S
+from gateway.recording.bag_check import ROWS_NS, check
 from gateway.recording.bag_reader import Bag
 from gateway.recording.bag_writer import METADATA, BagWriter
 from gateway.recording.topics import EPISODES
-from gateway.robot.topics import arm_state, ee_pose, joint_command
+from gateway.robot.topics import FSM_STATE, arm_state, ee_pose, joint_command
 from gateway.values import Side
 from tests.recording.bags import ARM, BEGIN_NS, TOPICS, WORDS, joints, said, written
 
@@ -107,6 +108,21 @@ def test_each_fault_is_found_where_it_is_and_nothing_else(tmp_path, fault):
     change, (level, topic, message) = FAULTS[fault]
     ((got_level, got_topic, got_message),) = found(written(tmp_path / "bag", 3.0, change))
     assert (got_level, got_topic) == (level, topic) and got_message.startswith(message)
+
+
+@pytest.mark.parametrize(
+    ("name", "end_s", "is_said"), [(LEFT, 1.2, True), (LEFT, 1.15, False), (FSM_STATE, 1.5, False)]
+)
+def test_that_no_rows_are_made_is_said_only_of_gaps_that_no_row_spans(tmp_path, name, end_s, is_said):
+    """Rows are made across up to 0.2 s, and hold no FSM state."""
+    folder = written(
+        tmp_path / "bag",
+        change=lambda topic, at_ns, data: None if topic.name == name and between(at_ns, 1, end_s) else (at_ns, data),
+    )
+    with Bag(folder) as bag:
+        (finding,) = (one for one in check(bag).findings if "1 gaps" in one.message)
+    assert finding.topic == name and ("rows of a dataset" in finding.hint) == is_said
+    assert round(STALE_S * 1e9) == ROWS_NS
 
 
 def test_clocks_that_go_apart_are_found(tmp_path):
