@@ -39,10 +39,12 @@ def encoded(values: Mapping[str, Any]) -> bytes:
     return msgspec.msgpack.Encoder(enc_hook=_as_map).encode(values)
 
 
-def _as_map(value: object) -> dict[bytes, Any]:
+def _as_map(value: object) -> Any:  # noqa: ANN401  a map, or a number as Python has it
     if isinstance(value, np.ndarray):
         data = np.ascontiguousarray(value)
         return {b"__ndarray__": True, b"data": data.tobytes(), b"dtype": data.dtype.str, b"shape": list(data.shape)}
+    if isinstance(value, np.generic) and not isinstance(number := value.item(), np.generic):
+        return number
     raise TypeError(f"{type(value).__name__} cannot be sent")
 
 

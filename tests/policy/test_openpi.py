@@ -259,3 +259,11 @@ def test_what_is_sent_is_what_openpi_unpacks() -> None:
     np.testing.assert_array_equal(unpacked(encoded(values))["state"], values["state"])
     with pytest.raises(TypeError, match="cannot be sent"):
         encoded({"a": object()})
+
+
+def test_numbers_of_numpy_are_sent_as_numbers() -> None:
+    """Alone, and in lists, as a policy in Python has them; one of which Python has no number is an error."""
+    values = {"fps": np.float32(45), "n": np.int64(3), "ok": np.bool_(True), "rows": [[np.float64(0.5)] * 2]}
+    assert decoded(encoded(values)) == {"fps": 45.0, "n": 3, "ok": True, "rows": [[0.5, 0.5]]}
+    with pytest.raises(TypeError, match="cannot be sent"):
+        encoded({"a": np.longdouble(1.0)})

@@ -41,6 +41,8 @@ __all__ = ["carry_out"]
 
 DEFAULT_HZ = 30.0
 """Steps a second of the vendor's client, where nobody says otherwise."""
+MOST_HZ = 100.0
+"""No policy says more steps a second."""
 APPROACH = 0.3
 """Factor on the velocity limits of the motion to a first step."""
 DRIVE_HZ, PICTURES = 50.0, (".png", ".svg")
@@ -312,13 +314,23 @@ def _preview(options: Namespace, policy: str, first: Answer, rate: str) -> list[
 
 
 def _rate(hz: float | None, metadata: Mapping[Any, Any]) -> tuple[float, str]:
-    """Return how many steps a second there are, and who says so."""
+    """Return how many steps a second there are, and who says so.
+
+    Raises:
+        Rejected: BAD_REQUEST, the server says what is no such rate.
+    """
     if hz is not None:
         return hz, "as asked for"
     for key in RATES:
         value = metadata.get(key)
-        if isinstance(value, (int, float)) and 0.0 < value <= 100.0:
-            return float(value), "as the server says"
+        if value is None:
+            continue
+        if isinstance(value, bool) or not isinstance(value, (int, float)) or not 0.0 < value <= MOST_HZ:
+            told, bound = repr(value)[:80], f"above 0 and up to {MOST_HZ:g}"
+            message = f"{key} in the policy's metadata is {told}, a rate is {bound} Hz"
+            hint = "--hz says at which rate the policy's data were recorded"
+            raise failure(Code.BAD_REQUEST, message, field="hz", value=told, bound=bound, unit="Hz", hint=hint)
+        return float(value), "as the server says"
     return DEFAULT_HZ, "as nobody says otherwise: it must be the rate of the policy's data (--hz)"
 
 

@@ -183,6 +183,18 @@ def test_dry_judges_and_tells_and_sends_nothing(robot, tmp_path, served):
     assert asked["hz"] == 20 and asked["hz_from"] == "as asked for"
 
 
+@pytest.mark.parametrize(
+    ("rate", "told"), [(120, "120"), ("45", "'45'"), (0, "0"), (float("nan"), "nan"), (True, "True")]
+)
+def test_a_rate_in_the_metadata_that_is_none_is_refused(robot, tmp_path, served, rate, told):
+    """Not passed over: it would be played at 30. What was asked for counts instead."""
+    url = served(still(robot), {"fps": rate})
+    refused = run(robot, tmp_path, url, "--dry", "--seconds", "0.05")
+    assert refused.status == 1 and "--hz" in refused.err
+    assert f"BAD_REQUEST: fps in the policy's metadata is {told}, a rate is above 0 and up to 100 Hz" in refused.err
+    assert run(robot, tmp_path, url, "--dry", "--seconds", "0.05", "--hz", "20").status == 0
+
+
 def test_dry_tells_what_the_gateway_would_refuse(robot, tmp_path, served):
     """And counts it: the policy is too fast for this robot, or leaves its limits."""
     arms = robot.world.pair.see().arms
