@@ -20,6 +20,8 @@ from typing import Annotated, Final, Literal
 
 import msgspec
 
+from gateway.dataset.episode import INTEGERS
+from gateway.dataset.videos import IMAGES
 from gateway.errors import Code, Refusal, to_exception
 from gateway.robot.topics import (
     CHASSIS_STATE,
@@ -37,6 +39,8 @@ __all__ = ["ACTION", "STATE", "Feature", "Layout", "Part", "Rule", "Source", "lo
 
 STATE: Final = "observation.state"
 ACTION: Final = "action"
+RESERVED: Final = ("timestamp", *INTEGERS, "task")
+"""LeRobot fills these itself."""
 STALE_S: Final = 0.2
 """A sample that is older than this [s] says nothing about now: the robot sends forty in that time."""
 ACTION_SHIFT_S: Final = 1 / 90
@@ -115,7 +119,7 @@ def load(path: Path) -> Layout:
     """Read a layout from TOML.
 
     Raises:
-        Rejected: BAD_REQUEST, the file cannot be read, is not of this form, or names something twice.
+        Rejected: BAD_REQUEST, the file cannot be read, is not of this form, names something twice, or as LeRobot does.
     """
     try:
         layout = msgspec.toml.decode(path.read_bytes(), type=Layout)
@@ -129,6 +133,10 @@ def load(path: Path) -> Layout:
         if twice:
             raise to_exception(_refusal(f"{path}: {', '.join(twice)}: the same name for more than one {kind}"))
     for feature in layout.feature:
+        if feature.name in RESERVED or feature.name.startswith(IMAGES) or "/" in feature.name:
+            message = f"{path}: {feature.name!r} cannot be the name of a feature"
+            bound = f"no /, none of LeRobot's own ({', '.join(RESERVED)}), and none of a camera ({IMAGES}...)"
+            raise to_exception(_refusal(f"{message}: {bound}", value=feature.name, bound=bound))
         for part in feature.part:
             if len(part.names) != 4 and any(source.rule == "slerp" for source in part.source):
                 message = (

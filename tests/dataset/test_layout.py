@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import pytest
 
+from gateway.dataset.episode import INTEGERS
 from gateway.dataset.layout import ACTION, STATE, load, vendor_layout
 from gateway.errors import Rejected
 from gateway.robot.topics import TOPICS
@@ -85,6 +86,19 @@ def test_a_layout_that_cannot_be_used_is_refused_by_name(tmp_path, old, new, why
     with pytest.raises(Rejected) as refused:
         load(path)
     assert why in str(refused.value) and str(path) in str(refused.value)
+
+
+@pytest.mark.parametrize(
+    "name",
+    ["timestamp", *INTEGERS, "task", "observation/state", "observation.images.head_camera", "observation.images.x"],
+)
+def test_a_feature_cannot_have_a_name_of_lerobots_own_or_of_a_camera(tmp_path, name):
+    """It would take the column's place, or the camera its; LeRobot takes no slash."""
+    path = tmp_path / "own.toml"
+    path.write_text(OWN.replace("observation.state", name))
+    with pytest.raises(Rejected, match="cannot be the name of a feature") as refused:
+        load(path)
+    assert refused.value.refusal.value == name and "LeRobot's own" in refused.value.refusal.bound
 
 
 def test_a_layout_that_is_not_there_is_refused(tmp_path):
