@@ -58,7 +58,7 @@ def carry_out(options: Namespace) -> ExitStatus:
         GatewayError: Nothing was begun.
     """
     plot = _plot_of(options)
-    recording, measured, rest_s = recorded(Path(options.bag), options.episode)
+    recording, measured, rest_s = recorded(Path(options.bag), options.episode, options.arm)
     approach = options.speed if options.approach else None
     passing = Passing(
         arm=options.arm, stretch=options.stretch, smoothing_s=options.smoothing, approach=approach, dt_s=DT_S
@@ -115,14 +115,16 @@ def _view(options: Namespace) -> Iterator[None]:
             view.wait()
 
 
-def recorded(path: Path, episode: int | None = None) -> tuple[Recording, Joints, float]:
+def recorded(path: Path, episode: int | None = None, arm: str = "") -> tuple[Recording, Joints, float]:
     """Return what the arms of a bag were told, as points 20 ms apart, and where they were measured at the same times.
 
-    It is the longest piece in which all of them were told without a gap; the third is how much longer any was told [s].
+    It is the longest piece in which all of them were told without a gap; the third is how much longer any was told [s]. An arm
+    that was told nothing in the episode is left out.
 
     Args:
         path: Of the bag.
         episode: Its number; None for the first that was not discarded.
+        arm: `left` or `right` for that one alone, where it was told something.
 
     Raises:
         Rejected: BAD_REQUEST, it is no bag, has no such episode, or nobody told the arms anything in it.
@@ -139,16 +141,18 @@ def recorded(path: Path, episode: int | None = None) -> tuple[Recording, Joints,
         raise _refused(f"{path}: nobody told the arms where to go (joint mode)", hint)
     count = max(0, int((chosen.end_ns - chosen.begin_ns) / 1e9 / DT_S))
     times_ns = chosen.begin_ns + np.rint(np.arange(count) * DT_S * 1e9).astype(np.int64)
-    points, ok, is_any = {}, np.ones(count, dtype=np.bool_), np.zeros(count, dtype=np.bool_)
-    for side, one in ways.items():
-        points[side], there = resample(one, times_ns, "linear", STALE_NS)
-        ok &= there
-        is_any |= there
+    found = {side: resample(one, times_ns, "linear", STALE_NS) for side, one in ways.items()}
+    found = {side: one for side, one in found.items() if one[1].any()}
+    if arm in found:
+        found = {arm: found[arm]}
+    there = np.array([ok for _, ok in found.values()], dtype=np.bool_).reshape(len(found), count)
+    is_any = np.logical_or.reduce(there)
+    ok = np.logical_and.reduce(there) & is_any
     first, last = max(stretches(ok), key=lambda run: run[1] - run[0], default=(0, 0))
     if last - first < 2:
         raise _refused(f"{path}: episode {chosen.number} has no two points in a row", "see `ta2 bag info`")
-    measured = {side: _measured(series.get((seen[side], FIELD)), times_ns[first:last]) for side in points}
-    rows = {side: rows[first:last] for side, rows in points.items()}
+    measured = {side: _measured(series.get((seen[side], FIELD)), times_ns[first:last]) for side in found}
+    rows = {side: points[first:last] for side, (points, _) in found.items()}
     rest_s = DT_S * (int(is_any.sum()) - (last - first))
     return Recording(path=path, points=rows, dt_s=DT_S, space="joint"), measured, rest_s
 

@@ -44,7 +44,7 @@ def way(t_s):
     return SIZE_RAD * (1.0 - np.cos(2.0 * np.pi * max(0.0, t_s) / SECONDS)) / 2.0
 
 
-def shown(folder, starts, sides=tuple(Side), words=(), namespace="", gap=None):
+def shown(folder, starts, sides=tuple(Side), words=(), namespace="", gap=None, is_there=lambda side, t_s: True):
     """Write a bag in which arms swing their elbow from where they start; what is told lies under its name."""
     topics = recorded_topics(LinkSettings(namespace=namespace))
     number = {topic.name: n for n, topic in enumerate(topics)}
@@ -54,7 +54,7 @@ def shown(folder, starts, sides=tuple(Side), words=(), namespace="", gap=None):
         for name, period_s, lag_s in ((joint_command(side), 0.01, 0.0), (arm_state(side), 0.005, LAG_S)):
             for n in range(round(SECONDS / period_s)):
                 t_s = n * period_s
-                if gap is not None and gap[0] < t_s < gap[1]:
+                if (gap is not None and gap[0] < t_s < gap[1]) or not is_there(side, t_s):
                     continue
                 q_rad = np.array(starts[side]) + way(t_s - lag_s) * np.eye(7)[3]
                 stamp = Time(sec=0, nanosec=0)
@@ -162,6 +162,24 @@ def test_one_arm_and_a_namespace_are_found(robot, tmp_path):
     """As the recording has them."""
     recording, *_ = recorded(shown(tmp_path / "bag", starts(robot), sides=(Side.RIGHT,), namespace="robot1"))
     assert set(recording.points) == {"right"}
+
+
+def test_an_arm_that_was_told_nothing_in_the_episode_is_left_out(robot, tmp_path):
+    """Whatever another episode told it; where both were told, for one arm the other one's gaps do not count."""
+    words = (("start", 0.0, 1), ("stop", 1.0, 1), ("start", 1.5, 2), ("stop", 2.5, 2))
+    begun = starts(robot)
+    bag = shown(tmp_path / "bag", begun, words=words, is_there=lambda side, t_s: side is Side.LEFT or t_s < 0.5)
+    assert {side: len(rows) for side, rows in recorded(bag, 2)[0].points.items()} == {"left": 50}
+    assert {side: len(rows) for side, rows in recorded(bag, 1)[0].points.items()} == {"left": 25, "right": 25}
+    alone, measured, rest_s = recorded(bag, 1, "left")
+    assert set(alone.points) == set(measured) == {"left"} and len(alone) == 50 and rest_s == 0.0
+    ended = robot.run("replay", str(bag), "--episode", "1", "--arm", "left", "--approach", "--check", "--json")
+    assert ended.status == 0 and ended.json["left_out_s"] == 0.0
+    ended = robot.run("replay", str(bag), "--episode", "2", "--arm", "right", "--check")
+    assert ended.status == 2 and "has no points for the right arm" in ended.err
+    nobody = shown(tmp_path / "nobody", begun, words=words, is_there=lambda side, t_s: t_s < 1.2)
+    with pytest.raises(Rejected, match="episode 2 has no two points in a row"):
+        recorded(nobody, 2)
 
 
 def test_a_bag_in_which_nobody_told_the_arms_anything_is_refused(robot, tmp_path):
