@@ -182,6 +182,24 @@ def test_a_wrong_command_line_shows_the_usage_of_its_command(shell, words):
     assert shell.run(*words).err.startswith(f"usage: ta2 {words[0]} ")
 
 
+@pytest.mark.parametrize(
+    "words",
+    [
+        ["record", "--out", "bag", "--task", "k\udcf6nnte"],
+        ["dataset", "build", "bag", "--out", "set", "--task", "k\udcf6nnte"],
+        ["episode", "start", "k\udcf6nnte"],
+        ["episode", "start", "--task", "k\udcf6nnte"],
+        ["policy", "run", "--server", "ws://h:1", "--prompt", "k\udcf6nnte"],
+        ["teleop", "--task", "k\udcf6nnte"],
+    ],
+)
+def test_words_that_are_no_utf8_are_a_usage_error(shell, monkeypatch, tmp_path, words):
+    """Bytes that are none come as lone surrogates: nothing was begun, and no folder is left."""
+    monkeypatch.chdir(tmp_path)
+    ended = shell.run(*words)
+    assert ended.status == 2 and "'k\\udcf6nnte' is no text in UTF-8" in ended.err and not list(tmp_path.iterdir())
+
+
 def test_models_are_those_of_the_robot():
     """The names written out for the help text are the keys of the table."""
     assert tuple(VARIANTS) == arguments.MODELS

@@ -9,7 +9,7 @@ from typing import Any
 
 from gateway.cli.command_line.numbers import seconds
 
-__all__ = ["add_client_command", "add_command", "add_take", "add_target", "add_yes", "file_to_write"]
+__all__ = ["add_client_command", "add_command", "add_take", "add_target", "add_yes", "file_to_write", "utf8_text"]
 
 
 def add_command(commands: Any, name: str, text: str, more: str = "") -> argparse.ArgumentParser:  # noqa: ANN401  argparse's private class
@@ -81,3 +81,16 @@ def file_to_write(text: str) -> Path:
     if path.is_dir() or not os.access(path if path.exists() else path.parent, os.W_OK):
         raise argparse.ArgumentTypeError(f"{text!r} cannot be written: name a file in a folder that is there")
     return path
+
+
+def utf8_text(text: str) -> str:
+    """Return words that are written or sent, as they were typed.
+
+    Raises:
+        ArgumentTypeError: They are no UTF-8: what a shell hands over otherwise comes as lone surrogates.
+    """
+    try:
+        text.encode()
+    except UnicodeEncodeError:
+        raise argparse.ArgumentTypeError(f"{text!r} is no text in UTF-8") from None
+    return text

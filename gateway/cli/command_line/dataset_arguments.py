@@ -7,7 +7,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from gateway.cli.command_line.adding import add_command
+from gateway.cli.command_line.adding import add_command, utf8_text
 from gateway.cli.command_line.numbers import above_zero, integer
 from gateway.robot.vector_layout import EYES, STATE_WIDTHS
 
@@ -61,7 +61,9 @@ def add_dataset(commands: Any) -> None:  # noqa: ANN401  argparse's private clas
     build.add_argument(
         "--fps", type=_fps, default=45.0, metavar="HZ", help="rows per second (default 45, as the cameras)"
     )
-    build.add_argument("--task", default="", metavar="TEXT", help="what is shown, in words, instead of what was noted")
+    build.add_argument(
+        "--task", type=utf8_text, default="", metavar="TEXT", help="what is shown, in words, instead of what was noted"
+    )
     build.add_argument("--success-only", action="store_true", help="only episodes that were judged a success")
     layout = build.add_mutually_exclusive_group()
     layout.add_argument("--dims", choices=DIMS, default="72", help="of the maker's vector (default 72)")

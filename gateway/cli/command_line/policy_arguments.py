@@ -6,7 +6,7 @@ import argparse
 from functools import partial
 from typing import Any
 
-from gateway.cli.command_line.adding import add_client_command, add_take, add_yes
+from gateway.cli.command_line.adding import add_client_command, add_take, add_yes, utf8_text
 from gateway.cli.command_line.numbers import above_zero, between, integer, seconds, udp_port
 from gateway.cli.command_line.video_arguments import PORT
 
@@ -55,7 +55,7 @@ def add_policy(verbs: Any) -> None:  # noqa: ANN401  argparse's private class
     )
     run.add_argument("--device", metavar="NAME", help="where LeRobot's server runs it: cuda, cpu, ... (default: cpu)")
     run.add_argument("--api-key-file", metavar="FILE", help="with the key that the server asks for")
-    run.add_argument("--prompt", default="", metavar="TEXT", help="the task, in words")
+    run.add_argument("--prompt", type=utf8_text, default="", metavar="TEXT", help="the task, in words")
     run.add_argument(
         "--map",
         metavar="FILE",

@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from gateway.cli.command_line.adding import add_command
+from gateway.cli.command_line.adding import add_command, utf8_text
 from gateway.cli.command_line.numbers import seconds, udp_port
 from gateway.cli.command_line.video_arguments import PORT
 
@@ -34,15 +34,19 @@ def complete_record(record: argparse.ArgumentParser) -> None:
     record.add_argument(
         "--aliases", action="store_true", help="keep commands under their names inside the robot, too, in the file only"
     )
-    record.add_argument("--task", default="", metavar="TEXT", help="what is shown, in words: noted in the bag")
+    record.add_argument(
+        "--task", type=utf8_text, default="", metavar="TEXT", help="what is shown, in words: noted in the bag"
+    )
 
 
 def add_episode(episode: argparse.ArgumentParser) -> None:
     """Add what `episode` takes; `options.verb` says what is asked."""
     episode.add_argument("verb", choices=EPISODE_VERBS, help="what to tell; status only asks")
-    episode.add_argument("text", nargs="*", metavar="TEXT", help="of a mark or a verdict; of start, the task")
     episode.add_argument(
-        "--task", default="", metavar="TEXT", help="what is shown, in words (default: the recording's)"
+        "text", type=utf8_text, nargs="*", metavar="TEXT", help="of a mark or a verdict; of start, the task"
+    )
+    episode.add_argument(
+        "--task", type=utf8_text, default="", metavar="TEXT", help="what is shown, in words (default: the recording's)"
     )
 
 
