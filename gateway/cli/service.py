@@ -195,15 +195,16 @@ def _install(options: Namespace, user: str, units: Mapping[str, str]) -> ExitSta
         changed = [name for name, text in units.items() if _write(folder / name, text)]
     except OSError as error:
         _refuse(f"{folder} cannot be written: {error.strerror}", "name another place with --root")
-    wanted = [GATEWAY, *([RECORDER] if options.recorder else []), *([WEB] if options.web else [])]
-    if root is not None:
-        _systemctl("--root", str(root), "enable", *wanted)
-        return ExitStatus.OK
-    if changed:
+    if root is None and changed:
         _systemctl("daemon-reload")
     if changed and is_running:
         print(f"the gateway runs on as it was started; while nothing moves: systemctl restart {GATEWAY}")
-    _systemctl("enable", "--now", *wanted)
+    where, now = (["--root", str(root)], []) if root else ([], ["--now"])
+    if options.recorder is None:  # it may have been wanted before, in a folder that its unit names no more
+        _systemctl(*where, "disable", RECORDER)
+    _systemctl(
+        *where, "enable", *now, GATEWAY, *([RECORDER] if options.recorder else []), *([WEB] if options.web else [])
+    )
     return ExitStatus.OK
 
 

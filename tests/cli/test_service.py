@@ -284,14 +284,14 @@ def test_an_installation_writes_the_units_and_starts_the_gateway(
     systemctl.says(NOT_INSTALLED)
     done = shell.run("service", "install", "--user", "op")
     assert done.status == 0 and done.out.count(": written") == 2 and "restart" not in done.out
-    assert systemctl.heard() == ["daemon-reload", f"enable --now {GATEWAY}"]
+    assert systemctl.heard() == ["daemon-reload", f"disable {RECORDER}", f"enable --now {GATEWAY}"]
     texts = {path.name: path.read_text() for path in host.iterdir()}
     assert sorted(texts) == [GATEWAY, RECORDER]
     assert [path.stat().st_mode & 0o777 for path in host.iterdir()] == [0o644, 0o644]
     before = {path.name: path.stat().st_ino for path in host.iterdir()}
     done = shell.run("service", "install", "--user", "op")
     assert done.status == 0 and done.out.count(": as it was") == 2
-    assert systemctl.heard() == [f"enable --now {GATEWAY}"]
+    assert systemctl.heard() == [f"disable {RECORDER}", f"enable --now {GATEWAY}"]
     assert {path.name: path.stat().st_ino for path in host.iterdir()} == before
 
 
@@ -315,6 +315,20 @@ def test_a_recorder_gets_its_folder(
         assert shell.run("service", "install", "--user", "op", "--recorder", str(tmp_path / "a" / "bags")).status == 0
         assert systemctl.heard()[-1] == f"enable --now {GATEWAY} {RECORDER}"
     assert owned == [(tmp_path / "a" / "bags", "op")] and (tmp_path / "a" / "bags").is_dir()
+
+
+@pytest.mark.parametrize("is_image", [False, True])
+def test_a_recorder_that_is_asked_for_no_more_starts_at_no_boot(
+    shell: Shell, host: Path, systemctl: Systemctl, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, is_image: bool
+) -> None:
+    """Its unit names the folder of before no more; one that records goes on until somebody ends it."""
+    monkeypatch.setattr(shutil, "chown", lambda path, user: None)
+    words = ["service", "install", "--user", "op", *(["--root", str(tmp_path / "i")] if is_image else [])]
+    assert shell.run(*words, "--recorder", str(tmp_path / "bags")).status == 0
+    assert not any(f"disable {RECORDER}" in told for told in systemctl.heard())
+    assert shell.run(*words).status == 0
+    where, now = (f"--root {tmp_path / 'i'} ", "") if is_image else ("", "--now ")
+    assert systemctl.heard()[-2:] == [f"{where}disable {RECORDER}", f"{where}enable {now}{GATEWAY}"]
 
 
 def test_what_was_installed_goes_and_data_stay(shell: Shell, host: Path, systemctl: Systemctl, tmp_path: Path) -> None:
@@ -368,7 +382,7 @@ def test_the_page_is_installed_and_removed_with_the_others(shell: Shell, systemc
     """Later installations that do not name it leave it as it is."""
     for words in (["--web", "/srv/users"], []):
         assert shell.run("service", "install", "--root", str(tmp_path / "i"), "--user", "op", *words).status == 0
-    assert systemctl.heard()[0] == f"--root {tmp_path / 'i'} enable {GATEWAY} {WEB}"
+    assert systemctl.heard()[1] == f"--root {tmp_path / 'i'} enable {GATEWAY} {WEB}"
     assert shell.run("service", "remove", "--root", str(tmp_path / "i")).status == 0
     assert systemctl.heard() == [f"--root {tmp_path / 'i'} disable {WEB} {RECORDER} {GATEWAY}"]
     assert [path for path in (tmp_path / "i").rglob("*") if not path.is_dir()] == []
