@@ -18,7 +18,8 @@ from gateway.web import metrics
 from gateway.web.messages import CamerasSeen
 from tests.cli.views import a_view
 
-DASHBOARD = Path(__file__).parents[2] / "configs" / "grafana" / "teleavatar2.json"
+ROOT = Path(__file__).parents[2]
+DASHBOARD = ROOT / "configs" / "grafana" / "teleavatar2.json"
 
 
 def exposed() -> dict[str, set[str]]:
@@ -62,6 +63,23 @@ def test_each_metric_of_the_dashboard_is_exposed_with_the_labels_it_is_shown_by(
             assert set(re.findall(r"{{(\w+)}}", target["legendFormat"])) <= known[name], panel["title"]
             asked += 1
     assert asked > 20
+
+
+def test_changes_are_shown_whatever_the_interval_and_the_first_of_a_code_too() -> None:
+    """A range of its own is empty where Prometheus comes by less often; a code's counter appears with 1, no change at all."""
+    known = exposed()
+    for panel in json.loads(DASHBOARD.read_text())["panels"]:
+        for target in panel["targets"]:
+            assert set(re.findall(r"\[(.*?)\]", target["expr"])) <= {"$__rate_interval"}, panel["title"]
+            if "[" in target["expr"]:
+                (name,) = re.findall(r"ta2_\w+", target["expr"])
+                assert "code" not in known[name], panel["title"]
+
+
+def test_prometheus_comes_by_within_the_time_of_what_is_worst() -> None:
+    """10 s: what its documented configuration leaves out is seen by nobody."""
+    text = (ROOT / "docs" / "how-to" / "web.md").read_text(encoding="utf-8")
+    assert 2 * int(re.findall(r"scrape_interval: (\d+)s", text)[0]) <= 10
 
 
 def test_panels_do_not_overlap() -> None:
