@@ -123,10 +123,21 @@ def _firewalls() -> str:
     return ", ".join(found) or "none"
 
 
-def _folder() -> tuple[str, bool]:
-    """Return the folder of the gateway's socket, or where that will be made, and whether it can be written."""
-    folder = next(path for path in default_socket().parents if path.exists())
-    return str(folder), os.access(folder, os.W_OK | os.X_OK)
+def _socket() -> tuple[str, bool, str]:
+    """Return the gateway's socket, or the folder where one will be made, whether we may open or make it, and else who may.
+
+    That is the group of the user whose folder it is, as of a service; empty where the folder is nobody's but root's or ours.
+    """
+    path = default_socket()
+    if os.access(path, os.W_OK) and path.is_socket():
+        return str(path), True, ""
+    folder = next(each for each in path.parents if each.exists())
+    of, group = folder.stat(), ""
+    if folder == path.parent and of.st_uid not in (os.getuid(), 0):
+        group = str(of.st_gid)
+        with suppress(KeyError):  # a group without a name here
+            group = folder.group()
+    return str(folder), os.access(folder, os.W_OK | os.X_OK), group
 
 
 def _is_free(port: int, kind: socket.SocketKind) -> bool:
@@ -142,11 +153,17 @@ class Probe(NamedTuple):
     read: Callable[[], Any]
     judge: Callable[[Any], bool | str]
     text: str | Callable[[Any], str]
-    do: str = ""
+    do: str | Callable[[Any], str] = ""
 
 
 def _free(why: str) -> Callable[[bool], str]:
     return lambda is_free: f"free {why}" if is_free else "somebody listens there"
+
+
+def _be_let_in(found: tuple[str, bool, str]) -> str:
+    own, group = "export TA2_SOCKET=PATH, in a folder of yours", found[2]
+    theirs = f"its gateway must run, and you be in its group: sudo usermod -aG {group} $USER, and log in anew"
+    return theirs if group else own
 
 
 LIMITS = "`USER - {} {}` in /etc/security/limits.d/ta2.conf, or {} in the unit of systemd"
@@ -170,7 +187,7 @@ PROBES: Final[Mapping[str, Probe]] = {
                    lambda kept: f"kept by {'a time service' if kept else 'nothing'}", "sudo timedatectl set-ntp true"),
     "disk": Probe(lambda: shutil.disk_usage(Path.cwd()).free, lambda free: free >= DISK_BYTES,
                   lambda free: f"{free / 1e9:.3g} GB are free", "record on another disk: --out DIR"),
-    "socket": Probe(_folder, lambda found: found[1] or "problem", "{0[0]}", "export TA2_SOCKET=PATH, in a folder of yours"),
+    "socket": Probe(_socket, lambda found: found[1] or "problem", "{0[0]}", _be_let_in),
     f"tcp {ROBOT_PORT}": Probe(lambda: _is_free(ROBOT_PORT, socket.SOCK_STREAM), bool, _free("for `ta2 sim`"), TAKEN),
     "tcp 7447": Probe(lambda: _is_free(7447, socket.SOCK_STREAM), bool, _free("(no zenoh router is here)"), TAKEN),
     f"udp {PORT}": Probe(lambda: _is_free(PORT, socket.SOCK_DGRAM), bool, _free("for the robot's pictures"), TAKEN),
@@ -210,7 +227,8 @@ def advice(host: Mapping[str, Any]) -> Iterator[Advice]:
         said = probe.judge(fact)
         verdict = said if isinstance(said, str) else "ok" if said else "advice"
         told = probe.text.format(fact) if isinstance(probe.text, str) else probe.text(fact)
-        yield Advice(name, verdict, told, "" if verdict == "ok" else probe.do)
+        do = probe.do if isinstance(probe.do, str) else probe.do(fact)
+        yield Advice(name, verdict, told, "" if verdict == "ok" else do)
 
 
 def carry_out(options: Namespace) -> ExitStatus:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 from math import inf
 from pathlib import Path
@@ -22,7 +23,7 @@ GOOD = {
     "cores": 8,
     "clock": True,
     "disk": 200_000_000_000,
-    "socket": ("/run/user/1000", True),
+    "socket": ("/run/user/1000", True, ""),
     "tcp 9000": True,
     "tcp 7447": True,
     "udp 8890": True,
@@ -56,7 +57,8 @@ def test_a_computer_that_is_set_up_needs_nothing():
         ("cores", 1, "advice", "two"),
         ("clock", False, "advice", "timedatectl set-ntp true"),
         ("disk", 1_000, "advice", "--out"),
-        ("socket", ("/", False), "problem", "TA2_SOCKET"),
+        ("socket", ("/", False, ""), "problem", "TA2_SOCKET"),
+        ("socket", ("/run/ta2", False, "robots"), "problem", "usermod -aG robots $USER"),
         ("tcp 9000", False, "advice", "ss -lntup"),
         ("tcp 7447", False, "advice", "ss -lntup"),
         ("udp 8890", False, "advice", "ss -lntup"),
@@ -132,6 +134,29 @@ def test_root_without_the_capability_has_the_limit_of_anybody(monkeypatch, uid, 
 
 
 @pytest.mark.parametrize(
+    ("is_there", "opens", "owner", "found"),
+    [
+        (True, True, 77, ("{}/gateway.sock", True, "")),
+        (True, False, 77, ("{}", False, "robots")),
+        (False, False, 77, ("{}", False, "robots")),
+        (False, False, 0, ("{}", False, "")),
+        (False, False, 1000, ("{}", False, "")),
+    ],
+)
+def test_the_socket_of_a_service_is_good_for_whoever_may_open_it(monkeypatch, tmp_path, is_there, opens, owner, found):
+    """Its folder is another user's: who may not open the socket is told of that user's group, and not led elsewhere."""
+    path = tmp_path / "gateway.sock"
+    monkeypatch.setenv("TA2_SOCKET", str(path))
+    monkeypatch.setattr(Path, "is_socket", lambda at: at == path and is_there)
+    monkeypatch.setattr(doctor.os, "access", lambda at, _: at == path and opens)
+    monkeypatch.setattr(doctor.os, "getuid", lambda: 1000)
+    of = SimpleNamespace(st_uid=owner, st_gid=7, st_mode=tmp_path.stat().st_mode)
+    monkeypatch.setattr(Path, "stat", lambda at, **how: of if at == tmp_path else os.stat(at, **how))
+    monkeypatch.setattr(Path, "group", lambda _: "robots")
+    assert PROBES["socket"].read() == (found[0].format(tmp_path), *found[1:])
+
+
+@pytest.mark.parametrize(
     ("build", "kind"),
     [
         ("#1 SMP PREEMPT_RT Debian 6.1.90-1", "PREEMPT_RT"),
@@ -193,6 +218,6 @@ def test_this_computer_can_be_asked(shell, monkeypatch):
 
 def test_a_problem_is_an_exit_status(shell, monkeypatch):
     """With what to type under it."""
-    monkeypatch.setattr(doctor, "readings", lambda: {**GOOD, "socket": ("/", False)})
+    monkeypatch.setattr(doctor, "readings", lambda: {**GOOD, "socket": ("/", False, "")})
     ended = shell.run("doctor")
     assert ended.status == 1 and "problem  socket      /\n" in ended.out and "-> export TA2_SOCKET=" in ended.out
