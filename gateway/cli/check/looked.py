@@ -147,17 +147,19 @@ def _come(seen: Seen, topics: Sequence[str], found: Findings) -> Iterator[Row]:
         for topic, came in kept.items()
         if (stamped := [(at_ns, stamp) for at_ns, data in came if (stamp := stamp_ns(topic, data)) is not None])
     }
+    judged = f"of {len(stamps)} of {len(kept)} topics"
     old_s = {topic: _unchanged_s(came) for topic, came in stamps.items()}
-    yield worst("fresh", old_s, "the oldest stamp", "the same again and again")
+    yield worst("fresh", old_s, f"the oldest {judged}", "the same again and again")
     back = {topic: float(sum(b < a for (_, a), (_, b) in pairwise(came))) for topic, came in stamps.items()}
-    yield worst("order", back, "all of them", "out of order")
+    yield worst("order", back, f"the most {judged}", "out of order")
     age_s = {
         topic: min(at_ns - stamp for at_ns, stamp in came) / S
         for topic, came in stamps.items()
         if old_s[topic] <= POINTS["fresh"].most
     }
     least_s = min(age_s.values(), default=0.0)
-    yield worst("latency", {topic: s - least_s for topic, s in age_s.items()}, "the slowest", "later than others")
+    late_s = {topic: s - least_s for topic, s in age_s.items()}
+    yield worst("latency", late_s, f"the slowest of {len(late_s)} of {len(kept)} topics", "later than others")
     clock_ns = seen.wire.clock_ns
     yield measured("clock", None if clock_ns is None else clock_ns / S, "the robot's minus ours")
 

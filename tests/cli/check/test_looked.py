@@ -11,7 +11,7 @@ from gateway.cli.check.looked import PARTS, ROW_OF, Wish, parts_of
 from gateway.cli.check.rows import POINTS
 from gateway.cli.looking import link_findings
 from gateway.link.others.foreign_watch import Neighbours, Session
-from gateway.robot.topics import joint_command
+from gateway.robot.topics import JOINT_STATE, STATE_TOPICS, TOPICS, ee_pose, joint_command
 from gateway.sim.robot.settings import SimSettings
 from gateway.values import Side
 from tests.cli.check.seen import TOKENS, Bench, looked_at, named
@@ -90,3 +90,17 @@ def test_bytes_that_are_no_message_are_left_out():
     for number in range(len(bench.mailboxes)):
         bench.capture.take(number, bench.now_ns, b"\x00\x01\x00\x00\xff")
     assert not named(looked_at(bench).values(), "fail")
+
+
+@pytest.mark.parametrize("without", [frozenset(), frozenset({"left_arm"})])
+def test_rows_of_stamps_say_of_how_many_topics_they_are(without):
+    """A pose has none: one that stands still is seen by nobody, and no row says that it does not."""
+    bench = Bench()
+    bench.fault(fault="freeze", topic=ee_pose(Side.RIGHT))
+    bench.run(3.2)
+    rows = looked_at(bench, Wish(without=without))
+    states = [topic for topic in STATE_TOPICS if not topic.startswith(tuple(PARTS[part] for part in without))]
+    stamped = [topic for topic in states if TOPICS[topic].type_name == JOINT_STATE]
+    for name in ("fresh", "order", "latency"):
+        assert rows[name].verdict == "pass" and "stamped" in rows[name].title
+        assert f"of {len(stamped)} of {len(states)} topics" in rows[name].found and len(stamped) < len(states)
