@@ -25,6 +25,7 @@ from gateway.settings.toml_file import state_dir
 
 try:
     from cryptography import x509
+    from cryptography.exceptions import InvalidSignature
     from cryptography.hazmat.primitives import hashes, serialization
     from cryptography.hazmat.primitives.asymmetric import ec
     from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID
@@ -108,23 +109,37 @@ def _client(folder: Path, options: Namespace) -> None:
 def _list(folder: Path, options: Namespace) -> None:
     path = folder / "server" / ROLES
     roles = read_roles(str(path)) if path.exists() else {}
+    authority = _read(folder / "ca" / CERTIFICATE) if (folder / "ca" / CERTIFICATE).exists() else None
     shown = []
     for at in (folder / "ca", folder / "server", *sorted((folder / "clients").glob("*"))):
         if (at / CERTIFICATE).exists():
-            ends = _read(at / CERTIFICATE).not_valid_after_utc
+            certificate = _read(at / CERTIFICATE)
+            ends, is_earlier = certificate.not_valid_after_utc, not _is_of(authority, certificate)
             role = str(roles.get(at.name, "viewer")) if at.parent.name == "clients" else ""
             left = (ends - datetime.now(timezone.utc)).days
-            shown.append({"name": at.name, "role": role, "ends": ends.date().isoformat(), "days_left": left})
+            told = {"name": at.name, "role": role, "ends": ends.date().isoformat(), "days_left": left}
+            shown.append({**told, "is_of_an_earlier_authority": is_earlier})
     if options.json:
         print(json.dumps({"ok": True, "keys": shown}))
         return
     for each in shown:
         left = int(str(each["days_left"]))
-        end = "HAS ENDED" if left < 0 else f"{left} days left"
-        soon = "  <- make it anew with --replace" if left < SOON_DAYS else ""
+        is_over = bool(each["is_of_an_earlier_authority"])
+        end = "HAS ENDED" if left < 0 else "OF AN EARLIER AUTHORITY" if is_over else f"{left} days left"
+        soon = "  <- make it anew with --replace" if is_over or left < SOON_DAYS else ""
         print(f"{each['name']:20} {each['role']:9} until {each['ends']}, {end}{soon}")
     if not shown:
         print(f"no keys in {folder}: begin with `ta2 keys init`")
+
+
+def _is_of(authority: x509.Certificate | None, certificate: x509.Certificate) -> bool:
+    """Return whether an authority has signed it, which nobody can tell where that is not here."""
+    if authority not in (None, certificate):
+        try:
+            certificate.verify_directly_issued_by(authority)
+        except (InvalidSignature, ValueError, TypeError):
+            return False
+    return True
 
 
 def _made(name: str, days: int, extensions: list[x509.ExtensionType], signer: Path | None) -> dict[str, bytes]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import errno
 import json
+import shutil
 import stat
 import sys
 from datetime import timedelta
@@ -171,6 +172,21 @@ def test_what_ends_soon_or_has_ended_is_told(lab, monkeypatch):
     assert lab("list")[1].count("HAS ENDED") == 3
     status, _, err = lab("client", "bob", "--role", "viewer")
     assert status == 1 and "has ended" in err
+
+
+def test_what_a_new_authority_ended_is_told(lab):
+    """Whatever is left of its days; where the authority is kept elsewhere nobody can tell."""
+    for words in (("init",), ("server", "localhost"), ("client", "ann", "--role", "admin"), ("init", "--replace")):
+        assert lab(*words)[0] == 0
+    assert lab("client", "bob", "--role", "viewer")[0] == 0
+    earlier = {key["name"]: key["is_of_an_earlier_authority"] for key in json.loads(lab("list", "--json")[1])["keys"]}
+    assert earlier == {"ca": False, "server": True, "ann": True, "bob": False}
+    lines = lab("list")[1].splitlines()
+    assert [line.endswith("OF AN EARLIER AUTHORITY  <- make it anew with --replace") for line in lines] == [
+        *earlier.values()
+    ]
+    shutil.rmtree(lab.folder / "ca")
+    assert "EARLIER" not in lab("list")[1]
 
 
 def test_without_the_wheel_it_says_which_extra(lab, monkeypatch):
