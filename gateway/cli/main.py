@@ -42,7 +42,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     Args:
         arguments: Without the program's name; None for this process's own.
     """
-    sys.stdin = sys.stdin or open(os.devnull, encoding="utf-8")  # closed: nobody is there, as in a script
+    _open_what_is_closed()
     if isinstance(sys.stdout, TextIOWrapper):  # what a terminal has no letter for fails nothing that was done
         codecs.register_error("ta2", _as_json_does)
         sys.stdout.reconfigure(errors="ta2")
@@ -59,6 +59,21 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except BrokenPipeError:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # Python flushes once more on its way out
         return ExitStatus.BROKEN_PIPE
+
+
+def _open_what_is_closed() -> None:
+    """Stand in for standard files that are closed: nobody is there, as in a script.
+
+    Whatever was opened next would be taken for them else, and the log be written to it, by the guard too: it inherits these.
+    """
+    for number in range(3):
+        try:
+            os.fstat(number)
+        except OSError:
+            os.set_inheritable(os.open(os.devnull, os.O_RDWR), True)
+    sys.stdin = sys.stdin or open(os.devnull, encoding="utf-8")
+    sys.stdout = sys.stdout or open(os.devnull, "w", encoding="utf-8")
+    sys.stderr = sys.stderr or open(os.devnull, "w", encoding="utf-8")
 
 
 def _as_json_does(error: UnicodeError) -> tuple[str, int]:

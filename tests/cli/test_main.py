@@ -75,6 +75,33 @@ def test_a_closed_standard_input_is_nobody_to_ask(shell, monkeypatch, words, sta
     assert ended.status == status and "Traceback" not in ended.err
 
 
+@pytest.mark.parametrize("closed", ["<&- >&- 2>&-", "2>&-", "<&-"])
+def test_no_file_is_taken_for_a_standard_one_that_is_closed(tmp_path, closed):
+    """`ta2 run 2>&-`: number 2 is nobody's, here and in the guard, never a lock or a pipe that is opened next."""
+    report = tmp_path / "report.json"
+    program = """
+import json, os, subprocess, sys
+from gateway.cli import main as cli
+
+def look(options):
+    first = os.open(sys.argv[1], os.O_RDWR | os.O_CREAT)
+    files = {number: os.readlink(f"/proc/self/fd/{number}") for number in range(3)}
+    streams = [stream.isatty() for stream in (sys.stdin, sys.stdout, sys.stderr)]
+    print("said", file=sys.stderr, flush=True)
+    os.write(first, json.dumps([first, files, [os.get_inheritable(number) for number in range(3)], streams]).encode())
+    return 0
+
+cli.COMMANDS["status"] = look
+sys.exit(cli.main(["status"]))
+"""
+    shell = ["sh", "-c", f'exec "$@" {closed}', "sh", sys.executable, "-c", program, str(report)]
+    assert subprocess.run(shell, stdin=subprocess.PIPE, capture_output=True, timeout=60, check=False).returncode == 0
+    first, files, inheritable, streams = json.loads(report.read_text())
+    assert first > 2 and inheritable == [True] * 3 and streams == [False] * 3
+    numbers = {"<": "0", ">": "1", "2": "2"}
+    assert all(files[numbers[one[0]]] == os.devnull for one in closed.split())
+
+
 def test_a_terminal_without_the_letters_is_told_all_the_same(shell, monkeypatch):
     """What was done was done: no traceback for a reason, or a sign of ours, that the terminal's encoding does not have."""
     shell.run("stop", "K\xf6nnte")
