@@ -23,6 +23,9 @@ from msgspec.structs import replace
 
 __all__ = [
     "FLEET_VARIABLE",
+    "GUARD_SUFFIX",
+    "MAX_GATEWAY_PATH_BYTES",
+    "RECORDER_SUFFIX",
     "ROBOT_NAME",
     "SOCKET_VARIABLE",
     "Address",
@@ -49,6 +52,10 @@ SYSTEM_SOCKET = Path("/run/ta2/gateway.sock")
 
 MAX_PATH_BYTES = 107
 """Longest path of a unix socket (`sun_path` of Linux without the final zero)."""
+GUARD_SUFFIX, RECORDER_SUFFIX = ".guard", ".recorder"
+"""How the sockets beside a gateway's are called, of its guard and of a recorder: as its own, with this behind it."""
+MAX_GATEWAY_PATH_BYTES = MAX_PATH_BYTES - max(len(GUARD_SUFFIX), len(RECORDER_SUFFIX))
+"""Longest path of a gateway's socket: those beside it fit, too."""
 
 
 class AddressRefused(ValueError):

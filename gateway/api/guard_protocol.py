@@ -17,6 +17,7 @@ from typing import Literal
 
 import msgspec
 
+from gateway.api.address import GUARD_SUFFIX
 from gateway.api.keys import printable
 from gateway.api.stop_pipe import may_be_map
 from gateway.robot.endpoint import robot_name
@@ -85,7 +86,7 @@ _ANSWER = msgspec.json.Decoder(GuardAnswer)
 
 def guard_socket(socket: Path) -> Path:
     """Return where the guard of the daemon at this socket listens."""
-    return socket.with_name(f"{socket.name}.guard")
+    return socket.with_name(socket.name + GUARD_SUFFIX)
 
 
 def packed(message: GuardQuestion | GuardAnswer) -> bytes:

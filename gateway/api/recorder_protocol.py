@@ -13,7 +13,7 @@ from typing import Annotated, Any, Literal
 
 import msgspec
 
-from gateway.api.address import AddressRefused, default_socket, find_socket, parse_address
+from gateway.api.address import RECORDER_SUFFIX, AddressRefused, default_socket, find_socket, parse_address
 from gateway.errors import Code, failure
 
 __all__ = [
@@ -87,7 +87,7 @@ def recorder_socket(address: str | None) -> Path:
             path = default_socket()
     except AddressRefused as error:
         raise failure(Code.BAD_REQUEST, str(error), field="target", hint="see connect()") from None
-    return path.with_name(f"{path.name}.recorder")
+    return path.with_name(path.name + RECORDER_SUFFIX)
 
 
 def packed(message: RecorderQuestion | RecorderAnswer) -> bytes:

@@ -24,7 +24,7 @@ import zenoh
 from gateway.api import protocol
 from gateway.api.access.audit import Audit
 from gateway.api.access.roles import read_roles
-from gateway.api.address import is_private
+from gateway.api.address import MAX_GATEWAY_PATH_BYTES, is_private
 from gateway.api.bell import Bell
 from gateway.api.flood_watch import FloodWatch, OrdinaryWhileBusy
 from gateway.api.guard_protocol import guard_socket
@@ -313,6 +313,13 @@ def _socket_path(local: LocalSettings) -> Path:
         raise refused_setting("socket", local.socket, str(error)) from None
     if address.path is None:
         raise refused_setting("socket", local.socket, "a path is needed; the network is configured with local.tcp")
+    if (size := len(os.fsencode(address.path))) > MAX_GATEWAY_PATH_BYTES:
+        bound, hint = (
+            f"[1, {MAX_GATEWAY_PATH_BYTES}] bytes",
+            "name a shorter path: --socket, local.socket or TA2_SOCKET",
+        )
+        message = f"{size} bytes are outside {bound}: its guard's and a recorder's are longer names"
+        raise refused_setting("socket", str(address.path), message, bound, hint)
     return address.path
 
 

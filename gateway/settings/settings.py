@@ -43,9 +43,6 @@ NAMESPACE = re.compile(r"/?[A-Za-z0-9_]+(/[A-Za-z0-9_]+)*")
 POLICIES = ("hold", "warn")
 """What may be done about foreign writers."""
 
-SOCKET_PATH_BYTES = 107
-"""Longest path of a unix socket on Linux: `sun_path` has 108 bytes, one of them the final zero."""
-
 
 class LossSettings(Struct, frozen=True, kw_only=True):
     """What happens when the owner vanishes, stage by stage.
@@ -187,9 +184,6 @@ class LocalSettings(Struct, frozen=True, kw_only=True):
         """Refuse rates and modes that make no sense. Listener rules are checked when the listener opens."""
         within("local.audit_log_mb", self.audit_log_mb, 1, 1024, "MB", OURS)
         within("local.snapshot_hz", self.snapshot_hz, 1.0, 100.0, "Hz", OURS)
-        if len(self.socket.encode(errors="surrogateescape")) > SOCKET_PATH_BYTES:
-            rule = f"is too long for a unix socket: at most {SOCKET_PATH_BYTES} bytes"
-            raise SettingsRefused("local.socket", self.socket, rule=rule)
         if self.socket_mode & ~0o770 or self.socket_mode & 0o600 != 0o600:
             rule = "lets everybody in, or not even the owner: 0o660 or 0o600"
             raise SettingsRefused("local.socket_mode", f"0o{self.socket_mode:o}", rule=rule)

@@ -21,6 +21,7 @@ from gateway.api.flood_watch import SENDER, name_of
 from gateway.api.guard_protocol import guard_socket
 from gateway.api.identities import MOST
 from gateway.api.keys import ESTOP_KEY
+from gateway.api.recorder_protocol import recorder_socket
 from gateway.api.service import LocalPlane
 from gateway.api.stop_pipe import stop_pipe
 from gateway.errors import Code, ConfigError, NotReady
@@ -520,6 +521,29 @@ def test_a_socket_that_cannot_be_is_a_matter_of_configuration(tmp_path, socket):
     with pytest.raises(ConfigError) as caught:
         LocalPlane(settings_for(tmp_path, socket=socket), tmp_path)
     assert caught.value.code is Code.BAD_CONFIG
+
+
+@pytest.mark.parametrize("letter", ["s", "\xdf"])
+@pytest.mark.parametrize("variable", ["", "TA2_SOCKET", "XDG_RUNTIME_DIR"])
+def test_the_sockets_beside_a_gateways_fit_into_the_kernels_address_too(tmp_path, monkeypatch, letter, variable):
+    """However its path is named: 98 bytes, letters beyond ASCII take more than one; else nobody could ask its guard."""
+    monkeypatch.delenv("TA2_SOCKET", raising=False)
+
+    def plane_at(size):
+        name = "/ta2/gateway.sock" if variable == "XDG_RUNTIME_DIR" else ""
+        wanted = size - len(f"{tmp_path}/{name}")
+        path = f"{tmp_path}/{letter * (wanted // len(letter.encode()))}{'.' * (wanted % len(letter.encode()))}"
+        monkeypatch.setenv(variable or "UNUSED", path)
+        assert len(f"{path}{name}".encode()) == size
+        return LocalPlane(settings_for(tmp_path, socket="" if variable else path), tmp_path)
+
+    plane = plane_at(98)
+    for beside in (guard_socket(plane.socket), recorder_socket(f"unix:{plane.socket}")):
+        with socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET) as listener:
+            listener.bind(str(beside))
+    plane.close()
+    with pytest.raises(ConfigError, match=r"99 bytes are outside \[1, 98\] bytes.* --socket"):
+        plane_at(99)
 
 
 def test_the_default_directory_must_be_this_users(tmp_path, monkeypatch):

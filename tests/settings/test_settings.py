@@ -347,14 +347,6 @@ def test_a_mode_without_its_octal_prefix_is_refused(mode: int) -> None:
         LocalSettings(socket_mode=mode)
 
 
-def test_a_socket_path_fits_into_the_kernels_address() -> None:
-    """107 bytes: a longer path fails late and with a riddle; letters beyond ASCII take more than one byte."""
-    assert LocalSettings(socket="/" + "s" * 106).socket
-    for path in ("/" + "s" * 107, "/" + "ß" * 54):
-        with pytest.raises(SettingsRefused, match="at most 107 bytes"):
-            LocalSettings(socket=path)
-
-
 def test_a_refusal_has_a_unit_of_the_file_too() -> None:
     """The file has milliseconds, the settings nanoseconds: value and bound change together, words stay."""
     ranged = SettingsRefused("loss.x_ns", 300_000_000, bound=(100_000_000, 250_000_000), unit="ns", source="ours")

@@ -534,9 +534,7 @@ def test_the_command_line_overrides_robot_and_socket_and_nothing_else() -> None:
     assert (other.link.namespace, other.link.model) == ("bot2", "lift")
 
 
-@pytest.mark.parametrize(
-    "flags", [{"robot": "10.0.0.5"}, {"socket": "/" + "x" * 200}, {"namespace": "a*"}, {"model": "x"}]
-)
+@pytest.mark.parametrize("flags", [{"robot": "10.0.0.5"}, {"namespace": "a*"}, {"model": "x"}])
 def test_a_bad_option_is_a_config_error_of_the_command_line(flags: dict[str, Any]) -> None:
     """The same rules hold wherever the value comes from."""
     with pytest.raises(ConfigError, match=f"command line, --{next(iter(flags))}: "):
