@@ -89,6 +89,8 @@ class Member:
         self._tokens: dict[str, Any] = {}
         """Those that are."""
         self._lanes: dict[tuple[str, str], list[Any]] = {}
+        self._owner, self._endpoints = ("", ""), set[tuple[str, str]]()
+        """Whose lanes count: of who was given the robot last, and of stop endpoints."""
         self._ended = threading.Event()
 
     def run(self) -> None:
@@ -133,8 +135,7 @@ class Member:
             (local, protocol.DAEMON_TOKENS, fleet),
             (fleet, protocol.CLIENT_TOKENS, local),
         ):
-            take = partial(self._on_token, there)
-            here.liveliness().declare_subscriber(keys, direct(take), history=True)
+            here.liveliness().declare_subscriber(keys, direct(partial(self._on_token, there)), history=True)
         self._me = protocol.MEMBER_TOKENS.replace("*", str(fleet.zid()))
         fleet.liveliness().declare_subscriber(protocol.MEMBER_TOKENS, direct(self._on_member), history=True)
         # Last: who sees the token finds everything else in place. Shown first, then looked for: of two, one sees the other.
@@ -157,7 +158,7 @@ class Member:
         question = ZenohQuestion(query, time.monotonic_ns(), Asker())
         question.key = key  # it may have been asked of many at once
         question.encoding = (question.encoding or protocol.JSON) if key in STOPS else reply_encoding(question)
-        lane = None
+        lane, request = None, None
         if key in STOPS:
             self._stop(key, question.payload)
         elif key == protocol.COMMAND_KEY:
@@ -171,7 +172,7 @@ class Member:
             if refused is not None:
                 question.answer(protocol.encode(refused, question.encoding), question.encoding)
                 return
-            lane = _lane_of(command)
+            lane, request = _lane_of(command), command.request
         if not self._may_ask[key in STOPS]() or not (self._serves or key in STOPS):
             question.drop()
             return
@@ -185,7 +186,7 @@ class Member:
             if key in STOPS and not answers:
                 _into(self._stops, question, question.drop)
             elif lane and answers:  # what is given can be used as soon as its owner hears of it
-                give: Callable[[], object] = partial(self._give, question, lane, answers[0])
+                give: Callable[[], object] = partial(self._give, question, lane, request, answers[0])
                 _into(self._jobs, give, question.drop)
             elif answers:
                 question.answer(answers[0], question.encoding)
@@ -208,16 +209,12 @@ class Member:
 
     def _refused(self, command: protocol.Command) -> protocol.Reply | None:
         if self.namesakes:
-            code = Code.OTHER_GATEWAY
-            message = (
-                f"{len(self.namesakes) + 1} gateways are {self._name!r} in this fleet: none of them is moved from there"
-            )
+            code, count = Code.OTHER_GATEWAY, len(self.namesakes) + 1
+            message = f"{count} gateways are {self._name!r} in this fleet: none of them is moved from there"
             hint = "give each a name of its own; stops reach all of them"
         elif not self._as_admin and isinstance(command.request, FOR_ADMINS):
-            code = Code.NOT_PERMITTED
-            message = (
-                f"{type(command.request).__name__} is for admins, and in the fleet nobody is one for {self._name!r}"
-            )
+            code, kind = Code.NOT_PERMITTED, type(command.request).__name__
+            message = f"{kind} is for admins, and in the fleet nobody is one for {self._name!r}"
             hint = (
                 "do it on the robot's host, or begin its `ta2 fleet join` with --as-admin: everybody there is one then"
             )
@@ -308,18 +305,29 @@ class Member:
             views, self._views = self._views, None
             views.undeclare()  # type: ignore[no-untyped-call]  # as above
 
-    def _give(self, question: ZenohQuestion, lane: tuple[str, str], payload: bytes) -> None:
-        """Hear an owner whom the gateway has taken, then tell him so."""
+    def _give(self, question: ZenohQuestion, lane: tuple[str, str], request: object, payload: bytes) -> None:
+        """Hear an owner or a stop endpoint whom the gateway has taken, then tell him so."""
         with contextlib.suppress(protocol.Malformed):
-            if protocol.decode_reply(payload, question.encoding).refusal is None and lane not in self._lanes:
-                gone = [lane for lane in self._lanes if protocol.client_token(lane[0]) not in self._tokens]
-                for left in gone if len(self._lanes) >= MOST_LANES else ():
+            if protocol.decode_reply(payload, question.encoding).refusal is None:
+                self._hear(lane, request)
+        question.answer(payload, question.encoding)
+
+    def _hear(self, lane: tuple[str, str], request: object) -> None:
+        if isinstance(request, protocol.LeaveEndpoint):
+            return self._endpoints.discard(lane)
+        if lane not in self._lanes:
+            if len(self._lanes) >= MOST_LANES:  # who has gone needs none, nor who owned the robot before its last owner
+                kept = {one for one in (self._owner, *self._endpoints) if protocol.client_token(one[0]) in self._tokens}
+                for left in self._lanes.keys() - kept:
                     for subscriber in self._lanes.pop(left):
                         subscriber.undeclare()
-                if len(self._lanes) < MOST_LANES:
-                    take = direct(partial(self._on_lane, _bucket(PUTS_HZ)))
-                    self._lanes[lane] = [self._fleet.declare_subscriber(key, take) for key in protocol.lane_keys(*lane)]
-        question.answer(payload, question.encoding)
+                self._endpoints &= kept
+            take = direct(partial(self._on_lane, _bucket(PUTS_HZ)))
+            self._lanes[lane] = [self._fleet.declare_subscriber(key, take) for key in protocol.lane_keys(*lane)]
+        if isinstance(request, protocol.RegisterEndpoint):
+            self._endpoints.add(lane)
+        else:
+            self._owner = lane
 
     # ------------------------------------------------------------------------------------------------ another one
 
@@ -385,8 +393,8 @@ def _bucket(hz: int) -> Callable[[], bool]:
 
 
 def _lane_of(command: protocol.Command) -> tuple[str, str] | None:
-    """Return to whom a command would give something to own: who then sends targets, keepalives or check-ins."""
-    asked = (protocol.Acquire, protocol.Take, protocol.RegisterEndpoint)
+    """Return whom a command would make an owner or a stop endpoint, who sends targets, keepalives or check-ins, or none."""
+    asked = (protocol.Acquire, protocol.Take, protocol.RegisterEndpoint, protocol.LeaveEndpoint)
     if isinstance(command.request, asked) and command.secret:
         return command.client_id, command.secret
     return None

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import threading
 import time
+from pathlib import Path
 
 import pytest
 import zenoh
@@ -275,6 +276,72 @@ def test_stops_that_wait_for_the_guard_hold_up_nobody_and_are_answered_at_once(f
         eventually(lambda: all(waiting.told for waiting in (*late, *young)), WAIT_S)
         assert {waiting.told[0] for waiting in late} == {"dropped"} and len(asked) == 2
         assert {waiting.told[0] for waiting in young} == {"answered"}
+
+
+class _Router:
+    """A fleet's router that notes who is heard there: his id, by subscriber."""
+
+    def __init__(self):
+        self.heard = set()
+
+    def declare_subscriber(self, key, take):
+        router, name = self, (key.split("/")[3], key)
+
+        class Subscriber:
+            def undeclare(self):
+                router.heard.remove(name)
+
+        self.heard.add(name)
+        return Subscriber()
+
+
+class _Question:
+    encoding = protocol.JSON
+
+    def __init__(self):
+        self.told = []
+
+    def answer(self, payload, encoding):
+        self.told.append(payload)
+
+
+@pytest.mark.parametrize("are_there", [True, False])
+def test_whoever_is_given_the_robot_is_heard_however_many_had_it_before(are_there):
+    """And no stop endpoint's silence, nor the owner's, comes from here, while he is there and has not left."""
+    robot = module.Member(protocol.parse_address("tcp/h:1"), "r", Path("/gw.sock"))
+    robot._fleet = _Router()
+    yes, no = (
+        protocol.encode(protocol.Reply(request_id=1, refusal=refusal), protocol.JSON)
+        for refusal in (None, protocol.RefusalMessage(code="X", message="x"))
+    )
+
+    def ask(client_id, request, answer=yes):
+        robot._tokens[protocol.client_token(client_id)] = None
+        asked = structs.replace(command(request, client_id=client_id), secret="s")
+        question = _Question()
+        robot._give(question, module._lane_of(asked), request, answer)
+        assert question.told == [answer]
+        return {client_id for client_id, _ in robot._fleet.heard}
+
+    acquire, endpoint = protocol.Acquire(name="n", pid=1), protocol.RegisterEndpoint(name="n", timeout_ns=10**9)
+    assert ask("refused", acquire, no) == set()
+    ask("pendant", endpoint)
+    ask("left", endpoint)
+    ask("left", protocol.LeaveEndpoint())
+    owner = ""
+    for number in range(2 * module.MOST_LANES):
+        before, owner = owner, f"c{number}"
+        heard = ask(owner, acquire)
+        assert {owner, before, "pendant"} - {""} <= heard and len(heard) <= module.MOST_LANES
+    assert "left" not in heard
+    if not are_there:
+        robot._tokens.clear()
+    for number in range(2 * module.MOST_LANES):
+        heard = ask(f"e{number}", endpoint)
+        ask(f"e{number}", protocol.LeaveEndpoint())
+        assert f"e{number}" in heard and len(heard) <= module.MOST_LANES
+    assert ({owner, "pendant"} <= heard) == are_there
+    assert len(robot._endpoints) <= 1 + are_there
 
 
 def test_only_so_much_goes_on(monkeypatch):
