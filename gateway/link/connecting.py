@@ -17,17 +17,18 @@ MAX_RETRY_S = 1.0
 _log = logging.getLogger(__name__)
 
 
-def connect(config: str, endpoint: str, goes_on: Callable[[float], bool]) -> zenoh.Session | None:
+def connect(config: Callable[[], str], endpoint: str, goes_on: Callable[[float], bool]) -> zenoh.Session | None:
     """Return an open session; None when the link closes first.
 
+    `config` is asked for at each try: a network interface may come, or come again under another number.
     `goes_on` waits so many seconds, then says whether the link is still wanted.
     """
     retry_s = FIRST_RETRY_S
     has_failed = False
     while goes_on(0.0):
         try:
-            session = zenoh.open(zenoh.Config.from_json5(config))
-        except zenoh.ZError as error:
+            session = zenoh.open(zenoh.Config.from_json5(config()))
+        except (zenoh.ZError, OSError) as error:
             if not has_failed:
                 _log.warning("no zenoh router at %s yet, trying on: %s", endpoint, in_words(error))
             has_failed = True

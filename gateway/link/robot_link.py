@@ -102,9 +102,11 @@ class RobotLink:
         self._clock = clock
         self._wall_clock = wall_clock
         self._is_reader = is_reader
-        self._config = session_config(settings, is_reader=is_reader)
+        self._config = partial(session_config, settings, is_reader=is_reader)
         try:
-            zenoh.Config.from_json5(self._config)
+            zenoh.Config.from_json5(self._config())
+        except OSError:  # its network interface may come
+            pass
         except zenoh.ZError as error:
             raise SettingsRefused("robot.endpoint", settings.endpoint, rule=f"is no endpoint: {error}") from error
         self._commands = frozenset(() if is_reader else settings.variant.command_topics)

@@ -1,4 +1,6 @@
-"""The zenoh configuration of the robot session, as wire.md 10.1 recommends it. Pure: settings in, JSON out.
+"""The zenoh configuration of the robot session, as wire.md 10.1 recommends it: settings in, JSON out.
+
+Pure, but for the number of a network interface, which is asked of the kernel.
 
 What it guarantees whatever the code above does:
 
@@ -26,6 +28,8 @@ What it guarantees whatever the code above does:
 from __future__ import annotations
 
 import json
+import re
+import socket
 from typing import Final
 
 from cdr_types.keys import ALL_TOKENS, topic_to_key
@@ -71,13 +75,16 @@ def session_config(settings: LinkSettings, *, is_reader: bool = False, is_heard:
         settings: Endpoint, namespace, model and lease.
         is_reader: Whether nothing but questions and subscriptions may leave.
         is_heard: Whether a reader may announce its subscriptions, too.
+
+    Raises:
+        OSError: The endpoint names a network interface that this host does not have, or not yet.
     """
     api = f"{topic_to_key('/api', settings.namespace)}/**"
     return json.dumps(
         {
             "mode": "client",
             "connect": {
-                "endpoints": [_with_send_buffer(settings.endpoint)],
+                "endpoints": [_with_send_buffer(_with_zone_number(settings.endpoint))],
                 "timeout_ms": OPEN_TIMEOUT_MS,
                 "exit_on_failure": True,
                 "retry": {"period_init_ms": 50, "period_max_ms": 200, "period_increase_factor": 1.5},
@@ -104,6 +111,17 @@ def session_config(settings: LinkSettings, *, is_reader: bool = False, is_heard:
             ],
         }
     )
+
+
+def _with_zone_number(endpoint: str) -> str:
+    """Return an endpoint whose IPv6 zone is a number: zenoh takes names of interfaces, and never connects."""
+    zone = re.search(r"%([\w.-]+)\]", endpoint)
+    if zone is None or zone[1].isdecimal():
+        return endpoint
+    try:
+        return endpoint.replace(zone[0], f"%{socket.if_nametoindex(zone[1])}]")
+    except OSError:
+        raise OSError(f"this host has no network interface {zone[1]!r}: `ip link` lists those it has") from None
 
 
 def _with_send_buffer(endpoint: str) -> str:

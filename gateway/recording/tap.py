@@ -13,6 +13,7 @@ from __future__ import annotations
 import threading
 import time
 from collections.abc import Callable, Sequence
+from functools import partial
 from typing import Any
 
 import zenoh
@@ -59,7 +60,7 @@ class Tap:
         Raises:
             SettingsRefused: zenoh cannot read the endpoint.
         """
-        config = session_config(self._settings, is_reader=True, is_heard=True)
+        config = partial(session_config, self._settings, is_reader=True, is_heard=True)
         session = connect(config, self._settings.endpoint, lambda seconds: not self._is_closing.wait(seconds))
         if session is None:
             return

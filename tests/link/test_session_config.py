@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 import json
+import socket
+from functools import partial
 
 import pytest
 import zenoh
 
 from cdr_types.keys import topic_to_key
 from gateway.link.codec import MAX_OTHER_BYTES, MAX_SAMPLE_BYTES
+from gateway.link.connecting import connect
+from gateway.link.robot_link import RobotLink
 from gateway.link.session_config import MAX_TAKEN_BYTES, session_config
 from gateway.robot.topics import STATE_TOPICS, VARIANTS
 from gateway.settings.settings import LinkSettings
@@ -23,6 +27,26 @@ def parsed(**settings):
 def rules(config):
     """Return the access-control rules by id."""
     return {rule["id"]: rule for rule in config["access_control"]["rules"]}
+
+
+def test_the_zone_of_an_address_is_a_number_for_zenoh_whose_interface_was_named():
+    """`%lo` as people type it: zenoh never connects to that, and does not say why."""
+    number = socket.if_nametoindex("lo")
+    for zone in ("lo", number):
+        (endpoint,) = parsed(endpoint=f"tcp/[fe80::1%{zone}]:9000")["connect"]["endpoints"]
+        assert endpoint.startswith(f"tcp/[fe80::1%{number}]:9000#")
+    assert parsed(endpoint="tls/[fe80::1%lo]:9000")["connect"]["endpoints"] == [f"tls/[fe80::1%{number}]:9000"]
+
+
+def test_an_interface_that_is_not_there_is_told_and_waited_for(caplog, monkeypatch):
+    """Once, with its name and what to look at: an adapter may come later, or again under another number."""
+    robot = LinkSettings(endpoint="tcp/[fe80::1%usb7]:9000")
+    RobotLink(robot)
+    wanted = iter([True] * 4 + [False])
+    assert connect(partial(session_config, robot), robot.endpoint, lambda seconds: next(wanted)) is None
+    assert caplog.text.count("no network interface 'usb7': `ip link` lists those it has") == 1
+    monkeypatch.setattr("socket.if_nametoindex", {"usb7": 7}.__getitem__)
+    assert "%7]" in session_config(robot)
 
 
 @pytest.mark.parametrize("model", sorted(VARIANTS))
