@@ -106,6 +106,8 @@ def parse_address(text: str) -> Address:
         )
     _refuse_options(name)
     path = Path(os.path.abspath(Path(name).expanduser()))
+    if any("\ud800" <= letter <= "\udfff" for letter in str(path)):
+        raise AddressRefused(f"{str(path)!r} is no UTF-8, and zenoh takes no other path: choose one in plain letters")
     if len(os.fsencode(path)) > MAX_PATH_BYTES:
         raise AddressRefused(f"{path} has {len(os.fsencode(path))} bytes, a unix socket has at most {MAX_PATH_BYTES}")
     return Address(locator=f"unixsock-stream/{path}", path=path)

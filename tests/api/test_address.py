@@ -40,7 +40,7 @@ def test_relative_paths_become_absolute(monkeypatch, tmp_path):
     "text",
     [
         *("", "unix:", "gw.sock", "http://x", "tcp/:1", "tcp/host", "tcp/host:0", "tcp/host:x", "tcp/h:70000"),
-        *("tcp/h:1#a=b", "/a;b", "/a?b", "/a#b", "/" + "x" * 107),
+        *("tcp/h:1#a=b", "/a;b", "/a?b", "/a#b", "/" + "x" * 107, "/so\udce4ck"),
     ],
 )
 def test_what_is_none_is_refused(text, monkeypatch):

@@ -7,6 +7,7 @@ import math
 
 import msgspec
 import pytest
+from msgspec import structs
 
 from gateway.api import protocol
 from gateway.errors import CODES, Code, Refusal, to_exception
@@ -37,6 +38,18 @@ def test_what_comes_out_comes_back(encoding):
     snapshot = protocol.decode_snapshot(protocol.encode(a_snapshot(), encoding), encoding)
     assert snapshot == msgspec.convert(msgspec.to_builtins(a_snapshot()), protocol.Snapshot)
     assert protocol.decode_snapshot(protocol.encode(snapshot, encoding), encoding) == snapshot
+
+
+@pytest.mark.parametrize("encoding", ENCODINGS)
+def test_a_path_that_is_no_utf_8_keeps_nothing_from_being_told(encoding):
+    """It is escaped, in a latch as in a fact and its key; the rest of the message is what it was."""
+    lost = "kept as /st\udce4te/\xe4"
+    snapshot = protocol.decode_snapshot(protocol.encode(a_snapshot(latches={"STATE_LOST": lost}), encoding), encoding)
+    plain = protocol.decode_snapshot(protocol.encode(a_snapshot(), encoding), encoding)
+    assert snapshot == structs.replace(plain, latches={"STATE_LOST": "kept as /st\\udce4te/\xe4"})
+    reply = protocol.Reply(request_id=3, facts={"a\udcff": ["\udce4"], "n": 0.5})
+    told = protocol.decode_reply(protocol.encode(reply, encoding), encoding)
+    assert told == protocol.Reply(request_id=3, facts={"a\\udcff": ["\\udce4"], "n": 0.5})
 
 
 def test_json_is_what_a_person_would_write():
