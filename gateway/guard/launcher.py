@@ -39,6 +39,8 @@ HUNG_NS = 500_000_000
 """A guard that has not looked for so long, while this process looked at it in time, hangs [ns]: it looks every 120 ms."""
 KILL_NS = 2_000_000_000
 """The same, and it is ended [ns]."""
+START_NS = 15_000_000_000
+"""One that has not looked at all after so long is ended, too [ns]: slow machines take seconds to import what it needs."""
 API_SILENT = "the API of this gateway does not answer its guard: nobody could stop the robot by it"
 END_S = 1.5
 """Longest wait for the guard at the daemon's end [s]."""
@@ -62,8 +64,8 @@ class GuardLauncher:
         self._lost = ""
         self._told: tuple[int, str, bool, bool] | None = None
         self._looked_ns: int | None = None
-        self._its_look_ns = self._same_ns = self._killed_ns = 0
-        """When the guard last looked, since when that has been seen to be so, and when it was ended for it [ns]."""
+        self._its_pid = self._its_look_ns = self._same_ns = self._killed_ns = 0
+        """Which guard it is, when it last looked, since when that has been seen to be so, and when it was ended for it [ns]."""
         self._is_ending = threading.Event()
         self._thread = supervised(self._keep, "guard-launcher", may_return=self._is_ending.is_set)
 
@@ -93,10 +95,11 @@ class GuardLauncher:
         pid = 0 if process is None else process.pid
         is_its_own = pid != 0 and said.pid == pid
         is_silent = is_its_own and said.is_api_silent
-        if said.looked_ns != self._its_look_ns or was_late or not is_its_own:
-            self._its_look_ns, self._same_ns = said.looked_ns, now_ns
+        if said.looked_ns != self._its_look_ns or was_late or pid != self._its_pid:
+            self._its_pid, self._its_look_ns, self._same_ns = pid, said.looked_ns, now_ns
         is_hung = now_ns - self._same_ns > HUNG_NS
-        if process is not None and now_ns - max(self._same_ns, self._killed_ns) > KILL_NS:
+        patience_ns = KILL_NS if is_its_own else START_NS
+        if process is not None and now_ns - max(self._same_ns, self._killed_ns) > patience_ns:
             _log.warning("the guard has not looked for %.1f s: it is ended", (now_ns - self._same_ns) / 1e9)
             self._killed_ns = now_ns
             process.kill()

@@ -8,6 +8,7 @@ import signal
 import socket
 import time
 from collections.abc import Callable, Iterator
+from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -221,6 +222,25 @@ def test_a_guard_that_hangs_is_none_and_is_ended(launcher: GuardLauncher) -> Non
     wait_until(lambda: not is_alive(pid))
     lost = [lost for _, _, lost in told if lost] or [seen(launcher, lambda event: bool(event.lost)).lost]
     assert lost == ["signal 9"]
+
+
+def test_a_guard_that_hangs_before_its_first_look_is_ended(settings: Settings) -> None:
+    """It has longer than one that has looked: an interpreter starts. What an earlier guard said on the page is not its look."""
+    launcher, kills = GuardLauncher(settings), list[int]()
+    board = Blackboard(os.dup(launcher._board.descriptor))
+    board.say(6, 1, "ab", is_linked=True)
+    begin_ns = time.monotonic_ns()
+    for pid in (7, 8):
+        launcher._process = SimpleNamespace(pid=pid, kill=partial(kills.append, pid))  # type: ignore[assignment]  # as much as is used
+        for now_ns in range(begin_ns, begin_ns + module.START_NS + 2 * module.LOOK_NS, module.LOOK_NS):
+            assert not kills or now_ns - begin_ns > module.START_NS
+            launcher.poll(now_ns)
+        assert kills == [pid]
+        kills.clear()
+        begin_ns = now_ns + module.LOOK_NS
+    launcher._process = None
+    board.close()
+    launcher.close(is_clean=True)
 
 
 def test_a_guard_that_hangs_and_cannot_be_ended_stays_none(launcher: GuardLauncher) -> None:
