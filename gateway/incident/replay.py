@@ -6,7 +6,7 @@ An engine is thawed where a piece follows nothing (the first one, one behind a g
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import NamedTuple
@@ -122,6 +122,14 @@ def incident(path: Path) -> Incident:
     return Incident(path=path, causes=causes, kept_ns=kept_ns, pieces=tuple(reversed(pieces)))
 
 
+def _is_gap(pieces: Sequence[Piece], number: int) -> bool:
+    """Return whether something is missing between a piece and the one before it."""
+    if number == 0:
+        return False
+    before, box = pieces[number - 1 : number + 1]
+    return bool(box.header.get("is_gap")) or int(box.path.stem) != int(before.path.stem) + 1
+
+
 def ticks(found: Incident) -> Iterator[tuple[bool, Tick]]:
     """Yield each tick that was recorded, and whether it follows a gap.
 
@@ -130,7 +138,7 @@ def ticks(found: Incident) -> Iterator[tuple[bool, Tick]]:
         ValueError: Something else is in it.
     """
     for number, box in enumerate(found.pieces):
-        is_gap = number > 0 and bool(box.header.get("is_gap"))
+        is_gap = _is_gap(found.pieces, number)
         for record in records(box.path):
             if isinstance(record, Tick):
                 yield is_gap, record
@@ -147,7 +155,7 @@ def replay(found: Incident) -> Replayed:
     done = Replayed()
     engine: Engine | None = None
     for number, box in enumerate(found.pieces):
-        is_gap = number > 0 and bool(box.header.get("is_gap"))
+        is_gap = _is_gap(found.pieces, number)
         done.gaps += is_gap
         if is_gap:
             engine = None

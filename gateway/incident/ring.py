@@ -220,7 +220,11 @@ class Ring:
                     with contextlib.suppress(OSError):  # some file systems have none
                         os.link(path, place)
                 if not place.exists():
-                    with path.open("rb") as source, open(os.open(place, NEW_FILE, 0o600), "wb") as copy:
+                    try:
+                        source = path.open("rb")
+                    except FileNotFoundError:  # somebody deleted it: the others have what happened since, or before
+                        continue
+                    with source, open(os.open(place, NEW_FILE, 0o600), "wb") as copy:
                         shutil.copyfileobj(source, copy)
             note = [{"code": code, "message": message, "at_ns": at_ns} for code, message, at_ns in causes]
             head = {"form": 1, "kept": time.time_ns(), "is_grave": is_grave}

@@ -93,6 +93,9 @@ def test_it_goes_back_as_far_as_the_ring_and_three_seconds_on(tmp_path: Path, mo
     done = replay(found)
     assert done.difference is None and done.gaps == 0 and done.ticks == len(times) and len(found.pieces) >= 4
     assert found.causes[0].code == "ESTOP" and not list((tmp_path / "ring").iterdir())
+    found.pieces[1].path.unlink()  # by somebody; here, or in the ring before it was kept
+    done, found = replay(incident(kept)), incident(kept)
+    assert done.difference is None and done.gaps == 1 and [is_gap for is_gap, _ in ticks(found)].count(True) == 1
 
 
 def test_a_chunk_that_was_worked_out_before_is_run_again(tmp_path: Path) -> None:

@@ -79,6 +79,19 @@ def test_what_a_power_cut_left_of_the_last_pieces_spoils_no_incident(
         incident(found.path)
 
 
+@pytest.mark.parametrize("gone", [["000001"], ["000002"], ["000003"], ["000001", "000002", "000003"]])
+def test_a_piece_that_somebody_deleted_keeps_no_incident_from_being_kept(
+    tmp_path: Path, a_ring: Rings, gone: list[str]
+) -> None:
+    """The rest of the minute is kept, with why."""
+    ring = a_ring(3)
+    for name in gone:
+        (tmp_path / "ring" / f"{name}.box").unlink()
+    found = incident(ring.keep([("ESTOP", "", 1)]))
+    assert [box.header["number"] for box in found.pieces] == [n for n in range(3) if f"00000{n + 1}" not in gone]
+    assert found.causes[0].code == "ESTOP"
+
+
 def test_an_incident_is_on_the_disk_before_it_has_its_name(
     tmp_path: Path, a_ring: Rings, monkeypatch: pytest.MonkeyPatch
 ) -> None:
