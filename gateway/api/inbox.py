@@ -187,7 +187,6 @@ class Inbox:
         Returns:
             False when there was none, and nothing that had been put aside.
         """
-        question = None
         if not (self._aside and self._read_since >= READ_BETWEEN):
             try:
                 waits = timeout_s > 0 and not self._aside
@@ -263,6 +262,7 @@ class Inbox:
         request, chunk = taken
         event = events.CommandRequested(
             client_id=command.client_id,
+            name=question.asker.user,
             request_id=command.request_id,
             request=request,
             received_ns=question.received_ns,

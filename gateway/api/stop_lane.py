@@ -44,6 +44,8 @@ READ_BYTES = 4096
 """A longer payload is not looked at: it is a stop without a name or a reason."""
 FIRST_NUMBER = 2**62 + 1
 """Numbers of stops in the engine: above those that clients give their requests."""
+NAME_CHARS = 64
+"""Of a name."""
 SOMEBODY = "somebody"
 
 log = logging.getLogger(__name__)
@@ -155,11 +157,12 @@ class StopLane:
                     self._questions.setdefault(number, []).append((question, _encoding_of(question, payload)))
         while self._waiting:
             number, key, payload, received_ns, may_prove = self._waiting.popleft()
-            client_id, reason = self.read(payload, may_prove=may_prove)
+            client_id, name, reason = self.read(payload, may_prove=may_prove)
             is_estop = key == protocol.ESTOP_KEY
             arrived.append(
                 events.CommandRequested(
                     client_id=client_id,
+                    name=name,
                     request_id=number,
                     request=requests.Estop(reason=reason) if is_estop else requests.Stop(reason=reason),
                     received_ns=received_ns,
@@ -199,15 +202,18 @@ class StopLane:
 
     # ------------------------------------------------------------------------------------------------ inside
 
-    def read(self, payload: bytes, *, may_prove: bool = True) -> tuple[str, str]:
-        """Return who asks and why, as far as the payload tells: the proven id of a client, else what it calls itself."""
+    def read(self, payload: bytes, *, may_prove: bool = True) -> tuple[str, str, str]:
+        """Return who asks, under which name, and why, as far as the payload tells.
+
+        Who asks is the proven id of a client, else what it calls itself; then there is no name beside it.
+        """
         said = _said(payload)
-        reason, client_id, secret = (_text(said, name) for name in ("reason", "client_id", "secret"))
+        reason, client_id, secret, name = (_text(said, field) for field in ("reason", "client_id", "secret", "name"))
         if may_prove and client_id and secret and self.proven(client_id, secret):
-            return client_id, reason
+            return client_id, name[:NAME_CHARS], reason
         # In quotes, which no client id has: nobody is taken for the owner by what he calls himself.
-        name = _text(said, "name") or client_id
-        return (f"'{name[:64]}'" if name else SOMEBODY), reason
+        name = name or client_id
+        return (f"'{name[:NAME_CHARS]}'" if name else SOMEBODY), "", reason
 
 
 def _said(payload: bytes) -> dict[str, Any]:

@@ -44,7 +44,8 @@ def timeline(found: Incident) -> Iterator[Moment]:
                     names[event.client_id] = event.request.name
                 reply = answers.get((event.client_id, event.request_id))
                 no = reply.refusal if reply is not None else None
-                text = f"{type(event.request).__name__} by {names.get(event.client_id, event.client_id)}"
+                who = event.name or names.get(event.client_id, event.client_id)
+                text = f"{type(event.request).__name__} by {who}"
                 said = "" if no is None else f": refused, {no.code}: {no.message}"
                 yield Moment(tick.now_ns, "request", "info" if no is None else "warning", text + said)
         for told in tick.notices:

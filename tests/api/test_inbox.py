@@ -8,6 +8,7 @@ import pytest
 
 from gateway.api import inbox as module
 from gateway.api import protocol
+from gateway.api.access.roles import Asker
 from gateway.api.inbox import (
     MAX_ASIDE,
     MAX_ASIDE_OF_CLIENT,
@@ -49,6 +50,16 @@ def test_a_request_reaches_the_loop_with_who_and_when(desk):
         client_id="c0ffee", request_id=7, request=requests.Recover(), received_ns=123, content=hash(data)
     )
     assert desk.inbox.poll() == [] and question.answers == []
+
+
+def test_the_name_of_a_user_for_whom_zenoh_vouches_comes_along(desk):
+    """People are told it in place of the number that his client is."""
+    question = AskedQuestion(payload(protocol.Recover()))
+    question.asker = Asker(door="network", user="ann")
+    desk.inbox.ask(question)
+    desk.run()
+    (event,) = desk.inbox.poll()
+    assert (event.client_id, event.name) == ("c0ffee", "ann")
 
 
 def test_another_request_under_a_number_that_still_waits_is_refused(desk):

@@ -80,6 +80,19 @@ def test_name_and_reason_are_read_as_far_as_they_can_be(lane, payload, client_id
     assert (stop.client_id, stop.request.reason) == (client_id, reason)
 
 
+def test_the_name_of_a_proven_client_comes_along_and_stands_beside_its_id(lane):
+    """Who asks is his id, of which nobody can make anything: people are told the name. Bounded, and printable."""
+    who = {"client_id": "c0ffee", "secret": "s3cret"}
+    lane.arrive(protocol.STOP_KEY, protocol.encode({**who, "name": "bob\n" + "x" * 100}), 0)
+    lane.arrive(protocol.STOP_KEY, protocol.encode({**who, "name": 7}), 0)
+    lane.arrive(protocol.STOP_KEY, protocol.encode({**who, "secret": "guess", "name": "bob"}), 0)
+    assert [(stop.client_id, stop.name) for stop in lane.poll()] == [
+        ("c0ffee", "bob?" + "x" * 60),
+        ("c0ffee", ""),
+        ("'bob'", ""),
+    ]
+
+
 @pytest.mark.parametrize(
     "payload",
     [

@@ -490,6 +490,18 @@ def test_what_was_told_and_refused_is_a_line_each(tmp_path: Path) -> None:
     assert not list(read_events(tmp_path, float("inf")))
 
 
+def test_a_request_is_told_by_the_name_that_came_along(tmp_path: Path) -> None:
+    """Of who has never asked for the robot no other one is known."""
+    pair = Pair()
+    recorded = record(pair, tmp_path)
+    pair.activate()
+    pair.receive(CommandRequested(client_id="0a", name="bob", request_id=9, request=Estop(), received_ns=pair.now_ns))
+    pair.run(3.5)
+    assert recorded.recorder.close(DEADLINE_S, is_clean=True)
+    (kept,) = (tmp_path / "kept").iterdir()
+    assert "Estop by bob" in [moment.text for moment in timeline(incident(kept))]
+
+
 def test_what_was_told_is_a_line_where_there_is_no_room_for_a_piece(tmp_path: Path, monkeypatch) -> None:
     """The lines of a pass are few bytes, and stand nowhere else."""
 

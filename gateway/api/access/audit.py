@@ -128,8 +128,9 @@ class Audit:
         head = payload[: READ_BYTES + 1]
 
         def said() -> _Line:
-            who, reason = self._read_stop(head)
-            return {"request": STOPS[key], "client": who, **({"reason": reason} if reason else {})}
+            who, name, reason = self._read_stop(head)
+            told = {"name": name, "reason": reason}
+            return {"request": STOPS[key], "client": who, **{field: text for field, text in told.items() if text}}
 
         return said
 

@@ -144,7 +144,8 @@ class CommandRequested(Struct, frozen=True, kw_only=True):
     """A request that wants exactly one reply.
 
     Attributes:
-        client_id: Who asks: unique per client process and connection.
+        client_id: Who asks: unique per client process and connection. By this alone is judged who may.
+        name: What people call him, where it came along; empty else.
         request_id: Echoed in the reply; a repeated (client_id, request_id) gets the first reply again.
         request: What is asked.
         received_ns: Local monotonic arrival [ns].
@@ -155,6 +156,7 @@ class CommandRequested(Struct, frozen=True, kw_only=True):
     """
 
     client_id: str
+    name: str = ""
     request_id: int
     request: Request
     received_ns: int

@@ -48,6 +48,13 @@ class Authorisation:
         self._last_stop_ns = -1
         self._takeover_epoch = 0
 
+    def name_of(self, command: CommandRequested) -> str:
+        """Return what people call whoever asks: by the name that came along, as owner, or as stop endpoint; else his id."""
+        owner = self._coordinator.lease.owner
+        as_owner = owner.name if owner is not None and owner.client_id == command.client_id else ""
+        as_endpoint = self._coordinator.endpoints.name_of(command.client_id)
+        return command.name or as_owner or as_endpoint or command.client_id
+
     def note_stop(self, received_ns: int, client_id: str = "", *, latches: bool = True) -> None:
         """Remember a stop: requests and targets that arrived before it move nothing and never will.
 

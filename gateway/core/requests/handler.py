@@ -285,15 +285,16 @@ class RequestHandler:
     def _stop(self, command: CommandRequested, request: Stop, now_ns: int) -> Answer:
         owner = self._coordinator.lease.owner
         is_owner = owner is not None and owner.client_id == command.client_id
-        message = f"stop() by {'the owner' if is_owner else command.client_id}" + (
-            f": {request.reason}" if request.reason else ""
-        )
+        who = "the owner" if is_owner else self._authorisation.name_of(command)
+        message = f"stop() by {who}" + (f": {request.reason}" if request.reason else "")
         self._authorisation.note_stop(command.received_ns, command.client_id, latches=not is_owner)
         self._coordinator.fire(Trigger.OWNER_STOP if is_owner else Trigger.OTHER_STOP, now_ns, message)
         return self._delivery(now_ns)
 
     def _estop(self, command: CommandRequested, request: Estop, now_ns: int) -> Answer:
-        message = f"estop() by {command.client_id}" + (f": {request.reason}" if request.reason else "")
+        message = f"estop() by {self._authorisation.name_of(command)}" + (
+            f": {request.reason}" if request.reason else ""
+        )
         self._authorisation.note_stop(command.received_ns, command.client_id)
         self._coordinator.fire(Trigger.ESTOP, now_ns, message)
         return self._delivery(now_ns)
@@ -325,11 +326,12 @@ class RequestHandler:
             return refusal
         coordinator.supervisor.clear()
         coordinator.is_estop_unheard = False
+        who = self._authorisation.name_of(command)
         if latches:
             coordinator.notice(
-                Code.LATCH_CHANGED, Level.INFO, f"recover() by {command.client_id} cleared {', '.join(latches)}", now_ns
+                Code.LATCH_CHANGED, Level.INFO, f"recover() by {who} cleared {', '.join(latches)}", now_ns
             )
-        dismissed = self.watch.dismiss(command, request, now_ns)
+        dismissed = self.watch.dismiss(who, request, now_ns)
         if coordinator.state is State.HOLDING and self.watch.refusal() is None:
             refusal = self._phases.starting.walk(now_ns)
             if refusal is not None:

@@ -84,6 +84,11 @@ class Endpoints:
         """Of the clients that registered them."""
         return frozenset(self._endpoints)
 
+    def name_of(self, client_id: str) -> str:
+        """Return the name of the one that this client registered; empty when there is none."""
+        endpoint = self._endpoints.get(client_id)
+        return "" if endpoint is None else endpoint.name
+
     @property
     def silent(self) -> list[str]:
         """Names of those that are silent."""

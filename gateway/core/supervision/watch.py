@@ -79,11 +79,11 @@ class Watch:
             hint="see that whoever watched the robot is well, then recover(reason='...')",
         )
 
-    def dismiss(self, command: CommandRequested, request: Recover, now_ns: int) -> list[str]:
-        """Let silent endpoints go, as a `recover` with a reason does; return their names."""
+    def dismiss(self, who: str, request: Recover, now_ns: int) -> list[str]:
+        """Let silent endpoints go, as a `recover` with a reason does by whoever is called so; return their names."""
         names = self._coordinator.endpoints.dismiss()
         for name in names:
-            message = f"recover() by {command.client_id} let stop endpoint {name!r} go: {request.reason}"
+            message = f"recover() by {who} let stop endpoint {name!r} go: {request.reason}"
             self._coordinator.notice(
                 Code.ENDPOINT_CHANGED, Level.WARNING, message, now_ns, endpoint=name, change="dismissed"
             )

@@ -124,6 +124,15 @@ def test_stops_are_written_whichever_way_they_come(book):
     assert (lines[2]["reason"], lines[2]["answer"]) == ("a hand", "ok")
 
 
+def test_a_stop_of_a_proven_client_has_its_id_and_its_name(book):
+    """The id joins the lines of one connection; of a stop that nobody has proven there is what it calls itself."""
+    book.lane.proven = lambda client_id, secret: (client_id, secret) == ("c1", "s3cret")
+    payload = b'{"client_id": "c1", "secret": "s3cret", "name": "page", "reason": "smoke"}'
+    book.audit.note_stop(protocol.STOP_KEY, payload, 5, "pipe")
+    (line,) = book.lines()
+    assert (line["client"], line["name"], line["reason"]) == ("c1", "page", "smoke")
+
+
 def test_a_flood_of_one_hides_nobody_else(book):
     """Each user, and stops, have lines of their own; what was too much is counted in the next line."""
     for number in range(4 * LINES_AT_ONCE):

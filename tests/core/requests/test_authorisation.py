@@ -18,7 +18,7 @@ from gateway.messages.requests import Enable, Move, Recover
 from gateway.robot.topics import FSM_ENABLE, joint_command
 from gateway.values import FsmState, Role, Side, Space
 from tests.changed import replace
-from tests.core.stage import GOAL, MIDDLE, L, R, Stage
+from tests.core.stage import GOAL, MIDDLE, MS, L, R, Stage
 
 MOVE = Move(epoch=1, targets_rad=GOAL)
 LATCHED = {Code.TRACKING_ERROR: "blocked"}
@@ -473,6 +473,16 @@ def test_commands_that_are_not_ours_are_an_objection_until_they_are_long_past():
 def asked(scene: Scene, client: str, role: Role) -> CommandRequested:
     """A request under a role."""
     return replace(scene.command(Recover(), client), role=role)
+
+
+def test_people_are_told_the_name_of_whoever_asks_where_one_is_known():
+    """That came along, or under which he owns the robot, or watches it; his id where there is none."""
+    scene = Scene(owner=None)
+    scene.coordinator.lease.acquire("0a", "policy", 7, OnLoss.HOLD, scene.now_ns)
+    scene.coordinator.endpoints.register("0b", "page", 500 * MS, OnLoss.HOLD, scene.now_ns)
+    named = replace(scene.command(Recover(), "0a"), name="bob")
+    asking = [named, *(scene.command(Recover(), client) for client in ("0a", "0b", "0c"))]
+    assert [scene.authorisation.name_of(command) for command in asking] == ["bob", "policy", "page", "0c"]
 
 
 def test_only_an_admin_may_take_the_robot_from_its_owner():

@@ -418,6 +418,17 @@ def test_anybody_stops_and_only_the_owners_stop_leaves_no_latch(client, reason, 
     assert [view.message for view in scene.coordinator.body.motions.views()] == [message]
 
 
+@pytest.mark.parametrize("code", [Code.ESTOP, Code.STOPPED_BY_OTHER])
+def test_a_stop_says_the_name_that_came_along_and_is_judged_by_the_id(code):
+    """The remedy is to ask who stopped the robot; nobody becomes the owner by calling himself so."""
+    scene = Scene(State.ACTIVE)
+    request = Estop() if code is Code.ESTOP else Stop()
+    stop = replace(scene.command(request, "0a1b2c3d"), name="ann")
+    scene.handler.answer(stop, scene.now_ns)
+    assert scene.latches == {code: f"{'estop' if code is Code.ESTOP else 'stop'}() by ann"}
+    assert scene.coordinator.supervisor.stopper == "0a1b2c3d"
+
+
 @pytest.mark.parametrize(("reason", "message"), [("", "estop() by ann"), ("smoke", "estop() by ann: smoke")])
 @pytest.mark.parametrize("state", [State.READ_ONLY, State.IDLE, State.ACTIVE, State.HOLDING, State.PAUSED])
 def test_an_estop_pauses_the_robot_and_latches_even_for_the_owner(state, reason, message):

@@ -117,9 +117,13 @@ def test_recover_needs_a_reason_while_one_is_silent_and_says_whom_it_lets_go():
     assert refusal is not None and refusal.code is Code.ENDPOINT_SILENT and "page" in refusal.message
     why = Recover(reason="its page was closed")
     assert watch.may_recover(why) is None
-    assert watch.dismiss(by("ann", why, stage), why, stage.now_ns) == ["page"]
+    assert watch.dismiss("ann", why, stage.now_ns) == ["page"]
     told = stage.coordinator.notices[-1]
-    assert told.facts["change"] == "dismissed" and "its page was closed" in told.message
+    assert (
+        told.facts["change"] == "dismissed"
+        and "recover() by ann let" in told.message
+        and "its page was closed" in told.message
+    )
     assert watch.refusal() is None and watch.may_recover(Recover()) is None
     stage.coordinator.latch(Code.ENDPOINT_SILENT, "stop endpoints of an earlier daemon: page", stage.now_ns)
     assert watch.may_recover(Recover()) is not None
