@@ -4,7 +4,8 @@ Rules
     * Nothing is received while nobody looks: the pictures' port is free for `ta2 record --video` and programs.
     * The newest picture counts: who reads slowly skips some, and holds nobody up.
     * A browser opens six connections to a server, and a stop needs one: no more than four are for pictures.
-    * Pictures that do not come end the answer with the reason on `/api/video`, nothing else.
+    * An answer outlives pictures that do not come, the first ones, too: a robot that starts anew is shown without a word of
+      the page. Why none come stands on `/api/video`, and how old the newest one is.
 """
 
 from __future__ import annotations
@@ -12,6 +13,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import io
+import math
 from collections.abc import AsyncIterator, Callable
 from typing import TYPE_CHECKING
 
@@ -68,7 +70,7 @@ class Cameras:
             raise failure(Code.BAD_REQUEST, f"there is no view {view!r}", field="view", hint=hint)
 
     async def pictures(self, view: str) -> AsyncIterator[bytes]:
-        """Yield parts of a multipart answer, a picture each, until they stop coming.
+        """Yield parts of a multipart answer, a picture each; before them nothing, at once: the answer begins, and may end.
 
         Args:
             view: One of the views.
@@ -78,8 +80,9 @@ class Cameras:
         """
         video = await self._begin()
         try:
-            with contextlib.suppress(VideoError):  # none came: why() says so
-                async for frame in video.frames(max_rate=RATE_HZ):
+            yield b""  # whoever goes before the first picture is missed from here on
+            with contextlib.suppress(VideoError):  # one of its threads has failed: why() says so
+                async for frame in video.frames(max_rate=RATE_HZ, timeout=math.inf):
                     picture = await asyncio.to_thread(_jpeg, frame, view)
                     yield b"--" + BOUNDARY.encode() + b"\r\nContent-Type: image/jpeg\r\n\r\n" + picture + b"\r\n"
         finally:
