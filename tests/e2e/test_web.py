@@ -348,6 +348,26 @@ def test_in_a_browser_a_server_that_is_frozen_is_told_and_a_stop_that_nobody_ans
 
 
 @in_a_browser
+def test_in_a_browser_nothing_stays_that_is_not_so_any_more(system: System, web: Web) -> None:
+    """Neither numbers nor findings of a gateway that is gone; the next one brings them again."""
+    with opened(web) as (page, see, _):
+        see(page.locator("#left-1")).to_contain_text("rad")
+        see(page.locator("#why")).to_have_text("nothing")
+        system.daemon.end()
+        see(page.locator("#state")).to_contain_text("no gateway answers")
+        see(page.locator("#left-1")).to_have_text("–")
+        see(page.locator("#right-gripper")).to_have_text("–")
+        for place in ("#why", "#owner", "#wire tbody"):
+            see(page.locator(place)).to_be_empty()
+        if folder := os.environ.get("TA2_ARTEFACTS"):
+            Path(folder).mkdir(parents=True, exist_ok=True)
+            page.screenshot(path=str(Path(folder) / "web-page-gone.png"), full_page=True)
+        system.daemon = system.start_daemon()
+        see(page.locator("#left-1")).to_contain_text("rad")
+        see(page.locator("#why")).not_to_be_empty()
+
+
+@in_a_browser
 def test_in_a_browser_the_body_is_drawn_an_episode_judged_and_a_stop_goes_past_all_of_it(
     system: System, web: Web
 ) -> None:

@@ -64,7 +64,7 @@ function connect() {
     own(false);
     waiting.clear();
     for (const see of watchers) see({});
-    show(why, true);
+    showNone(why);
     setTimeout(connect, 1000);
   };
   const looking = setInterval(() => {
@@ -92,7 +92,7 @@ function ask(message) {
 
 function take(message) {
   if (message.type === "state") showState(message);
-  else if (message.type === "gone") show("no gateway answers: start it with ta2 run", true);
+  else if (message.type === "gone") showNone("no gateway answers: start it with ta2 run");
   else if (message.type === "notice") showNotice(message);
   else if (message.type === "reply") showReply(message);
   if (message.type === "state" || message.type === "gone") for (const see of watchers) see(message);
@@ -227,6 +227,24 @@ function show(text, isBad) {
 const OLD_NS = 200e6; // numbers that are older are none
 const BAD = new Set(["ESTOP", "FAULT", "DISCONNECTED", "LOST"]);
 
+function showArm(side, arm, gripper) {
+  const q = arm && arm.age_ns < OLD_NS ? arm.q_rad : [];
+  for (let joint = 1; joint <= 7; joint += 1) {
+    byId(`${side}-${joint}`).textContent = joint <= q.length ? `${q[joint - 1].toFixed(3)} rad` : "–";
+  }
+  byId(`${side}-gripper`).textContent = gripper && gripper.age_ns < OLD_NS ? `${gripper.q_rad[0].toFixed(2)} rad` : "–";
+  return q;
+}
+
+// Nobody tells a state: what the last one told is not so any more.
+function showNone(why) {
+  show(why, true);
+  byId("owner").textContent = "";
+  for (const side of SIDES) showArm(side);
+  byId("why").replaceChildren();
+  showWire({ topics: {}, streams: {} });
+}
+
 function showState({ info, state }) {
   const age = state.link.up ? "" : ", no link to the robot";
   show(`${state.shown}${age}`, BAD.has(state.shown) || !state.link.fresh);
@@ -238,13 +256,7 @@ function showState({ info, state }) {
   byId("place").textContent = info ? `${info.robot} (${info.model})` : "";
   byId("lift").hidden = !(info && info.has_lift);
   for (const side of SIDES) {
-    const arm = state.arms[side];
-    const gripper = state.grippers[side];
-    const q = arm.measured && arm.measured.age_ns < OLD_NS ? arm.measured.q_rad : [];
-    for (let joint = 1; joint <= 7; joint += 1) {
-      byId(`${side}-${joint}`).textContent = joint <= q.length ? `${q[joint - 1].toFixed(3)} rad` : "–";
-    }
-    byId(`${side}-gripper`).textContent = gripper && gripper.age_ns < OLD_NS ? `${gripper.q_rad[0].toFixed(2)} rad` : "–";
+    const q = showArm(side, state.arms[side].measured, state.grippers[side]);
     if (q.length) history[side].push([state.at_ns / 1e9, q]);
     while (history[side].length && history[side][0][0] < state.at_ns / 1e9 - PLOT_S) history[side].shift();
     if (history[side].length && history[side].at(-1)[0] < history[side][0][0]) history[side].length = 0; // another gateway
