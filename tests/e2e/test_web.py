@@ -349,9 +349,16 @@ def test_in_a_browser_a_server_that_is_frozen_is_told_and_a_stop_that_nobody_ans
 
 @in_a_browser
 def test_in_a_browser_nothing_stays_that_is_not_so_any_more(system: System, web: Web) -> None:
-    """Neither numbers nor findings of a gateway that is gone; the next one brings them again."""
+    """No stop that somebody else has undone; neither numbers nor findings of a gateway that is gone, until the next one's."""
     with opened(web) as (page, see, _):
         see(page.locator("#left-1")).to_contain_text("rad")
+        see(page.locator("#why")).to_have_text("nothing")
+        page.keyboard.press("Escape")
+        see(page.locator("#stopped")).to_contain_text("Recover lets it move again")
+        see(page.locator("#why")).to_contain_text("STOPPED_BY_OTHER")
+        with system.connect("somebody else") as robot:
+            robot.recover()
+        see(page.locator("#stopped")).to_be_empty()
         see(page.locator("#why")).to_have_text("nothing")
         system.daemon.end()
         see(page.locator("#state")).to_contain_text("no gateway answers")

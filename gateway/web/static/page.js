@@ -14,6 +14,7 @@ let number = 0;
 let isOwner = false;
 let epoch = 0; // of the lease that this page was given last
 let drawnAt = 0;
+let wasLatched = false;
 const waiting = new Map();
 const watchers = []; // functions of the other files: each message that tells a state, and {} where nobody tells any
 const history = { left: [], right: [] };
@@ -261,6 +262,10 @@ function showState({ info, state }) {
     while (history[side].length && history[side][0][0] < state.at_ns / 1e9 - PLOT_S) history[side].shift();
     if (history[side].length && history[side].at(-1)[0] < history[side][0][0]) history[side].length = 0; // another gateway
   }
+  const isLatched = Object.keys(state.latches).length > 0;
+  const stopped = byId("stopped");
+  if (wasLatched && !isLatched && stopped.textContent.startsWith("stopped")) stopped.textContent = ""; // somebody's Recover
+  wasLatched = isLatched;
   showWhy(state);
   showWire(state);
   if (performance.now() - drawnAt > 250 && !document.hidden) {
