@@ -80,7 +80,7 @@ SHELL_WORDS = {
     "take(reason='...')": "--take REASON",
     "take the lease with control() first": "own it first: `ta2 enable`, `ta2 home` or `ta2 move`",
     "ask for on_limit='clip'": "ask for --clip",
-    "or move there first": "or move there first: `ta2 follow --approach`",
+    "or move there first": "or move there first: --approach",
     "stretch=": "--stretch ",
     "ask for smoothing": "ask for --smoothing",
     "recover()": "`ta2 recover`",

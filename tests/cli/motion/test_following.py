@@ -107,7 +107,7 @@ def test_arms_that_are_far_from_the_beginning_go_there_when_that_is_asked_for(ro
     file = saved(tmp_path, swing(robot, "left", off_rad=0.3), dt=DT_S)
     ended = robot.run("follow", file)
     assert ended.status == 1 and ended.err.startswith("JUMP_TOO_FAR: left arm joint 4")
-    assert "ta2 follow --approach" in ended.err and not robot.world.pair.frames
+    assert "or move there first: --approach" in ended.err and not robot.world.pair.frames
     ended = robot.run("follow", file, "--approach", "--speed", "1")
     assert ended.status == 0, ended.err
     assert "moved there first" in ended.err and "approach:" in ended.err
