@@ -248,7 +248,7 @@ def check_jump(side: Side, position: Vector, time_s: float, reference_rad: Vecto
     if most <= JUMP_RAD * SLACK:
         return None
     n = gaps.index(most)
-    where = "at its first point" if time_s <= 0.0 else f"{time_s:.3f} s after its first point, which is now,"
+    where = "at its first point," if time_s <= 0.0 else f"{time_s:.3f} s after its first point, which is now,"
     return Refusal(
         code=Code.JUMP_TOO_FAR,
         message=f"{side} arm joint {n + 1} ({ARM_JOINTS[side][n]}): the chunk is {most:.4f} rad from the arm's "
