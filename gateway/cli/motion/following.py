@@ -75,13 +75,21 @@ class Way:
             wishes["start_at"], wishes["start_in"] = passing.start_at_s, passing.start_in_s
         return wishes
 
+    @property
+    def in_other_mode(self) -> str:
+        """What to use for an arm that is in the other control mode, in words."""
+        return f"a recording with --space {'joint' if self.space == 'pose' else 'pose'}"
+
     def judge(self, robot: Robot) -> FollowCheck:
-        """Have all of it judged by the gateway; return what it says of the beginning.
+        """Have all of it judged by the gateway, and the arms' control modes; return what it says of the beginning.
 
         Raises:
+            NotReady: An arm is in the other control mode.
             Rejected: With the first point and number to blame, and where it stands in the file.
             Stale: Nobody knows where an arm is.
         """
+        for side in self.points:
+            require_mode(side, robot.state, is_pose=self.space == "pose", remedy=self.in_other_mode)
         checks: list[FollowCheck] = []
         for part in self._parts:
             from_here = part.first == 0 and self._passing.approach is None
@@ -100,9 +108,6 @@ class Way:
             NotReady: An arm is in the other control mode.
             Rejected: What the gateway refuses, with its place in the file.
         """
-        for side in self.points:
-            other = "joint" if self.space == "pose" else "pose"
-            require_mode(side, robot.state, is_pose=self.space == "pose", remedy=f"a recording with --space {other}")
         yield from self.description(self.judge(robot))
         yield f"  then the arms are {after(options)}"
 

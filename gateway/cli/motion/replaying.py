@@ -185,6 +185,11 @@ class Replay(Way):
         self._off_rad: list[float] = []
         self._rows: dict[str, list[NDArray[np.float64]]] = {side: [] for side in self.points}
 
+    @property
+    def in_other_mode(self) -> str:
+        """What to use for an arm that is in end-effector mode, in words: only joints are replayed."""
+        return "--arm for one in joint mode"
+
     def description(self, judged: FollowCheck) -> Iterator[str]:
         """Yield in words what was judged, and what of the recording is left out."""
         yield from super().description(judged)

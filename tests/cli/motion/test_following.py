@@ -154,10 +154,11 @@ def test_a_part_that_is_refused_on_the_way_leaves_the_arms_held(robot, tmp_path,
     assert ended.status == 1 and "NOT_OWNER" in ended.err and "held with their grip" in ended.err
 
 
-def test_the_other_control_mode_is_refused_before_anything_is_asked_for(robot, tmp_path):
-    """With the way out."""
+@pytest.mark.parametrize("words", [(), ("--check",)])
+def test_the_other_control_mode_is_refused_before_anything_is_asked_for(robot, tmp_path, words):
+    """With the way out; a judgement is none that leaves it out."""
     poses = np.tile([0.3, 0.1, -0.2, 0.0, 0.0, 0.0, 1.0], (10, 1))
-    ended = robot.run("follow", saved(tmp_path, {"left": poses}, dt=DT_S), "--space", "pose")
+    ended = robot.run("follow", saved(tmp_path, {"left": poses}, dt=DT_S), "--space", "pose", *words)
     assert ended.status == 1 and ended.err.startswith("WRONG_CONTROL_MODE: the left arm is in joint mode")
     assert "--space joint" in ended.err and not robot.world.pair.frames
 

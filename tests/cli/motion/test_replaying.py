@@ -112,6 +112,17 @@ def test_a_recording_that_begins_elsewhere_is_refused_and_approached_when_asked_
     assert ended.status == 0, ended.err
 
 
+@pytest.mark.parametrize("words", [(), ("--check",)])
+def test_an_arm_in_end_effector_mode_is_refused_with_what_this_command_has(shell, tmp_path, words):
+    """It has no --space: only joints are replayed."""
+    shell.world = RobotWorld(left_mode="pose")
+    bag = str(shown(tmp_path / "bag", starts(shell)))
+    ended = shell.run("replay", bag, *words)
+    assert ended.status == 1 and ended.err.startswith("WRONG_CONTROL_MODE: the left arm is in end-effector mode")
+    assert "use --arm for one in joint mode, or set the arm" in ended.err
+    assert shell.run("replay", bag, "--arm", "right", "--check").status == 0
+
+
 def test_check_moves_nothing(robot, tmp_path):
     """It says how long it is, and how far away it begins."""
     bag = str(shown(tmp_path / "bag", starts(robot)))
