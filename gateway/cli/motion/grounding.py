@@ -31,6 +31,8 @@ __all__ = ["carry_out"]
 Facts = dict[str, object]
 Deed = Callable[[Robot, Control, Teller], tuple[str, Facts]]
 """Does it, and returns what to say of it, to people and to scripts."""
+Demand = Callable[[Robot], None]
+"""Raises what refuses it for good, before anything is said of it and anybody is asked."""
 
 
 def carry_out(options: Namespace) -> ExitStatus:
@@ -104,12 +106,18 @@ def _payload(options: Namespace) -> ExitStatus:
             text += f" at {', '.join(places)} m in {found.frame}; counted on"
         return text, {"side": side, "payload": asdict(found)}
 
+    def demand(robot: Robot) -> None:
+        if robot.state.arm(side).contact is None:
+            message = "this gateway does not feel what the hands hold: it was started without dynamics"
+            hint = "set `dynamics = true` in section [model] of its configuration, and start it anew"
+            raise failure(Code.MODEL_OFF, message, field="model.dynamics", value="false", hint=hint)
+
     what = (
         "hand is said to hold nothing"
         if options.none
         else "arm swings by 0.05 rad, its hand tilts by 0.3 rad, some 15 s"
     )
-    return _own_for(options, f"the {side} {what}", deed)
+    return _own_for(options, f"the {side} {what}", deed, demand)
 
 
 class _Kept(Struct):
@@ -153,17 +161,22 @@ def _lift(options: Namespace) -> ExitStatus:
         moved = "its servo is off" if action == "off" else f"drove {action} with {speed:g} for {options.for_s:g} s"
         return f"lift: {moved}", {"action": action, "speed": speed, "for_s": options.for_s}
 
+    def demand(robot: Robot) -> None:
+        if not robot.info.has_lift:
+            raise failure(Code.NO_LIFT, f"the {robot.info.model} model has no lift (manual §1.2)", field="lift")
+
     how = (
         "the lift stops and its servo goes off"
         if action == "off"
         else f"the lift drives {action} for {options.for_s:g} s"
     )
-    return _own_for(options, how, deed)
+    return _own_for(options, how, deed, demand)
 
 
-def _own_for(options: Namespace, what: str, deed: Deed) -> ExitStatus:
+def _own_for(options: Namespace, what: str, deed: Deed, demand: Demand = lambda _: None) -> ExitStatus:
     """Own the robot for a deed, and leave it held where it was, or shall be."""
     with connected(options.command, options.target, options.timeout_s) as robot:
+        demand(robot)
         print(f"{options.command}: {what}", file=sys.stderr)
         if not options.yes and not confirmed():
             print("nothing was done", file=sys.stderr)

@@ -11,6 +11,7 @@ from gateway.cli.command_line.arguments import parse
 from gateway.cli.looking.frame import Picture, frame
 from gateway.cli.main import main
 from gateway.client import Payload, connect
+from gateway.client.state.reading import ArmState
 from gateway.values import Side
 from tests.changed import replace
 from tests.cli.views import INFO
@@ -87,10 +88,11 @@ def test_lift_goes_up_down_and_off(shell):
 
 
 def test_a_robot_without_a_lift_says_so(monkeypatch, capsys):
-    """With the code, and the robot is given back."""
+    """With the code and what to set, before anything is said of a motion, and before anybody owns it."""
     shell = Shell(monkeypatch, capsys)
-    status, _, err = shell.run("lift", "up")
-    assert status == 1 and "NO_LIFT" in err and shell.owner() is None
+    status, out, err = shell.run("lift", "up", "--json")
+    assert status == 1 and err.startswith("NO_LIFT: ") and "set `model`" in err and "drives" not in err
+    assert json.loads(out)["error"]["code"] == "NO_LIFT" and shell.owner() is None
 
 
 def test_gripper_closes_watches_and_says_what_it_takes_to_be_so(shell):
@@ -176,6 +178,7 @@ def test_payload_weighs_beside_what_was_kept_of_the_empty_hand(shell, monkeypatc
         yield
 
     monkeypatch.setattr("gateway.client.weighing._weighed", weighed)
+    monkeypatch.setattr(ArmState, "contact", "felt")
     status, out, err = shell.run("payload", "--arm", "left", "--json")
     assert status == 0 and json.loads(out)["payload"]["mass"] == 0.302 and "swings by 0.05 rad" in err
     kept = tmp_path / "empty.json"
@@ -197,7 +200,8 @@ def test_payload_takes_back_what_was_told_without_moving(shell, monkeypatch, tmp
         yield
 
     status, _, err = shell.run("payload", "--arm", "left", "--none")
-    assert status == 1 and "MODEL_OFF" in err and shell.owner() is None
+    assert status == 1 and err.startswith("MODEL_OFF: ") and "`dynamics = true`" in err and shell.owner() is None
+    monkeypatch.setattr(ArmState, "contact", "felt")
     monkeypatch.setattr("gateway.client.weighing._tell", told)
     status, out, err = shell.run("payload", "--arm", "left", "--none", "--json")
     assert status == 0 and json.loads(out)["payload"] is None and "said to hold nothing" in err
