@@ -29,10 +29,10 @@ from gateway.dataset.lerobot_format import Format, features_of, write_dataset
 from gateway.dataset.parquet import pyarrow
 from gateway.dataset.rows import NO_SOURCE, Chosen, choose, runs
 from gateway.dataset.series import Instants, Series, read_series
-from gateway.dataset.vendor_marks import all_episodes
 from gateway.dataset.videos import IMAGES, PicturesMissing, decodable, video_source, write_videos
 from gateway.errors import Code, failure
 from gateway.recording.bag_reader import Bag
+from gateway.recording.episodes import episodes
 from gateway.robot.vector_layout import EYES
 
 __all__ = ["PROVENANCE", "Built", "Choices", "build", "refuse_full", "told", "write_provenance"]
@@ -254,7 +254,7 @@ def _convert(
         for (topic, field), one in series.items():
             if one.rejected:
                 left_out[f"message of {topic} without numbers in {field}"] = one.rejected
-        for episode in all_episodes(bag):
+        for episode in episodes(bag):
             unfit = "discarded" if episode.is_discarded else ""
             if choices.success_only and episode.outcome != "success":
                 unfit = unfit or "not judged a success"

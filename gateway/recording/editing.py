@@ -2,7 +2,7 @@
 
     bags -> rows in the order of their arrival -> bag writer
 
-Types, QoS and noted facts stay. What was said of episodes is written anew, so that it is true of the new bag: an episode that
+Types, QoS and noted facts stay. What was told of episodes is written anew, so that it is true of the new bag: an episode that
 is cut begins and ends with the part; those of several bags are counted on, one of ours without any among them as one.
 """
 
@@ -18,7 +18,7 @@ from msgspec.structs import replace
 from gateway.errors import Code, GatewayError, failure
 from gateway.recording.bag_reader import Bag, BagCopy
 from gateway.recording.bag_writer import OFFSET, BagWriter
-from gateway.recording.episodes import Episode, as_message, episodes, events_of
+from gateway.recording.episodes import Episode, as_message, episodes, events_of, told_episodes
 from gateway.recording.topics import EPISODES, TEXT, RecordedTopic
 
 __all__ = ["Made", "cut", "merge"]
@@ -58,14 +58,15 @@ def cut(
     Raises:
         Rejected: BAD_REQUEST, there is no such part or episode, or it cannot be written; nothing is left behind.
     """
-    told = _told(bag)
+    told = told_episodes(bag) or ()
     begin_ns, end_ns = bag.begin_ns, bag.end_ns
     if episode is not None:
-        wanted = [one for one in episodes(bag) if one.number == episode]
+        there = told or episodes(bag)
+        wanted = tuple(one for one in there if one.number == episode)
         if not wanted:
-            there = ", ".join(str(one.number) for one in episodes(bag)) or "none"
-            raise _refused(f"{bag.path} has no episode {episode}; there are: {there}", "episode")
-        told = wanted[-1:] if told else []
+            numbers = ", ".join(str(one.number) for one in there) or "none"
+            raise _refused(f"{bag.path} has no episode {episode}; there are: {numbers}", "episode")
+        told = wanted[-1:] if told else ()
         begin_ns, end_ns = wanted[-1].begin_ns, wanted[-1].end_ns
     first_ns = begin_ns + max(round(from_s * 1e9), 0)
     last_ns = end_ns if to_s is None else min(end_ns, begin_ns + round(to_s * 1e9))
@@ -93,26 +94,21 @@ def merge(bags: Sequence[Bag], out: Path, on_progress: OnProgress = lambda share
     bags = sorted(bags, key=lambda bag: bag.begin_ns)
     topics: dict[str, RecordedTopic] = {}
     kept: list[Episode] = []
-    is_told = any(map(_told, bags))
+    told = [told_episodes(bag) or () for bag in bags]
     span = min(bag.begin_ns for bag in bags), max(bag.end_ns for bag in bags)
-    for bag in bags:
+    for bag, its in zip(bags, told, strict=True):
         for topic in bag.recorded_topics():
             known = topics.setdefault(topic.name, topic)
             if known.type_name != topic.type_name:
                 message = f"{topic.name} is a {known.type_name} in one bag, and a {topic.type_name} in {bag.path}"
                 raise _refused(message, "bag", "merge bags of the same topics, or cut what you need")
         so_far = max((one.number for one in kept), default=0)
-        own = _told(bag) or (episodes(bag) if is_told and bag.facts() else ())
+        own = its or (episodes(bag) if any(told) and bag.facts() else ())
         for one in own:  # an unfinished one ends with its bag: that has to be said where another goes on
             is_finished = one.is_finished or one.end_ns < span[1]
             kept.append(replace(one, number=one.number + so_far, is_finished=is_finished))
     rows = [(row for row in bag.copies() if row.topic != EPISODES) for bag in bags]
     return _written(out, list(topics.values()), _facts([bag.facts() for bag in bags]), rows, kept, span, on_progress)
-
-
-def _told(bag: Bag) -> list[Episode]:
-    """Return the episodes that somebody told of."""
-    return list(episodes(bag)) if any(topic.name == EPISODES and topic.count for topic in bag.topics) else []
 
 
 def _clipped(episode: Episode, begin_ns: int, end_ns: int) -> Episode | None:

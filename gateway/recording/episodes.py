@@ -7,13 +7,14 @@ Each word is a JSON text on `EPISODES`, at the time at which it was said: nothin
 Rules
     * An episode ends with its stop. One that has none is unfinished, and ends with the bag.
     * The last verdict counts: a success or failure after a discard takes that back.
-    * A bag in which nobody said anything is one episode, with the task that was noted for it.
+    * Where nobody said anything, the buttons of a VR controller count (bags of the robot's own recorder; its public converter).
+    * A bag without either is one episode, with the task that was noted for it.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Literal, NamedTuple
+from typing import Final, Literal, NamedTuple
 
 import msgspec
 from msgspec import Struct
@@ -24,7 +25,25 @@ from cdr_types.messages.std_msgs import String
 from gateway.recording.bag_reader import Bag
 from gateway.recording.topics import EPISODES
 
-__all__ = ["Episode", "EpisodeEvent", "EventName", "Mark", "Outcome", "as_message", "episodes", "events", "events_of"]
+__all__ = [
+    "BUTTONS",
+    "Episode",
+    "EpisodeEvent",
+    "EventName",
+    "Mark",
+    "Outcome",
+    "as_message",
+    "episodes",
+    "events",
+    "events_of",
+    "told_episodes",
+]
+
+BUTTONS: Final = "/xr/left_hand_inputs"
+X: Final = 2
+"""Pressed: an episode begins; once more: what was begun is not used, and another begins."""
+Y: Final = 3
+"""Pressed: it ends."""
 
 EventName = Literal["start", "stop", "mark", "success", "failure", "discard"]
 Outcome = Literal["success", "failure", ""]
@@ -80,12 +99,19 @@ class Episode(Struct, frozen=True, kw_only=True):
 
 
 def episodes(bag: Bag) -> tuple[Episode, ...]:
-    """Return the episodes of a bag in the order of their begins; none of an empty bag.
+    """Return the episodes of a bag in the order of their begins; the whole bag where nobody told of any."""
+    found = told_episodes(bag)
+    if found is not None:
+        return found
+    task = bag.facts().get("task", "")
+    return (Episode(number=1, task=task, begin_ns=bag.begin_ns, end_ns=bag.end_ns),) if bag.message_count else ()
+
+
+def told_episodes(bag: Bag) -> tuple[Episode, ...] | None:
+    """Return the episodes that words, or else buttons, tell of, in the order of their begins; None where neither was used.
 
     What is said of an episode whose start is not in the bag is passed over.
     """
-    if not bag.message_count:
-        return ()
     task = bag.facts().get("task", "")
     latest: dict[int, int] = {}
     found: list[Episode] = []
@@ -107,8 +133,41 @@ def episodes(bag: Bag) -> tuple[Episode, ...]:
             place = latest[event.episode]
             found[place] = _with(found[place], event)
     if not is_told:
-        return (Episode(number=1, task=task, begin_ns=bag.begin_ns, end_ns=bag.end_ns),)
+        return _pressed(bag) or None
     return tuple(sorted(found, key=lambda episode: episode.begin_ns))
+
+
+def _pressed(bag: Bag) -> tuple[Episode, ...]:
+    """Return what buttons mark; a button counts as pressed only after it was seen released."""
+    task = bag.facts().get("task", "")
+    found: list[Episode] = []
+    begin_ns, before = 0, [1] * 4
+
+    def episode(end_ns: int, *, is_finished: bool, is_discarded: bool = False) -> Episode:
+        return Episode(
+            number=len(found) + 1,
+            task=task,
+            begin_ns=begin_ns,
+            end_ns=end_ns,
+            is_finished=is_finished,
+            is_discarded=is_discarded,
+        )
+
+    for _, log_ns, message in bag.decoded([BUTTONS]):
+        buttons = [] if message is None else list(message.buttons)
+        if len(buttons) <= Y:
+            continue
+        if buttons[X] and not before[X]:
+            if begin_ns:
+                found.append(episode(log_ns, is_finished=True, is_discarded=True))
+            begin_ns = log_ns
+        elif buttons[Y] and not before[Y] and begin_ns:
+            found.append(episode(log_ns, is_finished=True))
+            begin_ns = 0
+        before = buttons
+    if begin_ns:
+        found.append(episode(bag.end_ns, is_finished=False, is_discarded=True))
+    return tuple(found)
 
 
 def _with(episode: Episode, event: EpisodeEvent) -> Episode:

@@ -5,12 +5,16 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
+import numpy as np
+from rosbags.rosbag2 import StoragePlugin, Writer
+from rosbags.typesys import Stores, get_typestore
+
 from cdr_types import encode, message_type
 from cdr_types.messages.builtin_interfaces import Time
 from cdr_types.messages.sensor_msgs import JointState
 from cdr_types.messages.std_msgs import Header
 from gateway.recording.bag_writer import BagWriter
-from gateway.recording.episodes import EpisodeEvent, EventName, as_message
+from gateway.recording.episodes import BUTTONS, EpisodeEvent, EventName, as_message
 from gateway.recording.topics import EPISODES, RecordedTopic, recorded_topics
 from gateway.robot.topics import arm_state, ee_pose
 from gateway.settings.settings import LinkSettings
@@ -82,4 +86,26 @@ def written(
         bag.add(WORDS, word.at_ns, word.at_ns, as_message(word))
     bag.note({"model": "standard", "namespace": "", "lost": "0"} | ({"task": task} if task else {}))
     bag.finish()
+    return folder
+
+
+def pressed(folder: Path, presses: Sequence[str], plugin: StoragePlugin = StoragePlugin.MCAP) -> Path:
+    """Write a bag of the robot's own recorder, and return its folder.
+
+    Args:
+        folder: Of the bag.
+        presses: The buttons that are held, second by second: of `x` and `y`; `-` for a message with too few of them.
+        plugin: How it is stored.
+    """
+    store = get_typestore(Stores.ROS2_HUMBLE)
+    stamp = store.types["builtin_interfaces/msg/Time"](sec=0, nanosec=0)
+    header = store.types["std_msgs/msg/Header"](stamp=stamp, frame_id="")
+    with Writer(folder, version=8, storage_plugin=plugin) as writer:
+        states = writer.add_connection(arm_state(Side.LEFT), "sensor_msgs/msg/JointState", typestore=store)
+        joy = writer.add_connection(BUTTONS, "sensor_msgs/msg/Joy", typestore=store)
+        for n, held in enumerate(presses):
+            buttons = np.array([0, 0, int("x" in held), int("y" in held)] if held != "-" else [1], np.int32)
+            message = store.types["sensor_msgs/msg/Joy"](header=header, axes=np.zeros(0, np.float32), buttons=buttons)
+            writer.write(joy, BEGIN_NS + n * 10**9, store.serialize_cdr(message, "sensor_msgs/msg/Joy"))
+            writer.write(states, BEGIN_NS + n * 10**9, joints(1))
     return folder

@@ -19,7 +19,7 @@ from gateway.recording.episodes import episodes
 from gateway.recording.topics import EPISODES
 from gateway.robot.topics import arm_state
 from gateway.values import Side
-from tests.recording.bags import ARM, BEGIN_NS, TOPICS, joints, said, written
+from tests.recording.bags import ARM, BEGIN_NS, TOPICS, joints, pressed, said, written
 
 S = 1_000_000_000
 LEFT = arm_state(Side.LEFT)
@@ -189,6 +189,22 @@ def test_a_bag_without_words_is_one_episode_among_those_of_others(tmp_path):
         assert episodes(both)[0] == episodes(one)[0]
         assert [(one.number, one.task) for one in episodes(both)] == [(1, "bow"), (2, "wave"), (3, "lift")]
     assert made(merge, [silent, silent], tmp_path / "twice").episodes == 0
+
+
+def test_what_buttons_tell_of_is_cut_and_merged_as_what_was_said(tmp_path):
+    """In bags of the robot's own recorder: numbered as a dataset numbers them, discarded ones too; from then on words count."""
+    marked = pressed(tmp_path / "marked", ["", "x", "", "x", "", "y", "", "x", "y"])
+    assert made(cut, marked, tmp_path / "second", episode=2).episodes == 1
+    told = written(tmp_path / "told", words=(said("start", 1, 0.5, task="wave"), said("stop", 1, 1.5)))
+    assert made(merge, [told, marked], tmp_path / "both").episodes == 4
+    with Bag(marked) as bag, Bag(tmp_path / "second") as second, Bag(tmp_path / "both") as both:
+        wanted = [(one.begin_ns, one.end_ns, one.is_discarded) for one in episodes(bag)]
+        assert len(wanted) == 3 and episodes(second) == episodes(bag)[1:2]
+        assert (second.begin_ns, second.end_ns) == (BEGIN_NS + 3 * S, BEGIN_NS + 5 * S + 1)
+        found = [(one.begin_ns, one.end_ns, one.is_discarded) for one in episodes(both) if not one.task]
+        assert sorted(found) == wanted and [one.task for one in episodes(both)].count("wave") == 1
+    with pytest.raises(Rejected, match="has no episode 4; there are: 1, 2, 3"):
+        made(cut, marked, tmp_path / "fourth", episode=4)
 
 
 def test_an_unfinished_episode_ends_with_its_own_bag(tmp_path):

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import pytest
+from rosbags.rosbag2 import StoragePlugin
 
 from gateway.recording.bag_reader import Bag
 from gateway.recording.bag_writer import BagWriter
 from gateway.recording.episodes import Episode, EpisodeEvent, Mark, as_message, episodes, events, events_of
 from gateway.recording.topics import EPISODES
-from tests.recording.bags import ARM, BEGIN_NS, TOPICS, joints
+from tests.recording.bags import ARM, BEGIN_NS, TOPICS, joints, pressed
 
 S = 1_000_000_000
 WORDS = next(n for n, topic in enumerate(TOPICS) if topic.name == EPISODES)
@@ -110,3 +111,30 @@ def test_events_of_an_episode_make_it_again(tmp_path, is_finished):
     writer.finish()
     with Bag(tmp_path / "bag") as bag:
         assert episodes(bag) == (wanted,)
+
+
+def seen(folder):
+    """Return begin and end [s] of each episode, and whether it is to be used."""
+    with Bag(folder) as bag:
+        return [
+            ((e.begin_ns - BEGIN_NS) // 10**9, (e.end_ns - BEGIN_NS) // 10**9, not e.is_discarded)
+            for e in episodes(bag)
+        ]
+
+
+@pytest.mark.parametrize("plugin", [StoragePlugin.MCAP, StoragePlugin.SQLITE3])
+def test_x_begins_and_y_ends_an_episode(tmp_path, plugin):
+    """Held buttons count once, those with too few buttons not at all."""
+    presses = ["", "x", "x", "", "y", "y", "-", "", "x", "", "y"]
+    assert seen(pressed(tmp_path / "bag", presses, plugin)) == [(1, 4, True), (8, 10, True)]
+
+
+def test_x_again_throws_away_what_was_begun(tmp_path):
+    """As the maker's converter does."""
+    assert seen(pressed(tmp_path / "bag", ["", "x", "", "x", "", "y"])) == [(1, 3, False), (3, 5, True)]
+
+
+def test_what_is_still_open_at_the_end_is_not_used(tmp_path):
+    """Nor is a button that was held from the begin on."""
+    assert seen(pressed(tmp_path / "bag", ["x", "", "x", ""])) == [(2, 3, False)]
+    assert seen(pressed(tmp_path / "held", ["x", "y", ""])) == [(0, 2, True)]

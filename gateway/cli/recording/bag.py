@@ -22,9 +22,8 @@ from gateway.recording.bag_check import Checked, check
 from gateway.recording.bag_reader import Bag
 from gateway.recording.bag_writer import ACTIVE, METADATA
 from gateway.recording.editing import Made, cut, merge
-from gateway.recording.episodes import episodes
+from gateway.recording.episodes import episodes, told_episodes
 from gateway.recording.exporting import export
-from gateway.recording.topics import EPISODES
 
 __all__ = ["carry_out"]
 
@@ -113,14 +112,14 @@ def _listed(path: Path) -> dict[str, Any]:
     try:
         with Bag(path) as bag:
             known = {"begin_ns": bag.begin_ns, "duration_s": bag.duration_s, "size_bytes": bag.size_bytes}
-            told = [asdict(episode) for episode in episodes(bag)]
+            told = told_episodes(bag)
             return {
                 "bag": str(path),
                 "problem": "",
                 **known,
                 "task": bag.facts().get("task", ""),
-                "episodes": told,
-                "is_told": _is_told(bag),
+                "episodes": [asdict(episode) for episode in (episodes(bag) if told is None else told)],
+                "is_told": told is not None,
             }
     except GatewayError as error:
         return {"bag": str(path), "problem": error.message}
@@ -174,21 +173,17 @@ def _show_info(bag: Bag, *, as_json: bool) -> None:
     Console(soft_wrap=True, highlight=False).print(table)
 
 
-def _is_told(bag: Bag) -> bool:
-    """Return whether somebody told of an episode of a bag."""
-    return any(topic.name == EPISODES and topic.count for topic in bag.topics)
-
-
 def _show_episodes(bag: Bag) -> None:
     """Show them as a table, where somebody told of any."""
-    if not _is_told(bag):
+    told = told_episodes(bag)
+    if told is None:
         return
     table = Table("episode", box=None, pad_edge=False)
     for name in (r"from \[s]", r"length \[s]"):
         table.add_column(name, justify="right")
     for name in ("outcome", "marks", "task"):
         table.add_column(name)
-    for episode in episodes(bag):
+    for episode in told:
         begin_s, length_s = (episode.begin_ns - bag.begin_ns) / 1e9, (episode.end_ns - episode.begin_ns) / 1e9
         outcome = "discarded" if episode.is_discarded else episode.outcome
         words = [

@@ -9,7 +9,7 @@ import pytest
 
 from gateway.robot.topics import arm_state
 from gateway.values import Side
-from tests.recording.bags import joints, said, written
+from tests.recording.bags import joints, pressed, said, written
 
 LEFT = arm_state(Side.LEFT)
 
@@ -38,6 +38,15 @@ def test_info_lists_episodes(shell, tmp_path):
     plain = str(written(tmp_path / "plain", task="pick"))
     assert "outcome" not in shell.run("bag", "info", plain).out
     assert [e["task"] for e in shell.run("bag", "info", plain, "--json").json["episodes"]] == ["pick"]
+
+
+def test_what_buttons_mark_is_listed_as_what_was_said(shell, tmp_path):
+    """Of a bag of the robot's own recorder, by `info` and by `list`."""
+    folder = pressed(tmp_path / "marked", ["", "x", "", "y", "", "x", "", "y"])
+    lines = [line.split() for line in shell.run("bag", "info", str(folder)).out.splitlines()]
+    assert ["1", "1.00", "2.00", "0"] in lines and ["2", "5.00", "2.00", "0"] in lines
+    assert len(shell.run("bag", "info", str(folder), "--json").json["episodes"]) == 2
+    assert shell.run("bag", "list", str(tmp_path)).out.splitlines()[0].endswith(", 2 episodes")
 
 
 def test_list_shows_the_bags_of_a_folder_the_newest_first(shell, tmp_path):
