@@ -89,12 +89,20 @@ def merge(bags: Sequence[Bag], out: Path, on_progress: OnProgress = lambda share
         on_progress: Called now and then with the part that is done, 0..1.
 
     Raises:
-        Rejected: BAD_REQUEST, a topic has two types, or it cannot be written; nothing is left behind.
+        Rejected: BAD_REQUEST, a topic has two types, there are episodes and robots of two namespaces, or it cannot be written;
+            nothing is left behind.
     """
     bags = sorted(bags, key=lambda bag: bag.begin_ns)
     topics: dict[str, RecordedTopic] = {}
     kept: list[Episode] = []
     told = [told_episodes(bag) or () for bag in bags]
+    spaces = {facts["namespace"].strip("/") for bag in bags if "namespace" in (facts := bag.facts())}
+    if any(told) and len(spaces) > 1:
+        names = " and ".join(space or "none" for space in sorted(spaces))
+        message = (
+            f"the namespaces of the robots are {names}: each episode would hold the motion of the first robot alone"
+        )
+        raise _refused(message, "bag", "name the bags themselves to `ta2 dataset build`, which takes several")
     span = min(bag.begin_ns for bag in bags), max(bag.end_ns for bag in bags)
     for bag, its in zip(bags, told, strict=True):
         for topic in bag.recorded_topics():

@@ -15,10 +15,11 @@ from gateway.recording.bag_check import check
 from gateway.recording.bag_reader import Bag
 from gateway.recording.bag_writer import BagWriter, bag_file
 from gateway.recording.editing import cut, merge
-from gateway.recording.episodes import episodes
+from gateway.recording.episodes import as_message, episodes
 from gateway.recording.topics import EPISODES
 from gateway.robot.topics import arm_state
 from gateway.values import Side
+from tests.recording import bags
 from tests.recording.bags import ARM, BEGIN_NS, TOPICS, joints, pressed, said, written
 
 S = 1_000_000_000
@@ -253,3 +254,25 @@ def test_a_topic_of_two_types_is_refused_by_its_name(tmp_path):
     with pytest.raises(Rejected, match=rf"{LEFT} is a sensor_msgs/msg/.* in one bag, and a sensor_msgs/msg/"):
         made(merge, [written(tmp_path / "bag"), folder], tmp_path / "both")
     assert not (tmp_path / "both").exists()
+
+
+def test_episodes_are_not_merged_with_those_of_a_robot_of_another_namespace(tmp_path):
+    """A dataset would take the motion of the first for all. Without episodes, or of other recorders, nothing is refused."""
+
+    def noted(name, namespace, *words):
+        bag = BagWriter(tmp_path / name, TOPICS)
+        bag.add(ARM, BEGIN_NS, BEGIN_NS, joints(1))
+        for word in words:
+            bag.add(bags.WORDS, word.at_ns, word.at_ns, as_message(word))
+        bag.note({"namespace": namespace})
+        return bag.finish().parent
+
+    words = (said("start", 1, 0.5), said("stop", 1, 1.0))
+    told, same, silent = noted("told", "one", *words), noted("same", "/one", *words), noted("silent", "")
+    for n, pair in enumerate(([told, silent], [silent, told], [silent, noted("two", "two", *words)])):
+        with pytest.raises(Rejected, match=r"the namespaces of the robots are none and (one|two): "):
+            made(merge, pair, tmp_path / f"both{n}")
+        assert not (tmp_path / f"both{n}").exists()
+    imu = other(tmp_path / "imu", StoragePlugin.SQLITE3, "sensor_msgs/msg/Imu", "/imu")
+    assert made(merge, [told, same, imu], tmp_path / "alike").episodes == 2
+    assert made(merge, [silent, noted("third", "three")], tmp_path / "quiet").episodes == 0
