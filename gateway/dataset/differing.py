@@ -63,6 +63,9 @@ def differences(a: Dataset, b: Dataset, on_progress: Callable[[float], None] = l
 def _of_info(a: Dataset, b: Dataset) -> Iterator[Difference]:
     if a.fps != b.fps:
         yield Difference(where="info.json", message=f"{a.fps:g} or {b.fps:g} rows per second")
+    robots = a.info.get("robot_type"), b.info.get("robot_type")
+    if robots[0] != robots[1]:
+        yield Difference(where="info.json", message=f"robot_type {robots[0]} or {robots[1]}")
     for name in dict.fromkeys([*a.features, *b.features]):
         mine, its = a.features.get(name), b.features.get(name)
         if mine is None or its is None:
@@ -72,12 +75,20 @@ def _of_info(a: Dataset, b: Dataset) -> Iterator[Difference]:
         for what in ("dtype", "shape"):
             if mine.get(what) != its.get(what):
                 yield Difference(where="info.json", feature=name, message=f"{what} {mine.get(what)} or {its.get(what)}")
-        names = zip_longest(mine.get("names") or (), its.get("names") or ())
+        names = zip_longest(_names(mine), _names(its))
         for place, (one, other) in enumerate(names):
             if one != other:
                 message = f"dimension {place} is {one} or {other}: the first of another name"
                 yield Difference(where="info.json", feature=name, message=message)
                 break
+
+
+def _names(feature: dict[str, Any]) -> list[Any]:
+    """Return the names of a feature's dimensions; LeRobot's own robots map: `{"motors": [..]}`, or each to its place."""
+    names = feature.get("names") or ()
+    if not isinstance(names, dict):
+        return list(names)
+    return [name for key, part in names.items() for name in (part if isinstance(part, list) else [key])]
 
 
 def _of_episode(a: Dataset, one: EpisodeRead, b: Dataset, other: EpisodeRead) -> Iterator[Difference]:

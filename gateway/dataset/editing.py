@@ -58,7 +58,7 @@ def merge(datasets: Sequence[Dataset], out: Path, on_progress: OnProgress = lamb
         differing = [what for what, (its, mine) in pairs.items() if its != mine]
         if differing:
             message = f"{other.folder} and {first.folder} do not go together: other {', '.join(differing)}"
-            raise _refused(message, "build both alike; `ta2 dataset diff` says more")
+            raise _refused(message, "build both alike")
     return _made([(dataset, None) for dataset in datasets], out, on_progress)
 
 

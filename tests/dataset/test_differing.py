@@ -97,6 +97,24 @@ def test_features_rates_and_tasks_are_compared(folder, copied):
     ]
 
 
+@pytest.mark.parametrize(
+    ("names", "why"),
+    [
+        ({"motors": ["a", "b", "c"]}, []),
+        ({"arm": ["a", "b"], "grip": ["z"]}, ["dimension 2 is c or z: the first of another name"]),
+        ({"a": 0, "c": 1, "b": 2}, ["dimension 1 is b or c: the first of another name"]),
+    ],
+)
+def test_names_in_a_map_are_compared_one_by_one(folder, copied, names, why):
+    """As LeRobot's own robots have them: of lists, or of places; and so is the kind of robot."""
+    path = copied / "meta/info.json"
+    info = json.loads(path.read_text())
+    info["features"]["action"]["names"] = names
+    path.write_text(json.dumps(info | {"robot_type": "so100"}))
+    robot = ("info.json", "", f"robot_type {Dataset(folder / 'a').info['robot_type']} or so100")
+    assert found(folder / "a", copied) == [robot, *(("info.json", "action", each) for each in why)]
+
+
 def test_episodes_and_rows_are_counted(folder, layout, filmed_bags, tmp_path):
     """The rows that both have are compared all the same."""
     assert found(folder / "a", folder / "half") == [("", "", "2 or 1 episodes")]
