@@ -105,8 +105,8 @@ def _of_episode(a: Dataset, one: EpisodeRead, b: Dataset, other: EpisodeRead) ->
             x, y = (each.columns[name][:rows].reshape(rows, -1) for each in (one, other))
             if x.shape == y.shape and x.size and (off := _off(x, y)).any():
                 row, dimension = divmod(int(off.argmax()), off.shape[1])
-                names = a.features[name].get("names")
-                label = names[dimension] if isinstance(names, list) else f"dimension {dimension}"
+                names = _names(a.features[name])
+                label = names[dimension] if len(names) == off.shape[1] else f"dimension {dimension}"
                 values = f"{label} is {x[row, dimension]} or {y[row, dimension]}"
                 message, largest = f"{values} in row {row}: the largest difference", float(off[row, dimension])
                 yield Difference(where=where, feature=name, message=message, largest=largest, row=row)

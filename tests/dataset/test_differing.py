@@ -79,6 +79,21 @@ def test_the_largest_difference_of_a_feature_is_named_with_its_place(folder, cop
     assert found(copied, copied) == []
 
 
+@pytest.mark.parametrize(
+    ("names", "label"), [({"motors": ["a", "b", "c"]}, "c"), (["all"], "dimension 2"), (None, "dimension 2")]
+)
+def test_a_dimension_is_named_only_where_each_has_a_name(copied, tmp_path, names, label):
+    """Else it is numbered."""
+    path = copied / "meta/info.json"
+    info = json.loads(path.read_text())
+    info["features"]["action"]["names"] = names
+    path.write_text(json.dumps(info))
+    shutil.copytree(copied, tmp_path / "d")
+    changed(tmp_path / "d", action=lambda action: action.__setitem__((5, 2), 9.0))
+    (one,) = differences(Dataset(copied), Dataset(tmp_path / "d"))
+    assert one.message.startswith(f"{label} is ") and one.row == 5
+
+
 def test_features_rates_and_tasks_are_compared(folder, copied):
     """What is in one only, what is of another type, names in another order."""
     path = copied / "meta/info.json"
