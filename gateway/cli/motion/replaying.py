@@ -25,12 +25,11 @@ from gateway.client import FollowCheck, RobotState
 from gateway.dataset.resample import resample
 from gateway.dataset.rows import stretches
 from gateway.dataset.series import Series, read_series
-from gateway.dataset.vendor_marks import all_episodes
 from gateway.errors import Code, GatewayError, failure
 from gateway.process.own_module import own_module
 from gateway.recording.bag_reader import Bag
 from gateway.recording.bag_writer import needed
-from gateway.recording.episodes import Episode
+from gateway.recording.episodes import Episode, episodes
 from gateway.robot.topics import arm_state, joint_command
 from gateway.values import Side
 
@@ -158,7 +157,7 @@ def recorded(path: Path, episode: int | None = None, arm: str = "") -> tuple[Rec
 
 
 def _episode(bag: Bag, path: Path, number: int | None) -> Episode:
-    there = all_episodes(bag)
+    there = episodes(bag)
     for episode in there:
         if episode.number == number or (number is None and not episode.is_discarded):
             return episode
