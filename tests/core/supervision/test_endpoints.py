@@ -49,6 +49,7 @@ def test_who_registered_is_known_by_his_client(endpoints):
     assert endpoints.client_ids == {"ann", "bob"}
     endpoints.leave("ann")
     assert endpoints.client_ids == {"bob"}
+    assert [endpoints.name_of(client_id) for client_id in ("ann", "bob")] == ["", "pad"]
 
 
 def test_so_many_and_no_more_and_their_names_are_told():

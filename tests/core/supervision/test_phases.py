@@ -225,6 +225,21 @@ def test_the_reference_of_a_paused_robot_goes_where_its_arm_goes() -> None:
     assert stage.coordinator.body.arms[L].values != stage.q_rad[L], "this one says READY"
 
 
+@pytest.mark.parametrize("is_heard", [True, False])
+def test_a_motion_that_has_become_a_hold_gives_way_to_an_arm_that_was_heard_all_the_time(is_heard: bool) -> None:
+    """Once: the reference walks to where the arm is."""
+    stage = Stage(State.ACTIVE)
+    stage.push(L, 0.5)
+    stage.run(20)
+    stage.coordinator.fire(Trigger.CLIENT_LOST, stage.now_ns)
+    if not is_heard:
+        stage.now_ns += 200 * MS
+        stage.phases.step(stage.now_ns)
+    left = go_on(stage, 300)
+    assert bool(stage.told(Code.WALK)) is is_heard is (FrameKind.WALK in {frame.kind for frame in left})
+    assert not stage.coordinator.body.gives_way
+
+
 # ------------------------------------------------------------------------------------------------------ a part ended
 
 
