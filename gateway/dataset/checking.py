@@ -12,7 +12,7 @@ from typing import Any, Final, Literal
 import numpy as np
 import numpy.typing as npt
 
-from gateway.dataset.lerobot_reader import Dataset, EpisodeRead
+from gateway.dataset.lerobot_reader import Dataset, EpisodeRead, labels_of
 from gateway.dataset.series import Floats
 from gateway.dataset.stats import Stats, merged, of_table
 from gateway.dataset.video_check import VideoCheck
@@ -159,7 +159,7 @@ def _of_column(
         yield _error(where, f"has {column.size // max(1, len(column))} dimensions, written down are {size}")
         return
     table = column.reshape(len(column), -1)
-    names = feature.get("names") or [str(n) for n in range(table.shape[1])]
+    names = labels_of(feature, table.shape[1])
     if table.dtype.kind == "f":
         for dimension in np.flatnonzero(~np.isfinite(table).all(axis=0)):
             row = int(np.flatnonzero(~np.isfinite(table[:, dimension]))[0])
@@ -252,7 +252,7 @@ def _constant(dataset: Dataset, every: Mapping[str, list[Stats]]) -> Iterator[Da
         if not name.startswith(("observation", "action")):
             continue
         whole = merged(parts)
-        names = dataset.features[name].get("names") or [str(n) for n in range(len(whole["min"]))]
+        names = labels_of(dataset.features[name], len(whole["min"]))
         same = np.flatnonzero(whole["min"] == whole["max"])
         if len(same) == len(names):
             yield _warning(name, "never changes in any dimension")

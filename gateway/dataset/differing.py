@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from gateway.dataset.lerobot_reader import Dataset, EpisodeRead
+from gateway.dataset.lerobot_reader import Dataset, EpisodeRead, labels_of, names_of
 from gateway.dataset.lerobot_videos import episode_pictures
 from gateway.errors import Code, failure
 
@@ -75,20 +75,12 @@ def _of_info(a: Dataset, b: Dataset) -> Iterator[Difference]:
         for what in ("dtype", "shape"):
             if mine.get(what) != its.get(what):
                 yield Difference(where="info.json", feature=name, message=f"{what} {mine.get(what)} or {its.get(what)}")
-        names = zip_longest(_names(mine), _names(its))
+        names = zip_longest(names_of(mine), names_of(its))
         for place, (one, other) in enumerate(names):
             if one != other:
                 message = f"dimension {place} is {one} or {other}: the first of another name"
                 yield Difference(where="info.json", feature=name, message=message)
                 break
-
-
-def _names(feature: dict[str, Any]) -> list[Any]:
-    """Return the names of a feature's dimensions; LeRobot's own robots map: `{"motors": [..]}`, or each to its place."""
-    names = feature.get("names") or ()
-    if not isinstance(names, dict):
-        return list(names)
-    return [name for key, part in names.items() for name in (part if isinstance(part, list) else [key])]
 
 
 def _of_episode(a: Dataset, one: EpisodeRead, b: Dataset, other: EpisodeRead) -> Iterator[Difference]:
@@ -105,8 +97,7 @@ def _of_episode(a: Dataset, one: EpisodeRead, b: Dataset, other: EpisodeRead) ->
             x, y = (each.columns[name][:rows].reshape(rows, -1) for each in (one, other))
             if x.shape == y.shape and x.size and (off := _off(x, y)).any():
                 row, dimension = divmod(int(off.argmax()), off.shape[1])
-                names = _names(a.features[name])
-                label = names[dimension] if len(names) == off.shape[1] else f"dimension {dimension}"
+                label = labels_of(a.features[name], off.shape[1], "dimension {}")[dimension]
                 values = f"{label} is {x[row, dimension]} or {y[row, dimension]}"
                 message, largest = f"{values} in row {row}: the largest difference", float(off[row, dimension])
                 yield Difference(where=where, feature=name, message=message, largest=largest, row=row)

@@ -15,7 +15,7 @@ import numpy as np
 
 from gateway.dataset.building import PROVENANCE
 from gateway.dataset.episode import INTEGERS
-from gateway.dataset.lerobot_reader import Dataset, EpisodeRead
+from gateway.dataset.lerobot_reader import Dataset, EpisodeRead, labels_of
 from gateway.dataset.lerobot_videos import episode_pictures
 from gateway.dataset.videos import IMAGES
 from gateway.recording.bag_writer import needed
@@ -40,8 +40,8 @@ def groups_of(dataset: Dataset) -> dict[str, list[Group]]:
     found = {}
     for name, feature in dataset.features.items():
         if feature["dtype"] not in ("video", "image", "string") and name not in (*INTEGERS, "timestamp"):
-            names, size = feature.get("names"), int(np.prod(feature["shape"]))
-            listed = list(map(str, names if isinstance(names, list) and len(names) == size else range(size)))
+            size = int(np.prod(feature["shape"]))
+            listed = labels_of(feature, size)
             eights = [(tuple(listed[first : first + TOGETHER]), "") for first in range(0, size, TOGETHER)]
             found[name] = built.get(name, eights)
     return found

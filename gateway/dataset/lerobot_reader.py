@@ -16,7 +16,7 @@ from gateway.dataset.parquet import pyarrow, read
 from gateway.dataset.series import Floats
 from gateway.errors import Code, Refusal, failure, to_exception
 
-__all__ = ["Dataset", "EpisodeRead"]
+__all__ = ["Dataset", "EpisodeRead", "labels_of", "names_of"]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -38,6 +38,20 @@ class EpisodeRead:
     columns: dict[str, npt.NDArray[Any]]
     stats: dict[str, dict[str, Floats]]
     videos: dict[str, tuple[Path, float]]
+
+
+def names_of(feature: Mapping[str, Any]) -> list[str]:
+    """Return the names of a feature's dimensions; LeRobot's own robots map: `{"motors": [..]}`, or each to its place."""
+    names = feature.get("names") or ()
+    if not isinstance(names, dict):
+        return list(map(str, names))
+    return [str(name) for key, part in names.items() for name in (part if isinstance(part, list) else [key])]
+
+
+def labels_of(feature: Mapping[str, Any], size: int, number: str = "{}") -> list[str]:
+    """Return what to call each of so many dimensions: its name, or its number where there are not as many names."""
+    names = names_of(feature)
+    return names if len(names) == size else [number.format(n) for n in range(size)]
 
 
 class Dataset:

@@ -147,6 +147,21 @@ def test_each_fault_is_found_where_it_is(bags, tmp_path, version, fault):
     assert all(other[1].startswith("episode 1") or fault in ("type", "width", "column") for other in others), others
 
 
+@pytest.mark.parametrize(
+    ("names", "label"),
+    [({"motors": ["a", "b", "c"]}, "c"), (["all"], "2"), ({"a": 0, "b": 1, "c": 2}, "c"), (None, "2")],
+)
+def test_a_dimension_is_told_by_its_name_or_its_number(bags, tmp_path, names, label):
+    """Also where names lie in a map, as those of LeRobot's own robots do, or are fewer than the dimensions."""
+    folder = built(bags, tmp_path / "set", "v2.1")
+    FAULTS["jump"][0](folder, "v2.1")
+    path = folder / "meta/info.json"
+    info = json.loads(path.read_text())
+    info["features"][ACTION]["names"] = names
+    path.write_text(json.dumps(info))
+    assert any(text.startswith(f"{label} jumps from") for _, _, text in told(folder))
+
+
 def test_a_step_that_lerobot_refuses_is_found_though_it_is_2_ms(bags, tmp_path):
     """At the begin of an episode, too: all its rows are off the grid."""
     folder = built(bags, tmp_path / "set", "v2.1")
