@@ -74,13 +74,7 @@ class Ownership:
         return lease
 
     def _acquire(self) -> Procedure[None]:
-        before = self._session.lease
-        try:
-            self._lease = yield from procedures.acquire(self._session, self._on_loss, self._take, self._timeout_ns)
-        except BaseException:  # Ctrl-C included: a lease that nobody gets must not stay
-            if self._session.lease != before:
-                self._session.abandon()
-            raise
+        self._lease = yield from procedures.acquire(self._session, self._on_loss, self._take, self._timeout_ns)
 
     def _release(self) -> Procedure[None]:
         lease = self._lease
@@ -102,7 +96,7 @@ class Ownership:
     def _break_off(self) -> None:
         """End by an exception: leave the robot held, without waiting."""
         if self.is_open:
-            self._session.abandon()
+            self._session.abandon(self._lease)
 
     def _enable(self, timeout: float) -> Procedure[None]:
         yield from procedures.enable(self._session, self._owned(), seconds("timeout", timeout))

@@ -125,18 +125,13 @@ def acquire(session: Session, on_loss: protocol.OnLossName, take: str | None, ti
     come to rest after taking over.
 
     Raises:
-        LeaseError: LEASE_HELD, somebody else owns the robot, or another `control()` of this client does.
+        LeaseError: LEASE_HELD, somebody else owns the robot, or another `control()` of this client does, or asks for it.
         Rejected: BAD_REQUEST, an empty reason to take it.
     """
-    session.forget_lost()
-    if session.lease is not None:
-        raise failure(
-            Code.LEASE_HELD,
-            f"this client owns the robot already, under epoch {session.lease.epoch}",
-            hint="use the control that is open, or end it first",
-        )
     yield from get_info(session)
+    session.forget_lost()
     session.keep_alive()
+    lease: Lease | None = None
     try:
         name, pid, loss = session.name, session.pid, chosen(protocol.OnLoss, "on_loss", on_loss)
         command: protocol.Request = protocol.Acquire(name=name, pid=pid, on_loss=loss)
@@ -144,14 +139,16 @@ def acquire(session: Session, on_loss: protocol.OnLossName, take: str | None, ti
             command = protocol.Take(name=name, pid=pid, reason=take, on_loss=loss)
         reply = yield from request(session, command)
         lease = session.own(_fact(reply, "epoch"))
-    except GatewayError as error:
-        session.let_go()
-        raise _held_here(session, error) from None
-    except BaseException:  # Ctrl-C included: whoever does not own the robot must not look alive for it
-        session.let_go()
+        seen = _rests if take is not None else _any
+        yield Seen(session, seen, timeout_ns, "seeing the robot owned and at rest", after_seq=reply.after_seq)
+    except BaseException as error:  # Ctrl-C included: nobody gets this lease, so nobody may look alive for it
+        if lease is None:
+            session.let_go(None)
+        else:
+            session.abandon(lease)
+        if isinstance(error, GatewayError):
+            raise _held_here(session, error) from None
         raise
-    seen = _rests if take is not None else _any
-    yield Seen(session, seen, timeout_ns, "seeing the robot owned and at rest", after_seq=reply.after_seq)
     return lease
 
 
@@ -171,10 +168,10 @@ def release(session: Session, lease: Lease, timeout_ns: int) -> Procedure[None]:
         reply = yield from request(session, protocol.Release(epoch=lease.epoch))
     except GatewayError as error:
         if error.code in (Code.NOT_OWNER, Code.LEASE_STALE):
-            session.let_go()
+            session.let_go(lease)
             return
         raise
-    session.let_go()
+    session.let_go(lease)
 
     def at_rest(sighting: Sighting) -> bool | None:
         view = sighting.view
@@ -187,7 +184,7 @@ def release(session: Session, lease: Lease, timeout_ns: int) -> Procedure[None]:
 
 def abandon(session: Session, lease: Lease) -> Procedure[None]:
     """Leave the robot held, and wait until the daemon has said that it knows."""
-    session.let_go()
+    session.let_go(lease)
     try:
         yield from request(session, protocol.Abandon(epoch=lease.epoch))
     except GatewayError as error:

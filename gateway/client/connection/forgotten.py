@@ -1,15 +1,22 @@
-"""Closes the connection of a session that was dropped without `close`; a robot that it owned is left held."""
+"""Closes the connection of a session that was dropped without `close`; a robot that it owned is left held.
+
+What calls it from outside keeps it from being dropped no more than a weak reference does.
+"""
 
 from __future__ import annotations
 
 import atexit
 import os
+import weakref
 from collections.abc import Callable
+from typing import ParamSpec
 
 from gateway.client.connection.transport import Transport
 from gateway.process.threads import supervised
 
-__all__ = ["close_forgotten"]
+__all__ = ["close_forgotten", "weakly"]
+
+P = ParamSpec("P")
 
 CLOSING_S = 3.0
 """So long Python waits at its end for a connection that is being closed [s]: usual are milliseconds."""
@@ -38,3 +45,15 @@ def close_forgotten(transport: Transport, beating: list[Callable[[], None]], pid
         thread.start()
     except RuntimeError:  # the interpreter is ending, and the connection with it
         atexit.unregister(thread.join)
+
+
+def weakly(method: Callable[P, None]) -> Callable[P, None]:
+    """Return what calls a bound method as long as somebody else holds its object, and does nothing afterwards."""
+    held = weakref.WeakMethod(method)
+
+    def call(*args: P.args, **kwargs: P.kwargs) -> None:
+        needed = held()
+        if needed is not None:
+            needed(*args, **kwargs)
+
+    return call

@@ -21,7 +21,7 @@ import weakref
 from collections.abc import Callable, Iterator
 
 from gateway.api import protocol
-from gateway.client.connection.forgotten import close_forgotten
+from gateway.client.connection.forgotten import close_forgotten, weakly
 from gateway.client.connection.identity import new_client_id
 from gateway.client.connection.inlet import Inlet
 from gateway.client.connection.news import News
@@ -305,21 +305,22 @@ class Session:
         self.transport.put(protocol.target_key(self.client_id, stream_id, self.secret), protocol.encode(target))
 
     def keep_alive(self) -> None:
-        """Begin to show that this client lives, every 50 ms."""
-        if not self._beating:
-            beat, lose = weakref.WeakMethod(self._beat), weakref.WeakMethod(self._lose_beat)
+        """Begin to show that this client lives, every 50 ms: for a lease that is asked for next, and for one at a time.
 
-            def beat_while_needed() -> None:
-                needed = beat()
-                if needed is not None:
-                    needed()
-
-            def lose_if_needed(why: str) -> None:
-                needed = lose()
-                if needed is not None:
-                    needed(why)
-
-            self._beating.append(self.transport.every(protocol.KEEPALIVE_PERIOD_NS, beat_while_needed, lose_if_needed))
+        Raises:
+            LeaseError: LEASE_HELD, this client owns the robot, or asks for it.
+        """
+        beat, lose = weakly(self._beat), weakly(self._lose_beat)
+        with self.changed:
+            if self._beating:
+                lease, hint = self.lease, "use the other control, or end it first"
+                does = (
+                    "asks for the robot already"
+                    if lease is None
+                    else f"owns the robot already, under epoch {lease.epoch}"
+                )
+                raise failure(Code.LEASE_HELD, f"this client {does}", hint=hint)
+            self._beating.append(self.transport.every(protocol.KEEPALIVE_PERIOD_NS, beat, lose))
 
     def _beat(self) -> None:
         lease = self.lease
@@ -346,16 +347,17 @@ class Session:
         self.lease = Lease(epoch=epoch, daemon=self.daemon, holding=self._holding)
         return self.lease
 
-    def let_go(self, lease: Lease | None = None) -> None:
-        """Forget the lease: it was given back, refused, or lost. With `lease`, only if it still is that one."""
+    def let_go(self, lease: Lease | None) -> bool:
+        """Forget a lease: it was given back, or lost; None for one that was asked for in vain. Another's stays: False."""
         with self.changed:
-            if lease is not None and self.lease is not lease:
-                return
+            if self.lease is not lease:
+                return False
             self.lease = None
             beating = list(self._beating)
             self._beating.clear()
         for stop in beating:
             stop()
+        return True
 
     def forget_lost(self) -> None:
         """Let go of a lease that is over: its daemon is gone, somebody has taken it, or it became free."""
@@ -369,13 +371,10 @@ class Session:
             if now.epoch > lease.epoch or (now.epoch == lease.epoch and not now.owned):
                 self.let_go(lease)
 
-    def abandon(self) -> None:
-        """Leave the robot held, at once and without waiting: what an exception and Ctrl-C do."""
-        lease = self.lease
-        if lease is None or os.getpid() != self.pid:
-            return
-        self.let_go()
-        if lease.daemon != self.daemon:
+    def abandon(self, lease: Lease | None = None) -> None:
+        """Leave the robot held, at once and without waiting: what an exception and Ctrl-C do. None: whatever lease there is."""
+        lease = lease or self.lease
+        if lease is None or os.getpid() != self.pid or not self.let_go(lease) or lease.daemon != self.daemon:
             return
         payload = self.encode(protocol.Abandon(epoch=lease.epoch), self.next_request_id())
         self.transport.ask(protocol.COMMAND_KEY, payload, protocol.REPLY_WITHIN_NS / 1e9, _ignore)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import gc
+import threading
 import tracemalloc
 import weakref
 
@@ -10,7 +11,7 @@ import numpy as np
 import pytest
 
 from gateway.client import connect
-from gateway.errors import Code, Disconnected, LeaseError, OutcomeUnknown
+from gateway.errors import Code, Disconnected, LeaseError, OutcomeUnknown, failure
 from tests.api.daemon import eventually
 from tests.api.stand_in import START_Q, a_snapshot
 from tests.client.asking.test_watching import restart
@@ -264,3 +265,94 @@ def test_a_keepalive_that_ends_with_nothing_owned_ends_nothing(world, robot):
     robot._session._lose_beat("why")
     with robot.control() as own:
         assert own.is_open
+
+
+def test_the_keepalive_is_begun_by_one_at_a_time(robot, monkeypatch):
+    """Nobody else gets as far as that while it is being begun: one of two would never be ended."""
+    session, seen = robot._session, []
+
+    def every(*_):
+        def look():
+            seen.append(session.changed.acquire(blocking=False))
+            if seen[0]:
+                session.changed.release()
+
+        other = threading.Thread(target=look)
+        other.start()
+        other.join()
+        return lambda: None
+
+    monkeypatch.setattr(session.transport, "every", every)
+    session.keep_alive()
+    assert seen == [False]
+    with pytest.raises(LeaseError, match="asks for the robot already") as caught:
+        session.keep_alive()
+    assert caught.value.code is Code.LEASE_HELD
+
+
+def test_whoever_asks_while_this_client_asks_already_is_refused_and_ends_nothing(world, robot):
+    """Of two that ask at once one owns the robot and stays alive, and the other one hears that he does not."""
+
+    def ask_too():
+        world.on_tick = None
+        with pytest.raises(LeaseError, match="asks for the robot already"):
+            robot.control().acquire()
+
+    world.on_tick = ask_too
+    own = robot.control().acquire()
+    assert world.on_tick is None and own.is_open
+    world.run(0.5)
+    assert len(world.engine.seen[robot.client_id]) >= 10
+
+
+@pytest.mark.parametrize("ending", ["cancelled", "refused", "late"])
+def test_whoever_asks_in_vain_lets_go_of_nothing_that_another_got(world, robot, ending):
+    """Given up, refused, or late: the lease that another control of this client has got meanwhile stays alive."""
+    session = robot._session
+    info, session.info = session.info, None
+    second = robot.control()._acquire()
+    next(second)  # it has begun, and waits for the daemon's facts
+    own = robot.control().acquire()
+    if ending == "cancelled":
+        second.close()
+    elif ending == "refused":
+        with pytest.raises(Disconnected):
+            second.throw(failure(Code.DISCONNECTED, "gone"))
+    else:
+        with pytest.raises(LeaseError, match="owns the robot already"):
+            second.send(info)
+    assert own.is_open
+    world.run(0.5)
+    assert len(world.engine.seen[robot.client_id]) >= 10 and sent(world, robot) == ["Acquire"]
+
+
+def test_the_end_of_a_lease_that_was_lost_is_not_the_next_ones(world, robot):
+    """A reply that comes late ends what it was about and nothing newer."""
+    first = robot.control().acquire()
+    ending = first._release()
+    next(ending)
+    robot._session.let_go(first._lease)  # as when a snapshot shows that it is over
+    own = robot.control().acquire()
+    with pytest.raises(StopIteration):
+        ending.throw(failure(Code.LEASE_STALE, "over"))
+    assert own.is_open
+    world.run(0.5)
+    assert len(world.engine.seen[robot.client_id]) >= 10
+
+
+def test_a_lease_that_nobody_gets_is_left_and_not_the_one_that_took_its_place(world, robot):
+    """Cancelled while it waits for the arms to rest, an acquire leaves the robot held; the lease of another stays."""
+    for is_replaced in (False, True):
+        asking = robot.control(take="mine")._acquire()
+        wait = next(asking)
+        while (reply := wait.poll(world.time_ns)) is None:
+            world.pump()
+        asking.send(reply)  # it is its own now, and waits for rest
+        own = None
+        if is_replaced:
+            robot._session.let_go(robot._session.lease)
+            own = robot.control().acquire()
+        asking.close()
+        world.run(0.1)
+        assert (sent(world, robot)[-1] == "Abandon") is not is_replaced
+        assert robot._session._beating == [] if own is None else own.is_open
