@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import threading
+
 import numpy as np
 import pytest
 from msgspec.structs import replace
@@ -361,6 +363,33 @@ def test_a_forked_process_is_told_to_connect_itself(world, robot, monkeypatch):
     robot.close()  # a child that leaves its `with` block must not close its parent's connection
     monkeypatch.undo()
     assert robot.state.state == "READ_ONLY"
+
+
+def test_a_forked_process_has_no_daemon_and_owns_nothing(world, robot, monkeypatch):
+    """Its health says so at once, whoever held the lock at the fork; what its parent owns it leaves alone."""
+    locked, done = threading.Event(), threading.Event()
+
+    def hold():
+        with robot._session.changed:
+            locked.set()
+            done.wait(10)
+
+    with robot.control() as own:
+        assert robot.health().daemon and own.is_open
+        with monkeypatch.context() as child:
+            child.setattr("os.getpid", lambda: 1)
+            holding = threading.Thread(target=hold)
+            holding.start()
+            assert locked.wait(10)
+            health = robot.health()
+            still_locked = not robot._session.changed.acquire(blocking=False)
+            done.set()
+            holding.join()
+            assert not health.daemon and not health.ok and still_locked and not own.is_open
+            with pytest.raises(Disconnected, match="forked"):
+                _ = own.epoch
+            own.release()
+        assert robot.health().daemon and own.is_open and own.epoch == 1
 
 
 @pytest.mark.parametrize(("name", "value"), [("on_loss", "drop"), ("on_exit", "stop")])

@@ -52,12 +52,13 @@ class Ownership:
 
         Raises:
             LeaseError: NOT_OWNER, this control was not entered or has ended.
+            Disconnected: This process was forked.
         """
         return self._owned().epoch
 
     @property
     def is_open(self) -> bool:
-        """Whether this control was acquired, neither given back nor left, and did not end with its daemon."""
+        """Whether this control was acquired by this process, neither given back nor left, and did not end with its daemon."""
         return self._lease is not None and self._session.holds(self._lease)
 
     def __repr__(self) -> str:

@@ -166,8 +166,8 @@ class Session:
 
     @property
     def is_connected(self) -> bool:
-        """Whether the daemon is there at this moment."""
-        return bool(self.daemon) and not self._gone_since_ns and not self.is_closed
+        """Whether the daemon is there at this moment; never in a forked process."""
+        return bool(self.daemon) and not self._gone_since_ns and not self.is_closed and os.getpid() == self.pid
 
     def require_daemon(self, daemon: str | None = None) -> None:
         """Refuse unless a daemon is there, or was less than a second ago.
@@ -188,8 +188,8 @@ class Session:
             raise _disconnected(f"no daemon answers at {self.transport.address}")
 
     def holds(self, lease: Lease) -> bool:
-        """Whether a lease of ours is the present one, of the present daemon."""
-        return self.lease == lease and self.daemon == lease.daemon
+        """Whether a lease of ours is the present one, of the present daemon; never in a forked process."""
+        return self.lease == lease and self.daemon == lease.daemon and os.getpid() == self.pid
 
     def require_lease(self, lease: Lease) -> None:
         """Refuse when a lease of ours is over.
@@ -197,7 +197,9 @@ class Session:
         Raises:
             LeaseError: LEASE_LOST, the daemon that gave it is gone and another one answers now, or its keepalive ended;
                 NOT_OWNER, it was given back, left, or another one took its place.
+            Disconnected: This process was forked.
         """
+        self.require_own_process()
         if lease.daemon != self.daemon:
             raise failure(
                 Code.LEASE_LOST,
@@ -353,8 +355,7 @@ class Session:
             if self.lease is not lease:
                 return False
             self.lease = None
-            beating = list(self._beating)
-            self._beating.clear()
+            beating, self._beating[:] = list(self._beating), []
         for stop in beating:
             stop()
         return True

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping
 
 from msgspec import Struct, field
@@ -76,7 +77,9 @@ class Health(Struct, frozen=True, kw_only=True):
 
 
 def health_of(session: Session) -> Health:
-    """Return the health as this client sees it; never raises for lack of a daemon."""
+    """Return the health as this client sees it; never raises for lack of a daemon. A forked process has none."""
+    if os.getpid() != session.pid:  # a lock that was held at the fork is never given back
+        return Health(daemon=False)
     connected, sighting = session.is_connected, session.sighting()
     seen = Health(
         daemon=connected,
