@@ -8,8 +8,8 @@ others    @/<zid>/@ros2_lv/{SS|SC|AS|AC}/<key, / as §>/<type, / as §>       se
 ```
 
 The grammar of the QoS is in `qos`. `§` stands for `/` in tokens only; data keys are never escaped (wire.md 1.1, 4.1).
-The rules for a name here are those of a concrete zenoh key, which every ROS name obeys; ROS's own narrower rules are
-not checked. Nothing here opens a session.
+The parts of a name and of a type are those of ROS: letters, digits and _. A zenoh key may hold anything else, too, and a
+stranger's token does: escapes of a terminal, a line of a log, a word for a shell. Nothing here opens a session.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ ALL_TOKENS = "@/*/@ros2_lv/**"
 """Key expression of every token of every bridge, presence included."""
 
 _SLASH = "§"
-_CHUNK = re.compile(r"[^/@*$?#§][^/*$?#§]*")
+_CHUNK = re.compile(r"[A-Za-z0-9_]+")
 _ZID = re.compile(r"[0-9a-f]{1,32}")
 
 
@@ -184,7 +184,7 @@ def _check_topic(topic: str) -> str:
 
 
 def _check_chunks(name: str, field: str) -> None:
-    """Accept concrete chunks between slashes: none empty, none a wildcard, none verbatim (`@...`)."""
+    """Accept what a name in ROS is made of: so no wildcard, no verbatim chunk (`@...`), and nothing that a terminal obeys."""
     for chunk in name.split("/"):
         if not _CHUNK.fullmatch(chunk):
-            raise BadName(name, "no part between slashes may be empty, begin with @ or contain * $ ? # §", field=field)
+            raise BadName(name, "its parts between slashes are letters, digits and _", field=field)

@@ -156,6 +156,12 @@ def test_any_text_is_a_token_or_refused(text):
         ("@/ab/@ros2_lv/MP/a*/b§msg§C/:::", "topic"),
         ("@/ab/@ros2_lv/MP/a/§/:::", "type_name"),
         ("@/ab/@ros2_lv/MP/a/b§msg§C/::", "qos"),
+        ("@/ab/@ros2_lv/MP/\x1b[2J§fsm_state/b§msg§C/:::", "topic"),
+        ("@/ab/@ros2_lv/MP/x\n2026-11-29 WARNING forged§fsm_state/b§msg§C/:::", "topic"),
+        ("@/ab/@ros2_lv/MP/fsm_state\n/b§msg§C/:::", "topic"),
+        ("@/ab/@ros2_lv/MP/x;reboot§fsm_state/b§msg§C/:::", "topic"),
+        ("@/ab/@ros2_lv/MP/\u202eé§fsm_state/b§msg§C/:::", "topic"),
+        ("@/ab/@ros2_lv/MP/fsm_state/b§msg§C\x07/:::", "type_name"),
     ],
 )
 def test_what_the_grammar_does_not_know_is_refused(text, field):
@@ -187,7 +193,7 @@ SENTENCES = (
     (lambda: topic_to_key("left_arm"), "topic: 'left_arm' is no valid name: a topic begins with a slash"),
     (
         lambda: topic_to_key("/a//b"),
-        "topic: 'a//b' is no valid name: no part between slashes may be empty, begin with @ or contain * $ ? # §",
+        "topic: 'a//b' is no valid name: its parts between slashes are letters, digits and _",
     ),
     (
         lambda: parse_token("@/G/@ros2_lv"),

@@ -24,6 +24,7 @@ from msgspec import Struct
 
 from cdr_types import BadName
 from cdr_types.keys import Token, TokenKind, parse_token, topic_to_key
+from gateway.api.keys import printable
 from gateway.core.messages.events import RobotsAnnounced, RouteObserved
 from gateway.errors import Code
 from gateway.link.discovery.command_watch import CommandWatch
@@ -99,7 +100,7 @@ class TokenTable:
         try:
             token = parse_token(keyexpr)
         except BadName as error:
-            _log.debug("token %s ignored: %s", keyexpr, error)
+            _log.debug("token %r ignored: %s", keyexpr, error)
             return
         with self._lock:
             self.revision += 1
@@ -351,7 +352,7 @@ class Discovery:
         facts = {}
         for zid in bridges:
             domain = json_object(configs.get(zid, b"")).get("domain")
-            version = versions.get(zid, b"").decode(errors="replace").strip().strip('"')
+            version = printable(versions.get(zid, b"").decode(errors="replace").strip().strip('"'))
             facts[zid] = BridgeFacts(version=version, domain=domain if isinstance(domain, int) else None)
         self.bridges = facts
         version = next((facts[zid].version for zid in sorted(robot_zids) if facts[zid].version), "")
@@ -366,12 +367,20 @@ def _zid_of(place: str) -> str:
 
 
 def json_object(payload: bytes) -> Mapping[str, object]:
-    """Return the JSON object of an admin entry; empty when it is none."""
+    """Return the JSON object of an admin entry, its texts as they can be shown; empty when it is none."""
     try:
-        fields = json.loads(payload)
+        fields = _shown(json.loads(payload))
     except (ValueError, RecursionError):
         return {}
     return fields if isinstance(fields, dict) else {}
+
+
+def _shown(value: object) -> object:
+    if isinstance(value, dict):
+        return {name: _shown(item) for name, item in value.items()}
+    if isinstance(value, list):
+        return [_shown(item) for item in value]
+    return printable(value) if isinstance(value, str) else value
 
 
 def _objects(value: object) -> list[Mapping[str, object]]:

@@ -109,7 +109,13 @@ def test_the_table_holds_what_is_there():
     assert len(table.all()) == 1
 
 
-@pytest.mark.parametrize("keyexpr", ["", "@/x/@ros2_lv", "@/1a/@ros2_lv/XX/a/b", "left_arm/joint_states"])
+@pytest.mark.parametrize(
+    "keyexpr",
+    [
+        *("", "@/x/@ros2_lv", "@/1a/@ros2_lv/XX/a/b", "left_arm/joint_states"),
+        "@/1a/@ros2_lv/MP/\x1b[2J§fsm_state/std_msgs§msg§Int32/:1::",
+    ],
+)
 def test_a_token_outside_the_grammar_is_ignored(keyexpr):
     """Somebody's own tokens are none of our business."""
     table = TokenTable()
@@ -231,6 +237,22 @@ def test_the_version_is_logged_once_and_read_again_after_a_loss(seen, caplog):
     seen.discovery.lose()
     seen.step()
     assert seen.discovery.version == "1.11.0"
+
+
+def test_what_a_bridge_or_a_router_says_obeys_no_terminal_and_forges_no_line(seen, caplog):
+    """Anybody on the robot's network may answer in their place."""
+    caplog.set_level(logging.INFO)
+    evil = "v1\x1b[31m\n2026 WARNING forged"
+    seen.silent = {ARM}
+    seen.route(ARM, dds_reader="", remote_routes=[f"{evil}:{seen.key(ARM)}"])
+    seen.answers[f"@/{BRIDGE}/router"] = {"sessions": [{"peer": evil, "links": [{"dst": evil}]}]}
+    ask = seen.discovery._ask
+    plain = {f"@/{BRIDGE}/ros2/version": evil.encode()}  # JSON would have escaped it
+    seen.discovery._ask = lambda selector: plain if selector == "@/*/ros2/version" else ask(selector)
+    (observation,) = seen.step().observations
+    assert "forged" in observation.message and observation.message.isprintable()
+    assert "forged" in seen.discovery.version and seen.discovery.version.isprintable()
+    assert all(record.getMessage().isprintable() for record in caplog.records)
 
 
 def test_what_bridges_say_of_themselves_is_read_when_one_comes(seen):
