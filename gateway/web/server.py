@@ -289,13 +289,11 @@ class _Page:
                     shown = -1
 
     async def _listen(self) -> None:
-        with contextlib.suppress(WebSocketDisconnect):
-            while True:
-                text = await self._socket.receive_text()
-                self._heard_s = asyncio.get_running_loop().time()
-                self._take(text)
-                while len(self._waiting) >= 2 * MOST_WAITING:  # it asks, and takes no answers
-                    await asyncio.wait(self._waiting, return_when=asyncio.FIRST_COMPLETED)
+        while (heard := await self._socket.receive())["type"] == "websocket.receive":
+            self._heard_s = asyncio.get_running_loop().time()
+            self._take(heard.get("text") or heard.get("bytes") or "")  # a frame of either kind
+            while len(self._waiting) >= 2 * MOST_WAITING:  # it asks, and takes no answers
+                await asyncio.wait(self._waiting, return_when=asyncio.FIRST_COMPLETED)
 
     async def _watch(self) -> None:
         """End when a page takes nothing any more, or owns the robot and is silent: a frozen tab, a closed lid, a cut cable."""
@@ -305,7 +303,7 @@ class _Page:
                 return
             await asyncio.sleep(min(SILENT_S, STALLED_S) / 10.0)
 
-    def _take(self, text: str) -> None:
+    def _take(self, text: str | bytes) -> None:
         try:
             asked = msgspec.json.decode(text, type=Asked)
         except (msgspec.MsgspecError, UnicodeError, RecursionError) as error:

@@ -24,13 +24,13 @@ class Stalled:
 
     close = send_text
 
-    async def receive_text(self) -> str:
+    async def receive(self) -> dict[str, str]:
         """Return nonsense, or nothing."""
         if not self._asks:
             await asyncio.Event().wait()
         await asyncio.sleep(0)
         self.heard += 1
-        return "nonsense"
+        return {"type": "websocket.receive", "text": "nonsense"}
 
 
 def page_of(socket: Stalled) -> server._Page:

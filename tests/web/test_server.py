@@ -85,6 +85,22 @@ def test_a_page_hears_that_the_gateway_is_away_and_that_it_owns_nothing(
         assert (reply["id"], reply["ok"], reply["error"]["code"]) == (2, False, "NOT_OWNER")
 
 
+def test_a_request_may_come_in_a_frame_of_either_kind(browser: TestClient, monkeypatch: pytest.MonkeyPatch) -> None:
+    """JSON from a program is bytes; what is no request is answered, too, and ends nothing."""
+    monkeypatch.setattr("gateway.web.server.AGAIN_S", 60.0)
+    with browser.websocket_connect("ws://127.0.0.1:8700/api/live", headers=KNOWN) as socket:
+        assert socket.receive_json() == {"type": "gone"}
+        for said in (b"", b"\xff\xfe", b"nonsense"):
+            socket.send_bytes(said)
+            assert socket.receive_json()["error"]["code"] == "BAD_REQUEST"
+        socket.send_bytes(b'{"do": "hold", "id": 2}')
+        socket.send_text('{"do": "hold", "id": 3}')
+        assert [(reply["id"], reply["error"]["code"]) for reply in (socket.receive_json(), socket.receive_json())] == [
+            (2, "NOT_OWNER"),
+            (3, "NOT_OWNER"),
+        ]
+
+
 def test_a_page_hears_something_while_there_is_no_news(browser: TestClient, monkeypatch: pytest.MonkeyPatch) -> None:
     """Else it could not tell a gateway that is away from a server that hangs, or a network that is cut."""
     monkeypatch.setattr("gateway.web.server.AGAIN_S", 0.01)
