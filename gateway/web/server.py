@@ -39,15 +39,7 @@ from starlette.websockets import WebSocket, WebSocketDisconnect
 from gateway.api.protocol import Info, RefusalMessage
 from gateway.client import aio
 from gateway.client.state.reasons import why_of
-from gateway.errors import (
-    Code,
-    Disconnected,
-    GatewayError,
-    GatewayTimeout,
-    OutcomeUnknown,
-    Rejected,
-    failure,
-)
+from gateway.errors import Code, Disconnected, GatewayError, GatewayTimeout, OutcomeUnknown, Rejected, failure
 from gateway.web import metrics, stopping
 from gateway.web.access import SESSION, AccessControl, Keys, cookie_name
 from gateway.web.beside import Beside
@@ -252,7 +244,7 @@ class _Page:
 
     async def run(self) -> None:
         """Serve it until it is gone."""
-        parts = {asyncio.create_task(part) for part in (self._tell(), self._listen(), self._watch())}
+        parts = {_begun(part) for part in (self._tell(), self._listen(), self._watch())}
         try:
             await asyncio.wait(parts, return_when=asyncio.FIRST_COMPLETED)
         finally:
@@ -261,7 +253,7 @@ class _Page:
                 task.cancel()  # nothing is begun any more that `lose` would not end
             await self._owning.lose()  # first: whatever else ends slowly, the robot is held
             await _ended(tasks)
-            closing = asyncio.create_task(self._socket.close())
+            closing = _begun(self._socket.close())
             await asyncio.wait({closing}, timeout=CLOSE_S)  # whoever reads nothing is not waited for
             await _ended({closing})
 
@@ -322,7 +314,7 @@ class _Page:
         self._begin(self._carry_out(asked))
 
     def _begin(self, doing: Coroutine[None, None, None]) -> None:
-        task = asyncio.create_task(doing)
+        task = _begun(doing)
         self._waiting.add(task)
         task.add_done_callback(self._waiting.discard)
 
@@ -342,15 +334,24 @@ def _no_gateway() -> GatewayError:
     return failure(Code.DISCONNECTED, "no gateway answers", hint="start it: ta2 run")
 
 
-async def _ended(tasks: set[asyncio.Task[None]]) -> None:
-    """End what belongs to a page, and tell what ended otherwise than because the page is gone, or closed already."""
-    for task in tasks:
-        task.cancel()
-    await asyncio.wait(tasks)
-    for task in tasks:
+def _begun(doing: Coroutine[None, None, None]) -> asyncio.Task[None]:
+    """Begin what belongs to a page; where it ends otherwise than because the page is gone, or closed already, that is told."""
+
+    def tell(task: asyncio.Task[None]) -> None:
         error = None if task.cancelled() else task.exception()
         if error is not None and not isinstance(error, (WebSocketDisconnect, RuntimeError)):
             _log.error("a page ended by an error", exc_info=error)
+
+    task = asyncio.create_task(doing)
+    task.add_done_callback(tell)
+    return task
+
+
+async def _ended(tasks: set[asyncio.Task[None]]) -> None:
+    """End what belongs to a page."""
+    for task in tasks:
+        task.cancel()
+    await asyncio.wait(tasks)
 
 
 def failure_of(error: GatewayError) -> RefusalMessage:

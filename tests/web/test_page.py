@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import asyncio
+import gc
+import logging
 
 import pytest
+from starlette.websockets import WebSocketDisconnect
 
 from gateway.web import server
 from gateway.web.owning import Owning
@@ -58,3 +61,35 @@ def test_a_page_that_asks_and_takes_no_answers_is_not_listened_to() -> None:
         await asyncio.wait({running})
 
     asyncio.run(story())
+
+
+class Gone(Stalled):
+    """A socket whose peer is gone, as each answer to it finds out, or each ends by another error."""
+
+    def __init__(self, error: Exception) -> None:
+        super().__init__(asks=True)
+        self._error = error
+
+    async def send_text(self, text: str = "") -> None:
+        """Raise, as where the peer is gone."""
+        raise self._error
+
+
+@pytest.mark.parametrize("error", [WebSocketDisconnect(1006), RuntimeError("closed"), ValueError("a fault of ours")])
+def test_a_page_that_goes_while_its_request_waits_leaves_no_trace_in_the_log(
+    caplog: pytest.LogCaptureFixture, error: Exception
+) -> None:
+    """That pages go is nothing to tell; another error is told, once, by us and not by asyncio."""
+
+    async def story() -> None:
+        page = page_of(Gone(error))
+        page._take("nonsense")
+        while page._waiting:
+            await asyncio.sleep(0)
+        gc.collect()
+
+    with caplog.at_level(logging.DEBUG):
+        asyncio.run(story())
+        gc.collect()
+    told = [(record.name, record.getMessage()) for record in caplog.records if record.levelno >= logging.WARNING]
+    assert told == ([(server.__name__, "a page ended by an error")] if isinstance(error, ValueError) else [])
