@@ -42,6 +42,10 @@ CERTIFICATE, KEY, CA, CREDENTIALS, ROLES = "certificate.pem", "key.pem", "ca.pem
 AT = "tls/HOST:7448"
 STAYS = "the earlier key stays good until it ends: if it was lost, give a new name"
 """zenoh reads no list of revoked certificates."""
+ANEW, ALL_ANEW = (
+    "make it anew with --replace",
+    "make the authority anew: ta2 keys init --replace, then all keys",
+)
 SOON_DAYS = 30
 """Less is told as something to do."""
 
@@ -79,7 +83,7 @@ def _server(folder: Path, options: Namespace) -> None:
     _write(at, _made(options.hosts[0][:64], options.days, own, folder / "ca"), may_replace=options.replace)
     if not (at / ROLES).exists():
         _write(at, {ROLES: b"# NAME:ROLE a line: viewer, operator or admin\n"}, may_replace=False)
-    print(f'# good for {options.days} days; settings of the gateway:\n[local]\ntcp = "0.0.0.0:{AT.rpartition(":")[2]}"')
+    print(f'# good {_until(at, folder)}; settings of the gateway:\n[local]\ntcp = "0.0.0.0:{AT.rpartition(":")[2]}"')
     names = {"tls_certificate": CERTIFICATE, "tls_private_key": KEY, "tls_root_ca": CA, "roles_file": ROLES}
     paths = {setting: at / name for setting, name in names.items()} | {"audit_log": state_dir() / "audit.jsonl"}
     for setting, path in paths.items():
@@ -100,7 +104,7 @@ def _client(folder: Path, options: Namespace) -> None:
     text = "".join(f"{line}\n" for line in [*kept, f"{options.name}:{options.role}"])
     _write(roles.parent, {ROLES: text.encode()}, may_replace=True)
     print(
-        f"{options.name} ({options.role}) is in {at}, good for {options.days} days. Give that folder to the client, then:"
+        f"{options.name} ({options.role}) is in {at}, good {_until(at, folder)}. Give that folder to the client, then:"
     )
     print(f"  TA2_CREDENTIALS={at / CREDENTIALS} ta2 status --at {AT}")
     print(f"the gateway reads {roles} when it starts")
@@ -110,7 +114,7 @@ def _list(folder: Path, options: Namespace) -> None:
     path = folder / "server" / ROLES
     roles = read_roles(str(path)) if path.exists() else {}
     authority = _read(folder / "ca" / CERTIFICATE) if (folder / "ca" / CERTIFICATE).exists() else None
-    shown = []
+    shown, remedies = [], []
     for at in (folder / "ca", folder / "server", *sorted((folder / "clients").glob("*"))):
         if (at / CERTIFICATE).exists():
             certificate = _read(at / CERTIFICATE)
@@ -119,14 +123,15 @@ def _list(folder: Path, options: Namespace) -> None:
             left = (ends - datetime.now(timezone.utc)).days
             told = {"name": at.name, "role": role, "ends": ends.date().isoformat(), "days_left": left}
             shown.append({**told, "is_of_an_earlier_authority": is_earlier})
+            remedies.append(ALL_ANEW if not is_earlier and _ends_with_authority(at, folder) else ANEW)
     if options.json:
         print(json.dumps({"ok": True, "keys": shown}))
         return
-    for each in shown:
+    for each, remedy in zip(shown, remedies, strict=True):
         left = int(str(each["days_left"]))
         is_over = bool(each["is_of_an_earlier_authority"])
         end = "HAS ENDED" if left < 0 else "OF AN EARLIER AUTHORITY" if is_over else f"{left} days left"
-        soon = "  <- make it anew with --replace" if is_over or left < SOON_DAYS else ""
+        soon = f"  <- {remedy}" if is_over or left < SOON_DAYS else ""
         print(f"{each['name']:20} {each['role']:9} until {each['ends']}, {end}{soon}")
     if not shown:
         print(f"no keys in {folder}: begin with `ta2 keys init`")
@@ -166,6 +171,18 @@ def _made(name: str, days: int, extensions: list[x509.ExtensionType], signer: Pa
     files[CERTIFICATE] = builder.sign(key, hashes.SHA256()).public_bytes(pem)
     files[KEY] = own.private_bytes(pem, pkcs8, serialization.NoEncryption())
     return files
+
+
+def _until(at: Path, folder: Path) -> str:
+    """Return in words when the certificate in `at` ends, which may be before the day that was asked for."""
+    why = ", when the authority ends" if _ends_with_authority(at, folder) else ""
+    return f"until {_read(at / CERTIFICATE).not_valid_after_utc.date().isoformat()}{why}"
+
+
+def _ends_with_authority(at: Path, folder: Path) -> bool:
+    """Whether a new certificate would end no later than the one in `at`; not known where only that one was given."""
+    authority = folder / "ca" / CERTIFICATE
+    return authority.exists() and _read(at / CERTIFICATE).not_valid_after_utc >= _read(authority).not_valid_after_utc
 
 
 def _host(text: str) -> x509.GeneralName:

@@ -189,6 +189,22 @@ def test_what_a_new_authority_ended_is_told(lab):
     assert "EARLIER" not in lab("list")[1]
 
 
+def test_a_key_that_ends_with_its_authority_is_told_with_its_own_end_and_with_what_helps(lab):
+    """Made anew with --replace it would end on the same day."""
+    lab("init", "--days", "10")
+    shown = {words[1]: lab(*words)[1] for words in (
+        ("server", "localhost"),
+        ("client", "ann", "--role", "operator", "--days", "365"),
+        ("client", "bob", "--role", "viewer", "--days", "5"),
+    )}  # fmt: skip
+    for at, name in ((lab.folder / "server", "localhost"), (lab.folder / "clients" / "ann", "ann")):
+        until = f"good until {certificate(at).not_valid_after_utc.date()}, when the authority ends"
+        assert until in shown[name] and "365" not in shown[name]
+    assert "when the authority ends" not in shown["bob"]
+    for line in lab("list")[1].splitlines():
+        assert ("ta2 keys init --replace" in line) is not line.startswith("bob") and "--replace" in line
+
+
 def test_without_the_wheel_it_says_which_extra(lab, monkeypatch):
     """Only those who make keys need it."""
     monkeypatch.delitem(sys.modules, "gateway.cli.keys")
