@@ -135,7 +135,7 @@ def prepare() -> None:
             reader.decoder(encoding)
 
 
-def encode(message: object, encoding: str = MSGPACK) -> bytes:
+def encode(message: object, encoding: str = MSGPACK, *, escapes: bool = True) -> bytes:
     """Return the bytes of a message: a struct of this protocol.
 
     Half letters, which a path has where it is no UTF-8, are escaped: nobody misses a snapshot for the name of a file.
@@ -143,15 +143,19 @@ def encode(message: object, encoding: str = MSGPACK) -> bytes:
     Args:
         message: What to send.
         encoding: `MSGPACK` or `JSON` (where a NaN becomes null, which no reader of ours accepts); empty for msgpack.
+        escapes: Whether half letters are.
 
     Raises:
         TypeError: The message holds something that has no form in the encoding.
+        UnicodeEncodeError: Half letters, which are not escaped.
         KeyError: An unknown encoding.
     """
     encoder = _ENCODERS[encoding or MSGPACK]
     try:
         return encoder(message)
     except UnicodeEncodeError:
+        if not escapes:
+            raise
         return encoder(_escaped(msgspec.to_builtins(message, builtin_types=(bytes,))))
 
 

@@ -24,7 +24,7 @@ from msgspec import Struct
 
 from gateway.api import protocol
 from gateway.api.stop_pipe import drop_stop
-from gateway.client.connection.transport import Receiver
+from gateway.client.connection.transport import SPAWN_HINT, Receiver
 from gateway.errors import Code, GatewayError, failure
 from gateway.process.callbacks import direct
 from gateway.process.threads import supervised
@@ -43,6 +43,10 @@ FLEET_MESSAGE_BYTES = 256 * 1024
 
 STALL_US = 500_000
 """A daemon that does not read for so long while a request waits loses this connection [us]."""
+
+
+_zenoh_pids: set[int] = set()
+"""Of this process, once it has opened a session: zenoh's threads are made once, and a fork has none."""
 
 
 class Credentials(Struct, frozen=True, kw_only=True):
@@ -105,6 +109,8 @@ class ZenohTransport:
 
     def open(self, client_id: str, receiver: Receiver, timeout_s: float) -> None:
         """Connect, show the token, listen. Raises `Disconnected` when nobody listens there."""
+        if _zenoh_pids and os.getpid() not in _zenoh_pids:
+            raise _disconnected("this process was forked from one that had connected: zenoh hangs here", SPAWN_HINT)
         path = self._target.path
         if path is not None and not path.exists():
             raise _disconnected(f"there is no socket at {path}")
@@ -112,6 +118,7 @@ class ZenohTransport:
             if not path.is_socket():
                 raise _disconnected(f"{path} is no socket", "name the gateway's socket, which `ta2 run` shows")
             raise _disconnected(f"nobody listens at {path}: the gateway there has ended")
+        _zenoh_pids.add(os.getpid())
         try:
             session = zenoh.open(client_configuration(self._target, self._credentials, timeout_s))
         except zenoh.ZError as error:

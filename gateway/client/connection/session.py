@@ -26,7 +26,7 @@ from gateway.client.connection.identity import new_client_id
 from gateway.client.connection.inlet import Inlet
 from gateway.client.connection.news import News
 from gateway.client.connection.records import Lease, Motion, Sighting
-from gateway.client.connection.transport import Transport
+from gateway.client.connection.transport import SPAWN_HINT, Transport
 from gateway.errors import Code, GatewayError, failure
 
 __all__ = ["Lease", "Motion", "Session", "Sighting"]
@@ -223,9 +223,7 @@ class Session:
     def require_own_process(self) -> None:
         """Refuse in a process that was forked after `connect()`."""
         if os.getpid() != self.pid:
-            raise _disconnected(
-                f"this process was forked from the one that connected (pid {self.pid})", "connect() after the fork"
-            )
+            raise _disconnected(f"this process was forked from the one that connected (pid {self.pid})", SPAWN_HINT)
 
     def sighting(self) -> Sighting | None:
         """Return the newest snapshot, decoded; None before the first.
@@ -293,7 +291,7 @@ class Session:
             request=request,
         )
         try:
-            return protocol.encode(command)
+            return protocol.encode(command, escapes=False)
         except (TypeError, ValueError, OverflowError) as error:
             message, hint = (
                 f"{type(request).__name__} cannot be sent: {error}",

@@ -11,7 +11,10 @@ import threading
 from collections.abc import Callable
 from typing import Protocol
 
-__all__ = ["Receiver", "Transport"]
+__all__ = ["SPAWN_HINT", "Receiver", "Transport"]
+
+SPAWN_HINT = "begin processes by multiprocessing's spawn, or by subprocess, and connect() there"
+"""What a forked process is told: zenoh's threads are not in it, and come in none."""
 
 
 class Receiver(Protocol):

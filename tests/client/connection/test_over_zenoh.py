@@ -198,8 +198,8 @@ def test_a_program_that_forgets_to_close_still_ends(daemon):
     eventually(lambda: len(daemon.engine.gone) == 1)
 
 
-def test_a_forked_child_is_told_to_connect_itself(daemon):
-    """In a real fork nothing hangs, a stop is dropped, and the parent's connection and lease live on."""
+def test_a_forked_child_is_told_to_be_spawned(daemon):
+    """In a real fork nothing hangs, connect() neither, a stop is dropped, and the parent's connection and lease live on."""
     with connect(str(daemon.socket), name="parent") as robot, robot.control() as own:
         own.enable()
         read_end, write_end = os.pipe()
@@ -210,12 +210,16 @@ def test_a_forked_child_is_told_to_connect_itself(daemon):
                 robot.stop()
             except Disconnected as error:
                 said = b"forked" if "forked" in str(error) else str(error).encode()
+            try:
+                connect(str(daemon.socket), name="child")
+            except Disconnected as error:
+                said += b", by spawn" if "forked" in str(error) and "spawn" in error.hint else str(error).encode()
             finally:
                 robot.close()
                 os.write(write_end, said)
                 os._exit(0)
         os.close(write_end)
-        assert os.read(read_end, 100) == b"forked"
+        assert os.read(read_end, 100) == b"forked, by spawn"
         os.close(read_end)
         os.waitpid(child, 0)
         eventually(lambda: "Stop" in daemon.engine.names())  # dropped all the same, and not as the parent's
