@@ -261,6 +261,8 @@ class Attacker:
                 message = twisted(rng, message)
             elif 0.5 <= fate < 0.85:
                 message = mutated(rng, message)
+            if kind != "target" and isinstance(message, dict) and rng.random() < 0.98:
+                message = {**message, "secret": "s"}
             payload = as_json(message) if is_json else as_msgpack(message)
             if fate >= 0.85:
                 payload = scratched(rng, payload)
@@ -397,7 +399,6 @@ class Attacker:
         return {
             "version": rng.choice((*[protocol.PROTOCOL_VERSION] * 60, 0, 2)),
             "client_id": client,
-            "secret": "s",
             "request_id": self._next_id,
             "request": request,
         }
