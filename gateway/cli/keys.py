@@ -42,10 +42,7 @@ CERTIFICATE, KEY, CA, CREDENTIALS, ROLES = "certificate.pem", "key.pem", "ca.pem
 AT = "tls/HOST:7448"
 STAYS = "the earlier key stays good until it ends: if it was lost, give a new name"
 """zenoh reads no list of revoked certificates."""
-ANEW, ALL_ANEW = (
-    "make it anew with --replace",
-    "make the authority anew: ta2 keys init --replace, then all keys",
-)
+ANEW, ALL_ANEW = "make it anew with --replace", "make the authority anew: ta2 keys init --replace, then all keys"
 SOON_DAYS = 30
 """Less is told as something to do."""
 
@@ -113,8 +110,8 @@ def _client(folder: Path, options: Namespace) -> None:
 def _list(folder: Path, options: Namespace) -> None:
     path = folder / "server" / ROLES
     roles = read_roles(str(path)) if path.exists() else {}
-    authority = _read(folder / "ca" / CERTIFICATE) if (folder / "ca" / CERTIFICATE).exists() else None
-    shown, remedies = [], []
+    authority = _authority(folder)
+    shown, ends_told = [], []
     for at in (folder / "ca", folder / "server", *sorted((folder / "clients").glob("*"))):
         if (at / CERTIFICATE).exists():
             certificate = _read(at / CERTIFICATE)
@@ -123,16 +120,14 @@ def _list(folder: Path, options: Namespace) -> None:
             left = (ends - datetime.now(timezone.utc)).days
             told = {"name": at.name, "role": role, "ends": ends.date().isoformat(), "days_left": left}
             shown.append({**told, "is_of_an_earlier_authority": is_earlier})
-            remedies.append(ALL_ANEW if not is_earlier and _ends_with_authority(at, folder) else ANEW)
+            end = "HAS ENDED" if left < 0 else "OF AN EARLIER AUTHORITY" if is_earlier else f"{left} days left"
+            remedy = ALL_ANEW if not is_earlier and _ends_with(authority, certificate) else ANEW
+            ends_told.append(f"{end}  <- {remedy}" if is_earlier or left < SOON_DAYS else end)
     if options.json:
         print(json.dumps({"ok": True, "keys": shown}))
         return
-    for each, remedy in zip(shown, remedies, strict=True):
-        left = int(str(each["days_left"]))
-        is_over = bool(each["is_of_an_earlier_authority"])
-        end = "HAS ENDED" if left < 0 else "OF AN EARLIER AUTHORITY" if is_over else f"{left} days left"
-        soon = f"  <- {remedy}" if is_over or left < SOON_DAYS else ""
-        print(f"{each['name']:20} {each['role']:9} until {each['ends']}, {end}{soon}")
+    for each, end in zip(shown, ends_told, strict=True):
+        print(f"{each['name']:20} {each['role']:9} until {each['ends']}, {end}")
     if not shown:
         print(f"no keys in {folder}: begin with `ta2 keys init`")
 
@@ -173,16 +168,22 @@ def _made(name: str, days: int, extensions: list[x509.ExtensionType], signer: Pa
     return files
 
 
+def _authority(folder: Path) -> x509.Certificate | None:
+    """Return the certificate of the authority; None where it is kept elsewhere."""
+    path = folder / "ca" / CERTIFICATE
+    return _read(path) if path.exists() else None
+
+
 def _until(at: Path, folder: Path) -> str:
     """Return in words when the certificate in `at` ends, which may be before the day that was asked for."""
-    why = ", when the authority ends" if _ends_with_authority(at, folder) else ""
-    return f"until {_read(at / CERTIFICATE).not_valid_after_utc.date().isoformat()}{why}"
+    certificate = _read(at / CERTIFICATE)
+    why = ", when the authority ends" if _ends_with(_authority(folder), certificate) else ""
+    return f"until {certificate.not_valid_after_utc.date().isoformat()}{why}"
 
 
-def _ends_with_authority(at: Path, folder: Path) -> bool:
-    """Whether a new certificate would end no later than the one in `at`; not known where only that one was given."""
-    authority = folder / "ca" / CERTIFICATE
-    return authority.exists() and _read(at / CERTIFICATE).not_valid_after_utc >= _read(authority).not_valid_after_utc
+def _ends_with(authority: x509.Certificate | None, certificate: x509.Certificate) -> bool:
+    """Return whether a certificate ends with its authority, so that one made anew would end no later."""
+    return authority is not None and certificate.not_valid_after_utc >= authority.not_valid_after_utc
 
 
 def _host(text: str) -> x509.GeneralName:

@@ -23,6 +23,7 @@ import msgspec
 from gateway.dataset.episode import INTEGERS
 from gateway.dataset.videos import IMAGES
 from gateway.errors import Code, Refusal, to_exception
+from gateway.recording.topics import STALE_NS
 from gateway.robot.topics import (
     CHASSIS_STATE,
     arm_state,
@@ -41,8 +42,6 @@ STATE: Final = "observation.state"
 ACTION: Final = "action"
 RESERVED: Final = ("timestamp", *INTEGERS, "task")
 """LeRobot fills these itself."""
-STALE_S: Final = 0.2
-"""A sample that is older than this [s] says nothing about now: the robot sends forty in that time."""
 ACTION_SHIFT_S: Final = 1 / 90
 """The vendor's converter takes an action so long after the state [s]: what answers it, not what led to it."""
 
@@ -72,7 +71,7 @@ class Source(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tr
     convert: Literal["", "gripper_torque"] = ""
     rule: Rule = "hold"
     shift_s: float = 0.0
-    stale_s: Seconds = STALE_S
+    stale_s: Seconds = STALE_NS / 1e9
 
 
 class Part(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):

@@ -17,7 +17,7 @@ from cdr_types.messages.sensor_msgs import JointState
 from gateway.recording.bag_reader import Bag, BagTopic
 from gateway.recording.delays import WINDOW_NS, Delays, Least, step_ns, widened
 from gateway.recording.episodes import Episode, episodes, events
-from gateway.recording.topics import CONTACT, EPISODES, EVENTS, GATEWAY, POLICY, gap_ns, recorded_topics
+from gateway.recording.topics import CONTACT, EPISODES, EVENTS, GATEWAY, POLICY, STALE_NS, gap_ns, recorded_topics
 from gateway.robot.topics import COMMAND_TOPICS, MOTION_STATE_TOPICS, TOPICS, Direction
 from gateway.settings.settings import LinkSettings
 
@@ -29,8 +29,6 @@ SLOW_SHARE = 0.9
 """A state that comes at less than this part of its rate is too slow."""
 ENOUGH = 20
 """Where fewer messages were to come no rate is judged."""
-ROWS_NS = 200_000_000
-"""Across more no row of a dataset is made [ns], as its maker's layout has it."""
 DRIFT_PPM = 200.0
 """Clocks that go apart by more than this cannot be put together by one offset."""
 
@@ -234,8 +232,10 @@ def _of_topic(name: str, topic: Watched, bag: Bag) -> Iterator[Finding]:
     if topic.gaps:
         worst, at_s = topic.worst_ns / 1e6, (topic.worst_at_ns - bag.begin_ns) / 1e9
         message = f"{topic.gaps} gaps, the longest of {worst:.0f} ms after {at_s:.2f} s"
-        is_in_rows = topic.worst_ns > ROWS_NS and name.endswith(MOTION_STATE_TOPICS)
-        hint = "rows of a dataset that hold it are not made across more than 0.2 s" if is_in_rows else ""
+        is_in_rows = topic.worst_ns > STALE_NS and name.endswith(MOTION_STATE_TOPICS)
+        hint = (
+            f"rows of a dataset that hold it are not made across more than {STALE_NS / 1e9:g} s" if is_in_rows else ""
+        )
         yield finding("warning", message, hint)
     awaited = topic.rate_hz * bag.duration_s
     if awaited >= ENOUGH and topic.count < SLOW_SHARE * awaited:

@@ -25,6 +25,7 @@ __all__ = [
     "NEVER_NS",
     "POLICY",
     "QOS",
+    "STALE_NS",
     "RecordedTopic",
     "as_alias",
     "gap_ns",
@@ -43,6 +44,8 @@ EPISODES = "/ta2/episodes"
 """What the users of a recorder said: when an episode began and ended, what came of it; see `episodes.EpisodeEvent`."""
 GAP_PERIODS = 5
 LEAST_GAP_NS = 100_000_000
+STALE_NS = 200_000_000
+"""An older sample says nothing of now, and no row spans a longer silence [ns]: a state is sent forty times in it (§4.1.1)."""
 NEVER_NS = 2**62
 """Longer than anything lasts [ns]."""
 TEXT = "std_msgs/msg/String"

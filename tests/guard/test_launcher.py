@@ -224,21 +224,21 @@ def test_a_guard_that_hangs_is_none_and_is_ended(launcher: GuardLauncher) -> Non
     assert lost == ["signal 9"]
 
 
-def test_a_guard_that_hangs_before_its_first_look_is_ended(settings: Settings) -> None:
+def test_a_guard_that_hangs_before_its_first_look_is_ended(settings: Settings, monkeypatch: pytest.MonkeyPatch) -> None:
     """It has longer than one that has looked: an interpreter starts. What an earlier guard said on the page is not its look."""
     launcher, kills = GuardLauncher(settings), list[int]()
     board = Blackboard(os.dup(launcher._board.descriptor))
     board.say(6, 1, "ab", is_linked=True)
     begin_ns = time.monotonic_ns()
     for pid in (7, 8):
-        launcher._process = SimpleNamespace(pid=pid, kill=partial(kills.append, pid))  # type: ignore[assignment]  # as much as is used
+        monkeypatch.setattr(launcher, "_process", SimpleNamespace(pid=pid, kill=partial(kills.append, pid)))
         for now_ns in range(begin_ns, begin_ns + module.START_NS + 2 * module.LOOK_NS, module.LOOK_NS):
             assert not kills or now_ns - begin_ns > module.START_NS
             launcher.poll(now_ns)
         assert kills == [pid]
         kills.clear()
         begin_ns = now_ns + module.LOOK_NS
-    launcher._process = None
+    monkeypatch.undo()
     board.close()
     launcher.close(is_clean=True)
 

@@ -30,6 +30,7 @@ from gateway.process.own_module import own_module
 from gateway.recording.bag_reader import Bag
 from gateway.recording.bag_writer import needed
 from gateway.recording.episodes import Episode, episodes
+from gateway.recording.topics import STALE_NS
 from gateway.robot.topics import arm_state, joint_command
 from gateway.values import Side
 
@@ -37,8 +38,6 @@ __all__ = ["Replay", "carry_out", "recorded"]
 
 DT_S = 0.02
 """From point to point [s]: a setpoint is told a hundred times a second, and is a smooth way."""
-STALE_NS = 200_000_000
-"""Where nothing was recorded for so long, a way ends [ns]."""
 FIELD = "position"
 PICTURES = (".png", ".svg", ".pdf")
 END_S = 5.0
