@@ -39,7 +39,7 @@ _FIXED = settings(
 # By hand: other examples each time, the smallest one when one fails.
 settings.register_profile("dev", parent=_COMMON, max_examples=50)
 # The same examples in every run: a red run can be repeated, and a green one stays green.
-settings.register_profile("ci", parent=_FIXED, max_examples=100)
+settings.register_profile("ci", parent=_FIXED, max_examples=50)
 # For all interpreters but the first of `bin/test --all-pythons`: what differs between them shows in few examples.
 settings.register_profile("brief", parent=_FIXED, max_examples=30)
 # By hand, before a release.

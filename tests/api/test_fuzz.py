@@ -25,7 +25,7 @@ CODES = {Code.BAD_REQUEST, Code.UNSUPPORTED_VERSION, Code.WRONG_SHAPE, Code.NOT_
 
 
 @pytest.mark.slow
-def test_a_hundred_thousand_hostile_payloads_give_typed_answers_only():
+def test_hostile_payloads_give_typed_answers_only():
     """A fifth of them outside CI: none raises anything but Malformed, and points become a whole motion or none."""
     rng = random.Random(20260802)
     no_motions = [(), (Q,), (Q, (*Q[:6], math.nan)), *((Q[:n], Q[:n]) for n in range(7))]

@@ -633,7 +633,7 @@ WHY = {
     ),
     "no false alarm": (
         "diagnosis::an_end_effector_that_follows_is_no_refusal",
-        "diagnosis::nothing_is_said_in_an_hour_of_nominal_use",
+        "diagnosis::nothing_is_said_in_nominal_use",
         "diagnosis::a_part_that_is_switched_off_may_be_silent",
         "diagnosis::a_topic_that_never_came_is_told_after_the_links_first_seconds",
         "diagnosis::without_a_link_nothing_is_inferred",

@@ -32,7 +32,7 @@ from gateway.settings.settings import Settings
 from gateway.values import Side
 from tests.cli.shell import Shell
 from tests.e2e.system import ATTEMPTS, STALLED, free_port, run_apart
-from tests.thoroughness import either
+from tests.thoroughness import IS_THOROUGH
 
 ROOT = Path(__file__).parents[2]
 NOBODY = "tcp/127.0.0.1:19591"
@@ -587,7 +587,9 @@ def test_the_commands_drive_a_robot(processes):
     """
     robot = f"tcp/127.0.0.1:{free_port()}"
     sim, _ = processes.start("sim", "--listen", robot)
-    daemon, log = processes.start("run", "--robot", robot, "--socket", processes.socket, *either(("--no-guard",), ()))
+    daemon, log = processes.start(
+        "run", "--robot", robot, "--socket", processes.socket, *(() if IS_THOROUGH else ("--no-guard",))
+    )
     _until(lambda: "ta2 watch --socket" in log.read_text(), f"the gateway does not say it is ready: {log.read_text()}")
 
     def is_ready():

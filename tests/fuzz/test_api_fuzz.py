@@ -66,7 +66,7 @@ ROBOTS = {
 }
 """By seed, the robot: both arms in joint mode, one of each, both in end-effector mode; with and without a lift."""
 SEEDS = either((2,), tuple(ROBOTS))
-"""All of them, a hundred thousand payloads, in CI; the robot with one arm of each, and a lift, else."""
+"""All of them, a hundred thousand payloads, before a release; the robot with one arm of each, and a lift, else."""
 CLIENTS = (OWNER, OWNER, OWNER, OWNER, "stranger", "b" * 64)
 
 EXPECTED = {

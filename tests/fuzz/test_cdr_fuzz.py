@@ -41,7 +41,7 @@ pytestmark = pytest.mark.slow
 
 PAYLOADS = either(4_000, 25_000)
 SEEDS = either((1,), (1, 2, 3, 4))
-"""A hundred thousand in CI."""
+"""A hundred thousand payloads before a release."""
 PER_TICK = 20
 BLOCK = 1_000
 """Payloads from one wild spell to the next."""

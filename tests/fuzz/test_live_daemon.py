@@ -23,7 +23,7 @@ pytestmark = pytest.mark.e2e
 
 CONFIG = "[loss]\nfree_after_s = 1.0\ndown_after_s = 2.0\n"
 WARM_UP = 500
-PAYLOADS = either(2_000, 3_000, 5_000)
+PAYLOADS = either(2_000, 5_000)
 ATTACK_S = 90.0
 GROWTH_KIB = 30 * 1024
 

@@ -37,10 +37,11 @@ HEART = "tests/e2e/test_heart.py"
 
 THE_SAME = (
     *("behaviour", "core/motion", "core/separation", "test_kept_apart.py", "test_slowed.py", "test_trajectories.py"),
-    *("cli/body", "gym", "kinematics", "sim/physics"),
+    *("core/requests/test_cartesian.py", "cli/body", "cli/motion", "cli/policy", "cli/teleop"),
+    *("gym", "kinematics", "sim/physics"),
     *("bench", "dataset", "fuzz", "interop", "tooling", "video"),
 )
-"""Tests that tell nothing of an interpreter: rules of the core, geometry, and files, tools, other people's programs."""
+"""Tests that tell nothing of an interpreter: rules of the core, geometry, plots, and files, tools, other people's programs."""
 
 IDLE = """
 import os, sys
@@ -247,7 +248,7 @@ def main() -> int:
     chosen = plan(
         versions,
         cores=cores,
-        beside=int(os.environ.get("TA2_BESIDE") or min(cores + cores // 2, 6)),  # they mostly wait
+        beside=int(os.environ.get("TA2_BESIDE") or min(cores, 6)),
         is_thorough=os.environ.get("TA2_HYPOTHESIS_PROFILE") in ("ci", "long"),
         has_bridge=len(versions) > 1 or os.environ.get("TA2_INTEROP") == "required",
     )

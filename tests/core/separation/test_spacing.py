@@ -23,6 +23,7 @@ from gateway.values import ArmState, Side, Space
 from tests.kinematics.guarded_arms import MARGIN_M, MEET, ROUNDING_M, model, random_joints
 from tests.pair import COMPLIANCE_RADPNM, MS
 from tests.spaced import SpacedPair
+from tests.thoroughness import either
 
 L, R = Side.LEFT, Side.RIGHT
 
@@ -142,7 +143,7 @@ def caught(seed=0):
 
 
 @pytest.mark.thorough
-@pytest.mark.parametrize("seed", [0, 2, 4])
+@pytest.mark.parametrize("seed", either([4], [0, 2, 4]))
 def test_what_is_caught_between_two_parts_can_be_led_out_again(seed):
     """Joints that open both gaps together go on, although each alone closes one of them: never nearer than the margin."""
     pair = caught(seed)

@@ -42,7 +42,7 @@ def apart(a, b) -> float:
 
 @pytest.mark.parametrize("side", list(Side))
 def test_round_trip_of_random_configurations(side):
-    """All poses of random configurations are solved from home, to less than 1e-9 m and rad (100,000 in CI, both arms)."""
+    """All poses of random configurations are solved from home, to less than 1e-9 m and rad (of both arms 100,000 at most)."""
     arm = ARMS[side]
     worst = refused = 0
     count = either(3_000, 50_000)
