@@ -1,7 +1,7 @@
 """Broken payloads, 20,000 of them: each gives a CdrError or a message, and none an answer that the generic path would not.
 
-Before a release 100,000. The loop is seeded, so each run tries the same payloads. It starts from good payloads of every type, in both byte
-orders, and cuts, extends, flips, overwrites and splices them; hostile lengths are put where lengths are.
+Before a release 100,000. The loop is seeded, so each run tries the same payloads. It starts from good payloads of every type,
+in both byte orders, and cuts, extends, flips, overwrites and splices them; hostile lengths are put where lengths are.
 """
 
 from __future__ import annotations
