@@ -33,7 +33,9 @@ JOBS = 2
 TIMEOUT_S = 300
 
 LOADED = multiprocessing.get_context("forkserver")
-LOADED.set_forkserver_preload(["hypothesis", "msgspec", "numpy", "pytest", "ruckig", "zenoh"])
+LOADED.set_forkserver_preload(
+    ["hypothesis", "msgspec", "numpy", "pytest", "ruckig", "schemathesis.pytest.plugin", "zenoh"]
+)
 """Forks processes that have these packages."""
 
 
