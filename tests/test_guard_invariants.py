@@ -49,7 +49,7 @@ def to_the_end(pair: Guarded) -> None:
         assert pair.robot.fsm.published not in (FsmState.SLOW_START, FsmState.READY)
 
 
-@settings(max_examples=either(4, 50), suppress_health_check=list(HealthCheck))
+@settings(max_examples=either(10, 50), suppress_health_check=list(HealthCheck))
 @given(motions, st.floats(0.0, 2.0), st.booleans(), st.floats(0.0, 45.0), st.sampled_from([(), tuple(Side)]))
 def test_a_daemon_that_ends_in_any_tick_of_a_motion_is_succeeded(
     motion: tuple[Any, ...], after_s: float, is_frozen: bool, seen_after_ms: float, poses: tuple[Side, ...]
@@ -65,7 +65,7 @@ def test_a_daemon_that_ends_in_any_tick_of_a_motion_is_succeeded(
     to_the_end(pair)
 
 
-@settings(max_examples=either(4, 25), suppress_health_check=list(HealthCheck))
+@settings(max_examples=either(10, 25), suppress_health_check=list(HealthCheck))
 @given(traces, st.booleans(), st.floats(0.0, 1.5))
 def test_a_daemon_that_ends_in_any_trace_is_succeeded(trace: list[Any], is_restarted: bool, then_s: float) -> None:
     """After any history; restarted at once or never."""

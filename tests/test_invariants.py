@@ -1,6 +1,6 @@
 """Random traces of requests, losses and faults, engine and robot in one virtual-time loop; all invariants on each tick.
 
-8 traces in a usual run, 20 in CI; TA2_HYPOTHESIS_PROFILE=long tries 20,000, TA2_TRACES any number.
+8 traces in a usual run, 50 in CI; TA2_HYPOTHESIS_PROFILE=long tries 20,000, TA2_TRACES any number.
 """
 
 from __future__ import annotations

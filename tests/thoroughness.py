@@ -1,7 +1,7 @@
 """How much of what is random or long a run tries: enough by hand and in CI, much more before a release.
 
 The rules that are judged are the same in every run; only how many examples, payloads, traces or virtual hours they are
-judged on differs, and CI has every test. `TA2_HYPOTHESIS_PROFILE` chooses; `tests/conftest.py` gives the same name to
+judged on differs, and CI runs every test. `TA2_HYPOTHESIS_PROFILE` chooses; `tests/conftest.py` gives the same name to
 hypothesis.
 """
 
@@ -45,6 +45,6 @@ def traces(usual: int) -> int:
     """Return how many random traces the invariants are judged on; `TA2_TRACES` names another number.
 
     Args:
-        usual: In a run by hand; 20 in CI, the same each time, as many as the profile's examples before a release.
+        usual: In a run by hand; 50 in CI, the same each time, as many as the profile's examples before a release.
     """
-    return int(os.environ.get("TA2_TRACES") or {"ci": 20, "long": 20_000}.get(PROFILE, usual))
+    return int(os.environ.get("TA2_TRACES") or {"ci": 50, "long": 20_000}.get(PROFILE, usual))

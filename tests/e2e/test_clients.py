@@ -422,7 +422,7 @@ def test_memory_is_flat_over_thousands_of_connections(tmp_path: Path, systems: C
     Without the black box, which grows by intent in its first minutes.
     """
     system = systems(tmp_path, has_guard=IS_THOROUGH, config="[local]\nblack_box = false\n")
-    count = either(200, 2000)
+    count = either(600, 2000)
     with system.connect("watcher") as watcher:
         daemon: list[int] = []
         client = []

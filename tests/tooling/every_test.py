@@ -24,6 +24,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import IO
 
+from tests.thoroughness import IS_THOROUGH
+
 ROOT = Path(__file__).resolve().parents[2]
 
 CHANCES = 2
@@ -249,7 +251,7 @@ def main() -> int:
         versions,
         cores=cores,
         beside=int(os.environ.get("TA2_BESIDE") or min(cores, 6)),
-        is_thorough=os.environ.get("TA2_HYPOTHESIS_PROFILE") in ("ci", "long"),
+        is_thorough=IS_THOROUGH,
         has_bridge=len(versions) > 1 or os.environ.get("TA2_INTEROP") == "required",
     )
     started = time.monotonic()

@@ -24,7 +24,7 @@ schema = schemathesis.openapi.from_asgi(
 
 
 @schema.parametrize()
-@settings(max_examples=10, deadline=None, derandomize=True, suppress_health_check=list(HealthCheck))
+@settings(max_examples=25, deadline=None, derandomize=True, suppress_health_check=list(HealthCheck))
 def test_every_answer_is_one_that_the_description_has(case) -> None:
     """Status, media type and schema of each; no request, however odd, brings the server down."""
     away = schemathesis.checks.not_a_server_error  # 503 is what is right here
